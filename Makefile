@@ -1,0 +1,35 @@
+# `make demo` shows what this is; `make test` checks that it is right.
+
+PYTHON ?= $(shell command -v python3.11 || command -v python3)
+VENV   := .venv
+PY     := $(VENV)/bin/python
+STAMP  := $(VENV)/.stamp
+
+.DEFAULT_GOAL := demo
+.PHONY: demo test test-all bench lint clean
+
+demo: $(STAMP)
+	$(VENV)/bin/imapper-prob demo -o out/demo
+
+test: lint
+	$(PY) -m pytest -n 2 -m "not slow"
+
+test-all: lint
+	$(PY) -m pytest -n 2
+
+bench: $(STAMP)
+	$(PY) benchmarks/run.py
+
+lint: $(STAMP)
+	$(VENV)/bin/ruff check
+	$(VENV)/bin/ruff format --check
+	$(VENV)/bin/mypy
+
+clean:
+	rm -rf out build dist *.egg-info .mypy_cache .pytest_cache .ruff_cache
+	find . -name __pycache__ -not -path './$(VENV)/*' -prune -exec rm -rf {} +
+
+$(STAMP): pyproject.toml constraints.txt
+	test -x $(PY) || $(PYTHON) -m venv $(VENV)
+	$(PY) -m pip install --quiet --constraint constraints.txt --editable '.[dev,notebook]'
+	touch $@

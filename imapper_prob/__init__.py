@@ -1,0 +1,43 @@
+"""Objects and motion behind furniture nobody has scanned, as a posterior.
+
+>>> import imapper_prob as im  # doctest: +SKIP
+>>> clip = im.load_clip("Scene04")  # doctest: +SKIP
+>>> posterior = im.sample(clip, im.load_library(), rng=0)  # doctest: +SKIP
+>>> posterior.scenes(5)  # doctest: +SKIP
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import Any
+
+__version__ = "0.1.0"
+
+_HOMES = {
+    "Clip": "imapper_prob.models.scene",
+    "Config": "imapper_prob.config",
+    "InputError": "imapper_prob.models.errors",
+    "Library": "imapper_prob.models.scenelet",
+    "Posterior": "imapper_prob.results.posterior",
+    "Solution": "imapper_prob.staged.solver",
+    "demo_clip": "imapper_prob.demo",
+    "load_clip": "imapper_prob.inputs",
+    "load_library": "imapper_prob.scenelets.library",
+    "read_config": "imapper_prob.config",
+    "sample": "imapper_prob.api",
+    "solve": "imapper_prob.api",
+    "write_clip": "imapper_prob.inputs",
+}
+"""Where the public names live; they are imported when first asked for, torch and all."""
+
+__all__ = sorted(_HOMES)
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(_HOMES[name]), name)
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -1,0 +1,89 @@
+"""The few functions most people need."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from imapper_prob.config import Config
+from imapper_prob.models.scene import Clip
+from imapper_prob.models.scenelet import Library
+from imapper_prob.results.posterior import Posterior
+from imapper_prob.sampling.sample import sample_scenes
+from imapper_prob.staged.solver import Solution
+from imapper_prob.staged.solver import solve as solve_staged
+
+__all__ = ["sample", "solve"]
+
+Progress = Callable[[str, float], None]
+
+
+def solve(
+    clip: Clip,
+    library: Library,
+    *,
+    config: Config | None = None,
+    progress: Progress | None = None,
+) -> Solution:
+    """The best scene and diverse alternatives, by the deterministic staged solver.
+
+    Parameters
+    ----------
+    clip : Clip
+        What was seen, see `load_clip`.
+    library : Library
+        What people do near furniture, see `load_library`.
+    config : Config, optional
+    progress : callable, optional
+        Called with the name of a stage and the part of it that is done.
+    """
+    model = config.model if config is not None else None
+    return solve_staged(clip, library, settings=model, progress=progress)
+
+
+def sample(
+    clip: Clip,
+    library: Library,
+    *,
+    start: Solution | None = None,
+    rng: int | None = None,
+    chains: int | None = None,
+    workers: int = 1,
+    config: Config | None = None,
+    progress: Progress | None = None,
+) -> Posterior:
+    """Sample scenes from the posterior of a clip.
+
+    Parameters
+    ----------
+    clip, library
+        See `solve`.
+    start : Solution, optional
+        Where to start from; solved first if not given.
+    rng : int, optional
+        Seed; all randomness comes from it. That of ``config`` if not given.
+    chains : int, optional
+        How many chains. As ``config`` says if not given.
+    workers : int
+        Processes; the draws do not depend on it.
+    config : Config, optional
+    progress : callable, optional
+        See `solve`.
+    """
+    config = config or Config()
+    config = replace(
+        config,
+        seed=config.seed if rng is None else rng,
+        sample=replace(config.sample, chains=chains or config.sample.chains),
+    )
+    solution = start or solve(clip, library, config=config, progress=progress)
+    samples = sample_scenes(
+        solution,
+        config.sample,
+        seed=np.random.SeedSequence(config.seed),
+        workers=workers,
+        progress=progress,
+    )
+    return Posterior(solution, samples, config)

@@ -1,0 +1,142 @@
+"""One tree of settings, readable and writable as TOML."""
+
+from __future__ import annotations
+
+import dataclasses
+import tomllib
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from imapper_prob.models.errors import InputError
+from imapper_prob.models.settings import ModelSettings
+
+__all__ = ["Config", "SampleSettings", "read_config", "to_toml"]
+
+
+@dataclass(frozen=True)
+class SampleSettings:
+    """Parameters
+    ----------
+    chains : int
+        Independent chains from over-dispersed starts.
+    steps : int
+        Steps of each chain.
+    burn_in : float
+        Share of the steps that is not kept.
+    draws : int
+        Draws kept of each chain, evenly spaced.
+    layout_radius : float
+        Metres within which objects of two draws count as the same.
+    ensemble_layouts : int
+        Of how many layouts, the most probable first, placements are sampled by ensembles.
+    ensembles : int
+        Independent ensembles a layout.
+    ensemble_steps : int
+        Steps of each ensemble, the first half of which is not kept.
+    """
+
+    chains: int = 4
+    steps: int = 20000
+    burn_in: float = 0.4
+    draws: int = 400
+    layout_radius: float = 0.8
+    ensemble_layouts: int = 2
+    ensembles: int = 4
+    ensemble_steps: int = 200
+
+    def __post_init__(self) -> None:
+        least = {"chains": 2, "steps": 1, "draws": 1, "ensembles": 2, "ensemble_steps": 2}
+        for name, value in least.items():
+            if getattr(self, name) < value:
+                raise InputError(
+                    f"sample setting {name} = {getattr(self, name)} must be at least {value}"
+                )
+        if not 0 <= self.burn_in < 1:
+            raise InputError(f"sample setting burn_in = {self.burn_in} must be in [0, 1)")
+        if self.draws > self.steps * (1 - self.burn_in):
+            raise InputError(
+                f"sample settings: {self.draws} draws cannot be kept of "
+                f"{self.steps} steps with burn-in {self.burn_in}"
+            )
+
+
+@dataclass(frozen=True)
+class Config:
+    """Everything a run is made with besides its clip.
+
+    Parameters
+    ----------
+    seed : int
+        All randomness of a run comes from it.
+    library : str
+        ``"built-in"`` or the path of a library file.
+    model : ModelSettings
+    sample : SampleSettings
+    """
+
+    seed: int = 0
+    library: str = "built-in"
+    model: ModelSettings = field(default_factory=ModelSettings)
+    sample: SampleSettings = field(default_factory=SampleSettings)
+
+
+def to_toml(config: Config) -> str:
+    """The settings as TOML text; :func:`read_config` reads it back."""
+
+    def line(name: str, value: Any) -> str:
+        if isinstance(value, str):
+            escaped = value.replace("\\", "\\\\").replace('"', '\\"')
+            return f'{name} = "{escaped}"'
+        return f"{name} = {str(value).lower() if isinstance(value, bool) else repr(value)}"
+
+    top, tables = [], []
+    for entry in dataclasses.fields(config):
+        value = getattr(config, entry.name)
+        if dataclasses.is_dataclass(value):
+            rows = [line(f.name, getattr(value, f.name)) for f in dataclasses.fields(value)]
+            tables.append("\n".join([f"[{entry.name}]", *rows]))
+        else:
+            top.append(line(entry.name, value))
+    return "\n\n".join(["\n".join(top), *tables]) + "\n"
+
+
+def _build(cls: type, values: dict[str, Any], where: str) -> Any:
+    known = {f.name: f for f in dataclasses.fields(cls)}
+    default = cls()
+    arguments = {}
+    for name, value in values.items():
+        if name not in known:
+            raise InputError(f"{where}: unknown setting {name!r}; known are {sorted(known)}")
+        wanted = getattr(default, name)
+        if dataclasses.is_dataclass(wanted):
+            if not isinstance(value, dict):
+                raise InputError(f"{where}: {name} must be a table")
+            arguments[name] = _build(type(wanted), value, f"{where} [{name}]")
+            continue
+        number = isinstance(wanted, float) and isinstance(value, int)
+        if isinstance(value, bool) != isinstance(wanted, bool) or not (
+            number or isinstance(value, type(wanted))
+        ):
+            raise InputError(f"{where}: {name} = {value!r} must be of type {type(wanted).__name__}")
+        arguments[name] = float(value) if number else value
+    return cls(**arguments)
+
+
+def read_config(path: str | Path) -> Config:
+    """Read settings from a TOML file; what it leaves out keeps its default.
+
+    Raises
+    ------
+    InputError
+        If the file is missing, no TOML, or names an unknown setting or a wrong type.
+    """
+    path = Path(path)
+    try:
+        values = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})") from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: not a TOML file ({error})") from error
+    config: Config = _build(Config, values, str(path))
+    return config

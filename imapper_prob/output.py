@@ -1,0 +1,68 @@
+"""The folder of a run: all of it or nothing."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from pathlib import Path
+
+from imapper_prob.config import to_toml
+from imapper_prob.models.errors import InputError
+from imapper_prob.results.export import write_scenes
+from imapper_prob.results.posterior import Posterior
+
+__all__ = ["check_folder", "write_run"]
+
+_FILES = ("config.toml", "posterior.nc", "recording.rrd", "scenes.json")
+
+
+def check_folder(folder: Path, *, overwrite: bool) -> None:
+    """Refuse early what would fail or destroy something after minutes of work.
+
+    Raises
+    ------
+    InputError
+        If the folder holds something (an earlier run is replaced with ``overwrite``, other
+        files never are), is no folder, or cannot be made.
+    """
+    if folder.exists() and not folder.is_dir():
+        raise InputError(f"{folder}: is a file; name a folder for the output")
+    present = sorted(p.name for p in folder.iterdir()) if folder.exists() else []
+    strange = [name for name in present if name not in _FILES]
+    if strange:
+        raise InputError(
+            f"{folder}: holds {strange[0]}, which is not of a run; name another folder"
+        )
+    if present and not overwrite:
+        raise InputError(f"{folder}: holds an earlier run; name another folder or add --overwrite")
+    parent = folder.absolute().parent
+    while not parent.exists():
+        parent = parent.parent
+    if not os.access(parent, os.W_OK):
+        raise InputError(f"{folder}: {parent} is not writable; name another folder")
+
+
+def write_run(folder: Path, posterior: Posterior, *, overwrite: bool) -> None:
+    """Write all files beside, then put the folder in its place.
+
+    Raises
+    ------
+    InputError
+        As :func:`check_folder`, or if the disk refuses.
+    """
+    check_folder(folder, overwrite=overwrite)
+    folder = folder.absolute()
+    beside = folder.with_name(f".{folder.name}.partial-{os.getpid()}")
+    try:
+        beside.mkdir(parents=True)
+        (beside / "config.toml").write_text(to_toml(posterior.config), encoding="utf-8")
+        write_scenes(beside / "scenes.json", posterior.scenes())
+        posterior.data.to_netcdf(beside / "posterior.nc", engine="h5netcdf")
+        posterior.record(beside / "recording.rrd")
+        if folder.exists():
+            shutil.rmtree(folder)
+        os.replace(beside, folder)
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be written ({error.strerror or error})") from error
+    finally:
+        shutil.rmtree(beside, ignore_errors=True)

@@ -1,0 +1,218 @@
+"""Our types as rerun's archetypes. Nothing is logged here."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+import rerun as rr
+from numpy.typing import NDArray
+
+from imapper_prob.models.camera import Camera
+from imapper_prob.models.geometry import pack_boxes
+from imapper_prob.models.scene import SceneObject
+from imapper_prob.models.skeleton import (
+    HEAD,
+    LANK,
+    LELB,
+    LHIP,
+    LKNE,
+    LSHO,
+    LWRI,
+    NECK,
+    PELV,
+    RANK,
+    RELB,
+    RHIP,
+    RKNE,
+    RSHO,
+    RWRI,
+    THRX,
+)
+from imapper_prob.recording.palette import FLOOR, FLOOR_LINE, TRUE_COLOUR
+
+__all__ = [
+    "box_columns",
+    "boxes",
+    "camera_pose",
+    "floor_lines",
+    "floor_plane",
+    "limbs",
+    "names",
+    "paths",
+    "pinhole",
+    "position_ellipses",
+]
+
+Array = NDArray[np.float64]
+
+_IMAGE_PLANE_DISTANCE = 0.7
+"""Metres from the optical centre at which the image is drawn: large enough to read."""
+_ELLIPSE_HEIGHT = 0.004
+"""Half thickness in metres of an ellipse on the floor: flat, yet not degenerate."""
+_QUANTILES = {0.5: 1.386, 0.9: 4.605}
+"""Chi-square quantiles at two degrees of freedom, -2 log(1 - p)."""
+_FLOOR_THICKNESS = 0.02
+_NAME_HEIGHT = 0.3
+"""Metres above an object at which its name floats, clear of the object and of who sits there."""
+_LIMBS = (
+    (RANK, RKNE, RHIP, PELV, LHIP, LKNE, LANK),
+    (PELV, THRX, NECK, HEAD),
+    (RWRI, RELB, RSHO, THRX, LSHO, LELB, LWRI),
+)
+# rerun's camera looks along +z with x right and y down, ours along +y with z up.
+_OURS_FROM_RERUN = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
+
+
+def pinhole(camera: Camera) -> rr.Pinhole:
+    """Intrinsics, for a camera whose axes are x right, y down, z forward."""
+    return rr.Pinhole(
+        focal_length=(camera.fx, camera.fy),
+        principal_point=(camera.cx, camera.cy),
+        width=camera.width,
+        height=camera.height,
+        camera_xyz=rr.ViewCoordinates.RDF,
+        image_plane_distance=_IMAGE_PLANE_DISTANCE,
+        color=(200, 205, 215),
+    )
+
+
+def camera_pose(camera: Camera) -> rr.Transform3D:
+    """World from rerun's camera axes."""
+    return rr.Transform3D(translation=camera.centre, mat3x3=camera.rotation @ _OURS_FROM_RERUN)
+
+
+def boxes(
+    objects: Sequence[SceneObject], categories: dict[str, int], *, outlined: bool = False
+) -> rr.Boxes3D:
+    """All cuboids of ``objects``; ``outlined`` draws their edges only, in grey."""
+    centres, half_sizes, turns = _box_geometry(objects)
+    if outlined:
+        return rr.Boxes3D(
+            centers=centres,
+            half_sizes=half_sizes,
+            quaternions=turns,
+            colors=TRUE_COLOUR,
+            radii=0.006,
+            fill_mode=rr.components.FillMode.MajorWireframe,
+        )
+    return rr.Boxes3D(
+        centers=centres,
+        half_sizes=half_sizes,
+        quaternions=turns,
+        class_ids=_cuboid_classes(objects, categories),
+        radii=0.006,
+        fill_mode=rr.components.FillMode.TransparentFillMajorWireframe,
+        show_labels=False,
+    )
+
+
+def box_columns(
+    layouts: Sequence[Sequence[SceneObject]], categories: dict[str, int]
+) -> rr.ComponentColumnList:
+    """One row a layout: all cuboids of its objects."""
+    everything = [o for objects in layouts for o in objects]
+    lengths = [sum(len(o.cuboids) for o in objects) for objects in layouts]
+    centres, half_sizes, turns = _box_geometry(everything)
+    columns = rr.Boxes3D.columns(
+        centers=centres,
+        half_sizes=half_sizes,
+        quaternions=turns,
+        class_ids=_cuboid_classes(everything, categories),
+    )
+    return columns.partition(lengths)
+
+
+def names(objects: Sequence[SceneObject], categories: dict[str, int]) -> rr.Points3D:
+    """Each object's category, floating just above it."""
+    above = np.array([0.0, 0.0, _NAME_HEIGHT])
+    tops = [
+        o.placement.apply(o.bounds.mean(0) * (1, 1, 0) + o.bounds[1] * (0, 0, 1)) + above
+        for o in objects
+    ]
+    return rr.Points3D(
+        np.reshape(tops, (-1, 3)),
+        labels=[o.label for o in objects],
+        class_ids=[categories[o.label] for o in objects],
+        radii=0.004,
+        show_labels=True,
+    )
+
+
+def position_ellipses(objects: Sequence[SceneObject], covariances: Array) -> rr.Ellipsoids3D:
+    """The regions on the floor that hold 50 and 90 % of each object's position.
+
+    Parameters
+    ----------
+    objects : sequence of SceneObject
+        In the world.
+    covariances : (n_objects, 2, 2) float
+        Square metres; objects whose covariance is not finite get no ellipse.
+    """
+    centres, half_sizes, turns = [], [], []
+    for item, covariance in zip(objects, covariances, strict=True):
+        if not np.isfinite(covariance).all():
+            continue
+        variances, axes = np.linalg.eigh(covariance)
+        for quantile in _QUANTILES.values():
+            radii = np.sqrt(np.maximum(variances, 0) * quantile)
+            centres.append((*item.centre[:2], 2 * _ELLIPSE_HEIGHT))
+            half_sizes.append((*np.maximum(radii, _ELLIPSE_HEIGHT), _ELLIPSE_HEIGHT))
+            turns.append(np.arctan2(axes[1, 0], axes[0, 0]))
+    return rr.Ellipsoids3D(
+        centers=np.reshape(centres, (-1, 3)),
+        half_sizes=np.reshape(half_sizes, (-1, 3)),
+        quaternions=_about_z(np.array(turns)),
+        colors=(235, 235, 235),
+        line_radii=0.005,
+        fill_mode=rr.components.FillMode.MajorWireframe,
+    )
+
+
+def limbs(joints: Array) -> list[Array]:
+    """Legs, spine and arms of one pose (16, 3) as three polylines; none where it is unknown."""
+    return [joints[list(chain)] for chain in _LIMBS] if np.isfinite(joints).all() else []
+
+
+def paths(pelvis: Array) -> list[Array]:
+    """The known stretches of a (T, 3) path as polylines."""
+    known = np.isfinite(pelvis).all(1)
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], known, [False]]).astype(int)))
+    return [pelvis[a:b] for a, b in edges.reshape(-1, 2) if b - a > 1]
+
+
+def floor_plane(low: Array, high: Array) -> rr.Boxes3D:
+    """A slab just under z = 0 between two corners (2,), metres, so that furniture stands."""
+    size = (*(high - low), _FLOOR_THICKNESS)
+    # A millimetre of air keeps the slab's top from flickering through the ellipses.
+    centre = (*((low + high) / 2), -_FLOOR_THICKNESS / 2 - 0.001)
+    return rr.Boxes3D(
+        centers=[centre],
+        sizes=[size],
+        colors=FLOOR,
+        fill_mode=rr.components.FillMode.Solid,
+    )
+
+
+def floor_lines(low: Array, high: Array) -> rr.LineStrips3D:
+    """Lines a metre apart between two corners (2,) in whole metres."""
+    (x0, y0), (x1, y1) = low, high
+    across = [[(x0, y, 0.0), (x1, y, 0.0)] for y in np.arange(y0, y1 + 0.5)]
+    along = [[(x, y0, 0.0), (x, y1, 0.0)] for x in np.arange(x0, x1 + 0.5)]
+    return rr.LineStrips3D([*across, *along], colors=FLOOR_LINE, radii=0.004)
+
+
+def _box_geometry(objects: Iterable[SceneObject]) -> tuple[Array, Array, Array]:
+    """Centres (K, 3), half side lengths (K, 3) and quaternions (K, 4) of all cuboids."""
+    packed = pack_boxes(objects)
+    return packed[:, :3], packed[:, 3:6], _about_z(packed[:, 6])
+
+
+def _cuboid_classes(objects: Iterable[SceneObject], categories: dict[str, int]) -> list[int]:
+    return [categories[o.label] for o in objects for _ in o.cuboids]
+
+
+def _about_z(angles: Array) -> Array:
+    """(K, 4) quaternions x, y, z, w of rotations about z by (K,) radians."""
+    zero = np.zeros_like(angles)
+    return np.stack([zero, zero, np.sin(angles / 2), np.cos(angles / 2)], -1)

@@ -1,0 +1,189 @@
+"""``scenes.json``: the layouts of a posterior, for people and for other programs.
+
+Positions are metres in the world frame (z up, floor at z = 0, origin on the floor below the
+camera, y the horizontal viewing direction), angles radians. An unknown number is ``null``.
+
+The file has no joints: a motion is hundreds of frames, and ``posterior.nc`` beside it keeps
+every draw of it.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, Final, TypeVar
+
+import numpy as np
+
+from imapper_prob.models.camera import Camera
+from imapper_prob.models.errors import InputError
+from imapper_prob.models.scene import Cuboid, Placement, Scene, SceneObject
+from imapper_prob.models.skeleton import N_JOINTS
+from imapper_prob.results.scenes import WeightedScene
+
+__all__ = ["FORMAT", "VERSION", "read_scenes", "write_scenes"]
+
+FORMAT: Final = "imapper-prob scenes"
+VERSION: Final = 1
+"""Raised whenever a reader of an older version would misread the file."""
+
+_UNITS: Final = {"length": "metre", "angle": "radian", "image": "pixel"}
+_FRAMES: Final = {
+    "world": "z up, floor at z = 0, origin on the floor below the camera, y the horizontal "
+    "viewing direction; positions, yaws and covariances are in it",
+    "object": "placed in the world by position and yaw (counter-clockwise about z); y is the "
+    "object's front, z the height above the floor; cuboids are in it",
+}
+
+Item = TypeVar("Item")
+
+
+def write_scenes(path: str | os.PathLike[str], scenes: Sequence[WeightedScene]) -> None:
+    """Write ``scenes`` as JSON; a file in the way is replaced.
+
+    Parameters
+    ----------
+    path : path
+        Written beside and renamed, so that it is never half there.
+    scenes : sequence of WeightedScene
+        Most probable first. Joints and ghosts are left out.
+
+    Raises
+    ------
+    InputError
+        If the folder does not exist.
+    """
+    path = Path(path)
+    if not path.parent.is_dir():
+        raise InputError(f"{path}: the folder {path.parent} does not exist; make it first")
+    document = {
+        "format": FORMAT,
+        "version": VERSION,
+        "units": _UNITS,
+        "frames": _FRAMES,
+        "scenes": [_from_scene(scene) for scene in scenes],
+    }
+    text = json.dumps(_without_nan(document), indent=1, allow_nan=False, ensure_ascii=False)
+    beside = path.with_name(f".{path.name}.partial-{os.getpid()}")
+    try:
+        beside.write_text(text + "\n", encoding="utf-8")
+        os.replace(beside, path)
+    finally:
+        beside.unlink(missing_ok=True)
+
+
+def read_scenes(path: str | os.PathLike[str]) -> tuple[WeightedScene, ...]:
+    """Read what :func:`write_scenes` wrote.
+
+    Returns
+    -------
+    tuple of WeightedScene
+        In the file's order, with motions and ghosts of zero frames.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, is no ``scenes.json``, is of another version or lacks
+        something.
+    """
+    path = Path(path)
+    try:
+        document = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})") from error
+    except ValueError as error:
+        raise InputError(f"{path}: is not JSON ({error})") from error
+    if not isinstance(document, dict) or document.get("format") != FORMAT:
+        raise InputError(f"{path}: is not a file of scenes; expected format {FORMAT!r}")
+    if document.get("version") != VERSION:
+        raise InputError(
+            f"{path}: has version {document.get('version')!r}, this program reads {VERSION}"
+        )
+    return _each(document.get("scenes"), _to_scene, f"{path}: scene")
+
+
+def _from_scene(weighted: WeightedScene) -> dict[str, Any]:
+    scene = weighted.scene
+    return {
+        "probability": weighted.probability,
+        "error": weighted.error,
+        "log_posterior": scene.log_posterior,
+        "layout": [{"scenelet": name, "start": int(start)} for name, start in scene.layout],
+        "camera": asdict(scene.camera),
+        "objects": [
+            _from_object(item, covariance)
+            for item, covariance in zip(scene.objects, weighted.covariances, strict=True)
+        ],
+    }
+
+
+def _from_object(item: SceneObject, covariance: np.ndarray) -> dict[str, Any]:
+    return {
+        "label": item.label,
+        "position": [item.placement.x, item.placement.y],
+        "yaw": item.placement.yaw,
+        "position_covariance": np.asarray(covariance).tolist(),
+        "cuboids": [
+            {"part": c.part, "centre": c.centre.tolist(), "size": c.size.tolist()}
+            for c in item.cuboids
+        ],
+    }
+
+
+def _to_scene(values: Mapping[str, Any]) -> WeightedScene:
+    entries = values["objects"]
+    scene = Scene(
+        camera=Camera(**values["camera"]),
+        objects=_each(entries, _to_object, "object"),
+        joints=np.empty((0, N_JOINTS, 3)),
+        layout=tuple((str(part["scenelet"]), int(part["start"])) for part in values["layout"]),
+        log_posterior=_number(values["log_posterior"]),
+    )
+    covariances = [np.array(o["position_covariance"], dtype=float) for o in entries]
+    return WeightedScene(
+        scene=scene,
+        probability=_number(values["probability"]),
+        error=_number(values["error"]),
+        covariances=np.reshape(covariances, (len(entries), 2, 2)),
+        ghosts=np.empty((0, 0, N_JOINTS, 3)),
+    )
+
+
+def _to_object(values: Mapping[str, Any]) -> SceneObject:
+    x, y = values["position"]
+    cuboids = tuple(Cuboid(c["part"], c["centre"], c["size"]) for c in values["cuboids"])
+    return SceneObject(values["label"], Placement(x, y, values["yaw"]), cuboids)
+
+
+def _each(entries: Any, read: Callable[[Mapping[str, Any]], Item], what: str) -> tuple[Item, ...]:
+    """Read a list, and say which entry of it is at fault."""
+    if not isinstance(entries, list):
+        raise InputError(f"{what}s are missing")
+    items = []
+    for number, entry in enumerate(entries, 1):
+        try:
+            items.append(read(entry))
+        except KeyError as error:
+            raise InputError(f"{what} {number} lacks {error}") from error
+        except (TypeError, ValueError, AttributeError) as error:
+            raise InputError(f"{what} {number}: {error}") from error
+    return tuple(items)
+
+
+def _number(value: float | None) -> float:
+    return math.nan if value is None else float(value)
+
+
+def _without_nan(value: Any) -> Any:
+    """The same structure with ``None`` for numbers that JSON does not have."""
+    if isinstance(value, dict):
+        return {key: _without_nan(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_without_nan(item) for item in value]
+    if isinstance(value, float | np.floating):
+        return float(value) if math.isfinite(value) else None
+    return value

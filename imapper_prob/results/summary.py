@@ -1,0 +1,94 @@
+"""The answer in words and tables."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from rich.table import Table
+from scipy.optimize import linear_sum_assignment
+
+from imapper_prob.models.scene import Clip, SceneObject, Truth
+from imapper_prob.results.scenes import WeightedScene
+from imapper_prob.sampling.sample import Samples
+
+__all__ = ["describe", "distances_to_truth", "layout_table", "object_table"]
+
+Array = NDArray[np.float64]
+
+_GROUPS = {"chair": "seat", "couch": "seat", "stool": "seat", "bench": "seat", "armchair": "seat"}
+"""Labels that count as the same when a scene is held against the truth, as in i3DB's scores."""
+
+
+def layout_table(scenes: Sequence[WeightedScene]) -> Table:
+    """Layouts with their probabilities."""
+    table = Table(title="Layouts", title_justify="left")
+    table.add_column("", justify="right")
+    table.add_column("probability", justify="right")
+    table.add_column("objects", justify="left")
+    for number, weighted in enumerate(scenes, 1):
+        labels = [o.label for o in weighted.scene.objects]
+        counted = [f"{labels.count(n)} {n}" for n in dict.fromkeys(labels)]
+        table.add_row(
+            str(number),
+            f"{weighted.probability:.2f} ± {weighted.error:.2f}",
+            ", ".join(counted) or "none",
+        )
+    return table
+
+
+def object_table(weighted: WeightedScene, truth: Truth | None = None) -> Table:
+    """Objects of one layout: where they stand, how sure that is, how far from the truth."""
+    table = Table(title="Objects of layout 1", title_justify="left")
+    for name in ("", "x [m]", "y [m]", "± [cm]", "facing [°]"):
+        table.add_column(name, justify="left" if not name else "right")
+    errors = None
+    if truth is not None:
+        table.add_column("from truth [cm]", justify="right")
+        errors = distances_to_truth(weighted.scene.objects, truth.objects)
+    for k, o in enumerate(weighted.scene.objects):
+        spread = 100 * np.sqrt(np.trace(weighted.covariances[k]) / 2)
+        row = [
+            o.label,
+            f"{o.centre[0]:.2f}",
+            f"{o.centre[1]:.2f}",
+            f"{spread:.0f}",
+            f"{np.degrees(o.placement.yaw) % 360:.0f}",
+        ]
+        if errors is not None:
+            row.append("not there" if np.isnan(errors[k]) else f"{100 * errors[k]:.0f}")
+        table.add_row(*row)
+    return table
+
+
+def distances_to_truth(found: Sequence[SceneObject], true: Sequence[SceneObject]) -> Array:
+    """(n_found,) metres in top view to the true object each is paired with, else NaN.
+
+    Optimal pairing within the label groups of the benchmark, all seats being one group.
+    """
+    result = np.full(len(found), np.nan)
+    if not found or not true:
+        return result
+    gap = np.array([o.centre[:2] for o in found])[:, None] - [o.centre[:2] for o in true]
+    distance = np.linalg.norm(gap, axis=-1)
+    other = np.array([[_group(f) != _group(t) for t in true] for f in found])
+    rows, columns = linear_sum_assignment(np.where(other, 1e6, distance))
+    for row, column in zip(rows, columns, strict=True):
+        if not other[row, column]:
+            result[row] = distance[row, column]
+    return result
+
+
+def _group(o: SceneObject) -> str:
+    return _GROUPS.get(o.label, o.label)
+
+
+def describe(clip: Clip, samples: Samples) -> str:
+    """Markdown that heads the recording: what it is of, and how far to trust it."""
+    chains, draws = samples.shape
+    focal = "" if clip.focal_known else " The focal length is assumed (± 5 %)."
+    return (
+        f"**{clip.name}** - furniture and motion from 2D joints, as a posterior.\n\n"
+        f"{chains} chains, {draws} draws each. {samples.verdict.text}{focal}"
+    )

@@ -1,0 +1,166 @@
+"""Draws as labelled arrays: the xarray tree that ``posterior.nc`` holds.
+
+Groups, as ArviZ names them:
+
+``posterior``      what every draw has, whatever its dimension, and the pelvis path
+``draws``          scenelets and merged objects of each draw, padded, with their numbers
+``sample_stats``   log-posterior
+``observed_data``  detections
+``constant_data``  names and numbers that the others refer to
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from imapper_prob.config import Config, to_toml
+from imapper_prob.models.errors import InputError
+from imapper_prob.models.posterior import motion
+from imapper_prob.models.skeleton import JOINTS, PELV
+from imapper_prob.sampling.sample import Samples
+from imapper_prob.staged.solver import Solution
+
+__all__ = ["posterior_tree", "read_attributes"]
+
+Variable = tuple[tuple[str, ...], NDArray[Any]]
+"""Names of the dimensions, and values."""
+
+_UNITS = {
+    "pitch": "rad",
+    "elevation": "m",
+    "log_focal_scale": "1",
+    "log_body_scale": "1",
+    "pelvis": "m",
+    "log_posterior": "nat",
+    "keypoints": "px",
+    "scenelet_placement": "m, m, rad",
+    "object_placement": "m, m, rad",
+}
+
+
+def posterior_tree(solution: Solution, samples: Samples, config: Config) -> xr.DataTree:
+    """All that a run sampled, with provenance in the attributes."""
+    clip, shape = solution.clip, samples.shape
+    camera = np.array([state.camera for state in samples.states]).reshape(*shape, 4)
+    pelvis = np.array(
+        [motion(solution.problem, state)[:, PELV].astype(np.float32) for state in samples.states]
+    ).reshape(*shape, clip.n_frames, 3)
+    per_draw = ("chain", "draw")
+    posterior: dict[str, Variable] = {
+        name: (per_draw, camera[..., i])
+        for i, name in enumerate(("pitch", "elevation", "log_focal_scale", "log_body_scale"))
+    }
+    posterior |= {
+        "n_scenelets": (per_draw, np.reshape([s.n_scenelets for s in samples.states], shape)),
+        "n_objects": (per_draw, np.reshape([len(o) for o in samples.objects], shape)),
+        "layout": (per_draw, samples.layouts.indicator.reshape(shape)),
+        "pelvis": ((*per_draw, "frame", "axis"), pelvis),
+    }
+    frames = {"frame": clip.frame_ids}
+    groups = {
+        "posterior": xr.Dataset(_labelled(posterior), {**frames, "axis": list("xyz")}),
+        "draws": xr.Dataset(_labelled(_padded(solution, samples))),
+        "sample_stats": xr.Dataset(
+            _labelled({"log_posterior": (per_draw, samples.log_posterior)}),
+            attrs={f"acceptance_{k}": v for k, v in samples.acceptance.rates().items()},
+        ),
+        "observed_data": xr.Dataset(
+            _labelled(
+                {
+                    "keypoints": (("frame", "joint", "pixel"), clip.tracks[0].keypoints),
+                    "confidences": (("frame", "joint"), clip.tracks[0].confidences),
+                }
+            ),
+            {**frames, "joint": list(JOINTS), "pixel": ["u", "v"]},
+        ),
+        "constant_data": xr.Dataset(
+            {
+                "scenelet": ("library", [s.name for s in solution.library]),
+                "label": ("category", _categories(samples)),
+            }
+        ),
+    }
+    for name in ("posterior", "draws", "sample_stats"):
+        groups[name] = groups[name].assign_coords(
+            chain=np.arange(shape[0]), draw=np.arange(shape[1])
+        )
+    tree: xr.DataTree = xr.DataTree.from_dict(groups)
+    tree.attrs = {
+        "program": f"imapper-prob {version('imapper-prob')}",
+        "clip": clip.name,
+        "library": solution.library.name,
+        "library_digest": solution.library.digest,
+        "config": to_toml(config),
+        "verdict": samples.verdict.text,
+        "frame": "world: metres, z up, floor at z = 0, camera above the origin, looking along y",
+    }
+    return tree
+
+
+def _labelled(variables: Mapping[str, Variable]) -> dict[str, Any]:
+    """Variables with their units, where they have one."""
+    return {
+        name: (dims, values, {"units": _UNITS[name]} if name in _UNITS else {})
+        for name, (dims, values) in variables.items()
+    }
+
+
+def _categories(samples: Samples) -> list[str]:
+    return sorted({o.label for objects in samples.objects for o in objects}) or [""]
+
+
+def _padded(solution: Solution, samples: Samples) -> dict[str, Variable]:
+    """Scenelets and objects of each draw; slots past a draw's number are -1 or NaN."""
+    count = len(samples.states)
+    slots = max(1, *(s.n_scenelets for s in samples.states))
+    scenelets = np.full((count, slots, 2), -1)
+    placed = np.full((count, slots, 3), np.nan)
+    most = max(1, *(len(o) for o in samples.objects))
+    labels = np.full((count, most), -1)
+    objects = np.full((count, most, 3), np.nan)
+    index = {label: i for i, label in enumerate(_categories(samples))}
+    for n, (state, furniture) in enumerate(zip(samples.states, samples.objects, strict=True)):
+        scenelets[n, : state.n_scenelets] = state.items
+        placed[n, : state.n_scenelets] = state.placements
+        for k, o in enumerate(furniture):
+            labels[n, k] = index[o.label]
+            objects[n, k] = (*o.centre[:2], o.placement.yaw)
+    shape = samples.shape
+    return {
+        "scenelet": (("chain", "draw", "slot"), scenelets[..., 0].reshape(*shape, slots)),
+        "start": (("chain", "draw", "slot"), scenelets[..., 1].reshape(*shape, slots)),
+        "scenelet_placement": (
+            ("chain", "draw", "slot", "pose"),
+            placed.reshape(*shape, slots, 3),
+        ),
+        "object_label": (("chain", "draw", "object"), labels.reshape(*shape, most)),
+        "object_placement": (
+            ("chain", "draw", "object", "pose"),
+            objects.reshape(*shape, most, 3),
+        ),
+    }
+
+
+def read_attributes(path: str | Path) -> dict[str, Any]:
+    """Provenance of a ``posterior.nc``, without reading its draws.
+
+    Raises
+    ------
+    InputError
+        If the file is missing or no netCDF file of a run.
+    """
+    try:
+        with xr.open_dataset(path, engine="h5netcdf") as root:
+            attributes = dict(root.attrs)
+    except (OSError, ValueError, KeyError) as error:
+        raise InputError(f"{path}: not the posterior of a run ({error})") from error
+    if "verdict" not in attributes:
+        raise InputError(f"{path}: not the posterior of a run (no verdict in it)")
+    return attributes

@@ -1,0 +1,133 @@
+"""One reversible-jump chain over scenes, as a task that any process can run."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imapper_prob.config import SampleSettings
+from imapper_prob.models.posterior import State, log_posterior
+from imapper_prob.models.problem import Problem
+from imapper_prob.samplers.chains import Report
+from imapper_prob.samplers.kernel import Mixture
+from imapper_prob.samplers.reversible_jump import AcceptanceTable, sample
+from imapper_prob.sampling.moves import (
+    Birth,
+    CameraWalk,
+    Death,
+    DepthScale,
+    Exchange,
+    PathRefresh,
+    PlacementWalk,
+    Shift,
+    Swap,
+)
+from imapper_prob.sampling.proposals import Candidates, Proposals
+
+__all__ = ["Chain", "Setup", "run_chain", "scene_moves"]
+
+Array = NDArray[np.float64]
+
+_REPORT_EVERY = 200
+"""Steps between two progress reports; a fraction of a second."""
+
+
+@dataclass(frozen=True)
+class Setup:
+    """What all chains share.
+
+    Parameters
+    ----------
+    problem : Problem
+    candidates : Candidates
+        Where births and swaps look.
+    similarity : (L, L) float
+        Probabilities of exchanging one scenelet for another.
+    settings : SampleSettings
+    """
+
+    problem: Problem
+    candidates: Candidates
+    similarity: Array
+    settings: SampleSettings
+
+
+@dataclass(frozen=True)
+class Chain:
+    """What one chain leaves.
+
+    Parameters
+    ----------
+    states : tuple of State
+        Draws after burn-in, evenly spaced.
+    log_posterior : (n,) float
+        Of the draws, nats.
+    trace : (m,) float
+        Log-posterior over the whole run, burn-in included, evenly spaced.
+    acceptance : AcceptanceTable
+        Over all steps.
+    finished : bool
+        Whether it ran all its steps.
+    """
+
+    states: tuple[State, ...]
+    log_posterior: Array
+    trace: Array
+    acceptance: AcceptanceTable
+    finished: bool
+
+
+def scene_moves(setup: Setup) -> Mixture[State]:
+    """The moves and how often each is tried.
+
+    Births and deaths are refused far more often than walks, so they are tried more often
+    than their share of the accepted moves suggests.
+    """
+    problem = setup.problem
+    proposals = Proposals(problem, setup.candidates)
+    factor = np.linalg.cholesky(np.linalg.inv(problem.camera_precision))
+    weighted = (
+        (Birth(proposals), 0.12),
+        (Death(proposals), 0.12),
+        (Swap(proposals), 0.16),
+        (Exchange(problem, setup.similarity), 0.12),
+        (Shift(problem), 0.06),
+        (PlacementWalk(), 0.24),
+        (CameraWalk(factor), 0.05),
+        (DepthScale(), 0.05),
+        (PathRefresh(), 0.08),
+    )
+    return Mixture([move for move, _ in weighted], [weight for _, weight in weighted])
+
+
+def run_chain(setup: Setup, start: State, rng: np.random.Generator, report: Report) -> Chain:
+    """Run a chain from ``start``; asked to stop, it returns what it has."""
+    settings = setup.settings
+    target: Callable[[State], float] = partial(log_posterior, setup.problem)
+    burn_in = int(settings.steps * settings.burn_in)
+    keep = set(np.linspace(burn_in, settings.steps - 1, settings.draws).round().astype(int))
+    mark = set(np.linspace(0, settings.steps - 1, settings.draws).round().astype(int))
+    states, values, trace = [], [], []
+    table = AcceptanceTable()
+    finished = True
+    chain = sample(rng, start, log_density_fn=target, mixture=scene_moves(setup))
+    for n, (at, info) in enumerate(chain):
+        table.record(info)
+        if n in keep:
+            states.append(at.state)
+            values.append(at.log_density)
+        if n in mark:
+            trace.append(at.log_density)
+        if n + 1 == settings.steps:
+            break
+        if n % _REPORT_EVERY == 0 and not report(n / settings.steps):
+            finished = False
+            break
+    if not states:
+        # Stopped during burn-in: the last state is all there is.
+        states, values = [at.state], [at.log_density]
+    return Chain(tuple(states), np.array(values), np.array(trace), table, finished)

@@ -1,0 +1,129 @@
+"""From draws to layouts: which objects a draw has, and which draws say the same."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import networkx as nx
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
+from shapely import Polygon
+
+from imapper_prob.models.posterior import State, log_posterior
+from imapper_prob.models.problem import Problem
+from imapper_prob.models.scene import Placement, SceneObject
+from imapper_prob.models.scenelet import Library
+
+__all__ = ["Layouts", "group_layouts", "match_objects", "merged_objects"]
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+def merged_objects(problem: Problem, library: Library, state: State) -> tuple[SceneObject, ...]:
+    """The furniture of a state in its world, objects that are one merged.
+
+    Objects of the same label whose footprints overlap and whose orientation agrees within
+    the model's merge angle are the same object met twice; of each such group the one is kept
+    whose scenelet improves the scene most.
+    """
+    placed = [
+        (index, obj.moved(Placement(*state.placements[index])))
+        for index, (scenelet, _) in enumerate(state.items.tolist())
+        for obj in library[scenelet].objects
+    ]
+    graph = nx.Graph()
+    graph.add_nodes_from(range(len(placed)))
+    outlines = [Polygon(obj.footprint) for _, obj in placed]
+    for a, (item_a, first) in enumerate(placed):
+        for b in range(a + 1, len(placed)):
+            item_b, second = placed[b]
+            aligned = np.cos(first.placement.yaw - second.placement.yaw) > np.cos(
+                problem.merge_angle
+            )
+            same = first.label == second.label and item_a != item_b and aligned
+            if same and outlines[a].intersects(outlines[b]):
+                graph.add_edge(a, b)
+    kept = []
+    total = None
+    for group in nx.connected_components(graph):
+        best = min(group)
+        if len(group) > 1:
+            total = log_posterior(problem, state) if total is None else total
+            gains = {
+                k: total - log_posterior(problem, state.without_item(placed[k][0])) for k in group
+            }
+            best = max(sorted(group), key=lambda k: gains[k])
+        kept.append(best)
+    return tuple(placed[k][1] for k in sorted(kept))
+
+
+def match_objects(
+    first: Sequence[SceneObject], second: Sequence[SceneObject], *, radius: float
+) -> list[int] | None:
+    """For each object of ``first`` its partner in ``second``; None unless all pair up.
+
+    Partners have the same label and centres at most ``radius`` metres apart in top view.
+    """
+    if sorted(o.label for o in first) != sorted(o.label for o in second):
+        return None
+    if not first:
+        return []
+    a = np.array([o.centre[:2] for o in first])
+    b = np.array([o.centre[:2] for o in second])
+    distance = np.linalg.norm(a[:, None] - b[None], axis=-1)
+    other = np.array([[f.label != s.label for s in second] for f in first])
+    distance = np.where(other | (distance > radius), 1e6, distance)
+    rows, columns = linear_sum_assignment(distance)
+    if distance[rows, columns].max() >= 1e6:
+        return None
+    return [int(c) for c in columns]
+
+
+@dataclass(frozen=True)
+class Layouts:
+    """Draws sorted into layouts.
+
+    Parameters
+    ----------
+    indicator : (N,) int
+        Layout of each draw; 0 is the most frequent.
+    leaders : tuple of int
+        The draw each layout was founded by.
+    """
+
+    indicator: Ints
+    leaders: tuple[int, ...]
+
+
+def group_layouts(
+    objects: Sequence[Sequence[SceneObject]], log_posteriors: Array, *, radius: float
+) -> Layouts:
+    """Sort draws into layouts around leaders, the most probable draws first.
+
+    Parameters
+    ----------
+    objects : sequence of N object sets
+        Merged furniture of each draw.
+    log_posteriors : (N,) float
+        Order in which draws may found a layout.
+    radius : float
+        Metres within which objects must pair up with those of the leader.
+    """
+    leaders: list[int] = []
+    member = np.empty(len(objects), dtype=np.int64)
+    for draw in np.argsort(-np.asarray(log_posteriors), kind="stable"):
+        for k, leader in enumerate(leaders):
+            if match_objects(objects[leader], objects[draw], radius=radius) is not None:
+                member[draw] = k
+                break
+        else:
+            member[draw] = len(leaders)
+            leaders.append(int(draw))
+    counts = np.bincount(member, minlength=len(leaders))
+    order = np.argsort(-counts, kind="stable")
+    rank = np.empty_like(order)
+    rank[order] = np.arange(len(order))
+    return Layouts(rank[member], tuple(leaders[k] for k in order))

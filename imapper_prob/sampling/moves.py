@@ -1,0 +1,296 @@
+"""The moves between scenes.
+
+Each proposes a new state and the log ratio of the reverse to the forward proposal density,
+Jacobians included (Green 1995). Which move is tried, with what probability, and whether it
+is accepted is the sampler's business. ``explain`` gives the log density of a move from one
+state to another, so that the ratio can be checked independently.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imapper_prob.models.posterior import State
+from imapper_prob.models.problem import Problem
+from imapper_prob.samplers.kernel import Proposal
+from imapper_prob.sampling.proposals import Proposals
+
+__all__ = [
+    "Birth",
+    "CameraWalk",
+    "Death",
+    "DepthScale",
+    "Exchange",
+    "PathRefresh",
+    "PlacementWalk",
+    "Shift",
+    "Swap",
+]
+
+Array = NDArray[np.float64]
+
+
+def _fits(problem: Problem, state: State) -> bool:
+    """Whether scenelets lie in the clip, one after the other."""
+    starts = state.items[:, 1]
+    ends = starts + problem.lengths[state.items[:, 0]]
+    inside = starts.size == 0 or (starts[0] >= 0 and ends[-1] <= problem.n_frames)
+    return bool(inside and np.all(ends[:-1] <= starts[1:]))
+
+
+def _difference(before: State, after: State) -> int | None:
+    """Index in ``after`` of the one scenelet that ``before`` lacks."""
+    for index in range(after.n_scenelets):
+        rest = after.without_item(index)
+        if np.array_equal(rest.items, before.items) and np.array_equal(
+            rest.placements, before.placements
+        ):
+            return index
+    return None
+
+
+@dataclass(frozen=True)
+class Birth:
+    """One scenelet more, drawn from the proposals."""
+
+    proposals: Proposals
+    name: str = "birth"
+    reverse: str = "death"
+
+    def propose(self, rng: np.random.Generator, state: State) -> Proposal[State] | None:
+        """Draw a scenelet; impossible where it would overlap another."""
+        drawn = self.proposals.draw(rng)
+        if drawn is None:
+            return None
+        new = state.with_item(*drawn)
+        if not _fits(self.proposals.problem, new):
+            return None
+        log_forward = self.proposals.log_density(*drawn)
+        return Proposal(new, -math.log(new.n_scenelets) - log_forward)
+
+    def explain(self, before: State, after: State) -> float:
+        """Log density of proposing ``after`` from ``before``."""
+        index = _difference(before, after)
+        if index is None:
+            return -math.inf
+        scenelet, start = (int(v) for v in after.items[index])
+        return self.proposals.log_density(scenelet, start, after.placements[index])
+
+
+@dataclass(frozen=True)
+class Death:
+    """One scenelet less, any of those there."""
+
+    proposals: Proposals
+    name: str = "death"
+    reverse: str = "birth"
+
+    def propose(self, rng: np.random.Generator, state: State) -> Proposal[State] | None:
+        """Drop a scenelet; impossible where there is none."""
+        if state.n_scenelets == 0:
+            return None
+        index = int(rng.integers(state.n_scenelets))
+        scenelet, start = (int(v) for v in state.items[index])
+        log_reverse = self.proposals.log_density(scenelet, start, state.placements[index])
+        return Proposal(state.without_item(index), log_reverse + math.log(state.n_scenelets))
+
+    def explain(self, before: State, after: State) -> float:
+        """Log density of proposing ``after`` from ``before``."""
+        if _difference(after, before) is None:
+            return -math.inf
+        return -math.log(before.n_scenelets)
+
+
+@dataclass(frozen=True)
+class Swap:
+    """Another scenelet in place of one, starting within ``window`` frames of it."""
+
+    proposals: Proposals
+    window: int = 8
+    name: str = "swap"
+    reverse: str = "swap"
+
+    def propose(self, rng: np.random.Generator, state: State) -> Proposal[State] | None:
+        """Replace a scenelet by a draw from the proposals nearby in time."""
+        if state.n_scenelets == 0:
+            return None
+        index = int(rng.integers(state.n_scenelets))
+        scenelet, start = (int(v) for v in state.items[index])
+        drawn = self.proposals.draw(rng, around=start, window=self.window)
+        if drawn is None:
+            return None
+        new = state.without_item(index).with_item(*drawn)
+        if not _fits(self.proposals.problem, new):
+            return None
+        forward = self.proposals.log_density(*drawn, around=start, window=self.window)
+        backward = self.proposals.log_density(
+            scenelet, start, state.placements[index], around=drawn[1], window=self.window
+        )
+        return Proposal(new, backward - forward)
+
+    def explain(self, before: State, after: State) -> float:
+        """Log density of proposing ``after`` from ``before``."""
+        for index in range(before.n_scenelets):
+            other = _difference(before.without_item(index), after)
+            if other is not None:
+                scenelet, start = (int(v) for v in after.items[other])
+                density = self.proposals.log_density(
+                    scenelet,
+                    start,
+                    after.placements[other],
+                    around=int(before.items[index, 1]),
+                    window=self.window,
+                )
+                return density - math.log(before.n_scenelets)
+        return -math.inf
+
+
+@dataclass(frozen=True)
+class Exchange:
+    """A scenelet of similar motion at the same place and time.
+
+    ``similarity`` (L, L) holds, in row l, the probability of trying each other scenelet.
+    """
+
+    problem: Problem
+    similarity: Array
+    name: str = "exchange"
+    reverse: str = "exchange"
+
+    def propose(self, rng: np.random.Generator, state: State) -> Proposal[State] | None:
+        """Replace a scenelet, its centre frame and placement kept."""
+        if state.n_scenelets == 0:
+            return None
+        index = int(rng.integers(state.n_scenelets))
+        old = int(state.items[index, 0])
+        new = int(rng.choice(len(self.similarity), p=self.similarity[old]))
+        half = self.problem.lengths // 2
+        items = state.items.copy()
+        items[index] = (new, items[index, 1] + half[old] - half[new])
+        changed = replace(state, items=items)
+        if new == old or not _fits(self.problem, changed):
+            return None
+        ratio = math.log(self.similarity[new, old]) - math.log(self.similarity[old, new])
+        return Proposal(changed, ratio)
+
+
+@dataclass(frozen=True)
+class Shift:
+    """The same scenelet a few frames earlier or later."""
+
+    problem: Problem
+    reach: int = 4
+    name: str = "shift"
+    reverse: str = "shift"
+
+    def propose(self, rng: np.random.Generator, state: State) -> Proposal[State] | None:
+        """Move one start frame; symmetric."""
+        if state.n_scenelets == 0:
+            return None
+        index = int(rng.integers(state.n_scenelets))
+        step = int(rng.integers(1, self.reach + 1)) * (1 if rng.random() < 0.5 else -1)
+        items = state.items.copy()
+        items[index, 1] += step
+        changed = replace(state, items=items)
+        return Proposal(changed, 0.0) if _fits(self.problem, changed) else None
+
+
+@dataclass(frozen=True)
+class PlacementWalk:
+    """One scenelet along and across the viewing ray, and turned.
+
+    Steps are normal in (bearing, log depth, yaw), at one of several scales, now and then
+    with half a turn; going to the floor's (x, y) brings the Jacobian (y' / y)^2.
+    """
+
+    scales: tuple[float, ...] = (0.2, 1.0, 4.0)
+    bearing: float = 0.006
+    log_depth: float = 0.03
+    yaw: float = 0.08
+    turn_about: float = 0.05
+    name: str = "placement"
+    reverse: str = "placement"
+
+    def propose(self, rng: np.random.Generator, state: State) -> Proposal[State] | None:
+        """Walk one placement."""
+        if state.n_scenelets == 0:
+            return None
+        index = int(rng.integers(state.n_scenelets))
+        x, y, yaw = state.placements[index]
+        if y <= 0:
+            return None
+        scale = self.scales[int(rng.integers(len(self.scales)))]
+        along, across, turn = scale * rng.standard_normal(3)
+        bearing = x / y + self.bearing * across
+        depth = y * math.exp(self.log_depth * along)
+        about = math.pi if rng.random() < self.turn_about else 0.0
+        placement = np.array([bearing * depth, depth, yaw + self.yaw * turn + about])
+        return Proposal(state.with_placement(index, placement), 2 * math.log(depth / y))
+
+
+@dataclass(frozen=True)
+class CameraWalk:
+    """The nuisance parameters alone, a step of their prior's shape; symmetric."""
+
+    factor: Array
+    scales: tuple[float, ...] = (0.1, 0.4, 1.2)
+    name: str = "camera"
+    reverse: str = "camera"
+
+    def propose(self, rng: np.random.Generator, state: State) -> Proposal[State]:
+        """Walk phi; ``factor`` (4, 4) is the Cholesky factor of the prior's covariance."""
+        scale = self.scales[int(rng.integers(len(self.scales)))]
+        step = scale * self.factor @ rng.standard_normal(4)
+        return Proposal(replace(state, camera=state.camera + step), 0.0)
+
+
+@dataclass(frozen=True)
+class DepthScale:
+    """Body scale and the distance of everything together.
+
+    A larger body further away looks the same; without this move the largest uncertainty of
+    the problem would be crossed in many small steps. (x, y) of k placements grow by e^d, so
+    the Jacobian is e^(2 k d).
+    """
+
+    spread: float = 0.02
+    name: str = "depth-scale"
+    reverse: str = "depth-scale"
+
+    def propose(self, rng: np.random.Generator, state: State) -> Proposal[State]:
+        """Scale body and distances."""
+        step = self.spread * float(rng.standard_normal())
+        camera, placements = state.camera.copy(), state.placements.copy()
+        camera[3] += step
+        placements[:, :2] *= math.exp(step)
+        changed = replace(state, camera=camera, placements=placements)
+        return Proposal(changed, 2 * state.n_scenelets * step)
+
+
+@dataclass(frozen=True)
+class PathRefresh:
+    """The latent numbers of a stretch of the path, by preconditioned Crank-Nicolson.
+
+    Reversible with respect to the normal law of the numbers, which the log-posterior leaves
+    out as their reference measure, so the ratio is one (Cotter et al. 2013).
+    """
+
+    stretch: int = 60
+    strengths: tuple[float, ...] = (0.2, 1.0)
+    name: str = "path"
+    reverse: str = "path"
+
+    def propose(self, rng: np.random.Generator, state: State) -> Proposal[State]:
+        """Redraw a stretch of frames, partly or whole."""
+        n = len(state.latent)
+        first = int(rng.integers(-self.stretch + 1, n))
+        part = slice(max(first, 0), min(first + self.stretch, n))
+        strength = self.strengths[int(rng.integers(len(self.strengths)))]
+        latent = state.latent.copy()
+        fresh = rng.standard_normal(latent[part].shape)
+        latent[part] = math.sqrt(1 - strength**2) * latent[part] + strength * fresh
+        return Proposal(replace(state, latent=latent), 0.0)

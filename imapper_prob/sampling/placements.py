@@ -1,0 +1,127 @@
+"""Placements of one assignment by ensembles of walkers: a second road to the same posterior.
+
+Given which scenelet starts when, camera, body scale and placements are a few dozen smooth
+dimensions, with the latent numbers of the path behind them. Walkers live in (bearing, log
+depth, yaw), where the posterior is nearly Gaussian; the density carries the Jacobian.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imapper_prob.config import SampleSettings
+from imapper_prob.models.posterior import State, log_posterior
+from imapper_prob.models.problem import Problem
+from imapper_prob.samplers.diagnostics import rhat_nested
+from imapper_prob.samplers.ensemble import EnsembleSettings, run_ensembles
+
+__all__ = ["PlacementDraws", "from_theta", "sample_placements", "to_theta"]
+
+Array = NDArray[np.float64]
+
+_SPREAD = np.array([0.004, 0.02, 0.05])
+"""Spread of the walkers' starts in bearing, log metres and radians."""
+_CAMERA_SPREAD = 0.2
+"""The same for the nuisance parameters, in standard deviations of their prior."""
+
+_KEPT = 20
+"""Draws kept of each walker: neighbouring ones say the same, and each holds a whole path."""
+
+
+@dataclass(frozen=True)
+class PlacementDraws:
+    """What the ensembles of one assignment visited.
+
+    Parameters
+    ----------
+    items : (k, 2) int
+        Scenelet and start frame.
+    camera : (E, n, W, 4) float
+        Pitch, elevation, log focal scale, log body scale.
+    placements : (E, n, W, k, 3) float
+        x, y in metres, yaw in radians.
+    rhat : (4 + 3 k,) float
+        Nested R-hat of camera, then bearing, log depth and yaw of each scenelet.
+    acceptance : dict of str to float
+        Accepted share by move.
+    """
+
+    items: NDArray[np.int64]
+    camera: Array
+    placements: Array
+    rhat: Array
+    acceptance: dict[str, float]
+
+
+def to_theta(state: State) -> Array:
+    """(4 + 3 k,) camera, then bearing, log depth and yaw of each scenelet."""
+    x, y, yaw = state.placements.T
+    return np.concatenate([state.camera, np.stack([x / y, np.log(y), yaw], -1).ravel()])
+
+
+def from_theta(theta: Array) -> tuple[Array, Array]:
+    """Camera (..., 4) and placements (..., k, 3) of ``theta`` (..., 4 + 3 k)."""
+    polar = theta[..., 4:].reshape(*theta.shape[:-1], -1, 3)
+    depth = np.exp(polar[..., 1])
+    return theta[..., :4], np.stack([polar[..., 0] * depth, depth, polar[..., 2]], -1)
+
+
+@dataclass(frozen=True)
+class _Target:
+    """Log density of (theta, z) for one assignment, many walkers at a time."""
+
+    problem: Problem
+    items: NDArray[np.int64]
+
+    def __call__(self, theta: Array, latent: Array) -> Array:
+        camera, placements = from_theta(theta)
+        shape = (len(theta), self.problem.n_frames, 2)
+        path = latent.reshape(shape)
+        values = [
+            log_posterior(self.problem, State(camera[w], self.items, placements[w], path[w]))
+            for w in range(len(theta))
+        ]
+        # d(x, y) = depth^2 d(bearing, log depth)
+        density: Array = np.array(values) + 2 * theta[:, 5::3].sum(1)
+        return density
+
+
+def sample_placements(
+    problem: Problem,
+    state: State,
+    settings: SampleSettings,
+    *,
+    seed: np.random.SeedSequence,
+    workers: int = 1,
+) -> PlacementDraws:
+    """Ensembles around ``state``, its assignment held fixed."""
+    start_seed, run_seed = seed.spawn(2)
+    rng = np.random.default_rng(start_seed)
+    centre = to_theta(state)
+    camera_spread = _CAMERA_SPREAD / np.sqrt(np.diag(problem.camera_precision))
+    spread = np.concatenate([camera_spread, np.tile(_SPREAD, state.n_scenelets)])
+    walkers = 2 * len(centre) + 2
+    shape = (settings.ensembles, walkers)
+    theta = centre + spread * rng.standard_normal((*shape, len(centre)))
+    latent = rng.standard_normal((*shape, 2 * problem.n_frames))
+    half = settings.ensemble_steps // 2
+    thin_by = max(1, half // _KEPT)
+    draws = run_ensembles(
+        _Target(problem, state.items),
+        theta,
+        latent,
+        seed=run_seed,
+        settings=EnsembleSettings(burn_in=half, n_draws=half // thin_by, thin_by=thin_by),
+        workers=workers,
+    )
+    camera, placements = from_theta(draws.theta)
+    return PlacementDraws(
+        items=state.items,
+        camera=camera,
+        placements=placements,
+        rhat=rhat_nested(draws.theta),
+        acceptance={name: float(rates.mean()) for name, rates in draws.acceptance.items()},
+    )

@@ -1,0 +1,217 @@
+"""Sample the posterior of a solved clip: jump chains, layouts, ensembles of placements."""
+
+from __future__ import annotations
+
+import warnings
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imapper_prob.config import SampleSettings
+from imapper_prob.models.posterior import State, empty_state
+from imapper_prob.models.scene import SceneObject
+from imapper_prob.samplers.chains import run_chains
+from imapper_prob.samplers.diagnostics import (
+    LayoutProbabilities,
+    ShortChainWarning,
+    layout_probabilities,
+)
+from imapper_prob.samplers.reversible_jump import AcceptanceTable
+from imapper_prob.samplers.verdict import Verdict, judge
+from imapper_prob.sampling.chain import Setup, run_chain
+from imapper_prob.sampling.layouts import Layouts, group_layouts, merged_objects
+from imapper_prob.sampling.placements import PlacementDraws, sample_placements
+from imapper_prob.sampling.proposals import Candidates
+from imapper_prob.scenelets.charness import similarity
+from imapper_prob.staged.solver import Solution
+
+__all__ = ["Samples", "sample_scenes"]
+
+Array = NDArray[np.float64]
+Progress = Callable[[str, float], None]
+
+_TEMPERATURE = 5.0
+"""Nats by which a candidate may be worse than its window's best and still be tried at 1/e."""
+_HOPELESS = 0.1
+"""Weight of a window none of whose candidates improves the scene."""
+
+
+@dataclass(frozen=True)
+class Samples:
+    """Draws from the posterior, and what they say of layouts.
+
+    Draws are numbered chain by chain: draw n of chain c is c N + n.
+
+    Parameters
+    ----------
+    states : tuple of C N State
+    log_posterior : (C, N) float
+        Nats, up to the constant of the clip.
+    traces : (C, M) float
+        Log-posterior over the whole run, burn-in included.
+    objects : tuple of C N tuples of SceneObject
+        Merged furniture of each draw, in its world.
+    layouts : Layouts
+        Which draws say the same.
+    probabilities : LayoutProbabilities
+    placements : tuple of PlacementDraws
+        Ensembles of the most probable layouts, in their order.
+    acceptance : AcceptanceTable
+        Over all chains.
+    verdict : Verdict
+    finished : bool
+        Whether every chain ran all its steps.
+    """
+
+    states: tuple[State, ...]
+    log_posterior: Array
+    traces: Array
+    objects: tuple[tuple[SceneObject, ...], ...]
+    layouts: Layouts
+    probabilities: LayoutProbabilities
+    placements: tuple[PlacementDraws, ...]
+    acceptance: AcceptanceTable
+    verdict: Verdict
+    finished: bool
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Chains C and draws N of each."""
+        chains, draws = self.log_posterior.shape
+        return chains, draws
+
+
+def sample_scenes(
+    solution: Solution,
+    settings: SampleSettings,
+    *,
+    seed: np.random.SeedSequence,
+    workers: int = 1,
+    progress: Progress | None = None,
+) -> Samples:
+    """Sample from where the staged solver arrived.
+
+    The result depends on ``seed`` but not on ``workers``. An interrupt (Ctrl-C) ends the
+    chains early; what they have is used.
+    """
+    chain_seed, layout_seed, ensemble_seed = seed.spawn(3)
+    problem = solution.problem
+    setup = Setup(problem, _proposed(solution), similarity(solution.distances), settings)
+    done = np.zeros(settings.chains)
+
+    def report(chain: int, part: object) -> None:
+        done[chain] = part if isinstance(part, float) else 0.0
+        if progress is not None:
+            progress("jumping between scenes", float(done.mean()))
+
+    chains = run_chains(
+        run_chain,
+        setup,
+        _starts(solution, settings.chains),
+        seed=chain_seed,
+        workers=workers,
+        on_progress=report,
+    )
+    n = min(len(chain.states) for chain in chains)
+    states = tuple(state for chain in chains for state in chain.states[-n:])
+    values = np.stack([chain.log_posterior[-n:] for chain in chains])
+    objects = tuple(merged_objects(problem, solution.library, state) for state in states)
+    layouts = group_layouts(objects, values.ravel(), radius=settings.layout_radius)
+    with warnings.catch_warnings():
+        # The verdict says in words what a short chain cannot tell.
+        warnings.simplefilter("ignore", ShortChainWarning)
+        probabilities = layout_probabilities(
+            layouts.indicator.reshape(values.shape), rng=np.random.default_rng(layout_seed)
+        )
+        verdict = judge(probabilities, _functionals(values, states, objects))
+        placements = _ensembles(
+            solution, states, values.ravel(), layouts, settings, ensemble_seed, workers, progress
+        )
+    return Samples(
+        states=states,
+        log_posterior=values,
+        traces=_aligned([chain.trace for chain in chains]),
+        objects=objects,
+        layouts=layouts,
+        probabilities=probabilities,
+        placements=placements,
+        acceptance=sum((chain.acceptance for chain in chains), AcceptanceTable()),
+        verdict=verdict,
+        finished=all(chain.finished for chain in chains),
+    )
+
+
+def _proposed(solution: Solution) -> Candidates:
+    """The solver's candidates, weighted within their window by how much they gain."""
+    found = [c for c in solution.candidates if c.placement[1] > 0]
+    half = solution.problem.lengths // 2
+    centres = np.array([c.start + half[c.scenelet] for c in found], dtype=np.int64)
+    gains = np.array([c.gain for c in found])
+    weights = np.zeros(len(found))
+    for centre in np.unique(centres):
+        own = centres == centre
+        best = gains[own].max()
+        relative = np.exp((gains[own] - best) / _TEMPERATURE)
+        weights[own] = relative / relative.sum() * (1.0 if best > 0 else _HOPELESS)
+    return Candidates(
+        items=np.array([(c.scenelet, c.start) for c in found], dtype=np.int64).reshape(-1, 2),
+        placements=np.array([c.placement for c in found]).reshape(-1, 3),
+        weights=weights,
+    )
+
+
+def _starts(solution: Solution, count: int) -> list[State]:
+    """Far apart on purpose: the best scene, none at all, and the alternatives, worst first."""
+    others = list(solution.states[:0:-1]) or [solution.states[0]]
+    pool = [solution.states[0], empty_state(solution.problem), *others]
+    return [pool[i % len(pool)] for i in range(count)]
+
+
+def _functionals(
+    values: Array, states: Sequence[State], objects: Sequence[Sequence[SceneObject]]
+) -> dict[str, Array]:
+    """What every draw has, whatever its dimension."""
+    return {
+        "log posterior": values,
+        "number of objects": np.reshape([len(o) for o in objects], values.shape).astype(float),
+        "body scale": np.reshape([s.camera[3] for s in states], values.shape),
+    }
+
+
+def _ensembles(
+    solution: Solution,
+    states: Sequence[State],
+    values: Array,
+    layouts: Layouts,
+    settings: SampleSettings,
+    seed: np.random.SeedSequence,
+    workers: int,
+    progress: Progress | None,
+) -> tuple[PlacementDraws, ...]:
+    """Ensembles on the most visited assignment of each of the most probable layouts."""
+    count = min(settings.ensemble_layouts, len(layouts.leaders))
+    results = []
+    for layout, child in enumerate(seed.spawn(count)):
+        members = np.flatnonzero(layouts.indicator == layout).tolist()
+        keys = [states[m].items.tobytes() for m in members]
+        common = Counter(keys).most_common(1)[0][0]
+        own = [m for m, key in zip(members, keys, strict=True) if key == common]
+        best = states[max(own, key=lambda m: values[m])]
+        results.append(
+            sample_placements(solution.problem, best, settings, seed=child, workers=workers)
+        )
+        if progress is not None:
+            progress("walking placements", (layout + 1) / count)
+    return tuple(results)
+
+
+def _aligned(traces: Sequence[Array]) -> Array:
+    """Traces of equal length, those of interrupted chains filled with NaN."""
+    longest = max(len(trace) for trace in traces)
+    result = np.full((len(traces), longest), np.nan)
+    for row, trace in zip(result, traces, strict=True):
+        row[: len(trace)] = trace
+    return result

@@ -1,0 +1,269 @@
+"""A body of the reference stature: from trunk, ankles and wrists to sixteen joints.
+
+The trunk is posed directly; arms and legs follow by two-bone inverse kinematics, so every
+bone keeps the length of :data:`~imapper_prob.models.skeleton.BONE_LENGTHS` in every frame.
+Metres, radians, z up; n frames; sides are ordered (right, left).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from imapper_prob.models.skeleton import (
+    BONE_LENGTHS,
+    HEAD,
+    LANK,
+    LELB,
+    LHIP,
+    LKNE,
+    LSHO,
+    LWRI,
+    N_JOINTS,
+    NECK,
+    PELV,
+    RANK,
+    RELB,
+    RHIP,
+    RKNE,
+    RSHO,
+    RWRI,
+    THRX,
+)
+
+__all__ = [
+    "ANKLE_HEIGHT",
+    "HIP_HEIGHT",
+    "SIDES",
+    "Trunk",
+    "hanging_wrists",
+    "pose_body",
+    "reachable_height",
+    "two_bones",
+]
+
+Array = NDArray[np.float64]
+
+SHIN: Final = BONE_LENGTHS[RANK, RKNE]
+THIGH: Final = BONE_LENGTHS[RKNE, RHIP]
+UPPER_ARM: Final = BONE_LENGTHS[RSHO, RELB]
+FOREARM: Final = BONE_LENGTHS[RELB, RWRI]
+TRUNK: Final = BONE_LENGTHS[PELV, THRX]
+NECK_AND_HEAD: Final = BONE_LENGTHS[THRX, HEAD]
+
+ANKLE_HEIGHT: Final = 0.085
+"""Ankle joint above the floor of a flat foot, metres: .039 H of a shod 1.70 m adult plus
+the sole (Winter, *Biomechanics and Motor Control of Human Movement*, fig. 4.1)."""
+
+STRAIGHTEST: Final = 0.995
+"""Longest reach of a limb as part of its length: people do not lock knees and elbows."""
+
+HIP_HEIGHT: Final = ANKLE_HEIGHT + STRAIGHTEST * (SHIN + THIGH) - 0.01
+"""Hip joints above the floor of somebody who stands, metres; the last centimetre is what
+standing with the feet apart costs."""
+
+LARGEST_FLEXION: Final = np.deg2rad(150.0)
+"""Knees and elbows bend no further (American Academy of Orthopaedic Surgeons, 1965)."""
+
+SIDES: Final = np.array([1.0, -1.0])
+"""Sign of the sideways coordinate of the right and the left limb."""
+
+_UP: Final = np.array([0.0, 0.0, 1.0])
+
+
+@dataclass(frozen=True)
+class Trunk:
+    """Pelvis, chest and head over n frames.
+
+    Parameters
+    ----------
+    pelvis : (n, 3) float
+        Middle of the hip joints.
+    yaw : (n,) float
+        Where the pelvis faces: 0 is +y, counter-clockwise.
+    lean, tilt, twist, nod : (n,) float
+        Trunk bent forward and to the right, shoulders turned to the left against the
+        pelvis, head bent forward against the trunk.
+    """
+
+    pelvis: Array
+    yaw: Array
+    lean: Array
+    tilt: Array
+    twist: Array
+    nod: Array
+
+    @classmethod
+    def of(
+        cls,
+        pelvis: ArrayLike,
+        yaw: ArrayLike,
+        *,
+        lean: ArrayLike = 0.0,
+        tilt: ArrayLike = 0.0,
+        twist: ArrayLike = 0.0,
+        nod: ArrayLike = 0.0,
+    ) -> Trunk:
+        """A trunk from arrays or constants, which hold for all frames of ``pelvis``."""
+        pelvis = np.asarray(pelvis, float)
+        angles = [np.broadcast_to(np.asarray(a, float), len(pelvis)) for a in (yaw, lean, tilt)]
+        more = [np.broadcast_to(np.asarray(a, float), len(pelvis)) for a in (twist, nod)]
+        return cls(pelvis, *angles, *more)
+
+    @property
+    def right(self) -> Array:
+        """(n, 3) from the left hip to the right one, unit length."""
+        return np.stack([np.cos(self.yaw), np.sin(self.yaw), np.zeros_like(self.yaw)], -1)
+
+    @property
+    def forward(self) -> Array:
+        """(n, 3) where the pelvis faces, unit length, level."""
+        return np.stack([-np.sin(self.yaw), np.cos(self.yaw), np.zeros_like(self.yaw)], -1)
+
+    def at_pelvis(self, offsets: ArrayLike) -> Array:
+        """(n, 2, 3) or (2, 3) offsets (right, forward, up) from the pelvis to positions."""
+        axes = np.stack([self.right, self.forward, np.broadcast_to(_UP, self.pelvis.shape)], 1)
+        offsets = np.broadcast_to(np.asarray(offsets, float), (len(axes), 2, 3))
+        return self.pelvis[:, None] + offsets @ axes
+
+    @property
+    def hips(self) -> Array:
+        """(n, 2, 3) hip joints."""
+        half = BONE_LENGTHS[RHIP, LHIP] / 2
+        return self.pelvis[:, None] + half * SIDES[:, None] * self.right[:, None]
+
+    @property
+    def spine(self) -> Array:
+        """(n, 3) from the pelvis to the middle of the shoulders, unit length."""
+        level = np.sin(self.lean)[:, None] * self.forward + np.sin(self.tilt)[:, None] * self.right
+        up = np.sqrt(np.clip(1 - (level**2).sum(-1, keepdims=True), 0.0, 1.0))
+        return level + up * _UP
+
+    @property
+    def thorax(self) -> Array:
+        """(n, 3) middle of the shoulders."""
+        return self.pelvis + TRUNK * self.spine
+
+    @property
+    def head(self) -> Array:
+        """(n, 3) middle of the head."""
+        bent = self.lean + self.nod
+        direction = np.sin(bent)[:, None] * self.forward + np.cos(bent)[:, None] * _UP
+        return self.thorax + NECK_AND_HEAD * direction
+
+    @property
+    def shoulders(self) -> Array:
+        """(n, 2, 3) shoulder joints, on a line across the spine."""
+        turned = (
+            np.cos(self.twist)[:, None] * self.right + np.sin(self.twist)[:, None] * self.forward
+        )
+        across = turned - (turned * self.spine).sum(-1, keepdims=True) * self.spine
+        across /= np.linalg.norm(across, axis=-1, keepdims=True)
+        half = BONE_LENGTHS[RSHO, LSHO] / 2
+        return self.thorax[:, None] + half * SIDES[:, None] * across[:, None]
+
+
+def two_bones(
+    root: ArrayLike, target: ArrayLike, pole: ArrayLike, *, upper: float, lower: float
+) -> tuple[Array, Array]:
+    """The middle and end joint of a limb that reaches from ``root`` for ``target``.
+
+    Parameters
+    ----------
+    root, target : (..., 3) float
+        Fixed joint, and where the end should be, metres. A target out of reach is
+        approached along the straight line.
+    pole : (..., 3) float
+        Direction the middle joint bends to; need not be a right angle to the limb.
+    upper, lower : float
+        Bone lengths in metres.
+
+    Returns
+    -------
+    middle, end : (..., 3) float
+        Metres; the bone lengths hold exactly.
+    """
+    root, target, pole = (np.asarray(a, float) for a in (root, target, pole))
+    offset = target - root
+    distance = np.linalg.norm(offset, axis=-1, keepdims=True)
+    axis = offset / np.maximum(distance, 1e-9)
+    shortest = np.sqrt(upper**2 + lower**2 + 2 * upper * lower * np.cos(LARGEST_FLEXION))
+    reach = np.clip(distance, shortest, STRAIGHTEST * (upper + lower))
+    along = (upper**2 - lower**2 + reach**2) / (2 * reach)
+    bend = pole - (pole * axis).sum(-1, keepdims=True) * axis
+    bend = bend / np.maximum(np.linalg.norm(bend, axis=-1, keepdims=True), 1e-9)
+    middle = root + along * axis + np.sqrt(np.maximum(upper**2 - along**2, 0.0)) * bend
+    return middle, root + reach * axis
+
+
+def reachable_height(trunk: Trunk, ankles: ArrayLike) -> Array:
+    """(n,) greatest height in metres of the pelvis at which both ankles (n, 2, 3) are in reach."""
+    ankles = np.asarray(ankles, float)
+    level = ((trunk.hips - ankles)[..., :2] ** 2).sum(-1)
+    reach = STRAIGHTEST * (SHIN + THIGH)
+    height: Array = (ankles[..., 2] + np.sqrt(np.maximum(reach**2 - level, 0.0))).min(1)
+    return height
+
+
+def hanging_wrists(trunk: Trunk, swing: ArrayLike = 0.0, *, bend: float = 0.06) -> Array:
+    """(n, 2, 3) wrists of arms that hang from the shoulders.
+
+    Parameters
+    ----------
+    trunk : Trunk
+    swing : (n, 2) float
+        Angle of the arms forward of the vertical, radians.
+    bend : float
+        How much of its length the arm gives up to a bent elbow.
+    """
+    swing = np.broadcast_to(np.asarray(swing, float), (len(trunk.yaw), 2))[..., None]
+    down = np.sin(swing) * trunk.forward[:, None] - np.cos(swing) * _UP
+    outward = 0.12 * SIDES[:, None] * trunk.right[:, None]  # the hands clear the hips
+    direction = down + outward
+    direction /= np.linalg.norm(direction, axis=-1, keepdims=True)
+    return trunk.shoulders + (1 - bend) * (UPPER_ARM + FOREARM) * direction
+
+
+def pose_body(trunk: Trunk, *, ankles: ArrayLike, wrists: ArrayLike) -> Array:
+    """All joints, from the trunk and where hands and feet are.
+
+    Parameters
+    ----------
+    trunk : Trunk
+        Of n frames.
+    ankles, wrists : (n, 2, 3) float
+        Targets in metres, right then left.
+
+    Returns
+    -------
+    (n, 16, 3) float
+        Joints in metres, in the frame of the trunk.
+    """
+    forward, outward = trunk.forward[:, None], SIDES[:, None] * trunk.right[:, None]
+    # Knees bend forward and, when the thigh is level, up; elbows back, down and outward.
+    knees, ankles = two_bones(
+        trunk.hips, ankles, forward + 0.5 * _UP + 0.12 * outward, upper=THIGH, lower=SHIN
+    )
+    elbows, wrists = two_bones(
+        trunk.shoulders,
+        wrists,
+        -0.7 * forward - 0.5 * _UP + 0.5 * outward,
+        upper=UPPER_ARM,
+        lower=FOREARM,
+    )
+    joints = np.zeros((len(trunk.yaw), N_JOINTS, 3))
+    joints[:, PELV], joints[:, THRX], joints[:, HEAD] = trunk.pelvis, trunk.thorax, trunk.head
+    joints[:, NECK] = (trunk.thorax + trunk.head) / 2
+    for pair, positions in (
+        ((RHIP, LHIP), trunk.hips),
+        ((RKNE, LKNE), knees),
+        ((RANK, LANK), ankles),
+        ((RSHO, LSHO), trunk.shoulders),
+        ((RELB, LELB), elbows),
+        ((RWRI, LWRI), wrists),
+    ):
+        joints[:, pair] = positions
+    return joints

@@ -1,0 +1,159 @@
+"""Walking along any route: feet that stand still while they carry, arms that swing.
+
+A route says where a person is and faces at any time. Each foot stands where the route is at
+the middle of its stance and swings to the next such place, so straight walks, curves, turns
+on the spot and coming to a halt are the same thing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from imapper_prob.models.scene import Placement
+from imapper_prob.scenelets.procedural.body import (
+    ANKLE_HEIGHT,
+    HIP_HEIGHT,
+    SIDES,
+    Trunk,
+    hanging_wrists,
+    reachable_height,
+)
+
+__all__ = ["Route", "Walk", "arc", "minimum_jerk", "settle", "walk_along"]
+
+Array = NDArray[np.float64]
+Route = Callable[[Array], Array]
+"""Times (n,) in seconds to (n, 3) x, y in metres and yaw in radians."""
+
+SWING_LIFT: Final = 0.10
+"""Height in metres that the ankle gains in mid-swing of a full step (Winter, fig. 3.14)."""
+
+ARM_SWING: Final = 0.38
+"""Amplitude in radians of the arms at 1 m/s (Romkes and Bracht-Schweizer 2017: 35-45 degrees
+of range at a comfortable speed)."""
+
+
+def minimum_jerk(progress: ArrayLike) -> Array:
+    """Position between 0 and 1 of a smooth movement (Flash and Hogan 1985), held outside."""
+    s = np.clip(np.asarray(progress, float), 0.0, 1.0)
+    return s**3 * (10 - 15 * s + 6 * s**2)
+
+
+def arc(speed: float, curvature: float) -> Route:
+    """A steady walk from the origin towards +y, turning left by ``curvature`` rad a metre."""
+
+    def route(times: Array) -> Array:
+        yaw = curvature * speed * times
+        # The mean heading over [0, t] is yaw / 2 and the chord is sinc-shortened.
+        chord = speed * times * np.sinc(yaw / 2 / np.pi)
+        return np.stack([-np.sin(yaw / 2) * chord, np.cos(yaw / 2) * chord, yaw], -1)
+
+    return route
+
+
+def settle(start: Placement, end: Placement, *, arrival: float) -> Route:
+    """Stand at ``start`` until time 0, move to ``end`` by ``arrival`` seconds, and stay."""
+    a = np.array([start.x, start.y, start.yaw])
+    b = np.array([end.x, end.y, end.yaw])
+
+    def route(times: Array) -> Array:
+        result: Array = a + minimum_jerk(times / arrival)[:, None] * (b - a)
+        return result
+
+    return route
+
+
+@dataclass(frozen=True)
+class Walk:
+    """A walking body before hands or pelvis do anything else.
+
+    Parameters
+    ----------
+    trunk : Trunk
+        Of n frames.
+    ankles, wrists : (n, 2, 3) float
+        Metres, right then left.
+    """
+
+    trunk: Trunk
+    ankles: Array
+    wrists: Array
+
+
+def footsteps(
+    route: Route, times: Array, *, step_time: float, phase: float, half_width: float
+) -> Array:
+    """Ankles (n, 2, 3) that follow a route, right then left.
+
+    Parameters
+    ----------
+    route, times
+        The route and the times (n,) in seconds at which it is wanted.
+    step_time : float
+        Seconds from one foot's stance to the other's; each foot stands still this long and
+        swings as long.
+    phase : float
+        Time in seconds of the middle of a stance of the right foot.
+    half_width : float
+        Distance in metres of a foot from the middle of the walk.
+    """
+    ankles = np.zeros((len(times), 2, 3))
+    for foot, side in enumerate(SIDES):
+        first = phase + foot * step_time
+        cycle = (times - first) / (2 * step_time) + 0.25
+        index = np.floor(cycle)
+        swing = np.clip(2 * (cycle - index) - 1, 0.0, 1.0)[:, None]
+        here = _footfall(route, first + 2 * step_time * index, side * half_width)
+        there = _footfall(route, first + 2 * step_time * (index + 1), side * half_width)
+        ankles[:, foot, :2] = here + minimum_jerk(swing) * (there - here)
+        stride = np.linalg.norm(there - here, axis=-1)
+        lift = SWING_LIFT * np.clip(stride / 0.6, 0.0, 1.0) * np.sin(np.pi * swing[:, 0]) ** 2
+        ankles[:, foot, 2] = ANKLE_HEIGHT + lift
+    return ankles
+
+
+def _footfall(route: Route, times: Array, sideways: float) -> Array:
+    x, y, yaw = route(times).T
+    return np.stack([x + sideways * np.cos(yaw), y + sideways * np.sin(yaw)], -1)
+
+
+def walk_along(
+    route: Route,
+    times: Array,
+    *,
+    step_time: float,
+    phase: float,
+    lean: float,
+    half_width: float = 0.09,
+    vigour: float = 1.0,
+) -> Walk:
+    """A person who follows a route.
+
+    Parameters
+    ----------
+    route, times, step_time, phase, half_width
+        As for the feet.
+    lean : float
+        Forward lean of the trunk in radians.
+    vigour : float
+        Factor on the swing of the arms.
+    """
+    ankles = footsteps(route, times, step_time=step_time, phase=phase, half_width=half_width)
+    x, y, yaw = route(times).T
+    ahead, behind = route(times + 0.05)[:, :2], route(times - 0.05)[:, :2]
+    speed = np.minimum(np.linalg.norm(ahead - behind, axis=-1) / 0.1, 1.2)
+    # One cycle is two steps; hips follow the forward leg, shoulders and arms go against it.
+    rhythm = np.sin(np.pi * (times - phase) / step_time) * speed
+    sway = 0.015 * np.cos(np.pi * (times - phase) / step_time)
+    pelvis = np.stack(
+        [x + sway * np.cos(yaw), y + sway * np.sin(yaw), np.full(len(times), HIP_HEIGHT)], -1
+    )
+    trunk = Trunk.of(pelvis, yaw - 0.06 * rhythm, lean=lean, twist=0.15 * rhythm, nod=0.05)
+    pelvis[:, 2] = np.minimum(HIP_HEIGHT, reachable_height(trunk, ankles))
+    swing = ARM_SWING * vigour * rhythm[:, None] * SIDES
+    return Walk(trunk, ankles, hanging_wrists(trunk, swing, bend=0.08))

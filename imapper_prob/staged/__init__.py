@@ -1,0 +1,1 @@
+"""The deterministic solver, stage by stage: from detections to the best scene."""

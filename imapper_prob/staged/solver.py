@@ -1,0 +1,102 @@
+"""The staged solver: deterministic, from a clip to its best scene and alternatives.
+
+Static path and camera, independent fits, charness over time, candidates, combinations,
+refinement: the stages of the paper (Monszpart et al. 2019, section 5) in their order. The
+result stands by itself and is where the sampler starts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imapper_prob.models.path import CameraPrior, StaticPath
+from imapper_prob.models.posterior import State
+from imapper_prob.models.problem import Problem, pack_problem
+from imapper_prob.models.scene import Clip
+from imapper_prob.models.scenelet import Library
+from imapper_prob.models.settings import ModelSettings
+from imapper_prob.scenelets.charness import charness, motion_distances
+from imapper_prob.staged.calibration import estimate_camera
+from imapper_prob.staged.combine import Candidate, combine, screen
+from imapper_prob.staged.fit import fit_windows
+from imapper_prob.staged.free_poses import free_pose_cost
+from imapper_prob.staged.maxima import CharnessCurve, charness_curve
+from imapper_prob.staged.static_path import estimate_static_path
+
+__all__ = ["Solution", "solve"]
+
+Progress = Callable[[str, float], None]
+
+
+@dataclass(frozen=True)
+class Solution:
+    """What the staged solver found, and what it found it with.
+
+    Parameters
+    ----------
+    clip, library
+        The input.
+    path : StaticPath
+        The person without scenelets.
+    camera : CameraPrior
+        What is known of pitch, elevation, focal length and body size.
+    problem : Problem
+        The log-posterior, packed.
+    curve : CharnessCurve
+        Charness over time with its maxima.
+    candidates : tuple of Candidate
+        Fits judged by the full posterior, in order of time; births come from them.
+    states : tuple of State
+        The best scene, then diverse alternatives.
+    distances : (L, L) float
+        Distance between the motions of scenelets, metres.
+    """
+
+    clip: Clip
+    library: Library
+    path: StaticPath
+    camera: CameraPrior
+    problem: Problem = field(repr=False)
+    curve: CharnessCurve = field(repr=False)
+    candidates: tuple[Candidate, ...] = field(repr=False)
+    states: tuple[State, ...] = field(repr=False)
+    distances: NDArray[np.float64] = field(repr=False)
+
+
+def solve(
+    clip: Clip,
+    library: Library,
+    *,
+    settings: ModelSettings | None = None,
+    progress: Progress | None = None,
+) -> Solution:
+    """Solve a clip of one actor: same input, same output.
+
+    Parameters
+    ----------
+    clip, library
+        What was seen, and what people do.
+    settings : ModelSettings, optional
+        Constants of the model.
+    progress : callable, optional
+        Called with the name of the stage and the part of it that is done.
+    """
+    path = estimate_static_path(clip)
+    camera = estimate_camera(clip, path)
+    if progress is not None:
+        progress("static path", 1.0)
+    distances = motion_distances(library)
+    characteristic = charness(library, distances)
+    problem = pack_problem(
+        clip, path, camera, library, settings=settings, weights=characteristic + 0.01
+    )
+    fits = fit_windows(problem, path, fps=clip.fps, progress=progress)
+    problem = problem._replace(free_cost=free_pose_cost(problem, fits))
+    curve = charness_curve(fits, characteristic, fps=clip.fps)
+    candidates = screen(problem, fits, progress=progress)
+    states = combine(problem, candidates, curve, progress=progress)
+    return Solution(clip, library, path, camera, problem, curve, candidates, states, distances)

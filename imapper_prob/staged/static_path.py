@@ -1,0 +1,194 @@
+"""Where each frame alone puts the person: the path before any scenelet.
+
+Lifted poses give the body's shape, detections say where it is and how it is bent, and the
+length of the reference body turns size in the image into depth. `path_fit` holds the
+posterior that is maximised here.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import median_filter
+
+from imapper_prob.models.errors import InputError
+from imapper_prob.models.path import StaticPath
+from imapper_prob.models.scene import Clip
+from imapper_prob.models.skeleton import DETECTED
+from imapper_prob.staged.lifted_poses import ANCESTORS, LiftedBody, joints_of, lifted_body
+from imapper_prob.staged.path_fit import (
+    Motion,
+    Observations,
+    StaticPathSettings,
+    evidence,
+    fit_motion,
+    length_terms,
+    pixel_residuals,
+)
+
+__all__ = ["StaticPathSettings", "estimate_static_path"]
+
+Array = NDArray[np.float64]
+
+_CONFIDENT = 0.5
+"""Confidence from which a detection may testify against a lifted pose."""
+_JURY = 4
+"""Number of confident joints that may do so."""
+_DEPTHS = (0.5, 30.0)
+"""Metres between which a first guess of depth is believed."""
+_VAGUE = 1.0
+"""Standard deviation, in tangents and log metres, of a frame's place before it is looked at."""
+
+
+def estimate_static_path(
+    clip: Clip, *, track: int = 0, settings: StaticPathSettings | None = None
+) -> StaticPath:
+    """Maximum a posteriori path and poses of one person, and each frame's own measurement.
+
+    First the lifted bodies are placed as they are; poses that then contradict the confident
+    detections are dropped and filled in from their neighbours. Then bones and place are
+    fitted together.
+
+    ``measured`` is one Newton step of the frame's own likelihood away from the path, bones
+    and lift marginalised, and no further than three of its standard deviations, beyond which
+    a parabola says nothing. Its variance is ``(formal + bias) x correlation length``: the
+    formal variance is that of the full likelihood, the bias is slow (``bias_log_depth``,
+    ``bias_across`` over the depth) and the length is the number of frames that share it. A
+    model that averages the frames of a correlation time as if they were independent
+    is thus left with the bias, as it should be.
+
+    Parameters
+    ----------
+    clip : Clip
+    track : int
+        Which person.
+    settings : StaticPathSettings, optional
+
+    Returns
+    -------
+    StaticPath
+        In the camera frame at the clip's nominal focal length and the reference stature.
+
+    Raises
+    ------
+    InputError
+        If the person is detected in no frame.
+    """
+    settings = settings or StaticPathSettings()
+    person = clip.tracks[track]
+    confidences = person.confidences[:, list(DETECTED)]
+    if np.max((confidences > 0).sum(1), initial=0) < 3:
+        raise InputError(
+            f"clip {clip.name}, track {person.name}: no frame with three detected joints, so "
+            "nothing says where the person is; leave the track out"
+        )
+    pixels = np.where(confidences[..., None] > 0, person.keypoints[:, list(DETECTED)], 0.0)
+
+    def observe(body: LiftedBody) -> Observations:
+        return Observations(clip.camera, pixels, confidences, body, clip.fps)
+
+    trusted = person.has_pose & ~person.interpolated
+    observations = observe(lifted_body(person, trusted))
+    motion = _place(observations, settings)
+    believed = trusted & ~_contradicted(observations, motion, settings)
+    if not np.array_equal(believed, trusted):
+        observations = observe(lifted_body(person, believed))
+        motion = _place(observations, settings)
+    motion = fit_motion(observations, motion, settings, free_bones=True, annealing=(4.0, 2.0))
+    measured, precision = _measure(observations, motion, settings)
+    return StaticPath(
+        estimate=motion.place[:, [0, 2]],
+        lift=motion.place[:, 1],
+        measured=measured,
+        precision=precision,
+        poses=joints_of(motion.bones),
+        posed=observations.body.known,
+    )
+
+
+def _place(observations: Observations, settings: StaticPathSettings) -> Motion:
+    """Stiff bodies where they fit best."""
+    start = Motion(_first_guess(observations), observations.body.bones)
+    return fit_motion(observations, start, settings, free_bones=False, annealing=(8.0, 4.0, 2.0))
+
+
+def _first_guess(observations: Observations) -> Array:
+    """(T, 3) bearing, lift and log depth, frame by frame, then a running median.
+
+    With k = 1/depth a projection x (1 + k Y) = b + k X is linear in bearing and k: biased,
+    but it needs no start of its own. Re-weighted so that a few gross jumps do not count.
+    """
+    camera, confidences = observations.camera, observations.confidences
+    offsets = ANCESTORS[list(DETECTED)] @ observations.body.bones
+    x, z = np.moveaxis(camera.rays(observations.pixels)[..., [0, 2]], -1, 0)
+    n = x.shape[1]
+    design = np.zeros((len(x), 2 * n, 3))
+    design[:, :n, 0] = design[:, n:, 1] = 1.0
+    design[:, :n, 2] = offsets[..., 0] - x * offsets[..., 1]
+    design[:, n:, 2] = offsets[..., 2] - z * offsets[..., 1]
+    target = np.concatenate([x, z], 1)
+    sure = np.concatenate([confidences, confidences], 1) ** 2
+    weights = sure
+    spread = 0.02  # tangent; about 40 pixels of a full-HD camera
+    for _ in range(8):
+        weighted = (design * weights[..., None]).transpose(0, 2, 1)
+        normal = weighted @ design + 1e-9 * np.eye(3)
+        solution = np.linalg.solve(normal, weighted @ target[..., None])[..., 0]
+        residuals = target - (design @ solution[..., None])[..., 0]
+        squared = residuals[:, :n] ** 2 + residuals[:, n:] ** 2
+        weights = sure / (1 + np.concatenate([squared, squared], 1) / spread**2)
+
+    total = confidences.sum(1)
+    depth = 1 / np.maximum(solution[:, 2], 1e-9)
+    usable = (confidences > 0).sum(1) >= 3
+    usable &= total >= 0.5 * np.median(total[usable])
+    usable &= (depth > _DEPTHS[0]) & (depth < _DEPTHS[1])
+    frames = np.flatnonzero(usable)
+    if not len(frames):
+        return np.broadcast_to([0.0, 0.0, np.log(4.0)], (len(x), 3)).copy()
+    place = np.stack([solution[:, 0], solution[:, 1], np.log(depth)], -1)[frames]
+    window = 2 * round(0.5 * observations.fps) + 1
+    place = median_filter(place, size=(window, 1), mode="nearest")
+    t = np.arange(len(x))
+    return np.stack([np.interp(t, frames, column) for column in place.T], -1)
+
+
+def _contradicted(
+    observations: Observations, motion: Motion, settings: StaticPathSettings
+) -> NDArray[np.bool_]:
+    """(T,) frames where most confident detections are far from the lifted pose."""
+    distance = np.linalg.norm(pixel_residuals(observations, motion), axis=-1)
+    sure = observations.confidences >= _CONFIDENT
+    limit = settings.implausible * observations.pixel_unit
+    far = (sure & (distance > limit)).sum(1)
+    jury = sure.sum(1)
+    result: NDArray[np.bool_] = (jury >= _JURY) & (2 * far > jury)
+    return result
+
+
+def _measure(
+    observations: Observations, motion: Motion, settings: StaticPathSettings
+) -> tuple[Array, Array]:
+    """Centre (T, 2) and inverse variance (T, 2) of bearing and log depth, frame by frame."""
+    information, pull = evidence(
+        observations, motion, settings, pixel_scale=settings.pixel_scale, free_bones=True
+    )
+    more, push = length_terms(observations.body, motion.bones, settings)
+    information[:, 3:, 3:] += more
+    pull[:, 3:] += push
+    place = np.arange(3)
+    information[:, place, place] += _VAGUE**-2
+    covariance = np.linalg.inv(information)
+    wanted = [0, 2]
+    step = (covariance @ pull[..., None])[:, wanted, 0]
+    formal = np.diagonal(covariance, axis1=1, axis2=2)[:, wanted]
+    depth = np.exp(motion.place[:, 2])
+    bias = np.stack(
+        [settings.bias_across / depth, np.full_like(depth, settings.bias_log_depth)], -1
+    )
+    variance = formal + bias**2
+    reach = 3 * np.sqrt(variance)
+    seen = (observations.confidences > 0).any(1, keepdims=True)
+    measured = motion.place[:, wanted] + np.where(seen, np.clip(step, -reach, reach), 0.0)
+    precision = np.where(seen, settings.frame_weight(observations.fps) / variance, 0.0)
+    return measured, precision

@@ -1,0 +1,333 @@
+"""The log-posterior of a scene, compiled.
+
+    log pi(s) = log p(phi) + log p(X) + log p(P, G | X) + log p(u, c | s)
+                - free poses - E_c - E_m
+
+over a state s = (phi, X, P, z): camera and body scale phi, the assignment X of scenelets to
+start frames, their placements P, and standard normal numbers z that say which path G is
+drawn where no scenelet lies (see :mod:`imapper_prob.models.chain`). The density is with
+respect to d phi dP and the normal law of z, so that it has the same dimension of z whatever
+the number of scenelets.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imapper_prob.models.chain import chain
+from imapper_prob.models.energy.intersection import column_depth, footprint_depth
+from imapper_prob.models.energy.occlusion import boxes_in_sight, clearance, p_seen, sight_windows
+from imapper_prob.models.jit import compiled
+from imapper_prob.models.problem import Problem
+
+__all__ = ["TERMS", "evaluate"]
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+TERMS = (
+    "camera", "layout", "placement", "path", "detections", "free_pose", "collision", "motion",
+)  # fmt: skip
+"""What :func:`evaluate` returns, in order; the log-posterior is their sum."""
+
+_NEAREST = 0.1
+"""Metres; depth at which a point counts that is nearer to the camera or behind it."""
+
+
+@compiled
+def _log_t(squared_error: float, scale2: float, dof: float) -> float:
+    return -math.log(2 * math.pi * scale2) - (dof / 2 + 1) * math.log1p(
+        squared_error / (dof * scale2)
+    )
+
+
+@compiled
+def _place_scenelets(
+    problem: Problem, items: Ints, placements: Array, item_of: Ints, joints: Array
+) -> bool:
+    """Joints of covered frames in the world. False where scenelets overlap or stick out."""
+    n_frames = len(item_of)
+    for i in range(len(items)):
+        scenelet, start = items[i, 0], items[i, 1]
+        first = problem.joint_first[scenelet]
+        n = problem.joint_first[scenelet + 1] - first
+        if start < 0 or start + n > n_frames:
+            return False
+        px, py = placements[i, 0], placements[i, 1]
+        c, s = math.cos(placements[i, 2]), math.sin(placements[i, 2])
+        for t in range(n):
+            if item_of[start + t] >= 0:
+                return False
+            item_of[start + t] = i
+            for j in range(16):
+                x = problem.joints[first + t, j, 0]
+                y = problem.joints[first + t, j, 1]
+                joints[start + t, j, 0] = c * x - s * y + px
+                joints[start + t, j, 1] = s * x + c * y + py
+                joints[start + t, j, 2] = problem.joints[first + t, j, 2]
+    return True
+
+
+@compiled
+def _scale_bodies(body: float, item_of: Ints, placements: Array, joints: Array) -> None:
+    """Scale each scenelet's person about its own origin on the floor."""
+    for t in range(len(item_of)):
+        i = item_of[t]
+        if i >= 0:
+            for j in range(16):
+                joints[t, j, 0] += (body - 1.0) * (joints[t, j, 0] - placements[i, 0])
+                joints[t, j, 1] += (body - 1.0) * (joints[t, j, 1] - placements[i, 1])
+                joints[t, j, 2] *= body
+
+
+@compiled
+def _place_boxes(
+    problem: Problem, items: Ints, placements: Array
+) -> tuple[Array, Array, Ints, Array]:
+    """Boxes in the world (K, 7); cosine, sine, radius (K, 3); item, object, label; object yaw."""
+    n = 0
+    for i in range(len(items)):
+        n += problem.box_first[items[i, 0] + 1] - problem.box_first[items[i, 0]]
+    boxes = np.empty((n, 7))
+    turns = np.empty((n, 3))
+    owner = np.empty((n, 3), dtype=np.int64)
+    yaws = np.empty(n)
+    k = 0
+    for i in range(len(items)):
+        yaw = placements[i, 2]
+        c, s = math.cos(yaw), math.sin(yaw)
+        for b in range(problem.box_first[items[i, 0]], problem.box_first[items[i, 0] + 1]):
+            local = problem.boxes[b]
+            boxes[k, 0] = c * local[0] - s * local[1] + placements[i, 0]
+            boxes[k, 1] = s * local[0] + c * local[1] + placements[i, 1]
+            boxes[k, 2:6] = local[2:6]
+            boxes[k, 6] = local[6] + yaw
+            turns[k, 0], turns[k, 1] = math.cos(boxes[k, 6]), math.sin(boxes[k, 6])
+            turns[k, 2] = math.sqrt(local[3] ** 2 + local[4] ** 2 + local[5] ** 2)
+            owner[k, 0], owner[k, 1] = i, problem.box_object[b]
+            owner[k, 2] = problem.box_label[b]
+            yaws[k] = problem.box_yaw[b] + yaw
+            k += 1
+    return boxes, turns, owner, yaws
+
+
+@compiled
+def _path(
+    problem: Problem, camera: Array, item_of: Ints, latent: Array, joints: Array
+) -> tuple[float, float]:
+    """Draw the path of free frames and pose the body along it; returns (evidence, placement)."""
+    n_frames = len(item_of)
+    cp, sp = math.cos(camera[0]), math.sin(camera[0])
+    focal, body = math.exp(camera[2]), math.exp(camera[3])
+    values = np.zeros((2, n_frames))
+    placement = 0.0
+    for t in range(n_frames):
+        if item_of[t] >= 0:
+            x, y, z = joints[t, 6, 0], joints[t, 6, 1], joints[t, 6, 2] - camera[1]
+            depth = max(cp * y + sp * z, _NEAREST)
+            values[0, t] = x / depth
+            values[1, t] = math.log(depth)
+            if t == 0 or item_of[t] != item_of[t - 1]:
+                # From (bearing, log depth) of the first pelvis to (x, y), and a uniform yaw.
+                placement += math.log(cp / (depth * depth)) - math.log(2 * math.pi)
+    evidence = 0.0
+    filtered = np.empty((n_frames, 2))
+    measured = np.empty(n_frames)
+    precision = np.empty(n_frames)
+    for axis in range(2):
+        for t in range(n_frames):
+            # The same pixels under another focal length and body size.
+            if axis == 0:
+                measured[t] = problem.measured[t, 0] / focal
+                precision[t] = problem.precision[t, 0] * focal * focal
+            else:
+                measured[t] = problem.measured[t, 1] + camera[2] + camera[3]
+                precision[t] = problem.precision[t, 1]
+        evidence += chain(
+            values[axis], item_of, measured, precision, latent[:, axis],
+            problem.start_mean[axis], problem.start_variance[axis],
+            problem.step_variance[axis], filtered,
+        )  # fmt: skip
+    for t in range(n_frames):
+        if item_of[t] < 0:
+            depth = math.exp(values[1, t])
+            px, pz = values[0, t] * depth, problem.lift[t] / focal * depth
+            for j in range(16):
+                x = px + body * problem.poses[t, j, 0]
+                y = depth + body * problem.poses[t, j, 1]
+                z = pz + body * problem.poses[t, j, 2]
+                joints[t, j, 0] = x
+                joints[t, j, 1] = cp * y - sp * z
+                joints[t, j, 2] = sp * y + cp * z + camera[1]
+    return evidence, placement
+
+
+@compiled
+def _detections(
+    problem: Problem,
+    camera: Array,
+    item_of: Ints,
+    joints: Array,
+    boxes: Array,
+    turns: Array,
+    by_frame: Array,
+) -> None:
+    """log p(u, c | q, m) summed over the joints of each frame, before any weight."""
+    cp, sp = math.cos(camera[0]), math.sin(camera[0])
+    focal = math.exp(camera[2])
+    windows = sight_windows(camera[1], boxes, turns)
+    chosen = np.empty(len(boxes), dtype=np.int64)
+    for t in range(len(item_of)):
+        frame = 0.0
+        n_chosen = boxes_in_sight(camera[1], joints[t], windows, chosen)
+        for j in range(16):
+            if not problem.used[t, j]:
+                continue
+            x, y, z = joints[t, j, 0], joints[t, j, 1], joints[t, j, 2]
+            gap = clearance(camera[1], x, y, z, boxes, turns, windows, chosen, n_chosen)
+            seen = p_seen(gap, problem.sight_width, problem.surprise)
+            if item_of[t] < 0:
+                frame += math.log(
+                    seen * problem.static_density[t, j, 1]
+                    + (1 - seen) * problem.static_density[t, j, 0]
+                )
+                continue
+            depth = max(cp * y + sp * (z - camera[1]), _NEAREST)
+            up = -sp * y + cp * (z - camera[1])
+            du = problem.cx + focal * problem.fx * x / depth - problem.keypoints[t, j, 0]
+            dv = problem.cy - focal * problem.fy * up / depth - problem.keypoints[t, j, 1]
+            error = du * du + dv * dv
+            loose = (focal * problem.fx * problem.pose_tolerance / depth) ** 2
+            hidden_log = problem.log_confidence[t, j, 0] + _log_t(
+                error, problem.error_scale[t, j, 0] ** 2 + loose, problem.error_dof[t, j, 0]
+            )
+            seen_log = problem.log_confidence[t, j, 1] + _log_t(
+                error, problem.error_scale[t, j, 1] ** 2 + loose, problem.error_dof[t, j, 1]
+            )
+            a, b = math.log(seen) + seen_log, math.log(1 - seen) + hidden_log
+            top = max(a, b)
+            frame += top + math.log(math.exp(a - top) + math.exp(b - top))
+        by_frame[t] = frame
+
+
+@compiled
+def _collisions(problem: Problem, boxes: Array, owner: Ints, yaws: Array) -> float:
+    """E_c: how deep objects of different scenelets are in each other, unless they are one."""
+    total = 0.0
+    n = len(boxes)
+    for a in range(n):
+        for b in range(a + 1, n):
+            if owner[a, 0] == owner[b, 0]:
+                continue
+            aligned = math.cos(yaws[a] - yaws[b]) > math.cos(problem.merge_angle)
+            if owner[a, 2] == owner[b, 2] and aligned:
+                continue
+            total += footprint_depth(boxes[a], boxes[b])
+    return -problem.collision_cost * problem.likelihood * total
+
+
+@compiled
+def _motion(
+    problem: Problem, item_of: Ints, joints: Array, boxes: Array, turns: Array, owner: Ints
+) -> float:
+    """E_m: how deep trunk, thighs and shins stand in objects that are not the frame's own."""
+    total = 0.0
+    for t in range(len(item_of)):
+        if not problem.used[t].any():
+            continue
+        q = joints[t]
+        for k in range(len(boxes)):
+            if owner[k, 0] == item_of[t]:
+                continue
+            dx, dy = q[6, 0] - boxes[k, 0], q[6, 1] - boxes[k, 1]
+            if dx * dx + dy * dy > (turns[k, 2] + 1.0) ** 2:
+                continue
+            # The trunk starts above the seat; each thigh and shin is a short column.
+            depth = column_depth(q[6, 0], q[6, 1], q[6, 2] - 0.05, q[9, 2], boxes[k], turns[k])
+            for side in range(2):
+                hip, knee, ankle = (2, 1, 0) if side == 0 else (3, 4, 5)
+                depth = max(
+                    depth,
+                    column_depth(
+                        0.5 * (q[hip, 0] + q[knee, 0]), 0.5 * (q[hip, 1] + q[knee, 1]),
+                        min(q[hip, 2], q[knee, 2]), max(q[hip, 2], q[knee, 2]),
+                        boxes[k], turns[k],
+                    ),
+                    column_depth(
+                        0.5 * (q[knee, 0] + q[ankle, 0]), 0.5 * (q[knee, 1] + q[ankle, 1]),
+                        min(q[knee, 2], q[ankle, 2]), max(q[knee, 2], q[ankle, 2]),
+                        boxes[k], turns[k],
+                    ),
+                )  # fmt: skip
+            total += depth
+    return -problem.motion_cost * problem.frame_weight * problem.likelihood * total
+
+
+@compiled
+def evaluate(
+    problem: Problem,
+    camera: Array,
+    items: Ints,
+    placements: Array,
+    latent: Array,
+    joints: Array,
+    by_frame: Array,
+) -> Array:
+    """The terms of the log-posterior of one state.
+
+    Parameters
+    ----------
+    problem : Problem
+    camera : (4,) float
+        phi: pitch (rad), elevation (m), log focal scale, log body scale.
+    items : (k, 2) int
+        Scenelet and start frame, sorted by start.
+    placements : (k, 3) float
+        x, y (m), yaw (rad) of each scenelet's local frame in the world.
+    latent : (T, 2) float
+        Standard normal numbers of the path.
+    joints : (T, 16, 3) float
+        Out: the motion in the world, metres.
+    by_frame : (T,) float
+        Out: log-likelihood of each frame's detections, nats, unweighted; left as it is
+        where the likelihood is switched off.
+
+    Returns
+    -------
+    (8,) float
+        Values of ``TERMS``; the first is -inf outside the support.
+    """
+    terms = np.zeros(8)
+    item_of = np.full(problem.lift.shape[0], -1, dtype=np.int64)
+    inside = camera[1] > 0.2 and abs(camera[0]) < 1.0
+    if not inside or not _place_scenelets(problem, items, placements, item_of, joints):
+        terms[0] = -math.inf
+        return terms
+    _scale_bodies(math.exp(camera[3]), item_of, placements, joints)
+    quadratic = 0.0
+    for a in range(4):
+        for b in range(4):
+            quadratic += (
+                (camera[a] - problem.camera_mean[a])
+                * problem.camera_precision[a, b]
+                * (camera[b] - problem.camera_mean[b])
+            )
+    terms[0] = problem.camera_constant - 0.5 * quadratic
+    for i in range(len(items)):
+        terms[1] += problem.log_rate[items[i, 0]]
+    terms[3], terms[2] = _path(problem, camera, item_of, latent, joints)
+    if problem.likelihood == 0.0:
+        return terms
+    boxes, turns, owner, yaws = _place_boxes(problem, items, placements)
+    _detections(problem, camera, item_of, joints, boxes, turns, by_frame)
+    weight = problem.frame_weight * problem.likelihood
+    for t in range(len(item_of)):
+        terms[4] += weight * by_frame[t]
+        if item_of[t] < 0:
+            terms[5] -= weight * problem.free_cost[t]
+    terms[6] = _collisions(problem, boxes, owner, yaws)
+    terms[7] = _motion(problem, item_of, joints, boxes, turns, owner)
+    return terms

@@ -1,0 +1,1 @@
+"""The terms of the log-posterior, a file each."""

@@ -1,0 +1,103 @@
+"""The path of a person in frames that no scenelet covers, and what is known of the camera."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imapper_prob.models.errors import InputError
+from imapper_prob.models.scene import read_only
+from imapper_prob.models.skeleton import N_JOINTS
+
+__all__ = ["CameraPrior", "StaticPath"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class StaticPath:
+    """Where each frame alone puts the person, before any scenelet.
+
+    The pelvis is described as the camera sees it, ``(bearing, log depth)`` with
+    ``bearing = x / depth``, because nearly all uncertainty lies along the viewing ray and
+    is relative: a walk of log depth treats near and far alike.
+
+    Parameters
+    ----------
+    estimate : (T, 2) float
+        Smoothed maximum a posteriori bearing (tangent) and log depth (depth in metres).
+    lift : (T,) float
+        Height of the pelvis above the optical axis over its depth (tangent), smoothed.
+    measured : (T, 2) float
+        What each frame's detections alone say of bearing and log depth: the centre of the
+        Gaussian that stands for the frame's likelihood.
+    precision : (T, 2) float
+        Inverse variance of ``measured``, correlation between frames already taken into
+        account; 0 where the frame says nothing.
+    poses : (T, 16, 3) float
+        Joints relative to the pelvis in camera axes, metres, for a body of the reference
+        stature; frames without a trustworthy pose are filled in.
+    posed : (T,) bool
+        Frames whose pose is their own.
+    """
+
+    estimate: Array
+    lift: Array
+    measured: Array
+    precision: Array
+    poses: Array
+    posed: NDArray[np.bool_]
+
+    def __post_init__(self) -> None:
+        n = len(self.lift)
+        for name, shape in (
+            ("estimate", (n, 2)),
+            ("lift", (n,)),
+            ("measured", (n, 2)),
+            ("precision", (n, 2)),
+            ("poses", (n, N_JOINTS, 3)),
+        ):
+            array = read_only(getattr(self, name), shape=shape, name=f"static path {name}")
+            if not np.isfinite(array).all():
+                raise InputError(f"static path: {name} is not finite")
+            object.__setattr__(self, name, array)
+        if np.any(self.precision < 0):
+            raise InputError("static path: precision is negative")
+
+    @property
+    def pelvis(self) -> Array:
+        """(T, 3) pelvis in the camera frame, metres."""
+        bearing, depth = self.estimate[:, 0], np.exp(self.estimate[:, 1])
+        return np.stack([bearing * depth, depth, self.lift * depth], -1)
+
+    @property
+    def joints(self) -> Array:
+        """(T, 16, 3) joints in the camera frame, metres."""
+        return self.pelvis[:, None] + self.poses
+
+
+@dataclass(frozen=True)
+class CameraPrior:
+    """Gaussian over the nuisance parameters φ of a clip.
+
+    Order: pitch (rad), elevation (m), log focal scale, log body scale. The scales multiply
+    the clip's nominal focal length and the reference stature.
+    """
+
+    mean: Array
+    covariance: Array
+
+    def __post_init__(self) -> None:
+        mean = read_only(self.mean, shape=(4,), name="camera prior mean")
+        covariance = read_only(self.covariance, shape=(4, 4), name="camera prior covariance")
+        if not np.all(np.linalg.eigvalsh(covariance) > 0):
+            raise InputError("camera prior: covariance must be positive definite")
+        object.__setattr__(self, "mean", mean)
+        object.__setattr__(self, "covariance", covariance)
+
+    @property
+    def standard_deviations(self) -> Array:
+        """(4,) standard deviations, units of ``mean``."""
+        return np.sqrt(np.diag(self.covariance))

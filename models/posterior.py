@@ -1,0 +1,118 @@
+"""The log-posterior of a clip as a function of a state."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imapper_prob.models.compiled import TERMS, evaluate
+from imapper_prob.models.problem import Problem
+
+__all__ = [
+    "State",
+    "empty_state",
+    "frame_log_likelihood",
+    "log_posterior",
+    "motion",
+    "terms",
+]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """One hypothesis s = (phi, X, P, z).
+
+    Parameters
+    ----------
+    camera : (4,) float
+        phi: pitch (rad), elevation (m), log focal scale, log body scale.
+    items : (k, 2) int
+        X: scenelet index and start frame, sorted by start frame.
+    placements : (k, 3) float
+        P: x, y in metres and yaw in radians of each scenelet's local frame.
+    latent : (T, 2) float
+        z: standard normal numbers from which the path of free frames is drawn.
+    """
+
+    camera: Array
+    items: NDArray[np.int64]
+    placements: Array
+    latent: Array
+
+    def __post_init__(self) -> None:
+        for array in (self.camera, self.items, self.placements, self.latent):
+            array.setflags(write=False)
+
+    @property
+    def n_scenelets(self) -> int:
+        """k, how many scenelets are assigned."""
+        return len(self.items)
+
+    def with_item(self, scenelet: int, start: int, placement: Array) -> State:
+        """The state with one more scenelet, kept in order of time."""
+        at = int(np.searchsorted(self.items[:, 1], start))
+        return replace(
+            self,
+            items=np.insert(self.items, at, (scenelet, start), axis=0),
+            placements=np.insert(self.placements, at, placement, axis=0),
+        )
+
+    def without_item(self, index: int) -> State:
+        """The state with one scenelet less."""
+        return replace(
+            self,
+            items=np.delete(self.items, index, axis=0),
+            placements=np.delete(self.placements, index, axis=0),
+        )
+
+    def with_placement(self, index: int, placement: Array) -> State:
+        """The state with one scenelet placed elsewhere."""
+        placements = self.placements.copy()
+        placements[index] = placement
+        return replace(self, placements=placements)
+
+
+def empty_state(problem: Problem) -> State:
+    """No scenelet, the mean camera and the mean path."""
+    return State(
+        camera=np.array(problem.camera_mean),
+        items=np.empty((0, 2), np.int64),
+        placements=np.empty((0, 3)),
+        latent=np.zeros((problem.n_frames, 2)),
+    )
+
+
+def _evaluate(problem: Problem, state: State) -> tuple[Array, Array, Array]:
+    joints = np.empty((problem.n_frames, 16, 3))
+    by_frame = np.zeros(problem.n_frames)
+    values = evaluate(
+        problem, state.camera, state.items, state.placements, state.latent, joints, by_frame
+    )
+    return values, joints, by_frame
+
+
+def log_posterior(problem: Problem, state: State) -> float:
+    """log pi(phi, X, P | z) up to the constant of the clip, -inf outside the support.
+
+    The normal density of the latent numbers is not included: it is their reference measure.
+    """
+    return float(_evaluate(problem, state)[0].sum())
+
+
+def terms(problem: Problem, state: State) -> dict[str, float]:
+    """The log-posterior term by term, in nats."""
+    return dict(zip(TERMS, _evaluate(problem, state)[0].tolist(), strict=True))
+
+
+def frame_log_likelihood(problem: Problem, state: State) -> Array:
+    """(T,) log-likelihood of each frame's detections, nats, before the frame weight."""
+    return _evaluate(problem, state)[2]
+
+
+def motion(problem: Problem, state: State) -> Array:
+    """(T, 16, 3) joints of the state in its world, metres."""
+    return _evaluate(problem, state)[1]

@@ -1,0 +1,187 @@
+"""Everything the log-posterior of one clip needs, packed into flat arrays."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imapper_prob.models.camera import Camera
+from imapper_prob.models.energy.detections import DetectionModel, student_t
+from imapper_prob.models.errors import InputError
+from imapper_prob.models.geometry import pack_boxes
+from imapper_prob.models.path import CameraPrior, StaticPath
+from imapper_prob.models.scene import Clip
+from imapper_prob.models.scenelet import Library
+from imapper_prob.models.settings import ModelSettings
+from imapper_prob.models.skeleton import DETECTED, N_JOINTS
+
+__all__ = ["Problem", "pack_problem", "resample"]
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+class Problem(NamedTuple):
+    """The data and constants of one actor's log-posterior.
+
+    T frames, 16 joints, L scenelets of N frames in all, B boxes in all. Index 0 is hidden
+    and 1 seen wherever a last axis has length 2 without being a coordinate.
+    """
+
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    keypoints: Array  # (T, 16, 2) pixels
+    used: NDArray[np.bool_]  # (T, 16) detected joints
+    log_confidence: Array  # (T, 16, 2) log p0(c), log p1(c)
+    error_scale: Array  # (T, 16, 2) pixels
+    error_dof: Array  # (T, 16, 2)
+    measured: Array  # (T, 2) bearing, log depth
+    precision: Array  # (T, 2)
+    lift: Array  # (T,)
+    poses: Array  # (T, 16, 3) camera axes, metres
+    static_density: Array  # (T, 16, 2) p(u, c | hidden), p(u, c | seen) at the frame's own fit
+    free_cost: Array  # (T,) nats a free frame pays for its pose, before the frame weight
+    joints: Array  # (N, 16, 3) scenelet joints, local frame, metres
+    joint_first: Ints  # (L + 1,) where each scenelet's frames start
+    boxes: Array  # (B, 7) scenelet boxes, local frame
+    box_first: Ints  # (L + 1,)
+    box_object: Ints  # (B,) which object of its scenelet a box is of
+    box_label: Ints  # (B,) category of that object
+    box_yaw: Array  # (B,) orientation of that object, radians
+    log_rate: Array  # (L,) log prior odds of the scenelet at a given start
+    camera_mean: Array  # (4,)
+    camera_precision: Array  # (4, 4)
+    camera_constant: float
+    step_variance: Array  # (2,)
+    start_mean: Array  # (2,)
+    start_variance: Array  # (2,)
+    frame_weight: float
+    pose_tolerance: float
+    sight_width: float
+    surprise: float
+    collision_cost: float
+    motion_cost: float
+    merge_angle: float
+    likelihood: float
+
+    @property
+    def n_frames(self) -> int:
+        """Frames of the clip, T."""
+        return len(self.lift)
+
+    @property
+    def lengths(self) -> Ints:
+        """(L,) frames of each scenelet."""
+        return np.diff(self.joint_first)
+
+
+def resample(joints: Array, *, fps: float, to_fps: float) -> Array:
+    """A motion (n, 16, 3) at another frame rate, its middle frame kept in the middle."""
+    if fps == to_fps:
+        return np.array(joints)
+    n = len(joints)
+    before = int(np.floor((n // 2) / fps * to_fps + 1e-9))
+    after = int(np.floor((n - 1 - n // 2) / fps * to_fps + 1e-9))
+    at = n // 2 + np.arange(-before, after + 1) * fps / to_fps
+    low = np.clip(np.floor(at).astype(int), 0, n - 2)
+    part = (at - low)[:, None, None]
+    result: Array = (1 - part) * joints[low] + part * joints[low + 1]
+    return result
+
+
+def pack_problem(
+    clip: Clip,
+    path: StaticPath,
+    camera: CameraPrior,
+    library: Library,
+    *,
+    track: int = 0,
+    settings: ModelSettings | None = None,
+    detections: DetectionModel | None = None,
+    weights: Array | None = None,
+) -> Problem:
+    """Pack one actor of a clip with its static path, camera prior and a library.
+
+    ``weights`` (L,), positive, say how the prior rate is shared among the scenelets; they
+    are normalised, and equal if not given.
+
+    Raises
+    ------
+    InputError
+        If the static path and the clip differ in length, or no scenelet fits in the clip.
+    """
+    settings = settings or ModelSettings()
+    detections = detections or DetectionModel()
+    person, nominal = clip.tracks[track], clip.camera
+    if len(path.lift) != clip.n_frames:
+        raise InputError(f"clip {clip.name}: the static path has {len(path.lift)} frames")
+    used = np.zeros((clip.n_frames, N_JOINTS), bool)
+    used[:, list(DETECTED)] = person.confidences[:, list(DETECTED)] > 0
+    keypoints = np.where(used[..., None], person.keypoints, 0.0)
+    log_confidence = np.log(detections.confidence_density(person.confidences))
+    scale, dof = detections.error_tables(person.confidences, image_height=nominal.height)
+    residual = _static_residual(nominal, path, keypoints)
+    static = np.exp(log_confidence + student_t(residual[..., None], scale, dof))
+
+    motions = [resample(s.joints, fps=s.fps, to_fps=clip.fps) for s in library]
+    lengths = np.array([len(m) for m in motions])
+    if lengths.min() > clip.n_frames:
+        raise InputError(
+            f"clip {clip.name}: {clip.n_frames} frames, but the shortest scenelet of library "
+            f"{library.name} has {lengths.min()}; use a longer clip"
+        )
+    shares = np.ones(len(library)) if weights is None else np.asarray(weights, float)
+    labels = sorted({label for s in library for label in s.labels})
+    counts = [sum(len(o.cuboids) for o in s.objects) for s in library]
+    object_of = [(i, o) for s in library for i, o in enumerate(s.objects) for _ in o.cuboids]
+    bend = np.sqrt(10.0 / clip.fps)  # the walk was measured at 10 frames a second
+    return Problem(
+        fx=nominal.fx, fy=nominal.fy, cx=nominal.cx, cy=nominal.cy,
+        keypoints=keypoints,
+        used=used,
+        log_confidence=log_confidence,
+        error_scale=scale,
+        error_dof=dof,
+        measured=path.measured,
+        precision=path.precision * settings.likelihood,
+        lift=path.lift,
+        poses=path.poses,
+        static_density=static,
+        free_cost=np.zeros(clip.n_frames),
+        joints=np.concatenate(motions),
+        joint_first=np.concatenate([[0], np.cumsum(lengths)]).astype(np.int64),
+        boxes=np.concatenate([pack_boxes(s.objects) for s in library]),
+        box_first=np.concatenate([[0], np.cumsum(counts)]).astype(np.int64),
+        box_object=np.array([i for i, _ in object_of], dtype=np.int64),
+        box_label=np.array([labels.index(o.label) for _, o in object_of], dtype=np.int64),
+        box_yaw=np.array([o.placement.yaw for _, o in object_of], dtype=np.float64),
+        log_rate=np.log(settings.scenelet_rate * shares / shares.sum()),
+        camera_mean=camera.mean,
+        camera_precision=np.linalg.inv(camera.covariance).astype(np.float64),
+        camera_constant=-0.5 * float(np.linalg.slogdet(2 * np.pi * camera.covariance)[1]),
+        step_variance=(bend * np.array([settings.walk_bearing, settings.walk_log_depth])) ** 2,
+        start_mean=np.array([0.0, np.log(settings.start_depth)]),
+        start_variance=np.array([settings.start_bearing, settings.start_log_depth]) ** 2,
+        frame_weight=settings.frame_weight * 10.0 / clip.fps,
+        pose_tolerance=settings.pose_tolerance,
+        sight_width=settings.sight_width,
+        surprise=settings.surprise,
+        collision_cost=settings.collision_cost,
+        motion_cost=settings.motion_cost,
+        merge_angle=settings.merge_angle,
+        likelihood=settings.likelihood,
+    )  # fmt: skip
+
+
+def _static_residual(camera: Camera, path: StaticPath, keypoints: Array) -> Array:
+    """(T, 16) squared pixels between detections and the frame's own fitted pose.
+
+    The pose stands at the frame's smoothed estimate; behind the camera the residual is that
+    of a point at the image's edge, which no detector model calls likely.
+    """
+    error = ((camera.project_camera(path.joints) - keypoints) ** 2).sum(-1)
+    return np.where(np.isfinite(error), error, float(camera.width**2 + camera.height**2))

@@ -1,0 +1,338 @@
+"""What goes in (clip) and what comes out (scene).
+
+All types are frozen; arrays are validated and made read-only at the door, so whatever
+holds one of these may rely on it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from imapper_prob.models.camera import Camera
+from imapper_prob.models.errors import InputError
+from imapper_prob.models.skeleton import JOINTS, N_JOINTS
+
+__all__ = ["Clip", "Cuboid", "Placement", "Scene", "SceneObject", "Track", "Truth", "read_only"]
+
+Array = NDArray[np.float64]
+
+
+def read_only(values: ArrayLike, *, shape: Sequence[int | None], name: str) -> Array:
+    """A read-only float copy of ``values`` after checking its shape (``None``: any length)."""
+    try:
+        array = np.array(values, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{name}: expected numbers, got {type(values).__name__}") from error
+    expected = tuple(shape)
+    if array.ndim != len(expected) or any(
+        e is not None and e != a for a, e in zip(array.shape, expected, strict=True)
+    ):
+        raise InputError(f"{name}: expected shape {expected}, got {array.shape}")
+    array.setflags(write=False)
+    return array
+
+
+@dataclass(frozen=True)
+class Placement:
+    """A position and orientation on the floor.
+
+    Parameters
+    ----------
+    x, y : float
+        Position in metres.
+    yaw : float
+        Counter-clockwise rotation about z in radians; the local +y axis is "forward".
+    """
+
+    x: float
+    y: float
+    yaw: float
+
+    def __post_init__(self) -> None:
+        if not np.all(np.isfinite([self.x, self.y, self.yaw])):
+            raise InputError(f"placement ({self.x}, {self.y}, {self.yaw}) must be finite")
+
+    @property
+    def rotation(self) -> Array:
+        """(2, 2) rotation from local to parent axes."""
+        c, s = np.cos(self.yaw), np.sin(self.yaw)
+        return np.array([[c, -s], [s, c]])
+
+    def apply(self, points: ArrayLike) -> Array:
+        """Local points (..., 3) to the parent frame (..., 3), metres."""
+        points = np.asarray(points, float)
+        floor = points[..., :2] @ self.rotation.T + (self.x, self.y)
+        return np.concatenate([floor, points[..., 2:]], -1)
+
+    def compose(self, inner: Placement) -> Placement:
+        """The placement, in this one's parent frame, of something placed at ``inner``."""
+        x, y = self.rotation @ (inner.x, inner.y) + (self.x, self.y)
+        return Placement(float(x), float(y), self.yaw + inner.yaw)
+
+
+@dataclass(frozen=True)
+class Cuboid:
+    """A box with vertical sides.
+
+    Parameters
+    ----------
+    part : str
+        What it is of its object: ``"seat"``, ``"back"``, ``"top"``, ``"leg"``, …
+    centre : (3,) float
+        Centre in metres, in the frame of the object.
+    size : (3,) float
+        Full side lengths in metres along the object's x (width), y (depth) and z axes.
+    """
+
+    part: str
+    centre: Array
+    size: Array
+
+    def __post_init__(self) -> None:
+        centre = read_only(self.centre, shape=(3,), name=f"cuboid {self.part} centre")
+        size = read_only(self.size, shape=(3,), name=f"cuboid {self.part} size")
+        if not np.all(np.isfinite(centre)) or not np.all(np.isfinite(size)) or np.any(size <= 0):
+            raise InputError(f"cuboid {self.part}: centre and size must be finite, size positive")
+        object.__setattr__(self, "centre", centre)
+        object.__setattr__(self, "size", size)
+
+
+@dataclass(frozen=True)
+class SceneObject:
+    """A piece of furniture: a label, where it stands, and its boxes.
+
+    Parameters
+    ----------
+    label : str
+        Category, lower case: ``"chair"``, ``"couch"``, ``"table"``, ``"shelf"``, …
+    placement : Placement
+        Where it stands in its parent frame. Local +y is the object's front (a seat is left
+        towards +y, its backrest is at −y); the local origin is on the floor.
+    cuboids : tuple of Cuboid
+        Parts in the object's own frame; z is height above the floor.
+    """
+
+    label: str
+    placement: Placement
+    cuboids: tuple[Cuboid, ...]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "cuboids", tuple(self.cuboids))
+        if not self.label:
+            raise InputError("an object needs a label")
+        if not self.cuboids:
+            raise InputError(f"object {self.label!r} has no cuboids")
+
+    @property
+    def bounds(self) -> Array:
+        """(2, 3) lower and upper corner of all parts in the object's own frame, metres."""
+        low = np.min([c.centre - c.size / 2 for c in self.cuboids], axis=0)
+        high = np.max([c.centre + c.size / 2 for c in self.cuboids], axis=0)
+        return np.stack([low, high])
+
+    @property
+    def centre(self) -> Array:
+        """(3,) centre of the bounding box in the parent frame, metres."""
+        return self.placement.apply(self.bounds.mean(0))
+
+    @property
+    def footprint(self) -> Array:
+        """(4, 2) corners of the bounding box on the parent's floor, counter-clockwise."""
+        (x0, y0, _), (x1, y1, _) = self.bounds
+        corners = np.array([[x0, y0, 0], [x1, y0, 0], [x1, y1, 0], [x0, y1, 0]])
+        return self.placement.apply(corners)[:, :2]
+
+    def moved(self, placement: Placement) -> SceneObject:
+        """The object with its parent frame placed at ``placement``."""
+        return SceneObject(self.label, placement.compose(self.placement), self.cuboids)
+
+
+@dataclass(frozen=True)
+class Track:
+    """What a detector and a lifter said about one person, frame by frame.
+
+    Parameters
+    ----------
+    name : str
+        Whose track this is.
+    keypoints : (T, 16, 2) float
+        Detections in pixels; NaN where there is none.
+    confidences : (T, 16) float
+        Detector confidence in [0, 1]; 0 where there is no detection or the joint is
+        synthesised from others.
+    poses : (T, 16, 3) float
+        Lifted joints relative to the pelvis, camera axes (x right, y forward, z up), metres;
+        NaN for a whole frame without a pose.
+    interpolated : (T,) bool
+        Frames whose pose the input had already filled in.
+    """
+
+    name: str
+    keypoints: Array
+    confidences: Array
+    poses: Array
+    interpolated: NDArray[np.bool_]
+
+    def __post_init__(self) -> None:
+        keypoints = read_only(self.keypoints, shape=(None, N_JOINTS, 2), name="keypoints")
+        n_frames = len(keypoints)
+        confidences = read_only(
+            self.confidences, shape=(n_frames, N_JOINTS), name=f"confidences of {self.name}"
+        )
+        poses = read_only(self.poses, shape=(n_frames, N_JOINTS, 3), name=f"poses of {self.name}")
+        interpolated = np.array(self.interpolated, dtype=bool)
+        if interpolated.shape != (n_frames,):
+            raise InputError(f"interpolated of {self.name}: expected ({n_frames},) flags")
+        bad = np.logical_not((confidences >= 0) & (confidences <= 1))
+        if bad.any():
+            t, j = np.argwhere(bad)[0]
+            raise InputError(
+                f"track {self.name}, frame {t}, joint {JOINTS[j]}: confidence "
+                f"{confidences[t, j]} is not in [0, 1]"
+            )
+        lost = (confidences > 0) & ~np.isfinite(keypoints).all(-1)
+        if lost.any():
+            t, j = np.argwhere(lost)[0]
+            raise InputError(
+                f"track {self.name}, frame {t}, joint {JOINTS[j]}: a confidence but no finite "
+                "position; give a missing joint confidence 0"
+            )
+        partial = np.isfinite(poses).all((1, 2)) != np.isfinite(poses).any((1, 2))
+        if partial.any():
+            t = int(np.argmax(partial))
+            j = int(np.argmax(~np.isfinite(poses[t]).all(-1)))
+            raise InputError(
+                f"track {self.name}, frame {t}, joint {JOINTS[j]}: pose is not finite; a frame "
+                "has all joints or none"
+            )
+        interpolated.setflags(write=False)
+        object.__setattr__(self, "keypoints", keypoints)
+        object.__setattr__(self, "confidences", confidences)
+        object.__setattr__(self, "poses", poses)
+        object.__setattr__(self, "interpolated", interpolated)
+
+    @property
+    def has_pose(self) -> NDArray[np.bool_]:
+        """(T,) bool, frames with a lifted pose."""
+        flags: NDArray[np.bool_] = np.isfinite(self.poses).all(-1).all(-1)
+        return flags
+
+
+@dataclass(frozen=True)
+class Truth:
+    """What really was there, where somebody knows.
+
+    Parameters
+    ----------
+    camera : Camera
+        The camera whose world frame ``objects`` and ``joints`` are in.
+    objects : tuple of SceneObject
+        Furniture in that world frame.
+    joints : (T, 16, 3) float
+        Joints in that world frame, metres; NaN in frames without annotation.
+    hidden : (T, 16) bool
+        Joints behind furniture, seen from the camera.
+    actions : tuple of str
+        A word a frame (``"sitting"``, …), or empty.
+    """
+
+    camera: Camera
+    objects: tuple[SceneObject, ...]
+    joints: Array
+    hidden: NDArray[np.bool_]
+    actions: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "objects", tuple(self.objects))
+        joints = read_only(self.joints, shape=(None, N_JOINTS, 3), name="true joints")
+        object.__setattr__(self, "joints", joints)
+        object.__setattr__(self, "actions", tuple(self.actions))
+
+
+@dataclass(frozen=True)
+class Clip:
+    """One fixed camera and the people it saw.
+
+    Parameters
+    ----------
+    name : str
+        For messages and file names.
+    camera : Camera
+        Intrinsics, and the nominal pose (the mean of the prior).
+    fps : float
+        Frames a second.
+    frame_ids : (T,) int
+        The input's own numbers of the frames, strictly increasing by one.
+    tracks : tuple of Track
+        One per actor, all of T frames.
+    focal_known : bool
+        Whether the focal length was measured; if not it is given ±5 %.
+    truth : Truth, optional
+        For simulated clips and benchmarks. Inference never reads it.
+    """
+
+    name: str
+    camera: Camera
+    fps: float
+    frame_ids: NDArray[np.int64]
+    tracks: tuple[Track, ...]
+    focal_known: bool = False
+    truth: Truth | None = field(default=None, compare=False)
+
+    def __post_init__(self) -> None:
+        ids = np.array(self.frame_ids, dtype=np.int64)
+        if ids.ndim != 1 or (len(ids) > 1 and np.any(np.diff(ids) != 1)):
+            raise InputError(f"clip {self.name}: frame ids must be consecutive integers")
+        object.__setattr__(self, "tracks", tuple(self.tracks))
+        if not self.tracks:
+            raise InputError(f"clip {self.name}: no person in it")
+        if not (np.isfinite(self.fps) and self.fps > 0):
+            raise InputError(f"clip {self.name}: frame rate {self.fps} must be positive")
+        for track in self.tracks:
+            if len(track.keypoints) != len(ids):
+                raise InputError(
+                    f"clip {self.name}: track {track.name} has {len(track.keypoints)} frames, "
+                    f"the clip has {len(ids)}"
+                )
+        ids.setflags(write=False)
+        object.__setattr__(self, "frame_ids", ids)
+
+    @property
+    def n_frames(self) -> int:
+        """Number of frames T."""
+        return len(self.frame_ids)
+
+
+@dataclass(frozen=True)
+class Scene:
+    """One answer: the furniture and the motion.
+
+    Parameters
+    ----------
+    camera : Camera
+        The camera of this answer; its pose defines the world frame.
+    objects : tuple of SceneObject
+        Furniture in the world, merged where scenelets agree.
+    joints : (T, 16, 3) float
+        The motion in the world, metres; NaN in frames about which nothing is known.
+    layout : tuple of (str, int)
+        Scenelet identifiers and the frame index each starts at, in order of time.
+    log_posterior : float
+        Up to the constant of the clip.
+    """
+
+    camera: Camera
+    objects: tuple[SceneObject, ...]
+    joints: Array
+    layout: tuple[tuple[str, int], ...]
+    log_posterior: float
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "objects", tuple(self.objects))
+        object.__setattr__(self, "layout", tuple(self.layout))
+        joints = read_only(self.joints, shape=(None, N_JOINTS, 3), name="joints of the scene")
+        object.__setattr__(self, "joints", joints)

@@ -1,0 +1,107 @@
+"""Scenelets: short motion clips with the objects near them, and libraries of them."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imapper_prob.models.errors import InputError
+from imapper_prob.models.scene import SceneObject, read_only
+from imapper_prob.models.skeleton import N_JOINTS
+
+__all__ = ["Library", "Scenelet"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Scenelet:
+    """A person's motion over a second or two, and the furniture within reach.
+
+    Local frame: floor at z = 0, origin below the pelvis at the centre frame (index
+    ``n // 2``), +y the direction the person then faces.
+
+    Parameters
+    ----------
+    name : str
+        Unique in its library, ``"sit-couch-017"``.
+    action : str
+        What is done: ``"walk"``, ``"sit"``, ``"stand"``, ``"reach"``, …
+    joints : (n, 16, 3) float
+        Joints in the local frame, metres, at the clip's frame rate.
+    objects : tuple of SceneObject
+        Furniture in the local frame; may be empty.
+    fps : float
+        Frames a second of ``joints``.
+    """
+
+    name: str
+    action: str
+    joints: Array
+    objects: tuple[SceneObject, ...]
+    fps: float = 10.0
+
+    def __post_init__(self) -> None:
+        joints = read_only(self.joints, shape=(None, N_JOINTS, 3), name=f"scenelet {self.name}")
+        if len(joints) < 2:
+            raise InputError(f"scenelet {self.name}: needs at least 2 frames, has {len(joints)}")
+        if not np.isfinite(joints).all():
+            t, j = np.argwhere(~np.isfinite(joints).all(-1))[0]
+            raise InputError(f"scenelet {self.name}, frame {t}, joint {j}: not finite")
+        if not (np.isfinite(self.fps) and self.fps > 0):
+            raise InputError(f"scenelet {self.name}: frame rate {self.fps} must be positive")
+        object.__setattr__(self, "joints", joints)
+        object.__setattr__(self, "objects", tuple(self.objects))
+
+    @property
+    def n_frames(self) -> int:
+        """Number of frames n."""
+        return len(self.joints)
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Categories of the objects, in order."""
+        return tuple(o.label for o in self.objects)
+
+
+@dataclass(frozen=True)
+class Library(Sequence[Scenelet]):
+    """All scenelets a run may use, in a fixed order."""
+
+    name: str
+    scenelets: tuple[Scenelet, ...]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "scenelets", tuple(self.scenelets))
+        if not self.scenelets:
+            raise InputError(f"library {self.name} is empty")
+        names = [s.name for s in self.scenelets]
+        if len(set(names)) != len(names):
+            twice = next(n for n in names if names.count(n) > 1)
+            raise InputError(f"library {self.name}: scenelet {twice} occurs twice")
+
+    def __len__(self) -> int:
+        return len(self.scenelets)
+
+    def __getitem__(self, index: int) -> Scenelet:  # type: ignore[override]
+        return self.scenelets[index]
+
+    def __iter__(self) -> Iterator[Scenelet]:
+        return iter(self.scenelets)
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of names, motions and objects: what a run's provenance records."""
+        state = hashlib.sha256()
+        for s in self.scenelets:
+            state.update(f"{s.name}|{s.action}|{s.fps}".encode())
+            state.update(np.ascontiguousarray(s.joints).tobytes())
+            for o in s.objects:
+                state.update(repr((o.label, o.placement)).encode())
+                for c in o.cuboids:
+                    state.update(c.part.encode() + c.centre.tobytes() + c.size.tobytes())
+        return state.hexdigest()

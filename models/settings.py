@@ -1,0 +1,74 @@
+"""The constants of the model, each with its unit and where it comes from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from imapper_prob.models.errors import InputError
+
+__all__ = ["ModelSettings"]
+
+
+@dataclass(frozen=True)
+class ModelSettings:
+    """What the log-posterior is made with.
+
+    Parameters
+    ----------
+    frame_weight : float
+        Factor on every frame's log-likelihood. Detections of neighbouring frames are not
+        independent: on i3DB the pixel residuals correlate over 11-13 frames and .15 across
+        joints; 1/5 gave the best paths there.
+    pose_tolerance : float
+        Metres; standard deviation of a real joint about the scenelet's. A library of a few
+        hundred motions never holds exactly this person's.
+    sight_width : float
+        Metres; width of the step from hidden to seen over the clearance of the ray.
+    surprise : float
+        Probability that a joint is hidden although nothing known is in its way, or seen
+        although something is.
+    walk_bearing, walk_log_depth : float
+        Standard deviation of one frame's step of the pelvis at 10 frames a second: tangent
+        of the bearing, and log metres (measured on i3DB).
+    start_bearing, start_log_depth : float
+        Standard deviations of where the person is first seen.
+    start_depth : float
+        Metres; median depth there.
+    collision_cost : float
+        Nats per metre that two objects are in each other, on the floor.
+    motion_cost : float
+        Nats per metre and frame that the person is in an object, before ``frame_weight``.
+    merge_angle : float
+        Radians; two overlapping objects of the same label turned less than this against
+        each other are one object seen twice.
+    scenelet_rate : float
+        Prior odds of a scenelet starting at a given frame against none, shared among the
+        library.
+    likelihood : float
+        Factor on everything that depends on data; 1, or 0 for the prior.
+    """
+
+    frame_weight: float = 0.2
+    pose_tolerance: float = 0.08
+    sight_width: float = 0.04
+    surprise: float = 0.02
+    walk_bearing: float = 0.03
+    walk_log_depth: float = 0.02
+    start_bearing: float = 0.25
+    start_log_depth: float = 0.4
+    start_depth: float = 4.0
+    collision_cost: float = 40.0
+    motion_cost: float = 20.0
+    merge_angle: float = 0.6
+    scenelet_rate: float = 0.02
+    likelihood: float = 1.0
+
+    def __post_init__(self) -> None:
+        for name in (
+            "frame_weight", "pose_tolerance", "sight_width", "walk_bearing", "walk_log_depth",
+            "start_bearing", "start_log_depth", "start_depth", "scenelet_rate",
+        ):  # fmt: skip
+            if not getattr(self, name) > 0:
+                raise InputError(f"model setting {name} = {getattr(self, name)} must be positive")
+        if not 0 < self.surprise < 0.5:
+            raise InputError(f"model setting surprise = {self.surprise} must be in (0, 0.5)")

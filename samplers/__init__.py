@@ -1,0 +1,1 @@
+"""How a distribution is explored: knows nothing of scenes."""

@@ -1,0 +1,336 @@
+"""Several chains side by side, the same draws whatever the number of processes.
+
+Each chain has its own child of one seed sequence, so no chain knows how many workers
+there are. Processes are spawned, not forked: forking after a threaded library was loaded
+may hang. The problem is sent once to each process, not once to each chain.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import multiprocessing
+import os
+import signal
+import threading
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import (
+    FIRST_COMPLETED,
+    BrokenExecutor,
+    Executor,
+    Future,
+    ProcessPoolExecutor,
+    wait,
+)
+from contextlib import contextmanager
+from multiprocessing.process import BaseProcess
+from typing import Any, NamedTuple, Protocol, TypeVar
+
+import numpy as np
+
+__all__ = ["ChainError", "Report", "Task", "run_chains"]
+
+P_contra = TypeVar("P_contra", contravariant=True)
+X_contra = TypeVar("X_contra", contravariant=True)
+R_co = TypeVar("R_co", covariant=True)
+P = TypeVar("P")
+X = TypeVar("X")
+R = TypeVar("R")
+
+# How long progress may lie before it is handed on: a person sees no delay.
+_POLL_SECONDS = 0.1
+
+# Chains already fill the cores: threads inside them would only fight for these.
+_ONE_THREAD = dict.fromkeys(
+    (
+        "OMP_NUM_THREADS",
+        "OPENBLAS_NUM_THREADS",
+        "MKL_NUM_THREADS",
+        "VECLIB_MAXIMUM_THREADS",
+        "NUMBA_NUM_THREADS",
+    ),
+    "1",
+)
+
+
+class ChainError(RuntimeError):
+    """A process that ran chains died; the message names the chains."""
+
+
+class Report(Protocol):
+    """What a task calls now and then."""
+
+    def __call__(self, progress: object = None, /) -> bool:
+        """Hand on ``progress`` (picklable, under 4 kB); False asks to return early.
+
+        Up to 4 kB is written in one piece, so that a process that is killed cannot leave
+        half a message behind.
+        """
+
+
+class Task(Protocol[P_contra, X_contra, R_co]):
+    """One chain: importable by name, so that another process can find it."""
+
+    def __call__(
+        self, problem: P_contra, start: X_contra, rng: np.random.Generator, report: Report, /
+    ) -> R_co:
+        """Run from ``start`` and return the result, the partial one if asked to stop."""
+
+
+OnProgress = Callable[[int, object], bool | None]
+
+
+class _Job(NamedTuple):
+    chain: int
+    start: Any
+    seed: np.random.SeedSequence
+
+
+class _Shared(NamedTuple):
+    """What a parent and its workers have in common.
+
+    ``stop`` and ``pids`` (the process of each running chain, else 0) are bare shared
+    memory: a lock might stay held by a process that was killed, or by the very code that
+    a signal handler interrupted.
+    """
+
+    stop: Any
+    pids: Any
+    queue: Any
+
+
+def run_chains(
+    task: Task[P, X, R],
+    problem: P,
+    starts: Sequence[X],
+    *,
+    seed: int | np.random.SeedSequence,
+    workers: int = 1,
+    executor: Executor | None = None,
+    on_progress: OnProgress | None = None,
+) -> list[R]:
+    """Run one chain from each start.
+
+    The first Ctrl-C asks every chain to stop, and what they have is returned; the second
+    one interrupts for good.
+
+    Parameters
+    ----------
+    task : callable
+        ``task(problem, start, rng, report) -> result``. With more than one worker all of
+        them must be picklable. A task that can be stopped calls ``report`` now and then
+        and returns when the answer is False.
+    problem : object
+        What all chains share, read only.
+    starts : sequence
+        One start a chain.
+    seed : int or numpy.random.SeedSequence
+        Each chain draws from its own child. As always in numpy, a sequence that is handed
+        in twice has other children the second time; an int has not.
+    workers : int
+        1 runs the chains here, one after the other; more spawn that many processes, each
+        with one thread for BLAS, OpenMP and numba.
+    executor : concurrent.futures.Executor, optional
+        Where to run instead. Nothing but the results comes back from there: no progress,
+        and no partial results of an interrupted run.
+    on_progress : callable, optional
+        ``on_progress(chain, progress)``, called here with what tasks report; returning
+        False asks all chains to stop.
+
+    Returns
+    -------
+    list
+        Results in the order of ``starts``.
+
+    Raises
+    ------
+    ChainError
+        A process died.
+    Exception
+        What a task raised, with a note that names the chain; other chains are asked to
+        stop.
+
+    Notes
+    -----
+    With more than one worker a script must keep its own work under
+    ``if __name__ == "__main__":``, because each process imports it.
+    """
+    if workers < 1:
+        raise ValueError(f"workers must be at least 1, not {workers}")
+    parent = seed if isinstance(seed, np.random.SeedSequence) else np.random.SeedSequence(seed)
+    children = parent.spawn(len(starts))
+    jobs = [_Job(i, *pair) for i, pair in enumerate(zip(starts, children, strict=True))]
+    if executor is not None:
+        if on_progress is not None:
+            raise ValueError("on_progress cannot be called from another executor")
+        futures = [executor.submit(_run, task, problem, job, _unheard) for job in jobs]
+        return _results(futures, "an executor's worker died")
+    if min(workers, len(jobs)) <= 1:
+        return _run_here(task, problem, jobs, on_progress)
+    return _run_in_processes(task, problem, jobs, min(workers, len(jobs)), on_progress)
+
+
+def _run(task: Task[P, X, R], problem: P, job: _Job, report: Report) -> R:
+    try:
+        return task(problem, job.start, np.random.default_rng(job.seed), report)
+    except Exception as error:
+        error.add_note(f"in chain {job.chain}")
+        raise
+
+
+def _unheard(progress: object = None, /) -> bool:
+    return True
+
+
+def _results(futures: Sequence[Future[R]], obituary: str) -> list[R]:
+    try:
+        return [future.result() for future in futures]
+    except BrokenExecutor as error:
+        raise ChainError(obituary) from error
+
+
+def _run_here(
+    task: Task[P, X, R], problem: P, jobs: Sequence[_Job], on_progress: OnProgress | None
+) -> list[R]:
+    stop = ctypes.c_bool(False)
+
+    def reporter(chain: int) -> Report:
+        def report(progress: object = None, /) -> bool:
+            if on_progress is not None and progress is not None:
+                stop.value = on_progress(chain, progress) is False or stop.value
+            return not stop.value
+
+        return report
+
+    with _first_interrupt_sets(stop):
+        return [_run(task, problem, job, reporter(job.chain)) for job in jobs]
+
+
+def _run_in_processes(
+    task: Task[P, X, R],
+    problem: P,
+    jobs: Sequence[_Job],
+    workers: int,
+    on_progress: OnProgress | None,
+) -> list[R]:
+    context = multiprocessing.get_context("spawn")
+    shared = _Shared(
+        stop=context.RawValue(ctypes.c_bool, False),
+        pids=context.RawArray(ctypes.c_long, len(jobs)),
+        queue=None if on_progress is None else context.SimpleQueue(),
+    )
+    strangers = set(multiprocessing.active_children())
+    with (
+        _first_interrupt_sets(shared.stop),
+        ProcessPoolExecutor(
+            workers, context, initializer=_initialise, initargs=(task, problem, shared)
+        ) as pool,
+    ):
+        with _environment(_ONE_THREAD):
+            futures: list[Future[R]] = [pool.submit(_run_in_worker, job) for job in jobs]
+        processes = set(multiprocessing.active_children()) - strangers
+        try:
+            _await(futures, shared, on_progress)
+        except BaseException:
+            for process in processes:
+                process.terminate()
+            raise
+    # Leaving the pool has joined all processes: only now are exit codes known.
+    return _results(futures, _obituary(shared.pids, processes))
+
+
+def _await(futures: Sequence[Future[R]], shared: _Shared, on_progress: OnProgress | None) -> None:
+    """Hand on progress until every chain has ended; when one fails, stop the others."""
+    pending = set(futures)
+    while pending:
+        done, pending = wait(pending, _POLL_SECONDS, FIRST_COMPLETED)
+        if any(future.exception() for future in done):
+            shared.stop.value = True
+            pending = {future for future in pending if not future.cancel()}
+        if on_progress is not None:
+            while not shared.queue.empty():
+                if on_progress(*shared.queue.get()) is False:
+                    shared.stop.value = True
+
+
+# What `_initialise` left for this worker process: a pool offers no other way to send
+# something once a process instead of once a job.
+_worker: tuple[Task[Any, Any, Any], Any, _Shared]
+
+
+def _initialise(task: Task[Any, Any, Any], problem: Any, shared: _Shared) -> None:
+    global _worker
+    # The terminal sends Ctrl-C to all processes; only the parent decides what it means.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    _worker = task, problem, shared
+
+
+def _run_in_worker(job: _Job) -> Any:
+    task, problem, shared = _worker
+
+    def report(progress: object = None, /) -> bool:
+        if shared.stop.value:
+            return False
+        if shared.queue is not None and progress is not None:
+            shared.queue.put((job.chain, progress))
+        return True
+
+    shared.pids[job.chain] = os.getpid()
+    try:
+        return _run(task, problem, job, report)
+    finally:
+        shared.pids[job.chain] = 0
+
+
+def _obituary(pids: Sequence[int], processes: set[BaseProcess]) -> str:
+    """Which chain's process died; the pool then ended all others by SIGTERM."""
+    codes = {process.pid: process.exitcode for process in processes}
+    running = {chain: codes.get(pid) for chain, pid in enumerate(pids) if pid}
+    if not running:
+        return (
+            "a process died before its chain began: can it import the task, and is the "
+            "script's own work under `if __name__ == '__main__':`?"
+        )
+    died = {chain: code for chain, code in running.items() if code not in (0, -signal.SIGTERM)}
+    return "; ".join(
+        f"chain {chain}: its process died with exit code {code}"
+        + (" (killed, perhaps for want of memory)" if code == -signal.SIGKILL else "")
+        for chain, code in (died or running).items()
+    )
+
+
+@contextmanager
+def _first_interrupt_sets(stop: Any) -> Iterator[None]:
+    """Ctrl-C sets the flag, and interrupts only where it is set already."""
+    if threading.current_thread() is not threading.main_thread():
+        # Python hands signals to the main thread alone.
+        yield
+        return
+
+    def handle(number: int, frame: object) -> None:
+        if stop.value:
+            raise KeyboardInterrupt
+        stop.value = True
+
+    previous = signal.signal(signal.SIGINT, handle)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, previous)
+
+
+@contextmanager
+def _environment(values: Mapping[str, str]) -> Iterator[None]:
+    """Environment variables for processes that are started meanwhile.
+
+    Numerical libraries read them while they are imported: a worker is too late to set them.
+    """
+    previous = {name: os.environ.get(name) for name in values}
+    os.environ.update(values)
+    try:
+        yield
+    finally:
+        for name, value in previous.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value

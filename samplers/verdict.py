@@ -1,0 +1,123 @@
+"""Is the result good, does it need more draws, or do the chains disagree?"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from imapper_prob.samplers.diagnostics import LayoutProbabilities, ess, rhat
+
+__all__ = ["Verdict", "judge"]
+
+# Vehtari et al. 2021 recommend both numbers, the second as 100 for each of four chains.
+_RHAT_LIMIT = 1.01
+_DRAWS_GOAL = 400.0
+# Layouts with a share outside are as good as excluded or certain: their error is small
+# whatever the number of effective draws.
+_OPEN = (0.05, 0.95)
+# Two chains disagree when less than half of their mass is on common layouts: no such
+# difference is left to chance once a chain has moved between layouts a few times.
+_COMMON_MASS = 0.5
+
+
+class Verdict(NamedTuple):
+    """What to think of a run.
+
+    Parameters
+    ----------
+    good : bool
+        The run can be used as it is.
+    more_draws : int
+        About how many more draws each chain needs; 0 where it is good, or where chains
+        disagree and more of the same may not help.
+    disagreement : (int, int), optional
+        Two layouts, each the favourite of a chain that hardly knows the other's.
+    text : str
+        One sentence for a person.
+    """
+
+    good: bool
+    more_draws: int
+    disagreement: tuple[int, int] | None
+    text: str
+
+
+def judge(layouts: LayoutProbabilities, functionals: Mapping[str, ArrayLike]) -> Verdict:
+    """Judge chains by their layouts and by what all draws have.
+
+    Parameters
+    ----------
+    layouts : LayoutProbabilities
+    functionals : mapping of str to (C, N) float
+        Such as the log posterior and the number of objects.
+
+    Warns
+    -----
+    ShortChainWarning
+        Chains are too short for R-hat; the verdict then asks for more.
+    """
+    disagreement = _disagreement(layouts)
+    if disagreement is not None:
+        first, second = disagreement
+        return Verdict(
+            good=False,
+            more_draws=0,
+            disagreement=disagreement,
+            text=(
+                f"Chains disagree on layouts {first} and {second}: "
+                "their probabilities cannot be trusted, nor can their order."
+            ),
+        )
+    effective = [(_known(ess(draws), 0.0), name) for name, draws in functionals.items()]
+    effective += [
+        (_known(draws, 0.0), f"layout {layout}")
+        for layout, share, draws in zip(
+            layouts.layouts, layouts.probability, layouts.effective_draws, strict=True
+        )
+        if _OPEN[0] <= share <= _OPEN[1]
+    ]
+    rhats = [(_known(rhat(draws), math.inf), name) for name, draws in functionals.items()]
+    parts = []
+    fewest, worst = _DRAWS_GOAL, 1.0
+    if effective:
+        fewest, name = min(effective)
+        parts.append(f"{fewest:.0f} effective draws of {name}")
+    if rhats:
+        worst, name = max(rhats)
+        parts.append(f"R-hat {worst:.3f} of {name}")
+    state = " and ".join(parts) or "one certain layout"
+    if fewest >= _DRAWS_GOAL and worst <= _RHAT_LIMIT:
+        return Verdict(True, 0, None, f"Good: at worst {state}.")
+    # Effective draws grow with the draws; where R-hat alone is too large, twice as many may do.
+    factor = max(2.0, _DRAWS_GOAL / max(fewest, 1.0))
+    more = _two_digits(layouts.n_draws * (factor - 1))
+    return Verdict(False, more, None, f"Needs about {more} more draws a chain: {state}.")
+
+
+def _known(value: ArrayLike, worst: float) -> float:
+    """The value, or the worst one where chains were too short to tell."""
+    number = float(np.asarray(value))
+    return worst if math.isnan(number) else number
+
+
+def _disagreement(layouts: LayoutProbabilities) -> tuple[int, int] | None:
+    """The favourites of the two chains with the least in common, where that is too little."""
+    shares = layouts.by_chain
+    favourites = shares.argmax(1)
+    common = np.minimum(shares[:, None], shares[None, :]).sum(-1)
+    common[favourites[:, None] == favourites[None, :]] = 1
+    first, second = np.unravel_index(common.argmin(), common.shape)
+    if common[first, second] >= _COMMON_MASS:
+        return None
+    pair = sorted((int(favourites[first]), int(favourites[second])))
+    return int(layouts.layouts[pair[0]]), int(layouts.layouts[pair[1]])
+
+
+def _two_digits(value: float) -> int:
+    """Rounded up: a guess should not look like a measurement."""
+    magnitude = math.pow(10, max(0, math.floor(math.log10(max(value, 1.0))) - 1))
+    return math.ceil(value / magnitude) * int(magnitude)

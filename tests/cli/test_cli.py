@@ -1,0 +1,135 @@
+"""The command line as a user meets it."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from imapper_prob.cli import main
+from imapper_prob.demo import demo_clip
+from imapper_prob.inputs import write_clip
+from tests.inputs.i3db_folder import I3dbFolder
+
+SHORT = "[sample]\nsteps = 300\ndraws = 30\nensemble_layouts = 1\nensemble_steps = 8\n"
+
+
+@pytest.fixture(scope="module")
+def run_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A short run of the demo clip from its file."""
+    base = tmp_path_factory.mktemp("run")
+    write_clip(base / "clip.npz", demo_clip())
+    (base / "short.toml").write_text(SHORT)
+    arguments = ["run", str(base / "clip.npz"), "-o", str(base / "out"), "--workers", "1"]
+    assert main([*arguments, "--config", str(base / "short.toml"), "--seed", "5"]) == 0
+    return base / "out"
+
+
+def test_run_writes_all_four_files(run_folder: Path) -> None:
+    names = sorted(p.name for p in run_folder.iterdir())
+    assert names == ["config.toml", "posterior.nc", "recording.rrd", "scenes.json"]
+    assert "seed = 5" in (run_folder / "config.toml").read_text()
+    assert json.loads((run_folder / "scenes.json").read_text())["scenes"]
+    assert not list(run_folder.parent.glob(".*partial*"))
+
+
+def test_the_recording_passes_reruns_own_check(run_folder: Path) -> None:
+    command = [sys.executable, "-m", "rerun_cli", "rrd", "verify", str(run_folder / "recording.rrd")]
+    result = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert result.returncode == 0, result.stderr
+
+
+def test_info_prints_the_table_again(
+    run_folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["info", str(run_folder)]) == 0
+    text = capsys.readouterr().out
+    assert "Layouts" in text
+    assert "±" in text
+
+
+def test_an_earlier_run_is_not_overwritten_by_accident(
+    run_folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = (run_folder / "scenes.json").read_bytes()
+    clip = run_folder.parent / "clip.npz"
+    assert main(["run", str(clip), "-o", str(run_folder)]) == 2
+    assert "--overwrite" in capsys.readouterr().err
+    assert (run_folder / "scenes.json").read_bytes() == before
+
+
+def test_a_folder_with_other_files_is_left_alone(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "thesis.tex").write_text("years of work")
+    assert main(["demo", "-o", str(tmp_path), "--overwrite"]) == 2
+    assert "thesis.tex" in capsys.readouterr().err
+    assert (tmp_path / "thesis.tex").exists()
+
+
+def cut_in_half(folder: Path) -> None:
+    path = next(folder.glob("skel_*_2d_00.json"))
+    text = path.read_text()
+    path.write_text(text[: len(text) // 2])
+
+
+def not_a_number(folder: Path) -> None:
+    path = next(folder.glob("skel_*_2d_00.json"))
+    document = json.loads(path.read_text())
+    frame = sorted(document["3d"])[3]
+    document["3d"][frame]["4"][0] = float("nan")
+    path.write_text(json.dumps(document))
+
+
+def no_intrinsics(folder: Path) -> None:
+    (folder / "intrinsics.json").unlink()
+
+
+def nothing(folder: Path) -> None:
+    for path in sorted(folder.rglob("*"), reverse=True):
+        path.unlink() if path.is_file() else path.rmdir()
+
+
+@pytest.mark.parametrize(
+    ("spoil", "words"),
+    [
+        (cut_in_half, "_2d_00.json"),
+        (not_a_number, "LKNE"),
+        (no_intrinsics, "intrinsics.json"),
+        (nothing, "not a known clip"),
+    ],
+)
+def test_bad_input_is_one_line_exit_2_and_no_output(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], spoil, words: str
+) -> None:
+    folder = tmp_path / "Scene99"
+    I3dbFolder().write(folder)
+    spoil(folder)
+    out = tmp_path / "out"
+    assert main(["run", str(folder), "-o", str(out)]) == 2
+    message = capsys.readouterr().err
+    assert words in message
+    assert message.count("\n") == 1
+    assert "Traceback" not in message
+    assert not out.exists()
+
+
+def test_three_frames_are_too_few(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "Scene99"
+    I3dbFolder().write(folder)
+    path = next(folder.glob("skel_*_2d_00.json"))
+    document = json.loads(path.read_text())
+    for frame in sorted(document["3d"])[3:]:
+        del document["3d"][frame]
+    for table in ("confidence", "visibility"):
+        for values in document.get(table, {}).values():
+            del values[3:]
+    path.write_text(json.dumps(document))
+    assert main(["run", str(folder), "-o", str(tmp_path / "out")]) == 2
+    assert "3 frames" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()

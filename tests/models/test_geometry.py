@@ -1,0 +1,135 @@
+"""Lines of sight and footprints, against brute force and shapely."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from shapely import Point, Polygon
+
+from imapper_prob.models.energy.intersection import column_depth, footprint_depth
+from imapper_prob.models.energy.occlusion import boxes_in_sight, clearance, p_seen, sight_windows
+from imapper_prob.models.geometry import NOTHING_IN_SIGHT, pack_boxes, sight_clearance
+from tests.models.worlds import couch
+
+
+def random_boxes(rng: np.random.Generator, n: int) -> np.ndarray:
+    low, high = [-2, 1, 0.1, 0.02, 0.02, 0.02, -4], [2, 5, 1.5, 0.8, 0.8, 0.8, 4]
+    return rng.uniform(low, high, (n, 7))
+
+
+def turns_of(boxes: np.ndarray) -> np.ndarray:
+    radius = np.linalg.norm(boxes[:, 3:6], axis=1)
+    return np.stack([np.cos(boxes[:, 6]), np.sin(boxes[:, 6]), radius], -1)
+
+
+def along_the_ray(origin: np.ndarray, point: np.ndarray, box: np.ndarray) -> float:
+    s = np.linspace(0, 1, 4001)[:, None]
+    q = origin + s * (point - origin) - box[:3]
+    c, si = np.cos(box[6]), np.sin(box[6])
+    local = np.stack([c * q[:, 0] + si * q[:, 1], -si * q[:, 0] + c * q[:, 1], q[:, 2]], -1)
+    return float((np.abs(local) - box[3:6]).max(-1).min())
+
+
+@settings(max_examples=40, deadline=None)
+@given(seed=st.integers(0, 10**6))
+def test_clearance_is_the_least_box_function_on_the_segment(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    boxes = random_boxes(rng, 4)
+    origin = np.array([0.0, 0.0, rng.uniform(0.5, 2.0)])
+    points = rng.uniform([-2, 0.5, 0], [2, 6, 2], (8, 3))
+    reference = sight_clearance(origin, points, boxes)
+    brute = [min([NOTHING_IN_SIGHT, *(along_the_ray(origin, p, b) for b in boxes)]) for p in points]
+    np.testing.assert_allclose(reference, brute, atol=3e-3)
+    every = np.arange(len(boxes))
+    turns = turns_of(boxes)
+    windows = sight_windows(origin[2], boxes, turns)
+    compiled = [clearance(origin[2], *p, boxes, turns, windows, every, len(every)) for p in points]
+    np.testing.assert_allclose(compiled, reference, atol=1e-9)
+
+
+@settings(max_examples=40, deadline=None)
+@given(seed=st.integers(0, 10**6))
+def test_boxes_out_of_sight_make_no_difference(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    boxes = random_boxes(rng, 12)
+    turns, chosen = turns_of(boxes), np.empty(12, dtype=np.int64)
+    joints = rng.uniform([-2, 0.5, 0.5], [2, 6, 1.5]) + rng.normal(0, 0.3, (16, 3))
+    windows = sight_windows(1.4, boxes, turns)
+    n = boxes_in_sight(1.4, joints, windows, chosen)
+    everything = sight_clearance([0, 0, 1.4], joints, boxes)
+    culled = [clearance(1.4, *q, boxes, turns, windows, chosen, n) for q in joints]
+    np.testing.assert_allclose(culled, everything, atol=1e-9)
+
+
+def test_clearance_has_the_sign_of_hidden() -> None:
+    boxes = pack_boxes([couch(0.0, 3.0)])
+    origin = np.array([0.0, 0.0, 1.5])
+    behind, above, before = (0.0, 4.0, 0.2), (0.0, 4.0, 1.4), (0.0, 2.0, 0.2)
+    signs = np.sign(sight_clearance(origin, [behind, above, before], boxes))
+    np.testing.assert_array_equal(signs, [-1, 1, 1])
+
+
+def test_without_furniture_clearance_is_capped() -> None:
+    none = np.empty((0, 7))
+    assert sight_clearance([0, 0, 1.5], [[0.0, 3.0, 1.0]], none)[0] == NOTHING_IN_SIGHT
+    turns, windows = np.empty((0, 3)), np.empty((0, 5))
+    free = clearance(1.5, 0.0, 3.0, 1.0, none, turns, windows, np.arange(0), 0)
+    assert free == NOTHING_IN_SIGHT
+
+
+def test_p_seen_is_a_step_that_never_reaches_0_or_1() -> None:
+    values = [p_seen(v, 0.04, 0.02) for v in (-10.0, -0.04, 0.0, 0.04, 10.0)]
+    assert values == sorted(values)
+    assert values[0] == pytest.approx(0.02)
+    assert values[2] == pytest.approx(0.5)
+    assert values[-1] == pytest.approx(0.98)
+
+
+def outline(box: np.ndarray) -> Polygon:
+    c, s = np.cos(box[6]), np.sin(box[6])
+    corners = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) * box[3:5]
+    return Polygon(corners @ np.array([[c, s], [-s, c]]) + box[:2])
+
+
+@settings(max_examples=80, deadline=None)
+@given(seed=st.integers(0, 10**6))
+def test_footprints_meet_exactly_where_shapely_says(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    a, b = random_boxes(rng, 2)
+    b[:2] = a[:2] + rng.uniform(-1.5, 1.5, 2)
+    b[2], b[5] = a[2], a[5]
+    depth = footprint_depth(a, b)
+    shared = outline(a).intersection(outline(b)).area
+    assert (depth > 1e-9) == (shared > 1e-9)
+    if depth > 0:
+        # Moving one out by the depth in the right direction must be possible, and no less.
+        angles = np.concatenate([a[6] + np.arange(4) * np.pi / 2, b[6] + np.arange(4) * np.pi / 2])
+        far, near = [], []
+        for angle in angles:
+            for factor, result in ((1.001, far), (0.98, near)):
+                moved = b.copy()
+                moved[:2] += factor * depth * np.array([np.cos(angle), np.sin(angle)])
+                result.append(outline(a).intersection(outline(moved)).area > 1e-9)
+        assert not all(far)
+        assert all(near)
+
+
+def test_footprints_at_different_heights_do_not_meet() -> None:
+    table_top = np.array([0, 3, 0.72, 0.6, 0.3, 0.02, 0.0])
+    seat = np.array([0, 3, 0.22, 0.3, 0.3, 0.22, 0.0])
+    assert footprint_depth(table_top, seat) == 0.0
+
+
+@settings(max_examples=60, deadline=None)
+@given(seed=st.integers(0, 10**6))
+def test_column_depth_is_the_distance_to_the_outline(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    box = random_boxes(rng, 1)[0]
+    x, y = box[:2] + rng.uniform(-0.8, 0.8, 2)
+    shape, point = outline(box), Point(x, y)
+    expected = shape.exterior.distance(point) if shape.contains(point) else 0.0
+    depth = column_depth(x, y, 0.0, 3.0, box, turns_of(box[None])[0])
+    assert depth == pytest.approx(expected, abs=1e-9)
+    assert column_depth(x, y, 10.0, 11.0, box, turns_of(box[None])[0]) == 0.0

@@ -1,0 +1,116 @@
+"""The log-posterior: finite where it should be, and a density."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.integrate import dblquad
+
+from imapper_prob.models.errors import InputError
+from imapper_prob.models.posterior import State, empty_state, log_posterior, motion, terms
+from imapper_prob.models.settings import ModelSettings
+from tests.models import worlds
+
+AHEAD = np.array([0.0, 4.0, 0.0])
+
+
+def test_joints_of_free_frames_stand_on_the_measured_path() -> None:
+    problem = worlds.problem()
+    joints = motion(problem, empty_state(problem))
+    assert np.abs(joints - worlds.walk(20)).max() < 0.05
+
+
+def test_a_scenelet_poses_its_frames() -> None:
+    problem = worlds.problem()
+    placement = np.array([0.3, 3.0, np.pi / 2])
+    state = empty_state(problem).with_item(1, 5, placement)
+    joints = motion(problem, state)
+    local = worlds.library()[1].joints
+    expected = np.stack([0.3 - local[..., 1], 3.0 + local[..., 0], local[..., 2]], -1)
+    np.testing.assert_allclose(joints[5:11], expected, atol=1e-12)
+
+
+def test_overlapping_or_protruding_scenelets_are_outside_the_support() -> None:
+    problem = worlds.problem()
+    one = empty_state(problem).with_item(0, 3, AHEAD)
+    assert np.isfinite(log_posterior(problem, one))
+    assert log_posterior(problem, one.with_item(1, 8, AHEAD)) == -np.inf
+    assert np.isfinite(log_posterior(problem, one.with_item(1, 9, AHEAD)))
+    assert log_posterior(problem, empty_state(problem).with_item(0, 15, AHEAD)) == -np.inf
+    assert log_posterior(problem, empty_state(problem).with_item(0, -1, AHEAD)) == -np.inf
+
+
+def test_terms_add_up_and_are_finite_in_odd_places() -> None:
+    problem = worlds.problem()
+    state = empty_state(problem)
+    for placement in (AHEAD, [0.0, -2.0, 1.0], [0.0, 0.0, 0.0], [50.0, 80.0, 9.0]):
+        placed = state.with_item(0, 2, np.array(placement)).with_item(0, 10, np.array(placement))
+        values = terms(problem, placed)
+        assert np.isfinite(list(values.values())).all(), (placement, values)
+        assert log_posterior(problem, placed) == pytest.approx(sum(values.values()))
+
+
+def test_one_frame_and_no_detection_are_finite() -> None:
+    joints = worlds.walk(8)
+    clip = worlds.clip_of(joints, np.random.default_rng(0))
+    blind = worlds.Track(
+        "blind", np.full((8, 16, 2), np.nan), np.zeros((8, 16)), clip.tracks[0].poses,
+        np.zeros(8, bool),
+    )  # fmt: skip
+    path = worlds.path_of(joints)
+    path = worlds.StaticPath(
+        path.estimate, path.lift, path.measured, np.zeros((8, 2)), path.poses, path.posed
+    )
+    clip = worlds.Clip("blind", worlds.CAMERA, 10.0, np.arange(8), (blind,))
+    problem = worlds.pack_problem(clip, path, worlds.camera_prior(), worlds.library())
+    state = empty_state(problem).with_item(0, 1, AHEAD)
+    values = terms(problem, state)
+    assert values["detections"] == 0.0
+    assert np.isfinite(sum(values.values()))
+
+
+def test_a_couch_in_the_way_costs_and_one_behind_does_not() -> None:
+    def gain(y: float) -> float:
+        """What the couch changes in the detections, the scenelet's motion being the same."""
+        values = []
+        for objects in (True, False):
+            problem = worlds.problem(scenelets=worlds.library(objects=objects))
+            state = empty_state(problem).with_item(1, 0, np.array([0.0, y, np.pi]))
+            values.append(terms(problem, state)["detections"])
+        return values[0] - values[1]
+
+    # The walker crosses at 4 m; the couch stands .6 m beyond its scenelet's origin.
+    assert gain(2.5) < -2.0
+    assert abs(gain(6.0)) < 1.0
+
+
+def test_prior_of_a_placement_integrates_to_one() -> None:
+    """Density of one scenelet's (x, y, yaw) given that it starts the clip, likelihood off."""
+    settings = ModelSettings(likelihood=0.0)
+    lib = worlds.library(n_frames=6)
+    problem = worlds.problem(6, settings=settings, scenelets=lib)
+    bare = empty_state(problem)
+
+    def density(x: float, y: float) -> float:
+        state = bare.with_item(0, 0, np.array([x, y, 0.7]))
+        values = terms(problem, state)
+        return float(np.exp(values["placement"] + values["path"]))
+
+    # The mass lies within 5 standard deviations of log depth and bearing.
+    total, _ = dblquad(density, 0.5, 30.0, lambda y: -1.3 * y, lambda y: 1.3 * y, epsabs=1e-4)
+    assert total * 2 * np.pi == pytest.approx(1.0, abs=2e-3)
+
+
+def test_states_do_not_share_memory_and_keep_order() -> None:
+    problem = worlds.problem()
+    state = empty_state(problem).with_item(2, 10, AHEAD).with_item(1, 2, AHEAD + 1)
+    assert state.items.tolist() == [[1, 2], [2, 10]]
+    with pytest.raises(ValueError, match="read-only"):
+        state.placements[0, 0] = 3.0
+    assert state.without_item(0).items.tolist() == [[2, 10]]
+    assert isinstance(state, State)
+
+
+def test_a_clip_shorter_than_every_scenelet_is_refused() -> None:
+    with pytest.raises(InputError, match="shortest scenelet"):
+        worlds.problem(4)

@@ -1,0 +1,96 @@
+"""Scenes, the tree of draws and the tables, of a short run."""
+
+from __future__ import annotations
+
+from io import StringIO
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+from rich.console import Console
+
+from imapper_prob.models.errors import InputError
+from imapper_prob.results.summary import distances_to_truth, layout_table, object_table
+from imapper_prob.results.tree import read_attributes
+from tests.models.worlds import couch
+from tests.runs import posterior
+
+
+def test_scenes_have_probabilities_errors_and_a_motion() -> None:
+    run = posterior()
+    scenes = run.scenes(5)
+    shares = [s.probability for s in scenes]
+    assert shares == sorted(shares, reverse=True)
+    assert 0 < sum(shares) <= 1 + 1e-12
+    for weighted in scenes:
+        assert weighted.error >= 0
+        assert weighted.scene.joints.shape == (run.clip.n_frames, 16, 3)
+        assert np.isfinite(weighted.scene.joints).all()
+        assert len(weighted.covariances) == len(weighted.scene.objects)
+        for covariance in weighted.covariances:
+            assert np.linalg.eigvalsh(covariance).min() > -1e-12
+        assert weighted.ghosts.shape[1:] == weighted.scene.joints.shape
+
+
+def test_the_representative_is_a_draw_of_its_layout() -> None:
+    run = posterior()
+    samples = run.samples
+    best = run.scenes(1)[0].scene
+    index = int(np.flatnonzero(samples.log_posterior.ravel() == best.log_posterior)[0])
+    assert samples.layouts.indicator[index] == 0
+    centres = {tuple(o.centre) for o in samples.objects[index]}
+    assert {tuple(o.centre) for o in best.objects} == centres
+
+
+def test_the_tree_holds_the_draws_and_survives_the_disk(tmp_path: Path) -> None:
+    run = posterior()
+    path = tmp_path / "posterior.nc"
+    run.data.to_netcdf(path, engine="h5netcdf")
+    with xr.open_datatree(path, engine="h5netcdf") as tree:
+        chains, draws = run.samples.shape
+        assert dict(tree["posterior"].sizes) == {
+            "chain": chains, "draw": draws, "frame": run.clip.n_frames, "axis": 3,
+        }  # fmt: skip
+        np.testing.assert_array_equal(
+            tree["sample_stats"]["log_posterior"], run.samples.log_posterior
+        )
+        state = run.samples.states[draws + 5]
+        items = tree["draws"]["scenelet"][1, 5].values
+        np.testing.assert_array_equal(items[: state.n_scenelets], state.items[:, 0])
+        assert np.all(items[state.n_scenelets :] == -1)
+        objects = run.samples.objects[draws + 5]
+        labels = [str(tree["constant_data"]["label"].values[k])
+                  for k in tree["draws"]["object_label"][1, 5].values if k >= 0]  # fmt: skip
+        assert labels == [o.label for o in objects]
+    assert "seed = 3" in read_attributes(path)["config"]
+
+
+def test_a_file_that_is_no_posterior_is_refused(tmp_path: Path) -> None:
+    for name, content in (("text.nc", b"not a netCDF file"), ("empty.nc", b"")):
+        (tmp_path / name).write_bytes(content)
+        with pytest.raises(InputError, match=name):
+            read_attributes(tmp_path / name)
+    with pytest.raises(InputError, match="missing"):
+        read_attributes(tmp_path / "missing.nc")
+
+
+def test_tables_say_what_the_scenes_say() -> None:
+    run = posterior()
+    console = Console(width=120, record=True, file=StringIO())
+    console.print(layout_table(run.scenes()))
+    console.print(object_table(run.scenes()[0], run.clip.truth))
+    text = console.export_text()
+    assert f"{run.scenes()[0].probability:.2f} ±" in text
+    for o in run.scenes()[0].scene.objects:
+        assert f"{o.centre[0]:.2f}" in text
+    assert "from truth" in text
+
+
+def test_distances_pair_seats_with_seats() -> None:
+    true = [couch(0, 4), couch(3, 4, label="table")]
+    found = [couch(3.0, 4.3, label="chair"), couch(2.6, 4, label="table"), couch(1, 1, label="bed")]
+    distances = distances_to_truth(found, true)
+    np.testing.assert_allclose(distances[:2], [np.hypot(3, 0.3), 0.4])
+    assert np.isnan(distances[2])
+    assert np.isnan(distances_to_truth(found, [])).all()

@@ -1,0 +1,34 @@
+"""A short run on the demo clip, made once for all tests that look at results."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+from imapper_prob.config import Config, SampleSettings
+from imapper_prob.demo import demo_clip
+from imapper_prob.results.posterior import Posterior
+from imapper_prob.sampling.sample import sample_scenes
+from imapper_prob.scenelets.library import load_library
+from imapper_prob.staged.solver import Solution, solve
+
+SHORT = Config(sample=SampleSettings(steps=400, draws=40, ensemble_layouts=1, ensemble_steps=8))
+"""Far too short to be good, long enough for every file to have something in it."""
+
+
+@cache
+def solution() -> Solution:
+    """The staged solution of the demo clip."""
+    return solve(demo_clip(), load_library())
+
+
+@cache
+def posterior(*, workers: int = 1, seed: int = 3) -> Posterior:
+    """A short posterior of the demo clip."""
+    import numpy as np
+
+    config = replace(SHORT, seed=seed)
+    samples = sample_scenes(
+        solution(), config.sample, seed=np.random.SeedSequence(seed), workers=workers
+    )
+    return Posterior(solution(), samples, config)

@@ -1,0 +1,153 @@
+"""Chains in one process and in several."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import textwrap
+import threading
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from imapper_prob.samplers.chains import ChainError, run_chains
+from tests.samplers import tasks
+
+ROOT = Path(__file__).parents[2]
+
+
+def test_draws_do_not_depend_on_the_number_of_workers():
+    starts = [0.0, 10.0, 20.0]
+    one = run_chains(tasks.walk, 50, starts, seed=5)
+    two = run_chains(tasks.walk, 50, starts, seed=5, workers=2)
+    with ThreadPoolExecutor(2) as executor:
+        other = run_chains(tasks.walk, 50, starts, seed=5, executor=executor)
+    np.testing.assert_array_equal(one, two)
+    np.testing.assert_array_equal(one, other)
+
+
+def test_chains_differ_and_so_do_seeds():
+    one = run_chains(tasks.walk, 50, [0.0, 0.0], seed=5)
+    assert not np.array_equal(one[0], one[1])
+    assert not np.array_equal(one, run_chains(tasks.walk, 50, [0.0, 0.0], seed=6))
+    again = run_chains(tasks.walk, 50, [0.0, 0.0], seed=np.random.SeedSequence(5))
+    np.testing.assert_array_equal(one, again)
+
+
+def test_more_starts_do_not_change_the_first_chains():
+    few = run_chains(tasks.walk, 20, [0.0], seed=5)
+    many = run_chains(tasks.walk, 20, [0.0, 0.0, 0.0], seed=5)
+    np.testing.assert_array_equal(few[0], many[0])
+
+
+def test_no_start_is_no_chain():
+    assert run_chains(tasks.walk, 20, [], seed=5, workers=2) == []
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_progress_arrives_in_order(workers):
+    seen: dict[int, list[object]] = {0: [], 1: []}
+    run_chains(
+        tasks.walk,
+        30,
+        [0.0, 0.0],
+        seed=5,
+        workers=workers,
+        on_progress=lambda chain, progress: seen[chain].append(progress),
+    )
+    assert seen == {0: list(range(30)), 1: list(range(30))}
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_progress_can_stop_all_chains(workers):
+    results = run_chains(
+        tasks.slow_walk,
+        6_000,
+        [0.0, 0.0, 0.0],
+        seed=5,
+        workers=workers,
+        on_progress=lambda chain, progress: progress < 5,
+    )
+    assert all(1 <= n < 600 for n in results)
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_an_interrupt_returns_what_there_is(workers):
+    before = signal.getsignal(signal.SIGINT)
+    timer = threading.Timer(1.5, os.kill, (os.getpid(), signal.SIGINT))
+    timer.start()
+    results = run_chains(tasks.slow_walk, 6_000, [0.0, 0.0], seed=5, workers=workers)
+    assert all(1 <= n < 6_000 for n in results)
+    assert signal.getsignal(signal.SIGINT) is before
+
+
+def test_a_second_interrupt_gives_up():
+    script = """
+        import os, signal, threading, time
+        from imapper_prob.samplers.chains import run_chains
+        from tests.samplers.tasks import slow_walk
+
+        def stubborn(problem, start, rng, report):
+            slow_walk(problem, start, rng, lambda progress: True)
+
+        if __name__ == "__main__":
+            for delay in (0.3, 0.5):
+                threading.Timer(delay, os.kill, (os.getpid(), signal.SIGINT)).start()
+            try:
+                run_chains(stubborn, 6_000, [0, 0], seed=5)
+            except KeyboardInterrupt:
+                print("gave up")
+    """
+    done = subprocess.run(
+        [sys.executable, "-c", textwrap.dedent(script)],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        timeout=30,
+        check=True,
+    )
+    assert done.stdout == "gave up\n"
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_the_error_of_a_task_names_its_chain(workers):
+    starts = [1, 0, 0] if workers == 1 else [0, 1, 0]
+    with pytest.raises(FloatingPointError, match="a bad density") as caught:
+        run_chains(tasks.fail_one, 1, starts, seed=5, workers=workers)
+    assert caught.value.__notes__ == [f"in chain {starts.index(1)}"]
+
+
+def test_a_process_that_dies_is_no_hang():
+    with pytest.raises(ChainError, match=r"^chain 1: .* exit code -9 .*memory\)$"):
+        run_chains(
+            tasks.kill_one, 1, [0, 1, 0], seed=5, workers=2, on_progress=lambda *progress: None
+        )
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
+def test_a_process_that_cannot_begin_says_what_to_look_at(capfd):
+    with pytest.raises(ChainError, match="before its chain began"):
+        run_chains(tasks.walk, tasks.Unloadable(), [0.0, 0.0], seed=5, workers=2)
+
+
+def test_workers_have_one_thread_and_the_parent_keeps_its_own(monkeypatch):
+    monkeypatch.setenv("OMP_NUM_THREADS", "7")
+    monkeypatch.delenv("NUMBA_NUM_THREADS", raising=False)
+    names = ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS")
+    (found, _) = run_chains(tasks.threads, names, [0.0, 0.0], seed=5, workers=2)
+    assert found == {"OMP_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1"}
+    assert os.environ["OMP_NUM_THREADS"] == "7"
+    assert "NUMBA_NUM_THREADS" not in os.environ
+
+
+def test_what_cannot_be_asked_for_is_refused():
+    with pytest.raises(ValueError, match="workers must be at least 1"):
+        run_chains(tasks.walk, 5, [0.0], seed=5, workers=0)
+    with ThreadPoolExecutor(1) as executor, pytest.raises(ValueError, match="on_progress"):
+        run_chains(
+            tasks.walk, 5, [0.0], seed=5, executor=executor, on_progress=lambda *progress: None
+        )

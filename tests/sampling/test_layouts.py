@@ -1,0 +1,48 @@
+"""Merging objects met twice, and telling layouts apart."""
+
+from __future__ import annotations
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from imapper_prob.models.posterior import empty_state
+from imapper_prob.sampling.layouts import group_layouts, match_objects, merged_objects
+from tests.models import worlds
+from tests.models.worlds import couch
+
+
+def test_the_same_couch_met_twice_is_one_object() -> None:
+    library, problem = worlds.library(), worlds.problem()
+    state = empty_state(problem).with_item(0, 0, np.array([0.0, 4.0, 0.0]))
+    near = state.with_item(0, 10, np.array([0.2, 4.1, 0.2]))
+    turned = state.with_item(0, 10, np.array([0.2, 4.1, 1.5]))
+    far = state.with_item(0, 10, np.array([2.5, 4.0, 0.0]))
+    assert len(merged_objects(problem, library, near)) == 1
+    assert len(merged_objects(problem, library, turned)) == 2
+    assert len(merged_objects(problem, library, far)) == 2
+    assert merged_objects(problem, library, empty_state(problem)) == ()
+
+
+def test_matching_needs_labels_and_nearness() -> None:
+    first = [couch(0, 3), couch(2, 3, label="chair")]
+    assert match_objects(first, first[::-1], radius=0.5) == [1, 0]
+    assert match_objects(first, [couch(0, 3), couch(2, 3)], radius=0.5) is None
+    assert match_objects(first, [couch(0.6, 3), couch(2, 3, label="chair")], radius=0.5) is None
+    assert match_objects(first, first[:1], radius=0.5) is None
+    assert match_objects([], [], radius=0.5) == []
+
+
+@settings(max_examples=30, deadline=None)
+@given(seed=st.integers(0, 10**6))
+def test_layouts_are_numbered_by_frequency_and_hold_what_matches(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    places = rng.uniform(-3, 3, 12)
+    sets = [[couch(float(x), 4.0)] for x in places]
+    found = group_layouts(sets, rng.normal(size=12), radius=0.5)
+    counts = np.bincount(found.indicator)
+    assert np.all(np.diff(counts) <= 0)
+    for draw, layout in enumerate(found.indicator):
+        leader = found.leaders[layout]
+        assert abs(places[draw] - places[leader]) <= 0.5
+    assert [found.indicator[leader] for leader in found.leaders] == list(range(len(counts)))

@@ -1,0 +1,210 @@
+"""Every move's ratio is what its two directions say, and the prior comes back."""
+
+from __future__ import annotations
+
+from itertools import islice
+
+import numpy as np
+import pytest
+from emcee.autocorr import integrated_time
+from hypothesis import given
+from hypothesis import settings as hypothesis_settings
+from hypothesis import strategies as st
+from scipy.integrate import quad
+
+from imapper_prob.config import SampleSettings
+from imapper_prob.models.posterior import State, empty_state, log_posterior
+from imapper_prob.models.problem import Problem
+from imapper_prob.models.settings import ModelSettings
+from imapper_prob.samplers.kernel import Mixture
+from imapper_prob.samplers.reversible_jump import sample
+from imapper_prob.sampling.chain import Setup, scene_moves
+from imapper_prob.sampling.moves import Birth, Death, PlacementWalk, Swap
+from imapper_prob.sampling.proposals import Candidates, Proposals, log_wrapped_normal
+from tests.models import worlds
+
+N_FRAMES = 20
+
+
+def candidates(seed: int = 0, count: int = 6) -> Candidates:
+    rng = np.random.default_rng(seed)
+    items = np.stack([rng.integers(0, 3, count), rng.integers(0, N_FRAMES - 5, count)], -1)
+    places = np.stack(
+        [rng.normal(0, 0.5, count), rng.uniform(3, 5, count), rng.uniform(-3, 3, count)], -1
+    )
+    return Candidates(items, places, rng.uniform(0.2, 1, count))
+
+
+def setup(problem: Problem) -> Setup:
+    even = (np.ones((3, 3)) - np.eye(3)) / 2
+    return Setup(problem, candidates(), even, SampleSettings())
+
+
+def random_state(problem: Problem, seed: int) -> State:
+    """A state with as many scenelets as a few random births manage to fit in."""
+    rng = np.random.default_rng(seed)
+    state = empty_state(problem)
+    birth = Birth(Proposals(problem, candidates()))
+    for _ in range(int(rng.integers(0, 5))):
+        proposal = birth.propose(rng, state)
+        state = state if proposal is None else proposal.state
+    return state
+
+
+PROBLEM = worlds.problem(N_FRAMES)
+
+
+@hypothesis_settings(max_examples=80, deadline=None)
+@given(seed=st.integers(0, 10**6))
+def test_ratios_of_jumps_are_explained_by_both_directions(seed: int) -> None:
+    proposals = Proposals(PROBLEM, candidates())
+    birth, death, swap = Birth(proposals), Death(proposals), Swap(proposals)
+    state = random_state(PROBLEM, seed)
+    rng = np.random.default_rng(seed)
+    for move, reverse in ((birth, death), (death, birth), (swap, swap)):
+        proposal = move.propose(rng, state)
+        if proposal is None:
+            continue
+        forward = move.explain(state, proposal.state)
+        backward = reverse.explain(proposal.state, state)
+        assert proposal.log_ratio == pytest.approx(backward - forward, abs=1e-8)
+
+
+@pytest.mark.parametrize("around", [None, 6])
+@pytest.mark.parametrize("where", ["candidate", "anywhere"])
+def test_proposals_are_a_density(where: str, around: int | None) -> None:
+    """The mean of h / q over draws of q is the integral of h, here of a density: one."""
+    proposals = Proposals(PROBLEM, candidates())
+    rng = np.random.default_rng(1)
+    items, places = proposals.candidates.items, proposals.candidates.placements
+    chosen = int(np.argmin(abs(items[:, 1] - 6)))
+    if where == "candidate":
+        x, y, yaw = places[chosen]
+        centre, spread = np.array([x / y, np.log(y)]), np.array([0.008, 0.03])
+    else:
+        yaw, centre, spread = 0.0, PROBLEM.start_mean, np.sqrt(PROBLEM.start_variance) / 2
+    n_starts = 15 if around is None else 7
+
+    def log_h(scenelet: int, start: int, placement: np.ndarray) -> float:
+        x, y, turn = placement
+        offset = (np.array([x / y, np.log(y)]) - centre) / spread
+        value = -0.5 * offset @ offset - np.log(2 * np.pi * spread.prod()) - 2 * np.log(y)
+        if where == "anywhere":
+            return float(value - np.log(2 * np.pi) - np.log(3 * n_starts))
+        if (scenelet, start) != tuple(items[chosen]):
+            return -np.inf
+        return float(value + log_wrapped_normal(np.array(turn - yaw), 0.08))
+
+    weights = []
+    for _ in range(20000):
+        drawn = proposals.draw(rng, around=around, window=3)
+        density = proposals.log_density(*drawn, around=around, window=3)
+        weights.append(np.exp(log_h(*drawn) - density))
+    error = np.std(weights) / np.sqrt(len(weights))
+    assert error < 0.1
+    assert abs(np.mean(weights) - 1) < 4.5 * error
+
+
+def test_wrapped_normal_integrates_to_one() -> None:
+    for spread in (0.15, 2.0):
+        total, _ = quad(
+            lambda a, s=spread: np.exp(log_wrapped_normal(np.array(a), s)), 1, 1 + 2 * np.pi
+        )
+        assert total == pytest.approx(1.0, abs=1e-3)
+
+
+def exact_counts(problem: Problem) -> np.ndarray:
+    """P(k) under the prior, by counting non-overlapping arrangements."""
+    rates, lengths = np.exp(problem.log_rate), problem.lengths
+    n = problem.n_frames
+    weight = np.zeros((n + 1, n + 1))  # frames used, scenelets
+    weight[0, 0] = 1.0
+    for t in range(1, n + 1):
+        weight[t] = weight[t - 1]
+        for rate, length in zip(rates, lengths, strict=True):
+            if t >= length:
+                weight[t, 1:] += rate * weight[t - length, :-1]
+    return weight[n] / weight[n].sum()
+
+
+def chain_error(values: np.ndarray) -> float:
+    """Standard error of a chain's mean, by its integrated autocorrelation time."""
+    time = float(integrated_time(values, tol=20)[0])
+    return float(values.std() * np.sqrt(time / len(values)))
+
+
+def draw_prior(mixture: Mixture[State], problem: Problem, *, seed: int, steps: int) -> list[State]:
+    chain = sample(
+        np.random.default_rng(seed),
+        empty_state(problem),
+        log_density_fn=lambda s: log_posterior(problem, s),
+        mixture=mixture,
+    )
+    return [at.state for at, _ in islice(chain, 1000, steps, 5)]
+
+
+def prior_problem() -> Problem:
+    return worlds.problem(N_FRAMES, settings=ModelSettings(likelihood=0.0, scenelet_rate=0.3))
+
+
+@pytest.fixture(scope="module")
+def prior_draws() -> list[State]:
+    problem = prior_problem()
+    return draw_prior(scene_moves(setup(problem)), problem, seed=2, steps=150_000)
+
+
+def test_prior_of_the_number_of_scenelets_comes_back(prior_draws: list[State]) -> None:
+    exact = exact_counts(prior_problem())
+    counts = np.array([s.n_scenelets for s in prior_draws])
+    assert exact[:3].min() > 0.05
+    for k in range(3):
+        hit = (counts == k).astype(float)
+        assert abs(hit.mean() - exact[k]) < 4.5 * chain_error(hit), (k, hit.mean(), exact[k])
+
+
+def test_prior_of_starts_yaw_camera_and_position_comes_back(prior_draws: list[State]) -> None:
+    problem = prior_problem()
+    first = [s for s in prior_draws if s.n_scenelets == 1]
+    yaw = np.array([s.placements[0, 2] for s in first])
+    for m in (1, 2):
+        for part in (np.cos(m * yaw), np.sin(m * yaw)):
+            assert abs(part.mean()) < 4.5 * chain_error(part)
+    # One scenelet alone: any start is as probable as any other.
+    starts = np.array([s.items[0, 1] for s in first])
+    early = (starts < 7).astype(float)
+    assert abs(early.mean() - 7 / 15) < 4.5 * chain_error(early)
+    camera = np.array([s.camera for s in prior_draws])
+    spread = np.sqrt(np.diag(np.linalg.inv(problem.camera_precision)))
+    for i in range(4):
+        scaled = (camera[:, i] - problem.camera_mean[i]) / spread[i]
+        assert abs(scaled.mean()) < 4.5 * chain_error(scaled)
+        assert abs((scaled**2).mean() - 1) < 4.5 * chain_error(scaled**2)
+    latent = np.array([s.latent[3, 1] for s in prior_draws])
+    assert abs((latent**2).mean() - 1) < 4.5 * chain_error(latent**2)
+
+
+def test_a_forgotten_jacobian_is_noticed() -> None:
+    """Mutation: a placement walk without (y' / y)^2 must fail the prior test's statistic."""
+
+    class Forgetful(PlacementWalk):
+        def propose(self, rng, state):  # type: ignore[no-untyped-def]
+            proposal = super().propose(rng, state)
+            return None if proposal is None else proposal._replace(log_ratio=0.0)
+
+    problem = prior_problem()
+    start = empty_state(problem).with_item(0, 0, np.array([0.0, 4.0, 0.0]))
+
+    def depth_score(walk: PlacementWalk) -> float:
+        chain = sample(
+            np.random.default_rng(3),
+            start,
+            log_density_fn=lambda s: log_posterior(problem, s),
+            mixture=Mixture([walk], [1.0]),
+        )
+        # Seen first under a scenelet, log depth has its prior: mean log 4, s.d. .4.
+        depth = np.log([at.state.placements[0, 1] for at, _ in islice(chain, 500, 30_000)])
+        return float((depth.mean() - np.log(4.0)) / chain_error(depth))
+
+    scales = (4.0, 12.0)
+    assert abs(depth_score(PlacementWalk(scales))) < 4.5
+    assert abs(depth_score(Forgetful(scales))) > 8

@@ -1,0 +1,45 @@
+"""Settings survive TOML, and wrong ones are named."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from imapper_prob.config import Config, SampleSettings, read_config, to_toml
+from imapper_prob.models.errors import InputError
+from imapper_prob.models.settings import ModelSettings
+
+
+def test_settings_survive_a_file(tmp_path: Path) -> None:
+    config = Config(
+        seed=5,
+        library='odd "name" \\ here',
+        model=replace(ModelSettings(), pose_tolerance=0.1),
+        sample=replace(SampleSettings(), steps=5000),
+    )
+    path = tmp_path / "config.toml"
+    path.write_text(to_toml(config))
+    assert read_config(path) == config
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("sed = 3", "unknown setting 'sed'"),
+        ("[model]\npose_tolerance = 'wide'", "must be of type float"),
+        ("[model]\npose_tolerance = -1.0", "must be positive"),
+        ("[sample]\nsteps = true", "must be of type int"),
+        ("[sample]\nsteps = 10", "cannot be kept"),
+        ("model = 3", "must be a table"),
+        ("seed = ", "not a TOML file"),
+    ],
+)
+def test_a_wrong_setting_is_named(tmp_path: Path, text: str, words: str) -> None:
+    path = tmp_path / "config.toml"
+    path.write_text(text)
+    with pytest.raises(InputError, match=words):
+        read_config(path)
+    with pytest.raises(InputError, match="cannot be read"):
+        read_config(tmp_path / "missing.toml")

@@ -1,0 +1,167 @@
+"""The rules of dependence: what stands on what, and what importing costs."""
+
+from __future__ import annotations
+
+import ast
+import re
+import subprocess
+import sys
+import time
+import tomllib
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+PACKAGE = ROOT / "imapper_prob"
+# `imapper_prob/models` and `imapper_prob/samplers` are links to folders at the root.
+SOURCES = sorted(
+    {
+        path
+        for folder in (PACKAGE, PACKAGE / "models", PACKAGE / "samplers")
+        for path in folder.rglob("*.py")
+    }
+)
+FLOORS = [
+    {"models", "samplers"},
+    {"config"},
+    {"inputs"},
+    {"scenelets"},
+    {"staged"},
+    {"sampling"},
+    {"recording"},
+    {"results"},
+    {"evaluate"},
+    {"api", "demo", "output"},
+    {"cli", "__init__", "__main__"},
+]
+"""From the ground up: a floor imports itself and what is below it."""
+SHARED_TYPES = {"imapper_prob.results.scenes"}
+"""Result types that the floors which fill them may name."""
+LONGEST_MODULE = 450
+HEAVY = {"torch", "numba", "rerun", "matplotlib", "emcee", "xarray", "arviz_base", "trimesh"}
+LONGEST_IMPORT = 1.0
+"""Seconds for `import imapper_prob` in a fresh interpreter."""
+DISTRIBUTIONS = {"PIL": "pillow", "rerun": "rerun-sdk", "dask": "distributed"}
+"""Distributions whose name is not that of the module."""
+
+
+def module_name(path: Path) -> str:
+    parts = path.relative_to(ROOT).with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+@cache
+def imports(path: Path) -> frozenset[str]:
+    """Dotted names of all that a module imports, wherever in it."""
+    found = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path}: relative import"
+            for alias in node.names:
+                full = f"{node.module}.{alias.name}"
+                is_module = (ROOT / Path(*full.split("."))).is_dir() or (
+                    ROOT / Path(*full.split("."))
+                ).with_suffix(".py").is_file()
+                found.add(full if is_module else str(node.module))
+    return frozenset(found)
+
+
+def floor_of(module: str) -> int:
+    parts = module.split(".")
+    name = parts[1] if len(parts) > 1 else "__init__"
+    matches = [i for i, floor in enumerate(FLOORS) if name in floor]
+    assert matches, f"{module}: give imapper_prob.{name} a floor in this test"
+    return matches[0]
+
+
+def inner(path: Path) -> Iterator[str]:
+    return (name for name in imports(path) if name.split(".")[0] == "imapper_prob")
+
+
+def test_there_is_something_to_check() -> None:
+    names = {module_name(p) for p in SOURCES}
+    assert {"imapper_prob", "imapper_prob.models.scene", "imapper_prob.samplers"} <= names
+
+
+@pytest.mark.parametrize("path", SOURCES, ids=module_name)
+def test_nothing_imports_upward(path: Path) -> None:
+    module = module_name(path)
+    for name in inner(path):
+        if name not in SHARED_TYPES:
+            assert floor_of(name) <= floor_of(module), f"{module} imports {name}"
+
+
+@pytest.mark.parametrize("ground", ["models", "samplers"])
+def test_models_and_samplers_know_nothing_of_each_other(ground: str) -> None:
+    for path in SOURCES:
+        if module_name(path).startswith(f"imapper_prob.{ground}"):
+            strangers = {n for n in inner(path) if not n.startswith(f"imapper_prob.{ground}")}
+            assert not strangers, f"{module_name(path)} imports {strangers}"
+
+
+def test_root_folders_are_reached_through_the_package_only() -> None:
+    others = [p for folder in ("tests", "benchmarks") for p in (ROOT / folder).rglob("*.py")]
+    for path in [*SOURCES, *others]:
+        direct = {n for n in imports(path) if n.split(".")[0] in ("models", "samplers")}
+        assert not direct, f"{path} imports {direct}"
+
+
+def test_links_are_relative() -> None:
+    for name in ("models", "samplers"):
+        link = PACKAGE / name
+        assert link.is_symlink()
+        assert link.readlink() == Path("..") / name
+
+
+def test_modules_are_short() -> None:
+    lengths = {module_name(p): len(p.read_text(encoding="utf-8").splitlines()) for p in SOURCES}
+    assert {m: n for m, n in lengths.items() if n > LONGEST_MODULE} == {}
+
+
+def test_every_import_is_a_declared_dependency() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    extras = [project["optional-dependencies"][e] for e in ("video", "cluster", "notebook")]
+    declared = {
+        re.split(r"[^A-Za-z0-9_-]", requirement)[0].replace("-", "_")
+        for requirement in sum(extras, project["dependencies"])
+    }
+    for path in SOURCES:
+        for name in imports(path):
+            top = name.split(".")[0]
+            if top != "imapper_prob" and top not in sys.stdlib_module_names:
+                distribution = DISTRIBUTIONS.get(top, top).replace("-", "_")
+                assert distribution in declared, f"{module_name(path)} imports {top}"
+
+
+def test_every_direct_dependency_is_pinned() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    extras = project["optional-dependencies"].values()
+    direct = {
+        re.split(r"[^A-Za-z0-9_-]", requirement)[0]
+        for requirement in sum(extras, project["dependencies"])
+        if "python_version >= '3.12'" not in requirement
+    }
+    lines = (ROOT / "constraints.txt").read_text(encoding="utf-8").splitlines()
+    pinned = {line.split("==")[0] for line in lines if "==" in line}
+    assert direct - pinned == set()
+
+
+def test_importing_is_quick_and_light() -> None:
+    program = "import sys, imapper_prob; sys.stdout.write(' '.join(sys.modules))"
+
+    def measured() -> tuple[float, set[str]]:
+        start = time.perf_counter()
+        done = subprocess.run(
+            [sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=True
+        )
+        return time.perf_counter() - start, set(done.stdout.split())
+
+    # The best of three: the machine may be busy, the program is not at fault then.
+    runs = [measured() for _ in range(3)]
+    assert runs[0][1] & HEAVY == set()
+    assert min(seconds for seconds, _ in runs) < LONGEST_IMPORT
