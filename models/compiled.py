@@ -177,7 +177,7 @@ def _detections(
 ) -> None:
     """log p(u, c | q, m) summed over the joints of each frame, before any weight."""
     cp, sp = math.cos(camera[0]), math.sin(camera[0])
-    focal = math.exp(camera[2])
+    focal, body = math.exp(camera[2]), math.exp(camera[3])
     windows = sight_windows(camera[1], boxes, turns)
     chosen = np.empty(len(boxes), dtype=np.int64)
     for t in range(len(item_of)):
@@ -200,7 +200,8 @@ def _detections(
             du = problem.cx + focal * problem.fx * x / depth - problem.keypoints[t, j, 0]
             dv = problem.cy - focal * problem.fy * up / depth - problem.keypoints[t, j, 1]
             error = du * du + dv * dv
-            loose = (focal * problem.fx * problem.pose_tolerance / depth) ** 2
+            # A larger body differs by more: else distance alone would seem to fit better.
+            loose = (focal * problem.fx * body * problem.pose_tolerance / depth) ** 2
             hidden_log = problem.log_confidence[t, j, 0] + _log_t(
                 error, problem.error_scale[t, j, 0] ** 2 + loose, problem.error_dof[t, j, 0]
             )

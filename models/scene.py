@@ -218,7 +218,7 @@ class Track:
     @property
     def has_pose(self) -> NDArray[np.bool_]:
         """(T,) bool, frames with a lifted pose."""
-        flags: NDArray[np.bool_] = np.isfinite(self.poses).all(-1).all(-1)
+        flags: NDArray[np.bool_] = np.all(np.isfinite(self.poses), axis=(1, 2))
         return flags
 
 

@@ -16,12 +16,12 @@ class ModelSettings:
     Parameters
     ----------
     frame_weight : float
-        Factor on every frame's log-likelihood. Detections of neighbouring frames are not
-        independent: on i3DB the pixel residuals correlate over 11-13 frames and .15 across
-        joints; 1/5 gave the best paths there.
+        Factor on every frame's log-likelihood at 10 frames a second. Detections of
+        neighbouring frames are not independent: on i3DB the pixel residuals correlate over
+        11-13 frames.
     pose_tolerance : float
-        Metres; standard deviation of a real joint about the scenelet's. A library of a few
-        hundred motions never holds exactly this person's.
+        Metres, of a body of the reference stature; standard deviation of a real joint about
+        the scenelet's. A library of a few hundred motions never holds exactly this person's.
     sight_width : float
         Metres; width of the step from hidden to seen over the clearance of the ray.
     surprise : float
@@ -48,7 +48,7 @@ class ModelSettings:
         Factor on everything that depends on data; 1, or 0 for the prior.
     """
 
-    frame_weight: float = 0.2
+    frame_weight: float = 1 / 12
     pose_tolerance: float = 0.08
     sight_width: float = 0.04
     surprise: float = 0.02
@@ -57,8 +57,8 @@ class ModelSettings:
     start_bearing: float = 0.25
     start_log_depth: float = 0.4
     start_depth: float = 4.0
-    collision_cost: float = 40.0
-    motion_cost: float = 20.0
+    collision_cost: float = 100.0
+    motion_cost: float = 50.0
     merge_angle: float = 0.6
     scenelet_rate: float = 0.02
     likelihood: float = 1.0

@@ -1,8 +1,8 @@
 """Data drawn from the model: a room, a person in it, and what detector and lifter say.
 
 Demo, tests of calibration and simulation-based calibration all use this. The camera, the
-body and the detector are drawn from the priors of the model itself; the room and the walk
-through it are plausible, not a draw of p(X).
+body and the detector are drawn from the priors of the model itself, and drawn again until
+the person is in view; the room and the walk through it are plausible, not a draw of p(X).
 """
 
 from __future__ import annotations
@@ -89,8 +89,8 @@ FEWEST_IN_IMAGE: Final = 0.3
 _PLACES = 30
 """Places tried for each piece before another room is drawn."""
 
-_ROOMS = 400
-"""Rooms tried before giving up; nine in ten clips need fewer than 40."""
+_ROOMS = 200
+"""Rooms tried before giving up; two interactions in 150 frames need fewer than ten."""
 
 
 def draw_camera(rng: np.random.Generator, *, nominal: Camera = NOMINAL_CAMERA) -> Camera:
@@ -154,6 +154,8 @@ def simulate_clip(
         If the library has no walk or no interaction, a name of the script is unknown, or no
         room could be found in which there is time for everything.
     """
+    if not script and n_interactions < 1:
+        raise InputError(f"clip {name}: {n_interactions} interactions; ask for one or more")
     if len({s.fps for s in library}) > 1:
         raise InputError(f"library {library.name}: scenelets of different frame rates")
     gait, bystanders = Gait.of(library), low_pieces(library)

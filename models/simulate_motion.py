@@ -40,7 +40,8 @@ CORNER: Final = 0.35
 def _minimum_jerk(progress: ArrayLike) -> Array:
     """Position between 0 and 1 of a smooth movement (Flash and Hogan 1985), held outside."""
     s = np.clip(np.asarray(progress, float), 0.0, 1.0)
-    return s**3 * (10 - 15 * s + 6 * s**2)
+    position: Array = s**3 * (10 - 15 * s + 6 * s**2)
+    return position
 
 
 @dataclass(frozen=True)

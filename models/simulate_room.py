@@ -101,7 +101,8 @@ def _outline(piece: SceneObject) -> Array:
         np.linspace(0, 1, int(np.linalg.norm(b - a) / 0.1) + 2),
         np.linspace(0, 1, int(np.linalg.norm(d - a) / 0.1) + 2),
     )
-    return a + u.reshape(-1, 1) * (b - a) + v.reshape(-1, 1) * (d - a)
+    points: Array = a + u.reshape(-1, 1) * (b - a) + v.reshape(-1, 1) * (d - a)
+    return points
 
 
 def _anywhere(rng: np.random.Generator, camera: Camera) -> Array:
@@ -133,7 +134,8 @@ def draw_stay(
     seen = in_image(camera, middle) & ~hidden_joints(camera, middle, [*own, *furniture])
     if seen.mean() < FEWEST_SEEN:
         return None
-    start = Placement(*joints[0, PELV, :2].tolist(), float(facing(joints[0])))
+    x, y = joints[0, PELV, :2].tolist()
+    start = Placement(x, y, float(facing(joints[0])))
     for right, forward in _BEFORE_SEAT if joints[0, PELV, 2] < SITTING else _BEHIND:
         point = start.apply(np.array([right, forward, 0.0]))[:2]
         if _distance(point[None], [*own, *furniture]) > PASSAGE:
@@ -160,7 +162,7 @@ def draw_bystander(
 
     None if this attempt found no room for it.
     """
-    piece = pieces[rng.integers(len(pieces))]
+    piece = pieces[int(rng.integers(len(pieces)))]
     joints = stay.joints(scale)
     middle = joints[len(joints) // 2]
     x, y = middle[PELV, :2] * (1 - rng.uniform(0.8, 1.6) / np.linalg.norm(middle[PELV, :2]))

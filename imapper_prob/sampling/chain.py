@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 
@@ -32,6 +31,8 @@ __all__ = ["Chain", "Setup", "run_chain", "scene_moves"]
 
 Array = NDArray[np.float64]
 
+_ANNEALING = (0.3, 0.45, 0.65, 1.0)
+"""Powers of the posterior during burn-in, equally long each."""
 _REPORT_EVERY = 200
 """Steps between two progress reports; a fraction of a second."""
 
@@ -69,7 +70,7 @@ class Chain:
     trace : (m,) float
         Log-posterior over the whole run, burn-in included, evenly spaced.
     acceptance : AcceptanceTable
-        Over all steps.
+        Over the steps at the posterior itself.
     finished : bool
         Whether it ran all its steps.
     """
@@ -105,29 +106,43 @@ def scene_moves(setup: Setup) -> Mixture[State]:
 
 
 def run_chain(setup: Setup, start: State, rng: np.random.Generator, report: Report) -> Chain:
-    """Run a chain from ``start``; asked to stop, it returns what it has."""
+    """Run a chain from ``start``; asked to stop, it returns what it has.
+
+    The burn-in is annealed: it goes from a flattened posterior to the posterior itself, so
+    that chains leave the scene they started from. None of its draws is kept.
+    """
     settings = setup.settings
-    target: Callable[[State], float] = partial(log_posterior, setup.problem)
     burn_in = int(settings.steps * settings.burn_in)
     keep = set(np.linspace(burn_in, settings.steps - 1, settings.draws).round().astype(int))
     mark = set(np.linspace(0, settings.steps - 1, settings.draws).round().astype(int))
+    mixture = scene_moves(setup)
+    stages = np.linspace(0, burn_in, len(_ANNEALING) + 1).round().astype(int)
+    ends = [*zip(_ANNEALING, stages[1:], strict=True), (1.0, settings.steps)]
     states, values, trace = [], [], []
     table = AcceptanceTable()
-    finished = True
-    chain = sample(rng, start, log_density_fn=target, mixture=scene_moves(setup))
-    for n, (at, info) in enumerate(chain):
-        table.record(info)
-        if n in keep:
-            states.append(at.state)
-            values.append(at.log_density)
-        if n in mark:
-            trace.append(at.log_density)
-        if n + 1 == settings.steps:
-            break
-        if n % _REPORT_EVERY == 0 and not report(n / settings.steps):
-            finished = False
-            break
+    state, n, finished = start, 0, True
+    for power, end in ends:
+        if n == end or not finished:
+            continue
+        target = partial(_flattened, setup.problem, power)
+        for at, info in sample(rng, state, log_density_fn=target, mixture=mixture):
+            state = at.state
+            if power == 1.0:
+                table.record(info)
+            if n in keep:
+                states.append(state)
+                values.append(at.log_density)
+            if n in mark:
+                trace.append(at.log_density / power)
+            finished = n % _REPORT_EVERY != 0 or report(n / settings.steps)
+            n += 1
+            if n == end or not finished:
+                break
     if not states:
         # Stopped during burn-in: the last state is all there is.
-        states, values = [at.state], [at.log_density]
+        states, values = [state], [log_posterior(setup.problem, state)]
     return Chain(tuple(states), np.array(values), np.array(trace), table, finished)
+
+
+def _flattened(problem: Problem, power: float, state: State) -> float:
+    return power * log_posterior(problem, state)

@@ -63,13 +63,13 @@ class Birth:
 
     def propose(self, rng: np.random.Generator, state: State) -> Proposal[State] | None:
         """Draw a scenelet; impossible where it would overlap another."""
-        drawn = self.proposals.draw(rng)
+        drawn = self.proposals.draw(rng, state.camera)
         if drawn is None:
             return None
         new = state.with_item(*drawn)
         if not _fits(self.proposals.problem, new):
             return None
-        log_forward = self.proposals.log_density(*drawn)
+        log_forward = self.proposals.log_density(*drawn, state.camera)
         return Proposal(new, -math.log(new.n_scenelets) - log_forward)
 
     def explain(self, before: State, after: State) -> float:
@@ -78,7 +78,7 @@ class Birth:
         if index is None:
             return -math.inf
         scenelet, start = (int(v) for v in after.items[index])
-        return self.proposals.log_density(scenelet, start, after.placements[index])
+        return self.proposals.log_density(scenelet, start, after.placements[index], after.camera)
 
 
 @dataclass(frozen=True)
@@ -95,7 +95,9 @@ class Death:
             return None
         index = int(rng.integers(state.n_scenelets))
         scenelet, start = (int(v) for v in state.items[index])
-        log_reverse = self.proposals.log_density(scenelet, start, state.placements[index])
+        log_reverse = self.proposals.log_density(
+            scenelet, start, state.placements[index], state.camera
+        )
         return Proposal(state.without_item(index), log_reverse + math.log(state.n_scenelets))
 
     def explain(self, before: State, after: State) -> float:
@@ -120,15 +122,20 @@ class Swap:
             return None
         index = int(rng.integers(state.n_scenelets))
         scenelet, start = (int(v) for v in state.items[index])
-        drawn = self.proposals.draw(rng, around=start, window=self.window)
+        drawn = self.proposals.draw(rng, state.camera, around=start, window=self.window)
         if drawn is None:
             return None
         new = state.without_item(index).with_item(*drawn)
         if not _fits(self.proposals.problem, new):
             return None
-        forward = self.proposals.log_density(*drawn, around=start, window=self.window)
+        forward = self.proposals.log_density(*drawn, state.camera, around=start, window=self.window)
         backward = self.proposals.log_density(
-            scenelet, start, state.placements[index], around=drawn[1], window=self.window
+            scenelet,
+            start,
+            state.placements[index],
+            state.camera,
+            around=drawn[1],
+            window=self.window,
         )
         return Proposal(new, backward - forward)
 
@@ -142,6 +149,7 @@ class Swap:
                     scenelet,
                     start,
                     after.placements[other],
+                    after.camera,
                     around=int(before.items[index, 1]),
                     window=self.window,
                 )
@@ -250,25 +258,27 @@ class CameraWalk:
 
 @dataclass(frozen=True)
 class DepthScale:
-    """Body scale and the distance of everything together.
+    """Body scale, camera height and the distance of everything together.
 
-    A larger body further away looks the same; without this move the largest uncertainty of
-    the problem would be crossed in many small steps. (x, y) of k placements grow by e^d, so
-    the Jacobian is e^(2 k d).
+    A larger body further away, seen from higher up, looks the same; without this move the
+    largest uncertainty of the problem would be crossed in many small steps. The camera's
+    elevation and (x, y) of k placements grow by e^d, so the Jacobian is e^((2 k + 1) d).
     """
 
-    spread: float = 0.02
+    scales: tuple[float, ...] = (0.01, 0.04)
     name: str = "depth-scale"
     reverse: str = "depth-scale"
 
     def propose(self, rng: np.random.Generator, state: State) -> Proposal[State]:
         """Scale body and distances."""
-        step = self.spread * float(rng.standard_normal())
+        scale = self.scales[int(rng.integers(len(self.scales)))]
+        step = scale * float(rng.standard_normal())
         camera, placements = state.camera.copy(), state.placements.copy()
+        camera[1] *= math.exp(step)
         camera[3] += step
         placements[:, :2] *= math.exp(step)
         changed = replace(state, camera=camera, placements=placements)
-        return Proposal(changed, 2 * state.n_scenelets * step)
+        return Proposal(changed, (2 * state.n_scenelets + 1) * step)
 
 
 @dataclass(frozen=True)

@@ -24,8 +24,9 @@ Ints = NDArray[np.int64]
 
 _ANYWHERE = 0.05
 """Share of the mixture that knows nothing; small, for it is nearly always refused."""
-_LOG_DEPTH_SPREAD, _BEARING_SPREAD, _YAW_SPREAD = 0.05, 0.015, 0.15
-"""Blur of a candidate: log metres, tangent, radians; the width of a placement's posterior."""
+_SPREADS = ((0.003, 0.03, 0.1), (0.015, 0.06, 0.3))
+"""Blurs of a candidate in bearing (tangent), log depth and yaw (radians), tried equally often:
+the width of a placement's posterior, and one that reaches placements other objects displace."""
 
 
 @dataclass(frozen=True)
@@ -69,10 +70,20 @@ def log_wrapped_normal(angle: Array, spread: float) -> Array:
 
 @dataclass(frozen=True)
 class Proposals:
-    """The mixture over (scenelet, start frame, placement), to draw from and to evaluate."""
+    """The mixture over (scenelet, start frame, placement), to draw from and to evaluate.
+
+    Candidates were fitted at the mean of the camera prior. Under another focal length or
+    body size the same pixels lie on another bearing and depth, and so do the proposals:
+    they depend on ``camera`` (4,), which the moves that use them leave alone.
+    """
 
     problem: Problem
     candidates: Candidates
+
+    def _seen_from(self, camera: Array) -> tuple[float, float]:
+        """By how much bearing shrinks and log depth grows from the mean camera to this one."""
+        change = camera - self.problem.camera_mean
+        return math.exp(-change[2]), float(change[2] + change[3])
 
     def _near(self, start: int | None, window: int) -> Array:
         """Weights of the candidates whose start lies within ``window`` frames of ``start``."""
@@ -88,7 +99,12 @@ class Proposals:
         return max(0, start - window), min(last, start + window)
 
     def draw(
-        self, rng: np.random.Generator, *, around: int | None = None, window: int = 0
+        self,
+        rng: np.random.Generator,
+        camera: Array,
+        *,
+        around: int | None = None,
+        window: int = 0,
     ) -> tuple[int, int, Array] | None:
         """A scenelet, its start frame and its placement (3,); None where none fits.
 
@@ -100,9 +116,12 @@ class Proposals:
             which = int(rng.choice(len(weights), p=weights / total))
             scenelet, start = (int(v) for v in self.candidates.items[which])
             x, y, yaw = self.candidates.placements[which]
-            bearing = x / y + _BEARING_SPREAD * rng.standard_normal()
-            depth = y * math.exp(_LOG_DEPTH_SPREAD * rng.standard_normal())
-            turn = yaw + _YAW_SPREAD * rng.standard_normal()
+            shrunk, further = self._seen_from(camera)
+            spread = np.array(_SPREADS[int(rng.integers(len(_SPREADS)))])
+            across, along, around_z = spread * rng.standard_normal(3)
+            bearing = shrunk * x / y + across
+            depth = y * math.exp(further + along)
+            turn = yaw + around_z
             return scenelet, start, np.array([bearing * depth, depth, turn])
         scenelet = int(rng.integers(len(self.problem.lengths)))
         first, last = self._starts(scenelet, around, window)
@@ -119,6 +138,7 @@ class Proposals:
         scenelet: int,
         start: int,
         placement: Array,
+        camera: Array,
         *,
         around: int | None = None,
         window: int = 0,
@@ -149,15 +169,17 @@ class Proposals:
         )
         if len(same):
             cx, cy, turn = self.candidates.placements[same].T
-            logs = (
-                math.log(1 - _ANYWHERE)
-                + np.log(weights[same] / total)
-                - 0.5 * ((bearing - cx / cy) / _BEARING_SPREAD) ** 2
-                - 0.5 * ((log_depth - np.log(cy)) / _LOG_DEPTH_SPREAD) ** 2
-                - math.log(2 * math.pi * _BEARING_SPREAD * _LOG_DEPTH_SPREAD)
-                + log_wrapped_normal(yaw - turn, _YAW_SPREAD)
-            )
-            parts.extend(logs.tolist())
+            shrunk, further = self._seen_from(camera)
+            shares = np.log(weights[same] / total * (1 - _ANYWHERE) / len(_SPREADS))
+            for across, along, around_z in _SPREADS:
+                logs = (
+                    shares
+                    - 0.5 * ((bearing - shrunk * cx / cy) / across) ** 2
+                    - 0.5 * ((log_depth - further - np.log(cy)) / along) ** 2
+                    - math.log(2 * math.pi * across * along)
+                    + log_wrapped_normal(yaw - turn, around_z)
+                )
+                parts.extend(logs.tolist())
         if not parts:
             return -math.inf
         return to_floor + float(np.logaddexp.reduce(parts))

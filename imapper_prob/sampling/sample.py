@@ -147,12 +147,11 @@ def sample_scenes(
 def _proposed(solution: Solution) -> Candidates:
     """The solver's candidates, weighted within their window by how much they gain."""
     found = [c for c in solution.candidates if c.placement[1] > 0]
-    half = solution.problem.lengths // 2
-    centres = np.array([c.start + half[c.scenelet] for c in found], dtype=np.int64)
+    windows = np.array([c.window for c in found], dtype=np.int64)
     gains = np.array([c.gain for c in found])
     weights = np.zeros(len(found))
-    for centre in np.unique(centres):
-        own = centres == centre
+    for window in np.unique(windows):
+        own = windows == window
         best = gains[own].max()
         relative = np.exp((gains[own] - best) / _TEMPERATURE)
         weights[own] = relative / relative.sum() * (1.0 if best > 0 else _HOPELESS)

@@ -23,9 +23,9 @@ all, with O objects of K cuboids in all:
 from __future__ import annotations
 
 import os
-import zipfile
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,6 +41,22 @@ __all__ = ["BUILT_IN", "built_in_library", "load_library", "save_library"]
 BUILT_IN = "built-in"
 
 _FORMAT = "imapper-prob scenelet library 1"
+
+# The length that each part must have, by the part that sets it (None: free), and the rest.
+_SHAPES: dict[str, tuple[str | None, *tuple[int, ...]]] = {
+    "names": ("names",),
+    "actions": ("names",),
+    "fps": ("names",),
+    "first_frame": (None,),
+    "joints": (None, N_JOINTS, 3),
+    "object_scenelet": ("object_label",),
+    "object_label": ("object_label",),
+    "object_placement": ("object_label", 3),
+    "cuboid_object": ("cuboid_part",),
+    "cuboid_part": ("cuboid_part",),
+    "cuboid_centre": ("cuboid_part", 3),
+    "cuboid_size": ("cuboid_part", 3),
+}
 
 
 @cache
@@ -68,17 +84,16 @@ def load_library(source: str | Path = BUILT_IN) -> Library:
     if not path.is_file():
         raise InputError(f"library {path}: no such file; give a library's .npz, or {BUILT_IN!r}")
     try:
-        with np.load(path, allow_pickle=False) as archive:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
             arrays = {key: archive[key] for key in archive.files}
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
+    except Exception as error:  # numpy, zipfile, zlib and tokenize each have their own way to fail
         raise InputError(f"library {path}: damaged, or no .npz at all; make it again") from error
     if str(arrays.get("format")) != _FORMAT:
         raise InputError(f"library {path}: not a scenelet library of this version; make it again")
     try:
+        _check(arrays)
         return _unpacked(arrays)
-    except (KeyError, IndexError) as error:
-        raise InputError(f"library {path}: part {error} is missing; make it again") from error
-    except InputError as error:
+    except ValueError as error:  # an InputError, or text where numbers belong
         raise InputError(f"library {path}: {error}") from error
 
 
@@ -88,13 +103,13 @@ def save_library(library: Library, path: str | Path) -> None:
     beside = path.with_name(f".{path.name}.partial")
     try:
         with beside.open("wb") as file:
-            np.savez_compressed(file, **_packed(library))
+            np.savez_compressed(file, allow_pickle=False, **_packed(library))
         os.replace(beside, path)
     finally:
         beside.unlink(missing_ok=True)
 
 
-def _packed(library: Library) -> dict[str, NDArray[np.generic]]:
+def _packed(library: Library) -> dict[str, NDArray[Any]]:
     objects = [(i, o) for i, s in enumerate(library) for o in s.objects]
     cuboids = [(i, c) for i, (_, o) in enumerate(objects) for c in o.cuboids]
     places = [(o.placement.x, o.placement.y, o.placement.yaw) for _, o in objects]
@@ -116,7 +131,27 @@ def _packed(library: Library) -> dict[str, NDArray[np.generic]]:
     }
 
 
-def _unpacked(arrays: dict[str, NDArray[np.generic]]) -> Library:
+def _check(arrays: dict[str, NDArray[Any]]) -> None:
+    """Whether all parts are there, of sizes that agree, and point at things that exist."""
+    for key in ("name", *_SHAPES):
+        if key not in arrays:
+            raise InputError(f"part {key} is missing; make it again")
+    sizes = {key: arrays[key].size for key in ("names", "object_label", "cuboid_part")}
+    for key, (length, *rest) in _SHAPES.items():
+        array = arrays[key]
+        expected = (sizes[length] if length else len(np.atleast_1d(array)), *rest)
+        if array.shape != expected:
+            raise InputError(f"{key} has shape {array.shape}, expected {expected}; make it again")
+    steps = np.diff(arrays["first_frame"], prepend=0, append=len(arrays["joints"]))
+    for key, owners in (("object_scenelet", "names"), ("cuboid_object", "object_label")):
+        index = arrays[key]
+        if ((index < 0) | (index >= sizes[owners])).any():
+            raise InputError(f"{key} names one that does not exist; make it again")
+    if len(arrays["first_frame"]) != sizes["names"] + 1 or (steps < 0).any() or steps[-1]:
+        raise InputError("first_frame does not fit the scenelets and their joints; make it again")
+
+
+def _unpacked(arrays: dict[str, NDArray[Any]]) -> Library:
     cuboid_of = arrays["cuboid_object"]
     objects = [
         SceneObject(
@@ -136,8 +171,6 @@ def _unpacked(arrays: dict[str, NDArray[np.generic]]) -> Library:
         )
     ]
     owner, first, joints = arrays["object_scenelet"], arrays["first_frame"], arrays["joints"]
-    if joints.shape[1:] != (N_JOINTS, 3) or first[-1] != len(joints):
-        raise InputError(f"joints of shape {joints.shape} do not fit the frame counts")
     scenelets = tuple(
         Scenelet(
             str(name),

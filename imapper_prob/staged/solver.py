@@ -21,7 +21,8 @@ from imapper_prob.models.scenelet import Library
 from imapper_prob.models.settings import ModelSettings
 from imapper_prob.scenelets.charness import charness, motion_distances
 from imapper_prob.staged.calibration import estimate_camera
-from imapper_prob.staged.combine import Candidate, combine, screen
+from imapper_prob.staged.candidates import Candidate, screen
+from imapper_prob.staged.combine import combine
 from imapper_prob.staged.fit import fit_windows
 from imapper_prob.staged.free_poses import free_pose_cost
 from imapper_prob.staged.maxima import CharnessCurve, charness_curve

@@ -37,14 +37,19 @@ def test_run_writes_all_four_files(run_folder: Path) -> None:
 
 
 def test_the_recording_passes_reruns_own_check(run_folder: Path) -> None:
-    command = [sys.executable, "-m", "rerun_cli", "rrd", "verify", str(run_folder / "recording.rrd")]
+    command = [
+        sys.executable,
+        "-m",
+        "rerun_cli",
+        "rrd",
+        "verify",
+        str(run_folder / "recording.rrd"),
+    ]
     result = subprocess.run(command, capture_output=True, text=True, check=False)
     assert result.returncode == 0, result.stderr
 
 
-def test_info_prints_the_table_again(
-    run_folder: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_info_prints_the_table_again(run_folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["info", str(run_folder)]) == 0
     text = capsys.readouterr().out
     assert "Layouts" in text
@@ -117,9 +122,7 @@ def test_bad_input_is_one_line_exit_2_and_no_output(
     assert not out.exists()
 
 
-def test_three_frames_are_too_few(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_three_frames_are_too_few(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder = tmp_path / "Scene99"
     I3dbFolder().write(folder)
     path = next(folder.glob("skel_*_2d_00.json"))

@@ -78,9 +78,12 @@ def test_proposals_are_a_density(where: str, around: int | None) -> None:
     rng = np.random.default_rng(1)
     items, places = proposals.candidates.items, proposals.candidates.placements
     chosen = int(np.argmin(abs(items[:, 1] - 6)))
+    # A body 3 % larger and a focal length 2 % shorter than the candidates were fitted with.
+    camera = PROBLEM.camera_mean + np.array([0.0, 0.0, -0.02, 0.03])
     if where == "candidate":
         x, y, yaw = places[chosen]
-        centre, spread = np.array([x / y, np.log(y)]), np.array([0.008, 0.03])
+        centre = np.array([x / y * np.exp(0.02), np.log(y) + 0.01])
+        spread = np.array([0.002, 0.02])
     else:
         yaw, centre, spread = 0.0, PROBLEM.start_mean, np.sqrt(PROBLEM.start_variance) / 2
     n_starts = 15 if around is None else 7
@@ -97,8 +100,8 @@ def test_proposals_are_a_density(where: str, around: int | None) -> None:
 
     weights = []
     for _ in range(20000):
-        drawn = proposals.draw(rng, around=around, window=3)
-        density = proposals.log_density(*drawn, around=around, window=3)
+        drawn = proposals.draw(rng, camera, around=around, window=3)
+        density = proposals.log_density(*drawn, camera, around=around, window=3)
         weights.append(np.exp(log_h(*drawn) - density))
     error = np.std(weights) / np.sqrt(len(weights))
     assert error < 0.1

@@ -127,20 +127,23 @@ class Trunk:
         """(n, 2, 3) or (2, 3) offsets (right, forward, up) from the pelvis to positions."""
         axes = np.stack([self.right, self.forward, np.broadcast_to(_UP, self.pelvis.shape)], 1)
         offsets = np.broadcast_to(np.asarray(offsets, float), (len(axes), 2, 3))
-        return self.pelvis[:, None] + offsets @ axes
+        positions: Array = self.pelvis[:, None] + offsets @ axes
+        return positions
 
     @property
     def hips(self) -> Array:
         """(n, 2, 3) hip joints."""
         half = BONE_LENGTHS[RHIP, LHIP] / 2
-        return self.pelvis[:, None] + half * SIDES[:, None] * self.right[:, None]
+        hips: Array = self.pelvis[:, None] + half * SIDES[:, None] * self.right[:, None]
+        return hips
 
     @property
     def spine(self) -> Array:
         """(n, 3) from the pelvis to the middle of the shoulders, unit length."""
         level = np.sin(self.lean)[:, None] * self.forward + np.sin(self.tilt)[:, None] * self.right
         up = np.sqrt(np.clip(1 - (level**2).sum(-1, keepdims=True), 0.0, 1.0))
-        return level + up * _UP
+        spine: Array = level + up * _UP
+        return spine
 
     @property
     def thorax(self) -> Array:
@@ -152,7 +155,8 @@ class Trunk:
         """(n, 3) middle of the head."""
         bent = self.lean + self.nod
         direction = np.sin(bent)[:, None] * self.forward + np.cos(bent)[:, None] * _UP
-        return self.thorax + NECK_AND_HEAD * direction
+        head: Array = self.thorax + NECK_AND_HEAD * direction
+        return head
 
     @property
     def shoulders(self) -> Array:
@@ -163,7 +167,8 @@ class Trunk:
         across = turned - (turned * self.spine).sum(-1, keepdims=True) * self.spine
         across /= np.linalg.norm(across, axis=-1, keepdims=True)
         half = BONE_LENGTHS[RSHO, LSHO] / 2
-        return self.thorax[:, None] + half * SIDES[:, None] * across[:, None]
+        shoulders: Array = self.thorax[:, None] + half * SIDES[:, None] * across[:, None]
+        return shoulders
 
 
 def two_bones(
@@ -224,7 +229,8 @@ def hanging_wrists(trunk: Trunk, swing: ArrayLike = 0.0, *, bend: float = 0.06) 
     outward = 0.12 * SIDES[:, None] * trunk.right[:, None]  # the hands clear the hips
     direction = down + outward
     direction /= np.linalg.norm(direction, axis=-1, keepdims=True)
-    return trunk.shoulders + (1 - bend) * (UPPER_ARM + FOREARM) * direction
+    hands: Array = trunk.shoulders + (1 - bend) * (UPPER_ARM + FOREARM) * direction
+    return hands
 
 
 def pose_body(trunk: Trunk, *, ankles: ArrayLike, wrists: ArrayLike) -> Array:

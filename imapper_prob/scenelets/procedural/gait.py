@@ -41,7 +41,8 @@ of range at a comfortable speed)."""
 def minimum_jerk(progress: ArrayLike) -> Array:
     """Position between 0 and 1 of a smooth movement (Flash and Hogan 1985), held outside."""
     s = np.clip(np.asarray(progress, float), 0.0, 1.0)
-    return s**3 * (10 - 15 * s + 6 * s**2)
+    position: Array = s**3 * (10 - 15 * s + 6 * s**2)
+    return position
 
 
 def arc(speed: float, curvature: float) -> Route:

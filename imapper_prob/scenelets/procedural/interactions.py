@@ -8,6 +8,7 @@ one before, so that nothing in the library is more left- than right-handed.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -179,7 +180,8 @@ def reach_shelf(rng: np.random.Generator) -> Drawn:
     return Drawn(joints, (piece.moved(at),))
 
 
-class Entry(NamedTuple):
+@dataclass(frozen=True)
+class Entry:
     """A line of the catalogue: what it is called, what is done, how many, how one is drawn."""
 
     name: str

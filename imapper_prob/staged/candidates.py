@@ -1,0 +1,156 @@
+"""Candidates: fits judged, and the good ones refined, under the full log-posterior.
+
+Reprojection alone cannot tell a chair from a couch. So in every window the best fits of
+each kind of furniture are kept apart, judged with occlusion and intersections (the paper's
+200 per maximum after motion intersection, Monszpart et al. 2019, section 5), and the best
+of each kind that is still worth it is refined.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize
+
+from imapper_prob.models.posterior import State, empty_state, log_posterior
+from imapper_prob.models.problem import Problem
+from imapper_prob.staged.fit import Fits
+
+__all__ = ["Candidate", "ScreenSettings", "furniture_kinds", "refine", "screen"]
+
+Array = NDArray[np.float64]
+Progress = Callable[[str, float], None]
+
+
+@dataclass(frozen=True)
+class ScreenSettings:
+    """Parameters
+    ----------
+    each_kind : int
+        Fits of each kind of furniture that are judged, a window.
+    worth : float
+        Nats by which a kind may be worse than the window's best and still be refined.
+    """
+
+    each_kind: int = 3
+    worth: float = 20.0
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A scenelet fitted to a window.
+
+    Parameters
+    ----------
+    scenelet, start : int
+        Index in the library, and start frame.
+    placement : (3,) float
+        x, y in metres, yaw in radians.
+    gain : float
+        Nats by which it alone improves on the scene without any scenelet.
+    kind : tuple of int
+        Categories of its objects; scenelets of one kind say the same about the furniture.
+    window : int
+        Index of the window it was fitted to.
+    """
+
+    scenelet: int
+    start: int
+    placement: Array
+    gain: float
+    kind: tuple[int, ...]
+    window: int
+
+
+def furniture_kinds(problem: Problem) -> tuple[tuple[int, ...], ...]:
+    """For each scenelet the sorted categories of its objects."""
+    kinds = []
+    for first, last in zip(problem.box_first[:-1], problem.box_first[1:], strict=True):
+        label_of = dict(
+            zip(
+                problem.box_object[first:last].tolist(),
+                problem.box_label[first:last].tolist(),
+                strict=True,
+            )
+        )
+        kinds.append(tuple(sorted(label_of.values())))
+    return tuple(kinds)
+
+
+def screen(
+    problem: Problem,
+    fits: Fits,
+    *,
+    settings: ScreenSettings | None = None,
+    progress: Progress | None = None,
+) -> tuple[Candidate, ...]:
+    """The best fits of every window and kind, with what each gains, in order of time."""
+    settings = settings or ScreenSettings()
+    empty = empty_state(problem)
+    base = log_posterior(problem, empty)
+    kinds = furniture_kinds(problem)
+    found: list[Candidate] = []
+    for w, centre in enumerate(fits.centres.tolist()):
+        judged: dict[tuple[int, ...], list[Candidate]] = {}
+        for scenelet in np.argsort(fits.cost[w], kind="stable").tolist():
+            own = judged.setdefault(kinds[scenelet], [])
+            if len(own) == settings.each_kind or not np.isfinite(fits.cost[w, scenelet]):
+                continue
+            start = centre - int(problem.lengths[scenelet]) // 2
+            placement = fits.placements[w, scenelet]
+            gain = log_posterior(problem, empty.with_item(scenelet, start, placement)) - base
+            if np.isfinite(gain):
+                own.append(Candidate(scenelet, start, placement, gain, kinds[scenelet], w))
+        found += _refined(problem, empty, base, judged, settings)
+        if progress is not None:
+            progress("judging candidates", (w + 1) / len(fits.centres))
+    return tuple(found)
+
+
+def _refined(
+    problem: Problem,
+    empty: State,
+    base: float,
+    judged: dict[tuple[int, ...], list[Candidate]],
+    settings: ScreenSettings,
+) -> list[Candidate]:
+    """One window's candidates, the best of each kind with furniture refined where worth it."""
+    everything = [c for own in judged.values() for c in own]
+    if not everything:
+        return []
+    enough = max(0.0, max(c.gain for c in everything)) - settings.worth
+    result = []
+    for kind, own in judged.items():
+        for rank, candidate in enumerate(sorted(own, key=lambda c: -c.gain)):
+            if rank == 0 and kind and candidate.gain > enough:
+                state = empty.with_item(candidate.scenelet, candidate.start, candidate.placement)
+                state = refine(problem, state)
+                gain = log_posterior(problem, state) - base
+                candidate = replace(candidate, placement=state.placements[0], gain=gain)
+            result.append(candidate)
+    return result
+
+
+def refine(problem: Problem, state: State) -> State:
+    """Placements under the full posterior, one scenelet at a time, by Nelder and Mead."""
+    step = np.array([0.02, 0.05, 0.15])
+    for index in range(state.n_scenelets):
+        x, y, yaw = state.placements[index]
+        start = np.array([x / y, np.log(y), yaw])
+
+        def cost(theta: Array, index: int = index, state: State = state) -> float:
+            depth = np.exp(theta[1])
+            placed = state.with_placement(index, np.array([theta[0] * depth, depth, theta[2]]))
+            return -log_posterior(problem, placed)
+
+        simplex = start + np.vstack([np.zeros(3), np.diag(step)])
+        result = minimize(
+            cost, start, method="Nelder-Mead", options={"maxfev": 60, "initial_simplex": simplex}
+        )
+        depth = np.exp(result.x[1])
+        placement = np.array([result.x[0] * depth, depth, result.x[2]])
+        state = state.with_placement(index, placement)
+    return state
