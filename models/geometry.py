@@ -13,12 +13,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from imapper_prob.models.scene import SceneObject
 
-__all__ = ["NOTHING_IN_SIGHT", "pack_boxes", "sight_clearance"]
+__all__ = ["NOTHING_IN_SIGHT", "OPAQUE", "pack_boxes", "sight_clearance"]
 
 Array = NDArray[np.float64]
 
 NOTHING_IN_SIGHT = 0.2
 """Cap of the clearance in metres: a ray that far from every box is as free as any."""
+
+OPAQUE = 0.1
+"""Metres; a line of sight through the middle of a box thinner than twice this counts as this
+deep in it: a table top hides as well as a chest does."""
 
 
 def pack_boxes(objects: Iterable[SceneObject]) -> Array:
@@ -38,7 +42,8 @@ def sight_clearance(origin: ArrayLike, points: ArrayLike, boxes: ArrayLike) -> A
     ``max_i(|p_i| - h_i)``: negative exactly where the segment passes through a box (then by
     how deep it cuts), positive where it is clear. The function is a maximum of linear
     functions, so its minimum along a line is the largest of the values where a rising and a
-    falling one meet.
+    falling one meet. In a box thinner than ``2 OPAQUE`` negative values are scaled up to
+    ``OPAQUE`` in its middle.
 
     Parameters
     ----------
@@ -79,5 +84,6 @@ def sight_clearance(origin: ArrayLike, points: ArrayLike, boxes: ArrayLike) -> A
         at_0 = np.broadcast_to((np.abs(start) - h).max(), lowest.shape)
         at_1 = (np.abs(start + slope) - h).max(-1)
         lowest = np.where(where <= 0, at_0, np.where(where >= 1, at_1, lowest))
-        clearance = np.minimum(clearance, lowest)
+        depth = lowest * max(1.0, OPAQUE / h.min())
+        clearance = np.minimum(clearance, np.where(lowest < 0, depth, lowest))
     return clearance

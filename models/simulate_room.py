@@ -28,9 +28,8 @@ __all__ = [
 
 Array = NDArray[np.float64]
 
-TOUCH: Final = 0.005
-"""Metres by which a line of sight must cut a box: grazing an edge is not being hidden, and
-the thinnest boards are cut 1.2 cm deep."""
+TOUCH: Final = 0.02
+"""Metres by which a line of sight must cut a box: grazing an edge is not being hidden."""
 
 NEAREST: Final = 2.5
 FARTHEST: Final = 6.0

@@ -13,7 +13,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from imapper_prob.models.geometry import NOTHING_IN_SIGHT
+from imapper_prob.models.geometry import NOTHING_IN_SIGHT, OPAQUE
 from imapper_prob.models.jit import compiled
 
 __all__ = ["boxes_in_sight", "clearance", "p_seen", "sight_windows"]
@@ -151,6 +151,9 @@ def clearance(
         start = (-c * ox - si * oy, si * ox - c * oy, -oz)
         slope = (c * x + si * y, -si * x + c * y, dz)
         value = _lowest(start, slope, (boxes[k, 3], boxes[k, 4], boxes[k, 5]))
+        if value < 0.0:
+            thinnest = min(boxes[k, 3], boxes[k, 4], boxes[k, 5])
+            value *= max(1.0, OPAQUE / thinnest)
         if value < result:
             result = value
     return result

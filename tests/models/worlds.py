@@ -46,10 +46,10 @@ def library(n_frames: int = 6, *, n_scenelets: int = 3, objects: bool = True) ->
     return Library("test", tuple(scenelets))
 
 
-def walk(n_frames: int, *, depth: float = 4.0) -> np.ndarray:
-    """(T, 16, 3) joints in the world of somebody walking across the view."""
+def walk(n_frames: int, *, depth: float = 4.0, span: float = 1.6) -> np.ndarray:
+    """(T, 16, 3) joints in the world of somebody walking ``span`` metres across the view."""
     pelvis = np.stack(
-        [np.linspace(-0.8, 0.8, n_frames), np.full(n_frames, depth), np.full(n_frames, 0.9)], -1
+        [np.linspace(-span / 2, span / 2, n_frames), np.full(n_frames, depth), np.full(n_frames, 0.9)], -1
     )
     return pelvis[:, None] + POSE
 
@@ -97,9 +97,10 @@ def problem(
     seed: int = 0,
     settings: ModelSettings | None = None,
     scenelets: Library | None = None,
+    span: float = 1.6,
 ) -> Problem:
     """A whole problem: somebody walks across the view, with the test library."""
-    joints = walk(n_frames)
+    joints = walk(n_frames, span=span)
     clip = clip_of(joints, np.random.default_rng(seed))
     return pack_problem(
         clip, path_of(joints), camera_prior(), scenelets or library(), settings=settings

@@ -1,0 +1,96 @@
+"""The scene sampler against exact numbers: every assignment of a tiny clip, by quadrature.
+
+Eight frames, three scenelets of six frames: either no scenelet, or one of nine (scenelet,
+start). Without furniture nothing depends on the drawn path, and with the camera held fixed
+the evidence of each assignment is an integral over one placement.
+"""
+
+from __future__ import annotations
+
+from itertools import islice
+
+import numpy as np
+
+from imapper_prob.models.posterior import empty_state, log_posterior
+from imapper_prob.models.problem import Problem
+from imapper_prob.models.settings import ModelSettings
+from imapper_prob.samplers.kernel import Mixture
+from imapper_prob.samplers.reversible_jump import sample
+from imapper_prob.sampling.moves import (
+    Birth,
+    Death,
+    Exchange,
+    PathRefresh,
+    PlacementWalk,
+    Shift,
+    Swap,
+)
+from imapper_prob.sampling.proposals import Candidates, Proposals
+from tests.models import worlds
+from tests.sampling.test_moves import chain_error
+
+N_FRAMES, STARTS = 8, (0, 1, 2)
+
+
+def tiny() -> Problem:
+    """A problem whose likelihood is flat enough for a coarse grid, and in two minds about k."""
+    settings = ModelSettings(frame_weight=0.01, scenelet_rate=0.08)
+    library = worlds.library(objects=False)
+    return worlds.problem(N_FRAMES, settings=settings, scenelets=library, seed=2, span=0.0)
+
+
+def exact(problem: Problem) -> np.ndarray:
+    """(10,) probabilities: no scenelet, then scenelet by scenelet its starts 0, 1, 2."""
+    empty = empty_state(problem)
+    # Steps well below the posterior's widths of .02 and .1, out to where nothing is left.
+    bearing = np.linspace(-0.4, 0.4, 49)
+    log_depth = np.linspace(np.log(1.5), np.log(12.0), 37)
+    yaw = np.arange(24) * (2 * np.pi / 24)
+    cell = (bearing[1] - bearing[0]) * (log_depth[1] - log_depth[0]) * (yaw[1] - yaw[0])
+    evidence = [np.exp(log_posterior(problem, empty))]
+    for scenelet in range(3):
+        for start in STARTS:
+            total = 0.0
+            for r in log_depth:
+                depth = np.exp(r)
+                for b in bearing:
+                    for a in yaw:
+                        placement = np.array([b * depth, depth, a])
+                        value = log_posterior(problem, empty.with_item(scenelet, start, placement))
+                        # dx dy = depth^2 d(bearing) d(log depth)
+                        total += np.exp(value) * depth**2
+            evidence.append(total * cell)
+    return np.array(evidence) / sum(evidence)
+
+
+def test_every_assignment_has_its_exact_probability() -> None:
+    problem = tiny()
+    expected = exact(problem)
+    assert 0.1 < expected[0] < 0.9
+    spots = np.array([[s, t] for s in range(3) for t in STARTS])
+    places = np.tile([0.0, 4.0, 0.0], (9, 1))
+    proposals = Proposals(problem, Candidates(spots, places, np.ones(9)))
+    even = (np.ones((3, 3)) - np.eye(3)) / 2
+    moves = (
+        Birth(proposals),
+        Death(proposals),
+        Swap(proposals),
+        Exchange(problem, even),
+        Shift(problem),
+        PlacementWalk(),
+        PathRefresh(),
+    )
+    chain = sample(
+        np.random.default_rng(8),
+        empty_state(problem),
+        log_density_fn=lambda s: log_posterior(problem, s),
+        mixture=Mixture(moves, (0.25, 0.15, 0.1, 0.1, 0.1, 0.25, 0.05)),
+    )
+    visited = []
+    for at, _ in islice(chain, 1000, 250_000):
+        items = at.state.items
+        visited.append(0 if len(items) == 0 else 1 + 3 * int(items[0, 0]) + int(items[0, 1]))
+    for which, probability in enumerate(expected):
+        hit = (np.array(visited) == which).astype(float)
+        score = (hit.mean() - probability) / chain_error(hit)
+        assert abs(score) < 4.5, (which, hit.mean(), probability)
