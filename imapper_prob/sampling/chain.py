@@ -26,6 +26,8 @@ from imapper_prob.sampling.moves import (
     Swap,
 )
 from imapper_prob.sampling.proposals import Candidates, Proposals
+from imapper_prob.sampling.refurnish import Refurnish
+from imapper_prob.staged.candidates import furniture_kinds
 
 __all__ = ["Chain", "Setup", "run_chain", "scene_moves"]
 
@@ -94,10 +96,11 @@ def scene_moves(setup: Setup) -> Mixture[State]:
     weighted = (
         (Birth(proposals), 0.12),
         (Death(proposals), 0.12),
-        (Swap(proposals), 0.16),
-        (Exchange(problem, setup.similarity), 0.12),
+        (Swap(proposals), 0.14),
+        (Exchange(problem, setup.similarity), 0.10),
+        (Refurnish(problem, setup.similarity, furniture_kinds(problem)), 0.06),
         (Shift(problem), 0.06),
-        (PlacementWalk(), 0.24),
+        (PlacementWalk(), 0.22),
         (CameraWalk(factor), 0.05),
         (DepthScale(), 0.05),
         (PathRefresh(), 0.08),

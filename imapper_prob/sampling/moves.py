@@ -29,12 +29,13 @@ __all__ = [
     "PlacementWalk",
     "Shift",
     "Swap",
+    "in_order",
 ]
 
 Array = NDArray[np.float64]
 
 
-def _fits(problem: Problem, state: State) -> bool:
+def in_order(problem: Problem, state: State) -> bool:
     """Whether scenelets lie in the clip, one after the other."""
     starts = state.items[:, 1]
     ends = starts + problem.lengths[state.items[:, 0]]
@@ -67,7 +68,7 @@ class Birth:
         if drawn is None:
             return None
         new = state.with_item(*drawn)
-        if not _fits(self.proposals.problem, new):
+        if not in_order(self.proposals.problem, new):
             return None
         log_forward = self.proposals.log_density(*drawn, state.camera)
         return Proposal(new, -math.log(new.n_scenelets) - log_forward)
@@ -126,7 +127,7 @@ class Swap:
         if drawn is None:
             return None
         new = state.without_item(index).with_item(*drawn)
-        if not _fits(self.proposals.problem, new):
+        if not in_order(self.proposals.problem, new):
             return None
         forward = self.proposals.log_density(*drawn, state.camera, around=start, window=self.window)
         backward = self.proposals.log_density(
@@ -180,7 +181,7 @@ class Exchange:
         items = state.items.copy()
         items[index] = (new, items[index, 1] + half[old] - half[new])
         changed = replace(state, items=items)
-        if new == old or not _fits(self.problem, changed):
+        if new == old or not in_order(self.problem, changed):
             return None
         ratio = math.log(self.similarity[new, old]) - math.log(self.similarity[old, new])
         return Proposal(changed, ratio)
@@ -204,7 +205,7 @@ class Shift:
         items = state.items.copy()
         items[index, 1] += step
         changed = replace(state, items=items)
-        return Proposal(changed, 0.0) if _fits(self.problem, changed) else None
+        return Proposal(changed, 0.0) if in_order(self.problem, changed) else None
 
 
 @dataclass(frozen=True)

@@ -34,14 +34,15 @@ def couch(x: float = 0.0, y: float = 0.0, yaw: float = 0.0, label: str = "couch"
 
 
 def library(n_frames: int = 6, *, n_scenelets: int = 3, objects: bool = True) -> Library:
-    """Scenelets of a standing person who drifts a little, each before a couch."""
+    """Scenelets of a standing person who drifts a little, before a couch, the third a chair."""
     drift = 0.05 * (np.arange(n_frames) - n_frames // 2)
     scenelets = []
     for k in range(n_scenelets):
         joints = np.repeat(POSE[None], n_frames, 0) + np.array([0.0, 0.0, PELVIS_HEIGHT])
         joints[..., 0] += (k - 1) * drift[:, None]
         joints[..., 2] *= 1 + 0.02 * k
-        furniture = (couch(0.1 * k, -0.6),) if objects else ()
+        label = "chair" if k == 2 else "couch"
+        furniture = (couch(0.1 * k, -0.6, label=label),) if objects else ()
         scenelets.append(Scenelet(f"stand-{k}", "stand", joints, furniture))
     return Library("test", tuple(scenelets))
 
@@ -49,7 +50,12 @@ def library(n_frames: int = 6, *, n_scenelets: int = 3, objects: bool = True) ->
 def walk(n_frames: int, *, depth: float = 4.0, span: float = 1.6) -> np.ndarray:
     """(T, 16, 3) joints in the world of somebody walking ``span`` metres across the view."""
     pelvis = np.stack(
-        [np.linspace(-span / 2, span / 2, n_frames), np.full(n_frames, depth), np.full(n_frames, 0.9)], -1
+        [
+            np.linspace(-span / 2, span / 2, n_frames),
+            np.full(n_frames, depth),
+            np.full(n_frames, 0.9),
+        ],
+        -1,
     )
     return pelvis[:, None] + POSE
 

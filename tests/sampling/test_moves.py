@@ -21,6 +21,8 @@ from imapper_prob.samplers.reversible_jump import sample
 from imapper_prob.sampling.chain import Setup, scene_moves
 from imapper_prob.sampling.moves import Birth, Death, PlacementWalk, Swap
 from imapper_prob.sampling.proposals import Candidates, Proposals, log_wrapped_normal
+from imapper_prob.sampling.refurnish import Refurnish
+from imapper_prob.staged.candidates import furniture_kinds
 from tests.models import worlds
 
 N_FRAMES = 20
@@ -153,7 +155,13 @@ def prior_problem() -> Problem:
 @pytest.fixture(scope="module")
 def prior_draws() -> list[State]:
     problem = prior_problem()
-    return draw_prior(scene_moves(setup(problem)), problem, seed=2, steps=150_000)
+    moves = scene_moves(setup(problem))
+    # Under the prior most births are refused: candidates are far too narrow for it.
+    often = [
+        6 * weight if move.name in ("birth", "death") else weight
+        for move, weight in zip(moves.moves, moves.weights, strict=True)
+    ]
+    return draw_prior(Mixture(moves.moves, often), problem, seed=2, steps=250_000)
 
 
 def test_prior_of_the_number_of_scenelets_comes_back(prior_draws: list[State]) -> None:
@@ -184,6 +192,25 @@ def test_prior_of_starts_yaw_camera_and_position_comes_back(prior_draws: list[St
         assert abs((scaled**2).mean() - 1) < 4.5 * chain_error(scaled**2)
     latent = np.array([s.latent[3, 1] for s in prior_draws])
     assert abs((latent**2).mean() - 1) < 4.5 * chain_error(latent**2)
+
+
+def test_refurnishing_changes_all_that_share_a_couch_and_nothing_else() -> None:
+    even = (np.ones((3, 3)) - np.eye(3)) / 2
+    move = Refurnish(PROBLEM, even, furniture_kinds(PROBLEM))
+    near, far = np.array([0.0, 4.0, 0.0]), np.array([2.0, 4.0, 0.0])
+    state = empty_state(PROBLEM).with_item(0, 0, near).with_item(1, 6, near + 0.1)
+    state = state.with_item(0, 12, far)
+    rng = np.random.default_rng(0)
+    seen = set()
+    for _ in range(20):
+        proposal = move.propose(rng, state)
+        assert proposal is not None
+        seen.add(tuple(proposal.state.items[:, 0].tolist()))
+        np.testing.assert_array_equal(proposal.state.placements, state.placements)
+    assert seen == {(2, 2, 0), (0, 1, 2)}
+    # Two couches are as likely for each of two chairs: the way back is 1/4 of the way there.
+    both = next(p for p in iter(lambda: move.propose(rng, state), None) if p.state.items[0, 0] == 2)
+    assert both.log_ratio == pytest.approx(np.log(1 / 4))
 
 
 def test_a_forgotten_jacobian_is_noticed() -> None:
