@@ -9,7 +9,7 @@ STAMP  := $(VENV)/.stamp
 .PHONY: demo test test-all bench lint clean
 
 demo: $(STAMP)
-	$(VENV)/bin/imapper-prob demo -o out/demo
+	$(VENV)/bin/imapper-prob demo -o out/demo --overwrite
 
 test: lint
 	$(PY) -m pytest -n 2 -m "not slow"

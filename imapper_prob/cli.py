@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 __all__ = ["main"]
 
-_DEMO_STEPS = 12000
+_DEMO_STEPS = 24000
 """Steps of a demo chain: what fits, with all else, well within a minute on two cores."""
 
 

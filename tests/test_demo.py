@@ -15,11 +15,11 @@ def test_the_demo_can_be_recovered() -> None:
     actions = np.array(clip.truth.actions)
     assert (actions == "sitting").sum() >= 20
     assert (actions == "reaching").sum() >= 20
-    # Sitting, the table hides both ankles and little else; nearly everything else is seen.
+    # Sitting, one ankle is hidden and little else; nearly everything else is seen.
     sitting = clip.truth.hidden[actions == "sitting"]
-    assert sitting[:, [RANK, LANK]].mean() > 0.9
+    assert 0.4 < sitting[:, [RANK, LANK]].mean() < 0.6
     assert sitting[:, DETECTED].mean() < 0.3
-    assert (clip.tracks[0].confidences[:, DETECTED] > 0).mean() > 0.9
+    assert (clip.tracks[0].confidences[:, DETECTED] > 0).mean() > 0.8
 
 
 def test_the_demo_is_always_the_same() -> None:

@@ -63,7 +63,7 @@ class Posterior:
         shares = dict(zip(found.layouts.tolist(), found.probability.tolist(), strict=True))
         errors = dict(zip(found.layouts.tolist(), found.standard_error.tolist(), strict=True))
         return tuple(
-            self._weighted(layout, shares[layout], errors[layout])
+            self._weighted(layout, shares[layout + 1], errors[layout + 1])
             for layout in range(min(len(self.samples.layouts.leaders), 10))
         )
 

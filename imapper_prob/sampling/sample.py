@@ -28,7 +28,7 @@ from imapper_prob.sampling.proposals import Candidates
 from imapper_prob.scenelets.charness import similarity
 from imapper_prob.staged.solver import Solution
 
-__all__ = ["Samples", "sample_scenes"]
+__all__ = ["Samples", "sample_scenes", "setup_of"]
 
 Array = NDArray[np.float64]
 Progress = Callable[[str, float], None]
@@ -57,6 +57,7 @@ class Samples:
     layouts : Layouts
         Which draws say the same.
     probabilities : LayoutProbabilities
+        Of layouts counted from 1, as people do and the verdict does.
     placements : tuple of PlacementDraws
         Ensembles of the most probable layouts, in their order.
     acceptance : AcceptanceTable
@@ -99,7 +100,7 @@ def sample_scenes(
     """
     chain_seed, layout_seed, ensemble_seed = seed.spawn(3)
     problem = solution.problem
-    setup = Setup(problem, _proposed(solution), similarity(solution.distances), settings)
+    setup = setup_of(solution, settings)
     done = np.zeros(settings.chains)
 
     def report(chain: int, part: object) -> None:
@@ -124,7 +125,7 @@ def sample_scenes(
         # The verdict says in words what a short chain cannot tell.
         warnings.simplefilter("ignore", ShortChainWarning)
         probabilities = layout_probabilities(
-            layouts.indicator.reshape(values.shape), rng=np.random.default_rng(layout_seed)
+            1 + layouts.indicator.reshape(values.shape), rng=np.random.default_rng(layout_seed)
         )
         verdict = judge(probabilities, _functionals(values, states, objects))
         placements = _ensembles(
@@ -142,6 +143,11 @@ def sample_scenes(
         verdict=verdict,
         finished=all(chain.finished for chain in chains),
     )
+
+
+def setup_of(solution: Solution, settings: SampleSettings) -> Setup:
+    """What the chains need of a solved clip."""
+    return Setup(solution.problem, _proposed(solution), similarity(solution.distances), settings)
 
 
 def _proposed(solution: Solution) -> Candidates:
