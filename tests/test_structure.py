@@ -26,7 +26,7 @@ SOURCES = sorted(
 )
 FLOORS = [
     {"models", "samplers"},
-    {"config"},
+    {"config", "files"},
     {"inputs"},
     {"scenelets"},
     {"staged"},

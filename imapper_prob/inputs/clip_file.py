@@ -26,7 +26,6 @@ boxes one after the other: ``cuboid_owners`` (C,) int index of the object, ``cub
 
 from __future__ import annotations
 
-import os
 import zipfile
 import zlib
 from dataclasses import astuple
@@ -36,6 +35,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from imapper_prob.files import written_whole
 from imapper_prob.models.camera import Camera
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.scene import Clip, Cuboid, Placement, SceneObject, Track, Truth
@@ -87,13 +87,8 @@ def write_clip(path: str | Path, clip: Clip) -> None:
     }
     if clip.truth is not None:
         arrays |= _truth_arrays(clip.truth)
-    half_written = path.with_name(f".{path.name}.{os.getpid()}")
-    try:
-        with half_written.open("wb") as file:
-            np.savez_compressed(file, allow_pickle=False, **arrays)
-        half_written.replace(path)
-    finally:
-        half_written.unlink(missing_ok=True)
+    with written_whole(path) as beside, beside.open("wb") as file:
+        np.savez_compressed(file, allow_pickle=False, **arrays)
 
 
 def read_clip(path: str | Path) -> Clip:

@@ -26,6 +26,7 @@ import numpy as np
 import rerun as rr
 from numpy.typing import ArrayLike, NDArray
 
+from imapper_prob.files import written_whole
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.geometry import pack_boxes
 from imapper_prob.models.scene import Clip, Scene, SceneObject, Truth
@@ -88,7 +89,6 @@ def write_recording(
     scenes = tuple(scenes)
     curves = {name: np.asarray(values, float) for name, values in traces.items()}
     _check(path, clip, scenes, curves, truth)
-    beside = path.with_name(f".{path.stem}.partial-{os.getpid()}.rrd")
     recording = rr.RecordingStream(
         application_id,
         recording_id=_digest(clip, scenes, curves, truth, description),
@@ -96,13 +96,10 @@ def write_recording(
         send_properties=False,
     )
     blueprint = make_blueprint(scenes, traces=tuple(curves), truth=truth, fps=clip.fps)
-    try:
-        with recording:
-            recording.save(beside, default_blueprint=blueprint)
-            _log_all(recording, clip, scenes, curves, truth, description)
-        os.replace(beside, path)
-    finally:
-        beside.unlink(missing_ok=True)
+    # Leaving the recording writes its footer: only then may the file take its name.
+    with written_whole(path) as beside, recording:
+        recording.save(beside, default_blueprint=blueprint)
+        _log_all(recording, clip, scenes, curves, truth, description)
 
 
 def _check(

@@ -20,6 +20,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from imapper_prob.files import written_whole
 from imapper_prob.models.errors import InputError
 
 if TYPE_CHECKING:
@@ -92,12 +93,8 @@ def render_recording(
             for view in client.get_state().views
             for report in view.reports
         ]
-    beside = png_path.with_name(f".{png_path.name}.partial-{os.getpid()}")
-    try:
+    with written_whole(png_path) as beside:
         beside.write_bytes(_compressed(picture))
-        os.replace(beside, png_path)
-    finally:
-        beside.unlink(missing_ok=True)
     return reports
 
 

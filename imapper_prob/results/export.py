@@ -19,6 +19,7 @@ from typing import Any, Final, TypeVar
 
 import numpy as np
 
+from imapper_prob.files import written_whole
 from imapper_prob.models.camera import Camera
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.scene import Cuboid, Placement, Scene, SceneObject
@@ -68,12 +69,8 @@ def write_scenes(path: str | os.PathLike[str], scenes: Sequence[WeightedScene]) 
         "scenes": [_from_scene(scene) for scene in scenes],
     }
     text = json.dumps(_without_nan(document), indent=1, allow_nan=False, ensure_ascii=False)
-    beside = path.with_name(f".{path.name}.partial-{os.getpid()}")
-    try:
+    with written_whole(path) as beside:
         beside.write_text(text + "\n", encoding="utf-8")
-        os.replace(beside, path)
-    finally:
-        beside.unlink(missing_ok=True)
 
 
 def read_scenes(path: str | os.PathLike[str]) -> tuple[WeightedScene, ...]:

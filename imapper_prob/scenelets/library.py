@@ -22,7 +22,6 @@ all, with O objects of K cuboids in all:
 
 from __future__ import annotations
 
-import os
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -30,6 +29,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from imapper_prob.files import written_whole
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.scene import Cuboid, Placement, SceneObject
 from imapper_prob.models.scenelet import Library, Scenelet
@@ -100,13 +100,8 @@ def load_library(source: str | Path = BUILT_IN) -> Library:
 def save_library(library: Library, path: str | Path) -> None:
     """Write a library to an ``.npz`` file, whole or not at all."""
     path = Path(path)
-    beside = path.with_name(f".{path.name}.partial")
-    try:
-        with beside.open("wb") as file:
-            np.savez_compressed(file, allow_pickle=False, **_packed(library))
-        os.replace(beside, path)
-    finally:
-        beside.unlink(missing_ok=True)
+    with written_whole(path) as beside, beside.open("wb") as file:
+        np.savez_compressed(file, allow_pickle=False, **_packed(library))
 
 
 def _packed(library: Library) -> dict[str, NDArray[Any]]:
