@@ -37,6 +37,10 @@ class Scenelet:
         Furniture in the local frame; may be empty.
     fps : float
         Frames a second of ``joints``.
+    weight : float
+        How much it counts among similar motions: one over the number of scenelets that
+        begin near it in the scene they were cut from, so that a long stay in one place
+        counts once (Monszpart et al. 2019, section 4).
     """
 
     name: str
@@ -44,6 +48,7 @@ class Scenelet:
     joints: Array
     objects: tuple[SceneObject, ...]
     fps: float = 10.0
+    weight: float = 1.0
 
     def __post_init__(self) -> None:
         joints = read_only(self.joints, shape=(None, N_JOINTS, 3), name=f"scenelet {self.name}")
@@ -54,6 +59,8 @@ class Scenelet:
             raise InputError(f"scenelet {self.name}, frame {t}, joint {j}: not finite")
         if not (np.isfinite(self.fps) and self.fps > 0):
             raise InputError(f"scenelet {self.name}: frame rate {self.fps} must be positive")
+        if not (np.isfinite(self.weight) and self.weight > 0):
+            raise InputError(f"scenelet {self.name}: weight {self.weight} must be positive")
         object.__setattr__(self, "joints", joints)
         object.__setattr__(self, "objects", tuple(self.objects))
 
@@ -98,7 +105,7 @@ class Library(Sequence[Scenelet]):
         """SHA-256 of names, motions and objects: what a run's provenance records."""
         state = hashlib.sha256()
         for s in self.scenelets:
-            state.update(f"{s.name}|{s.action}|{s.fps}".encode())
+            state.update(f"{s.name}|{s.action}|{s.fps}|{s.weight}".encode())
             state.update(np.ascontiguousarray(s.joints).tobytes())
             for o in s.objects:
                 state.update(repr((o.label, o.placement)).encode())

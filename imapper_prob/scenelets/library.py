@@ -34,7 +34,7 @@ from imapper_prob.models.errors import InputError
 from imapper_prob.models.scene import Cuboid, Placement, SceneObject
 from imapper_prob.models.scenelet import Library, Scenelet
 from imapper_prob.models.skeleton import N_JOINTS
-from imapper_prob.scenelets.procedural.interactions import build_library
+from imapper_prob.scenelets.procedural.catalogue import build_library
 
 __all__ = ["BUILT_IN", "built_in_library", "load_library", "save_library"]
 

@@ -29,7 +29,7 @@ from imapper_prob.models.skeleton import (
     RWRI,
 )
 from imapper_prob.scenelets.library import built_in_library
-from imapper_prob.scenelets.procedural.interactions import CATALOGUE, build_library
+from imapper_prob.scenelets.procedural.catalogue import CATALOGUE, build_library
 
 HINGES = ((RHIP, RKNE, RANK), (LHIP, LKNE, LANK), (RSHO, RELB, RWRI), (LSHO, LELB, LWRI))
 ARMS = {RELB, LELB, RWRI, LWRI}

@@ -1,0 +1,1 @@
+"""Recipes: each draws one motion with its furniture."""
