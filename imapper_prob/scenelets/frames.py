@@ -1,4 +1,4 @@
-"""The local frame of a scenelet, and its mirror image."""
+"""The local frame of a scenelet, its mirror image, and furniture resized."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from imapper_prob.models.scene import Cuboid, Placement, SceneObject
 from imapper_prob.models.scenelet import Scenelet
 from imapper_prob.models.skeleton import MIRROR, PELV
 
-__all__ = ["REACH", "localised", "mirrored"]
+__all__ = ["REACH", "localised", "mirrored", "resized"]
 
 Array = NDArray[np.float64]
 
@@ -63,3 +63,13 @@ def mirrored(scenelet: Scenelet, name: str) -> Scenelet:
         for o in scenelet.objects
     )
     return Scenelet(name, scenelet.action, joints, objects, scenelet.fps)
+
+
+def resized(piece: SceneObject, factor: float) -> SceneObject:
+    """A piece and its placement larger by ``factor``, about the origin of the parent frame."""
+    at = piece.placement
+    return SceneObject(
+        piece.label,
+        Placement(at.x * factor, at.y * factor, at.yaw),
+        tuple(Cuboid(c.part, c.centre * factor, c.size * factor) for c in piece.cuboids),
+    )

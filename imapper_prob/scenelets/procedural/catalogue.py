@@ -14,6 +14,7 @@ import numpy as np
 
 from imapper_prob.models.scenelet import Library, Scenelet
 from imapper_prob.scenelets.frames import localised, mirrored
+from imapper_prob.scenelets.procedural.person import draw_person
 from imapper_prob.scenelets.procedural.recipes.drawn import FRAMES_PER_SECOND, Recipe
 from imapper_prob.scenelets.procedural.recipes.reaching import reach_shelf, stand_at_table
 from imapper_prob.scenelets.procedural.recipes.sitting import (
@@ -65,10 +66,10 @@ def build_library(seed: int = 0) -> Library:
     for line, entry in enumerate(CATALOGUE):
         for index in range(0, entry.count, 2):
             rng = np.random.default_rng([seed, line, index])
-            drawn = entry.draw(rng)
+            person = draw_person(rng)
+            drawn = entry.draw(rng, person)
+            furniture = [person.returns(piece) for piece in drawn.objects]
             name = f"{entry.name}-{index:03d}"
-            original = localised(
-                name, entry.action, drawn.joints, drawn.objects, fps=FRAMES_PER_SECOND
-            )
+            original = localised(name, entry.action, drawn.joints, furniture, fps=FRAMES_PER_SECOND)
             scenelets += [original, mirrored(original, f"{entry.name}-{index + 1:03d}")]
     return Library("built-in" if seed == 0 else f"built-in-{seed}", tuple(scenelets))

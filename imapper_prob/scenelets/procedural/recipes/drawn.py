@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.models.scene import SceneObject
+from imapper_prob.scenelets.procedural.person import Person
 
 __all__ = ["FACING_BACK", "FRAMES_PER_SECOND", "Drawn", "Recipe", "moments"]
 
@@ -22,13 +23,14 @@ FACING_BACK: Final = float(np.pi)
 
 
 class Drawn(NamedTuple):
-    """One motion (n, 16, 3) in metres and its furniture, in a common frame."""
+    """One motion (n, 16, 3) and its furniture, in a common frame and in the units of a person."""
 
     joints: Array
     objects: tuple[SceneObject, ...]
 
 
-Recipe = Callable[[np.random.Generator], Drawn]
+Recipe = Callable[[np.random.Generator, Person], Drawn]
+"""Draws a motion of the reference body among furniture as the person sees it."""
 
 
 def moments(rng: np.random.Generator, fewest: int, most: int) -> Array:

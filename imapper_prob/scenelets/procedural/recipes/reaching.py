@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from imapper_prob.models.scene import Placement
 from imapper_prob.scenelets.procedural import furniture
+from imapper_prob.scenelets.procedural.person import Person
 from imapper_prob.scenelets.procedural.recipes.drawn import FACING_BACK, Drawn, moments
 from imapper_prob.scenelets.procedural.standing import reach_and_hold
 
@@ -25,9 +26,9 @@ def _schedule(rng: np.random.Generator, times: Array) -> tuple[float, float | No
     return float(rng.uniform(-0.3, 0.0)), float(times[-1] - rng.uniform(0.5, 0.7))
 
 
-def stand_at_table(rng: np.random.Generator) -> Drawn:
+def stand_at_table(rng: np.random.Generator, person: Person) -> Drawn:
     """Standing at a table with one hand or both on it or just over it."""
-    top = furniture.table(rng)
+    top = person.sees(furniture.table(rng))
     edge, height = rng.uniform(0.18, 0.28), float(top.bounds[1, 2])
     target = np.stack(
         [
@@ -46,9 +47,9 @@ def stand_at_table(rng: np.random.Generator) -> Drawn:
     return Drawn(joints, (top.moved(at),))
 
 
-def reach_shelf(rng: np.random.Generator) -> Drawn:
+def reach_shelf(rng: np.random.Generator, person: Person) -> Drawn:
     """Standing before a shelf and reaching for something on one of its boards."""
-    piece = furniture.shelf(rng)
+    piece = person.sees(furniture.shelf(rng))
     boards = [c.centre[2] + c.size[2] / 2 for c in piece.cuboids if c.part == "board"]
     board = rng.choice([z for z in boards if 0.35 < z < 1.65])
     front = rng.uniform(0.40, 0.52)

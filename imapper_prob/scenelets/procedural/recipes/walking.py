@@ -6,13 +6,14 @@ import numpy as np
 
 from imapper_prob.scenelets.procedural.body import pose_body
 from imapper_prob.scenelets.procedural.gait import arc, walk_along
+from imapper_prob.scenelets.procedural.person import Person
 from imapper_prob.scenelets.procedural.recipes.drawn import Drawn, moments
 from imapper_prob.scenelets.procedural.standing import stand_idle
 
 __all__ = ["idle", "walk"]
 
 
-def walk(rng: np.random.Generator) -> Drawn:
+def walk(rng: np.random.Generator, person: Person) -> Drawn:
     """About a metre or two of walking, straight or in a curve."""
     speed = rng.uniform(0.55, 1.25)
     curvature = rng.choice([0.0, rng.uniform(0.2, 1.3)])
@@ -31,6 +32,6 @@ def walk(rng: np.random.Generator) -> Drawn:
     return Drawn(pose_body(moving.trunk, ankles=moving.ankles, wrists=moving.wrists), ())
 
 
-def idle(rng: np.random.Generator) -> Drawn:
+def idle(rng: np.random.Generator, person: Person) -> Drawn:
     """Standing with nothing near."""
     return Drawn(stand_idle(rng, moments(rng, 15, 18)), ())
