@@ -1,59 +1,80 @@
 """How much a motion says about the furniture around it.
 
 Charness (Monszpart et al. 2019, section 4) is high where similar motions come with the same
-object: sitting implies a seat, walking implies nothing. Here an object's place is taken as
-given by its scenelet, and the share of similar motions that have an object of the category
-is measured over the whole library.
+kind of object in the same place: sitting implies a seat below, walking implies nothing.
 """
 
 from __future__ import annotations
 
+from typing import Final
+
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from imapper_prob.models.scenelet import Library
-from imapper_prob.models.skeleton import SCORED
+from imapper_prob.scenelets.descriptors import descriptor_distances, motion_descriptors
+from imapper_prob.scenelets.object_histograms import categories, object_histograms
 
-__all__ = ["charness", "motion_distances", "similarity"]
+__all__ = ["KERNEL_WIDTH", "charness", "charness_maps", "motion_distances", "similarity"]
 
 Array = NDArray[np.float64]
 
-_SAMPLES = 5
-"""Moments of a scenelet that are compared, evenly spaced in time."""
+KERNEL_WIDTH: Final = 0.03
+"""Standard deviation in metres of the kernel over distances of descriptors."""
 
 
 def motion_distances(library: Library) -> Array:
-    """(L, L) root mean square distance in metres between the joints of two scenelets.
+    """(L, L) distances in metres between the motions of a library."""
+    return descriptor_distances(motion_descriptors([s.joints for s in library]))
 
-    Joints are compared in the local frames at five evenly spaced moments.
+
+def charness_maps(
+    distances: Array, histograms: Array, weights: ArrayLike, *, width: float = KERNEL_WIDTH
+) -> Array:
+    """What stands where around people who move like this.
+
+    Parameters
+    ----------
+    distances : (M, L) float
+        From M motions to the L of a library, metres.
+    histograms : (L, C, 5, 5) float
+        Of :func:`~imapper_prob.scenelets.object_histograms.object_histograms`.
+    weights : (L,) float
+        :attr:`~imapper_prob.models.scenelet.Scenelet.weight` of each scenelet.
+    width : float
+        Standard deviation of the Gaussian kernel, metres.
+
+    Returns
+    -------
+    (M, C, 5, 5) float
+        Mean of the cells over motions, weighted by how similar they are.
     """
-    rows = []
-    for scenelet in library:
-        at = np.linspace(0, scenelet.n_frames - 1, _SAMPLES).round().astype(int)
-        rows.append(scenelet.joints[at][:, list(SCORED)].ravel())
-    features = np.stack(rows)
-    squared = (features**2).sum(1)
-    squared = squared[:, None] + squared[None] - 2 * features @ features.T
-    result: Array = np.sqrt(np.maximum(squared, 0.0) / (_SAMPLES * len(SCORED)))
-    return result
-
-
-def _kernel(distances: Array) -> Array:
-    """Gaussian in distance; its width is the median distance to the third nearest motion."""
-    ranked = np.sort(distances, axis=1)
-    width = max(float(np.median(ranked[:, min(3, len(ranked) - 1)])), 1e-3)
-    kernel: Array = np.exp(-0.5 * (distances / width) ** 2)
-    return kernel
+    kernel = _kernel(distances, width) * np.asarray(weights, float)
+    kernel /= kernel.sum(1, keepdims=True)
+    maps: Array = np.tensordot(kernel, histograms, axes=1)
+    return maps
 
 
 def charness(library: Library, distances: Array) -> Array:
-    """(L,) in [0, 1]: over categories, the largest share of similar motions that have one."""
-    labels = sorted({label for s in library for label in s.labels})
-    has = np.array([[label in s.labels for label in labels] for s in library], float)
-    kernel = _kernel(distances)
-    if not labels:
+    """(L,) in [0, 1]: the fullest cell around people who move as each scenelet does.
+
+    The scenelet itself does not count, or a motion unlike all others would be sure of
+    whatever stood around it.
+
+    Parameters
+    ----------
+    library : Library
+    distances : (L, L) float
+        Of :func:`motion_distances`.
+    """
+    labels = categories(library)
+    if not labels or len(library) == 1:
         return np.zeros(len(library))
-    largest: Array = ((kernel @ has) / kernel.sum(1, keepdims=True)).max(1)
+    others = distances.copy()
+    np.fill_diagonal(others, np.inf)
+    weights = np.array([s.weight for s in library])
+    maps = charness_maps(others, object_histograms(library.scenelets, labels), weights)
+    largest: Array = maps.reshape(len(maps), -1).max(1)
     return largest
 
 
@@ -65,10 +86,16 @@ def similarity(distances: Array) -> Array:
     n = len(distances)
     if n == 1:
         return np.ones((1, 1))
-    kernel = _kernel(distances)
-    np.fill_diagonal(kernel, 0.0)
-    kernel += 1e-12
-    np.fill_diagonal(kernel, 0.0)
+    others = distances.copy()
+    np.fill_diagonal(others, np.inf)
+    kernel = _kernel(others, KERNEL_WIDTH)
     even = (1.0 - np.eye(n)) / (n - 1)
     rows: Array = 0.9 * kernel / kernel.sum(1, keepdims=True) + 0.1 * even
     return rows
+
+
+def _kernel(distances: Array, width: float) -> Array:
+    """Gaussian in distance, 1 for the nearest motion of each row: only ratios matter."""
+    nearest = distances.min(1, keepdims=True)
+    kernel: Array = np.exp(-0.5 * (distances**2 - nearest**2) / width**2)
+    return kernel

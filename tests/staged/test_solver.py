@@ -12,7 +12,6 @@ from imapper_prob.models.path import StaticPath
 from imapper_prob.models.posterior import empty_state, log_posterior, motion
 from imapper_prob.models.problem import Problem, pack_problem
 from imapper_prob.models.scenelet import Library
-from imapper_prob.scenelets.charness import charness, motion_distances, similarity
 from imapper_prob.scenelets.library import load_library
 from imapper_prob.staged.candidates import furniture_kinds, refine, screen
 from imapper_prob.staged.combine import combine
@@ -81,25 +80,6 @@ def test_a_library_without_bare_motions_is_refused() -> None:
     fits = Fits(np.arange(0, 20, 4), np.zeros((5, 3, 3)), np.full((5, 3), np.inf))
     with pytest.raises(InputError, match="without objects"):
         free_pose_cost(problem, fits)
-
-
-def test_charness_is_high_for_sitting_and_low_for_walking() -> None:
-    library = load_library()
-    values = charness(library, motion_distances(library))
-    of = {
-        a: np.median([v for s, v in zip(library, values, strict=True) if s.action == a])
-        for a in ("sit", "reach", "walk")
-    }
-    assert np.all((values >= 0) & (values <= 1))
-    assert of["walk"] < 0.1
-    assert min(of["sit"], of["reach"]) > 0.4
-
-
-def test_similarity_is_a_proposal_that_reaches_every_scenelet() -> None:
-    rows = similarity(motion_distances(load_library()))
-    np.testing.assert_allclose(rows.sum(1), 1.0)
-    assert np.all(np.diag(rows) == 0)
-    assert np.all(rows[~np.eye(len(rows), dtype=bool)] > 0)
 
 
 def test_maxima_are_apart_and_above_the_minimum() -> None:
