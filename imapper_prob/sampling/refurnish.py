@@ -9,7 +9,7 @@ scenelet with a similar motion, their times and placements kept.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,7 @@ from imapper_prob.sampling.moves import in_order
 __all__ = ["Refurnish"]
 
 Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
 
 _SHARED = 1.0
 """Metres; scenelets of one kind this near to each other are taken to share their furniture."""
@@ -45,6 +46,14 @@ class Refurnish:
     kinds: tuple[tuple[int, ...], ...]
     name: str = "refurnish"
     reverse: str = "refurnish"
+    members: dict[tuple[int, ...], Ints] = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        numbers: dict[tuple[int, ...], list[int]] = {}
+        for scenelet, kind in enumerate(self.kinds):
+            numbers.setdefault(kind, []).append(scenelet)
+        members = {kind: np.array(own, dtype=np.int64) for kind, own in sorted(numbers.items())}
+        object.__setattr__(self, "members", members)
 
     def propose(self, rng: np.random.Generator, state: State) -> Proposal[State] | None:
         """Change one group; impossible where there is no furniture or no other kind."""
@@ -52,7 +61,7 @@ class Refurnish:
             return None
         index = int(rng.integers(state.n_scenelets))
         old_kind = self.kinds[int(state.items[index, 0])]
-        others = sorted({kind for kind in self.kinds if kind and kind != old_kind})
+        others = [kind for kind in self.members if kind and kind != old_kind]
         if not old_kind or not others:
             return None
         new_kind = others[int(rng.integers(len(others)))]
@@ -84,8 +93,8 @@ class Refurnish:
             if self.kinds[scenelet] == kind and gap[k] < _SHARED
         ]
 
-    def _choices(self, scenelet: int, kind: tuple[int, ...]) -> tuple[NDArray[np.int64], Array]:
+    def _choices(self, scenelet: int, kind: tuple[int, ...]) -> tuple[Ints, Array]:
         """Scenelets of a kind, and the probability of each in place of ``scenelet``."""
-        choices = np.array([k for k, own in enumerate(self.kinds) if own == kind], dtype=np.int64)
+        choices = self.members[kind]
         weights = self.similarity[scenelet, choices]
         return choices, weights / weights.sum()
