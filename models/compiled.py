@@ -20,8 +20,10 @@ from numpy.typing import NDArray
 from imapper_prob.models.chain import chain
 from imapper_prob.models.energy.intersection import column_depth, footprint_depth
 from imapper_prob.models.energy.occlusion import boxes_in_sight, clearance, p_seen, sight_windows
+from imapper_prob.models.energy.swaps import summed_over_swaps
 from imapper_prob.models.jit import compiled
 from imapper_prob.models.problem import Problem
+from imapper_prob.models.skeleton import MIRROR
 
 __all__ = ["TERMS", "evaluate"]
 
@@ -35,13 +37,9 @@ TERMS = (
 
 _NEAREST = 0.1
 """Metres; depth at which a point counts that is nearer to the camera or behind it."""
-
-
-@compiled
-def _log_t(squared_error: float, scale2: float, dof: float) -> float:
-    return -math.log(2 * math.pi * scale2) - (dof / 2 + 1) * math.log1p(
-        squared_error / (dof * scale2)
-    )
+_SMALL = 1e-100
+_SMALLEST = 1e-300
+"""Products of densities are taken apart below the first; none counts less than the second."""
 
 
 @compiled
@@ -166,6 +164,23 @@ def _path(
 
 
 @compiled
+def _joint_density(
+    problem: Problem, t: int, j: int, seen: float, u: float, v: float, loose: float
+) -> float:
+    """p(u_j, c_j | q, m): detection j of frame t, of a joint that projects to (u, v)."""
+    du, dv = u - problem.keypoints[t, j, 0], v - problem.keypoints[t, j, 1]
+    error = du * du + dv * dv
+    total = 0.0
+    for visible in range(2):
+        dof = problem.error_dof[t, j, visible]
+        scale2 = problem.error_scale[t, j, visible] ** 2 + loose
+        student = math.exp(-(dof / 2 + 1) * math.log1p(error / (dof * scale2))) / scale2
+        share = seen if visible == 1 else 1.0 - seen
+        total += share * problem.confidence_density[t, j, visible] * student
+    return total / (2 * math.pi)
+
+
+@compiled
 def _detections(
     problem: Problem,
     camera: Array,
@@ -175,43 +190,46 @@ def _detections(
     turns: Array,
     by_frame: Array,
 ) -> None:
-    """log p(u, c | q, m) summed over the joints of each frame, before any weight."""
+    """log p(u, c | q, m) summed over each frame's joints: as they are, and sides swapped."""
     cp, sp = math.cos(camera[0]), math.sin(camera[0])
     focal, body = math.exp(camera[2]), math.exp(camera[3])
     windows = sight_windows(camera[1], boxes, turns)
     chosen = np.empty(len(boxes), dtype=np.int64)
+    seen, loose, pixels = np.empty(16), np.empty(16), np.empty((16, 2))
     for t in range(len(item_of)):
-        frame = 0.0
         n_chosen = boxes_in_sight(camera[1], joints[t], windows, chosen)
         for j in range(16):
-            if not problem.used[t, j]:
+            if not (problem.used[t, j] or problem.used[t, MIRROR[j]]):
                 continue
             x, y, z = joints[t, j, 0], joints[t, j, 1], joints[t, j, 2]
             gap = clearance(camera[1], x, y, z, boxes, turns, windows, chosen, n_chosen)
-            seen = p_seen(gap, problem.sight_width, problem.surprise)
-            if item_of[t] < 0:
-                frame += math.log(
-                    seen * problem.static_density[t, j, 1]
-                    + (1 - seen) * problem.static_density[t, j, 0]
-                )
-                continue
-            depth = max(cp * y + sp * (z - camera[1]), _NEAREST)
-            up = -sp * y + cp * (z - camera[1])
-            du = problem.cx + focal * problem.fx * x / depth - problem.keypoints[t, j, 0]
-            dv = problem.cy - focal * problem.fy * up / depth - problem.keypoints[t, j, 1]
-            error = du * du + dv * dv
-            # A larger body differs by more: else distance alone would seem to fit better.
-            loose = (focal * problem.fx * body * problem.pose_tolerance / depth) ** 2
-            hidden_log = problem.log_confidence[t, j, 0] + _log_t(
-                error, problem.error_scale[t, j, 0] ** 2 + loose, problem.error_dof[t, j, 0]
-            )
-            seen_log = problem.log_confidence[t, j, 1] + _log_t(
-                error, problem.error_scale[t, j, 1] ** 2 + loose, problem.error_dof[t, j, 1]
-            )
-            a, b = math.log(seen) + seen_log, math.log(1 - seen) + hidden_log
-            top = max(a, b)
-            frame += top + math.log(math.exp(a - top) + math.exp(b - top))
-        by_frame[t] = frame
+            seen[j] = p_seen(gap, problem.sight_width, problem.surprise)
+            if item_of[t] >= 0:
+                depth = max(cp * y + sp * (z - camera[1]), _NEAREST)
+                up = -sp * y + cp * (z - camera[1])
+                pixels[j, 0] = problem.cx + focal * problem.fx * x / depth
+                pixels[j, 1] = problem.cy - focal * problem.fy * up / depth
+                # A larger body differs by more: else distance alone would seem to fit better.
+                loose[j] = (focal * problem.fx * body * problem.pose_tolerance / depth) ** 2
+        for side in range(2):
+            # Logarithms are dear: one of a product, before it can underflow.
+            frame, product = 0.0, 1.0
+            for j in range(16):
+                if not problem.used[t, j]:
+                    continue
+                of = MIRROR[j] if side == 1 else j
+                if item_of[t] >= 0:
+                    u, v = pixels[of, 0], pixels[of, 1]
+                    product *= _joint_density(problem, t, j, seen[of], u, v, loose[of])
+                else:
+                    product *= (
+                        seen[of] * problem.static_density[side, t, j, 1]
+                        + (1 - seen[of]) * problem.static_density[side, t, j, 0]
+                    )
+                if product < _SMALL:
+                    frame += math.log(max(product, _SMALLEST))
+                    product = 1.0
+            by_frame[t, side] = frame + math.log(product)
 
 
 @compiled
@@ -292,9 +310,9 @@ def evaluate(
         Standard normal numbers of the path.
     joints : (T, 16, 3) float
         Out: the motion in the world, metres.
-    by_frame : (T,) float
-        Out: log-likelihood of each frame's detections, nats, unweighted; left as it is
-        where the likelihood is switched off.
+    by_frame : (T, 2) float
+        Out: log-likelihood of each frame's detections, as they are and with left and right
+        swapped, nats, unweighted; left as it is where the likelihood is switched off.
 
     Returns
     -------
@@ -325,8 +343,8 @@ def evaluate(
     boxes, turns, owner, yaws = _place_boxes(problem, items, placements)
     _detections(problem, camera, item_of, joints, boxes, turns, by_frame)
     weight = problem.frame_weight * problem.likelihood
+    terms[4] = summed_over_swaps(by_frame, weight, problem.swap_begins, problem.swap_ends)
     for t in range(len(item_of)):
-        terms[4] += weight * by_frame[t]
         if item_of[t] < 0:
             terms[5] -= weight * problem.free_cost[t]
     terms[6] = _collisions(problem, boxes, owner, yaws)

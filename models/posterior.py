@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.models.compiled import TERMS, evaluate
+from imapper_prob.models.energy.swaps import swap_probabilities
 from imapper_prob.models.problem import Problem
 
 __all__ = [
@@ -16,6 +17,7 @@ __all__ = [
     "frame_log_likelihood",
     "log_posterior",
     "motion",
+    "swapped",
     "terms",
 ]
 
@@ -88,7 +90,7 @@ def empty_state(problem: Problem) -> State:
 
 def _evaluate(problem: Problem, state: State) -> tuple[Array, Array, Array]:
     joints = np.empty((problem.n_frames, 16, 3))
-    by_frame = np.zeros(problem.n_frames)
+    by_frame = np.zeros((problem.n_frames, 2))
     values = evaluate(
         problem, state.camera, state.items, state.placements, state.latent, joints, by_frame
     )
@@ -108,9 +110,26 @@ def terms(problem: Problem, state: State) -> dict[str, float]:
     return dict(zip(TERMS, _evaluate(problem, state)[0].tolist(), strict=True))
 
 
+def swapped(problem: Problem, state: State) -> Array:
+    """(T,) probability that the detector took left for right in a frame, given the state."""
+    by_frame = _evaluate(problem, state)[2]
+    return np.asarray(_swap_probabilities(problem, by_frame))
+
+
 def frame_log_likelihood(problem: Problem, state: State) -> Array:
-    """(T,) log-likelihood of each frame's detections, nats, before the frame weight."""
-    return _evaluate(problem, state)[2]
+    """(T,) log-likelihood of each frame's detections, nats, before the frame weight.
+
+    The mean over left and right being swapped or not, with their probabilities.
+    """
+    by_frame = _evaluate(problem, state)[2]
+    wrong = _swap_probabilities(problem, by_frame)
+    mean: Array = (1 - wrong) * by_frame[:, 0] + wrong * by_frame[:, 1]
+    return mean
+
+
+def _swap_probabilities(problem: Problem, by_frame: Array) -> Array:
+    weight = problem.frame_weight * problem.likelihood
+    return swap_probabilities(by_frame, weight, problem.swap_begins, problem.swap_ends)
 
 
 def motion(problem: Problem, state: State) -> Array:

@@ -15,7 +15,7 @@ from imapper_prob.models.path import CameraPrior, StaticPath
 from imapper_prob.models.scene import Clip
 from imapper_prob.models.scenelet import Library
 from imapper_prob.models.settings import ModelSettings
-from imapper_prob.models.skeleton import DETECTED, N_JOINTS
+from imapper_prob.models.skeleton import DETECTED, MIRROR, N_JOINTS
 
 __all__ = ["Problem", "pack_problem", "resample"]
 
@@ -36,14 +36,15 @@ class Problem(NamedTuple):
     cy: float
     keypoints: Array  # (T, 16, 2) pixels
     used: NDArray[np.bool_]  # (T, 16) detected joints
-    log_confidence: Array  # (T, 16, 2) log p0(c), log p1(c)
+    confidence_density: Array  # (T, 16, 2) p0(c), p1(c)
     error_scale: Array  # (T, 16, 2) pixels
     error_dof: Array  # (T, 16, 2)
     measured: Array  # (T, 2) bearing, log depth
     precision: Array  # (T, 2)
     lift: Array  # (T,)
     poses: Array  # (T, 16, 3) camera axes, metres
-    static_density: Array  # (T, 16, 2) p(u, c | hidden), p(u, c | seen) at the frame's own fit
+    static_density: Array  # (2, T, 16, 2) p(u, c | hidden), p(u, c | seen) at the frame's own
+    # fit, as it is and with left and right swapped
     free_cost: Array  # (T,) nats a free frame pays for its pose, before the frame weight
     joints: Array  # (N, 16, 3) scenelet joints, local frame, metres
     joint_first: Ints  # (L + 1,) where each scenelet's frames start
@@ -60,6 +61,8 @@ class Problem(NamedTuple):
     start_mean: Array  # (2,)
     start_variance: Array  # (2,)
     frame_weight: float
+    swap_begins: float  # probability a frame
+    swap_ends: float
     pose_tolerance: float
     sight_width: float
     surprise: float
@@ -122,10 +125,10 @@ def pack_problem(
     used = np.zeros((clip.n_frames, N_JOINTS), bool)
     used[:, list(DETECTED)] = person.confidences[:, list(DETECTED)] > 0
     keypoints = np.where(used[..., None], person.keypoints, 0.0)
-    log_confidence = np.log(detections.confidence_density(person.confidences))
+    confidence = detections.confidence_density(person.confidences)
     scale, dof = detections.error_tables(person.confidences, image_height=nominal.height)
     residual = _static_residual(nominal, path, keypoints)
-    static = np.exp(log_confidence + student_t(residual[..., None], scale, dof))
+    static = confidence * np.exp(student_t(residual[..., None], scale, dof))
 
     motions = [resample(s.joints, fps=s.fps, to_fps=clip.fps) for s in library]
     lengths = np.array([len(m) for m in motions])
@@ -143,7 +146,7 @@ def pack_problem(
         fx=nominal.fx, fy=nominal.fy, cx=nominal.cx, cy=nominal.cy,
         keypoints=keypoints,
         used=used,
-        log_confidence=log_confidence,
+        confidence_density=confidence,
         error_scale=scale,
         error_dof=dof,
         measured=path.measured,
@@ -167,6 +170,8 @@ def pack_problem(
         start_mean=np.array([0.0, np.log(settings.start_depth)]),
         start_variance=np.array([settings.start_bearing, settings.start_log_depth]) ** 2,
         frame_weight=settings.frame_weight * 10.0 / clip.fps,
+        swap_begins=min(0.5, settings.swap_rate / clip.fps),
+        swap_ends=min(0.5, 1.0 / (settings.swap_length * clip.fps)),
         pose_tolerance=settings.pose_tolerance,
         sight_width=settings.sight_width,
         surprise=settings.surprise,
@@ -178,10 +183,11 @@ def pack_problem(
 
 
 def _static_residual(camera: Camera, path: StaticPath, keypoints: Array) -> Array:
-    """(T, 16) squared pixels between detections and the frame's own fitted pose.
+    """(2, T, 16) squared pixels between detections and the frame's own pose, and its mirror.
 
     The pose stands at the frame's smoothed estimate; behind the camera the residual is that
     of a point at the image's edge, which no detector model calls likely.
     """
-    error = ((camera.project_camera(path.joints) - keypoints) ** 2).sum(-1)
+    pixels = camera.project_camera(path.joints)
+    error = ((np.stack([pixels, pixels[:, list(MIRROR)]]) - keypoints) ** 2).sum(-1)
     return np.where(np.isfinite(error), error, float(camera.width**2 + camera.height**2))

@@ -168,7 +168,7 @@ class _Fitter:
         """
         problem = self.problem
         frames = np.clip(centre + self.offsets, 0, problem.n_frames - 1)
-        confident = problem.used[frames] * problem.log_confidence[frames].argmax(-1)
+        confident = problem.used[frames] * problem.confidence_density[frames].argmax(-1)
         weight = torch.from_numpy(confident.astype(np.float32))[None] * self.present[index, :, None]
         target = torch.from_numpy(problem.keypoints[frames].astype(np.float32))
         scale = torch.from_numpy(problem.error_scale[frames, :, 1].astype(np.float32))

@@ -16,14 +16,9 @@ from imapper_prob.models.errors import InputError
 from imapper_prob.models.geometry import pack_boxes, sight_clearance
 from imapper_prob.models.scene import Clip
 from imapper_prob.models.scenelet import Library
-from imapper_prob.models.simulate import (
-    LIFT_SCALE,
-    NOMINAL_CAMERA,
-    draw_camera,
-    simulate_clip,
-    simulate_track,
-)
+from imapper_prob.models.simulate import NOMINAL_CAMERA, draw_camera, simulate_clip
 from imapper_prob.models.simulate_motion import Gait
+from imapper_prob.models.simulate_track import LIFT_SCALE, simulate_track
 from imapper_prob.models.skeleton import BONE_LENGTHS, BONES, HEAD, LANK, NECK, PELV, RANK, RHIP
 from imapper_prob.scenelets.library import built_in_library
 

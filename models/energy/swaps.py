@@ -1,0 +1,85 @@
+"""Left and right taken for each other: a hidden state a frame, summed out, compiled.
+
+A detector that sees somebody from behind, or in poor light, can swap all joints of the left
+side with those of the right, for a run of frames and at full confidence. Whether frame t is
+swapped is a chain s_t of two states with persistent values; what it costs to know nothing of
+it is the forward recursion of a hidden Markov model (Rabiner 1989), exact and linear in T:
+
+    log p(u, c | q) = log sum over s of p(s) prod_t p(u_t, c_t | q_t, s_t)^w
+
+with the frame weight w that stands for the correlation of neighbouring frames.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imapper_prob.models.jit import compiled
+
+__all__ = ["summed_over_swaps", "swap_probabilities"]
+
+Array = NDArray[np.float64]
+
+
+@compiled
+def summed_over_swaps(by_frame: Array, weight: float, begins: float, ends: float) -> float:
+    """Log-likelihood of all frames, whichever of them are swapped.
+
+    Parameters
+    ----------
+    by_frame : (T, 2) float
+        Log-likelihood of each frame as it is, and with sides swapped, nats.
+    weight : float
+        Factor on every frame's log-likelihood.
+    begins, ends : float
+        Probability a frame that a swap begins, and that one ends. The first frame is
+        swapped as often as any, ``begins / (begins + ends)``.
+
+    Returns
+    -------
+    float
+        Nats.
+    """
+    total = 0.0
+    swapped = begins / (begins + ends)
+    for t in range(len(by_frame)):
+        right, wrong = weight * by_frame[t, 0], weight * by_frame[t, 1]
+        top = max(right, wrong)
+        stays = (1.0 - swapped) * math.exp(right - top)
+        turned = swapped * math.exp(wrong - top)
+        both = stays + turned
+        total += top + math.log(both)
+        swapped = (stays * begins + turned * (1.0 - ends)) / both
+    return total
+
+
+@compiled
+def swap_probabilities(by_frame: Array, weight: float, begins: float, ends: float) -> Array:
+    """(T,) probability that each frame is swapped, given all frames (forward-backward).
+
+    Parameters as for :func:`summed_over_swaps`.
+    """
+    n = len(by_frame)
+    forward = np.empty(n)
+    predicted = begins / (begins + ends)
+    for t in range(n):
+        right, wrong = weight * by_frame[t, 0], weight * by_frame[t, 1]
+        top = max(right, wrong)
+        stays = (1.0 - predicted) * math.exp(right - top)
+        turned = predicted * math.exp(wrong - top)
+        forward[t] = turned / (stays + turned)
+        predicted = (stays * begins + turned * (1.0 - ends)) / (stays + turned)
+    result = forward.copy()
+    for t in range(n - 2, -1, -1):
+        # p(s_t | all) = sum over s_{t+1} of p(s_{t+1} | all) p(s_t | s_{t+1}, past).
+        now = forward[t]
+        to_swapped = (1.0 - now) * begins + now * (1.0 - ends)
+        to_right = (1.0 - now) * (1.0 - begins) + now * ends
+        result[t] = (
+            result[t + 1] * now * (1.0 - ends) / to_swapped
+            + (1.0 - result[t + 1]) * now * ends / to_right
+        )
+    return result
