@@ -2,7 +2,8 @@
 
 Groups, as ArviZ names them:
 
-``posterior``      what every draw has, whatever its dimension, and the pelvis path
+``posterior``      what every draw has, whatever its dimension, the pelvis path, and by frame
+                   the probability that the detector took left for right
 ``draws``          scenelets and merged objects of each draw, padded, with their numbers
 ``sample_stats``   log-posterior
 ``observed_data``  detections
@@ -22,7 +23,7 @@ from numpy.typing import NDArray
 
 from imapper_prob.config import Config, to_toml
 from imapper_prob.models.errors import InputError
-from imapper_prob.models.posterior import motion
+from imapper_prob.models.posterior import motion, swapped
 from imapper_prob.models.skeleton import JOINTS, PELV
 from imapper_prob.sampling.sample import Samples
 from imapper_prob.staged.solver import Solution
@@ -38,6 +39,7 @@ _UNITS = {
     "log_focal_scale": "1",
     "log_body_scale": "1",
     "pelvis": "m",
+    "sides_swapped": "1",
     "log_posterior": "nat",
     "keypoints": "px",
     "scenelet_placement": "m, m, rad",
@@ -52,6 +54,9 @@ def posterior_tree(solution: Solution, samples: Samples, config: Config) -> xr.D
     pelvis = np.array(
         [motion(solution.problem, state)[:, PELV].astype(np.float32) for state in samples.states]
     ).reshape(*shape, clip.n_frames, 3)
+    turned = np.array(
+        [swapped(solution.problem, state).astype(np.float32) for state in samples.states]
+    ).reshape(*shape, clip.n_frames)
     per_draw = ("chain", "draw")
     posterior: dict[str, Variable] = {
         name: (per_draw, camera[..., i])
@@ -62,6 +67,7 @@ def posterior_tree(solution: Solution, samples: Samples, config: Config) -> xr.D
         "n_objects": (per_draw, np.reshape([len(o) for o in samples.objects], shape)),
         "layout": (per_draw, samples.layouts.indicator.reshape(shape)),
         "pelvis": ((*per_draw, "frame", "axis"), pelvis),
+        "sides_swapped": ((*per_draw, "frame"), turned),
     }
     frames = {"frame": clip.frame_ids}
     groups = {

@@ -11,6 +11,7 @@ import xarray as xr
 from rich.console import Console
 
 from imapper_prob.models.errors import InputError
+from imapper_prob.models.posterior import swapped
 from imapper_prob.results.summary import distances_to_truth, layout_table, object_table
 from imapper_prob.results.tree import read_attributes
 from tests.models.worlds import couch
@@ -56,6 +57,11 @@ def test_the_tree_holds_the_draws_and_survives_the_disk(tmp_path: Path) -> None:
             tree["sample_stats"]["log_posterior"], run.samples.log_posterior
         )
         state = run.samples.states[draws + 5]
+        np.testing.assert_allclose(
+            tree["posterior"]["sides_swapped"][1, 5],
+            swapped(run.solution.problem, state),
+            rtol=1e-6,
+        )
         items = tree["draws"]["scenelet"][1, 5].values
         np.testing.assert_array_equal(items[: state.n_scenelets], state.items[:, 0])
         assert np.all(items[state.n_scenelets :] == -1)
