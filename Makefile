@@ -12,10 +12,10 @@ demo: $(STAMP)
 	$(VENV)/bin/imapper-prob demo -o out/demo --overwrite
 
 test: lint
-	$(PY) -m pytest -n 2 -m "not slow"
+	$(PY) -m pytest -n 2 -m "not slow" --nbmake tests notebooks
 
 test-all: lint
-	$(PY) -m pytest -n 2
+	$(PY) -m pytest -n 2 --nbmake tests notebooks
 
 bench: $(STAMP)
 	$(PY) benchmarks/run.py

@@ -55,7 +55,10 @@ SHORTEST_STAY: Final = 2.0
 STAYS_PUT: Final = 0.15
 """Metres the pelvis may move in a scenelet that can be done for any length of time."""
 
-_ACTIONS: Final = {"sit": "sitting", "stand": "standing", "reach": "reaching", "walk": "walking"}
+_ACTIONS: Final = {
+    "sit": "sitting", "stand": "standing", "reach": "reaching", "walk": "walking", "lie": "lying",
+}  # fmt: skip
+"""Words for what goes on, as i3DB has them."""
 
 FEWEST_IN_IMAGE: Final = 0.3
 """Part of the joints that is in the image in every frame; the clip is of a person."""

@@ -33,6 +33,9 @@ RAMP: Final = 0.4
 STRIDE: Final = (0.8, 1.9)
 """Metres that two steps of an adult indoors may cover."""
 
+PACE: Final = 1.0
+"""Metres a second at which people walk indoors, about."""
+
 CORNER: Final = 0.35
 """Metres over which a corner of the path is rounded."""
 
@@ -64,20 +67,20 @@ class Gait:
 
     @classmethod
     def of(cls, library: Library) -> Gait:
-        """The cycle of the longest straight walk of a library.
+        """A cycle of a library's walk, of those that cover two steps the one nearest ``PACE``.
 
         Raises
         ------
         InputError
             If no scenelet without objects covers the length of two steps.
         """
-        walks = [s.joints for s in library if not s.objects and _chord(s) > STRIDE[0]]
+        walks = [s for s in library if not s.objects and _chord(s) > STRIDE[0]]
         if not walks:
             raise InputError(
                 f"library {library.name}: no walking scenelet of {STRIDE[0]} m or more; the "
                 "simulator needs one"
             )
-        joints = max(walks, key=lambda j: float(np.linalg.norm(j[-1, PELV] - j[0, PELV])))
+        joints = min(walks, key=lambda s: abs(_chord(s) * s.fps / (s.n_frames - 1) - PACE)).joints
         ground = joints[:, PELV] * (1.0, 1.0, 0.0)
         poses = turned(joints - ground[:, None], -facing(joints))
         walked = np.concatenate([[0], np.linalg.norm(np.diff(ground, axis=0), axis=-1).cumsum()])
@@ -98,6 +101,7 @@ class Gait:
 
 
 def _chord(scenelet: Scenelet) -> float:
+    """Metres from the first position to the last."""
     return float(np.linalg.norm(scenelet.joints[-1, PELV] - scenelet.joints[0, PELV]))
 
 

@@ -26,7 +26,7 @@ SOURCES = sorted(
 )
 FLOORS = [
     {"models", "samplers"},
-    {"config", "files"},
+    {"colours", "config", "files"},
     {"inputs"},
     {"scenelets"},
     {"staged"},

@@ -26,9 +26,10 @@ from imapper_prob.inputs.json_fields import (
     load_json,
     numbers,
 )
+from imapper_prob.inputs.upright import MeasuredBox, upright_object
 from imapper_prob.models.camera import Camera
 from imapper_prob.models.errors import InputError
-from imapper_prob.models.scene import Clip, Cuboid, Placement, SceneObject, Track, Truth
+from imapper_prob.models.scene import Clip, SceneObject, Track, Truth
 from imapper_prob.models.skeleton import (
     DETECTED,
     HEAD,
@@ -41,12 +42,15 @@ from imapper_prob.models.skeleton import (
     THRX,
 )
 
-__all__ = ["DETECTIONS", "read_i3db", "read_i3db_truth"]
+__all__ = ["ACTIONS", "DETECTIONS", "action_words", "read_i3db", "read_i3db_truth"]
 
 Array = NDArray[np.float64]
 
 DETECTIONS: Final = "skel_*_2d_00.json"
 """Pattern of the file by which a folder is known to be of this format."""
+
+ACTIONS: Final = "actions.txt"
+"""File in ``gt/`` that says what is done in each frame."""
 
 _IMAGE_SIZE: Final = (1920, 1080)
 """Width and height in pixels of every i3DB video; no file states them."""
@@ -175,7 +179,11 @@ def read_i3db_truth(folder: str | Path, clip: Clip) -> Truth:
         objects=tuple(_object(parts, camera) for parts in objects),
         joints=joints,
         hidden=hidden,
-        actions=_actions(truth_folder / "actions.txt", clip.n_frames),
+        # The remark in brackets is not the action.
+        actions=tuple(
+            word.partition("(")[0].strip()
+            for word in action_words(truth_folder / ACTIONS, clip.n_frames)
+        ),
     )
 
 
@@ -320,45 +328,38 @@ def _upright_camera(camera: Camera, objects: list[list[_Part]]) -> Camera:
 
 
 def _object(parts: list[_Part], camera: Camera) -> SceneObject:
-    """Parts of one object as upright boxes in the frame of the object.
+    """Parts of one object as upright boxes.
 
     The part with the largest footprint (seat, table top, board) says where the front is:
-    its second axis points to the backrest or the wall.  Other parts are turned by a
-    multiple of a right angle and by a few degrees, of which the latter are dropped.
+    its second axis points to the backrest or the wall.
     """
-    widest = max(parts, key=lambda p: p.size[0] * p.size[1])
-    back = camera.rotation @ widest.axes[:, 1]
-    yaw = float(np.arctan2(back[0], -back[1]))
-    sideways = np.array([np.cos(yaw), np.sin(yaw), 0.0])
-    turned = Placement(0.0, 0.0, -yaw)
-    centres = turned.apply([camera.to_world(p.centre) for p in parts])
-    sizes = []
+    boxes = []
     for part in parts:
-        first, second, _ = np.abs(sideways @ camera.rotation @ part.axes)
-        sizes.append(part.size if first >= second else part.size[[1, 0, 2]])
-    low = np.min(centres - np.array(sizes) / 2, axis=0)
-    high = np.max(centres + np.array(sizes) / 2, axis=0)
-    middle = (low + high) / 2 * (1, 1, 0)
-    x, y, _ = Placement(0.0, 0.0, yaw).apply(middle)
-    return SceneObject(
-        label=widest.label,
-        placement=Placement(float(x), float(y), yaw),
-        cuboids=tuple(
-            Cuboid(p.part, centre - middle, size)
-            for p, centre, size in zip(parts, centres, sizes, strict=True)
-        ),
-    )
+        sideways = camera.rotation @ part.axes[:, 0]
+        boxes.append(
+            MeasuredBox(
+                part=part.part,
+                centre=camera.to_world(part.centre),
+                size=part.size,
+                yaw=float(np.arctan2(sideways[1], sideways[0])),
+            )
+        )
+    widest = max(range(len(parts)), key=lambda i: boxes[i].footprint_area)
+    back = camera.rotation @ parts[widest].axes[:, 1]
+    return upright_object(parts[widest].label, boxes, float(np.arctan2(back[0], -back[1])))
 
 
-def _actions(path: Path, n_frames: int) -> tuple[str, ...]:
-    """A word for each frame; the file counts frames from its own first number."""
+def action_words(path: Path, n_frames: int) -> tuple[str, ...]:
+    """The annotators' words for each frame, as ``"standing(from sitting)"``.
+
+    The file counts frames from its own first number; it may be missing.
+    """
     if not path.exists():
         return ()
     words: dict[int, str] = {}
     for line in path.read_text(encoding="utf-8").splitlines():
         if line.strip():
             number, _, word = line.partition("\t")
-            # "standing(from sitting)": the remark in brackets is not the action.
-            words[frame_number(path, number)] = word.partition("(")[0].strip()
+            words[frame_number(path, number)] = word.strip()
     start = min(words, default=0)
     return tuple(words.get(start + t, "") for t in range(n_frames))

@@ -35,6 +35,7 @@ from imapper_prob.recording import palette, shapes
 from imapper_prob.recording.blueprint import make_blueprint
 from imapper_prob.recording.caption import caption, contents, layout_name
 from imapper_prob.recording.curves import log_fit, log_traces
+from imapper_prob.recording.entities import PATH_RADIUS, log_moving, log_person, log_static
 from imapper_prob.results.scenes import WeightedScene
 
 __all__ = ["write_recording"]
@@ -43,11 +44,8 @@ Array = NDArray[np.float64]
 
 _GHOSTS = 8
 """Most doubles drawn of a layout's person: more hide the person and swell the file."""
-_JOINT_RADIUS = 0.045
-_LIMB_RADIUS = 0.03
-_PATH_RADIUS = 0.012
 _GHOST_RADIUS = 0.006
-"""Radii of joints and lines in metres, chosen by eye: a ghost is thinner than a limb."""
+"""Radius in metres, chosen by eye: a ghost is thinner than a limb."""
 
 
 def write_recording(
@@ -162,19 +160,21 @@ def _log_all(
     categories = palette.category_ids(o.label for o in everything)
     frames = rr.TimeColumn("frame", sequence=clip.frame_ids)
 
-    _static(recording, "/", palette.annotation_context(categories))
-    _static(recording, "world", rr.ViewCoordinates.RIGHT_HAND_Z_UP)
+    log_static(recording, "/", palette.annotation_context(categories))
+    log_static(recording, "world", rr.ViewCoordinates.RIGHT_HAND_Z_UP)
     text = caption(description, scenes)
     document = rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN)
-    _static(recording, "description", document)
+    log_static(recording, "description", document)
 
     _log_floor(recording, everything, [s.scene.joints for s in scenes])
     _log_camera(recording, clip, scenes[0].scene, frames)
     for i, weighted in enumerate(scenes, 1):
         _log_layout(recording, f"world/layout_{i}", weighted, categories, frames, best=i == 1)
     if truth is not None:
-        _static(recording, "world/truth/furniture", shapes.boxes(truth.objects, {}, outlined=True))
-        _log_person(recording, "world/truth", truth.joints, palette.TRUTH, frames)
+        log_static(
+            recording, "world/truth/furniture", shapes.boxes(truth.objects, {}, outlined=True)
+        )
+        log_person(recording, "world/truth", truth.joints, palette.TRUTH, frames)
     _log_by_layout(recording, scenes, categories)
     log_fit(recording, clip, scenes, truth)
     log_traces(recording, curves)
@@ -187,19 +187,19 @@ def _log_floor(
     on_floor += [m[:, PELV, :2][np.isfinite(m[:, PELV, 0])] for m in motions]
     points = np.concatenate(on_floor)
     low, high = np.floor(points.min(0) - 0.3), np.ceil(points.max(0) + 0.3)
-    _static(recording, "world/floor", shapes.floor_plane(low, high))
-    _static(recording, "world/floor/lines", shapes.floor_lines(low, high))
+    log_static(recording, "world/floor", shapes.floor_plane(low, high))
+    log_static(recording, "world/floor/lines", shapes.floor_lines(low, high))
 
 
 def _log_camera(
     recording: rr.RecordingStream, clip: Clip, best: Scene, frames: rr.TimeColumn
 ) -> None:
-    _static(recording, "world/camera", shapes.camera_pose(best.camera))
-    _static(recording, "world/camera/image", shapes.pinhole(best.camera))
+    log_static(recording, "world/camera", shapes.camera_pose(best.camera))
+    log_static(recording, "world/camera/image", shapes.pinhole(best.camera))
     frame_of_image = rr.Boxes2D(
         mins=[(0, 0)], sizes=[(best.camera.width, best.camera.height)], colors=(90, 95, 105)
     )
-    _static(recording, "world/camera/image/border", frame_of_image)
+    log_static(recording, "world/camera/image/border", frame_of_image)
 
     track = clip.tracks[0]
     seen = np.isfinite(track.keypoints).all(-1) & (track.confidences > 0)
@@ -207,7 +207,7 @@ def _log_camera(
         positions=track.keypoints[seen],
         colors=palette.confidence_colours(track.confidences[seen]),
     ).partition(seen.sum(1))
-    _moving(
+    log_moving(
         recording,
         "world/camera/image/detections",
         frames,
@@ -220,7 +220,7 @@ def _log_camera(
     reprojection = rr.Points2D.columns(
         positions=pixels[drawn], keypoint_ids=np.nonzero(drawn)[1]
     ).partition(drawn.sum(1))
-    _moving(
+    log_moving(
         recording,
         "world/camera/image/reprojection",
         frames,
@@ -241,45 +241,13 @@ def _log_layout(
     best: bool,
 ) -> None:
     objects = weighted.scene.objects
-    _static(recording, f"{entity}/furniture", shapes.boxes(objects, categories))
-    _static(recording, f"{entity}/names", shapes.names(objects, categories))
+    log_static(recording, f"{entity}/furniture", shapes.boxes(objects, categories))
+    log_static(recording, f"{entity}/names", shapes.names(objects, categories))
     positions = shapes.position_ellipses(objects, weighted.covariances)
-    _static(recording, f"{entity}/positions", positions)
+    log_static(recording, f"{entity}/positions", positions)
     person = palette.ESTIMATE if best else palette.ALTERNATIVE
-    _log_person(recording, entity, weighted.scene.joints, person, frames)
+    log_person(recording, entity, weighted.scene.joints, person, frames)
     _log_ghosts(recording, f"{entity}/ghosts", weighted.ghosts, person, frames)
-
-
-def _log_person(
-    recording: rr.RecordingStream, entity: str, joints: Array, number: int, frames: rr.TimeColumn
-) -> None:
-    known = np.isfinite(joints).all(-1)
-    columns = rr.Points3D.columns(
-        positions=joints[known], keypoint_ids=np.nonzero(known)[1]
-    ).partition(known.sum(1))
-    _moving(
-        recording,
-        f"{entity}/person",
-        frames,
-        columns,
-        style=rr.Points3D.from_fields(class_ids=number, radii=_JOINT_RADIUS, show_labels=False),
-    )
-    strips = [shapes.limbs(pose) for pose in joints]
-    limbs = rr.LineStrips3D.columns(strips=[s for row in strips for s in row])
-    _moving(
-        recording,
-        f"{entity}/limbs",
-        frames,
-        limbs.partition([len(row) for row in strips]),
-        style=rr.LineStrips3D.from_fields(class_ids=number, radii=_LIMB_RADIUS, show_labels=False),
-    )
-    path = rr.LineStrips3D(
-        shapes.paths(joints[:, PELV]),
-        class_ids=number,
-        radii=_PATH_RADIUS,
-        show_labels=False,
-    )
-    _static(recording, f"{entity}/path", path)
 
 
 def _log_ghosts(
@@ -292,7 +260,7 @@ def _log_ghosts(
         [s for ghost in ghosts for s in shapes.limbs(ghost[t])] for t in range(ghosts.shape[1])
     ]
     columns = rr.LineStrips3D.columns(strips=[s for row in strips for s in row])
-    _moving(
+    log_moving(
         recording,
         entity,
         frames,
@@ -306,7 +274,7 @@ def _log_by_layout(
 ) -> None:
     layouts = rr.TimeColumn("layout", sequence=np.arange(1, len(scenes) + 1))
     furniture = shapes.box_columns([s.scene.objects for s in scenes], categories)
-    _moving(
+    log_moving(
         recording,
         "world/by_layout/furniture",
         layouts,
@@ -321,33 +289,16 @@ def _log_by_layout(
     pieces = [shapes.paths(s.scene.joints[:, PELV]) for s in scenes]
     columns = rr.LineStrips3D.columns(strips=[p for row in pieces for p in row])
     lengths = [len(row) for row in pieces]
-    _moving(
+    log_moving(
         recording,
         "world/by_layout/path",
         layouts,
         columns.partition(lengths),
         style=rr.LineStrips3D.from_fields(
-            class_ids=palette.ESTIMATE, radii=_PATH_RADIUS, show_labels=False
+            class_ids=palette.ESTIMATE, radii=PATH_RADIUS, show_labels=False
         ),
     )
 
     texts = [f"{layout_name(i, s)}: {contents(s.scene)}" for i, s in enumerate(scenes, 1)]
     summaries = rr.TextDocument.columns(text=texts)
     recording.send_columns("summary", indexes=[layouts], columns=summaries, strict=True)
-
-
-def _static(recording: rr.RecordingStream, entity: str, what: rr.AsComponents) -> None:
-    recording.log(entity, what, static=True, strict=True)
-
-
-def _moving(
-    recording: rr.RecordingStream,
-    entity: str,
-    index: rr.TimeColumn,
-    columns: rr.ComponentColumnList,
-    *,
-    style: rr.AsComponents,
-) -> None:
-    """Log what changes along a timeline, and once what does not."""
-    recording.send_columns(entity, indexes=[index], columns=columns, strict=True)
-    _static(recording, entity, style)

@@ -1,12 +1,11 @@
 """Which colour and which class number everything in a recording has.
 
-The hues of objects are those of Tableau 10, which stay apart on a dark ground and for most
-colour-blind eyes; people and their doubles take the light tones that are left.
+Objects have the hues of :mod:`imapper_prob.colours`; people and their doubles take the light
+tones that are left.
 """
 
 from __future__ import annotations
 
-import zlib
 from collections.abc import Iterable
 from typing import Final
 
@@ -14,6 +13,7 @@ import numpy as np
 import rerun as rr
 from numpy.typing import ArrayLike, NDArray
 
+from imapper_prob.colours import Colour, category_colour
 from imapper_prob.models.skeleton import BONES, JOINTS
 
 __all__ = [
@@ -30,8 +30,6 @@ __all__ = [
     "category_ids",
     "confidence_colours",
 ]
-
-Colour = tuple[int, int, int]
 
 ESTIMATE: Final = 1
 """Class of the person in the most probable layout."""
@@ -69,23 +67,6 @@ _PEOPLE: Final[dict[int, tuple[str, Colour]]] = {
     TRUTH: ("truth", TRUE_COLOUR),
     REPROJECTION: ("reprojection", LAYOUT_COLOURS[0]),
 }
-_FAMILIAR: Final[dict[str, Colour]] = {
-    "couch": (89, 161, 159),
-    "sofa": (89, 161, 159),
-    "chair": (242, 142, 43),
-    "stool": (225, 87, 89),
-    "table": (176, 122, 161),
-    "desk": (140, 110, 190),
-    "shelf": (78, 121, 167),
-    "bed": (89, 161, 79),
-    "monitor": (118, 183, 178),
-}
-_OTHERS: Final[tuple[Colour, ...]] = (
-    (156, 117, 95),
-    (255, 157, 167),
-    (186, 176, 172),
-    (140, 192, 222),
-)
 _UNSURE: Final = np.array([225.0, 70.0, 70.0])
 _HALF_SURE: Final = np.array([245.0, 190.0, 70.0])
 _SURE: Final = np.array([90.0, 210.0, 120.0])
@@ -110,7 +91,9 @@ def annotation_context(categories: dict[str, int]) -> rr.AnnotationContext:
         for number, (label, colour) in _PEOPLE.items()
     ]
     objects = [
-        rr.ClassDescription(info=rr.AnnotationInfo(id=number, label=label, color=_hue(label)))
+        rr.ClassDescription(
+            info=rr.AnnotationInfo(id=number, label=label, color=category_colour(label))
+        )
         for label, number in categories.items()
     ]
     return rr.AnnotationContext([*people, *objects])
@@ -123,8 +106,3 @@ def confidence_colours(confidences: ArrayLike) -> NDArray[np.uint8]:
     above = _HALF_SURE + (_SURE - _HALF_SURE) * (2 * c - 1)
     colours: NDArray[np.uint8] = np.where(c < 0.5, below, above).round().astype(np.uint8)
     return colours
-
-
-def _hue(label: str) -> Colour:
-    # A checksum, not hash(): the colour of a rare category must not change between runs.
-    return _FAMILIAR.get(label, _OTHERS[zlib.crc32(label.encode()) % len(_OTHERS)])

@@ -62,7 +62,7 @@ def mirrored(scenelet: Scenelet, name: str) -> Scenelet:
         )
         for o in scenelet.objects
     )
-    return Scenelet(name, scenelet.action, joints, objects, scenelet.fps)
+    return Scenelet(name, scenelet.action, joints, objects, scenelet.fps, scenelet.weight)
 
 
 def resized(piece: SceneObject, factor: float) -> SceneObject:

@@ -12,7 +12,16 @@ from imapper_prob.models.pose import facing
 from imapper_prob.models.scene import Placement
 from imapper_prob.models.skeleton import LANK, PELV, RANK
 from imapper_prob.scenelets.procedural.body import ANKLE_HEIGHT, Trunk, pose_body, two_bones
-from imapper_prob.scenelets.procedural.gait import arc, minimum_jerk, settle, walk_along
+from imapper_prob.scenelets.procedural.gait import (
+    GATHER,
+    arc,
+    minimum_jerk,
+    settle,
+    starting,
+    steady,
+    stopping,
+    walk_along,
+)
 
 points = arrays(float, (3,), elements=st.floats(-2, 2))
 
@@ -56,15 +65,39 @@ def test_minimum_jerk_starts_and_ends_at_rest() -> None:
 @given(speed=st.floats(0.4, 1.3), curvature=st.floats(-1.5, 1.5))
 def test_an_arc_is_walked_at_its_speed_and_heading(speed: float, curvature: float) -> None:
     times = np.linspace(0, 2, 401)
-    x, y, yaw = arc(speed, curvature)(times).T
+    x, y, yaw = arc(steady(speed), curvature)(times).T
     vx, vy = np.gradient(x, times)[1:-1], np.gradient(y, times)[1:-1]
     np.testing.assert_allclose(np.hypot(vx, vy), speed, rtol=1e-3)
     np.testing.assert_allclose(np.cos(np.arctan2(-vx, vy) - yaw[1:-1]), 1.0, atol=1e-4)
 
 
+@given(speed=st.floats(0.4, 1.4), at=st.floats(-0.5, 0.8))
+def test_a_start_is_a_stop_backwards(speed: float, at: float) -> None:
+    times = np.linspace(-1, 3, 801)
+    walked = starting(speed, at=at)(times)
+    rate = np.gradient(walked, times)
+    assert np.all(walked[times <= at] == 0)
+    assert np.all(np.diff(walked) >= 0)
+    np.testing.assert_allclose(rate[times > at + GATHER + 0.01], speed, rtol=1e-6)
+    assert np.abs(np.gradient(rate, times)).max() < 1.6 * speed / GATHER
+    np.testing.assert_allclose(stopping(speed, by=-at)(-times), -walked)
+
+
+def test_feet_stand_while_they_carry() -> None:
+    times = np.arange(300) / 100
+    for speed, step_time in ((0.4, 0.75), (0.5, 0.4), (1.3, 0.5)):
+        route = arc(steady(speed), 0.5)
+        walk = walk_along(route, times, step_time=step_time, phase=0.1, lean=0.0)
+        low = walk.ankles[..., 2] < ANKLE_HEIGHT + 0.01
+        slide = np.linalg.norm(np.diff(walk.ankles[..., :2], axis=0), axis=-1)
+        # At 100 frames a second a foot that goes along would move by 4 mm or more a frame.
+        assert slide[low[1:] & low[:-1]].max() < 0.001
+        assert low.any(1).all()
+
+
 def test_a_walk_alternates_its_feet() -> None:
     times = np.arange(60) / 30
-    walk = walk_along(arc(1.0, 0.0), times, step_time=0.5, phase=0.1, lean=0.05)
+    walk = walk_along(arc(steady(1.0), 0.0), times, step_time=0.5, phase=0.1, lean=0.05)
     joints = pose_body(walk.trunk, ankles=walk.ankles, wrists=walk.wrists)
     lifted = joints[:, [RANK, LANK], 2] > ANKLE_HEIGHT + 0.01
     assert not lifted.all(1).any()

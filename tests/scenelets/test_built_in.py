@@ -2,37 +2,37 @@
 
 from __future__ import annotations
 
+import time
 from collections import Counter
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from imapper_prob.models.geometry import pack_boxes, sight_clearance
 from imapper_prob.models.pose import facing
 from imapper_prob.models.scenelet import Library, Scenelet
 from imapper_prob.models.skeleton import (
     BONE_LENGTHS,
-    BONES,
+    HEAD,
     LANK,
-    LELB,
-    LHIP,
-    LKNE,
-    LSHO,
     LWRI,
     PELV,
     RANK,
-    RELB,
-    RHIP,
-    RKNE,
-    RSHO,
     RWRI,
+    THRX,
 )
 from imapper_prob.scenelets.library import built_in_library
-from imapper_prob.scenelets.procedural.catalogue import CATALOGUE, build_library
+from imapper_prob.scenelets.plausibility import faults
+from imapper_prob.scenelets.procedural import catalogue
+from imapper_prob.scenelets.procedural.body import ANKLE_HEIGHT
+from imapper_prob.scenelets.procedural.catalogue import CATALOGUE, Entry, build_library
+from imapper_prob.scenelets.procedural.noise import TRACKER_ERROR
+from imapper_prob.scenelets.procedural.person import STATURE_RANGE, Person
+from imapper_prob.scenelets.procedural.recipes.drawn import Drawn
+from imapper_prob.scenelets.procedural.recipes.walking import idle
 
-HINGES = ((RHIP, RKNE, RANK), (LHIP, LKNE, LANK), (RSHO, RELB, RWRI), (LSHO, LELB, LWRI))
-ARMS = {RELB, LELB, RWRI, LWRI}
+SEATS = ("chair", "couch", "stool", "bench", "bed")
+Array = NDArray[np.float64]
 
 
 @pytest.fixture(scope="module")
@@ -40,32 +40,94 @@ def library() -> Library:
     return built_in_library()
 
 
-def every_joint(library: Library) -> NDArray[np.float64]:
+def every_joint(library: Library) -> Array:
     return np.concatenate([s.joints for s in library])
 
 
-def deepest(scenelet: Scenelet, bone: tuple[int, int], *, label: str | None = None) -> float:
-    """How deep a bone goes into furniture in every other frame, metres."""
-    boxes = pack_boxes(o for o in scenelet.objects if label in (None, o.label))
-    starts, ends = (scenelet.joints[::2, j] for j in bone)
-    return -min(
-        float(sight_clearance(start, end, boxes)) for start, end in zip(starts, ends, strict=True)
-    )
+def doing(library: Library, *actions: str) -> list[Scenelet]:
+    return [s for s in library if s.action in actions]
+
+
+def wrists_seen_from(scenelet: Scenelet, piece: int) -> Array:
+    """(n, 2, 3) wrists in the frame of a piece of furniture, metres."""
+    at = scenelet.objects[piece].placement
+    wrists = scenelet.joints[:, [RWRI, LWRI]] - (at.x, at.y, 0.0)
+    return np.concatenate([wrists[..., :2] @ at.rotation, wrists[..., 2:]], -1)
 
 
 def test_there_are_enough_of_every_kind(library: Library) -> None:
-    assert len(library) == sum(entry.count for entry in CATALOGUE) >= 150
+    assert 1600 <= len(library) <= 1900
     count = Counter(s.name.rsplit("-", 1)[0] for s in library)
     assert count == {entry.name: entry.count for entry in CATALOGUE}
-    assert {s.action for s in library} == {"walk", "stand", "sit", "sit-down", "stand-up", "reach"}
-    labels = Counter(label for s in library for label in s.labels)
-    assert set(labels) == {"chair", "stool", "couch", "table", "shelf"}
-    assert min(labels.values()) >= 12
+    assert set(Counter(s.action for s in library)) == {
+        "walk", "stand", "sit", "sit-down", "stand-up", "lie", "reach", "pick-up", "put-down",
+    }  # fmt: skip
+    labels = Counter(label for s in library for label in set(s.labels))
+    assert set(labels) == {*SEATS, "table", "counter", "shelf"}
+    assert min(labels.values()) >= 24
 
 
-def test_the_same_library_comes_out_twice(library: Library) -> None:
-    assert build_library(0).digest == library.digest
-    assert build_library(1).digest != library.digest
+def test_kinds_are_in_proportion(library: Library) -> None:
+    n = len(library)
+    free = sum(not s.objects for s in library)
+    assert free / n == pytest.approx(0.22, abs=0.01)
+    seated = [s.objects[0].label for s in doing(library, "sit", "sit-down", "stand-up")]
+    assert len(seated) / n == pytest.approx(0.50, abs=0.01)
+    taken = Counter(seated)
+    assert taken["chair"] / taken["couch"] == pytest.approx(1.0, abs=0.1)
+    assert taken["stool"] / taken["couch"] == pytest.approx(1.5 / 4, abs=0.02)
+    assert taken["bench"] / taken["couch"] == pytest.approx(0.7 / 4, abs=0.02)
+    assert len(doing(library, "reach")) / n == pytest.approx(0.14, abs=0.01)
+    assert len(doing(library, "lie")) / n == pytest.approx(0.02, abs=0.005)
+
+
+def test_the_same_library_comes_out_twice_and_soon(library: Library) -> None:
+    start = time.process_time()
+    again = build_library(0)
+    # 2 s where this was written; a slow machine is not a fault, a forgotten loop is.
+    assert time.process_time() - start < 10
+    assert again.digest == library.digest
+    assert again.name == library.name == f"built-in {catalogue.VERSION}"
+
+
+def test_another_seed_gives_another_library(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(catalogue, "CATALOGUE", CATALOGUE[:1])
+    one, other = build_library(0), build_library(1)
+    assert one.digest != other.digest
+    assert one.name != other.name
+
+
+def test_a_line_does_not_depend_on_the_others(
+    library: Library, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(catalogue, "CATALOGUE", CATALOGUE[5:4:-1])
+    for scenelet in build_library(0):
+        (same,) = (s for s in library if s.name == scenelet.name)
+        np.testing.assert_array_equal(same.joints, scenelet.joints)
+
+
+def test_what_nobody_can_do_is_drawn_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    tried: list[int] = []
+
+    def clumsy(rng: np.random.Generator, person: Person) -> Drawn:
+        tried.append(1)
+        drawn = idle(rng, person)
+        lifted = len(tried) % 3 > 0
+        return drawn._replace(joints=np.add(drawn.joints, (0.0, 0.0, 0.2 * lifted)))
+
+    monkeypatch.setattr(catalogue, "CATALOGUE", (Entry("hover", "stand", 4, clumsy),))
+    assert len(build_library()) == 4
+    assert len(tried) == 6
+
+
+def test_a_recipe_that_never_works_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    def flying(rng: np.random.Generator, person: Person) -> Drawn:
+        drawn = idle(rng, person)
+        return drawn._replace(joints=np.add(drawn.joints, (0.0, 0.0, 1.0)))
+
+    monkeypatch.setattr(catalogue, "CATALOGUE", (Entry("fly", "stand", 2, flying),))
+    with pytest.raises(RuntimeError, match=r"line fly, scenelet 0: 50 .* stands on nothing"):
+        build_library()
 
 
 def test_clips_last_a_second_or_two(library: Library) -> None:
@@ -73,111 +135,134 @@ def test_clips_last_a_second_or_two(library: Library) -> None:
     assert all(15 <= s.n_frames <= 20 for s in library)
 
 
-@pytest.mark.parametrize("bone", BONE_LENGTHS)
-def test_bones_keep_their_length(library: Library, bone: tuple[int, int]) -> None:
+def test_a_person_could_have_done_it_all(library: Library) -> None:
+    found = [(s.name, fault) for s in library for fault in faults(s.joints, s.objects, fps=s.fps)]
+    assert found == []
+
+
+def test_bones_keep_their_length(library: Library) -> None:
     joints = every_joint(library)
-    length = np.linalg.norm(joints[:, bone[0]] - joints[:, bone[1]], axis=-1)
-    np.testing.assert_allclose(length, BONE_LENGTHS[bone], atol=1e-3)
-
-
-@pytest.mark.parametrize("hinge", HINGES)
-def test_knees_and_elbows_bend_as_far_as_they_can(
-    library: Library, hinge: tuple[int, int, int]
-) -> None:
-    joints = every_joint(library)
-    root, middle, end = (joints[:, j] for j in hinge)
-    upper, lower = middle - root, end - middle
-    cosine = (upper * lower).sum(-1)
-    cosine /= np.linalg.norm(upper, axis=-1) * np.linalg.norm(lower, axis=-1)
-    assert np.degrees(np.arccos(np.clip(cosine, -1, 1))).max() <= 150.001
-
-
-def test_knees_bend_forward(library: Library) -> None:
-    joints = every_joint(library)
-    yaw = facing(joints)
-    forward = np.stack([-np.sin(yaw), np.cos(yaw)], -1)
-    for hip, knee, ankle in HINGES[:2]:
-        # The hip-ankle line passes behind the knee.
-        along = joints[:, ankle] - joints[:, hip]
-        part = ((joints[:, knee] - joints[:, hip]) * along).sum(-1) / (along**2).sum(-1)
-        bulge = joints[:, knee] - joints[:, hip] - part[:, None] * along
-        assert (bulge[:, :2] * forward).sum(-1).min() > 0
+    for (a, b), expected in BONE_LENGTHS.items():
+        length = np.linalg.norm(joints[:, a] - joints[:, b], axis=-1)
+        # Two joints, each with an error along the bone.
+        assert length.std() == pytest.approx(TRACKER_ERROR * np.sqrt(2 / 3), rel=0.1), (a, b)
+        assert length.mean() == pytest.approx(expected, abs=0.001), (a, b)
+        assert np.abs(length - expected).max() < 0.035, (a, b)
 
 
 def test_feet_are_on_the_floor(library: Library) -> None:
-    ankles = every_joint(library)[:, [RANK, LANK], 2]
-    assert ankles.min() >= 0.08
+    upright = [s for s in library if s.action != "lie"]
+    ankles = np.concatenate([s.joints[:, [RANK, LANK], 2] for s in upright])
+    assert ankles.min() >= ANKLE_HEIGHT - 0.03
     # One foot carries at any time.
-    assert ankles.min(1).max() <= 0.10
+    assert ankles.min(1).max() <= ANKLE_HEIGHT + 0.03
 
 
-def test_standing_feet_do_not_slide(library: Library) -> None:
-    for scenelet in library:
-        ankles = scenelet.joints[:, [RANK, LANK]]
-        stands = ankles[..., 2] < 0.095
-        slide = np.linalg.norm(np.diff(ankles[..., :2], axis=0), axis=-1)
-        slide = slide[stands[1:] & stands[:-1]]
-        assert slide.max(initial=0.0) < 0.03, scenelet.name
+def test_walks_are_as_fast_as_people_indoors(library: Library) -> None:
+    steady = [s for s in library if s.name.rsplit("-", 1)[0] == "walk"]
+    speed = [
+        np.linalg.norm(np.diff(s.joints[:, PELV], axis=0), axis=-1).mean() * 10 for s in steady
+    ]
+    assert 0.35 < min(speed) < 0.65
+    assert 1.2 < max(speed) < 1.5
+    assert np.mean(speed) == pytest.approx(0.97, abs=0.08)
+    turns = [facing(s.joints[-1]) - facing(s.joints[0]) for s in steady]
+    assert np.mean(np.abs(turns) < 0.25) > 0.3
+    assert np.mean(np.abs(turns) > 0.5) > 0.25
 
 
-def test_nobody_moves_faster_than_people_do(library: Library) -> None:
-    for scenelet in library:
-        step = np.linalg.norm(np.diff(scenelet.joints, axis=0), axis=-1) * scenelet.fps
-        assert step[:, PELV].max() < 2.0, scenelet.name
-        assert step.max() < 5.0, scenelet.name
-
-
-def test_nobody_is_in_the_furniture(library: Library) -> None:
-    # Every second scenelet is the mirror image of the one before.
-    for scenelet in (s for s in library.scenelets[::2] if s.objects):
-        for bone in BONES:
-            # Boards are thin: legs and trunk must not pass through any.
-            allowed = 0.05 if ARMS.intersection(bone) else 0.01
-            assert deepest(scenelet, bone) < allowed, (scenelet.name, bone)
-        if "table" in scenelet.labels:
-            for bone in ((RWRI, RELB), (LWRI, LELB)):
-                assert deepest(scenelet, bone, label="table") < 0.005, (scenelet.name, bone)
+def test_nothing_is_left_handed(library: Library) -> None:
+    for wrists in ("reach", "pick-up", "stand"):
+        height = np.concatenate([s.joints[:, [RWRI, LWRI], 2] for s in doing(library, wrists)])
+        assert height[:, 0].mean() == pytest.approx(height[:, 1].mean(), abs=1e-9)
 
 
 def test_seated_people_sit_on_their_seats(library: Library) -> None:
-    ahead = []
-    for scenelet in (s for s in library if s.action == "sit"):
+    for scenelet in doing(library, "sit"):
         middle = scenelet.joints[scenelet.n_frames // 2]
         piece = scenelet.objects[0]
+        assert piece.label in SEATS
         seat = next(c for c in piece.cuboids if c.part == "seat")
         offset = middle[PELV, :2] - (piece.placement.x, piece.placement.y)
         across, forward = offset @ piece.placement.rotation
         low, high = (seat.centre + sign * seat.size / 2 for sign in (-1, 1))
-        assert low[0] < across < high[0]
-        assert low[1] < forward < high[1]
-        assert 0.05 < middle[PELV, 2] - high[2] < 0.12
-        ahead.append(forward)
-    # Measured on i3DB: 9 cm before the centre, standard deviation 15 cm.
-    assert abs(np.mean(ahead) - 0.09) < 0.04
+        assert low[0] < across < high[0], scenelet.name
+        assert low[1] < forward < high[1], scenelet.name
+        assert 0.02 < middle[PELV, 2] - high[2] < 0.2, scenelet.name
 
 
-def test_hands_reach_the_shelf(library: Library) -> None:
-    for scenelet in (s for s in library if s.action == "reach"):
-        wrists = scenelet.joints[:, [RWRI, LWRI]].reshape(-1, 3)
+def test_who_sits_down_or_stands_up_does(library: Library) -> None:
+    for scenelet in doing(library, "sit-down", "stand-up"):
+        height = scenelet.joints[:, PELV, 2]
+        first, last = (height[0], height[-1]) if scenelet.action == "sit-down" else height[[-1, 0]]
+        assert first > 0.78, scenelet.name
+        assert last < 0.72, scenelet.name
+
+
+def test_hands_reach_the_shelf_at_every_height(library: Library) -> None:
+    heights = []
+    for scenelet in doing(library, "reach"):
+        (shelf,) = scenelet.objects
+        wrists = wrists_seen_from(scenelet, 0).reshape(-1, 3)
+        low, high = shelf.bounds
+        beside = np.maximum(np.maximum(low - wrists, wrists - high), 0.0)
+        nearest = np.linalg.norm(beside, axis=-1)
+        assert nearest.min() < 0.10, scenelet.name
+        heights.append(wrists[nearest.argmin(), 2])
+    share, _ = np.histogram(heights, [0.25, 0.6, 0.95, 1.3, 1.65, 2.0])
+    assert share.sum() == len(heights)
+    assert share.min() > 0.05 * len(heights)
+
+
+def test_hands_come_to_what_is_picked_up(library: Library) -> None:
+    for scenelet in doing(library, "pick-up", "put-down"):
+        wrists = wrists_seen_from(scenelet, 0)
+        low, high = scenelet.objects[0].bounds
+        over = ((wrists[..., :2] > low[:2]) & (wrists[..., :2] < high[:2])).all(-1)
+        above = wrists[..., 2] - high[2]
+        assert (over & (above > -0.02) & (above < 0.25)).any(), scenelet.name
+        # The hands end or begin before the chest, with what was taken.
+        ended = -1 if scenelet.action == "pick-up" else 0
+        assert scenelet.joints[ended, [RWRI, LWRI], 2].max() > 0.85, scenelet.name
+
+
+def test_who_leans_on_something_touches_it(library: Library) -> None:
+    for scenelet in (s for s in library if s.name.startswith("lean-")):
         (piece,) = scenelet.objects
-        local = (wrists[:, :2] - (piece.placement.x, piece.placement.y)) @ piece.placement.rotation
-        assert (piece.bounds[1, 1] - local[:, 1]).min() < 0.12, scenelet.name
+        middle = scenelet.joints[scenelet.n_frames // 2]
+        at = piece.placement
+        edge = piece.bounds[1, 1] - ((middle[PELV, :2] - (at.x, at.y)) @ at.rotation)[1]
+        if scenelet.name.startswith("lean-on-"):
+            wrists = wrists_seen_from(scenelet, 0)
+            assert (wrists[..., 1] < piece.bounds[1, 1] + 0.03).all(), scenelet.name
+            assert np.abs(wrists[..., 2] - piece.bounds[1, 2] - 0.05).max() < 0.08, scenelet.name
+            assert (middle[THRX] - middle[PELV])[1] > 0.10, scenelet.name
+        else:
+            assert -0.25 < edge < -0.05, scenelet.name
+            assert abs(at.yaw) < 0.3, scenelet.name
 
 
-def test_furniture_is_as_large_as_people_have_it(library: Library) -> None:
+def test_heads_are_up_unless_people_lie_or_bend(library: Library) -> None:
+    for scenelet in doing(library, "walk", "sit"):
+        assert (scenelet.joints[:, HEAD, 2] > scenelet.joints[:, THRX, 2] + 0.1).all()
+
+
+def test_furniture_stands_on_the_floor_at_its_middle(library: Library) -> None:
     for scenelet in library:
         for piece in scenelet.objects:
             low, high = piece.bounds
             assert low[2] == pytest.approx(0.0, abs=1e-9)
             np.testing.assert_allclose((low + high)[:2], 0.0, atol=1e-9)
-            if piece.label == "shelf":
-                assert 1.40 <= high[2] <= 2.25
-            if piece.label == "table":
-                assert 0.40 <= high[2] <= 0.45 or 0.72 <= high[2] <= 0.75
-            if piece.label == "couch":
-                assert high[0] - low[0] <= 2.6
 
 
-def test_seats_face_where_people_on_them_do(library: Library) -> None:
-    for scenelet in (s for s in library if s.action == "sit"):
-        assert abs(scenelet.objects[0].placement.yaw) < np.deg2rad(15), scenelet.name
+def test_furniture_has_its_real_size_whoever_uses_it(library: Library) -> None:
+    tallest = {label: 0.0 for label in ("table", "counter", "shelf")}
+    for scenelet in library:
+        for piece in scenelet.objects:
+            if piece.label in tallest:
+                tallest[piece.label] = max(tallest[piece.label], piece.bounds[1, 2])
+    assert 0.72 <= tallest["table"] <= 0.76
+    assert 0.85 <= tallest["counter"] <= 0.95
+    assert tallest["shelf"] <= 2.25
+    # Seats look lower to the tall: heights of hips over seats of one size differ by stature.
+    assert STATURE_RANGE[1] / STATURE_RANGE[0] > 1.1

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import hypothesis.strategies as st
 import numpy as np
 import pytest
@@ -9,7 +11,7 @@ from hypothesis import given
 
 from imapper_prob.models.pose import facing
 from imapper_prob.models.scene import Placement
-from imapper_prob.models.skeleton import BONE_LENGTHS, LWRI, PELV, RWRI
+from imapper_prob.models.skeleton import BONE_LENGTHS, LWRI, MIRROR, PELV, RWRI
 from imapper_prob.scenelets.frames import REACH, localised, mirrored
 from imapper_prob.scenelets.library import built_in_library
 
@@ -58,10 +60,16 @@ def test_mirroring_twice_changes_nothing(index: int) -> None:
     np.testing.assert_array_equal(twice.joints, scenelet.joints)
     for one, other in zip(twice.objects, scenelet.objects, strict=True):
         np.testing.assert_allclose(one.footprint, other.footprint)
-    for (a, b), length in BONE_LENGTHS.items():
+    for a, b in BONE_LENGTHS:
         bone = np.linalg.norm(once.joints[:, a] - once.joints[:, b], axis=-1)
-        np.testing.assert_allclose(bone, length, atol=1e-9)
+        other = scenelet.joints[:, MIRROR[a]] - scenelet.joints[:, MIRROR[b]]
+        np.testing.assert_allclose(bone, np.linalg.norm(other, axis=-1), atol=1e-9)
     assert facing(once.joints[once.n_frames // 2]) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_a_mirror_image_counts_as_much() -> None:
+    scenelet = replace(built_in_library()[0], weight=0.2)
+    assert mirrored(scenelet, "other").weight == 0.2
 
 
 @given(index=indices)

@@ -8,6 +8,7 @@ Metres, radians, z up; n frames; sides are ordered (right, left).
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -36,6 +37,7 @@ from imapper_prob.models.skeleton import (
 
 __all__ = [
     "ANKLE_HEIGHT",
+    "ELBOWS",
     "HIP_HEIGHT",
     "SIDES",
     "Trunk",
@@ -67,6 +69,9 @@ standing with the feet apart costs."""
 
 LARGEST_FLEXION: Final = np.deg2rad(150.0)
 """Knees and elbows bend no further (American Academy of Orthopaedic Surgeons, 1965)."""
+
+ELBOWS: Final = (0.5, -0.7, -0.5)
+"""Where the elbows of arms at work point: outward, forward (they point back) and up."""
 
 SIDES: Final = np.array([1.0, -1.0])
 """Sign of the sideways coordinate of the right and the left limb."""
@@ -113,12 +118,12 @@ class Trunk:
         more = [np.broadcast_to(np.asarray(a, float), len(pelvis)) for a in (twist, nod)]
         return cls(pelvis, *angles, *more)
 
-    @property
+    @cached_property
     def right(self) -> Array:
         """(n, 3) from the left hip to the right one, unit length."""
         return np.stack([np.cos(self.yaw), np.sin(self.yaw), np.zeros_like(self.yaw)], -1)
 
-    @property
+    @cached_property
     def forward(self) -> Array:
         """(n, 3) where the pelvis faces, unit length, level."""
         return np.stack([-np.sin(self.yaw), np.cos(self.yaw), np.zeros_like(self.yaw)], -1)
@@ -137,7 +142,7 @@ class Trunk:
         hips: Array = self.pelvis[:, None] + half * SIDES[:, None] * self.right[:, None]
         return hips
 
-    @property
+    @cached_property
     def spine(self) -> Array:
         """(n, 3) from the pelvis to the middle of the shoulders, unit length."""
         level = np.sin(self.lean)[:, None] * self.forward + np.sin(self.tilt)[:, None] * self.right
@@ -154,7 +159,10 @@ class Trunk:
     def head(self) -> Array:
         """(n, 3) middle of the head."""
         bent = self.lean + self.nod
-        direction = np.sin(bent)[:, None] * self.forward + np.cos(bent)[:, None] * _UP
+        # The head rights itself against half of what the trunk is tilted.
+        aside = np.sin(self.tilt / 2)[:, None] * self.right
+        direction = np.sin(bent)[:, None] * self.forward + np.cos(bent)[:, None] * _UP + aside
+        direction /= np.linalg.norm(direction, axis=-1, keepdims=True)
         head: Array = self.thorax + NECK_AND_HEAD * direction
         return head
 
@@ -233,7 +241,13 @@ def hanging_wrists(trunk: Trunk, swing: ArrayLike = 0.0, *, bend: float = 0.06) 
     return hands
 
 
-def pose_body(trunk: Trunk, *, ankles: ArrayLike, wrists: ArrayLike) -> Array:
+def pose_body(
+    trunk: Trunk,
+    *,
+    ankles: ArrayLike,
+    wrists: ArrayLike,
+    elbows: tuple[float, float, float] = ELBOWS,
+) -> Array:
     """All joints, from the trunk and where hands and feet are.
 
     Parameters
@@ -242,6 +256,8 @@ def pose_body(trunk: Trunk, *, ankles: ArrayLike, wrists: ArrayLike) -> Array:
         Of n frames.
     ankles, wrists : (n, 2, 3) float
         Targets in metres, right then left.
+    elbows : (float, float, float)
+        Where elbows point: outward, forward and up.
 
     Returns
     -------
@@ -249,14 +265,14 @@ def pose_body(trunk: Trunk, *, ankles: ArrayLike, wrists: ArrayLike) -> Array:
         Joints in metres, in the frame of the trunk.
     """
     forward, outward = trunk.forward[:, None], SIDES[:, None] * trunk.right[:, None]
-    # Knees bend forward and, when the thigh is level, up; elbows back, down and outward.
+    # Knees bend forward and, when the thigh is level, up.
     knees, ankles = two_bones(
         trunk.hips, ankles, forward + 0.5 * _UP + 0.12 * outward, upper=THIGH, lower=SHIN
     )
-    elbows, wrists = two_bones(
+    bent, wrists = two_bones(
         trunk.shoulders,
         wrists,
-        -0.7 * forward - 0.5 * _UP + 0.5 * outward,
+        elbows[0] * outward + elbows[1] * forward + elbows[2] * _UP,
         upper=UPPER_ARM,
         lower=FOREARM,
     )
@@ -268,7 +284,7 @@ def pose_body(trunk: Trunk, *, ankles: ArrayLike, wrists: ArrayLike) -> Array:
         ((RKNE, LKNE), knees),
         ((RANK, LANK), ankles),
         ((RSHO, LSHO), trunk.shoulders),
-        ((RELB, LELB), elbows),
+        ((RELB, LELB), bent),
         ((RWRI, LWRI), wrists),
     ):
         joints[:, pair] = positions

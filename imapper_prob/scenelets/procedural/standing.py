@@ -1,12 +1,16 @@
-"""Standing about, working at a table and reaching into a shelf."""
+"""Standing: where feet, weight and hands are, and leaning on or against furniture."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from imapper_prob.scenelets.procedural.body import (
     ANKLE_HEIGHT,
+    ELBOWS,
     FOREARM,
     HIP_HEIGHT,
     SIDES,
@@ -16,107 +20,232 @@ from imapper_prob.scenelets.procedural.body import (
     pose_body,
     reachable_height,
 )
-from imapper_prob.scenelets.procedural.gait import minimum_jerk
+from imapper_prob.scenelets.procedural.gait import Walk
 
-__all__ = ["reach_and_hold", "stand_idle"]
+__all__ = [
+    "HELD",
+    "PASTIMES",
+    "Pastime",
+    "draw_pastime",
+    "held",
+    "lean_against",
+    "lean_on",
+    "stand",
+    "stand_idle",
+    "sway",
+    "upright",
+]
 
 Array = NDArray[np.float64]
 
-
-def _feet(rng: np.random.Generator, n_frames: int) -> Array:
-    apart = rng.uniform(0.09, 0.15)
-    ahead = rng.uniform(-0.04, 0.04)
-    ankles = np.stack([SIDES * apart, SIDES * ahead, np.full(2, ANKLE_HEIGHT)], -1)
-    return np.broadcast_to(ankles, (n_frames, 2, 3))
+HALF_DEPTH: Final = 0.12
+"""From the hip joints to the back of the body, metres (buttock depth is .24: Pheasant and
+Haslegrave, *Bodyspace*, 2005)."""
 
 
-def _sway(rng: np.random.Generator, times: Array) -> Array:
+@dataclass(frozen=True)
+class Pastime:
+    """What somebody does with the hands while standing about.
+
+    Parameters
+    ----------
+    hands : (2, 3) float
+        Wrists, right then left: right, forward and up of the pelvis, metres. NaN for a hand
+        that hangs.
+    elbows : (float, float, float)
+        Where they point: outward, forward and up.
+    nod : float
+        Head bent forward, radians.
+    """
+
+    hands: Array
+    elbows: tuple[float, float, float] = ELBOWS
+    nod: float = 0.1
+
+
+_HANGS: Final = (np.nan, np.nan, np.nan)
+_OUT, _WIDE, _DOWN = (1.0, -0.7, -0.5), (2.0, -0.7, -0.5), (0.4, 0.2, -1.0)
+
+PASTIMES: Final[dict[str, Pastime]] = {
+    "arms hanging": Pastime(np.array([_HANGS, _HANGS])),
+    "arms crossed": Pastime(np.array([[-0.08, 0.24, 0.26], [0.08, 0.20, 0.22]]), elbows=_OUT),
+    "hands on hips": Pastime(np.array([[0.20, 0.02, 0.07], [-0.20, 0.02, 0.07]]), elbows=_WIDE),
+    "hands clasped": Pastime(np.array([[0.04, 0.17, 0.02], [-0.04, 0.18, 0.02]]), elbows=_OUT),
+    "hand to face": Pastime(np.array([[0.06, 0.16, 0.62], _HANGS]), elbows=_DOWN),
+    "on the phone": Pastime(np.array([[0.14, 0.10, 0.62], _HANGS]), elbows=_DOWN),
+    "looking at a phone": Pastime(np.array([[0.06, 0.28, 0.32], [-0.02, 0.26, 0.28]]), nod=0.5),
+    "cup in hand": Pastime(np.array([[0.12, 0.27, 0.30], _HANGS])),
+}
+"""How people wait; the hands' places are those of the body of 1.70 m."""
+
+HELD: Final[dict[str, Pastime]] = {
+    "tray": Pastime(np.array([[0.17, 0.30, 0.22], [-0.17, 0.30, 0.22]])),
+    "box": Pastime(np.array([[0.15, 0.26, 0.12], [-0.15, 0.26, 0.12]])),
+    "cup": PASTIMES["cup in hand"],
+    "book": Pastime(np.array([[0.14, 0.10, 0.30], _HANGS]), elbows=_OUT),
+    "bag": Pastime(np.array([[0.24, 0.02, -0.03], _HANGS])),
+    "phone": PASTIMES["on the phone"],
+}
+"""What is carried, by how it is held."""
+
+
+def draw_pastime(rng: np.random.Generator, among: dict[str, Pastime]) -> Pastime:
+    """One of several, with hands a few centimetres elsewhere."""
+    chosen = among[list(among)[rng.integers(len(among))]]
+    return replace(
+        chosen,
+        hands=chosen.hands + rng.normal(0.0, 0.015, (2, 3)),
+        nod=chosen.nod + float(rng.uniform(-0.1, 0.15)),
+    )
+
+
+def held(pastime: Pastime, trunk: Trunk, hanging: ArrayLike) -> Array:
+    """(n, 2, 3) wrists of a pastime; where a hand hangs, those of ``hanging`` (n, 2, 3)."""
+    return np.where(np.isnan(pastime.hands), hanging, trunk.at_pelvis(pastime.hands))
+
+
+def sway(rng: np.random.Generator, times: Array) -> Array:
     """(n, 2) slow shifts of weight: 1 cm sideways and half of that to and fro."""
     slow = 2 * np.pi * (times / rng.uniform(2.5, 5.0) + rng.random())
     return np.stack([0.010 * np.sin(slow), 0.005 * np.sin(1.3 * slow + 1)], -1)
 
 
-def stand_idle(rng: np.random.Generator, times: Array) -> Array:
-    """(n, 16, 3) joints of somebody who stands and waits, arms hanging, metres."""
-    ankles = _feet(rng, len(times))
-    pelvis = np.zeros((len(times), 3))
-    pelvis[:, :2] = _sway(rng, times)
-    trunk = Trunk.of(pelvis, 0.0, lean=rng.uniform(0.0, 0.06), nod=rng.uniform(0.0, 0.2))
-    pelvis[:, 2] = np.minimum(HIP_HEIGHT, reachable_height(trunk, ankles))
-    wrists = hanging_wrists(trunk, rng.uniform(-0.05, 0.2), bend=rng.uniform(0.04, 0.12))
-    return pose_body(trunk, ankles=ankles, wrists=wrists)
-
-
-def _posture(pelvis: Array, lean: Array, crouch: Array, ankles: Array) -> Trunk:
-    """The trunk at a lean, with the hips drawn back so that the weight stays over the feet."""
-    hips = pelvis.copy()
-    hips[:, 1] -= 0.18 * np.sin(lean) + 0.22 * crouch
-    trunk = Trunk.of(hips, 0.0, lean=lean, nod=0.1 - 0.4 * lean)
-    hips[:, 2] = np.minimum(HIP_HEIGHT, reachable_height(trunk, ankles)) - crouch
-    return trunk
-
-
-def reach_and_hold(
-    rng: np.random.Generator,
-    times: Array,
-    *,
-    target: ArrayLike,
-    hands: ArrayLike = (True, True),
-    start: float = 0.0,
-    finish: float | None = None,
-    travel: float = 0.8,
-) -> Array:
-    """(n, 16, 3) joints of somebody who stands and reaches for something, metres.
-
-    The trunk leans, and for low targets the knees bend, just as far as the arms need.
+def stand(rng: np.random.Generator, times: Array, *, one_leg: bool = False) -> Walk:
+    """Somebody who stands about the origin, facing +y, arms hanging.
 
     Parameters
     ----------
     rng : numpy.random.Generator
     times : (n,) float
         Seconds.
-    target : (2, 3) float
-        Where the right and the left wrist go; the feet are about the origin, facing +y.
-    hands : (2,) bool
-        Which hands reach; the other hangs.
-    start : float
-        When the hands set off, seconds; before the first time for hands already there.
-    finish : float, optional
-        When they set off back; never, if not given.
-    travel : float
-        Seconds that the way takes.
+    one_leg : bool
+        Whether one leg carries the weight and the other foot rests ahead and to the side.
     """
-    target, hands = np.asarray(target, float), np.asarray(hands, bool)
-    n = len(times)
-    away = minimum_jerk((times - start) / travel)
-    if finish is not None:
-        away = away * (1 - minimum_jerk((times - finish) / travel))
-    ankles = _feet(rng, n)
-    pelvis = np.zeros((n, 3))
-    pelvis[:, :2] = _sway(rng, times)
-    lean, crouch = _effort(ankles[:1], target[hands])
-    trunk = _posture(pelvis, 0.03 + away * lean, away * crouch, ankles)
-    hanging = hanging_wrists(trunk, rng.uniform(0.0, 0.15))
-    work = np.zeros((n, 1, 3))
-    work[:, 0, 0] = 0.02 * np.sin(2 * np.pi * times / rng.uniform(1.5, 3.0))
-    part = away[:, None, None] * hands[:, None]
-    # On the way the hand keeps clear of what it reaches for by rising first.
-    arch = 0.10 * np.sin(np.pi * part) * np.array([0.0, -1.0, 0.6])
-    wrists = hanging + part * (target + work - hanging) + arch
-    return pose_body(trunk, ankles=ankles, wrists=wrists)
+    feet = _feet(rng)
+    level, yaw, tilt = sway(rng, times), 0.0, 0.0
+    if one_leg:
+        carrying, free = rng.permutation(2)
+        feet[free, :2] += SIDES[free] * rng.uniform(0.0, 0.10), rng.uniform(0.03, 0.16)
+        level[:, 0] += 0.6 * feet[carrying, 0]
+        yaw, tilt = rng.uniform(-0.1, 0.1), -SIDES[carrying] * rng.uniform(0.0, 0.06)
+    ankles = np.broadcast_to(feet, (len(times), 2, 3))
+    lean, nod = rng.uniform(0.0, 0.06), rng.uniform(0.0, 0.2)
+    trunk = upright(level, ankles, yaw=yaw, lean=lean, tilt=tilt, nod=nod)
+    wrists = hanging_wrists(trunk, rng.uniform(-0.05, 0.2), bend=rng.uniform(0.04, 0.12))
+    return Walk(trunk, ankles, wrists)
 
 
-def _effort(ankles: Array, targets: Array) -> tuple[float, float]:
-    """Least lean (rad) and crouch (m) that bring targets (k, 3) into comfortable reach."""
-    comfortable = 0.93 * (UPPER_ARM + FOREARM)
-    crouches, leans = np.linspace(0.0, 0.45, 10), np.linspace(0.0, 1.1, 23)
-    best, effort = np.inf, (0.0, 0.0)
-    for crouch in crouches:
-        for lean in leans:
-            trunk = _posture(np.zeros((1, 3)), np.array([lean]), np.array([crouch]), ankles)
-            gap = np.linalg.norm(trunk.shoulders[0][:, None] - targets, axis=-1).min(0).max()
-            # A metre out of reach outweighs any posture; knees are spared before the back.
-            cost = 20 * max(gap - comfortable, 0.0) + 0.5 * lean + crouch
-            if cost < best:
-                best, effort = cost, (float(lean), float(crouch))
-    return effort
+def _feet(rng: np.random.Generator) -> Array:
+    """(2, 3) ankles of two feet side by side."""
+    apart, ahead = rng.uniform(0.09, 0.15), rng.uniform(-0.04, 0.04)
+    return np.stack([SIDES * apart, SIDES * ahead, np.full(2, ANKLE_HEIGHT)], -1)
+
+
+def upright(
+    level: Array,
+    ankles: Array,
+    *,
+    yaw: ArrayLike,
+    lean: ArrayLike = 0.0,
+    tilt: ArrayLike = 0.0,
+    twist: ArrayLike = 0.0,
+    nod: ArrayLike = 0.0,
+    crouch: ArrayLike = 0.0,
+) -> Trunk:
+    """A trunk on two legs: as high as they carry it, less ``crouch``.
+
+    Parameters
+    ----------
+    level : (n, 2) float
+        Pelvis in top view, metres.
+    ankles : (n, 2, 3) float
+        Metres.
+    yaw, lean, tilt, twist, nod
+        As of :class:`~imapper_prob.scenelets.procedural.body.Trunk`.
+    crouch : (n,) float
+        Metres by which the knees lower the pelvis.
+    """
+    pelvis = np.concatenate([level, np.full((len(level), 1), HIP_HEIGHT)], -1)
+    trunk = Trunk.of(pelvis, yaw, lean=lean, tilt=tilt, twist=twist, nod=nod)
+    height = np.minimum(HIP_HEIGHT, reachable_height(trunk, ankles)) - crouch
+    return replace(trunk, pelvis=np.concatenate([level, height[:, None]], -1))
+
+
+def stand_idle(rng: np.random.Generator, times: Array) -> Array:
+    """(n, 16, 3) joints of somebody who stands and waits, metres."""
+    body = stand(rng, times, one_leg=bool(rng.random() < 0.5))
+    pastime = draw_pastime(rng, PASTIMES)
+    trunk = replace(body.trunk, nod=np.full(len(times), pastime.nod))
+    wrists = held(pastime, trunk, body.wrists)
+    return pose_body(trunk, ankles=body.ankles, wrists=wrists, elbows=pastime.elbows)
+
+
+def lean_on(rng: np.random.Generator, times: Array, *, top: float) -> tuple[Array, float]:
+    """Somebody who leans on a table or counter with both hands, arms straight.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+    times : (n,) float
+        Seconds.
+    top : float
+        Height of the surface, metres.
+
+    Returns
+    -------
+    joints : (n, 16, 3) float
+        Metres; the feet are about the origin, facing +y.
+    edge : float
+        The y of the edge of the surface, metres.
+    """
+    # A low surface asks for more lean, or the arms would not reach down to it.
+    lean = 0.35 + 1.6 * max(0.93 - top, 0.0) + rng.uniform(0.0, 0.25)
+    hands = top + 0.05
+    ankles = np.broadcast_to(_feet(rng), (len(times), 2, 3))
+    level = 0.5 * sway(rng, times)
+    level[:, 1] += rng.uniform(0.0, 0.12)
+    slow = np.sin(2 * np.pi * times / rng.uniform(2.5, 5.0))
+    trunk = upright(level, ankles, yaw=0.0, lean=lean + 0.01 * slow, nod=0.15 - 0.6 * lean)
+    apart = rng.uniform(0.18, 0.28)
+    shoulder = trunk.shoulders.mean(0)[0]
+    straight = 0.97 * (UPPER_ARM + FOREARM)
+    room = straight**2 - (shoulder[2] - hands) ** 2 - (apart - shoulder[0]) ** 2
+    ahead = shoulder[1] + np.sqrt(max(room, 0.0))
+    wrists = np.stack([SIDES * apart, np.full(2, ahead), np.full(2, hands)], -1)
+    joints = pose_body(trunk, ankles=ankles, wrists=np.broadcast_to(wrists, ankles.shape))
+    return joints, float(ahead - rng.uniform(0.03, 0.08))
+
+
+def lean_against(rng: np.random.Generator, times: Array, *, top: float) -> tuple[Array, float]:
+    """Somebody who leans against a table or counter, facing away from it.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+    times : (n,) float
+        Seconds.
+    top : float
+        Height of the surface, metres.
+
+    Returns
+    -------
+    joints : (n, 16, 3) float
+        Metres; the pelvis is about the origin, facing +y.
+    edge : float
+        The y of the edge of the surface behind, metres.
+    """
+    feet = _feet(rng)
+    feet[:, 1] += rng.uniform(0.15, 0.32)
+    ankles = np.broadcast_to(feet, (len(times), 2, 3))
+    lean = rng.uniform(-0.12, 0.12)
+    trunk = upright(0.4 * sway(rng, times), ankles, yaw=0.0, lean=lean, nod=rng.uniform(0.0, 0.3))
+    edge = -rng.uniform(HALF_DEPTH, HALF_DEPTH + 0.04)
+    if rng.random() < 0.5:
+        pastime = draw_pastime(rng, PASTIMES)
+    else:  # both hands behind, on the edge
+        up = top + 0.05 - float(trunk.pelvis[:, 2].mean())
+        beside = SIDES * rng.uniform(0.22, 0.32)
+        pastime = Pastime(np.stack([beside, np.full(2, edge - 0.02), np.full(2, up)], -1))
+    hanging = hanging_wrists(trunk, 0.15)
+    wrists = held(pastime, trunk, hanging)
+    return pose_body(trunk, ankles=ankles, wrists=wrists, elbows=pastime.elbows), edge

@@ -1,0 +1,7 @@
+"""The command line: ``imapper-prob demo | run | info | scenelets``."""
+
+from __future__ import annotations
+
+from imapper_prob.cli.main import main
+
+__all__ = ["main"]

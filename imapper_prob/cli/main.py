@@ -1,0 +1,50 @@
+"""The parser, and what becomes of errors."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+
+import imapper_prob
+from imapper_prob.cli.run import add_run_commands
+from imapper_prob.cli.scenelets import add_scenelet_commands
+from imapper_prob.models.errors import InputError
+
+__all__ = ["main"]
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line.
+
+    Returns
+    -------
+    int
+        0; 2 where the input or the arguments cannot be used; 130 after Ctrl-C.
+    """
+    options = _parser().parse_args(arguments)
+    try:
+        options.execute(options)
+    except InputError as error:
+        if options.debug:
+            raise
+        sys.stderr.write(f"imapper-prob: {error}\n")
+        return 2
+    except KeyboardInterrupt:
+        sys.stderr.write("imapper-prob: interrupted; nothing was written\n")
+        return 130
+    return 0
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="imapper-prob",
+        description="Furniture and motion of a half-hidden person, from 2D joints, as a posterior.",
+    )
+    parser.add_argument("--version", action="version", version=imapper_prob.__version__)
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    shared = argparse.ArgumentParser(add_help=False)
+    shared.add_argument("--debug", action="store_true", help="show tracebacks")
+    add_run_commands(commands, shared)
+    add_scenelet_commands(commands, shared)
+    return parser

@@ -1,0 +1,162 @@
+"""``scenelets build | info | plot | record``: libraries made and looked at."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from imapper_prob.inputs.load_captures import SOURCES, captures_from
+from imapper_prob.models.errors import InputError
+
+if TYPE_CHECKING:
+    from imapper_prob.models.scenelet import Library
+
+__all__ = ["add_scenelet_commands"]
+
+_FIGURES = ("embedding.png", "furniture.png", "charness.png")
+_DOTS_PER_INCH = 150
+
+
+def add_scenelet_commands(
+    commands: argparse._SubParsersAction[Any], shared: argparse.ArgumentParser
+) -> None:
+    """Add the group to a parser; ``shared`` holds options that all commands have."""
+    group = commands.add_parser("scenelets", help="build a library of scenelets, or look at one")
+    actions = group.add_subparsers(dest="scenelets", required=True, metavar="COMMAND")
+    library = argparse.ArgumentParser(add_help=False)
+    library.add_argument(
+        "--library",
+        default="built-in",
+        help="'built-in', a library file (.npz), or several joined by commas",
+    )
+    overwrite = argparse.ArgumentParser(add_help=False)
+    overwrite.add_argument("--overwrite", action="store_true", help="replace what is there")
+
+    build = actions.add_parser(
+        "build", parents=[shared, overwrite], help="cut recordings of people and furniture"
+    )
+    build.add_argument("path", type=Path, help="folder or file of the recordings")
+    build.add_argument(
+        "--from", dest="source", choices=SOURCES, required=True, help="what the recordings are"
+    )
+    build.add_argument("--leave-out", metavar="SCENE", help="a scene that must not get in")
+    build.add_argument("-o", "--output", type=Path, required=True, metavar="LIBRARY.npz")
+    build.set_defaults(execute=_build)
+
+    info = actions.add_parser("info", parents=[shared, library], help="what is in a library")
+    info.set_defaults(execute=_info)
+
+    plot = actions.add_parser(
+        "plot", parents=[shared, library, overwrite], help="figures: " + ", ".join(_FIGURES)
+    )
+    plot.add_argument("-o", "--output", type=Path, required=True, metavar="DIR")
+    plot.set_defaults(execute=_plot)
+
+    record = actions.add_parser(
+        "record", parents=[shared, library, overwrite], help="a sheet of scenelets for rerun"
+    )
+    record.add_argument("-o", "--output", type=Path, required=True, metavar="FILE.rrd")
+    record.set_defaults(execute=_record)
+
+
+def _build(options: argparse.Namespace) -> None:
+    from rich.console import Console
+
+    from imapper_prob.scenelets.build import build_library_from
+    from imapper_prob.scenelets.library import save_library
+
+    _check([options.output], suffix=".npz", overwrite=options.overwrite)
+    captures = captures_from(options.source, options.path, leave_out=options.leave_out)
+    library, report = build_library_from(captures, name=options.output.stem)
+    with _written(options.output):
+        save_library(library, options.output)
+    Console(highlight=False).print(str(report))
+    _describe(library)
+    Console().print(
+        f"Written to {options.output}; use it with: --library built-in,{options.output}"
+    )
+
+
+def _info(options: argparse.Namespace) -> None:
+    from imapper_prob.scenelets.library import load_library
+
+    _describe(load_library(options.library))
+
+
+def _plot(options: argparse.Namespace) -> None:
+    from rich.console import Console
+
+    from imapper_prob.files import written_whole
+    from imapper_prob.scenelets.charness import charness, motion_distances
+    from imapper_prob.scenelets.figures import charness_figure, embedding_figure, furniture_figure
+    from imapper_prob.scenelets.library import load_library
+
+    paths = [options.output / name for name in _FIGURES]
+    _check(paths, suffix=".png", overwrite=options.overwrite)
+    library = load_library(options.library)
+    distances = motion_distances(library)
+    values = charness(library, distances)
+    figures = (
+        embedding_figure(library, distances, values),
+        furniture_figure(library, distances),
+        charness_figure(library, values),
+    )
+    for path, figure in zip(paths, figures, strict=True):
+        with _written(path), written_whole(path) as beside:
+            figure.savefig(beside, dpi=_DOTS_PER_INCH)
+        Console().print(f"Written: {path}")
+
+
+def _record(options: argparse.Namespace) -> None:
+    from rich.console import Console
+
+    from imapper_prob.recording.sheet import write_sheet
+    from imapper_prob.scenelets.charness import charness, motion_distances
+    from imapper_prob.scenelets.library import load_library
+
+    _check([options.output], suffix=".rrd", overwrite=options.overwrite)
+    library = load_library(options.library)
+    values = charness(library, motion_distances(library))
+    with _written(options.output):
+        write_sheet(options.output, library, values)
+    Console().print(f"Written to {options.output}; look at it with: rerun {options.output}")
+
+
+def _describe(library: Library) -> None:
+    from rich.console import Console
+
+    import imapper_prob
+    from imapper_prob.scenelets.charness import charness, motion_distances
+    from imapper_prob.scenelets.summary import action_table, furniture_table
+
+    console = Console(highlight=False)
+    console.print(
+        f"{library.name}: {len(library)} scenelets, digest {library.digest[:12]}, "
+        f"imapper-prob {imapper_prob.__version__}"
+    )
+    console.print(action_table(library, charness(library, motion_distances(library))))
+    console.print(furniture_table(library))
+
+
+def _check(paths: Iterable[Path], *, suffix: str, overwrite: bool) -> None:
+    """Refuse early what would fail or destroy something in the end."""
+    for path in paths:
+        if path.suffix != suffix:
+            raise InputError(f"{path}: the name must end in {suffix}")
+        if path.is_dir():
+            raise InputError(f"{path}: is a folder; name a file")
+        if path.exists() and not overwrite:
+            raise InputError(f"{path}: is there already; name another or add --overwrite")
+
+
+@contextmanager
+def _written(path: Path) -> Iterator[None]:
+    """Make the folder for a file; say in a sentence what the disk refuses."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        yield
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written ({error.strerror or error})") from error

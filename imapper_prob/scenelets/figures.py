@@ -1,0 +1,230 @@
+"""Pictures of a library, as in the paper: motions in a plane, furniture around people, charness.
+
+Each function returns a ``Figure`` that saves or shows itself; matplotlib's current figure is
+left alone. After Monszpart et al. (2019), figures 4 and 5.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import LinearSegmentedColormap
+from matplotlib.figure import Figure
+from matplotlib.patches import Polygon
+from numpy.typing import NDArray
+
+from imapper_prob.colours import Colour, action_colour, category_colour
+from imapper_prob.models.scenelet import Library, Scenelet
+from imapper_prob.models.skeleton import HEAD, LELB, LSHO, LWRI, PELV, RELB, RSHO, RWRI
+from imapper_prob.scenelets.charness import charness_maps
+from imapper_prob.scenelets.embedding import embed
+from imapper_prob.scenelets.object_histograms import CELL, EDGES, categories, object_histograms
+
+__all__ = ["charness_figure", "draw_from_above", "embedding_figure", "furniture_figure", "typical"]
+
+Array = NDArray[np.float64]
+
+_INK: Final = "#2b2f36"
+_QUIET: Final = "#7d848f"
+_LINES: Final = "#dcdfe4"
+_CHARNESS_COLOURS: Final = "viridis"
+_DOT: Final = 11.0
+"""Area of a scenelet's dot, square points."""
+_EDGE: Final = float(EDGES[-1])
+"""Metres from the person to the edge of the grid, and of a view from above."""
+_STOPS: Final = 5
+"""Moments at which a view from above shows the shoulders."""
+_ARMS: Final = (RWRI, RELB, RSHO, LSHO, LELB, LWRI)
+_VISIBLE: Final = 0.05
+"""Overlap below which a category has no column: its cells would look empty."""
+
+
+def embedding_figure(library: Library, distances: Array, charness: Array) -> Figure:
+    """Motions as points of a plane, by charness on the left and by action on the right.
+
+    Parameters
+    ----------
+    library : Library
+    distances : (L, L) float
+        Between its motions, metres.
+    charness : (L,) float
+    """
+    points = embed(distances)
+    actions = np.array([s.action for s in library])
+    wide, high = np.maximum(np.ptp(points, axis=0), 1e-9)
+    figure = Figure(figsize=(12, 1.0 + float(np.clip(5.0 * high / wide, 2.0, 6.0))))
+    figure.set_layout_engine("constrained")
+    left, right = figure.subplots(1, 2, sharex=True, sharey=True)
+    _headline(figure, f"{len(library)} motions, alike near alike (library {library.name})")
+
+    order = np.argsort(charness)  # the most characteristic on top
+    dots = left.scatter(
+        *points[order].T, c=charness[order], s=_DOT, lw=0, vmin=0, cmap=_CHARNESS_COLOURS
+    )
+    bar = figure.colorbar(dots, ax=left, location="left", shrink=0.6)
+    bar.set_label("charness", color=_INK)
+    bar.outline.set_visible(False)  # type: ignore[operator]
+    bar.ax.tick_params(colors=_QUIET, labelsize=9)
+    left.set_title("how much the motion says about furniture", fontsize=11, color=_INK)
+
+    for action in _by_count(actions):
+        chosen = actions == action
+        label = f"{action} ({chosen.sum()})"
+        right.scatter(
+            *points[chosen].T, s=_DOT, lw=0, color=_rgb(action_colour(action)), label=label
+        )
+    right.legend(
+        loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False, labelcolor=_INK, markerscale=2
+    )
+    right.set_title("what is done", fontsize=11, color=_INK)
+    for axes in (left, right):
+        axes.set(aspect="equal", xticks=[], yticks=[])
+        axes.spines[:].set_color(_LINES)
+    return figure
+
+
+def furniture_figure(
+    library: Library, distances: Array, chosen: Sequence[str] | None = None
+) -> Figure:
+    """Chosen scenelets from above, and what stands around people who move like that.
+
+    Parameters
+    ----------
+    library : Library
+    distances : (L, L) float
+        Between its motions, metres.
+    chosen : sequence of str, optional
+        Names of scenelets, one row each; those of :func:`typical` if not given.
+    """
+    position = {s.name: i for i, s in enumerate(library)}
+    rows = [position[name] for name in (chosen or typical(library, distances))]
+    labels = categories(library)
+    own = object_histograms(library.scenelets, labels)
+    weights = np.array([s.weight for s in library])
+    around = charness_maps(distances[rows], own, weights)
+    seen = np.maximum(own[rows], around).max((0, 2, 3)) >= _VISIBLE
+    n_columns = 1 + int(seen.sum())
+    figure = Figure(figsize=(1.45 * n_columns + 1.0, 1.6 * len(rows) + 0.9), layout="constrained")
+    grid = figure.subplots(len(rows), n_columns, squeeze=False)
+    _headline(figure, "What stands around people who move like this")
+    figure.supxlabel(
+        f"cells of {CELL:g} m around the person, who faces up; "
+        "colour: overlap with furniture, mean of similar motions; squares: in this scenelet",
+        color=_QUIET, fontsize=9,
+    )  # fmt: skip
+    for axes, row in zip(grid, rows, strict=True):
+        draw_from_above(axes[0], library[row])
+        axes[0].set_ylabel(library[row].name, fontsize=9, color=_INK)
+    for column, category in zip(grid[:, 1:].T, np.flatnonzero(seen), strict=True):
+        label = labels[category]
+        column[0].set_title(label, fontsize=10, color=_INK)
+        for k, (axes, row) in enumerate(zip(column, rows, strict=True)):
+            _draw_cells(axes, own[row, category], around[k, category], category_colour(label))
+    grid[0, 0].set_title("from above", fontsize=10, color=_INK)
+    return figure
+
+
+def charness_figure(library: Library, charness: Array) -> Figure:
+    """Charness of every scenelet by action, the most characteristic action on top.
+
+    Parameters
+    ----------
+    library : Library
+    charness : (L,) float
+    """
+    actions = np.array([s.action for s in library])
+    rows = sorted(set(actions.tolist()), key=lambda a: float(np.median(charness[actions == a])))
+    figure = Figure(figsize=(8, 1.1 + 0.6 * len(rows)), layout="constrained")
+    axes = figure.subplots()
+    _headline(figure, f"How much a motion says about furniture (library {library.name})")
+    for height, action in enumerate(rows):
+        values = np.sort(charness[actions == action])
+        colour = _rgb(action_colour(action))
+        if np.ptp(values) > 0:
+            shape = axes.violinplot(
+                values, [height], orientation="horizontal", widths=0.85, showextrema=False
+            )
+            for body in shape["bodies"]:  # type: ignore[attr-defined]
+                body.set(facecolor=colour, alpha=0.25)
+        # Neighbours in value at different heights: the golden ratio spreads without chance.
+        spread = (np.arange(len(values)) * 0.618034) % 1.0 - 0.5
+        axes.scatter(values, height + 0.45 * spread, s=7, lw=0, color=colour)
+        axes.plot([np.median(values)] * 2, [height - 0.3, height + 0.3], color=_INK, lw=2)
+    axes.set_yticks(range(len(rows)), [f"{a} ({(actions == a).sum()})" for a in rows])
+    axes.set_xlim(0, 1)
+    axes.set_xlabel("charness (bar: median)", color=_INK)
+    axes.spines[["top", "right", "left"]].set_visible(False)
+    axes.spines["bottom"].set_color(_LINES)
+    axes.tick_params(colors=_QUIET, labelcolor=_INK, left=False)
+    return figure
+
+
+def typical(library: Library, distances: Array) -> list[str]:
+    """Name of the scenelet of each action that is nearest to all others of it.
+
+    Parameters
+    ----------
+    library : Library
+    distances : (L, L) float
+        Between its motions, metres.
+    """
+    actions = np.array([s.action for s in library])
+    names = []
+    for action in _by_count(actions):
+        members = np.flatnonzero(actions == action)
+        middle = members[distances[np.ix_(members, members)].sum(1).argmin()]
+        names.append(library[int(middle)].name)
+    return names
+
+
+def draw_from_above(axes: Axes, scenelet: Scenelet) -> None:
+    """Draw a scenelet from above: furniture, the way of the pelvis, and the person.
+
+    Arms and head are those of the middle of the motion, when the person faces up; before and
+    after only the shoulders are shown, in grey.
+    """
+    for o in scenelet.objects:
+        colour = _rgb(category_colour(o.label))
+        for part in sorted(o.cuboids, key=lambda c: float(c.centre[2] + c.size[2] / 2)):
+            corners = np.array([(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)]) * part.size / 2
+            outline = o.placement.apply(part.centre + corners)[:, :2]
+            axes.add_patch(Polygon(outline, fc=(*colour, 0.25), ec=colour, lw=0.6))
+    joints = scenelet.joints
+    for t in np.linspace(0, scenelet.n_frames - 1, _STOPS).round().astype(int):
+        axes.plot(*joints[t][[LSHO, RSHO], :2].T, color=_QUIET, lw=1.2, alpha=0.7)
+    axes.plot(*joints[:, PELV, :2].T, color=_QUIET, lw=1)
+    middle = joints[scenelet.n_frames // 2]
+    axes.plot(*middle[list(_ARMS), :2].T, color=_INK, lw=1.6, solid_joinstyle="round")
+    axes.scatter(middle[HEAD, 0], middle[HEAD, 1], s=18, color=_INK, zorder=3)
+    axes.set(xlim=(-_EDGE, _EDGE), ylim=(-_EDGE, _EDGE), aspect="equal", xticks=[], yticks=[])
+    axes.spines[:].set_color(_LINES)
+
+
+def _draw_cells(axes: Axes, own: Array, around: Array, colour: Colour) -> None:
+    """A category's grid: colour for similar motions, squares for one scenelet."""
+    hue = np.array(_rgb(colour))
+    shades = LinearSegmentedColormap.from_list("overlap", np.stack([np.ones(3), hue, 0.6 * hue]))
+    axes.pcolormesh(EDGES, EDGES, around, cmap=shades, vmin=0, vmax=1, ec=_LINES, lw=0.5)
+    x, y = np.meshgrid((EDGES[1:] + EDGES[:-1]) / 2, (EDGES[1:] + EDGES[:-1]) / 2)
+    axes.scatter(x, y, s=30 * own, marker="s", color=_INK, lw=0)
+    axes.scatter(0, 0, s=9, marker="^", fc="white", ec=_QUIET, lw=0.6)
+    axes.set(aspect="equal", xticks=[], yticks=[])
+    axes.spines[:].set_visible(False)
+
+
+def _headline(figure: Figure, text: str) -> None:
+    figure.suptitle(text, color=_INK, fontsize=12)
+
+
+def _by_count(words: NDArray[np.str_]) -> list[str]:
+    """Distinct words, the most frequent first."""
+    names, counts = np.unique(words, return_counts=True)
+    return [str(n) for n in names[np.argsort(-counts, kind="stable")]]
+
+
+def _rgb(colour: Colour) -> tuple[float, float, float]:
+    red, green, blue = colour
+    return red / 255, green / 255, blue / 255

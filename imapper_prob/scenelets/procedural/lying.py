@@ -1,0 +1,130 @@
+"""Lying on the back or on the side.
+
+A lying body is an upright one turned over: the trunk is posed along +z, limbs reach for
+where they rest on the mattress, and the whole is turned about the pelvis. The sleeper's
+frame has the pelvis above its origin, the head towards -y, the feet towards +y, and z as
+height above the mattress; metres, radians; sides are (right, left).
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imapper_prob.models.skeleton import (
+    BONE_LENGTHS,
+    LELB,
+    LSHO,
+    RELB,
+    RSHO,
+)
+from imapper_prob.scenelets.procedural.body import (
+    FOREARM,
+    NECK_AND_HEAD,
+    SIDES,
+    TRUNK,
+    UPPER_ARM,
+    Trunk,
+    pose_body,
+    two_bones,
+)
+
+__all__ = ["HEAD_AT", "LIMBS_END", "lie_still"]
+
+Array = NDArray[np.float64]
+
+HEAD_AT: Final = TRUNK + NECK_AND_HEAD
+"""How far the head is from the pelvis, metres."""
+
+LIMBS_END: Final = 0.12
+"""From the middle of the head to its crown and from ankle to sole, metres: half the height
+of a head, and half the length of a foot (*Bodyspace*)."""
+
+BACK_DEPTH: Final = 0.10
+"""From the line of the joints to the back of the trunk, metres (Pheasant and Haslegrave,
+*Bodyspace*, 2005): how high the trunk is above what one lies on."""
+
+LIMB_DEPTH: Final = 0.05
+"""From the line of the joints to the skin of arms and shins, metres (*Bodyspace*)."""
+
+PILLOW: Final = 0.25
+"""Radians that the head is bent forward by a pillow of some 8 cm."""
+
+_ELBOWS_ON_BACK: Final = np.array([[1.0, 0.3, 0.1], [-1.0, 0.3, 0.1]])
+_ELBOWS_ON_SIDE: Final = np.array([[0.3, 1.0, 0.2], [0.0, 0.3, 1.0]])
+"""Directions in the frame of the sleeper to which the right and the left elbow bend."""
+
+
+def _turned_over(roll: float) -> Array:
+    """(3, 3) whose rows are right, front and up of the body, in the frame of the sleeper.
+
+    ``roll`` is 0 on the back and positive towards the right side, radians.
+    """
+    c, s = np.cos(roll), np.sin(roll)
+    return np.array([[c, 0.0, -s], [s, 0.0, c], [0.0, -1.0, 0.0]])
+
+
+def _resting_legs(rng: np.random.Generator, roll: float) -> Array:
+    """(2, 3) ankles in the frame of the sleeper."""
+    if roll > 0:
+        # The lower leg straighter than the upper one, which comes down before it.
+        lower, upper = rng.uniform(0.62, 0.76), rng.uniform(0.48, 0.62)
+        front = rng.uniform(0.05, 0.12)
+        return np.array([[0.0, lower, LIMB_DEPTH], [front + 0.06, upper, LIMB_DEPTH + 0.08]])
+    straight = rng.uniform(0.79, 0.81, 2)
+    bent = rng.random(2) < 0.25
+    along = np.where(bent, rng.uniform(0.40, 0.55, 2), straight)
+    return np.stack([SIDES * rng.uniform(0.08, 0.16), along, np.full(2, LIMB_DEPTH + 0.02)], -1)
+
+
+def _resting_hands(rng: np.random.Generator, roll: float) -> Array:
+    """(2, 3) wrists in the frame of the sleeper."""
+    if roll > 0:
+        # The lower hand before the face, the upper one before the chest or on the thigh.
+        upper = [0.12, 0.05, 0.26] if rng.random() < 0.4 else [0.36, -0.28, LIMB_DEPTH + 0.02]
+        return np.array([[0.34, -0.50, LIMB_DEPTH + 0.02], upper])
+    if rng.random() < 0.5:  # alongside
+        across = rng.uniform(0.26, 0.34, 2)
+        along = rng.uniform(-0.04, 0.02, 2)
+        return np.stack([SIDES * across, along, np.full(2, LIMB_DEPTH + 0.02)], -1)
+    belly = rng.uniform(-0.22, -0.10, 2)
+    return np.stack([SIDES * rng.uniform(0.03, 0.10, 2), belly, np.full(2, 0.23)], -1)
+
+
+def lie_still(rng: np.random.Generator, times: Array, *, on_side: bool, room: float) -> Array:
+    """(n, 16, 3) joints of somebody who lies, in the frame of the sleeper.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+    times : (n,) float
+        Seconds.
+    on_side : bool
+        On the right side rather than on the back. Nobody lies exactly on edge: the trunk
+        is rolled by 50 to 70 degrees.
+    room : float
+        How far from the pelvis the ankles may be, metres; knees bend where that is short.
+    """
+    roll = np.deg2rad(rng.uniform(50, 70)) if on_side else 0.0
+    body = _turned_over(roll)
+    half_shoulders = BONE_LENGTHS[RSHO, LSHO] / 2
+    # On the side the lower shoulder carries; the pelvis is that much higher.
+    height = max(BACK_DEPTH, LIMB_DEPTH + half_shoulders * np.sin(roll))
+    pelvis = np.array([0.0, 0.0, height])
+    breath = 2 * np.pi * (times / rng.uniform(3.0, 5.0) + rng.random())
+    trunk = Trunk.of(np.zeros((len(times), 3)), 0.0, nod=PILLOW + 0.01 * np.sin(breath))
+    resting = _resting_legs(rng, roll)
+    resting[:, 1] = np.minimum(resting[:, 1], room)
+    ankles = (resting - pelvis) @ body.T
+    wrists = (_resting_hands(rng, roll) - pelvis) @ body.T
+    moved = wrists + 0.008 * np.sin(breath)[:, None, None] * [0.0, 1.0, 0.0]
+    joints = pose_body(trunk, ankles=np.broadcast_to(ankles, moved.shape), wrists=moved)
+    # A mattress keeps elbows from going back as those of an upright body do: they go out to
+    # the sides, or before whoever lies on the side.
+    poles = _ELBOWS_ON_SIDE if on_side else _ELBOWS_ON_BACK
+    elbows, _ = two_bones(trunk.shoulders, moved, poles @ body.T, upper=UPPER_ARM, lower=FOREARM)
+    joints[:, [RELB, LELB]] = elbows
+    lying: Array = joints @ body + pelvis
+    return lying

@@ -1,0 +1,161 @@
+"""Reaching: the trunk leans and the knees bend just as far as the arms need."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from imapper_prob.scenelets.procedural.body import (
+    FOREARM,
+    UPPER_ARM,
+    Trunk,
+    hanging_wrists,
+    pose_body,
+)
+from imapper_prob.scenelets.procedural.gait import Walk, minimum_jerk
+from imapper_prob.scenelets.procedural.standing import Pastime, held, upright
+
+__all__ = ["DEEPEST_CROUCH", "TRAVEL", "extent", "reach"]
+
+Array = NDArray[np.float64]
+
+COMFORTABLE: Final = 0.93 * (UPPER_ARM + FOREARM)
+"""Distance in metres from shoulder to wrist that nobody needs to lean for."""
+
+DEEPEST_CROUCH: Final = 0.48
+"""Metres the pelvis is lowered in a squat on flat feet."""
+
+FURTHEST_LEAN: Final = 1.25
+"""Radians of trunk bend at which fingertips come near the floor without bent knees."""
+
+TRAVEL: Final = 0.7
+"""Seconds a hand needs to or from something within reach (Flash and Hogan 1985: .5 to 1)."""
+
+_CROUCHES, _LEANS = (
+    grid.ravel()
+    for grid in np.meshgrid(
+        np.linspace(0.0, DEEPEST_CROUCH, 13), np.linspace(0.0, FURTHEST_LEAN, 26), indexing="ij"
+    )
+)
+
+
+def extent(times: Array, *, start: float, finish: float) -> Array:
+    """(n,) how far hands are on their way, 0 to 1 and back.
+
+    They set off at ``start`` and again, back, at ``finish`` seconds; either may be outside the
+    clip.
+    """
+    there = minimum_jerk((times - start) / TRAVEL)
+    return there * (1 - minimum_jerk((times - finish) / TRAVEL))
+
+
+def reach(
+    body: Walk,
+    *,
+    targets: ArrayLike,
+    hands: ArrayLike,
+    part: Array,
+    via: ArrayLike,
+    deepest: float = DEEPEST_CROUCH,
+    before: Pastime | None = None,
+    after: Pastime | None = None,
+) -> Array:
+    """Somebody on their feet who reaches for something.
+
+    Parameters
+    ----------
+    body : Walk
+        The body of n frames, before it reaches.
+    targets : (2, 3) or (n, 2, 3) float
+        Where the right and the left wrist go, metres.
+    hands : (2,) bool
+        Which hands reach; the other hangs.
+    part : (n,) float
+        Of :func:`extent`.
+    via : (3,) float
+        Where hands come from, relative to the target, metres: from above to a table, from
+        the front to a shelf.
+    deepest : float
+        Metres the knees may lower the pelvis; low furniture leaves them less room.
+    before, after : Pastime, optional
+        What the hands hold before they are there, and after; they hang, if not given.
+
+    Returns
+    -------
+    (n, 16, 3) float
+        Joints in metres.
+    """
+    targets = np.broadcast_to(np.asarray(targets, float), body.wrists.shape)
+    hands, via = np.asarray(hands, bool), np.asarray(via, float)
+    lean, crouch = _effort(
+        body, targets[:, hands], hands, frame=int(part.argmax()), deepest=deepest
+    )
+    trunk = _posture(body, targets[:, hands].mean(1), lean=part * lean, crouch=part * crouch)
+    hanging = hanging_wrists(trunk, 0.08)
+    first, last = (held(p, trunk, hanging) if p is not None else hanging for p in (before, after))
+    rest = np.where((np.arange(len(part)) > part.argmax())[:, None, None], last, first)
+    # A curve that leaves the resting place towards the point before the target, and ends there.
+    p = (part[:, None] * hands)[..., None]
+    wrists = (1 - p) ** 2 * rest + 2 * p * (1 - p) * (targets + via) + p**2 * targets
+    return pose_body(trunk, ankles=body.ankles, wrists=wrists)
+
+
+def _posture(body: Walk, aim: Array, *, lean: Array, crouch: Array) -> Trunk:
+    """The trunk bent towards ``aim`` (n, 3), the hips drawn back to keep the balance."""
+    old = body.trunk
+    offset = aim - old.pelvis
+    across = (offset * old.right).sum(-1)
+    ahead = (offset * old.forward).sum(-1)
+    bearing = np.arctan2(across, np.maximum(ahead, 0.05))
+    eager = np.clip((lean + crouch) / 0.1, 0.0, 1.0)
+    back = 0.18 * np.sin(lean) + 0.22 * crouch
+    level = old.pelvis[:, :2] - back[:, None] * old.forward[:, :2]
+    distance = np.hypot(across, ahead)
+    gaze = np.arctan2(old.pelvis[:, 2] + 0.7 - aim[:, 2], np.maximum(distance, 0.3))
+    bent = old.lean + np.arcsin(np.sin(lean) * np.cos(bearing))
+    aside = np.arcsin(np.sin(lean) * np.sin(bearing))
+    nod = old.nod + eager * (np.clip(0.1 + 0.5 * gaze, -0.3, 1.0) - bent - old.nod)
+    return upright(
+        level,
+        body.ankles,
+        yaw=old.yaw,
+        lean=bent,
+        tilt=old.tilt + np.clip(aside, -0.4, 0.4),
+        twist=old.twist - eager * np.clip(0.5 * bearing, -0.6, 0.6),
+        nod=np.clip(nod, -0.55, 0.55),
+        crouch=crouch,
+    )
+
+
+def _effort(
+    body: Walk, targets: Array, hands: NDArray[np.bool_], *, frame: int, deepest: float
+) -> tuple[float, float]:
+    """Least lean (rad) and crouch (m) that bring targets (n, k, 3) of k hands into easy reach.
+
+    Judged with the feet where they are in one frame, all postures of a grid at once.
+    """
+    allowed = np.less_equal(_CROUCHES, deepest)
+    crouches, leans = _CROUCHES[allowed], _LEANS[allowed]
+    frames = np.full(len(leans), frame)
+    old = body.trunk
+    still = Walk(
+        Trunk(
+            old.pelvis[frames], old.yaw[frames], old.lean[frames], old.tilt[frames],
+            old.twist[frames], old.nod[frames],
+        ),
+        body.ankles[frames],
+        body.wrists[frames],
+    )  # fmt: skip
+    worst = np.zeros(len(leans))
+    for moment in {0, frame, len(targets) - 1}:
+        aims = targets[moment]
+        trunk = _posture(
+            still, np.broadcast_to(aims.mean(0), (len(leans), 3)), lean=leans, crouch=crouches
+        )
+        gap = np.linalg.norm(trunk.shoulders[:, hands] - aims, axis=-1).max(-1)
+        worst = np.maximum(worst, gap)
+    # A metre out of reach outweighs any posture; knees are spared before the back.
+    best = int(np.argmin(20 * np.maximum(worst - COMFORTABLE, 0.0) + 0.5 * leans + crouches))
+    return float(leans[best]), float(crouches[best])

@@ -1,0 +1,367 @@
+"""Ways to sit: where the pelvis is, what the trunk leans on, where feet and hands are.
+
+A pose is drawn in that order, each step a function of the seat and of the pose so far. Metres,
+radians; the frame is that of the seat, with its front towards +y. Sides are (right, left).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from imapper_prob.models.skeleton import BONE_LENGTHS, LHIP, RHIP
+from imapper_prob.scenelets.procedural.body import (
+    ANKLE_HEIGHT,
+    NECK_AND_HEAD,
+    SHIN,
+    SIDES,
+    THIGH,
+    TRUNK,
+)
+from imapper_prob.scenelets.procedural.seat import Seat
+
+__all__ = ["HIP_ABOVE_SEAT", "SeatedPose", "at_table", "draw_seated"]
+
+Array = NDArray[np.float64]
+
+HIP_ABOVE_SEAT: Final = 0.095
+"""Hip joint above the surface one sits on, metres (trochanter height, sitting: Pheasant and
+Haslegrave, *Bodyspace*, 2005)."""
+
+CHEST_HALF_DEPTH: Final = 0.10
+"""From the line of the spine joints to the back of the body, metres (*Bodyspace*)."""
+
+BUTTOCK: Final = 0.13
+"""From the hip joint back to where the body ends, metres (*Bodyspace*)."""
+
+FURTHEST_LEAN: Final = 0.58
+"""Radians; more would bend the hips beyond the 125 degrees of which they are capable
+(American Academy of Orthopaedic Surgeons, 1965), thighs being level."""
+
+SQUARE: Final = 0.09
+"""Standard deviation in radians of where people face against their seat: half of them are
+within 4 degrees and 90 % within 11, as measured on i3DB."""
+
+_ARM_REACH: Final = 0.46
+"""Metres sideways from the pelvis within which one rests an arm."""
+
+
+@dataclass(frozen=True)
+class SeatedPose:
+    """How somebody sits.
+
+    Parameters
+    ----------
+    pelvis : (3,) float
+        Metres.
+    yaw : float
+        Where the pelvis faces; 0 is the front of the seat, counter-clockwise.
+    lean, twist, nod : float
+        As those of a trunk.
+    ankles : (2, 3) float
+        Metres.
+    hands : (2, 3) float
+        Wrists from the pelvis: right, forward and up as the pelvis faces, metres.
+    stir : (2,) float
+        How far each hand moves about its place, metres.
+    """
+
+    pelvis: Array
+    yaw: float
+    lean: float
+    twist: float
+    nod: float
+    ankles: Array
+    hands: Array
+    stir: Array
+
+    def from_pelvis(self, points: ArrayLike) -> Array:
+        """Positions (..., 3) in the frame of the seat, as right, forward, up of the pelvis."""
+        c, s = np.cos(self.yaw), np.sin(self.yaw)
+        offset: Array = (np.asarray(points, float) - self.pelvis) @ [
+            [c, -s, 0.0],
+            [s, c, 0.0],
+            [0.0, 0.0, 1.0],
+        ]
+        return offset
+
+    @property
+    def head(self) -> tuple[float, float]:
+        """How far forward and up of the pelvis the head is, metres."""
+        bent = self.lean + self.nod
+        forward = TRUNK * np.sin(self.lean) + NECK_AND_HEAD * np.sin(bent)
+        return float(forward), float(TRUNK * np.cos(self.lean) + NECK_AND_HEAD * np.cos(bent))
+
+
+Step = Callable[[np.random.Generator, SeatedPose, Seat], SeatedPose]
+
+
+def _knees_clear(seat: Seat, yaw: float) -> float:
+    """The y of the pelvis, metres, from which both knees are beyond the front edge."""
+    half_hips = BONE_LENGTHS[RHIP, LHIP] / 2
+    knees = THIGH * np.cos(yaw) - half_hips * abs(np.sin(yaw))
+    # Thighs slope down from a seat higher than the shins are long.
+    return float(seat.front - knees + max(seat.height - SHIN, 0.0))
+
+
+def _place(
+    rng: np.random.Generator, seat: Seat, *, sideways: float, yaw: float, lean: float
+) -> SeatedPose:
+    """A trunk on the seat; feet and hands are still at the pelvis."""
+    # Those who lean forward sit further out; the hips stay on the seat, clear of its back.
+    innermost = max(seat.back + BUTTOCK, seat.front - 0.40)
+    if seat.closed:
+        innermost = max(innermost, _knees_clear(seat, yaw))
+    forward = rng.normal(0.07 if lean < 0.2 else 0.13, 0.05)
+    forward = np.clip(forward, innermost, seat.front - 0.10)
+    pelvis = np.array([sideways, forward, seat.height + HIP_ABOVE_SEAT])
+    furthest_back = (seat.back + CHEST_HALF_DEPTH - pelvis[1]) / TRUNK
+    lean = max(lean, float(np.arcsin(np.clip(furthest_back, -0.5, 0.0))))
+    return SeatedPose(
+        pelvis=pelvis,
+        yaw=yaw,
+        lean=lean,
+        twist=float(np.clip(rng.normal(0.0, 0.08), -0.2, 0.2)),
+        nod=float(rng.uniform(0.0, 0.3) - 0.8 * lean),
+        ankles=np.broadcast_to(pelvis, (2, 3)),
+        hands=np.zeros((2, 3)),
+        stir=np.full(2, 0.01),
+    )
+
+
+def _feet(pose: SeatedPose, seat: Seat, *, across: ArrayLike, forward: ArrayLike) -> SeatedPose:
+    """Feet flat on the floor, ``across`` and ``forward`` of the pelvis as it faces (2,)."""
+    across, forward = np.broadcast_to(across, 2), np.broadcast_to(forward, 2)
+    c, s = np.cos(pose.yaw), np.sin(pose.yaw)
+    x = pose.pelvis[0] + c * across - s * forward
+    y = pose.pelvis[1] + s * across + c * forward
+    if seat.closed:
+        y = np.maximum(y, seat.front + 0.06)
+    return replace(pose, ankles=np.stack([x, y, np.full(2, ANKLE_HEIGHT)], -1))
+
+
+def _feet_flat(rng: np.random.Generator, pose: SeatedPose, seat: Seat) -> SeatedPose:
+    """Side by side, below the knees or a little before them."""
+    across = SIDES * rng.uniform(0.10, 0.17)
+    return _feet(pose, seat, across=across, forward=THIGH + rng.uniform(-0.06, 0.10))
+
+
+def _feet_apart(rng: np.random.Generator, pose: SeatedPose, seat: Seat) -> SeatedPose:
+    """One foot before the other."""
+    forward = THIGH + rng.uniform(-0.04, 0.04) + SIDES * rng.uniform(0.05, 0.09)
+    return _feet(pose, seat, across=SIDES * rng.uniform(0.10, 0.17, 2), forward=forward)
+
+
+def _slid_forward(pose: SeatedPose, seat: Seat) -> SeatedPose:
+    """Further out on the seat, for knees that go lower than it is."""
+    pelvis = pose.pelvis.copy()
+    pelvis[1] = max(pelvis[1], _knees_clear(seat, pose.yaw) + 0.06)
+    return replace(pose, pelvis=pelvis)
+
+
+def _feet_stretched(rng: np.random.Generator, pose: SeatedPose, seat: Seat) -> SeatedPose:
+    """Both legs put out."""
+    pose = _slid_forward(pose, seat)
+    forward = THIGH + rng.uniform(0.12, 0.22) + rng.uniform(-0.03, 0.03, 2)
+    return _feet(pose, seat, across=SIDES * rng.uniform(0.08, 0.16), forward=forward)
+
+
+def _feet_tucked(rng: np.random.Generator, pose: SeatedPose, seat: Seat) -> SeatedPose:
+    """Both feet drawn in below the seat."""
+    forward = THIGH - rng.uniform(0.10, 0.18) + rng.uniform(-0.03, 0.03, 2)
+    return _feet(pose, seat, across=SIDES * rng.uniform(0.07, 0.11), forward=forward)
+
+
+def _ankles_crossed(rng: np.random.Generator, pose: SeatedPose, seat: Seat) -> SeatedPose:
+    """Legs stretched out, the right ankle over to the left and before the other."""
+    pose = _slid_forward(pose, seat)
+    forward = THIGH + rng.uniform(0.02, 0.09) + SIDES * 0.09
+    return _feet(pose, seat, across=[-0.03, 0.03], forward=forward)
+
+
+def _leg_over(rng: np.random.Generator, pose: SeatedPose, seat: Seat) -> SeatedPose:
+    """The right leg over the left one, its foot hanging before the left shin."""
+    pose = _feet(pose, seat, across=[0.0, -0.06], forward=THIGH + rng.uniform(-0.04, 0.04))
+    return _raised(pose, [-0.20, 0.56 + rng.uniform(-0.02, 0.02), -0.17 + rng.uniform(-0.03, 0.03)])
+
+
+def _ankle_on_knee(rng: np.random.Generator, pose: SeatedPose, seat: Seat) -> SeatedPose:
+    """The right ankle on the left knee, the right knee out to the side."""
+    pose = _feet(pose, seat, across=[0.0, -0.12], forward=THIGH + rng.uniform(-0.02, 0.06))
+    return _raised(pose, [-0.17, 0.37 + rng.uniform(-0.02, 0.02), 0.11])
+
+
+def _raised(pose: SeatedPose, offset: ArrayLike) -> SeatedPose:
+    """The right ankle at an offset (right, forward, up) from the pelvis, in the air."""
+    c, s = np.cos(pose.yaw), np.sin(pose.yaw)
+    right, forward, up = np.asarray(offset, float)
+    foot = pose.pelvis + np.array([c * right - s * forward, s * right + c * forward, up])
+    return replace(pose, ankles=np.stack([foot, pose.ankles[1]]))
+
+
+def _hands(pose: SeatedPose, hands: ArrayLike, stir: ArrayLike = 0.01) -> SeatedPose:
+    return replace(pose, hands=np.array(hands, float), stir=np.broadcast_to(stir, 2))
+
+
+def _hands_in_lap(rng: np.random.Generator, pose: SeatedPose, seat: Seat) -> SeatedPose:
+    forward = rng.uniform(0.19, 0.27)
+    return _hands(pose, [[0.06, forward + 0.02, 0.11], [-0.06, forward, 0.13]])
+
+
+def _hands_on_thighs(rng: np.random.Generator, pose: SeatedPose, seat: Seat) -> SeatedPose:
+    forward = 0.32 + 0.3 * np.sin(min(pose.lean, 0.0)) + rng.uniform(-0.04, 0.04, 2)
+    return _hands(pose, np.stack([SIDES * 0.15, forward, np.full(2, 0.10)], -1))
+
+
+def _hands_on_knees(rng: np.random.Generator, pose: SeatedPose, seat: Seat) -> SeatedPose:
+    """Forearms over the thighs, hands together before the knees, as of who leans forward."""
+    across, forward = rng.uniform(0.03, 0.07), rng.uniform(0.42, 0.50)
+    return _hands(pose, np.stack([SIDES * across, np.full(2, forward), np.full(2, 0.09)], -1))
+
+
+def _arms_folded(rng: np.random.Generator, pose: SeatedPose, seat: Seat) -> SeatedPose:
+    chest = TRUNK * np.sin(pose.lean) * 0.55 + 0.19
+    return _hands(pose, [[-0.09, chest + 0.02, 0.27], [0.09, chest, 0.24]])
+
+
+def _hand_to_face(rng: np.random.Generator, pose: SeatedPose, seat: Seat) -> SeatedPose:
+    """The right hand at chin or cheek, the other one on the thigh."""
+    pose = _hands_on_thighs(rng, pose, seat)
+    forward, up = pose.head
+    face = [
+        rng.uniform(0.06, 0.12),
+        forward + rng.uniform(0.14, 0.19),
+        up - rng.uniform(0.17, 0.23),
+    ]
+    return _hands(pose, [face, pose.hands[1]])
+
+
+def _gesture(rng: np.random.Generator, pose: SeatedPose, seat: Seat) -> SeatedPose:
+    """Both hands, or one, in the air before the body, and moving."""
+    pose = _hands_on_thighs(rng, pose, seat)
+    chest = TRUNK * np.sin(pose.lean)
+    air = np.stack(
+        [
+            SIDES * rng.uniform(0.10, 0.28, 2),
+            chest + rng.uniform(0.26, 0.38, 2),
+            rng.uniform(0.24, 0.38, 2),
+        ],
+        -1,
+    )
+    both = rng.random() < 0.6
+    return _hands(pose, [air[0], air[1] if both else pose.hands[1]], [0.07, 0.07 if both else 0.01])
+
+
+def _hands_on_seat(rng: np.random.Generator, pose: SeatedPose, seat: Seat) -> SeatedPose:
+    """Beside the hips, on a seat without arms."""
+    forward = rng.uniform(-0.02, 0.08)
+    return _hands(pose, np.stack([SIDES * 0.26, np.full(2, forward), np.full(2, -0.04)], -1))
+
+
+def _hands_on_arms(rng: np.random.Generator, pose: SeatedPose, seat: Seat) -> SeatedPose:
+    """On the armrests within reach; the other hand on the thigh."""
+    pose = _hands_on_thighs(rng, pose, seat)
+    hands = pose.hands.copy()
+    for x, front, top in seat.arms:
+        side = 0 if x > pose.pelvis[0] else 1
+        if abs(x - pose.pelvis[0]) < _ARM_REACH:
+            forward = min(pose.pelvis[1] + rng.uniform(0.12, 0.24), front - 0.02)
+            hands[side] = pose.from_pelvis([x, forward, top + 0.04])
+    return _hands(pose, hands)
+
+
+def _pick(rng: np.random.Generator, weights: Mapping[Step, float]) -> Step:
+    steps = list(weights)
+    shares = np.fromiter(weights.values(), float)
+    return steps[int(np.searchsorted(np.cumsum(shares / shares.sum()), rng.random()))]
+
+
+def _legs(seat: Seat, lean: float) -> dict[Step, float]:
+    """What legs do and how often; nothing is published, so no variant is rare."""
+    legs: dict[Step, float] = {_feet_flat: 4.0, _feet_apart: 2.0}
+    if not seat.closed:
+        legs[_feet_tucked] = 2.0
+    if lean < 0.25:
+        legs |= {_feet_stretched: 2.0, _ankles_crossed: 1.0, _leg_over: 1.0, _ankle_on_knee: 0.5}
+    return legs
+
+
+def _arms(seat: Seat, pose: SeatedPose, *, at_rest: bool) -> dict[Step, float]:
+    """What hands do and how often."""
+    if pose.lean > 0.35:
+        return {_hands_on_knees: 3.0, _hands_on_thighs: 1.0, _hand_to_face: 1.0}
+    arms: dict[Step, float] = {_hands_in_lap: 3.0, _hands_on_thighs: 3.0}
+    if any(abs(x - pose.pelvis[0]) < _ARM_REACH for x, _, _ in seat.arms):
+        arms[_hands_on_arms] = 4.0
+    elif not np.isfinite(seat.back) and abs(pose.yaw) < 0.3:
+        arms[_hands_on_seat] = 1.0
+    if not at_rest:
+        arms |= {_gesture: 1.3, _hand_to_face: 1.0, _arms_folded: 0.7}
+    return arms
+
+
+def _draw_lean(rng: np.random.Generator, seat: Seat) -> float:
+    """Back against the backrest, upright, or forward."""
+    leans_back = 0.0 if not np.isfinite(seat.back) else 0.50 if seat.deep else 0.35
+    share = rng.random()
+    if share < leans_back:
+        return float(rng.uniform(-0.42, -0.12))
+    if share < 0.82:
+        return float(rng.uniform(-0.05, 0.16))
+    return float(rng.uniform(0.35, FURTHEST_LEAN))
+
+
+def draw_seated(
+    rng: np.random.Generator,
+    seat: Seat,
+    *,
+    sideways: float = 0.0,
+    yaw: float | None = None,
+    upright: bool = False,
+) -> SeatedPose:
+    """A way to sit.
+
+    Parameters
+    ----------
+    rng, seat
+        Randomness, and where.
+    sideways : float
+        The x of the middle of the place that is taken, metres.
+    yaw : float, optional
+        Where the pelvis faces; drawn about the front of the seat, if not given.
+    upright : bool
+        Whether the trunk is neither back nor forward, both feet are side by side and the
+        hands rest, as before getting up.
+    """
+    lean = rng.uniform(-0.05, 0.12) if upright else _draw_lean(rng, seat)
+    if yaw is None:
+        yaw = float(np.clip(rng.normal(0.0, SQUARE), -0.2, 0.2))
+    pose = _place(rng, seat, sideways=sideways, yaw=yaw, lean=lean)
+    move_legs = _feet_flat if upright else _pick(rng, _legs(seat, pose.lean))
+    pose = move_legs(rng, pose, seat)
+    return _pick(rng, _arms(seat, pose, at_rest=upright))(rng, pose, seat)
+
+
+def at_table(rng: np.random.Generator, pose: SeatedPose, *, edge: float, top: float) -> SeatedPose:
+    """The same person with hands on a table whose near edge is at y = ``edge``.
+
+    Both hands write or type, or one works while the other is at the face or in the lap.
+    """
+    forward = edge + rng.uniform(0.04, 0.16, 2)
+    wrists = np.stack(
+        [pose.pelvis[0] + SIDES * rng.uniform(0.08, 0.22, 2), forward, np.full(2, top + 0.05)], -1
+    )
+    lean = float(rng.uniform(0.05, 0.25))
+    pose = replace(pose, lean=lean, nod=float(rng.uniform(0.0, 0.35)))
+    work = pose.from_pelvis(wrists)
+    share = rng.random()
+    if share < 0.65:
+        return _hands(pose, work, 0.02)
+    if share < 0.85:
+        return _hands(pose, [work[0], [-0.10, 0.20, 0.12]], [0.03, 0.01])
+    forward_of_face, up = pose.head
+    return _hands(pose, [work[0], [-0.09, forward_of_face + 0.16, up - 0.20]], [0.02, 0.01])
