@@ -31,5 +31,5 @@ clean:
 
 $(STAMP): pyproject.toml constraints.txt
 	test -x $(PY) || $(PYTHON) -m venv $(VENV)
-	$(PY) -m pip install --quiet --constraint constraints.txt --editable '.[dev,notebook]'
+	$(PY) -m pip install --quiet --constraint constraints.txt --editable '.[dev,notebook,cluster]'
 	touch $@

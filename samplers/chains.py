@@ -11,11 +11,14 @@ import ctypes
 import multiprocessing
 import os
 import signal
+import sys
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import (
     FIRST_COMPLETED,
+    FIRST_EXCEPTION,
     BrokenExecutor,
+    CancelledError,
     Executor,
     Future,
     ProcessPoolExecutor,
@@ -130,8 +133,10 @@ def run_chains(
         1 runs the chains here, one after the other; more spawn that many processes, each
         with one thread for BLAS, OpenMP and numba.
     executor : concurrent.futures.Executor, optional
-        Where to run instead. Nothing but the results comes back from there: no progress,
-        and no partial results of an interrupted run.
+        Where to run instead, such as dask's ``client.get_executor()``. Nothing but the
+        results comes back from there: no progress, and no partial results of an interrupted
+        run. The problem is sent with each chain; with dask a large one is sent once to each
+        worker if ``problem`` is ``client.scatter(problem, broadcast=True)``.
     on_progress : callable, optional
         ``on_progress(chain, progress)``, called here with what tasks report; returning
         False asks all chains to stop.
@@ -162,8 +167,7 @@ def run_chains(
     if executor is not None:
         if on_progress is not None:
             raise ValueError("on_progress cannot be called from another executor")
-        futures = [executor.submit(_run, task, problem, job, _unheard) for job in jobs]
-        return _results(futures, "an executor's worker died")
+        return _run_elsewhere(task, problem, jobs, executor)
     if min(workers, len(jobs)) <= 1:
         return _run_here(task, problem, jobs, on_progress)
     return _run_in_processes(task, problem, jobs, min(workers, len(jobs)), on_progress)
@@ -181,11 +185,30 @@ def _unheard(progress: object = None, /) -> bool:
     return True
 
 
-def _results(futures: Sequence[Future[R]], obituary: str) -> list[R]:
+def _run_elsewhere(
+    task: Task[P, X, R], problem: P, jobs: Sequence[_Job], executor: Executor
+) -> list[R]:
+    futures: list[Future[R]] = []
     try:
-        return [future.result() for future in futures]
-    except BrokenExecutor as error:
-        raise ChainError(obituary) from error
+        futures += [executor.submit(_run, task, problem, job, _unheard) for job in jobs]
+        wait(futures, return_when=FIRST_EXCEPTION)
+        # Those that are done come first: an error need not wait for the other chains.
+        for future in sorted(futures, key=lambda future: not future.done()):
+            future.result()
+    except _deaths() as error:
+        raise ChainError(f"a worker of the executor died: {error}") from error
+    finally:
+        for future in futures:
+            future.cancel()
+    return [future.result() for future in futures]
+
+
+def _deaths() -> tuple[type[BaseException], ...]:
+    """What executors raise when a worker, or the way to it, is gone."""
+    # Only who uses dask has imported it.
+    distributed = sys.modules.get("distributed")
+    dask = () if distributed is None else (distributed.scheduler.KilledWorker,)
+    return (BrokenExecutor, CancelledError, *dask)
 
 
 def _run_here(
@@ -234,8 +257,11 @@ def _run_in_processes(
             for process in processes:
                 process.terminate()
             raise
-    # Leaving the pool has joined all processes: only now are exit codes known.
-    return _results(futures, _obituary(shared.pids, processes))
+    try:
+        return [future.result() for future in futures]
+    except BrokenExecutor as error:
+        # Leaving the pool has joined all processes: only now are exit codes known.
+        raise ChainError(_obituary(shared.pids, processes)) from error
 
 
 def _await(futures: Sequence[Future[R]], shared: _Shared, on_progress: OnProgress | None) -> None:

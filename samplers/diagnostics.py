@@ -26,6 +26,7 @@ __all__ = [
     "ShortChainWarning",
     "ess",
     "layout_probabilities",
+    "mean_error",
     "rhat",
     "rhat_nested",
     "stationary_distribution",
@@ -62,6 +63,8 @@ class LayoutProbabilities(NamedTuple):
         Monte-Carlo standard error of ``probability``.
     by_chain : (C, K) float
         Share of each chain's draws.
+    by_half : (C, 2, K) float
+        The same of the two halves of each chain.
     n_draws : int
         Draws of a chain.
     """
@@ -70,6 +73,7 @@ class LayoutProbabilities(NamedTuple):
     probability: Array
     standard_error: Array
     by_chain: Array
+    by_half: Array
     n_draws: int
 
     @property
@@ -109,8 +113,10 @@ def layout_probabilities(indicators: ArrayLike, *, rng: np.random.Generator) -> 
     layouts, codes = np.unique(indicators, return_inverse=True)
     order = np.argsort(-np.bincount(codes.ravel()), kind="stable")
     codes = np.argsort(order)[codes.reshape(indicators.shape)]
-    counts = np.stack([np.bincount(chain, minlength=len(layouts)) for chain in codes])
-    by_chain = counts / n_draws
+    by_chain = _shares(codes, len(layouts))
+    # The only draw of a chain is in both its halves.
+    halves = codes[:, : (n_draws + 1) // 2], codes[:, n_draws // 2 :]
+    by_half = np.stack([_shares(half, len(layouts)) for half in halves], axis=1)
     probability = by_chain.mean(0)
     if n_draws < 2:
         warnings.warn("one draw a chain says nothing of errors", ShortChainWarning, stacklevel=2)
@@ -119,7 +125,13 @@ def layout_probabilities(indicators: ArrayLike, *, rng: np.random.Generator) -> 
         error = _transition_error(codes, probability, rng)
         if n_chains > 1:
             error = np.maximum(error, by_chain.std(0, ddof=1) / np.sqrt(n_chains))
-    return LayoutProbabilities(layouts[order], probability, error, by_chain, n_draws)
+    return LayoutProbabilities(layouts[order], probability, error, by_chain, by_half, n_draws)
+
+
+def _shares(codes: NDArray[np.intp], n_layouts: int) -> Array:
+    """(C, N) codes to (C, K) shares."""
+    counts = np.stack([np.bincount(chain, minlength=n_layouts) for chain in codes])
+    return np.asarray(counts / codes.shape[1])
 
 
 def _transition_error(
@@ -216,6 +228,22 @@ def ess(draws: ArrayLike) -> Array:
         return np.full(draws.shape[2:], np.nan)
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.asarray(array_stats.ess(draws, chain_axis=0, draw_axis=1), np.float64)
+
+
+def mean_error(draws: ArrayLike) -> Array:
+    """Monte-Carlo standard error of the mean: (C, N, ...) to (...).
+
+    Warns
+    -----
+    ShortChainWarning
+        Fewer than 4 draws: NaN.
+    """
+    draws = np.asarray(draws, float)
+    if _too_short(2, draws.shape[1]):
+        return np.full(draws.shape[2:], np.nan)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        values = array_stats.mcse(draws, method="mean", chain_axis=0, draw_axis=1)
+    return np.asarray(values, np.float64)
 
 
 def _too_short(n_chains: int, n_draws: int) -> bool:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from imapper_prob.samplers.diagnostics import LayoutProbabilities, ess, rhat
+from imapper_prob.samplers.ladder import LadderSummary
 
 __all__ = ["Verdict", "judge"]
 
@@ -19,9 +20,13 @@ _DRAWS_GOAL = 400.0
 # Layouts with a share outside are as good as excluded or certain: their error is small
 # whatever the number of effective draws.
 _OPEN = (0.05, 0.95)
-# Two chains disagree when less than half of their mass is on common layouts: no such
-# difference is left to chance once a chain has moved between layouts a few times.
-_COMMON_MASS = 0.5
+# The number of effective draws is itself uncertain, before as after: with this factor four
+# in five of those who run as many more as it says do not fall short again.
+_MARGIN = 1.5
+# Two chains disagree when each agrees with itself, its halves having more than half of their
+# mass in common, and they have less than half as much with each other. Chains that are merely
+# short differ from themselves as well.
+_COMMON_SHARE = 0.5
 
 
 class Verdict(NamedTuple):
@@ -46,7 +51,12 @@ class Verdict(NamedTuple):
     text: str
 
 
-def judge(layouts: LayoutProbabilities, functionals: Mapping[str, ArrayLike]) -> Verdict:
+def judge(
+    layouts: LayoutProbabilities,
+    functionals: Mapping[str, ArrayLike],
+    *,
+    ladders: Sequence[LadderSummary] = (),
+) -> Verdict:
     """Judge chains by their layouts and by what all draws have.
 
     Parameters
@@ -54,6 +64,8 @@ def judge(layouts: LayoutProbabilities, functionals: Mapping[str, ArrayLike]) ->
     layouts : LayoutProbabilities
     functionals : mapping of str to (C, N) float
         Such as the log posterior and the number of objects.
+    ladders : sequence of LadderSummary
+        Of chains that were tempered; they add a sentence and change no verdict.
 
     Warns
     -----
@@ -70,6 +82,7 @@ def judge(layouts: LayoutProbabilities, functionals: Mapping[str, ArrayLike]) ->
             text=(
                 f"Chains disagree on layouts {first} and {second}: "
                 "their probabilities cannot be trusted, nor can their order."
+                f"{_tempering(ladders)}"
             ),
         )
     effective = [(_known(ess(draws), 0.0), name) for name, draws in functionals.items()]
@@ -91,11 +104,12 @@ def judge(layouts: LayoutProbabilities, functionals: Mapping[str, ArrayLike]) ->
         parts.append(f"R-hat {worst:.3f} of {name}")
     state = " and ".join(parts) or "one certain layout"
     if fewest >= _DRAWS_GOAL and worst <= _RHAT_LIMIT:
-        return Verdict(True, 0, None, f"Good: at worst {state}.")
+        return Verdict(True, 0, None, f"Good: at worst {state}.{_tempering(ladders)}")
     # Effective draws grow with the draws; where R-hat alone is too large, twice as many may do.
-    factor = max(2.0, _DRAWS_GOAL / max(fewest, 1.0))
+    factor = max(2.0, _MARGIN * _DRAWS_GOAL / max(fewest, 1.0))
     more = _two_digits(layouts.n_draws * (factor - 1))
-    return Verdict(False, more, None, f"Needs about {more} more draws a chain: {state}.")
+    text = f"Needs about {more} more draws a chain: {state}.{_tempering(ladders)}"
+    return Verdict(False, more, None, text)
 
 
 def _known(value: ArrayLike, worst: float) -> float:
@@ -109,12 +123,30 @@ def _disagreement(layouts: LayoutProbabilities) -> tuple[int, int] | None:
     shares = layouts.by_chain
     favourites = shares.argmax(1)
     common = np.minimum(shares[:, None], shares[None, :]).sum(-1)
-    common[favourites[:, None] == favourites[None, :]] = 1
-    first, second = np.unravel_index(common.argmin(), common.shape)
-    if common[first, second] >= _COMMON_MASS:
+    own = layouts.by_half.min(1).sum(-1)
+    known = np.minimum(own[:, None], own[None, :])
+    apart = (common < _COMMON_SHARE * known) & (known > _COMMON_SHARE)
+    apart &= favourites[:, None] != favourites[None, :]
+    if not apart.any():
         return None
+    first, second = np.unravel_index(np.where(apart, common, np.inf).argmin(), common.shape)
     pair = sorted((int(favourites[first]), int(favourites[second])))
     return int(layouts.layouts[pair[0]]), int(layouts.layouts[pair[1]])
+
+
+def _tempering(ladders: Sequence[LadderSummary]) -> str:
+    """A sentence on what tempering did, with a blank before it; none without ladders."""
+    rates = [rate for ladder in ladders for rate in ladder.swap_rates]
+    if not rates:
+        return ""
+    trips = sum(ladder.round_trips for ladder in ladders)
+    counted = f"{trips} round trips with swap rates from {min(rates):.2f} to {max(rates):.2f}"
+    if trips >= len(ladders):
+        return f" Tempering made {counted}."
+    now = max(len(ladder.betas) for ladder in ladders)
+    best = max(math.ceil(2 * ladder.barrier) + 1 for ladder in ladders)
+    advice = f"{best} temperatures in place of {now}" if best > now else "more rounds"
+    return f" Tempering could not help, for it made {counted}: try {advice}."
 
 
 def _two_digits(value: float) -> int:

@@ -11,17 +11,15 @@ from dataclasses import dataclass
 from itertools import combinations, islice
 
 import numpy as np
-from scipy import stats
 
-from imapper_prob.samplers.diagnostics import ess
 from imapper_prob.samplers.kernel import Mixture, Proposal
 from imapper_prob.samplers.reversible_jump import sample
+from tests.samplers.frequencies import chi_square
 
 Interval = tuple[int, int]
 Intervals = frozenset[Interval]
 
 N_SLOTS, K_MAX = 6, 4
-RARE = 2e-3
 INTERVALS: list[Interval] = [
     (start, start + length) for length in (1, 2) for start in range(N_SLOTS - length + 1)
 ]
@@ -164,25 +162,6 @@ def p_value(states: np.ndarray) -> float:
     """
     sizes = np.array([len(state) for state in STATES])
     return 2 * min(
-        _chi_square(states, exact()),
-        _chi_square(sizes[states], np.bincount(sizes, weights=exact())),
+        chi_square(states, exact()),
+        chi_square(sizes[states], np.bincount(sizes, weights=exact())),
     )
-
-
-def _chi_square(cells: np.ndarray, expected: np.ndarray) -> float:
-    """Chi-square test of a correlated chain, by the correction of Rao & Scott (1984).
-
-    The statistic is divided by the mean design effect: how many draws stand for one
-    independent draw, cell by cell, weighted by 1 - p. Rare cells are pooled, for the
-    distribution of the statistic is that of large counts.
-    """
-    rare = expected < RARE
-    if rare.any():
-        cells = np.where(rare, len(expected) - rare.sum(), np.cumsum(~rare) - 1)[cells]
-        expected = np.append(expected[~rare], expected[rare].sum())
-    n, n_cells = len(cells), len(expected)
-    shares = np.bincount(cells, minlength=n_cells) / n
-    effect = [n / ess(cells[None] == cell) for cell in range(n_cells)]
-    mean_effect = np.dot(1 - expected, effect) / (n_cells - 1)
-    statistic = n * np.sum((shares - expected) ** 2 / expected) / mean_effect
-    return float(stats.chi2.sf(statistic, n_cells - 1))

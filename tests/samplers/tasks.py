@@ -32,6 +32,23 @@ def threads(problem, start, rng, report) -> dict[str, str | None]:
     return {name: os.environ.get(name) for name in problem}
 
 
+def process(problem, start, rng, report) -> int:
+    """Which process this is, after ``problem`` seconds."""
+    time.sleep(problem)
+    return os.getpid()
+
+
+def fail(problem, start, rng, report) -> None:
+    raise FloatingPointError("a bad density")
+
+
+def fail_or_wait(problem, start, rng, report) -> None:
+    """The chain that starts at ``problem`` fails, others wait as many seconds as they start at."""
+    if start == problem:
+        raise FloatingPointError("a bad density")
+    time.sleep(start)
+
+
 def fail_one(problem, start, rng, report) -> None:
     """The chain that starts at ``problem`` fails, the others wait to be stopped."""
     if start == problem:

@@ -1,9 +1,7 @@
-"""Polynomials of one to three coefficients: evidences are known in closed form."""
+"""Jumps between polynomials of one to three coefficients find their known Bayes factors."""
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass
 from itertools import islice
 
 import numpy as np
@@ -11,92 +9,10 @@ import pytest
 from scipy import stats
 
 from imapper_prob.samplers.diagnostics import layout_probabilities
-from imapper_prob.samplers.kernel import Mixture, Proposal, RoundTripError
+from imapper_prob.samplers.kernel import Mixture, RoundTripError
 from imapper_prob.samplers.reversible_jump import sample
+from tests.samplers.polynomials import exact, log_density, mixture
 from tests.samplers.rounds import check_rounds
-
-K_MAX, NOISE, PRIOR = 3, 0.5, 1.5
-X = np.linspace(-1, 1, 12)
-Y = 0.4 + 0.5 * X + 0.3 * X**2 + NOISE * np.random.default_rng(3).standard_normal(len(X))
-DESIGN = X[:, None] ** np.arange(K_MAX)
-
-# A birth also pulls the coefficients it finds towards zero: a Jacobian that depends on k.
-PULL, BORN_SCALE = 0.8, 0.7
-
-
-def exact() -> np.ndarray:
-    """P(k | y), all k equally probable a priori."""
-    evidence = [
-        stats.multivariate_normal(
-            cov=NOISE**2 * np.eye(len(X)) + PRIOR**2 * DESIGN[:, :k] @ DESIGN[:, :k].T
-        ).logpdf(Y)
-        for k in range(1, K_MAX + 1)
-    ]
-    weights = np.exp(np.array(evidence) - max(evidence))
-    return weights / weights.sum()
-
-
-def log_density(theta: np.ndarray) -> float:
-    residual = (Y - DESIGN[:, : len(theta)] @ theta) / NOISE
-    prior = -0.5 * theta @ theta / PRIOR**2 - len(theta) * math.log(PRIOR * math.sqrt(2 * math.pi))
-    return float(prior - 0.5 * residual @ residual)
-
-
-def log_normal(u: float) -> float:
-    return -0.5 * u * u - 0.5 * math.log(2 * math.pi)
-
-
-@dataclass(frozen=True)
-class Birth:
-    jacobian: bool = True
-    name = "birth"
-    reverse = "death"
-
-    def propose(self, rng, theta):
-        if len(theta) == K_MAX:
-            return None
-        u = rng.standard_normal()
-        log_jacobian = len(theta) * math.log(PULL) + math.log(BORN_SCALE)
-        return Proposal(
-            np.append(PULL * theta, BORN_SCALE * u), self.jacobian * log_jacobian - log_normal(u)
-        )
-
-    def explain(self, old, new):
-        if not np.allclose(new[:-1], PULL * old):
-            return -math.inf
-        stretch = len(old) * math.log(PULL) + math.log(BORN_SCALE)
-        return log_normal(new[-1] / BORN_SCALE) - stretch
-
-
-@dataclass(frozen=True)
-class Death:
-    jacobian: bool = True
-    name = "death"
-    reverse = "birth"
-
-    def propose(self, rng, theta):
-        if len(theta) == 1:
-            return None
-        log_jacobian = (len(theta) - 1) * math.log(PULL) + math.log(BORN_SCALE)
-        return Proposal(
-            theta[:-1] / PULL, log_normal(theta[-1] / BORN_SCALE) - self.jacobian * log_jacobian
-        )
-
-    def explain(self, old, new):
-        return 0.0
-
-
-@dataclass(frozen=True)
-class Walk:
-    name = "walk"
-    reverse = "walk"
-
-    def propose(self, rng, theta):
-        return Proposal(theta + 0.3 * rng.standard_normal(len(theta)), 0.0)
-
-
-def mixture(*, jacobian: bool = True) -> Mixture:
-    return Mixture((Birth(jacobian), Death(jacobian), Walk()), (0.2, 0.3, 0.5))
 
 
 def deviation(moves: Mixture) -> float:

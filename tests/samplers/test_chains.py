@@ -8,7 +8,8 @@ import subprocess
 import sys
 import textwrap
 import threading
-from concurrent.futures import ThreadPoolExecutor
+import time
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -126,6 +127,23 @@ def test_a_process_that_dies_is_no_hang():
         run_chains(
             tasks.kill_one, 1, [0, 1, 0], seed=5, workers=2, on_progress=lambda *progress: None
         )
+
+
+def test_an_executor_that_breaks_is_no_hang():
+    with (
+        ProcessPoolExecutor(2) as executor,
+        pytest.raises(ChainError, match=r"^a worker of the executor died: "),
+    ):
+        run_chains(tasks.kill_one, 1, [0, 1, 0], seed=5, executor=executor)
+
+
+def test_an_error_elsewhere_does_not_wait_for_the_others():
+    begin = time.perf_counter()
+    with ThreadPoolExecutor(1) as executor, pytest.raises(FloatingPointError) as caught:
+        # The chain that fails is not the first; those behind it are never begun.
+        run_chains(tasks.fail_or_wait, 1, [0, 1, 1.5, 1.5, 1.5], seed=5, executor=executor)
+    assert caught.value.__notes__ == ["in chain 1"]
+    assert time.perf_counter() - begin < 4
 
 
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from imapper_prob.samplers.diagnostics import ShortChainWarning, layout_probabilities
+from imapper_prob.samplers.ladder import LadderSummary
 from imapper_prob.samplers.verdict import judge
-from tests.samplers.markov import autoregressive, two_states
+from tests.samplers.markov import autoregressive, two_states, two_states_error
 
 LEAVE = (0.1, 0.1)
 
@@ -60,6 +61,76 @@ def test_stuck_chains_disagree_and_more_draws_are_no_cure(rng):
     assert not verdict.good
     assert verdict.more_draws == 0
     assert "layouts 7 and 4" in verdict.text
+
+
+def test_chains_that_move_each_among_their_own_disagree(rng):
+    chains = rng.integers(5, size=(4, 2_000)) + 10 * np.array([[0], [1], [0], [1]])
+    verdict = judge(layout_probabilities(chains, rng=rng), {})
+    assert verdict.disagreement is not None
+    first, second = verdict.disagreement
+    assert sorted((first // 10, second // 10)) == [0, 1]
+
+
+def test_short_chains_among_many_layouts_do_not_disagree():
+    # Each chain sees some 15 of 60 layouts: two chains have less than half of theirs in
+    # common, but so have the halves of any chain.
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        chains = np.repeat(rng.integers(60, size=(4, 17)), 30, axis=1)
+        found = layout_probabilities(chains, rng=rng)
+        common = np.minimum(found.by_chain[:, None], found.by_chain[None]).sum(-1)
+        assert common.min() < 0.5
+        verdict = judge(found, {"layout": chains})
+        assert verdict.disagreement is None
+        assert verdict.more_draws > 0
+
+
+def test_chains_that_crossed_once_need_more(rng):
+    chains = np.repeat([[1, 2], [1, 2], [2, 2], [1, 1]], 500, axis=1)
+    verdict = judge(layout_probabilities(chains[:2], rng=rng), {"layout": chains[:2]})
+    assert verdict.disagreement is None
+    assert verdict.more_draws > 0
+
+
+def test_as_many_more_draws_as_it_says_are_enough():
+    cases, n_seeds = ((1_000, (0.02, 0.02)), (1_500, (0.01, 0.01)), (700, (0.05, 0.01))), 30
+    good = 0
+    for n, leave in cases:
+        share = leave[0] / sum(leave)
+        # Draws of each of four chains for 400 effective ones.
+        needed = 400 * two_states_error(1, leave=leave) ** 2 / (share * (1 - share)) / 4
+        totals = []
+        for seed in range(n_seeds):
+            rng = np.random.default_rng(seed)
+            totals.append(n + judge(layouts(rng, n, leave=leave), {}).more_draws)
+            good += judge(layouts(rng, totals[-1], leave=leave), {}).good
+        assert 1 < np.median(totals) / needed < 2
+    # Without the margin just half of them are.
+    assert good / (n_seeds * len(cases)) > 0.7
+
+
+def ladder(*rates, trips):
+    betas = tuple(np.linspace(0, 1, len(rates) + 1))
+    return LadderSummary(betas, rates, round_trips=trips, rounds=100)
+
+
+def test_tempering_is_mentioned(rng):
+    found = layouts(rng, 8_000)
+    good = judge(found, {}, ladders=[ladder(0.3, 0.4, trips=7), ladder(0.35, 0.42, trips=5)])
+    assert good.good
+    assert good.text.endswith(" Tempering made 12 round trips with swap rates from 0.30 to 0.42.")
+    assert judge(found, {}).text == good.text[: good.text.index(" Tempering")]
+    assert judge(found, {}, ladders=[ladder(trips=0)]).text == judge(found, {}).text
+
+
+def test_tempering_that_could_not_help_says_what_might(rng):
+    stuck = layout_probabilities(np.repeat([[7], [4]], 500, axis=1), rng=rng)
+    few = judge(stuck, {}, ladders=[ladder(0.02, 0.05, 0.01, trips=0)])
+    # The barrier is 2.92: some seven temperatures.
+    assert few.text.endswith("from 0.01 to 0.05: try 7 temperatures in place of 4.")
+    slow = judge(stuck, {}, ladders=[ladder(0.6, 0.5, 0.6, trips=0)])
+    assert slow.text.endswith("try more rounds.")
+    assert slow.disagreement == (4, 7)
 
 
 def test_a_common_layout_is_no_disagreement(rng):

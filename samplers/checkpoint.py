@@ -1,0 +1,215 @@
+"""Checkpoints: what a chain needs to go on as if nothing had happened.
+
+A checkpoint is one ``.npz`` file: named arrays, and plain values as JSON among them. It is
+written beside its place and then renamed, so that a killed process leaves the last one whole.
+Nothing is pickled: reading a checkpoint runs no code.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import time
+from collections.abc import Callable, Mapping, Sequence
+from io import BytesIO
+from pathlib import Path
+from typing import Any, NamedTuple
+from uuid import uuid4
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = [
+    "CheckpointError",
+    "Keeper",
+    "Snapshot",
+    "fingerprint",
+    "load",
+    "pack",
+    "pack_rng",
+    "save",
+    "unpack",
+    "unpack_rng",
+]
+
+AnyArray = NDArray[Any]
+
+# The entry that holds the plain values; no array can have this name.
+_VALUES = "values.json"
+_FORMAT = "samplers checkpoint 1"
+
+
+class CheckpointError(RuntimeError):
+    """A checkpoint cannot be used; the message names the file and says what to do."""
+
+
+class Snapshot(NamedTuple):
+    """What is kept of a chain.
+
+    Parameters
+    ----------
+    arrays : mapping of str to array
+        Of any type but object; the names "file" and "allow_pickle" are taken by numpy.
+    values : mapping of str to JSON value
+        Such as the number of steps done and the generators, see `pack_rng`.
+    """
+
+    arrays: Mapping[str, AnyArray]
+    values: Mapping[str, Any]
+
+
+def fingerprint(settings: object) -> str:
+    """A hash of JSON-like settings, by which a checkpoint knows the run it belongs to."""
+    text = json.dumps(settings, sort_keys=True, separators=(",", ":"))
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def save(path: Path, snapshot: Snapshot, *, identity: str) -> None:
+    """Write a checkpoint, whole or not at all.
+
+    Parameters
+    ----------
+    path : Path
+    snapshot : Snapshot
+    identity : str
+        Of the run, such as a `fingerprint` of its settings, data and seed.
+    """
+    head = {"format": _FORMAT, "identity": identity, "values": snapshot.values}
+    entry = np.frombuffer(json.dumps(head).encode(), dtype=np.uint8)
+    beside = path.with_name(f".{path.stem}.{uuid4().hex}.partial")
+    try:
+        with beside.open("wb") as file:
+            np.savez(file, allow_pickle=False, **{_VALUES: entry, **snapshot.arrays})
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(beside, path)
+    finally:
+        beside.unlink(missing_ok=True)
+
+
+def load(path: Path, *, identity: str) -> Snapshot | None:
+    """Read a checkpoint; None where there is none.
+
+    Raises
+    ------
+    CheckpointError
+        The file is damaged, no checkpoint at all, or of a run with another identity.
+    """
+    try:
+        content = path.read_bytes()
+    except FileNotFoundError:
+        return None
+    try:
+        with np.load(BytesIO(content), allow_pickle=False) as file:
+            arrays = {name: np.array(file[name]) for name in file.files}
+        head = json.loads(arrays.pop(_VALUES).tobytes())
+        kind, owner, values = head["format"], head["identity"], head["values"]
+    except Exception as error:  # a changed byte may raise nearly anything, but runs no code
+        raise CheckpointError(
+            f"{path} is damaged or no checkpoint ({type(error).__name__}): delete it, and its "
+            "chain begins anew"
+        ) from error
+    if kind != _FORMAT or owner != identity:
+        raise CheckpointError(
+            f"{path} belongs to a run with other settings or data: delete it, or keep this "
+            "run's checkpoints in another folder"
+        )
+    return Snapshot(arrays, values)
+
+
+def pack_rng(rng: np.random.Generator) -> dict[str, Any]:
+    """A generator as JSON values: where it stands, and which children it has yet to spawn.
+
+    Raises
+    ------
+    TypeError
+        Not a generator as ``numpy.random.default_rng`` makes them.
+    """
+    bits = rng.bit_generator
+    seed = bits.seed_seq
+    if not (isinstance(bits, np.random.PCG64) and isinstance(seed, np.random.SeedSequence)):
+        raise TypeError(f"only generators of default_rng can be kept, not {bits!r}")
+    return {
+        "state": bits.state,
+        "entropy": seed.entropy,
+        "spawn_key": list(seed.spawn_key),
+        "pool_size": seed.pool_size,
+        "n_children_spawned": seed.n_children_spawned,
+    }
+
+
+def unpack_rng(values: Mapping[str, Any]) -> np.random.Generator:
+    """The generator that `pack_rng` was given, which draws on from there."""
+    seeds = {name: value for name, value in values.items() if name != "state"}
+    bits = np.random.PCG64(np.random.SeedSequence(**seeds))
+    bits.state = values["state"]
+    return np.random.Generator(bits)
+
+
+def pack(name: str, items: Sequence[Mapping[str, AnyArray]]) -> dict[str, AnyArray]:
+    """Many states of varying size as few arrays: each field's arrays one after another.
+
+    Parameters
+    ----------
+    name : str
+        What the arrays' names begin with.
+    items : sequence of mapping of str to array
+        All with the same fields; a field's arrays have one dimension or more and differ in
+        length along the first at most.
+
+    Returns
+    -------
+    dict of str to array
+        For each field its values and their lengths.
+    """
+    arrays: dict[str, AnyArray] = {}
+    for field in items[0] if items else ():
+        arrays[f"{name}/{field}/values"] = np.concatenate([item[field] for item in items])
+        arrays[f"{name}/{field}/lengths"] = np.array([len(item[field]) for item in items])
+    return arrays
+
+
+def unpack(name: str, arrays: Mapping[str, AnyArray]) -> list[dict[str, AnyArray]]:
+    """The items that `pack` was given under this name."""
+    fields = {}
+    for key in arrays:
+        if key.startswith(f"{name}/") and key.endswith("/values"):
+            field = key[len(name) + 1 : -len("/values")]
+            ends = np.cumsum(arrays[f"{name}/{field}/lengths"])
+            fields[field] = np.split(arrays[key], ends[:-1])
+    columns = zip(*fields.values(), strict=True)
+    return [dict(zip(fields, column, strict=True)) for column in columns]
+
+
+class Keeper:
+    """Where one chain leaves its checkpoints and finds them again.
+
+    Parameters
+    ----------
+    path : Path
+    identity : str
+        See `save`.
+    every_seconds : float
+        Least time between two checkpoints: so much work may be lost.
+    """
+
+    def __init__(self, path: Path, *, identity: str, every_seconds: float) -> None:
+        self.path = path
+        self.identity = identity
+        self.every_seconds = every_seconds
+        self._due = time.monotonic() + every_seconds
+
+    def load(self) -> Snapshot | None:
+        """The last checkpoint, see `load`."""
+        return load(self.path, identity=self.identity)
+
+    def save(self, snapshot: Snapshot) -> None:
+        """Write a checkpoint now: a chain does so when it ends or is asked to stop."""
+        save(self.path, snapshot, identity=self.identity)
+        self._due = time.monotonic() + self.every_seconds
+
+    def offer(self, snapshot_fn: Callable[[], Snapshot]) -> None:
+        """Write a checkpoint if one is due; only then is ``snapshot_fn`` called."""
+        if time.monotonic() >= self._due:
+            self.save(snapshot_fn())

@@ -1,0 +1,256 @@
+"""Parallel tempering of any kernel: chains at several temperatures that swap their states.
+
+The target is ``log prior + beta log likelihood``, from the prior (beta = 0) to the posterior
+(beta = 1). A kernel is never told: it is handed an ordinary log density, that of its rung.
+Only swaps need the two parts, of which a swap's ratio keeps nothing but the likelihoods.
+
+Even and odd pairs of neighbours swap in turn. Each pair's swap leaves the joint target alone,
+and the alternation, unlike pairs drawn by chance, carries states on in the direction they came
+from (Syed et al. 2022).
+
+References
+----------
+Geyer 1991, Computing Science and Statistics 23, 156 (parallel tempering).
+Syed, Bouchard-Côté, Deligiannidis & Doucet 2022, JRSS B 84, 321 (even-odd swaps).
+Vousden, Farr & Mandel 2016, MNRAS 455, 1919 (adaptation towards equal swap rates).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Generic, NamedTuple, Protocol, TypeVar
+
+import numpy as np
+
+from imapper_prob.samplers.kernel import ChainState, StepInfo, init
+from imapper_prob.samplers.ladder import respaced
+
+__all__ = ["Kernel", "Parts", "Position", "Round", "Tempered", "start", "temper"]
+
+S = TypeVar("S")
+
+# Robbins-Monro: gains of n^-0.6 sum to infinity and their squares do not.
+_ADAPTATION_DECAY = 0.6
+
+
+class Parts(NamedTuple):
+    """A log density in two parts.
+
+    Parameters
+    ----------
+    log_prior : float
+        Normalised if evidences are wanted; -inf outside the support.
+    log_likelihood : float
+        Means nothing where the prior is -inf.
+    """
+
+    log_prior: float
+    log_likelihood: float
+
+    def at(self, beta: float) -> float:
+        """The log density of a rung: log prior + beta log likelihood."""
+        if self.log_prior == -math.inf or beta == 0:
+            return self.log_prior
+        return self.log_prior + beta * self.log_likelihood
+
+
+Target = Callable[[S], Parts]
+
+
+@dataclass(frozen=True)
+class Tempered(Generic[S]):
+    """The log density of one rung, for kernels that know nothing of temperatures."""
+
+    target: Target[S]
+    beta: float
+
+    def __call__(self, state: S) -> float:
+        """Log density of ``state`` up to a constant."""
+        return self.target(state).at(self.beta)
+
+
+class Kernel(Protocol[S]):
+    """What advances a chain at one temperature.
+
+    Such as ``functools.partial(imapper_prob.samplers.kernel.step, mixture=mixture)``.
+    """
+
+    def __call__(
+        self,
+        rng: np.random.Generator,
+        chain_state: ChainState[S],
+        /,
+        *,
+        log_density_fn: Callable[[S], float],
+    ) -> tuple[ChainState[S], StepInfo]:
+        """Advance by one proposal and leave the density invariant."""
+
+
+class Position(NamedTuple, Generic[S]):
+    """Where the chains of a ladder stand: all that a checkpoint needs beside the generators.
+
+    Parameters
+    ----------
+    betas : tuple of K float
+        Inverse temperatures, ascending to 1.
+    chains : tuple of K ChainState
+        On each rung; the last one samples the posterior.
+    log_likelihoods : tuple of K float
+        Of these states.
+    replicas : tuple of K int
+        Which of the starts has wandered to each rung.
+    rounds : int
+        Rounds since the start.
+    """
+
+    betas: tuple[float, ...]
+    chains: tuple[ChainState[S], ...]
+    log_likelihoods: tuple[float, ...]
+    replicas: tuple[int, ...]
+    rounds: int
+
+
+class Round(NamedTuple, Generic[S]):
+    """One round: steps on every rung, then swaps.
+
+    Parameters
+    ----------
+    position : Position
+        Afterwards.
+    steps : tuple of K tuples of StepInfo
+        What happened on each rung.
+    swap_acceptance : tuple of K - 1 float
+        Probability of a swap across each gap, those included whose turn it was not.
+    """
+
+    position: Position[S]
+    steps: tuple[tuple[StepInfo, ...], ...]
+    swap_acceptance: tuple[float, ...]
+
+
+def start(states: Sequence[S], *, target: Target[S], betas: Sequence[float]) -> Position[S]:
+    """Put one state on each rung.
+
+    Raises
+    ------
+    ValueError
+        Not one state a rung, or inverse temperatures that do not ascend from 0 or more to 1.
+    FloatingPointError
+        A state whose log density on its rung is not finite.
+    """
+    betas = tuple(betas)
+    ascending = all(hot < cold for hot, cold in pairwise(betas))
+    if not (betas and ascending and betas[0] >= 0 and betas[-1] == 1):
+        raise ValueError(f"inverse temperatures must ascend from 0 or more to 1, not {betas}")
+    if len(states) != len(betas):
+        raise ValueError(f"{len(states)} states for {len(betas)} rungs")
+    chains = tuple(
+        init(Tempered(target, beta), state) for state, beta in zip(states, betas, strict=True)
+    )
+    likelihoods = tuple(target(state).log_likelihood for state in states)
+    return Position(betas, chains, likelihoods, tuple(range(len(betas))), 0)
+
+
+def temper(
+    rngs: Sequence[np.random.Generator],
+    position: Position[S],
+    *,
+    target: Target[S],
+    kernel: Kernel[S],
+    steps_per_swap: int,
+    adapt: bool = False,
+) -> Iterator[Round[S]]:
+    """An endless tempered chain, one item a round.
+
+    Parameters
+    ----------
+    rngs : sequence of K + 1 numpy.random.Generator
+        One for each rung and one for the swaps, such as ``rng.spawn(K + 1)``.
+    position : Position
+        From `start`, or where an earlier chain arrived; it is not yielded itself.
+    target : callable
+        ``target(state) -> Parts``.
+    kernel : Kernel
+    steps_per_swap : int
+        Proposals on each rung between two rounds of swaps.
+    adapt : bool
+        Move the inverse temperatures towards equal swap rates. Such a chain does not leave
+        its target invariant: adapt during burn-in, then go on from its last position without.
+
+    Returns
+    -------
+    iterator of Round
+
+    Examples
+    --------
+    >>> burn_in = temper(rngs, start(...), adapt=True, ...)  # doctest: +SKIP
+    >>> *_, last = islice(burn_in, 200)  # doctest: +SKIP
+    >>> draws = [
+    ...     item.position.chains[-1].state
+    ...     for item in islice(temper(rngs, last.position, ...), 1_000)
+    ... ]  # doctest: +SKIP
+    """
+    if len(rngs) != len(position.betas) + 1:
+        raise ValueError(f"{len(rngs)} generators for {len(position.betas)} rungs and the swaps")
+    if steps_per_swap < 1:
+        raise ValueError(f"steps_per_swap must be at least 1, not {steps_per_swap}")
+    return _rounds(rngs, position, target, kernel, steps_per_swap, adapt)
+
+
+def _rounds(
+    rngs: Sequence[np.random.Generator],
+    position: Position[S],
+    target: Target[S],
+    kernel: Kernel[S],
+    steps_per_swap: int,
+    adapt: bool,
+) -> Iterator[Round[S]]:
+    *rung_rngs, swap_rng = rngs
+    while True:
+        chains, steps = [], []
+        for rng, chain, beta in zip(rung_rngs, position.chains, position.betas, strict=True):
+            density, infos = Tempered(target, beta), []
+            for _ in range(steps_per_swap):
+                chain, info = kernel(rng, chain, log_density_fn=density)
+                infos.append(info)
+            chains.append(chain)
+            steps.append(tuple(infos))
+        # One evaluation a rung and round, so that kernels need not hand on the two parts.
+        parts = [target(chain.state) for chain in chains]
+        rungs = zip(parts, position.betas, strict=True)
+        acceptance = tuple(
+            math.exp(min(0.0, _log_swap_ratio(hot, cold))) for hot, cold in pairwise(rungs)
+        )
+        order = _swapped(swap_rng, acceptance, odd=position.rounds % 2)
+        betas = position.betas
+        if adapt:
+            gain = (position.rounds + 1) ** -_ADAPTATION_DECAY
+            betas = respaced(betas, acceptance, gain=gain)
+        position = Position(
+            betas=betas,
+            chains=tuple(
+                ChainState(chains[i].state, parts[i].at(beta))
+                for i, beta in zip(order, betas, strict=True)
+            ),
+            log_likelihoods=tuple(parts[i].log_likelihood for i in order),
+            replicas=tuple(position.replicas[i] for i in order),
+            rounds=position.rounds + 1,
+        )
+        yield Round(position, tuple(steps), acceptance)
+
+
+def _log_swap_ratio(hot: tuple[Parts, float], cold: tuple[Parts, float]) -> float:
+    """Of the joint density with two rungs' states exchanged to that without; priors cancel."""
+    return (cold[1] - hot[1]) * (hot[0].log_likelihood - cold[0].log_likelihood)
+
+
+def _swapped(rng: np.random.Generator, acceptance: Sequence[float], *, odd: int) -> list[int]:
+    """Which rung's state goes to each rung, when the even or odd gaps may swap."""
+    order = list(range(len(acceptance) + 1))
+    for gap in range(odd, len(acceptance), 2):
+        if rng.random() < acceptance[gap]:
+            order[gap], order[gap + 1] = order[gap + 1], order[gap]
+    return order

@@ -1,0 +1,288 @@
+"""Tempering crosses what a cold chain cannot, and arrives at the exact answer."""
+
+from __future__ import annotations
+
+import math
+from functools import partial
+from itertools import islice, pairwise
+
+import numpy as np
+import pytest
+
+from imapper_prob.samplers import tempering
+from imapper_prob.samplers.kernel import Mixture, Proposal, step
+from imapper_prob.samplers.ladder import SwapTable, power_ladder
+from imapper_prob.samplers.reversible_jump import sample
+from imapper_prob.samplers.tempering import Parts, Tempered, start, temper
+from tests.samplers import islands
+from tests.samplers.frequencies import chi_square
+from tests.samplers.rounds import check_rounds
+
+# A right sampler falls below by chance once in a thousand seeds; wrong ones are far below.
+PASS, FAIL = 1e-3, 1e-6
+KERNEL = partial(step, mixture=islands.MIXTURE)
+BETAS = power_ladder(6)
+EXACT = islands.masses() / islands.masses().sum()
+
+
+def cells(*, seed: int, rounds: int = 3_000) -> np.ndarray:
+    """(rounds,) islands that the coldest rung is on; all rungs start on the same one."""
+    rngs = np.random.default_rng(seed).spawn(len(BETAS) + 1)
+    options = {"target": islands.target, "kernel": KERNEL, "steps_per_swap": 4}
+    at = start([islands.START] * len(BETAS), target=islands.target, betas=BETAS)
+    *_, last = islice(temper(rngs, at, adapt=True, **options), 300)
+    chain = temper(rngs, last.position, **options)
+    return np.array(
+        [islands.cell(item.position.chains[-1].state) for item in islice(chain, rounds)]
+    )
+
+
+def test_finds_all_islands_in_their_proportions():
+    assert chi_square(cells(seed=1), EXACT) > PASS
+
+
+def test_a_cold_chain_stays_on_the_island_it_started_on(rng):
+    chain = sample(
+        rng,
+        islands.START,
+        log_density_fn=Tempered(islands.target, 1.0),
+        mixture=islands.MIXTURE,
+    )
+    visited = {islands.cell(at.state) for at, _ in islice(chain, 50_000)}
+    assert visited == {islands.cell(islands.START)}
+
+
+def test_every_proposal_can_be_explained_both_ways(rng):
+    hot = Tempered(islands.target, 0.01)
+    table = check_rounds(rng, islands.START, hot, islands.MIXTURE, n=500)
+    assert all(rate > 0.1 for rate in table.rates().values())
+
+
+def with_priors(hot, cold):
+    """Forgets that priors are not tempered."""
+    return (cold[1] - hot[1]) * (sum(hot[0]) - sum(cold[0]))
+
+
+def cold_only(hot, cold):
+    """Forgets what the swap does to the hot chain."""
+    return cold[1] * (hot[0].log_likelihood - cold[0].log_likelihood)
+
+
+def always(hot, cold):
+    return 0.0
+
+
+@pytest.mark.parametrize("wrong", [with_priors, cold_only, always])
+def test_the_same_test_fails_a_wrong_swap_ratio(monkeypatch, wrong):
+    monkeypatch.setattr(tempering, "_log_swap_ratio", wrong)
+    assert chi_square(cells(seed=1), EXACT) < FAIL
+
+
+D, SHARPNESS = 6, 1e4
+
+
+def gaussian(x: np.ndarray) -> Parts:
+    """Standard normal prior and likelihood: at beta a normal of precision 1 + beta SHARPNESS."""
+    return Parts(-0.5 * float(x @ x), -0.5 * SHARPNESS * float(x @ x))
+
+
+def exact_step(rng, chain_state, *, log_density_fn):
+    """An independent draw: no move could mix better, so that swap rates are the known ones."""
+    x = rng.standard_normal(D) / math.sqrt(1 + log_density_fn.beta * SHARPNESS)
+    return chain_state._replace(state=x), None
+
+
+def gaussian_rates(betas, *, n: int = 200_000) -> np.ndarray:
+    """Swap rates between these normal distributions, from independent draws."""
+    rng = np.random.default_rng(0)
+    squares = [rng.chisquare(D, n) / (1 + beta * SHARPNESS) for beta in betas]
+    return np.array(
+        [
+            np.exp(np.minimum(0, -0.5 * SHARPNESS * (cold - hot) * (at_hot - at_cold))).mean()
+            for (hot, at_hot), (cold, at_cold) in pairwise(zip(betas, squares, strict=True))
+        ]
+    )
+
+
+def adapted(n_rungs: int, *, seed: int, rounds: int):
+    betas = power_ladder(n_rungs)
+    rngs = np.random.default_rng(seed).spawn(n_rungs + 1)
+    at = start([np.zeros(D)] * n_rungs, target=gaussian, betas=betas)
+    chain = temper(rngs, at, target=gaussian, kernel=exact_step, steps_per_swap=1, adapt=True)
+    *_, last = islice(chain, rounds)
+    return rngs, last.position
+
+
+def test_the_ladder_adapts_to_equal_swap_rates():
+    assert np.ptp(gaussian_rates(power_ladder(7))) > 0.3
+    _, position = adapted(7, seed=1, rounds=3_000)
+    # Normal distributions swap equally often where their precisions are a geometric series.
+    precisions = 1 + SHARPNESS * np.array(position.betas)
+    np.testing.assert_allclose(np.diff(np.log(precisions)), math.log(precisions[-1]) / 6, rtol=0.15)
+    assert np.ptp(gaussian_rates(position.betas)) < 0.06
+    assert position.betas[0] == 0
+    assert position.betas[-1] == 1
+
+
+def test_counted_swap_rates_are_the_known_ones():
+    rngs, position = adapted(5, seed=2, rounds=300)
+    table = SwapTable.empty(position.betas)
+    chain = temper(rngs, position, target=gaussian, kernel=exact_step, steps_per_swap=1)
+    n = 4_000
+    for item in islice(chain, n):
+        assert item.position.betas == position.betas  # frozen
+        table = table.recorded(item.swap_acceptance, item.position.replicas)
+    summary = table.summary()
+    # Draws are independent, and so are the swap probabilities of every other round.
+    np.testing.assert_allclose(
+        summary.swap_rates, gaussian_rates(position.betas), atol=5 * 0.5 / math.sqrt(n)
+    )
+    assert summary.rounds == n
+    # Even-odd swaps of independent draws make n / (2 + 2 sum r / (1 - r)) trips (Syed et al.
+    # 2022, theorem 1); they renew like a counting process of no more than Poisson's variance.
+    rejected = 1 - gaussian_rates(position.betas)
+    expected = n / (2 + 2 * np.sum(rejected / (1 - rejected)))
+    assert abs(summary.round_trips - expected) < 4 * math.sqrt(expected)
+
+
+def test_every_rung_samples_its_own_distribution():
+    rngs, position = adapted(4, seed=3, rounds=50)
+    chain = temper(rngs, position, target=gaussian, kernel=exact_step, steps_per_swap=1)
+    n = 4_000
+    squares = [[at.state @ at.state for at in item.position.chains] for item in islice(chain, n)]
+    scaled = np.mean(squares, axis=0) * (1 + SHARPNESS * np.array(position.betas))
+    np.testing.assert_allclose(scaled, D, atol=5 * math.sqrt(2 * D / n))
+
+
+def run(position, rngs, n, **options):
+    chain = temper(
+        rngs, position, target=islands.target, kernel=KERNEL, steps_per_swap=3, **options
+    )
+    return list(islice(chain, n))
+
+
+def test_a_chain_goes_on_from_its_position():
+    betas = power_ladder(4)
+    at = start([islands.START] * 4, target=islands.target, betas=betas)
+    for adapt in (False, True):
+        rngs, again = (np.random.default_rng(4).spawn(5) for _ in range(2))
+        whole = run(at, rngs, 20, adapt=adapt)
+        first = run(at, again, 9, adapt=adapt)
+        assert first + run(first[-1].position, again, 11, adapt=adapt) == whole
+
+
+def test_what_a_position_says_is_so():
+    betas = power_ladder(5)
+    at = start([islands.START] * 5, target=islands.target, betas=betas)
+    items = run(at, np.random.default_rng(5).spawn(6), 40, adapt=True)
+    for number, item in enumerate(items, 1):
+        position = item.position
+        assert position.rounds == number
+        assert sorted(position.replicas) == list(range(5))
+        assert [len(infos) for infos in item.steps] == [3] * 5
+        for chain, beta, likelihood in zip(
+            position.chains, position.betas, position.log_likelihoods, strict=True
+        ):
+            parts = islands.target(chain.state)
+            assert chain.log_density == parts.at(beta)
+            assert likelihood == parts.log_likelihood
+
+
+def test_even_and_odd_pairs_swap_in_turn():
+    flat = Mixture((Still(),), (1.0,))
+    at = start([0, 1, 2, 3], target=lambda _: Parts(0.0, 0.0), betas=power_ladder(4))
+    chain = temper(
+        np.random.default_rng(6).spawn(5),
+        at,
+        target=lambda _: Parts(0.0, 0.0),
+        kernel=partial(step, mixture=flat),
+        steps_per_swap=1,
+    )
+    # All swaps succeed: a replica moves one rung a round until it turns at an end.
+    assert [item.position.replicas for item in islice(chain, 4)] == [
+        (1, 0, 3, 2),
+        (1, 3, 0, 2),
+        (3, 1, 2, 0),
+        (3, 2, 1, 0),
+    ]
+
+
+class Still:
+    name = "still"
+    reverse = "still"
+
+    def propose(self, rng, state):
+        return Proposal(state, 0.0)
+
+
+def test_one_rung_is_an_ordinary_chain():
+    at = start([islands.START], target=islands.target, betas=[1.0])
+    (item,) = run(at, np.random.default_rng(7).spawn(2), 1)
+    assert item.position.replicas == (0,)
+    assert item.swap_acceptance == ()
+
+
+def test_the_prior_may_visit_what_the_likelihood_forbids():
+    def half_line(x: float) -> Parts:
+        return Parts(-0.5 * x * x, 0.0 if x > 0 else -math.inf)
+
+    walk = Mixture((Jump(),), (1.0,))
+    at = start([-1.0, 1.0], target=half_line, betas=[0.0, 1.0])
+    assert at.chains[0].log_density == -0.5
+    chain = temper(
+        np.random.default_rng(8).spawn(3),
+        at,
+        target=half_line,
+        kernel=partial(step, mixture=walk),
+        steps_per_swap=2,
+    )
+    hot, cold = zip(
+        *([at.state for at in item.position.chains] for item in islice(chain, 500)), strict=True
+    )
+    assert min(cold) > 0
+    assert min(hot) < 0 < max(hot)
+
+
+class Jump:
+    name = "jump"
+    reverse = "jump"
+
+    def propose(self, rng, state):
+        return Proposal(state + rng.standard_normal(), 0.0)
+
+
+def test_outside_the_prior_the_likelihood_means_nothing():
+    assert Parts(-math.inf, math.nan).at(0.5) == -math.inf
+    assert Parts(-1.0, -math.inf).at(0.0) == -1.0
+    assert Parts(-1.0, -4.0).at(0.5) == -3.0
+
+
+@pytest.mark.parametrize(
+    ("betas", "message"),
+    [
+        ((), "must ascend"),
+        ((0.0, 0.5, 0.5, 1.0), "must ascend"),
+        ((-0.1, 1.0), "must ascend"),
+        ((0.0, 0.9), "must ascend"),
+        ((0.0, 0.5, 1.0), "2 states for 3 rungs"),
+    ],
+)
+def test_ladders_that_cannot_be_climbed_are_refused(betas, message):
+    with pytest.raises(ValueError, match=message):
+        start([islands.START] * 2, target=islands.target, betas=betas)
+
+
+def test_what_does_not_fit_the_ladder_is_refused():
+    at = start([islands.START] * 2, target=islands.target, betas=[0.0, 1.0])
+    with pytest.raises(ValueError, match="2 generators for 2 rungs and the swaps"):
+        run(at, np.random.default_rng(0).spawn(2), 1)
+    with pytest.raises(ValueError, match="steps_per_swap must be at least 1"):
+        temper(
+            np.random.default_rng(0).spawn(3),
+            at,
+            target=islands.target,
+            kernel=KERNEL,
+            steps_per_swap=0,
+        )
+    with pytest.raises(FloatingPointError, match="log density is -inf"):
+        start([0, 0], target=lambda _: Parts(-math.inf, 0.0), betas=[0.0, 1.0])
