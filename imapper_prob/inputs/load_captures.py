@@ -18,6 +18,9 @@ __all__ = ["SOURCES", "captures_from"]
 
 _log = logging.getLogger(__name__)
 
+_TOLD: Final = 5
+"""Recordings left out that are named; the others are counted."""
+
 SOURCES: Final = ("i3db", "pigraphs", "npz")
 """Formats of captures."""
 
@@ -51,15 +54,23 @@ def captures_from(source: str, path: str | Path, *, leave_out: str | None = None
         raise InputError(f"{path}: no such file or folder")
     places, read = _places_and_reader(source, path)
     captures: list[Capture] = []
+    refused: list[str] = []
     for place in places:
         try:
             captures += read(place)
         except InputError as error:
             if len(places) == 1:
                 raise
-            _log.warning("left out: %s", error)
+            refused.append(str(error))
     if not captures:
-        raise InputError(f"{path}: none of {len(places)} recordings can be used")
+        raise InputError(
+            f"{path}: none of {len(places)} files is a usable recording of {source}; "
+            f"the first: {refused[0]}"
+        )
+    for reason in refused[:_TOLD]:
+        _log.warning("left out: %s", reason)
+    if len(refused) > _TOLD:
+        _log.warning("left out: %d more", len(refused) - _TOLD)
     if leave_out is None:
         return captures
     scenes = sorted({c.scene for c in captures})

@@ -260,8 +260,21 @@ def test_sources_and_places_that_are_not_there_are_named(tmp_path: Path) -> None
 def test_a_folder_of_bad_captures_is_no_empty_list(tmp_path: Path) -> None:
     for name in ("a", "b"):
         (tmp_path / f"{name}.npz").write_text("no archive")
-    with pytest.raises(InputError, match="none of 2 recordings can be used"):
+    with pytest.raises(InputError, match=r"none of 2 files is a usable .* the first: .*a\.npz"):
         captures_from("npz", tmp_path)
+
+
+def test_few_bad_captures_are_named_and_many_counted(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    write_capture(tmp_path / "good.npz", capture(name="good"))
+    for k in range(8):
+        (tmp_path / f"bad-{k}.npz").write_text("no archive")
+    assert [c.name for c in captures_from("npz", tmp_path)] == ["good"]
+    told = [r.getMessage() for r in caplog.records if "left out" in r.getMessage()]
+    assert len(told) == 6
+    assert "bad-4.npz" in told[4]
+    assert told[5] == "left out: 3 more"
 
 
 @given(
