@@ -35,7 +35,7 @@ def check_folder(folder: Path, *, overwrite: bool) -> None:
         )
     if present and not overwrite:
         raise InputError(f"{folder}: holds an earlier run; name another folder or add --overwrite")
-    parent = folder.absolute().parent
+    parent = folder.resolve().parent
     while not parent.exists():
         parent = parent.parent
     if not os.access(parent, os.W_OK):
@@ -51,7 +51,7 @@ def write_run(folder: Path, posterior: Posterior, *, overwrite: bool) -> None:
         As :func:`check_folder`, or if the disk refuses.
     """
     check_folder(folder, overwrite=overwrite)
-    folder = folder.absolute()
+    folder = folder.resolve()  # a link stays, and what it points to is replaced
     beside = folder.with_name(f".{folder.name}.partial-{os.getpid()}")
     try:
         beside.mkdir(parents=True)
