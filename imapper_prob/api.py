@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
@@ -52,6 +53,7 @@ def sample(
     chains: int | None = None,
     workers: int = 1,
     config: Config | None = None,
+    checkpoints: str | Path | None = None,
     progress: Progress | None = None,
 ) -> Posterior:
     """Sample scenes from the posterior of a clip.
@@ -69,6 +71,9 @@ def sample(
     workers : int
         Processes; the draws do not depend on it.
     config : Config, optional
+    checkpoints : path, optional
+        Folder in which the chains leave what they have every few seconds. The same call goes
+        on from there after a kill, to the same draws. It stays when the run is done.
     progress : callable, optional
         See `solve`.
     """
@@ -84,6 +89,7 @@ def sample(
         config.sample,
         seed=np.random.SeedSequence(config.seed),
         workers=workers,
+        checkpoints=None if checkpoints is None else Path(checkpoints),
         progress=progress,
     )
     return Posterior(solution, samples, config)

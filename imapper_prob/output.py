@@ -11,29 +11,40 @@ from imapper_prob.models.errors import InputError
 from imapper_prob.results.export import write_scenes
 from imapper_prob.results.posterior import Posterior
 
-__all__ = ["check_folder", "write_run"]
+__all__ = ["CHECKPOINTS", "prepare_folder", "write_run"]
+
+CHECKPOINTS = "checkpoints"
+"""Folder in a run's folder that is there while the run is not finished."""
 
 _FILES = ("config.toml", "posterior.nc", "recording.rrd", "scenes.json")
 
 
-def check_folder(folder: Path, *, overwrite: bool) -> None:
+def prepare_folder(folder: Path, *, overwrite: bool) -> None:
     """Refuse early what would fail or destroy something after minutes of work.
+
+    An unfinished run goes on; with ``overwrite`` its checkpoints are deleted.
 
     Raises
     ------
     InputError
-        If the folder holds something (an earlier run is replaced with ``overwrite``, other
+        If the folder holds something (a finished run is replaced with ``overwrite``, other
         files never are), is no folder, or cannot be made.
     """
+    _check_folder(folder, overwrite=overwrite)
+    if overwrite:
+        shutil.rmtree(folder / CHECKPOINTS, ignore_errors=True)
+
+
+def _check_folder(folder: Path, *, overwrite: bool) -> None:
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{folder}: is a file; name a folder for the output")
     present = sorted(p.name for p in folder.iterdir()) if folder.exists() else []
-    strange = [name for name in present if name not in _FILES]
+    strange = [name for name in present if name not in (*_FILES, CHECKPOINTS)]
     if strange:
         raise InputError(
             f"{folder}: holds {strange[0]}, which is not of a run; name another folder"
         )
-    if present and not overwrite:
+    if present and CHECKPOINTS not in present and not overwrite:
         raise InputError(f"{folder}: holds an earlier run; name another folder or add --overwrite")
     parent = folder.resolve().parent
     while not parent.exists():
@@ -45,12 +56,14 @@ def check_folder(folder: Path, *, overwrite: bool) -> None:
 def write_run(folder: Path, posterior: Posterior, *, overwrite: bool) -> None:
     """Write all files beside, then put the folder in its place.
 
+    Checkpoints are dropped, unless the run was interrupted and can go on.
+
     Raises
     ------
     InputError
-        As :func:`check_folder`, or if the disk refuses.
+        As :func:`prepare_folder`, or if the disk refuses.
     """
-    check_folder(folder, overwrite=overwrite)
+    _check_folder(folder, overwrite=overwrite)
     folder = folder.resolve()  # a link stays, and what it points to is replaced
     beside = folder.with_name(f".{folder.name}.partial-{os.getpid()}")
     try:
@@ -60,6 +73,8 @@ def write_run(folder: Path, posterior: Posterior, *, overwrite: bool) -> None:
         posterior.data.to_netcdf(beside / "posterior.nc", engine="h5netcdf")
         posterior.record(beside / "recording.rrd")
         if folder.exists():
+            if not posterior.samples.finished and (folder / CHECKPOINTS).exists():
+                os.replace(folder / CHECKPOINTS, beside / CHECKPOINTS)
             shutil.rmtree(folder)
         os.replace(beside, folder)
     except OSError as error:

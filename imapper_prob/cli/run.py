@@ -7,6 +7,7 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from imapper_prob.cli.energy import show_energy
 from imapper_prob.cli.progress import progress_bars
 from imapper_prob.models.errors import InputError
 
@@ -32,7 +33,9 @@ def add_run_commands(
     sampling.add_argument(
         "--workers", type=int, default=os.cpu_count() or 1, help="processes; draws do not change"
     )
-    sampling.add_argument("--overwrite", action="store_true", help="replace an earlier run in DIR")
+    sampling.add_argument(
+        "--overwrite", action="store_true", help="replace an earlier run in DIR, finished or not"
+    )
 
     demo = commands.add_parser(
         "demo", parents=[shared, sampling], help="simulate a clip and sample its scenes"
@@ -49,6 +52,12 @@ def add_run_commands(
 
     info = commands.add_parser("info", parents=[shared], help="print the result of a run again")
     info.add_argument("folder", type=Path, metavar="DIR")
+    info.add_argument(
+        "--energy",
+        action="store_true",
+        help="why this scene: by term, frame and object; writes DIR/energy.png and energy.json",
+    )
+    info.add_argument("--clip", type=Path, help="with --energy: the clip of the run")
     info.set_defaults(execute=_info)
 
 
@@ -72,23 +81,23 @@ def _config(options: argparse.Namespace, *, steps: int | None = None) -> Config:
 
 def _demo(options: argparse.Namespace) -> None:
     from imapper_prob.demo import demo_clip
-    from imapper_prob.output import check_folder
+    from imapper_prob.output import prepare_folder
 
-    check_folder(options.output, overwrite=options.overwrite)
+    prepare_folder(options.output, overwrite=options.overwrite)
     _sample(options, demo_clip(), _config(options, steps=_DEMO_STEPS))
 
 
 def _run(options: argparse.Namespace) -> None:
     from imapper_prob.inputs import load_clip
-    from imapper_prob.output import check_folder
+    from imapper_prob.output import prepare_folder
 
-    check_folder(options.output, overwrite=options.overwrite)
+    prepare_folder(options.output, overwrite=options.overwrite)
     _sample(options, load_clip(options.clip), _config(options))
 
 
 def _sample(options: argparse.Namespace, clip: Clip, config: Config) -> None:
     import imapper_prob
-    from imapper_prob.output import write_run
+    from imapper_prob.output import CHECKPOINTS, write_run
     from imapper_prob.scenelets.library import load_library
 
     if options.workers < 1:
@@ -96,7 +105,12 @@ def _sample(options: argparse.Namespace, clip: Clip, config: Config) -> None:
     library = load_library(config.library)
     with progress_bars() as progress:
         posterior = imapper_prob.sample(
-            clip, library, config=config, workers=options.workers, progress=progress
+            clip,
+            library,
+            config=config,
+            workers=options.workers,
+            checkpoints=options.output / CHECKPOINTS,
+            progress=progress,
         )
         progress("writing", 0.0)
         write_run(options.output, posterior, overwrite=options.overwrite)
@@ -115,7 +129,7 @@ def _show(posterior: Posterior, folder: Path) -> None:
     console.print(object_table(scenes[0], posterior.clip.truth))
     console.print(posterior.samples.verdict.text)
     if not posterior.samples.finished:
-        console.print("Interrupted: these are the draws that there were.")
+        console.print("Interrupted: these are the draws that there were. The same command goes on.")
     console.print(f"Written to {folder}; look at it with: rerun {folder / 'recording.rrd'}")
 
 
@@ -127,6 +141,8 @@ def _info(options: argparse.Namespace) -> None:
     from imapper_prob.results.tree import read_attributes
 
     folder = options.folder
+    if options.clip is not None and not options.energy:
+        raise InputError("--clip is of use with --energy only")
     scenes = read_scenes(folder / "scenes.json")
     attributes = read_attributes(folder / "posterior.nc")
     console = Console()
@@ -134,3 +150,5 @@ def _info(options: argparse.Namespace) -> None:
     console.print(layout_table(scenes))
     console.print(object_table(scenes[0]))
     console.print(attributes["verdict"])
+    if options.energy:
+        show_energy(folder, options.clip)

@@ -12,8 +12,10 @@ from imapper_prob.config import SampleSettings
 from imapper_prob.models.posterior import State, log_posterior
 from imapper_prob.models.problem import Problem
 from imapper_prob.samplers.chains import Report
+from imapper_prob.samplers.checkpoint import Keeper
 from imapper_prob.samplers.kernel import Mixture
 from imapper_prob.samplers.reversible_jump import AcceptanceTable, sample
+from imapper_prob.sampling.checkpoints import Progress
 from imapper_prob.sampling.moves import (
     Birth,
     CameraWalk,
@@ -108,11 +110,18 @@ def scene_moves(setup: Setup) -> Mixture[State]:
     return Mixture([move for move, _ in weighted], [weight for _, weight in weighted])
 
 
-def run_chain(setup: Setup, start: State, rng: np.random.Generator, report: Report) -> Chain:
+def run_chain(
+    setup: Setup,
+    start: State,
+    rng: np.random.Generator,
+    report: Report,
+    keeper: Keeper | None = None,
+) -> Chain:
     """Run a chain from ``start``; asked to stop, it returns what it has.
 
     The burn-in is annealed: it goes from a flattened posterior to the posterior itself, so
-    that chains leave the scene they started from. None of its draws is kept.
+    that chains leave the scene they started from. None of its draws is kept. With a
+    ``keeper`` the chain goes on from its checkpoint, if there is one.
     """
     settings = setup.settings
     burn_in = int(settings.steps * settings.burn_in)
@@ -121,30 +130,36 @@ def run_chain(setup: Setup, start: State, rng: np.random.Generator, report: Repo
     mixture = scene_moves(setup)
     stages = np.linspace(0, burn_in, len(_ANNEALING) + 1).round().astype(int)
     ends = [*zip(_ANNEALING, stages[1:], strict=True), (1.0, settings.steps)]
-    states, values, trace = [], [], []
-    table = AcceptanceTable()
-    state, n, finished = start, 0, True
+    saved = keeper.load() if keeper is not None else None
+    done = Progress(rng, start) if saved is None else Progress.of(saved)
+    finished = True
     for power, end in ends:
-        if n == end or not finished:
+        if done.steps >= end or not finished:
             continue
         target = partial(_flattened, setup.problem, power)
-        for at, info in sample(rng, state, log_density_fn=target, mixture=mixture):
-            state = at.state
+        for at, info in sample(done.rng, done.state, log_density_fn=target, mixture=mixture):
+            done.state = at.state
             if power == 1.0:
-                table.record(info)
-            if n in keep:
-                states.append(state)
-                values.append(at.log_density)
-            if n in mark:
-                trace.append(at.log_density / power)
-            finished = n % _REPORT_EVERY != 0 or report(n / settings.steps)
-            n += 1
-            if n == end or not finished:
+                done.acceptance.record(info)
+            if done.steps in keep:
+                done.states.append(at.state)
+                done.values.append(at.log_density)
+            if done.steps in mark:
+                done.trace.append(at.log_density / power)
+            asked = done.steps % _REPORT_EVERY == 0
+            done.steps += 1
+            finished = not asked or report(done.steps / settings.steps)
+            if asked and keeper is not None:
+                keeper.offer(done.snapshot)
+            if done.steps == end or not finished:
                 break
+    if keeper is not None:
+        keeper.save(done.snapshot())
+    states, values = done.states, done.values
     if not states:
         # Stopped during burn-in: the last state is all there is.
-        states, values = [state], [log_posterior(setup.problem, state)]
-    return Chain(tuple(states), np.array(values), np.array(trace), table, finished)
+        states, values = [done.state], [log_posterior(setup.problem, done.state)]
+    return Chain(tuple(states), np.array(values), np.array(done.trace), done.acceptance, finished)
 
 
 def _flattened(problem: Problem, power: float, state: State) -> float:

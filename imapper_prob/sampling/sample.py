@@ -4,24 +4,30 @@ from __future__ import annotations
 
 import warnings
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.config import SampleSettings
+from imapper_prob.models.errors import InputError
 from imapper_prob.models.posterior import State, empty_state
 from imapper_prob.models.scene import SceneObject
-from imapper_prob.samplers.chains import run_chains
+from imapper_prob.samplers.chains import ChainError, run_chains
+from imapper_prob.samplers.checkpoint import CheckpointError
 from imapper_prob.samplers.diagnostics import (
     LayoutProbabilities,
     ShortChainWarning,
     layout_probabilities,
 )
+from imapper_prob.samplers.resumable import run_resumable_chains
 from imapper_prob.samplers.reversible_jump import AcceptanceTable
 from imapper_prob.samplers.verdict import Verdict, judge
 from imapper_prob.sampling.chain import Setup, run_chain
+from imapper_prob.sampling.checkpoints import identity_of
 from imapper_prob.sampling.layouts import Layouts, group_layouts, merged_objects
 from imapper_prob.sampling.placements import PlacementDraws, sample_placements
 from imapper_prob.sampling.proposals import Candidates
@@ -91,12 +97,27 @@ def sample_scenes(
     *,
     seed: np.random.SeedSequence,
     workers: int = 1,
+    checkpoints: Path | None = None,
     progress: Progress | None = None,
 ) -> Samples:
     """Sample from where the staged solver arrived.
 
     The result depends on ``seed`` but not on ``workers``. An interrupt (Ctrl-C) ends the
     chains early; what they have is used.
+
+    Parameters
+    ----------
+    solution, settings, seed, workers
+    checkpoints : Path, optional
+        Folder in which the chains leave what they have every few seconds, and from which
+        they go on: run again after a kill, the draws are the same.
+    progress : callable, optional
+        Called with the name of the stage and the part of it that is done.
+
+    Raises
+    ------
+    InputError
+        Checkpoints are damaged, of another run or cannot be written, or processes died.
     """
     chain_seed, layout_seed, ensemble_seed = seed.spawn(3)
     problem = solution.problem
@@ -108,14 +129,23 @@ def sample_scenes(
         if progress is not None:
             progress("jumping between scenes", float(done.mean()))
 
-    chains = run_chains(
-        run_chain,
-        setup,
-        _starts(solution, settings.chains),
-        seed=chain_seed,
-        workers=workers,
-        on_progress=report,
-    )
+    starts = _starts(solution, settings.chains)
+    with _told_plainly(checkpoints):
+        if checkpoints is None:
+            chains = run_chains(
+                run_chain, setup, starts, seed=chain_seed, workers=workers, on_progress=report
+            )
+        else:
+            chains = run_resumable_chains(
+                run_chain,
+                setup,
+                starts,
+                seed=chain_seed,
+                folder=checkpoints,
+                identity=identity_of(problem, setup.candidates, starts, settings, chain_seed),
+                workers=workers,
+                on_progress=report,
+            )
     n = min(len(chain.states) for chain in chains)
     states = tuple(state for chain in chains for state in chain.states[-n:])
     values = np.stack([chain.log_posterior[-n:] for chain in chains])
@@ -143,6 +173,18 @@ def sample_scenes(
         verdict=verdict,
         finished=all(chain.finished for chain in chains),
     )
+
+
+@contextmanager
+def _told_plainly(checkpoints: Path | None) -> Iterator[None]:
+    """What can go wrong with processes and files, as the error that people are shown."""
+    try:
+        yield
+    except (ChainError, CheckpointError) as error:
+        raise InputError(str(error)) from error
+    except OSError as error:
+        reason = error.strerror or error
+        raise InputError(f"{checkpoints}: checkpoints cannot be written ({reason})") from error
 
 
 def setup_of(solution: Solution, settings: SampleSettings) -> Setup:

@@ -1,0 +1,127 @@
+"""Chains over scenes that were interrupted or killed, and go on."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from imapper_prob.config import SampleSettings
+from imapper_prob.inputs import write_clip
+from imapper_prob.models.errors import InputError
+from imapper_prob.samplers.checkpoint import Keeper
+from imapper_prob.sampling.chain import Chain, Setup, run_chain
+from imapper_prob.sampling.checkpoints import Progress
+from imapper_prob.sampling.sample import sample_scenes, setup_of
+from tests.runs import solution
+
+SETTINGS = SampleSettings(
+    steps=1800, draws=40, ensemble_layouts=1, ensemble_steps=4, chains=2, ensembles=2
+)
+
+
+@pytest.fixture(scope="module")
+def setup() -> Setup:
+    return setup_of(solution(), SETTINGS)
+
+
+def run(setup: Setup, path: Path | None, *, stop_at: float = 2.0) -> Chain:
+    """One chain, asked to stop once a part ``stop_at`` of it is done."""
+    keeper = None if path is None else Keeper(path, identity="test", every_seconds=0.0)
+
+    def report(part: object = None, /) -> bool:
+        return not (isinstance(part, float) and part >= stop_at)
+
+    return run_chain(setup, solution().states[0], np.random.default_rng(5), report, keeper)
+
+
+def assert_same(one: Chain, other: Chain) -> None:
+    np.testing.assert_array_equal(one.log_posterior, other.log_posterior)
+    np.testing.assert_array_equal(one.trace, other.trace)
+    assert one.acceptance == other.acceptance
+    for a, b in zip(one.states, other.states, strict=True):
+        for name in ("camera", "items", "placements", "latent"):
+            np.testing.assert_array_equal(getattr(a, name), getattr(b, name))
+
+
+# In the annealed burn-in, between two of its stages (1800 * .4 / 4 * 3 = 540), and after it.
+@pytest.mark.parametrize("stop_at", [0.2, 0.3, 0.7])
+def test_an_interrupted_chain_goes_on_to_the_same_draws(
+    setup: Setup, tmp_path: Path, stop_at: float
+) -> None:
+    undisturbed = run(setup, None)
+    part = run(setup, tmp_path / "chain.npz", stop_at=stop_at)
+    assert not part.finished
+    resumed = run(setup, tmp_path / "chain.npz")
+    assert resumed.finished
+    assert_same(resumed, undisturbed)
+    # Once more: it is done, and only says so.
+    assert_same(run(setup, tmp_path / "chain.npz"), undisturbed)
+
+
+def test_progress_survives_its_snapshot() -> None:
+    progress = Progress(np.random.default_rng(3), solution().states[0], steps=7)
+    progress.states.append(solution().states[-1])
+    progress.values.append(-1.5)
+    again = Progress.of(progress.snapshot())
+    assert again.steps == 7
+    assert again.rng.random() == progress.rng.random()
+    np.testing.assert_array_equal(again.states[0].items, solution().states[-1].items)
+    assert again.values == [-1.5]
+
+
+def test_checkpoints_of_another_run_are_refused(tmp_path: Path) -> None:
+    brief = SampleSettings(
+        steps=200, draws=5, ensemble_layouts=1, ensemble_steps=2, chains=2, ensembles=2
+    )
+    for seed in (1, 1):
+        sample_scenes(solution(), brief, seed=np.random.SeedSequence(seed), checkpoints=tmp_path)
+    with pytest.raises(InputError, match="belongs to a run with other settings"):
+        sample_scenes(solution(), brief, seed=np.random.SeedSequence(2), checkpoints=tmp_path)
+    (tmp_path / "chain-1.npz").write_bytes(b"cut short")
+    with pytest.raises(InputError, match=r"chain-1\.npz is damaged"):
+        sample_scenes(solution(), brief, seed=np.random.SeedSequence(1), checkpoints=tmp_path)
+
+
+@pytest.mark.slow
+def test_a_killed_command_goes_on_to_the_same_scenes(tmp_path: Path) -> None:
+    write_clip(tmp_path / "clip.npz", solution().clip)
+    (tmp_path / "short.toml").write_text(
+        "[sample]\nsteps = 12000\ndraws = 30\nensemble_layouts = 1\nensemble_steps = 4\n"
+        "chains = 2\nensembles = 2\n"
+    )
+
+    def command(out: str) -> list[str]:
+        arguments = ["run", "clip.npz", "--config", "short.toml", "-o", out, "--workers", "2"]
+        return [sys.executable, "-m", "imapper_prob.cli", *arguments]
+
+    def launch(out: str) -> subprocess.Popen[bytes]:
+        return subprocess.Popen(
+            command(out), cwd=tmp_path, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,
+            start_new_session=True, env={**os.environ, "PYTHONPATH": str(Path.cwd())},
+        )  # fmt: skip
+
+    victim = launch("killed")
+    deadline = time.monotonic() + 300
+    while len(list((tmp_path / "killed" / "checkpoints").glob("chain-*.npz"))) < 2:
+        assert victim.poll() is None, victim.communicate()[1].decode()
+        assert time.monotonic() < deadline
+        time.sleep(0.1)
+    os.killpg(victim.pid, signal.SIGKILL)
+    victim.communicate()
+    assert not (tmp_path / "killed" / "scenes.json").exists()
+    for out in ("killed", "undisturbed"):
+        done = launch(out)
+        _, errors = done.communicate(timeout=300)
+        assert done.returncode == 0, errors.decode()
+    one, other = (
+        (tmp_path / out / "scenes.json").read_bytes() for out in ("killed", "undisturbed")
+    )
+    assert one == other
+    assert not (tmp_path / "killed" / "checkpoints").exists()
