@@ -287,7 +287,16 @@ def _initialise(task: Task[Any, Any, Any], problem: Any, shared: _Shared) -> Non
     global _worker
     # The terminal sends Ctrl-C to all processes; only the parent decides what it means.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_die_with_parent, daemon=True).start()
     _worker = task, problem, shared
+
+
+def _die_with_parent() -> None:
+    """End this process when the parent is gone, killed perhaps: it would wait for ever."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
 
 
 def _run_in_worker(job: _Job) -> Any:

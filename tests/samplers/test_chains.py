@@ -9,6 +9,7 @@ import sys
 import textwrap
 import threading
 import time
+from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from pathlib import Path
 
@@ -169,3 +170,45 @@ def test_what_cannot_be_asked_for_is_refused():
         run_chains(
             tasks.walk, 5, [0.0], seed=5, executor=executor, on_progress=lambda *progress: None
         )
+
+
+def test_workers_do_not_outlive_a_parent_that_is_killed(tmp_path: Path) -> None:
+    program = textwrap.dedent(
+        f"""
+        from pathlib import Path
+        from imapper_prob.samplers.chains import run_chains
+        from tests.samplers.tasks import leave_pid
+
+        if __name__ == "__main__":
+            run_chains(leave_pid, Path({str(tmp_path)!r}), [0, 1], seed=0, workers=2)
+        """
+    )
+    (tmp_path / "script.py").write_text(program)
+    parent = subprocess.Popen(
+        [sys.executable, str(tmp_path / "script.py")],
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+    )
+
+    def until(done: Callable[[], bool]) -> None:
+        deadline = time.monotonic() + 60
+        while not done():
+            assert time.monotonic() < deadline
+            time.sleep(0.02)
+
+    def gone(pid: int) -> bool:
+        try:
+            os.kill(pid, 0)
+        except ProcessLookupError:
+            return True
+        # An orphan that nobody has waited for is a zombie: dead, but still listed.
+        status = Path(f"/proc/{pid}/stat")
+        return status.exists() and status.read_text().rsplit(")", 1)[1].split()[0] == "Z"
+
+    def pids() -> list[str]:
+        return [path.read_text() for path in tmp_path.glob("*.pid")]
+
+    until(lambda: len(pids()) == 2 and all(pids()))
+    workers = [int(pid) for pid in pids()]
+    parent.kill()
+    parent.wait()
+    until(lambda: all(gone(pid) for pid in workers))
