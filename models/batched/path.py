@@ -1,0 +1,128 @@
+"""The pelvis path: evidence of its Gaussian chain, and the path drawn (``docs/model.md`` 6-9).
+
+The recursions of :mod:`imapper_prob.models.chain`, both coordinates and all frames at once.
+"""
+
+from __future__ import annotations
+
+import math
+
+import torch
+from torch import Tensor
+
+from imapper_prob.models.batched.layout import Layout
+from imapper_prob.models.batched.scan import affine_scan, fractional_scan
+from imapper_prob.models.batched.tensors import ProblemTensors
+from imapper_prob.models.compiled import _NEAREST
+from imapper_prob.models.skeleton import PELV
+
+__all__ = ["draw_path", "pose_free_frames", "view_depth"]
+
+_LOG_2PI = math.log(2 * math.pi)
+
+
+def view_depth(camera: Tensor, points: Tensor) -> Tensor:
+    """Depth (S, T, ...) of points (S, T, ..., 3) along the optical axis, metres (eq. 1).
+
+    A point nearer than the least depth, or behind the camera, counts as being there.
+    """
+    pitch, height = (camera[:, i].reshape(-1, *[1] * (points.ndim - 2)) for i in (0, 1))
+    along = pitch.cos() * points[..., 1] + pitch.sin() * (points[..., 2] - height)
+    return along.clamp_min(_NEAREST)
+
+
+def _before(after: Tensor, start: Tensor) -> Tensor:
+    """What predicts each frame, from what follows it (S, T, 2)."""
+    return torch.cat([start.expand(len(after), 1, 2), after[:, :-1]], 1)
+
+
+def draw_path(
+    tensors: ProblemTensors, layout: Layout, camera: Tensor, latent: Tensor, joints: Tensor
+) -> tuple[Tensor, Tensor, Tensor]:
+    """Integrate the free frames out, and draw them.
+
+    Parameters
+    ----------
+    camera : (S, 4)
+    latent : (S, T, 2)
+        Standard normal numbers of the draw.
+    joints : (S, T, 16, 3)
+        Motion in the world in covered frames, metres.
+
+    Returns
+    -------
+    evidence : (S,)
+        Log-density of the pelvis at the scenelets, free frames integrated out.
+    placement : (S,)
+        Log-Jacobian from (bearing, log depth) to the floor, and the uniform yaw.
+    path : (S, T, 2)
+        Bearing and log depth of the pelvis in all frames.
+    """
+    covered, begins = layout.covered[..., None], layout.begins[..., None]
+    pelvis = joints[:, :, PELV]
+    depth = view_depth(camera, pelvis)
+    fixed = torch.stack([pelvis[..., 0] / depth, depth.log()], -1)
+    jacobian = camera[:, :1].cos().log() - 2 * depth.log() - _LOG_2PI
+    placement = torch.where(layout.begins, jacobian, 0.0).sum(1)
+
+    # The same pixels under another focal length and body size.
+    focal, body = camera[:, 2, None], camera[:, 3, None]
+    measured = torch.stack(
+        [tensors.measured[:, 0] / focal.exp(), tensors.measured[:, 1] + focal + body], -1
+    )
+    precision = torch.stack(
+        [
+            tensors.precision[:, 0] * (2 * focal).exp(),
+            tensors.precision[:, 1].expand(len(camera), -1),
+        ],
+        -1,
+    )
+    step = tensors.step_variance
+    bend = torch.where(covered, 0.0, precision)
+    variance_after = fractional_scan(
+        torch.where(covered, 0.0, 1 + precision * step),
+        step.expand_as(bend),
+        bend,
+        torch.ones_like(bend),
+        tensors.start_variance,
+    )
+    variance = _before(variance_after, tensors.start_variance)
+    gain = precision * variance
+    mean_after = affine_scan(
+        torch.where(covered, 0.0, 1 / (1 + gain)),
+        torch.where(covered, fixed, gain / (1 + gain) * measured),
+        tensors.start_mean,
+    )
+    mean = _before(mean_after, tensors.start_mean)
+
+    arrival = -0.5 * (_LOG_2PI + variance.log() + (fixed - mean) ** 2 / variance)
+    update = -0.5 * (gain.log1p() + precision * (measured - mean) ** 2 / (1 + gain))
+    here = torch.where(begins, arrival, torch.where(covered, 0.0, update))
+
+    # Backwards: a frame given the next, and the last given nothing.
+    filtered = variance / (1 + gain)
+    pull = filtered / (filtered + step)
+    pull = torch.cat([pull[:, :-1], torch.zeros_like(pull[:, -1:])], 1)
+    drawn = (1 - pull) * mean_after + (filtered * (1 - pull)).sqrt() * latent
+    path = affine_scan(
+        torch.where(covered, 0.0, pull).flip(1),
+        torch.where(covered, fixed, drawn).flip(1),
+        torch.zeros_like(step),
+    ).flip(1)
+    return here.sum((1, 2)), placement, path
+
+
+def pose_free_frames(
+    tensors: ProblemTensors, layout: Layout, camera: Tensor, path: Tensor, joints: Tensor
+) -> Tensor:
+    """The motion in the world (S, T, 16, 3): ``joints``, and each free frame's pose on ``path``."""
+    pitch, height, log_focal, log_body = (camera[:, i, None, None] for i in range(4))
+    depth = path[..., 1, None].exp()
+    pose = log_body.exp()[..., None] * tensors.poses
+    x = path[..., 0, None] * depth + pose[..., 0]
+    y = depth + pose[..., 1]
+    z = tensors.lift[:, None] / log_focal.exp() * depth + pose[..., 2]
+    free = torch.stack(
+        [x, pitch.cos() * y - pitch.sin() * z, pitch.sin() * y + pitch.cos() * z + height], -1
+    )
+    return torch.where(layout.covered[..., None, None], joints, free)

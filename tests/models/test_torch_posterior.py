@@ -1,0 +1,283 @@
+"""The torch executor says what the compiled one says, and its gradients are right."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import cache, reduce
+
+import hypothesis.strategies as st
+import numpy as np
+import pytest
+import torch
+from hypothesis import example, given, settings
+
+from imapper_prob.models.batched.posterior import log_posterior_batch, terms_batch
+from imapper_prob.models.batched.scan import affine_scan, fractional_scan, log_product
+from imapper_prob.models.batched.tensors import to_tensors
+from imapper_prob.models.compiled import TERMS, evaluate
+from imapper_prob.models.problem import Problem
+from tests.models import worlds
+
+N_FRAMES, N_ITEMS = 24, 4
+DEVICES = [
+    "cpu",
+    pytest.param(
+        "cuda", marks=pytest.mark.skipif(not torch.cuda.is_available(), reason="no GPU here")
+    ),
+]
+Batch = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+"""Camera (S, 4), items (S, k, 2), placements (S, k, 3) and latent (S, T, 2)."""
+
+
+@pytest.fixture(autouse=True, scope="module")
+def one_thread() -> Iterator[None]:
+    """The operations are too small for two."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(before)
+
+
+@cache
+def problem(n_frames: int = N_FRAMES) -> Problem:
+    """A walk, some joints and one whole frame of it undetected, free poses at a price.
+
+    One scenelet of the library has two objects, which stand in each other.
+    """
+    rng = np.random.default_rng(3)
+    first, *others = worlds.library(min(5, n_frames))
+    first = replace(first, objects=(*first.objects, worlds.couch(0.5, -0.7, 1.0, "table")))
+    scenelets = worlds.Library("test", (first, *others))
+    whole = worlds.problem(n_frames, scenelets=scenelets)
+    used = whole.used & (rng.random(whole.used.shape) < 0.9)
+    used[n_frames // 2] = False
+    return whole._replace(used=used, free_cost=rng.random(n_frames))
+
+
+def states(seed: int, n: int, whole: Problem, *, wild: bool) -> Batch:
+    """Random states: 0 to 4 scenelets about the walk, or ``wild``, anywhere and overlapping.
+
+    Wild states have boxes and joints behind the camera, cameras and assignments outside the
+    support, and scenelets that share one placement.
+    """
+    rng = np.random.default_rng(seed)
+    camera = whole.camera_mean + rng.normal(size=(n, 4)) * [0.03, 0.05, 0.05, 0.05]
+    latent = rng.normal(size=(n, N_FRAMES, 2))
+    items = np.full((n, N_ITEMS, 2), -1)
+    held = rng.random((n, N_ITEMS)) < 0.7
+    items[..., 0] = np.where(held, rng.integers(0, 3, (n, N_ITEMS)), -1)
+    items[..., 1] = 6 * np.arange(N_ITEMS) + rng.integers(0, 2, (n, N_ITEMS))
+    middle = worlds.walk(N_FRAMES)[np.minimum(items[..., 1] + 2, N_FRAMES - 1), 6]
+    placements = middle + rng.normal(size=middle.shape) * [0.4, 0.4, 3.0]
+    if wild:
+        camera += rng.normal(size=(n, 4)) * [0.3, 0.6, 0.1, 0.1]
+        items[..., 1] += rng.integers(-2, 3, (n, 1)) * (rng.random((n, N_ITEMS)) < 0.1)
+        placements[..., 1] += rng.choice([-5.0, -3.0, 0.0], (n, N_ITEMS))
+        placements[:, 2] = np.where(rng.random((n, 1)) < 0.5, placements[:, 1], placements[:, 2])
+    return camera, items, placements, latent
+
+
+def compiled(whole: Problem, batch: Batch) -> np.ndarray:
+    """(S, 8) terms by the compiled executor."""
+    joints, by_frame = np.empty((whole.n_frames, 16, 3)), np.zeros((whole.n_frames, 2))
+    rows = []
+    for camera, items, placements, latent in zip(*batch, strict=True):
+        held = items[:, 0] >= 0
+        state = (camera, items[held], placements[held], latent)
+        rows.append(evaluate(whole, *state, joints, by_frame))
+    return np.array(rows)
+
+
+def tensors_of(
+    batch: Batch, *, dtype: torch.dtype = torch.float64, device: str = "cpu"
+) -> list[torch.Tensor]:
+    """The batch on a device, derivatives wanted."""
+    camera, items, placements, latent = batch
+    reals = [
+        torch.tensor(a, dtype=dtype, device=device, requires_grad=True)
+        for a in (camera, placements, latent)
+    ]
+    return [reals[0], torch.tensor(items, device=device), reals[1], reals[2]]
+
+
+def batched(
+    whole: Problem, batch: Batch, *, dtype: torch.dtype = torch.float64, device: str = "cpu"
+) -> np.ndarray:
+    tensors = to_tensors(whole, dtype=dtype, device=device)
+    values = terms_batch(tensors, *tensors_of(batch, dtype=dtype, device=device))
+    return values.detach().cpu().double().numpy()
+
+
+@pytest.mark.parametrize("device", DEVICES)
+@pytest.mark.parametrize(("dtype", "near"), [(torch.float64, 1e-9), (torch.float32, 1e-4)])
+@settings(max_examples=40)
+@given(seed=st.integers(0, 10**6), wild=st.booleans(), library=st.sampled_from([True, False]))
+def test_both_executors_agree(
+    device: str, dtype: torch.dtype, near: float, seed: int, wild: bool, library: bool
+) -> None:
+    whole = problem()
+    if not library:
+        bare = np.zeros_like(whole.box_first)
+        whole = whole._replace(box_first=bare)
+    batch = states(seed, 8, whole, wild=wild)
+    found = batched(whole, batch, dtype=dtype, device=device)
+    np.testing.assert_allclose(found, compiled(whole, batch), rtol=near, atol=near)
+
+
+def test_the_random_states_go_everywhere() -> None:
+    """Otherwise agreement would say little."""
+    whole = problem()
+    values = compiled(whole, states(0, 400, whole, wild=True))
+    outside = np.isinf(values[:, 0])
+    assert 0.1 < outside.mean() < 0.7
+    assert ((values[~outside] != 0).mean(0) > 0.3).all(), dict(zip(TERMS, values.T, strict=True))
+    tame = compiled(whole, states(0, 100, whole, wild=False))
+    assert np.isfinite(tame).all()
+
+
+def test_the_log_posterior_is_the_sum_of_its_terms() -> None:
+    whole = problem()
+    batch = tensors_of(states(1, 5, whole, wild=False))
+    tensors = to_tensors(whole)
+    expected = terms_batch(tensors, *batch).sum(1)
+    torch.testing.assert_close(log_posterior_batch(tensors, *batch), expected)
+
+
+def test_states_order_of_items_and_padding_do_not_matter() -> None:
+    whole = problem()
+    camera, items, placements, latent = batch = states(2, 6, whole, wild=False)
+    together = batched(whole, batch)
+    for i in range(6):
+        order = np.random.default_rng(i).permutation(N_ITEMS)
+        order = np.concatenate([order, order[:1]])
+        filled = items[i, order]
+        filled[-1] = -1, 77  # a fifth item that is none
+        one = (camera[[i]], filled[None], placements[[i]][:, order], latent[[i]])
+        np.testing.assert_allclose(batched(whole, one)[0], together[i], rtol=1e-12, atol=1e-12)
+
+
+def test_gradients_are_those_of_the_compiled_terms() -> None:
+    """Against central differences of the other executor, for each term alone.
+
+    The terms have kinks (least clearance, deepest overlap, the cap). A coordinate whose
+    differences to the left and to the right disagree has one within the step, and is left out;
+    these are few.
+    """
+    whole = problem()
+    step = 1e-6
+    reached = np.zeros(len(TERMS), bool)
+    for seed in range(6):
+        batch = states(seed, 1, whole, wild=False)
+        state = tensors_of(batch)
+        values = terms_batch(to_tensors(whole), *state)[0]
+        flat = [batch[i].reshape(-1) for i in (0, 2, 3)]
+        sizes = np.cumsum([len(f) for f in flat])[:-1]
+        middle = np.concatenate(flat)
+
+        def moved(
+            by: np.ndarray, middle: np.ndarray = middle, sizes: np.ndarray = sizes,
+            items: np.ndarray = batch[1],
+        ) -> np.ndarray:  # fmt: skip
+            camera, placements, latent = np.split(middle + by, sizes)
+            pose = placements.reshape(1, N_ITEMS, 3)
+            shifted = (camera[None], items, pose, latent.reshape(1, N_FRAMES, 2))
+            return compiled(whole, shifted)[0]
+
+        here = moved(np.zeros_like(middle))
+        shifts = step * np.eye(len(middle))
+        right = np.array([moved(s) - here for s in shifts]).T / step
+        left = np.array([here - moved(-s) for s in shifts]).T / step
+        for i, name in enumerate(TERMS):
+            numeric = (left[i] + right[i]) / 2
+            if not values[i].requires_grad:
+                assert not numeric.any(), name
+                continue
+            parts = torch.autograd.grad(
+                values[i], (state[0], state[2], state[3]), retain_graph=True, allow_unused=True,
+                materialize_grads=True,
+            )  # fmt: skip
+            found = np.concatenate([p.numpy().reshape(-1) for p in parts])
+            size = 1 + np.abs(numeric)
+            smooth = np.abs(right[i] - left[i]) < 1e-2 * size
+            assert smooth.mean() > 0.95, name
+            assert (np.abs(found - numeric)[smooth] < 1e-4 * size[smooth]).all(), name
+            reached[i] |= bool(found.any())
+    constant = {"layout", "free_pose"}
+    assert {name for name, hit in zip(TERMS, reached, strict=True) if not hit} == constant
+
+
+def odd_cases() -> dict[str, tuple[Problem, Batch]]:
+    """Where a division, a root or a logarithm could go wrong."""
+    whole = problem()
+    camera, latent = np.array(whole.camera_mean)[None], np.zeros((1, N_FRAMES, 2))
+    items = np.array([[[0, 2], [0, 9], [2, 16]]])
+    ahead = np.array([[[0.0, 4.0, 0.0], [0.5, 4.0, 0.0], [1.0, 4.0, 0.0]]])
+    same = np.repeat(ahead[:, :1], 3, 1)
+    blind = whole._replace(used=np.zeros_like(whole.used), precision=np.zeros_like(whole.precision))
+    per_frame = (
+        "keypoints", "used", "confidence_density", "error_scale", "error_dof", "measured",
+        "precision", "lift", "poses", "free_cost",
+    )  # fmt: skip
+    one = whole._replace(
+        static_density=whole.static_density[:, :1].copy(),
+        **{name: getattr(whole, name)[:1] for name in per_frame},
+    )
+    return {
+        "behind the camera": (whole, (camera, items, ahead * [1, -1, 1], latent)),
+        "at the camera": (whole, (camera, items, 0 * ahead, latent)),
+        "very far": (whole, (camera, items, ahead * [1, 100, 1], latent)),
+        "coincident": (whole, (camera, items, same, latent)),
+        "no detection": (blind, (camera, items, ahead, latent)),
+        "no item": (whole, (camera, items[:, :0], ahead[:, :0], latent)),
+        "one frame": (one, (camera, items[:, :0], ahead[:, :0], latent[:, :1])),
+        "covered from end to end": (
+            problem(2),
+            (camera, 0 * items[:, :1], ahead[:, :1], latent[:, :2]),
+        ),
+        "likelihood off": (whole._replace(likelihood=0.0), (camera, items, ahead, latent)),
+        "overlap in time": (whole, (camera, 0 * items, ahead, latent)),
+        "not a number": (whole, (camera * [np.nan, 1, 1, 1], items, ahead, latent)),
+        "below the floor": (whole, (camera * [1, -1, 1, 1], items, ahead, latent)),
+    }
+
+
+@pytest.mark.parametrize("dtype", [torch.float64, torch.float32])
+@pytest.mark.parametrize("name", odd_cases())
+def test_odd_states_have_finite_values_and_gradients(name: str, dtype: torch.dtype) -> None:
+    whole, batch = odd_cases()[name]
+    state = tensors_of(batch, dtype=dtype)
+    values = terms_batch(to_tensors(whole, dtype=dtype), *state)
+    expected = compiled(whole, batch)
+    near = 1e-9 if dtype == torch.float64 else 1e-4
+    np.testing.assert_allclose(values.detach().numpy(), expected, rtol=near, atol=near)
+    values.sum().backward()
+    supported = bool(np.isfinite(expected).all())
+    for part in (state[0], state[2], state[3]):
+        assert part.grad is None or torch.isfinite(part.grad).all()
+        assert supported or part.grad is None or not part.grad.any()
+
+
+@example(seed=0, n=1200)  # long enough to overflow
+@given(seed=st.integers(0, 10**6), n=st.integers(1, 40))
+@settings(max_examples=25)
+def test_scans_are_their_recursions(seed: int, n: int) -> None:
+    rng = np.random.default_rng(seed)
+    a, b, c, d = rng.uniform(0, 2, (4, 2, n, 3))
+    a[rng.random(a.shape) < 0.2] = 0.0  # a frame that forgets what was before it
+    slope, start = rng.normal(size=(2, n, 3)), rng.random(3)
+    h, g = np.broadcast_to(start, (2, 3)), np.broadcast_to(start, (2, 3))
+    fraction, line = np.empty((2, 2, n, 3))
+    for t in range(n):
+        fraction[:, t] = h = (a[:, t] * h + b[:, t]) / (c[:, t] * h + d[:, t])
+        line[:, t] = g = slope[:, t] * g + b[:, t]
+    maps = [torch.tensor(x) for x in (a, b, c, d, start)]
+    np.testing.assert_allclose(fractional_scan(*maps), fraction, rtol=1e-10)
+    found = affine_scan(torch.tensor(slope), maps[1], maps[4])
+    np.testing.assert_allclose(found, line, rtol=1e-8, atol=1e-8)
+
+    matrices = rng.uniform(0, 1, (2, n, 2, 2))
+    product, log_scale = log_product(torch.tensor(matrices))
+    for i in range(2):
+        whole = reduce(np.matmul, matrices[i])
+        np.testing.assert_allclose(product[i] * log_scale[i].exp(), whole, rtol=1e-10)
