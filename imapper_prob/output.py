@@ -16,7 +16,9 @@ __all__ = ["CHECKPOINTS", "prepare_folder", "write_run"]
 CHECKPOINTS = "checkpoints"
 """Folder in a run's folder that is there while the run is not finished."""
 
-_FILES = ("config.toml", "posterior.nc", "recording.rrd", "scenes.json")
+_FILES = (
+    "config.toml", "energy.json", "energy.png", "posterior.nc", "recording.rrd", "scenes.json",
+)  # fmt: skip
 
 
 def prepare_folder(folder: Path, *, overwrite: bool) -> None:

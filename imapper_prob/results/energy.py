@@ -1,0 +1,310 @@
+"""Why this scene? Its log-posterior by term, by frame, by scenelet and by object.
+
+Everything here is a difference or a share of what :func:`imapper_prob.models.posterior.terms`
+computes; nothing is modelled a second time. Signs are those of the log-posterior: more is
+better, and a cost is negative.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import networkx as nx
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from shapely import Polygon
+
+from imapper_prob.models.compiled import TERMS, evaluate
+from imapper_prob.models.energy.occlusion import p_seen
+from imapper_prob.models.energy.swaps import summed_over_swaps
+from imapper_prob.models.errors import InputError
+from imapper_prob.models.geometry import pack_boxes, sight_clearance
+from imapper_prob.models.posterior import State, swapped, terms
+from imapper_prob.models.problem import Problem
+from imapper_prob.models.scene import Placement, SceneObject
+from imapper_prob.models.scenelet import Library
+from imapper_prob.models.skeleton import DETECTED
+
+__all__ = ["Explanation", "FrameShares", "Worth", "explain", "frame_shares"]
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class FrameShares:
+    """What each frame adds to the log-posterior, and what the scene says of it.
+
+    Parameters
+    ----------
+    detections : (T,) float
+        log p(u_t, c_t | all earlier frames, s) in nats, with the frame weight and with left
+        and right swapped or not summed out: these add up to the term exactly.
+    free_pose, motion : (T,) float
+        Nats; they add up to their terms.
+    swapped : (T,) float
+        Probability that the detector took left for right.
+    hidden : (T,) float
+        Mean over the fourteen detected joints of the probability that furniture hides them,
+        before the detections are asked.
+    """
+
+    detections: Array
+    free_pose: Array
+    motion: Array
+    swapped: Array
+    hidden: Array
+
+    @property
+    def total(self) -> Array:
+        """(T,) nats; the terms that belong to no frame are left out."""
+        return self.detections + self.free_pose + self.motion
+
+
+@dataclass(frozen=True)
+class Worth:
+    """What the log-posterior would lose if one part of the scene were left out.
+
+    Parameters
+    ----------
+    name : str
+        Scenelet, or category of the object.
+    action : str
+        What the scenelet does; empty for an object.
+    frames : tuple of (int, int)
+        First and last frame index of the scenelet, or of each that brings the object.
+    terms : mapping of str to float
+        Nats by term; positive where the part helps.
+    """
+
+    name: str
+    action: str
+    frames: tuple[tuple[int, int], ...]
+    terms: Mapping[str, float]
+
+    @property
+    def total(self) -> float:
+        """Nats in all."""
+        return sum(self.terms.values())
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """A scene's log-posterior taken apart.
+
+    Parameters
+    ----------
+    frame_ids : (T,) int
+        The clip's own numbers of the frames.
+    terms, bare_terms : mapping of str to float
+        Nats by term, of the scene and of the same state without any scenelet.
+    frames, bare_frames : FrameShares
+        The same by frame.
+    scenelets : tuple of Worth
+        In order of time. Left out with its furniture, its frames becoming free.
+    objects : tuple of Worth
+        Objects that are one merged. Left out alone: the person goes on moving as if it
+        were there, so this is what is said by lines of sight and by intersections.
+    """
+
+    frame_ids: Ints
+    terms: Mapping[str, float]
+    bare_terms: Mapping[str, float]
+    frames: FrameShares
+    bare_frames: FrameShares
+    scenelets: tuple[Worth, ...]
+    objects: tuple[Worth, ...]
+
+    @property
+    def log_posterior(self) -> float:
+        """Nats, up to the constant of the clip."""
+        return sum(self.terms.values())
+
+    @property
+    def gained(self) -> dict[str, float]:
+        """Nats by term that the scene is better than no scenelet at all."""
+        return _lost(self.terms, self.bare_terms)
+
+
+def explain(
+    problem: Problem, state: State, library: Library, *, frame_ids: ArrayLike | None = None
+) -> Explanation:
+    """Take the log-posterior of a state apart.
+
+    Parameters
+    ----------
+    problem : Problem
+    state : State
+    library : Library
+        Whose scenelets ``problem`` was packed with.
+    frame_ids : (T,) int, optional
+        Numbers of the frames; counted from 0 if not given.
+
+    Raises
+    ------
+    InputError
+        If the state is outside the support of the posterior, where nothing can be compared.
+    """
+    whole = terms(problem, state)
+    if not np.isfinite(sum(whole.values())):
+        raise InputError(
+            "the scene has no finite log-posterior: scenelets overlap or stick out of the clip, "
+            "or the camera is out of bounds; take another scene"
+        )
+    ids = np.arange(problem.n_frames) if frame_ids is None else np.array(frame_ids, np.int64)
+    bare = replace(state, items=state.items[:0], placements=state.placements[:0])
+    scenelets = tuple(
+        Worth(
+            library[scenelet].name,
+            library[scenelet].action,
+            (_span(problem, state, index),),
+            _lost(whole, terms(problem, state.without_item(index))),
+        )
+        for index, scenelet in enumerate(state.items[:, 0].tolist())
+    )
+    return Explanation(
+        frame_ids=ids,
+        terms=whole,
+        bare_terms=terms(problem, bare),
+        frames=frame_shares(problem, state, library),
+        bare_frames=frame_shares(problem, bare, library),
+        scenelets=scenelets,
+        objects=_worth_of_objects(problem, state, library, whole),
+    )
+
+
+def frame_shares(problem: Problem, state: State, library: Library) -> FrameShares:
+    """What each frame adds to the detections, free-pose and motion terms of a state."""
+    n_frames = problem.n_frames
+    joints, by_frame = np.empty((n_frames, 16, 3)), np.zeros((n_frames, 2))
+    evaluate(problem, state.camera, state.items, state.placements, state.latent, joints, by_frame)
+    weight = problem.frame_weight * problem.likelihood
+    # The forward recursion over ever longer clips; what the last frame adds is its share.
+    sums = [
+        summed_over_swaps(by_frame[:n], weight, problem.swap_begins, problem.swap_ends)
+        for n in range(n_frames + 1)
+    ]
+    free = np.full(n_frames, True)
+    for index in range(state.n_scenelets):
+        first, last = _span(problem, state, index)
+        free[first : last + 1] = False
+    boxes = pack_boxes(o for _, o in _placed_objects(state, library))
+    clearance = sight_clearance((0, 0, state.camera[1]), joints[:, list(DETECTED)], boxes)
+    seen = [p_seen(gap, problem.sight_width, problem.surprise) for gap in clearance.ravel()]
+    return FrameShares(
+        detections=np.diff(sums),
+        free_pose=np.where(free, -weight * problem.free_cost, 0.0),
+        motion=_motion_by_frame(problem, state),
+        swapped=swapped(problem, state),
+        hidden=1 - np.reshape(seen, clearance.shape).mean(1),
+    )
+
+
+def _motion_by_frame(problem: Problem, state: State) -> Array:
+    """(T,) the motion term of each frame: only frames with a detection count towards it."""
+    shares = np.zeros(problem.n_frames)
+    for t in np.flatnonzero(problem.used.any(1)):
+        alone = np.zeros_like(problem.used)
+        alone[t] = problem.used[t]
+        shares[t] = terms(problem._replace(used=alone), state)["motion"]
+    return shares
+
+
+def _worth_of_objects(
+    problem: Problem, state: State, library: Library, whole: Mapping[str, float]
+) -> tuple[Worth, ...]:
+    """What each merged object does for the scene, in order of time."""
+    own, own_state = _own_scenelets(problem, state)
+    item_of_box = np.repeat(np.arange(state.n_scenelets), np.diff(own.box_first))
+    placed = _placed_objects(state, library)
+    number = [sum(item == i for i, _ in placed[:k]) for k, (item, _) in enumerate(placed)]
+    result = []
+    for group in _same_objects(placed, problem.merge_angle):
+        gone = np.full(len(own.boxes), False)
+        for k in group:
+            gone |= (item_of_box == placed[k][0]) & (own.box_object == number[k])
+        spans = sorted({_span(problem, state, placed[k][0]) for k in group})
+        lost = _lost(whole, terms(_without_boxes(own, gone), own_state))
+        result.append(Worth(placed[group[0]][1].label, "", tuple(spans), lost))
+    return tuple(sorted(result, key=lambda worth: worth.frames))
+
+
+def _same_objects(placed: Sequence[tuple[int, SceneObject]], angle: float) -> list[list[int]]:
+    """Which objects are one, by the rule of :func:`~imapper_prob.sampling.layouts.merged_objects`.
+
+    Same label, orientations within ``angle`` radians, and footprints that overlap.
+    """
+    graph = nx.Graph()
+    graph.add_nodes_from(range(len(placed)))
+    outlines = [Polygon(o.footprint) for _, o in placed]
+    for a, (item_a, first) in enumerate(placed):
+        for b, (item_b, second) in enumerate(placed[:a]):
+            aligned = np.cos(first.placement.yaw - second.placement.yaw) > np.cos(angle)
+            same = first.label == second.label and item_a != item_b and aligned
+            if same and outlines[a].intersects(outlines[b]):
+                graph.add_edge(a, b)
+    return [sorted(group) for group in nx.connected_components(graph)]
+
+
+def _placed_objects(state: State, library: Library) -> list[tuple[int, SceneObject]]:
+    """Each scenelet's objects in the world, with the index of the item that brings them."""
+    return [
+        (index, o.moved(Placement(*state.placements[index])))
+        for index, scenelet in enumerate(state.items[:, 0].tolist())
+        for o in library[scenelet].objects
+    ]
+
+
+def _own_scenelets(problem: Problem, state: State) -> tuple[Problem, State]:
+    """The same state in a library of exactly its items, in their order.
+
+    A scenelet may be in a state twice; here each has boxes of its own that can be taken away.
+    """
+    chosen = state.items[:, 0]
+    frames = _ranges(problem.joint_first, chosen)
+    boxes = _ranges(problem.box_first, chosen)
+    own = problem._replace(
+        joints=problem.joints[frames],
+        joint_first=_starts(problem.lengths[chosen]),
+        boxes=problem.boxes[boxes],
+        box_first=_starts(np.diff(problem.box_first)[chosen]),
+        box_object=problem.box_object[boxes],
+        box_label=problem.box_label[boxes],
+        box_yaw=problem.box_yaw[boxes],
+        log_rate=problem.log_rate[chosen],
+    )
+    items = np.stack([np.arange(len(chosen)), state.items[:, 1]], -1)
+    return own, replace(state, items=items)
+
+
+def _without_boxes(problem: Problem, gone: NDArray[np.bool_]) -> Problem:
+    """The problem with some of its boxes taken away; ``gone`` is (B,)."""
+    kept = np.concatenate([[0], np.cumsum(~gone)])
+    return problem._replace(
+        boxes=problem.boxes[~gone],
+        box_first=kept[problem.box_first].astype(np.int64),
+        box_object=problem.box_object[~gone],
+        box_label=problem.box_label[~gone],
+        box_yaw=problem.box_yaw[~gone],
+    )
+
+
+def _ranges(first: Ints, chosen: Ints) -> Ints:
+    """Rows of the chosen entries of a packed array."""
+    rows = [np.arange(first[i], first[i + 1]) for i in chosen]
+    return np.concatenate([np.empty(0, np.int64), *rows])
+
+
+def _starts(counts: Ints) -> Ints:
+    return np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
+
+
+def _span(problem: Problem, state: State, index: int) -> tuple[int, int]:
+    """First and last frame index of an item."""
+    scenelet, start = state.items[index].tolist()
+    return start, start + int(problem.lengths[scenelet]) - 1
+
+
+def _lost(whole: Mapping[str, float], rest: Mapping[str, float]) -> dict[str, float]:
+    return {name: whole[name] - rest[name] for name in TERMS}
