@@ -12,6 +12,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+import evaluations
 import numpy as np
 
 from imapper_prob.config import SampleSettings
@@ -107,6 +108,7 @@ def main() -> None:
         ),
         "demo_chain_steps_per_second": chain,
         **library_figures(),
+        **evaluations.figures(),
         "peak_memory_mib": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
     }
     figures = {name: float(f"{value:.4g}") for name, value in figures.items()}

@@ -18,12 +18,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.models.chain import chain
-from imapper_prob.models.energy.intersection import column_depth, footprint_depth
-from imapper_prob.models.energy.occlusion import boxes_in_sight, clearance, p_seen, sight_windows
+from imapper_prob.models.energy.intersection import footprint_depth
 from imapper_prob.models.energy.swaps import summed_over_swaps
 from imapper_prob.models.jit import compiled
+from imapper_prob.models.kernels.body import apart, depth_in_box, set_columns, set_footprint
+from imapper_prob.models.kernels.frame import weigh_frames
+from imapper_prob.models.kernels.sight import BENCH, GAP, aim, clear, look, set_outlook
 from imapper_prob.models.problem import Problem
-from imapper_prob.models.skeleton import MIRROR
 
 __all__ = ["TERMS", "evaluate"]
 
@@ -37,9 +38,6 @@ TERMS = (
 
 _NEAREST = 0.1
 """Metres; depth at which a point counts that is nearer to the camera or behind it."""
-_SMALL = 1e-100
-_SMALLEST = 1e-300
-"""Products of densities are taken apart below the first; none counts less than the second."""
 
 
 @compiled
@@ -164,23 +162,6 @@ def _path(
 
 
 @compiled
-def _joint_density(
-    problem: Problem, t: int, j: int, seen: float, u: float, v: float, loose: float
-) -> float:
-    """p(u_j, c_j | q, m): detection j of frame t, of a joint that projects to (u, v)."""
-    du, dv = u - problem.keypoints[t, j, 0], v - problem.keypoints[t, j, 1]
-    error = du * du + dv * dv
-    total = 0.0
-    for visible in range(2):
-        dof = problem.error_dof[t, j, visible]
-        scale2 = problem.error_scale[t, j, visible] ** 2 + loose
-        student = math.exp(-(dof / 2 + 1) * math.log1p(error / (dof * scale2))) / scale2
-        share = seen if visible == 1 else 1.0 - seen
-        total += share * problem.confidence_density[t, j, visible] * student
-    return total / (2 * math.pi)
-
-
-@compiled
 def _detections(
     problem: Problem,
     camera: Array,
@@ -191,55 +172,40 @@ def _detections(
     by_frame: Array,
 ) -> None:
     """log p(u, c | q, m) summed over each frame's joints: as they are, and sides swapped."""
-    cp, sp = math.cos(camera[0]), math.sin(camera[0])
-    focal, body = math.exp(camera[2]), math.exp(camera[3])
-    windows = sight_windows(camera[1], boxes, turns)
-    chosen = np.empty(len(boxes), dtype=np.int64)
-    seen, loose, pixels = np.empty(16), np.empty(16), np.empty((16, 2))
-    for t in range(len(item_of)):
-        n_chosen = boxes_in_sight(camera[1], joints[t], windows, chosen)
+    n_frames = len(item_of)
+    outlooks = np.empty((len(boxes), 15))
+    for k in range(len(boxes)):
+        set_outlook(camera[1], boxes[k], turns[k], outlooks[k])
+    bench, view, gaps = np.empty(BENCH), np.empty((1, 5)), np.empty((n_frames, 16))
+    for t in range(n_frames):
+        aim(camera[1], joints, t, bench)
+        look(bench, view, 0)
+        clear(outlooks, 0, len(boxes), view, 0, bench)
         for j in range(16):
-            if not (problem.used[t, j] or problem.used[t, MIRROR[j]]):
-                continue
-            x, y, z = joints[t, j, 0], joints[t, j, 1], joints[t, j, 2]
-            gap = clearance(camera[1], x, y, z, boxes, turns, windows, chosen, n_chosen)
-            seen[j] = p_seen(gap, problem.sight_width, problem.surprise)
-            if item_of[t] >= 0:
-                depth = max(cp * y + sp * (z - camera[1]), _NEAREST)
-                up = -sp * y + cp * (z - camera[1])
-                pixels[j, 0] = problem.cx + focal * problem.fx * x / depth
-                pixels[j, 1] = problem.cy - focal * problem.fy * up / depth
-                # A larger body differs by more: else distance alone would seem to fit better.
-                loose[j] = (focal * problem.fx * body * problem.pose_tolerance / depth) ** 2
-        for side in range(2):
-            # Logarithms are dear: one of a product, before it can underflow.
-            frame, product = 0.0, 1.0
-            for j in range(16):
-                if not problem.used[t, j]:
-                    continue
-                of = MIRROR[j] if side == 1 else j
-                if item_of[t] >= 0:
-                    u, v = pixels[of, 0], pixels[of, 1]
-                    product *= _joint_density(problem, t, j, seen[of], u, v, loose[of])
-                else:
-                    product *= (
-                        seen[of] * problem.static_density[side, t, j, 1]
-                        + (1 - seen[of]) * problem.static_density[side, t, j, 0]
-                    )
-                if product < _SMALL:
-                    frame += math.log(max(product, _SMALLEST))
-                    product = 1.0
-            by_frame[t, side] = frame + math.log(product)
+            gaps[t, j] = bench[GAP + j]
+    every, rows = np.ones(n_frames, dtype=np.uint8), np.arange(n_frames)
+    weigh_frames(problem, camera, every, item_of, joints, rows, gaps, bench, by_frame, rows)
 
 
 @compiled
-def _collisions(problem: Problem, boxes: Array, owner: Ints, yaws: Array) -> float:
+def _footprints(boxes: Array, turns: Array) -> Array:
+    """(K, 4) least and greatest x, least and greatest y of every box, metres."""
+    footprints = np.empty((len(boxes), 4))
+    for k in range(len(boxes)):
+        set_footprint(boxes[k], turns[k], footprints[k])
+    return footprints
+
+
+@compiled
+def _collisions(
+    problem: Problem, boxes: Array, footprints: Array, owner: Ints, yaws: Array
+) -> float:
     """E_c: how deep objects of different scenelets are in each other, unless they are one."""
     total = 0.0
     n = len(boxes)
     for a in range(n):
         for b in range(a + 1, n):
-            if owner[a, 0] == owner[b, 0]:
+            if owner[a, 0] == owner[b, 0] or apart(footprints, a, footprints, b):
                 continue
             aligned = math.cos(yaws[a] - yaws[b]) > math.cos(problem.merge_angle)
             if owner[a, 2] == owner[b, 2] and aligned:
@@ -250,38 +216,24 @@ def _collisions(problem: Problem, boxes: Array, owner: Ints, yaws: Array) -> flo
 
 @compiled
 def _motion(
-    problem: Problem, item_of: Ints, joints: Array, boxes: Array, turns: Array, owner: Ints
+    problem: Problem,
+    item_of: Ints,
+    joints: Array,
+    boxes: Array,
+    turns: Array,
+    footprints: Array,
+    owner: Ints,
 ) -> float:
     """E_m: how deep trunk, thighs and shins stand in objects that are not the frame's own."""
     total = 0.0
+    columns, ground = np.empty((5, 4)), np.empty((1, 4))
     for t in range(len(item_of)):
         if not problem.used[t].any():
             continue
-        q = joints[t]
+        set_columns(joints, t, columns, ground, 0)
         for k in range(len(boxes)):
-            if owner[k, 0] == item_of[t]:
-                continue
-            dx, dy = q[6, 0] - boxes[k, 0], q[6, 1] - boxes[k, 1]
-            if dx * dx + dy * dy > (turns[k, 2] + 1.0) ** 2:
-                continue
-            # The trunk starts above the seat; each thigh and shin is a short column.
-            depth = column_depth(q[6, 0], q[6, 1], q[6, 2] - 0.05, q[9, 2], boxes[k], turns[k])
-            for side in range(2):
-                hip, knee, ankle = (2, 1, 0) if side == 0 else (3, 4, 5)
-                depth = max(
-                    depth,
-                    column_depth(
-                        0.5 * (q[hip, 0] + q[knee, 0]), 0.5 * (q[hip, 1] + q[knee, 1]),
-                        min(q[hip, 2], q[knee, 2]), max(q[hip, 2], q[knee, 2]),
-                        boxes[k], turns[k],
-                    ),
-                    column_depth(
-                        0.5 * (q[knee, 0] + q[ankle, 0]), 0.5 * (q[knee, 1] + q[ankle, 1]),
-                        min(q[knee, 2], q[ankle, 2]), max(q[knee, 2], q[ankle, 2]),
-                        boxes[k], turns[k],
-                    ),
-                )  # fmt: skip
-            total += depth
+            if owner[k, 0] != item_of[t] and not apart(ground, 0, footprints, k):
+                total += depth_in_box(columns, boxes, turns, k)
     return -problem.motion_cost * problem.frame_weight * problem.likelihood * total
 
 
@@ -341,12 +293,13 @@ def evaluate(
     if problem.likelihood == 0.0:
         return terms
     boxes, turns, owner, yaws = _place_boxes(problem, items, placements)
+    footprints = _footprints(boxes, turns)
     _detections(problem, camera, item_of, joints, boxes, turns, by_frame)
     weight = problem.frame_weight * problem.likelihood
     terms[4] = summed_over_swaps(by_frame, weight, problem.swap_begins, problem.swap_ends)
     for t in range(len(item_of)):
         if item_of[t] < 0:
             terms[5] -= weight * problem.free_cost[t]
-    terms[6] = _collisions(problem, boxes, owner, yaws)
-    terms[7] = _motion(problem, item_of, joints, boxes, turns, owner)
+    terms[6] = _collisions(problem, boxes, footprints, owner, yaws)
+    terms[7] = _motion(problem, item_of, joints, boxes, turns, footprints, owner)
     return terms

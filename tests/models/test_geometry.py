@@ -9,8 +9,9 @@ from hypothesis import strategies as st
 from shapely import Point, Polygon
 
 from imapper_prob.models.energy.intersection import column_depth, footprint_depth
-from imapper_prob.models.energy.occlusion import boxes_in_sight, clearance, p_seen, sight_windows
+from imapper_prob.models.energy.occlusion import p_seen
 from imapper_prob.models.geometry import NOTHING_IN_SIGHT, OPAQUE, pack_boxes, sight_clearance
+from imapper_prob.models.kernels.sight import BENCH, GAP, aim, clear, look, set_outlook
 from tests.models.worlds import couch
 
 
@@ -22,6 +23,18 @@ def random_boxes(rng: np.random.Generator, n: int) -> np.ndarray:
 def turns_of(boxes: np.ndarray) -> np.ndarray:
     radius = np.linalg.norm(boxes[:, 3:6], axis=1)
     return np.stack([np.cos(boxes[:, 6]), np.sin(boxes[:, 6]), radius], -1)
+
+
+def compiled_clearance(elevation: float, joints: np.ndarray, boxes: np.ndarray) -> np.ndarray:
+    """Clearance of the lines of sight to sixteen joints, by the kernel of the chains."""
+    outlooks, turns = np.empty((len(boxes), 15)), turns_of(boxes)
+    for box, turn, outlook in zip(boxes, turns, outlooks, strict=True):
+        set_outlook(elevation, box, turn, outlook)
+    bench, view = np.empty(BENCH), np.empty((1, 5))
+    aim(elevation, joints[None], 0, bench)
+    look(bench, view, 0)
+    clear(outlooks, 0, len(boxes), view, 0, bench)
+    return bench[GAP : GAP + 16]
 
 
 def along_the_ray(origin: np.ndarray, point: np.ndarray, box: np.ndarray) -> float:
@@ -39,14 +52,11 @@ def test_clearance_is_the_least_box_function_on_the_segment(seed: int) -> None:
     rng = np.random.default_rng(seed)
     boxes = random_boxes(rng, 4)
     origin = np.array([0.0, 0.0, rng.uniform(0.5, 2.0)])
-    points = rng.uniform([-2, 0.5, 0], [2, 6, 2], (8, 3))
+    points = rng.uniform([-2, 0.5, 0], [2, 6, 2], (16, 3))
     reference = sight_clearance(origin, points, boxes)
     brute = [min([NOTHING_IN_SIGHT, *(along_the_ray(origin, p, b) for b in boxes)]) for p in points]
     np.testing.assert_allclose(reference, brute, atol=8e-3)
-    every = np.arange(len(boxes))
-    turns = turns_of(boxes)
-    windows = sight_windows(origin[2], boxes, turns)
-    compiled = [clearance(origin[2], *p, boxes, turns, windows, every, len(every)) for p in points]
+    compiled = compiled_clearance(origin[2], points, boxes)
     np.testing.assert_allclose(compiled, reference, atol=1e-9)
 
 
@@ -55,13 +65,9 @@ def test_clearance_is_the_least_box_function_on_the_segment(seed: int) -> None:
 def test_boxes_out_of_sight_make_no_difference(seed: int) -> None:
     rng = np.random.default_rng(seed)
     boxes = random_boxes(rng, 12)
-    turns, chosen = turns_of(boxes), np.empty(12, dtype=np.int64)
     joints = rng.uniform([-2, 0.5, 0.5], [2, 6, 1.5]) + rng.normal(0, 0.3, (16, 3))
-    windows = sight_windows(1.4, boxes, turns)
-    n = boxes_in_sight(1.4, joints, windows, chosen)
     everything = sight_clearance([0, 0, 1.4], joints, boxes)
-    culled = [clearance(1.4, *q, boxes, turns, windows, chosen, n) for q in joints]
-    np.testing.assert_allclose(culled, everything, atol=1e-9)
+    np.testing.assert_allclose(compiled_clearance(1.4, joints, boxes), everything, atol=1e-9)
 
 
 def test_clearance_has_the_sign_of_hidden() -> None:
@@ -82,9 +88,8 @@ def test_a_thin_board_hides_what_is_behind_it() -> None:
 def test_without_furniture_clearance_is_capped() -> None:
     none = np.empty((0, 7))
     assert sight_clearance([0, 0, 1.5], [[0.0, 3.0, 1.0]], none)[0] == NOTHING_IN_SIGHT
-    turns, windows = np.empty((0, 3)), np.empty((0, 5))
-    free = clearance(1.5, 0.0, 3.0, 1.0, none, turns, windows, np.arange(0), 0)
-    assert free == NOTHING_IN_SIGHT
+    free = compiled_clearance(1.5, np.tile([0.0, 3.0, 1.0], (16, 1)), none)
+    np.testing.assert_array_equal(free, NOTHING_IN_SIGHT)
 
 
 def test_p_seen_is_a_step_that_never_reaches_0_or_1() -> None:

@@ -1,0 +1,98 @@
+"""The log-posterior along a chain: each proposal costs what it changes.
+
+A walk of one scenelet among five moves the frames it covers, the path up to its neighbours,
+and its boxes in the view of the rest. :class:`Incremental` remembers what everything else
+came to. Its value is that of :func:`imapper_prob.models.posterior.log_posterior`.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from imapper_prob.models.kernels.change import change, weigh_bare_frames
+from imapper_prob.models.kernels.memory import new_memory
+from imapper_prob.models.posterior import State
+from imapper_prob.models.problem import Problem
+
+__all__ = ["Incremental"]
+
+_CAPACITY = 8
+"""Scenelets there is room for at first; it is doubled when it runs out."""
+
+
+class Incremental:
+    """Evaluates proposals from a current state, and moves on when told so.
+
+    Parameters
+    ----------
+    problem : Problem
+    state : State
+        Where to start.
+
+    Raises
+    ------
+    ValueError
+        ``state`` is outside the support.
+    """
+
+    def __init__(self, problem: Problem, state: State) -> None:
+        self._problem = problem
+        self._state, self._value = state, -math.inf
+        self._proposal: tuple[State, float] | None = None
+        self._start(_CAPACITY)
+
+    @property
+    def state(self) -> State:
+        """The current state."""
+        return self._state
+
+    @property
+    def log_posterior(self) -> float:
+        """log pi of the current state, nats."""
+        return self._value
+
+    def propose(self, state: State) -> float:
+        """log pi of ``state``, nats, -inf outside the support; the current state stays."""
+        if state.n_scenelets > self._capacity:
+            self._start(2 * state.n_scenelets)
+        value: float = change(
+            self._problem, self._memory, self._state.n_scenelets, self._state.camera,
+            self._state.latent, state.camera, state.items, state.placements, state.latent,
+        )  # fmt: skip
+        self._proposal = state, value
+        return value
+
+    def accept(self) -> None:
+        """Make the state last proposed the current one.
+
+        Raises
+        ------
+        ValueError
+            Nothing was proposed since the last time, or it is outside the support.
+        """
+        if self._proposal is None or self._proposal[1] == -math.inf:
+            raise ValueError("there is no proposal inside the support to accept")
+        self._state, self._value = self._proposal
+        self._proposal = None
+        memory = self._memory
+        for now, proposed in (memory.slots, memory.cover, memory.evidence):
+            np.copyto(now, proposed)
+        np.bitwise_xor(memory.pose_at, memory.moved, out=memory.pose_at)
+        np.bitwise_xor(memory.sum_at, memory.changed, out=memory.sum_at)
+
+    def _start(self, room: int) -> None:
+        """Remember nothing but the current state, with room for so many scenelets."""
+        state = self._state
+        self._capacity = max(room, state.n_scenelets)
+        self._memory = new_memory(self._problem, self._capacity)
+        weigh_bare_frames(self._problem, self._memory, state.camera)
+        value: float = change(
+            self._problem, self._memory, -1, state.camera,
+            state.latent, state.camera, state.items, state.placements, state.latent,
+        )  # fmt: skip
+        if value == -math.inf:
+            raise ValueError("an evaluation cannot start from a state outside the support")
+        self._proposal = state, value
+        self.accept()

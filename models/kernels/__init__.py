@@ -1,0 +1,1 @@
+"""Compiled kernels that the full and the incremental evaluation share."""

@@ -1,0 +1,140 @@
+"""What an incremental evaluation remembers, in flat arrays.
+
+Scenelets live in slots: one keeps its slot for as long as nothing about it changes. What
+depends on a frame has two rows, one that holds for the current state and one to write a
+proposal into; to accept is to say of some frames that the other row now holds.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imapper_prob.models.kernels.sight import BENCH
+from imapper_prob.models.problem import Problem
+
+__all__ = ["ADDED", "KEPT", "REMOVED", "UNUSED", "Memory", "new_memory"]
+
+UNUSED, KEPT, ADDED, REMOVED = range(4)
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Flags = NDArray[np.uint8]
+
+
+class Memory(NamedTuple):
+    """T frames, S slots of up to B boxes; box b of slot s is in row ``s * B + b``.
+
+    Frame t is in row t or T + t of arrays of 2 T rows. Index 0 of ``slots``, ``cover`` and
+    ``evidence`` is the current state and 1 the proposed one.
+    """
+
+    slots: Ints  # (2, S + 1) slot of each scenelet, in order of time
+    role: Ints  # (S,) what becomes of a slot in the proposal: UNUSED, KEPT, ADDED or REMOVED
+    cover: Ints  # (2, T) slot whose scenelet poses the frame, -1 if none
+    evidence: Array  # (2, S + 1) of the path before each scenelet, and after the last
+
+    items: Ints  # (S, 3) scenelet, start frame, frame after its end
+    placements: Array  # (S, 3) x, y (m), yaw (rad)
+    pelvis: Array  # (S, 4) bearing and log depth in the first frame, and in the last
+    placed: Array  # (S,) log density of the placement given the pelvis, nats
+    pairs: Array  # (S, S) metres that objects of two scenelets are in each other
+    counts: Ints  # (S,) boxes of each
+    boxes: Array  # (S B, 7) in the world
+    turns: Array  # (S B, 3) cosine and sine of the yaw, half a diagonal
+    outlooks: Array  # (S B, 15) see set_outlook
+    footprints: Array  # (S B, 4) see set_footprint
+    hulls: Array  # (S, 5) window of all boxes of a slot
+    floors: Array  # (S, 4) footprint of all boxes of a slot
+    labels: Ints  # (S B,) category of the object
+    yaws: Array  # (S B,) of the object, radians
+
+    pose_at: Flags  # (T,) which row of the frame holds, of what follows
+    moved: Flags  # (T,) whether the proposal wrote the other
+    pose_row: Ints  # (T,) the row that holds in the proposal
+    path: Array  # (2 T, 2) bearing and log depth of a free frame
+    joints: Array  # (2 T, 16, 3) in the world, metres
+    lines: Array  # (2 T, 48) see keep_aim
+    views: Array  # (2 T, 5) see look
+    ground: Array  # (2 T, 4) see set_columns
+    gaps: Array  # (S, 2 T, 16) clearance of the joints from a slot's boxes, where near
+    near: Flags  # (S, 2 T) whether any box of the slot can come near a line of sight
+    depths: Array  # (S, 2 T) how deep the body stands in the slot's objects, metres
+
+    sum_at: Flags  # (T,) which row of the frame holds, of what follows
+    changed: Flags  # (T,) whether the proposal wrote the other
+    sum_row: Ints  # (T,) the row that holds in the proposal
+    by_frame: Array  # (2 T, 2) log-likelihood as it is, and with sides swapped, nats
+    votes: Array  # (2 T, 3) the greater of the two, weighted, and both densities over it
+    inside: Array  # (2 T,) how deep the body stands in objects not its own, metres
+
+    bare: Array  # (T, 2) by_frame of a free frame with nothing in sight
+    watched: Flags  # (T,) whether anything of the frame was detected
+    wanted: Flags  # (T,) workspace
+    clearance: Array  # (T, 16) workspace
+    bench: Array  # (BENCH,) workspace
+    columns: Array  # (5, 4) workspace
+    filtered: Array  # (T, 6) workspace
+
+
+def new_memory(problem: Problem, capacity: int) -> Memory:
+    """Memory for states of up to ``capacity`` scenelets and proposals of as many."""
+    n_frames, n_slots = problem.n_frames, 2 * capacity
+    n_boxes = max(1, int(np.diff(problem.box_first).max()))
+    rows, all_boxes = 2 * n_frames, n_slots * n_boxes
+
+    def zeros(*shape: int) -> Array:
+        return np.zeros(shape)
+
+    def ints(*shape: int) -> Ints:
+        return np.zeros(shape, np.int64)
+
+    def flags(*shape: int) -> Flags:
+        return np.zeros(shape, np.uint8)
+
+    return Memory(
+        slots=ints(2, n_slots + 1),
+        role=ints(n_slots),
+        cover=ints(2, n_frames),
+        evidence=zeros(2, n_slots + 1),
+        items=ints(n_slots, 3),
+        placements=zeros(n_slots, 3),
+        pelvis=zeros(n_slots, 4),
+        placed=zeros(n_slots),
+        pairs=zeros(n_slots, n_slots),
+        counts=ints(n_slots),
+        boxes=zeros(all_boxes, 7),
+        turns=zeros(all_boxes, 3),
+        outlooks=zeros(all_boxes, 15),
+        footprints=zeros(all_boxes, 4),
+        hulls=zeros(n_slots, 5),
+        floors=zeros(n_slots, 4),
+        labels=ints(all_boxes),
+        yaws=zeros(all_boxes),
+        pose_at=flags(n_frames),
+        moved=flags(n_frames),
+        pose_row=ints(n_frames),
+        path=zeros(rows, 2),
+        joints=zeros(rows, 16, 3),
+        lines=zeros(rows, 48),
+        views=zeros(rows, 5),
+        ground=zeros(rows, 4),
+        gaps=zeros(n_slots, rows, 16),
+        near=flags(n_slots, rows),
+        depths=zeros(n_slots, rows),
+        sum_at=flags(n_frames),
+        changed=flags(n_frames),
+        sum_row=ints(n_frames),
+        by_frame=zeros(rows, 2),
+        votes=zeros(rows, 3),
+        inside=zeros(rows),
+        bare=zeros(n_frames, 2),
+        watched=np.asarray(problem.used.any(axis=1), np.uint8),
+        wanted=flags(n_frames),
+        clearance=zeros(n_frames, 16),
+        bench=zeros(BENCH),
+        columns=zeros(5, 4),
+        filtered=zeros(n_frames, 6),
+    )

@@ -1,0 +1,232 @@
+"""Lines of sight to the sixteen joints of a frame, side by side, compiled.
+
+The clearance of a line of sight is :func:`imapper_prob.models.energy.occlusion.clearance`;
+here it is worked out for all joints of a frame at once. The bench, one flat array, holds a
+row of sixteen numbers for every quantity: rows at fixed places in one array are what lets
+the compiler work on many joints in one instruction.
+
+For a line that starts at ``p`` and runs along ``d`` in the axes of a box with half sides
+``h``, the least of ``max_i |p_i + s d_i| - h_i`` over s in [0, 1] is the largest of
+
+    -h_i,    |p_i + d_i / 2| - |d_i| / 2 - h_i                             for every axis,
+    (|p_i d_k - p_k d_i| - |d_k| h_i - |d_i| h_k) / (|d_i| + |d_k|)        for every pair:
+
+the least of a maximum of straight lines is, by duality, the largest of the leasts of any one
+or two of them, and these are the separating axes of a segment and a box. Nothing branches.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imapper_prob.models.energy.occlusion import set_window
+from imapper_prob.models.geometry import NOTHING_IN_SIGHT, OPAQUE
+from imapper_prob.models.jit import compiled
+
+__all__ = [
+    "BENCH", "FIRST_FREE", "GAP", "aim", "aim_again", "clear", "keep_aim", "look", "may_hide",
+    "set_outlook",
+]  # fmt: skip
+
+Array = NDArray[np.float64]
+
+# Where the rows of the bench start. The line of sight in the world, metres;
+_X, _Y, _Z = 0, 16, 32
+# in a box's axes, half of it, and half its size along each axis;
+_MIDDLE, _EXTENT = 48, 96
+# for the pairs of axes 01, 02, 12 the share of the first in |d_i| + |d_k|, and that of the
+# second, signed as d_i d_k.
+_FIRST, _SECOND = 144, 192
+GAP = 240
+"""Row of the bench that holds the clearance of every joint, metres."""
+FIRST_FREE = 256
+"""First number of the bench that lines of sight do not use."""
+BENCH = 1024
+"""Numbers on the bench."""
+
+_NEAR = 0.05
+"""Metres; nearer than this, bearing and slope say nothing."""
+_LEVEL = 1e-15
+"""Metres; a line that runs less than this along an axis is taken to run so much, which moves
+its clearance by no more."""
+
+
+@compiled
+def _share(first: float, second: float) -> float:
+    """``first / (first + second)``; without Python's check for zero, which would branch."""
+    return np.divide(first, first + second)  # type: ignore[no-any-return]
+
+
+@compiled
+def set_outlook(elevation: float, box: Array, turn: Array, outlook: Array) -> None:
+    """What :func:`clear` needs of a box, into ``outlook`` (15,).
+
+    Parameters
+    ----------
+    elevation : float
+        Of the camera, metres.
+    box : (7,) float
+        In the world.
+    turn : (2 or more,) float
+        Cosine and sine of its yaw.
+    outlook : (15,) float
+        Out: :func:`imapper_prob.models.energy.occlusion.set_window`; cosine and sine; the
+        camera in the box's axes, half sides, by how much depth counts more because the box
+        is thin, and the least value of its box function.
+    """
+    set_window(elevation, box, turn, outlook)
+    outlook[5], outlook[6] = turn[0], turn[1]
+    x, y = -box[0], -box[1]
+    outlook[7] = turn[0] * x + turn[1] * y
+    outlook[8] = turn[0] * y - turn[1] * x
+    outlook[9] = elevation - box[2]
+    outlook[10], outlook[11], outlook[12] = box[3], box[4], box[5]
+    thinnest = min(box[3], box[4], box[5])
+    outlook[13] = max(1.0, OPAQUE / thinnest)
+    outlook[14] = -thinnest
+
+
+@compiled
+def aim(elevation: float, joints: Array, row: int, bench: Array) -> None:
+    """Put the lines of sight to ``joints[row]`` (16, 3) on the bench, nothing in their way."""
+    for j in range(16):
+        bench[_X + j] = joints[row, j, 0]
+        bench[_Y + j] = joints[row, j, 1]
+        bench[_Z + j] = joints[row, j, 2] - elevation
+        bench[GAP + j] = NOTHING_IN_SIGHT
+
+
+@compiled
+def keep_aim(bench: Array, lines: Array, row: int) -> None:
+    """Remember the lines of sight on the bench in ``lines[row]`` (48,)."""
+    for j in range(48):
+        lines[row, j] = bench[_X + j]
+
+
+@compiled
+def aim_again(lines: Array, row: int, bench: Array) -> None:
+    """Put lines of sight back on the bench, nothing in their way."""
+    for j in range(48):
+        bench[_X + j] = lines[row, j]
+    for j in range(16):
+        bench[GAP + j] = NOTHING_IN_SIGHT
+
+
+@compiled
+def _bounds(at: int, bench: Array) -> tuple[float, float]:
+    """Least and greatest of a row, by halves: a chain of sixteen comparisons would wait."""
+    for j in range(8):
+        bench[_FIRST + j] = min(bench[at + j], bench[at + 8 + j])
+        bench[_SECOND + j] = max(bench[at + j], bench[at + 8 + j])
+    for j in range(4):
+        bench[_FIRST + 8 + j] = min(bench[_FIRST + j], bench[_FIRST + 4 + j])
+        bench[_SECOND + 8 + j] = max(bench[_SECOND + j], bench[_SECOND + 4 + j])
+    low = min(
+        min(bench[_FIRST + 8], bench[_FIRST + 9]), min(bench[_FIRST + 10], bench[_FIRST + 11])
+    )
+    high = max(
+        max(bench[_SECOND + 8], bench[_SECOND + 9]), max(bench[_SECOND + 10], bench[_SECOND + 11])
+    )
+    return low, high
+
+
+@compiled
+def look(bench: Array, views: Array, row: int) -> None:
+    """The part of the view in which the lines on the bench lie, into ``views[row]`` (5,).
+
+    Bounds of bearing x / y and of slope z / y, and the largest y. A joint behind the camera
+    may be anywhere.
+    """
+    nearest, far = _bounds(_Y, bench)
+    if nearest <= _NEAR:
+        views[row, 0], views[row, 1] = -math.inf, math.inf
+        views[row, 2], views[row, 3] = -math.inf, math.inf
+        views[row, 4] = math.inf
+        return
+    for j in range(16):
+        nearness = np.divide(1.0, bench[_Y + j])
+        bench[_MIDDLE + j] = bench[_X + j] * nearness
+        bench[_EXTENT + j] = bench[_Z + j] * nearness
+    views[row, 0], views[row, 1] = _bounds(_MIDDLE, bench)
+    views[row, 2], views[row, 3] = _bounds(_EXTENT, bench)
+    views[row, 4] = far
+
+
+@compiled
+def may_hide(windows: Array, k: int, views: Array, row: int) -> bool:
+    """Whether a box in ``windows[k]`` can come near a line of sight in ``views[row]``."""
+    return bool(
+        windows[k, 4] <= views[row, 4]
+        and windows[k, 0] <= views[row, 1]
+        and windows[k, 1] >= views[row, 0]
+        and windows[k, 2] <= views[row, 3]
+        and windows[k, 3] >= views[row, 2]
+    )
+
+
+@compiled
+def clear(outlooks: Array, first: int, last: int, views: Array, row: int, bench: Array) -> bool:
+    """Lower the clearance on the bench to that of boxes ``first`` to ``last - 1``.
+
+    ``outlooks`` (K, 15) are those of :func:`set_outlook`. Returns whether any of the boxes
+    can come near a line of sight.
+    """
+    turned = -1
+    for k in range(first, last):
+        if may_hide(outlooks, k, views, row):
+            c, s = outlooks[k, 5], outlooks[k, 6]
+            if turned < 0 or c != outlooks[turned, 5] or s != outlooks[turned, 6]:
+                _turn(c, s, bench)
+                turned = k
+            _pass_by(outlooks, k, bench)
+    return turned >= 0
+
+
+@compiled
+def _turn(c: float, s: float, bench: Array) -> None:
+    """The lines of sight in the axes of boxes whose yaw has cosine ``c`` and sine ``s``."""
+    for j in range(16):
+        u = c * bench[_X + j] + s * bench[_Y + j]
+        v = c * bench[_Y + j] - s * bench[_X + j]
+        w = bench[_Z + j]
+        bench[_MIDDLE + j] = 0.5 * u
+        bench[_MIDDLE + 16 + j] = 0.5 * v
+        bench[_MIDDLE + 32 + j] = 0.5 * w
+        bench[_EXTENT + j] = 0.5 * abs(u)
+        bench[_EXTENT + 16 + j] = 0.5 * abs(v)
+        bench[_EXTENT + 32 + j] = 0.5 * abs(w)
+        along, across, up = max(abs(u), _LEVEL), max(abs(v), _LEVEL), max(abs(w), _LEVEL)
+        share = _share(along, across)
+        bench[_FIRST + j] = share
+        bench[_SECOND + j] = math.copysign(1.0 - share, u * v)
+        share = _share(along, up)
+        bench[_FIRST + 16 + j] = share
+        bench[_SECOND + 16 + j] = math.copysign(1.0 - share, u * w)
+        share = _share(across, up)
+        bench[_FIRST + 32 + j] = share
+        bench[_SECOND + 32 + j] = math.copysign(1.0 - share, v * w)
+
+
+@compiled
+def _pass_by(outlooks: Array, k: int, bench: Array) -> None:
+    """Lower every joint's clearance to that of box ``k``, in whose axes the lines are."""
+    p0, p1, p2 = outlooks[k, 7], outlooks[k, 8], outlooks[k, 9]
+    h0, h1, h2 = outlooks[k, 10], outlooks[k, 11], outlooks[k, 12]
+    thin, least = outlooks[k, 13], outlooks[k, 14]
+    longer01, longer02, longer12 = h0 - h1, h0 - h2, h1 - h2
+    for j in range(16):
+        axis0 = abs(p0 + bench[_MIDDLE + j]) - bench[_EXTENT + j] - h0
+        axis1 = abs(p1 + bench[_MIDDLE + 16 + j]) - bench[_EXTENT + 16 + j] - h1
+        axis2 = abs(p2 + bench[_MIDDLE + 32 + j]) - bench[_EXTENT + 32 + j] - h2
+        first, second = bench[_FIRST + j], bench[_SECOND + j]
+        pair01 = abs(first * p1 - second * p0) + (first * longer01 - h0)
+        first, second = bench[_FIRST + 16 + j], bench[_SECOND + 16 + j]
+        pair02 = abs(first * p2 - second * p0) + (first * longer02 - h0)
+        first, second = bench[_FIRST + 32 + j], bench[_SECOND + 32 + j]
+        pair12 = abs(first * p2 - second * p1) + (first * longer12 - h1)
+        value = max(max(max(least, axis0), max(axis1, axis2)), max(pair01, max(pair02, pair12)))
+        value = min(value, value * thin)
+        bench[GAP + j] = min(bench[GAP + j], value)

@@ -1,0 +1,122 @@
+"""What a scenelet in its place brings along: its boxes, and where the person is in it."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imapper_prob.models.energy.intersection import footprint_depth
+from imapper_prob.models.jit import compiled
+from imapper_prob.models.kernels.body import apart, set_footprint
+from imapper_prob.models.kernels.memory import Memory
+from imapper_prob.models.kernels.sight import set_outlook
+from imapper_prob.models.problem import Problem
+from imapper_prob.models.skeleton import PELV
+
+__all__ = ["collide", "fill_slot", "pose_covered_frames"]
+
+Array = NDArray[np.float64]
+
+_NEAREST = 0.1
+"""Metres; depth at which a point counts that is nearer to the camera or behind it."""
+
+
+@compiled
+def fill_slot(problem: Problem, memory: Memory, camera: Array, slot: int) -> None:
+    """Everything of ``slot`` that follows from its item and placement."""
+    _place_boxes(problem, memory, camera, slot)
+    scenelet = memory.items[slot, 0]
+    first, last = problem.joint_first[scenelet], problem.joint_first[scenelet + 1] - 1
+    depth = _pelvis(problem, memory, camera, slot, last, 2)
+    depth = _pelvis(problem, memory, camera, slot, first, 0)
+    # From (bearing, log depth) of the first pelvis to (x, y), and a uniform yaw.
+    cosine = math.cos(camera[0])
+    memory.placed[slot] = math.log(cosine / (depth * depth)) - math.log(2 * math.pi)
+
+
+@compiled
+def _pelvis(
+    problem: Problem, memory: Memory, camera: Array, slot: int, frame: int, to: int
+) -> float:
+    """Bearing and log depth of the pelvis in a frame of the library; returns its depth."""
+    px, py, yaw = memory.placements[slot]
+    body = math.exp(camera[3])
+    c, s = body * math.cos(yaw), body * math.sin(yaw)
+    x, y = problem.joints[frame, PELV, 0], problem.joints[frame, PELV, 1]
+    height = body * problem.joints[frame, PELV, 2] - camera[1]
+    ahead = math.cos(camera[0]) * (s * x + c * y + py) + math.sin(camera[0]) * height
+    depth: float = max(ahead, _NEAREST)
+    memory.pelvis[slot, to] = (c * x - s * y + px) / depth
+    memory.pelvis[slot, to + 1] = math.log(depth)
+    return depth
+
+
+@compiled
+def _place_boxes(problem: Problem, memory: Memory, camera: Array, slot: int) -> None:
+    scenelet = memory.items[slot, 0]
+    px, py, yaw = memory.placements[slot]
+    c, s = math.cos(yaw), math.sin(yaw)
+    size = len(memory.boxes) // len(memory.counts)
+    hull, floor = memory.hulls[slot], memory.floors[slot]
+    hull[:] = (math.inf, -math.inf, math.inf, -math.inf, math.inf)
+    floor[:] = (math.inf, -math.inf, math.inf, -math.inf)
+    first, last = problem.box_first[scenelet], problem.box_first[scenelet + 1]
+    memory.counts[slot] = last - first
+    for b in range(first, last):
+        k = slot * size + b - first
+        local, box, turn = problem.boxes[b], memory.boxes[k], memory.turns[k]
+        box[0] = c * local[0] - s * local[1] + px
+        box[1] = s * local[0] + c * local[1] + py
+        box[2:6] = local[2:6]
+        box[6] = local[6] + yaw
+        turn[0], turn[1] = math.cos(box[6]), math.sin(box[6])
+        turn[2] = math.sqrt(local[3] ** 2 + local[4] ** 2 + local[5] ** 2)
+        memory.labels[k] = problem.box_label[b]
+        memory.yaws[k] = problem.box_yaw[b] + yaw
+        set_outlook(camera[1], box, turn, memory.outlooks[k])
+        set_footprint(box, turn, memory.footprints[k])
+        for i in (0, 2):
+            hull[i] = min(hull[i], memory.outlooks[k, i])
+            hull[i + 1] = max(hull[i + 1], memory.outlooks[k, i + 1])
+            floor[i] = min(floor[i], memory.footprints[k, i])
+            floor[i + 1] = max(floor[i + 1], memory.footprints[k, i + 1])
+        hull[4] = min(hull[4], memory.outlooks[k, 4])
+
+
+@compiled
+def pose_covered_frames(problem: Problem, memory: Memory, camera: Array, slot: int) -> None:
+    """World joints of the scenelet in ``slot`` in all its frames, metres."""
+    px, py, yaw = memory.placements[slot]
+    body = math.exp(camera[3])
+    c, s = body * math.cos(yaw), body * math.sin(yaw)
+    joints, rows, library = memory.joints, memory.pose_row, problem.joints
+    start = memory.items[slot, 1]
+    offset = problem.joint_first[memory.items[slot, 0]] - start
+    for t in range(start, memory.items[slot, 2]):
+        row = rows[t]
+        for j in range(16):
+            x, y = library[offset + t, j, 0], library[offset + t, j, 1]
+            joints[row, j, 0] = c * x - s * y + px
+            joints[row, j, 1] = s * x + c * y + py
+            joints[row, j, 2] = body * library[offset + t, j, 2]
+
+
+@compiled
+def collide(problem: Problem, memory: Memory, one: int, other: int) -> float:
+    """Metres that objects in two slots are in each other, unless they are one (13)."""
+    if apart(memory.floors, one, memory.floors, other):
+        return 0.0
+    size = len(memory.boxes) // len(memory.counts)
+    merges = math.cos(problem.merge_angle)
+    total = 0.0
+    for i in range(one * size, one * size + memory.counts[one]):
+        for k in range(other * size, other * size + memory.counts[other]):
+            if apart(memory.footprints, i, memory.footprints, k):
+                continue
+            aligned = math.cos(memory.yaws[i] - memory.yaws[k]) > merges
+            if aligned and memory.labels[i] == memory.labels[k]:
+                continue
+            total += footprint_depth(memory.boxes[i], memory.boxes[k])
+    return total
