@@ -10,6 +10,7 @@ from imapper_prob.config import to_toml
 from imapper_prob.models.errors import InputError
 from imapper_prob.results.export import write_scenes
 from imapper_prob.results.posterior import Posterior
+from imapper_prob.results.tree import write_tree
 
 __all__ = ["CHECKPOINTS", "prepare_folder", "write_run"]
 
@@ -72,7 +73,7 @@ def write_run(folder: Path, posterior: Posterior, *, overwrite: bool) -> None:
         beside.mkdir(parents=True)
         (beside / "config.toml").write_text(to_toml(posterior.config), encoding="utf-8")
         write_scenes(beside / "scenes.json", posterior.scenes())
-        posterior.data.to_netcdf(beside / "posterior.nc", engine="h5netcdf")
+        write_tree(beside / "posterior.nc", posterior.data)
         posterior.record(beside / "recording.rrd")
         if folder.exists():
             if not posterior.samples.finished and (folder / CHECKPOINTS).exists():

@@ -28,7 +28,7 @@ from imapper_prob.models.skeleton import JOINTS, PELV
 from imapper_prob.sampling.sample import Samples
 from imapper_prob.staged.solver import Solution
 
-__all__ = ["posterior_tree", "read_attributes"]
+__all__ = ["posterior_tree", "read_attributes", "write_tree"]
 
 Variable = tuple[tuple[str, ...], NDArray[Any]]
 """Names of the dimensions, and values."""
@@ -108,6 +108,19 @@ def posterior_tree(solution: Solution, samples: Samples, config: Config) -> xr.D
         "frame": "world: metres, z up, floor at z = 0, camera above the origin, looking along y",
     }
     return tree
+
+
+def write_tree(path: Path, tree: xr.DataTree) -> None:
+    """Write the tree as netCDF, its numbers compressed without loss."""
+    encoding = {
+        group: {
+            str(name): {"zlib": True, "shuffle": True, "complevel": 4}
+            for name, values in tree[group].data_vars.items()
+            if values.dtype.kind in "fiu" and values.ndim
+        }
+        for group in tree.groups
+    }
+    tree.to_netcdf(path, engine="h5netcdf", encoding=encoding)
 
 
 def _labelled(variables: Mapping[str, Variable]) -> dict[str, Any]:

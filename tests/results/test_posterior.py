@@ -13,7 +13,7 @@ from rich.console import Console
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.posterior import swapped
 from imapper_prob.results.summary import distances_to_truth, layout_table, object_table
-from imapper_prob.results.tree import read_attributes
+from imapper_prob.results.tree import read_attributes, write_tree
 from tests.models.worlds import couch
 from tests.runs import posterior
 
@@ -47,7 +47,7 @@ def test_the_representative_is_a_draw_of_its_layout() -> None:
 def test_the_tree_holds_the_draws_and_survives_the_disk(tmp_path: Path) -> None:
     run = posterior()
     path = tmp_path / "posterior.nc"
-    run.data.to_netcdf(path, engine="h5netcdf")
+    write_tree(path, run.data)
     with xr.open_datatree(path, engine="h5netcdf") as tree:
         chains, draws = run.samples.shape
         assert dict(tree["posterior"].sizes) == {
