@@ -7,13 +7,11 @@ better, and a cost is negative.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
-import networkx as nx
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from shapely import Polygon
 
 from imapper_prob.models.compiled import TERMS, evaluate
 from imapper_prob.models.energy.occlusion import p_seen
@@ -22,9 +20,9 @@ from imapper_prob.models.errors import InputError
 from imapper_prob.models.geometry import pack_boxes, sight_clearance
 from imapper_prob.models.posterior import State, swapped, terms
 from imapper_prob.models.problem import Problem
-from imapper_prob.models.scene import Placement, SceneObject
 from imapper_prob.models.scenelet import Library
 from imapper_prob.models.skeleton import DETECTED
+from imapper_prob.sampling.layouts import placed_objects, same_objects
 
 __all__ = ["Explanation", "FrameShares", "Worth", "explain", "frame_shares"]
 
@@ -189,7 +187,7 @@ def frame_shares(problem: Problem, state: State, library: Library) -> FrameShare
     for index in range(state.n_scenelets):
         first, last = _span(problem, state, index)
         free[first : last + 1] = False
-    boxes = pack_boxes(o for _, o in _placed_objects(state, library))
+    boxes = pack_boxes(o for _, o in placed_objects(state, library))
     clearance = sight_clearance((0, 0, state.camera[1]), joints[:, list(DETECTED)], boxes)
     seen = [p_seen(gap, problem.sight_width, problem.surprise) for gap in clearance.ravel()]
     return FrameShares(
@@ -217,10 +215,10 @@ def _worth_of_objects(
     """What each merged object does for the scene, in order of time."""
     own, own_state = _own_scenelets(problem, state)
     item_of_box = np.repeat(np.arange(state.n_scenelets), np.diff(own.box_first))
-    placed = _placed_objects(state, library)
+    placed = placed_objects(state, library)
     number = [sum(item == i for i, _ in placed[:k]) for k, (item, _) in enumerate(placed)]
     result = []
-    for group in _same_objects(placed, problem.merge_angle):
+    for group in same_objects(placed, problem.merge_angle):
         gone = np.full(len(own.boxes), False)
         for k in group:
             gone |= (item_of_box == placed[k][0]) & (own.box_object == number[k])
@@ -228,32 +226,6 @@ def _worth_of_objects(
         lost = _lost(whole, terms(_without_boxes(own, gone), own_state))
         result.append(Worth(placed[group[0]][1].label, "", tuple(spans), lost))
     return tuple(sorted(result, key=lambda worth: worth.frames))
-
-
-def _same_objects(placed: Sequence[tuple[int, SceneObject]], angle: float) -> list[list[int]]:
-    """Which objects are one, by the rule of :func:`~imapper_prob.sampling.layouts.merged_objects`.
-
-    Same label, orientations within ``angle`` radians, and footprints that overlap.
-    """
-    graph = nx.Graph()
-    graph.add_nodes_from(range(len(placed)))
-    outlines = [Polygon(o.footprint) for _, o in placed]
-    for a, (item_a, first) in enumerate(placed):
-        for b, (item_b, second) in enumerate(placed[:a]):
-            aligned = np.cos(first.placement.yaw - second.placement.yaw) > np.cos(angle)
-            same = first.label == second.label and item_a != item_b and aligned
-            if same and outlines[a].intersects(outlines[b]):
-                graph.add_edge(a, b)
-    return [sorted(group) for group in nx.connected_components(graph)]
-
-
-def _placed_objects(state: State, library: Library) -> list[tuple[int, SceneObject]]:
-    """Each scenelet's objects in the world, with the index of the item that brings them."""
-    return [
-        (index, o.moved(Placement(*state.placements[index])))
-        for index, scenelet in enumerate(state.items[:, 0].tolist())
-        for o in library[scenelet].objects
-    ]
 
 
 def _own_scenelets(problem: Problem, state: State) -> tuple[Problem, State]:

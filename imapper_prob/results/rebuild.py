@@ -17,17 +17,12 @@ import xarray as xr
 from imapper_prob.config import Config
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.posterior import State
-from imapper_prob.models.problem import Problem, pack_problem
+from imapper_prob.models.problem import Problem
 from imapper_prob.models.scene import Clip
 from imapper_prob.models.scenelet import Library
-from imapper_prob.models.settings import ModelSettings
 from imapper_prob.results.export import read_scenes
 from imapper_prob.results.tree import read_attributes
-from imapper_prob.scenelets.charness import charness, motion_distances
-from imapper_prob.staged.calibration import estimate_camera
-from imapper_prob.staged.fit import fit_windows
-from imapper_prob.staged.free_poses import free_pose_cost
-from imapper_prob.staged.static_path import estimate_static_path
+from imapper_prob.staged.solver import fit_clip
 
 __all__ = ["Rebuilt", "rebuild"]
 
@@ -92,8 +87,8 @@ def rebuild(
     with xr.open_datatree(folder / "posterior.nc", engine="h5netcdf") as tree:
         _check_detections(folder, tree, clip)
         state = _draw(folder, tree, shown, clip.n_frames)
-    problem = _packed(clip, library, config.model, progress)
-    return Rebuilt(problem, state, shown)
+    fitted = fit_clip(clip, library, settings=config.model, progress=progress)
+    return Rebuilt(fitted.problem, state, shown)
 
 
 def _check_detections(folder: Path, tree: xr.DataTree, clip: Clip) -> None:
@@ -128,16 +123,3 @@ def _draw(folder: Path, tree: xr.DataTree, log_posterior: float, n_frames: int) 
         placements=draws["scenelet_placement"].to_numpy()[used],
         latent=np.zeros((n_frames, 2)),
     )
-
-
-def _packed(
-    clip: Clip, library: Library, settings: ModelSettings, progress: Progress | None
-) -> Problem:
-    """The log-posterior as :func:`imapper_prob.staged.solver.solve` packs it."""
-    path = estimate_static_path(clip)
-    weights = charness(library, motion_distances(library)) + 0.01
-    problem = pack_problem(
-        clip, path, estimate_camera(clip, path), library, settings=settings, weights=weights
-    )
-    fits = fit_windows(problem, path, fps=clip.fps, progress=progress)
-    return problem._replace(free_cost=free_pose_cost(problem, fits))

@@ -16,7 +16,10 @@ from imapper_prob.models.problem import Problem
 from imapper_prob.models.scene import Placement, SceneObject
 from imapper_prob.models.scenelet import Library
 
-__all__ = ["Layouts", "group_layouts", "match_objects", "merged_objects"]
+__all__ = [
+    "Layouts", "group_layouts", "match_objects", "merged_objects", "placed_objects",
+    "same_objects",
+]  # fmt: skip
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -29,35 +32,45 @@ def merged_objects(problem: Problem, library: Library, state: State) -> tuple[Sc
     the model's merge angle are the same object met twice; of each such group the one is kept
     whose scenelet improves the scene most.
     """
-    placed = [
-        (index, obj.moved(Placement(*state.placements[index])))
-        for index, (scenelet, _) in enumerate(state.items.tolist())
-        for obj in library[scenelet].objects
-    ]
-    graph = nx.Graph()
-    graph.add_nodes_from(range(len(placed)))
-    outlines = [Polygon(obj.footprint) for _, obj in placed]
-    for a, (item_a, first) in enumerate(placed):
-        for b in range(a + 1, len(placed)):
-            item_b, second = placed[b]
-            aligned = np.cos(first.placement.yaw - second.placement.yaw) > np.cos(
-                problem.merge_angle
-            )
-            same = first.label == second.label and item_a != item_b and aligned
-            if same and outlines[a].intersects(outlines[b]):
-                graph.add_edge(a, b)
+    placed = placed_objects(state, library)
     kept = []
     total = None
-    for group in nx.connected_components(graph):
+    for group in same_objects(placed, problem.merge_angle):
         best = min(group)
         if len(group) > 1:
             total = log_posterior(problem, state) if total is None else total
             gains = {
                 k: total - log_posterior(problem, state.without_item(placed[k][0])) for k in group
             }
-            best = max(sorted(group), key=lambda k: gains[k])
+            best = max(group, key=lambda k: gains[k])
         kept.append(best)
     return tuple(placed[k][1] for k in sorted(kept))
+
+
+def placed_objects(state: State, library: Library) -> list[tuple[int, SceneObject]]:
+    """Each scenelet's objects in the world, with the index of the item that brings them."""
+    return [
+        (index, o.moved(Placement(*state.placements[index])))
+        for index, scenelet in enumerate(state.items[:, 0].tolist())
+        for o in library[scenelet].objects
+    ]
+
+
+def same_objects(placed: Sequence[tuple[int, SceneObject]], angle: float) -> list[list[int]]:
+    """Which of :func:`placed_objects` are one: groups of their indices, each in order.
+
+    Same label, orientations within ``angle`` radians, and footprints that overlap.
+    """
+    graph = nx.Graph()
+    graph.add_nodes_from(range(len(placed)))
+    outlines = [Polygon(o.footprint) for _, o in placed]
+    for a, (item_a, first) in enumerate(placed):
+        for b, (item_b, second) in enumerate(placed[:a]):
+            aligned = np.cos(first.placement.yaw - second.placement.yaw) > np.cos(angle)
+            same = first.label == second.label and item_a != item_b and aligned
+            if same and outlines[a].intersects(outlines[b]):
+                graph.add_edge(a, b)
+    return [sorted(group) for group in nx.connected_components(graph)]
 
 
 def match_objects(

@@ -23,14 +23,17 @@ from imapper_prob.scenelets.charness import charness, motion_distances
 from imapper_prob.staged.calibration import estimate_camera
 from imapper_prob.staged.candidates import Candidate, screen
 from imapper_prob.staged.combine import combine
-from imapper_prob.staged.fit import fit_windows
+from imapper_prob.staged.fit import Fits, fit_windows
 from imapper_prob.staged.free_poses import free_pose_cost
 from imapper_prob.staged.maxima import CharnessCurve, charness_curve
 from imapper_prob.staged.static_path import estimate_static_path
 
-__all__ = ["Solution", "solve"]
+__all__ = ["Fitted", "Solution", "fit_clip", "solve"]
 
 Progress = Callable[[str, float], None]
+
+_LEAST_CHARNESS = 0.01
+"""Added to charness where it weighs scenelets: none is impossible beforehand."""
 
 
 @dataclass(frozen=True)
@@ -86,18 +89,66 @@ def solve(
     progress : callable, optional
         Called with the name of the stage and the part of it that is done.
     """
+    fitted = fit_clip(clip, library, settings=settings, progress=progress)
+    problem, fits = fitted.problem, fitted.fits
+    curve = charness_curve(fits, fitted.charness, fps=clip.fps)
+    candidates = screen(problem, fits, progress=progress)
+    states = combine(problem, candidates, curve, progress=progress)
+    return Solution(
+        clip,
+        library,
+        fitted.path,
+        fitted.camera,
+        problem,
+        curve,
+        candidates,
+        states,
+        fitted.distances,
+    )
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """What is known before any scenelet is chosen.
+
+    Parameters
+    ----------
+    path : StaticPath
+    camera : CameraPrior
+    problem : Problem
+        The log-posterior, what the freedom of free frames is worth included.
+    fits : Fits
+        Every scenelet in every window.
+    charness : (L,) float
+        Of the library's scenelets.
+    distances : (L, L) float
+        Between their motions, metres.
+    """
+
+    path: StaticPath
+    camera: CameraPrior
+    problem: Problem
+    fits: Fits
+    charness: NDArray[np.float64]
+    distances: NDArray[np.float64]
+
+
+def fit_clip(
+    clip: Clip,
+    library: Library,
+    *,
+    settings: ModelSettings | None = None,
+    progress: Progress | None = None,
+) -> Fitted:
+    """The first stages: static path, camera, independent fits; parameters as of :func:`solve`."""
     path = estimate_static_path(clip)
     camera = estimate_camera(clip, path)
     if progress is not None:
         progress("static path", 1.0)
     distances = motion_distances(library)
     characteristic = charness(library, distances)
-    problem = pack_problem(
-        clip, path, camera, library, settings=settings, weights=characteristic + 0.01
-    )
+    weights = characteristic + _LEAST_CHARNESS
+    problem = pack_problem(clip, path, camera, library, settings=settings, weights=weights)
     fits = fit_windows(problem, path, fps=clip.fps, progress=progress)
     problem = problem._replace(free_cost=free_pose_cost(problem, fits))
-    curve = charness_curve(fits, characteristic, fps=clip.fps)
-    candidates = screen(problem, fits, progress=progress)
-    states = combine(problem, candidates, curve, progress=progress)
-    return Solution(clip, library, path, camera, problem, curve, candidates, states, distances)
+    return Fitted(path, camera, problem, fits, characteristic, distances)
