@@ -20,19 +20,15 @@ from rich.table import Table
 from imapper_prob.inputs.i3db import read_i3db, read_i3db_truth
 from imapper_prob.models.energy.occlusion import p_seen
 from imapper_prob.models.geometry import NOTHING_IN_SIGHT
-from imapper_prob.models.problem import Problem, pack_problem
+from imapper_prob.models.problem import Problem
 from imapper_prob.models.scene import Clip, SceneObject, Truth
 from imapper_prob.results.summary import distances_to_truth
 from imapper_prob.sampling.layouts import merged_objects
-from imapper_prob.scenelets.charness import charness, motion_distances
 from imapper_prob.scenelets.library import load_library
-from imapper_prob.staged.calibration import estimate_camera
 from imapper_prob.staged.candidates import screen
 from imapper_prob.staged.combine import combine
-from imapper_prob.staged.fit import fit_windows
-from imapper_prob.staged.free_poses import free_pose_cost
 from imapper_prob.staged.maxima import charness_curve
-from imapper_prob.staged.static_path import estimate_static_path
+from imapper_prob.staged.solver import fit_clip
 
 FOUND = 1.0
 """Metres within which an object counts as found (the paper's)."""
@@ -80,14 +76,9 @@ def variants(problem: Problem) -> dict[str, Problem]:
 def scores(clip: Clip, truth: Truth) -> dict[str, Score]:
     """Each variant's best scene against the truth. Windows are fitted once: no term changes it."""
     library = load_library()
-    path = estimate_static_path(clip)
-    characteristic = charness(library, motion_distances(library))
-    problem = pack_problem(
-        clip, path, estimate_camera(clip, path), library, weights=characteristic + 0.01
-    )
-    fits = fit_windows(problem, path, fps=clip.fps)
-    problem = problem._replace(free_cost=free_pose_cost(problem, fits))
-    curve = charness_curve(fits, characteristic, fps=clip.fps)
+    fitted = fit_clip(clip, library)
+    problem, fits = fitted.problem, fitted.fits
+    curve = charness_curve(fits, fitted.charness, fps=clip.fps)
     result = {}
     for name, variant in variants(problem).items():
         best = combine(variant, screen(variant, fits), curve)[0]

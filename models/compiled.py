@@ -24,6 +24,7 @@ from imapper_prob.models.jit import compiled
 from imapper_prob.models.kernels.body import apart, depth_in_box, set_columns, set_footprint
 from imapper_prob.models.kernels.frame import weigh_frames
 from imapper_prob.models.kernels.sight import BENCH, GAP, aim, clear, look, set_outlook
+from imapper_prob.models.limits import LOWEST_CAMERA, NEAREST, STEEPEST_CAMERA
 from imapper_prob.models.problem import Problem
 
 __all__ = ["TERMS", "evaluate"]
@@ -35,9 +36,6 @@ TERMS = (
     "camera", "layout", "placement", "path", "detections", "free_pose", "collision", "motion",
 )  # fmt: skip
 """What :func:`evaluate` returns, in order; the log-posterior is their sum."""
-
-_NEAREST = 0.1
-"""Metres; depth at which a point counts that is nearer to the camera or behind it."""
 
 
 @compiled
@@ -123,7 +121,7 @@ def _path(
     for t in range(n_frames):
         if item_of[t] >= 0:
             x, y, z = joints[t, 6, 0], joints[t, 6, 1], joints[t, 6, 2] - camera[1]
-            depth = max(cp * y + sp * z, _NEAREST)
+            depth = max(cp * y + sp * z, NEAREST)
             values[0, t] = x / depth
             values[1, t] = math.log(depth)
             if t == 0 or item_of[t] != item_of[t - 1]:
@@ -273,7 +271,7 @@ def evaluate(
     """
     terms = np.zeros(8)
     item_of = np.full(problem.lift.shape[0], -1, dtype=np.int64)
-    inside = camera[1] > 0.2 and abs(camera[0]) < 1.0
+    inside = camera[1] > LOWEST_CAMERA and abs(camera[0]) < STEEPEST_CAMERA
     if not inside or not _place_scenelets(problem, items, placements, item_of, joints):
         terms[0] = -math.inf
         return terms

@@ -10,7 +10,7 @@ from torch import Tensor
 from imapper_prob.models.batched.layout import Layout
 from imapper_prob.models.batched.place import Boxes
 from imapper_prob.models.batched.tensors import ProblemTensors
-from imapper_prob.models.energy.intersection import _SLACK
+from imapper_prob.models.limits import LEVEL
 from imapper_prob.models.skeleton import HEAD, LANK, LHIP, LKNE, PELV, RANK, RHIP, RKNE
 
 __all__ = ["collision_depth", "motion_depth"]
@@ -34,7 +34,7 @@ def collision_depth(boxes: Boxes, *, merge_angle: float) -> Tensor:
         & ~((boxes.label[:, a] == boxes.label[:, b]) & aligned)
     )
     low, high = (boxes.centre[..., 2] + sign * boxes.half[..., 2] for sign in (-1, 1))
-    level = torch.minimum(high[:, a], high[:, b]) - torch.maximum(low[:, a], low[:, b]) > _SLACK
+    level = torch.minimum(high[:, a], high[:, b]) - torch.maximum(low[:, a], low[:, b]) > LEVEL
 
     # Separating axes: the sides of either rectangle.
     apart = boxes.centre[:, b, :2] - boxes.centre[:, a, :2]
@@ -87,7 +87,7 @@ def motion_depth(tensors: ProblemTensors, layout: Layout, joints: Tensor, boxes:
     c, s = (f.flatten().index_select(0, owner) for f in (boxes.yaw.cos(), boxes.yaw.sin()))
     dx, dy = x - cx, y - cy
     u, v = (c * dx + s * dy).abs(), (c * dy - s * dx).abs()
-    level = torch.minimum(cz + hz, high) - torch.maximum(cz - hz, low) > _SLACK
+    level = torch.minimum(cz + hz, high) - torch.maximum(cz - hz, low) > LEVEL
     depth = torch.where(level, torch.minimum(hx - u, hy - v), 0.0)
     deepest = joints.new_zeros(n_states * n_frames * n_boxes)
     deepest = deepest.scatter_reduce(0, moment * n_boxes + box, depth, "amax")

@@ -13,7 +13,7 @@ from torch import Tensor
 from imapper_prob.models.batched.layout import Layout
 from imapper_prob.models.batched.scan import affine_scan, fractional_scan
 from imapper_prob.models.batched.tensors import ProblemTensors
-from imapper_prob.models.compiled import _NEAREST
+from imapper_prob.models.limits import NEAREST
 from imapper_prob.models.skeleton import PELV
 
 __all__ = ["draw_path", "pose_free_frames", "view_depth"]
@@ -28,7 +28,7 @@ def view_depth(camera: Tensor, points: Tensor) -> Tensor:
     """
     pitch, height = (camera[:, i].reshape(-1, *[1] * (points.ndim - 2)) for i in (0, 1))
     along = pitch.cos() * points[..., 1] + pitch.sin() * (points[..., 2] - height)
-    return along.clamp_min(_NEAREST)
+    return along.clamp_min(NEAREST)
 
 
 def _before(after: Tensor, start: Tensor) -> Tensor:

@@ -17,11 +17,9 @@ from imapper_prob.models.batched.layout import lay_out
 from imapper_prob.models.batched.path import draw_path, pose_free_frames
 from imapper_prob.models.batched.place import place_boxes, place_motions
 from imapper_prob.models.batched.tensors import ProblemTensors
+from imapper_prob.models.limits import LOWEST_CAMERA, STEEPEST_CAMERA
 
 __all__ = ["log_posterior_batch", "terms_batch"]
-
-_LOWEST, _STEEPEST = 0.2, 1.0
-"""Support of the camera: metres above the floor, radians of pitch either way."""
 
 
 def terms_batch(
@@ -50,7 +48,9 @@ def terms_batch(
         first is -inf and the rest 0, with gradients of 0.
     """
     problem, layout = tensors.problem, lay_out(tensors, items)
-    inside = layout.admissible & (camera[:, 1] > _LOWEST) & (camera[:, 0].abs() < _STEEPEST)
+    inside = (
+        layout.admissible & (camera[:, 1] > LOWEST_CAMERA) & (camera[:, 0].abs() < STEEPEST_CAMERA)
+    )
     camera = torch.where(inside[:, None], camera, tensors.camera_mean)
 
     offset = camera - tensors.camera_mean

@@ -13,8 +13,8 @@ import torch
 from torch import Tensor
 
 from imapper_prob.models.batched.place import Boxes
-from imapper_prob.models.energy.occlusion import _NEAR
 from imapper_prob.models.geometry import NOTHING_IN_SIGHT, OPAQUE
+from imapper_prob.models.limits import NEAR_SIGHT
 
 __all__ = ["p_seen", "sight_clearance"]
 
@@ -37,11 +37,11 @@ def _in_sight(height: Tensor, joints: Tensor, boxes: Boxes) -> Tensor:
     y = boxes.centre[..., 1, None] + s * reach[..., 0] + c * reach[..., 1]
     z = boxes.centre[..., 2, None] + reach[..., 2] - height[:, None, None]
     nearest = y.amin(-1)[:, None, None]
-    around = nearest <= _NEAR
-    far = joints[..., 1].clamp_min(_NEAR)
+    around = nearest <= NEAR_SIGHT
+    far = joints[..., 1].clamp_min(NEAR_SIGHT)
     near = nearest <= far[..., None]
     for corner, joint in ((x, joints[..., 0]), (z, joints[..., 2] - height[:, None, None])):
-        view = (corner / y.clamp_min(_NEAR))[:, None, None]
+        view = (corner / y.clamp_min(NEAR_SIGHT))[:, None, None]
         line = (joint / far)[..., None]
         near &= around | ((line >= view.amin(-1)) & (line <= view.amax(-1)))
     return near & boxes.present[:, None, None]

@@ -12,13 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.models.jit import compiled
+from imapper_prob.models.limits import LEVEL
 
 __all__ = ["column_depth", "footprint_depth"]
 
 Array = NDArray[np.float64]
-
-_SLACK = 0.02
-"""Metres two things may overlap in height before they count as being level."""
 
 
 @compiled
@@ -28,7 +26,7 @@ def footprint_depth(a: Array, b: Array) -> float:
     The smallest move along a side of either rectangle that separates them (separating axis
     theorem); boxes at different heights do not meet.
     """
-    if min(a[2] + a[5], b[2] + b[5]) - max(a[2] - a[5], b[2] - b[5]) <= _SLACK:
+    if min(a[2] + a[5], b[2] + b[5]) - max(a[2] - a[5], b[2] - b[5]) <= LEVEL:
         return 0.0
     dx, dy = b[0] - a[0], b[1] - a[1]
     turn = b[6] - a[6]
@@ -48,7 +46,7 @@ def footprint_depth(a: Array, b: Array) -> float:
 @compiled
 def column_depth(x: float, y: float, low: float, high: float, box: Array, turn: Array) -> float:
     """How deep the vertical line at (x, y) from ``low`` to ``high`` stands in a box, metres."""
-    if min(box[2] + box[5], high) - max(box[2] - box[5], low) <= _SLACK:
+    if min(box[2] + box[5], high) - max(box[2] - box[5], low) <= LEVEL:
         return 0.0
     dx, dy = x - box[0], y - box[1]
     u = abs(turn[0] * dx + turn[1] * dy)

@@ -16,13 +16,11 @@ from numpy.typing import NDArray
 
 from imapper_prob.models.geometry import NOTHING_IN_SIGHT
 from imapper_prob.models.jit import compiled
+from imapper_prob.models.limits import NEAR_SIGHT
 
 __all__ = ["p_seen", "set_window"]
 
 Array = NDArray[np.float64]
-
-_NEAR = 0.05
-"""Metres; nearer than this, bearing and slope say nothing."""
 
 
 @compiled
@@ -40,12 +38,12 @@ def set_window(elevation: float, box: Array, turn: Array, window: Array) -> None
         x = box[0] + turn[0] * u - turn[1] * v
         y = box[1] + turn[1] * u + turn[0] * v
         nearest = min(nearest, y)
-        if y > _NEAR:
+        if y > NEAR_SIGHT:
             bottom = box[2] - box[5] - NOTHING_IN_SIGHT - elevation
             top = box[2] + box[5] + NOTHING_IN_SIGHT - elevation
             left, right = min(left, x / y), max(right, x / y)
             low, high = min(low, bottom / y), max(high, top / y)
-    if nearest <= _NEAR:
+    if nearest <= NEAR_SIGHT:
         left, right, low, high = -math.inf, math.inf, -math.inf, math.inf
     window[0], window[1], window[2], window[3], window[4] = left, right, low, high, nearest
 

@@ -41,6 +41,7 @@ from imapper_prob.models.energy.intersection import column_depth, footprint_dept
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.geometry import NOTHING_IN_SIGHT, sight_clearance
 from imapper_prob.models.jit import compiled
+from imapper_prob.models.limits import NEAREST
 from imapper_prob.models.posterior import State, log_posterior, motion
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.scene import read_only
@@ -67,9 +68,6 @@ SURE_BUT_HIDDEN: Final = 0.44
 """What a confident joint costs in the hidden volume, in parts of what an unsure one costs in
 the open. On i3DB confidences below .5 speak for hidden by log(.519 / .137) and those above
 for seen by log(.863 / .481) (tables of ``energy.detections``); this is the ratio."""
-
-_NEAREST: Final = 0.1
-"""Metres; depth at which a joint counts that is nearer to the camera or behind it."""
 
 _BELOW_PELVIS: Final = 0.05
 """Metres by which the trunk reaches below the joint PELV."""
@@ -252,7 +250,7 @@ def _reprojection(problem: Problem, state: State, joints: Array, confidences: Ar
     pitch, elevation, log_focal, _ = state.camera
     x, y, z = np.moveaxis(joints, -1, 0)
     c, s, focal = np.cos(pitch), np.sin(pitch), np.exp(log_focal)
-    depth = np.maximum(c * y + s * (z - elevation), _NEAREST)
+    depth = np.maximum(c * y + s * (z - elevation), NEAREST)
     up = -s * y + c * (z - elevation)
     u = (problem.keypoints[..., 0] - problem.cx) / problem.fx
     v = (problem.keypoints[..., 1] - problem.cy) / problem.fy

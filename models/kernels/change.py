@@ -19,6 +19,7 @@ from imapper_prob.models.kernels.memory import ADDED, KEPT, REMOVED, UNUSED, Mem
 from imapper_prob.models.kernels.path import pose_free_frames, segment
 from imapper_prob.models.kernels.sight import GAP, aim, aim_again, clear, keep_aim, look, may_hide
 from imapper_prob.models.kernels.slots import collide, fill_slot, pose_covered_frames
+from imapper_prob.models.limits import LOWEST_CAMERA, STEEPEST_CAMERA
 from imapper_prob.models.problem import Problem
 
 __all__ = ["change", "weigh_bare_frames"]
@@ -78,7 +79,7 @@ def change(
         Nats; -inf outside the support.
     """
     n, n_old = len(items), max(n_before, 0)
-    inside = camera[1] > 0.2 and abs(camera[0]) < 1.0
+    inside = camera[1] > LOWEST_CAMERA and abs(camera[0]) < STEEPEST_CAMERA
     if not inside or not _in_order(problem, items):
         return -math.inf
     anew = n_before < 0

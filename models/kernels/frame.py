@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from imapper_prob.models.jit import compiled
 from imapper_prob.models.kernels.sight import FIRST_FREE
+from imapper_prob.models.limits import NEAREST
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.skeleton import MIRROR
 
@@ -33,8 +34,6 @@ _SCALE2 = _POWER + 64  # square pixels
 # the density of every detection: sides as they are, and swapped.
 _DENSITY = _SCALE2 + 64
 
-_NEAREST = 0.1
-"""Metres; depth at which a point counts that is nearer to the camera or behind it."""
 _SMALL = 1e-100
 _SMALLEST = 1e-300
 """Products of densities are taken apart below the first; none counts less than the second."""
@@ -88,7 +87,7 @@ def _project(
     cp, sp, elevation = pose
     for j in range(16):
         x, y, z = joints[row, j, 0], joints[row, j, 1], joints[row, j, 2] - elevation
-        nearness = np.divide(1.0, max(cp * y + sp * z, _NEAREST))
+        nearness = np.divide(1.0, max(cp * y + sp * z, NEAREST))
         up = -sp * y + cp * z
         bench[_U + j] = cx + fx * x * nearness
         bench[_V + j] = cy - fy * up * nearness

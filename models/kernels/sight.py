@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from imapper_prob.models.energy.occlusion import set_window
 from imapper_prob.models.geometry import NOTHING_IN_SIGHT, OPAQUE
 from imapper_prob.models.jit import compiled
+from imapper_prob.models.limits import NEAR_SIGHT
 
 __all__ = [
     "BENCH", "FIRST_FREE", "GAP", "aim", "aim_again", "clear", "keep_aim", "look", "may_hide",
@@ -47,8 +48,6 @@ FIRST_FREE = 256
 BENCH = 1024
 """Numbers on the bench."""
 
-_NEAR = 0.05
-"""Metres; nearer than this, bearing and slope say nothing."""
 _LEVEL = 1e-15
 """Metres; a line that runs less than this along an axis is taken to run so much, which moves
 its clearance by no more."""
@@ -141,7 +140,7 @@ def look(bench: Array, views: Array, row: int) -> None:
     may be anywhere.
     """
     nearest, far = _bounds(_Y, bench)
-    if nearest <= _NEAR:
+    if nearest <= NEAR_SIGHT:
         views[row, 0], views[row, 1] = -math.inf, math.inf
         views[row, 2], views[row, 3] = -math.inf, math.inf
         views[row, 4] = math.inf

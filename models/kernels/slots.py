@@ -12,15 +12,13 @@ from imapper_prob.models.jit import compiled
 from imapper_prob.models.kernels.body import apart, set_footprint
 from imapper_prob.models.kernels.memory import Memory
 from imapper_prob.models.kernels.sight import set_outlook
+from imapper_prob.models.limits import NEAREST
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.skeleton import PELV
 
 __all__ = ["collide", "fill_slot", "pose_covered_frames"]
 
 Array = NDArray[np.float64]
-
-_NEAREST = 0.1
-"""Metres; depth at which a point counts that is nearer to the camera or behind it."""
 
 
 @compiled
@@ -47,7 +45,7 @@ def _pelvis(
     x, y = problem.joints[frame, PELV, 0], problem.joints[frame, PELV, 1]
     height = body * problem.joints[frame, PELV, 2] - camera[1]
     ahead = math.cos(camera[0]) * (s * x + c * y + py) + math.sin(camera[0]) * height
-    depth: float = max(ahead, _NEAREST)
+    depth: float = max(ahead, NEAREST)
     memory.pelvis[slot, to] = (c * x - s * y + px) / depth
     memory.pelvis[slot, to + 1] = math.log(depth)
     return depth
