@@ -39,7 +39,7 @@ CUBOIDS = 4
 """Of a couch: seat, back, two arms."""
 SECONDS = 1.0
 """How long each thing is timed."""
-CAMERA_DOUBT = np.array([0.05, 0.1, 0.05, 0.05])
+CAMERA_DOUBT = np.array([0.05, 0.1, 0.05, 0.05, 0.02])
 """Standard deviations of pitch (rad), elevation (m), log focal and log body scale."""
 
 
@@ -68,7 +68,7 @@ def make_world(n_frames: int = 400, n_scenelets: int = 5, seed: int = 3) -> Worl
         seen, pelvis[:, 2] / pelvis[:, 1], seen, np.tile([4000.0, 50.0], (n_frames, 1)),
         in_camera - pelvis[:, None], np.ones(n_frames, bool),
     )  # fmt: skip
-    mean = np.array([camera.pitch, camera.elevation, 0.0, 0.0])
+    mean = np.array([camera.pitch, camera.elevation, 0.0, 0.0, 0.0])
     problem = pack_problem(clip, path, CameraPrior(mean, np.diag(CAMERA_DOUBT**2)), library)
     state, boxes = _seated(rng, problem, library, place, n_scenelets)
     return World(problem, state, boxes)
@@ -84,7 +84,7 @@ def _seated(
     ]
     n_frames, objects = len(place), []
     state = State(
-        np.array(problem.camera_mean), np.empty((0, 2), np.int64), np.empty((0, 3)),
+        np.array(problem.camera_mean), np.empty((0, 2), np.int64), np.empty((0, 3)), np.empty(0),
         rng.standard_normal((n_frames, 2)),
     )  # fmt: skip
     for k in range(n_scenelets):

@@ -315,7 +315,9 @@ def reasons(solution: Solution, wishes: Sequence[Wish], truth: Truth, found: Lay
     for name in (*TERMS[1:], "all", "path off along, across, cm", "rival", "gains", "off, cm"):
         table.add_column(name.replace("_", " "), justify="right")
     camera = solution.clip.camera.posed(
-        pitch=float(found.state.camera[0]), elevation=float(found.state.camera[1])
+        pitch=float(found.state.camera[0]),
+        roll=float(found.state.camera[4]),
+        elevation=float(found.state.camera[1]),
     )
     static = camera.to_world(solution.path.joints)[:, PELV, :2]
     for wish in wishes:
@@ -327,6 +329,7 @@ def reasons(solution: Solution, wishes: Sequence[Wish], truth: Truth, found: Lay
             found.state,
             items=found.state.items[~own],
             placements=found.state.placements[~own],
+            sizes=found.state.sizes[~own],
         )
         less = terms(solution.problem, rest)
         gained = [found.terms[name] - less[name] for name in TERMS[1:]]

@@ -101,11 +101,14 @@ class Camera:
         u, v = np.moveaxis(np.asarray(pixels, float), -1, 0)
         return np.stack([(u - self.cx) / self.fx, np.ones_like(u), (self.cy - v) / self.fy], -1)
 
-    def posed(self, *, pitch: float, elevation: float, focal_scale: float = 1.0) -> Camera:
-        """The same camera at another pitch (rad), height (m) and focal scale (factor)."""
+    def posed(
+        self, *, pitch: float, roll: float, elevation: float, focal_scale: float = 1.0
+    ) -> Camera:
+        """The same camera at another pitch, roll (rad), height (m) and focal scale (factor)."""
         return replace(
             self,
             pitch=pitch,
+            roll=roll,
             elevation=elevation,
             fx=self.fx * focal_scale,
             fy=self.fy * focal_scale,

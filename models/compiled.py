@@ -1,13 +1,13 @@
 """The log-posterior of a scene, compiled.
 
     log pi(s) = log p(phi) + log p(X) + log p(P, G | X) + log p(u, c | s)
-                - free poses - E_c - E_m
+                - free poses - E_s - E_c - E_m - E_g
 
-over a state s = (phi, X, P, z): camera and body scale phi, the assignment X of scenelets to
-start frames, their placements P, and standard normal numbers z that say which path G is
-drawn where no scenelet lies (see :mod:`imapper_prob.models.chain`). The density is with
-respect to d phi dP and the normal law of z, so that it has the same dimension of z whatever
-the number of scenelets.
+over a state s = (phi, X, P, b, z): camera and body scale phi, the assignment X of scenelets
+to start frames, their placements P and sizes b, and standard normal numbers z that say which
+path G is drawn where no scenelet lies (see :mod:`imapper_prob.models.chain`). The density is
+with respect to d phi dP db and the normal law of z, so that it has the same dimension of z
+whatever the number of scenelets.
 """
 
 from __future__ import annotations
@@ -18,13 +18,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.models.chain import chain
-from imapper_prob.models.energy.intersection import footprint_depth
+from imapper_prob.models.energy.intersection import depth_below_floor, footprint_depth
+from imapper_prob.models.energy.smoothness import pose_jump
 from imapper_prob.models.energy.swaps import summed_over_swaps
 from imapper_prob.models.jit import compiled
 from imapper_prob.models.kernels.body import apart, depth_in_box, set_columns, set_footprint
 from imapper_prob.models.kernels.frame import weigh_frames
 from imapper_prob.models.kernels.sight import BENCH, GAP, aim, clear, look, set_outlook
-from imapper_prob.models.limits import LOWEST_CAMERA, NEAREST, STEEPEST_CAMERA
+from imapper_prob.models.kernels.support import in_support, log_size_density
+from imapper_prob.models.limits import NEAREST
 from imapper_prob.models.problem import Problem
 
 __all__ = ["TERMS", "evaluate"]
@@ -33,16 +35,26 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 TERMS = (
-    "camera", "layout", "placement", "path", "detections", "free_pose", "collision", "motion",
+    "camera", "layout", "placement", "path", "detections", "free_pose", "smoothness", "collision",
+    "motion", "ground",
 )  # fmt: skip
 """What :func:`evaluate` returns, in order; the log-posterior is their sum."""
 
 
 @compiled
 def _place_scenelets(
-    problem: Problem, items: Ints, placements: Array, item_of: Ints, joints: Array
+    problem: Problem,
+    camera: Array,
+    items: Ints,
+    placements: Array,
+    sizes: Array,
+    item_of: Ints,
+    joints: Array,
 ) -> bool:
-    """Joints of covered frames in the world. False where scenelets overlap or stick out."""
+    """Joints of covered frames in the world. False where scenelets overlap or stick out.
+
+    Each scenelet's person is scaled about its own origin on the floor.
+    """
     n_frames = len(item_of)
     for i in range(len(items)):
         scenelet, start = items[i, 0], items[i, 1]
@@ -51,7 +63,8 @@ def _place_scenelets(
         if start < 0 or start + n > n_frames:
             return False
         px, py = placements[i, 0], placements[i, 1]
-        c, s = math.cos(placements[i, 2]), math.sin(placements[i, 2])
+        body = math.exp(camera[3] + sizes[i])
+        c, s = body * math.cos(placements[i, 2]), body * math.sin(placements[i, 2])
         for t in range(n):
             if item_of[start + t] >= 0:
                 return False
@@ -61,20 +74,8 @@ def _place_scenelets(
                 y = problem.joints[first + t, j, 1]
                 joints[start + t, j, 0] = c * x - s * y + px
                 joints[start + t, j, 1] = s * x + c * y + py
-                joints[start + t, j, 2] = problem.joints[first + t, j, 2]
+                joints[start + t, j, 2] = body * problem.joints[first + t, j, 2]
     return True
-
-
-@compiled
-def _scale_bodies(body: float, item_of: Ints, placements: Array, joints: Array) -> None:
-    """Scale each scenelet's person about its own origin on the floor."""
-    for t in range(len(item_of)):
-        i = item_of[t]
-        if i >= 0:
-            for j in range(16):
-                joints[t, j, 0] += (body - 1.0) * (joints[t, j, 0] - placements[i, 0])
-                joints[t, j, 1] += (body - 1.0) * (joints[t, j, 1] - placements[i, 1])
-                joints[t, j, 2] *= body
 
 
 @compiled
@@ -115,6 +116,7 @@ def _path(
     """Draw the path of free frames and pose the body along it; returns (evidence, placement)."""
     n_frames = len(item_of)
     cp, sp = math.cos(camera[0]), math.sin(camera[0])
+    cr, sr = math.cos(camera[4]), math.sin(camera[4])
     focal, body = math.exp(camera[2]), math.exp(camera[3])
     values = np.zeros((2, n_frames))
     placement = 0.0
@@ -122,11 +124,11 @@ def _path(
         if item_of[t] >= 0:
             x, y, z = joints[t, 6, 0], joints[t, 6, 1], joints[t, 6, 2] - camera[1]
             depth = max(cp * y + sp * z, NEAREST)
-            values[0, t] = x / depth
+            values[0, t] = (cr * x + sr * (cp * z - sp * y)) / depth
             values[1, t] = math.log(depth)
             if t == 0 or item_of[t] != item_of[t - 1]:
                 # From (bearing, log depth) of the first pelvis to (x, y), and a uniform yaw.
-                placement += math.log(cp / (depth * depth)) - math.log(2 * math.pi)
+                placement += math.log(cr * cp / (depth * depth)) - math.log(2 * math.pi)
     evidence = 0.0
     filtered = np.empty((n_frames, 2))
     measured = np.empty(n_frames)
@@ -150,10 +152,11 @@ def _path(
             depth = math.exp(values[1, t])
             px, pz = values[0, t] * depth, problem.lift[t] / focal * depth
             for j in range(16):
-                x = px + body * problem.poses[t, j, 0]
+                right = px + body * problem.poses[t, j, 0]
                 y = depth + body * problem.poses[t, j, 1]
-                z = pz + body * problem.poses[t, j, 2]
-                joints[t, j, 0] = x
+                up = pz + body * problem.poses[t, j, 2]
+                z = sr * right + cr * up
+                joints[t, j, 0] = cr * right - sr * up
                 joints[t, j, 1] = cp * y - sp * z
                 joints[t, j, 2] = sp * y + cp * z + camera[1]
     return evidence, placement
@@ -164,6 +167,7 @@ def _detections(
     problem: Problem,
     camera: Array,
     item_of: Ints,
+    sizes: Array,
     joints: Array,
     boxes: Array,
     turns: Array,
@@ -182,7 +186,7 @@ def _detections(
         for j in range(16):
             gaps[t, j] = bench[GAP + j]
     every, rows = np.ones(n_frames, dtype=np.uint8), np.arange(n_frames)
-    weigh_frames(problem, camera, every, item_of, joints, rows, gaps, bench, by_frame, rows)
+    weigh_frames(problem, camera, every, item_of, sizes, joints, rows, gaps, bench, by_frame, rows)
 
 
 @compiled
@@ -236,11 +240,32 @@ def _motion(
 
 
 @compiled
+def _smoothness(problem: Problem, item_of: Ints, joints: Array) -> float:
+    """E_s: what it costs that the pose jumps where a scenelet begins or ends."""
+    total = 0.0
+    for t in range(1, len(item_of)):
+        if item_of[t] != item_of[t - 1]:
+            total += pose_jump(joints, t - 1, t, problem.joint_step)
+    return -problem.smoothness_cost * problem.likelihood * total
+
+
+@compiled
+def _ground(problem: Problem, joints: Array) -> float:
+    """E_g: how deep the lowest joint of each frame is below the floor."""
+    total = 0.0
+    for t in range(len(joints)):
+        if problem.used[t].any():
+            total += depth_below_floor(joints, t)
+    return -problem.motion_cost * problem.frame_weight * problem.likelihood * total
+
+
+@compiled
 def evaluate(
     problem: Problem,
     camera: Array,
     items: Ints,
     placements: Array,
+    sizes: Array,
     latent: Array,
     joints: Array,
     by_frame: Array,
@@ -250,12 +275,14 @@ def evaluate(
     Parameters
     ----------
     problem : Problem
-    camera : (4,) float
-        phi: pitch (rad), elevation (m), log focal scale, log body scale.
+    camera : (5,) float
+        phi: pitch (rad), elevation (m), log focal scale, log body scale, roll (rad).
     items : (k, 2) int
         Scenelet and start frame, sorted by start.
     placements : (k, 3) float
         x, y (m), yaw (rad) of each scenelet's local frame in the world.
+    sizes : (k,) float
+        Log size of each scenelet's person, on top of the body scale.
     latent : (T, 2) float
         Standard normal numbers of the path.
     joints : (T, 16, 3) float
@@ -266,19 +293,19 @@ def evaluate(
 
     Returns
     -------
-    (8,) float
+    (10,) float
         Values of ``TERMS``; the first is -inf outside the support.
     """
-    terms = np.zeros(8)
+    terms = np.zeros(10)
     item_of = np.full(problem.lift.shape[0], -1, dtype=np.int64)
-    inside = camera[1] > LOWEST_CAMERA and abs(camera[0]) < STEEPEST_CAMERA
-    if not inside or not _place_scenelets(problem, items, placements, item_of, joints):
+    if not in_support(camera) or not _place_scenelets(
+        problem, camera, items, placements, sizes, item_of, joints
+    ):
         terms[0] = -math.inf
         return terms
-    _scale_bodies(math.exp(camera[3]), item_of, placements, joints)
     quadratic = 0.0
-    for a in range(4):
-        for b in range(4):
+    for a in range(5):
+        for b in range(5):
             quadratic += (
                 (camera[a] - problem.camera_mean[a])
                 * problem.camera_precision[a, b]
@@ -288,16 +315,20 @@ def evaluate(
     for i in range(len(items)):
         terms[1] += problem.log_rate[items[i, 0]]
     terms[3], terms[2] = _path(problem, camera, item_of, latent, joints)
+    for i in range(len(items)):
+        terms[2] += log_size_density(sizes[i], problem.size_spread)
     if problem.likelihood == 0.0:
         return terms
     boxes, turns, owner, yaws = _place_boxes(problem, items, placements)
     footprints = _footprints(boxes, turns)
-    _detections(problem, camera, item_of, joints, boxes, turns, by_frame)
+    _detections(problem, camera, item_of, sizes, joints, boxes, turns, by_frame)
     weight = problem.frame_weight * problem.likelihood
     terms[4] = summed_over_swaps(by_frame, weight, problem.swap_begins, problem.swap_ends)
     for t in range(len(item_of)):
         if item_of[t] < 0:
             terms[5] -= weight * problem.free_cost[t]
-    terms[6] = _collisions(problem, boxes, footprints, owner, yaws)
-    terms[7] = _motion(problem, item_of, joints, boxes, turns, footprints, owner)
+    terms[6] = _smoothness(problem, item_of, joints)
+    terms[7] = _collisions(problem, boxes, footprints, owner, yaws)
+    terms[8] = _motion(problem, item_of, joints, boxes, turns, footprints, owner)
+    terms[9] = _ground(problem, joints)
     return terms

@@ -59,7 +59,8 @@ class Incremental:
             self._start(2 * state.n_scenelets)
         value: float = change(
             self._problem, self._memory, self._state.n_scenelets, self._state.camera,
-            self._state.latent, state.camera, state.items, state.placements, state.latent,
+            self._state.latent, state.camera, state.items, state.placements, state.sizes,
+            state.latent,
         )  # fmt: skip
         self._proposal = state, value
         return value
@@ -90,7 +91,8 @@ class Incremental:
         weigh_bare_frames(self._problem, self._memory, state.camera)
         value: float = change(
             self._problem, self._memory, -1, state.camera,
-            state.latent, state.camera, state.items, state.placements, state.latent,
+            state.latent, state.camera, state.items, state.placements, state.sizes,
+            state.latent,
         )  # fmt: skip
         if value == -math.inf:
             raise ValueError("an evaluation cannot start from a state outside the support")

@@ -19,4 +19,4 @@ LOWEST_CAMERA: Final = 0.2
 """Metres above the floor: the support of the camera's elevation begins here."""
 
 STEEPEST_CAMERA: Final = 1.0
-"""Radians of pitch either way: the support of the camera's pitch ends here."""
+"""Radians of pitch or roll either way: the support of the camera's pose ends here."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,9 +12,12 @@ from imapper_prob.models.errors import InputError
 from imapper_prob.models.scene import read_only
 from imapper_prob.models.skeleton import N_JOINTS
 
-__all__ = ["CameraPrior", "StaticPath"]
+__all__ = ["CAMERA", "CameraPrior", "StaticPath"]
 
 Array = NDArray[np.float64]
+
+CAMERA: Final = ("pitch", "elevation", "log_focal_scale", "log_body_scale", "roll")
+"""The numbers of φ in their order: radians, metres, 1, 1, radians."""
 
 
 @dataclass(frozen=True)
@@ -82,16 +86,16 @@ class StaticPath:
 class CameraPrior:
     """Gaussian over the nuisance parameters φ of a clip.
 
-    Order: pitch (rad), elevation (m), log focal scale, log body scale. The scales multiply
-    the clip's nominal focal length and the reference stature.
+    In the order of :data:`CAMERA`. The scales multiply the clip's nominal focal length and the
+    reference stature.
     """
 
     mean: Array
     covariance: Array
 
     def __post_init__(self) -> None:
-        mean = read_only(self.mean, shape=(4,), name="camera prior mean")
-        covariance = read_only(self.covariance, shape=(4, 4), name="camera prior covariance")
+        mean = read_only(self.mean, shape=(5,), name="camera prior mean")
+        covariance = read_only(self.covariance, shape=(5, 5), name="camera prior covariance")
         if not np.all(np.linalg.eigvalsh(covariance) > 0):
             raise InputError("camera prior: covariance must be positive definite")
         object.__setattr__(self, "mean", mean)
@@ -99,5 +103,5 @@ class CameraPrior:
 
     @property
     def standard_deviations(self) -> Array:
-        """(4,) standard deviations, units of ``mean``."""
+        """(5,) standard deviations, units of ``mean``."""
         return np.sqrt(np.diag(self.covariance))

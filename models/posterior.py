@@ -26,16 +26,19 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """One hypothesis s = (phi, X, P, z).
+    """One hypothesis s = (phi, X, P, b, z).
 
     Parameters
     ----------
-    camera : (4,) float
-        phi: pitch (rad), elevation (m), log focal scale, log body scale.
+    camera : (5,) float
+        phi: pitch (rad), elevation (m), log focal scale, log body scale, roll (rad).
     items : (k, 2) int
         X: scenelet index and start frame, sorted by start frame.
     placements : (k, 3) float
         P: x, y in metres and yaw in radians of each scenelet's local frame.
+    sizes : (k,) float
+        b: log size of the person in each scenelet, on top of the body scale. The person's
+        own body does not change; what a scenelet leaves open of how far away it is does.
     latent : (T, 2) float
         z: standard normal numbers from which the path of free frames is drawn.
     """
@@ -43,10 +46,11 @@ class State:
     camera: Array
     items: NDArray[np.int64]
     placements: Array
+    sizes: Array
     latent: Array
 
     def __post_init__(self) -> None:
-        for array in (self.camera, self.items, self.placements, self.latent):
+        for array in (self.camera, self.items, self.placements, self.sizes, self.latent):
             array.setflags(write=False)
 
     @property
@@ -54,13 +58,14 @@ class State:
         """k, how many scenelets are assigned."""
         return len(self.items)
 
-    def with_item(self, scenelet: int, start: int, placement: Array) -> State:
+    def with_item(self, scenelet: int, start: int, placement: Array, size: float = 0.0) -> State:
         """The state with one more scenelet, kept in order of time."""
         at = int(np.searchsorted(self.items[:, 1], start))
         return replace(
             self,
             items=np.insert(self.items, at, (scenelet, start), axis=0),
             placements=np.insert(self.placements, at, placement, axis=0),
+            sizes=np.insert(self.sizes, at, size),
         )
 
     def without_item(self, index: int) -> State:
@@ -69,13 +74,16 @@ class State:
             self,
             items=np.delete(self.items, index, axis=0),
             placements=np.delete(self.placements, index, axis=0),
+            sizes=np.delete(self.sizes, index),
         )
 
-    def with_placement(self, index: int, placement: Array) -> State:
-        """The state with one scenelet placed elsewhere."""
-        placements = self.placements.copy()
+    def with_placement(self, index: int, placement: Array, size: float | None = None) -> State:
+        """The state with one scenelet placed elsewhere, and its person of another log size."""
+        placements, sizes = self.placements.copy(), self.sizes.copy()
         placements[index] = placement
-        return replace(self, placements=placements)
+        if size is not None:
+            sizes[index] = size
+        return replace(self, placements=placements, sizes=sizes)
 
 
 def empty_state(problem: Problem) -> State:
@@ -84,6 +92,7 @@ def empty_state(problem: Problem) -> State:
         camera=np.array(problem.camera_mean),
         items=np.empty((0, 2), np.int64),
         placements=np.empty((0, 3)),
+        sizes=np.empty(0),
         latent=np.zeros((problem.n_frames, 2)),
     )
 
@@ -92,8 +101,9 @@ def _evaluate(problem: Problem, state: State) -> tuple[Array, Array, Array]:
     joints = np.empty((problem.n_frames, 16, 3))
     by_frame = np.zeros((problem.n_frames, 2))
     values = evaluate(
-        problem, state.camera, state.items, state.placements, state.latent, joints, by_frame
-    )
+        problem, state.camera, state.items, state.placements, state.sizes, state.latent,
+        joints, by_frame,
+    )  # fmt: skip
     return values, joints, by_frame
 
 

@@ -54,18 +54,21 @@ class Problem(NamedTuple):
     box_label: Ints  # (B,) category of that object
     box_yaw: Array  # (B,) orientation of that object, radians
     log_rate: Array  # (L,) log prior odds of the scenelet at a given start
-    camera_mean: Array  # (4,)
-    camera_precision: Array  # (4, 4)
+    camera_mean: Array  # (5,)
+    camera_precision: Array  # (5, 5)
     camera_constant: float
     step_variance: Array  # (2,)
     start_mean: Array  # (2,)
     start_variance: Array  # (2,)
+    size_spread: float
     frame_weight: float
     swap_begins: float  # probability a frame
     swap_ends: float
     pose_tolerance: float
     sight_width: float
     surprise: float
+    joint_step: float  # metres between two frames
+    smoothness_cost: float
     collision_cost: float
     motion_cost: float
     merge_angle: float
@@ -169,12 +172,15 @@ def pack_problem(
         step_variance=(bend * np.array([settings.walk_bearing, settings.walk_log_depth])) ** 2,
         start_mean=np.array([0.0, np.log(settings.start_depth)]),
         start_variance=np.array([settings.start_bearing, settings.start_log_depth]) ** 2,
+        size_spread=settings.size_spread,
         frame_weight=settings.frame_weight * 10.0 / clip.fps,
         swap_begins=min(0.5, settings.swap_rate / clip.fps),
         swap_ends=min(0.5, 1.0 / (settings.swap_length * clip.fps)),
         pose_tolerance=settings.pose_tolerance,
         sight_width=settings.sight_width,
         surprise=settings.surprise,
+        joint_step=settings.joint_step,
+        smoothness_cost=settings.smoothness_cost,
         collision_cost=settings.collision_cost,
         motion_cost=settings.motion_cost,
         merge_angle=settings.merge_angle,

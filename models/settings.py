@@ -39,6 +39,16 @@ class ModelSettings:
         Standard deviations of where the person is first seen.
     start_depth : float
         Metres; median depth there.
+    size_spread : float
+        Standard deviation of the log size of the person in one scenelet, about the body scale:
+        how far a fitted motion leaves open at what distance it was (i3DB, stretches of 2 s).
+    joint_step : float
+        Metres an axis; scale of a joint's step, relative to the pelvis, from the frame before a
+        scenelet to its first and from its last to the next. Nearly all of it is how scenelet
+        and lifted pose differ (i3DB), so that it does not depend on the frame rate.
+    smoothness_cost : float
+        Factor on those steps' nats, for joints err together: at once, and as ``frame_weight``
+        says of frames.
     collision_cost : float
         Nats per metre that two objects are in each other, on the floor.
     motion_cost : float
@@ -64,6 +74,9 @@ class ModelSettings:
     start_bearing: float = 0.25
     start_log_depth: float = 0.4
     start_depth: float = 4.0
+    size_spread: float = 0.065
+    joint_step: float = 0.067
+    smoothness_cost: float = 1 / 12
     collision_cost: float = 100.0
     motion_cost: float = 50.0
     merge_angle: float = 0.6
@@ -74,7 +87,8 @@ class ModelSettings:
         for name in (
             "frame_weight", "swap_rate", "swap_length", "pose_tolerance", "sight_width",
             "walk_bearing", "walk_log_depth",
-            "start_bearing", "start_log_depth", "start_depth", "scenelet_rate",
+            "start_bearing", "start_log_depth", "start_depth", "scenelet_rate", "size_spread",
+            "joint_step",
         ):  # fmt: skip
             if not getattr(self, name) > 0:
                 raise InputError(f"model setting {name} = {getattr(self, name)} must be positive")

@@ -44,6 +44,7 @@ NOMINAL_CAMERA: Final = Camera(
 """The camera of i3DB, with the mean of the prior on its pose: N(-4, 3) degrees of pitch."""
 
 PITCH_SPREAD: Final = float(np.deg2rad(3.0))
+ROLL_SPREAD: Final = float(np.deg2rad(1.35))
 ELEVATIONS: Final = (1.3, 1.7)
 SCALE_SPREAD: Final = 0.05
 """Standard deviation of log focal length (assumed ones are good to 5 %) and of log body scale
@@ -71,9 +72,10 @@ _ROOMS = 200
 
 
 def draw_camera(rng: np.random.Generator, *, nominal: Camera = NOMINAL_CAMERA) -> Camera:
-    """A camera from the prior: pitch, elevation and focal length about the nominal one."""
+    """A camera from the prior: pitch, roll, elevation and focal length about the nominal one."""
     return nominal.posed(
         pitch=float(rng.normal(nominal.pitch, PITCH_SPREAD)),
+        roll=float(rng.normal(nominal.roll, ROLL_SPREAD)),
         elevation=float(rng.uniform(*ELEVATIONS)),
         focal_scale=float(np.exp(rng.normal(0.0, SCALE_SPREAD))),
     )
@@ -160,7 +162,7 @@ def simulate_clip(
     track = simulate_track(rng, acted.joints, hidden, camera=seen_by, fps=fps)
     nominal = NOMINAL_CAMERA
     if camera is not None:
-        nominal = camera.posed(pitch=nominal.pitch, elevation=nominal.elevation)
+        nominal = camera.posed(pitch=nominal.pitch, roll=nominal.roll, elevation=nominal.elevation)
     return Clip(
         name=name,
         camera=nominal,

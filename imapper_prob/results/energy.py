@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from imapper_prob.models.compiled import TERMS, evaluate
 from imapper_prob.models.energy.occlusion import p_seen
+from imapper_prob.models.energy.smoothness import pose_jump
 from imapper_prob.models.energy.swaps import summed_over_swaps
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.geometry import pack_boxes, sight_clearance
@@ -39,8 +40,8 @@ class FrameShares:
     detections : (T,) float
         log p(u_t, c_t | all earlier frames, s) in nats, with the frame weight and with left
         and right swapped or not summed out: these add up to the term exactly.
-    free_pose, motion : (T,) float
-        Nats; they add up to their terms.
+    free_pose, smoothness, motion, ground : (T,) float
+        Nats; they add up to their terms. A jump counts for the frame it leads to.
     swapped : (T,) float
         Probability that the detector took left for right.
     hidden : (T,) float
@@ -50,14 +51,17 @@ class FrameShares:
 
     detections: Array
     free_pose: Array
+    smoothness: Array
     motion: Array
+    ground: Array
     swapped: Array
     hidden: Array
 
     @property
     def total(self) -> Array:
         """(T,) nats; the terms that belong to no frame are left out."""
-        return self.detections + self.free_pose + self.motion
+        of_terms = (self.detections, self.free_pose, self.smoothness, self.motion, self.ground)
+        return np.asarray(np.sum(of_terms, axis=0))
 
 
 @dataclass(frozen=True)
@@ -151,7 +155,9 @@ def explain(
             "or the camera is out of bounds; take another scene"
         )
     ids = np.arange(problem.n_frames) if frame_ids is None else np.array(frame_ids, np.int64)
-    bare = replace(state, items=state.items[:0], placements=state.placements[:0])
+    bare = replace(
+        state, items=state.items[:0], placements=state.placements[:0], sizes=state.sizes[:0]
+    )
     scenelets = tuple(
         Worth(
             library[scenelet].name,
@@ -176,27 +182,47 @@ def frame_shares(problem: Problem, state: State, library: Library) -> FrameShare
     """What each frame adds to the detections, free-pose and motion terms of a state."""
     n_frames = problem.n_frames
     joints, by_frame = np.empty((n_frames, 16, 3)), np.zeros((n_frames, 2))
-    evaluate(problem, state.camera, state.items, state.placements, state.latent, joints, by_frame)
+    evaluate(
+        problem, state.camera, state.items, state.placements, state.sizes, state.latent,
+        joints, by_frame,
+    )  # fmt: skip
     weight = problem.frame_weight * problem.likelihood
     # The forward recursion over ever longer clips; what the last frame adds is its share.
     sums = [
         summed_over_swaps(by_frame[:n], weight, problem.swap_begins, problem.swap_ends)
         for n in range(n_frames + 1)
     ]
-    free = np.full(n_frames, True)
+    covered_by = np.full(n_frames, -1)
     for index in range(state.n_scenelets):
         first, last = _span(problem, state, index)
-        free[first : last + 1] = False
+        covered_by[first : last + 1] = index
     boxes = pack_boxes(o for _, o in placed_objects(state, library))
     clearance = sight_clearance((0, 0, state.camera[1]), joints[:, list(DETECTED)], boxes)
     seen = [p_seen(gap, problem.sight_width, problem.surprise) for gap in clearance.ravel()]
     return FrameShares(
         detections=np.diff(sums),
-        free_pose=np.where(free, -weight * problem.free_cost, 0.0),
+        free_pose=np.where(covered_by < 0, -weight * problem.free_cost, 0.0),
+        smoothness=_jumps_by_frame(problem, covered_by, joints),
+        ground=_ground_by_frame(problem, joints),
         motion=_motion_by_frame(problem, state),
         swapped=swapped(problem, state),
         hidden=1 - np.reshape(seen, clearance.shape).mean(1),
     )
+
+
+def _jumps_by_frame(problem: Problem, covered_by: Ints, joints: Array) -> Array:
+    """(T,) what the jump of the pose into each frame costs, where a scenelet begins or ends."""
+    shares = np.zeros(len(joints))
+    for t in (1 + np.flatnonzero(np.diff(covered_by))).tolist():
+        shares[t] = pose_jump(joints, t - 1, t, problem.joint_step)
+    return -problem.smoothness_cost * problem.likelihood * shares
+
+
+def _ground_by_frame(problem: Problem, joints: Array) -> Array:
+    """(T,) what the feet below the floor cost in each frame with a detection."""
+    weight = problem.motion_cost * problem.frame_weight * problem.likelihood
+    depth = np.maximum(-joints[..., 2].min(-1), 0.0)
+    return np.where(problem.used.any(1), -weight * depth, 0.0)
 
 
 def _motion_by_frame(problem: Problem, state: State) -> Array:

@@ -29,12 +29,23 @@ _LINES: Final = "#dcdfe4"
 _TERM_COLOURS: Final = dict(
     zip(
         TERMS,
-        ("#bab0ac", "#9c755f", "#edc948", "#76b7b2", "#4e79a7", "#f28e2b", "#b07aa1", "#e15759"),
+        (
+            "#bab0ac",
+            "#9c755f",
+            "#edc948",
+            "#76b7b2",
+            "#4e79a7",
+            "#f28e2b",
+            "#59a14f",
+            "#b07aa1",
+            "#e15759",
+            "#ff9da7",
+        ),
         strict=True,
     )
-)
+)  # fmt: skip
 """Hues of Tableau 10, which stay apart for most colour-blind eyes."""
-_BY_FRAME: Final = ("detections", "free_pose", "motion")
+_BY_FRAME: Final = ("detections", "free_pose", "smoothness", "motion", "ground")
 _SHOWN: Final = 0.5
 """Nats below which a term has no entry in the legend: its bar could not be seen."""
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import fields
 from pathlib import Path
 from typing import Any, Final
 
@@ -29,10 +30,14 @@ VERSION: Final = 1
 """Raised whenever a reader of an older version would misread the file."""
 
 _HEADS: Final = {
+    "layout": "lay-\nout",
     "placement": "place-\nment",
     "detections": "detec-\ntions",
     "free_pose": "free\npose",
+    "smoothness": "smooth-\nness",
     "collision": "colli-\nsion",
+    "motion": "mo-\ntion",
+    "ground": "floor",
 }
 """Heads in two lines, for terminals of eighty columns."""
 _SHOWN: Final = 0.05
@@ -128,5 +133,4 @@ def _worth(worth: Worth, ids: NDArray[np.int64]) -> dict[str, Any]:
 
 
 def _frames(shares: FrameShares) -> dict[str, list[float]]:
-    names = ("detections", "free_pose", "motion", "swapped", "hidden")
-    return {name: getattr(shares, name).tolist() for name in names}
+    return {f.name: getattr(shares, f.name).tolist() for f in fields(shares)}

@@ -92,9 +92,9 @@ class Posterior:
         return WeightedScene(scene, probability, error, covariances, np.array(ghosts))
 
     def _scene(self, state: State, log_posterior: float) -> Scene:
-        pitch, elevation, focal, _ = state.camera
+        pitch, elevation, focal, _, roll = state.camera.tolist()
         camera: Camera = self.clip.camera.posed(
-            pitch=float(pitch), elevation=float(elevation), focal_scale=float(np.exp(focal))
+            pitch=pitch, roll=roll, elevation=elevation, focal_scale=float(np.exp(focal))
         )
         layout = tuple((self.solution.library[s].name, t) for s, t in state.items.tolist())
         joints = motion(self.solution.problem, state)

@@ -16,6 +16,7 @@ import xarray as xr
 
 from imapper_prob.config import Config
 from imapper_prob.models.errors import InputError
+from imapper_prob.models.path import CAMERA
 from imapper_prob.models.posterior import State
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.scene import Clip
@@ -116,10 +117,10 @@ def _draw(folder: Path, tree: xr.DataTree, log_posterior: float, n_frames: int) 
     posterior, draws = tree["posterior"].isel(at), tree["draws"].isel(at)
     used = draws["scenelet"].to_numpy() >= 0
     items = np.stack([draws["scenelet"].to_numpy()[used], draws["start"].to_numpy()[used]], -1)
-    names = ("pitch", "elevation", "log_focal_scale", "log_body_scale")
     return State(
-        camera=np.array([float(posterior[name]) for name in names]),
+        camera=np.array([float(posterior[name]) for name in CAMERA]),
         items=items.astype(np.int64),
         placements=draws["scenelet_placement"].to_numpy()[used],
+        sizes=draws["scenelet_log_size"].to_numpy()[used],
         latent=np.zeros((n_frames, 2)),
     )

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from imapper_prob.config import Config, to_toml
 from imapper_prob.models.errors import InputError
+from imapper_prob.models.path import CAMERA
 from imapper_prob.models.posterior import motion, swapped
 from imapper_prob.models.skeleton import JOINTS, PELV
 from imapper_prob.sampling.sample import Samples
@@ -38,11 +39,13 @@ _UNITS = {
     "elevation": "m",
     "log_focal_scale": "1",
     "log_body_scale": "1",
+    "roll": "rad",
     "pelvis": "m",
     "sides_swapped": "1",
     "log_posterior": "nat",
     "keypoints": "px",
     "scenelet_placement": "m, m, rad",
+    "scenelet_log_size": "1",
     "object_placement": "m, m, rad",
 }
 
@@ -50,7 +53,7 @@ _UNITS = {
 def posterior_tree(solution: Solution, samples: Samples, config: Config) -> xr.DataTree:
     """All that a run sampled, with provenance in the attributes."""
     clip, shape = solution.clip, samples.shape
-    camera = np.array([state.camera for state in samples.states]).reshape(*shape, 4)
+    camera = np.array([state.camera for state in samples.states]).reshape(*shape, -1)
     pelvis = np.array(
         [motion(solution.problem, state)[:, PELV].astype(np.float32) for state in samples.states]
     ).reshape(*shape, clip.n_frames, 3)
@@ -59,8 +62,7 @@ def posterior_tree(solution: Solution, samples: Samples, config: Config) -> xr.D
     ).reshape(*shape, clip.n_frames)
     per_draw = ("chain", "draw")
     posterior: dict[str, Variable] = {
-        name: (per_draw, camera[..., i])
-        for i, name in enumerate(("pitch", "elevation", "log_focal_scale", "log_body_scale"))
+        name: (per_draw, camera[..., i]) for i, name in enumerate(CAMERA)
     }
     posterior |= {
         "n_scenelets": (per_draw, np.reshape([s.n_scenelets for s in samples.states], shape)),
@@ -141,6 +143,7 @@ def _padded(solution: Solution, samples: Samples) -> dict[str, Variable]:
     slots = max(1, *(s.n_scenelets for s in samples.states))
     scenelets = np.full((count, slots, 2), -1)
     placed = np.full((count, slots, 3), np.nan)
+    sizes = np.full((count, slots), np.nan)
     most = max(1, *(len(o) for o in samples.objects))
     labels = np.full((count, most), -1)
     objects = np.full((count, most, 3), np.nan)
@@ -148,6 +151,7 @@ def _padded(solution: Solution, samples: Samples) -> dict[str, Variable]:
     for n, (state, furniture) in enumerate(zip(samples.states, samples.objects, strict=True)):
         scenelets[n, : state.n_scenelets] = state.items
         placed[n, : state.n_scenelets] = state.placements
+        sizes[n, : state.n_scenelets] = state.sizes
         for k, o in enumerate(furniture):
             labels[n, k] = index[o.label]
             objects[n, k] = (*o.centre[:2], o.placement.yaw)
@@ -159,6 +163,7 @@ def _padded(solution: Solution, samples: Samples) -> dict[str, Variable]:
             ("chain", "draw", "slot", "pose"),
             placed.reshape(*shape, slots, 3),
         ),
+        "scenelet_log_size": (("chain", "draw", "slot"), sizes.reshape(*shape, slots)),
         "object_label": (("chain", "draw", "object"), labels.reshape(*shape, most)),
         "object_placement": (
             ("chain", "draw", "object", "pose"),

@@ -19,7 +19,7 @@ from imapper_prob.sampling.proposals import Candidates
 
 __all__ = ["Progress", "identity_of"]
 
-_FIELDS = ("camera", "items", "placements", "latent")
+_FIELDS = ("camera", "items", "placements", "sizes", "latent")
 
 
 @dataclass

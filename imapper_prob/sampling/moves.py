@@ -47,11 +47,18 @@ def _difference(before: State, after: State) -> int | None:
     """Index in ``after`` of the one scenelet that ``before`` lacks."""
     for index in range(after.n_scenelets):
         rest = after.without_item(index)
-        if np.array_equal(rest.items, before.items) and np.array_equal(
-            rest.placements, before.placements
+        if all(
+            np.array_equal(getattr(rest, name), getattr(before, name))
+            for name in ("items", "placements", "sizes")
         ):
             return index
     return None
+
+
+def _item(state: State, index: int) -> tuple[int, int, Array, float]:
+    """Scenelet, start frame, placement and log size of one item."""
+    scenelet, start = state.items[index].tolist()
+    return scenelet, start, state.placements[index], float(state.sizes[index])
 
 
 @dataclass(frozen=True)
@@ -78,8 +85,7 @@ class Birth:
         index = _difference(before, after)
         if index is None:
             return -math.inf
-        scenelet, start = (int(v) for v in after.items[index])
-        return self.proposals.log_density(scenelet, start, after.placements[index], after.camera)
+        return self.proposals.log_density(*_item(after, index), after.camera)
 
 
 @dataclass(frozen=True)
@@ -95,10 +101,7 @@ class Death:
         if state.n_scenelets == 0:
             return None
         index = int(rng.integers(state.n_scenelets))
-        scenelet, start = (int(v) for v in state.items[index])
-        log_reverse = self.proposals.log_density(
-            scenelet, start, state.placements[index], state.camera
-        )
+        log_reverse = self.proposals.log_density(*_item(state, index), state.camera)
         return Proposal(state.without_item(index), log_reverse + math.log(state.n_scenelets))
 
     def explain(self, before: State, after: State) -> float:
@@ -122,7 +125,7 @@ class Swap:
         if state.n_scenelets == 0:
             return None
         index = int(rng.integers(state.n_scenelets))
-        scenelet, start = (int(v) for v in state.items[index])
+        start = int(state.items[index, 1])
         drawn = self.proposals.draw(rng, state.camera, around=start, window=self.window)
         if drawn is None:
             return None
@@ -131,12 +134,7 @@ class Swap:
             return None
         forward = self.proposals.log_density(*drawn, state.camera, around=start, window=self.window)
         backward = self.proposals.log_density(
-            scenelet,
-            start,
-            state.placements[index],
-            state.camera,
-            around=drawn[1],
-            window=self.window,
+            *_item(state, index), state.camera, around=drawn[1], window=self.window
         )
         return Proposal(new, backward - forward)
 
@@ -145,11 +143,8 @@ class Swap:
         for index in range(before.n_scenelets):
             other = _difference(before.without_item(index), after)
             if other is not None:
-                scenelet, start = (int(v) for v in after.items[other])
                 density = self.proposals.log_density(
-                    scenelet,
-                    start,
-                    after.placements[other],
+                    *_item(after, other),
                     after.camera,
                     around=int(before.items[index, 1]),
                     window=self.window,
@@ -213,7 +208,8 @@ class PlacementWalk:
     """One scenelet along and across the viewing ray, and turned.
 
     Steps are normal in (bearing, log depth, yaw), at one of several scales, now and then
-    with half a turn; going to the floor's (x, y) brings the Jacobian (y' / y)^2.
+    with half a turn; going to the floor's (x, y) brings the Jacobian (y' / y)^2. Half of the
+    steps take the size of the person along with the depth, which then looks the same.
     """
 
     scales: tuple[float, ...] = (0.2, 1.0, 4.0)
@@ -238,7 +234,10 @@ class PlacementWalk:
         depth = y * math.exp(self.log_depth * along)
         about = math.pi if rng.random() < self.turn_about else 0.0
         placement = np.array([bearing * depth, depth, yaw + self.yaw * turn + about])
-        return Proposal(state.with_placement(index, placement), 2 * math.log(depth / y))
+        size = float(state.sizes[index])
+        if rng.random() < 0.5:
+            size += self.log_depth * along
+        return Proposal(state.with_placement(index, placement, size), 2 * math.log(depth / y))
 
 
 @dataclass(frozen=True)
@@ -251,9 +250,9 @@ class CameraWalk:
     reverse: str = "camera"
 
     def propose(self, rng: np.random.Generator, state: State) -> Proposal[State]:
-        """Walk phi; ``factor`` (4, 4) is the Cholesky factor of the prior's covariance."""
+        """Walk phi; ``factor`` (5, 5) is the Cholesky factor of the prior's covariance."""
         scale = self.scales[int(rng.integers(len(self.scales)))]
-        step = scale * self.factor @ rng.standard_normal(4)
+        step = scale * self.factor @ rng.standard_normal(len(self.factor))
         return Proposal(replace(state, camera=state.camera + step), 0.0)
 
 

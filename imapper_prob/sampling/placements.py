@@ -2,7 +2,7 @@
 
 Given which scenelet starts when, camera, body scale and placements are a few dozen smooth
 dimensions, with the latent numbers of the path behind them. Walkers live in (bearing, log
-depth, yaw), where the posterior is nearly Gaussian; the density carries the Jacobian.
+depth, yaw, log size), where the posterior is nearly Gaussian; the density carries the Jacobian.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 
 _SPREAD = np.array([0.004, 0.02, 0.05])
 """Spread of the walkers' starts in bearing, log metres and radians."""
-_CAMERA_SPREAD = 0.2
+_CAMERA_SPREAD = _SIZE_SPREAD = 0.2
 """The same for the nuisance parameters, in standard deviations of their prior."""
 
 _KEPT = 20
@@ -39,12 +39,14 @@ class PlacementDraws:
     ----------
     items : (k, 2) int
         Scenelet and start frame.
-    camera : (E, n, W, 4) float
-        Pitch, elevation, log focal scale, log body scale.
+    camera : (E, n, W, 5) float
+        Pitch, elevation, log focal scale, log body scale, roll.
     placements : (E, n, W, k, 3) float
         x, y in metres, yaw in radians.
-    rhat : (4 + 3 k,) float
-        Nested R-hat of camera, then bearing, log depth and yaw of each scenelet.
+    sizes : (E, n, W, k) float
+        Log size of the person in each scenelet.
+    rhat : (5 + 4 k,) float
+        Nested R-hat of camera, then bearing, log depth, yaw and log size of each scenelet.
     acceptance : dict of str to float
         Accepted share by move.
     """
@@ -52,21 +54,24 @@ class PlacementDraws:
     items: NDArray[np.int64]
     camera: Array
     placements: Array
+    sizes: Array
     rhat: Array
     acceptance: dict[str, float]
 
 
 def to_theta(state: State) -> Array:
-    """(4 + 3 k,) camera, then bearing, log depth and yaw of each scenelet."""
+    """(5 + 4 k,) camera, then bearing, log depth, yaw and log size of each scenelet."""
     x, y, yaw = state.placements.T
-    return np.concatenate([state.camera, np.stack([x / y, np.log(y), yaw], -1).ravel()])
+    polar = np.stack([x / y, np.log(y), yaw, state.sizes], -1)
+    return np.concatenate([state.camera, polar.ravel()])
 
 
-def from_theta(theta: Array) -> tuple[Array, Array]:
-    """Camera (..., 4) and placements (..., k, 3) of ``theta`` (..., 4 + 3 k)."""
-    polar = theta[..., 4:].reshape(*theta.shape[:-1], -1, 3)
+def from_theta(theta: Array) -> tuple[Array, Array, Array]:
+    """Camera (..., 5), placements (..., k, 3), sizes (..., k) of ``theta`` (..., 5 + 4 k)."""
+    polar = theta[..., 5:].reshape(*theta.shape[:-1], -1, 4)
     depth = np.exp(polar[..., 1])
-    return theta[..., :4], np.stack([polar[..., 0] * depth, depth, polar[..., 2]], -1)
+    placements = np.stack([polar[..., 0] * depth, depth, polar[..., 2]], -1)
+    return theta[..., :5], placements, polar[..., 3]
 
 
 @dataclass(frozen=True)
@@ -77,15 +82,17 @@ class _Target:
     items: NDArray[np.int64]
 
     def __call__(self, theta: Array, latent: Array) -> Array:
-        camera, placements = from_theta(theta)
+        camera, placements, sizes = from_theta(theta)
         shape = (len(theta), self.problem.n_frames, 2)
         path = latent.reshape(shape)
         values = [
-            log_posterior(self.problem, State(camera[w], self.items, placements[w], path[w]))
+            log_posterior(
+                self.problem, State(camera[w], self.items, placements[w], sizes[w], path[w])
+            )
             for w in range(len(theta))
         ]
         # d(x, y) = depth^2 d(bearing, log depth)
-        density: Array = np.array(values) + 2 * theta[:, 5::3].sum(1)
+        density: Array = np.array(values) + 2 * theta[:, 6::4].sum(1)
         return density
 
 
@@ -102,7 +109,8 @@ def sample_placements(
     rng = np.random.default_rng(start_seed)
     centre = to_theta(state)
     camera_spread = _CAMERA_SPREAD / np.sqrt(np.diag(problem.camera_precision))
-    spread = np.concatenate([camera_spread, np.tile(_SPREAD, state.n_scenelets)])
+    placed_spread = np.append(_SPREAD, _SIZE_SPREAD * problem.size_spread)
+    spread = np.concatenate([camera_spread, np.tile(placed_spread, state.n_scenelets)])
     walkers = 2 * len(centre) + 2
     shape = (settings.ensembles, walkers)
     theta = centre + spread * rng.standard_normal((*shape, len(centre)))
@@ -117,11 +125,12 @@ def sample_placements(
         settings=EnsembleSettings(burn_in=half, n_draws=half // thin_by, thin_by=thin_by),
         workers=workers,
     )
-    camera, placements = from_theta(draws.theta)
+    camera, placements, sizes = from_theta(draws.theta)
     return PlacementDraws(
         items=state.items,
         camera=camera,
         placements=placements,
+        sizes=sizes,
         rhat=rhat_nested(draws.theta),
         acceptance={name: float(rates.mean()) for name, rates in draws.acceptance.items()},
     )

@@ -3,7 +3,8 @@
 The solver's fits are the components: a candidate names a scenelet, a start frame and a
 placement, and is blurred around it along the viewing ray, across it and in yaw. A small
 share of the mass goes to every scenelet at every start frame anywhere, so that no part of
-the support is out of reach and the density of any scenelet can be stated exactly.
+the support is out of reach and the density of any scenelet can be stated exactly. The size
+of its person comes from the prior, and a larger one is tried further away.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from imapper_prob.models.kernels.support import log_size_density
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.scene import read_only
 
@@ -70,20 +72,20 @@ def log_wrapped_normal(angle: Array, spread: float) -> Array:
 
 @dataclass(frozen=True)
 class Proposals:
-    """The mixture over (scenelet, start frame, placement), to draw from and to evaluate.
+    """The mixture over (scenelet, start frame, placement, size), to draw from and to evaluate.
 
     Candidates were fitted at the mean of the camera prior. Under another focal length or
     body size the same pixels lie on another bearing and depth, and so do the proposals:
-    they depend on ``camera`` (4,), which the moves that use them leave alone.
+    they depend on ``camera`` (5,), which the moves that use them leave alone.
     """
 
     problem: Problem
     candidates: Candidates
 
-    def _seen_from(self, camera: Array) -> tuple[float, float]:
+    def _seen_from(self, camera: Array, size: float) -> tuple[float, float]:
         """By how much bearing shrinks and log depth grows from the mean camera to this one."""
         change = camera - self.problem.camera_mean
-        return math.exp(-change[2]), float(change[2] + change[3])
+        return math.exp(-change[2]), float(change[2] + change[3] + size)
 
     def _near(self, start: int | None, window: int) -> Array:
         """Weights of the candidates whose start lies within ``window`` frames of ``start``."""
@@ -105,24 +107,25 @@ class Proposals:
         *,
         around: int | None = None,
         window: int = 0,
-    ) -> tuple[int, int, Array] | None:
-        """A scenelet, its start frame and its placement (3,); None where none fits.
+    ) -> tuple[int, int, Array, float] | None:
+        """A scenelet, its start frame, placement (3,) and log size; None where none fits.
 
         With ``around`` only starts within ``window`` frames of it.
         """
         weights = self._near(around, window)
         total = weights.sum()
+        size = self.problem.size_spread * float(rng.standard_normal())
         if total > 0 and rng.random() > _ANYWHERE:
             which = int(rng.choice(len(weights), p=weights / total))
             scenelet, start = (int(v) for v in self.candidates.items[which])
             x, y, yaw = self.candidates.placements[which]
-            shrunk, further = self._seen_from(camera)
+            shrunk, further = self._seen_from(camera, size)
             spread = np.array(_SPREADS[int(rng.integers(len(_SPREADS)))])
             across, along, around_z = spread * rng.standard_normal(3)
             bearing = shrunk * x / y + across
             depth = y * math.exp(further + along)
             turn = yaw + around_z
-            return scenelet, start, np.array([bearing * depth, depth, turn])
+            return scenelet, start, np.array([bearing * depth, depth, turn]), size
         scenelet = int(rng.integers(len(self.problem.lengths)))
         first, last = self._starts(scenelet, around, window)
         if last < first:
@@ -131,19 +134,21 @@ class Proposals:
         mean, spread = self.problem.start_mean, np.sqrt(self.problem.start_variance)
         bearing, log_depth = mean + spread * rng.standard_normal(2)
         depth = math.exp(log_depth)
-        return scenelet, start, np.array([bearing * depth, depth, rng.uniform(-math.pi, math.pi)])
+        turn = rng.uniform(-math.pi, math.pi)
+        return scenelet, start, np.array([bearing * depth, depth, turn]), size
 
     def log_density(
         self,
         scenelet: int,
         start: int,
         placement: Array,
+        size: float,
         camera: Array,
         *,
         around: int | None = None,
         window: int = 0,
     ) -> float:
-        """Log density of :meth:`draw`, per square metre and radian."""
+        """Log density of :meth:`draw`, per square metre, radian and unit of log size."""
         x, y, yaw = placement
         if y <= 0:
             return -math.inf
@@ -169,7 +174,7 @@ class Proposals:
         )
         if len(same):
             cx, cy, turn = self.candidates.placements[same].T
-            shrunk, further = self._seen_from(camera)
+            shrunk, further = self._seen_from(camera, size)
             shares = np.log(weights[same] / total * (1 - _ANYWHERE) / len(_SPREADS))
             for across, along, around_z in _SPREADS:
                 logs = (
@@ -182,4 +187,5 @@ class Proposals:
                 parts.extend(logs.tolist())
         if not parts:
             return -math.inf
-        return to_floor + float(np.logaddexp.reduce(parts))
+        of_size = log_size_density(size, self.problem.size_spread)
+        return to_floor + of_size + float(np.logaddexp.reduce(parts))

@@ -15,6 +15,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from imapper_prob.models.camera import Camera
 from imapper_prob.models.path import StaticPath
 from imapper_prob.models.pose import facing
 from imapper_prob.models.problem import Problem
@@ -127,15 +128,23 @@ def _fit_windows(
 
 def _static_world(problem: Problem, path: StaticPath) -> Array:
     """(T, 16, 3) joints of the static path in the world of the mean camera."""
-    pitch, elevation, focal, body = problem.camera_mean
+    pitch, elevation, focal, body, roll = problem.camera_mean
     depth = np.exp(path.estimate[:, 1] + focal + body)
     pelvis = np.stack([path.estimate[:, 0], np.ones_like(depth), path.lift], -1)
     pelvis[:, ::2] /= np.exp(focal)
     joints = depth[:, None, None] * pelvis[:, None] + np.exp(body) * path.poses
-    c, s = np.cos(pitch), np.sin(pitch)
-    rotation = np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
-    world: Array = joints @ rotation.T + (0.0, 0.0, elevation)
-    return world
+    camera = Camera(1, 1, 1.0, 1.0, 0.0, 0.0, pitch=pitch, roll=roll, elevation=elevation)
+    return camera.to_world(joints)
+
+
+def _level(problem: Problem) -> Array:
+    """(T, 16, 2) the detections as the mean camera would see them without its roll, pixels."""
+    roll, centre = problem.camera_mean[4], np.array([problem.cx, problem.cy])
+    focal = np.array([problem.fx, problem.fy])
+    c, s = np.cos(roll), np.sin(roll)
+    turned = (problem.keypoints - centre) / focal @ np.array([[c, -s], [s, c]])
+    result: Array = turned * focal + centre
+    return result
 
 
 class _Fitter:
@@ -158,6 +167,7 @@ class _Fitter:
         self.joints = torch.from_numpy(joints)
         self.present = torch.from_numpy(present)
         self.problem = problem
+        self.keypoints = _level(problem)
         self.focal = float(np.exp(problem.camera_mean[2]))
 
     def __call__(self, centre: int, index: Ints, start: Array, steps: int) -> tuple[Array, Array]:
@@ -170,7 +180,7 @@ class _Fitter:
         frames = np.clip(centre + self.offsets, 0, problem.n_frames - 1)
         confident = problem.used[frames] * problem.confidence_density[frames].argmax(-1)
         weight = torch.from_numpy(confident.astype(np.float32))[None] * self.present[index, :, None]
-        target = torch.from_numpy(problem.keypoints[frames].astype(np.float32))
+        target = torch.from_numpy(self.keypoints[frames].astype(np.float32))
         scale = torch.from_numpy(problem.error_scale[frames, :, 1].astype(np.float32))
         dof = torch.from_numpy(problem.error_dof[frames, :, 1].astype(np.float32))
         args = (self.joints[index], target, scale, dof, weight)

@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from imapper_prob.models.batched.layout import Layout
-from imapper_prob.models.batched.path import view_depth
+from imapper_prob.models.batched.path import in_view
 from imapper_prob.models.batched.place import Boxes
 from imapper_prob.models.batched.scan import log_product
 from imapper_prob.models.batched.sight import p_seen, sight_clearance
@@ -25,29 +25,34 @@ def _log_student(squared_error: Tensor, squared_scale: Tensor, dof: Tensor) -> T
 
 
 def by_frame(
-    tensors: ProblemTensors, layout: Layout, camera: Tensor, joints: Tensor, boxes: Boxes
+    tensors: ProblemTensors,
+    layout: Layout,
+    camera: Tensor,
+    body: Tensor,
+    joints: Tensor,
+    boxes: Boxes,
 ) -> Tensor:
     """Log-likelihood of each frame's detections, as they are and with sides swapped: (S, T, 2).
 
-    In nats, before the frame weight. ``camera`` (S, 4), ``joints`` (S, T, 16, 3) in the world.
+    In nats, before the frame weight. ``camera`` (S, 5), ``body`` (S, T) how large the person
+    is, ``joints`` (S, T, 16, 3) in the world.
     """
     problem = tensors.problem
-    pitch, height, log_focal, log_body = (camera[:, i, None, None] for i in range(4))
     clearance = sight_clearance(camera[:, 1], joints, boxes)
     seen = p_seen(clearance, width=problem.sight_width, surprise=problem.surprise)
     log_share = torch.stack([(-seen).log1p(), seen.log()], -1)
 
-    depth, focal = view_depth(camera, joints), log_focal.exp()
-    up = pitch.cos() * (joints[..., 2] - height) - pitch.sin() * joints[..., 1]
+    right, depth, up = in_view(camera, joints)
+    focal = camera[:, 2, None, None].exp()
     pixels = torch.stack(
         [
-            problem.cx + focal * problem.fx * joints[..., 0] / depth,
+            problem.cx + focal * problem.fx * right / depth,
             problem.cy - focal * problem.fy * up / depth,
         ],
         -1,
     )
     # A larger body differs by more: else distance alone would seem to fit better.
-    loose = (focal * problem.fx * log_body.exp() * problem.pose_tolerance / depth) ** 2
+    loose = (focal * problem.fx * body[..., None] * problem.pose_tolerance / depth) ** 2
 
     covered = layout.covered[..., None, None]
     sides = []

@@ -1,4 +1,4 @@
-"""Things cannot be in each other, in torch (``docs/model.md`` 13-14)."""
+"""Things cannot be in each other nor the floor, in torch (``docs/model.md`` 14-16)."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from imapper_prob.models.batched.tensors import ProblemTensors
 from imapper_prob.models.limits import LEVEL
 from imapper_prob.models.skeleton import HEAD, LANK, LHIP, LKNE, PELV, RANK, RHIP, RKNE
 
-__all__ = ["collision_depth", "motion_depth"]
+__all__ = ["collision_depth", "depth_below_floor", "motion_depth"]
 
 _BELOW_PELVIS = 0.05
 """Metres below the pelvis where the trunk begins: above the seat."""
@@ -92,3 +92,12 @@ def motion_depth(tensors: ProblemTensors, layout: Layout, joints: Tensor, boxes:
     deepest = joints.new_zeros(n_states * n_frames * n_boxes)
     deepest = deepest.scatter_reduce(0, moment * n_boxes + box, depth, "amax")
     return deepest.view(n_states, -1).sum(1)
+
+
+def depth_below_floor(tensors: ProblemTensors, joints: Tensor) -> Tensor:
+    """How deep each frame's lowest joint is below the floor, summed over frames: (S,) metres.
+
+    In frames with any detection.
+    """
+    depth = (-joints[..., 2].amin(-1)).clamp_min(0.0)
+    return torch.where(tensors.used.any(1), depth, 0.0).sum(1)

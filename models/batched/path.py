@@ -16,19 +16,22 @@ from imapper_prob.models.batched.tensors import ProblemTensors
 from imapper_prob.models.limits import NEAREST
 from imapper_prob.models.skeleton import PELV
 
-__all__ = ["draw_path", "pose_free_frames", "view_depth"]
+__all__ = ["draw_path", "in_view", "pose_free_frames"]
 
 _LOG_2PI = math.log(2 * math.pi)
 
 
-def view_depth(camera: Tensor, points: Tensor) -> Tensor:
-    """Depth (S, T, ...) of points (S, T, ..., 3) along the optical axis, metres (eq. 1).
+def in_view(camera: Tensor, points: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """Right, depth and up (S, T, ...) of points (S, T, ..., 3) in camera axes, metres (eq. 1).
 
     A point nearer than the least depth, or behind the camera, counts as being there.
     """
-    pitch, height = (camera[:, i].reshape(-1, *[1] * (points.ndim - 2)) for i in (0, 1))
-    along = pitch.cos() * points[..., 1] + pitch.sin() * (points[..., 2] - height)
-    return along.clamp_min(NEAREST)
+    pitch, height, roll = (camera[:, i].reshape(-1, *[1] * (points.ndim - 2)) for i in (0, 1, 4))
+    x, y, z = points[..., 0], points[..., 1], points[..., 2] - height
+    depth = (pitch.cos() * y + pitch.sin() * z).clamp_min(NEAREST)
+    level = pitch.cos() * z - pitch.sin() * y
+    right, up = roll.cos() * x + roll.sin() * level, roll.cos() * level - roll.sin() * x
+    return right, depth, up
 
 
 def _before(after: Tensor, start: Tensor) -> Tensor:
@@ -43,7 +46,7 @@ def draw_path(
 
     Parameters
     ----------
-    camera : (S, 4)
+    camera : (S, 5)
     latent : (S, T, 2)
         Standard normal numbers of the draw.
     joints : (S, T, 16, 3)
@@ -60,9 +63,10 @@ def draw_path(
     """
     covered, begins = layout.covered[..., None], layout.begins[..., None]
     pelvis = joints[:, :, PELV]
-    depth = view_depth(camera, pelvis)
-    fixed = torch.stack([pelvis[..., 0] / depth, depth.log()], -1)
-    jacobian = camera[:, :1].cos().log() - 2 * depth.log() - _LOG_2PI
+    right, depth, _ = in_view(camera, pelvis)
+    fixed = torch.stack([right / depth, depth.log()], -1)
+    tilt = camera[:, :1].cos().log() + camera[:, 4:].cos().log()
+    jacobian = tilt - 2 * depth.log() - _LOG_2PI
     placement = torch.where(layout.begins, jacobian, 0.0).sum(1)
 
     # The same pixels under another focal length and body size.
@@ -116,12 +120,13 @@ def pose_free_frames(
     tensors: ProblemTensors, layout: Layout, camera: Tensor, path: Tensor, joints: Tensor
 ) -> Tensor:
     """The motion in the world (S, T, 16, 3): ``joints``, and each free frame's pose on ``path``."""
-    pitch, height, log_focal, log_body = (camera[:, i, None, None] for i in range(4))
+    pitch, height, log_focal, log_body, roll = (camera[:, i, None, None] for i in range(5))
     depth = path[..., 1, None].exp()
     pose = log_body.exp()[..., None] * tensors.poses
-    x = path[..., 0, None] * depth + pose[..., 0]
+    right = path[..., 0, None] * depth + pose[..., 0]
     y = depth + pose[..., 1]
-    z = tensors.lift[:, None] / log_focal.exp() * depth + pose[..., 2]
+    up = tensors.lift[:, None] / log_focal.exp() * depth + pose[..., 2]
+    x, z = roll.cos() * right - roll.sin() * up, roll.sin() * right + roll.cos() * up
     free = torch.stack(
         [x, pitch.cos() * y - pitch.sin() * z, pitch.sin() * y + pitch.cos() * z + height], -1
     )

@@ -10,7 +10,7 @@ from torch import Tensor
 from imapper_prob.models.batched.layout import Layout
 from imapper_prob.models.batched.tensors import ProblemTensors
 
-__all__ = ["Boxes", "place_boxes", "place_motions"]
+__all__ = ["Boxes", "of_items", "place_boxes", "place_motions"]
 
 
 class Boxes(NamedTuple):
@@ -25,11 +25,11 @@ class Boxes(NamedTuple):
     present: Tensor  # (S, K)
 
 
-def _of_items(placements: Tensor, item: Tensor) -> Tensor:
-    """Placements (S, k, 3) of the items named by ``item`` (S, n): (S, n, 3); zeros for -1."""
-    none = placements.new_zeros(len(placements), 1, 3)
-    state = torch.arange(len(placements), device=item.device)[:, None]
-    return torch.cat([placements, none], 1)[state, item]
+def of_items(values: Tensor, item: Tensor) -> Tensor:
+    """Values (S, k, ...) of the items named by ``item`` (S, n): (S, n, ...); zeros for -1."""
+    none = values.new_zeros(len(values), 1, *values.shape[2:])
+    state = torch.arange(len(values), device=item.device)[:, None]
+    return torch.cat([values, none], 1)[state, item]
 
 
 def _turned(x: Tensor, y: Tensor, yaw: Tensor) -> tuple[Tensor, Tensor]:
@@ -42,19 +42,19 @@ def place_motions(
 ) -> Tensor:
     """Joints of covered frames in the world, metres: (S, T, 16, 3); free frames hold no meaning.
 
-    Each scenelet's person is scaled by ``body`` (S,) about its own origin on the floor.
+    Each frame's person is scaled by ``body`` (S, T) about the scenelet's origin on the floor.
     """
     local = tensors.joints[layout.joint_row]
-    at = _of_items(placements, layout.item_of)[:, :, None]
+    at = of_items(placements, layout.item_of)[:, :, None]
     x, y = _turned(local[..., 0], local[..., 1], at[..., 2])
-    scale = body[:, None, None]
+    scale = body[..., None]
     return torch.stack([at[..., 0] + scale * x, at[..., 1] + scale * y, scale * local[..., 2]], -1)
 
 
 def place_boxes(tensors: ProblemTensors, layout: Layout, placements: Tensor) -> Boxes:
     """Furniture of all items in the world."""
     local = tensors.boxes[layout.box_row]
-    at = _of_items(placements, layout.box_item)
+    at = of_items(placements, layout.box_item)
     x, y = _turned(local[..., 0], local[..., 1], at[..., 2])
     return Boxes(
         centre=torch.stack([at[..., 0] + x, at[..., 1] + y, local[..., 2]], -1),

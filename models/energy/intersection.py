@@ -1,7 +1,7 @@
-"""Things cannot be in each other: L_c and L_m of the paper on the floor plane, compiled.
+"""Things cannot be in each other: L_c and L_m of the paper, and the floor, compiled.
 
-Both take the negative part of a signed distance on the floor. (The paper prints L_m with
-the positive part, which would reward walking through furniture.)
+All take the negative part of a signed distance, the first two on the floor plane. (The paper
+prints L_m with the positive part, which would reward walking through furniture.)
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from imapper_prob.models.jit import compiled
 from imapper_prob.models.limits import LEVEL
 
-__all__ = ["column_depth", "footprint_depth"]
+__all__ = ["column_depth", "depth_below_floor", "footprint_depth"]
 
 Array = NDArray[np.float64]
 
@@ -53,3 +53,12 @@ def column_depth(x: float, y: float, low: float, high: float, box: Array, turn: 
     v = abs(-turn[1] * dx + turn[0] * dy)
     depth: float = min(box[3] - u, box[4] - v)
     return max(depth, 0.0)
+
+
+@compiled
+def depth_below_floor(joints: Array, row: int) -> float:
+    """How deep the lowest of ``joints[row]`` (16, 3) is below the floor, metres; 0 above."""
+    lowest = 0.0
+    for j in range(16):
+        lowest = min(lowest, joints[row, j, 2])
+    return -lowest

@@ -247,14 +247,15 @@ def _furniture(problem: Problem, state: State) -> tuple[Array, Ints, Ints]:
 
 def _reprojection(problem: Problem, state: State, joints: Array, confidences: Array) -> Array:
     """(T,) sum over joints of c |Pi q - u|^2, normalised image coordinates."""
-    pitch, elevation, log_focal, _ = state.camera
+    pitch, elevation, log_focal, _, roll = state.camera
     x, y, z = np.moveaxis(joints, -1, 0)
     c, s, focal = np.cos(pitch), np.sin(pitch), np.exp(log_focal)
     depth = np.maximum(c * y + s * (z - elevation), NEAREST)
-    up = -s * y + c * (z - elevation)
+    level = -s * y + c * (z - elevation)
+    right, up = np.cos(roll) * x + np.sin(roll) * level, np.cos(roll) * level - np.sin(roll) * x
     u = (problem.keypoints[..., 0] - problem.cx) / problem.fx
     v = (problem.keypoints[..., 1] - problem.cy) / problem.fy
-    squared = (focal * x / depth - u) ** 2 + (-focal * up / depth - v) ** 2
+    squared = (focal * right / depth - u) ** 2 + (-focal * up / depth - v) ** 2
     total: Array = (confidences * squared).sum(1)
     return total
 

@@ -11,6 +11,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from imapper_prob.models.energy.intersection import depth_below_floor
+from imapper_prob.models.energy.smoothness import pose_jump
 from imapper_prob.models.geometry import NOTHING_IN_SIGHT
 from imapper_prob.models.jit import compiled
 from imapper_prob.models.kernels.body import apart, depth_in_box, set_columns
@@ -19,7 +21,7 @@ from imapper_prob.models.kernels.memory import ADDED, KEPT, REMOVED, UNUSED, Mem
 from imapper_prob.models.kernels.path import pose_free_frames, segment
 from imapper_prob.models.kernels.sight import GAP, aim, aim_again, clear, keep_aim, look, may_hide
 from imapper_prob.models.kernels.slots import collide, fill_slot, pose_covered_frames
-from imapper_prob.models.limits import LOWEST_CAMERA, STEEPEST_CAMERA
+from imapper_prob.models.kernels.support import in_support
 from imapper_prob.models.problem import Problem
 
 __all__ = ["change", "weigh_bare_frames"]
@@ -42,7 +44,7 @@ def weigh_bare_frames(problem: Problem, memory: Memory, camera: Array) -> None:
     memory.cover[0] = -1
     rows = np.arange(len(memory.bare))
     weigh_frames(
-        problem, camera, memory.wanted, memory.cover[0], memory.joints, rows,
+        problem, camera, memory.wanted, memory.cover[0], memory.sizes, memory.joints, rows,
         memory.clearance, memory.bench, memory.bare, rows,
     )  # fmt: skip
 
@@ -57,6 +59,7 @@ def change(
     camera: Array,
     items: Ints,
     placements: Array,
+    sizes: Array,
     latent: Array,
 ) -> float:
     """The log-posterior of a proposed state; what differs is worked out, the rest remembered.
@@ -68,9 +71,9 @@ def change(
         Written only where the current state does not look.
     n_before : int
         Scenelets of the current state; -1 where there is none yet to remember.
-    camera_before, latent_before : (4,), (T, 2) float
+    camera_before, latent_before : (5,), (T, 2) float
         Of the current state.
-    camera, items, placements, latent
+    camera, items, placements, sizes, latent
         Of the proposed state: see :class:`imapper_prob.models.posterior.State`.
 
     Returns
@@ -79,16 +82,15 @@ def change(
         Nats; -inf outside the support.
     """
     n, n_old = len(items), max(n_before, 0)
-    inside = camera[1] > LOWEST_CAMERA and abs(camera[0]) < STEEPEST_CAMERA
-    if not inside or not _in_order(problem, items):
+    if not in_support(camera) or not _in_order(problem, items):
         return -math.inf
     anew = n_before < 0
-    for a in range(4):
+    for a in range(5):
         anew = anew or camera[a] != camera_before[a]
-    _find_slots(memory, n_old, items, placements, anew)
+    _find_slots(memory, n_old, items, placements, sizes, anew)
     total = problem.camera_constant
-    for a in range(4):
-        for b in range(4):
+    for a in range(5):
+        for b in range(5):
             offset = camera[b] - problem.camera_mean[b]
             total -= (
                 0.5 * (camera[a] - problem.camera_mean[a]) * problem.camera_precision[a, b] * offset
@@ -108,6 +110,7 @@ def change(
         _meet(memory, slot, memory.role[slot] == ADDED)
     _find_changed(memory, n, n_old)
     _weigh(problem, memory, n, camera)
+    total += _sum_jumps(problem, memory, n)
     return total + _sum_frames(problem, memory) + _sum_pairs(problem, memory, n)
 
 
@@ -129,7 +132,9 @@ def _in_order(problem: Problem, items: Ints) -> bool:
 
 
 @compiled
-def _find_slots(memory: Memory, n_old: int, items: Ints, placements: Array, anew: bool) -> None:
+def _find_slots(
+    memory: Memory, n_old: int, items: Ints, placements: Array, sizes: Array, anew: bool
+) -> None:
     """Give every proposed scenelet its old slot, or a new one if anything about it changed."""
     before, after, role = memory.slots[0], memory.slots[1], memory.role
     role[:] = UNUSED
@@ -147,6 +152,7 @@ def _find_slots(memory: Memory, n_old: int, items: Ints, placements: Array, anew
                 and memory.placements[slot, 0] == placements[i, 0]
                 and memory.placements[slot, 1] == placements[i, 1]
                 and memory.placements[slot, 2] == placements[i, 2]
+                and memory.sizes[slot] == sizes[i]
             )
             if same:
                 after[i] = slot
@@ -163,6 +169,7 @@ def _find_slots(memory: Memory, n_old: int, items: Ints, placements: Array, anew
                 memory.items[fresh, c] = items[i, c]
             for c in range(3):
                 memory.placements[fresh, c] = placements[i, c]
+            memory.sizes[fresh] = sizes[i]
 
 
 @compiled
@@ -243,6 +250,7 @@ def _pose_frames(problem: Problem, memory: Memory, n: int, camera: Array) -> Non
             keep_aim(bench, lines, rows[t])
             look(bench, views, rows[t])
             set_columns(joints, rows[t], columns, ground, rows[t])
+            memory.sunk[rows[t]] = depth_below_floor(joints, rows[t])
 
 
 @compiled
@@ -313,7 +321,8 @@ def _weigh(problem: Problem, memory: Memory, n: int, camera: Array) -> None:
         wanted[t] = 0
         if not changed[t]:
             continue
-        row, depth = rows[t], 0.0
+        row = rows[t]
+        depth = memory.sunk[row] if memory.watched[t] else 0.0
         wanted[t] = cover[t] >= 0
         for j in range(16):
             bench[GAP + j] = NOTHING_IN_SIGHT
@@ -330,8 +339,8 @@ def _weigh(problem: Problem, memory: Memory, n: int, camera: Array) -> None:
         if not wanted[t]:
             by_frame[to[t], 0], by_frame[to[t], 1] = bare[t, 0], bare[t, 1]
     weigh_frames(
-        problem, camera, wanted, cover, memory.joints, rows, clearance, memory.bench,
-        by_frame, to,
+        problem, camera, wanted, cover, memory.sizes, memory.joints, rows, clearance,
+        memory.bench, by_frame, to,
     )  # fmt: skip
     weight = problem.frame_weight * problem.likelihood
     for t in range(len(changed)):
@@ -375,6 +384,21 @@ def _sum_frames(problem: Problem, memory: Memory) -> float:
     total += math.log(stays + turned)
     weight = problem.frame_weight * problem.likelihood
     return total - weight * (free + problem.motion_cost * inside)
+
+
+@compiled
+def _sum_jumps(problem: Problem, memory: Memory, n: int) -> float:
+    """What it costs that the pose jumps where a scenelet begins or ends."""
+    total = 0.0
+    joints, rows, cover, items = memory.joints, memory.pose_row, memory.cover[1], memory.items
+    for i in range(n):
+        slot = memory.slots[1, i]
+        first, last = items[slot, 1], items[slot, 2]
+        if first > 0:
+            total += pose_jump(joints, rows[first - 1], rows[first], problem.joint_step)
+        if last < len(rows) and cover[last] < 0:
+            total += pose_jump(joints, rows[last - 1], rows[last], problem.joint_step)
+    return -problem.smoothness_cost * problem.likelihood * total
 
 
 @compiled

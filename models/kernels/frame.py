@@ -73,7 +73,8 @@ def _find_seen(gaps: Array, t: int, width: float, surprise: float, bench: Array)
 @compiled
 def _project(
     lens: tuple[float, float, float, float, float],
-    pose: tuple[float, float, float],
+    pose: tuple[float, float, float, float, float],
+    body: float,
     joints: Array,
     row: int,
     bench: Array,
@@ -81,17 +82,19 @@ def _project(
     """Pixels of the joints ``joints[row]``, and how loosely a scenelet's pose holds there.
 
     ``lens`` is both focal lengths, the principal point and the pose's doubt of one metre's
-    depth, in pixels; ``pose`` is cosine and sine of the camera's pitch, and its elevation.
+    depth, in pixels; ``pose`` is cosine and sine of the camera's pitch, its elevation, and
+    cosine and sine of its roll; ``body`` is how large the person is.
     """
     fx, fy, cx, cy, doubt = lens
-    cp, sp, elevation = pose
+    cp, sp, elevation, cr, sr = pose
+    # A larger body differs by more: else distance alone would seem to fit better.
+    doubt *= body
     for j in range(16):
         x, y, z = joints[row, j, 0], joints[row, j, 1], joints[row, j, 2] - elevation
         nearness = np.divide(1.0, max(cp * y + sp * z, NEAREST))
         up = -sp * y + cp * z
-        bench[_U + j] = cx + fx * x * nearness
-        bench[_V + j] = cy - fy * up * nearness
-        # A larger body differs by more: else distance alone would seem to fit better.
+        bench[_U + j] = cx + fx * (cr * x + sr * up) * nearness
+        bench[_V + j] = cy - fy * (cr * up - sr * x) * nearness
         bench[_LOOSE + j] = (doubt * nearness) * (doubt * nearness)
 
 
@@ -155,6 +158,7 @@ def weigh_frames(
     camera: Array,
     wanted: Flags,
     cover: Ints,
+    sizes: Array,
     joints: Array,
     rows: Ints,
     gaps: Array,
@@ -167,11 +171,13 @@ def weigh_frames(
     Parameters
     ----------
     problem : Problem
-    camera : (4,) float
+    camera : (5,) float
     wanted : (T,) flags
         Which frames.
     cover : (T,) int
         Negative where no scenelet poses the frame but its own pose does.
+    sizes : (S,) float
+        Log size of the person of scenelet ``cover[t]``, on top of the body scale.
     joints : (R, 16, 3) float
         World joints, metres; those of frame t are in row ``rows[t]``.
     gaps : (T, 16) float
@@ -183,8 +189,12 @@ def weigh_frames(
     """
     focal = math.exp(camera[2])
     fx, fy = focal * problem.fx, focal * problem.fy
-    lens = fx, fy, problem.cx, problem.cy, fx * math.exp(camera[3]) * problem.pose_tolerance
-    pose = math.cos(camera[0]), math.sin(camera[0]), camera[1]
+    lens = fx, fy, problem.cx, problem.cy, fx * problem.pose_tolerance
+    pose = (
+        math.cos(camera[0]), math.sin(camera[0]), camera[1],
+        math.cos(camera[4]), math.sin(camera[4]),
+    )  # fmt: skip
+    body, of = 1.0, -1
     keypoints, scales, dofs = problem.keypoints, problem.error_scale, problem.error_dof
     confidence, static, used = problem.confidence_density, problem.static_density, problem.used
     for t in range(len(wanted)):
@@ -194,7 +204,10 @@ def weigh_frames(
         for j in range(16):
             bench[_SEEN + 16 + j] = bench[_SEEN + MIRROR[j]]
         if cover[t] >= 0:
-            _project(lens, pose, joints, rows[t], bench)
+            if cover[t] != of:
+                of = cover[t]
+                body = math.exp(camera[3] + sizes[of])
+            _project(lens, pose, body, joints, rows[t], bench)
             for j in range(16):
                 bench[_U + 16 + j] = bench[_U + MIRROR[j]]
                 bench[_V + 16 + j] = bench[_V + MIRROR[j]]

@@ -38,8 +38,9 @@ class Memory(NamedTuple):
 
     items: Ints  # (S, 3) scenelet, start frame, frame after its end
     placements: Array  # (S, 3) x, y (m), yaw (rad)
+    sizes: Array  # (S,) log size of the person, on top of the body scale
     pelvis: Array  # (S, 4) bearing and log depth in the first frame, and in the last
-    placed: Array  # (S,) log density of the placement given the pelvis, nats
+    placed: Array  # (S,) log density of placement and size given the pelvis, nats
     pairs: Array  # (S, S) metres that objects of two scenelets are in each other
     counts: Ints  # (S,) boxes of each
     boxes: Array  # (S B, 7) in the world
@@ -59,6 +60,7 @@ class Memory(NamedTuple):
     lines: Array  # (2 T, 48) see keep_aim
     views: Array  # (2 T, 5) see look
     ground: Array  # (2 T, 4) see set_columns
+    sunk: Array  # (2 T,) how deep the lowest joint is below the floor, metres
     gaps: Array  # (S, 2 T, 16) clearance of the joints from a slot's boxes, where near
     near: Flags  # (S, 2 T) whether any box of the slot can come near a line of sight
     depths: Array  # (S, 2 T) how deep the body stands in the slot's objects, metres
@@ -68,7 +70,7 @@ class Memory(NamedTuple):
     sum_row: Ints  # (T,) the row that holds in the proposal
     by_frame: Array  # (2 T, 2) log-likelihood as it is, and with sides swapped, nats
     votes: Array  # (2 T, 3) the greater of the two, weighted, and both densities over it
-    inside: Array  # (2 T,) how deep the body stands in objects not its own, metres
+    inside: Array  # (2 T,) how deep the body is in objects not its own and the floor, metres
 
     bare: Array  # (T, 2) by_frame of a free frame with nothing in sight
     watched: Flags  # (T,) whether anything of the frame was detected
@@ -101,6 +103,7 @@ def new_memory(problem: Problem, capacity: int) -> Memory:
         evidence=zeros(2, n_slots + 1),
         items=ints(n_slots, 3),
         placements=zeros(n_slots, 3),
+        sizes=zeros(n_slots),
         pelvis=zeros(n_slots, 4),
         placed=zeros(n_slots),
         pairs=zeros(n_slots, n_slots),
@@ -121,6 +124,7 @@ def new_memory(problem: Problem, capacity: int) -> Memory:
         lines=zeros(rows, 48),
         views=zeros(rows, 5),
         ground=zeros(rows, 4),
+        sunk=zeros(rows),
         gaps=zeros(n_slots, rows, 16),
         near=flags(n_slots, rows),
         depths=zeros(n_slots, rows),

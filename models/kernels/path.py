@@ -87,6 +87,7 @@ def segment(
 def pose_free_frames(problem: Problem, memory: Memory, camera: Array) -> None:
     """World joints of every free frame that moved: its own pose where the path goes, metres."""
     cp, sp = math.cos(camera[0]), math.sin(camera[0])
+    cr, sr = math.cos(camera[4]), math.sin(camera[4])
     focal, body, elevation = math.exp(camera[2]), math.exp(camera[3]), camera[1]
     joints, path, rows = memory.joints, memory.path, memory.pose_row
     poses, lift, moved, cover = problem.poses, problem.lift, memory.moved, memory.cover
@@ -96,8 +97,10 @@ def pose_free_frames(problem: Problem, memory: Memory, camera: Array) -> None:
             depth = math.exp(path[row, 1])
             px, pz = path[row, 0] * depth, lift[t] / focal * depth
             for j in range(16):
+                right = px + body * poses[t, j, 0]
                 y = depth + body * poses[t, j, 1]
-                z = pz + body * poses[t, j, 2]
-                joints[row, j, 0] = px + body * poses[t, j, 0]
+                up = pz + body * poses[t, j, 2]
+                z = sr * right + cr * up
+                joints[row, j, 0] = cr * right - sr * up
                 joints[row, j, 1] = cp * y - sp * z
                 joints[row, j, 2] = sp * y + cp * z + elevation

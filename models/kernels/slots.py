@@ -12,6 +12,7 @@ from imapper_prob.models.jit import compiled
 from imapper_prob.models.kernels.body import apart, set_footprint
 from imapper_prob.models.kernels.memory import Memory
 from imapper_prob.models.kernels.sight import set_outlook
+from imapper_prob.models.kernels.support import log_size_density
 from imapper_prob.models.limits import NEAREST
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.skeleton import PELV
@@ -30,8 +31,9 @@ def fill_slot(problem: Problem, memory: Memory, camera: Array, slot: int) -> Non
     depth = _pelvis(problem, memory, camera, slot, last, 2)
     depth = _pelvis(problem, memory, camera, slot, first, 0)
     # From (bearing, log depth) of the first pelvis to (x, y), and a uniform yaw.
-    cosine = math.cos(camera[0])
+    cosine = math.cos(camera[0]) * math.cos(camera[4])
     memory.placed[slot] = math.log(cosine / (depth * depth)) - math.log(2 * math.pi)
+    memory.placed[slot] += log_size_density(memory.sizes[slot], problem.size_spread)
 
 
 @compiled
@@ -40,13 +42,16 @@ def _pelvis(
 ) -> float:
     """Bearing and log depth of the pelvis in a frame of the library; returns its depth."""
     px, py, yaw = memory.placements[slot]
-    body = math.exp(camera[3])
+    body = math.exp(camera[3] + memory.sizes[slot])
     c, s = body * math.cos(yaw), body * math.sin(yaw)
+    cp, sp = math.cos(camera[0]), math.sin(camera[0])
     x, y = problem.joints[frame, PELV, 0], problem.joints[frame, PELV, 1]
     height = body * problem.joints[frame, PELV, 2] - camera[1]
-    ahead = math.cos(camera[0]) * (s * x + c * y + py) + math.sin(camera[0]) * height
-    depth: float = max(ahead, NEAREST)
-    memory.pelvis[slot, to] = (c * x - s * y + px) / depth
+    forward = s * x + c * y + py
+    depth: float = max(cp * forward + sp * height, NEAREST)
+    right = math.cos(camera[4]) * (c * x - s * y + px)
+    right += math.sin(camera[4]) * (cp * height - sp * forward)
+    memory.pelvis[slot, to] = right / depth
     memory.pelvis[slot, to + 1] = math.log(depth)
     return depth
 
@@ -87,7 +92,7 @@ def _place_boxes(problem: Problem, memory: Memory, camera: Array, slot: int) -> 
 def pose_covered_frames(problem: Problem, memory: Memory, camera: Array, slot: int) -> None:
     """World joints of the scenelet in ``slot`` in all its frames, metres."""
     px, py, yaw = memory.placements[slot]
-    body = math.exp(camera[3])
+    body = math.exp(camera[3] + memory.sizes[slot])
     c, s = body * math.cos(yaw), body * math.sin(yaw)
     joints, rows, library = memory.joints, memory.pose_row, problem.joints
     start = memory.items[slot, 1]

@@ -47,7 +47,8 @@ def anywhere(rng: np.random.Generator) -> np.ndarray:
 def birth(rng: np.random.Generator, problem: Problem, state: State) -> State:
     scenelet = int(rng.integers(len(problem.lengths)))
     last = problem.n_frames - int(problem.lengths[scenelet])
-    return state.with_item(scenelet, int(rng.integers(-1, last + 2)), anywhere(rng))
+    size = float(rng.normal(0.0, 0.06))
+    return state.with_item(scenelet, int(rng.integers(-1, last + 2)), anywhere(rng), size)
 
 
 def death(rng: np.random.Generator, problem: Problem, state: State) -> State:
@@ -64,7 +65,8 @@ def walk(rng: np.random.Generator, problem: Problem, state: State) -> State:
         return state
     index = int(rng.integers(state.n_scenelets))
     step = rng.normal(0.0, [0.05, 0.2, 0.2]) * rng.choice([0.01, 1.0])
-    return state.with_placement(index, state.placements[index] + step)
+    size = float(state.sizes[index] + rng.choice([0.0, rng.normal(0.0, 0.03)]))
+    return state.with_placement(index, state.placements[index] + step, size)
 
 
 def shift(rng: np.random.Generator, problem: Problem, state: State) -> State:
@@ -82,7 +84,7 @@ def refresh(rng: np.random.Generator, problem: Problem, state: State) -> State:
 
 
 def camera(rng: np.random.Generator, problem: Problem, state: State) -> State:
-    return replace(state, camera=state.camera + rng.normal(0.0, 0.02, 4))
+    return replace(state, camera=state.camera + rng.normal(0.0, 0.02, 5))
 
 
 def everything(rng: np.random.Generator, problem: Problem, state: State) -> State:
@@ -175,7 +177,7 @@ def test_only_states_inside_the_support_are_accepted() -> None:
     problem = small_world()
     one = empty_state(problem).with_item(0, 3, AHEAD)
     evaluator = Incremental(problem, one)
-    low = np.array([0.0, 0.1, 0.0, 0.0])
+    low = np.array([0.0, 0.1, 0.0, 0.0, 0.0])
     for outside in (
         one.with_item(1, 8, AHEAD), one.with_item(1, 55, AHEAD), one.with_item(1, -1, AHEAD),
         replace(one, camera=low),

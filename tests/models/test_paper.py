@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
+from dataclasses import fields, replace
 
 import hypothesis.strategies as st
 import numpy as np
@@ -47,9 +47,9 @@ def energy(
 
 def seen_exactly(problem: Problem, state: State) -> Problem:
     """The problem with detections where the state's joints project to."""
-    pitch, elevation, log_focal, _ = state.camera
+    pitch, elevation, log_focal, _, roll = state.camera
     camera = worlds.CAMERA.posed(
-        pitch=pitch, elevation=elevation, focal_scale=float(np.exp(log_focal))
+        pitch=pitch, roll=roll, elevation=elevation, focal_scale=float(np.exp(log_focal))
     )
     return problem._replace(keypoints=camera.project(motion(problem, state)))
 
@@ -73,13 +73,13 @@ def one_frame(problem: Problem) -> Problem:
 # --- L_r
 
 
-@pytest.mark.parametrize("camera", [(0.0, 0.0, 0.0, 0.0), (0.05, 0.2, 0.1, -0.05)])
+@pytest.mark.parametrize("camera", [(0.0, 0.0, 0.0, 0.0, 0.0), (0.05, 0.2, 0.1, -0.05, 0.04)])
 def test_reprojection_of_exact_detections_costs_nothing(
-    camera: tuple[float, float, float, float],
+    camera: tuple[float, ...],
 ) -> None:
     problem = worlds.problem()
-    state = empty_state(problem).with_item(1, 5, AHEAD)
-    state = State(state.camera + camera, state.items, state.placements, state.latent)
+    state = empty_state(problem).with_item(1, 5, AHEAD, 0.03)
+    state = replace(state, camera=state.camera + camera)
     seen = seen_exactly(problem, state)
     assert energy(seen, state).terms["reprojection"] == pytest.approx(0.0, abs=1e-20)
 
@@ -362,7 +362,7 @@ def test_impossible_states_cost_infinitely_much() -> None:
     problem = worlds.problem()
     state = empty_state(problem)
     overlapping = state.with_item(0, 3, AHEAD).with_item(1, 8, AHEAD)
-    below = State(state.camera * (1, 0, 1, 1), state.items, state.placements, state.latent)
+    below = replace(state, camera=state.camera * (1, 0, 1, 1, 1))
     for impossible in (overlapping, state.with_item(0, 15, AHEAD), below):
         result = energy(problem, impossible)
         assert result.total == np.inf

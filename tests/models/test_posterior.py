@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.integrate import dblquad
+from scipy.stats import norm
 
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.posterior import State, empty_state, log_posterior, motion, terms
@@ -94,7 +95,9 @@ def test_prior_of_a_placement_integrates_to_one() -> None:
     def density(x: float, y: float) -> float:
         state = bare.with_item(0, 0, np.array([x, y, 0.7]))
         values = terms(problem, state)
-        return float(np.exp(values["placement"] + values["path"]))
+        # Without the density of the size, which is 0.
+        of_size = norm.logpdf(0.0, scale=problem.size_spread)
+        return float(np.exp(values["placement"] - of_size + values["path"]))
 
     # The mass lies within 5 standard deviations of log depth and bearing.
     total, _ = dblquad(density, 0.5, 30.0, lambda y: -1.3 * y, lambda y: 1.3 * y, epsabs=1e-4)

@@ -206,7 +206,7 @@ def test_lifted_poses_are_six_per_cent_small_and_right_way_up() -> None:
 def test_poses_are_lifted_into_camera_axes(rng: np.random.Generator) -> None:
     joints, _ = truths(clip(0))
     hidden = np.zeros(joints.shape[:2], bool)
-    steep = NOMINAL_CAMERA.posed(pitch=-0.3, elevation=2.5)
+    steep = NOMINAL_CAMERA.posed(pitch=-0.3, roll=0.1, elevation=2.5)
     tracks = [simulate_track(rng, joints, hidden, camera=steep, fps=10.0) for _ in range(20)]
     lifted = np.nanmean([track.poses[:, HEAD] for track in tracks], axis=(0, 1))
     upright = (joints[:, HEAD] - joints[:, PELV]).mean(0)
@@ -236,12 +236,15 @@ def test_the_drawn_camera_has_the_spread_of_its_prior(rng: np.random.Generator) 
     pitch = np.degrees([c.pitch for c in cameras])
     assert pitch.mean() == pytest.approx(-4.0, abs=5 * 3 / np.sqrt(2000))
     assert pitch.std() == pytest.approx(3.0, rel=5 / np.sqrt(2 * 2000))
+    roll = np.degrees([c.roll for c in cameras])
+    assert roll.mean() == pytest.approx(0.0, abs=5 * 1.35 / np.sqrt(2000))
+    assert roll.std() == pytest.approx(1.35, rel=5 / np.sqrt(2 * 2000))
     log_focal = np.log([c.fx / NOMINAL_CAMERA.fx for c in cameras])
     assert log_focal.std() == pytest.approx(0.05, rel=5 / np.sqrt(2 * 2000))
 
 
 def test_a_given_camera_is_the_true_one(rng: np.random.Generator) -> None:
-    camera = NOMINAL_CAMERA.posed(pitch=-0.12, elevation=1.6)
+    camera = NOMINAL_CAMERA.posed(pitch=-0.12, roll=0.02, elevation=1.6)
     made = simulate_clip(rng, built_in_library(), camera=camera, n_interactions=1, n_frames=90)
     assert made.truth is not None
     assert made.truth.camera == camera

@@ -26,8 +26,10 @@ DEVICES = [
         "cuda", marks=pytest.mark.skipif(not torch.cuda.is_available(), reason="no GPU here")
     ),
 ]
-Batch = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
-"""Camera (S, 4), items (S, k, 2), placements (S, k, 3) and latent (S, T, 2)."""
+Batch = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+"""Camera (S, 5), items (S, k, 2), placements (S, k, 3), sizes (S, k) and latent (S, T, 2)."""
+REALS = (0, 2, 3, 4)
+"""Which of these have derivatives."""
 
 
 @pytest.fixture(autouse=True, scope="module")
@@ -62,7 +64,7 @@ def states(seed: int, n: int, whole: Problem, *, wild: bool) -> Batch:
     support, and scenelets that share one placement.
     """
     rng = np.random.default_rng(seed)
-    camera = whole.camera_mean + rng.normal(size=(n, 4)) * [0.03, 0.05, 0.05, 0.05]
+    camera = whole.camera_mean + rng.normal(size=(n, 5)) * [0.03, 0.05, 0.05, 0.05, 0.03]
     latent = rng.normal(size=(n, N_FRAMES, 2))
     items = np.full((n, N_ITEMS, 2), -1)
     held = rng.random((n, N_ITEMS)) < 0.7
@@ -70,21 +72,22 @@ def states(seed: int, n: int, whole: Problem, *, wild: bool) -> Batch:
     items[..., 1] = 6 * np.arange(N_ITEMS) + rng.integers(0, 2, (n, N_ITEMS))
     middle = worlds.walk(N_FRAMES)[np.minimum(items[..., 1] + 2, N_FRAMES - 1), 6]
     placements = middle + rng.normal(size=middle.shape) * [0.4, 0.4, 3.0]
+    sizes = 0.1 * rng.normal(size=(n, N_ITEMS))
     if wild:
-        camera += rng.normal(size=(n, 4)) * [0.3, 0.6, 0.1, 0.1]
+        camera += rng.normal(size=(n, 5)) * [0.3, 0.6, 0.1, 0.1, 0.3]
         items[..., 1] += rng.integers(-2, 3, (n, 1)) * (rng.random((n, N_ITEMS)) < 0.1)
         placements[..., 1] += rng.choice([-5.0, -3.0, 0.0], (n, N_ITEMS))
         placements[:, 2] = np.where(rng.random((n, 1)) < 0.5, placements[:, 1], placements[:, 2])
-    return camera, items, placements, latent
+    return camera, items, placements, sizes, latent
 
 
 def compiled(whole: Problem, batch: Batch) -> np.ndarray:
-    """(S, 8) terms by the compiled executor."""
+    """(S, 10) terms by the compiled executor."""
     joints, by_frame = np.empty((whole.n_frames, 16, 3)), np.zeros((whole.n_frames, 2))
     rows = []
-    for camera, items, placements, latent in zip(*batch, strict=True):
+    for camera, items, placements, sizes, latent in zip(*batch, strict=True):
         held = items[:, 0] >= 0
-        state = (camera, items[held], placements[held], latent)
+        state = (camera, items[held], placements[held], sizes[held], latent)
         rows.append(evaluate(whole, *state, joints, by_frame))
     return np.array(rows)
 
@@ -93,12 +96,12 @@ def tensors_of(
     batch: Batch, *, dtype: torch.dtype = torch.float64, device: str = "cpu"
 ) -> list[torch.Tensor]:
     """The batch on a device, derivatives wanted."""
-    camera, items, placements, latent = batch
-    reals = [
+    return [
         torch.tensor(a, dtype=dtype, device=device, requires_grad=True)
-        for a in (camera, placements, latent)
+        if i in REALS
+        else torch.tensor(a, device=device)
+        for i, a in enumerate(batch)
     ]
-    return [reals[0], torch.tensor(items, device=device), reals[1], reals[2]]
 
 
 def batched(
@@ -146,14 +149,15 @@ def test_the_log_posterior_is_the_sum_of_its_terms() -> None:
 
 def test_states_order_of_items_and_padding_do_not_matter() -> None:
     whole = problem()
-    camera, items, placements, latent = batch = states(2, 6, whole, wild=False)
+    camera, items, placements, sizes, latent = batch = states(2, 6, whole, wild=False)
     together = batched(whole, batch)
     for i in range(6):
         order = np.random.default_rng(i).permutation(N_ITEMS)
         order = np.concatenate([order, order[:1]])
         filled = items[i, order]
         filled[-1] = -1, 77  # a fifth item that is none
-        one = (camera[[i]], filled[None], placements[[i]][:, order], latent[[i]])
+        placed = placements[[i]][:, order], sizes[[i]][:, order]
+        one = (camera[[i]], filled[None], *placed, latent[[i]])
         np.testing.assert_allclose(batched(whole, one)[0], together[i], rtol=1e-12, atol=1e-12)
 
 
@@ -171,17 +175,18 @@ def test_gradients_are_those_of_the_compiled_terms() -> None:
         batch = states(seed, 1, whole, wild=False)
         state = tensors_of(batch)
         values = terms_batch(to_tensors(whole), *state)[0]
-        flat = [batch[i].reshape(-1) for i in (0, 2, 3)]
-        sizes = np.cumsum([len(f) for f in flat])[:-1]
+        flat = [batch[i].reshape(-1) for i in REALS]
+        ends = np.cumsum([len(f) for f in flat])[:-1]
         middle = np.concatenate(flat)
 
         def moved(
-            by: np.ndarray, middle: np.ndarray = middle, sizes: np.ndarray = sizes,
+            by: np.ndarray, middle: np.ndarray = middle, ends: np.ndarray = ends,
             items: np.ndarray = batch[1],
         ) -> np.ndarray:  # fmt: skip
-            camera, placements, latent = np.split(middle + by, sizes)
+            camera, placements, sizes, latent = np.split(middle + by, ends)
             pose = placements.reshape(1, N_ITEMS, 3)
-            shifted = (camera[None], items, pose, latent.reshape(1, N_FRAMES, 2))
+            path = latent.reshape(1, N_FRAMES, 2)
+            shifted = (camera[None], items, pose, sizes[None], path)
             return compiled(whole, shifted)[0]
 
         here = moved(np.zeros_like(middle))
@@ -194,7 +199,7 @@ def test_gradients_are_those_of_the_compiled_terms() -> None:
                 assert not numeric.any(), name
                 continue
             parts = torch.autograd.grad(
-                values[i], (state[0], state[2], state[3]), retain_graph=True, allow_unused=True,
+                values[i], [state[r] for r in REALS], retain_graph=True, allow_unused=True,
                 materialize_grads=True,
             )  # fmt: skip
             found = np.concatenate([p.numpy().reshape(-1) for p in parts])
@@ -213,7 +218,7 @@ def odd_cases() -> dict[str, tuple[Problem, Batch]]:
     camera, latent = np.array(whole.camera_mean)[None], np.zeros((1, N_FRAMES, 2))
     items = np.array([[[0, 2], [0, 9], [2, 16]]])
     ahead = np.array([[[0.0, 4.0, 0.0], [0.5, 4.0, 0.0], [1.0, 4.0, 0.0]]])
-    same = np.repeat(ahead[:, :1], 3, 1)
+    same, even = np.repeat(ahead[:, :1], 3, 1), np.zeros((1, 3))
     blind = whole._replace(used=np.zeros_like(whole.used), precision=np.zeros_like(whole.precision))
     per_frame = (
         "keypoints", "used", "confidence_density", "error_scale", "error_dof", "measured",
@@ -224,21 +229,21 @@ def odd_cases() -> dict[str, tuple[Problem, Batch]]:
         **{name: getattr(whole, name)[:1] for name in per_frame},
     )
     return {
-        "behind the camera": (whole, (camera, items, ahead * [1, -1, 1], latent)),
-        "at the camera": (whole, (camera, items, 0 * ahead, latent)),
-        "very far": (whole, (camera, items, ahead * [1, 100, 1], latent)),
-        "coincident": (whole, (camera, items, same, latent)),
-        "no detection": (blind, (camera, items, ahead, latent)),
-        "no item": (whole, (camera, items[:, :0], ahead[:, :0], latent)),
-        "one frame": (one, (camera, items[:, :0], ahead[:, :0], latent[:, :1])),
+        "behind the camera": (whole, (camera, items, ahead * [1, -1, 1], even, latent)),
+        "at the camera": (whole, (camera, items, 0 * ahead, even, latent)),
+        "very far": (whole, (camera, items, ahead * [1, 100, 1], even, latent)),
+        "coincident": (whole, (camera, items, same, even, latent)),
+        "no detection": (blind, (camera, items, ahead, even, latent)),
+        "no item": (whole, (camera, items[:, :0], ahead[:, :0], even[:, :0], latent)),
+        "one frame": (one, (camera, items[:, :0], ahead[:, :0], even[:, :0], latent[:, :1])),
         "covered from end to end": (
             problem(2),
-            (camera, 0 * items[:, :1], ahead[:, :1], latent[:, :2]),
+            (camera, 0 * items[:, :1], ahead[:, :1], even[:, :1], latent[:, :2]),
         ),
-        "likelihood off": (whole._replace(likelihood=0.0), (camera, items, ahead, latent)),
-        "overlap in time": (whole, (camera, 0 * items, ahead, latent)),
-        "not a number": (whole, (camera * [np.nan, 1, 1, 1], items, ahead, latent)),
-        "below the floor": (whole, (camera * [1, -1, 1, 1], items, ahead, latent)),
+        "likelihood off": (whole._replace(likelihood=0.0), (camera, items, ahead, even, latent)),
+        "overlap in time": (whole, (camera, 0 * items, ahead, even, latent)),
+        "not a number": (whole, (camera * [np.nan, 1, 1, 1, 1], items, ahead, even, latent)),
+        "below the floor": (whole, (camera * [1, -1, 1, 1, 1], items, ahead, even, latent)),
     }
 
 
@@ -253,7 +258,7 @@ def test_odd_states_have_finite_values_and_gradients(name: str, dtype: torch.dty
     np.testing.assert_allclose(values.detach().numpy(), expected, rtol=near, atol=near)
     values.sum().backward()
     supported = bool(np.isfinite(expected).all())
-    for part in (state[0], state[2], state[3]):
+    for part in (state[i] for i in REALS):
         assert part.grad is None or torch.isfinite(part.grad).all()
         assert supported or part.grad is None or not part.grad.any()
 

@@ -93,8 +93,8 @@ def path_of(joints: np.ndarray, *, sd: tuple[float, float] = (0.02, 0.2)) -> Sta
 
 def camera_prior() -> CameraPrior:
     """The mean of ``CAMERA``, and some doubt."""
-    mean = np.array([CAMERA.pitch, CAMERA.elevation, 0.0, 0.0])
-    return CameraPrior(mean, np.diag([0.05, 0.1, 0.05, 0.05]) ** 2)
+    mean = np.array([CAMERA.pitch, CAMERA.elevation, 0.0, 0.0, CAMERA.roll])
+    return CameraPrior(mean, np.diag([0.05, 0.1, 0.05, 0.05, 0.02]) ** 2)
 
 
 def problem(

@@ -57,8 +57,9 @@ def packed(scenelets: Library) -> Problem:
 
 
 def busy_state(made: Problem) -> State:
-    """A couch seen twice, and a chair that stands in it."""
-    state = empty_state(made)
+    """A couch seen twice, a chair that stands in it, and a camera so low that feet sink."""
+    low = made.camera_mean - np.array([0.0, 0.2, 0.0, 0.0, 0.0])
+    state = replace(empty_state(made), camera=low)
     state = state.with_item(0, 3, np.array([-0.6, 4.0, 0.05]))
     state = state.with_item(0, 12, np.array([-0.5, 4.0, 0.0]))
     state = state.with_item(2, 24, np.array([0.2, 3.6, 0.1]))
@@ -83,7 +84,8 @@ def test_the_world_is_worth_explaining(explained: Explanation) -> None:
 
 def test_terms_add_up_to_the_log_posterior(made: Problem, explained: Explanation) -> None:
     assert explained.log_posterior == pytest.approx(log_posterior(made, busy_state(made)))
-    bare = replace(empty_state(made), latent=busy_state(made).latent)
+    busy = busy_state(made)
+    bare = replace(empty_state(made), camera=busy.camera, latent=busy.latent)
     assert dict(explained.bare_terms) == terms(made, bare)
     assert sum(explained.gained.values()) == pytest.approx(
         log_posterior(made, busy_state(made)) - log_posterior(made, bare)
@@ -91,14 +93,15 @@ def test_terms_add_up_to_the_log_posterior(made: Problem, explained: Explanation
 
 
 def test_frames_add_up_to_their_terms(explained: Explanation) -> None:
-    for name in ("detections", "free_pose", "motion"):
+    names = ("detections", "free_pose", "smoothness", "motion", "ground")
+    for name in names:
         assert_allclose(getattr(explained.frames, name).sum(), explained.terms[name], rtol=1e-10)
         assert_allclose(
             getattr(explained.bare_frames, name).sum(), explained.bare_terms[name], rtol=1e-10
         )
     assert_allclose(
         explained.frames.total.sum(),
-        sum(explained.terms[n] for n in ("detections", "free_pose", "motion")),
+        sum(explained.terms[n] for n in names),
     )
 
 

@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 from scipy.integrate import quad
+from scipy.stats import norm
 
 from imapper_prob.config import SampleSettings
 from imapper_prob.models.posterior import State, empty_state, log_posterior
@@ -81,7 +82,7 @@ def test_proposals_are_a_density(where: str, around: int | None) -> None:
     items, places = proposals.candidates.items, proposals.candidates.placements
     chosen = int(np.argmin(abs(items[:, 1] - 6)))
     # A body 3 % larger and a focal length 2 % shorter than the candidates were fitted with.
-    camera = PROBLEM.camera_mean + np.array([0.0, 0.0, -0.02, 0.03])
+    camera = PROBLEM.camera_mean + np.array([0.0, 0.0, -0.02, 0.03, 0.0])
     if where == "candidate":
         x, y, yaw = places[chosen]
         centre = np.array([x / y * np.exp(0.02), np.log(y) + 0.01])
@@ -90,10 +91,12 @@ def test_proposals_are_a_density(where: str, around: int | None) -> None:
         yaw, centre, spread = 0.0, PROBLEM.start_mean, np.sqrt(PROBLEM.start_variance) / 2
     n_starts = 15 if around is None else 7
 
-    def log_h(scenelet: int, start: int, placement: np.ndarray) -> float:
+    def log_h(scenelet: int, start: int, placement: np.ndarray, size: float) -> float:
         x, y, turn = placement
-        offset = (np.array([x / y, np.log(y)]) - centre) / spread
-        value = -0.5 * offset @ offset - np.log(2 * np.pi * spread.prod()) - 2 * np.log(y)
+        # Of the prior's sizes the smaller, further away than they look.
+        of_size = norm.logpdf(size, -0.02, 0.8 * PROBLEM.size_spread)
+        offset = (np.array([x / y, np.log(y) - 0.9 * size]) - centre) / spread
+        value = of_size - 0.5 * offset @ offset - np.log(2 * np.pi * spread.prod()) - 2 * np.log(y)
         if where == "anywhere":
             return float(value - np.log(2 * np.pi) - np.log(3 * n_starts))
         if (scenelet, start) != tuple(items[chosen]):
@@ -186,10 +189,13 @@ def test_prior_of_starts_yaw_camera_and_position_comes_back(prior_draws: list[St
     assert abs(early.mean() - 7 / 15) < 4.5 * chain_error(early)
     camera = np.array([s.camera for s in prior_draws])
     spread = np.sqrt(np.diag(np.linalg.inv(problem.camera_precision)))
-    for i in range(4):
+    for i in range(5):
         scaled = (camera[:, i] - problem.camera_mean[i]) / spread[i]
         assert abs(scaled.mean()) < 4.5 * chain_error(scaled)
         assert abs((scaled**2).mean() - 1) < 4.5 * chain_error(scaled**2)
+    size = np.array([s.sizes[0] for s in first]) / problem.size_spread
+    assert abs(size.mean()) < 4.5 * chain_error(size)
+    assert abs((size**2).mean() - 1) < 4.5 * chain_error(size**2)
     latent = np.array([s.latent[3, 1] for s in prior_draws])
     assert abs((latent**2).mean() - 1) < 4.5 * chain_error(latent**2)
 

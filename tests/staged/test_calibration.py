@@ -27,6 +27,7 @@ def feet(
     log_body: float = 0.0,
     offset: float = 0.0,
     roll: float = 0.0,
+    nominal_roll: float | None = None,
     spread: float = 0.15,
 ) -> tuple[Clip, StaticPath]:
     """A static path that a camera of this pose would have given of somebody who walks about.
@@ -57,18 +58,18 @@ def feet(
         "walker", np.zeros((N_FRAMES, 16, 2)), np.ones((N_FRAMES, 16)), poses,
         np.zeros(N_FRAMES, bool),
     )  # fmt: skip
-    nominal = replace(CAMERA, roll=roll)
+    nominal = replace(CAMERA, roll=roll if nominal_roll is None else nominal_roll)
     return Clip("feet", nominal, 10.0, np.arange(N_FRAMES), (track,)), path
 
 
 def distance(prior: CameraPrior, truth: np.ndarray) -> float:
-    """Squared Mahalanobis distance; chi-squared with four degrees of freedom if honest."""
+    """Squared Mahalanobis distance; chi-squared with five degrees of freedom if honest."""
     error = truth - prior.mean
     return float(error @ np.linalg.solve(prior.covariance, error))
 
 
 def test_is_calibrated_over_cameras_drawn_from_the_prior() -> None:
-    """300 worlds: the mean distance is known to sqrt(8 / 300) = .16, coverage to .017."""
+    """300 worlds: the mean distance is known to sqrt(10 / 300) = .18, coverage to .017."""
     rng, constants = np.random.default_rng(0), CameraSettings()
     distances, z = [], []
     for _ in range(300):
@@ -78,16 +79,18 @@ def test_is_calibrated_over_cameras_drawn_from_the_prior() -> None:
                 CAMERA.elevation * np.exp(constants.log_elevation * rng.standard_normal()),
                 constants.log_focal * rng.standard_normal(),
                 constants.log_body * rng.standard_normal(),
+                CAMERA.roll + constants.roll * rng.standard_normal(),
             ]
         )
         clip, path = feet(
             rng, pitch=truth[0], elevation=truth[1], log_focal=truth[2], log_body=truth[3],
+            roll=truth[4], nominal_roll=CAMERA.roll,
             offset=constants.ankle_offset * rng.standard_normal(),
         )  # fmt: skip
         prior = estimate_camera(clip, path)
         distances.append(distance(prior, truth))
         z.append((truth - prior.mean) / prior.standard_deviations)
-    assert abs(np.mean(distances) - 4) < 4 * 0.16
+    assert abs(np.mean(distances) - 5) < 4 * 0.18
     coverage = (np.abs(z) < 1.645).mean(0)
     assert np.all(np.abs(coverage - 0.9) < 4 * 0.017)
 
@@ -125,8 +128,8 @@ def test_without_feet_the_prior_comes_back() -> None:
     clip, path = feet(np.random.default_rng(3), pitch=0.0, elevation=1.0)
     track = replace(clip.tracks[0], confidences=np.zeros((N_FRAMES, 16)))
     prior = estimate_camera(replace(clip, tracks=(track,)), path)
-    np.testing.assert_allclose(prior.mean, [CAMERA.pitch, CAMERA.elevation, 0, 0], atol=1e-12)
-    expected = [np.deg2rad(3.0), 0.5 * CAMERA.elevation, 0.05, 0.05]
+    np.testing.assert_allclose(prior.mean, [CAMERA.pitch, CAMERA.elevation, 0, 0, 0], atol=1e-12)
+    expected = [np.deg2rad(3.0), 0.5 * CAMERA.elevation, 0.05, 0.05, np.deg2rad(1.35)]
     np.testing.assert_allclose(prior.standard_deviations, expected)
 
 
