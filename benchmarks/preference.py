@@ -182,9 +182,9 @@ def suited(problem: Problem, name: str, state: State) -> Layout:
     def cost(theta: Array) -> float:
         return -log_posterior(problem, replace(state, camera=state.camera + spread * theta))
 
-    simplex = np.vstack([np.zeros(4), 0.5 * np.eye(4)])
+    simplex = np.vstack([np.zeros(5), 0.5 * np.eye(5)])
     options = {"maxfev": 150, "initial_simplex": simplex}
-    found = minimize(cost, np.zeros(4), method="Nelder-Mead", options=options)
+    found = minimize(cost, np.zeros(5), method="Nelder-Mead", options=options)
     state = replace(state, camera=state.camera + spread * found.x)
     return Layout(name, state, terms(problem, state))
 
