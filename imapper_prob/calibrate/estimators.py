@@ -142,9 +142,9 @@ def between_groups(groups: Sequence[ArrayLike]) -> float:
 
 def jackknife_error(without: ArrayLike) -> Array:
     """Standard error of an estimate, from the estimates (n, ...) with one scene left out."""
-    without = np.asarray(without, float)
-    n = len(without)
-    without = without - without[0]  # scenes that agree leave no rounding behind
-    spread = ((without - without.mean(0)) ** 2).sum(0)
+    estimates: Array = np.asarray(without, float)
+    n = len(estimates)
+    estimates = estimates - estimates[0]  # scenes that agree leave no rounding behind
+    spread = ((estimates - estimates.mean(0)) ** 2).sum(0)
     result: Array = np.sqrt((n - 1) / n * spread)
     return result
