@@ -34,16 +34,22 @@ from typing import Final
 
 import numpy as np
 
+from imapper_prob.models.energy.detections import DetectionModel
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.geometry import NOTHING_IN_SIGHT
 from imapper_prob.models.jit import compiled
 
 __all__ = ["SURE_BUT_HIDDEN", "PaperWeights", "occlusion_cost"]
 
-SURE_BUT_HIDDEN: Final = 0.44
+def _sure_but_hidden(tables: DetectionModel) -> float:
+    hidden, seen = tables.confidence[:, tables.edges[:-1] < 0.5].sum(1)
+    return float(np.log((1 - seen) / (1 - hidden)) / np.log(hidden / seen))
+
+
+SURE_BUT_HIDDEN: Final = _sure_but_hidden(DetectionModel())
 """What a confident joint costs in the hidden volume, in parts of what an unsure one costs in
-the open. On i3DB confidences below .5 speak for hidden by log(.519 / .137) and those above
-for seen by log(.863 / .481) (tables of ``energy.detections``); this is the ratio."""
+the open: by how many nats a confidence above .5 speaks for seen, over those by which one below
+speaks for hidden."""
 
 
 @dataclass(frozen=True)
