@@ -44,7 +44,7 @@ class SampleSettings:
     """
 
     chains: int = 4
-    steps: int = 20000
+    steps: int = 10000
     temperatures: int = 8
     hottest: float = 0.15
     swap_every: int = 5

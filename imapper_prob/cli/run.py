@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 
 __all__ = ["add_run_commands"]
 
-_DEMO_STEPS = 24000
-"""Steps of a demo chain: what fits, with all else, well within a minute on two cores."""
+_DEMO_STEPS = 6000
+"""Steps of a demo chain at each temperature: what fits, with all else, well within a minute on two cores."""
 
 
 def add_run_commands(
@@ -29,7 +29,7 @@ def add_run_commands(
     sampling = argparse.ArgumentParser(add_help=False)
     sampling.add_argument("-o", "--output", type=Path, required=True, metavar="DIR")
     sampling.add_argument("--seed", type=int, help="all randomness comes from it")
-    sampling.add_argument("--steps", type=int, help="steps of each chain")
+    sampling.add_argument("--steps", type=int, help="steps of each chain at each temperature")
     sampling.add_argument(
         "--workers", type=int, default=os.cpu_count() or 1, help="processes; draws do not change"
     )
