@@ -19,7 +19,8 @@ if TYPE_CHECKING:
 __all__ = ["add_run_commands"]
 
 _DEMO_STEPS = 6000
-"""Steps of a demo chain at each temperature: what fits, with all else, well within a minute on two cores."""
+"""Steps of a demo chain at each temperature: what fits, with all else, within a minute on two
+cores."""
 
 
 def add_run_commands(
