@@ -9,14 +9,15 @@ wished centre and orientation, with the middle frame inside the segment. For eve
 and every choice of objects the best scenelet is sought alone, in the frames around the segment;
 of these the best for the whole clip is taken, even at a loss, and more of them as long as the
 log-posterior rises. All layouts are granted in the same way, wishes alone differ, and each is
-judged at the camera and body that suit it best.
+judged at the camera and body that suit it best. The published energy (preset ``paper``) is asked
+about the same states.
 """
 
 from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import astuple, dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -29,10 +30,12 @@ from scipy.optimize import minimize
 
 from imapper_prob.inputs.i3db import read_i3db, read_i3db_truth
 from imapper_prob.models.compiled import TERMS
+from imapper_prob.models.energy.paper import PaperWeights
 from imapper_prob.models.posterior import State, empty_state, log_posterior, terms
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.scene import Placement, SceneObject, Truth
 from imapper_prob.models.scenelet import Library
+from imapper_prob.models.settings import ModelSettings
 from imapper_prob.models.skeleton import PELV
 from imapper_prob.scenelets.library import load_library
 from imapper_prob.staged.candidates import refine
@@ -49,6 +52,8 @@ MARGIN = 15
 """Frames around a segment in which scenelets are tried: the reach of the path's memory."""
 STEP = 3
 """Frames between starts that are tried."""
+PAPER_NATS = ModelSettings().paper_nats * np.array(astuple(PaperWeights()))
+"""Nats a unit of each term of the published energy."""
 REACH = 1.5
 """Metres within which an object of the authors' is held to be meant for a wish."""
 
@@ -76,11 +81,12 @@ class Fit:
 
 @dataclass(frozen=True)
 class Layout:
-    """A named state and its terms, nats."""
+    """A named state and its terms, nats, by the default posterior and by the preset ``paper``."""
 
     name: str
     state: State
     terms: dict[str, float]
+    paper: dict[str, float]
 
     @property
     def total(self) -> float:
@@ -182,11 +188,12 @@ def suited(problem: Problem, name: str, state: State) -> Layout:
     def cost(theta: Array) -> float:
         return -log_posterior(problem, replace(state, camera=state.camera + spread * theta))
 
-    simplex = np.vstack([np.zeros(4), 0.5 * np.eye(4)])
+    simplex = np.vstack([np.zeros(5), 0.5 * np.eye(5)])
     options = {"maxfev": 150, "initial_simplex": simplex}
-    found = minimize(cost, np.zeros(4), method="Nelder-Mead", options=options)
+    found = minimize(cost, np.zeros(5), method="Nelder-Mead", options=options)
     state = replace(state, camera=state.camera + spread * found.x)
-    return Layout(name, state, terms(problem, state))
+    paper = problem._replace(paper_nats=PAPER_NATS)
+    return Layout(name, state, terms(problem, state), terms(paper, state))
 
 
 def moved(wish: Wish, along: float, across: float) -> Wish:
@@ -253,7 +260,8 @@ def deciding(gap: dict[str, float], sign: float) -> str:
     Detections and free pose count as one: a frame that is covered exchanges one for the other.
     """
     joint = {name: value for name, value in gap.items() if name not in ("detections", "free_pose")}
-    joint["fit"] = gap["detections"] + gap["free_pose"]
+    if "detections" in gap:
+        joint["fit"] = gap["detections"] + gap["free_pose"]
     return max(joint, key=lambda name: sign * joint[name])
 
 
@@ -269,6 +277,8 @@ def comparison(scene: str, found: Sequence[Layout]) -> Table:
         table.add_column(name.replace("_", " "), justify="right")
     table.add_column("all", justify="right")
     table.add_column("decided by")
+    table.add_column("paper", justify="right")
+    table.add_column("decided by")
     truth = found[0]
     for layout in found:
         gap = {name: truth.terms[name] - layout.terms[name] for name in TERMS}
@@ -276,7 +286,12 @@ def comparison(scene: str, found: Sequence[Layout]) -> Table:
         decisive = deciding(gap, np.sign(total)) if total else ""
         cells = [f"{gap[name]:+.1f}" for name in TERMS]
         count = str(layout.state.n_scenelets)
-        table.add_row(layout.name, count, *cells, f"{total:+.1f}", decisive)
+        other = {name: truth.paper[name] - layout.paper[name] for name in truth.paper}
+        published = sum(other.values())
+        why = deciding(other, np.sign(published)) if published else ""
+        table.add_row(
+            layout.name, count, *cells, f"{total:+.1f}", decisive, f"{published:+.0f}", why
+        )
     return table
 
 

@@ -85,6 +85,8 @@ class Incremental:
 
     def _start(self, room: int) -> None:
         """Remember nothing but the current state, with room for so many scenelets."""
+        if self._problem.of_paper:
+            raise ValueError("the published energy has no incremental evaluation")
         state = self._state
         self._capacity = max(room, state.n_scenelets)
         self._memory = new_memory(self._problem, self._capacity)

@@ -29,7 +29,7 @@ _NUMBA: Any = numba.config
 
 def _digest() -> str:
     state = hashlib.sha256()
-    for path in sorted(_HERE.rglob("*.py")):
+    for path in (*sorted(_HERE.rglob("*.py")), _HERE / "calibrated.toml"):
         state.update(path.read_bytes())
     return state.hexdigest()[:16]
 

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.models.compiled import TERMS, evaluate
+from imapper_prob.models.compiled_paper import PAPER_TERMS, evaluate_paper
 from imapper_prob.models.energy.swaps import swap_probabilities
 from imapper_prob.models.problem import Problem
 
@@ -18,6 +19,7 @@ __all__ = [
     "log_posterior",
     "motion",
     "swapped",
+    "term_names",
     "terms",
 ]
 
@@ -97,6 +99,11 @@ def empty_state(problem: Problem) -> State:
     )
 
 
+def term_names(problem: Problem) -> tuple[str, ...]:
+    """What the log-posterior is the sum of."""
+    return PAPER_TERMS if problem.of_paper else TERMS
+
+
 def _evaluate(problem: Problem, state: State) -> tuple[Array, Array, Array]:
     joints = np.empty((problem.n_frames, 16, 3))
     by_frame = np.zeros((problem.n_frames, 2))
@@ -107,21 +114,35 @@ def _evaluate(problem: Problem, state: State) -> tuple[Array, Array, Array]:
     return values, joints, by_frame
 
 
+def _terms(problem: Problem, state: State) -> Array:
+    if not problem.of_paper:
+        return _evaluate(problem, state)[0]
+    joints, by_frame = np.empty((problem.n_frames, 16, 3)), np.empty((problem.n_frames, 4))
+    values: Array = evaluate_paper(
+        problem, state.camera, state.items, state.placements, state.sizes, state.latent,
+        joints, by_frame,
+    )  # fmt: skip
+    return values
+
+
 def log_posterior(problem: Problem, state: State) -> float:
     """log pi(phi, X, P | z) up to the constant of the clip, -inf outside the support.
 
     The normal density of the latent numbers is not included: it is their reference measure.
     """
-    return float(_evaluate(problem, state)[0].sum())
+    return float(_terms(problem, state).sum())
 
 
 def terms(problem: Problem, state: State) -> dict[str, float]:
     """The log-posterior term by term, in nats."""
-    return dict(zip(TERMS, _evaluate(problem, state)[0].tolist(), strict=True))
+    return dict(zip(term_names(problem), _terms(problem, state).tolist(), strict=True))
 
 
 def swapped(problem: Problem, state: State) -> Array:
-    """(T,) probability that the detector took left for right in a frame, given the state."""
+    """(T,) probability that the detector took left for right in a frame, given the state.
+
+    By the default model of the detector, whichever energy the state was drawn by.
+    """
     by_frame = _evaluate(problem, state)[2]
     return np.asarray(_swap_probabilities(problem, by_frame))
 

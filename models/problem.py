@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import astuple, fields
 from typing import NamedTuple
 
 import numpy as np
@@ -9,6 +10,7 @@ from numpy.typing import NDArray
 
 from imapper_prob.models.camera import Camera
 from imapper_prob.models.energy.detections import DetectionModel, student_t
+from imapper_prob.models.energy.paper import PaperWeights
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.geometry import pack_boxes
 from imapper_prob.models.path import CameraPrior, StaticPath
@@ -36,6 +38,7 @@ class Problem(NamedTuple):
     cy: float
     keypoints: Array  # (T, 16, 2) pixels
     used: NDArray[np.bool_]  # (T, 16) detected joints
+    confidences: Array  # (T, 16) of the detector, in [0, 1]
     confidence_density: Array  # (T, 16, 2) p0(c), p1(c)
     error_scale: Array  # (T, 16, 2) pixels
     error_dof: Array  # (T, 16, 2)
@@ -73,6 +76,12 @@ class Problem(NamedTuple):
     motion_cost: float
     merge_angle: float
     likelihood: float
+    paper_nats: Array  # (5,) nats a unit of each term of the published energy; 0 by default
+
+    @property
+    def of_paper(self) -> bool:
+        """Whether the published energy takes the place of the likelihood."""
+        return bool(self.paper_nats.any())
 
     @property
     def n_frames(self) -> int:
@@ -144,11 +153,15 @@ def pack_problem(
     labels = sorted({label for s in library for label in s.labels})
     counts = [sum(len(o.cuboids) for o in s.objects) for s in library]
     object_of = [(i, o) for s in library for i, o in enumerate(s.objects) for _ in o.cuboids]
+    nats = np.zeros(len(fields(PaperWeights)))
+    if settings.energy == "paper":
+        nats = settings.paper_nats * settings.likelihood * np.array(astuple(PaperWeights()))
     bend = np.sqrt(10.0 / clip.fps)  # the walk was measured at 10 frames a second
     return Problem(
         fx=nominal.fx, fy=nominal.fy, cx=nominal.cx, cy=nominal.cy,
         keypoints=keypoints,
         used=used,
+        confidences=person.confidences,
         confidence_density=confidence,
         error_scale=scale,
         error_dof=dof,
@@ -185,6 +198,7 @@ def pack_problem(
         motion_cost=settings.motion_cost,
         merge_angle=settings.merge_angle,
         likelihood=settings.likelihood,
+        paper_nats=nats,
     )  # fmt: skip
 
 

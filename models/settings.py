@@ -1,9 +1,14 @@
-"""The constants of the model, each with its unit and where it comes from."""
+"""The constants of the model, each with its unit and where it comes from.
+
+Those that were estimated from data are read from ``calibrated.toml``, which states the source,
+and the spread, of every one (``docs/calibration.md``); the others are chosen.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
+from imapper_prob.models.calibrated import calibrated
 from imapper_prob.models.errors import InputError
 
 __all__ = ["ModelSettings"]
@@ -16,12 +21,10 @@ class ModelSettings:
     Parameters
     ----------
     frame_weight : float
-        Factor on every frame's log-likelihood at 10 frames a second. Detections of
-        neighbouring frames are not independent: on i3DB the pixel residuals correlate over
-        11-13 frames.
+        Factor on every frame's log-likelihood at 10 frames a second: one over the frames in
+        a correlation time, for neighbours repeat their errors.
     swap_rate : float
-        How often a second the detector begins to take left for right. On i3DB it hardly ever
-        does; MediaPipe did so in 29 of 100 frames of one view of somebody turning.
+        How often a second the detector begins to take left for right.
     swap_length : float
         Seconds that this lasts, on average.
     pose_tolerance : float
@@ -34,7 +37,7 @@ class ModelSettings:
         although something is.
     walk_bearing, walk_log_depth : float
         Standard deviation of one frame's step of the pelvis at 10 frames a second: tangent
-        of the bearing, and log metres (measured on i3DB).
+        of the bearing, and log metres.
     start_bearing, start_log_depth : float
         Standard deviations of where the person is first seen.
     start_depth : float
@@ -61,36 +64,46 @@ class ModelSettings:
         library.
     likelihood : float
         Factor on everything that depends on data; 1, or 0 for the prior.
+    energy : str
+        ``"default"``, or ``"paper"`` for the published energy in place of the likelihood.
+    paper_nats : float
+        Nats a unit of the published energy, which comes without any. With this many, a joint
+        detected for sure 15 px off (the scale of i3DB's errors, at its focal length of 1955)
+        costs as much as by a normal error of that size, neighbouring frames weighed as above.
     """
 
-    frame_weight: float = 1 / 12
-    swap_rate: float = 0.02
-    swap_length: float = 1.0
-    pose_tolerance: float = 0.08
+    frame_weight: float = 1 / (10 * calibrated("frames.correlation_time"))
+    swap_rate: float = calibrated("swaps.rate")
+    swap_length: float = calibrated("swaps.length")
+    pose_tolerance: float = calibrated("pose.tolerance")
     sight_width: float = 0.04
     surprise: float = 0.02
-    walk_bearing: float = 0.03
-    walk_log_depth: float = 0.02
+    walk_bearing: float = calibrated("walk.bearing")
+    walk_log_depth: float = calibrated("walk.log_depth")
     start_bearing: float = 0.25
     start_log_depth: float = 0.4
     start_depth: float = 4.0
-    size_spread: float = 0.065
-    joint_step: float = 0.067
-    smoothness_cost: float = 1 / 12
+    size_spread: float = calibrated("scenelet.log_size")
+    joint_step: float = calibrated("joints.jump_scale")
+    smoothness_cost: float = 1 / (10 * calibrated("frames.correlation_time"))
     collision_cost: float = 100.0
     motion_cost: float = 50.0
     merge_angle: float = 0.6
     scenelet_rate: float = 0.02
     likelihood: float = 1.0
+    energy: str = "default"
+    paper_nats: float = 700.0
 
     def __post_init__(self) -> None:
         for name in (
             "frame_weight", "swap_rate", "swap_length", "pose_tolerance", "sight_width",
             "walk_bearing", "walk_log_depth",
             "start_bearing", "start_log_depth", "start_depth", "scenelet_rate", "size_spread",
-            "joint_step",
+            "joint_step", "paper_nats",
         ):  # fmt: skip
             if not getattr(self, name) > 0:
                 raise InputError(f"model setting {name} = {getattr(self, name)} must be positive")
+        if self.energy not in ("default", "paper"):
+            raise InputError(f"model setting energy = {self.energy!r} must be default or paper")
         if not 0 < self.surprise < 0.5:
             raise InputError(f"model setting surprise = {self.surprise} must be in (0, 0.5)")

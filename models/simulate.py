@@ -15,6 +15,7 @@ from typing import Final, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from imapper_prob.models.calibrated import calibrated
 from imapper_prob.models.camera import Camera
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.scene import Clip, SceneObject, Truth
@@ -43,8 +44,8 @@ NOMINAL_CAMERA: Final = Camera(
 )  # fmt: skip
 """The camera of i3DB, with the mean of the prior on its pose: N(-4, 3) degrees of pitch."""
 
-PITCH_SPREAD: Final = float(np.deg2rad(3.0))
-ROLL_SPREAD: Final = float(np.deg2rad(1.35))
+PITCH_SPREAD: Final = calibrated("camera.pitch")
+ROLL_SPREAD: Final = calibrated("camera.roll")
 ELEVATIONS: Final = (1.3, 1.7)
 SCALE_SPREAD: Final = 0.05
 """Standard deviation of log focal length (assumed ones are good to 5 %) and of log body scale

@@ -46,6 +46,7 @@ def simulate_track(
     fps: float,
     name: str = "actor",
     detections: DetectionModel | None = None,
+    settings: ModelSettings | None = None,
 ) -> Track:
     """What a detector and a lifter say of a motion.
 
@@ -69,6 +70,8 @@ def simulate_track(
         Of the track.
     detections : DetectionModel, optional
         The tables; those measured on i3DB if not given.
+    settings : ModelSettings, optional
+        How often and how long left and right are swapped.
     """
     model = detections or DetectionModel()
     keypoints, confidences = model.draw(
@@ -83,7 +86,7 @@ def simulate_track(
     keypoints[:, PELV] = (keypoints[:, RHIP] + keypoints[:, LHIP]) / 2
     keypoints[:, NECK] = (keypoints[:, THRX] + keypoints[:, HEAD]) / 2
     poses[missing.all(1)] = np.nan
-    swapped = _swapped(rng, len(joints), fps=fps)
+    swapped = _swapped(rng, len(joints), settings or ModelSettings(), fps=fps)
     for values in (keypoints, confidences, poses):
         values[swapped] = values[swapped][:, list(MIRROR)]
     return Track(name, keypoints, confidences, poses, np.zeros(len(joints), bool))
@@ -100,9 +103,10 @@ def _lost(rng: np.random.Generator, hidden: NDArray[np.bool_], *, fps: float) ->
     return lost
 
 
-def _swapped(rng: np.random.Generator, n_frames: int, *, fps: float) -> NDArray[np.bool_]:
+def _swapped(
+    rng: np.random.Generator, n_frames: int, settings: ModelSettings, *, fps: float
+) -> NDArray[np.bool_]:
     """(T,) frames in which left is taken for right: the chain of the model's settings."""
-    settings = ModelSettings()
     begins, ends = settings.swap_rate / fps, 1 / (settings.swap_length * fps)
     uniform = rng.random(n_frames)
     swapped = np.zeros(n_frames, bool)

@@ -33,7 +33,7 @@ FLOORS = [
     {"sampling"},
     {"recording"},
     {"results"},
-    {"evaluate"},
+    {"calibrate", "evaluate"},
     {"api", "demo", "output"},
     {"cli", "__init__", "__main__"},
 ]

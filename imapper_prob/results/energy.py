@@ -13,13 +13,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from imapper_prob.models.compiled import TERMS, evaluate
+from imapper_prob.models.compiled import evaluate
 from imapper_prob.models.energy.occlusion import p_seen
+from imapper_prob.models.energy.paper import PaperWeights
 from imapper_prob.models.energy.smoothness import pose_jump
 from imapper_prob.models.energy.swaps import summed_over_swaps
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.geometry import pack_boxes, sight_clearance
-from imapper_prob.models.posterior import State, swapped, terms
+from imapper_prob.models.paper_energy import paper_energy
+from imapper_prob.models.posterior import State, motion, swapped, terms
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.scenelet import Library
 from imapper_prob.models.skeleton import DETECTED
@@ -37,11 +39,10 @@ class FrameShares:
 
     Parameters
     ----------
-    detections : (T,) float
-        log p(u_t, c_t | all earlier frames, s) in nats, with the frame weight and with left
-        and right swapped or not summed out: these add up to the term exactly.
-    free_pose, smoothness, motion, ground : (T,) float
-        Nats; they add up to their terms. A jump counts for the frame it leads to.
+    terms : mapping of str to (T,) float
+        Nats by frame of the terms that belong to frames, adding up to them exactly. Of
+        detections, log p(u_t, c_t | all earlier frames, s) with the frame weight and with
+        left and right swapped or not summed out. A jump counts for the frame it leads to.
     swapped : (T,) float
         Probability that the detector took left for right.
     hidden : (T,) float
@@ -49,19 +50,14 @@ class FrameShares:
         before the detections are asked.
     """
 
-    detections: Array
-    free_pose: Array
-    smoothness: Array
-    motion: Array
-    ground: Array
+    terms: Mapping[str, Array]
     swapped: Array
     hidden: Array
 
     @property
     def total(self) -> Array:
         """(T,) nats; the terms that belong to no frame are left out."""
-        of_terms = (self.detections, self.free_pose, self.smoothness, self.motion, self.ground)
-        return np.asarray(np.sum(of_terms, axis=0))
+        return np.asarray(np.sum(list(self.terms.values()), axis=0))
 
 
 @dataclass(frozen=True)
@@ -179,7 +175,24 @@ def explain(
 
 
 def frame_shares(problem: Problem, state: State, library: Library) -> FrameShares:
-    """What each frame adds to the detections, free-pose and motion terms of a state."""
+    """What each frame adds to the terms of a state."""
+    joints = motion(problem, state)
+    boxes = pack_boxes(o for _, o in placed_objects(state, library))
+    clearance = sight_clearance((0, 0, state.camera[1]), joints[:, list(DETECTED)], boxes)
+    seen = [p_seen(gap, problem.sight_width, problem.surprise) for gap in clearance.ravel()]
+    return FrameShares(
+        terms=_paper_shares(problem, state) if problem.of_paper else _shares(problem, state),
+        swapped=swapped(problem, state),
+        hidden=1 - np.reshape(seen, clearance.shape).mean(1),
+    )
+
+
+def _paper_shares(problem: Problem, state: State) -> dict[str, Array]:
+    published = paper_energy(problem, state, weights=PaperWeights(*problem.paper_nats.tolist()))
+    return {name: -nats for name, nats in published.by_frame.items()}
+
+
+def _shares(problem: Problem, state: State) -> dict[str, Array]:
     n_frames = problem.n_frames
     joints, by_frame = np.empty((n_frames, 16, 3)), np.zeros((n_frames, 2))
     evaluate(
@@ -196,18 +209,13 @@ def frame_shares(problem: Problem, state: State, library: Library) -> FrameShare
     for index in range(state.n_scenelets):
         first, last = _span(problem, state, index)
         covered_by[first : last + 1] = index
-    boxes = pack_boxes(o for _, o in placed_objects(state, library))
-    clearance = sight_clearance((0, 0, state.camera[1]), joints[:, list(DETECTED)], boxes)
-    seen = [p_seen(gap, problem.sight_width, problem.surprise) for gap in clearance.ravel()]
-    return FrameShares(
-        detections=np.diff(sums),
-        free_pose=np.where(covered_by < 0, -weight * problem.free_cost, 0.0),
-        smoothness=_jumps_by_frame(problem, covered_by, joints),
-        ground=_ground_by_frame(problem, joints),
-        motion=_motion_by_frame(problem, state),
-        swapped=swapped(problem, state),
-        hidden=1 - np.reshape(seen, clearance.shape).mean(1),
-    )
+    return {
+        "detections": np.diff(sums),
+        "free_pose": np.where(covered_by < 0, -weight * problem.free_cost, 0.0),
+        "smoothness": _jumps_by_frame(problem, covered_by, joints),
+        "motion": _motion_by_frame(problem, state),
+        "ground": _ground_by_frame(problem, joints),
+    }
 
 
 def _jumps_by_frame(problem: Problem, covered_by: Ints, joints: Array) -> Array:
@@ -305,4 +313,4 @@ def _span(problem: Problem, state: State, index: int) -> tuple[int, int]:
 
 
 def _lost(whole: Mapping[str, float], rest: Mapping[str, float]) -> dict[str, float]:
-    return {name: whole[name] - rest[name] for name in TERMS}
+    return {name: whole[name] - rest[name] for name in whole}

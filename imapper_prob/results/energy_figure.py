@@ -16,7 +16,6 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from imapper_prob.colours import Colour, action_colour, category_colour
-from imapper_prob.models.compiled import TERMS
 from imapper_prob.results.energy import Explanation, Worth
 
 __all__ = ["energy_figure"]
@@ -26,26 +25,21 @@ Array = NDArray[np.float64]
 _INK: Final = "#2b2f36"
 _QUIET: Final = "#7d848f"
 _LINES: Final = "#dcdfe4"
-_TERM_COLOURS: Final = dict(
-    zip(
-        TERMS,
-        (
-            "#bab0ac",
-            "#9c755f",
-            "#edc948",
-            "#76b7b2",
-            "#4e79a7",
-            "#f28e2b",
-            "#59a14f",
-            "#b07aa1",
-            "#e15759",
-            "#ff9da7",
-        ),
-        strict=True,
-    )
-)  # fmt: skip
+_TERM_COLOURS: Final = {
+    "camera": "#bab0ac",
+    "layout": "#9c755f",
+    "placement": "#edc948",
+    "path": "#76b7b2",
+    "detections": "#4e79a7",
+    "free_pose": "#f28e2b",
+    "reprojection": "#4e79a7",
+    "occlusion": "#f28e2b",
+    "smoothness": "#59a14f",
+    "collision": "#b07aa1",
+    "motion": "#e15759",
+    "ground": "#ff9da7",
+}
 """Hues of Tableau 10, which stay apart for most colour-blind eyes."""
-_BY_FRAME: Final = ("detections", "free_pose", "smoothness", "motion", "ground")
 _SHOWN: Final = 0.5
 """Nats below which a term has no entry in the legend: its bar could not be seen."""
 
@@ -104,8 +98,8 @@ def _gain(axes: Axes, explanation: Explanation) -> None:
     """Nats by frame that the scene gains over no scenelet, stacked by term."""
     ids = explanation.frame_ids
     above, below = np.zeros(len(ids)), np.zeros(len(ids))
-    for name in _BY_FRAME:
-        gained = getattr(explanation.frames, name) - getattr(explanation.bare_frames, name)
+    for name, nats in explanation.frames.terms.items():
+        gained = nats - explanation.bare_frames.terms[name]
         bottom = np.where(gained >= 0, above, below)
         axes.bar(ids, gained, bottom=bottom, width=1.0, color=_TERM_COLOURS[name], lw=0)
         above, below = above + np.maximum(gained, 0), below + np.minimum(gained, 0)
@@ -125,14 +119,13 @@ def _sum(axes: Axes, explanation: Explanation) -> None:
 
 
 def _costs(axes: Axes, explanation: Explanation) -> None:
-    """The log-likelihood of each frame's detections, with the scene and without."""
-    ids = explanation.frame_ids
-    axes.plot(ids, explanation.bare_frames.detections, color=_QUIET, lw=1, label="no scenelet")
-    axes.plot(
-        ids, explanation.frames.detections, color=_TERM_COLOURS["detections"], lw=1.4, label="scene"
-    )
+    """What the first of the terms, detections, says of each frame, with the scene and without."""
+    ids, name = explanation.frame_ids, next(iter(explanation.frames.terms))
+    bare, nats = explanation.bare_frames.terms[name], explanation.frames.terms[name]
+    axes.plot(ids, bare, color=_QUIET, lw=1, label="no scenelet")
+    axes.plot(ids, nats, color=_TERM_COLOURS[name], lw=1.4, label="scene")
     axes.set_ylabel("nat a frame", color=_QUIET)
-    _title(axes, "detections alone")
+    _title(axes, f"{name} alone")
     _legend(axes)
 
 
@@ -174,8 +167,11 @@ def _worths(axes: Axes, explanation: Explanation) -> None:
     axes.set_ylim(len(names) - 0.4, -0.7)
     axes.use_sticky_edges = False  # room for the numbers beside the bars
     axes.margins(x=0.16)
-    handles = [axes.barh(0, 0, color=_TERM_COLOURS[t], label=t.replace("_", " ")) for t in TERMS]
-    shown = [h for h, t in zip(handles, TERMS, strict=True) if t in seen or t in _BY_FRAME]
+    shown = [
+        axes.barh(0, 0, color=_TERM_COLOURS[t], label=t.replace("_", " "))
+        for t in explanation.terms
+        if t in seen or t in explanation.frames.terms
+    ]
     axes.legend(
         handles=shown, loc="upper center", bbox_to_anchor=(0.5, -0.05), ncols=4,
         frameon=False, fontsize=8, labelcolor=_INK,
@@ -186,8 +182,7 @@ def _worths(axes: Axes, explanation: Explanation) -> None:
 def _stack(axes: Axes, worth: Worth, row: int) -> set[str]:
     """One part's bar; returns the terms that can be seen in it."""
     right = left = 0.0
-    for name in TERMS:
-        value = worth.terms[name]
+    for name, value in worth.terms.items():
         start = right if value >= 0 else left
         axes.barh(row, value, left=start, height=0.62, color=_TERM_COLOURS[name], lw=0)
         right, left = right + max(value, 0), left + min(value, 0)
@@ -200,7 +195,7 @@ def _stack(axes: Axes, worth: Worth, row: int) -> set[str]:
         color=_INK,
         fontweight="bold",
     )
-    return {name for name in TERMS if abs(worth.terms[name]) >= _SHOWN}
+    return {name for name, value in worth.terms.items() if abs(value) >= _SHOWN}
 
 
 def _heads_and_parts(explanation: Explanation) -> Sequence[Worth | None]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from dataclasses import fields
 from pathlib import Path
 from typing import Any, Final
 
@@ -13,7 +12,6 @@ from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
 from imapper_prob.files import written_whole
-from imapper_prob.models.compiled import TERMS
 from imapper_prob.results.energy import Explanation, FrameShares, Worth
 
 __all__ = [
@@ -50,7 +48,7 @@ def term_table(explanation: Explanation) -> Table:
     table.add_column("term")
     for name in ("scene", "no scenelet", "gained"):
         table.add_column(name, justify="right")
-    rows = [(t, explanation.terms[t], explanation.bare_terms[t]) for t in TERMS]
+    rows = [(t, explanation.terms[t], explanation.bare_terms[t]) for t in explanation.terms]
     for name, scene, bare in rows:
         table.add_row(name, f"{scene:.1f}", f"{bare:.1f}", _signed(scene - bare))
     table.add_section()
@@ -100,7 +98,7 @@ def write_energy(path: Path, explanation: Explanation, **provenance: str) -> Non
 
 def _worth_table(title: str, explanation: Explanation, of_objects: bool) -> Table:
     parts = explanation.objects if of_objects else explanation.scenelets
-    shown = [t for t in TERMS if any(abs(w.terms[t]) >= _SHOWN for w in parts)]
+    shown = [t for t in explanation.terms if any(abs(w.terms[t]) >= _SHOWN for w in parts)]
     table = _table(title)
     table.add_column("object" if of_objects else "scenelet", no_wrap=True)
     table.add_column("frames" if of_objects else "from")
@@ -133,4 +131,5 @@ def _worth(worth: Worth, ids: NDArray[np.int64]) -> dict[str, Any]:
 
 
 def _frames(shares: FrameShares) -> dict[str, list[float]]:
-    return {f.name: getattr(shares, f.name).tolist() for f in fields(shares)}
+    of_terms = {name: nats.tolist() for name, nats in shares.terms.items()}
+    return of_terms | {"swapped": shares.swapped.tolist(), "hidden": shares.hidden.tolist()}

@@ -9,44 +9,45 @@ changes with depth and across the view, which is weak and tied to the height.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from imapper_prob.models.calibrated import calibrated
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.path import CameraPrior, StaticPath
 from imapper_prob.models.scene import Clip
 from imapper_prob.models.skeleton import LANK, RANK
 
-__all__ = ["CameraSettings", "estimate_camera"]
+__all__ = ["ANKLE", "CameraSettings", "estimate_camera"]
 
 Array = NDArray[np.float64]
+
+ANKLE: Final = 0.09
+"""Metres of an ankle joint above the floor under a standing foot (lateral malleolus)."""
 
 
 @dataclass(frozen=True)
 class CameraSettings:
-    """Constants of the camera's prior.
+    """Constants of the camera's prior, calibrated (``docs/calibration.md``) or kept for a reason.
 
     Parameters
     ----------
     pitch : float
-        Radians; standard deviation about the clip's nominal pitch. Pitch estimated from feet
-        alone is 2.2 degrees off on four clips of i3DB, whose cameras spread over 5 degrees.
+        Radians; standard deviation about the clip's nominal pitch.
     roll : float
-        Radians; standard deviation about the clip's nominal roll. On four clips of i3DB, whose
-        furniture stands upright, it is 1.35 degrees.
+        Radians; standard deviation about the clip's nominal roll.
     log_elevation : float
-        Standard deviation of the log height about the clip's nominal one: from a camera on
-        a table to one above a door.
+        Standard deviation of the log height about the clip's nominal one.
     log_focal, log_focal_known : float
         Standard deviation of the log focal length where it was assumed, or measured.
     log_body : float
-        Standard deviation of log stature; 1.70 m gave depths .05 off on i3DB.
+        Standard deviation of log stature about the reference body's.
     ankle : float
-        Metres of an ankle joint above the floor under a standing foot (lateral malleolus).
+        Metres of an ankle joint above the floor under a standing foot.
     ankle_offset : float
-        Metres; standard deviation of an error in this that stays the same all clip. Annotated
-        ankles hang .11 to .16 too high above the floor of i3DB's furniture.
+        Metres; standard deviation of an error in this that stays the same all clip.
     ankle_spread : float
         Metres; scale of one independent observation of the lowest ankle.
     ankle_dof : float
@@ -55,17 +56,17 @@ class CameraSettings:
         Seconds between independent observations.
     """
 
-    pitch: float = float(np.deg2rad(3.0))
-    roll: float = float(np.deg2rad(1.35))
-    log_elevation: float = 0.5
+    pitch: float = calibrated("camera.pitch")
+    roll: float = calibrated("camera.roll")
+    log_elevation: float = calibrated("camera.log_elevation")
     log_focal: float = 0.05
     log_focal_known: float = 0.005
-    log_body: float = 0.05
-    ankle: float = 0.09
-    ankle_offset: float = 0.10
-    ankle_spread: float = 0.15
-    ankle_dof: float = 4.0
-    correlation_time: float = 1.2
+    log_body: float = calibrated("body.log_scale")
+    ankle: float = ANKLE
+    ankle_offset: float = calibrated("ankle.offset")
+    ankle_spread: float = calibrated("ankle.spread")
+    ankle_dof: float = calibrated("ankle.dof")
+    correlation_time: float = calibrated("frames.correlation_time")
 
 
 def estimate_camera(

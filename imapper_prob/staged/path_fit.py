@@ -21,11 +21,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solveh_banded
 
+from imapper_prob.models.calibrated import calibrated
 from imapper_prob.models.camera import Camera
 from imapper_prob.models.skeleton import DETECTED
 from imapper_prob.staged.lifted_poses import ANCESTORS, N_BONES, LiftedBody
 
 __all__ = [
+    "REFERENCE_RATE",
     "Motion",
     "Observations",
     "StaticPathSettings",
@@ -40,21 +42,22 @@ Array = NDArray[np.float64]
 _NEAREST: Final = 0.1
 """Depth in metres below which a joint is not let, so that projection stays finite."""
 _REFERENCE_LINES: Final = 1080.0
-_REFERENCE_RATE: Final = 10.0
+REFERENCE_RATE: Final = 10.0
+"""Frames a second of which steps are stated."""
 _BRANCHES: Final[Array] = ANCESTORS[list(DETECTED)]
 
 
 @dataclass(frozen=True)
 class StaticPathSettings:
-    """Constants of the static path; all were measured on four clips of i3DB.
+    """Constants of the static path, calibrated (``docs/calibration.md``) but for two.
 
     Parameters
     ----------
     pixel_scale, dof : float
         Pixel error of a detection: scale in pixels at 1080 lines, degrees of freedom.
     correlation_time : float
-        Seconds over which the errors of a frame repeat themselves (11-13 frames at 10 a
-        second, of detections and lifted poses alike).
+        Seconds over which the errors of a frame repeat themselves, of detections and lifted
+        poses alike.
     walk_bearing, walk_log_depth, walk_bone : float
         Standard deviation of one step at 10 frames a second: tangent (of bearing and of
         lift), log metres, metres.
@@ -64,27 +67,27 @@ class StaticPathSettings:
         Standard deviation of a lifted bone across and along the viewing direction, over its
         length.
     filled_tolerance : float
-        Factor on these two where the pose was filled in.
+        Factor on these two where the pose was filled in; chosen.
     implausible : float
         Median pixel error at 1080 lines of the confident joints above which a lifted pose,
-        put where it fits best, is not believed.
+        put where it fits best, is not believed; chosen.
     bias_log_depth, bias_across : float
         Slow errors that stay within a correlation time: log metres, and metres.
     """
 
-    pixel_scale: float = 15.0
-    dof: float = 4.0
-    correlation_time: float = 1.2
-    walk_bearing: float = 0.03
-    walk_log_depth: float = 0.02
-    walk_bone: float = 0.06
-    length_tolerance: float = 0.03
-    lifted_across: float = 0.15
-    lifted_along: float = 0.20
+    pixel_scale: float = calibrated("path.pixel_scale")
+    dof: float = calibrated("path.pixel_dof")
+    correlation_time: float = calibrated("frames.correlation_time")
+    walk_bearing: float = calibrated("walk.bearing")
+    walk_log_depth: float = calibrated("walk.log_depth")
+    walk_bone: float = calibrated("walk.bone")
+    length_tolerance: float = calibrated("bones.length_tolerance")
+    lifted_across: float = calibrated("bones.lifted_across")
+    lifted_along: float = calibrated("bones.lifted_along")
     filled_tolerance: float = 2.0
     implausible: float = 60.0
-    bias_log_depth: float = 0.055
-    bias_across: float = 0.045
+    bias_log_depth: float = calibrated("bias.log_depth")
+    bias_across: float = calibrated("bias.across")
 
     def frame_weight(self, fps: float) -> float:
         """One over the number of frames in a correlation time."""
@@ -249,7 +252,7 @@ def _walk_precision(settings: StaticPathSettings, fps: float, *, free_bones: boo
     steps = [settings.walk_bearing, settings.walk_bearing, settings.walk_log_depth]
     if free_bones:
         steps += [settings.walk_bone] * (3 * N_BONES)
-    result: Array = np.asarray(steps) ** -2.0 * (fps / _REFERENCE_RATE)
+    result: Array = np.asarray(steps) ** -2.0 * (fps / REFERENCE_RATE)
     return result
 
 

@@ -1,4 +1,4 @@
-"""What the detector reports, sides swapped or not, in torch (``docs/model.md`` 10-12)."""
+"""What the detector reports, sides swapped or not, in torch (``docs/model.md`` 11-13)."""
 
 from __future__ import annotations
 

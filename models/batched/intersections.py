@@ -1,4 +1,4 @@
-"""Things cannot be in each other nor the floor, in torch (``docs/model.md`` 14-16)."""
+"""Things cannot be in each other nor the floor, in torch (``docs/model.md`` 15-17)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The pelvis path: evidence of its Gaussian chain, and the path drawn (``docs/model.md`` 6-9).
+"""The pelvis path: evidence of its Gaussian chain, and the path drawn (``docs/model.md`` 6-10).
 
 The recursions of :mod:`imapper_prob.models.chain`, both coordinates and all frames at once.
 """

@@ -54,7 +54,15 @@ def to_tensors(
     dtype: torch.dtype = torch.float64,
     device: torch.device | str = "cpu",
 ) -> ProblemTensors:
-    """Put a problem on a device; ``dtype`` is that of all that is not an index."""
+    """Put a problem on a device; ``dtype`` is that of all that is not an index.
+
+    Raises
+    ------
+    ValueError
+        The problem is one of the published energy, which this executor does not compute.
+    """
+    if problem.of_paper:
+        raise ValueError("the published energy has no batched evaluation")
 
     def real(array: np.ndarray) -> Tensor:
         return torch.tensor(array, dtype=dtype, device=device)

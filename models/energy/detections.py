@@ -10,34 +10,40 @@ the place of the paper's reprojection term L_r and occlusion term L_o (Monszpart
 2019) in one normalised density: robust to gross jumps, and asymmetric as the paper's F is,
 for a detector may be sure of a joint it cannot see.
 
-The tables were measured on four scenes of i3DB: detections against projected ground truth
-at 1920 x 1080, hidden as the benchmark's own ray casts say.
+The tables are calibrated (``docs/calibration.md``): detections of i3DB against projected
+ground truth, hidden as the benchmark's own ray casts say.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["DetectionModel", "student_t"]
+from imapper_prob.models.calibrated import table
+
+__all__ = ["CONFIDENCE_EDGES", "ERROR_EDGES", "DetectionModel", "student_t"]
 
 Array = NDArray[np.float64]
 
-_EDGES = (0, 0.02, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.85, 0.9, 1)
-_SEEN = (0.093, 0.013, 0.008, 0.007, 0.006, 0.010, 0.018, 0.032, 0.130, 0.206, 0.354, 0.123)
-_HIDDEN = (0.351, 0.056, 0.030, 0.024, 0.022, 0.036, 0.030, 0.047, 0.105, 0.076, 0.133, 0.090)
-# Pixel error (scale at 1080 lines, degrees of freedom) where c < .02, < .5 and above.
-_SEEN_ERROR = ((46.0, 1.2), (19.2, 1.9), (14.9, 4.1))
-_HIDDEN_ERROR = ((82.0, 2.8), (30.7, 2.1), (19.7, 2.2))
-_ERROR_EDGES = (0.02, 0.5)
+CONFIDENCE_EDGES: Final = (0, 0.02, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.85, 0.9, 1)
+"""Bins of confidence: finer where i3DB's detector is mostly found."""
+ERROR_EDGES: Final = (0.02, 0.5)
+"""Confidences that part lost, doubtful and sure detections, whose pixel errors differ."""
 _REFERENCE_HEIGHT = 1080.0
 
 
-def _normalised(values: tuple[float, ...]) -> Array:
-    table = np.asarray(values)
-    shares: Array = table / table.sum()
+def _rows(what: str) -> Array:
+    """Rows of hidden and seen joints."""
+    return np.array([table(f"detections.{state}_{what}") for state in ("hidden", "seen")])
+
+
+def _confidence() -> Array:
+    """Normalised again, for what is stored is rounded."""
+    counted = _rows("confidence")
+    shares: Array = counted / counted.sum(1, keepdims=True)
     return shares
 
 
@@ -58,17 +64,11 @@ class DetectionModel:
         error's Student-t, by class.
     """
 
-    edges: Array = field(default_factory=lambda: np.asarray(_EDGES, float))
-    confidence: Array = field(
-        default_factory=lambda: np.stack([_normalised(_HIDDEN), _normalised(_SEEN)])
-    )
-    error_edges: Array = field(default_factory=lambda: np.asarray(_ERROR_EDGES))
-    error_scale: Array = field(
-        default_factory=lambda: np.array([[s for s, _ in t] for t in (_HIDDEN_ERROR, _SEEN_ERROR)])
-    )
-    error_dof: Array = field(
-        default_factory=lambda: np.array([[d for _, d in t] for t in (_HIDDEN_ERROR, _SEEN_ERROR)])
-    )
+    edges: Array = field(default_factory=lambda: np.asarray(CONFIDENCE_EDGES, float))
+    confidence: Array = field(default_factory=_confidence)
+    error_edges: Array = field(default_factory=lambda: np.asarray(ERROR_EDGES))
+    error_scale: Array = field(default_factory=lambda: _rows("error_scale"))
+    error_dof: Array = field(default_factory=lambda: _rows("error_dof"))
 
     def confidence_density(self, confidence: ArrayLike) -> Array:
         """p0(c) and p1(c) per unit of confidence: (...) to (..., 2)."""

@@ -14,14 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import digamma
 
+from imapper_prob.models.calibrated import calibrated
 from imapper_prob.models.jit import compiled
 from imapper_prob.models.skeleton import N_JOINTS, PELV
 
 __all__ = ["DOF", "USUAL_JUMP", "pose_jump"]
 
-DOF: Final = 2.4
-"""Degrees of freedom of a joint's step (i3DB: from a frame's own pose to the scenelet that
-matches the truth best, and back)."""
+DOF: Final = calibrated("joints.jump_dof")
+"""Degrees of freedom of a joint's step, from a frame's own pose to a scenelet and back."""
 
 USUAL_JUMP: Final = float(
     (N_JOINTS - 1) * (DOF + 3) / 2 * (digamma((DOF + 3) / 2) - digamma(DOF / 2))

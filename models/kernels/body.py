@@ -1,6 +1,6 @@
 """How deep a frame's body stands in boxes, by five columns, compiled.
 
-Equation (14) of ``docs/model.md``: trunk, thighs and shins stand in for the body; each is a
+Equation (16) of ``docs/model.md``: trunk, thighs and shins stand in for the body; each is a
 vertical line on the floor plane from its lowest to its highest joint.
 """
 

@@ -1,6 +1,6 @@
 """The log-likelihood of a frame, its sixteen joints side by side, compiled.
 
-What is computed is equation (10) of ``docs/model.md``. Exponentials and logarithms are
+What is computed is equation (11) of ``docs/model.md``. Exponentials and logarithms are
 written out (Cody and Waite 1980: reduce, then a polynomial), for a call of the library's
 would keep the compiler from working on many joints in one instruction; they are as exact.
 """

@@ -108,7 +108,7 @@ def pose_covered_frames(problem: Problem, memory: Memory, camera: Array, slot: i
 
 @compiled
 def collide(problem: Problem, memory: Memory, one: int, other: int) -> float:
-    """Metres that objects in two slots are in each other, unless they are one (13)."""
+    """Metres that objects in two slots are in each other, unless they are one (15)."""
     if apart(memory.floors, one, memory.floors, other):
         return 0.0
     size = len(memory.boxes) // len(memory.counts)

@@ -9,20 +9,17 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 
-from imapper_prob.models.energy.detections import DetectionModel
-from imapper_prob.models.energy.paper import (
-    SURE_BUT_HIDDEN,
-    PaperEnergy,
-    PaperWeights,
-    occlusion_cost,
-    paper_energy,
-)
+from imapper_prob.models.batched.tensors import to_tensors
+from imapper_prob.models.energy.paper import SURE_BUT_HIDDEN, PaperWeights, occlusion_cost
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.geometry import NOTHING_IN_SIGHT
-from imapper_prob.models.posterior import State, empty_state, motion, terms
+from imapper_prob.models.incremental import Incremental
+from imapper_prob.models.paper_energy import PaperEnergy, paper_energy
+from imapper_prob.models.posterior import State, empty_state, log_posterior, motion, terms
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.scene import SceneObject
 from imapper_prob.models.scenelet import Library, Scenelet
+from imapper_prob.models.settings import ModelSettings
 from imapper_prob.models.skeleton import DETECTED, LANK, LWRI, NECK, PELV, RANK
 from tests.models import worlds
 
@@ -42,7 +39,7 @@ def energy(
 ) -> PaperEnergy:
     """With one confidence for all joints, and unweighted unless asked otherwise."""
     confidences = np.full((problem.n_frames, 16), confidence)
-    return paper_energy(problem, state, confidences=confidences, weights=weights)
+    return paper_energy(problem._replace(confidences=confidences), state, weights=weights)
 
 
 def seen_exactly(problem: Problem, state: State) -> Problem:
@@ -92,9 +89,8 @@ def test_reprojection_is_squared_and_weighted_by_confidence() -> None:
     keypoints[3, LWRI] += (0.03 * problem.fx, -0.04 * problem.fy)  # .05 of normalised image
     confidences = np.full((20, 16), 0.9)
     confidences[3, LWRI] = 0.4
-    result = paper_energy(
-        problem._replace(keypoints=keypoints), state, confidences=confidences, weights=ALL_ONE
-    )
+    seen = problem._replace(keypoints=keypoints, confidences=confidences)
+    result = paper_energy(seen, state, weights=ALL_ONE)
     assert result.terms["reprojection"] == pytest.approx(0.4 * 0.05**2)
     assert result.by_frame["reprojection"][3] == pytest.approx(0.4 * 0.05**2)
 
@@ -150,14 +146,9 @@ def test_occlusion_cost_is_monotone(
     assert occlusion_cost(-outside, high) >= occlusion_cost(-outside, low)
 
 
-def test_what_a_sure_hidden_joint_costs_is_what_the_tables_say() -> None:
-    tables = DetectionModel()
-    hidden, seen = tables.confidence[:, tables.edges[:-1] < 0.5].sum(1)
-    unsure_speaks_for_hidden = np.log(hidden / seen)
-    sure_speaks_for_seen = np.log((1 - seen) / (1 - hidden))
-    assert sure_speaks_for_seen / unsure_speaks_for_hidden == pytest.approx(
-        SURE_BUT_HIDDEN, abs=0.005
-    )
+def test_a_sure_hidden_joint_costs_less_than_an_unsure_one_in_the_open() -> None:
+    """On i3DB confidences below .5 speak for hidden by 1.3 nats, those above for seen by .6."""
+    assert SURE_BUT_HIDDEN == pytest.approx(0.6 / 1.3, abs=0.06)
 
 
 @pytest.mark.parametrize("confidence", [0.0, 0.3, 1.0])
@@ -183,7 +174,7 @@ def test_synthesised_joints_have_no_say() -> None:
     state = empty_state(problem).with_item(1, 5, AHEAD)
     plain, doubted = np.full((2, 20, 16), 0.9)
     doubted[:, [PELV, NECK]] = 0.1
-    first, second = (paper_energy(problem, state, confidences=c) for c in (plain, doubted))
+    first, second = (paper_energy(problem._replace(confidences=c), state) for c in (plain, doubted))
     assert first.terms == second.terms
 
 
@@ -194,7 +185,8 @@ def test_a_couch_before_unsure_legs_pays_and_before_sure_ones_costs() -> None:
 
     def cost(sure: bool, yaw: float) -> float:
         state = empty_state(problem).with_item(1, 0, np.array([0.0, 4.0, yaw]))
-        return paper_energy(problem, state, confidences=confidences[int(sure)]).terms["occlusion"]
+        seen = problem._replace(confidences=confidences[int(sure)])
+        return paper_energy(seen, state).terms["occlusion"]
 
     before, behind = 0.0, np.pi  # the couch stands .6 m at the person's back
     assert cost(False, behind) == pytest.approx(12 * CAP)
@@ -371,13 +363,26 @@ def test_impossible_states_cost_infinitely_much() -> None:
         assert set(result.by_frame) == set(result.terms) - {"collision"}
 
 
-def test_what_cannot_be_used_is_named() -> None:
-    problem = worlds.problem()
-    confidences = np.full((20, 16), 0.5)
-    confidences[3, LWRI] = np.nan
-    with pytest.raises(InputError, match="frame 3, joint LWRI"):
-        paper_energy(problem, empty_state(problem), confidences=confidences)
-    with pytest.raises(InputError, match="expected shape"):
-        paper_energy(problem, empty_state(problem), confidences=confidences[:5])
-    with pytest.raises(InputError, match="collision"):
-        PaperWeights(collision=-1.0)
+def test_it_can_be_sampled_from() -> None:
+    """The preset's log-posterior: priors as ever, and so many nats a unit of energy."""
+    default = worlds.problem()
+    problem = worlds.problem(settings=ModelSettings(energy="paper", paper_nats=30.0))
+    state = empty_state(problem).with_item(0, 2, AHEAD, 0.02).with_item(2, 10, AHEAD + 0.3)
+    found, before = terms(problem, state), terms(default, state)
+    for name in ("camera", "layout", "placement", "path"):
+        assert found[name] == before[name]
+    published = paper_energy(problem, state)
+    for name, value in published.terms.items():
+        assert found[name] == pytest.approx(-30.0 * value), name
+    assert log_posterior(problem, state) == pytest.approx(sum(found.values()))
+    assert published.terms == paper_energy(default, state).terms
+
+
+def test_the_preset_has_one_executor_and_a_name() -> None:
+    problem = worlds.problem(settings=ModelSettings(energy="paper"))
+    with pytest.raises(ValueError, match="no incremental"):
+        Incremental(problem, empty_state(problem))
+    with pytest.raises(ValueError, match="no batched"):
+        to_tensors(problem)
+    with pytest.raises(InputError, match="default or paper"):
+        ModelSettings(energy="papers")

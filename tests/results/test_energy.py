@@ -95,9 +95,9 @@ def test_terms_add_up_to_the_log_posterior(made: Problem, explained: Explanation
 def test_frames_add_up_to_their_terms(explained: Explanation) -> None:
     names = ("detections", "free_pose", "smoothness", "motion", "ground")
     for name in names:
-        assert_allclose(getattr(explained.frames, name).sum(), explained.terms[name], rtol=1e-10)
+        assert_allclose(explained.frames.terms[name].sum(), explained.terms[name], rtol=1e-10)
         assert_allclose(
-            getattr(explained.bare_frames, name).sum(), explained.bare_terms[name], rtol=1e-10
+            explained.bare_frames.terms[name].sum(), explained.bare_terms[name], rtol=1e-10
         )
     assert_allclose(
         explained.frames.total.sum(),
@@ -105,10 +105,23 @@ def test_frames_add_up_to_their_terms(explained: Explanation) -> None:
     )
 
 
+def test_the_published_energy_is_explained_too(made: Problem, scenelets: Library) -> None:
+    paper = made._replace(paper_nats=np.array([700.0, 700.0, 35.0, 14000.0, 7000.0]))
+    explained = explain(paper, busy_state(made), scenelets)
+    assert dict(explained.terms) == terms(paper, busy_state(made))
+    assert set(explained.frames.terms) == {"reprojection", "occlusion", "smoothness", "motion"}
+    for name, nats in explained.frames.terms.items():
+        assert nats.sum() == pytest.approx(explained.terms[name])
+    console = Console(file=io.StringIO(), width=80)
+    console.print(term_table(explained))
+    assert "occlusion" in console.file.getvalue()
+    assert energy_figure(explained, title="a walk").axes
+
+
 def test_a_frame_without_detections_adds_nothing_of_its_own(explained: Explanation) -> None:
-    assert_allclose(explained.frames.detections[12:14], 0, atol=1e-12)
-    assert (explained.frames.motion[12:14] == 0).all()
-    assert (explained.frames.free_pose[12:14] == 0).all()  # covered
+    assert_allclose(explained.frames.terms["detections"][12:14], 0, atol=1e-12)
+    assert (explained.frames.terms["motion"][12:14] == 0).all()
+    assert (explained.frames.terms["free_pose"][12:14] == 0).all()  # covered
 
 
 def test_swapped_sides_and_hidden_joints(made: Problem, explained: Explanation) -> None:
@@ -230,7 +243,7 @@ def test_the_file_holds_every_number(explained: Explanation, tmp_path: Path) -> 
     assert document["clip"] == "a walk"
     assert document["terms"] == dict(explained.terms)
     assert document["frame"] == FRAME_IDS.tolist()
-    assert document["frames"]["detections"] == explained.frames.detections.tolist()
+    assert document["frames"]["detections"] == explained.frames.terms["detections"].tolist()
     assert document["scenelets"][0]["frames"] == [[10, 15]]
     assert [o["lost"] for o in document["objects"]] == [w.total for w in explained.objects]
     assert [p.name for p in tmp_path.iterdir()] == ["energy.json"]

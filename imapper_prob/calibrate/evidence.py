@@ -1,0 +1,174 @@
+"""All that one clip with its truth says of the constants, gathered in three steps.
+
+The first needs the truth alone; the second a static path, made with what the first step has
+estimated; the third the solver's fits, made with what the first two have. So nothing depends
+on the constants in use, and estimating again gives the same numbers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imapper_prob.calibrate.matches import FitErrors, Nearest, nearest_scenelets, observe_fits
+from imapper_prob.calibrate.observations import (
+    Detections,
+    Lifted,
+    Motion,
+    PathErrors,
+    observe_detections,
+    observe_lifted,
+    observe_motion,
+    observe_path,
+)
+from imapper_prob.models.calibrated import Number
+from imapper_prob.models.energy.detections import DetectionModel
+from imapper_prob.models.path import StaticPath
+from imapper_prob.models.problem import pack_problem
+from imapper_prob.models.scene import Clip, Truth
+from imapper_prob.models.scenelet import Library
+from imapper_prob.models.settings import ModelSettings
+from imapper_prob.staged.calibration import CameraSettings, estimate_camera
+from imapper_prob.staged.fit import fit_windows
+from imapper_prob.staged.free_poses import free_pose_cost
+from imapper_prob.staged.path_fit import REFERENCE_RATE, StaticPathSettings
+from imapper_prob.staged.static_path import estimate_static_path
+
+__all__ = [
+    "Fitted",
+    "Placed",
+    "Seen",
+    "detection_model",
+    "fit_library",
+    "look",
+    "path_settings",
+    "place",
+]
+
+Array = NDArray[np.float64]
+Values = Mapping[str, Number]
+
+_PATH = {
+    "pixel_scale": "path.pixel_scale",
+    "dof": "path.pixel_dof",
+    "correlation_time": "frames.correlation_time",
+    "walk_bearing": "walk.bearing",
+    "walk_log_depth": "walk.log_depth",
+    "walk_bone": "walk.bone",
+    "length_tolerance": "bones.length_tolerance",
+    "lifted_across": "bones.lifted_across",
+    "lifted_along": "bones.lifted_along",
+}
+_CAMERA = {
+    "pitch": "camera.pitch",
+    "log_elevation": "camera.log_elevation",
+    "log_body": "body.log_scale",
+    "ankle_offset": "ankle.offset",
+    "ankle_spread": "ankle.spread",
+    "ankle_dof": "ankle.dof",
+    "correlation_time": "frames.correlation_time",
+}
+_MODEL = {
+    "pose_tolerance": "pose.tolerance",
+    "swap_rate": "swaps.rate",
+    "swap_length": "swaps.length",
+}
+"""Fields of the settings, and the constants that they take their values from."""
+
+
+@dataclass(frozen=True)
+class Seen:
+    """A clip and its truth, and what follows from these two."""
+
+    clip: Clip
+    truth: Truth
+    detections: Detections
+    motion: Motion
+    lifted: Lifted
+
+
+@dataclass(frozen=True)
+class Placed(Seen):
+    """With a static path, and the scenelets nearest to the truth."""
+
+    static: StaticPath
+    path: PathErrors
+    nearest: Nearest
+
+
+@dataclass(frozen=True)
+class Fitted(Placed):
+    """With the library fitted to the detections."""
+
+    fits: FitErrors
+
+
+def _members(evidence: Seen) -> dict[str, Any]:
+    return {f.name: getattr(evidence, f.name) for f in fields(evidence)}
+
+
+def look(clip: Clip, truth: Truth) -> Seen:
+    """The first step: clip and truth."""
+    return Seen(
+        clip,
+        truth,
+        observe_detections(clip, truth),
+        observe_motion(truth),
+        observe_lifted(clip, truth),
+    )
+
+
+def place(seen: Seen, library: Library, values: Values) -> Placed:
+    """The second step: a static path by the first step's constants, held against the truth."""
+    static = estimate_static_path(seen.clip, settings=path_settings(values))
+    return Placed(
+        **_members(seen),
+        static=static,
+        path=observe_path(seen.truth, static),
+        nearest=nearest_scenelets(seen.clip, seen.truth, static, library),
+    )
+
+
+def fit_library(placed: Placed, library: Library, values: Values) -> Fitted:
+    """The third step: every scenelet in every window, by the first two steps' constants."""
+    clip = placed.clip
+    camera = replace(CameraSettings(), **_taken(_CAMERA, values))
+    problem = pack_problem(
+        clip,
+        placed.static,
+        estimate_camera(clip, placed.static, settings=camera),
+        library,
+        settings=replace(
+            ModelSettings(),
+            frame_weight=path_settings(values).frame_weight(REFERENCE_RATE),
+            **_taken(_MODEL, values),
+        ),
+        detections=detection_model(values),
+    )
+    fits = fit_windows(problem, placed.static, fps=clip.fps)
+    problem = problem._replace(free_cost=free_pose_cost(problem, fits))
+    return Fitted(**_members(placed), fits=observe_fits(clip, placed.truth, problem, fits))
+
+
+def _taken(names: Mapping[str, str], values: Values) -> dict[str, Any]:
+    return {field: values[name] for field, name in names.items()}
+
+
+def path_settings(values: Values) -> StaticPathSettings:
+    """The static path's settings with some constants' values."""
+    return replace(StaticPathSettings(), **_taken(_PATH, values))
+
+
+def detection_model(values: Values) -> DetectionModel:
+    """The detector's tables with some constants' values."""
+
+    def rows(what: str) -> Array:
+        return np.array([values[f"detections.{state}_{what}"] for state in ("hidden", "seen")])
+
+    return DetectionModel(
+        confidence=rows("confidence"), error_scale=rows("error_scale"), error_dof=rows("error_dof")
+    )

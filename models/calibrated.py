@@ -1,0 +1,98 @@
+"""The constants that were estimated from data, read from the file that states their source.
+
+``calibrated.toml`` beside this module is written by ``benchmarks/calibrate.py``. Each constant
+has a table there: the value in use, its unit, where it comes from, what was measured, and how
+far that moves when a scene is left out.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, Final
+
+__all__ = ["PATH", "Constant", "Number", "calibrated", "constants", "parsed", "table"]
+
+PATH: Final = Path(__file__).with_name("calibrated.toml")
+"""The file of constants."""
+
+Number = float | tuple[float, ...]
+"""A constant, or a row of them."""
+
+
+@dataclass(frozen=True)
+class Constant:
+    """A calibrated number, or a row of them.
+
+    Parameters
+    ----------
+    value : float or tuple of float
+        What the program uses.
+    unit : str
+    meaning : str
+        What it is of.
+    source : str
+        How it was estimated, and from what.
+    measured : float or tuple of float
+        What the data say; differs from ``value`` where there is a reason in ``kept``.
+    error : float or tuple of float
+        Jackknife standard error of ``measured`` over the scenes.
+    folds : tuple
+        The estimates with each scene left out in turn.
+    kept : str
+        Why ``value`` is not ``measured``; empty if it is.
+    recovered : tuple of float
+        A known value of the simulator, and the estimate from simulated clips; or empty.
+    """
+
+    value: Number
+    unit: str
+    meaning: str
+    source: str
+    measured: Number
+    error: Number
+    folds: tuple[Number, ...]
+    kept: str = ""
+    recovered: tuple[Number, ...] = ()
+
+
+def _frozen(value: Any) -> Any:
+    return tuple(_frozen(v) for v in value) if isinstance(value, list) else value
+
+
+@cache
+def constants() -> Mapping[str, Constant]:
+    """All calibrated constants by name, ``"walk.bearing"``."""
+    return parsed(PATH.read_text(encoding="utf-8"))
+
+
+def parsed(text: str) -> Mapping[str, Constant]:
+    """The constants that a text like the file's holds."""
+    groups = tomllib.loads(text)
+    return MappingProxyType(
+        {
+            f"{group}.{name}": Constant(**{key: _frozen(v) for key, v in entry.items()})
+            for group, members in groups.items()
+            for name, entry in members.items()
+        }
+    )
+
+
+def calibrated(name: str) -> float:
+    """The value in use of one constant."""
+    value = constants()[name].value
+    if isinstance(value, tuple):
+        raise TypeError(f"{name} is a row of numbers")
+    return value
+
+
+def table(name: str) -> tuple[float, ...]:
+    """The values in use of a row of constants."""
+    value = constants()[name].value
+    if not isinstance(value, tuple):
+        raise TypeError(f"{name} is one number")
+    return value

@@ -1,0 +1,113 @@
+"""The published energy as a log-posterior, compiled: what the preset ``paper`` samples from.
+
+    log pi(s) = log p(phi) + log p(X) + log p(P, G | X)
+                - w_r L_r - w_o L_o - w_s L_s - w_c L_c - w_m L_m
+
+with the priors of :mod:`imapper_prob.models.compiled`, and the terms of
+:mod:`imapper_prob.models.energy.paper`, which says what they are.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imapper_prob.models.energy.paper import occlusion_cost
+from imapper_prob.models.jit import compiled
+from imapper_prob.models.kernels.room import (
+    collision_depth,
+    find_clearances,
+    find_footprints,
+    motion_depths,
+)
+from imapper_prob.models.kernels.world import place_boxes, weigh_priors
+from imapper_prob.models.limits import NEAREST
+from imapper_prob.models.problem import Problem
+from imapper_prob.models.skeleton import DETECTED, PELV
+
+__all__ = ["PAPER_TERMS", "evaluate_paper"]
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+PAPER_TERMS = (
+    "camera", "layout", "placement", "path", "reprojection", "occlusion", "smoothness",
+    "collision", "motion",
+)  # fmt: skip
+"""What :func:`evaluate_paper` returns, in order; the log-posterior is their sum."""
+
+_DETECTED = np.array(DETECTED)
+
+
+@compiled
+def _reproject(problem: Problem, camera: Array, joints: Array, by_frame: Array) -> None:
+    """c |Pi q - u|^2 over the joints of each frame, normalised image coordinates."""
+    cp, sp, elevation = math.cos(camera[0]), math.sin(camera[0]), camera[1]
+    cr, sr, focal = math.cos(camera[4]), math.sin(camera[4]), math.exp(camera[2])
+    for t in range(len(joints)):
+        for j in _DETECTED:
+            x, y, z = joints[t, j, 0], joints[t, j, 1], joints[t, j, 2] - elevation
+            depth, level = max(cp * y + sp * z, NEAREST), cp * z - sp * y
+            u = focal * (cr * x + sr * level) / depth
+            v = focal * (sr * x - cr * level) / depth
+            du = u - (problem.keypoints[t, j, 0] - problem.cx) / problem.fx
+            dv = v - (problem.keypoints[t, j, 1] - problem.cy) / problem.fy
+            if problem.used[t, j]:
+                by_frame[t, 0] += problem.confidences[t, j] * (du * du + dv * dv)
+
+
+@compiled
+def evaluate_paper(
+    problem: Problem,
+    camera: Array,
+    items: Ints,
+    placements: Array,
+    sizes: Array,
+    latent: Array,
+    joints: Array,
+    by_frame: Array,
+) -> Array:
+    """The terms of one state under the published energy.
+
+    Parameters
+    ----------
+    problem, camera, items, placements, sizes, latent, joints
+        See :func:`imapper_prob.models.compiled.evaluate`.
+    by_frame : (T, 4) float
+        Out: reprojection, occlusion, smoothness and motion of each frame, unweighted.
+
+    Returns
+    -------
+    (9,) float
+        Values of ``PAPER_TERMS``, nats; the first is -inf outside the support.
+    """
+    terms = np.zeros(9)
+    item_of = np.full(problem.lift.shape[0], -1, dtype=np.int64)
+    if not weigh_priors(
+        problem, camera, items, placements, sizes, latent, item_of, joints, terms
+    ) or problem.likelihood == 0.0:  # fmt: skip
+        return terms
+    boxes, turns, owner, yaws = place_boxes(problem, items, placements)
+    footprints = find_footprints(boxes, turns)
+    gaps = find_clearances(camera[1], joints, boxes, turns)
+    depths = motion_depths(item_of, joints, boxes, turns, footprints, owner)
+    by_frame[:] = 0.0
+    _reproject(problem, camera, joints, by_frame)
+    for t in range(len(joints)):
+        for j in _DETECTED:
+            # What a detector lost counts as unsure.
+            confidence = problem.confidences[t, j] if problem.used[t, j] else 0.0
+            by_frame[t, 1] += occlusion_cost(gaps[t, j], confidence)
+        for c in range(3):
+            if t > 0:
+                by_frame[t, 2] += (joints[t, PELV, c] - joints[t - 1, PELV, c]) ** 2
+        by_frame[t, 3] = depths[t]
+    nats = problem.paper_nats
+    for t in range(len(joints)):
+        for i in range(3):
+            terms[4 + i] -= nats[i] * by_frame[t, i]
+        terms[8] -= nats[4] * by_frame[t, 3]
+    terms[7] = -nats[3] * collision_depth(problem, boxes, footprints, owner, yaws)
+    return terms

@@ -1,0 +1,82 @@
+"""What furniture does to sight and space: hidden joints, and things in each other, compiled."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imapper_prob.models.energy.intersection import footprint_depth
+from imapper_prob.models.jit import compiled
+from imapper_prob.models.kernels.body import apart, depth_in_box, set_columns, set_footprint
+from imapper_prob.models.kernels.sight import BENCH, GAP, aim, clear, look, set_outlook
+from imapper_prob.models.problem import Problem
+
+__all__ = ["collision_depth", "find_clearances", "find_footprints", "motion_depths"]
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+@compiled
+def find_clearances(elevation: float, joints: Array, boxes: Array, turns: Array) -> Array:
+    """(T, 16) clearance of the line of sight to every joint from all boxes, metres."""
+    outlooks = np.empty((len(boxes), 15))
+    for k in range(len(boxes)):
+        set_outlook(elevation, boxes[k], turns[k], outlooks[k])
+    bench, view, gaps = np.empty(BENCH), np.empty((1, 5)), np.empty((len(joints), 16))
+    for t in range(len(joints)):
+        aim(elevation, joints, t, bench)
+        look(bench, view, 0)
+        clear(outlooks, 0, len(boxes), view, 0, bench)
+        for j in range(16):
+            gaps[t, j] = bench[GAP + j]
+    return gaps
+
+
+@compiled
+def find_footprints(boxes: Array, turns: Array) -> Array:
+    """(K, 4) least and greatest x, least and greatest y of every box, metres."""
+    footprints = np.empty((len(boxes), 4))
+    for k in range(len(boxes)):
+        set_footprint(boxes[k], turns[k], footprints[k])
+    return footprints
+
+
+@compiled
+def collision_depth(
+    problem: Problem, boxes: Array, footprints: Array, owner: Ints, yaws: Array
+) -> float:
+    """Metres that objects of different scenelets are in each other, unless they are one."""
+    total = 0.0
+    n = len(boxes)
+    for a in range(n):
+        for b in range(a + 1, n):
+            if owner[a, 0] == owner[b, 0] or apart(footprints, a, footprints, b):
+                continue
+            aligned = math.cos(yaws[a] - yaws[b]) > math.cos(problem.merge_angle)
+            if owner[a, 2] == owner[b, 2] and aligned:
+                continue
+            total += footprint_depth(boxes[a], boxes[b])
+    return total
+
+
+@compiled
+def motion_depths(
+    item_of: Ints,
+    joints: Array,
+    boxes: Array,
+    turns: Array,
+    footprints: Array,
+    owner: Ints,
+) -> Array:
+    """(T,) metres that the body stands in objects that are not the frame's own."""
+    total = np.zeros(len(item_of))
+    columns, ground = np.empty((5, 4)), np.empty((1, 4))
+    for t in range(len(item_of)):
+        set_columns(joints, t, columns, ground, 0)
+        for k in range(len(boxes)):
+            if owner[k, 0] != item_of[t] and not apart(ground, 0, footprints, k):
+                total[t] += depth_in_box(columns, boxes, turns, k)
+    return total
