@@ -148,7 +148,7 @@ def test_occlusion_cost_is_monotone(
 
 def test_a_sure_hidden_joint_costs_less_than_an_unsure_one_in_the_open() -> None:
     """On i3DB confidences below .5 speak for hidden by 1.3 nats, those above for seen by .6."""
-    assert SURE_BUT_HIDDEN == pytest.approx(0.6 / 1.3, abs=0.06)
+    assert pytest.approx(0.6 / 1.3, abs=0.06) == SURE_BUT_HIDDEN
 
 
 @pytest.mark.parametrize("confidence", [0.0, 0.3, 1.0])
