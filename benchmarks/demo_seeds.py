@@ -16,7 +16,7 @@ from imapper_prob.sampling.sample import sample_scenes
 from imapper_prob.scenelets.library import load_library
 from imapper_prob.staged.solver import solve
 
-SETTINGS = SampleSettings(steps=8000, draws=150, ensemble_layouts=1, ensemble_steps=2)
+SETTINGS = SampleSettings(steps=2000, draws=150, ensemble_layouts=1, ensemble_steps=2)
 
 
 def main() -> None:

@@ -94,7 +94,7 @@ def main() -> None:
     solving = time.perf_counter() - start
     problem, best = solution.problem, solution.states[0]
     steps = 4000
-    setup = setup_of(solution, SampleSettings(steps=steps, draws=100))
+    setup = setup_of(solution, SampleSettings(steps=steps, draws=100, temperatures=1))
     start = time.perf_counter()
     run_chain(setup, best, np.random.default_rng(0), lambda progress=None: True)
     chain = steps / (time.perf_counter() - start)

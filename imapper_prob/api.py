@@ -12,6 +12,7 @@ from imapper_prob.config import Config
 from imapper_prob.models.scene import Clip
 from imapper_prob.models.scenelet import Library
 from imapper_prob.results.posterior import Posterior
+from imapper_prob.sampling.cluster import Cluster
 from imapper_prob.sampling.sample import sample_scenes
 from imapper_prob.staged.solver import Solution
 from imapper_prob.staged.solver import solve as solve_staged
@@ -52,6 +53,7 @@ def sample(
     rng: int | None = None,
     chains: int | None = None,
     workers: int = 1,
+    cluster: Cluster | None = None,
     config: Config | None = None,
     checkpoints: str | Path | None = None,
     progress: Progress | None = None,
@@ -70,6 +72,8 @@ def sample(
         How many chains. As ``config`` says if not given.
     workers : int
         Processes; the draws do not depend on it.
+    cluster : Cluster, optional
+        Runs the chains elsewhere, such as a `distributed.Client`.
     config : Config, optional
     checkpoints : path, optional
         Folder in which the chains leave what they have every few seconds. The same call goes
@@ -89,6 +93,7 @@ def sample(
         config.sample,
         seed=np.random.SeedSequence(config.seed),
         workers=workers,
+        cluster=cluster,
         checkpoints=None if checkpoints is None else Path(checkpoints),
         progress=progress,
     )

@@ -21,9 +21,16 @@ class SampleSettings:
     chains : int
         Independent chains from over-dispersed starts.
     steps : int
-        Steps of each chain.
+        Steps of each chain at each temperature.
+    temperatures : int
+        Copies of each chain, from a flattened posterior to the posterior itself, that exchange
+        their states; only the last one is drawn from. 1 does without.
+    hottest : float
+        Power of the likelihood in the first copy.
+    swap_every : int
+        Steps between two rounds of exchanges; draws are kept after a round.
     burn_in : float
-        Share of the steps that is not kept.
+        Share of the steps that is not kept; the temperatures adapt meanwhile.
     draws : int
         Draws kept of each chain, evenly spaced.
     layout_radius : float
@@ -37,7 +44,10 @@ class SampleSettings:
     """
 
     chains: int = 4
-    steps: int = 20000
+    steps: int = 10000
+    temperatures: int = 8
+    hottest: float = 0.15
+    swap_every: int = 5
     burn_in: float = 0.4
     draws: int = 400
     layout_radius: float = 0.8
@@ -46,7 +56,10 @@ class SampleSettings:
     ensemble_steps: int = 200
 
     def __post_init__(self) -> None:
-        least = {"chains": 2, "steps": 1, "draws": 1, "ensembles": 2, "ensemble_steps": 2}
+        least = {
+            "chains": 2, "steps": 1, "temperatures": 1, "swap_every": 1, "draws": 1,
+            "ensembles": 2, "ensemble_steps": 2,
+        }  # fmt: skip
         for name, value in least.items():
             if getattr(self, name) < value:
                 raise InputError(
@@ -54,11 +67,23 @@ class SampleSettings:
                 )
         if not 0 <= self.burn_in < 1:
             raise InputError(f"sample setting burn_in = {self.burn_in} must be in [0, 1)")
-        if self.draws > self.steps * (1 - self.burn_in):
+        if not 0 <= self.hottest < 1:
+            raise InputError(f"sample setting hottest = {self.hottest} must be in [0, 1)")
+        if self.draws > self.most_draws:
             raise InputError(
-                f"sample settings: {self.draws} draws cannot be kept of "
-                f"{self.steps} steps with burn-in {self.burn_in}"
+                f"sample settings: {self.draws} draws cannot be kept of {self.steps} steps with "
+                f"burn-in {self.burn_in} and one draw in {self.swap_every} steps"
             )
+
+    @property
+    def rounds(self) -> int:
+        """Rounds of steps, each with an exchange."""
+        return -(-self.steps // self.swap_every)
+
+    @property
+    def most_draws(self) -> int:
+        """How many draws there are to keep of each chain."""
+        return self.rounds - int(self.rounds * self.burn_in)
 
 
 @dataclass(frozen=True)

@@ -47,6 +47,8 @@ class EnsembleSettings:
         another (ter Braak 2006 takes every tenth).
     latent_step : float
         First step of the Crank-Nicolson move, in (0, 1].
+    keep_latent : bool
+        Whether draws of ``z`` are wanted; they are nearly all of the memory.
     """
 
     burn_in: int = 1000
@@ -57,6 +59,7 @@ class EnsembleSettings:
     latent: float = 0.25
     jump_between_modes: float = 0.1
     latent_step: float = 0.2
+    keep_latent: bool = True
 
 
 class EnsembleDraws(NamedTuple):
@@ -66,6 +69,7 @@ class EnsembleDraws(NamedTuple):
     ----------
     theta : (E, n, W, D) float
     latent : (E, n, W, Z) float
+        Of no coordinates where they were not wanted.
     log_density : (E, n, W) float
         ``log pi``, N(z) not included.
     acceptance : dict of str to (E,) float
@@ -112,7 +116,7 @@ def run_ensembles(
     Notes
     -----
     An interrupted run returns as many draws as every ensemble has. All draws are kept in
-    memory, 8 E n W (D + Z) bytes: with many latent numbers thin rather than keep more.
+    memory, 8 E n W (D + Z) bytes, or 8 E n W D without ``keep_latent``.
     """
     theta, latent = np.asarray(theta, float), np.asarray(latent, float)
     if theta.ndim != 3 or latent.ndim != 3 or theta.shape[:2] != latent.shape[:2]:
@@ -189,13 +193,14 @@ def _run_one(
             break
     for move, _ in moves:
         move.reset()
-    draws = np.zeros((settings.n_draws, *coordinates.shape))
+    n_kept = coordinates.shape[1] if settings.keep_latent else n_theta
+    draws = np.zeros((settings.n_draws, len(coordinates), n_kept))
     log_densities = np.zeros((settings.n_draws, len(coordinates)))
     n = 0
     kept = sampler.sample(state, iterations=settings.n_draws, thin_by=settings.thin_by, **options)
     for n, at in enumerate(kept, 1):
         # emcee changes its state in place: what is kept must be a copy.
-        draws[n - 1], log_densities[n - 1] = at.coords, at.log_prob
+        draws[n - 1], log_densities[n - 1] = at.coords[:, :n_kept], at.log_prob
         if not report((settings.burn_in + n * settings.thin_by, total)):
             break
     return EnsembleDraws(

@@ -8,9 +8,14 @@ Even and odd pairs of neighbours swap in turn. Each pair's swap leaves the joint
 and the alternation, unlike pairs drawn by chance, carries states on in the direction they came
 from (Syed et al. 2022).
 
+Where states have parts that hardly know of each other, swaps of whole states fail because of
+their sheer number: what is gained in one part is lost in another. A crossover exchanges a part
+only (Liang & Wong 2000), between the pairs that do not swap in that round.
+
 References
 ----------
 Geyer 1991, Computing Science and Statistics 23, 156 (parallel tempering).
+Liang & Wong 2000, Statistica Sinica 10, 317 (crossover between temperatures).
 Syed, Bouchard-Côté, Deligiannidis & Doucet 2022, JRSS B 84, 321 (even-odd swaps).
 Vousden, Farr & Mandel 2016, MNRAS 455, 1919 (adaptation towards equal swap rates).
 """
@@ -28,7 +33,7 @@ import numpy as np
 from imapper_prob.samplers.kernel import ChainState, StepInfo, init
 from imapper_prob.samplers.ladder import respaced
 
-__all__ = ["Kernel", "Parts", "Position", "Round", "Tempered", "start", "temper"]
+__all__ = ["Crossover", "Kernel", "Parts", "Position", "Round", "Tempered", "start", "temper"]
 
 S = TypeVar("S")
 
@@ -89,6 +94,17 @@ class Kernel(Protocol[S]):
         """Advance by one proposal and leave the density invariant."""
 
 
+class Crossover(Protocol[S]):
+    """How two states exchange a part of themselves."""
+
+    def __call__(self, rng: np.random.Generator, hot: S, cold: S, /) -> tuple[S, S, float] | None:
+        """Both states afterwards, and the log ratio of the way back to the way there.
+
+        The Jacobian is in the ratio. To exchange the same part again must give the two states
+        back. None where there is nothing to exchange.
+        """
+
+
 class Position(NamedTuple, Generic[S]):
     """Where the chains of a ladder stand: all that a checkpoint needs beside the generators.
 
@@ -124,11 +140,14 @@ class Round(NamedTuple, Generic[S]):
         What happened on each rung.
     swap_acceptance : tuple of K - 1 float
         Probability of a swap across each gap, those included whose turn it was not.
+    crossovers : tuple of StepInfo
+        Of the gaps whose turn it was, from hot to cold; none without a crossover.
     """
 
     position: Position[S]
     steps: tuple[tuple[StepInfo, ...], ...]
     swap_acceptance: tuple[float, ...]
+    crossovers: tuple[StepInfo, ...] = ()
 
 
 def start(states: Sequence[S], *, target: Target[S], betas: Sequence[float]) -> Position[S]:
@@ -162,6 +181,7 @@ def temper(
     kernel: Kernel[S],
     steps_per_swap: int,
     adapt: bool = False,
+    crossover: Crossover[S] | None = None,
 ) -> Iterator[Round[S]]:
     """An endless tempered chain, one item a round.
 
@@ -179,6 +199,8 @@ def temper(
     adapt : bool
         Move the inverse temperatures towards equal swap rates. Such a chain does not leave
         its target invariant: adapt during burn-in, then go on from its last position without.
+    crossover : Crossover, optional
+        Exchanges parts of states across every second gap, before the swaps.
 
     Returns
     -------
@@ -197,7 +219,7 @@ def temper(
         raise ValueError(f"{len(rngs)} generators for {len(position.betas)} rungs and the swaps")
     if steps_per_swap < 1:
         raise ValueError(f"steps_per_swap must be at least 1, not {steps_per_swap}")
-    return _rounds(rngs, position, target, kernel, steps_per_swap, adapt)
+    return _rounds(rngs, position, target, kernel, steps_per_swap, adapt, crossover)
 
 
 def _rounds(
@@ -207,6 +229,7 @@ def _rounds(
     kernel: Kernel[S],
     steps_per_swap: int,
     adapt: bool,
+    crossover: Crossover[S] | None,
 ) -> Iterator[Round[S]]:
     *rung_rngs, swap_rng = rngs
     while True:
@@ -218,6 +241,15 @@ def _rounds(
                 infos.append(info)
             chains.append(chain)
             steps.append(tuple(infos))
+        crossed = []
+        if crossover is not None:
+            # The gaps that do not swap in this round.
+            for gap in range(1 - position.rounds % 2, len(chains) - 1, 2):
+                pair = slice(gap, gap + 2)
+                chains[pair], info = _crossed(
+                    swap_rng, chains[pair], target, position.betas[pair], crossover
+                )
+                crossed.append(info)
         # One evaluation a rung and round, so that kernels need not hand on the two parts.
         parts = [target(chain.state) for chain in chains]
         rungs = zip(parts, position.betas, strict=True)
@@ -239,7 +271,28 @@ def _rounds(
             replicas=tuple(position.replicas[i] for i in order),
             rounds=position.rounds + 1,
         )
-        yield Round(position, tuple(steps), acceptance)
+        yield Round(position, tuple(steps), acceptance, tuple(crossed))
+
+
+def _crossed(
+    rng: np.random.Generator,
+    pair: Sequence[ChainState[S]],
+    target: Target[S],
+    betas: Sequence[float],
+    crossover: Crossover[S],
+) -> tuple[list[ChainState[S]], StepInfo]:
+    """Two neighbours after one attempt to exchange a part."""
+    proposal = crossover(rng, pair[0].state, pair[1].state)
+    if proposal is None:
+        return list(pair), StepInfo("crossover", False, -math.inf)
+    *states, log_ratio = proposal
+    new = [
+        ChainState(state, target(state).at(beta)) for state, beta in zip(states, betas, strict=True)
+    ]
+    gain = sum(chain.log_density for chain in new) - sum(chain.log_density for chain in pair)
+    log_acceptance = min(0.0, gain + log_ratio)
+    accepted = bool(rng.standard_exponential() > -log_acceptance)
+    return (new if accepted else list(pair)), StepInfo("crossover", accepted, log_acceptance)
 
 
 def _log_swap_ratio(hot: tuple[Parts, float], cold: tuple[Parts, float]) -> float:

@@ -146,7 +146,7 @@ def _tempering(ladders: Sequence[LadderSummary]) -> str:
     now = max(len(ladder.betas) for ladder in ladders)
     best = max(math.ceil(2 * ladder.barrier) + 1 for ladder in ladders)
     advice = f"{best} temperatures in place of {now}" if best > now else "more rounds"
-    return f" Tempering could not help, for it made {counted}: try {advice}."
+    return f" Tempering made only {counted}: try {advice}."
 
 
 def _two_digits(value: float) -> int:

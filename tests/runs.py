@@ -12,7 +12,9 @@ from imapper_prob.sampling.sample import sample_scenes
 from imapper_prob.scenelets.library import load_library
 from imapper_prob.staged.solver import Solution, solve
 
-SHORT = Config(sample=SampleSettings(steps=400, draws=40, ensemble_layouts=1, ensemble_steps=8))
+SHORT = Config(
+    sample=SampleSettings(steps=400, draws=40, temperatures=3, ensemble_layouts=1, ensemble_steps=8)
+)
 """Far too short to be good, long enough for every file to have something in it."""
 
 

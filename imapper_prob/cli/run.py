@@ -18,8 +18,9 @@ if TYPE_CHECKING:
 
 __all__ = ["add_run_commands"]
 
-_DEMO_STEPS = 24000
-"""Steps of a demo chain: what fits, with all else, well within a minute on two cores."""
+_DEMO_STEPS = 6000
+"""Steps of a demo chain at each temperature: what fits, with all else, within a minute on two
+cores."""
 
 
 def add_run_commands(
@@ -29,9 +30,15 @@ def add_run_commands(
     sampling = argparse.ArgumentParser(add_help=False)
     sampling.add_argument("-o", "--output", type=Path, required=True, metavar="DIR")
     sampling.add_argument("--seed", type=int, help="all randomness comes from it")
-    sampling.add_argument("--steps", type=int, help="steps of each chain")
+    sampling.add_argument("--steps", type=int, help="steps of each chain at each temperature")
     sampling.add_argument(
         "--workers", type=int, default=os.cpu_count() or 1, help="processes; draws do not change"
+    )
+    sampling.add_argument(
+        "--cluster",
+        metavar="ADDRESS",
+        help="run the chains on the workers of a dask scheduler, such as tcp://host:8786; they "
+        "must see DIR under the same path",
     )
     sampling.add_argument(
         "--overwrite", action="store_true", help="replace an earlier run in DIR, finished or not"
@@ -70,8 +77,9 @@ def _config(options: argparse.Namespace, *, steps: int | None = None) -> Config:
     config = Config() if options.config is None else read_config(options.config)
     steps = options.steps if options.steps is not None else steps
     if steps is not None:
-        kept = max(1, min(config.sample.draws, int(steps * (1 - config.sample.burn_in))))
-        config = replace(config, sample=replace(config.sample, steps=steps, draws=kept))
+        asked = replace(config.sample, steps=steps, draws=1)
+        kept = min(config.sample.draws, asked.most_draws)
+        config = replace(config, sample=replace(asked, draws=kept))
     if options.seed is not None:
         config = replace(config, seed=options.seed)
     if options.library is not None:
@@ -98,17 +106,19 @@ def _run(options: argparse.Namespace) -> None:
 def _sample(options: argparse.Namespace, clip: Clip, config: Config) -> None:
     import imapper_prob
     from imapper_prob.output import CHECKPOINTS, write_run
+    from imapper_prob.sampling.cluster import connected
     from imapper_prob.scenelets.library import load_library
 
     if options.workers < 1:
         raise InputError(f"--workers {options.workers}: at least 1 is needed")
     library = load_library(config.library)
-    with progress_bars() as progress:
+    with connected(options.cluster) as cluster, progress_bars() as progress:
         posterior = imapper_prob.sample(
             clip,
             library,
             config=config,
             workers=options.workers,
+            cluster=cluster,
             checkpoints=options.output / CHECKPOINTS,
             progress=progress,
         )
@@ -122,12 +132,14 @@ def _show(posterior: Posterior, folder: Path) -> None:
     from rich.console import Console
 
     from imapper_prob.results.summary import layout_table, object_table
+    from imapper_prob.sampling.agreement import describe_agreement
 
     console = Console()
     scenes = posterior.scenes()
     console.print(layout_table(scenes))
     console.print(object_table(scenes[0], posterior.clip.truth))
     console.print(posterior.samples.verdict.text)
+    console.print(describe_agreement(posterior.samples.agreements))
     if not posterior.samples.finished:
         console.print("Interrupted: these are the draws that there were. The same command goes on.")
     console.print(f"Written to {folder}; look at it with: rerun {folder / 'recording.rrd'}")
@@ -150,5 +162,6 @@ def _info(options: argparse.Namespace) -> None:
     console.print(layout_table(scenes))
     console.print(object_table(scenes[0]))
     console.print(attributes["verdict"])
+    console.print(attributes["agreement"])
     if options.energy:
         show_energy(folder, options.clip)

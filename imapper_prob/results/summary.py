@@ -11,6 +11,7 @@ from scipy.optimize import linear_sum_assignment
 
 from imapper_prob.models.scene import Clip, SceneObject, Truth
 from imapper_prob.results.scenes import WeightedScene
+from imapper_prob.sampling.agreement import describe_agreement
 from imapper_prob.sampling.sample import Samples
 
 __all__ = ["describe", "distances_to_truth", "layout_table", "object_table"]
@@ -90,5 +91,6 @@ def describe(clip: Clip, samples: Samples) -> str:
     focal = "" if clip.focal_known else " The focal length is assumed (± 5 %)."
     return (
         f"**{clip.name}** - furniture and motion from 2D joints, as a posterior.\n\n"
-        f"{chains} chains, {draws} draws each. {samples.verdict.text}{focal}"
+        f"{chains} chains, {draws} draws each. {samples.verdict.text} "
+        f"{describe_agreement(samples.agreements)}{focal}"
     )

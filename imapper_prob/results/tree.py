@@ -5,7 +5,10 @@ Groups, as ArviZ names them:
 ``posterior``      what every draw has, whatever its dimension, the pelvis path, and by frame
                    the probability that the detector took left for right
 ``draws``          scenelets and merged objects of each draw, padded, with their numbers
-``sample_stats``   log-posterior
+``sample_stats``   log-posterior; temperatures of each chain, rates of exchange between them, and
+                   round trips of states; in the attributes how often each move was accepted
+``agreement``      objects of the assignments whose placements ensembles of walkers drew as well:
+                   difference of means and ratio of standard deviations, x and y
 ``observed_data``  detections
 ``constant_data``  names and numbers that the others refer to
 """
@@ -26,6 +29,7 @@ from imapper_prob.models.errors import InputError
 from imapper_prob.models.path import CAMERA
 from imapper_prob.models.posterior import motion, swapped
 from imapper_prob.models.skeleton import JOINTS, PELV
+from imapper_prob.sampling.agreement import describe_agreement
 from imapper_prob.sampling.sample import Samples
 from imapper_prob.staged.solver import Solution
 
@@ -76,9 +80,10 @@ def posterior_tree(solution: Solution, samples: Samples, config: Config) -> xr.D
         "posterior": xr.Dataset(_labelled(posterior), {**frames, "axis": list("xyz")}),
         "draws": xr.Dataset(_labelled(_padded(solution, samples))),
         "sample_stats": xr.Dataset(
-            _labelled({"log_posterior": (per_draw, samples.log_posterior)}),
+            _labelled({"log_posterior": (per_draw, samples.log_posterior)} | _tempering(samples)),
             attrs={f"acceptance_{k}": v for k, v in samples.acceptance.rates().items()},
         ),
+        "agreement": xr.Dataset(_agreement(samples), {"axis": list("xy")}),
         "observed_data": xr.Dataset(
             _labelled(
                 {
@@ -107,6 +112,7 @@ def posterior_tree(solution: Solution, samples: Samples, config: Config) -> xr.D
         "library_digest": solution.library.digest,
         "config": to_toml(config),
         "verdict": samples.verdict.text,
+        "agreement": describe_agreement(samples.agreements),
         "frame": "world: metres, z up, floor at z = 0, camera above the origin, looking along y",
     }
     return tree
@@ -130,6 +136,33 @@ def _labelled(variables: Mapping[str, Variable]) -> dict[str, Any]:
     return {
         name: (dims, values, {"units": _UNITS[name]} if name in _UNITS else {})
         for name, (dims, values) in variables.items()
+    }
+
+
+def _tempering(samples: Samples) -> dict[str, Variable]:
+    ladders = samples.ladders
+    return {
+        "power": (("chain", "temperature"), np.array([ladder.betas for ladder in ladders])),
+        "swap_rate": (("chain", "gap"), np.array([ladder.swap_rates for ladder in ladders])),
+        "round_trips": (("chain",), np.array([ladder.round_trips for ladder in ladders])),
+    }
+
+
+def _agreement(samples: Samples) -> dict[str, Variable]:
+    """One row for each object of each assignment; layouts are counted from 0, as elsewhere."""
+    found = samples.agreements
+    rows = [(layout, a) for layout, a in enumerate(found) for _ in a.labels]
+    return {
+        "layout": (("row",), np.array([layout for layout, _ in rows], dtype=np.int64)),
+        "label": (("row",), np.array([label for a in found for label in a.labels], dtype=str)),
+        "draws": (("row",), np.array([a.draws for _, a in rows], dtype=np.int64)),
+        **{
+            name: (
+                ("row", "axis"),
+                np.concatenate([np.empty((0, 2)), *(getattr(a, name) for a in found)]),
+            )
+            for name in ("difference", "ratio")
+        },
     }
 
 

@@ -1,21 +1,24 @@
-"""One reversible-jump chain over scenes, as a task that any process can run."""
+"""One tempered reversible-jump chain over scenes, as a task that any process can run."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import partial
+from functools import lru_cache, partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.config import SampleSettings
-from imapper_prob.models.posterior import State, log_posterior
+from imapper_prob.models.posterior import State, terms
 from imapper_prob.models.problem import Problem
 from imapper_prob.samplers.chains import Report
 from imapper_prob.samplers.checkpoint import Keeper
-from imapper_prob.samplers.kernel import Mixture
-from imapper_prob.samplers.reversible_jump import AcceptanceTable, sample
+from imapper_prob.samplers.kernel import Mixture, step
+from imapper_prob.samplers.ladder import LadderSummary, power_ladder
+from imapper_prob.samplers.reversible_jump import AcceptanceTable
+from imapper_prob.samplers.tempering import Parts, start, temper
 from imapper_prob.sampling.checkpoints import Progress
+from imapper_prob.sampling.crossover import TimeCrossover
 from imapper_prob.sampling.moves import (
     Birth,
     CameraWalk,
@@ -29,14 +32,13 @@ from imapper_prob.sampling.moves import (
 )
 from imapper_prob.sampling.proposals import Candidates, Proposals
 from imapper_prob.sampling.refurnish import Refurnish
+from imapper_prob.sampling.replace import Replace
 from imapper_prob.staged.candidates import furniture_kinds
 
-__all__ = ["Chain", "Setup", "run_chain", "scene_moves"]
+__all__ = ["Chain", "Setup", "run_chain", "scene_moves", "split"]
 
 Array = NDArray[np.float64]
 
-_ANNEALING = (0.3, 0.45, 0.65, 1.0)
-"""Powers of the posterior during burn-in, equally long each."""
 _REPORT_EVERY = 200
 """Steps between two progress reports; a fraction of a second."""
 
@@ -74,7 +76,9 @@ class Chain:
     trace : (m,) float
         Log-posterior over the whole run, burn-in included, evenly spaced.
     acceptance : AcceptanceTable
-        Over the steps at the posterior itself.
+        At the posterior itself, after burn-in.
+    ladder : LadderSummary
+        Temperatures, and how states travelled between them after burn-in.
     finished : bool
         Whether it ran all its steps.
     """
@@ -83,6 +87,7 @@ class Chain:
     log_posterior: Array
     trace: Array
     acceptance: AcceptanceTable
+    ladder: LadderSummary
     finished: bool
 
 
@@ -95,72 +100,108 @@ def scene_moves(setup: Setup) -> Mixture[State]:
     problem = setup.problem
     proposals = Proposals(problem, setup.candidates)
     factor = np.linalg.cholesky(np.linalg.inv(problem.camera_precision))
+    kinds = furniture_kinds(problem)
     weighted = (
         (Birth(proposals), 0.12),
         (Death(proposals), 0.12),
-        (Swap(proposals), 0.14),
-        (Exchange(problem, setup.similarity), 0.10),
-        (Refurnish(problem, setup.similarity, furniture_kinds(problem)), 0.06),
+        (Swap(proposals), 0.08),
+        (Replace(proposals), 0.12),
+        (Exchange(problem, setup.similarity), 0.08),
+        (Refurnish(proposals, kinds), 0.08),
         (Shift(problem), 0.06),
-        (PlacementWalk(), 0.22),
-        (CameraWalk(factor), 0.05),
-        (DepthScale(), 0.05),
-        (PathRefresh(), 0.08),
+        (PlacementWalk(), 0.20),
+        (CameraWalk(factor), 0.04),
+        (DepthScale(), 0.04),
+        (PathRefresh(), 0.06),
     )
     return Mixture([move for move, _ in weighted], [weight for _, weight in weighted])
 
 
+def split(problem: Problem, state: State) -> Parts:
+    """The log-posterior in what is known beforehand and what the other temperatures flatten.
+
+    Flattening all of it would fill the hot scenes with scenelets, for prior odds of one in ten
+    thousand would mean little there.
+    """
+    nats = terms(problem, state)
+    prior = nats["camera"] + nats["layout"] + nats["placement"] + nats["path"]
+    return Parts(prior, sum(nats.values()) - prior if np.isfinite(prior) else 0.0)
+
+
 def run_chain(
     setup: Setup,
-    start: State,
+    first: State,
     rng: np.random.Generator,
     report: Report,
     keeper: Keeper | None = None,
 ) -> Chain:
-    """Run a chain from ``start``; asked to stop, it returns what it has.
+    """Run a chain from ``first``; asked to stop, it returns what it has.
 
-    The burn-in is annealed: it goes from a flattened posterior to the posterior itself, so
-    that chains leave the scene they started from. None of its draws is kept. With a
-    ``keeper`` the chain goes on from its checkpoint, if there is one.
+    While it burns in, the ladder of temperatures adapts; then it stays. Only draws of the
+    posterior itself are kept, and none of the burn-in. With a ``keeper`` the chain goes on from
+    its checkpoint, if there is one.
     """
     settings = setup.settings
-    burn_in = int(settings.steps * settings.burn_in)
-    keep = set(np.linspace(burn_in, settings.steps - 1, settings.draws).round().astype(int))
-    mark = set(np.linspace(0, settings.steps - 1, settings.draws).round().astype(int))
-    mixture = scene_moves(setup)
-    stages = np.linspace(0, burn_in, len(_ANNEALING) + 1).round().astype(int)
-    ends = [*zip(_ANNEALING, stages[1:], strict=True), (1.0, settings.steps)]
+    rounds = settings.rounds
+    burn_in = int(rounds * settings.burn_in)
+    keep = set(np.linspace(burn_in, rounds - 1, settings.draws).round().astype(int))
+    mark = set(np.linspace(0, rounds - 1, settings.draws).round().astype(int))
+    # Between swaps each rung comes back to few states, the current one above all.
+    target = lru_cache(2 * settings.temperatures * (settings.swap_every + 2))(
+        partial(split, setup.problem)
+    )
+    kernel = partial(step, mixture=scene_moves(setup))
     saved = keeper.load() if keeper is not None else None
-    done = Progress(rng, start) if saved is None else Progress.of(saved)
+    if saved is None:
+        betas: tuple[float, ...] = (1.0,)
+        if settings.temperatures > 1:
+            betas = power_ladder(settings.temperatures, hottest=settings.hottest)
+        position = start([first] * len(betas), target=target, betas=betas)
+        done = Progress.begin(rng.spawn(len(betas) + 1), position)
+    else:
+        done = Progress.of(saved)
     finished = True
-    for power, end in ends:
-        if done.steps >= end or not finished:
+    for adapt, end in ((True, burn_in), (False, rounds)):
+        if done.position.rounds >= end or not finished:
             continue
-        target = partial(_flattened, setup.problem, power)
-        for at, info in sample(done.rng, done.state, log_density_fn=target, mixture=mixture):
-            done.state = at.state
-            if power == 1.0:
-                done.acceptance.record(info)
-            if done.steps in keep:
-                done.states.append(at.state)
-                done.values.append(at.log_density)
-            if done.steps in mark:
-                done.trace.append(at.log_density / power)
-            asked = done.steps % _REPORT_EVERY == 0
-            done.steps += 1
-            finished = not asked or report(done.steps / settings.steps)
-            if asked and keeper is not None:
-                keeper.offer(done.snapshot)
-            if done.steps == end or not finished:
+        for at in temper(
+            done.rngs,
+            done.position,
+            target=target,
+            kernel=kernel,
+            steps_per_swap=settings.swap_every,
+            adapt=adapt,
+            crossover=TimeCrossover(setup.problem),
+        ):
+            now = done.position.rounds
+            coldest = at.position.chains[-1]
+            done.position = at.position
+            if not adapt:
+                done.record(at)
+            if now in keep:
+                done.states.append(coldest.state)
+                done.values.append(coldest.log_density)
+            if now in mark:
+                done.trace.append(coldest.log_density)
+            steps = (now + 1) * settings.swap_every
+            if steps % _REPORT_EVERY < settings.swap_every:
+                finished = report((now + 1) / rounds)
+                if keeper is not None:
+                    keeper.offer(done.snapshot)
+            if now + 1 == end or not finished:
                 break
     if keeper is not None:
         keeper.save(done.snapshot())
     states, values = done.states, done.values
     if not states:
         # Stopped during burn-in: the last state is all there is.
-        states, values = [done.state], [log_posterior(setup.problem, done.state)]
-    return Chain(tuple(states), np.array(values), np.array(done.trace), done.acceptance, finished)
-
-
-def _flattened(problem: Problem, power: float, state: State) -> float:
-    return power * log_posterior(problem, state)
+        coldest = done.position.chains[-1]
+        states, values = [coldest.state], [coldest.log_density]
+    return Chain(
+        tuple(states),
+        np.array(values),
+        np.array(done.trace),
+        done.acceptance,
+        done.table.summary(),
+        finished,
+    )

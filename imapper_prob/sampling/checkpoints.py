@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import hashlib
 from collections import Counter
 from collections.abc import Sequence
@@ -14,12 +15,15 @@ from numpy.typing import NDArray
 from imapper_prob.models.posterior import State
 from imapper_prob.models.problem import Problem
 from imapper_prob.samplers.checkpoint import Snapshot, pack, pack_rng, unpack, unpack_rng
+from imapper_prob.samplers.kernel import ChainState
+from imapper_prob.samplers.ladder import SwapTable
 from imapper_prob.samplers.reversible_jump import AcceptanceTable
+from imapper_prob.samplers.tempering import Position, Round
 from imapper_prob.sampling.proposals import Candidates
 
 __all__ = ["Progress", "identity_of"]
 
-_FIELDS = ("camera", "items", "placements", "sizes", "latent")
+_FIELDS = tuple(entry.name for entry in dataclasses.fields(State))
 
 
 @dataclass
@@ -28,38 +32,59 @@ class Progress:
 
     Parameters
     ----------
-    rng : numpy.random.Generator
-    state : State
-        Where it stands.
-    steps : int
-        How many it has made.
+    rngs : list of numpy.random.Generator
+        One for each temperature and one for the swaps.
+    position : Position
+        Where it stands at each temperature.
+    table : SwapTable
+        Swaps since the temperatures stay.
     states, values : list
         Draws kept, and their log-posterior.
     trace : list of float
         Log-posterior over the whole run.
     acceptance : AcceptanceTable
+        At the posterior itself since the temperatures stay.
     """
 
-    rng: np.random.Generator
-    state: State
-    steps: int = 0
+    rngs: list[np.random.Generator]
+    position: Position[State]
+    table: SwapTable
     states: list[State] = field(default_factory=list)
     values: list[float] = field(default_factory=list)
     trace: list[float] = field(default_factory=list)
     acceptance: AcceptanceTable = field(default_factory=AcceptanceTable)
 
+    @classmethod
+    def begin(cls, rngs: Sequence[np.random.Generator], position: Position[State]) -> Progress:
+        """Nothing done yet."""
+        return cls(list(rngs), position, SwapTable.empty(position.betas))
+
+    def record(self, at: Round[State]) -> None:
+        """Count a round at fixed temperatures."""
+        if self.table.rounds == 0:
+            self.table = SwapTable.empty(at.position.betas)
+        self.table = self.table.recorded(at.swap_acceptance, at.position.replicas)
+        for info in (*at.steps[-1], *at.crossovers):
+            self.acceptance.record(info)
+
     def snapshot(self) -> Snapshot:
         """All of it as arrays and plain values."""
+        position = self.position
         return Snapshot(
             {
-                **pack("state", [_arrays(self.state)]),
+                **pack("rungs", [_arrays(chain.state) for chain in position.chains]),
                 **pack("draws", [_arrays(state) for state in self.states]),
                 "values": np.array(self.values, dtype=np.float64),
                 "trace": np.array(self.trace, dtype=np.float64),
             },
             {
-                "rng": pack_rng(self.rng),
-                "steps": self.steps,
+                "rngs": [pack_rng(rng) for rng in self.rngs],
+                "betas": position.betas,
+                "log_densities": [chain.log_density for chain in position.chains],
+                "log_likelihoods": position.log_likelihoods,
+                "replicas": position.replicas,
+                "rounds": position.rounds,
+                "table": dataclasses.asdict(self.table),
                 "proposed": dict(self.acceptance.proposed),
                 "accepted": dict(self.acceptance.accepted),
             },
@@ -68,16 +93,26 @@ class Progress:
     @classmethod
     def of(cls, snapshot: Snapshot) -> Progress:
         """The progress that :meth:`snapshot` was taken of."""
+        arrays, values = snapshot
         return cls(
-            rng=unpack_rng(snapshot.values["rng"]),
-            state=_states("state", snapshot)[0],
-            steps=snapshot.values["steps"],
-            states=_states("draws", snapshot),
-            values=snapshot.arrays["values"].tolist(),
-            trace=snapshot.arrays["trace"].tolist(),
-            acceptance=AcceptanceTable(
-                Counter(snapshot.values["proposed"]), Counter(snapshot.values["accepted"])
+            rngs=[unpack_rng(kept) for kept in values["rngs"]],
+            position=Position(
+                betas=tuple(values["betas"]),
+                chains=tuple(
+                    ChainState(state, value)
+                    for state, value in zip(
+                        _states("rungs", snapshot), values["log_densities"], strict=True
+                    )
+                ),
+                log_likelihoods=tuple(values["log_likelihoods"]),
+                replicas=tuple(values["replicas"]),
+                rounds=values["rounds"],
             ),
+            table=SwapTable(**values["table"]),
+            states=_states("draws", snapshot),
+            values=arrays["values"].tolist(),
+            trace=arrays["trace"].tolist(),
+            acceptance=AcceptanceTable(Counter(values["proposed"]), Counter(values["accepted"])),
         )
 
 
@@ -98,7 +133,7 @@ def identity_of(
 ) -> str:
     """A hash of all that the draws depend on: a checkpoint of anything else is refused."""
     digest = hashlib.sha256(repr((settings, seed.entropy, seed.spawn_key)).encode())
-    arrays = [*problem, candidates.items, candidates.placements, candidates.weights]
+    arrays = [*problem, candidates.centres, candidates.placements, candidates.weights]
     arrays += [array for state in starts for array in _arrays(state).values()]
     for array in arrays:
         digest.update(np.ascontiguousarray(array).tobytes())

@@ -71,13 +71,13 @@ class Birth:
 
     def propose(self, rng: np.random.Generator, state: State) -> Proposal[State] | None:
         """Draw a scenelet; impossible where it would overlap another."""
-        drawn = self.proposals.draw(rng, state.camera)
+        drawn = self.proposals.draw(rng, state.camera, state.items)
         if drawn is None:
             return None
         new = state.with_item(*drawn)
         if not in_order(self.proposals.problem, new):
             return None
-        log_forward = self.proposals.log_density(*drawn, state.camera)
+        log_forward = self.proposals.log_density(*drawn, state.camera, state.items)
         return Proposal(new, -math.log(new.n_scenelets) - log_forward)
 
     def explain(self, before: State, after: State) -> float:
@@ -85,7 +85,7 @@ class Birth:
         index = _difference(before, after)
         if index is None:
             return -math.inf
-        return self.proposals.log_density(*_item(after, index), after.camera)
+        return self.proposals.log_density(*_item(after, index), after.camera, before.items)
 
 
 @dataclass(frozen=True)
@@ -101,8 +101,9 @@ class Death:
         if state.n_scenelets == 0:
             return None
         index = int(rng.integers(state.n_scenelets))
-        log_reverse = self.proposals.log_density(*_item(state, index), state.camera)
-        return Proposal(state.without_item(index), log_reverse + math.log(state.n_scenelets))
+        rest = state.without_item(index)
+        log_reverse = self.proposals.log_density(*_item(state, index), state.camera, rest.items)
+        return Proposal(rest, log_reverse + math.log(state.n_scenelets))
 
     def explain(self, before: State, after: State) -> float:
         """Log density of proposing ``after`` from ``before``."""
@@ -113,10 +114,10 @@ class Death:
 
 @dataclass(frozen=True)
 class Swap:
-    """Another scenelet in place of one, starting within ``window`` frames of it."""
+    """Another scenelet in place of one, from a window at most ``window`` frames away."""
 
     proposals: Proposals
-    window: int = 8
+    window: int = 10
     name: str = "swap"
     reverse: str = "swap"
 
@@ -125,32 +126,44 @@ class Swap:
         if state.n_scenelets == 0:
             return None
         index = int(rng.integers(state.n_scenelets))
-        start = int(state.items[index, 1])
-        drawn = self.proposals.draw(rng, state.camera, around=start, window=self.window)
+        rest = state.without_item(index)
+        forward = self._middle(state, index)
+        drawn = self.proposals.draw(
+            rng, state.camera, rest.items, around=forward, window=self.window
+        )
         if drawn is None:
             return None
-        new = state.without_item(index).with_item(*drawn)
+        new = rest.with_item(*drawn)
         if not in_order(self.proposals.problem, new):
             return None
-        forward = self.proposals.log_density(*drawn, state.camera, around=start, window=self.window)
-        backward = self.proposals.log_density(
-            *_item(state, index), state.camera, around=drawn[1], window=self.window
+        backward = self.proposals.middle(drawn[0], drawn[1])
+        return Proposal(
+            new,
+            self._log_density(state, index, rest, backward)
+            - self.proposals.log_density(
+                *drawn, state.camera, rest.items, around=forward, window=self.window
+            ),
         )
-        return Proposal(new, backward - forward)
 
     def explain(self, before: State, after: State) -> float:
         """Log density of proposing ``after`` from ``before``."""
         for index in range(before.n_scenelets):
-            other = _difference(before.without_item(index), after)
+            rest = before.without_item(index)
+            other = _difference(rest, after)
             if other is not None:
-                density = self.proposals.log_density(
-                    *_item(after, other),
-                    after.camera,
-                    around=int(before.items[index, 1]),
-                    window=self.window,
-                )
+                density = self._log_density(after, other, rest, self._middle(before, index))
                 return density - math.log(before.n_scenelets)
         return -math.inf
+
+    def _middle(self, state: State, index: int) -> int:
+        scenelet, start = state.items[index].tolist()
+        return self.proposals.middle(scenelet, start)
+
+    def _log_density(self, state: State, index: int, rest: State, around: int) -> float:
+        """Of drawing one scenelet of a state around a frame, the rest being there."""
+        return self.proposals.log_density(
+            *_item(state, index), state.camera, rest.items, around=around, window=self.window
+        )
 
 
 @dataclass(frozen=True)

@@ -28,7 +28,7 @@ _CAMERA_SPREAD = _SIZE_SPREAD = 0.2
 """The same for the nuisance parameters, in standard deviations of their prior."""
 
 _KEPT = 20
-"""Draws kept of each walker: neighbouring ones say the same, and each holds a whole path."""
+"""Draws kept of each walker: neighbouring ones say the same."""
 
 
 @dataclass(frozen=True)
@@ -122,7 +122,9 @@ def sample_placements(
         theta,
         latent,
         seed=run_seed,
-        settings=EnsembleSettings(burn_in=half, n_draws=half // thin_by, thin_by=thin_by),
+        settings=EnsembleSettings(
+            burn_in=half, n_draws=half // thin_by, thin_by=thin_by, keep_latent=False
+        ),
         workers=workers,
     )
     camera, placements, sizes = from_theta(draws.theta)

@@ -1,16 +1,18 @@
 """Where to try a new scenelet: a normalised mixture with full support.
 
-The solver's fits are the components: a candidate names a scenelet, a start frame and a
-placement, and is blurred around it along the viewing ray, across it and in yaw. A small
-share of the mass goes to every scenelet at every start frame anywhere, so that no part of
-the support is out of reach and the density of any scenelet can be stated exactly. The size
-of its person comes from the prior, and a larger one is tried further away.
+The components are the solver's fits, every scenelet in every window: a candidate names a
+scenelet, a middle frame and a placement, and is blurred around it in time, along the viewing
+ray, across it and in yaw. Chains wander from scenelet to scenelet, and what can be born must
+be able to die: so all fits are there, bad ones with little weight. A small share of the mass
+goes to every scenelet at every start frame anywhere, so that no part of the support is out of
+reach and the density of any scenelet can be stated exactly. The size of its person comes from
+the prior, and a larger one is tried further away.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,30 +35,30 @@ the width of a placement's posterior, and one that reaches placements other obje
 
 @dataclass(frozen=True)
 class Candidates:
-    """Scenelets fitted to windows.
+    """Every scenelet fitted to every window.
 
     Parameters
     ----------
-    items : (C, 2) int
-        Scenelet and start frame.
-    placements : (C, 3) float
+    centres : (W,) int
+        Middle frame of each window, ascending.
+    placements : (W, L, 3) float
         x, y in metres (y > 0), yaw in radians.
-    weights : (C,) float
-        Positive; how often to try each.
+    weights : (W, L) float
+        How often to try each; zero where a scenelet was not fitted.
     """
 
-    items: Ints
+    centres: Ints
     placements: Array
     weights: Array
 
     def __post_init__(self) -> None:
-        items = np.array(self.items, dtype=np.int64).reshape(-1, 2)
-        items.setflags(write=False)
-        n = len(items)
-        object.__setattr__(self, "items", items)
-        for name, shape in (("placements", (n, 3)), ("weights", (n,))):
+        centres = np.array(self.centres, dtype=np.int64)
+        centres.setflags(write=False)
+        object.__setattr__(self, "centres", centres)
+        shape = (len(centres), np.shape(self.weights)[-1])
+        for name, size in (("placements", (*shape, 3)), ("weights", shape)):
             object.__setattr__(
-                self, name, read_only(getattr(self, name), shape=shape, name=f"candidate {name}")
+                self, name, read_only(getattr(self, name), shape=size, name=f"candidate {name}")
             )
 
 
@@ -74,59 +76,92 @@ def log_wrapped_normal(angle: Array, spread: float) -> Array:
 class Proposals:
     """The mixture over (scenelet, start frame, placement, size), to draw from and to evaluate.
 
-    Candidates were fitted at the mean of the camera prior. Under another focal length or
-    body size the same pixels lie on another bearing and depth, and so do the proposals:
-    they depend on ``camera`` (5,), which the moves that use them leave alone.
+    It depends on two things that the moves which use it leave alone. Candidates were fitted
+    at the mean of the camera prior; under another focal length or body size the same pixels
+    lie on another bearing and depth, and so do the proposals: hence ``camera`` (5,). And only
+    windows are tried of which ``others`` (k, 2), the scenelets that stay, leave the middle free.
     """
 
     problem: Problem
     candidates: Candidates
+    blur: int = field(init=False)
+    """Frames by which a scenelet may be tried off the middle of its window: so many that
+    every frame is within reach of a window."""
+    _lengths: Ints = field(init=False, repr=False)
+    _cumulative: Array = field(init=False, repr=False)  # (W, L) of a window's weights
+    _totals: Array = field(init=False, repr=False)  # (W,)
+
+    def __post_init__(self) -> None:
+        cumulative = self.candidates.weights.cumsum(1)
+        gaps = np.diff(self.candidates.centres)
+        object.__setattr__(self, "blur", int(gaps.max(initial=1) // 2 + 1))
+        object.__setattr__(self, "_lengths", self.problem.lengths)
+        object.__setattr__(self, "_cumulative", cumulative)
+        object.__setattr__(self, "_totals", np.array(cumulative[:, -1]))
+
+    def middle(self, scenelet: int, start: int) -> int:
+        """Middle frame of a scenelet."""
+        return start + int(self._lengths[scenelet]) // 2
+
+    def nearest_window(self, middle: int) -> int:
+        """The window whose middle is nearest to a frame."""
+        return int(np.abs(self.candidates.centres - middle).argmin())
 
     def _seen_from(self, camera: Array, size: float) -> tuple[float, float]:
         """By how much bearing shrinks and log depth grows from the mean camera to this one."""
         change = camera - self.problem.camera_mean
         return math.exp(-change[2]), float(change[2] + change[3] + size)
 
-    def _near(self, start: int | None, window: int) -> Array:
-        """Weights of the candidates whose start lies within ``window`` frames of ``start``."""
-        if start is None:
-            return self.candidates.weights
-        return self.candidates.weights * (abs(self.candidates.items[:, 1] - start) <= window)
+    def _open(self, others: Ints, around: int | None, window: int) -> Array:
+        """(W,) weights of the windows that may be tried."""
+        centres = self.candidates.centres
+        # Half of the shortest scenelet must be free at the least for any to fit.
+        margin = int(self._lengths.min()) // 2
+        taken = np.zeros(len(centres), bool)
+        for scenelet, start in others.tolist():
+            end = start + int(self._lengths[scenelet])
+            taken |= (centres > start - margin) & (centres < end + margin)
+        if around is not None:
+            taken |= np.abs(centres - around) > window
+        return np.where(taken, 0.0, self._totals)
 
-    def _starts(self, scenelet: int, start: int | None, window: int) -> tuple[int, int]:
+    def _starts(self, scenelet: int, around: int | None, window: int) -> tuple[int, int]:
         """First and last start frame that the clip and the window leave to a scenelet."""
-        last = self.problem.n_frames - int(self.problem.lengths[scenelet])
-        if start is None:
+        length = int(self._lengths[scenelet])
+        last = self.problem.n_frames - length
+        if around is None:
             return 0, last
-        return max(0, start - window), min(last, start + window)
+        return max(0, around - length // 2 - window), min(last, around - length // 2 + window)
 
     def draw(
         self,
         rng: np.random.Generator,
         camera: Array,
+        others: Ints,
         *,
         around: int | None = None,
         window: int = 0,
     ) -> tuple[int, int, Array, float] | None:
         """A scenelet, its start frame, placement (3,) and log size; None where none fits.
 
-        With ``around`` only starts within ``window`` frames of it.
+        With ``around`` only windows whose middle lies within ``window`` frames of it.
         """
-        weights = self._near(around, window)
-        total = weights.sum()
+        weights = self._open(others, around, window).cumsum()
         size = self.problem.size_spread * float(rng.standard_normal())
-        if total > 0 and rng.random() > _ANYWHERE:
-            which = int(rng.choice(len(weights), p=weights / total))
-            scenelet, start = (int(v) for v in self.candidates.items[which])
-            x, y, yaw = self.candidates.placements[which]
+        if weights[-1] > 0 and rng.random() > _ANYWHERE:
+            which = int(np.searchsorted(weights, rng.random() * weights[-1], side="right"))
+            own = self._cumulative[which]
+            scenelet = int(np.searchsorted(own, rng.random() * own[-1], side="right"))
+            shift = int(rng.integers(-self.blur, self.blur + 1))
+            start = int(self.candidates.centres[which]) - int(self._lengths[scenelet]) // 2 + shift
+            x, y, yaw = self.candidates.placements[which, scenelet]
             shrunk, further = self._seen_from(camera, size)
             spread = np.array(_SPREADS[int(rng.integers(len(_SPREADS)))])
             across, along, around_z = spread * rng.standard_normal(3)
             bearing = shrunk * x / y + across
             depth = y * math.exp(further + along)
-            turn = yaw + around_z
-            return scenelet, start, np.array([bearing * depth, depth, turn]), size
-        scenelet = int(rng.integers(len(self.problem.lengths)))
+            return scenelet, start, np.array([bearing * depth, depth, yaw + around_z]), size
+        scenelet = int(rng.integers(len(self._lengths)))
         first, last = self._starts(scenelet, around, window)
         if last < first:
             return None
@@ -144,6 +179,7 @@ class Proposals:
         placement: Array,
         size: float,
         camera: Array,
+        others: Ints,
         *,
         around: int | None = None,
         window: int = 0,
@@ -154,8 +190,8 @@ class Proposals:
             return -math.inf
         bearing, log_depth = x / y, math.log(y)
         to_floor = -2 * log_depth  # |d(bearing, log depth) / d(x, y)| = 1 / y^2
-        weights = self._near(around, window)
-        total = weights.sum()
+        weights = self._open(others, around, window)
+        total = float(weights.sum())
         first, last = self._starts(scenelet, around, window)
         parts = []
         if first <= start <= last:
@@ -163,19 +199,19 @@ class Proposals:
             offset = np.array([bearing, log_depth]) - mean
             parts.append(
                 math.log(_ANYWHERE if total > 0 else 1.0)
-                - math.log(len(self.problem.lengths) * (last - first + 1))
+                - math.log(len(self._lengths) * (last - first + 1))
                 - 0.5 * float((offset**2 / variance + np.log(2 * math.pi * variance)).sum())
                 - math.log(2 * math.pi)
             )
-        same = np.flatnonzero(
-            (self.candidates.items[:, 0] == scenelet)
-            & (self.candidates.items[:, 1] == start)
-            & (weights > 0)
-        )
-        if len(same):
-            cx, cy, turn = self.candidates.placements[same].T
+        near = np.abs(self.candidates.centres - self.middle(scenelet, start)) <= self.blur
+        own = self.candidates.weights[:, scenelet]
+        which = np.flatnonzero(near & (weights > 0) & (own > 0))
+        if len(which):
+            cx, cy, turn = self.candidates.placements[which, scenelet].T
             shrunk, further = self._seen_from(camera, size)
-            shares = np.log(weights[same] / total * (1 - _ANYWHERE) / len(_SPREADS))
+            # A window's weight over all windows, times the scenelet's over the window's.
+            even = (1 - _ANYWHERE) / len(_SPREADS) / (2 * self.blur + 1)
+            shares = np.log(own[which] / total * even)
             for across, along, around_z in _SPREADS:
                 logs = (
                     shares

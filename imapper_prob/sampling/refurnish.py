@@ -3,25 +3,25 @@
 Somebody who sits for ten seconds is covered by several scenelets that meet the same couch.
 To call it a chair, all of them have to change at once: one alone would put a chair into the
 couch. This move changes all scenelets that share a piece of furniture to another kind of
-scenelet with a similar motion, their times and placements kept.
+scenelet that fits their windows, their times kept.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.models.posterior import State
-from imapper_prob.models.problem import Problem
 from imapper_prob.samplers.kernel import Proposal
 from imapper_prob.sampling.moves import in_order
+from imapper_prob.sampling.proposals import Proposals
+from imapper_prob.sampling.replace import choose, log_choice, replaced
 
 __all__ = ["Refurnish"]
 
-Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 _SHARED = 1.0
@@ -34,15 +34,12 @@ class Refurnish:
 
     Parameters
     ----------
-    problem : Problem
-    similarity : (L, L) float
-        Weights of trying one scenelet for another, positive off the diagonal.
+    proposals : Proposals
     kinds : tuple of L tuples of int
         Categories of each scenelet's objects; a scenelet without objects is left alone.
     """
 
-    problem: Problem
-    similarity: Array
+    proposals: Proposals
     kinds: tuple[tuple[int, ...], ...]
     name: str = "refurnish"
     reverse: str = "refurnish"
@@ -66,22 +63,26 @@ class Refurnish:
             return None
         new_kind = others[int(rng.integers(len(others)))]
         group = self._group(state, index)
-        items = state.items.copy()
-        half = self.problem.lengths // 2
-        log_ratio = 0.0
+        changed, log_ratio = state, 0.0
         for member in group:
-            old = int(items[member, 0])
-            choices, weights = self._choices(old, new_kind)
-            pick = int(rng.choice(len(choices), p=weights))
-            new = int(choices[pick])
-            items[member] = (new, items[member, 1] + half[old] - half[new])
-            back, back_weights = self._choices(new, old_kind)
-            log_ratio += math.log(back_weights[np.flatnonzero(back == old)[0]])
-            log_ratio -= math.log(weights[pick])
-        changed = replace(state, items=items)
-        if not in_order(self.problem, changed) or self._group(changed, index) != group:
+            new = choose(rng, self.proposals, state, member, self.members[new_kind])
+            found = None if new is None else replaced(self.proposals, changed, member, new)
+            if found is None:
+                return None
+            changed = found
+            log_ratio += 2 * math.log(changed.placements[member, 1] / state.placements[member, 1])
+        if not in_order(self.proposals.problem, changed) or self._group(changed, index) != group:
             return None
+        log_ratio += self._log_choices(changed, state, group)
+        log_ratio -= self._log_choices(state, changed, group)
         return Proposal(changed, log_ratio)
+
+    def _log_choices(self, before: State, after: State, group: list[int]) -> float:
+        """Log probability of choosing the scenelets of a group that ``after`` has."""
+        choices = self.members[self.kinds[int(after.items[group[0], 0])]]
+        return sum(
+            log_choice(self.proposals, before, k, int(after.items[k, 0]), choices) for k in group
+        )
 
     def _group(self, state: State, index: int) -> list[int]:
         """Indices of the scenelets that share furniture with one, itself among them."""
@@ -92,9 +93,3 @@ class Refurnish:
             for k, scenelet in enumerate(state.items[:, 0].tolist())
             if self.kinds[scenelet] == kind and gap[k] < _SHARED
         ]
-
-    def _choices(self, scenelet: int, kind: tuple[int, ...]) -> tuple[Ints, Array]:
-        """Scenelets of a kind, and the probability of each in place of ``scenelet``."""
-        choices = self.members[kind]
-        weights = self.similarity[scenelet, choices]
-        return choices, weights / weights.sum()

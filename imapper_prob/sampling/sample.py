@@ -5,9 +5,11 @@ from __future__ import annotations
 import warnings
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Executor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,14 +25,17 @@ from imapper_prob.samplers.diagnostics import (
     ShortChainWarning,
     layout_probabilities,
 )
+from imapper_prob.samplers.ladder import LadderSummary
 from imapper_prob.samplers.resumable import run_resumable_chains
 from imapper_prob.samplers.reversible_jump import AcceptanceTable
 from imapper_prob.samplers.verdict import Verdict, judge
+from imapper_prob.sampling.agreement import Agreement, compare
 from imapper_prob.sampling.chain import Setup, run_chain
 from imapper_prob.sampling.checkpoints import identity_of
+from imapper_prob.sampling.cluster import Cluster
 from imapper_prob.sampling.layouts import Layouts, group_layouts, merged_objects
 from imapper_prob.sampling.placements import PlacementDraws, sample_placements
-from imapper_prob.sampling.proposals import Candidates
+from imapper_prob.sampling.weights import weighted_candidates
 from imapper_prob.scenelets.charness import similarity
 from imapper_prob.staged.solver import Solution
 
@@ -38,11 +43,6 @@ __all__ = ["Samples", "sample_scenes", "setup_of"]
 
 Array = NDArray[np.float64]
 Progress = Callable[[str, float], None]
-
-_TEMPERATURE = 5.0
-"""Nats by which a candidate may be worse than its window's best and still be tried at 1/e."""
-_HOPELESS = 0.1
-"""Weight of a window none of whose candidates improves the scene."""
 
 
 @dataclass(frozen=True)
@@ -66,8 +66,12 @@ class Samples:
         Of layouts counted from 1, as people do and the verdict does.
     placements : tuple of PlacementDraws
         Ensembles of the most probable layouts, in their order.
+    agreements : tuple of Agreement
+        Each of these held against the chains' own draws.
     acceptance : AcceptanceTable
         Over all chains.
+    ladders : tuple of C LadderSummary
+        Temperatures of each chain, and how its states travelled between them.
     verdict : Verdict
     finished : bool
         Whether every chain ran all its steps.
@@ -80,7 +84,9 @@ class Samples:
     layouts: Layouts
     probabilities: LayoutProbabilities
     placements: tuple[PlacementDraws, ...]
+    agreements: tuple[Agreement, ...]
     acceptance: AcceptanceTable
+    ladders: tuple[LadderSummary, ...]
     verdict: Verdict
     finished: bool
 
@@ -97,17 +103,21 @@ def sample_scenes(
     *,
     seed: np.random.SeedSequence,
     workers: int = 1,
+    cluster: Cluster | None = None,
     checkpoints: Path | None = None,
     progress: Progress | None = None,
 ) -> Samples:
     """Sample from where the staged solver arrived.
 
-    The result depends on ``seed`` but not on ``workers``. An interrupt (Ctrl-C) ends the
-    chains early; what they have is used.
+    The result depends on ``seed`` but not on ``workers`` or ``cluster``. An interrupt (Ctrl-C)
+    ends the chains early; what they have is used.
 
     Parameters
     ----------
     solution, settings, seed, workers
+    cluster : Cluster, optional
+        Where the chains run instead of here, see `imapper_prob.sampling.cluster`. They report
+        no progress from there.
     checkpoints : Path, optional
         Folder in which the chains leave what they have every few seconds, and from which
         they go on: run again after a kill, the draws are the same.
@@ -130,21 +140,24 @@ def sample_scenes(
             progress("jumping between scenes", float(done.mean()))
 
     starts = _starts(solution, settings.chains)
-    with _told_plainly(checkpoints):
+    shared = setup if cluster is None else cluster.scatter(setup, broadcast=True)
+    with _told_plainly(checkpoints), _executor_of(cluster) as executor:
+        options: dict[str, Any] = {
+            "seed": chain_seed,
+            "workers": workers,
+            "executor": executor,
+            "on_progress": report if executor is None else None,
+        }
         if checkpoints is None:
-            chains = run_chains(
-                run_chain, setup, starts, seed=chain_seed, workers=workers, on_progress=report
-            )
+            chains = run_chains(run_chain, shared, starts, **options)
         else:
             chains = run_resumable_chains(
                 run_chain,
-                setup,
+                shared,
                 starts,
-                seed=chain_seed,
-                folder=checkpoints,
+                folder=checkpoints.resolve(),
                 identity=identity_of(problem, setup.candidates, starts, settings, chain_seed),
-                workers=workers,
-                on_progress=report,
+                **options,
             )
     n = min(len(chain.states) for chain in chains)
     states = tuple(state for chain in chains for state in chain.states[-n:])
@@ -157,7 +170,8 @@ def sample_scenes(
         probabilities = layout_probabilities(
             1 + layouts.indicator.reshape(values.shape), rng=np.random.default_rng(layout_seed)
         )
-        verdict = judge(probabilities, _functionals(values, states, objects))
+        ladders = tuple(chain.ladder for chain in chains)
+        verdict = judge(probabilities, _functionals(values, states, objects), ladders=ladders)
         placements = _ensembles(
             solution, states, values.ravel(), layouts, settings, ensemble_seed, workers, progress
         )
@@ -169,10 +183,21 @@ def sample_scenes(
         layouts=layouts,
         probabilities=probabilities,
         placements=placements,
+        agreements=tuple(compare(solution.library, draws, states) for draws in placements),
         acceptance=sum((chain.acceptance for chain in chains), AcceptanceTable()),
+        ladders=ladders,
         verdict=verdict,
         finished=all(chain.finished for chain in chains),
     )
+
+
+@contextmanager
+def _executor_of(cluster: Cluster | None) -> Iterator[Executor | None]:
+    if cluster is None:
+        yield None
+        return
+    with cluster.get_executor() as executor:
+        yield executor
 
 
 @contextmanager
@@ -189,24 +214,11 @@ def _told_plainly(checkpoints: Path | None) -> Iterator[None]:
 
 def setup_of(solution: Solution, settings: SampleSettings) -> Setup:
     """What the chains need of a solved clip."""
-    return Setup(solution.problem, _proposed(solution), similarity(solution.distances), settings)
-
-
-def _proposed(solution: Solution) -> Candidates:
-    """The solver's candidates, weighted within their window by how much they gain."""
-    found = [c for c in solution.candidates if c.placement[1] > 0]
-    windows = np.array([c.window for c in found], dtype=np.int64)
-    gains = np.array([c.gain for c in found])
-    weights = np.zeros(len(found))
-    for window in np.unique(windows):
-        own = windows == window
-        best = gains[own].max()
-        relative = np.exp((gains[own] - best) / _TEMPERATURE)
-        weights[own] = relative / relative.sum() * (1.0 if best > 0 else _HOPELESS)
-    return Candidates(
-        items=np.array([(c.scenelet, c.start) for c in found], dtype=np.int64).reshape(-1, 2),
-        placements=np.array([c.placement for c in found]).reshape(-1, 3),
-        weights=weights,
+    return Setup(
+        solution.problem,
+        weighted_candidates(solution),
+        similarity(solution.distances),
+        settings,
     )
 
 

@@ -58,6 +58,8 @@ class Solution:
         The best scene, then diverse alternatives.
     distances : (L, L) float
         Distance between the motions of scenelets, metres.
+    fits : Fits
+        Every scenelet in every window; the sampler looks there for what else might fit.
     """
 
     clip: Clip
@@ -69,6 +71,7 @@ class Solution:
     candidates: tuple[Candidate, ...] = field(repr=False)
     states: tuple[State, ...] = field(repr=False)
     distances: NDArray[np.float64] = field(repr=False)
+    fits: Fits = field(repr=False)
 
 
 def solve(
@@ -104,6 +107,7 @@ def solve(
         candidates,
         states,
         fitted.distances,
+        fits,
     )
 
 

@@ -14,7 +14,10 @@ from imapper_prob.demo import demo_clip
 from imapper_prob.inputs import write_clip
 from tests.inputs.i3db_folder import I3dbFolder
 
-SHORT = "[sample]\nsteps = 300\ndraws = 30\nensemble_layouts = 1\nensemble_steps = 8\n"
+SHORT = (
+    "[sample]\nsteps = 300\ndraws = 30\ntemperatures = 2\n"
+    "ensemble_layouts = 1\nensemble_steps = 8\n"
+)
 
 
 @pytest.fixture(scope="module")

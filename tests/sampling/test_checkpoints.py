@@ -16,13 +16,14 @@ from imapper_prob.config import SampleSettings
 from imapper_prob.inputs import write_clip
 from imapper_prob.models.errors import InputError
 from imapper_prob.samplers.checkpoint import Keeper
+from imapper_prob.samplers.tempering import Parts, start
 from imapper_prob.sampling.chain import Chain, Setup, run_chain
 from imapper_prob.sampling.checkpoints import Progress
 from imapper_prob.sampling.sample import sample_scenes, setup_of
 from tests.runs import solution
 
 SETTINGS = SampleSettings(
-    steps=1800, draws=40, ensemble_layouts=1, ensemble_steps=4, chains=2, ensembles=2
+    steps=600, draws=40, temperatures=3, ensemble_layouts=1, ensemble_steps=4, chains=2, ensembles=2
 )
 
 
@@ -45,13 +46,14 @@ def assert_same(one: Chain, other: Chain) -> None:
     np.testing.assert_array_equal(one.log_posterior, other.log_posterior)
     np.testing.assert_array_equal(one.trace, other.trace)
     assert one.acceptance == other.acceptance
+    assert one.ladder == other.ladder
     for a, b in zip(one.states, other.states, strict=True):
         for name in ("camera", "items", "placements", "latent"):
             np.testing.assert_array_equal(getattr(a, name), getattr(b, name))
 
 
-# In the annealed burn-in, between two of its stages (1800 * .4 / 4 * 3 = 540), and after it.
-@pytest.mark.parametrize("stop_at", [0.2, 0.3, 0.7])
+# While the temperatures adapt, in the last round of that, and after it.
+@pytest.mark.parametrize("stop_at", [0.2, 0.4, 0.7])
 def test_an_interrupted_chain_goes_on_to_the_same_draws(
     setup: Setup, tmp_path: Path, stop_at: float
 ) -> None:
@@ -66,19 +68,31 @@ def test_an_interrupted_chain_goes_on_to_the_same_draws(
 
 
 def test_progress_survives_its_snapshot() -> None:
-    progress = Progress(np.random.default_rng(3), solution().states[0], steps=7)
-    progress.states.append(solution().states[-1])
+    first, other = solution().states[0], solution().states[-1]
+    position = start([first, other], target=lambda _: Parts(0.0, -2.0), betas=(0.5, 1.0))
+    progress = Progress.begin(np.random.default_rng(3).spawn(3), position)
+    progress.states.append(other)
     progress.values.append(-1.5)
     again = Progress.of(progress.snapshot())
-    assert again.steps == 7
-    assert again.rng.random() == progress.rng.random()
-    np.testing.assert_array_equal(again.states[0].items, solution().states[-1].items)
+    assert again.position.betas == (0.5, 1.0)
+    assert again.position.log_likelihoods == (-2.0, -2.0)
+    for one, same in zip(again.rngs, progress.rngs, strict=True):
+        assert one.random() == same.random()
+    np.testing.assert_array_equal(again.position.chains[1].state.items, other.items)
+    np.testing.assert_array_equal(again.states[0].items, other.items)
     assert again.values == [-1.5]
+    assert again.table == progress.table
 
 
 def test_checkpoints_of_another_run_are_refused(tmp_path: Path) -> None:
     brief = SampleSettings(
-        steps=200, draws=5, ensemble_layouts=1, ensemble_steps=2, chains=2, ensembles=2
+        steps=100,
+        draws=5,
+        temperatures=2,
+        ensemble_layouts=1,
+        ensemble_steps=2,
+        chains=2,
+        ensembles=2,
     )
     for seed in (1, 1):
         sample_scenes(solution(), brief, seed=np.random.SeedSequence(seed), checkpoints=tmp_path)
@@ -93,7 +107,7 @@ def test_checkpoints_of_another_run_are_refused(tmp_path: Path) -> None:
 def test_a_killed_command_goes_on_to_the_same_scenes(tmp_path: Path) -> None:
     write_clip(tmp_path / "clip.npz", solution().clip)
     (tmp_path / "short.toml").write_text(
-        "[sample]\nsteps = 12000\ndraws = 30\nensemble_layouts = 1\nensemble_steps = 4\n"
+        "[sample]\nsteps = 3000\ndraws = 30\nensemble_layouts = 1\nensemble_steps = 4\n"
         "chains = 2\nensembles = 2\n"
     )
 

@@ -27,6 +27,7 @@ from imapper_prob.sampling.moves import (
     Swap,
 )
 from imapper_prob.sampling.proposals import Candidates, Proposals
+from imapper_prob.sampling.replace import Replace
 from tests.models import worlds
 from tests.sampling.test_moves import chain_error
 
@@ -73,14 +74,15 @@ def test_every_assignment_has_its_exact_probability() -> None:
     problem = tiny()
     expected = exact(problem)
     assert 0.1 < expected[0] < 0.9
-    spots = np.array([[s, t] for s in range(3) for t in STARTS])
-    places = np.tile([0.0, 4.0, 0.0], (9, 1))
-    proposals = Proposals(problem, Candidates(spots, places, np.ones(9)))
+    places = np.tile([0.0, 4.0, 0.0], (3, 3, 1))
+    middles = np.array(STARTS) + 3
+    proposals = Proposals(problem, Candidates(middles, places, np.array([[1.0, 1, 2]] * 3)))
     even = (np.ones((3, 3)) - np.eye(3)) / 2
     moves = (
         Birth(proposals),
         Death(proposals),
         Swap(proposals),
+        Replace(proposals),
         Exchange(problem, even),
         Shift(problem),
         PlacementWalk(),
@@ -90,7 +92,7 @@ def test_every_assignment_has_its_exact_probability() -> None:
         np.random.default_rng(8),
         empty_state(problem),
         log_density_fn=lambda s: log_posterior(problem, s),
-        mixture=Mixture(moves, (0.25, 0.15, 0.1, 0.1, 0.1, 0.25, 0.05)),
+        mixture=Mixture(moves, (0.2, 0.15, 0.1, 0.1, 0.1, 0.1, 0.2, 0.05)),
     )
     visited = []
     for at, _ in islice(chain, 1000, 150_000):

@@ -1,0 +1,91 @@
+"""How often to try each scenelet in each window.
+
+The better a weight says what a scenelet would gain, the more often its proposal is accepted.
+What the solver knows of all fits is their reprojection; the best of each window by that, kind
+by kind, are judged by the full log-posterior, alone in an empty scene. In a chain others are
+there and placements have moved, so gains are known to some nats only: weights are a mixture
+of a sharp and a flat softmax of them.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imapper_prob.models.incremental import Incremental
+from imapper_prob.models.posterior import empty_state
+from imapper_prob.sampling.proposals import Candidates
+from imapper_prob.staged.candidates import Candidate, furniture_kinds
+from imapper_prob.staged.solver import Solution
+
+__all__ = ["weighted_candidates"]
+
+Array = NDArray[np.float64]
+
+_JUDGED = 200
+"""Fits of a window that are judged: a sitting window has few that come within 20 nats."""
+_UNJUDGED = 5.0
+"""Nats by which all others are taken to be worse than the worst of these."""
+_TEMPERATURES = (2.0, 6.0)
+"""Nats by which a fit may be worse than another and be tried 1/e times as often. Replacing a
+scenelet by these weights is accepted two to five times as often as by guesses alone at 5."""
+_HOPELESS = 0.1
+"""Weight of a window none of whose fits improves the scene."""
+
+
+def weighted_candidates(solution: Solution) -> Candidates:
+    """All fits of the solver, weighted by how much they may gain."""
+    problem, fits = solution.problem, solution.fits
+    weights = np.zeros(fits.cost.shape)
+    scene = empty_state(problem)
+    alone = Incremental(problem, scene)
+    nothing = alone.log_posterior
+    half = problem.lengths // 2
+    for window, guesses in _guessed(solution).items():
+        centre = int(fits.centres[window])
+        order = np.argsort(-guesses, kind="stable")[:_JUDGED]
+        gains = np.full(len(guesses), -np.inf)
+        for scenelet in order[np.isfinite(guesses[order])].tolist():
+            start = centre - int(half[scenelet])
+            placed = scene.with_item(scenelet, start, fits.placements[window, scenelet])
+            gains[scenelet] = alone.propose(placed) - nothing
+        known = np.isfinite(gains)
+        if not known.any():
+            continue
+        gains[np.isfinite(guesses) & ~known] = gains[known].min() - _UNJUDGED
+        top = gains.max()
+        parts = [np.exp((gains - top) / temperature) for temperature in _TEMPERATURES]
+        mixed = np.mean([part / part.sum() for part in parts], axis=0)
+        weights[window] = mixed * (1.0 if top > 0 else _HOPELESS)
+    return Candidates(fits.centres, fits.placements, weights)
+
+
+def _guessed(solution: Solution) -> dict[int, Array]:
+    """(L,) gains by window, -inf where a scenelet was not fitted.
+
+    A few of each kind of furniture were judged by the solver. What another of the kind gains
+    is guessed from the best of them and from how much worse its own fit is.
+    """
+    problem, fits = solution.problem, solution.fits
+    seen = problem.used * problem.confidence_density.argmax(-1)
+    half = int(np.median(problem.lengths)) // 2
+    members: dict[tuple[int, ...], list[int]] = {}
+    for scenelet, kind in enumerate(furniture_kinds(problem)):
+        members.setdefault(kind, []).append(scenelet)
+    judged: dict[int, dict[tuple[int, ...], Candidate]] = {}
+    for candidate in solution.candidates:
+        best = judged.setdefault(candidate.window, {})
+        if candidate.kind not in best or candidate.gain > best[candidate.kind].gain:
+            best[candidate.kind] = candidate
+    guessed = {}
+    for window, best in judged.items():
+        centre = int(fits.centres[window])
+        joints = seen[max(0, centre - half) : centre + half].sum()
+        nats = problem.frame_weight * problem.likelihood * joints * fits.cost[window]
+        gains = np.full(len(nats), -np.inf)
+        for kind, candidate in best.items():
+            own = members[kind]
+            gains[own] = candidate.gain - (nats[own] - nats[candidate.scenelet])
+        gains[fits.placements[window, :, 1] <= 0] = -np.inf
+        guessed[window] = gains
+    return guessed

@@ -1,0 +1,53 @@
+"""A run on a dask cluster: a real scheduler and two real worker processes on this machine."""
+
+from __future__ import annotations
+
+import logging
+from pathlib import Path
+
+import pytest
+
+from imapper_prob.cli.main import main
+from imapper_prob.inputs import write_clip
+from tests.runs import solution
+
+distributed = pytest.importorskip(
+    "distributed", reason="dask's distributed is not installed: install the extra `cluster`"
+)
+
+BRIEF = (
+    "[sample]\nsteps = 60\ndraws = 6\nchains = 2\ntemperatures = 2\n"
+    "ensemble_layouts = 1\nensembles = 2\nensemble_steps = 2\n"
+)
+
+
+def run(folder: Path, out: str, *more: str) -> bytes:
+    config, clip = folder / "brief.toml", folder / "clip.npz"
+    arguments = ["run", str(clip), "--config", str(config), "-o", str(folder / out)]
+    assert main([*arguments, "--workers", "1", *more]) == 0
+    return (folder / out / "scenes.json").read_bytes()
+
+
+def test_a_run_on_a_cluster_draws_what_a_run_here_does(tmp_path: Path) -> None:
+    write_clip(tmp_path / "clip.npz", solution().clip)
+    (tmp_path / "brief.toml").write_text(BRIEF)
+    with distributed.LocalCluster(
+        processes=True,
+        n_workers=2,
+        threads_per_worker=1,
+        host="127.0.0.1",
+        dashboard_address=None,
+        silence_logs=logging.CRITICAL,
+    ) as cluster:
+        there = run(tmp_path, "there", "--cluster", cluster.scheduler_address)
+    assert there == run(tmp_path, "here")
+
+
+def test_nobody_at_the_address_is_said_plainly(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("imapper_prob.sampling.cluster._PATIENCE", "200ms")
+    write_clip(tmp_path / "clip.npz", solution().clip)
+    arguments = ["run", str(tmp_path / "clip.npz"), "-o", str(tmp_path / "out")]
+    assert main([*arguments, "--cluster", "tcp://127.0.0.1:9"]) == 2
+    assert "tcp://127.0.0.1:9: no dask scheduler answers there" in capsys.readouterr().err

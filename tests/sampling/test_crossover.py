@@ -1,0 +1,67 @@
+"""The exchange of a stretch of time between two scenes."""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import settings as hypothesis_settings
+from hypothesis import strategies as st
+
+from imapper_prob.models.posterior import State
+from imapper_prob.sampling.crossover import TimeCrossover
+from imapper_prob.sampling.moves import in_order
+from tests.sampling.test_moves import PROBLEM, random_state
+
+CROSS = TimeCrossover(PROBLEM)
+
+
+def scene(seed: int) -> State:
+    rng = np.random.default_rng(seed)
+    state = random_state(PROBLEM, seed)
+    return replace(
+        state,
+        camera=state.camera + 0.05 * rng.standard_normal(state.camera.shape),
+        latent=rng.standard_normal(state.latent.shape),
+    )
+
+
+@hypothesis_settings(max_examples=60, deadline=None)
+@given(seed=st.integers(0, 10**6))
+def test_the_same_exchange_again_gives_both_back(seed: int) -> None:
+    hot, cold = scene(seed), scene(seed + 1)
+    there = CROSS(np.random.default_rng(seed), hot, cold)
+    if there is None:
+        assert hot.n_scenelets + cold.n_scenelets == 0
+        return
+    assert all(in_order(PROBLEM, state) for state in there[:2])
+    assert sum(s.n_scenelets for s in there[:2]) == hot.n_scenelets + cold.n_scenelets
+    back = CROSS(np.random.default_rng(seed), *there[:2])
+    assert back is not None
+    assert back[2] == pytest.approx(-there[2])
+    for one, other in zip(back[:2], (hot, cold), strict=True):
+        for field in fields(State):
+            np.testing.assert_allclose(getattr(one, field.name), getattr(other, field.name))
+
+
+def test_the_jacobian_is_that_of_the_placements() -> None:
+    place = np.array([0.3, 4.0, 0.2])
+    empty = replace(
+        scene(0), items=np.empty((0, 2), np.int64), placements=np.empty((0, 3)), sizes=np.empty(0)
+    )
+    hot, cold = empty.with_item(0, 3, place), replace(empty, camera=empty.camera + 0.1)
+
+    def moved(placement: np.ndarray) -> np.ndarray:
+        found = CROSS(np.random.default_rng(0), hot.with_placement(0, placement), cold)
+        assert found is not None
+        assert found[0].n_scenelets == 0
+        return found[1].placements[0]
+
+    step = 1e-5
+    columns = [(moved(place + step * e) - moved(place - step * e)) / (2 * step) for e in np.eye(3)]
+    found = CROSS(np.random.default_rng(0), hot, cold)
+    assert found is not None
+    assert found[2] == pytest.approx(np.log(np.linalg.det(np.array(columns))), abs=1e-6)
+    assert found[2] == pytest.approx(0.3)
