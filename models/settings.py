@@ -67,9 +67,10 @@ class ModelSettings:
     energy : str
         ``"default"``, or ``"paper"`` for the published energy in place of the likelihood.
     paper_nats : float
-        Nats a unit of the published energy, which comes without any. With this many, a joint
-        detected for sure 15 px off (the scale of i3DB's errors, at its focal length of 1955)
-        costs as much as by a normal error of that size, neighbouring frames weighed as above.
+        Nats a unit of the published energy, which comes without any. 700 would make a joint
+        15 px off (the scale of i3DB's errors, at its focal length of 1955) cost what a normal
+        error of that size does, .5 would make a hidden one speak as loudly as in the default
+        energy: no number does both, and this is between them.
     """
 
     frame_weight: float = 1 / (10 * calibrated("frames.correlation_time"))
@@ -92,7 +93,7 @@ class ModelSettings:
     scenelet_rate: float = 0.02
     likelihood: float = 1.0
     energy: str = "default"
-    paper_nats: float = 700.0
+    paper_nats: float = 30.0
 
     def __post_init__(self) -> None:
         for name in (

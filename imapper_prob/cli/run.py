@@ -32,6 +32,11 @@ def add_run_commands(
     sampling.add_argument("--seed", type=int, help="all randomness comes from it")
     sampling.add_argument("--steps", type=int, help="steps of each chain at each temperature")
     sampling.add_argument(
+        "--preset",
+        choices=("default", "paper"),
+        help="what a scene costs: ours, or the published energy in place of the likelihood",
+    )
+    sampling.add_argument(
         "--workers", type=int, default=os.cpu_count() or 1, help="processes; draws do not change"
     )
     sampling.add_argument(
@@ -82,6 +87,8 @@ def _config(options: argparse.Namespace, *, steps: int | None = None) -> Config:
         config = replace(config, sample=replace(asked, draws=kept))
     if options.seed is not None:
         config = replace(config, seed=options.seed)
+    if options.preset is not None:
+        config = replace(config, model=replace(config.model, energy=options.preset))
     if options.library is not None:
         config = replace(config, library=options.library)
     return config

@@ -9,11 +9,13 @@ of a sharp and a flat softmax of them.
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.models.incremental import Incremental
-from imapper_prob.models.posterior import empty_state
+from imapper_prob.models.posterior import empty_state, log_posterior
 from imapper_prob.sampling.proposals import Candidates
 from imapper_prob.staged.candidates import Candidate, furniture_kinds
 from imapper_prob.staged.solver import Solution
@@ -38,8 +40,10 @@ def weighted_candidates(solution: Solution) -> Candidates:
     problem, fits = solution.problem, solution.fits
     weights = np.zeros(fits.cost.shape)
     scene = empty_state(problem)
-    alone = Incremental(problem, scene)
-    nothing = alone.log_posterior
+    # One scenelet alone is quickly judged where nothing else changes.
+    alone = Incremental(problem, scene) if not problem.of_paper else None
+    judge = partial(log_posterior, problem) if alone is None else alone.propose
+    nothing = judge(scene)
     half = problem.lengths // 2
     for window, guesses in _guessed(solution).items():
         centre = int(fits.centres[window])
@@ -48,7 +52,7 @@ def weighted_candidates(solution: Solution) -> Candidates:
         for scenelet in order[np.isfinite(guesses[order])].tolist():
             start = centre - int(half[scenelet])
             placed = scene.with_item(scenelet, start, fits.placements[window, scenelet])
-            gains[scenelet] = alone.propose(placed) - nothing
+            gains[scenelet] = judge(placed) - nothing
         known = np.isfinite(gains)
         if not known.any():
             continue
