@@ -26,7 +26,8 @@ class SampleSettings:
         Copies of each chain, from a flattened posterior to the posterior itself, that exchange
         their states; only the last one is drawn from. 1 does without.
     hottest : float
-        Power of the likelihood in the first copy.
+        Power of the likelihood in the first copy. Below about .3 scenes lose their scenelets,
+        and hardly any state finds its way back through that.
     swap_every : int
         Steps between two rounds of exchanges; draws are kept after a round.
     burn_in : float
@@ -45,8 +46,8 @@ class SampleSettings:
 
     chains: int = 4
     steps: int = 10000
-    temperatures: int = 8
-    hottest: float = 0.15
+    temperatures: int = 6
+    hottest: float = 0.4
     swap_every: int = 5
     burn_in: float = 0.4
     draws: int = 400
