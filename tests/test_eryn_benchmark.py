@@ -37,7 +37,7 @@ def state(k: int) -> State:
     result = empty_state(PROBLEM)
     for n in range(k):
         placement = np.array([0.3 * n - 0.5, 4.0 + 0.2 * n, 1.0 + n])
-        result = result.with_item(n, 6 * n + 1, placement)
+        result = result.with_item(n, 6 * n + 1, placement, 0.02 * (n + 1))
     return result
 
 
@@ -46,7 +46,7 @@ def test_states_come_back_from_leaves_in_any_order(k: int) -> None:
     there = state(k)
     leaves = to_leaves(there)[::-1]
     back = to_state(PROBLEM, leaves, there.camera)
-    for name in ("camera", "items", "latent"):
+    for name in ("camera", "items", "sizes", "latent"):
         np.testing.assert_array_equal(getattr(back, name), getattr(there, name))
     np.testing.assert_allclose(back.placements, there.placements, rtol=1e-15)
 
@@ -76,7 +76,7 @@ def test_what_eryn_is_given_adds_up_to_the_posterior(leaf: LeafDensity) -> None:
     camera = CameraDensity(PROBLEM.camera_mean, PROBLEM.camera_precision)
     states = [state(k) for k in (1, 3, 0, 2)]
     most, walkers = 3, len(states)
-    leaves, alive = np.zeros((1, walkers, most, 5)), np.zeros((1, walkers, most), dtype=bool)
+    leaves, alive = np.zeros((1, walkers, most, 6)), np.zeros((1, walkers, most), dtype=bool)
     for walker, there in enumerate(states):
         # Not in the first places, nor in order of time.
         alive[0, walker, most - there.n_scenelets :] = True
@@ -104,9 +104,11 @@ def test_leaves_from_anywhere_have_a_density() -> None:
     cell = 0.025 * 0.025 * depth**2 * 2 * math.pi
     total = 0.0
     for scenelet, last in enumerate(leaf.last_start):
-        rows = np.column_stack([bearing.ravel() * depth, depth, *np.full((3, len(depth)), 0.5)])
-        rows[:, 3] += scenelet
+        rows = np.column_stack([bearing.ravel() * depth, depth, *np.full((4, len(depth)), 0.5)])
+        rows[:, 3] = 0.0
+        rows[:, 4] += scenelet
         total += (last + 1) * float((np.exp(leaf.logpdf(rows)) * cell).sum())
+    total /= norm.pdf(0.0, scale=PROBLEM.size_spread)
     assert total == pytest.approx(1, abs=1e-3)
 
 

@@ -1,8 +1,8 @@
 """States of a scene as Eryn has them, and a density of one scenelet to draw them from.
 
-Eryn's state is a set of leaves, vectors of one length. A scenelet becomes (x, y, yaw,
-scenelet + u, start + v) with u and v anywhere in [0, 1): cells of volume one, so that a
-density over leaves is the density over scenelets. The camera is a branch of one leaf.
+Eryn's state is a set of leaves, vectors of one length. A scenelet becomes (x, y, yaw, log
+size, scenelet + u, start + v) with u and v anywhere in [0, 1): cells of volume one, so that
+a density over leaves is the density over scenelets. The camera is a branch of one leaf.
 The latent numbers of the path are held at zero, for both samplers: the target is the scene
 posterior given z = 0.
 
@@ -43,18 +43,18 @@ SPREADS = np.array([[0.003, 0.03, 0.1], [0.015, 0.06, 0.3]])
 
 
 def to_leaves(state: State) -> Array:
-    """(k, 5) leaves of a state, in the middle of their cells, yaw in [0, 2 pi)."""
-    leaves = np.concatenate([state.placements, state.items + 0.5], axis=1)
+    """(k, 6) leaves of a state, in the middle of their cells, yaw in [0, 2 pi)."""
+    leaves = np.column_stack([state.placements, state.sizes, state.items + 0.5])
     leaves[:, 2] %= 2 * math.pi
     return leaves
 
 
 def to_state(problem: Problem, leaves: Array, camera: Array) -> State:
-    """The state that (k, 5) leaves in any order and a camera stand for."""
+    """The state that (k, 6) leaves in any order and a camera stand for."""
     items = np.floor(leaves[:, -2:]).astype(np.int64)
     order = np.argsort(items[:, 1], kind="stable")
     latent = empty_state(problem).latent
-    return State(camera.copy(), items[order], leaves[order, :-2], latent)
+    return State(camera.copy(), items[order], leaves[order, :3], leaves[order, 3], latent)
 
 
 @numba.njit
@@ -70,11 +70,12 @@ def log_posteriors(problem: Problem, cameras: Array, leaves: Array, first: Ints)
         items = np.empty((len(own), 2), dtype=np.int64)
         for k in range(len(own)):
             items[k, 0], items[k, 1] = math.floor(own[k, -2]), math.floor(own[k, -1])
-        placements = np.ascontiguousarray(own[:, :-2])
+        placements, sizes = np.ascontiguousarray(own[:, :3]), own[:, 3].copy()
         by_frame[:] = 0.0
-        result[i] = evaluate(
-            problem, cameras[i], items, placements, latent, joints, by_frame
-        ).sum()  # fmt: skip
+        terms = evaluate(
+            problem, cameras[i], items, placements, sizes, latent, joints, by_frame
+        )  # fmt: skip
+        result[i] = terms.sum()
     return result
 
 
@@ -114,6 +115,8 @@ class LeafDensity:
         The last frame at which each scenelet can start.
     start_mean, start_spread : (2,) float
         Bearing and log depth of the part that is anywhere.
+    size_spread : float
+        Of the log size, whose prior it is drawn from; a larger person is tried further away.
     """
 
     items: Ints
@@ -122,6 +125,7 @@ class LeafDensity:
     last_start: Ints
     start_mean: Array
     start_spread: Array
+    size_spread: float
 
     @classmethod
     def of(cls, problem: Problem, items: Ints, placements: Array, weights: Array) -> LeafDensity:
@@ -134,6 +138,7 @@ class LeafDensity:
             problem.n_frames - problem.lengths,
             problem.start_mean,
             np.sqrt(problem.start_variance),
+            problem.size_spread,
         )
 
     def without_candidates(self) -> LeafDensity:
@@ -148,10 +153,11 @@ class LeafDensity:
         return ANYWHERE if len(self.weights) else 1.0
 
     def logpdf(self, leaves: Array) -> Array:
-        """Log density of (n, 5) leaves; yaw in [0, 2 pi)."""
+        """Log density of (n, 6) leaves; yaw in [0, 2 pi)."""
         return _log_mixture(
             np.ascontiguousarray(leaves), self.items, self.centres, self.weights,
-            self.last_start, self.start_mean, self.start_spread, self.anywhere, SPREADS,
+            self.last_start, self.start_mean, self.start_spread, self.size_spread,
+            self.anywhere, SPREADS,
         )  # fmt: skip
 
     def rvs(self, size: int | tuple[int, ...] = 1) -> Array:
@@ -169,9 +175,11 @@ class LeafDensity:
             centre[known] = self.centres[which]
             spread[known] = SPREADS[np.random.randint(len(SPREADS), size=known.sum())]  # noqa: NPY002
         ray = centre + spread * np.random.randn(n, 3)  # noqa: NPY002
-        depth = np.exp(ray[:, 1])
+        log_size = self.size_spread * np.random.randn(n)  # noqa: NPY002
+        depth = np.exp(ray[:, 1] + known * log_size)
         cells = np.stack([scenelet, start], -1) + np.random.rand(n, 2)  # noqa: NPY002
-        leaves = np.column_stack([ray[:, 0] * depth, depth, ray[:, 2] % (2 * math.pi), cells])
+        turn = ray[:, 2] % (2 * math.pi)
+        leaves = np.column_stack([ray[:, 0] * depth, depth, turn, log_size, cells])
         return leaves.reshape((*np.atleast_1d(size), -1))
 
 
@@ -189,12 +197,13 @@ def _log_mixture(
     last_start: Ints,
     start_mean: Array,
     start_spread: Array,
+    size_spread: float,
     anywhere: float,
     spreads: Array,
 ) -> Array:
     result = np.full(len(leaves), -np.inf)
     for i in range(len(leaves)):
-        x, y, yaw = leaves[i, 0], leaves[i, 1], leaves[i, 2]
+        x, y, yaw, size = leaves[i, 0], leaves[i, 1], leaves[i, 2], leaves[i, 3]
         scenelet, start = math.floor(leaves[i, -2]), math.floor(leaves[i, -1])
         possible = 0 <= scenelet < len(last_start) and 0 <= yaw < 2 * math.pi and y > 0
         if not possible or not 0 <= start <= last_start[scenelet]:
@@ -215,13 +224,13 @@ def _log_mixture(
                     / len(spreads)
                     * math.exp(
                         _log_normal(bearing - centres[c, 0], across)
-                        + _log_normal(log_depth - centres[c, 1], along)
+                        + _log_normal(log_depth - size - centres[c, 1], along)
                         + _log_normal(turn, around)
                     )
                 )
         # |d(bearing, log depth) / d(x, y)| = 1 / y^2
         if density > 0:
-            result[i] = math.log(density) - 2 * log_depth
+            result[i] = math.log(density) - 2 * log_depth + _log_normal(size, size_spread)
     return result
 
 

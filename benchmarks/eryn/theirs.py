@@ -32,8 +32,8 @@ Bools = NDArray[np.bool_]
 GAUSSIAN_WALKERS, GAUSSIAN_STEP = 200, 0.5
 WALKERS, RUNGS, HOTTEST = 32, 8, 300.0
 """Walkers, temperatures and the highest of them, for the scene; see docs/eryn.md."""
-STEPS = {"start": 2.0, "scenelet": 3.0, "placement": (0.03, 0.1, 0.1)}
-"""Standard deviations of normal steps: frames, scenelets, (metres, metres, radians)."""
+STEPS = {"start": 2.0, "scenelet": 3.0, "placement": (0.03, 0.1, 0.1, 0.03)}
+"""Standard deviations of normal steps: frames, scenelets, (metres, metres, radians, log size)."""
 UPDATE = 20
 """Steps between two updates of the stationary group that leaves are stretched towards."""
 
@@ -143,6 +143,8 @@ def gaussian_chain() -> Iterator[State]:
 def scene_chain(problem: Problem, leaf: LeafDensity) -> Iterator[State]:
     """Stretch, normal steps, births and deaths from ``leaf``, tempering."""
     camera = CameraDensity(problem.camera_mean, problem.camera_precision)
+    likelihood = SceneLikelihood(problem, leaf, camera)
+    likelihood([leaf.rvs(1), camera.rvs(1)], [np.zeros(1, int), np.zeros(1, int)])  # compiles
     most = problem.n_frames // int(problem.lengths.min())
     parameters, width = len(problem.camera_mean), leaf.rvs().shape[-1]
     placement, scenelet, start = list(range(width - 2)), width - 2, width - 1
@@ -179,7 +181,7 @@ def scene_chain(problem: Problem, leaf: LeafDensity) -> Iterator[State]:
     )
     moves = [
         stretch,
-        step(placement[:3], STEPS["placement"]),
+        step(placement, STEPS["placement"]),
         step([start], STEPS["start"]),
         step([scenelet], STEPS["scenelet"]),
     ]
@@ -188,7 +190,7 @@ def scene_chain(problem: Problem, leaf: LeafDensity) -> Iterator[State]:
     )
     sampler = EnsembleSampler(
         WALKERS, {"scenelet": width, "camera": parameters},
-        SceneLikelihood(problem, leaf, camera),
+        likelihood,
         {"all_models_together": AllLeaves({"scenelet": leaf, "camera": camera})},
         provide_groups=True, vectorize=True, branch_names=["scenelet", "camera"],
         moves=moves, rj_moves=[births], periodic=periodic,
