@@ -30,8 +30,9 @@ Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
 GAUSSIAN_WALKERS, GAUSSIAN_STEP = 200, 0.5
-WALKERS, RUNGS, HOTTEST = 32, 8, 300.0
-"""Walkers, temperatures and the highest of them, for the scene; see docs/eryn.md."""
+WALKERS = 32
+LADDERS = {"prior": (4, 30.0), "candidates": (8, 300.0)}
+"""Temperatures and the highest of them, the best of those tried; see docs/eryn.md."""
 STEPS = {"start": 2.0, "scenelet": 3.0, "placement": (0.03, 0.1, 0.1, 0.03)}
 """Standard deviations of normal steps: frames, scenelets, (metres, metres, radians, log size)."""
 UPDATE = 20
@@ -140,7 +141,7 @@ def gaussian_chain() -> Iterator[State]:
     return sampler.sample(begin, iterations=None, store=False)
 
 
-def scene_chain(problem: Problem, leaf: LeafDensity) -> Iterator[State]:
+def scene_chain(problem: Problem, leaf: LeafDensity, rungs: int, hottest: float) -> Iterator[State]:
     """Stretch, normal steps, births and deaths from ``leaf``, tempering."""
     camera = CameraDensity(problem.camera_mean, problem.camera_precision)
     likelihood = SceneLikelihood(problem, leaf, camera)
@@ -194,9 +195,9 @@ def scene_chain(problem: Problem, leaf: LeafDensity) -> Iterator[State]:
         {"all_models_together": AllLeaves({"scenelet": leaf, "camera": camera})},
         provide_groups=True, vectorize=True, branch_names=["scenelet", "camera"],
         moves=moves, rj_moves=[births], periodic=periodic,
-        tempering_kwargs={"ntemps": RUNGS, "Tmax": HOTTEST}, **limits,
+        tempering_kwargs={"ntemps": rungs, "Tmax": hottest}, **limits,
     )  # fmt: skip
-    shape = (RUNGS, WALKERS)
+    shape = (rungs, WALKERS)
     coords = {"scenelet": leaf.rvs((*shape, most)), "camera": camera.rvs((*shape, 1))}
     alive = {
         "scenelet": np.broadcast_to(np.arange(most) < 1, (*shape, most)).copy(),
@@ -235,7 +236,8 @@ def main(target: str, source: str, path: str, runs: int, burn_in: float, seconds
         else:
             problem, density = load_problem(Path(source))
             leaf = density if target == "candidates" else density.without_candidates()
-            results.append(scenes(during(scene_chain(problem, leaf), burn_in, seconds)))
+            chain = scene_chain(problem, leaf, *LADDERS[target])
+            results.append(scenes(during(chain, burn_in, seconds)))
     save_runs(Path(path), results)
 
 
