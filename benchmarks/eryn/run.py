@@ -2,7 +2,7 @@
 
 ``python -m benchmarks.eryn.run FOLDER [--eryn-python PATH]`` from the root of the repository.
 Eryn lives in an environment of its own, which is made in FOLDER unless one is given. Prints
-a table and merges its figures into ``benchmarks/results.json``. Twenty minutes on one core.
+a table and merges its figures into ``benchmarks/results.json``. Ten minutes of one core.
 """
 
 from __future__ import annotations
