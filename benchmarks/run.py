@@ -115,7 +115,9 @@ def main() -> None:
     width = max(map(len, figures))
     sys.stdout.writelines(f"{name:<{width}}  {value:>10g}\n" for name, value in figures.items())
     path = Path(__file__).with_name("results.json")
-    path.write_text(json.dumps(figures, indent=1) + "\n", encoding="utf-8")
+    # Those of other benchmarks stay.
+    known = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
+    path.write_text(json.dumps(known | figures, indent=1) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":
