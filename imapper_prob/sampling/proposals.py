@@ -12,6 +12,7 @@ the prior, and a larger one is tried further away.
 from __future__ import annotations
 
 import math
+from bisect import bisect_left, bisect_right
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -62,14 +63,14 @@ class Candidates:
             )
 
 
-def log_wrapped_normal(angle: Array, spread: float) -> Array:
+def log_wrapped_normal(angle: float, spread: float) -> float:
     """Log density on the circle of a normal of standard deviation ``spread``, wrapped."""
-    turns = np.asarray(angle)[..., None] + 2 * math.pi * np.arange(-2, 3)
-    turns = turns - 2 * math.pi * np.round(np.asarray(angle) / (2 * math.pi))[..., None]
-    terms = -0.5 * (turns / spread) ** 2
-    top = terms.max(-1)
-    result: Array = top + np.log(np.exp(terms - top[..., None]).sum(-1))
-    return result - math.log(spread * math.sqrt(2 * math.pi))
+    nearest = math.remainder(angle, 2 * math.pi) / spread
+    turn = 2 * math.pi / spread
+    total = sum(
+        math.exp(-0.5 * ((nearest + n * turn) ** 2 - nearest**2)) for n in (-2, -1, 0, 1, 2)
+    )
+    return math.log(total / (spread * math.sqrt(2 * math.pi))) - 0.5 * nearest**2
 
 
 @dataclass(frozen=True)
@@ -87,47 +88,74 @@ class Proposals:
     blur: int = field(init=False)
     """Frames by which a scenelet may be tried off the middle of its window: so many that
     every frame is within reach of a window."""
-    _lengths: Ints = field(init=False, repr=False)
+    # In plain Python, whose arithmetic with single numbers is ten times as fast as numpy's.
+    _lengths: list[int] = field(init=False, repr=False)
+    _centres: list[int] = field(init=False, repr=False)
+    _before: list[float] = field(init=False, repr=False)  # (W + 1,) weight of earlier windows
     _cumulative: Array = field(init=False, repr=False)  # (W, L) of a window's weights
-    _totals: Array = field(init=False, repr=False)  # (W,)
 
     def __post_init__(self) -> None:
         cumulative = self.candidates.weights.cumsum(1)
         gaps = np.diff(self.candidates.centres)
+        before = np.concatenate([[0.0], cumulative[:, -1].cumsum()])
         object.__setattr__(self, "blur", int(gaps.max(initial=1) // 2 + 1))
-        object.__setattr__(self, "_lengths", self.problem.lengths)
+        object.__setattr__(self, "_lengths", self.problem.lengths.tolist())
+        object.__setattr__(self, "_centres", self.candidates.centres.tolist())
+        object.__setattr__(self, "_before", before.tolist())
         object.__setattr__(self, "_cumulative", cumulative)
-        object.__setattr__(self, "_totals", np.array(cumulative[:, -1]))
 
     def middle(self, scenelet: int, start: int) -> int:
         """Middle frame of a scenelet."""
-        return start + int(self._lengths[scenelet]) // 2
+        return start + self._lengths[scenelet] // 2
 
     def nearest_window(self, middle: int) -> int:
-        """The window whose middle is nearest to a frame."""
-        return int(np.abs(self.candidates.centres - middle).argmin())
+        """The window whose middle is nearest to a frame, the earlier of two."""
+        centres, right = self._centres, bisect_left(self._centres, middle)
+        if right == 0 or right == len(centres):
+            return min(right, len(centres) - 1)
+        return right - (middle - centres[right - 1] <= centres[right] - middle)
 
     def _seen_from(self, camera: Array, size: float) -> tuple[float, float]:
         """By how much bearing shrinks and log depth grows from the mean camera to this one."""
         change = camera - self.problem.camera_mean
         return math.exp(-change[2]), float(change[2] + change[3] + size)
 
-    def _open(self, others: Ints, around: int | None, window: int) -> Array:
-        """(W,) weights of the windows that may be tried."""
-        centres = self.candidates.centres
-        # Half of the shortest scenelet must be free at the least for any to fit.
-        margin = int(self._lengths.min()) // 2
-        taken = np.zeros(len(centres), bool)
-        for scenelet, start in others.tolist():
-            end = start + int(self._lengths[scenelet])
-            taken |= (centres > start - margin) & (centres < end + margin)
+    def _open(self, others: Ints, around: int | None, window: int) -> list[tuple[int, int]]:
+        """Runs of windows, first and one past the last, that may be tried."""
+        centres, first, end = self._centres, 0, len(self._centres)
         if around is not None:
-            taken |= np.abs(centres - around) > window
-        return np.where(taken, 0.0, self._totals)
+            first = bisect_left(centres, around - window)
+            end = bisect_right(centres, around + window)
+        # Half of the shortest scenelet must be free at the least for any to fit.
+        margin = min(self._lengths) // 2
+        runs = []
+        for scenelet, start in others.tolist():
+            taken = bisect_right(centres, start - margin)
+            if taken > first:
+                runs.append((first, min(taken, end)))
+            first = max(first, bisect_left(centres, start + self._lengths[scenelet] + margin))
+            if first >= end:
+                return runs
+        runs.append((first, end))
+        return runs
+
+    def _weight(self, runs: list[tuple[int, int]]) -> float:
+        """Of all windows of some runs."""
+        return sum(self._before[end] - self._before[first] for first, end in runs)
+
+    def _pick(self, runs: list[tuple[int, int]], weight: float) -> int:
+        """The window in which the weights of some runs, summed from the first on, reach one."""
+        for first, end in runs:
+            own = self._before[end] - self._before[first]
+            if weight < own:
+                within = bisect_right(self._before, self._before[first] + weight) - 1
+                return min(max(within, first), end - 1)
+            weight -= own
+        return runs[-1][1] - 1
 
     def _starts(self, scenelet: int, around: int | None, window: int) -> tuple[int, int]:
         """First and last start frame that the clip and the window leave to a scenelet."""
-        length = int(self._lengths[scenelet])
+        length = self._lengths[scenelet]
         last = self.problem.n_frames - length
         if around is None:
             return 0, last
@@ -146,21 +174,23 @@ class Proposals:
 
         With ``around`` only windows whose middle lies within ``window`` frames of it.
         """
-        weights = self._open(others, around, window).cumsum()
+        runs = self._open(others, around, window)
+        total = self._weight(runs)
         size = self.problem.size_spread * float(rng.standard_normal())
-        if weights[-1] > 0 and rng.random() > _ANYWHERE:
-            which = int(np.searchsorted(weights, rng.random() * weights[-1], side="right"))
+        if total > 0 and rng.random() > _ANYWHERE:
+            which = self._pick(runs, rng.random() * total)
             own = self._cumulative[which]
             scenelet = int(np.searchsorted(own, rng.random() * own[-1], side="right"))
             shift = int(rng.integers(-self.blur, self.blur + 1))
-            start = int(self.candidates.centres[which]) - int(self._lengths[scenelet]) // 2 + shift
-            x, y, yaw = self.candidates.placements[which, scenelet]
+            start = self._centres[which] - self._lengths[scenelet] // 2 + shift
+            x, y, yaw = self.candidates.placements[which, scenelet].tolist()
             shrunk, further = self._seen_from(camera, size)
-            spread = np.array(_SPREADS[int(rng.integers(len(_SPREADS)))])
-            across, along, around_z = spread * rng.standard_normal(3)
-            bearing = shrunk * x / y + across
-            depth = y * math.exp(further + along)
-            return scenelet, start, np.array([bearing * depth, depth, yaw + around_z]), size
+            across, along, around_z = _SPREADS[int(rng.integers(len(_SPREADS)))]
+            step = rng.standard_normal(3).tolist()
+            bearing = shrunk * x / y + across * step[0]
+            depth = y * math.exp(further + along * step[1])
+            turn = yaw + around_z * step[2]
+            return scenelet, start, np.array([bearing * depth, depth, turn]), size
         scenelet = int(rng.integers(len(self._lengths)))
         first, last = self._starts(scenelet, around, window)
         if last < first:
@@ -185,43 +215,44 @@ class Proposals:
         window: int = 0,
     ) -> float:
         """Log density of :meth:`draw`, per square metre, radian and unit of log size."""
-        x, y, yaw = placement
+        x, y, yaw = placement.tolist()
         if y <= 0:
             return -math.inf
         bearing, log_depth = x / y, math.log(y)
-        to_floor = -2 * log_depth  # |d(bearing, log depth) / d(x, y)| = 1 / y^2
-        weights = self._open(others, around, window)
-        total = float(weights.sum())
+        runs = self._open(others, around, window)
+        total = self._weight(runs)
         first, last = self._starts(scenelet, around, window)
-        parts = []
+        density = 0.0
         if first <= start <= last:
-            mean, variance = self.problem.start_mean, self.problem.start_variance
-            offset = np.array([bearing, log_depth]) - mean
-            parts.append(
-                math.log(_ANYWHERE if total > 0 else 1.0)
-                - math.log(len(self._lengths) * (last - first + 1))
-                - 0.5 * float((offset**2 / variance + np.log(2 * math.pi * variance)).sum())
-                - math.log(2 * math.pi)
-            )
-        near = np.abs(self.candidates.centres - self.middle(scenelet, start)) <= self.blur
-        own = self.candidates.weights[:, scenelet]
-        which = np.flatnonzero(near & (weights > 0) & (own > 0))
-        if len(which):
-            cx, cy, turn = self.candidates.placements[which, scenelet].T
-            shrunk, further = self._seen_from(camera, size)
+            log_anywhere = -math.log(2 * math.pi)
+            for value, mean, variance in zip(
+                (bearing, log_depth), self.problem.start_mean, self.problem.start_variance,
+                strict=True,
+            ):  # fmt: skip
+                log_anywhere -= 0.5 * (value - mean) ** 2 / variance
+                log_anywhere -= 0.5 * math.log(2 * math.pi * variance)
+            starts = len(self._lengths) * (last - first + 1)
+            density += (_ANYWHERE if total > 0 else 1.0) / starts * math.exp(log_anywhere)
+        middle = self.middle(scenelet, start)
+        shrunk, further = self._seen_from(camera, size)
+        near = range(
+            bisect_left(self._centres, middle - self.blur),
+            bisect_right(self._centres, middle + self.blur),
+        )
+        for which in near:
+            weight = float(self.candidates.weights[which, scenelet])
+            if weight == 0 or not any(first <= which < end for first, end in runs):
+                continue
+            cx, cy, turn = self.candidates.placements[which, scenelet].tolist()
             # A window's weight over all windows, times the scenelet's over the window's.
-            even = (1 - _ANYWHERE) / len(_SPREADS) / (2 * self.blur + 1)
-            shares = np.log(own[which] / total * even)
+            share = weight / total * (1 - _ANYWHERE) / len(_SPREADS) / (2 * self.blur + 1)
+            off, beyond = bearing - shrunk * cx / cy, log_depth - further - math.log(cy)
             for across, along, around_z in _SPREADS:
-                logs = (
-                    shares
-                    - 0.5 * ((bearing - shrunk * cx / cy) / across) ** 2
-                    - 0.5 * ((log_depth - further - np.log(cy)) / along) ** 2
-                    - math.log(2 * math.pi * across * along)
-                    + log_wrapped_normal(yaw - turn, around_z)
-                )
-                parts.extend(logs.tolist())
-        if not parts:
+                exponent = -0.5 * ((off / across) ** 2 + (beyond / along) ** 2)
+                exponent += log_wrapped_normal(yaw - turn, around_z)
+                density += share * math.exp(exponent) / (2 * math.pi * across * along)
+        if density == 0:
             return -math.inf
+        to_floor = -2 * log_depth  # |d(bearing, log depth) / d(x, y)| = 1 / y^2
         of_size = log_size_density(size, self.problem.size_spread)
-        return to_floor + of_size + float(np.logaddexp.reduce(parts))
+        return to_floor + of_size + math.log(density)

@@ -115,7 +115,7 @@ def test_proposals_are_a_density(where: str, around: int | None, crowded: bool) 
             return float(value - np.log(2 * np.pi) - np.log(3 * n_starts))
         if (scenelet, start) != (scenelet_of_h, 3):
             return -np.inf
-        return float(value + log_wrapped_normal(np.array(turn - yaw), 0.12))
+        return float(value + log_wrapped_normal(turn - yaw, 0.12))
 
     weights = []
     for _ in range(30000):
@@ -162,7 +162,7 @@ def test_a_replacement_stands_to_its_fit_as_the_old_one_did() -> None:
 def test_wrapped_normal_integrates_to_one() -> None:
     for spread in (0.15, 2.0):
         total, _ = quad(
-            lambda a, s=spread: np.exp(log_wrapped_normal(np.array(a), s)), 1, 1 + 2 * np.pi
+            lambda a, s=spread: np.exp(log_wrapped_normal(a, s)), 1, 1 + 2 * np.pi
         )
         assert total == pytest.approx(1.0, abs=1e-3)
 
