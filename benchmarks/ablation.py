@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from preference import centre_of, wishes_of
+from preference import PAPER_NATS, centre_of, wishes_of
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
@@ -67,9 +67,11 @@ def variants(problem: Problem) -> dict[str, Problem]:
         "no sight lines": without_sight(problem),
         "no free-pose cost": problem._replace(free_cost=np.zeros(problem.n_frames)),
         "no collision": problem._replace(collision_cost=0.0),
-        "no motion": problem._replace(motion_cost=0.0),
+        "no smoothness": problem._replace(smoothness_cost=0.0),
+        "no motion, no ground": problem._replace(motion_cost=0.0),
         "equal weights": problem._replace(log_rate=np.full_like(problem.log_rate, even)),
         "frames independent": problem._replace(frame_weight=1.0),
+        "the published energy": problem._replace(paper_nats=PAPER_NATS),
     }
 
 
