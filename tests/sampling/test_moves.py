@@ -161,9 +161,7 @@ def test_a_replacement_stands_to_its_fit_as_the_old_one_did() -> None:
 
 def test_wrapped_normal_integrates_to_one() -> None:
     for spread in (0.15, 2.0):
-        total, _ = quad(
-            lambda a, s=spread: np.exp(log_wrapped_normal(a, s)), 1, 1 + 2 * np.pi
-        )
+        total, _ = quad(lambda a, s=spread: np.exp(log_wrapped_normal(a, s)), 1, 1 + 2 * np.pi)
         assert total == pytest.approx(1.0, abs=1e-3)
 
 
