@@ -13,6 +13,7 @@ import numpy as np
 
 from imapper_prob.models.kernels.change import change, weigh_bare_frames
 from imapper_prob.models.kernels.memory import new_memory
+from imapper_prob.models.kernels.session import open_session
 from imapper_prob.models.posterior import State
 from imapper_prob.models.problem import Problem
 
@@ -58,9 +59,8 @@ class Incremental:
         if state.n_scenelets > self._capacity:
             self._start(2 * state.n_scenelets)
         value: float = change(
-            self._problem, self._memory, self._state.n_scenelets, self._state.camera,
-            self._state.latent, state.camera, state.items, state.placements, state.sizes,
-            state.latent,
+            self._session, self._state.n_scenelets, self._state.camera, self._state.latent,
+            state.camera, state.items, state.placements, state.sizes, state.latent,
         )  # fmt: skip
         self._proposal = state, value
         return value
@@ -90,11 +90,11 @@ class Incremental:
         state = self._state
         self._capacity = max(room, state.n_scenelets)
         self._memory = new_memory(self._problem, self._capacity)
+        self._session = open_session(self._problem, self._memory)
         weigh_bare_frames(self._problem, self._memory, state.camera)
         value: float = change(
-            self._problem, self._memory, -1, state.camera,
-            state.latent, state.camera, state.items, state.placements, state.sizes,
-            state.latent,
+            self._session, -1, state.camera, state.latent,
+            state.camera, state.items, state.placements, state.sizes, state.latent,
         )  # fmt: skip
         if value == -math.inf:
             raise ValueError("an evaluation cannot start from a state outside the support")

@@ -44,12 +44,17 @@ def _cache_folder() -> str:
 
 _CACHE = _cache_folder()
 
+_LIBERTIES = {"contract", "nsz"}
+"""What the compiler may do to arithmetic: round once where it multiplies and adds, and take
+-0 for 0. Sums keep their order, and what is not finite stays so. Nor does it look out for
+divisions by zero, as Python would; they give infinities."""
+
 
 def compiled(function: Function) -> Dispatcher[Function]:
     """``function`` compiled by numba on its first call, and remembered for the next process."""
     before = _NUMBA.CACHE_DIR
     try:
         _NUMBA.CACHE_DIR = _CACHE or before
-        return numba.njit(cache=True)(function)
+        return numba.njit(cache=True, error_model="numpy", fastmath=_LIBERTIES)(function)
     finally:
         _NUMBA.CACHE_DIR = before

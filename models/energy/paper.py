@@ -41,6 +41,7 @@ from imapper_prob.models.jit import compiled
 
 __all__ = ["SURE_BUT_HIDDEN", "PaperWeights", "occlusion_cost"]
 
+
 def _sure_but_hidden(tables: DetectionModel) -> float:
     hidden, seen = tables.confidence[:, tables.edges[:-1] < 0.5].sum(1)
     return float(np.log((1 - seen) / (1 - hidden)) / np.log(hidden / seen))

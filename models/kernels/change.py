@@ -19,6 +19,7 @@ from imapper_prob.models.kernels.body import apart, depth_in_box, set_columns
 from imapper_prob.models.kernels.frame import weigh_frames
 from imapper_prob.models.kernels.memory import ADDED, KEPT, REMOVED, UNUSED, Memory
 from imapper_prob.models.kernels.path import pose_free_frames, segment
+from imapper_prob.models.kernels.session import Session
 from imapper_prob.models.kernels.sight import GAP, aim, aim_again, clear, keep_aim, look, may_hide
 from imapper_prob.models.kernels.slots import collide, fill_slot, pose_covered_frames
 from imapper_prob.models.kernels.support import in_support
@@ -51,8 +52,7 @@ def weigh_bare_frames(problem: Problem, memory: Memory, camera: Array) -> None:
 
 @compiled
 def change(
-    problem: Problem,
-    memory: Memory,
+    session: Session,
     n_before: int,
     camera_before: Array,
     latent_before: Array,
@@ -66,9 +66,8 @@ def change(
 
     Parameters
     ----------
-    problem : Problem
-    memory : Memory
-        Written only where the current state does not look.
+    session : Session
+        Its memory is written only where the current state does not look.
     n_before : int
         Scenelets of the current state; -1 where there is none yet to remember.
     camera_before, latent_before : (5,), (T, 2) float
@@ -81,6 +80,7 @@ def change(
     float
         Nats; -inf outside the support.
     """
+    problem, memory = session.problem, session.memory
     n, n_old = len(items), max(n_before, 0)
     if not in_support(camera) or not _in_order(problem, items):
         return -math.inf
