@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from imapper_prob.models.geometry import NOTHING_IN_SIGHT, OPAQUE, pack_boxes, sight_clearance
 from imapper_prob.models.incremental import Incremental
 from imapper_prob.models.jit import compiled
-from imapper_prob.models.kernels.sight import BENCH, GAP, aim, clear, set_outlook
+from imapper_prob.models.kernels.sight import BENCH, GAP, Singles, aim, clear, set_outlook
 from imapper_prob.models.path import CameraPrior, StaticPath
 from imapper_prob.models.posterior import State, log_posterior, motion
 from imapper_prob.models.problem import Problem, pack_problem
@@ -100,7 +100,9 @@ def _seated(
 
 
 @compiled
-def _bare(elevation: float, joints: Array, outlooks: Array, view: Array, bench: Array) -> float:
+def _bare(
+    elevation: float, joints: Array, outlooks: Singles, view: Singles, bench: Singles
+) -> float:
     """Clearance of all lines of sight from all boxes; returns their sum, so that none is idle."""
     total = 0.0
     for t in range(len(joints)):
@@ -113,13 +115,15 @@ def _bare(elevation: float, joints: Array, outlooks: Array, view: Array, bench: 
 
 def bare_kernel(world: World) -> Callable[[], object]:
     """The compiled arithmetic without pruning: every box counts as in sight."""
-    joints, elevation = motion(world.problem, world.state), float(world.state.camera[1])
-    outlooks, bench = np.zeros((len(world.boxes), 15)), np.zeros(BENCH)
+    joints = np.ascontiguousarray(motion(world.problem, world.state).transpose(0, 2, 1))
+    elevation = float(world.state.camera[1])
+    outlooks = np.zeros((len(world.boxes), 15), np.float32)
+    bench = np.zeros(BENCH, np.float32)
     turns = np.stack([np.cos(world.boxes[:, 6]), np.sin(world.boxes[:, 6])], -1)
     for box, turn, outlook in zip(world.boxes, turns, outlooks, strict=True):
         set_outlook(elevation, box, turn, outlook)
     outlooks[:, :5] = [-np.inf, np.inf, -np.inf, np.inf, -np.inf]
-    view = np.array([[-np.inf, np.inf, -np.inf, np.inf, np.inf]])
+    view = np.array([[-np.inf, np.inf, -np.inf, np.inf, np.inf]], np.float32)
     return lambda: _bare(elevation, joints, outlooks, view, bench)
 
 

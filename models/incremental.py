@@ -9,11 +9,10 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
-from imapper_prob.models.kernels.change import change, weigh_bare_frames
+from imapper_prob.models.kernels.change import change, settle
 from imapper_prob.models.kernels.memory import new_memory
 from imapper_prob.models.kernels.session import open_session
+from imapper_prob.models.kernels.votes import vote_barely
 from imapper_prob.models.posterior import State
 from imapper_prob.models.problem import Problem
 
@@ -77,11 +76,7 @@ class Incremental:
             raise ValueError("there is no proposal inside the support to accept")
         self._state, self._value = self._proposal
         self._proposal = None
-        memory = self._memory
-        for now, proposed in (memory.slots, memory.cover, memory.evidence):
-            np.copyto(now, proposed)
-        np.bitwise_xor(memory.pose_at, memory.moved, out=memory.pose_at)
-        np.bitwise_xor(memory.sum_at, memory.changed, out=memory.sum_at)
+        settle(self._session)
 
     def _start(self, room: int) -> None:
         """Remember nothing but the current state, with room for so many scenelets."""
@@ -89,9 +84,9 @@ class Incremental:
             raise ValueError("the published energy has no incremental evaluation")
         state = self._state
         self._capacity = max(room, state.n_scenelets)
-        self._memory = new_memory(self._problem, self._capacity)
-        self._session = open_session(self._problem, self._memory)
-        weigh_bare_frames(self._problem, self._memory, state.camera)
+        memory = new_memory(self._problem, self._capacity)
+        vote_barely(self._problem, memory)
+        self._session = open_session(self._problem, memory)
         value: float = change(
             self._session, -1, state.camera, state.latent,
             state.camera, state.items, state.placements, state.sizes, state.latent,

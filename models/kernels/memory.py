@@ -12,7 +12,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from imapper_prob.models.kernels.sight import BENCH
+from imapper_prob.models.kernels.frame import CHANCES, DESK
+from imapper_prob.models.kernels.sight import BENCH, Singles
 from imapper_prob.models.problem import Problem
 
 __all__ = ["ADDED", "KEPT", "REMOVED", "UNUSED", "Memory", "new_memory"]
@@ -39,15 +40,16 @@ class Memory(NamedTuple):
     items: Ints  # (S, 3) scenelet, start frame, frame after its end
     placements: Array  # (S, 3) x, y (m), yaw (rad)
     sizes: Array  # (S,) log size of the person, on top of the body scale
+    bodies: Array  # (S,) how large the person is
     pelvis: Array  # (S, 4) bearing and log depth in the first frame, and in the last
     placed: Array  # (S,) log density of placement and size given the pelvis, nats
     pairs: Array  # (S, S) metres that objects of two scenelets are in each other
     counts: Ints  # (S,) boxes of each
     boxes: Array  # (S B, 7) in the world
     turns: Array  # (S B, 3) cosine and sine of the yaw, half a diagonal
-    outlooks: Array  # (S B, 15) see set_outlook
+    outlooks: Singles  # (S B, 15) see set_outlook
     footprints: Array  # (S B, 4) see set_footprint
-    hulls: Array  # (S, 5) window of all boxes of a slot
+    hulls: Singles  # (S, 5) window of all boxes of a slot
     floors: Array  # (S, 4) footprint of all boxes of a slot
     labels: Ints  # (S B,) category of the object
     yaws: Array  # (S B,) of the object, radians
@@ -56,29 +58,32 @@ class Memory(NamedTuple):
     moved: Flags  # (T,) whether the proposal wrote the other
     pose_row: Ints  # (T,) the row that holds in the proposal
     path: Array  # (2 T, 2) bearing and log depth of a free frame
-    joints: Array  # (2 T, 16, 3) in the world, metres
-    lines: Array  # (2 T, 48) see keep_aim
-    views: Array  # (2 T, 5) see look
+    joints: Array  # (2 T, 3, 16) in the world, metres
+    lines: Singles  # (2 T, 48) see keep_aim
+    views: Singles  # (2 T, 5) see look
+    columns: Array  # (2 T, 5, 4) see set_columns
     ground: Array  # (2 T, 4) see set_columns
     sunk: Array  # (2 T,) how deep the lowest joint is below the floor, metres
-    gaps: Array  # (S, 2 T, 16) clearance of the joints from a slot's boxes, where near
+    chances: Array  # (2 T, 64) see CHANCES, of covered frames
+    gaps: Singles  # (S, 2 T, 16) clearance of the joints from a slot's boxes, where near
     near: Flags  # (S, 2 T) whether any box of the slot can come near a line of sight
     depths: Array  # (S, 2 T) how deep the body stands in the slot's objects, metres
 
     sum_at: Flags  # (T,) which row of the frame holds, of what follows
     changed: Flags  # (T,) whether the proposal wrote the other
     sum_row: Ints  # (T,) the row that holds in the proposal
-    by_frame: Array  # (2 T, 2) log-likelihood as it is, and with sides swapped, nats
-    votes: Array  # (2 T, 3) the greater of the two, weighted, and both densities over it
+    clearance: Singles  # (2 T, 16) of the joints from all boxes, metres
+    votes: Array  # (2 T, 3) see set_vote
     inside: Array  # (2 T,) how deep the body is in objects not its own and the floor, metres
 
-    bare: Array  # (T, 2) by_frame of a free frame with nothing in sight
+    own: Array  # (T, 64) CHANCES of a free frame
+    bare: Array  # (T, 3) votes of a free frame with nothing in sight
     watched: Flags  # (T,) whether anything of the frame was detected
-    wanted: Flags  # (T,) workspace
-    clearance: Array  # (T, 16) workspace
-    bench: Array  # (BENCH,) workspace
-    columns: Array  # (5, 4) workspace
-    filtered: Array  # (T, 6) workspace
+    every: Ints  # (T,) all frames
+    frames: Ints  # (T,) those that moved, in order: workspace, as is all that follows
+    bench: Singles  # (BENCH,)
+    desk: Array  # (DESK,)
+    filtered: Array  # (T, 6)
 
 
 def new_memory(problem: Problem, capacity: int) -> Memory:
@@ -89,6 +94,9 @@ def new_memory(problem: Problem, capacity: int) -> Memory:
 
     def zeros(*shape: int) -> Array:
         return np.zeros(shape)
+
+    def singles(*shape: int) -> Singles:
+        return np.zeros(shape, np.float32)
 
     def ints(*shape: int) -> Ints:
         return np.zeros(shape, np.int64)
@@ -104,15 +112,16 @@ def new_memory(problem: Problem, capacity: int) -> Memory:
         items=ints(n_slots, 3),
         placements=zeros(n_slots, 3),
         sizes=zeros(n_slots),
+        bodies=zeros(n_slots),
         pelvis=zeros(n_slots, 4),
         placed=zeros(n_slots),
         pairs=zeros(n_slots, n_slots),
         counts=ints(n_slots),
         boxes=zeros(all_boxes, 7),
         turns=zeros(all_boxes, 3),
-        outlooks=zeros(all_boxes, 15),
+        outlooks=singles(all_boxes, 15),
         footprints=zeros(all_boxes, 4),
-        hulls=zeros(n_slots, 5),
+        hulls=singles(n_slots, 5),
         floors=zeros(n_slots, 4),
         labels=ints(all_boxes),
         yaws=zeros(all_boxes),
@@ -120,25 +129,28 @@ def new_memory(problem: Problem, capacity: int) -> Memory:
         moved=flags(n_frames),
         pose_row=ints(n_frames),
         path=zeros(rows, 2),
-        joints=zeros(rows, 16, 3),
-        lines=zeros(rows, 48),
-        views=zeros(rows, 5),
+        joints=zeros(rows, 3, 16),
+        lines=singles(rows, 48),
+        views=singles(rows, 5),
+        columns=zeros(rows, 5, 4),
         ground=zeros(rows, 4),
         sunk=zeros(rows),
-        gaps=zeros(n_slots, rows, 16),
+        chances=zeros(rows, CHANCES),
+        gaps=singles(n_slots, rows, 16),
         near=flags(n_slots, rows),
         depths=zeros(n_slots, rows),
         sum_at=flags(n_frames),
         changed=flags(n_frames),
         sum_row=ints(n_frames),
-        by_frame=zeros(rows, 2),
+        clearance=singles(rows, 16),
         votes=zeros(rows, 3),
         inside=zeros(rows),
-        bare=zeros(n_frames, 2),
+        own=zeros(n_frames, CHANCES),
+        bare=zeros(n_frames, 3),
         watched=np.asarray(problem.used.any(axis=1), np.uint8),
-        wanted=flags(n_frames),
-        clearance=zeros(n_frames, 16),
-        bench=zeros(BENCH),
-        columns=zeros(5, 4),
+        every=np.arange(n_frames),
+        frames=ints(n_frames),
+        bench=singles(BENCH),
+        desk=zeros(DESK),
         filtered=zeros(n_frames, 6),
     )

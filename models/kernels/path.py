@@ -8,20 +8,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.models.jit import compiled
-from imapper_prob.models.kernels.memory import Memory
+from imapper_prob.models.kernels.memory import ADDED, Memory
 from imapper_prob.models.problem import Problem
 
-__all__ = ["pose_free_frames", "segment"]
+__all__ = ["find_path"]
 
 Array = NDArray[np.float64]
 
 _LOG_2PI = math.log(2 * math.pi)
 _LARGE = 1e100
 """Products of variances grow to this before their logarithm is taken."""
+_STILL = 1e-12
+"""A pelvis whose bearing and log depth changed by less than this since its frame was last
+worked out, a few picometres, counts as where it was; the sum changes by less than 1e-8 nats."""
 
 
 @compiled
-def segment(
+def _segment(
     problem: Problem,
     memory: Memory,
     camera: Array,
@@ -84,23 +87,61 @@ def segment(
 
 
 @compiled
-def pose_free_frames(problem: Problem, memory: Memory, camera: Array) -> None:
-    """World joints of every free frame that moved: its own pose where the path goes, metres."""
-    cp, sp = math.cos(camera[0]), math.sin(camera[0])
-    cr, sr = math.cos(camera[4]), math.sin(camera[4])
-    focal, body, elevation = math.exp(camera[2]), math.exp(camera[3]), camera[1]
-    joints, path, rows = memory.joints, memory.path, memory.pose_row
-    poses, lift, moved, cover = problem.poses, problem.lift, memory.moved, memory.cover
-    for t in range(len(moved)):
-        if moved[t] and cover[1, t] < 0:
-            row = rows[t]
-            depth = math.exp(path[row, 1])
-            px, pz = path[row, 0] * depth, lift[t] / focal * depth
-            for j in range(16):
-                right = px + body * poses[t, j, 0]
-                y = depth + body * poses[t, j, 1]
-                up = pz + body * poses[t, j, 2]
-                z = sr * right + cr * up
-                joints[row, j, 0] = cr * right - sr * up
-                joints[row, j, 1] = cp * y - sp * z
-                joints[row, j, 2] = sp * y + cp * z + elevation
+def find_path(
+    problem: Problem,
+    memory: Memory,
+    n: int,
+    n_old: int,
+    camera: Array,
+    latent: Array,
+    latent_before: Array,
+    anew: bool,
+) -> float:
+    """Evidence of the path, nats; says which frames moved, and draws the free ones of them."""
+    n_frames = len(problem.lift)
+    before, after, cover, role = memory.slots[0], memory.slots[1], memory.cover, memory.role
+    pose_at, moved, rows = memory.pose_at, memory.moved, memory.pose_row
+    path, drawn = memory.path, memory.filtered
+    for t in range(n_frames):
+        moved[t] = 0
+        rows[t] = t + n_frames * np.int64(pose_at[t])
+    evidence = 0.0
+    for i in range(n + 1):
+        left, right = after[i - 1] if i > 0 else -1, after[i] if i < n else -1
+        first = memory.items[left, 2] if left >= 0 else 0
+        last = memory.items[right, 1] if right >= 0 else n_frames
+        old = -1
+        for k in range(n_old + 1):
+            old_left, old_right = before[k - 1] if k > 0 else -1, before[k] if k < n_old else -1
+            if not anew and old_left == left and old_right == right:
+                old = k
+        for t in range(first, last):
+            cover[1, t] = -1
+            if latent[t, 0] != latent_before[t, 0] or latent[t, 1] != latent_before[t, 1]:
+                old = -1
+        if old >= 0:
+            memory.evidence[1, i] = memory.evidence[0, old]
+        else:
+            memory.evidence[1, i] = _segment(
+                problem, memory, camera, latent, first, last, left, right
+            )
+            for t in range(first, last):
+                now = rows[t]
+                x, y = drawn[t, 4], drawn[t, 5]
+                if (
+                    anew
+                    or cover[0, t] >= 0
+                    or abs(x - path[now, 0]) > _STILL
+                    or abs(y - path[now, 1]) > _STILL
+                ):
+                    moved[t] = 1
+                    rows[t] = 2 * t + n_frames - now
+                    path[rows[t], 0], path[rows[t], 1] = x, y
+        evidence += memory.evidence[1, i]
+        if right >= 0:
+            for t in range(last, memory.items[right, 2]):
+                cover[1, t] = right
+                if role[right] == ADDED:
+                    moved[t] = 1
+                    rows[t] = 2 * t + n_frames - rows[t]
+    return evidence

@@ -18,24 +18,24 @@ from imapper_prob.models.problem import Problem
 __all__ = ["Session", "open_session"]
 
 _FIELDS = ("problem", "memory")
-_Struct: Any = types.StructRef
-_Proxy: Any = structref.StructRefProxy
+_structref: Any = structref
+"""numba's records by reference, published without types."""
 
 
-class _SessionType(_Struct):  # type: ignore[misc]
+class _SessionType(types.StructRef):  # type: ignore[misc]
     """What the compiler calls a session."""
 
 
-class Session(_Proxy):  # type: ignore[misc]
+class Session(structref.StructRefProxy):  # type: ignore[misc]
     """A problem and the memory of its evaluation."""
 
     problem: Problem
     memory: Memory
 
 
-structref.register(_SessionType)
-structref.define_boxing(_SessionType, Session)
-structref.define_constructor(Session, _SessionType, list(_FIELDS))
+_structref.register(_SessionType)
+_structref.define_boxing(_SessionType, Session)
+_structref.define_constructor(Session, _SessionType, list(_FIELDS))
 
 
 @compiled

@@ -83,7 +83,7 @@ def states(seed: int, n: int, whole: Problem, *, wild: bool) -> Batch:
 
 def compiled(whole: Problem, batch: Batch) -> np.ndarray:
     """(S, 10) terms by the compiled executor."""
-    joints, by_frame = np.empty((whole.n_frames, 16, 3)), np.zeros((whole.n_frames, 2))
+    joints, by_frame = np.empty((whole.n_frames, 3, 16)), np.zeros((whole.n_frames, 2))
     rows = []
     for camera, items, placements, sizes, latent in zip(*batch, strict=True):
         held = items[:, 0] >= 0
