@@ -20,7 +20,16 @@ from numpy.typing import NDArray
 from imapper_prob.models.geometry import NOTHING_IN_SIGHT, OPAQUE, pack_boxes, sight_clearance
 from imapper_prob.models.incremental import Incremental
 from imapper_prob.models.jit import compiled
-from imapper_prob.models.kernels.sight import BENCH, GAP, Singles, aim, clear, set_outlook
+from imapper_prob.models.kernels.sight import (
+    BENCH,
+    GAP,
+    LINE,
+    Singles,
+    aim,
+    clear,
+    open_view,
+    set_outlook,
+)
 from imapper_prob.models.path import CameraPrior, StaticPath
 from imapper_prob.models.posterior import State, log_posterior, motion
 from imapper_prob.models.problem import Problem, pack_problem
@@ -100,14 +109,14 @@ def _seated(
 
 
 @compiled
-def _bare(
-    elevation: float, joints: Array, outlooks: Singles, view: Singles, bench: Singles
-) -> float:
+def _bare(elevation: float, joints: Array, outlooks: Singles, views: Singles) -> float:
     """Clearance of all lines of sight from all boxes; returns their sum, so that none is idle."""
-    total = 0.0
-    for t in range(len(joints)):
-        aim(elevation, joints, t, bench)
-        clear(outlooks, 0, len(outlooks), view, 0, bench)
+    total, n = 0.0, len(joints)
+    lines, bench = np.empty((n, LINE), np.float32), np.empty(BENCH, np.float32)
+    for t in range(n):
+        aim(elevation, joints, lines, t)
+        open_view(bench)
+        clear(outlooks, 0, len(outlooks), lines, views, t, bench)
         for j in range(16):
             total += bench[GAP + j]
     return total
@@ -118,13 +127,13 @@ def bare_kernel(world: World) -> Callable[[], object]:
     joints = np.ascontiguousarray(motion(world.problem, world.state).transpose(0, 2, 1))
     elevation = float(world.state.camera[1])
     outlooks = np.zeros((len(world.boxes), 15), np.float32)
-    bench = np.zeros(BENCH, np.float32)
     turns = np.stack([np.cos(world.boxes[:, 6]), np.sin(world.boxes[:, 6])], -1)
     for box, turn, outlook in zip(world.boxes, turns, outlooks, strict=True):
         set_outlook(elevation, box, turn, outlook)
     outlooks[:, :5] = [-np.inf, np.inf, -np.inf, np.inf, -np.inf]
-    view = np.array([[-np.inf, np.inf, -np.inf, np.inf, np.inf]], np.float32)
-    return lambda: _bare(elevation, joints, outlooks, view, bench)
+    everywhere = [-np.inf, np.inf, -np.inf, np.inf, np.inf]
+    views = np.tile(np.array(everywhere, np.float32), (len(joints), 1))
+    return lambda: _bare(elevation, joints, outlooks, views)
 
 
 def numpy_kernel(world: World) -> Callable[[], object]:

@@ -24,6 +24,7 @@ from imapper_prob.models.jit import compiled
 from imapper_prob.models.kernels.frame import (
     CHANCES,
     DESK,
+    find_seen,
     lens_of,
     set_chances,
     set_own_chances,
@@ -127,19 +128,19 @@ def _weigh_frames(
     by_frame: Array,
 ) -> None:
     """log p(u, c | q, m) of every frame into ``by_frame``: as it is, and with sides swapped."""
-    lens, body, of = lens_of(problem, camera), 1.0, -1
+    n, lens, body, of = len(item_of), lens_of(problem, camera), 1.0, -1
     chances, desk = np.empty((1, CHANCES)), np.empty(DESK)
-    for t in range(len(item_of)):
+    seen = np.empty((n, 16), np.float32)
+    find_seen(gaps, np.arange(n), n, problem.sight_width, problem.surprise, seen)
+    for t in range(n):
         if item_of[t] >= 0:
             if item_of[t] != of:
                 of = item_of[t]
                 body = math.exp(camera[3] + sizes[of])
             set_chances(problem, lens, body, joints, t, t, desk, chances, 0)
         else:
-            set_own_chances(problem, t, chances, 0)
-        by_frame[t, 0], by_frame[t, 1] = weigh(
-            chances, 0, gaps, t, problem.sight_width, problem.surprise, desk
-        )
+            set_own_chances(problem, t, desk, chances, 0)
+        by_frame[t, 0], by_frame[t, 1] = weigh(chances, 0, seen, t, desk)
 
 
 @compiled

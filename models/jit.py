@@ -18,7 +18,7 @@ import numba
 if TYPE_CHECKING:
     from numba.core.dispatcher import Dispatcher
 
-__all__ = ["compiled"]
+__all__ = ["compiled", "inlined"]
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -52,9 +52,23 @@ divisions by zero, as Python would; they give infinities."""
 
 def compiled(function: Function) -> Dispatcher[Function]:
     """``function`` compiled by numba on its first call, and remembered for the next process."""
+    return _compiled(function)
+
+
+def inlined(function: Function) -> Dispatcher[Function]:
+    """As :func:`compiled`, and made part of whatever compiled function calls it.
+
+    For what is called once a frame or a box: to hand over a few arrays, of ten numbers each,
+    takes longer than a row of joints, and the compiler sees what is known of them.
+    """
+    return _compiled(function, forceinline=True)
+
+
+def _compiled(function: Function, **options: bool) -> Dispatcher[Function]:
     before = _NUMBA.CACHE_DIR
     try:
         _NUMBA.CACHE_DIR = _CACHE or before
-        return numba.njit(cache=True, error_model="numpy", fastmath=_LIBERTIES)(function)
+        decorate = numba.njit(cache=True, error_model="numpy", fastmath=_LIBERTIES, **options)
+        return decorate(function)
     finally:
         _NUMBA.CACHE_DIR = before

@@ -11,7 +11,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from imapper_prob.models.jit import compiled
+from imapper_prob.models.jit import compiled, inlined
 from imapper_prob.models.limits import LEVEL
 
 __all__ = ["column_depth", "depth_below_floor", "footprint_depth", "overlap_depth"]
@@ -49,7 +49,7 @@ def footprint_depth(a: Array, b: Array) -> float:
     return overlap_depth(a, turn_a, b, turn_b)
 
 
-@compiled
+@inlined
 def column_depth(x: float, y: float, low: float, high: float, box: Array, turn: Array) -> float:
     """How deep the vertical line at (x, y) from ``low`` to ``high`` stands in a box, metres."""
     if min(box[2] + box[5], high) - max(box[2] - box[5], low) <= LEVEL:
@@ -61,10 +61,10 @@ def column_depth(x: float, y: float, low: float, high: float, box: Array, turn: 
     return max(depth, 0.0)
 
 
-@compiled
+@inlined
 def depth_below_floor(joints: Array, row: int) -> float:
     """How deep the lowest of ``joints[row]`` (3, 16) is below the floor, metres; 0 above."""
-    lowest, low = 0.0, 0.0
-    for j in range(8):
-        lowest, low = min(lowest, joints[row, 2, j]), min(low, joints[row, 2, 8 + j])
-    return -min(lowest, low)
+    lowest = 0.0
+    for j in range(16):
+        lowest = min(lowest, joints[row, 2, j])
+    return -lowest

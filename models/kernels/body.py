@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.models.energy.intersection import column_depth
-from imapper_prob.models.jit import compiled
+from imapper_prob.models.jit import compiled, inlined
 from imapper_prob.models.skeleton import HEAD, LANK, LHIP, LKNE, PELV, RANK, RHIP, RKNE
 
 __all__ = ["apart", "depth_in_box", "set_columns", "set_footprint"]
@@ -33,7 +33,7 @@ def set_footprint(box: Array, turn: Array, footprint: Array) -> None:
     footprint[2], footprint[3] = box[1] - y, box[1] + y
 
 
-@compiled
+@inlined
 def _set_column(
     joints: Array, row: int, upper: int, lower: int, columns: Array, to: int, k: int
 ) -> None:
@@ -43,7 +43,7 @@ def _set_column(
     columns[to, k, 3] = max(joints[row, 2, upper], joints[row, 2, lower])
 
 
-@compiled
+@inlined
 def set_columns(joints: Array, row: int, columns: Array, ground: Array, to: int) -> None:
     """Trunk, thighs and shins of the body ``joints[row]`` (3, 16).
 
@@ -71,7 +71,7 @@ def set_columns(joints: Array, row: int, columns: Array, ground: Array, to: int)
     ground[to, 0], ground[to, 1], ground[to, 2], ground[to, 3] = left, right, near, far
 
 
-@compiled
+@inlined
 def apart(ground: Array, row: int, footprints: Array, k: int) -> bool:
     """Whether ``ground[row]`` and ``footprints[k]`` (4,), of a body or a box, have no overlap."""
     return bool(
@@ -82,7 +82,7 @@ def apart(ground: Array, row: int, footprints: Array, k: int) -> bool:
     )
 
 
-@compiled
+@inlined
 def depth_in_box(columns: Array, row: int, boxes: Array, turns: Array, k: int) -> float:
     """How deep the deepest of ``columns[row]`` (5, 4) stands in box ``k``, metres; 0 outside.
 

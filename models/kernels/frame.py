@@ -17,15 +17,18 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from imapper_prob.models.jit import compiled
+from imapper_prob.models.jit import compiled, inlined
 from imapper_prob.models.kernels.sight import Singles
 from imapper_prob.models.limits import NEAREST
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.skeleton import MIRROR
 
-__all__ = ["CHANCES", "DESK", "Lens", "lens_of", "set_chances", "set_own_chances", "weigh"]
+__all__ = [
+    "CHANCES", "DESK", "Lens", "find_seen", "lens_of", "set_chances", "set_own_chances", "weigh",
+]  # fmt: skip
 
 Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
 Lens = tuple[float, float, float, float, float, float, float, float, float, float]
 """Both focal lengths, the principal point and the pose's doubt of one metre's depth, in
 pixels; cosine and sine of the camera's pitch, its elevation, cosine and sine of its roll."""
@@ -35,20 +38,21 @@ CHANCES = 64
 joints are greater; both for sides as they are and then swapped. A joint is in its own place,
 whichever side's detection it answers for: only their product counts."""
 
-# Where the rows of the desk start: pixels, and square pixels of the pose's doubt;
+# Where the rows of the desk start: pixels, and square pixels of the pose's doubt, of the
+# joints and then of those of the other side;
 _U, _V, _LOOSE = 0, 16, 32
+_CROSSED = 48
 # sides as they are, hidden and seen; sides swapped, hidden and seen:
-_RATIO = 48  # 1 + r^2 / (dof scale^2), then the density
-_POWER = _RATIO + 64
+_DENSITY = 96  # 1 + r^2 / (dof scale^2), then the density
+_POWER = _DENSITY + 64
 _SCALE2 = _POWER + 64  # square pixels
-# When weighing: probability of being seen; the density of every detection, sides as they are
-# and swapped, and its binary exponent.
-_SEEN, _DENSITY, _EXPONENT = 0, 16, 48
 DESK = _SCALE2 + 64
 """Numbers on the desk, the workspace."""
 
 _SMALLEST = float(np.finfo(np.float64).tiny)
 """No density counts less."""
+_OTHER = np.array(MIRROR)
+_PER_TURN = 1.0 / (2.0 * math.pi)
 _LOG2E = 1.0 / math.log(2.0)
 _LN2_HIGH = 6.93147180369123816490e-01
 _LN2_LOW = 1.90821492927058770002e-10
@@ -85,7 +89,7 @@ def lens_of(problem: Problem, camera: Array) -> Lens:
     )  # fmt: skip
 
 
-@compiled
+@inlined
 def _project(lens: Lens, body: float, joints: Array, row: int, desk: Array) -> None:
     """Pixels of the joints ``joints[row]``, and how loosely a scenelet's pose holds there."""
     fx, fy, cx, cy, doubt, cp, sp, elevation, cr, sr = lens
@@ -100,29 +104,36 @@ def _project(lens: Lens, body: float, joints: Array, row: int, desk: Array) -> N
         desk[_LOOSE + j] = (doubt * nearness) * (doubt * nearness)
 
 
-@compiled
+@inlined
+def _cross(desk: Array, of: int, to: int) -> None:
+    """A row of the desk with the joints of the other side."""
+    for j in range(16):
+        desk[to + j] = desk[of + _OTHER[j]]
+
+
+@inlined
 def _measure(problem: Problem, t: int, desk: Array) -> None:
-    """How far frame t's detections are from the joints, by the errors of hidden and seen ones."""
+    """Misfit of frame t's detections, by the errors of hidden and of seen joints."""
     keypoints, scales, dofs = problem.keypoints, problem.error_scale, problem.error_dof
     for j in range(16):
-        for swapped in range(2):
-            d = MIRROR[j] if swapped else j
-            du, dv = desk[_U + j] - keypoints[t, d, 0], desk[_V + j] - keypoints[t, d, 1]
+        for side in range(2):
+            of = _CROSSED * side + j
+            du, dv = desk[_U + of] - keypoints[t, j, 0], desk[_V + of] - keypoints[t, j, 1]
             for visible in range(2):
-                at = 32 * swapped + 16 * visible + j
-                scale, dof = scales[t, d, visible], dofs[t, d, visible]
-                scale2 = scale * scale + desk[_LOOSE + j]
-                desk[_RATIO + at] = 1.0 + (du * du + dv * dv) / (dof * scale2)
-                desk[_POWER + at] = -0.5 * dof - 1.0
-                desk[_SCALE2 + at] = scale2
+                to = 32 * side + 16 * visible + j
+                scale, dof = scales[t, j, visible], dofs[t, j, visible]
+                scale2 = scale * scale + desk[_LOOSE + of]
+                desk[_DENSITY + to] = 1.0 + (du * du + dv * dv) / (dof * scale2)
+                desk[_POWER + to] = -0.5 * dof - 1.0
+                desk[_SCALE2 + to] = scale2
 
 
-@compiled
+@inlined
 def _raise(desk: Array) -> None:
     """Student's density: every ratio to its power, over its square scale."""
     for j in range(64):
         # ln x = e ln 2 + 2 artanh((f - 1) / (f + 1)) with f in [sqrt(1/2), sqrt 2).
-        bits = np.float64(desk[_RATIO + j]).view(np.int64)
+        bits = np.float64(desk[_DENSITY + j]).view(np.int64)
         e = (bits - _HALF_BITS) >> 52
         f = np.int64(bits - (e << 52)).view(np.float64)
         s = (f - 1.0) / (f + 1.0)
@@ -141,10 +152,10 @@ def _raise(desk: Array) -> None:
             ((_E4 + _E5 * r) + rr * (_E6 + _E7 * r)) + rr * rr * p
         )
         scale = np.int64((np.float64(shifted).view(np.int64) + _BIAS) << 52).view(np.float64)
-        desk[_RATIO + j] = p * scale / desk[_SCALE2 + j]
+        desk[_DENSITY + j] = p * scale / desk[_SCALE2 + j]
 
 
-@compiled
+@inlined
 def set_chances(
     problem: Problem,
     lens: Lens,
@@ -161,95 +172,108 @@ def set_chances(
     ``joints[row]`` (3, 16) in the world, metres; ``body`` is how large the person is.
     """
     _project(lens, body, joints, row, desk)
+    _cross(desk, _U, _CROSSED + _U)
+    _cross(desk, _V, _CROSSED + _V)
+    _cross(desk, _LOOSE, _CROSSED + _LOOSE)
     _measure(problem, t, desk)
     _raise(desk)
-    confidence, used = problem.confidence_density, problem.used
+    confidence = problem.confidence_density
     for j in range(16):
-        for swapped in range(2):
-            d, at = MIRROR[j] if swapped else j, 32 * swapped + j
-            hidden = confidence[t, d, 0] / (2 * math.pi) * desk[_RATIO + at]
-            seen = confidence[t, d, 1] / (2 * math.pi) * desk[_RATIO + 16 + at]
-            # What was not detected says nothing.
-            chances[to, at] = hidden if used[t, d] else 1.0
-            chances[to, 16 + at] = seen - hidden if used[t, d] else 0.0
+        hidden, seen = confidence[t, j, 0] * _PER_TURN, confidence[t, j, 1] * _PER_TURN
+        desk[_DENSITY + j] *= hidden
+        desk[_DENSITY + 16 + j] *= seen
+        desk[_DENSITY + 32 + j] *= hidden
+        desk[_DENSITY + 48 + j] *= seen
+    _give_chances(problem, t, desk, chances, to)
 
 
-@compiled
-def set_own_chances(problem: Problem, t: int, chances: Array, to: int) -> None:
+@inlined
+def set_own_chances(problem: Problem, t: int, desk: Array, chances: Array, to: int) -> None:
     """Chances of frame t in its own pose, which no camera changes, into ``chances[to]`` (64,)."""
-    static, used = problem.static_density, problem.used
+    static = problem.static_density
     for j in range(16):
-        for swapped in range(2):
-            d, at = MIRROR[j] if swapped else j, 32 * swapped + j
-            hidden, seen = static[swapped, t, d, 0], static[swapped, t, d, 1]
-            chances[to, at] = hidden if used[t, d] else 1.0
-            chances[to, 16 + at] = seen - hidden if used[t, d] else 0.0
+        desk[_DENSITY + j] = static[0, t, j, 0]
+        desk[_DENSITY + 16 + j] = static[0, t, j, 1]
+    for j in range(16):
+        desk[_DENSITY + 32 + j] = static[1, t, j, 0]
+        desk[_DENSITY + 48 + j] = static[1, t, j, 1]
+    _give_chances(problem, t, desk, chances, to)
+
+
+@inlined
+def _give_chances(problem: Problem, t: int, desk: Array, chances: Array, to: int) -> None:
+    """Densities on the desk as chances: see ``CHANCES``."""
+    used = problem.used
+    for j in range(16):
+        for side in range(2):
+            hidden, seen = desk[_DENSITY + 32 * side + j], desk[_DENSITY + 32 * side + 16 + j]
+            # What was not detected says nothing.
+            desk[_POWER + 32 * side + j] = hidden if used[t, j] else 1.0
+            desk[_POWER + 32 * side + 16 + j] = seen - hidden if used[t, j] else 0.0
+    _cross(desk, _POWER + 32, _DENSITY + 32)
+    _cross(desk, _POWER + 48, _DENSITY + 48)
+    for j in range(32):
+        chances[to, j] = desk[_POWER + j]
+        chances[to, 32 + j] = desk[_DENSITY + 32 + j]
 
 
 @compiled
-def _find_seen(gaps: Singles, at: int, width: float, surprise: float, desk: Array) -> None:
-    """Probability of being seen: :func:`imapper_prob.models.energy.occlusion.p_seen`."""
-    sharpness = np.float32(1.0 / width)
-    for j in range(16):
-        x = -min(max(gaps[at, j] * sharpness, -_FAR), _FAR)
-        shifted = x * _SINGLE_LOG2E + _SINGLE_ROUND
-        n = shifted - _SINGLE_ROUND
-        r = (x - n * _SINGLE_LN2_HIGH) - n * _SINGLE_LN2_LOW
-        rr = r * r
-        p = ((_F1 + r) + rr * (_F2 + _F3 * r)) + rr * rr * ((_F4 + _F5 * r) + rr * _F6)
-        scale = np.int32((np.float32(shifted).view(np.int32) + 127) << 23).view(np.float32)
-        desk[_SEEN + j] = surprise + (1.0 - 2.0 * surprise) / (1.0 + np.float64(p * scale))
+def find_seen(
+    gaps: Singles, rows: Ints, n: int, width: float, surprise: float, seen: Singles
+) -> None:
+    """Probability of being seen: :func:`imapper_prob.models.energy.occlusion.p_seen`.
+
+    Parameters
+    ----------
+    gaps : (R, 16) single
+        Clearance of every joint, metres, of which the first ``n`` of ``rows`` are asked for.
+    width, surprise : float
+        Of the step of visibility.
+    seen : (n or more, 16) single
+        Out.
+    """
+    sharpness, least = np.float32(1.0 / width), np.float32(surprise)
+    span = np.float32(1.0 - 2.0 * surprise)
+    for i in range(n):
+        row = rows[i]
+        for j in range(16):
+            x = -min(max(gaps[row, j] * sharpness, -_FAR), _FAR)
+            shifted = x * _SINGLE_LOG2E + _SINGLE_ROUND
+            whole = shifted - _SINGLE_ROUND
+            r = (x - whole * _SINGLE_LN2_HIGH) - whole * _SINGLE_LN2_LOW
+            rr = r * r
+            p = ((_F1 + r) + rr * (_F2 + _F3 * r)) + rr * rr * ((_F4 + _F5 * r) + rr * _F6)
+            scale = np.int32((np.float32(shifted).view(np.int32) + 127) << 23).view(np.float32)
+            seen[i, j] = least + span / (_F1 + p * scale)
 
 
-@compiled
-def weigh(
-    chances: Array,
-    row: int,
-    gaps: Singles,
-    at: int,
-    width: float,
-    surprise: float,
-    desk: Array,
-) -> tuple[float, float]:
+@inlined
+def weigh(chances: Array, row: int, seen: Singles, at: int, desk: Array) -> tuple[float, float]:
     """log p(u, c | q, m) of a frame, nats: as it is, and with sides swapped.
 
     Parameters
     ----------
     chances : (R, 64) float
         The frame's are in row ``row``.
-    gaps : (R, 16) single
-        Clearance of every joint, metres; the frame's is in row ``at``.
-    width, surprise : float
-        Of the step of visibility: see :func:`imapper_prob.models.energy.occlusion.p_seen`.
+    seen : (R, 16) single
+        Probability of every joint's being seen; the frame's is in row ``at``.
     desk : (DESK,) float
         Workspace.
     """
-    _find_seen(gaps, at, width, surprise, desk)
     for j in range(16):
-        right = chances[row, j] + desk[_SEEN + j] * chances[row, 16 + j]
-        wrong = chances[row, 32 + j] + desk[_SEEN + j] * chances[row, 48 + j]
-        desk[_DENSITY + j] = max(right, _SMALLEST)
-        desk[_DENSITY + 16 + j] = max(wrong, _SMALLEST)
+        share = np.float64(seen[at, j])
+        right = chances[row, j] + share * chances[row, 16 + j]
+        wrong = chances[row, 32 + j] + share * chances[row, 48 + j]
+        desk[j], desk[16 + j] = max(right, _SMALLEST), max(wrong, _SMALLEST)
     # Logarithms are dear: one of the product of all mantissas, which cannot underflow.
     for j in range(32):
-        bits = np.float64(desk[_DENSITY + j]).view(np.int64)
-        desk[_EXPONENT + j] = np.float64((bits >> 52) - _BIAS)
-        desk[_DENSITY + j] = np.int64((bits & _MANTISSA) | _UNIT).view(np.float64)
-    _fold(desk, 8)
-    _fold(desk, 4)
-    _fold(desk, 2)
-    _fold(desk, 1)
-    return (
-        math.log(desk[_DENSITY]) + desk[_EXPONENT] * _LN2,
-        math.log(desk[_DENSITY + 16]) + desk[_EXPONENT + 16] * _LN2,
-    )
-
-
-@compiled
-def _fold(desk: Array, half: int) -> None:
-    """Halve what is left to be multiplied, and the exponents to be added."""
-    for j in range(half):
-        desk[_DENSITY + j] *= desk[_DENSITY + half + j]
-        desk[_DENSITY + 16 + j] *= desk[_DENSITY + 16 + half + j]
-        desk[_EXPONENT + j] += desk[_EXPONENT + half + j]
-        desk[_EXPONENT + 16 + j] += desk[_EXPONENT + 16 + half + j]
+        bits = np.float64(desk[j]).view(np.int64)
+        desk[j] = np.int64((bits & _MANTISSA) | _UNIT).view(np.float64)
+        desk[32 + j] = np.float64((bits >> 52) - _BIAS)
+    right, wrong, twos_right, twos_wrong = 1.0, 1.0, 0.0, 0.0
+    for j in range(16):
+        right *= desk[j]
+        wrong *= desk[16 + j]
+        twos_right += desk[32 + j]
+        twos_wrong += desk[48 + j]
+    return math.log(right) + twos_right * _LN2, math.log(wrong) + twos_wrong * _LN2

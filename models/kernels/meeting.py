@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from imapper_prob.models.jit import compiled
 from imapper_prob.models.kernels.body import apart, depth_in_box
 from imapper_prob.models.kernels.memory import ADDED, REMOVED, Memory
-from imapper_prob.models.kernels.sight import GAP, aim_again, clear, may_hide
+from imapper_prob.models.kernels.sight import GAP, clear, may_hide, open_view
 
 __all__ = ["find_changed", "meet_frames"]
 
@@ -43,8 +43,8 @@ def _meet(memory: Memory, slot: int, frames: Ints, n: int) -> None:
         row = rows[t]
         near = may_hide(hulls, slot, views, row)
         if near:
-            aim_again(lines, row, bench)
-            near = clear(outlooks, first, last, views, row, bench)
+            open_view(bench)
+            near = clear(outlooks, first, last, lines, views, row, bench)
             for j in range(16):
                 gaps[slot, row, j] = bench[GAP + j]
         memory.near[slot, row] = near

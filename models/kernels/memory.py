@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.models.kernels.frame import CHANCES, DESK
-from imapper_prob.models.kernels.sight import BENCH, Singles
+from imapper_prob.models.kernels.sight import BENCH, LINE, Singles
 from imapper_prob.models.problem import Problem
 
 __all__ = ["ADDED", "KEPT", "REMOVED", "UNUSED", "Memory", "new_memory"]
@@ -59,7 +59,7 @@ class Memory(NamedTuple):
     pose_row: Ints  # (T,) the row that holds in the proposal
     path: Array  # (2 T, 2) bearing and log depth of a free frame
     joints: Array  # (2 T, 3, 16) in the world, metres
-    lines: Singles  # (2 T, 48) see keep_aim
+    lines: Singles  # (2 T, 48) see aim
     views: Singles  # (2 T, 5) see look
     columns: Array  # (2 T, 5, 4) see set_columns
     ground: Array  # (2 T, 4) see set_columns
@@ -73,14 +73,16 @@ class Memory(NamedTuple):
     changed: Flags  # (T,) whether the proposal wrote the other
     sum_row: Ints  # (T,) the row that holds in the proposal
     clearance: Singles  # (2 T, 16) of the joints from all boxes, metres
-    votes: Array  # (2 T, 3) see set_vote
+    votes: Array  # (2 T, 3) see vote
     inside: Array  # (2 T,) how deep the body is in objects not its own and the floor, metres
 
     own: Array  # (T, 64) CHANCES of a free frame
     bare: Array  # (T, 3) votes of a free frame with nothing in sight
     watched: Flags  # (T,) whether anything of the frame was detected
     every: Ints  # (T,) all frames
-    frames: Ints  # (T,) those that moved, in order: workspace, as is all that follows
+    frames: Ints  # (T,) those that moved, then those to weigh: workspace, as is what follows
+    weighed: Ints  # (T,) rows of the latter
+    seen: Singles  # (T, 16) probability that a joint of theirs is seen
     bench: Singles  # (BENCH,)
     desk: Array  # (DESK,)
     filtered: Array  # (T, 6)
@@ -130,7 +132,7 @@ def new_memory(problem: Problem, capacity: int) -> Memory:
         pose_row=ints(n_frames),
         path=zeros(rows, 2),
         joints=zeros(rows, 3, 16),
-        lines=singles(rows, 48),
+        lines=singles(rows, LINE),
         views=singles(rows, 5),
         columns=zeros(rows, 5, 4),
         ground=zeros(rows, 4),
@@ -150,6 +152,8 @@ def new_memory(problem: Problem, capacity: int) -> Memory:
         watched=np.asarray(problem.used.any(axis=1), np.uint8),
         every=np.arange(n_frames),
         frames=ints(n_frames),
+        weighed=ints(n_frames),
+        seen=singles(n_frames, 16),
         bench=singles(BENCH),
         desk=zeros(DESK),
         filtered=zeros(n_frames, 6),

@@ -13,7 +13,7 @@ from imapper_prob.models.jit import compiled
 from imapper_prob.models.kernels.body import set_columns
 from imapper_prob.models.kernels.frame import lens_of, set_chances
 from imapper_prob.models.kernels.memory import ADDED, Memory
-from imapper_prob.models.kernels.sight import aim, keep_aim, look
+from imapper_prob.models.kernels.sight import aim, look
 from imapper_prob.models.problem import Problem
 
 __all__ = ["list_moved", "pose_frames", "sum_jumps"]
@@ -41,12 +41,11 @@ def pose_frames(problem: Problem, memory: Memory, n: int, n_moved: int, camera: 
             _find_chances(problem, memory, camera, slot)
     _pose_free_frames(problem, memory, n_moved, camera)
     rows, joints, lines, views = memory.pose_row, memory.joints, memory.lines, memory.views
-    columns, ground, sunk, bench = memory.columns, memory.ground, memory.sunk, memory.bench
+    columns, ground, sunk = memory.columns, memory.ground, memory.sunk
     for i in range(n_moved):
         row = rows[memory.frames[i]]
-        aim(camera[1], joints, row, bench)
-        keep_aim(bench, lines, row)
-        look(bench, views, row)
+        aim(camera[1], joints, lines, row)
+        look(lines, views, row)
         set_columns(joints, row, columns, ground, row)
         sunk[row] = depth_below_floor(joints, row)
 

@@ -10,7 +10,17 @@ from numpy.typing import NDArray
 from imapper_prob.models.energy.intersection import overlap_depth
 from imapper_prob.models.jit import compiled
 from imapper_prob.models.kernels.body import apart, depth_in_box, set_columns, set_footprint
-from imapper_prob.models.kernels.sight import BENCH, GAP, Singles, aim, clear, look, set_outlook
+from imapper_prob.models.kernels.sight import (
+    BENCH,
+    GAP,
+    LINE,
+    Singles,
+    aim,
+    clear,
+    look,
+    open_view,
+    set_outlook,
+)
 from imapper_prob.models.problem import Problem
 
 __all__ = ["collision_depth", "find_clearances", "find_footprints", "motion_depths"]
@@ -25,12 +35,15 @@ def find_clearances(elevation: float, joints: Array, boxes: Array, turns: Array)
     outlooks = np.empty((len(boxes), 15), np.float32)
     for k in range(len(boxes)):
         set_outlook(elevation, boxes[k], turns[k], outlooks[k])
-    bench, view = np.empty(BENCH, np.float32), np.empty((1, 5), np.float32)
-    gaps = np.empty((len(joints), 16), np.float32)
-    for t in range(len(joints)):
-        aim(elevation, joints, t, bench)
-        look(bench, view, 0)
-        clear(outlooks, 0, len(boxes), view, 0, bench)
+    n = len(joints)
+    bench, gaps = np.empty(BENCH, np.float32), np.empty((n, 16), np.float32)
+    lines, views = np.empty((n, LINE), np.float32), np.empty((n, 5), np.float32)
+    for t in range(n):
+        aim(elevation, joints, lines, t)
+        look(lines, views, t)
+    for t in range(n):
+        open_view(bench)
+        clear(outlooks, 0, len(boxes), lines, views, t, bench)
         for j in range(16):
             gaps[t, j] = bench[GAP + j]
     return gaps

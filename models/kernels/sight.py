@@ -25,31 +25,36 @@ from numpy.typing import NDArray
 
 from imapper_prob.models.energy.occlusion import set_window
 from imapper_prob.models.geometry import NOTHING_IN_SIGHT, OPAQUE
-from imapper_prob.models.jit import compiled
+from imapper_prob.models.jit import compiled, inlined
 from imapper_prob.models.limits import NEAR_SIGHT
 
 __all__ = [
-    "BENCH", "GAP", "Singles", "aim", "aim_again", "clear", "keep_aim", "look", "may_hide",
+    "BENCH", "GAP", "LINE", "Singles", "aim", "clear", "look", "may_hide", "open_view",
     "set_outlook",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
 Singles = NDArray[np.float32]
 
-# Where the rows of the bench start. The line of sight in the world, metres;
 _X, _Y, _Z = 0, 16, 32
-# in a box's axes, half of it, and half its size along each axis;
-_MIDDLE, _EXTENT = 48, 96
+"""Where the rows of a line start: to each joint from the camera, in the world, metres."""
+LINE = 48
+"""Numbers of the lines of sight of a frame."""
+
+# Where the rows of the bench start. Lines in a box's axes: half of each, and half its size
+# along each axis;
+_MIDDLE, _EXTENT = 0, 48
 # for the pairs of axes 01, 02, 12 the share of the first in |d_i| + |d_k|, and that of the
 # second, signed as d_i d_k.
-_FIRST, _SECOND = 144, 192
-GAP = 240
+_FIRST, _SECOND = 96, 144
+GAP = 192
 """Row of the bench that holds the clearance of every joint, metres."""
-BENCH = 256
+BENCH = 208
 """Numbers on the bench."""
 
 # Of single precision too, for one number in double makes double of all it meets.
 _HALF, _ONE, _CAP = np.float32(0.5), np.float32(1.0), np.float32(NOTHING_IN_SIGHT)
+_EVERYWHERE = np.float32(np.inf)
 _LEVEL = np.float32(1e-12)
 """Metres; a line that runs less than this along an axis is taken to run so much, which moves
 its clearance by no more."""
@@ -84,73 +89,47 @@ def set_outlook(elevation: float, box: Array, turn: Array, outlook: Singles) -> 
     outlook[14] = -thinnest
 
 
-@compiled
-def aim(elevation: float, joints: Array, row: int, bench: Singles) -> None:
-    """Put the lines of sight to ``joints[row]`` (3, 16) on the bench, nothing in their way."""
+@inlined
+def aim(elevation: float, joints: Array, lines: Singles, row: int) -> None:
+    """The lines of sight to ``joints[row]`` (3, 16), into ``lines[row]`` (48,)."""
     for j in range(16):
-        bench[_X + j] = joints[row, 0, j]
-        bench[_Y + j] = joints[row, 1, j]
-        bench[_Z + j] = joints[row, 2, j] - elevation
-        bench[GAP + j] = _CAP
+        lines[row, _X + j] = joints[row, 0, j]
+        lines[row, _Y + j] = joints[row, 1, j]
+        lines[row, _Z + j] = joints[row, 2, j] - elevation
 
 
-@compiled
-def keep_aim(bench: Singles, lines: Singles, row: int) -> None:
-    """Remember the lines of sight on the bench in ``lines[row]`` (48,)."""
-    for j in range(48):
-        lines[row, j] = bench[_X + j]
-
-
-@compiled
-def aim_again(lines: Singles, row: int, bench: Singles) -> None:
-    """Put lines of sight back on the bench, nothing in their way."""
-    for j in range(48):
-        bench[_X + j] = lines[row, j]
-    for j in range(16):
-        bench[GAP + j] = _CAP
-
-
-@compiled
-def _bounds(at: int, bench: Singles) -> tuple[float, float]:
-    """Least and greatest of a row, by halves: a chain of sixteen comparisons would wait."""
-    for j in range(8):
-        bench[_FIRST + j] = min(bench[at + j], bench[at + 8 + j])
-        bench[_SECOND + j] = max(bench[at + j], bench[at + 8 + j])
-    for j in range(4):
-        bench[_FIRST + 8 + j] = min(bench[_FIRST + j], bench[_FIRST + 4 + j])
-        bench[_SECOND + 8 + j] = max(bench[_SECOND + j], bench[_SECOND + 4 + j])
-    low = min(
-        min(bench[_FIRST + 8], bench[_FIRST + 9]), min(bench[_FIRST + 10], bench[_FIRST + 11])
-    )
-    high = max(
-        max(bench[_SECOND + 8], bench[_SECOND + 9]), max(bench[_SECOND + 10], bench[_SECOND + 11])
-    )
-    return low, high
-
-
-@compiled
-def look(bench: Singles, views: Singles, row: int) -> None:
-    """The part of the view in which the lines on the bench lie, into ``views[row]`` (5,).
+@inlined
+def look(lines: Singles, views: Singles, row: int) -> None:
+    """The part of the view in which the lines of sight lie, into ``views[row]`` (5,).
 
     Bounds of bearing x / y and of slope z / y, and the largest y. A joint behind the camera
     may be anywhere.
     """
-    nearest, far = _bounds(_Y, bench)
+    nearest = far = lines[row, _Y]
+    left = right = lines[row, _X] / nearest
+    low = high = lines[row, _Z] / nearest
+    for j in range(1, 16):
+        y = lines[row, _Y + j]
+        nearness = _ONE / y
+        bearing, slope = lines[row, _X + j] * nearness, lines[row, _Z + j] * nearness
+        nearest, far = min(nearest, y), max(far, y)
+        left, right = min(left, bearing), max(right, bearing)
+        low, high = min(low, slope), max(high, slope)
     if nearest <= NEAR_SIGHT:
-        views[row, 0], views[row, 1] = -math.inf, math.inf
-        views[row, 2], views[row, 3] = -math.inf, math.inf
-        views[row, 4] = math.inf
-        return
-    for j in range(16):
-        nearness = _ONE / bench[_Y + j]
-        bench[_MIDDLE + j] = bench[_X + j] * nearness
-        bench[_EXTENT + j] = bench[_Z + j] * nearness
-    views[row, 0], views[row, 1] = _bounds(_MIDDLE, bench)
-    views[row, 2], views[row, 3] = _bounds(_EXTENT, bench)
+        left = low = -_EVERYWHERE
+        right = high = far = _EVERYWHERE
+    views[row, 0], views[row, 1], views[row, 2], views[row, 3] = left, right, low, high
     views[row, 4] = far
 
 
-@compiled
+@inlined
+def open_view(bench: Singles) -> None:
+    """Nothing is in the way of any line of sight."""
+    for j in range(16):
+        bench[GAP + j] = _CAP
+
+
+@inlined
 def may_hide(windows: Singles, k: int, views: Singles, row: int) -> bool:
     """Whether a box in ``windows[k]`` can come near a line of sight in ``views[row]``."""
     # All five are asked at once: which of them says no cannot be foreseen.
@@ -163,13 +142,19 @@ def may_hide(windows: Singles, k: int, views: Singles, row: int) -> bool:
     )
 
 
-@compiled
+@inlined
 def clear(
-    outlooks: Singles, first: int, last: int, views: Singles, row: int, bench: Singles
+    outlooks: Singles,
+    first: int,
+    last: int,
+    lines: Singles,
+    views: Singles,
+    row: int,
+    bench: Singles,
 ) -> bool:
-    """Lower the clearance on the bench to that of boxes ``first`` to ``last - 1``.
+    """Lower the clearance on the bench to that of ``lines[row]`` from some boxes.
 
-    ``outlooks`` (K, 15) are those of :func:`set_outlook`. Returns whether any of the boxes
+    These are ``first`` to ``last - 1`` of ``outlooks`` (K, 15), see :func:`set_outlook`. Returns whether any of the boxes
     can come near a line of sight.
     """
     turned = -1
@@ -177,19 +162,19 @@ def clear(
         if may_hide(outlooks, k, views, row):
             c, s = outlooks[k, 5], outlooks[k, 6]
             if turned < 0 or c != outlooks[turned, 5] or s != outlooks[turned, 6]:
-                _turn(c, s, bench)
+                _turn(c, s, lines, row, bench)
                 turned = k
             _pass_by(outlooks, k, bench)
     return turned >= 0
 
 
-@compiled
-def _turn(c: float, s: float, bench: Singles) -> None:
+@inlined
+def _turn(c: float, s: float, lines: Singles, row: int, bench: Singles) -> None:
     """The lines of sight in the axes of boxes whose yaw has cosine ``c`` and sine ``s``."""
     for j in range(16):
-        u = c * bench[_X + j] + s * bench[_Y + j]
-        v = c * bench[_Y + j] - s * bench[_X + j]
-        w = bench[_Z + j]
+        u = c * lines[row, _X + j] + s * lines[row, _Y + j]
+        v = c * lines[row, _Y + j] - s * lines[row, _X + j]
+        w = lines[row, _Z + j]
         bench[_MIDDLE + j] = _HALF * u
         bench[_MIDDLE + 16 + j] = _HALF * v
         bench[_MIDDLE + 32 + j] = _HALF * w
@@ -208,7 +193,7 @@ def _turn(c: float, s: float, bench: Singles) -> None:
         bench[_SECOND + 32 + j] = math.copysign(_ONE - share, v * w)
 
 
-@compiled
+@inlined
 def _pass_by(outlooks: Singles, k: int, bench: Singles) -> None:
     """Lower every joint's clearance to that of box ``k``, in whose axes the lines are."""
     p0, p1, p2 = outlooks[k, 7], outlooks[k, 8], outlooks[k, 9]

@@ -8,23 +8,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.models.geometry import NOTHING_IN_SIGHT
-from imapper_prob.models.jit import compiled
-from imapper_prob.models.kernels.frame import set_own_chances, weigh
+from imapper_prob.models.jit import compiled, inlined
+from imapper_prob.models.kernels.frame import find_seen, set_own_chances, weigh
 from imapper_prob.models.kernels.memory import Memory
-from imapper_prob.models.kernels.sight import GAP, Singles
+from imapper_prob.models.kernels.sight import GAP, Singles, open_view
 from imapper_prob.models.problem import Problem
 
 __all__ = ["sum_votes", "vote", "vote_barely"]
 
 Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
 
 _CAP = np.float32(NOTHING_IN_SIGHT)
 _TINY = 1e-100
 """Products of densities are rescaled below this."""
 
 
-@compiled
-def set_vote(right: float, wrong: float, weight: float, votes: Array, row: int) -> None:
+@inlined
+def _set_vote(right: float, wrong: float, weight: float, votes: Array, row: int) -> None:
     """Of a frame: the greater log-density of two, weighted, and both densities over it.
 
     ``right`` and ``wrong`` are its log-likelihood as it is and with sides swapped, nats.
@@ -39,43 +40,63 @@ def vote_barely(problem: Problem, memory: Memory) -> None:
     """The vote of every frame in its own pose with nothing in sight."""
     weight = problem.frame_weight * problem.likelihood
     memory.clearance[:] = _CAP
+    _find_seen(problem, memory, memory.every, len(memory.every))
     for t in range(len(memory.bare)):
-        set_own_chances(problem, t, memory.own, t)
-        right, wrong = weigh(
-            memory.own, t, memory.clearance, t, problem.sight_width, problem.surprise, memory.desk
-        )
-        set_vote(right, wrong, weight, memory.bare, t)
+        set_own_chances(problem, t, memory.desk, memory.own, t)
+        right, wrong = weigh(memory.own, t, memory.seen, t, memory.desk)
+        _set_vote(right, wrong, weight, memory.bare, t)
     # No clearance is as before where there is none yet.
     memory.clearance[:] = np.nan
 
 
-@compiled
+@inlined
+def _find_seen(problem: Problem, memory: Memory, rows: Ints, n: int) -> None:
+    find_seen(memory.clearance, rows, n, problem.sight_width, problem.surprise, memory.seen)
+
+
+@inlined
 def _differ(clearance: Singles, one: int, other: int) -> bool:
+    different = False
     for j in range(16):
-        if clearance[one, j] != clearance[other, j]:
-            return True
-    return False
+        different |= clearance[one, j] != clearance[other, j]
+    return different
 
 
 @compiled
 def vote(problem: Problem, memory: Memory, n: int) -> None:
     """Votes and depths of the changed frames with all ``n`` scenelets."""
+    n_weighed = _recall_votes(memory, n)
+    cover, frames, weighed, rows = memory.cover, memory.frames, memory.weighed, memory.pose_row
+    own, chances, seen, desk = memory.own, memory.chances, memory.seen, memory.desk
+    weight = problem.frame_weight * problem.likelihood
+    _find_seen(problem, memory, weighed, n_weighed)
+    for i in range(n_weighed):
+        t = frames[i]
+        if cover[1, t] >= 0:
+            right, wrong = weigh(chances, rows[t], seen, i, desk)
+        else:
+            right, wrong = weigh(own, t, seen, i, desk)
+        _set_vote(right, wrong, weight, memory.votes, weighed[i])
+
+
+@compiled
+def _recall_votes(memory: Memory, n: int) -> int:
+    """Clearance and depth of the changed frames, and votes of those that were cast before.
+
+    The other frames and their rows are put into ``frames`` and ``weighed``; returns how many.
+    """
     changed, moved, watched, cover = memory.changed, memory.moved, memory.watched, memory.cover
     rows, sum_rows, near, depths = memory.pose_row, memory.sum_row, memory.near, memory.depths
-    gaps, clearance, bench, desk = memory.gaps, memory.clearance, memory.bench, memory.desk
+    gaps, clearance, bench, slots = memory.gaps, memory.clearance, memory.bench, memory.slots
     votes, inside, bare, sunk = memory.votes, memory.inside, memory.bare, memory.sunk
-    slots, own, chances = memory.slots, memory.own, memory.chances
-    weight, width, surprise = (
-        problem.frame_weight * problem.likelihood, problem.sight_width, problem.surprise,
-    )  # fmt: skip
+    n_weighed = 0
     for t in range(len(changed)):
         if not changed[t]:
             continue
         row, to = rows[t], sum_rows[t]
         before = 2 * t + len(changed) - to
         depth, bounded = sunk[row] if watched[t] else 0.0, False
-        for j in range(16):
-            bench[GAP + j] = _CAP
+        open_view(bench)
         for i in range(n):
             slot = slots[1, i]
             depth += depths[slot, row]
@@ -91,15 +112,13 @@ def vote(problem: Problem, memory: Memory, n: int) -> None:
         if not posed and not _differ(clearance, before, to):
             for k in range(3):
                 votes[to, k] = votes[before, k]
-        elif covered:
-            right, wrong = weigh(chances, row, clearance, to, width, surprise, desk)
-            set_vote(right, wrong, weight, votes, to)
-        elif bounded:
-            right, wrong = weigh(own, t, clearance, to, width, surprise, desk)
-            set_vote(right, wrong, weight, votes, to)
+        elif covered or bounded:
+            memory.frames[n_weighed], memory.weighed[n_weighed] = t, to
+            n_weighed += 1
         else:
             for k in range(3):
                 votes[to, k] = bare[t, k]
+    return n_weighed
 
 
 @compiled
