@@ -36,7 +36,7 @@ from imapper_prob.models.kernels.room import (
     find_footprints,
     motion_depths,
 )
-from imapper_prob.models.kernels.sight import Singles
+from imapper_prob.models.kernels.sight import BENCH, Singles
 from imapper_prob.models.kernels.world import place_boxes, weigh_priors
 from imapper_prob.models.problem import Problem
 
@@ -130,14 +130,14 @@ def _weigh_frames(
     """log p(u, c | q, m) of every frame into ``by_frame``: as it is, and with sides swapped."""
     n, lens, body, of = len(item_of), lens_of(problem, camera), 1.0, -1
     chances, desk = np.empty((1, CHANCES)), np.empty(DESK)
-    seen = np.empty((n, 16), np.float32)
+    bench, seen = np.empty(BENCH, np.float32), np.empty((n, 16), np.float32)
     find_seen(gaps, np.arange(n), n, problem.sight_width, problem.surprise, seen)
     for t in range(n):
         if item_of[t] >= 0:
             if item_of[t] != of:
                 of = item_of[t]
                 body = math.exp(camera[3] + sizes[of])
-            set_chances(problem, lens, body, joints, t, t, desk, chances, 0)
+            set_chances(problem, lens, body, joints, t, t, desk, bench, chances, 0)
         else:
             set_own_chances(problem, t, desk, chances, 0)
         by_frame[t, 0], by_frame[t, 1] = weigh(chances, 0, seen, t, desk)

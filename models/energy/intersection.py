@@ -19,7 +19,7 @@ __all__ = ["column_depth", "depth_below_floor", "footprint_depth", "overlap_dept
 Array = NDArray[np.float64]
 
 
-@compiled
+@inlined
 def overlap_depth(a: Array, turn_a: Array, b: Array, turn_b: Array) -> float:
     """:func:`footprint_depth` of boxes the cosine and sine of whose yaws are known.
 

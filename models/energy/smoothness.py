@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.special import digamma
 
 from imapper_prob.models.calibrated import calibrated
-from imapper_prob.models.jit import compiled
+from imapper_prob.models.jit import inlined
 from imapper_prob.models.skeleton import N_JOINTS, PELV
 
 __all__ = ["DOF", "USUAL_JUMP", "pose_jump"]
@@ -30,7 +30,7 @@ USUAL_JUMP: Final = float(
 so that a scenelet that joins the motion as true ones do neither gains nor loses by that."""
 
 
-@compiled
+@inlined
 def pose_jump(joints: NDArray[np.float64], one: int, other: int, scale: float) -> float:
     """What the change of pose between two frames costs, nats of independent joints.
 

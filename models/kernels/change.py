@@ -11,7 +11,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from imapper_prob.models.jit import compiled
+from imapper_prob.models.jit import compiled, inlined
 from imapper_prob.models.kernels.meeting import find_changed, meet_frames
 from imapper_prob.models.kernels.memory import ADDED, KEPT, REMOVED, UNUSED, Memory
 from imapper_prob.models.kernels.path import find_path
@@ -91,13 +91,13 @@ def change(
     return total + sum_votes(problem, memory)
 
 
-@compiled
+@inlined
 def _length(problem: Problem, scenelet: int) -> int:
     length: int = problem.joint_first[scenelet + 1] - problem.joint_first[scenelet]
     return length
 
 
-@compiled
+@inlined
 def _in_order(problem: Problem, items: Ints) -> bool:
     """Whether scenelets lie in the clip, one after the other."""
     end = 0
@@ -108,7 +108,7 @@ def _in_order(problem: Problem, items: Ints) -> bool:
     return end <= len(problem.lift)
 
 
-@compiled
+@inlined
 def _find_slots(
     memory: Memory, n_old: int, items: Ints, placements: Array, sizes: Array, anew: bool
 ) -> None:

@@ -42,37 +42,34 @@ whichever side's detection it answers for: only their product counts."""
 # joints and then of those of the other side;
 _U, _V, _LOOSE = 0, 16, 32
 _CROSSED = 48
-# sides as they are, hidden and seen; sides swapped, hidden and seen:
-_DENSITY = 96  # 1 + r^2 / (dof scale^2), then the density
-_POWER = _DENSITY + 64
-_SCALE2 = _POWER + 64  # square pixels
-DESK = _SCALE2 + 64
+# sides as they are, hidden and seen; sides swapped, hidden and seen; and the same as chances.
+_DENSITY, _CHANCE = 96, 160
+DESK = 224
 """Numbers on the desk, the workspace."""
+# On the bench, in the order of densities: 1 + r^2 / (dof scale^2), the power it is raised to,
+# and the square scale, pixels.
+_RATIO, _POWER, _SCALE2 = 0, 64, 128
 
 _SMALLEST = float(np.finfo(np.float64).tiny)
 """No density counts less."""
 _OTHER = np.array(MIRROR)
 _PER_TURN = 1.0 / (2.0 * math.pi)
-_LOG2E = 1.0 / math.log(2.0)
-_LN2_HIGH = 6.93147180369123816490e-01
-_LN2_LOW = 1.90821492927058770002e-10
-"""ln 2 in two parts, of which multiples of the first are exact."""
 _LN2 = math.log(2.0)
-_ROUND = 6755399441055744.0
-"""1.5 * 2^52: adding it leaves a number's nearest integer in the lowest bits."""
-_E2, _E3, _E4, _E5, _E6, _E7, _E8, _E9, _E10, _E11, _E12 = (
-    1.0 / math.factorial(n) for n in range(2, 13)
-)
-_HALF_BITS = 0x3FE6A09E667F3BCD
-"""The bits of sqrt(1/2), from where mantissas are counted."""
 _MANTISSA, _UNIT = 0x000FFFFFFFFFFFFF, 0x3FF0000000000000
 """The bits of a mantissa, and those of the exponent of numbers from 1 to 2."""
 _BIAS = 1023
 
-# The same in single precision, in which lines of sight are.
-_F1, _F2, _F3, _F4, _F5, _F6 = (np.float32(1.0 / math.factorial(n)) for n in range(1, 7))
-_SINGLE_LOG2E, _SINGLE_ROUND = np.float32(_LOG2E), np.float32(12582912.0)
-_SINGLE_LN2_HIGH, _SINGLE_LN2_LOW = np.float32(0.693359375), np.float32(-2.12194440e-4)
+# Of single precision, for one number in double makes double of all it meets.
+_LOG2E = np.float32(1.0 / math.log(2.0))
+_LN2_HIGH, _LN2_LOW = np.float32(0.693359375), np.float32(-2.12194440e-4)
+"""ln 2 in two parts, of which multiples of the first are exact."""
+_ROUND, _ROUND_BITS = np.float32(12582912.0), 0x4B400000
+"""1.5 * 2^23: adding it leaves a number's nearest integer in the lowest bits."""
+_HALF_BITS = 0x3F3504F3
+"""The bits of sqrt(1/2), from where mantissas are counted."""
+_E1, _E2, _E3, _E4, _E5, _E6 = (np.float32(1.0 / math.factorial(n)) for n in range(1, 7))
+_L1, _L3, _L5, _L7, _L9 = (np.float32(2.0 / n) for n in (1, 3, 5, 7, 9))
+_SINGLE_LN2, _LEAST_POWER = np.float32(_LN2), np.float32(-700.0)
 _FAR = np.float32(30.0)
 """Widths of the step of visibility; farther from it the probability is what it is there."""
 
@@ -112,47 +109,47 @@ def _cross(desk: Array, of: int, to: int) -> None:
 
 
 @inlined
-def _measure(problem: Problem, t: int, desk: Array) -> None:
+def _measure(problem: Problem, t: int, desk: Array, bench: Singles) -> None:
     """Misfit of frame t's detections, by the errors of hidden and of seen joints."""
     keypoints, scales, dofs = problem.keypoints, problem.error_scale, problem.error_dof
     for j in range(16):
         for side in range(2):
             of = _CROSSED * side + j
             du, dv = desk[_U + of] - keypoints[t, j, 0], desk[_V + of] - keypoints[t, j, 1]
+            misfit = np.float32(du * du + dv * dv)
             for visible in range(2):
                 to = 32 * side + 16 * visible + j
                 scale, dof = scales[t, j, visible], dofs[t, j, visible]
                 scale2 = scale * scale + desk[_LOOSE + of]
-                desk[_DENSITY + to] = 1.0 + (du * du + dv * dv) / (dof * scale2)
-                desk[_POWER + to] = -0.5 * dof - 1.0
-                desk[_SCALE2 + to] = scale2
+                bench[_RATIO + to] = _E1 + misfit / np.float32(dof * scale2)
+                bench[_POWER + to] = -0.5 * dof - 1.0
+                bench[_SCALE2 + to] = scale2
 
 
 @inlined
-def _raise(desk: Array) -> None:
+def _raise(bench: Singles, desk: Array) -> None:
     """Student's density: every ratio to its power, over its square scale."""
     for j in range(64):
         # ln x = e ln 2 + 2 artanh((f - 1) / (f + 1)) with f in [sqrt(1/2), sqrt 2).
-        bits = np.float64(desk[_DENSITY + j]).view(np.int64)
-        e = (bits - _HALF_BITS) >> 52
-        f = np.int64(bits - (e << 52)).view(np.float64)
-        s = (f - 1.0) / (f + 1.0)
+        bits = np.float32(bench[_RATIO + j]).view(np.int32)
+        e = np.int32((bits - _HALF_BITS) >> 23)
+        f = np.int32(bits - (e << 23)).view(np.float32)
+        s = (f - _E1) / (f + _E1)
         z = s * s
-        zz = z * z
-        q = (1.0 + 1 / 3 * z) + zz * ((1 / 5 + 1 / 7 * z) + zz * (1 / 9 + 1 / 11 * z))
-        q += zz * zz * zz * ((1 / 13 + 1 / 15 * z) + zz * ((1 / 17 + 1 / 19 * z) + 1 / 21 * zz))
-        x = desk[_POWER + j] * (2.0 * s * q + np.float64(e) * _LN2)
+        q = (_L1 + _L3 * z) + z * z * ((_L5 + _L7 * z) + z * z * _L9)
+        x = max(bench[_POWER + j] * (s * q + np.float32(e) * _SINGLE_LN2), _LEAST_POWER)
         # e^x = 2^n e^r with |r| below ln 2 / 2.
-        shifted = max(x, -700.0) * _LOG2E + _ROUND
+        shifted = x * _LOG2E + _ROUND
         n = shifted - _ROUND
-        r = (max(x, -700.0) - n * _LN2_HIGH) - n * _LN2_LOW
+        r = (x - n * _LN2_HIGH) - n * _LN2_LOW
         rr = r * r
-        p = ((_E8 + _E9 * r) + rr * (_E10 + _E11 * r)) + rr * rr * _E12
-        p = ((1.0 + r) + rr * (_E2 + _E3 * r)) + rr * rr * (
-            ((_E4 + _E5 * r) + rr * (_E6 + _E7 * r)) + rr * rr * p
-        )
-        scale = np.int64((np.float64(shifted).view(np.int64) + _BIAS) << 52).view(np.float64)
-        desk[_DENSITY + j] = p * scale / desk[_SCALE2 + j]
+        p = ((_E1 + r) + rr * (_E2 + _E3 * r)) + rr * rr * ((_E4 + _E5 * r) + rr * _E6)
+        bench[_RATIO + j] = p / bench[_SCALE2 + j]
+        bench[_POWER + j] = shifted
+    # Single precision ends where detections far off have not yet: so much for its exponent.
+    for j in range(64):
+        n = np.int64(np.float32(bench[_POWER + j]).view(np.int32)) - _ROUND_BITS
+        desk[_DENSITY + j] = bench[_RATIO + j] * np.int64((n + _BIAS) << 52).view(np.float64)
 
 
 @inlined
@@ -164,19 +161,21 @@ def set_chances(
     row: int,
     t: int,
     desk: Array,
+    bench: Singles,
     chances: Array,
     to: int,
 ) -> None:
     """Chances of frame t in which a scenelet poses the body, into ``chances[to]`` (64,).
 
-    ``joints[row]`` (3, 16) in the world, metres; ``body`` is how large the person is.
+    ``joints[row]`` (3, 16) in the world, metres; ``body`` is how large the person is. Desk and
+    bench are workspaces.
     """
     _project(lens, body, joints, row, desk)
     _cross(desk, _U, _CROSSED + _U)
     _cross(desk, _V, _CROSSED + _V)
     _cross(desk, _LOOSE, _CROSSED + _LOOSE)
-    _measure(problem, t, desk)
-    _raise(desk)
+    _measure(problem, t, desk, bench)
+    _raise(bench, desk)
     confidence = problem.confidence_density
     for j in range(16):
         hidden, seen = confidence[t, j, 0] * _PER_TURN, confidence[t, j, 1] * _PER_TURN
@@ -208,12 +207,12 @@ def _give_chances(problem: Problem, t: int, desk: Array, chances: Array, to: int
         for side in range(2):
             hidden, seen = desk[_DENSITY + 32 * side + j], desk[_DENSITY + 32 * side + 16 + j]
             # What was not detected says nothing.
-            desk[_POWER + 32 * side + j] = hidden if used[t, j] else 1.0
-            desk[_POWER + 32 * side + 16 + j] = seen - hidden if used[t, j] else 0.0
-    _cross(desk, _POWER + 32, _DENSITY + 32)
-    _cross(desk, _POWER + 48, _DENSITY + 48)
+            desk[_CHANCE + 32 * side + j] = hidden if used[t, j] else 1.0
+            desk[_CHANCE + 32 * side + 16 + j] = seen - hidden if used[t, j] else 0.0
+    _cross(desk, _CHANCE + 32, _DENSITY + 32)
+    _cross(desk, _CHANCE + 48, _DENSITY + 48)
     for j in range(32):
-        chances[to, j] = desk[_POWER + j]
+        chances[to, j] = desk[_CHANCE + j]
         chances[to, 32 + j] = desk[_DENSITY + 32 + j]
 
 
@@ -238,13 +237,13 @@ def find_seen(
         row = rows[i]
         for j in range(16):
             x = -min(max(gaps[row, j] * sharpness, -_FAR), _FAR)
-            shifted = x * _SINGLE_LOG2E + _SINGLE_ROUND
-            whole = shifted - _SINGLE_ROUND
-            r = (x - whole * _SINGLE_LN2_HIGH) - whole * _SINGLE_LN2_LOW
+            shifted = x * _LOG2E + _ROUND
+            whole = shifted - _ROUND
+            r = (x - whole * _LN2_HIGH) - whole * _LN2_LOW
             rr = r * r
-            p = ((_F1 + r) + rr * (_F2 + _F3 * r)) + rr * rr * ((_F4 + _F5 * r) + rr * _F6)
+            p = ((_E1 + r) + rr * (_E2 + _E3 * r)) + rr * rr * ((_E4 + _E5 * r) + rr * _E6)
             scale = np.int32((np.float32(shifted).view(np.int32) + 127) << 23).view(np.float32)
-            seen[i, j] = least + span / (_F1 + p * scale)
+            seen[i, j] = least + span / (_E1 + p * scale)
 
 
 @inlined

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from imapper_prob.models.jit import compiled
+from imapper_prob.models.jit import inlined
 from imapper_prob.models.kernels.body import apart, depth_in_box
 from imapper_prob.models.kernels.memory import ADDED, REMOVED, Memory
 from imapper_prob.models.kernels.sight import GAP, clear, may_hide, open_view
@@ -15,18 +15,17 @@ __all__ = ["find_changed", "meet_frames"]
 Ints = NDArray[np.int64]
 
 
-@compiled
+@inlined
 def meet_frames(memory: Memory, n: int, n_moved: int) -> None:
     """Let all ``n`` scenelets meet the frames that moved, and new ones every frame."""
     for i in range(n):
         slot = memory.slots[1, i]
-        if memory.role[slot] == ADDED:
-            _meet(memory, slot, memory.every, len(memory.every))
-        else:
-            _meet(memory, slot, memory.frames, n_moved)
+        fresh = memory.role[slot] == ADDED
+        frames = memory.every if fresh else memory.frames
+        _meet(memory, slot, frames, len(frames) if fresh else n_moved)
 
 
-@compiled
+@inlined
 def _meet(memory: Memory, slot: int, frames: Ints, n: int) -> None:
     """Clearance of lines of sight from the boxes in ``slot``, and how deep the body is in them.
 
@@ -56,7 +55,7 @@ def _meet(memory: Memory, slot: int, frames: Ints, n: int) -> None:
         memory.depths[slot, row] = depth
 
 
-@compiled
+@inlined
 def find_changed(memory: Memory, n: int, n_old: int) -> None:
     """Frames whose share can differ: they moved, or boxes that came or went matter there."""
     n_frames = len(memory.changed)

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from imapper_prob.models.jit import compiled
+from imapper_prob.models.jit import inlined
 from imapper_prob.models.kernels.memory import ADDED, Memory
 from imapper_prob.models.problem import Problem
 
@@ -18,12 +18,13 @@ Array = NDArray[np.float64]
 _LOG_2PI = math.log(2 * math.pi)
 _LARGE = 1e100
 """Products of variances grow to this before their logarithm is taken."""
-_STILL = 1e-12
+_STILL = 1e-9
 """A pelvis whose bearing and log depth changed by less than this since its frame was last
-worked out, a few picometres, counts as where it was; the sum changes by less than 1e-8 nats."""
+worked out counts as where it was. That is a few nanometres, a hundredth of what lines of sight
+in single precision can tell; the sum changes by less than 1e-6 nats."""
 
 
-@compiled
+@inlined
 def _segment(
     problem: Problem,
     memory: Memory,
@@ -86,7 +87,7 @@ def _segment(
     return evidence
 
 
-@compiled
+@inlined
 def find_path(
     problem: Problem,
     memory: Memory,

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from imapper_prob.models.energy.occlusion import set_window
 from imapper_prob.models.geometry import NOTHING_IN_SIGHT, OPAQUE
-from imapper_prob.models.jit import compiled, inlined
+from imapper_prob.models.jit import inlined
 from imapper_prob.models.limits import NEAR_SIGHT
 
 __all__ = [
@@ -60,7 +60,7 @@ _LEVEL = np.float32(1e-12)
 its clearance by no more."""
 
 
-@compiled
+@inlined
 def set_outlook(elevation: float, box: Array, turn: Array, outlook: Singles) -> None:
     """What :func:`clear` needs of a box, into ``outlook`` (15,).
 
@@ -154,8 +154,8 @@ def clear(
 ) -> bool:
     """Lower the clearance on the bench to that of ``lines[row]`` from some boxes.
 
-    These are ``first`` to ``last - 1`` of ``outlooks`` (K, 15), see :func:`set_outlook`. Returns whether any of the boxes
-    can come near a line of sight.
+    These are ``first`` to ``last - 1`` of ``outlooks`` (K, 15), see :func:`set_outlook`.
+    Returns whether any of them can come near a line of sight.
     """
     turned = -1
     for k in range(first, last):

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.models.energy.intersection import overlap_depth
-from imapper_prob.models.jit import compiled
+from imapper_prob.models.jit import inlined
 from imapper_prob.models.kernels.body import apart, set_footprint
 from imapper_prob.models.kernels.memory import ADDED, Memory
 from imapper_prob.models.kernels.sight import set_outlook
@@ -22,7 +22,7 @@ __all__ = ["fill_slot", "sum_pairs"]
 Array = NDArray[np.float64]
 
 
-@compiled
+@inlined
 def fill_slot(problem: Problem, memory: Memory, camera: Array, slot: int) -> None:
     """Everything of ``slot`` that follows from its item and placement."""
     _place_boxes(problem, memory, camera, slot)
@@ -37,7 +37,7 @@ def fill_slot(problem: Problem, memory: Memory, camera: Array, slot: int) -> Non
     memory.placed[slot] += log_size_density(memory.sizes[slot], problem.size_spread)
 
 
-@compiled
+@inlined
 def _pelvis(
     problem: Problem, memory: Memory, camera: Array, slot: int, frame: int, to: int
 ) -> float:
@@ -57,7 +57,7 @@ def _pelvis(
     return depth
 
 
-@compiled
+@inlined
 def _place_boxes(problem: Problem, memory: Memory, camera: Array, slot: int) -> None:
     scenelet = memory.items[slot, 0]
     px, py, yaw = memory.placements[slot]
@@ -89,7 +89,7 @@ def _place_boxes(problem: Problem, memory: Memory, camera: Array, slot: int) -> 
         hull[4] = min(hull[4], memory.outlooks[k, 4])
 
 
-@compiled
+@inlined
 def _collide(problem: Problem, memory: Memory, one: int, other: int) -> float:
     """Metres that objects in two slots are in each other, unless they are one (15)."""
     if apart(memory.floors, one, memory.floors, other):
@@ -108,7 +108,7 @@ def _collide(problem: Problem, memory: Memory, one: int, other: int) -> float:
     return total
 
 
-@compiled
+@inlined
 def sum_pairs(problem: Problem, memory: Memory, n: int) -> float:
     """What it costs that objects of the ``n`` proposed scenelets are in each other, nats."""
     depth = 0.0

@@ -62,7 +62,7 @@ def _differ(clearance: Singles, one: int, other: int) -> bool:
     return different
 
 
-@compiled
+@inlined
 def vote(problem: Problem, memory: Memory, n: int) -> None:
     """Votes and depths of the changed frames with all ``n`` scenelets."""
     n_weighed = _recall_votes(memory, n)
@@ -79,7 +79,7 @@ def vote(problem: Problem, memory: Memory, n: int) -> None:
         _set_vote(right, wrong, weight, memory.votes, weighed[i])
 
 
-@compiled
+@inlined
 def _recall_votes(memory: Memory, n: int) -> int:
     """Clearance and depth of the changed frames, and votes of those that were cast before.
 
@@ -121,7 +121,7 @@ def _recall_votes(memory: Memory, n: int) -> int:
     return n_weighed
 
 
-@compiled
+@inlined
 def sum_votes(problem: Problem, memory: Memory) -> float:
     """Detections of all frames, whichever are swapped, cost of free poses, and depth inside.
 
