@@ -24,6 +24,8 @@ from imapper_prob.models.kernels.sight import (
     BENCH,
     GAP,
     LINE,
+    OUTLOOK,
+    VIEW,
     Singles,
     aim,
     clear,
@@ -126,11 +128,11 @@ def bare_kernel(world: World) -> Callable[[], object]:
     """The compiled arithmetic without pruning: every box counts as in sight."""
     joints = np.ascontiguousarray(motion(world.problem, world.state).transpose(0, 2, 1))
     elevation = float(world.state.camera[1])
-    outlooks = np.zeros((len(world.boxes), 15), np.float32)
+    outlooks = np.zeros((len(world.boxes), OUTLOOK), np.float32)
     turns = np.stack([np.cos(world.boxes[:, 6]), np.sin(world.boxes[:, 6])], -1)
     for box, turn, outlook in zip(world.boxes, turns, outlooks, strict=True):
         set_outlook(elevation, box, turn, outlook)
-    outlooks[:, :5] = [-np.inf, np.inf, -np.inf, np.inf, -np.inf]
+    outlooks[:, :VIEW] = [-np.inf, np.inf, -np.inf, np.inf, -np.inf]
     everywhere = [-np.inf, np.inf, -np.inf, np.inf, np.inf]
     views = np.tile(np.array(everywhere, np.float32), (len(joints), 1))
     return lambda: _bare(elevation, joints, outlooks, views)

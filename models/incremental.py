@@ -57,9 +57,9 @@ class Incremental:
         """log pi of ``state``, nats, -inf outside the support; the current state stays."""
         if state.n_scenelets > self._capacity:
             self._start(2 * state.n_scenelets)
+        now = self._state
         value: float = change(
-            self._session, self._state.n_scenelets, self._state.camera, self._state.latent,
-            state.camera, state.items, state.placements, state.sizes, state.latent,
+            self._session, now.n_scenelets, now.camera, now.latent, state.camera, state.items, state.placements, state.sizes, state.latent,
         )  # fmt: skip
         self._proposal = state, value
         return value

@@ -116,13 +116,13 @@ def _measure(problem: Problem, t: int, desk: Array, bench: Singles) -> None:
         for side in range(2):
             of = _CROSSED * side + j
             du, dv = desk[_U + of] - keypoints[t, j, 0], desk[_V + of] - keypoints[t, j, 1]
-            misfit = np.float32(du * du + dv * dv)
+            misfit, loose = np.float32(du * du + dv * dv), np.float32(desk[_LOOSE + of])
             for visible in range(2):
                 to = 32 * side + 16 * visible + j
-                scale, dof = scales[t, j, visible], dofs[t, j, visible]
-                scale2 = scale * scale + desk[_LOOSE + of]
-                bench[_RATIO + to] = _E1 + misfit / np.float32(dof * scale2)
-                bench[_POWER + to] = -0.5 * dof - 1.0
+                scale, dof = np.float32(scales[t, j, visible]), np.float32(dofs[t, j, visible])
+                scale2 = scale * scale + loose
+                bench[_RATIO + to] = _E1 + misfit / (dof * scale2)
+                bench[_POWER + to] = -_E2 * dof - _E1
                 bench[_SCALE2 + to] = scale2
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.models.kernels.frame import CHANCES, DESK
-from imapper_prob.models.kernels.sight import BENCH, LINE, Singles
+from imapper_prob.models.kernels.sight import BENCH, LINE, OUTLOOK, VIEW, Singles
 from imapper_prob.models.problem import Problem
 
 __all__ = ["ADDED", "KEPT", "REMOVED", "UNUSED", "Memory", "new_memory"]
@@ -76,6 +76,7 @@ class Memory(NamedTuple):
     votes: Array  # (2 T, 3) see vote
     inside: Array  # (2 T,) how deep the body is in objects not its own and the floor, metres
 
+    poses: Array  # (T, 3, 16) of the problem, with the joints side by side
     own: Array  # (T, 64) CHANCES of a free frame
     bare: Array  # (T, 3) votes of a free frame with nothing in sight
     watched: Flags  # (T,) whether anything of the frame was detected
@@ -121,9 +122,9 @@ def new_memory(problem: Problem, capacity: int) -> Memory:
         counts=ints(n_slots),
         boxes=zeros(all_boxes, 7),
         turns=zeros(all_boxes, 3),
-        outlooks=singles(all_boxes, 15),
+        outlooks=singles(all_boxes, OUTLOOK),
         footprints=zeros(all_boxes, 4),
-        hulls=singles(n_slots, 5),
+        hulls=singles(n_slots, VIEW),
         floors=zeros(n_slots, 4),
         labels=ints(all_boxes),
         yaws=zeros(all_boxes),
@@ -133,7 +134,7 @@ def new_memory(problem: Problem, capacity: int) -> Memory:
         path=zeros(rows, 2),
         joints=zeros(rows, 3, 16),
         lines=singles(rows, LINE),
-        views=singles(rows, 5),
+        views=singles(rows, VIEW),
         columns=zeros(rows, 5, 4),
         ground=zeros(rows, 4),
         sunk=zeros(rows),
@@ -147,6 +148,7 @@ def new_memory(problem: Problem, capacity: int) -> Memory:
         clearance=singles(rows, 16),
         votes=zeros(rows, 3),
         inside=zeros(rows),
+        poses=np.ascontiguousarray(problem.poses.transpose(0, 2, 1)),
         own=zeros(n_frames, CHANCES),
         bare=zeros(n_frames, 3),
         watched=np.asarray(problem.used.any(axis=1), np.uint8),

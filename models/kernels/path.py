@@ -41,49 +41,56 @@ def _segment(
     with the first pelvis of ``right``. The path drawn is left in the last two columns of
     ``memory.filtered``. Returns nats.
     """
-    focal = math.exp(camera[2])
-    evidence = 0.0
     filtered, pelvis = memory.filtered, memory.pelvis
+    if left >= 0:
+        bearing, depth = pelvis[left, 2], pelvis[left, 3]
+        doubt, depth_doubt = problem.step_variance[0], problem.step_variance[1]
+    else:
+        bearing, depth = problem.start_mean[0], problem.start_mean[1]
+        doubt, depth_doubt = problem.start_variance[0], problem.start_variance[1]
+    step, depth_step = problem.step_variance[0], problem.step_variance[1]
+    # The same pixels under another focal length and body size.
+    focal, offset = math.exp(camera[2]), camera[2] + camera[3]
     precisions, measured = problem.precision, problem.measured
-    for axis in range(2):
-        step = problem.step_variance[axis]
-        if left >= 0:
-            mean, variance = pelvis[left, 2 + axis], step
-        else:
-            mean, variance = problem.start_mean[axis], problem.start_variance[axis]
-        # The same pixels under another focal length and body size.
-        scale, offset, sharper = 1.0 / focal, 0.0, focal * focal
-        if axis == 1:
-            scale, offset, sharper = 1.0, camera[2] + camera[3], 1.0
-        growth = 1.0
-        for t in range(first, last):
-            precision = sharper * precisions[t, axis]
-            error = scale * measured[t, axis] + offset - mean
-            grown = 1.0 + precision * variance
-            variance /= grown
-            evidence -= 0.5 * precision * error * error / grown
-            mean += precision * variance * error
-            growth *= grown
-            if growth > _LARGE:
-                evidence -= 0.5 * math.log(growth)
-                growth = 1.0
-            filtered[t, 2 * axis], filtered[t, 2 * axis + 1] = mean, variance
-            variance += step
-        evidence -= 0.5 * math.log(growth)
-        if right >= 0:
-            ahead = pelvis[right, axis]
-            error = ahead - mean
-            evidence -= 0.5 * (_LOG_2PI + math.log(variance) + error * error / variance)
-        else:
-            ahead = 0.0
-        for t in range(last - 1, first - 1, -1):
-            mean, variance = filtered[t, 2 * axis], filtered[t, 2 * axis + 1]
-            if t + 1 < len(latent):
-                gain = variance / (variance + step)
-                mean += gain * (ahead - mean)
-                variance *= 1.0 - gain
-            ahead = mean + math.sqrt(variance) * latent[t, axis]
-            filtered[t, 4 + axis] = ahead
+    # Both coordinates in one loop: while one waits for a division, the other goes on.
+    cost, grown, log_grown = 0.0, 1.0, 0.0
+    for t in range(first, last):
+        precision, depth_precision = focal * focal * precisions[t, 0], precisions[t, 1]
+        error, depth_error = measured[t, 0] / focal - bearing, measured[t, 1] + offset - depth
+        growth, depth_growth = 1.0 + precision * doubt, 1.0 + depth_precision * depth_doubt
+        doubt, depth_doubt = doubt / growth, depth_doubt / depth_growth
+        cost += precision * error * error / growth
+        cost += depth_precision * depth_error * depth_error / depth_growth
+        bearing += precision * doubt * error
+        depth += depth_precision * depth_doubt * depth_error
+        grown *= growth * depth_growth
+        if grown > _LARGE:
+            log_grown += math.log(grown)
+            grown = 1.0
+        filtered[t, 0], filtered[t, 1], filtered[t, 2], filtered[t, 3] = (
+            bearing, doubt, depth, depth_doubt,
+        )  # fmt: skip
+        doubt += step
+        depth_doubt += depth_step
+    evidence = -0.5 * (cost + log_grown + math.log(grown))
+    ahead, depth_ahead = 0.0, 0.0
+    if right >= 0:
+        ahead, depth_ahead = pelvis[right, 0], pelvis[right, 1]
+        error, depth_error = ahead - bearing, depth_ahead - depth
+        evidence -= _LOG_2PI + 0.5 * math.log(doubt * depth_doubt)
+        evidence -= 0.5 * (error * error / doubt + depth_error * depth_error / depth_doubt)
+    for t in range(last - 1, first - 1, -1):
+        bearing, doubt, depth, depth_doubt = (
+            filtered[t, 0], filtered[t, 1], filtered[t, 2], filtered[t, 3],
+        )  # fmt: skip
+        if t + 1 < len(latent):
+            gain, depth_gain = doubt / (doubt + step), depth_doubt / (depth_doubt + depth_step)
+            bearing += gain * (ahead - bearing)
+            depth += depth_gain * (depth_ahead - depth)
+            doubt, depth_doubt = doubt * (1.0 - gain), depth_doubt * (1.0 - depth_gain)
+        ahead = bearing + math.sqrt(doubt) * latent[t, 0]
+        depth_ahead = depth + math.sqrt(depth_doubt) * latent[t, 1]
+        filtered[t, 4], filtered[t, 5] = ahead, depth_ahead
     return evidence
 
 

@@ -45,7 +45,7 @@ def pose_frames(problem: Problem, memory: Memory, n: int, n_moved: int, camera: 
     for i in range(n_moved):
         row = rows[memory.frames[i]]
         aim(camera[1], joints, lines, row)
-        look(lines, views, row)
+        look(lines, row, memory.bench, views)
         set_columns(joints, row, columns, ground, row)
         sunk[row] = depth_below_floor(joints, row)
 
@@ -85,7 +85,7 @@ def _pose_free_frames(problem: Problem, memory: Memory, n_moved: int, camera: Ar
     cr, sr = math.cos(camera[4]), math.sin(camera[4])
     focal, body, elevation = math.exp(camera[2]), math.exp(camera[3]), camera[1]
     joints, path, rows, cover = memory.joints, memory.path, memory.pose_row, memory.cover
-    poses, lift = problem.poses, problem.lift
+    poses, lift = memory.poses, problem.lift
     for i in range(n_moved):
         t = memory.frames[i]
         if cover[1, t] < 0:
@@ -93,9 +93,9 @@ def _pose_free_frames(problem: Problem, memory: Memory, n_moved: int, camera: Ar
             depth = math.exp(path[row, 1])
             px, pz = path[row, 0] * depth, lift[t] / focal * depth
             for j in range(16):
-                right = px + body * poses[t, j, 0]
-                y = depth + body * poses[t, j, 1]
-                up = pz + body * poses[t, j, 2]
+                right = px + body * poses[t, 0, j]
+                y = depth + body * poses[t, 1, j]
+                up = pz + body * poses[t, 2, j]
                 z = sr * right + cr * up
                 joints[row, 0, j] = cr * right - sr * up
                 joints[row, 1, j] = cp * y - sp * z

@@ -14,6 +14,8 @@ from imapper_prob.models.kernels.sight import (
     BENCH,
     GAP,
     LINE,
+    OUTLOOK,
+    VIEW,
     Singles,
     aim,
     clear,
@@ -32,15 +34,15 @@ Ints = NDArray[np.int64]
 @compiled
 def find_clearances(elevation: float, joints: Array, boxes: Array, turns: Array) -> Singles:
     """(T, 16) clearance of the line of sight to every joint from all boxes, metres."""
-    outlooks = np.empty((len(boxes), 15), np.float32)
+    outlooks = np.empty((len(boxes), OUTLOOK), np.float32)
     for k in range(len(boxes)):
         set_outlook(elevation, boxes[k], turns[k], outlooks[k])
     n = len(joints)
     bench, gaps = np.empty(BENCH, np.float32), np.empty((n, 16), np.float32)
-    lines, views = np.empty((n, LINE), np.float32), np.empty((n, 5), np.float32)
+    lines, views = np.empty((n, LINE), np.float32), np.empty((n, VIEW), np.float32)
     for t in range(n):
         aim(elevation, joints, lines, t)
-        look(lines, views, t)
+        look(lines, t, bench, views)
     for t in range(n):
         open_view(bench)
         clear(outlooks, 0, len(boxes), lines, views, t, bench)

@@ -29,8 +29,8 @@ from imapper_prob.models.jit import inlined
 from imapper_prob.models.limits import NEAR_SIGHT
 
 __all__ = [
-    "BENCH", "GAP", "LINE", "Singles", "aim", "clear", "look", "may_hide", "open_view",
-    "set_outlook",
+    "BENCH", "GAP", "LINE", "OUTLOOK", "VIEW", "Singles", "aim", "clear", "look", "may_hide",
+    "open_view", "set_outlook",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
@@ -40,6 +40,8 @@ _X, _Y, _Z = 0, 16, 32
 """Where the rows of a line start: to each joint from the camera, in the world, metres."""
 LINE = 48
 """Numbers of the lines of sight of a frame."""
+VIEW, OUTLOOK = 5, 15
+"""Numbers of a frame's view, and of a box's outlook."""
 
 # Where the rows of the bench start. Lines in a box's axes: half of each, and half its size
 # along each axis;
@@ -47,6 +49,8 @@ _MIDDLE, _EXTENT = 0, 48
 # for the pairs of axes 01, 02, 12 the share of the first in |d_i| + |d_k|, and that of the
 # second, signed as d_i d_k.
 _FIRST, _SECOND = 96, 144
+# When looking, of every joint.
+_BEARING, _SLOPE = 0, 16
 GAP = 192
 """Row of the bench that holds the clearance of every joint, metres."""
 BENCH = 208
@@ -99,22 +103,23 @@ def aim(elevation: float, joints: Array, lines: Singles, row: int) -> None:
 
 
 @inlined
-def look(lines: Singles, views: Singles, row: int) -> None:
+def look(lines: Singles, row: int, bench: Singles, views: Singles) -> None:
     """The part of the view in which the lines of sight lie, into ``views[row]`` (5,).
 
     Bounds of bearing x / y and of slope z / y, and the largest y. A joint behind the camera
     may be anywhere.
     """
+    for j in range(16):
+        nearness = _ONE / lines[row, _Y + j]
+        bench[_BEARING + j] = lines[row, _X + j] * nearness
+        bench[_SLOPE + j] = lines[row, _Z + j] * nearness
     nearest = far = lines[row, _Y]
-    left = right = lines[row, _X] / nearest
-    low = high = lines[row, _Z] / nearest
+    left = right = bench[_BEARING]
+    low = high = bench[_SLOPE]
     for j in range(1, 16):
-        y = lines[row, _Y + j]
-        nearness = _ONE / y
-        bearing, slope = lines[row, _X + j] * nearness, lines[row, _Z + j] * nearness
-        nearest, far = min(nearest, y), max(far, y)
-        left, right = min(left, bearing), max(right, bearing)
-        low, high = min(low, slope), max(high, slope)
+        nearest, far = min(nearest, lines[row, _Y + j]), max(far, lines[row, _Y + j])
+        left, right = min(left, bench[_BEARING + j]), max(right, bench[_BEARING + j])
+        low, high = min(low, bench[_SLOPE + j]), max(high, bench[_SLOPE + j])
     if nearest <= NEAR_SIGHT:
         left = low = -_EVERYWHERE
         right = high = far = _EVERYWHERE
