@@ -24,9 +24,11 @@ from imapper_prob.models.jit import compiled
 from imapper_prob.models.kernels.frame import (
     CHANCES,
     DESK,
+    FACTS,
     find_seen,
     lens_of,
     set_chances,
+    set_detections,
     set_own_chances,
     weigh,
 )
@@ -131,13 +133,15 @@ def _weigh_frames(
     n, lens, body, of = len(item_of), lens_of(problem, camera), 1.0, -1
     chances, desk = np.empty((1, CHANCES)), np.empty(DESK)
     bench, seen = np.empty(BENCH, np.float32), np.empty((n, 16), np.float32)
+    places, facts = np.empty((1, 2, 2, 16)), np.empty((1, 2, FACTS, 16), np.float32)
     find_seen(gaps, np.arange(n), n, problem.sight_width, problem.surprise, seen)
     for t in range(n):
         if item_of[t] >= 0:
             if item_of[t] != of:
                 of = item_of[t]
                 body = math.exp(camera[3] + sizes[of])
-            set_chances(problem, lens, body, joints, t, t, desk, bench, chances, 0)
+            set_detections(problem, t, places, facts, 0)
+            set_chances(lens, body, joints, t, places, facts, 0, desk, bench, chances, 0)
         else:
             set_own_chances(problem, t, desk, chances, 0)
         by_frame[t, 0], by_frame[t, 1] = weigh(chances, 0, seen, t, desk)

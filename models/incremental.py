@@ -12,7 +12,7 @@ import math
 from imapper_prob.models.kernels.change import change, settle
 from imapper_prob.models.kernels.memory import new_memory
 from imapper_prob.models.kernels.session import open_session
-from imapper_prob.models.kernels.votes import vote_barely
+from imapper_prob.models.kernels.votes import prepare
 from imapper_prob.models.posterior import State
 from imapper_prob.models.problem import Problem
 
@@ -59,7 +59,8 @@ class Incremental:
             self._start(2 * state.n_scenelets)
         now = self._state
         value: float = change(
-            self._session, now.n_scenelets, now.camera, now.latent, state.camera, state.items, state.placements, state.sizes, state.latent,
+            self._session, now.n_scenelets, now.camera, now.latent,
+            state.camera, state.items, state.placements, state.sizes, state.latent,
         )  # fmt: skip
         self._proposal = state, value
         return value
@@ -85,7 +86,7 @@ class Incremental:
         state = self._state
         self._capacity = max(room, state.n_scenelets)
         memory = new_memory(self._problem, self._capacity)
-        vote_barely(self._problem, memory)
+        prepare(self._problem, memory)
         self._session = open_session(self._problem, memory)
         value: float = change(
             self._session, -1, state.camera, state.latent,

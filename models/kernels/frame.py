@@ -24,7 +24,8 @@ from imapper_prob.models.problem import Problem
 from imapper_prob.models.skeleton import MIRROR
 
 __all__ = [
-    "CHANCES", "DESK", "Lens", "find_seen", "lens_of", "set_chances", "set_own_chances", "weigh",
+    "CHANCES", "DESK", "FACTS", "Lens", "find_seen", "lens_of", "set_chances", "set_detections",
+    "set_own_chances", "weigh",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
@@ -38,17 +39,20 @@ CHANCES = 64
 joints are greater; both for sides as they are and then swapped. A joint is in its own place,
 whichever side's detection it answers for: only their product counts."""
 
-# Where the rows of the desk start: pixels, and square pixels of the pose's doubt, of the
-# joints and then of those of the other side;
-_U, _V, _LOOSE = 0, 16, 32
-_CROSSED = 48
-# sides as they are, hidden and seen; sides swapped, hidden and seen; and the same as chances.
-_DENSITY, _CHANCE = 96, 160
-DESK = 224
+# What is known of the detection that a joint answers for: whether it was used; square scale,
+# degrees of freedom and the confidence's density over 2 pi, of hidden and of seen joints.
+_USED, _SCALE2, _DOF, _CONFIDENCE = 0, 1, 3, 5
+FACTS = 7
+"""How many such facts there are."""
+
+# Where the rows of the desk start: pixels, and square pixels of the pose's doubt; densities:
+# sides as they are, hidden and seen, and sides swapped, hidden and seen.
+_U, _V, _LOOSE, _DENSITY = 0, 16, 32, 48
+DESK = 112
 """Numbers on the desk, the workspace."""
-# On the bench, in the order of densities: 1 + r^2 / (dof scale^2), the power it is raised to,
-# and the square scale, pixels.
-_RATIO, _POWER, _SCALE2 = 0, 64, 128
+# On the bench, in the order of densities: 1 + r^2 / (dof scale^2) and the power it is raised
+# to, then the density but for its exponent, and that.
+_RATIO, _POWER, _FRACTION, _EXPONENT = 0, 64, 0, 64
 
 _SMALLEST = float(np.finfo(np.float64).tiny)
 """No density counts less."""
@@ -102,33 +106,47 @@ def _project(lens: Lens, body: float, joints: Array, row: int, desk: Array) -> N
 
 
 @inlined
-def _cross(desk: Array, of: int, to: int) -> None:
-    """A row of the desk with the joints of the other side."""
+def set_detections(problem: Problem, t: int, places: Array, facts: Singles, row: int) -> None:
+    """The detections of frame t, side by side in the joints' places.
+
+    Into ``places[row]`` (2, 2, 16), their u and v in pixels, and ``facts[row]`` (2, 7, 16);
+    first those of a joint's own side, then of the other.
+    """
+    keypoints, used = problem.keypoints, problem.used
+    scales, dofs, confidence = problem.error_scale, problem.error_dof, problem.confidence_density
     for j in range(16):
-        desk[to + j] = desk[of + _OTHER[j]]
+        places[row, 0, 0, j], places[row, 0, 1, j] = keypoints[t, j, 0], keypoints[t, j, 1]
+        facts[row, 0, _USED, j] = used[t, j]
+        for visible in range(2):
+            facts[row, 0, _SCALE2 + visible, j] = scales[t, j, visible] * scales[t, j, visible]
+            facts[row, 0, _DOF + visible, j] = dofs[t, j, visible]
+            facts[row, 0, _CONFIDENCE + visible, j] = confidence[t, j, visible] * _PER_TURN
+    for j in range(16):
+        for i in range(2):
+            places[row, 1, i, j] = places[row, 0, i, _OTHER[j]]
+        for i in range(FACTS):
+            facts[row, 1, i, j] = facts[row, 0, i, _OTHER[j]]
 
 
 @inlined
-def _measure(problem: Problem, t: int, desk: Array, bench: Singles) -> None:
-    """Misfit of frame t's detections, by the errors of hidden and of seen joints."""
-    keypoints, scales, dofs = problem.keypoints, problem.error_scale, problem.error_dof
+def _measure(places: Array, facts: Singles, row: int, desk: Array, bench: Singles) -> None:
+    """Misfit of detections, by the errors of hidden and of seen joints."""
     for j in range(16):
+        loose = np.float32(desk[_LOOSE + j])
         for side in range(2):
-            of = _CROSSED * side + j
-            du, dv = desk[_U + of] - keypoints[t, j, 0], desk[_V + of] - keypoints[t, j, 1]
-            misfit, loose = np.float32(du * du + dv * dv), np.float32(desk[_LOOSE + of])
+            du, dv = desk[_U + j] - places[row, side, 0, j], desk[_V + j] - places[row, side, 1, j]
+            misfit = np.float32(du * du + dv * dv)
             for visible in range(2):
                 to = 32 * side + 16 * visible + j
-                scale, dof = np.float32(scales[t, j, visible]), np.float32(dofs[t, j, visible])
-                scale2 = scale * scale + loose
+                scale2 = facts[row, side, _SCALE2 + visible, j] + loose
+                dof = facts[row, side, _DOF + visible, j]
                 bench[_RATIO + to] = _E1 + misfit / (dof * scale2)
                 bench[_POWER + to] = -_E2 * dof - _E1
-                bench[_SCALE2 + to] = scale2
 
 
 @inlined
-def _raise(bench: Singles, desk: Array) -> None:
-    """Student's density: every ratio to its power, over its square scale."""
+def _raise(bench: Singles) -> None:
+    """Every ratio to its power: the fraction p and the exponent n of p 2^n."""
     for j in range(64):
         # ln x = e ln 2 + 2 artanh((f - 1) / (f + 1)) with f in [sqrt(1/2), sqrt 2).
         bits = np.float32(bench[_RATIO + j]).view(np.int32)
@@ -143,77 +161,68 @@ def _raise(bench: Singles, desk: Array) -> None:
         n = shifted - _ROUND
         r = (x - n * _LN2_HIGH) - n * _LN2_LOW
         rr = r * r
-        p = ((_E1 + r) + rr * (_E2 + _E3 * r)) + rr * rr * ((_E4 + _E5 * r) + rr * _E6)
-        bench[_RATIO + j] = p / bench[_SCALE2 + j]
-        bench[_POWER + j] = shifted
-    # Single precision ends where detections far off have not yet: so much for its exponent.
-    for j in range(64):
-        n = np.int64(np.float32(bench[_POWER + j]).view(np.int32)) - _ROUND_BITS
-        desk[_DENSITY + j] = bench[_RATIO + j] * np.int64((n + _BIAS) << 52).view(np.float64)
+        bench[_FRACTION + j] = ((_E1 + r) + rr * (_E2 + _E3 * r)) + rr * rr * (
+            (_E4 + _E5 * r) + rr * _E6
+        )
+        bench[_EXPONENT + j] = shifted
 
 
 @inlined
 def set_chances(
-    problem: Problem,
     lens: Lens,
     body: float,
     joints: Array,
     row: int,
-    t: int,
+    places: Array,
+    facts: Singles,
+    of: int,
     desk: Array,
     bench: Singles,
     chances: Array,
     to: int,
 ) -> None:
-    """Chances of frame t in which a scenelet poses the body, into ``chances[to]`` (64,).
+    """Chances of a frame in which a scenelet poses the body, into ``chances[to]`` (64,).
 
-    ``joints[row]`` (3, 16) in the world, metres; ``body`` is how large the person is. Desk and
-    bench are workspaces.
+    ``joints[row]`` (3, 16) in the world, metres; ``body`` is how large the person is;
+    ``places[of]`` and ``facts[of]`` are those of :func:`set_detections`. Desk and bench are
+    workspaces.
     """
     _project(lens, body, joints, row, desk)
-    _cross(desk, _U, _CROSSED + _U)
-    _cross(desk, _V, _CROSSED + _V)
-    _cross(desk, _LOOSE, _CROSSED + _LOOSE)
-    _measure(problem, t, desk, bench)
-    _raise(bench, desk)
-    confidence = problem.confidence_density
+    _measure(places, facts, of, desk, bench)
+    _raise(bench)
     for j in range(16):
-        hidden, seen = confidence[t, j, 0] * _PER_TURN, confidence[t, j, 1] * _PER_TURN
-        desk[_DENSITY + j] *= hidden
-        desk[_DENSITY + 16 + j] *= seen
-        desk[_DENSITY + 32 + j] *= hidden
-        desk[_DENSITY + 48 + j] *= seen
-    _give_chances(problem, t, desk, chances, to)
+        loose = np.float32(desk[_LOOSE + j])
+        for side in range(2):
+            for visible in range(2):
+                at = 32 * side + 16 * visible + j
+                scale2 = facts[of, side, _SCALE2 + visible, j] + loose
+                part = bench[_FRACTION + at] * facts[of, side, _CONFIDENCE + visible, j] / scale2
+                # Single precision ends where detections far off do not yet: so much for 2^n.
+                n = np.int64(np.float32(bench[_EXPONENT + at]).view(np.int32)) - _ROUND_BITS
+                desk[_DENSITY + at] = part * np.int64((n + _BIAS) << 52).view(np.float64)
+    for j in range(16):
+        for side in range(2):
+            hidden, seen = desk[_DENSITY + 32 * side + j], desk[_DENSITY + 32 * side + 16 + j]
+            used = facts[of, side, _USED, j] > 0
+            # What was not detected says nothing.
+            chances[to, 32 * side + j] = hidden if used else 1.0
+            chances[to, 32 * side + 16 + j] = seen - hidden if used else 0.0
 
 
 @inlined
 def set_own_chances(problem: Problem, t: int, desk: Array, chances: Array, to: int) -> None:
     """Chances of frame t in its own pose, which no camera changes, into ``chances[to]`` (64,)."""
-    static = problem.static_density
-    for j in range(16):
-        desk[_DENSITY + j] = static[0, t, j, 0]
-        desk[_DENSITY + 16 + j] = static[0, t, j, 1]
-    for j in range(16):
-        desk[_DENSITY + 32 + j] = static[1, t, j, 0]
-        desk[_DENSITY + 48 + j] = static[1, t, j, 1]
-    _give_chances(problem, t, desk, chances, to)
-
-
-@inlined
-def _give_chances(problem: Problem, t: int, desk: Array, chances: Array, to: int) -> None:
-    """Densities on the desk as chances: see ``CHANCES``."""
-    used = problem.used
+    static, used = problem.static_density, problem.used
     for j in range(16):
         for side in range(2):
-            hidden, seen = desk[_DENSITY + 32 * side + j], desk[_DENSITY + 32 * side + 16 + j]
-            # What was not detected says nothing.
-            desk[_CHANCE + 32 * side + j] = hidden if used[t, j] else 1.0
-            desk[_CHANCE + 32 * side + 16 + j] = seen - hidden if used[t, j] else 0.0
-    _cross(desk, _CHANCE + 32, _DENSITY + 32)
-    _cross(desk, _CHANCE + 48, _DENSITY + 48)
+            hidden, seen = static[side, t, j, 0], static[side, t, j, 1]
+            desk[_DENSITY + 32 * side + j] = hidden if used[t, j] else 1.0
+            desk[_DENSITY + 32 * side + 16 + j] = seen - hidden if used[t, j] else 0.0
     for j in range(32):
-        chances[to, j] = desk[_CHANCE + j]
-        chances[to, 32 + j] = desk[_DENSITY + 32 + j]
+        chances[to, j] = desk[_DENSITY + j]
+    for j in range(16):
+        chances[to, 32 + j] = desk[_DENSITY + 32 + _OTHER[j]]
+        chances[to, 48 + j] = desk[_DENSITY + 48 + _OTHER[j]]
 
 
 @compiled

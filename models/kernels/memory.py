@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from imapper_prob.models.kernels.frame import CHANCES, DESK
+from imapper_prob.models.kernels.frame import CHANCES, DESK, FACTS
 from imapper_prob.models.kernels.sight import BENCH, LINE, OUTLOOK, VIEW, Singles
 from imapper_prob.models.problem import Problem
 
@@ -77,6 +77,8 @@ class Memory(NamedTuple):
     inside: Array  # (2 T,) how deep the body is in objects not its own and the floor, metres
 
     poses: Array  # (T, 3, 16) of the problem, with the joints side by side
+    places: Array  # (T, 2, 2, 16) see set_detections
+    facts: Singles  # (T, 2, 7, 16) see set_detections
     own: Array  # (T, 64) CHANCES of a free frame
     bare: Array  # (T, 3) votes of a free frame with nothing in sight
     watched: Flags  # (T,) whether anything of the frame was detected
@@ -149,6 +151,8 @@ def new_memory(problem: Problem, capacity: int) -> Memory:
         votes=zeros(rows, 3),
         inside=zeros(rows),
         poses=np.ascontiguousarray(problem.poses.transpose(0, 2, 1)),
+        places=zeros(n_frames, 2, 2, 16),
+        facts=singles(n_frames, 2, FACTS, 16),
         own=zeros(n_frames, CHANCES),
         bare=zeros(n_frames, 3),
         watched=np.asarray(problem.used.any(axis=1), np.uint8),

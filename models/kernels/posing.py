@@ -73,9 +73,10 @@ def _find_chances(problem: Problem, memory: Memory, camera: Array, slot: int) ->
     """How likely the detections are, of joints hidden and seen, in all frames of ``slot``."""
     lens, body = lens_of(problem, camera), memory.bodies[slot]
     joints, rows, chances = memory.joints, memory.pose_row, memory.chances
-    desk, bench = memory.desk, memory.bench
+    places, facts, desk, bench = memory.places, memory.facts, memory.desk, memory.bench
     for t in range(memory.items[slot, 1], memory.items[slot, 2]):
-        set_chances(problem, lens, body, joints, rows[t], t, desk, bench, chances, rows[t])
+        row = rows[t]
+        set_chances(lens, body, joints, row, places, facts, t, desk, bench, chances, row)
 
 
 @inlined

@@ -43,17 +43,16 @@ LINE = 48
 VIEW, OUTLOOK = 5, 15
 """Numbers of a frame's view, and of a box's outlook."""
 
-# Where the rows of the bench start. Lines in a box's axes: half of each, and half its size
-# along each axis;
-_MIDDLE, _EXTENT = 0, 48
+# Where the rows of the bench start. Half of every line in a box's axes;
+_MIDDLE = 0
 # for the pairs of axes 01, 02, 12 the share of the first in |d_i| + |d_k|, and that of the
 # second, signed as d_i d_k.
-_FIRST, _SECOND = 96, 144
+_FIRST, _SECOND = 48, 96
 # When looking, of every joint.
 _BEARING, _SLOPE = 0, 16
-GAP = 192
+GAP = 144
 """Row of the bench that holds the clearance of every joint, metres."""
-BENCH = 208
+BENCH = 192
 """Numbers on the bench."""
 
 # Of single precision too, for one number in double makes double of all it meets.
@@ -183,9 +182,6 @@ def _turn(c: float, s: float, lines: Singles, row: int, bench: Singles) -> None:
         bench[_MIDDLE + j] = _HALF * u
         bench[_MIDDLE + 16 + j] = _HALF * v
         bench[_MIDDLE + 32 + j] = _HALF * w
-        bench[_EXTENT + j] = _HALF * abs(u)
-        bench[_EXTENT + 16 + j] = _HALF * abs(v)
-        bench[_EXTENT + 32 + j] = _HALF * abs(w)
         along, across, up = max(abs(u), _LEVEL), max(abs(v), _LEVEL), max(abs(w), _LEVEL)
         share = along / (along + across)
         bench[_FIRST + j] = share
@@ -206,9 +202,11 @@ def _pass_by(outlooks: Singles, k: int, bench: Singles) -> None:
     thin, least = outlooks[k, 13], outlooks[k, 14]
     longer01, longer02, longer12 = h0 - h1, h0 - h2, h1 - h2
     for j in range(16):
-        axis0 = abs(p0 + bench[_MIDDLE + j]) - bench[_EXTENT + j] - h0
-        axis1 = abs(p1 + bench[_MIDDLE + 16 + j]) - bench[_EXTENT + 16 + j] - h1
-        axis2 = abs(p2 + bench[_MIDDLE + 32 + j]) - bench[_EXTENT + 32 + j] - h2
+        half0, half1 = bench[_MIDDLE + j], bench[_MIDDLE + 16 + j]
+        half2 = bench[_MIDDLE + 32 + j]
+        axis0 = abs(p0 + half0) - abs(half0) - h0
+        axis1 = abs(p1 + half1) - abs(half1) - h1
+        axis2 = abs(p2 + half2) - abs(half2) - h2
         first, second = bench[_FIRST + j], bench[_SECOND + j]
         pair01 = abs(first * p1 - second * p0) + (first * longer01 - h0)
         first, second = bench[_FIRST + 16 + j], bench[_SECOND + 16 + j]

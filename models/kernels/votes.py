@@ -9,12 +9,12 @@ from numpy.typing import NDArray
 
 from imapper_prob.models.geometry import NOTHING_IN_SIGHT
 from imapper_prob.models.jit import compiled, inlined
-from imapper_prob.models.kernels.frame import find_seen, set_own_chances, weigh
+from imapper_prob.models.kernels.frame import find_seen, set_detections, set_own_chances, weigh
 from imapper_prob.models.kernels.memory import Memory
 from imapper_prob.models.kernels.sight import GAP, Singles, open_view
 from imapper_prob.models.problem import Problem
 
-__all__ = ["sum_votes", "vote", "vote_barely"]
+__all__ = ["prepare", "sum_votes", "vote"]
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -36,12 +36,13 @@ def _set_vote(right: float, wrong: float, weight: float, votes: Array, row: int)
 
 
 @compiled
-def vote_barely(problem: Problem, memory: Memory) -> None:
-    """The vote of every frame in its own pose with nothing in sight."""
+def prepare(problem: Problem, memory: Memory) -> None:
+    """What is known of every frame beforehand, and its vote with nothing in sight."""
     weight = problem.frame_weight * problem.likelihood
     memory.clearance[:] = _CAP
     _find_seen(problem, memory, memory.every, len(memory.every))
     for t in range(len(memory.bare)):
+        set_detections(problem, t, memory.places, memory.facts, t)
         set_own_chances(problem, t, memory.desk, memory.own, t)
         right, wrong = weigh(memory.own, t, memory.seen, t, memory.desk)
         _set_vote(right, wrong, weight, memory.bare, t)
