@@ -5,6 +5,8 @@ sits on five couches. The bare kernel computes the clearance of all 400 x 16 lin
 from all 20 cuboids and nothing else; torch and numpy do the same.
 
     python -m benchmarks.evaluations
+
+prints the figures and draws ``docs/evaluation_cost.png``.
 """
 
 from __future__ import annotations
@@ -13,13 +15,16 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from imapper_prob.models.geometry import NOTHING_IN_SIGHT, OPAQUE, pack_boxes, sight_clearance
 from imapper_prob.models.incremental import Incremental
 from imapper_prob.models.jit import compiled
+from imapper_prob.models.kernels.memory import new_memory
 from imapper_prob.models.kernels.sight import (
     BENCH,
     GAP,
@@ -42,7 +47,7 @@ from imapper_prob.models.simulate_track import simulate_track
 from imapper_prob.models.skeleton import PELV
 from imapper_prob.scenelets.library import load_library
 
-__all__ = ["figures", "scaling"]
+__all__ = ["draw", "figures", "scaling"]
 
 Array = NDArray[np.float64]
 
@@ -257,6 +262,7 @@ def figures() -> dict[str, float]:
     world, rng = make_world(), np.random.default_rng(0)
     full = per_second(lambda: log_posterior(world.problem, world.state))
     bare = per_second(bare_kernel(world))
+    memory = new_memory(world.problem, world.state.n_scenelets)
     return {
         "full_evaluations_per_second": full,
         "incremental_moves_per_second": moves_per_second(world, mixed(rng, world, 32)),
@@ -268,28 +274,50 @@ def figures() -> dict[str, float]:
         "incremental_cameras_per_second": moves_per_second(world, cameras(rng, world, 16)),
         "bare_kernel_evaluations_per_second": bare,
         "full_evaluation_over_bare_kernel": bare / full,
+        "incremental_memory_mib": sum(array.nbytes for array in memory) / 2**20,
         "torch_eager_evaluations_per_second": per_second(torch_kernel(world)),
         "numpy_evaluations_per_second": per_second(numpy_kernel(world)),
     }
 
 
-def scaling() -> dict[str, dict[int, float]]:
+def scaling() -> dict[str, dict[int, tuple[float, float]]]:
     """Microseconds of a full evaluation and of a walk, by frames and by cuboids."""
-    result: dict[str, dict[int, float]] = {}
-    by_frames = {n: make_world(n_frames=n) for n in (100, 200, 400, 800)}
-    by_cuboids = {CUBOIDS * k: make_world(n_scenelets=k) for k in (1, 2, 5, 10)}
-    for what, worlds in (("frames", by_frames), ("cuboids", by_cuboids)):
-        for n, world in worlds.items():
-            full = per_second(lambda world=world: log_posterior(world.problem, world.state))
-            move = moves_per_second(world, walks(np.random.default_rng(0), world, 16))
-            result.setdefault(f"full_by_{what}", {})[n] = 1e6 / full
-            result.setdefault(f"walk_by_{what}", {})[n] = 1e6 / move
-    return result
+    by_frames = {n: make_world(n_frames=n) for n in (100, 200, 300, 400, 600, 800)}
+    by_cuboids = {CUBOIDS * k: make_world(n_scenelets=k) for k in (1, 2, 3, 5, 7, 10)}
+
+    def cost(world: World) -> tuple[float, float]:
+        full = per_second(lambda: log_posterior(world.problem, world.state))
+        walk = moves_per_second(world, walks(np.random.default_rng(0), world, 16))
+        return 1e6 / full, 1e6 / walk
+
+    return {
+        "frames, 20 cuboids": {n: cost(world) for n, world in by_frames.items()},
+        "cuboids, 400 frames": {n: cost(world) for n, world in by_cuboids.items()},
+    }
+
+
+def draw(costs: dict[str, dict[int, tuple[float, float]]]) -> Figure:
+    """What an evaluation costs, beside the straight line that fits it best."""
+    figure = Figure(figsize=(8.0, 3.2), layout="constrained")
+    for axes, (what, row) in zip(figure.subplots(1, 2, sharey=True), costs.items(), strict=True):
+        sizes = np.array(list(row))
+        for k, (name, colour) in enumerate((("full", "#4e79a7"), ("a scenelet moved", "#f28e2b"))):
+            microseconds = np.array([pair[k] for pair in row.values()])
+            line = np.polynomial.Polynomial.fit(sizes, microseconds, 1)
+            axes.plot(sizes, line(sizes), color=colour, linewidth=1)
+            axes.plot(sizes, microseconds, "o", color=colour, label=name)
+        axes.set(xlabel=what, xlim=(0, None), ylim=(0, None))
+        axes.spines[["top", "right"]].set_visible(False)
+    figure.axes[0].set_ylabel("microseconds an evaluation")
+    figure.axes[0].legend(frameon=False)
+    return figure
 
 
 if __name__ == "__main__":
     for name, value in figures().items():
         sys.stdout.write(f"{name:<42}{value:>12.4g}\n")
-    for name, row in scaling().items():
-        cells = "  ".join(f"{n}: {microseconds:.0f} us" for n, microseconds in row.items())
-        sys.stdout.write(f"{name:<20}{cells}\n")
+    costs = scaling()
+    for what, row in costs.items():
+        cells = "  ".join(f"{n}: {full:.0f}, {walk:.0f} us" for n, (full, walk) in row.items())
+        sys.stdout.write(f"{what:<20}{cells}\n")
+    draw(costs).savefig(Path(__file__).parents[1] / "docs" / "evaluation_cost.png", dpi=120)

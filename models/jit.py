@@ -50,25 +50,22 @@ _LIBERTIES = {"contract", "nsz"}
 divisions by zero, as Python would; they give infinities."""
 
 
-def compiled(function: Function) -> Dispatcher[Function]:
+def compiled(function: Function, *, inline: bool = False) -> Dispatcher[Function]:
     """``function`` compiled by numba on its first call, and remembered for the next process."""
-    return _compiled(function)
+    before = _NUMBA.CACHE_DIR
+    try:
+        _NUMBA.CACHE_DIR = _CACHE or before
+        return numba.njit(cache=True, error_model="numpy", fastmath=_LIBERTIES, forceinline=inline)(
+            function
+        )
+    finally:
+        _NUMBA.CACHE_DIR = before
 
 
 def inlined(function: Function) -> Dispatcher[Function]:
     """As :func:`compiled`, and made part of whatever compiled function calls it.
 
     For what is called once a frame or a box: to hand over a few arrays, of ten numbers each,
-    takes longer than a row of joints, and the compiler sees what is known of them.
+    takes longer than the arithmetic on a row of joints.
     """
-    return _compiled(function, forceinline=True)
-
-
-def _compiled(function: Function, **options: bool) -> Dispatcher[Function]:
-    before = _NUMBA.CACHE_DIR
-    try:
-        _NUMBA.CACHE_DIR = _CACHE or before
-        decorate = numba.njit(cache=True, error_model="numpy", fastmath=_LIBERTIES, **options)
-        return decorate(function)
-    finally:
-        _NUMBA.CACHE_DIR = before
+    return compiled(function, inline=True)

@@ -24,7 +24,9 @@ Array = NDArray[np.float64]
 
 
 @inlined
-def set_window(elevation: float, box: Array, turn: Array, window: Array) -> None:
+def set_window(
+    elevation: float, box: Array, turn: Array, window: Array | NDArray[np.float32]
+) -> None:
     """Where in the view a box can come near a line of sight, into ``window`` (5,).
 
     Bounds of bearing x / y, of slope (z - elevation) / y and the smallest y, of the box

@@ -17,16 +17,15 @@ from imapper_prob.models.problem import Problem
 
 __all__ = ["Session", "open_session"]
 
-_FIELDS = ("problem", "memory")
 _structref: Any = structref
 """numba's records by reference, published without types."""
 
 
-class _SessionType(types.StructRef):  # type: ignore[misc]
+class _SessionType(types.StructRef):
     """What the compiler calls a session."""
 
 
-class Session(structref.StructRefProxy):  # type: ignore[misc]
+class Session(structref.StructRefProxy):
     """A problem and the memory of its evaluation."""
 
     problem: Problem
@@ -35,10 +34,10 @@ class Session(structref.StructRefProxy):  # type: ignore[misc]
 
 _structref.register(_SessionType)
 _structref.define_boxing(_SessionType, Session)
-_structref.define_constructor(Session, _SessionType, list(_FIELDS))
+_structref.define_constructor(Session, _SessionType, ["problem", "memory"])
 
 
 @compiled
 def open_session(problem: Problem, memory: Memory) -> Session:
     """The session of ``problem`` and ``memory``; both keep their arrays."""
-    return Session(problem, memory)
+    return Session(problem, memory)  # type: ignore[no-untyped-call]

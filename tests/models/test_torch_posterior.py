@@ -178,34 +178,27 @@ def test_gradients_are_those_of_the_terms() -> None:
         batch = states(seed, 1, whole, wild=False)
         state = tensors_of(batch)
         values = terms_batch(to_tensors(whole), *state)[0]
-        flat = [batch[i].reshape(-1) for i in REALS]
-        ends = np.cumsum([len(f) for f in flat])[:-1]
-        middle = np.concatenate(flat)
-
-        def moved(
-            by: np.ndarray, middle: np.ndarray = middle, ends: np.ndarray = ends,
-            items: np.ndarray = batch[1],
-        ) -> np.ndarray:  # fmt: skip
-            camera, placements, sizes, latent = np.split(middle + by, ends)
-            pose = placements.reshape(1, N_ITEMS, 3)
-            path = latent.reshape(1, N_FRAMES, 2)
-            shifted = (camera[None], items, pose, sizes[None], path)
-            return batched(whole, shifted)[0]
-
-        here = moved(np.zeros_like(middle))
+        middle = np.concatenate([batch[i].reshape(-1) for i in REALS])
         shifts = step * np.eye(len(middle))
-        right = np.array([moved(s) - here for s in shifts]).T / step
-        left = np.array([here - moved(-s) for s in shifts]).T / step
+        ends = np.cumsum([batch[i].size for i in REALS])[:-1]
+        around = np.concatenate([middle[None], middle + shifts, middle - shifts])
+        parts = iter(np.split(around, ends, axis=1))
+        moved = tuple(
+            next(parts).reshape(-1, *a.shape[1:]) if i in REALS else np.repeat(a, len(around), 0)
+            for i, a in enumerate(batch)
+        )
+        here, right, left = np.split(batched(whole, moved).T, [1, 1 + len(middle)], axis=1)
+        right, left = (right - here) / step, (here - left) / step
         for i, name in enumerate(TERMS):
             numeric = (left[i] + right[i]) / 2
             if not values[i].requires_grad:
                 assert not numeric.any(), name
                 continue
-            parts = torch.autograd.grad(
+            slopes = torch.autograd.grad(
                 values[i], [state[r] for r in REALS], retain_graph=True, allow_unused=True,
                 materialize_grads=True,
             )  # fmt: skip
-            found = np.concatenate([p.numpy().reshape(-1) for p in parts])
+            found = np.concatenate([p.numpy().reshape(-1) for p in slopes])
             size = 1 + np.abs(numeric)
             smooth = np.abs(right[i] - left[i]) < 1e-2 * size
             assert smooth.mean() > 0.95, name
