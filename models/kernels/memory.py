@@ -7,7 +7,8 @@ proposal into; to accept is to say of some frames that the other row now holds.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+import math
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,8 @@ from imapper_prob.models.kernels.sight import BENCH, LINE, OUTLOOK, VIEW, Single
 from imapper_prob.models.problem import Problem
 
 __all__ = ["ADDED", "KEPT", "REMOVED", "UNUSED", "Memory", "new_memory"]
+
+_Number = TypeVar("_Number", np.float32, np.float64)
 
 UNUSED, KEPT, ADDED, REMOVED = range(4)
 
@@ -91,17 +94,32 @@ class Memory(NamedTuple):
     filtered: Array  # (T, 6)
 
 
+_CACHE_LINE = 64
+"""Bytes. Sixteen numbers that begin elsewhere than a line of the cache does are in two."""
+
+
+def _zeros(shape: tuple[int, ...], dtype: type[_Number]) -> NDArray[_Number]:
+    """Zeros that begin where a line of the cache does."""
+    size = math.prod(shape) * np.dtype(dtype).itemsize
+    room = np.zeros(size + _CACHE_LINE, np.uint8)
+    first = -room.ctypes.data % _CACHE_LINE
+    return room[first : first + size].view(dtype).reshape(shape)
+
+
 def new_memory(problem: Problem, capacity: int) -> Memory:
     """Memory for states of up to ``capacity`` scenelets and proposals of as many."""
     n_frames, n_slots = problem.n_frames, 2 * capacity
     n_boxes = max(1, int(np.diff(problem.box_first).max()))
     rows, all_boxes = 2 * n_frames, n_slots * n_boxes
 
+    poses = _zeros((n_frames, 3, 16), np.float64)
+    poses[:] = problem.poses.transpose(0, 2, 1)
+
     def zeros(*shape: int) -> Array:
-        return np.zeros(shape)
+        return _zeros(shape, np.float64)
 
     def singles(*shape: int) -> Singles:
-        return np.zeros(shape, np.float32)
+        return _zeros(shape, np.float32)
 
     def ints(*shape: int) -> Ints:
         return np.zeros(shape, np.int64)
@@ -150,7 +168,7 @@ def new_memory(problem: Problem, capacity: int) -> Memory:
         clearance=singles(rows, 16),
         votes=zeros(rows, 3),
         inside=zeros(rows),
-        poses=np.ascontiguousarray(problem.poses.transpose(0, 2, 1)),
+        poses=poses,
         places=zeros(n_frames, 2, 2, 16),
         facts=singles(n_frames, 2, FACTS, 16),
         own=zeros(n_frames, CHANCES),
