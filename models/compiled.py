@@ -132,9 +132,10 @@ def _weigh_frames(
     """log p(u, c | q, m) of every frame into ``by_frame``: as it is, and with sides swapped."""
     n, lens, body, of = len(item_of), lens_of(problem, camera), 1.0, -1
     chances, desk = np.empty((1, CHANCES)), np.empty(DESK)
-    bench, seen = np.empty(BENCH, np.float32), np.empty((n, 16), np.float32)
+    bench = np.empty(BENCH, np.float32)
     places, facts = np.empty((1, 2, 2, 16)), np.empty((1, 2, FACTS, 16), np.float32)
-    find_seen(gaps, np.arange(n), n, problem.sight_width, problem.surprise, seen)
+    seen = gaps.copy()
+    find_seen(seen, n, problem.sight_width, problem.surprise)
     for t in range(n):
         if item_of[t] >= 0:
             if item_of[t] != of:

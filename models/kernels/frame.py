@@ -226,26 +226,21 @@ def set_own_chances(problem: Problem, t: int, desk: Array, chances: Array, to: i
 
 
 @compiled
-def find_seen(
-    gaps: Singles, rows: Ints, n: int, width: float, surprise: float, seen: Singles
-) -> None:
+def find_seen(seen: Singles, n: int, width: float, surprise: float) -> None:
     """Probability of being seen: :func:`imapper_prob.models.energy.occlusion.p_seen`.
 
     Parameters
     ----------
-    gaps : (R, 16) single
-        Clearance of every joint, metres, of which the first ``n`` of ``rows`` are asked for.
+    seen : (n or more, 16) single
+        In: clearance of every joint, metres. Out: its probability, in the first ``n`` rows.
     width, surprise : float
         Of the step of visibility.
-    seen : (n or more, 16) single
-        Out.
     """
     sharpness, least = np.float32(1.0 / width), np.float32(surprise)
     span = np.float32(1.0 - 2.0 * surprise)
     for i in range(n):
-        row = rows[i]
         for j in range(16):
-            x = -min(max(gaps[row, j] * sharpness, -_FAR), _FAR)
+            x = -min(max(seen[i, j] * sharpness, -_FAR), _FAR)
             shifted = x * _LOG2E + _ROUND
             whole = shifted - _ROUND
             r = (x - whole * _LN2_HIGH) - whole * _LN2_LOW

@@ -17,7 +17,6 @@ from imapper_prob.models.problem import Problem
 __all__ = ["prepare", "sum_votes", "vote"]
 
 Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 _CAP = np.float32(NOTHING_IN_SIGHT)
 _TINY = 1e-100
@@ -39,8 +38,8 @@ def _set_vote(right: float, wrong: float, weight: float, votes: Array, row: int)
 def prepare(problem: Problem, memory: Memory) -> None:
     """What is known of every frame beforehand, and its vote with nothing in sight."""
     weight = problem.frame_weight * problem.likelihood
-    memory.clearance[:] = _CAP
-    _find_seen(problem, memory, memory.every, len(memory.every))
+    memory.seen[:] = _CAP
+    find_seen(memory.seen, len(memory.seen), problem.sight_width, problem.surprise)
     for t in range(len(memory.bare)):
         set_detections(problem, t, memory.places, memory.facts, t)
         set_own_chances(problem, t, memory.desk, memory.own, t)
@@ -48,11 +47,6 @@ def prepare(problem: Problem, memory: Memory) -> None:
         _set_vote(right, wrong, weight, memory.bare, t)
     # No clearance is as before where there is none yet.
     memory.clearance[:] = np.nan
-
-
-@inlined
-def _find_seen(problem: Problem, memory: Memory, rows: Ints, n: int) -> None:
-    find_seen(memory.clearance, rows, n, problem.sight_width, problem.surprise, memory.seen)
 
 
 @inlined
@@ -70,7 +64,7 @@ def vote(problem: Problem, memory: Memory, n: int) -> None:
     cover, frames, weighed, rows = memory.cover, memory.frames, memory.weighed, memory.pose_row
     own, chances, seen, desk = memory.own, memory.chances, memory.seen, memory.desk
     weight = problem.frame_weight * problem.likelihood
-    _find_seen(problem, memory, weighed, n_weighed)
+    find_seen(seen, n_weighed, problem.sight_width, problem.surprise)
     for i in range(n_weighed):
         t = frames[i]
         if cover[1, t] >= 0:
@@ -84,13 +78,14 @@ def vote(problem: Problem, memory: Memory, n: int) -> None:
 def _recall_votes(memory: Memory, n: int) -> int:
     """Clearance and depth of the changed frames, and votes of those that were cast before.
 
-    The other frames and their rows are put into ``frames`` and ``weighed``; returns how many.
+    The other frames, their rows and clearances are put into ``frames``, ``weighed`` and
+    ``seen``; returns how many.
     """
     changed, moved, watched, cover = memory.changed, memory.moved, memory.watched, memory.cover
     rows, sum_rows, near, depths = memory.pose_row, memory.sum_row, memory.near, memory.depths
     gaps, clearance, bench, slots = memory.gaps, memory.clearance, memory.bench, memory.slots
     votes, inside, bare, sunk = memory.votes, memory.inside, memory.bare, memory.sunk
-    n_weighed = 0
+    seen, n_weighed = memory.seen, 0
     for t in range(len(changed)):
         if not changed[t]:
             continue
@@ -115,6 +110,8 @@ def _recall_votes(memory: Memory, n: int) -> int:
                 votes[to, k] = votes[before, k]
         elif covered or bounded:
             memory.frames[n_weighed], memory.weighed[n_weighed] = t, to
+            for j in range(16):
+                seen[n_weighed, j] = bench[GAP + j]
             n_weighed += 1
         else:
             for k in range(3):
