@@ -30,6 +30,7 @@ from imapper_prob.models.kernels.frame import (
     set_chances,
     set_detections,
     set_own_chances,
+    take_logs,
     weigh,
 )
 from imapper_prob.models.kernels.room import (
@@ -134,7 +135,7 @@ def _weigh_frames(
     chances, desk = np.empty((1, CHANCES)), np.empty(DESK)
     bench = np.empty(BENCH, np.float32)
     places, facts = np.empty((1, 2, 2, 16)), np.empty((1, 2, FACTS, 16), np.float32)
-    seen = gaps.copy()
+    seen, logs = gaps.copy(), np.empty((4, n))
     find_seen(seen, n, problem.sight_width, problem.surprise)
     for t in range(n):
         if item_of[t] >= 0:
@@ -145,7 +146,10 @@ def _weigh_frames(
             set_chances(lens, body, joints, t, places, facts, 0, desk, bench, chances, 0)
         else:
             set_own_chances(problem, t, desk, chances, 0)
-        by_frame[t, 0], by_frame[t, 1] = weigh(chances, 0, seen, t, desk)
+        weigh(chances, 0, seen, t, desk, logs)
+    take_logs(logs, n)
+    for t in range(n):
+        by_frame[t, 0], by_frame[t, 1] = logs[0, t], logs[1, t]
 
 
 @compiled

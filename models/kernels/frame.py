@@ -25,7 +25,7 @@ from imapper_prob.models.skeleton import MIRROR
 
 __all__ = [
     "CHANCES", "DESK", "FACTS", "Lens", "find_seen", "lens_of", "set_chances", "set_detections",
-    "set_own_chances", "weigh",
+    "set_own_chances", "take_logs", "weigh",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
@@ -61,6 +61,8 @@ _PER_TURN = 1.0 / (2.0 * math.pi)
 _LN2 = math.log(2.0)
 _MANTISSA, _UNIT = 0x000FFFFFFFFFFFFF, 0x3FF0000000000000
 """The bits of a mantissa, and those of the exponent of numbers from 1 to 2."""
+_DOUBLE_HALF_BITS = 0x3FE6A09E667F3BCD
+"""The bits of sqrt(1/2), from where mantissas are counted."""
 _BIAS = 1023
 
 # Of single precision, for one number in double makes double of all it meets.
@@ -70,7 +72,7 @@ _LN2_HIGH, _LN2_LOW = np.float32(0.693359375), np.float32(-2.12194440e-4)
 _ROUND, _ROUND_BITS = np.float32(12582912.0), 0x4B400000
 """1.5 * 2^23: adding it leaves a number's nearest integer in the lowest bits."""
 _HALF_BITS = 0x3F3504F3
-"""The bits of sqrt(1/2), from where mantissas are counted."""
+"""The bits of sqrt(1/2) once more."""
 _E1, _E2, _E3, _E4, _E5, _E6 = (np.float32(1.0 / math.factorial(n)) for n in range(1, 7))
 _L1, _L3, _L5, _L7, _L9 = (np.float32(2.0 / n) for n in (1, 3, 5, 7, 9))
 _SINGLE_LN2, _LEAST_POWER = np.float32(_LN2), np.float32(-700.0)
@@ -251,17 +253,20 @@ def find_seen(seen: Singles, n: int, width: float, surprise: float) -> None:
 
 
 @inlined
-def weigh(chances: Array, row: int, seen: Singles, at: int, desk: Array) -> tuple[float, float]:
-    """log p(u, c | q, m) of a frame, nats: as it is, and with sides swapped.
+def weigh(chances: Array, row: int, seen: Singles, at: int, desk: Array, logs: Array) -> None:
+    """p(u, c | q, m) of a frame: as it is, and with sides swapped.
 
     Parameters
     ----------
     chances : (R, 64) float
         The frame's are in row ``row``.
-    seen : (R, 16) single
+    seen : (n, 16) single
         Probability of every joint's being seen; the frame's is in row ``at``.
     desk : (DESK,) float
         Workspace.
+    logs : (4, n) float
+        Out, in column ``at``: of both densities a factor in [1, 2^16), and the powers of two
+        that are the other. :func:`take_logs` turns all into nats.
     """
     for j in range(16):
         share = np.float64(seen[at, j])
@@ -279,4 +284,24 @@ def weigh(chances: Array, row: int, seen: Singles, at: int, desk: Array) -> tupl
         wrong *= desk[16 + j]
         twos_right += desk[32 + j]
         twos_wrong += desk[48 + j]
-    return math.log(right) + twos_right * _LN2, math.log(wrong) + twos_wrong * _LN2
+    logs[0, at], logs[1, at], logs[2, at], logs[3, at] = right, wrong, twos_right, twos_wrong
+
+
+@compiled
+def take_logs(logs: Array, n: int) -> None:
+    """log p(u, c | q, m) of frames, nats, into the first two rows of ``logs`` (4, n or more).
+
+    See :func:`weigh`; as it is, and with sides swapped.
+    """
+    for side in range(2):
+        for i in range(n):
+            # As in single precision above, to twice as many terms.
+            bits = np.float64(logs[side, i]).view(np.int64)
+            e = (bits - _DOUBLE_HALF_BITS) >> 52
+            f = np.int64(bits - (e << 52)).view(np.float64)
+            s = (f - 1.0) / (f + 1.0)
+            z = s * s
+            zz = z * z
+            q = (1.0 + 1 / 3 * z) + zz * ((1 / 5 + 1 / 7 * z) + zz * (1 / 9 + 1 / 11 * z))
+            q += zz * zz * zz * ((1 / 13 + 1 / 15 * z) + zz * (1 / 17 + 1 / 19 * z))
+            logs[side, i] = 2.0 * s * q + (np.float64(e) + logs[2 + side, i]) * _LN2

@@ -88,7 +88,8 @@ class Memory(NamedTuple):
     every: Ints  # (T,) all frames
     frames: Ints  # (T,) those that moved, then those to weigh: workspace, as is what follows
     weighed: Ints  # (T,) rows of the latter
-    seen: Singles  # (T, 16) probability that a joint of theirs is seen
+    seen: Singles  # (T, 16) of theirs, see find_seen
+    logs: Array  # (4, T) see weigh
     bench: Singles  # (BENCH,)
     desk: Array  # (DESK,)
     filtered: Array  # (T, 6)
@@ -178,6 +179,7 @@ def new_memory(problem: Problem, capacity: int) -> Memory:
         frames=ints(n_frames),
         weighed=ints(n_frames),
         seen=singles(n_frames, 16),
+        logs=zeros(4, n_frames),
         bench=singles(BENCH),
         desk=zeros(DESK),
         filtered=zeros(n_frames, 6),

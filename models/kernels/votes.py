@@ -9,7 +9,13 @@ from numpy.typing import NDArray
 
 from imapper_prob.models.geometry import NOTHING_IN_SIGHT
 from imapper_prob.models.jit import compiled, inlined
-from imapper_prob.models.kernels.frame import find_seen, set_detections, set_own_chances, weigh
+from imapper_prob.models.kernels.frame import (
+    find_seen,
+    set_detections,
+    set_own_chances,
+    take_logs,
+    weigh,
+)
 from imapper_prob.models.kernels.memory import Memory
 from imapper_prob.models.kernels.sight import GAP, Singles, open_view
 from imapper_prob.models.problem import Problem
@@ -37,14 +43,16 @@ def _set_vote(right: float, wrong: float, weight: float, votes: Array, row: int)
 @compiled
 def prepare(problem: Problem, memory: Memory) -> None:
     """What is known of every frame beforehand, and its vote with nothing in sight."""
-    weight = problem.frame_weight * problem.likelihood
+    weight, logs = problem.frame_weight * problem.likelihood, memory.logs
     memory.seen[:] = _CAP
     find_seen(memory.seen, len(memory.seen), problem.sight_width, problem.surprise)
     for t in range(len(memory.bare)):
         set_detections(problem, t, memory.places, memory.facts, t)
         set_own_chances(problem, t, memory.desk, memory.own, t)
-        right, wrong = weigh(memory.own, t, memory.seen, t, memory.desk)
-        _set_vote(right, wrong, weight, memory.bare, t)
+        weigh(memory.own, t, memory.seen, t, memory.desk, logs)
+    take_logs(logs, len(memory.bare))
+    for t in range(len(memory.bare)):
+        _set_vote(logs[0, t], logs[1, t], weight, memory.bare, t)
     # No clearance is as before where there is none yet.
     memory.clearance[:] = np.nan
 
@@ -63,15 +71,17 @@ def vote(problem: Problem, memory: Memory, n: int) -> None:
     n_weighed = _recall_votes(memory, n)
     cover, frames, weighed, rows = memory.cover, memory.frames, memory.weighed, memory.pose_row
     own, chances, seen, desk = memory.own, memory.chances, memory.seen, memory.desk
-    weight = problem.frame_weight * problem.likelihood
+    weight, logs = problem.frame_weight * problem.likelihood, memory.logs
     find_seen(seen, n_weighed, problem.sight_width, problem.surprise)
     for i in range(n_weighed):
         t = frames[i]
         if cover[1, t] >= 0:
-            right, wrong = weigh(chances, rows[t], seen, i, desk)
+            weigh(chances, rows[t], seen, i, desk, logs)
         else:
-            right, wrong = weigh(own, t, seen, i, desk)
-        _set_vote(right, wrong, weight, memory.votes, weighed[i])
+            weigh(own, t, seen, i, desk, logs)
+    take_logs(logs, n_weighed)
+    for i in range(n_weighed):
+        _set_vote(logs[0, i], logs[1, i], weight, memory.votes, weighed[i])
 
 
 @inlined
