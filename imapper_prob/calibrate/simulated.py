@@ -143,9 +143,7 @@ def solve_given(experiment: Experiment) -> Solution:
     )  # fmt: skip
 
 
-def rank_scene(
-    experiment: Experiment, seed: int, settings: SampleSettings = SETTINGS
-) -> Ranked:
+def rank_scene(experiment: Experiment, seed: int, settings: SampleSettings = SETTINGS) -> Ranked:
     """Draw a scene and its detections, sample their posterior, and rank the one in the other."""
     scene_rng, chain_rng, tie_rng = np.random.default_rng(seed).spawn(3)
     truth = draw_state(scene_rng, experiment.problem)
