@@ -116,7 +116,8 @@ def _draw_camera(rng: np.random.Generator, problem: Problem) -> Array:
 def _turned(points: Array, yaw: float) -> Array:
     """Points (n, 3) rotated about z."""
     c, s = math.cos(yaw), math.sin(yaw)
-    return points @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+    result: Array = points @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+    return result
 
 
 def _as_seen(camera: Array, point: Array) -> Array:
