@@ -30,6 +30,8 @@ from imapper_prob.sampling.proposals import Candidates
 from tests.models import worlds
 
 N_FRAMES = 20
+LIMIT = 4.2
+"""Standard errors; the largest of twenty is beyond once in 1,900 times."""
 Change = Callable[[Mixture[State]], Mixture[State]]
 
 
@@ -126,12 +128,12 @@ def largest(found: dict[str, float]) -> float:
 def test_scene_and_data_stay_what_they_were() -> None:
     found = scores(500)
     assert len(found) > 15
-    assert largest(found) < 4.2, found
+    assert largest(found) < LIMIT, found
 
 
 @pytest.mark.slow
 def test_scene_and_data_stay_what_they_were_to_a_few_per_cent() -> None:
-    assert largest(found := scores(6000, seed=1)) < 4.2, found
+    assert largest(found := scores(6000, seed=1)) < LIMIT, found
 
 
 def only(
@@ -161,8 +163,7 @@ def test_a_forgotten_jacobian_is_seen(forgotten: bool) -> None:
         scales=(4.0, 12.0),
     )
     found = scores(300, change=change, given=poor_data(rate=0.3, depth=0.4))
-    assert (abs(found["depths"]) > 5) == forgotten, found
-    assert forgotten or largest(found) < 4.2, found
+    assert (largest(found) > LIMIT) == forgotten, found
 
 
 @pytest.mark.parametrize("factor", [1, len(worlds.mixed_library())])
@@ -170,9 +171,8 @@ def test_births_off_by_the_number_of_scenelets_are_seen(factor: int) -> None:
     change = only(moves.Birth, lambda p: p._replace(log_ratio=p.log_ratio + np.log(factor)))
     # Anything anywhere is tried, which among so little is accepted soonest.
     given = poor_data(rate=0.02)
-    found = scores(400, steps=100, change=change, given=given, fitted=False)
-    assert (abs(found["scenelets"]) > 5) == (factor > 1), found
-    assert factor > 1 or largest(found) < 4.2, found
+    found = scores(500, steps=100, change=change, given=given, fitted=False)
+    assert (largest(found) > LIMIT) == (factor > 1), found
 
 
 def test_hidden_and_seen_exchanged_is_seen() -> None:
@@ -184,4 +184,4 @@ def test_hidden_and_seen_exchanged_is_seen() -> None:
         error_dof=model.error_dof[::-1],
     )
     found = scores(200, drawn_with=exchanged)
-    assert abs(found["log-likelihood"]) > 5, found
+    assert abs(found["log-likelihood"]) > LIMIT, found
