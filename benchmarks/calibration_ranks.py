@@ -1,9 +1,10 @@
 """Simulation-based calibration of scenes: ranks of true scenes among posterior draws.
 
-``python benchmarks/calibration_ranks.py FOLDER [--count 200] [--workers 2] [--picture FILE]``
-draws data sets, samples the posterior of each (ten seconds) and prints for every quantity how
-uniform the ranks are. Each data set leaves a file in FOLDER; the same command goes on from there,
-and begins anew where the program has changed since. The result depends on nothing but ``--count``.
+``python benchmarks/calibration_ranks.py FOLDER [--every 4] [--count 200] [--picture FILE]`` draws
+data sets, samples the posterior of each (ten seconds) and prints for every quantity how uniform
+the ranks are. Each data set leaves a file in FOLDER; the same command goes on from there, and
+begins anew where the program has changed since. The result depends on the first two options
+alone: frames from one detection to the next, and data sets.
 """
 
 from __future__ import annotations
@@ -32,14 +33,14 @@ BINS = 16
 
 
 @cache
-def experiment() -> Experiment:
-    """The design, once a process."""
-    return short_clip(built_in_library())
+def experiment(every: int) -> Experiment:
+    """What data are drawn of, made once a process."""
+    return short_clip(built_in_library(), every=every)
 
 
-def rank_one(seed: int, path: Path) -> None:
+def rank_one(every: int, seed: int, path: Path) -> None:
     """One data set, left in a file."""
-    ranked = rank_scene(experiment(), seed)
+    ranked = rank_scene(experiment(every), seed)
     with written_whole(path) as beside:
         beside.write_text(json.dumps(asdict(ranked)), encoding="utf-8")
 
@@ -55,14 +56,16 @@ def digest() -> str:
     return state.hexdigest()[:12]
 
 
-def all_ranks(folder: Path, count: int, workers: int) -> list[dict[str, dict[str, float]]]:
+def all_ranks(
+    folder: Path, every: int, count: int, workers: int
+) -> list[dict[str, dict[str, float]]]:
     """What every data set says, those left out by an earlier run made now."""
-    own = folder / digest()
+    own = folder / f"{digest()}-{every}"
     own.mkdir(parents=True, exist_ok=True)
     paths = {seed: own / f"{seed:05d}.json" for seed in range(count)}
     missing = {seed: path for seed, path in paths.items() if not path.exists()}
     with ProcessPoolExecutor(workers) as pool:
-        jobs = [pool.submit(rank_one, seed, path) for seed, path in missing.items()]
+        jobs = [pool.submit(rank_one, every, seed, path) for seed, path in missing.items()]
         for done, job in enumerate(as_completed(jobs), count - len(missing) + 1):
             job.result()
             if sys.stderr.isatty():
@@ -103,11 +106,12 @@ def main() -> None:
     """Rank, print and draw; the exit status says whether everything is uniform enough."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folder", type=Path)
+    parser.add_argument("--every", type=int, default=4)
     parser.add_argument("--count", type=int, default=200)
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--picture", type=Path)
     options = parser.parse_args()
-    data_sets = all_ranks(options.folder, options.count, options.workers)
+    data_sets = all_ranks(options.folder, options.every, options.count, options.workers)
     ranks = {
         name: np.array([one["ranks"][name] for one in data_sets], dtype=np.int64)
         for name in data_sets[0]["ranks"]
