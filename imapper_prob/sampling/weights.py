@@ -9,13 +9,11 @@ of a sharp and a flat softmax of them.
 
 from __future__ import annotations
 
-from functools import partial
-
 import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.models.incremental import Incremental
-from imapper_prob.models.posterior import empty_state, log_posterior
+from imapper_prob.models.posterior import State, empty_state, log_posterior
 from imapper_prob.sampling.proposals import Candidates
 from imapper_prob.staged.candidates import Candidate, furniture_kinds
 from imapper_prob.staged.solver import Solution
@@ -42,7 +40,10 @@ def weighted_candidates(solution: Solution) -> Candidates:
     scene = empty_state(problem)
     # One scenelet alone is quickly judged where nothing else changes.
     alone = Incremental(problem, scene) if not problem.of_paper else None
-    judge = partial(log_posterior, problem) if alone is None else alone.propose
+
+    def judge(state: State) -> float:
+        return log_posterior(problem, state) if alone is None else sum(alone.propose(state))
+
     nothing = judge(scene)
     half = problem.lengths // 2
     for window, guesses in _guessed(solution).items():
