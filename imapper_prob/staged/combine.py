@@ -78,7 +78,7 @@ def _beam_search(problem: Problem, groups: list[list[Candidate]], width: int) ->
         grown = list(beam)
         for _, state in beam:
             for c in group:
-                new = state.with_item(c.scenelet, c.start, c.placement)
+                new = state.with_item(c.scenelet, c.start, c.placement, c.size)
                 value = log_posterior(problem, new)
                 if np.isfinite(value):
                     grown.append((value, new))
