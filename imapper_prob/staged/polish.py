@@ -33,7 +33,7 @@ def polish(problem: Problem, state: State) -> State:
     spread = np.sqrt(np.diag(np.linalg.inv(problem.camera_precision)))
 
     def scene(theta: Array) -> State:
-        camera = state.camera + spread * theta[:5]
+        camera: Array = state.camera + spread * theta[:5]
         bearing, log_depth, yaw, look = (home + theta[5:].reshape(-1, 4) * _UNITS).T
         depth = np.exp(log_depth)
         placements = np.stack([bearing * depth, depth, yaw], -1)
@@ -45,7 +45,9 @@ def polish(problem: Problem, state: State) -> State:
     def slope(theta: Array) -> Array:
         steps = _STEP * np.eye(len(theta))
         ahead = np.array([cost(theta + step) for step in steps])
-        return (ahead - np.array([cost(theta - step) for step in steps])) / (2 * _STEP)
+        behind = np.array([cost(theta - step) for step in steps])
+        slopes: Array = (ahead - behind) / (2 * _STEP)
+        return slopes
 
     x, y, yaw = state.placements.T
     home = np.stack([x / y, np.log(y), yaw, state.sizes - np.log(y)], -1)
