@@ -20,7 +20,15 @@ from imapper_prob.sampling.sample import Samples
 from imapper_prob.staged.solver import Solution
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     import xarray
+
+    from imapper_prob.results.uncertainty.clusters import ObjectCluster
+    from imapper_prob.results.uncertainty.hidden import HiddenJoints
+    from imapper_prob.results.uncertainty.joints import JointSummary
+    from imapper_prob.results.uncertainty.nuisances import Nuisance
+    from imapper_prob.results.uncertainty.occupancy import Occupancy
 
 __all__ = ["Posterior"]
 
@@ -106,6 +114,48 @@ class Posterior:
         from imapper_prob.results.tree import posterior_tree
 
         return posterior_tree(self.solution, self.samples, self.config)
+
+    def occupancy(self, *, cell: float = 0.1) -> Occupancy:
+        """Probability by category that a place on the floor is covered, cells in metres."""
+        from imapper_prob.results.uncertainty.occupancy import occupancy
+
+        return occupancy(self.samples.objects, cell=cell)
+
+    def clusters(self, *, least: float = 0.05) -> tuple[ObjectCluster, ...]:
+        """Objects matched across all draws, most probable first, down to a probability."""
+        from imapper_prob.results.uncertainty.clusters import object_clusters
+
+        return object_clusters(
+            self.samples.objects,
+            self.samples.log_posterior,
+            radius=self.config.sample.layout_radius,
+            least=least,
+        )
+
+    def joints(self) -> JointSummary:
+        """Mean and covariance of every joint in every frame."""
+        from imapper_prob.results.uncertainty.joints import joint_summary
+
+        return joint_summary(self._motions())
+
+    def hidden(self) -> HiddenJoints:
+        """P(joint hidden) by frame and joint, and by which of :meth:`clusters`."""
+        from imapper_prob.results.uncertainty.hidden import hidden_joints
+
+        elevations = [float(state.camera[1]) for state in self.samples.states]
+        return hidden_joints(self.samples.objects, self._motions(), elevations, self.clusters())
+
+    def nuisances(self) -> dict[str, Nuisance]:
+        """Prior against posterior of camera and body, by name."""
+        from imapper_prob.results.uncertainty.nuisances import nuisances
+
+        prior, shape = self.solution.camera, self.samples.shape
+        draws = np.array([state.camera for state in self.samples.states]).reshape(*shape, -1)
+        return nuisances(draws, mean=prior.mean, covariance=prior.covariance)
+
+    def _motions(self) -> Iterator[Array]:
+        """The motion of each draw in its world, one after the other."""
+        return (motion(self.solution.problem, state) for state in self.samples.states)
 
     def record(self, path: str | Path) -> None:
         """Write the recording (``.rrd``) that opens in the rerun viewer."""
