@@ -26,6 +26,7 @@ __all__ = [
     "REPROJECTION",
     "TRUE_COLOUR",
     "TRUTH",
+    "UNCLAIMED",
     "annotation_context",
     "category_ids",
     "confidence_colours",
@@ -44,6 +45,8 @@ _FIRST_CATEGORY: Final = 10
 FLOOR: Final = (30, 33, 40)
 FLOOR_LINE: Final = (58, 63, 74)
 TRUE_COLOUR: Final = (190, 190, 190)
+UNCLAIMED: Final = (150, 155, 165)
+"""Of what is hidden by nothing in particular."""
 
 LAYOUT_COLOURS: Final[tuple[Colour, ...]] = (
     (255, 214, 102),

@@ -14,6 +14,7 @@ from imapper_prob.config import Config
 from imapper_prob.models.camera import Camera
 from imapper_prob.models.posterior import State, motion
 from imapper_prob.models.scene import Clip, Scene
+from imapper_prob.models.skeleton import PELV
 from imapper_prob.results.scenes import WeightedScene
 from imapper_prob.sampling.layouts import match_objects
 from imapper_prob.sampling.sample import Samples
@@ -24,6 +25,8 @@ if TYPE_CHECKING:
 
     import xarray
 
+    from imapper_prob.recording.certainty import Certainty
+    from imapper_prob.recording.draws import DrawnChain
     from imapper_prob.results.uncertainty.clusters import ObjectCluster
     from imapper_prob.results.uncertainty.hidden import HiddenJoints
     from imapper_prob.results.uncertainty.joints import JointSummary
@@ -149,17 +152,27 @@ class Posterior:
         """Prior against posterior of camera and body, by name."""
         from imapper_prob.results.uncertainty.nuisances import nuisances
 
-        prior, shape = self.solution.camera, self.samples.shape
+        problem, shape = self.solution.problem, self.samples.shape
         draws = np.array([state.camera for state in self.samples.states]).reshape(*shape, -1)
-        return nuisances(draws, mean=prior.mean, covariance=prior.covariance)
+        covariance = np.linalg.inv(problem.camera_precision)
+        return nuisances(draws, mean=problem.camera_mean, covariance=covariance)
 
     def _motions(self) -> Iterator[Array]:
         """The motion of each draw in its world, one after the other."""
         return (motion(self.solution.problem, state) for state in self.samples.states)
 
-    def record(self, path: str | Path) -> None:
-        """Write the recording (``.rrd``) that opens in the rerun viewer."""
+    def record(self, path: str | Path, *, video: str | Path | None = None) -> None:
+        """Write the recording (``.rrd``) that opens in the rerun viewer.
+
+        Parameters
+        ----------
+        path : path
+        video : path, optional
+            The pictures of the clip, to lie behind the detections: a folder of pictures whose
+            names end in the number of their frame, or a video file.
+        """
         from imapper_prob.recording.log import write_recording
+        from imapper_prob.recording.video import read_video
         from imapper_prob.results.summary import describe
 
         write_recording(
@@ -169,6 +182,33 @@ class Posterior:
             traces=self.traces,
             truth=self.clip.truth,
             description=describe(self.clip, self.samples),
+            certainty=self._certainty,
+            draws=self._drawn_chains(),
+            acceptance=self.samples.acceptance.rates(),
+            video=None if video is None else read_video(video, self.clip),
+        )
+
+    @property
+    def _certainty(self) -> Certainty:
+        from imapper_prob.recording.certainty import Certainty
+
+        return Certainty(self.occupancy(), self.hidden(), self.joints(), self.nuisances())
+
+    def _drawn_chains(self) -> tuple[DrawnChain, ...]:
+        """Draws of each chain, evenly spread, as many as a recording may hold."""
+        from imapper_prob.recording.draws import MOST, DrawnChain
+
+        samples, problem = self.samples, self.solution.problem
+        chains, draws = samples.shape
+        kept = np.unique(np.linspace(0, draws - 1, max(1, MOST // chains)).round().astype(int))
+        numbers = [c * draws + kept for c in range(chains)]
+        return tuple(
+            DrawnChain(
+                kept,
+                [samples.objects[n] for n in own],
+                np.array([motion(problem, samples.states[n])[:, PELV] for n in own]),
+            )
+            for own in numbers
         )
 
     @property

@@ -26,10 +26,14 @@ __all__ = ["ObjectCluster", "circular_mean_and_spread", "object_clusters"]
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-_OTHER_LABEL = 0.5
-"""Part of the radius that another label costs: it must stand twice as near to be the same."""
-_ROUNDS = 20
-"""Most times the matching is repeated; it comes to rest after a few."""
+_SEATS = frozenset({"armchair", "bench", "chair", "couch", "sofa", "stool"})
+_OTHER_SEAT, _OTHER_LABEL = 0.25, 0.5
+"""Parts of the radius that another label costs. Motion hardly tells one seat from another; what
+is called something else altogether must stand twice as near to be the same."""
+_TOGETHER = 0.05
+"""Clusters of which a larger part than this is met together in draws are two objects."""
+_ROUNDS = 30
+"""Most times the matching is repeated; it usually comes to rest after ten."""
 _APART = 1e6
 
 
@@ -124,7 +128,8 @@ def object_clusters(
     likely_first = np.argsort(-np.ravel(log_posterior), kind="stable")
     begins = np.searchsorted(members[:, 0], np.arange(len(draws) + 1))
     rows = [np.arange(begins[n], begins[n + 1]) for n in likely_first]
-    cluster = _matched(rows, places, labels, radius)
+    metric = _Metric(radius, _labels_apart(names))
+    cluster = _matched(rows, members[:, 0], places, labels, metric)
     results = [
         _summary(draws, members[cluster == c], log_posterior.shape) for c in np.unique(cluster)
     ]
@@ -132,49 +137,112 @@ def object_clusters(
     return tuple(sorted(kept, key=lambda c: (-c.presence, c.label, *c.mean)))
 
 
-def _matched(rows: Sequence[Ints], places: Array, labels: Array, radius: float) -> Ints:
+def _matched(
+    rows: Sequence[Ints], draw: Ints, places: Array, labels: Array, metric: _Metric
+) -> Ints:
     """(M,) cluster of each of M objects.
 
     As k-means does, with the number of clusters left open: match to the clusters there are,
-    move each to the mean of its members, and again until nothing changes.
+    move each to the mean of its members, and again until nothing changes. Two that are near
+    and hardly ever met together are one that was founded twice.
 
     Parameters
     ----------
     rows : sequence of (m,) int
         Objects of each draw, the draws in the order in which they found clusters.
+    draw : (M,) int
+        The draw of each object.
     places : (M, 2) float
     labels : (M, L) float
         1 at the label of the object.
+    metric : _Metric
+        How near is near.
     """
     cluster = np.full(len(places), -1)
     means, shares = np.empty((0, 2)), np.empty((0, labels.shape[1]))
     for _ in range(_ROUNDS):
         before, cluster = cluster, np.full(len(places), -1)
         for own in rows:
-            cluster[own] = _partners(places[own], labels[own], means, shares, radius)
+            cluster[own] = _partners(places[own], labels[own], means, shares, metric)
             for row in own[cluster[own] < 0]:
                 cluster[row] = len(means)
                 means = np.concatenate([means, places[[row]]])
                 shares = np.concatenate([shares, labels[[row]]])
         cluster = np.unique(cluster, return_inverse=True)[1]
-        if np.array_equal(before, cluster):
+        means, shares = _means(cluster, places, labels)
+        united = _united(cluster, draw, means, shares, metric)
+        if united is not None:
+            means, shares = _means(united, places, labels)
+        elif np.array_equal(before, cluster):
             break
-        of_cluster = [cluster == c for c in range(cluster.max() + 1)]
-        means = np.array([places[own].mean(0) for own in of_cluster])
-        shares = np.array([labels[own].mean(0) for own in of_cluster])
     return cluster
 
 
-def _partners(places: Array, labels: Array, means: Array, shares: Array, radius: float) -> Ints:
+def _means(cluster: Ints, places: Array, labels: Array) -> tuple[Array, Array]:
+    """(K, 2) mean place and (K, L) shares of labels of each cluster."""
+    member = np.eye(cluster.max() + 1)[cluster]
+    count = member.sum(0)[:, None]
+    return member.T @ places / count, member.T @ labels / count
+
+
+@dataclass(frozen=True)
+class _Metric:
+    """How badly objects fit clusters.
+
+    Parameters
+    ----------
+    radius : float
+        Metres beyond which they do not, even with the right label.
+    labels_apart : (L, L) float
+        Part of the radius that being called something else costs.
+    """
+
+    radius: float
+    labels_apart: Array
+
+    def __call__(self, places: Array, labels: Array, means: Array, shares: Array) -> Array:
+        """(m, K) cost of m objects or clusters in K clusters; beyond 1 they do not fit."""
+        distance = np.linalg.norm(places[:, None] - means, axis=-1)
+        cost: Array = distance / self.radius + labels @ self.labels_apart @ shares.T
+        return np.where(cost > 1, _APART, cost)
+
+
+def _labels_apart(names: Sequence[str]) -> Array:
+    """(L, L) what it costs an object to be of a cluster with another label."""
+    cost = np.full((len(names), len(names)), _OTHER_LABEL)
+    seats = np.array([name in _SEATS for name in names])
+    cost[np.ix_(seats, seats)] = _OTHER_SEAT
+    np.fill_diagonal(cost, 0.0)
+    return cost
+
+
+def _partners(
+    places: Array, labels: Array, means: Array, shares: Array, metric: _Metric
+) -> Ints:
     """(m,) cluster of each object of one draw, -1 where none is near enough."""
-    distance = np.linalg.norm(places[:, None] - means, axis=-1)
-    cost = distance / radius + _OTHER_LABEL * (1 - labels @ shares.T)
-    cost = np.where(cost > 1, _APART, cost)
+    cost = metric(places, labels, means, shares)
     found, columns = linear_sum_assignment(cost)
     near = cost[found, columns] <= 1
     partners = np.full(len(places), -1)
     partners[found[near]] = columns[near]
     return partners
+
+
+def _united(
+    cluster: Ints, draw: Ints, means: Array, shares: Array, metric: _Metric
+) -> Ints | None:
+    """The clusters with the two nearest that are one made one; None if there are no such two."""
+    count = len(means)
+    there = np.zeros((draw.max() + 1, count))
+    there[draw, cluster] = 1
+    fewer = np.minimum.outer(there.sum(0), there.sum(0))
+    cost = metric(means, shares, means, shares)
+    cost[there.T @ there > _TOGETHER * fewer] = _APART  # each with itself included
+    first, second = np.unravel_index(int(cost.argmin()), cost.shape)
+    if cost[first, second] > 1:
+        return None
+    united = np.where(cluster == max(first, second), min(first, second), cluster)
+    return np.unique(united, return_inverse=True)[1]
 
 
 def _summary(

@@ -60,12 +60,23 @@ def test_members_are_each_object_once(rng: np.random.Generator) -> None:
             np.testing.assert_array_equal(draws[n][k].centre[:2], position)
 
 
-def test_another_label_must_stand_nearer() -> None:
-    far = [[piece("chair", 0, 4)], [piece("stool", 0.5, 4)]]
-    near = [[piece("chair", 0, 4)], [piece("stool", 0.3, 4)]]
-    same = [[piece("chair", 0, 4)], [piece("chair", 0.5, 4)]]
-    found = [len(object_clusters(d, log_posterior(2), radius=0.8)) for d in (far, near, same)]
-    assert found == [2, 1, 1]
+@pytest.mark.parametrize(
+    ("other", "metres"), [("chair", 0.8), ("stool", 0.6), ("table", 0.4)]
+)
+def test_another_label_must_stand_nearer(other: str, metres: float) -> None:
+    for distance, clusters in ((metres - 0.01, 1), (metres + 0.01, 2)):
+        draws = [[piece("chair", 0, 4)], [piece(other, distance, 4)]]
+        found = object_clusters(draws, log_posterior(2), radius=0.8)
+        assert len(found) == clusters
+
+
+def test_one_object_is_one_cluster_wherever_it_was_founded(rng: np.random.Generator) -> None:
+    """The two most probable draws are at the far ends of where it stands."""
+    spread = [-0.45, 0.45, *np.clip(rng.normal(0, 0.2, 98), -0.5, 0.5)]
+    (cluster,) = object_clusters(
+        [[piece("couch", x, 4)] for x in spread], log_posterior(100), radius=0.8
+    )
+    assert cluster.presence == 1.0
 
 
 def test_rare_objects_are_left_out_and_an_empty_room_has_none() -> None:

@@ -53,7 +53,10 @@ def test_nuisances_have_the_prior_of_the_solution() -> None:
     run = posterior()
     found = run.nuisances()
     assert tuple(found) == CAMERA
-    np.testing.assert_array_equal([n.prior_mean for n in found.values()], run.solution.camera.mean)
+    prior = run.solution.camera
+    np.testing.assert_array_equal([n.prior_mean for n in found.values()], prior.mean)
+    spreads = [n.prior_standard_deviation for n in found.values()]
+    np.testing.assert_allclose(spreads, prior.standard_deviations)
     first = run.samples.states[0]
     assert [n.draws[0, 0] for n in found.values()] == first.camera.tolist()
     assert motion(run.solution.problem, first).shape == run.joints().mean.shape
