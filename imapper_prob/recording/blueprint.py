@@ -108,9 +108,7 @@ def make_blueprint(
 def _whole(image: Camera) -> rrb.VisualBounds2D:
     """The image from edge to edge, and a little air around it."""
     air = _AIR * image.height
-    return rrb.VisualBounds2D(
-        x_range=(-air, image.width + air), y_range=(-air, image.height + air)
-    )
+    return rrb.VisualBounds2D(x_range=(-air, image.width + air), y_range=(-air, image.height + air))
 
 
 def _texts(certainty: Certainty | None) -> rrb.Container | rrb.View:

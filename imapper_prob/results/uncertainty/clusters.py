@@ -216,9 +216,7 @@ def _labels_apart(names: Sequence[str]) -> Array:
     return cost
 
 
-def _partners(
-    places: Array, labels: Array, means: Array, shares: Array, metric: _Metric
-) -> Ints:
+def _partners(places: Array, labels: Array, means: Array, shares: Array, metric: _Metric) -> Ints:
     """(m,) cluster of each object of one draw, -1 where none is near enough."""
     cost = metric(places, labels, means, shares)
     found, columns = linear_sum_assignment(cost)
@@ -228,9 +226,7 @@ def _partners(
     return partners
 
 
-def _united(
-    cluster: Ints, draw: Ints, means: Array, shares: Array, metric: _Metric
-) -> Ints | None:
+def _united(cluster: Ints, draw: Ints, means: Array, shares: Array, metric: _Metric) -> Ints | None:
     """The clusters with the two nearest that are one made one; None if there are no such two."""
     count = len(means)
     there = np.zeros((draw.max() + 1, count))

@@ -60,9 +60,7 @@ def test_members_are_each_object_once(rng: np.random.Generator) -> None:
             np.testing.assert_array_equal(draws[n][k].centre[:2], position)
 
 
-@pytest.mark.parametrize(
-    ("other", "metres"), [("chair", 0.8), ("stool", 0.6), ("table", 0.4)]
-)
+@pytest.mark.parametrize(("other", "metres"), [("chair", 0.8), ("stool", 0.6), ("table", 0.4)])
 def test_another_label_must_stand_nearer(other: str, metres: float) -> None:
     for distance, clusters in ((metres - 0.01, 1), (metres + 0.01, 2)):
         draws = [[piece("chair", 0, 4)], [piece(other, distance, 4)]]
