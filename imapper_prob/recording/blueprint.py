@@ -1,4 +1,4 @@
-"""How the viewer lays a recording out: one large view of the best layout, the rest around it."""
+"""How the viewer lays a recording out: one large view of the best scene, the rest around it."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from imapper_prob.models.camera import Camera
 from imapper_prob.models.scene import Scene, Truth
 from imapper_prob.models.skeleton import PELV
-from imapper_prob.recording.caption import layout_name
+from imapper_prob.recording.caption import scene_name
 from imapper_prob.recording.certainty import Certainty
 from imapper_prob.recording.curves import trace_entity
 from imapper_prob.recording.draws import chain_entity
@@ -25,21 +25,20 @@ _BACKGROUND = (18, 20, 25)
 _FROM = np.array([0.75, -0.60, 0.50])
 """Where the eye is as seen from the middle of the room: to the right of the camera's line of
 sight and above it, so that camera, person and furniture stand side by side, left to right."""
-_NEAR, _FAR = 1.2, 1.4
-"""Distance of the eye in units of the radius of what it looks at. With the camera the scene is
-long, which suits the wide main view, so that the eye may come nearer."""
-_SIDE_BY_SIDE = 2.0
-"""Number of views beside each other up to which the height limits what one sees, not the width."""
-_ABOVE, _ABOVE_SHAPE = 2.0, 0.9
-"""Height of the eye above the floor in units of half the depth it looks at; width of that view
-in units of its height."""
+_ABOVE = np.array([0.0, 0.0, 1.0])
+_MAIN_SHAPE, _ROW_SHAPE, _MAP_SHAPE = 2.0, 1.6, 0.95
+"""Width over height of the large view, of all views of other scenes together, and of the map of
+the floor, in a window of 1600 x 1000."""
+_HALF_VIEW = np.tan(np.radians(55.0) / 2)
+"""Of the viewer's vertical field of view."""
+_MARGIN = 1.05
+"""Part of the distance that leaves a little air around what is looked at."""
+_PERSON = 1.7
+"""Metres over a path that somebody takes up."""
 _AIR = 0.03
 """Around the image, in units of its height."""
 _BESIDE = 3
-"""Other layouts that are shown side by side: more would be too narrow to read."""
-_LOOK_AT_HEIGHT = 0.6
-_MARGIN = 0.3
-"""Metres: the height of a seated person's middle, and some air around."""
+"""Other scenes that are shown side by side: more would be too narrow to read."""
 
 
 def make_blueprint(
@@ -75,18 +74,25 @@ def make_blueprint(
         Whether there is a table of accepted moves.
     """
     truly = ["world/truth/**"] if truth is not None else []
-    eye = _eye([scenes[0].scene], stand_off=_NEAR, with_camera=True)
-    shown = ["world/floor/**", "world/occupancy", "world/camera/**", "world/layout_1/**", *truly]
-    main = _room(layout_name(1, scenes[0]), shown, eye)
+    best = scenes[0].scene
+    room = [_corners(best), best.camera.centre[None], best.camera.centre[None] * (1, 1, 0)]
+    eye = _eye(np.concatenate(room), _FROM, _MAIN_SHAPE)
+    shown = ["world/floor/**", "world/occupancy", "world/camera/**", "world/scene_1/**", *truly]
+    main = _room(scene_name(1, scenes[0]), shown, eye)
     picture = rrb.Spatial2DView(
         origin="world/camera/image",
-        contents=["$origin/**", "world/layout_1/furniture"],
+        contents=["$origin/**", "world/scene_1/furniture"],
         name="Image: detections and reprojection",
         background=_BACKGROUND,
         visual_bounds=_whole(image),
     )
-    below = [*_from_above(scenes, certainty, truly), *_alternatives(scenes, chains)]
-    left = [main, rrb.Horizontal(*below, column_shares=[3, 5][-len(below) :])] if below else [main]
+    below: list[rrb.Container | rrb.View] = [
+        *_from_above(scenes, certainty, truly),
+        *_alternatives(scenes, chains),
+    ]
+    left: list[rrb.Container | rrb.View] = [main]
+    if below:
+        left.append(rrb.Horizontal(*below, column_shares=[3, 5][-len(below) :]))
     return rrb.Blueprint(
         rrb.Horizontal(
             rrb.Vertical(*left, row_shares=[5, 4][: len(left)]),
@@ -125,35 +131,37 @@ def _from_above(
     """The floor with all draws at once; nothing if nothing is known of them."""
     if certainty is None:
         return []
-    shown = ["world/floor/**", "world/occupancy", "world/all_draws/**", "world/layout_1/path"]
-    eye = _eye_above(scenes[0].scene, certainty)
+    shown = ["world/floor/**", "world/occupancy", "world/all_draws/**", "world/scene_1/path"]
+    regions = [c.region(0.9) for c in certainty.clusters]
+    ends = [r.centre + sign * r.half_axes.max() for r in regions for sign in (-1, 1)]
+    edges = _at_height(np.reshape(ends, (-1, 2)), 0.0)
+    eye = _eye(np.concatenate([_corners(scenes[0].scene), edges]), _ABOVE, _MAP_SHAPE)
     return [_room("All draws, from above", [*shown, *(f"{t[:-3]}/furniture" for t in truly)], eye)]
 
 
 def _alternatives(scenes: Sequence[WeightedScene], chains: int) -> list[rrb.Container]:
-    """Other layouts side by side, then in other tabs one by one, and the draws of the chains."""
-    # One eye for all layouts, so that they can be compared at a glance; further away the more
-    # there are, for the field of view is fixed vertically and the views grow narrow.
+    """Other scenes side by side, then in other tabs one by one, and the draws of the chains."""
+    # One eye for all scenes, so that they can be compared at a glance.
     beside = scenes[1 : 1 + _BESIDE]
-    narrow = max(1.0, max(len(beside), chains) / _SIDE_BY_SIDE)
-    eye = _eye([s.scene for s in scenes], stand_off=_FAR * narrow)
+    everything = np.concatenate([_corners(s.scene) for s in scenes])
+    eye = _eye(everything, _FROM, _ROW_SHAPE / max(len(beside), chains, 1))
     tabs: list[rrb.Container] = []
     if beside:
         side_by_side = [
             _room(
                 f"{i}: {s.probability:.2f} ± {s.error:.2f}",
-                ["world/floor/**", f"world/layout_{i}/**"],
+                ["world/floor/**", f"world/scene_{i}/**"],
                 eye,
             )
             for i, s in enumerate(beside, 2)
         ]
         one_by_one = rrb.Horizontal(
-            _room("Room", ["world/floor/**", "world/by_layout/**"], eye),
-            rrb.TextDocumentView(origin="summary", name="This layout"),
+            _room("Room", ["world/floor/**", "world/by_scene/**"], eye),
+            rrb.TextDocumentView(origin="summary", name="This scene"),
             column_shares=[3, 1],
-            name="One by one (timeline layout)",
+            name="One by one (timeline scene)",
         )
-        tabs += [rrb.Horizontal(*side_by_side, name="Other layouts"), one_by_one]
+        tabs += [rrb.Horizontal(*side_by_side, name="Other scenes"), one_by_one]
     if chains:
         each = [
             _room(f"Chain {k}", ["world/floor/**", f"{chain_entity(k)}/**"], eye)
@@ -202,40 +210,35 @@ def _room(name: str, contents: Sequence[str], eye: rrb.EyeControls3D) -> rrb.Spa
     )
 
 
-def _eye(
-    scenes: Sequence[Scene], *, stand_off: float, with_camera: bool = False
-) -> rrb.EyeControls3D:
-    """An eye that has the furniture and the motion of these layouts in sight."""
-    seen = [scenes[0].camera.centre[None, :2]] if with_camera else []
-    for scene in scenes:
-        pelvis = scene.joints[:, PELV, :2]
-        seen += [pelvis[np.isfinite(pelvis).all(1)], *(o.footprint for o in scene.objects)]
-    points = np.concatenate(seen) if sum(map(len, seen)) else scenes[0].camera.centre[None, :2]
-    low, high = points.min(0), points.max(0)
-    target = np.array([*((low + high) / 2), _LOOK_AT_HEIGHT])
-    radius = float(np.linalg.norm(high - low)) / 2 + _MARGIN
+def _corners(scene: Scene) -> Array:
+    """(n, 3) points between which the furniture and the motion of a scene are."""
+    pelvis = scene.joints[:, PELV, :2]
+    footprints = [(o.footprint, float(o.bounds[1, 2])) for o in scene.objects]
+    footprints.append((pelvis[np.isfinite(pelvis).all(1)], _PERSON))
+    found = np.concatenate([_at_height(floor, z) for floor, top in footprints for z in (0.0, top)])
+    return found if len(found) else scene.camera.centre[None]
+
+
+def _at_height(floor: Array, height: float) -> Array:
+    """Points (n, 2) on the floor, lifted to (n, 3)."""
+    return np.column_stack([floor, np.full(len(floor), height)])
+
+
+def _eye(points: Array, direction: Array, shape: float) -> rrb.EyeControls3D:
+    """The nearest eye in a direction that has all points (n, 3) in sight of a view of a shape."""
+    away = direction / np.linalg.norm(direction)
+    up = np.array([0.0, 1.0, 0.0]) if away[2] == 1 else np.array([0.0, 0.0, 1.0])
+    right = np.cross(up, away) / np.linalg.norm(np.cross(up, away))
+    top = np.cross(away, right)
+    axes = np.stack([right, top, away])
+    local = points @ axes.T
+    middle = (local.min(0) + local.max(0)) / 2
+    across, upwards, nearer = (local - middle).T
+    sight = np.maximum(np.abs(across) / shape, np.abs(upwards)) / _HALF_VIEW + nearer
+    target = middle @ axes
     return rrb.EyeControls3D(
         kind=rrb.Eye3DKind.Orbital,
-        position=target + stand_off * radius * _FROM / np.linalg.norm(_FROM),
+        position=target + max(_MARGIN * float(sight.max()), 1.0) * away,
         look_target=target,
-        eye_up=(0.0, 0.0, 1.0),
-    )
-
-
-def _eye_above(best: Scene, certainty: Certainty) -> rrb.EyeControls3D:
-    """An eye straight above all that probably stands somewhere, depth upwards on the screen."""
-    regions = [c.region(0.9) for c in certainty.clusters]
-    points = [r.centre + s * r.half_axes.max() for r in regions for s in (-1, 1)]
-    points += [corner for o in best.objects for corner in o.footprint]
-    pelvis = best.joints[:, PELV, :2]
-    points += list(pelvis[np.isfinite(pelvis).all(1)])
-    seen = np.array(points) if points else best.camera.centre[None, :2]
-    low, high = seen.min(0), seen.max(0)
-    middle, size = (low + high) / 2, (high - low) / 2 + _MARGIN
-    height = _ABOVE * float(max(size[0] / _ABOVE_SHAPE, size[1]))
-    return rrb.EyeControls3D(
-        kind=rrb.Eye3DKind.Orbital,
-        position=(*middle, height),
-        look_target=(*middle, 0.0),
-        eye_up=(0.0, 1.0, 0.0),
+        eye_up=up,
     )

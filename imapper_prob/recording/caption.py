@@ -13,22 +13,22 @@ from imapper_prob.results.scenes import WeightedScene
 from imapper_prob.results.uncertainty.clusters import ObjectCluster
 from imapper_prob.results.uncertainty.nuisances import Nuisance
 
-__all__ = ["caption", "certainty_text", "contents", "layout_name", "moves_text"]
+__all__ = ["caption", "certainty_text", "contents", "moves_text", "scene_name"]
 
 _LEGEND = """\
 **Boxes** are furniture, in a colour for each category. **Ellipses** on the floor hold 50 and
-90 % of an object's position. The **yellow person** moves as in the most probable layout; **thin
-doubles** are other draws of the same motion, blue people those of other layouts. **Grey
+90 % of an object's position. The **yellow person** moves as in the most probable scene; **thin
+doubles** are other draws of the same motion, blue people those of other scenes. **Grey
 outlines** are the truth, where it is known.
 
 The **coloured floor** is a map: the stronger the colour, the more probable that such an object
 stands there, over all draws.
 
 In the image, **dots** are detections, from red (unsure) to green (sure); the yellow skeleton is
-the person projected back. **Large dots** on joints say that these are probably hidden, in the
-colour of what hides them.
+the person projected back. **Squares** say that a joint is probably hidden, in the colour of what
+hides it; in the room such joints are large.
 
-Play `frame` to see the motion. Choose the timeline `layout` for one layout after the other, and
+Play `frame` to see the motion. Choose the timeline `scene` for one scene after the other, and
 `draw` for what the chains did.
 """
 _CERTAINTY_LEGEND = f"""\
@@ -51,9 +51,9 @@ _TITLES = {
 """How nuisance parameters are told: name, unit, and how many of it there are in ours."""
 
 
-def layout_name(number: int, weighted: WeightedScene) -> str:
-    """Number of a layout (from 1) and its probability with the Monte-Carlo error."""
-    return f"Layout {number}: p = {weighted.probability:.2f} ± {weighted.error:.2f}"
+def scene_name(number: int, weighted: WeightedScene) -> str:
+    """Number of a scene (from 1) and its probability with the Monte-Carlo error."""
+    return f"Scene {number}: p = {weighted.probability:.2f} ± {weighted.error:.2f}"
 
 
 def contents(scene: Scene) -> str:
@@ -64,12 +64,13 @@ def contents(scene: Scene) -> str:
 
 
 def caption(description: str, scenes: Sequence[WeightedScene]) -> str:
-    """The text panel in Markdown: ``description``, the layouts in a table, and a legend."""
+    """The text panel in Markdown: ``description``, the scenes in a table, and a legend."""
     rows = [
-        f"| {i} | {s.probability:.2f} ± {s.error:.2f} | {contents(s.scene)} |"
+        f"| {i} | {s.probability:.2f} ± {s.error:.2f} | {contents(s.scene)} | {s.difference} |"
         for i, s in enumerate(scenes, 1)
     ]
-    table = ["| layout | probability | furniture |", "|---|---|---|", *rows]
+    header = "| scene | probability | furniture | unlike the first |"
+    table = [header, "|---|---|---|---|", *rows]
     return "\n\n".join([description.strip(), "\n".join(table), _LEGEND])
 
 

@@ -1,6 +1,6 @@
 """How sure the posterior is, drawn: the floor, the objects, and what is hidden.
 
-Unlike layouts, all of this is about every draw at once.
+Unlike scenes, all of this is about every draw at once.
 """
 
 from __future__ import annotations
@@ -38,6 +38,8 @@ _MAP_HEIGHT = 0.002
 """Metres above the floor, to lie on it without flickering."""
 _RING = 0.075
 """Metres; radius of a hidden joint, larger than a joint."""
+_FRAME = 0.015
+"""Half side of the square around a hidden joint, in units of the height of the image."""
 _AXES = {"across the view": (134, 188, 240), "depth": (255, 214, 102), "height": (150, 215, 170)}
 
 
@@ -74,20 +76,24 @@ def log_hidden_joints(
     joints: Array,
     pixels: Array,
     frames: rr.TimeColumn,
+    *,
+    image_height: int,
 ) -> None:
-    """Mark hidden joints of the best layout's person, in the image and in the room.
+    """Mark hidden joints of the best scene's person, in the image and in the room.
 
     Parameters
     ----------
     joints, pixels : (T, 16, 3), (T, 16, 2) float
         Of that person; NaN where unknown.
+    image_height : int
+        Pixels.
     """
     colours = hidden_colours(certainty.hidden)
     marked = certainty.hidden.probability >= HIDDEN
     seen_3d = marked & np.isfinite(joints).all(-1)
     log_moving(
         recording,
-        "world/layout_1/hidden",
+        "world/scene_1/hidden",
         frames,
         rr.Points3D.columns(positions=joints[seen_3d], colors=colours[seen_3d]).partition(
             seen_3d.sum(1)
@@ -99,10 +105,12 @@ def log_hidden_joints(
         recording,
         "world/camera/image/hidden",
         frames,
-        rr.Points2D.columns(positions=pixels[seen_2d], colors=colours[seen_2d]).partition(
-            seen_2d.sum(1)
-        ),
-        style=rr.Points2D.from_fields(radii=rr.Radius.ui_points(7.0), draw_order=10.0),
+        rr.Boxes2D.columns(
+            centers=pixels[seen_2d],
+            half_sizes=np.full((int(seen_2d.sum()), 2), _FRAME * image_height),
+            colors=colours[seen_2d],
+        ).partition(seen_2d.sum(1)),
+        style=rr.Boxes2D.from_fields(radii=rr.Radius.ui_points(1.5), draw_order=30.0),
     )
 
 

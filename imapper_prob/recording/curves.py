@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from imapper_prob.models.camera import Camera
 from imapper_prob.models.scene import Clip, Scene, Track, Truth
 from imapper_prob.models.skeleton import PELV
-from imapper_prob.recording.palette import LAYOUT_COLOURS, TRUE_COLOUR
+from imapper_prob.recording.palette import SCENE_COLOURS, TRUE_COLOUR
 from imapper_prob.results.scenes import WeightedScene
 
 __all__ = ["curve", "log_fit", "log_traces", "trace_entity"]
@@ -35,14 +35,14 @@ def log_fit(
     scenes: Sequence[WeightedScene],
     truth: Truth | None,
 ) -> None:
-    """Log, per layout and frame, the person's distance and the miss of the reprojection."""
+    """Log, per scene and frame, the person's distance and the miss of the reprojection."""
     frames = clip.frame_ids
     for i, weighted in enumerate(scenes, 1):
-        scene, style = weighted.scene, _line(i, f"layout {i}")
+        scene, style = weighted.scene, _line(i, f"scene {i}")
         far = _distance(scene.camera, scene.joints)
-        curve(recording, f"fit/distance/layout_{i}", "frame", frames, far, style)
+        curve(recording, f"fit/distance/scene_{i}", "frame", frames, far, style)
         miss = _mean_miss(scene, clip.tracks[0])
-        curve(recording, f"fit/miss/layout_{i}", "frame", frames, miss, style)
+        curve(recording, f"fit/miss/scene_{i}", "frame", frames, miss, style)
     if truth is not None:
         far = _distance(truth.camera, truth.joints)
         style = rr.SeriesLines(colors=TRUE_COLOUR, names="truth", widths=_WIDTH)
@@ -74,7 +74,7 @@ def _mean_miss(scene: Scene, track: Track) -> Array:
 
 
 def _line(number: int, name: str) -> rr.SeriesLines:
-    colour = LAYOUT_COLOURS[(number - 1) % len(LAYOUT_COLOURS)]
+    colour = SCENE_COLOURS[(number - 1) % len(SCENE_COLOURS)]
     return rr.SeriesLines(colors=colour, names=name, widths=_WIDTH)
 
 

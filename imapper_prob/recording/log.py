@@ -3,17 +3,17 @@
 Entities, in metres in the world frame (z up, floor at z = 0)::
 
     description, certainty, moves     what one sees, how sure it is, how often moves were accepted
-    world/floor, world/camera         the ground, and the camera of the best layout
+    world/floor, world/camera         the ground, and the camera of the best scene
     world/camera/image/...            pictures, detections, reprojected and hidden joints, pixels
     world/occupancy, world/all_draws  the floor and the objects over all draws
-    world/layout_1 … layout_K/...     furniture, names, positions, person, path, ghosts
+    world/scene_1 … scene_K/...     furniture, names, positions, person, path, ghosts
     world/truth/...                   what really was there, where somebody knows
-    world/by_layout/..., summary      the layouts one after the other, on timeline `layout`
+    world/by_scene/..., summary      the scenes one after the other, on timeline `scene`
     world/draws/chain_1 …             draws one after the other, on timeline `draw`
     fit/..., sure/...                 curves over frames
     traces/...                        curves over the draws of the chains
 
-Timelines are `frame` (the input's own numbers), `layout` (from 1) and `draw`. Nothing is
+Timelines are `frame` (the input's own numbers), `scene` (from 1) and `draw`. Nothing is
 stamped with the time of day, so the same run makes the same recording. ``docs/recording.md``
 says what each panel is for.
 """
@@ -39,8 +39,8 @@ from imapper_prob.recording.caption import (
     caption,
     certainty_text,
     contents,
-    layout_name,
     moves_text,
+    scene_name,
 )
 from imapper_prob.recording.certainty import Certainty, log_certainty, log_hidden_joints
 from imapper_prob.recording.curves import log_fit, log_traces
@@ -56,7 +56,7 @@ __all__ = ["write_recording"]
 Array = NDArray[np.float64]
 
 _GHOSTS = 8
-"""Most doubles drawn of a layout's person: more hide the person and swell the file."""
+"""Most doubles drawn of a scene's person: more hide the person and swell the file."""
 _GHOST_RADIUS = 0.006
 """Radius in metres, chosen by eye: a ghost is thinner than a limb."""
 
@@ -84,7 +84,7 @@ def write_recording(
     clip : Clip
         What was seen; the detections of its first track are drawn.
     scenes : sequence of WeightedScene
-        The layouts, most probable first; at least one.
+        The scenes, most probable first; at least one.
     traces : mapping of str to (chains, draws) float
         What to plot of the chains, by name; NaN where a chain has no draw.
     truth : Truth, optional
@@ -169,7 +169,7 @@ def _check(
         raise InputError(f"{path}: the folder {path.parent} does not exist; make it first")
     if not scenes:
         raise InputError(f"{path}: a recording needs at least one scene")
-    motions = {f"layout {i}": s.scene.joints for i, s in enumerate(scenes, 1)}
+    motions = {f"scene {i}": s.scene.joints for i, s in enumerate(scenes, 1)}
     if truth is not None:
         motions["the truth"] = truth.joints
     for name, joints in motions.items():
@@ -195,7 +195,7 @@ def _log_all(recording: rr.RecordingStream, told: _Told) -> None:
     _log_floor(recording, everything, [s.scene.joints for s in scenes])
     pixels = log_image(recording, clip, scenes[0].scene, frames, told.video)
     for i, weighted in enumerate(scenes, 1):
-        _log_layout(recording, f"world/layout_{i}", weighted, categories, frames, best=i == 1)
+        _log_scene(recording, f"world/scene_{i}", weighted, categories, frames, best=i == 1)
     if truth is not None:
         log_static(
             recording, "world/truth/furniture", shapes.boxes(truth.objects, {}, outlined=True)
@@ -203,8 +203,15 @@ def _log_all(recording: rr.RecordingStream, told: _Told) -> None:
         log_person(recording, "world/truth", truth.joints, palette.TRUTH, frames)
     if told.certainty is not None:
         log_certainty(recording, told.certainty, clip.frame_ids)
-        log_hidden_joints(recording, told.certainty, scenes[0].scene.joints, pixels, frames)
-    _log_by_layout(recording, scenes, categories)
+        log_hidden_joints(
+            recording,
+            told.certainty,
+            scenes[0].scene.joints,
+            pixels,
+            frames,
+            image_height=image_camera(scenes[0].scene.camera, told.video).height,
+        )
+    _log_by_scene(recording, scenes, categories)
     log_draws(recording, told.draws, categories)
     log_fit(recording, clip, scenes, truth)
     log_traces(recording, told.curves)
@@ -221,7 +228,7 @@ def _log_floor(
     log_static(recording, "world/floor/lines", shapes.floor_lines(low, high))
 
 
-def _log_layout(
+def _log_scene(
     recording: rr.RecordingStream,
     entity: str,
     weighted: WeightedScene,
@@ -259,15 +266,15 @@ def _log_ghosts(
     )
 
 
-def _log_by_layout(
+def _log_by_scene(
     recording: rr.RecordingStream, scenes: Sequence[WeightedScene], categories: dict[str, int]
 ) -> None:
-    layouts = rr.TimeColumn("layout", sequence=np.arange(1, len(scenes) + 1))
+    index = rr.TimeColumn("scene", sequence=np.arange(1, len(scenes) + 1))
     furniture = shapes.box_columns([s.scene.objects for s in scenes], categories)
     log_moving(
         recording,
-        "world/by_layout/furniture",
-        layouts,
+        "world/by_scene/furniture",
+        index,
         furniture,
         style=rr.Boxes3D.from_fields(
             radii=0.006,
@@ -281,14 +288,14 @@ def _log_by_layout(
     lengths = [len(row) for row in pieces]
     log_moving(
         recording,
-        "world/by_layout/path",
-        layouts,
+        "world/by_scene/path",
+        index,
         columns.partition(lengths),
         style=rr.LineStrips3D.from_fields(
             class_ids=palette.ESTIMATE, radii=PATH_RADIUS, show_labels=False
         ),
     )
 
-    texts = [f"{layout_name(i, s)}: {contents(s.scene)}" for i, s in enumerate(scenes, 1)]
+    texts = [f"{scene_name(i, s)}: {contents(s.scene)}" for i, s in enumerate(scenes, 1)]
     summaries = rr.TextDocument.columns(text=texts)
-    recording.send_columns("summary", indexes=[layouts], columns=summaries, strict=True)
+    recording.send_columns("summary", indexes=[index], columns=summaries, strict=True)

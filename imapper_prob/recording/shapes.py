@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 import rerun as rr
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from imapper_prob.models.camera import Camera
 from imapper_prob.models.geometry import pack_boxes
@@ -111,11 +111,11 @@ def boxes(
 
 
 def box_columns(
-    layouts: Sequence[Sequence[SceneObject]], categories: dict[str, int]
+    rows: Sequence[Sequence[SceneObject]], categories: dict[str, int]
 ) -> rr.ComponentColumnList:
-    """One row a layout: all cuboids of its objects."""
-    everything = [o for objects in layouts for o in objects]
-    lengths = [sum(len(o.cuboids) for o in objects) for objects in layouts]
+    """One row a scene: all cuboids of its objects."""
+    everything = [o for objects in rows for o in objects]
+    lengths = [sum(len(o.cuboids) for o in objects) for objects in rows]
     centres, half_sizes, turns = _box_geometry(everything)
     columns = rr.Boxes3D.columns(
         centers=centres,
@@ -194,11 +194,13 @@ def regions(clusters: Sequence[ObjectCluster]) -> rr.Ellipsoids3D:
 
 
 def _on_floor(
-    centres: Sequence[ArrayLike], half_sizes: Sequence[ArrayLike], turns: Sequence[float]
+    centres: Sequence[tuple[float, ...]],
+    half_sizes: Sequence[tuple[float, ...]],
+    turns: Sequence[float],
 ) -> rr.Ellipsoids3D:
     return rr.Ellipsoids3D(
-        centers=np.reshape(centres, (-1, 3)),
-        half_sizes=np.reshape(half_sizes, (-1, 3)),
+        centers=np.array(centres, float).reshape(-1, 3),
+        half_sizes=np.array(half_sizes, float).reshape(-1, 3),
         quaternions=_about_z(np.array(turns, float)),
         colors=(235, 235, 235),
         line_radii=0.005,

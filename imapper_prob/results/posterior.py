@@ -218,7 +218,7 @@ class Posterior:
 
         problem, shape = self.solution.problem, self.samples.shape
         draws = np.array([state.camera for state in self.samples.states]).reshape(*shape, -1)
-        covariance = np.linalg.inv(problem.camera_precision)
+        covariance = np.asarray(np.linalg.inv(problem.camera_precision), np.float64)
         return nuisances(draws, mean=problem.camera_mean, covariance=covariance)
 
     def _motions(self) -> Iterator[Array]:
