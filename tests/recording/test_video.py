@@ -10,6 +10,7 @@ import pytest
 from PIL import Image
 
 from imapper_prob.models.errors import InputError
+from imapper_prob.recording import video as video_module
 from imapper_prob.recording.log import write_recording
 from imapper_prob.recording.video import WIDTH, read_video
 from tests.recording.reading import read
@@ -42,6 +43,17 @@ def test_pictures_are_found_by_number_and_shrunk(folder: Path) -> None:
             assert image.format == "JPEG"
             assert image.size == (video.width, video.height)
             assert abs(int(np.asarray(image).mean()) - 20 * k) <= 2
+
+
+def test_pictures_full_of_detail_are_made_coarser(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, rng: np.random.Generator
+) -> None:
+    noise = Image.fromarray(rng.integers(0, 255, (1080, 1920, 3), dtype=np.uint8))
+    for i in range(100, 105):
+        noise.save(folder / f"cam2_color_{i:05d}.png", compress_level=1)
+    as_it_is = sum(map(len, read_video(folder, CLIP).pictures))
+    monkeypatch.setattr(video_module, "_MOST", as_it_is * 3 // 4)
+    assert sum(map(len, read_video(folder, CLIP).pictures)) <= as_it_is * 3 // 4
 
 
 def test_points_are_in_the_pixels_of_the_pictures(folder: Path, tmp_path: Path) -> None:
