@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from imapper_prob.config import Config
 from imapper_prob.models.camera import Camera
-from imapper_prob.models.posterior import State, motion
+from imapper_prob.models.errors import InputError
+from imapper_prob.models.posterior import motion
 from imapper_prob.models.scene import Clip, Scene
 from imapper_prob.results.differences import describe_difference
 from imapper_prob.results.diverse import group_scenes
@@ -138,8 +139,7 @@ class Posterior:
         """Layouts (from 0, the most probable first) as one scene, by the draw for the first."""
         samples, chosen = self.samples, self._representatives[layouts[0]]
         state = samples.states[chosen.draw]
-        scene = self._scene(state, samples.log_posterior.flat[chosen.draw])
-        scene = replace(scene, objects=chosen.objects)
+        scene = replace(self.draw(chosen.draw), objects=chosen.objects)
         members = np.flatnonzero(np.isin(samples.layouts.indicator, layouts))
         spread = members[np.linspace(0, len(members) - 1, _GHOSTS).round().astype(int)]
         ghosts = [motion(self.solution.problem, samples.states[m]) for m in np.unique(spread)]
@@ -154,14 +154,33 @@ class Posterior:
             draw=chosen.draw,
         )
 
-    def _scene(self, state: State, log_posterior: float) -> Scene:
+    def scene(self, number: int = 1) -> WeightedScene:
+        """One of the scenes, 1 being the most probable.
+
+        Raises
+        ------
+        InputError
+            If there are not so many.
+        """
+        there = len(self.scene_probabilities.layouts)
+        if not 1 <= number <= there:
+            raise InputError(f"scene {number}: the run has {there} scenes, counted from 1")
+        return self._scene_at(number - 1)
+
+    def draw(self, number: int) -> Scene:
+        """One draw with its camera, furniture and motion; draws are numbered chain by chain."""
+        state = self.samples.states[number]
         pitch, elevation, focal, _, roll = state.camera.tolist()
         camera: Camera = self.clip.camera.posed(
             pitch=pitch, roll=roll, elevation=elevation, focal_scale=float(np.exp(focal))
         )
-        layout = tuple((self.solution.library[s].name, t) for s, t in state.items.tolist())
-        joints = motion(self.solution.problem, state)
-        return Scene(camera, (), joints, layout, float(log_posterior))
+        return Scene(
+            camera=camera,
+            objects=self.samples.objects[number],
+            joints=motion(self.solution.problem, state),
+            layout=tuple((self.solution.library[s].name, t) for s, t in state.items.tolist()),
+            log_posterior=float(self.samples.log_posterior.flat[number]),
+        )
 
     @cached_property
     def data(self) -> xarray.DataTree:
