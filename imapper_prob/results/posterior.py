@@ -16,6 +16,7 @@ from imapper_prob.models.camera import Camera
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.posterior import motion
 from imapper_prob.models.scene import Clip, Scene
+from imapper_prob.models.skeleton import PELV
 from imapper_prob.results.differences import describe_difference
 from imapper_prob.results.diverse import group_scenes
 from imapper_prob.results.explained import explained_by
@@ -29,9 +30,18 @@ from imapper_prob.samplers.diagnostics import (
 from imapper_prob.sampling.sample import Samples
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     import xarray
 
+    from imapper_prob.recording.certainty import Certainty
+    from imapper_prob.recording.draws import DrawnChain
     from imapper_prob.results.stored_input import Source
+    from imapper_prob.results.uncertainty.clusters import ObjectCluster
+    from imapper_prob.results.uncertainty.hidden import HiddenJoints
+    from imapper_prob.results.uncertainty.joints import JointSummary
+    from imapper_prob.results.uncertainty.nuisances import Nuisance
+    from imapper_prob.results.uncertainty.occupancy import Occupancy
 
 __all__ = ["Posterior"]
 
@@ -191,9 +201,61 @@ class Posterior:
             return self.stored
         return posterior_tree(self.solution, self.samples, self.config)
 
-    def record(self, path: str | Path) -> None:
-        """Write the recording (``.rrd``) that opens in the rerun viewer."""
+    def occupancy(self, *, cell: float = 0.1) -> Occupancy:
+        """Probability by category that a place on the floor is covered, cells in metres."""
+        from imapper_prob.results.uncertainty.occupancy import occupancy
+
+        return occupancy(self.samples.objects, cell=cell)
+
+    def clusters(self, *, least: float = 0.05) -> tuple[ObjectCluster, ...]:
+        """Objects matched across all draws, most probable first, down to a probability."""
+        from imapper_prob.results.uncertainty.clusters import object_clusters
+
+        return object_clusters(
+            self.samples.objects,
+            self.samples.log_posterior,
+            radius=self.config.sample.layout_radius,
+            least=least,
+        )
+
+    def joints(self) -> JointSummary:
+        """Mean and covariance of every joint in every frame."""
+        from imapper_prob.results.uncertainty.joints import joint_summary
+
+        return joint_summary(self._motions())
+
+    def hidden(self) -> HiddenJoints:
+        """P(joint hidden) by frame and joint, and by which of :meth:`clusters`."""
+        from imapper_prob.results.uncertainty.hidden import hidden_joints
+
+        elevations = [float(state.camera[1]) for state in self.samples.states]
+        return hidden_joints(self.samples.objects, self._motions(), elevations, self.clusters())
+
+    def nuisances(self) -> dict[str, Nuisance]:
+        """Prior against posterior of camera and body, by name."""
+        from imapper_prob.results.uncertainty.nuisances import nuisances
+
+        problem, shape = self.solution.problem, self.samples.shape
+        draws = np.array([state.camera for state in self.samples.states]).reshape(*shape, -1)
+        covariance = np.asarray(np.linalg.inv(problem.camera_precision), np.float64)
+        return nuisances(draws, mean=problem.camera_mean, covariance=covariance)
+
+    def _motions(self) -> Iterator[Array]:
+        """The motion of each draw in its world, one after the other."""
+        return (motion(self.solution.problem, state) for state in self.samples.states)
+
+    def record(self, path: str | Path, *, video: str | Path | None = None) -> None:
+        """Write the recording (``.rrd``) that opens in the rerun viewer.
+
+        Parameters
+        ----------
+        path : path
+        video : path, optional
+            The pictures of the clip, to lie behind the detections: a folder of pictures whose
+            names end in the number of their frame, or a video file.
+        """
         from imapper_prob.recording.log import write_recording
+        from imapper_prob.recording.video import read_video
         from imapper_prob.results.summary import describe
 
         write_recording(
@@ -203,6 +265,33 @@ class Posterior:
             traces=self.traces,
             truth=self.clip.truth,
             description=describe(self.clip, self.samples),
+            certainty=self._certainty,
+            draws=self._drawn_chains(),
+            acceptance=self.samples.acceptance.rates(),
+            video=None if video is None else read_video(video, self.clip),
+        )
+
+    @property
+    def _certainty(self) -> Certainty:
+        from imapper_prob.recording.certainty import Certainty
+
+        return Certainty(self.occupancy(), self.hidden(), self.joints(), self.nuisances())
+
+    def _drawn_chains(self) -> tuple[DrawnChain, ...]:
+        """Draws of each chain, evenly spread, as many as a recording may hold."""
+        from imapper_prob.recording.draws import MOST, DrawnChain
+
+        samples, problem = self.samples, self.solution.problem
+        chains, draws = samples.shape
+        kept = np.unique(np.linspace(0, draws - 1, max(1, MOST // chains)).round().astype(int))
+        numbers = [c * draws + kept for c in range(chains)]
+        return tuple(
+            DrawnChain(
+                kept,
+                [samples.objects[n] for n in own],
+                np.array([motion(problem, samples.states[n])[:, PELV] for n in own]),
+            )
+            for own in numbers
         )
 
     @property
