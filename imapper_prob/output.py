@@ -11,6 +11,7 @@ from imapper_prob.models.errors import InputError
 from imapper_prob.results.export import write_scenes
 from imapper_prob.results.export_glb import write_glb
 from imapper_prob.results.posterior import Posterior
+from imapper_prob.results.report.write import write_report
 from imapper_prob.results.tree import write_tree
 
 __all__ = ["CHECKPOINTS", "prepare_folder", "write_run"]
@@ -78,6 +79,7 @@ def write_run(folder: Path, posterior: Posterior, *, overwrite: bool) -> None:
         _write_models(beside / "scenes", posterior)
         write_tree(beside / "posterior.nc", posterior.data)
         posterior.record(beside / "recording.rrd")
+        write_report(beside / "report.html", posterior)
         if folder.exists():
             if not posterior.samples.finished and (folder / CHECKPOINTS).exists():
                 os.replace(folder / CHECKPOINTS, beside / CHECKPOINTS)

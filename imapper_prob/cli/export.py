@@ -1,4 +1,4 @@
-"""``export``: scenes of a run in other people's formats."""
+"""``export`` and ``report``: a run in other people's formats, and for their eyes."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from typing import Any
 
 from imapper_prob.models.errors import InputError
 
-__all__ = ["add_export_command"]
+__all__ = ["add_export_commands"]
 
 
-def add_export_command(
+def add_export_commands(
     commands: argparse._SubParsersAction[Any], shared: argparse.ArgumentParser
 ) -> None:
-    """Add the command to a parser; ``shared`` holds options that all commands have."""
+    """Add the commands to a parser; ``shared`` holds options that all commands have."""
     export = commands.add_parser(
         "export", parents=[shared], help="write a scene of a run in another format"
     )
@@ -42,6 +42,12 @@ def add_export_command(
     )
     export.set_defaults(execute=_export)
 
+    report = commands.add_parser(
+        "report", parents=[shared], help="write the report of a run again: DIR/report.html"
+    )
+    report.add_argument("folder", type=Path, metavar="DIR")
+    report.set_defaults(execute=_report)
+
 
 def _export(options: argparse.Namespace) -> None:
     from rich.console import Console
@@ -68,3 +74,18 @@ def _export(options: argparse.Namespace) -> None:
     except OSError as error:
         raise InputError(f"{out}: cannot be written ({error.strerror or error})") from error
     Console().print(f"Written: {out}", highlight=False)
+
+
+def _report(options: argparse.Namespace) -> None:
+    from rich.console import Console
+
+    from imapper_prob.results.load import load_posterior
+    from imapper_prob.results.report.write import write_report
+
+    posterior = load_posterior(options.folder)
+    path = options.folder / "report.html"
+    try:
+        write_report(path, posterior)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written ({error.strerror or error})") from error
+    Console().print(f"Written: {path}", highlight=False)

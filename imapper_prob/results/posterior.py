@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -63,6 +64,8 @@ class Posterior:
         Draws and layouts.
     config : Config
         Everything needed to repeat the run on the same clip.
+    seconds : mapping of str to float
+        How long each part of the run took by the clock on the wall.
     stored : DataTree, optional
         The file that it was read from.
     """
@@ -70,6 +73,7 @@ class Posterior:
     solution: Source
     samples: Samples
     config: Config
+    seconds: Mapping[str, float] = field(default_factory=dict, repr=False)
     stored: xarray.DataTree | None = field(default=None, repr=False)
 
     @property
@@ -199,7 +203,7 @@ class Posterior:
 
         if self.stored is not None:
             return self.stored
-        return posterior_tree(self.solution, self.samples, self.config)
+        return posterior_tree(self.solution, self.samples, self.config, seconds=self.seconds)
 
     def occupancy(self, *, cell: float = 0.1) -> Occupancy:
         """Probability by category that a place on the floor is covered, cells in metres."""
@@ -265,14 +269,15 @@ class Posterior:
             traces=self.traces,
             truth=self.clip.truth,
             description=describe(self.clip, self.samples),
-            certainty=self._certainty,
+            certainty=self.certainty,
             draws=self._drawn_chains(),
             acceptance=self.samples.acceptance.rates(),
             video=None if video is None else read_video(video, self.clip),
         )
 
-    @property
-    def _certainty(self) -> Certainty:
+    @cached_property
+    def certainty(self) -> Certainty:
+        """All that is said over all draws at once: occupancy, objects, joints, camera."""
         from imapper_prob.recording.certainty import Certainty
 
         return Certainty(self.occupancy(), self.hidden(), self.joints(), self.nuisances())

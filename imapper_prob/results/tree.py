@@ -19,7 +19,6 @@ and those of :mod:`imapper_prob.results.stored_samples` and
 from __future__ import annotations
 
 from collections.abc import Mapping
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Final
 
@@ -27,11 +26,12 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from imapper_prob.config import Config, to_toml
+from imapper_prob.config import Config
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.path import CAMERA
 from imapper_prob.models.posterior import motion, swapped
 from imapper_prob.models.skeleton import JOINTS, PELV
+from imapper_prob.results.provenance import provenance
 from imapper_prob.results.stored_input import Source, source_groups
 from imapper_prob.results.stored_samples import object_origins, sample_attributes, sample_groups
 from imapper_prob.sampling.agreement import describe_agreement
@@ -61,8 +61,17 @@ _UNITS = {
 }
 
 
-def posterior_tree(source: Source, samples: Samples, config: Config) -> xr.DataTree:
-    """All that a run sampled, with provenance in the attributes."""
+def posterior_tree(
+    source: Source,
+    samples: Samples,
+    config: Config,
+    *,
+    seconds: Mapping[str, float] | None = None,
+) -> xr.DataTree:
+    """All that a run sampled, with provenance in the attributes.
+
+    ``seconds`` say how long each part of the run took.
+    """
     clip, shape = source.clip, samples.shape
     camera = np.array([state.camera for state in samples.states]).reshape(*shape, -1)
     pelvis = np.array(
@@ -120,11 +129,7 @@ def posterior_tree(source: Source, samples: Samples, config: Config) -> xr.DataT
     tree: xr.DataTree = xr.DataTree.from_dict(groups)
     tree.attrs = {
         "format": FORMAT,
-        "program": f"imapper-prob {version('imapper-prob')}",
-        "clip": clip.name,
-        "library": source.library.name,
-        "library_digest": source.library.digest,
-        "config": to_toml(config),
+        **provenance(source, config, seconds or {}),
         **sample_attributes(samples),
         "agreement": describe_agreement(samples.agreements),
         "frame": "world: metres, z up, floor at z = 0, camera above the origin, looking along y",

@@ -33,7 +33,9 @@ def run_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_run_writes_all_its_files(run_folder: Path) -> None:
     names = sorted(p.name for p in run_folder.iterdir())
-    assert names == ["config.toml", "posterior.nc", "recording.rrd", "scenes", "scenes.json"]
+    assert names == [
+        "config.toml", "posterior.nc", "recording.rrd", "report.html", "scenes", "scenes.json",
+    ]  # fmt: skip
     shown = json.loads((run_folder / "scenes.json").read_text())["scenes"]
     models = sorted(p.name for p in (run_folder / "scenes").iterdir())
     assert models == [f"scene_{n}.glb" for n in range(1, len(shown) + 1)]

@@ -33,7 +33,7 @@ def test_clusters_add_up_to_the_number_of_objects() -> None:
 def test_joints_agree_with_the_tree() -> None:
     run = posterior()
     found = run.joints()
-    pelvis = run.data["posterior/pelvis"].to_numpy().astype(float)
+    pelvis = run.data["motion/pelvis"].to_numpy().astype(float)
     np.testing.assert_allclose(found.mean[:, PELV], pelvis.mean((0, 1)), atol=1e-5)
     spread = pelvis.std((0, 1)) * np.sqrt(pelvis[..., 0, 0].size / (pelvis[..., 0, 0].size - 1))
     np.testing.assert_allclose(found.standard_deviation[:, PELV], spread, atol=1e-4)
