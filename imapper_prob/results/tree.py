@@ -2,7 +2,10 @@
 
 Groups, as ArviZ names them:
 
-``posterior``      what every draw has, whatever its dimension: one number each
+``posterior``      camera, body and mean depth of each draw: what every draw has whatever its
+                   dimension, and can vary freely, as plots of ArviZ want it
+``counts``         numbers of scenelets and objects, and the layout; in a good run they may be
+                   the same in all draws
 ``motion``         by frame the pelvis, and the probability that the detector took left for right
 ``draws``          scenelets and merged objects of each draw, padded, with their numbers
 ``sample_stats``   log-posterior; temperatures of each chain, rates of exchange between them, and
@@ -51,6 +54,7 @@ _UNITS = {
     "log_focal_scale": "1",
     "log_body_scale": "1",
     "roll": "rad",
+    "mean_depth": "m",
     "pelvis": "m",
     "sides_swapped": "1",
     "log_posterior": "nat",
@@ -84,7 +88,8 @@ def posterior_tree(
     posterior: dict[str, Variable] = {
         name: (per_draw, camera[..., i]) for i, name in enumerate(CAMERA)
     }
-    posterior |= {
+    posterior["mean_depth"] = (per_draw, pelvis[..., 1].mean(-1, dtype=np.float64))
+    counts: dict[str, Variable] = {
         "n_scenelets": (per_draw, np.reshape([s.n_scenelets for s in samples.states], shape)),
         "n_objects": (per_draw, np.reshape([len(o) for o in samples.objects], shape)),
         "layout": (per_draw, samples.layouts.indicator.reshape(shape)),
@@ -96,6 +101,7 @@ def posterior_tree(
     frames, chosen = {"frame": clip.frame_ids}, _drawn_scenelets(samples)
     groups = {
         "posterior": xr.Dataset(_labelled(posterior)),
+        "counts": xr.Dataset(_labelled(counts)),
         "motion": xr.Dataset(_labelled(moved), {**frames, "axis": list("xyz")}),
         "draws": xr.Dataset(_labelled(_padded(source, samples))),
         "sample_stats": xr.Dataset(
@@ -122,7 +128,7 @@ def posterior_tree(
         **sample_groups(samples),
         **source_groups(source, chosen),
     }
-    for name in ("posterior", "motion", "draws", "latent", "sample_stats"):
+    for name in ("posterior", "counts", "motion", "draws", "latent", "sample_stats"):
         groups[name] = groups[name].assign_coords(
             chain=np.arange(shape[0]), draw=np.arange(shape[1])
         )
