@@ -13,7 +13,7 @@ from imapper_prob.results.scenes import WeightedScene
 from imapper_prob.results.uncertainty.clusters import ObjectCluster
 from imapper_prob.results.uncertainty.nuisances import Nuisance
 
-__all__ = ["caption", "certainty_text", "contents", "moves_text", "scene_name"]
+__all__ = ["TITLES", "caption", "certainty_text", "contents", "moves_text", "scene_name"]
 
 _LEGEND = """\
 **Boxes** are furniture, in a colour for each category. **Ellipses** on the floor hold 50 and
@@ -41,7 +41,7 @@ everything; below 0 the posterior is wider than the prior.
 """
 _DOTS = 25
 """Of a full bar."""
-_TITLES = {
+TITLES = {
     "pitch": ("camera pitch", "°", 180 / np.pi),
     "roll": ("camera roll", "°", 180 / np.pi),
     "elevation": ("camera height", "m", 1.0),
@@ -121,7 +121,7 @@ def _object_row(cluster: ObjectCluster, hides: int) -> str:
 
 
 def _parameter_row(one: Nuisance) -> str:
-    title, unit, scale = _TITLES[one.name]
+    title, unit, scale = TITLES[one.name]
     digits = 2 if unit == "m" else 1
 
     def told(mean: float, spread: float) -> str:

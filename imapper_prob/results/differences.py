@@ -21,14 +21,21 @@ _TURNED: Final = np.radians(30)
 def describe_difference(best: Sequence[SceneObject], other: Sequence[SceneObject]) -> str:
     """What of ``other`` is not as in ``best``, as the camera sees it.
 
+    Where two objects share a label, how far away they are says which one is meant.
+
     Examples
     --------
     ``"a stool instead of the couch, 0.4 m nearer; no table; also a shelf 1.2 m to the right
     and 4.0 m away"``
     """
     found = pair_objects(best, other)
-    parts = [_change(best[i], other[j]) for i, j in found.pairs]
-    parts += [f"no {best[i].label}" for i in found.only_first]
+    labels = [o.label for o in best]
+    names = [
+        o.label if labels.count(o.label) == 1 else f"{o.label} (at {o.centre[1]:.1f} m)"
+        for o in best
+    ]
+    parts = [_change(names[i], best[i], other[j]) for i, j in found.pairs]
+    parts += [f"no {names[i]}" for i in found.only_first]
     parts += [f"also a {other[j].label} {where(other[j])}" for j in found.only_second]
     return "; ".join(part for part in parts if part) or "the same furniture, nearly as it stands"
 
@@ -40,7 +47,7 @@ def where(o: SceneObject) -> str:
     return f"{abs(x):.1f} m to the {side} and {y:.1f} m away"
 
 
-def _change(first: SceneObject, second: SceneObject) -> str:
+def _change(name: str, first: SceneObject, second: SceneObject) -> str:
     """Half a sentence on a pair; empty where nothing is worth a word."""
     right, away = (second.centre - first.centre)[:2]
     moves = []
@@ -54,5 +61,5 @@ def _change(first: SceneObject, second: SceneObject) -> str:
     if turned > _TURNED:
         moves.append(f"turned by {np.degrees(turned):.0f}°")
     if first.label != second.label:
-        return ", ".join([f"a {second.label} instead of the {first.label}", *moves])
-    return f"the {first.label} {', '.join(moves)}" if moves else ""
+        return ", ".join([f"a {second.label} instead of the {name}", *moves])
+    return f"the {name} {', '.join(moves)}" if moves else ""

@@ -9,6 +9,7 @@ import xarray as xr
 from imapper_prob.config import from_toml
 from imapper_prob.models.errors import InputError
 from imapper_prob.results.posterior import Posterior
+from imapper_prob.results.provenance import seconds_of
 from imapper_prob.results.stored_input import read_source
 from imapper_prob.results.stored_samples import read_samples
 from imapper_prob.results.tree import FORMAT
@@ -54,4 +55,5 @@ def load_posterior(folder: str | Path) -> Posterior:
         samples = read_samples(groups, source.library)
     except (KeyError, IndexError, TypeError, ValueError) as error:
         raise InputError(f"{path}: lacks something of a run ({error}); run it again") from error
-    return Posterior(source, samples, from_toml(tree.attrs["config"], where=str(path)), tree)
+    config = from_toml(tree.attrs["config"], where=str(path))
+    return Posterior(source, samples, config, seconds=seconds_of(tree.attrs), stored=tree)

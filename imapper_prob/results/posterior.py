@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -13,7 +14,8 @@ from numpy.typing import NDArray
 
 from imapper_prob.config import Config
 from imapper_prob.models.camera import Camera
-from imapper_prob.models.posterior import State, motion
+from imapper_prob.models.errors import InputError
+from imapper_prob.models.posterior import motion
 from imapper_prob.models.scene import Clip, Scene
 from imapper_prob.models.skeleton import PELV
 from imapper_prob.results.differences import describe_difference
@@ -62,6 +64,8 @@ class Posterior:
         Draws and layouts.
     config : Config
         Everything needed to repeat the run on the same clip.
+    seconds : mapping of str to float
+        How long each part of the run took by the clock on the wall.
     stored : DataTree, optional
         The file that it was read from.
     """
@@ -69,6 +73,7 @@ class Posterior:
     solution: Source
     samples: Samples
     config: Config
+    seconds: Mapping[str, float] = field(default_factory=dict, repr=False)
     stored: xarray.DataTree | None = field(default=None, repr=False)
 
     @property
@@ -148,8 +153,7 @@ class Posterior:
         """Layouts (from 0, the most probable first) as one scene, by the draw for the first."""
         samples, chosen = self.samples, self._representatives[layouts[0]]
         state = samples.states[chosen.draw]
-        scene = self._scene(state, samples.log_posterior.flat[chosen.draw])
-        scene = replace(scene, objects=chosen.objects)
+        scene = replace(self.draw(chosen.draw), objects=chosen.objects)
         members = np.flatnonzero(np.isin(samples.layouts.indicator, layouts))
         spread = members[np.linspace(0, len(members) - 1, _GHOSTS).round().astype(int)]
         ghosts = [motion(self.solution.problem, samples.states[m]) for m in np.unique(spread)]
@@ -164,14 +168,33 @@ class Posterior:
             draw=chosen.draw,
         )
 
-    def _scene(self, state: State, log_posterior: float) -> Scene:
+    def scene(self, number: int = 1) -> WeightedScene:
+        """One of the scenes, 1 being the most probable.
+
+        Raises
+        ------
+        InputError
+            If there are not so many.
+        """
+        there = len(self.scene_probabilities.layouts)
+        if not 1 <= number <= there:
+            raise InputError(f"scene {number}: the run has {there} scenes, counted from 1")
+        return self._scene_at(number - 1)
+
+    def draw(self, number: int) -> Scene:
+        """One draw with its camera, furniture and motion; draws are numbered chain by chain."""
+        state = self.samples.states[number]
         pitch, elevation, focal, _, roll = state.camera.tolist()
         camera: Camera = self.clip.camera.posed(
             pitch=pitch, roll=roll, elevation=elevation, focal_scale=float(np.exp(focal))
         )
-        layout = tuple((self.solution.library[s].name, t) for s, t in state.items.tolist())
-        joints = motion(self.solution.problem, state)
-        return Scene(camera, (), joints, layout, float(log_posterior))
+        return Scene(
+            camera=camera,
+            objects=self.samples.objects[number],
+            joints=motion(self.solution.problem, state),
+            layout=tuple((self.solution.library[s].name, t) for s, t in state.items.tolist()),
+            log_posterior=float(self.samples.log_posterior.flat[number]),
+        )
 
     @cached_property
     def data(self) -> xarray.DataTree:
@@ -180,7 +203,7 @@ class Posterior:
 
         if self.stored is not None:
             return self.stored
-        return posterior_tree(self.solution, self.samples, self.config)
+        return posterior_tree(self.solution, self.samples, self.config, seconds=self.seconds)
 
     def occupancy(self, *, cell: float = 0.1) -> Occupancy:
         """Probability by category that a place on the floor is covered, cells in metres."""
@@ -246,14 +269,15 @@ class Posterior:
             traces=self.traces,
             truth=self.clip.truth,
             description=describe(self.clip, self.samples),
-            certainty=self._certainty,
+            certainty=self.certainty,
             draws=self._drawn_chains(),
             acceptance=self.samples.acceptance.rates(),
             video=None if video is None else read_video(video, self.clip),
         )
 
-    @property
-    def _certainty(self) -> Certainty:
+    @cached_property
+    def certainty(self) -> Certainty:
+        """All that is said over all draws at once: occupancy, objects, joints, camera."""
         from imapper_prob.recording.certainty import Certainty
 
         return Certainty(self.occupancy(), self.hidden(), self.joints(), self.nuisances())

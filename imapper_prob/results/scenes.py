@@ -45,13 +45,11 @@ class Explains:
 
     @property
     def text(self) -> str:
-        """One sentence of it."""
-        told = f"explains {self.covered} of {self.n_frames} frames by what people do there"
-        if not self.unsure:
-            return told
+        """A sentence of it, to follow "it"."""
         return (
-            f"{told}, and {self.unsure_behind} of {self.unsure} unsure detections by "
-            f"furniture in front ({self.sure_behind} sure ones are behind it too)"
+            f"covers {self.covered} of {self.n_frames} frames with scenelets, and has "
+            f"{self.unsure_behind} of {self.unsure} unsure detections behind furniture "
+            f"({self.sure_behind} sure ones too)"
         )
 
 

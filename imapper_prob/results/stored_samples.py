@@ -148,7 +148,7 @@ def read_samples(groups: Groups, library: Library) -> Samples:
         traces=groups["/traces"]["log_posterior"].to_numpy(),
         objects=objects,
         layouts=Layouts(
-            _flat(groups["/posterior"], "layout").astype(np.int64),
+            _flat(groups["/counts"], "layout").astype(np.int64),
             tuple(layouts["leader"].sortby("layout").to_numpy().tolist()),
         ),
         probabilities=_probabilities(layouts, values.shape[1]),

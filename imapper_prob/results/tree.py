@@ -2,7 +2,10 @@
 
 Groups, as ArviZ names them:
 
-``posterior``      what every draw has, whatever its dimension: one number each
+``posterior``      camera, body and mean depth of each draw: what every draw has whatever its
+                   dimension, and can vary freely, as plots of ArviZ want it
+``counts``         numbers of scenelets and objects, and the layout; in a good run they may be
+                   the same in all draws
 ``motion``         by frame the pelvis, and the probability that the detector took left for right
 ``draws``          scenelets and merged objects of each draw, padded, with their numbers
 ``sample_stats``   log-posterior; temperatures of each chain, rates of exchange between them, and
@@ -19,7 +22,6 @@ and those of :mod:`imapper_prob.results.stored_samples` and
 from __future__ import annotations
 
 from collections.abc import Mapping
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Final
 
@@ -27,11 +29,12 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from imapper_prob.config import Config, to_toml
+from imapper_prob.config import Config
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.path import CAMERA
 from imapper_prob.models.posterior import motion, swapped
 from imapper_prob.models.skeleton import JOINTS, PELV
+from imapper_prob.results.provenance import provenance
 from imapper_prob.results.stored_input import Source, source_groups
 from imapper_prob.results.stored_samples import object_origins, sample_attributes, sample_groups
 from imapper_prob.sampling.agreement import describe_agreement
@@ -51,6 +54,7 @@ _UNITS = {
     "log_focal_scale": "1",
     "log_body_scale": "1",
     "roll": "rad",
+    "mean_depth": "m",
     "pelvis": "m",
     "sides_swapped": "1",
     "log_posterior": "nat",
@@ -61,8 +65,17 @@ _UNITS = {
 }
 
 
-def posterior_tree(source: Source, samples: Samples, config: Config) -> xr.DataTree:
-    """All that a run sampled, with provenance in the attributes."""
+def posterior_tree(
+    source: Source,
+    samples: Samples,
+    config: Config,
+    *,
+    seconds: Mapping[str, float] | None = None,
+) -> xr.DataTree:
+    """All that a run sampled, with provenance in the attributes.
+
+    ``seconds`` say how long each part of the run took.
+    """
     clip, shape = source.clip, samples.shape
     camera = np.array([state.camera for state in samples.states]).reshape(*shape, -1)
     pelvis = np.array(
@@ -75,7 +88,8 @@ def posterior_tree(source: Source, samples: Samples, config: Config) -> xr.DataT
     posterior: dict[str, Variable] = {
         name: (per_draw, camera[..., i]) for i, name in enumerate(CAMERA)
     }
-    posterior |= {
+    posterior["mean_depth"] = (per_draw, pelvis[..., 1].mean(-1, dtype=np.float64))
+    counts: dict[str, Variable] = {
         "n_scenelets": (per_draw, np.reshape([s.n_scenelets for s in samples.states], shape)),
         "n_objects": (per_draw, np.reshape([len(o) for o in samples.objects], shape)),
         "layout": (per_draw, samples.layouts.indicator.reshape(shape)),
@@ -87,6 +101,7 @@ def posterior_tree(source: Source, samples: Samples, config: Config) -> xr.DataT
     frames, chosen = {"frame": clip.frame_ids}, _drawn_scenelets(samples)
     groups = {
         "posterior": xr.Dataset(_labelled(posterior)),
+        "counts": xr.Dataset(_labelled(counts)),
         "motion": xr.Dataset(_labelled(moved), {**frames, "axis": list("xyz")}),
         "draws": xr.Dataset(_labelled(_padded(source, samples))),
         "sample_stats": xr.Dataset(
@@ -113,18 +128,14 @@ def posterior_tree(source: Source, samples: Samples, config: Config) -> xr.DataT
         **sample_groups(samples),
         **source_groups(source, chosen),
     }
-    for name in ("posterior", "motion", "draws", "latent", "sample_stats"):
+    for name in ("posterior", "counts", "motion", "draws", "latent", "sample_stats"):
         groups[name] = groups[name].assign_coords(
             chain=np.arange(shape[0]), draw=np.arange(shape[1])
         )
     tree: xr.DataTree = xr.DataTree.from_dict(groups)
     tree.attrs = {
         "format": FORMAT,
-        "program": f"imapper-prob {version('imapper-prob')}",
-        "clip": clip.name,
-        "library": source.library.name,
-        "library_digest": source.library.digest,
-        "config": to_toml(config),
+        **provenance(source, config, seconds or {}),
         **sample_attributes(samples),
         "agreement": describe_agreement(samples.agreements),
         "frame": "world: metres, z up, floor at z = 0, camera above the origin, looking along y",

@@ -116,6 +116,14 @@ def test_differences_in_words(other: list[SceneObject], words: str) -> None:
     assert describe_difference([item("couch"), item("table", 1.0)], other) == words
 
 
+def test_of_two_chairs_the_distance_says_which() -> None:
+    two = [item("chair", y=3.0), item("chair", y=5.0)]
+    assert describe_difference(two, [item("chair", y=3.0), item("stool", y=5.0)]) == (
+        "a stool instead of the chair (at 5.0 m)"
+    )
+    assert describe_difference(two, two[:1]) == "no chair (at 5.0 m)"
+
+
 def test_scenes_are_layouts_put_together() -> None:
     run = posterior()
     found, samples = run.scene_probabilities, run.samples
