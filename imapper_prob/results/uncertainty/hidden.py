@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.geometry import pack_boxes
-from imapper_prob.models.kernels.room import find_clearances
 from imapper_prob.models.scene import SceneObject
 from imapper_prob.models.skeleton import JOINTS
 from imapper_prob.results.uncertainty.clusters import ObjectCluster
+from imapper_prob.results.uncertainty.sight import lines_cut
 
 __all__ = ["HiddenJoints", "cut_by", "hidden_joints"]
 
@@ -126,10 +126,7 @@ def cut_by(o: SceneObject, joints: Array, elevation: float) -> NDArray[np.bool_]
     elevation : float
         Height of the camera above the world's origin, metres.
     """
-    boxes = pack_boxes([o])
-    turns = np.column_stack(
-        [np.cos(boxes[:, 6]), np.sin(boxes[:, 6]), np.linalg.norm(boxes[:, 3:6], axis=1)]
+    cut: NDArray[np.bool_] = lines_cut(
+        float(elevation), np.ascontiguousarray(joints), pack_boxes([o])
     )
-    clearance = find_clearances(float(elevation), np.ascontiguousarray(joints), boxes, turns)
-    cut: NDArray[np.bool_] = np.asarray(clearance) < 0
     return cut

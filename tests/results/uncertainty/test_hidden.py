@@ -68,3 +68,13 @@ def test_lines_of_sight_are_those_of_the_model(rng: np.random.Generator) -> None
         # On the edge rounding decides.
         clear = np.abs(clearance) > 1e-9
         np.testing.assert_array_equal(cut_by(o, joints, ELEVATION)[clear], clearance[clear] < 0)
+
+
+def test_a_line_along_a_side_is_told_apart() -> None:
+    # Straight ahead and level: the line runs along two of the axes of the box.
+    joints = np.zeros((1, 16, 3))
+    joints[0, :, 1:] = 6.0, ELEVATION
+    assert cut_by(piece("shelf", 0, 3, height=2.0), joints, ELEVATION).all()
+    assert not cut_by(piece("table", 0, 3, height=0.8), joints, ELEVATION).any()
+    assert not cut_by(piece("shelf", 2, 3, height=2.0), joints, ELEVATION).any()
+    assert not cut_by(piece("shelf", 0, 8, height=2.0), joints, ELEVATION).any()
