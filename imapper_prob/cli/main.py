@@ -8,6 +8,7 @@ from collections.abc import Sequence
 
 import imapper_prob
 from imapper_prob.cli.export import add_export_commands
+from imapper_prob.cli.recordings import add_recording_commands
 from imapper_prob.cli.run import add_run_commands
 from imapper_prob.cli.scenelets import add_scenelet_commands
 from imapper_prob.models.errors import InputError
@@ -48,5 +49,6 @@ def _parser() -> argparse.ArgumentParser:
     shared.add_argument("--debug", action="store_true", help="show tracebacks")
     add_run_commands(commands, shared)
     add_export_commands(commands, shared)
+    add_recording_commands(commands, shared)
     add_scenelet_commands(commands, shared)
     return parser

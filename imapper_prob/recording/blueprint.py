@@ -75,7 +75,7 @@ def make_blueprint(
     """
     truly = ["world/truth/**"] if truth is not None else []
     best = scenes[0].scene
-    room = [_corners(best), best.camera.centre[None], best.camera.centre[None] * (1, 1, 0)]
+    room = [_corners(best), best.camera.centre[None]]
     eye = _eye(np.concatenate(room), _FROM, _MAIN_SHAPE)
     shown = ["world/floor/**", "world/occupancy", "world/camera/**", "world/scene_1/**", *truly]
     main = _room(scene_name(1, scenes[0]), shown, eye)
@@ -100,7 +100,7 @@ def make_blueprint(
                 picture,
                 _texts(certainty),
                 _plots(traces, sure=certainty is not None, moves=moves),
-                row_shares=[3, 4, 3],
+                row_shares=[7, 7, 6],
             ),
             column_shares=[5, 3],
         ),
@@ -158,21 +158,21 @@ def _alternatives(scenes: Sequence[WeightedScene], chains: int) -> list[rrb.Cont
         one_by_one = rrb.Horizontal(
             _room("Room", ["world/floor/**", "world/by_scene/**"], eye),
             rrb.TextDocumentView(origin="summary", name="This scene"),
-            column_shares=[3, 1],
+            column_shares=[2, 1],
             name="One by one (timeline scene)",
         )
         tabs += [rrb.Horizontal(*side_by_side, name="Other scenes"), one_by_one]
     if chains:
         each = [
-            _room(f"Chain {k}", ["world/floor/**", f"{chain_entity(k)}/**"], eye)
+            _room(f"{k}", ["world/floor/**", f"{chain_entity(k)}/**"], eye)
             for k in range(1, chains + 1)
         ]
-        tabs.append(rrb.Horizontal(*each, name="Draws (timeline draw)"))
+        tabs.append(rrb.Horizontal(*each, name="Draws by chain (timeline draw)"))
     return [rrb.Tabs(*tabs, active_tab=0)] if tabs else []
 
 
 def _plots(traces: Sequence[str], *, sure: bool, moves: bool) -> rrb.Container:
-    tabs = [
+    tabs: list[rrb.Container | rrb.View] = [
         rrb.Horizontal(
             _plot("fit/distance", "Distance to the camera (m)", legend=True),
             _plot("fit/miss", "Reprojection miss (px)"),
@@ -186,11 +186,11 @@ def _plots(traces: Sequence[str], *, sure: bool, moves: bool) -> rrb.Container:
             name="How sure",
         )
         tabs.append(how_sure)
-    chains: list[rrb.View] = [_plot(trace_entity(t), t.capitalize()) for t in traces]
-    if moves:
-        chains.append(rrb.TextDocumentView(origin="moves", name="Moves accepted"))
-    if chains:
+    if traces:
+        chains = [_plot(trace_entity(t), t.capitalize()) for t in traces]
         tabs.append(rrb.Horizontal(*chains, name="Chains (timeline draw)"))
+    if moves:
+        tabs.append(rrb.TextDocumentView(origin="moves", name="Moves"))
     return rrb.Tabs(*tabs, active_tab=1 if sure else 0)
 
 

@@ -39,8 +39,8 @@ probability of at least {HIDDEN:.1f}.
 *Learned* is how much of the prior variance is gone: 0 % if the clip taught nothing, 100 % if
 everything; below 0 the posterior is wider than the prior.
 """
-_BLOCKS = 20
-"""Blocks of a full bar."""
+_DOTS = 25
+"""Of a full bar."""
 TITLES = {
     "pitch": ("camera pitch", "°", 180 / np.pi),
     "roll": ("camera roll", "°", 180 / np.pi),
@@ -133,4 +133,4 @@ def _parameter_row(one: Nuisance) -> str:
 
 
 def _bar(share: float) -> str:
-    return "█" * round(_BLOCKS * share) or "▏"
+    return "•" * round(_DOTS * share)

@@ -17,6 +17,7 @@ from imapper_prob.models.skeleton import PELV
 from imapper_prob.recording import shapes
 from imapper_prob.recording.curves import curve
 from imapper_prob.recording.entities import log_moving, log_static
+from imapper_prob.recording.glyphs import drawable
 from imapper_prob.recording.palette import FLOOR, UNCLAIMED
 from imapper_prob.results.uncertainty.clusters import ObjectCluster
 from imapper_prob.results.uncertainty.hidden import HiddenJoints
@@ -152,7 +153,7 @@ def _names(clusters: Sequence[ObjectCluster]) -> rr.Points3D:
     clusters = [c for c in clusters if c.presence >= _NAMED]
     return rr.Points3D(
         np.reshape([(*c.mean, 0.02) for c in clusters], (-1, 3)),
-        labels=[f"{c.label} {c.presence:.2f}" for c in clusters],
+        labels=[drawable(f"{c.label} {c.presence:.2f}") for c in clusters],
         colors=np.reshape([category_colour(c.label) for c in clusters], (-1, 3)),
         radii=0.02,
         show_labels=True,
@@ -164,7 +165,7 @@ def _log_curves(
 ) -> None:
     """Log how many joints each object hides, and how far off the pelvis may be."""
     for k, cluster in enumerate(certainty.clusters, 1):
-        name = f"{k} {cluster.label}"
+        name = drawable(f"{k} {cluster.label}")
         style = rr.SeriesLines(colors=category_colour(cluster.label), names=name, widths=1.5)
         expected = certainty.hidden.by_object[k - 1].sum(-1)
         curve(recording, f"sure/hidden/object_{k}", "frame", frame_ids, expected, style)

@@ -47,6 +47,7 @@ from imapper_prob.recording.curves import log_fit, log_traces
 from imapper_prob.recording.digest import digest
 from imapper_prob.recording.draws import DrawnChain, log_draws
 from imapper_prob.recording.entities import PATH_RADIUS, log_moving, log_person, log_static
+from imapper_prob.recording.glyphs import drawable
 from imapper_prob.recording.image import image_camera, log_image
 from imapper_prob.recording.video import Video
 from imapper_prob.results.scenes import WeightedScene
@@ -140,7 +141,7 @@ def write_recording(
         _log_all(recording, told)
         for entity, text in texts.items():
             if text:
-                document = rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN)
+                document = rr.TextDocument(drawable(text), media_type=rr.MediaType.MARKDOWN)
                 log_static(recording, entity, document)
 
 
@@ -296,6 +297,6 @@ def _log_by_scene(
         ),
     )
 
-    texts = [f"{scene_name(i, s)}: {contents(s.scene)}" for i, s in enumerate(scenes, 1)]
+    texts = [drawable(f"{scene_name(i, s)}: {contents(s.scene)}") for i, s in enumerate(scenes, 1)]
     summaries = rr.TextDocument.columns(text=texts)
     recording.send_columns("summary", indexes=[index], columns=summaries, strict=True)

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from imapper_prob.colours import Colour, category_colour
 from imapper_prob.models.skeleton import BONES, JOINTS
+from imapper_prob.recording.glyphs import drawable
 
 __all__ = [
     "ALTERNATIVE",
@@ -95,7 +96,7 @@ def annotation_context(categories: dict[str, int]) -> rr.AnnotationContext:
     ]
     objects = [
         rr.ClassDescription(
-            info=rr.AnnotationInfo(id=number, label=label, color=category_colour(label))
+            info=rr.AnnotationInfo(id=number, label=drawable(label), color=category_colour(label))
         )
         for label, number in categories.items()
     ]

@@ -29,6 +29,7 @@ from imapper_prob.models.skeleton import (
     RWRI,
     THRX,
 )
+from imapper_prob.recording.glyphs import drawable
 from imapper_prob.recording.palette import FLOOR, FLOOR_LINE, TRUE_COLOUR
 from imapper_prob.results.uncertainty.clusters import ObjectCluster
 
@@ -130,7 +131,7 @@ def names(objects: Sequence[SceneObject], categories: dict[str, int]) -> rr.Poin
     """Each object's category, floating just above it."""
     return rr.Points3D(
         _above(objects),
-        labels=[o.label for o in objects],
+        labels=[drawable(o.label) for o in objects],
         class_ids=[categories[o.label] for o in objects],
         radii=0.004,
         show_labels=True,
@@ -144,7 +145,7 @@ def name_columns(
     everything = [o for objects in draws for o in objects]
     columns = rr.Points3D.columns(
         positions=_above(everything),
-        labels=[o.label for o in everything],
+        labels=[drawable(o.label) for o in everything],
         class_ids=[categories[o.label] for o in everything],
     )
     return columns.partition([len(objects) for objects in draws])

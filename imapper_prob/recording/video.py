@@ -23,8 +23,10 @@ __all__ = ["WIDTH", "Video", "read_video"]
 
 WIDTH = 640
 """Pixels across of a recorded picture: the panel it is shown in is about that wide."""
-_QUALITY = 55
-"""Of the JPEG: about 20 kB a picture, so that a clip of 430 stays below 10 MB."""
+_QUALITIES = (55, 35, 20, 10)
+"""Of the JPEG, tried one after the other until all pictures together are small enough."""
+_MOST = 7_000_000
+"""Bytes of all pictures; with everything else the recording of 430 frames stays below 15 MB."""
 _KINDS = {".jpg", ".jpeg", ".png", ".bmp", ".webp"}
 
 
@@ -68,16 +70,24 @@ def read_video(path: str | Path, clip: Clip) -> Video:
     path = Path(path)
     if not path.exists():
         raise InputError(f"{path}: no such folder of pictures or video file")
-    found = dict(_of_folder(path, clip) if path.is_dir() else _of_file(path, clip))
+    width = min(WIDTH, clip.camera.width)
+    height = round(width * clip.camera.height / clip.camera.width)
+    # Shrunk one by one: the pictures of a clip as they are would not fit in memory.
+    found = {
+        frame: _small(picture, width, height, f"{path}: frame {frame}", clip)
+        for frame, picture in (_of_folder if path.is_dir() else _of_file)(path, clip)
+    }
     if not found:
         raise InputError(
             f"{path}: no picture of a frame of clip {clip.name}, whose numbers are "
             f"{clip.frame_ids[0]} to {clip.frame_ids[-1]}; name pictures by their frame"
         )
-    width = min(WIDTH, clip.camera.width)
-    height = round(width * clip.camera.height / clip.camera.width)
     ids = sorted(found)
-    pictures = [_small(found[i], width, height, f"{path}: frame {i}", clip) for i in ids]
+    pictures = [found[i] for i in ids]
+    for quality in _QUALITIES[1:]:
+        if sum(map(len, pictures)) <= _MOST:
+            break
+        pictures = [_coarser(p, quality) for p in pictures]
     return Video(np.array(ids, dtype=np.int64), tuple(pictures), width, height)
 
 
@@ -125,6 +135,17 @@ def _small(picture: Any, width: int, height: int, what: str, clip: Clip) -> byte
             f"{what}: is {picture.width} x {picture.height}, but the camera of clip {clip.name} "
             f"is {clip.camera.width} x {clip.camera.height}; crop it to that shape"
         )
+    return _encoded(picture.resize((width, height)), _QUALITIES[0])
+
+
+def _coarser(picture: bytes, quality: int) -> bytes:
+    from PIL import Image
+
+    with Image.open(io.BytesIO(picture)) as image:
+        return _encoded(image, quality)
+
+
+def _encoded(picture: Any, quality: int) -> bytes:
     out = io.BytesIO()
-    picture.resize((width, height)).save(out, "JPEG", quality=_QUALITY, optimize=True)
+    picture.save(out, "JPEG", quality=quality, optimize=True)
     return out.getvalue()

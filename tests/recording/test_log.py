@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import subprocess
 import sys
-from collections import defaultdict
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -20,25 +19,12 @@ from imapper_prob.models.skeleton import PELV
 from imapper_prob.recording import log
 from imapper_prob.recording.log import write_recording
 from imapper_prob.results.scenes import WeightedScene
-from tests.recording.room import make_room, make_traces
+from tests.recording.reading import Columns, read
+from tests.recording.room import make_certainty, make_chains, make_room, make_traces
 
-Columns = dict[tuple[str, str], dict[int | None, Any]]
 N_FRAMES = 30
 UNKNOWN = slice(10, 13)
 """Frames about which the best scene knows nothing."""
-
-
-def read(path: Path) -> Columns:
-    """(entity, component) to time to value; static values stand at time ``None``."""
-    found: Columns = defaultdict(dict)
-    for chunk in RrdReader(path).stream():
-        assert len(chunk.timeline_names) == (0 if chunk.is_static else 1), chunk.entity_path
-        table = chunk.to_record_batch().to_pydict()
-        times = [None] if chunk.is_static else table[chunk.timeline_names[0]]
-        for name, values in table.items():
-            if ":" in name:
-                found[chunk.entity_path, name].update(zip(times, values, strict=True))
-    return found
 
 
 def room_with_a_gap() -> tuple[Clip, list[WeightedScene], Truth]:
@@ -217,6 +203,8 @@ def test_a_real_clip_stays_small(tmp_path: Path) -> None:
         traces={"energy": np.zeros((4, 50_000))},
         truth=truth,
         description="",
+        certainty=make_certainty(400, scenes),
+        draws=make_chains(400, 540, scenes),
     )
     assert path.stat().st_size < 15e6
 

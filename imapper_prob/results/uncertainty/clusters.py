@@ -143,8 +143,8 @@ def _matched(
     """(M,) cluster of each of M objects.
 
     As k-means does, with the number of clusters left open: match to the clusters there are,
-    move each to the mean of its members, and again until nothing changes. Two that are near
-    and hardly ever met together are one that was founded twice.
+    move each to the mean of its members, and again until nothing changes. Then two that are
+    near and hardly ever met together are one that was founded twice, and are united.
 
     Parameters
     ----------
@@ -169,13 +169,14 @@ def _matched(
                 means = np.concatenate([means, places[[row]]])
                 shares = np.concatenate([shares, labels[[row]]])
         cluster = np.unique(cluster, return_inverse=True)[1]
-        means, shares = _means(cluster, places, labels)
-        united = _united(cluster, draw, means, shares, metric)
-        if united is not None:
-            means, shares = _means(united, places, labels)
-        elif np.array_equal(before, cluster):
+        if np.array_equal(before, cluster):
             break
-    return cluster
+        means, shares = _means(cluster, places, labels)
+    while True:
+        united = _united(cluster, draw, places, labels, metric)
+        if united is None:
+            return cluster
+        cluster = united
 
 
 def _means(cluster: Ints, places: Array, labels: Array) -> tuple[Array, Array]:
@@ -226,18 +227,26 @@ def _partners(places: Array, labels: Array, means: Array, shares: Array, metric:
     return partners
 
 
-def _united(cluster: Ints, draw: Ints, means: Array, shares: Array, metric: _Metric) -> Ints | None:
-    """The clusters with the two nearest that are one made one; None if there are no such two."""
-    count = len(means)
-    there = np.zeros((draw.max() + 1, count))
+def _united(
+    cluster: Ints, draw: Ints, places: Array, labels: Array, metric: _Metric
+) -> Ints | None:
+    """The clusters with the two nearest that are one united; None if there are no such two."""
+    means, shares = _means(cluster, places, labels)
+    there = np.zeros((draw.max() + 1, len(means)))
     there[draw, cluster] = 1
     fewer = np.minimum.outer(there.sum(0), there.sum(0))
     cost = metric(means, shares, means, shares)
     cost[there.T @ there > _TOGETHER * fewer] = _APART  # each with itself included
-    first, second = np.unravel_index(int(cost.argmin()), cost.shape)
-    if cost[first, second] > 1:
+    one, other = np.unravel_index(int(cost.argmin()), cost.shape)
+    if cost[one, other] > 1:
         return None
-    united = np.where(cluster == max(first, second), min(first, second), cluster)
+    united = np.where(cluster == other, one, cluster)
+    # The few draws that have both keep the nearer; the rest of them is an object of its own.
+    mean = places[united == one].mean(0)
+    both = np.flatnonzero((there[:, one] > 0) & (there[:, other] > 0))
+    for n in both:
+        pair = np.flatnonzero((draw == n) & (united == one))
+        united[pair[np.linalg.norm(places[pair] - mean, axis=1).argmax()]] = len(means)
     return np.unique(united, return_inverse=True)[1]
 
 

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from imapper_prob.models.errors import InputError
 from imapper_prob.models.geometry import pack_boxes
 from imapper_prob.models.kernels.room import find_clearances
 from imapper_prob.models.scene import SceneObject
@@ -42,15 +43,38 @@ class HiddenJoints:
     probability: Array
     by_object: Array
 
-    def behind(self, cluster: int, *, least: float = 0.5) -> dict[str, int]:
+    def behind(self, what: str | int, *, least: float = 0.5) -> dict[str, int]:
         """What is behind an object: joints by name, and in how many frames each is.
 
-        A frame counts where the object hides the joint with a probability of at least
-        ``least``. Joints that it hides longest come first.
+        Parameters
+        ----------
+        what : str or int
+            A label, for the most probable object that is called so; or a number in ``clusters``.
+        least : float
+            A frame counts where the object hides the joint with at least this probability.
+
+        Returns
+        -------
+        dict of str to int
+            Joints that are hidden longest come first; those never hidden are left out.
+
+        Raises
+        ------
+        InputError
+            If nothing is called so.
         """
-        frames = (self.by_object[cluster] >= least).sum(0)
+        frames = (self.by_object[self._number(what)] >= least).sum(0)
         order = np.argsort(-frames, kind="stable")
         return {JOINTS[j]: int(frames[j]) for j in order if frames[j]}
+
+    def _number(self, what: str | int) -> int:
+        if isinstance(what, int):
+            return what
+        for k, cluster in enumerate(self.clusters):
+            if cluster.label == what:
+                return k
+        names = ", ".join(dict.fromkeys(c.label for c in self.clusters)) or "nothing"
+        raise InputError(f"no object is most probably a {what}; there are: {names}")
 
 
 def hidden_joints(

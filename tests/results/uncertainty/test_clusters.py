@@ -77,6 +77,22 @@ def test_one_object_is_one_cluster_wherever_it_was_founded(rng: np.random.Genera
     assert cluster.presence == 1.0
 
 
+def test_a_second_one_now_and_then_is_an_object_of_its_own(rng: np.random.Generator) -> None:
+    spread = [-0.45, 0.45, *np.clip(rng.normal(0, 0.2, 98), -0.5, 0.5)]
+    draws = [[piece("couch", x, 4)] for x in spread]
+    draws[50].append(piece("couch", float(np.sign(-spread[50])) * 0.4, 4))
+    first, second = object_clusters(draws, log_posterior(100), radius=0.8, least=0.0)
+    assert (first.presence, second.presence) == (1.0, 0.01)
+    assert second.members[0, 0] == 50
+
+
+def test_what_is_known_badly_along_the_ray_is_still_one(rng: np.random.Generator) -> None:
+    """Further apart than the radius at the ends, and nowhere a gap."""
+    draws = [[piece("couch", 0, y)] for y in rng.uniform(3.2, 4.8, 200)]
+    (cluster,) = object_clusters(draws, log_posterior(200), radius=0.8)
+    assert cluster.presence == 1.0
+
+
 def test_rare_objects_are_left_out_and_an_empty_room_has_none() -> None:
     draws = [[piece("chair", 0, 4)] * (n == 7) for n in range(40)]
     assert object_clusters(draws, log_posterior(40), radius=0.8) == ()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from imapper_prob.models.errors import InputError
 from imapper_prob.models.geometry import pack_boxes, sight_clearance
 from imapper_prob.models.skeleton import HEAD, LANK, RANK
 from imapper_prob.results.uncertainty.clusters import object_clusters
@@ -30,7 +31,10 @@ def test_the_couch_hides_the_ankles_in_two_draws_of_three() -> None:
     hidden = found.behind(of_label["couch"])
     assert hidden["RANK"] == hidden["LANK"] == 5
     assert "HEAD" not in hidden
-    assert found.behind(of_label["couch"], least=0.7) == {}
+    assert found.behind("couch") == hidden
+    assert found.behind("couch", least=0.7) == {}
+    with pytest.raises(InputError, match="a bed; there are: couch, shelf"):
+        found.behind("bed")
     assert found.behind(of_label["shelf"]) == {}
 
 
