@@ -130,6 +130,8 @@ def cut_by(o: SceneObject, joints: Array, elevation: float) -> NDArray[np.bool_]
     turns = np.column_stack(
         [np.cos(boxes[:, 6]), np.sin(boxes[:, 6]), np.linalg.norm(boxes[:, 3:6], axis=1)]
     )
-    clearance = find_clearances(float(elevation), np.ascontiguousarray(joints), boxes, turns)
+    # The kernels want a frame's joints side by side, (T, 3, 16).
+    by_axis = np.ascontiguousarray(np.swapaxes(joints, 1, 2))
+    clearance = find_clearances(float(elevation), by_axis, boxes, turns)
     cut: NDArray[np.bool_] = np.asarray(clearance) < 0
     return cut
