@@ -165,6 +165,10 @@ def test_json_boxes_stand_as_the_fields_say() -> None:
         assert_allclose(o["center"] + sides @ rows, to_benchmark(scene.camera, world), atol=1e-4)
         assert len(o["parts"]) == len(mine.cuboids)
     assert document["joint_names"][6] == "PELV"
+    # A point of the floor of the world is one of the floor that is described.
+    floor = document["floor"]
+    on_floor = to_benchmark(scene.camera, [[-1.0, 3.0, 0.0], [2.0, 5.0, 0.0]])
+    assert_allclose(on_floor @ floor["up"], -floor["camera_height"], atol=1e-4)
 
 
 def test_samples_are_spread_evenly_over_the_chains() -> None:
