@@ -87,7 +87,7 @@ def make_blueprint(
         visual_bounds=_whole(image),
     )
     below: list[rrb.Container | rrb.View] = [
-        *_from_above(scenes, certainty, truly),
+        *_from_above(scenes, certainty, truth),
         *_alternatives(scenes, chains),
     ]
     left: list[rrb.Container | rrb.View] = [main]
@@ -126,17 +126,18 @@ def _texts(certainty: Certainty | None) -> rrb.Container | rrb.View:
 
 
 def _from_above(
-    scenes: Sequence[WeightedScene], certainty: Certainty | None, truly: list[str]
+    scenes: Sequence[WeightedScene], certainty: Certainty | None, truth: Truth | None
 ) -> list[rrb.View]:
     """The floor with all draws at once; nothing if nothing is known of them."""
     if certainty is None:
         return []
     shown = ["world/floor/**", "world/occupancy", "world/all_draws/**", "world/scene_1/path"]
+    truly = ["world/truth/outlines"] if truth is not None else []
     regions = [c.region(0.9) for c in certainty.clusters]
     ends = [r.centre + sign * r.half_axes.max() for r in regions for sign in (-1, 1)]
     edges = _at_height(np.reshape(ends, (-1, 2)), 0.0)
     eye = _eye(np.concatenate([_corners(scenes[0].scene), edges]), _ABOVE, _MAP_SHAPE)
-    return [_room("All draws, from above", [*shown, *(f"{t[:-3]}/furniture" for t in truly)], eye)]
+    return [_room("All draws, from above", [*shown, *truly], eye)]
 
 
 def _alternatives(scenes: Sequence[WeightedScene], chains: int) -> list[rrb.Container]:

@@ -201,6 +201,7 @@ def _log_all(recording: rr.RecordingStream, told: _Told) -> None:
         log_static(
             recording, "world/truth/furniture", shapes.boxes(truth.objects, {}, outlined=True)
         )
+        log_static(recording, "world/truth/outlines", shapes.outlines(truth.objects))
         log_person(recording, "world/truth", truth.joints, palette.TRUTH, frames)
     if told.certainty is not None:
         log_certainty(recording, told.certainty, clip.frame_ids)

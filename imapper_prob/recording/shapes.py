@@ -42,6 +42,7 @@ __all__ = [
     "limbs",
     "name_columns",
     "names",
+    "outlines",
     "paths",
     "pinhole",
     "position_ellipses",
@@ -191,6 +192,14 @@ def regions(clusters: Sequence[ObjectCluster]) -> rr.Ellipsoids3D:
         [(*r.centre, 2 * _ELLIPSE_HEIGHT) for r in found],
         [(*r.half_axes, _ELLIPSE_HEIGHT) for r in found],
         [r.angle for r in found],
+    )
+
+
+def outlines(objects: Sequence[SceneObject]) -> rr.LineStrips3D:
+    """Footprints as closed lines on the floor, in the grey of the truth."""
+    corners = [np.column_stack([o.footprint, np.full(4, 2 * _ELLIPSE_HEIGHT)]) for o in objects]
+    return rr.LineStrips3D(
+        [np.concatenate([c, c[:1]]) for c in corners], colors=TRUE_COLOUR, radii=0.008
     )
 
 

@@ -91,6 +91,14 @@ def test_the_furniture_of_every_scene(columns: Columns) -> None:
         assert np.allclose(np.cos(turn), 1, atol=1e-6)
 
 
+def test_the_true_furniture_is_outlined_on_the_floor(columns: Columns) -> None:
+    _, _, truth = room_with_a_gap()
+    strips = columns["/world/truth/outlines", "LineStrips3D:strips"][None]
+    for strip, o in zip(strips, truth.objects, strict=True):
+        assert strip[0] == strip[-1]
+        np.testing.assert_allclose(np.array(strip)[:4, :2], o.footprint, atol=1e-5)
+
+
 def test_the_scenes_one_by_one(columns: Columns) -> None:
     _, scenes, _ = room_with_a_gap()
     centres = columns["/world/by_scene/furniture", "Boxes3D:centers"]
