@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -17,10 +17,11 @@ from imapper_prob.models.scene import Clip, Scene
 from imapper_prob.results.scenes import WeightedScene
 from imapper_prob.sampling.layouts import match_objects
 from imapper_prob.sampling.sample import Samples
-from imapper_prob.staged.solver import Solution
 
 if TYPE_CHECKING:
     import xarray
+
+    from imapper_prob.results.stored_input import Source
 
 __all__ = ["Posterior"]
 
@@ -36,17 +37,20 @@ class Posterior:
 
     Parameters
     ----------
-    solution : Solution
-        Clip, library, staged solution and packed log-posterior.
+    solution : Source
+        Clip, library and packed log-posterior; of a fresh run all that the staged solver found.
     samples : Samples
         Draws and layouts.
     config : Config
         Everything needed to repeat the run on the same clip.
+    stored : DataTree, optional
+        The file that it was read from.
     """
 
-    solution: Solution
+    solution: Source
     samples: Samples
     config: Config
+    stored: xarray.DataTree | None = field(default=None, repr=False)
 
     @property
     def clip(self) -> Clip:
@@ -105,6 +109,8 @@ class Posterior:
         """Draws and diagnostics with names, as ArviZ expects them."""
         from imapper_prob.results.tree import posterior_tree
 
+        if self.stored is not None:
+            return self.stored
         return posterior_tree(self.solution, self.samples, self.config)
 
     def record(self, path: str | Path) -> None:

@@ -50,7 +50,8 @@ def test_the_tree_holds_the_draws_and_survives_the_disk(tmp_path: Path) -> None:
     write_tree(path, run.data)
     with xr.open_datatree(path, engine="h5netcdf") as tree:
         chains, draws = run.samples.shape
-        assert dict(tree["posterior"].sizes) == {
+        assert dict(tree["posterior"].sizes) == {"chain": chains, "draw": draws}
+        assert dict(tree["motion"].sizes) == {
             "chain": chains, "draw": draws, "frame": run.clip.n_frames, "axis": 3,
         }  # fmt: skip
         np.testing.assert_array_equal(
@@ -58,7 +59,7 @@ def test_the_tree_holds_the_draws_and_survives_the_disk(tmp_path: Path) -> None:
         )
         state = run.samples.states[draws + 5]
         np.testing.assert_allclose(
-            tree["posterior"]["sides_swapped"][1, 5],
+            tree["motion"]["sides_swapped"][1, 5],
             swapped(run.solution.problem, state),
             rtol=1e-6,
         )
