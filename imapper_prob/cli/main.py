@@ -7,6 +7,7 @@ import sys
 from collections.abc import Sequence
 
 import imapper_prob
+from imapper_prob.cli.evaluate import add_evaluate_command
 from imapper_prob.cli.run import add_run_commands
 from imapper_prob.cli.scenelets import add_scenelet_commands
 from imapper_prob.models.errors import InputError
@@ -47,4 +48,5 @@ def _parser() -> argparse.ArgumentParser:
     shared.add_argument("--debug", action="store_true", help="show tracebacks")
     add_run_commands(commands, shared)
     add_scenelet_commands(commands, shared)
+    add_evaluate_command(commands, shared)
     return parser

@@ -14,7 +14,7 @@ from imapper_prob.models.scene import Clip
 from imapper_prob.models.skeleton import LHIP, PELV, RHIP
 from imapper_prob.staged.static_path import estimate_static_path
 
-__all__ = ["couch_where_sat", "static_path_alone"]
+__all__ = ["couch_where_sat", "static_path"]
 
 Array = NDArray[np.float64]
 
@@ -39,10 +39,10 @@ def couch_where_sat(path: Prediction, actions: tuple[str, ...]) -> Prediction:
         if action == "sitting" and len(body):
             sideways = np.median(body[:, RHIP] - body[:, LHIP], axis=0) * (1, 1, 0)
             couches.append(_couch(np.median(body[:, PELV], axis=0), sideways))
-    return Prediction("couch where sat", path.joints, path.pixels, tuple(couches))
+    return Prediction(f"couch on {path.name}", path.joints, path.pixels, tuple(couches))
 
 
-def static_path_alone(clip: Clip) -> Prediction:
+def static_path(clip: Clip) -> Prediction:
     """The smooth path through the detections that the solver starts from, without furniture."""
     joints = estimate_static_path(clip).joints
     return Prediction("static path", joints, clip.camera.project_camera(joints), ())

@@ -74,7 +74,7 @@ def read_truth_in_view(folder: str | Path, clip: Clip | None = None) -> TruthInV
         name=clip.name,
         frame_ids=clip.frame_ids,
         joints=joints,
-        pixels=_pixels(folder / "gt" / "skel_GT_2d.json", clip, np.isfinite(joints).all((1, 2))),
+        pixels=_pixels(folder / "gt" / "skel_GT_2d.json", clip, joints),
         hidden=truth.hidden,
         objects=tuple(objects),
         used=used_objects(tuple(objects), joints, truth.actions),
@@ -134,8 +134,8 @@ def _regrouped(parts: Sequence[_Part]) -> list[Outline]:
     for part in different:
         if part.part in _MAIN_PARTS:
             continue
-        alike = [m for m in mains if m.label == part.label]
-        nearest = min(alike, key=lambda m: _apart(m, part), default=None)
+        takers = [m for m in mains if m.label == part.label]
+        nearest = min(takers, key=lambda m: _apart(m, part), default=None)
         if nearest is not None and _apart(nearest, part) < _OWN:
             own[id(nearest)].append(part)
     return [_outline(m, own[id(m)], has_front=m.part == "seat") for m in mains]
@@ -187,13 +187,13 @@ def _parts(path: Path) -> list[_Part]:
     return parts
 
 
-def _pixels(path: Path, clip: Clip, known: NDArray[np.bool_]) -> Array:
+def _pixels(path: Path, clip: Clip, joints: Array) -> Array:
     """(T, 16, 2) corrected detections at the size of the video, where the truth is known."""
     pixels = np.full((clip.n_frames, N_JOINTS, 2), np.nan)
-    for frame, joints in frames_of_joints(path, load_json(path)).items():
+    for frame, corrected in frames_of_joints(path, load_json(path)).items():
         if frame in clip.frame_ids:
-            pixels[frame - clip.frame_ids[0]] = joints[:, :2]
-    pixels[~known] = np.nan
+            pixels[frame - clip.frame_ids[0]] = corrected[:, :2]
+    pixels[np.isnan(joints).any(-1)] = np.nan
     return pixels
 
 

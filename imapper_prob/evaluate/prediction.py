@@ -11,8 +11,8 @@ from imapper_prob.evaluate.outline import Outline, outline_of
 from imapper_prob.models.camera import Camera
 from imapper_prob.models.posterior import State, motion
 from imapper_prob.models.scene import Scene
+from imapper_prob.results.stored_input import Source
 from imapper_prob.sampling.layouts import merged_objects
-from imapper_prob.staged.solver import Solution
 
 __all__ = [
     "Prediction", "between_frames", "prediction_of_scene", "prediction_of_state",
@@ -80,11 +80,11 @@ def prediction_of_scene(scene: Scene, *, name: str) -> Prediction:
     )
 
 
-def prediction_of_state(solution: Solution, state: State, *, name: str) -> Prediction:
+def prediction_of_state(source: Source, state: State, *, name: str) -> Prediction:
     """A state of the staged solver or of a chain."""
-    camera = state_camera(solution.clip.camera, state)
-    joints = motion(solution.problem, state)
-    objects = merged_objects(solution.problem, solution.library, state)
+    camera = state_camera(source.clip.camera, state)
+    joints = motion(source.problem, state)
+    objects = merged_objects(source.problem, source.library, state)
     return prediction_of_scene(Scene(camera, objects, joints, (), 0.0), name=name)
 
 

@@ -40,7 +40,7 @@ def object_rows(summaries: Sequence[Summary]) -> Rows:
             (
                 s.name,
                 _clips(s),
-                f"{number(s.error)} ({number(s.spread)})",
+                f"{number(s.error)} ({number(s.spread)})" if s.paired else "nothing to compare",
                 number(s.seat_error),
                 f"{s.found} of {s.true}",
                 number(s.chance * s.true, 1),

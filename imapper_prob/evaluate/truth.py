@@ -59,7 +59,7 @@ class TruthInView:
     @property
     def known(self) -> Flags:
         """(T,) bool, frames that somebody annotated."""
-        flags: Flags = np.isfinite(self.joints).all((1, 2))
+        flags: Flags = np.all(np.isfinite(self.joints), axis=(1, 2))
         return flags
 
     @property
