@@ -55,7 +55,7 @@ def test_the_recording_passes_reruns_own_check(run_folder: Path) -> None:
 def test_info_prints_the_table_again(run_folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["info", str(run_folder)]) == 0
     text = capsys.readouterr().out
-    assert "Layouts" in text
+    assert "Scenes" in text
     assert "±" in text
 
 
