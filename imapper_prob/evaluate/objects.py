@@ -63,8 +63,8 @@ class ObjectScore:
     ----------
     pairs : tuple of Pair
         Every true object that has a partner, however far.
-    true : int
-        Used objects there are.
+    truths : tuple of Outline
+        The used objects.
     predicted : int
         Objects that are claimed.
     chance : float
@@ -75,11 +75,16 @@ class ObjectScore:
     """
 
     pairs: tuple[Pair, ...]
-    true: int
+    truths: tuple[Outline, ...]
     predicted: int
     chance: float
     shared: float
     covered: float
+
+    @property
+    def true(self) -> int:
+        """How many objects are used."""
+        return len(self.truths)
 
     @property
     def distances(self) -> Array:
@@ -123,7 +128,7 @@ def object_scores(
     other = unary_union([o.hull for o in objects])
     return ObjectScore(
         pairs=pair_up(true, objects),
-        true=len(true),
+        truths=tuple(true),
         predicted=len(objects),
         chance=_chance(objects, truth, rng),
         shared=one.intersection(other).area,
