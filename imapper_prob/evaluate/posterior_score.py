@@ -43,7 +43,8 @@ class PosteriorScore:
 
     Parameters
     ----------
-    clip : str
+    name, clip : str
+        Of the run and its clip.
     draws : int
         That were looked at.
     first, best : float
@@ -62,6 +63,7 @@ class PosteriorScore:
         See :mod:`imapper_prob.evaluate.spread`.
     """
 
+    name: str
     clip: str
     draws: int
     first: float
@@ -87,7 +89,7 @@ def posterior_predictions(posterior: Posterior) -> tuple[Prediction, ...]:
     )
 
 
-def score_posterior(posterior: Posterior, truth: TruthInView) -> PosteriorScore:
+def score_posterior(posterior: Posterior, truth: TruthInView, *, name: str) -> PosteriorScore:
     """All that is judged of a posterior beyond its single answers.
 
     Raises
@@ -106,6 +108,7 @@ def score_posterior(posterior: Posterior, truth: TruthInView) -> PosteriorScore:
     joints = joint_energy_score(draws, truth)
     near = [sum(p.near for p in pair_up(true, objects)) for objects in draws.objects]
     return PosteriorScore(
+        name=name,
         clip=truth.name,
         draws=len(draws),
         first=100 * shown[0],

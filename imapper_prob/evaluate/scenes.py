@@ -15,7 +15,7 @@ from imapper_prob.inputs.i3db_capture import i3db_folders
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.scene import Clip
 
-__all__ = ["KnownScene", "known_scene", "scenes_with_truth"]
+__all__ = ["KnownScene", "known_clip", "known_scene", "scenes_with_truth"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,19 +45,28 @@ def known_scene(path: str | Path) -> KnownScene:
     """
     path = Path(path)
     clip = load_clip(path)
-    published: tuple[Prediction, ...] = ()
-    paths: tuple[Prediction, ...] = (static_path(clip),)
-    if path.is_dir() and any(path.glob(DETECTIONS)):
-        if not (path / "gt").is_dir():
-            raise InputError(f"{path}: has no gt/, so nobody knows its truth; name another scene")
-        truth = read_truth_in_view(path, clip)
-        published = (read_authors(path, clip),) if (path / "iMapper").is_dir() else ()
-        paths = (read_input_path(path, clip), *paths)
-    else:
-        truth = truth_in_view(clip)
+    if not (path.is_dir() and any(path.glob(DETECTIONS))):
+        return known_clip(clip)
+    if not (path / "gt").is_dir():
+        raise InputError(f"{path}: has no gt/, so nobody knows its truth; name another scene")
+    truth = read_truth_in_view(path, clip)
+    published = (read_authors(path, clip),) if (path / "iMapper").is_dir() else ()
+    paths = (read_input_path(path, clip), static_path(clip))
     return KnownScene(
         clip, truth, (*published, *(couch_where_sat(p, truth.actions) for p in paths))
     )
+
+
+def known_clip(clip: Clip) -> KnownScene:
+    """A clip that carries its truth, as simulated ones do.
+
+    Raises
+    ------
+    InputError
+        If it does not.
+    """
+    truth = truth_in_view(clip)
+    return KnownScene(clip, truth, (couch_where_sat(static_path(clip), truth.actions),))
 
 
 def scenes_with_truth(folder: str | Path) -> list[Path]:

@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
+from imapper_prob.evaluate.paired import Difference
 from imapper_prob.evaluate.pose import SUBSETS
+from imapper_prob.evaluate.posterior_score import PosteriorScore
 from imapper_prob.evaluate.score import Score, Summary
+from imapper_prob.evaluate.spread import Coverage
 
 __all__ = [
-    "as_json", "markdown_table", "number", "object_rows", "pair_rows", "pose_rows", "screen_table",
+    "as_json", "coverage_rows", "difference_rows", "markdown_table", "number", "object_rows",
+    "pair_rows", "pose_rows", "posterior_rows", "screen_table", "without_nan",
 ]  # fmt: skip
 
 OBJECT_COLUMNS = (
@@ -23,6 +27,14 @@ OBJECT_COLUMNS = (
 )  # fmt: skip
 PAIR_COLUMNS = ("", "clip", "true", "taken for it", "distance, cm", "yaw, °")
 POSE_COLUMNS = ("", "clips", *SUBSETS, "joints not predicted")
+
+DIFFERENCE_COLUMNS = ("", "less", "cm", "90 % of bootstraps", "objects")
+POSTERIOR_COLUMNS = (
+    "run", "clip", "draws", "furniture: first / best of 5, cm", "expected / energy score, cm",
+    "joints: expected / energy score, cm", "found within 1 m", "counts: Brier / nats",
+    "presence: Brier / nats",
+)  # fmt: skip
+COVERAGE_COLUMNS = ("truths", "region", "share in it", "90 % if independent", "count")
 
 Rows = list[tuple[str, ...]]
 
@@ -72,6 +84,47 @@ def pair_rows(scores: Sequence[Score]) -> Rows:
         for pair in s.objects.pairs:
             cells = (number(100 * pair.distance), number(pair.yaw))
             rows.append((s.name, s.clip, pair.truth.label, pair.found.label, *cells))
+    return rows
+
+
+def difference_rows(differences: Sequence[Difference]) -> Rows:
+    """Object by object, misses counting as a metre."""
+    rows: Rows = [DIFFERENCE_COLUMNS]
+    for d in differences:
+        interval = f"{d.low:+.0f} to {d.high:+.0f}" if d.objects else "–"
+        mean = f"{d.mean:+.0f}" if d.objects else "–"
+        rows.append((d.name, d.other, mean, interval, str(d.objects)))
+    return rows
+
+
+def posterior_rows(posteriors: Sequence[PosteriorScore]) -> Rows:
+    """How far draws are from the truth, and how honest their probabilities."""
+    rows: Rows = [POSTERIOR_COLUMNS]
+    for p in posteriors:
+        rows.append(
+            (
+                p.name,
+                p.clip,
+                str(p.draws),
+                f"{number(p.first)} / {number(p.best)}",
+                f"{number(p.expected)} / {number(p.energy)}",
+                f"{number(p.joint_expected)} / {number(p.joint_energy)}",
+                f"{p.found:.0%}",
+                f"{number(p.counts[0], 2)} / {number(p.counts[1], 1)}",
+                f"{number(p.presence[0], 2)} / {number(p.presence[1], 2)}",
+            )
+        )
+    return rows
+
+
+def coverage_rows(found: Mapping[str, Sequence[Coverage]]) -> Rows:
+    """How often regions hold the truth."""
+    rows: Rows = [COVERAGE_COLUMNS]
+    for name, regions in found.items():
+        for c in regions:
+            share = f"{c.share:.2f}" if c.count else "–"
+            interval = f"{c.low:.2f} to {c.high:.2f}"
+            rows.append((name, f"{c.region:.0%}", share, interval, str(c.count)))
     return rows
 
 
