@@ -56,6 +56,8 @@ class PosteriorScore:
         Of scored joints in annotated frames.
     found : float
         Share of the true objects that have a partner within a metre, mean over draws.
+    claimed, true : int
+        True objects that are paired with one of more than even odds, and how many there are.
     counts, presence : (float, float)
         Brier score, and logarithmic score in nats: of how many seats, tables and shelves
         there are, and of each object's probability.
@@ -73,6 +75,8 @@ class PosteriorScore:
     joint_expected: float
     joint_energy: float
     found: float
+    claimed: int
+    true: int
     counts: tuple[float, float]
     presence: tuple[float, float]
     object_ranks: Array
@@ -106,6 +110,7 @@ def score_posterior(posterior: Posterior, truth: TruthInView, *, name: str) -> P
     shown = [scene_distance(p.objects, true) for p in _shown(posterior, _SHOWN)]
     expected, energy = energy_score(draws.objects, true)
     joints = joint_energy_score(draws, truth)
+    ranks = object_ranks(claims, truth)
     near = [sum(p.near for p in pair_up(true, objects)) for objects in draws.objects]
     return PosteriorScore(
         name=name,
@@ -118,9 +123,11 @@ def score_posterior(posterior: Posterior, truth: TruthInView, *, name: str) -> P
         joint_expected=100 * joints[0],
         joint_energy=100 * joints[1],
         found=float(np.mean(near)) / len(true) if true else float("nan"),
+        claimed=len(ranks),
+        true=len(true),
         counts=count_scores(draws.objects, true),
         presence=presence_scores(claims, truth),
-        object_ranks=object_ranks(claims, truth),
+        object_ranks=ranks,
         joint_ranks=joint_ranks(draws, truth),
         hidden_ranks=joint_ranks(draws, truth, hidden=True),
     )

@@ -100,7 +100,8 @@ def benchmark_page(
     """
     names = list(evaluation.scores)
     missing = [name for name in WITHOUT_OUTPUT if name not in names]
-    none = [(name, *("no public output",) * (len(object_rows([])[0]) - 1)) for name in missing]
+    width = len(object_rows([])[0])
+    none = [(name, "no public output", *("–",) * (width - 2)) for name in missing]
     authors = {s.clip: summarise([s]) for s in evaluation.scores.get(AUTHORS, [])}
     first = [s for name in ours for s in evaluation.scores[name]]
     sections = [

@@ -31,7 +31,8 @@ POSE_COLUMNS = ("", "clips", *SUBSETS, "joints not predicted")
 DIFFERENCE_COLUMNS = ("", "less", "cm", "90 % of bootstraps", "objects")
 POSTERIOR_COLUMNS = (
     "run", "clip", "draws", "furniture: first / best of 5, cm", "expected / energy score, cm",
-    "joints: expected / energy score, cm", "found within 1 m", "counts: Brier / nats",
+    "joints: expected / energy score, cm", "found within 1 m, mean of draws", "claimed, > 50 %",
+    "counts: Brier / nats",
     "presence: Brier / nats",
 )  # fmt: skip
 COVERAGE_COLUMNS = ("truths", "region", "share in it", "90 % if independent", "count")
@@ -110,6 +111,7 @@ def posterior_rows(posteriors: Sequence[PosteriorScore]) -> Rows:
                 f"{number(p.expected)} / {number(p.energy)}",
                 f"{number(p.joint_expected)} / {number(p.joint_energy)}",
                 f"{p.found:.0%}",
+                f"{p.claimed} of {p.true}",
                 f"{number(p.counts[0], 2)} / {number(p.counts[1], 1)}",
                 f"{number(p.presence[0], 2)} / {number(p.presence[1], 2)}",
             )
