@@ -34,7 +34,7 @@ FLOORS = [
     {"recording"},
     {"results"},
     {"calibrate", "evaluate"},
-    {"api", "demo", "output"},
+    {"api", "demo", "output", "solution_output"},
     {"cli", "__init__", "__main__"},
 ]
 """From the ground up: a floor imports itself and what is below it."""

@@ -44,6 +44,12 @@ class FrameTable:
     miss: Array
     outlier: NDArray[np.bool_]
 
+    @classmethod
+    def unexamined(cls, detected: NDArray[np.int64]) -> FrameTable:
+        """Of a path that was given: all poses their own, nothing known of how well they fit."""
+        n = len(detected)
+        return cls((PoseSource.OWN,) * n, detected, np.full(n, np.nan), np.zeros(n, dtype=bool))
+
     @property
     def filled(self) -> NDArray[np.bool_]:
         """(T,) frames whose pose is made from those around them."""

@@ -30,7 +30,7 @@ from imapper_prob.staged.maxima import CharnessCurve, charness_curve
 from imapper_prob.staged.shortlist import MaximumTable, shortlist
 from imapper_prob.staged.static_path import examine_frames
 
-__all__ = ["Fitted", "Solution", "fit_clip", "solve"]
+__all__ = ["Fitted", "Solution", "fit_clip", "solve", "solve_fitted"]
 
 Progress = Callable[[str, float], None]
 
@@ -92,6 +92,7 @@ def solve(
     library: Library,
     *,
     settings: ModelSettings | None = None,
+    camera: CameraPrior | None = None,
     progress: Progress | None = None,
 ) -> Solution:
     """Solve a clip of one actor: same input, same output.
@@ -102,28 +103,13 @@ def solve(
         What was seen, and what people do.
     settings : ModelSettings, optional
         Constants of the model.
+    camera : CameraPrior, optional
+        What is known of camera and body; estimated from the actor's feet if not given.
     progress : callable, optional
         Called with the name of the stage and the part of it that is done.
     """
-    fitted = fit_clip(clip, library, settings=settings, progress=progress)
-    problem, fits = fitted.problem, fitted.fits
-    curve = charness_curve(fits, fitted.charness, fps=clip.fps)
-    candidates = screen(problem, fits, progress=progress)
-    combinations = combine(problem, candidates, curve, progress=progress)
-    return Solution(
-        clip,
-        library,
-        fitted.path,
-        fitted.frames,
-        fitted.camera,
-        problem,
-        curve,
-        candidates,
-        shortlist(problem, fits, candidates, curve, combinations.pool),
-        combinations,
-        fitted.distances,
-        fits,
-    )
+    fitted = fit_clip(clip, library, settings=settings, camera=camera, progress=progress)
+    return solve_fitted(clip, library, fitted, progress=progress)
 
 
 @dataclass(frozen=True)
@@ -159,11 +145,12 @@ def fit_clip(
     library: Library,
     *,
     settings: ModelSettings | None = None,
+    camera: CameraPrior | None = None,
     progress: Progress | None = None,
 ) -> Fitted:
     """The first stages: static path, camera, independent fits; parameters as of :func:`solve`."""
     path, frames = examine_frames(clip)
-    camera = estimate_camera(clip, path)
+    camera = camera or estimate_camera(clip, path)
     if progress is not None:
         progress("static path", 1.0)
     distances = motion_distances(library)
@@ -177,3 +164,27 @@ def fit_clip(
     if progress is not None:
         progress("judging free poses", 1.0)
     return Fitted(path, frames, camera, problem, fits, characteristic, distances)
+
+
+def solve_fitted(
+    clip: Clip, library: Library, fitted: Fitted, *, progress: Progress | None = None
+) -> Solution:
+    """The stages after the fits: charness, candidates, combinations, refinement."""
+    problem, fits = fitted.problem, fitted.fits
+    curve = charness_curve(fits, fitted.charness, fps=clip.fps)
+    candidates = screen(problem, fits, progress=progress)
+    combinations = combine(problem, candidates, curve, progress=progress)
+    return Solution(
+        clip,
+        library,
+        fitted.path,
+        fitted.frames,
+        fitted.camera,
+        problem,
+        curve,
+        candidates,
+        shortlist(problem, fits, candidates, curve, combinations.pool),
+        combinations,
+        fitted.distances,
+        fits,
+    )
