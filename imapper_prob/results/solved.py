@@ -27,7 +27,7 @@ from imapper_prob.staged.combine import state_of
 from imapper_prob.staged.diverse import diverse_scenes
 from imapper_prob.staged.solver import Solution
 
-__all__ = ["Solved", "SolvedScene", "solved"]
+__all__ = ["Part", "Solved", "SolvedScene", "shared_furniture", "solved"]
 
 Array = NDArray[np.float64]
 
@@ -121,7 +121,7 @@ def _best_together(actors: Sequence[Solution]) -> tuple[State, ...]:
     alternatives = [_alternatives(a) for a in actors]
     own = [[log_posterior(a.problem, s) for s in states]
            for a, states in zip(actors, alternatives, strict=True)]  # fmt: skip
-    parts = [[_Part.of(a, s) for s in states]
+    parts = [[Part.of(a, s) for s in states]
              for a, states in zip(actors, alternatives, strict=True)]  # fmt: skip
     chosen = [int(np.argmax(values)) for values in own]
     for _ in range(10):
@@ -150,19 +150,19 @@ def _alternatives(actor: Solution) -> list[State]:
 
 
 @dataclass(frozen=True)
-class _Part:
+class Part:
     """One actor's share of a scene."""
 
     objects: tuple[SceneObject, ...]
     joints: Array
 
     @classmethod
-    def of(cls, actor: Solution, state: State) -> _Part:
+    def of(cls, actor: Solution, state: State) -> Part:
         objects = merged_objects(actor.problem, actor.library, state)
         return cls(objects, motion(actor.problem, state))
 
 
-def _mutual_cost(actor: Solution, one: _Part, other: _Part) -> float:
+def _mutual_cost(actor: Solution, one: Part, other: Part) -> float:
     """Nats for furniture in furniture and people in the furniture of others."""
     problem = actor.problem
     strange = [o for o in one.objects if not any(_same(o, p) for p in other.objects)]
@@ -203,19 +203,19 @@ def _depth_inside(joints: Array, objects: Sequence[SceneObject]) -> float:
 
 
 def _scene(clip: Clip, actors: Sequence[Solution], states: Sequence[State]) -> SolvedScene:
-    parts = [_Part.of(a, s) for a, s in zip(actors, states, strict=True)]
+    parts = [Part.of(a, s) for a, s in zip(actors, states, strict=True)]
     value = sum(log_posterior(a.problem, s) for a, s in zip(actors, states, strict=True))
     value -= sum(_mutual_cost(actors[0], one, other) for one, other in combinations(parts, 2))
     pitch, elevation, focal, _, roll = states[0].camera.tolist()
     camera = clip.camera.posed(
         pitch=pitch, roll=roll, elevation=elevation, focal_scale=float(np.exp(focal))
     )
-    objects, users = _merged(parts)
+    objects, users = shared_furniture(parts)
     return SolvedScene(camera, objects, users, tuple(p.joints for p in parts), tuple(states), value)
 
 
-def _merged(
-    parts: Sequence[_Part],
+def shared_furniture(
+    parts: Sequence[Part],
 ) -> tuple[tuple[SceneObject, ...], tuple[tuple[int, ...], ...]]:
     """Everybody's objects, those that are one merged, and by object who found it.
 
