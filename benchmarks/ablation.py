@@ -83,7 +83,7 @@ def scores(clip: Clip, truth: Truth) -> dict[str, Score]:
     curve = charness_curve(fits, fitted.charness, fps=clip.fps)
     result = {}
     for name, variant in variants(problem).items():
-        best = combine(variant, screen(variant, fits), curve)[0]
+        best = combine(variant, screen(variant, fits), curve).states[0]
         result[name] = score(merged_objects(variant, library, best), truth)
     return result
 

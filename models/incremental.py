@@ -9,10 +9,10 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
-from imapper_prob.models.kernels.change import change, weigh_bare_frames
+from imapper_prob.models.kernels.change import change, settle
 from imapper_prob.models.kernels.memory import new_memory
+from imapper_prob.models.kernels.session import open_session
+from imapper_prob.models.kernels.votes import prepare
 from imapper_prob.models.posterior import State
 from imapper_prob.models.problem import Problem
 
@@ -57,10 +57,10 @@ class Incremental:
         """log pi of ``state``, nats, -inf outside the support; the current state stays."""
         if state.n_scenelets > self._capacity:
             self._start(2 * state.n_scenelets)
+        now = self._state
         value: float = change(
-            self._problem, self._memory, self._state.n_scenelets, self._state.camera,
-            self._state.latent, state.camera, state.items, state.placements, state.sizes,
-            state.latent,
+            self._session, now.n_scenelets, now.camera, now.latent,
+            state.camera, state.items, state.placements, state.sizes, state.latent,
         )  # fmt: skip
         self._proposal = state, value
         return value
@@ -77,11 +77,7 @@ class Incremental:
             raise ValueError("there is no proposal inside the support to accept")
         self._state, self._value = self._proposal
         self._proposal = None
-        memory = self._memory
-        for now, proposed in (memory.slots, memory.cover, memory.evidence):
-            np.copyto(now, proposed)
-        np.bitwise_xor(memory.pose_at, memory.moved, out=memory.pose_at)
-        np.bitwise_xor(memory.sum_at, memory.changed, out=memory.sum_at)
+        settle(self._session)
 
     def _start(self, room: int) -> None:
         """Remember nothing but the current state, with room for so many scenelets."""
@@ -89,12 +85,12 @@ class Incremental:
             raise ValueError("the published energy has no incremental evaluation")
         state = self._state
         self._capacity = max(room, state.n_scenelets)
-        self._memory = new_memory(self._problem, self._capacity)
-        weigh_bare_frames(self._problem, self._memory, state.camera)
+        memory = new_memory(self._problem, self._capacity)
+        prepare(self._problem, memory)
+        self._session = open_session(self._problem, memory)
         value: float = change(
-            self._problem, self._memory, -1, state.camera,
-            state.latent, state.camera, state.items, state.placements, state.sizes,
-            state.latent,
+            self._session, -1, state.camera, state.latent,
+            state.camera, state.items, state.placements, state.sizes, state.latent,
         )  # fmt: skip
         if value == -math.inf:
             raise ValueError("an evaluation cannot start from a state outside the support")

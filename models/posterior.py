@@ -105,7 +105,7 @@ def term_names(problem: Problem) -> tuple[str, ...]:
 
 
 def _evaluate(problem: Problem, state: State) -> tuple[Array, Array, Array]:
-    joints = np.empty((problem.n_frames, 16, 3))
+    joints = np.empty((problem.n_frames, 3, 16))
     by_frame = np.zeros((problem.n_frames, 2))
     values = evaluate(
         problem, state.camera, state.items, state.placements, state.sizes, state.latent,
@@ -117,7 +117,7 @@ def _evaluate(problem: Problem, state: State) -> tuple[Array, Array, Array]:
 def _terms(problem: Problem, state: State) -> Array:
     if not problem.of_paper:
         return _evaluate(problem, state)[0]
-    joints, by_frame = np.empty((problem.n_frames, 16, 3)), np.empty((problem.n_frames, 4))
+    joints, by_frame = np.empty((problem.n_frames, 3, 16)), np.empty((problem.n_frames, 4))
     values: Array = evaluate_paper(
         problem, state.camera, state.items, state.placements, state.sizes, state.latent,
         joints, by_frame,
@@ -165,4 +165,4 @@ def _swap_probabilities(problem: Problem, by_frame: Array) -> Array:
 
 def motion(problem: Problem, state: State) -> Array:
     """(T, 16, 3) joints of the state in its world, metres."""
-    return _evaluate(problem, state)[1]
+    return np.ascontiguousarray(_evaluate(problem, state)[1].transpose(0, 2, 1))

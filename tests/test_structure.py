@@ -34,7 +34,7 @@ FLOORS = [
     {"recording"},
     {"results"},
     {"calibrate"},
-    {"api", "demo", "output"},
+    {"api", "demo", "output", "solution_output"},
     {"evaluate"},
     {"cli", "__init__", "__main__"},
 ]

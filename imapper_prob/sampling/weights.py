@@ -85,7 +85,11 @@ def _guessed(solution: Solution) -> dict[int, Array]:
     for window, best in judged.items():
         centre = int(fits.centres[window])
         joints = seen[max(0, centre - half) : centre + half].sum()
-        nats = problem.frame_weight * problem.likelihood * joints * fits.cost[window]
+        nats = np.full(len(fits.cost[window]), np.inf)
+        fitted = np.isfinite(fits.cost[window])
+        # Where no joint is surely seen there is no fit: infinite, not nothing times infinity.
+        nats[fitted] = problem.frame_weight * problem.likelihood * joints
+        nats[fitted] *= fits.cost[window][fitted]
         gains = np.full(len(nats), -np.inf)
         for kind, candidate in best.items():
             own = members[kind]

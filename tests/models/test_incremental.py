@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numba.core.runtime import rtsys
+from numba.core.runtime._nrt_python import memsys_disable_stats, memsys_enable_stats
 
 from imapper_prob.demo import demo_clip
 from imapper_prob.models.incremental import Incremental
@@ -21,6 +23,8 @@ from imapper_prob.staged.static_path import estimate_static_path
 from tests.models import worlds
 
 Move = Callable[[np.random.Generator, Problem, State], State]
+ARGUMENTS = 7
+"""Arrays handed to compiled code with a proposal."""
 AHEAD = np.array([0.0, 4.0, 0.0])
 
 
@@ -156,10 +160,30 @@ def test_many_small_steps_do_not_add_up_to_an_error() -> None:
     state = empty_state(problem).with_item(1, 20, AHEAD)
     evaluator = Incremental(problem, state)
     for _ in range(400):
-        state = state.with_placement(0, state.placements[0] + [3e-13, 7e-13, 0.0])
+        state = state.with_placement(0, state.placements[0] + [3e-10, 7e-10, 0.0])
         evaluator.propose(state)
         evaluator.accept()
-    assert evaluator.log_posterior == pytest.approx(log_posterior(problem, state), rel=1e-10)
+    assert evaluator.log_posterior == pytest.approx(log_posterior(problem, state), rel=1e-9)
+
+
+def test_nothing_is_allocated_but_what_arguments_are_handed_over_in() -> None:
+    problem, rng = demo_world(), np.random.default_rng(5)
+    state = empty_state(problem).with_item(0, 5, AHEAD).with_item(2, 40, AHEAD + 0.4)
+    evaluator = Incremental(problem, state)
+    memsys_enable_stats()
+    try:
+        for move in (walk, birth, death, refresh, camera):
+            proposed = move(rng, problem, state)
+            before = rtsys.get_allocation_stats().alloc
+            value = evaluator.propose(proposed)
+            assert rtsys.get_allocation_stats().alloc - before <= ARGUMENTS, move.__name__
+            if np.isfinite(value):
+                evaluator.accept()
+                assert rtsys.get_allocation_stats().alloc - before <= ARGUMENTS, move.__name__
+                evaluator.propose(state)
+                evaluator.accept()
+    finally:
+        memsys_disable_stats()
 
 
 def test_room_is_made_for_more_scenelets() -> None:
