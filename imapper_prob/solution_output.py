@@ -13,7 +13,8 @@ from imapper_prob.results.solved import Solved
 __all__ = ["prepare_solution_folder", "write_solution_folder"]
 
 _FILES = (
-    "candidates.png", "charness.png", "config.toml", "solution.json", "solution.npz", "stages.rrd",
+    "candidates.png", "charness.png", "config.toml", "evaluation.json", "evaluation.png",
+    "solution.json", "solution.npz", "stages.rrd",
 )  # fmt: skip
 _DOTS_PER_INCH = 120
 

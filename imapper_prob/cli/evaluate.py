@@ -34,7 +34,7 @@ def add_evaluate_command(
         type=Path,
         nargs="*",
         metavar="RUN",
-        help="folders of finished runs, or prediction files (.json) of any method",
+        help="folders of `run` or `solve`, or prediction files (.json) of any method",
     )
     command.add_argument(
         "--truth",
@@ -107,16 +107,18 @@ def _read(
     from imapper_prob.evaluate.posterior_score import posterior_predictions, score_posterior
     from imapper_prob.evaluate.prediction_file import read_prediction
     from imapper_prob.evaluate.scenes import known_clip, known_scene
+    from imapper_prob.evaluate.solution_folder import is_solution, read_solution_folder
     from imapper_prob.results.load import load_posterior
 
     known = None if options.truth is None else known_scene(options.truth)
     predictions: list[Prediction] = []
     posteriors: list[PosteriorScore] = []
     for path in options.results:
-        if path.is_file():
+        if path.is_file() or is_solution(path):
             if known is None:
                 raise InputError(f"{path}: name the scene that it is of with --truth")
-            found: tuple[Prediction, ...] = (read_prediction(path, known.clip),)
+            read = read_prediction if path.is_file() else read_solution_folder
+            found: tuple[Prediction, ...] = (read(path, known.clip),)
         else:
             posterior = load_posterior(path)
             known = known or known_clip(posterior.clip)

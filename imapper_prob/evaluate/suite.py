@@ -18,6 +18,7 @@ from imapper_prob.evaluate.parts import first_part
 from imapper_prob.evaluate.prediction import Prediction, prediction_of_state
 from imapper_prob.evaluate.prediction_file import read_prediction, write_prediction
 from imapper_prob.evaluate.provenance import commit
+from imapper_prob.evaluate.solution_folder import SOLVER
 from imapper_prob.files import written_whole
 from imapper_prob.inputs import load_clip
 from imapper_prob.inputs.json_fields import load_json
@@ -34,14 +35,12 @@ from imapper_prob.scenelets.library import joined, load_library
 from imapper_prob.staged.solver import solve
 
 __all__ = [
-    "SOLVER", "Task", "library_of", "prepare_suite", "sample_all", "sampled", "solve_all",
+    "Task", "library_of", "prepare_suite", "sample_all", "sampled", "solve_all",
     "solved", "tasks_of",
 ]  # fmt: skip
 
 Progress = Callable[[str, float], None]
 
-SOLVER: Final = "staged solver"
-"""Heads the row of the deterministic solution."""
 _IDENTITY: Final = "suite.json"
 """File that says what the suite's results were made with."""
 

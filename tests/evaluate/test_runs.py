@@ -18,11 +18,16 @@ from imapper_prob.evaluate.posterior_score import (
     posterior_predictions,
     score_posterior,
 )
+from imapper_prob.evaluate.prediction import prediction_of_state
 from imapper_prob.evaluate.prediction_file import write_prediction
 from imapper_prob.evaluate.scenes import known_clip
+from imapper_prob.evaluate.solution_folder import SOLVER, read_solution_folder
 from imapper_prob.models.errors import InputError
 from imapper_prob.output import write_run
+from imapper_prob.results.solution_file import write_solution
+from imapper_prob.results.solved import solved
 from tests.runs import posterior
+from tests.runs import solution as solve_one
 
 
 @pytest.fixture(scope="module")
@@ -83,6 +88,20 @@ def test_the_command_writes_scores_and_pictures(
     assert document["posteriors"][0]["clip"] == "demo"
     assert (folder / "evaluation.png").is_file()
     assert (folder / "coverage.png").is_file()
+
+
+def test_a_staged_solution_is_read_from_its_folder(tmp_path: Path) -> None:
+    solution = solve_one()
+    write_solution(tmp_path, solved(solution.clip, (solution,), count=2))
+    found = read_solution_folder(tmp_path, solution.clip)
+    best = prediction_of_state(solution, solution.states[0], name=SOLVER)
+    np.testing.assert_allclose(found.joints, best.joints, atol=1e-4)
+    assert [o.label for o in found.objects] == [o.label for o in best.objects]
+    with pytest.raises(InputError, match="is of the clip 'demo', not of other"):
+        read_solution_folder(tmp_path, replace(solution.clip, name="other"))
+    (tmp_path / "solution.npz").write_bytes(b"not an archive")
+    with pytest.raises(InputError, match="damaged solution"):
+        read_solution_folder(tmp_path, solution.clip)
 
 
 def test_faults_are_named(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -17,8 +17,8 @@ from imapper_prob.evaluate.i3db import read_authors
 from imapper_prob.evaluate.parts import first_part, truth_of_part
 from imapper_prob.evaluate.prediction_file import write_prediction
 from imapper_prob.evaluate.scenes import scenes_with_truth
+from imapper_prob.evaluate.solution_folder import SOLVER
 from imapper_prob.evaluate.suite import (
-    SOLVER,
     library_of,
     prepare_suite,
     solve_all,
