@@ -29,6 +29,13 @@ def test_ranks_tell_too_sure_and_too_unsure(rng: np.random.Generator) -> None:
     assert np.mean(np.array(unsure) < 0.5) > 0.9
 
 
+def test_ranks_go_by_the_shape_of_the_cloud(rng: np.random.Generator) -> None:
+    along = rng.standard_normal((500, 2)) * (0.1, 1.0)
+    # Three standard deviations off across, a third of one along.
+    assert elliptic_rank(along, (0.3, 0.0)) > 0.95
+    assert elliptic_rank(along, (0.0, 0.3)) < 0.15
+
+
 def test_draws_on_one_spot_have_a_rank() -> None:
     assert elliptic_rank(np.ones((30, 2)), (1.0, 1.0)) == 0
     assert elliptic_rank(np.ones((30, 2)), (1.1, 1.0)) == 1
