@@ -44,7 +44,7 @@ BINS = 50
 STATED = np.arange(1, BINS) / BINS
 """Probabilities of the regions that are looked at."""
 BOOTSTRAPS = 1000
-KINDS = ("objects", "joints", "hidden")
+KINDS = ("objects", "pelvis", "joints", "hidden")
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ def evaluate_one(model: str, seed: int, path: Path) -> None:
     clip, library = simulated(model, seed)
     posterior = imapper_prob.sample(clip, library, config=Config(seed=seed, sample=SETTINGS))
     found = score_posterior(posterior, truth_in_view(clip), name=model)
-    ranks = (found.object_ranks, found.joint_ranks, found.hidden_ranks)
+    ranks = (found.object_ranks, found.pelvis_ranks, found.joint_ranks, found.hidden_ranks)
     counts = [np.histogram(r, bins=BINS, range=(0, 1))[0].tolist() for r in ranks]
     document = dict(zip(KINDS, counts, strict=True)) | {
         "claimed": found.claimed, "true": found.true, "found": found.found,

@@ -88,7 +88,7 @@ def run_suite(options: argparse.Namespace) -> SuiteResult:
     """
     config = Config() if options.config is None else read_config(options.config)
     scenes = scenes_with_truth(options.suite)
-    others = options.suite if options.leave_one_out else None
+    others = scenes[0].parent if options.leave_one_out else None
     prepare_suite(options.output, config, others=others)
     parts = PARTS if options.exploration else PARTS[-1:]
     tasks = tasks_of(scenes, options.output, config, others=others, parts=parts)

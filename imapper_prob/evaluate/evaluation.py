@@ -89,11 +89,12 @@ def evaluate(
 
 
 def posterior_coverage(posteriors: Sequence[PosteriorScore]) -> dict[str, tuple[Coverage, ...]]:
-    """Coverage of objects, joints and hidden joints, pooled over clips."""
+    """Coverage of objects, pelvis, joints and hidden joints, pooled over clips."""
     return {
         name: coverage(np.concatenate([getattr(p, ranks) for p in posteriors]))
         for name, ranks in (
             ("object centres", "object_ranks"),
+            ("pelvis", "pelvis_ranks"),
             ("joints", "joint_ranks"),
             ("hidden joints", "hidden_ranks"),
         )
@@ -127,7 +128,7 @@ def _plain(posterior: PosteriorScore) -> dict[str, Any]:
     """Ranks of objects one by one, those of joints as a histogram of ten bins."""
     values = dict(vars(posterior))
     values["object_ranks"] = posterior.object_ranks.tolist()
-    for name in ("joint_ranks", "hidden_ranks"):
+    for name in ("pelvis_ranks", "joint_ranks", "hidden_ranks", "distance_ranks"):
         counts, _ = np.histogram(values[name], bins=10, range=(0, 1))
         values[name] = counts.tolist()
     return values

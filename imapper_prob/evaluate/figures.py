@@ -28,6 +28,7 @@ Array = NDArray[np.float64]
 
 _INK: Final = "#2b2f36"
 _QUIET: Final = "#9aa0aa"
+_PELVIS: Final = "#f28e2b"
 _JOINTS: Final = "#4e79a7"
 _HIDDEN: Final = "#76b7b2"
 _OBJECTS: Final = "#e15759"
@@ -64,13 +65,14 @@ def top_view_figure(truth: TruthInView, predictions: Sequence[Prediction]) -> Fi
 
 
 def coverage_figure(scores: Sequence[PosteriorScore]) -> Figure:
-    """Stated probability of regions against the share of truths in them.
+    """Stated probability of regions against the share of truths in them; ranks of distance.
 
     The band is where 90 % of such shares lie for as many independent objects, if stated
-    probabilities are right.
+    probabilities are right. On the right, bars of even height are right: high ones on the left
+    say that draws are too far away, on the right too near.
     """
-    figure = Figure((4.2, 4.0), layout="constrained")
-    axes = figure.subplots()
+    figure = Figure((8.4, 4.0), layout="constrained")
+    axes, bars = figure.subplots(1, 2)
     stated = np.linspace(0, 1, 101)
     objects = np.concatenate([s.object_ranks for s in scores])
     if len(objects):
@@ -79,6 +81,7 @@ def coverage_figure(scores: Sequence[PosteriorScore]) -> Figure:
     axes.plot(stated, stated, color=_QUIET, linewidth=0.8)
     for name, ranks, colour in (
         ("objects", objects, _OBJECTS),
+        ("pelvis", np.concatenate([s.pelvis_ranks for s in scores]), _PELVIS),
         ("joints", np.concatenate([s.joint_ranks for s in scores]), _JOINTS),
         ("hidden joints", np.concatenate([s.hidden_ranks for s in scores]), _HIDDEN),
     ):
@@ -87,9 +90,15 @@ def coverage_figure(scores: Sequence[PosteriorScore]) -> Figure:
             axes.plot(stated, share, color=colour, label=f"{name} ({len(ranks)})")
     axes.set_xlabel("stated probability of a region", fontsize=8)
     axes.set_ylabel("share of the truths in it", fontsize=8)
-    axes.tick_params(labelsize=7)
     axes.legend(fontsize=7, frameon=False, loc="upper left")
     axes.set_aspect("equal")
+    distances = np.concatenate([s.distance_ranks for s in scores])
+    bars.hist(distances, bins=20, range=(0, 1), color=_PELVIS)
+    bars.axhline(len(distances) / 20, color=_QUIET, linewidth=0.8)
+    bars.set_xlabel("share of the draws nearer to the camera than the true pelvis", fontsize=8)
+    bars.set_ylabel("frames", fontsize=8)
+    for each in (axes, bars):
+        each.tick_params(labelsize=7)
     return figure
 
 

@@ -20,9 +20,10 @@ from imapper_prob.evaluate.proper import (
     presence_scores,
     scene_distance,
 )
-from imapper_prob.evaluate.spread import joint_ranks, object_ranks
+from imapper_prob.evaluate.spread import distance_ranks, joint_ranks, object_ranks
 from imapper_prob.evaluate.truth import TruthInView
 from imapper_prob.models.errors import InputError
+from imapper_prob.models.skeleton import PELV
 from imapper_prob.results.posterior import Posterior
 
 __all__ = [
@@ -61,8 +62,11 @@ class PosteriorScore:
     counts, presence : (float, float)
         Brier score, and logarithmic score in nats: of how many seats, tables and shelves
         there are, and of each object's probability.
-    object_ranks, joint_ranks, hidden_ranks : (n,) float
-        See :mod:`imapper_prob.evaluate.spread`.
+    object_ranks, pelvis_ranks, joint_ranks, hidden_ranks : (n,) float
+        Of centres, of the pelvis, of all scored joints and of the hidden ones; see
+        :mod:`imapper_prob.evaluate.spread`.
+    distance_ranks : (n,) float
+        Of the pelvis' distance from the camera.
     """
 
     name: str
@@ -80,8 +84,10 @@ class PosteriorScore:
     counts: tuple[float, float]
     presence: tuple[float, float]
     object_ranks: Array
+    pelvis_ranks: Array
     joint_ranks: Array
     hidden_ranks: Array
+    distance_ranks: Array
 
 
 def posterior_predictions(posterior: Posterior) -> tuple[Prediction, ...]:
@@ -128,8 +134,10 @@ def score_posterior(posterior: Posterior, truth: TruthInView, *, name: str) -> P
         counts=count_scores(draws.objects, true),
         presence=presence_scores(claims, truth),
         object_ranks=ranks,
+        pelvis_ranks=joint_ranks(draws, truth, joints=(PELV,)),
         joint_ranks=joint_ranks(draws, truth),
         hidden_ranks=joint_ranks(draws, truth, hidden=True),
+        distance_ranks=distance_ranks(draws, truth),
     )
 
 

@@ -18,10 +18,11 @@ from imapper_prob.evaluate.claims import Claim
 from imapper_prob.evaluate.draws import Draws
 from imapper_prob.evaluate.objects import pair_up
 from imapper_prob.evaluate.truth import TruthInView
-from imapper_prob.models.skeleton import SCORED
+from imapper_prob.models.skeleton import PELV, SCORED
 
 __all__ = [
-    "REGIONS", "Coverage", "coverage", "elliptic_rank", "joint_ranks", "object_ranks",
+    "REGIONS", "Coverage", "coverage", "distance_ranks", "elliptic_rank", "joint_ranks",
+    "object_ranks",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
@@ -85,15 +86,31 @@ def object_ranks(claims: Sequence[Claim], truth: TruthInView) -> Array:
     return np.array([elliptic_rank(claim_of[id(p.found)].centres, p.truth.centre) for p in pairs])
 
 
-def joint_ranks(draws: Draws, truth: TruthInView, *, hidden: bool = False) -> Array:
-    """Ranks of the fourteen scored joints in annotated frames, or of the hidden ones alone."""
-    ranks = []
-    for t in np.flatnonzero(truth.known):
-        for joint in SCORED:
-            if hidden and not truth.hidden[t, joint]:
-                continue
-            ranks.append(elliptic_rank(draws.joints[:, t, joint], truth.joints[t, joint]))
-    return np.array(ranks)
+def joint_ranks(
+    draws: Draws, truth: TruthInView, *, joints: Sequence[int] = SCORED, hidden: bool = False
+) -> Array:
+    """Ranks of some joints in annotated frames, or of those of them that are hidden."""
+    return np.array(
+        [
+            elliptic_rank(draws.joints[:, t, joint], truth.joints[t, joint])
+            for t in np.flatnonzero(truth.known)
+            for joint in joints
+            if truth.hidden[t, joint] or not hidden
+        ]
+    )
+
+
+def distance_ranks(draws: Draws, truth: TruthInView) -> Array:
+    """Shares of the draws whose pelvis is nearer to the camera than the true one, by frame.
+
+    Uniform where distances are right; heaped at 1 where draws are too near, and at 0 where
+    they are too far.
+    """
+    known = truth.known
+    drawn = np.linalg.norm(draws.joints[:, known, PELV], axis=-1)
+    true = np.linalg.norm(truth.joints[known, PELV], axis=-1)
+    shares: Array = (drawn < true).mean(0)
+    return shares
 
 
 def coverage(ranks: Array) -> tuple[Coverage, ...]:

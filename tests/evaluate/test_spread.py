@@ -9,8 +9,14 @@ from scipy.stats import kstest
 from imapper_prob.evaluate.claims import Claim, likely_objects
 from imapper_prob.evaluate.draws import Draws
 from imapper_prob.evaluate.outline import Outline
-from imapper_prob.evaluate.spread import coverage, elliptic_rank, joint_ranks, object_ranks
-from imapper_prob.models.skeleton import SCORED
+from imapper_prob.evaluate.spread import (
+    coverage,
+    distance_ranks,
+    elliptic_rank,
+    joint_ranks,
+    object_ranks,
+)
+from imapper_prob.models.skeleton import PELV, SCORED
 from tests.evaluate.scenes import CAMERA, piece, truth, walk
 
 
@@ -86,6 +92,21 @@ def test_joints_are_ranked_where_they_are_known(rng: np.random.Generator) -> Non
     ranks = joint_ranks(draws(rng, 0.3), known)
     assert ranks.shape == (11 * len(SCORED),)
     assert len(joint_ranks(draws(rng, 0.3), known, hidden=True)) == known.hidden.sum()
+
+
+def test_one_joint_and_its_distance(rng: np.random.Generator) -> None:
+    known = truth()
+    assert joint_ranks(draws(rng, 0.3), known, joints=(PELV,)).shape == (11,)
+    away = walk() * np.linspace(0.9, 1.1, 60)[:, None, None, None]
+    shifted = Draws(away, CAMERA.project_camera(away), ((),) * 60)
+    np.testing.assert_allclose(distance_ranks(shifted, known), 0.5, atol=0.02)
+    assert (distance_ranks(draws_at(0.8), known) == 1).all()
+    assert (distance_ranks(draws_at(1.2), known) == 0).all()
+
+
+def draws_at(scale: float) -> Draws:
+    joints = scale * walk()[None]
+    return Draws(joints, CAMERA.project_camera(joints), ((),))
 
 
 def test_the_mean_motion_is_the_mean_on_rays(rng: np.random.Generator) -> None:
