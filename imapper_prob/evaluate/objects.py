@@ -92,6 +92,16 @@ class ObjectScore:
         return np.array([p.distance for p in self.pairs])
 
     @property
+    def losses(self) -> Array:
+        """(true,) metres to the partner, cut off at a metre, which a miss costs as well: misses
+        and bad places on one scale. In the order of the truth."""
+        losses = np.full(self.true, FOUND)
+        where = {id(o): k for k, o in enumerate(self.truths)}
+        for pair in self.pairs:
+            losses[where[id(pair.truth)]] = min(pair.distance, FOUND)
+        return losses
+
+    @property
     def yaws(self) -> Array:
         """Degrees, of the objects that were found."""
         return np.array([p.yaw for p in self.pairs if p.near])

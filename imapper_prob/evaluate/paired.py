@@ -9,10 +9,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from imapper_prob.evaluate.objects import FOUND, ObjectScore
 from imapper_prob.evaluate.score import Score
 
-__all__ = ["Difference", "object_losses", "paired_difference"]
+__all__ = ["Difference", "paired_difference"]
 
 Array = NDArray[np.float64]
 
@@ -45,27 +44,19 @@ class Difference:
     objects: int
 
 
-def object_losses(score: ObjectScore) -> Array:
-    """(n_true,) metres to the partner, cut off at a metre, which also an object without one
-    costs: misses and bad places on one scale. In the order of the truth."""
-    losses = np.full(score.true, FOUND)
-    where = {id(o): k for k, o in enumerate(score.truths)}
-    for pair in score.pairs:
-        losses[where[id(pair.truth)]] = min(pair.distance, FOUND)
-    return losses
-
-
 def paired_difference(
     ours: Sequence[Score], theirs: Sequence[Score], rng: np.random.Generator
 ) -> Difference:
     """The mean difference of losses between two methods on the same clips.
+
+    Losses are those of :attr:`imapper_prob.evaluate.objects.ObjectScore.losses`.
 
     Whole objects are drawn with replacement, as many as there are; that two objects of one
     clip share its camera is left out, so intervals are rather too short.
     """
     both = {s.clip: s for s in theirs}
     pairs = [(s, both[s.clip]) for s in ours if s.clip in both]
-    gaps = [object_losses(a.objects) - object_losses(b.objects) for a, b in pairs]
+    gaps = [a.objects.losses - b.objects.losses for a, b in pairs]
     gap = 100 * np.concatenate([np.empty(0), *gaps])
     if not len(gap):
         nothing = float("nan")

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from imapper_prob.evaluate.evaluation import Evaluation, posterior_coverage
 from imapper_prob.evaluate.pose import SUBSETS
+from imapper_prob.evaluate.posterior_score import LIKELY
 from imapper_prob.evaluate.published import (
     WITHOUT_OUTPUT,
     published_object_rows,
@@ -55,8 +56,8 @@ class Exploration:
 def exploration_rows(found: Sequence[Exploration]) -> Rows:
     """Errors and uncertainty by the part of the clip that was seen."""
     rows: Rows = [
-        ("", "seen", "error (sd), cm", "found within 1 m", "spurious", "between draws, cm",
-         "joints, all frames: world cm / local cm / pixels"),
+        ("", "seen", "error (sd), cm", "with misses, cm", "found within 1 m", "spurious",
+         "between draws, cm", "joints, all frames: world cm / local cm / pixels"),
     ]  # fmt: skip
     for exploration in found:
         for s in exploration.summaries:
@@ -66,9 +67,10 @@ def exploration_rows(found: Sequence[Exploration]) -> Rows:
                     s.name,
                     f"{exploration.part:.0%}",
                     f"{number(s.error)} ({number(s.spread)})",
+                    number(s.loss),
                     f"{s.found} of {s.true}",
                     str(s.spurious),
-                    number(exploration.spread),
+                    number(exploration.spread if s.name == LIKELY else float("nan")),
                     " / ".join(number(v, d) for v, d in values),
                 )
             )

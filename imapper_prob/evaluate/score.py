@@ -50,6 +50,8 @@ class Summary:
         Mean and standard deviation of the distances of paired objects, cm.
     seat_error : float
         The mean over seats alone, cm.
+    loss : float
+        Mean over all true objects, a miss counting as a metre, cm.
     paired, true, found, spurious : int
     chance : float
         Share of the true objects found by chance.
@@ -69,6 +71,7 @@ class Summary:
     error: float
     spread: float
     seat_error: float
+    loss: float
     paired: int
     true: int
     found: int
@@ -112,6 +115,7 @@ def summarise(scores: Sequence[Score]) -> Summary:
         error=_mean(distances),
         spread=float(distances.std()) if len(distances) else float("nan"),
         seat_error=_mean(seats),
+        loss=100 * _mean(np.concatenate([o.losses for o in objects])),
         paired=len(pairs),
         true=true,
         found=sum(o.found for o in objects),

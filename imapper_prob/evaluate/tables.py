@@ -22,8 +22,8 @@ __all__ = [
 ]  # fmt: skip
 
 OBJECT_COLUMNS = (
-    "", "clips", "error (sd), cm", "seats, cm", "found within 1 m", "by chance", "spurious",
-    "yaw, °", "seats' yaw, °", "IoU",
+    "", "clips", "error (sd), cm", "seats, cm", "with misses, cm", "found within 1 m", "by chance",
+    "spurious", "yaw, °", "seats' yaw, °", "IoU",
 )  # fmt: skip
 PAIR_COLUMNS = ("", "clip", "true", "taken for it", "distance, cm", "yaw, °")
 POSE_COLUMNS = ("", "clips", *SUBSETS, "joints not predicted")
@@ -55,6 +55,7 @@ def object_rows(summaries: Sequence[Summary]) -> Rows:
                 _clips(s),
                 f"{number(s.error)} ({number(s.spread)})" if s.paired else "nothing to compare",
                 number(s.seat_error),
+                number(s.loss),
                 f"{s.found} of {s.true}",
                 number(s.chance * s.true, 1),
                 str(s.spurious),

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from imapper_prob.evaluate.objects import ObjectScore, pair_up
-from imapper_prob.evaluate.paired import object_losses, paired_difference
+from imapper_prob.evaluate.paired import paired_difference
 from imapper_prob.evaluate.score import Score
 from tests.evaluate.scenes import piece
 
@@ -20,8 +20,8 @@ def guess(chair: float, *, name: str = "guess", clip: str = "made up") -> Score:
 
 
 def test_a_miss_costs_a_metre() -> None:
-    np.testing.assert_allclose(object_losses(guess(0.3).objects), (0.3, 1.0))
-    np.testing.assert_allclose(object_losses(guess(3.0).objects), (1.0, 1.0))
+    np.testing.assert_allclose(guess(0.3).objects.losses, (0.3, 1.0))
+    np.testing.assert_allclose(guess(3.0).objects.losses, (1.0, 1.0))
 
 
 def test_the_mean_is_of_all_true_objects(rng: np.random.Generator) -> None:

@@ -21,14 +21,18 @@ from imapper_prob.evaluate.solution_folder import SOLVER
 from imapper_prob.evaluate.suite import (
     library_of,
     prepare_suite,
+    sample_all,
+    sampled,
     solve_all,
     tasks_of,
 )
-from imapper_prob.inputs import load_clip
+from imapper_prob.inputs import load_clip, write_clip
 from imapper_prob.models.errors import InputError
+from imapper_prob.results.posterior import Posterior
 from tests.conftest import CORPUS
 from tests.evaluate.scenes import truth
 from tests.evaluate.test_prediction_file import clip
+from tests.runs import posterior
 
 corpus = pytest.mark.skipif(not CORPUS.is_dir(), reason=f"the i3DB scenes are not at {CORPUS}")
 
@@ -82,6 +86,31 @@ def test_no_scenes_is_an_error(tmp_path: Path) -> None:
         scenes_with_truth(tmp_path)
 
 
+def test_what_is_sampled_is_not_sampled_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run, calls = posterior(), []
+
+    def sample(*_: Any, checkpoints: Path, **__: Any) -> Posterior:
+        calls.append(checkpoints)
+        checkpoints.mkdir(parents=True, exist_ok=True)
+        return replace(run, samples=replace(run.samples, finished=len(calls) > 1))
+
+    monkeypatch.setattr("imapper_prob.evaluate.suite.sample", sample)
+    write_clip(tmp_path / "demo.npz", run.clip)
+    tasks = tasks_of([tmp_path / "demo.npz"], tmp_path / "out", Config())
+    # Interrupted, it is not done; the checkpoints stay, and the same call goes on.
+    assert not sample_all(tasks, workers=1)
+    assert calls[0].is_dir()
+    assert not tasks[0].is_sampled
+    assert sample_all(tasks, workers=1)
+    assert not calls[0].exists()
+    assert sample_all(tasks, workers=1)
+    assert len(calls) == 2
+    ((_, again),) = sampled(tasks)
+    assert again.clip.name == "demo"
+
+
 @corpus
 @pytest.mark.corpus
 def test_what_is_solved_is_not_solved_again(suite: Path) -> None:
@@ -109,7 +138,7 @@ def test_the_page_has_every_table(suite: Path, capsys: pytest.CaptureFixture[str
     assert main([*arguments, "--workers", "1", "--predictions", str(others)]) == 0
     assert "Differences object by object" in capsys.readouterr().out
     page = (suite / "benchmark.md").read_text()
-    row = "| authors' output | 4 clips | 53 (27) | 46 | 15 of 17 | 6.9 | 9 | 18 | 19 | 0.27 |"
+    row = "| authors' output | 4 clips | 53 (27) | 46 | 57 | 15 of 17 | 6.9 | 9 | 18 | 19 | 0.27 |"
     assert row in page
     assert row.replace("authors' output", "VNect") in page
     assert "| Tome3D | no public output |" in page
