@@ -20,8 +20,8 @@ CHECKPOINTS = "checkpoints"
 """Folder in a run's folder that is there while the run is not finished."""
 
 _FILES = (
-    "config.toml", "energy.json", "energy.png", "posterior.nc", "recording.rrd", "report.html",
-    "scenes", "scenes.json",
+    "config.toml", "coverage.png", "energy.json", "energy.png", "evaluation.json",
+    "evaluation.png", "posterior.nc", "recording.rrd", "report.html", "scenes", "scenes.json",
 )  # fmt: skip
 
 

@@ -7,10 +7,12 @@ import sys
 from collections.abc import Sequence
 
 import imapper_prob
+from imapper_prob.cli.evaluate import add_evaluate_command
 from imapper_prob.cli.export import add_export_commands
 from imapper_prob.cli.recordings import add_recording_commands
 from imapper_prob.cli.run import add_run_commands
 from imapper_prob.cli.scenelets import add_scenelet_commands
+from imapper_prob.cli.solve import add_solve_command
 from imapper_prob.models.errors import InputError
 
 __all__ = ["main"]
@@ -50,5 +52,7 @@ def _parser() -> argparse.ArgumentParser:
     add_run_commands(commands, shared)
     add_recording_commands(commands, shared)
     add_export_commands(commands, shared)
+    add_solve_command(commands, shared)
     add_scenelet_commands(commands, shared)
+    add_evaluate_command(commands, shared)
     return parser
