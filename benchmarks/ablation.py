@@ -1,47 +1,31 @@
 """What each term does for the staged solver's best scene on i3DB.
 
 ``python benchmarks/ablation.py I3DB_FOLDER`` solves each scene as it is and with one term at a
-time switched off, and prints how far its objects are from the truth, how many true objects
-that somebody uses have one within a metre, and how many objects there are.
+time switched off, and prints the scores of ``docs/metrics.md``.
 """
 
 from __future__ import annotations
 
 import sys
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from preference import PAPER_NATS, centre_of, wishes_of
-from rich.box import SIMPLE_HEAD
+from preference import PAPER_NATS
 from rich.console import Console
-from rich.table import Table
 
-from imapper_prob.inputs.i3db import read_i3db, read_i3db_truth
+from imapper_prob.evaluate.prediction import prediction_of_state
+from imapper_prob.evaluate.scenes import known_scene, scenes_with_truth
+from imapper_prob.evaluate.score import Score, score, summarise
+from imapper_prob.evaluate.tables import object_rows, pose_rows, screen_table
 from imapper_prob.models.energy.occlusion import p_seen
 from imapper_prob.models.geometry import NOTHING_IN_SIGHT
 from imapper_prob.models.problem import Problem
-from imapper_prob.models.scene import Clip, SceneObject, Truth
-from imapper_prob.results.summary import distances_to_truth
-from imapper_prob.sampling.layouts import merged_objects
+from imapper_prob.results.stored_input import StoredSource
 from imapper_prob.scenelets.library import load_library
 from imapper_prob.staged.candidates import screen
 from imapper_prob.staged.combine import combine
 from imapper_prob.staged.maxima import charness_curve
 from imapper_prob.staged.solver import fit_clip
-
-FOUND = 1.0
-"""Metres within which an object counts as found (the paper's)."""
-
-
-@dataclass(frozen=True)
-class Score:
-    """Distances in metres of the objects that have a partner; how many used ones were found."""
-
-    distances: np.ndarray
-    used: int
-    found: int
-    n_objects: int
 
 
 def without_sight(problem: Problem) -> Problem:
@@ -75,56 +59,30 @@ def variants(problem: Problem) -> dict[str, Problem]:
     }
 
 
-def scores(clip: Clip, truth: Truth) -> dict[str, Score]:
+def scores(folder: Path) -> dict[str, Score]:
     """Each variant's best scene against the truth. Windows are fitted once: no term changes it."""
-    library = load_library()
-    fitted = fit_clip(clip, library)
-    problem, fits = fitted.problem, fitted.fits
-    curve = charness_curve(fits, fitted.charness, fps=clip.fps)
+    known, library = known_scene(folder), load_library()
+    fitted = fit_clip(known.clip, library)
+    curve = charness_curve(fitted.fits, fitted.charness, fps=known.clip.fps)
     result = {}
-    for name, variant in variants(problem).items():
-        best = combine(variant, screen(variant, fits), curve)[0]
-        result[name] = score(merged_objects(variant, library, best), truth)
+    for name, variant in variants(fitted.problem).items():
+        best = combine(variant, screen(variant, fitted.fits), curve).states[0]
+        source = StoredSource(known.clip, library, variant)
+        result[name] = score(prediction_of_state(source, best, name=name), known.truth)
     return result
 
 
-def score(objects: tuple[SceneObject, ...], truth: Truth) -> Score:
-    """Distances to the nearest partners, and how many of the used objects were found."""
-    distances = distances_to_truth(objects, truth.objects)
-    places = {wish.place for wish in wishes_of(truth)}
-    used = [o for o in truth.objects if centre_of(o) in places]
-    nearest = distances_to_truth(used, objects)
-    return Score(
-        distances[np.isfinite(distances)], len(used), int((nearest < FOUND).sum()), len(objects)
-    )
-
-
 def main() -> None:
-    """Print a row a variant, a column a scene."""
-    table = Table(
-        title="distance to truth, mean in cm (used objects within 1 m; objects)",
-        title_justify="left", box=SIMPLE_HEAD,
-    )  # fmt: skip
-    table.add_column("", no_wrap=True)
-    by_scene = {}
-    for scene in sorted(p for p in Path(sys.argv[1]).iterdir() if (p / "gt").is_dir()):
-        clip = read_i3db(scene)
-        by_scene[scene.name] = scores(clip, read_i3db_truth(scene, clip))
-        table.add_column(scene.name, justify="right")
-    table.add_column("all", justify="right")
-    for name in next(iter(by_scene.values())):
-        row = [s[name] for s in by_scene.values()]
-        pooled = Score(
-            np.concatenate([s.distances for s in row]),
-            *(sum(getattr(s, f) for s in row) for f in ("used", "found", "n_objects")),
-        )
-        table.add_row(name, *(in_words(s) for s in (*row, pooled)))
-    Console(width=120).print(table)
-
-
-def in_words(score: Score) -> str:
-    mean = f"{100 * score.distances.mean():.0f}" if len(score.distances) else "none"
-    return f"{mean} ({score.found} of {score.used}; {score.n_objects})"
+    """Print a row a variant: all scenes together, then scene by scene."""
+    by_scene = [scores(scene) for scene in scenes_with_truth(sys.argv[1])]
+    together = [summarise([found[name] for found in by_scene]) for name in by_scene[0]]
+    console = Console(width=170)
+    console.print(screen_table(object_rows(together), title="Furniture, one term off"))
+    poses = "Joints, one term off: world cm / local cm / pixels"
+    console.print(screen_table(pose_rows(together), title=poses))
+    for found in by_scene:
+        summaries = [summarise([s]) for s in found.values()]
+        console.print(screen_table(object_rows(summaries), title=summaries[0].clips[0]))
 
 
 if __name__ == "__main__":

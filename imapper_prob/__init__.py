@@ -23,6 +23,7 @@ _HOMES = {
     "demo_clip": "imapper_prob.demo",
     "load_clip": "imapper_prob.inputs",
     "load_library": "imapper_prob.scenelets.library",
+    "load_posterior": "imapper_prob.results.load",
     "read_config": "imapper_prob.config",
     "sample": "imapper_prob.api",
     "solve": "imapper_prob.api",

@@ -36,11 +36,9 @@ from imapper_prob.sampling.chain import run_chain
 from imapper_prob.sampling.layouts import merged_objects
 from imapper_prob.sampling.sample import setup_of
 from imapper_prob.scenelets.charness import charness, motion_distances
-from imapper_prob.staged.candidates import screen
-from imapper_prob.staged.combine import combine
 from imapper_prob.staged.fit import fit_windows
-from imapper_prob.staged.maxima import charness_curve
-from imapper_prob.staged.solver import Solution
+from imapper_prob.staged.frames import FrameTable
+from imapper_prob.staged.solver import Fitted, Solution, solve_fitted
 
 __all__ = ["SETTINGS", "Ranked", "describe", "rank_scene", "short_clip", "solve_given"]
 
@@ -140,12 +138,12 @@ def solve_given(experiment: Experiment) -> Solution:
     problem, clip, library = experiment.problem, experiment.clip, experiment.library
     distances = motion_distances(library)
     fits = fit_windows(problem, experiment.path, fps=clip.fps)
-    curve = charness_curve(fits, charness(library, distances), fps=clip.fps)
-    candidates = screen(problem, fits)
-    return Solution(
-        clip, library, experiment.path, experiment.camera, problem, curve, candidates,
-        combine(problem, candidates, curve), distances, fits,
+    frames = FrameTable.unexamined(problem.used.sum(1))
+    fitted = Fitted(
+        experiment.path, frames, experiment.camera, problem, fits,
+        charness(library, distances), distances,
     )  # fmt: skip
+    return solve_fitted(clip, library, fitted)
 
 
 def rank_scene(experiment: Experiment, seed: int, settings: SampleSettings = SETTINGS) -> Ranked:

@@ -7,6 +7,7 @@ where means and spreads differ by much, one of the two has not arrived yet.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -53,8 +54,10 @@ class Agreement:
 def compare(library: Library, draws: PlacementDraws, states: Sequence[State]) -> Agreement:
     """Hold the ensembles of an assignment against the chains' draws of it."""
     same = [s.placements for s in states if np.array_equal(s.items, draws.items)]
-    walked = draws.placements.reshape(-1, *draws.placements.shape[-2:])
-    jumped = np.array(same).reshape(-1, *walked.shape[1:])
+    # An assignment may be empty; how many draws there are is then not to be had from the size.
+    shape = draws.placements.shape
+    walked = draws.placements.reshape(math.prod(shape[:-2]), *shape[-2:])
+    jumped = np.array(same).reshape(len(same), *shape[-2:])
     labels, difference, ratio = [], [], []
     for index, scenelet in enumerate(draws.items[:, 0].tolist()):
         for o in library[scenelet].objects:
@@ -66,9 +69,9 @@ def compare(library: Library, draws: PlacementDraws, states: Sequence[State]) ->
                 continue
             difference.append((first.mean(0) - second.mean(0)) / first.std(0))
             ratio.append(second.std(0) / first.std(0))
-    shape = (len(labels), 2)
+    by_object = (len(labels), 2)
     return Agreement(
-        tuple(labels), np.reshape(difference, shape), np.reshape(ratio, shape), len(same)
+        tuple(labels), np.reshape(difference, by_object), np.reshape(ratio, by_object), len(same)
     )
 
 

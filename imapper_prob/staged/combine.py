@@ -1,25 +1,33 @@
 """Combinations: from candidates at the maxima of charness to whole scenes.
 
 The paper tries every combination of three candidates a maximum (Monszpart et al. 2019,
-section 5). Here a beam search over the maxima does, which may also leave a maximum empty;
-the best scenes are refined once more under the full log-posterior.
+section 5). Here a maximum may also stay empty, and there may be twelve of them: combinations
+are judged by the full log-posterior in the order of what their candidates are worth alone and
+two by two (`search`), all of them where there are few. The best scenes are refined once more.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import islice
 
 import numpy as np
+from numpy.typing import NDArray
 
 from imapper_prob.models.posterior import State, empty_state, log_posterior
 from imapper_prob.models.problem import Problem
 from imapper_prob.staged.candidates import Candidate, furniture_kinds, refine
 from imapper_prob.staged.maxima import CharnessCurve
 from imapper_prob.staged.polish import polish
+from imapper_prob.staged.search import best_first
 
-__all__ = ["CombineSettings", "combine"]
+__all__ = [
+    "Combination", "Combinations", "CombineSettings", "combine", "groups_of", "search",
+    "state_of",
+]  # fmt: skip
 
+Array = NDArray[np.float64]
 Progress = Callable[[str, float], None]
 
 
@@ -29,15 +37,62 @@ class CombineSettings:
     ----------
     kept : int
         Candidates a maximum (3 in the paper), each of another kind of furniture.
-    beam : int
-        Partial combinations carried from one maximum to the next.
+    tried : int
+        Combinations judged by the full log-posterior: all that three candidates or none at
+        five maxima can give.
     alternatives : int
         Scenes returned beside the best.
     """
 
     kept: int = 3
-    beam: int = 40
+    tried: int = 1024
     alternatives: int = 4
+
+
+@dataclass(frozen=True)
+class Combination:
+    """One combination of candidates that was judged.
+
+    Parameters
+    ----------
+    members : tuple of int
+        Indices in the pool, in order of time.
+    score : float
+        Nats over no scenelet by its candidates alone and two by two.
+    gain : float
+        Nats over no scenelet by the full log-posterior.
+    """
+
+    members: tuple[int, ...]
+    score: float
+    gain: float
+
+
+@dataclass(frozen=True)
+class Combinations:
+    """What was tried, and the scenes that came of it.
+
+    Parameters
+    ----------
+    pool : tuple of Candidate
+        Those kept at the maxima.
+    tried : tuple of Combination
+        The best first.
+    left : float
+        Best score of a combination that was not tried; -inf if all were.
+    states : tuple of State
+        The best scene, then others with other furniture, all refined.
+    """
+
+    pool: tuple[Candidate, ...]
+    tried: tuple[Combination, ...]
+    left: float
+    states: tuple[State, ...]
+
+    @property
+    def complete(self) -> bool:
+        """Whether every combination was judged; if not, the search was pruned."""
+        return self.left == -np.inf
 
 
 def combine(
@@ -47,18 +102,75 @@ def combine(
     *,
     settings: CombineSettings | None = None,
     progress: Progress | None = None,
-) -> tuple[State, ...]:
+) -> Combinations:
     """The best scene under the full log-posterior, then its diverse alternatives."""
     settings = settings or CombineSettings()
-    groups = [_at(window, candidates, settings.kept) for window in sorted(curve.maxima.tolist())]
-    ranked = _beam_search(problem, groups, settings.beam)
+    groups = groups_of(candidates, curve, kept=settings.kept)
+    tried, left = search(problem, groups, tried=settings.tried)
+    pool = tuple(c for group in groups for c in group)
+    ranked = [state_of(problem, [pool[k] for k in t.members]) for t in tried]
+    if progress is not None:
+        progress("combining", 1.0)
     chosen = _diverse(problem, ranked, 1 + settings.alternatives)
     states = []
     for i, state in enumerate(chosen):
         states.append(polish(problem, refine(problem, state)))
         if progress is not None:
             progress("refining scenes", (i + 1) / len(chosen))
-    return tuple(sorted(states, key=lambda s: -log_posterior(problem, s)))
+    states.sort(key=lambda s: -log_posterior(problem, s))
+    return Combinations(pool, tried, left, tuple(states))
+
+
+def groups_of(
+    candidates: Sequence[Candidate], curve: CharnessCurve, *, kept: int
+) -> list[list[Candidate]]:
+    """The ``kept`` best candidates of each maximum, in order of time."""
+    return [_at(window, candidates, kept) for window in sorted(curve.maxima.tolist())]
+
+
+def search(
+    problem: Problem, groups: Sequence[Sequence[Candidate]], *, tried: int
+) -> tuple[tuple[Combination, ...], float]:
+    """The first ``tried`` combinations by score, the best by log-posterior first.
+
+    Also the score of the best one left out, -inf if there is none.
+    """
+    pool = [c for group in groups for c in group]
+    ends = np.cumsum([len(group) for group in groups])
+    members = [np.arange(e - len(g), e) for g, e in zip(groups, ends, strict=True)]
+    base = log_posterior(problem, empty_state(problem))
+
+    def gain(*chosen: int) -> float:
+        return log_posterior(problem, state_of(problem, [pool[k] for k in chosen])) - base
+
+    alone = np.array([gain(k) for k in range(len(pool))])
+    together = np.zeros((len(pool), len(pool)))
+    for first, second in _pairs(members):
+        extra = gain(first, second) - alone[first] - alone[second]
+        together[first, second] = together[second, first] = extra
+    found = best_first(members, alone, together)
+    judged = [Combination(chosen, score, gain(*chosen)) for chosen, score in islice(found, tried)]
+    _, left = next(found, ((), -np.inf))
+    return tuple(sorted(judged, key=lambda c: -c.gain)), left
+
+
+def _pairs(groups: Sequence[NDArray[np.int64]]) -> list[tuple[int, int]]:
+    """All pairs of members of different groups, the earlier group first."""
+    return [
+        (a, b)
+        for position, group in enumerate(groups)
+        for later in groups[position + 1 :]
+        for a in group.tolist()
+        for b in later.tolist()
+    ]
+
+
+def state_of(problem: Problem, members: Sequence[Candidate]) -> State:
+    """The scene in which these candidates, and no others, are assigned."""
+    state = empty_state(problem)
+    for c in members:
+        state = state.with_item(c.scenelet, c.start, c.placement, c.size)
+    return state
 
 
 def _at(window: int, candidates: Sequence[Candidate], kept: int) -> list[Candidate]:
@@ -69,23 +181,6 @@ def _at(window: int, candidates: Sequence[Candidate], kept: int) -> list[Candida
         if near and c.kind and (c.kind not in best or c.gain > best[c.kind].gain):
             best[c.kind] = c
     return sorted(best.values(), key=lambda c: -c.gain)[:kept]
-
-
-def _beam_search(problem: Problem, groups: list[list[Candidate]], width: int) -> list[State]:
-    """States, best first: each maximum in turn adds one of its candidates or none."""
-    empty = empty_state(problem)
-    beam = [(log_posterior(problem, empty), empty)]
-    for group in groups:
-        grown = list(beam)
-        for _, state in beam:
-            for c in group:
-                new = state.with_item(c.scenelet, c.start, c.placement, c.size)
-                value = log_posterior(problem, new)
-                if np.isfinite(value):
-                    grown.append((value, new))
-        grown.sort(key=lambda pair: -pair[0])
-        beam = grown[:width]
-    return [state for _, state in beam]
 
 
 def _diverse(problem: Problem, ranked: list[State], count: int) -> list[State]:

@@ -10,7 +10,7 @@ from scipy.ndimage import gaussian_filter1d
 
 from imapper_prob.staged.fit import Fits
 
-__all__ = ["CharnessCurve", "MaximaSettings", "charness_curve"]
+__all__ = ["CharnessCurve", "MaximaSettings", "Peak", "charness_curve"]
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -41,6 +41,23 @@ class MaximaSettings:
 
 
 @dataclass(frozen=True)
+class Peak:
+    """A local maximum of charness, and what became of it.
+
+    Parameters
+    ----------
+    window : int
+    charness : float
+    dropped : str
+        Why it is no maximum of the clip; empty if it is one.
+    """
+
+    window: int
+    charness: float
+    dropped: str
+
+
+@dataclass(frozen=True)
 class CharnessCurve:
     """Charness by window, and the windows that stand out.
 
@@ -48,15 +65,21 @@ class CharnessCurve:
     ----------
     centres : (W,) int
         Middle frames of the windows.
+    raw : (W,) float
+        Charness of each window's best fits in [0, 1]; NaN in windows without detections.
     values : (W,) float
-        Smoothed charness in [0, 1].
+        The same, bridged where it is unknown, and smoothed.
     maxima : (M,) int
         Indices of windows, the most characteristic first.
+    peaks : tuple of Peak
+        All maxima, and the local maxima that suppression dropped, in order of time.
     """
 
     centres: Ints
+    raw: Array
     values: Array
     maxima: Ints
+    peaks: tuple[Peak, ...]
 
 
 def charness_curve(
@@ -65,20 +88,40 @@ def charness_curve(
     """Charness of the best fits weighted by match quality, smoothed, maxima thinned out."""
     settings = settings or MaximaSettings()
     known = np.isfinite(fits.cost).any(1)
-    raw = np.zeros(len(fits.centres))
+    raw = np.full(len(fits.centres), np.nan)
     for w in np.flatnonzero(known):
         cost = fits.cost[w]
         weight = np.exp(-(cost - cost.min()) / settings.temperature)
         raw[w] = float(weight @ charness / weight.sum())
+    bridged = np.zeros(len(raw))
     if known.any():
         # A window without detections takes the charness of those around it.
-        raw = np.interp(np.arange(len(raw)), np.flatnonzero(known), raw[known])
-    values = gaussian_filter1d(raw, settings.smoothing, mode="nearest")
+        bridged = np.interp(np.arange(len(raw)), np.flatnonzero(known), raw[known])
+    values = gaussian_filter1d(bridged, settings.smoothing, mode="nearest")
     chosen: list[int] = []
-    for w in np.argsort(-values, kind="stable"):
-        if values[w] < settings.minimum or len(chosen) == settings.most:
-            break
-        gaps = np.abs(fits.centres[w] - fits.centres[chosen])
-        if np.all(gaps >= settings.apart * fps):
-            chosen.append(int(w))
-    return CharnessCurve(fits.centres, values, np.array(chosen, dtype=np.int64))
+    dropped: dict[int, str] = {}
+    for w in np.argsort(-values, kind="stable").tolist():
+        if values[w] < settings.minimum:
+            dropped[w] = f"charness below {settings.minimum:g}"
+            continue
+        near = np.abs(fits.centres[w] - fits.centres[chosen]) < settings.apart * fps
+        if near.any():
+            stronger = fits.centres[chosen[int(near.argmax())]]
+            dropped[w] = f"within {settings.apart:g} s of the maximum at frame {stronger}"
+        elif len(chosen) == settings.most:
+            dropped[w] = f"{settings.most} maxima are higher"
+        else:
+            chosen.append(w)
+    peaks = tuple(
+        Peak(w, float(values[w]), dropped.get(w, ""))
+        for w in range(len(values))
+        if w in chosen or _stands_out(values, w)
+    )
+    return CharnessCurve(fits.centres, raw, values, np.array(chosen, dtype=np.int64), peaks)
+
+
+def _stands_out(values: Array, window: int) -> bool:
+    """Whether a window is above the one before and not below the one after it."""
+    before = values[window - 1] if window > 0 else -np.inf
+    after = values[window + 1] if window + 1 < len(values) else -np.inf
+    return bool(before < values[window] >= after)

@@ -22,13 +22,15 @@ from imapper_prob.models.settings import ModelSettings
 from imapper_prob.scenelets.charness import charness, motion_distances
 from imapper_prob.staged.calibration import estimate_camera
 from imapper_prob.staged.candidates import Candidate, screen
-from imapper_prob.staged.combine import combine
+from imapper_prob.staged.combine import Combinations, combine
 from imapper_prob.staged.fit import Fits, fit_windows
+from imapper_prob.staged.frames import FrameTable
 from imapper_prob.staged.free_poses import free_pose_cost
 from imapper_prob.staged.maxima import CharnessCurve, charness_curve
-from imapper_prob.staged.static_path import estimate_static_path
+from imapper_prob.staged.shortlist import MaximumTable, shortlist
+from imapper_prob.staged.static_path import examine_frames
 
-__all__ = ["Fitted", "Solution", "fit_clip", "solve"]
+__all__ = ["Fitted", "Solution", "fit_clip", "solve", "solve_fitted"]
 
 Progress = Callable[[str, float], None]
 
@@ -46,16 +48,20 @@ class Solution:
         The input.
     path : StaticPath
         The person without scenelets.
+    frames : FrameTable
+        Which frames have a pose of their own, and why others do not.
     camera : CameraPrior
         What is known of pitch, elevation, focal length and body size.
     problem : Problem
         The log-posterior, packed.
     curve : CharnessCurve
-        Charness over time with its maxima.
+        Charness over time with its maxima, and what suppression dropped.
     candidates : tuple of Candidate
         Fits judged by the full posterior, in order of time; births come from them.
-    states : tuple of State
-        The best scene, then diverse alternatives.
+    shortlists : tuple of MaximumTable
+        Per maximum, in order of time: which candidates were kept and what spoke against the rest.
+    combinations : Combinations
+        Which of those kept were put together, and what that is worth.
     distances : (L, L) float
         Distance between the motions of scenelets, metres.
     fits : Fits
@@ -65,13 +71,20 @@ class Solution:
     clip: Clip
     library: Library
     path: StaticPath
+    frames: FrameTable = field(repr=False)
     camera: CameraPrior
     problem: Problem = field(repr=False)
     curve: CharnessCurve = field(repr=False)
     candidates: tuple[Candidate, ...] = field(repr=False)
-    states: tuple[State, ...] = field(repr=False)
+    shortlists: tuple[MaximumTable, ...] = field(repr=False)
+    combinations: Combinations = field(repr=False)
     distances: NDArray[np.float64] = field(repr=False)
     fits: Fits = field(repr=False)
+
+    @property
+    def states(self) -> tuple[State, ...]:
+        """The best scene, then diverse alternatives."""
+        return self.combinations.states
 
 
 def solve(
@@ -79,6 +92,7 @@ def solve(
     library: Library,
     *,
     settings: ModelSettings | None = None,
+    camera: CameraPrior | None = None,
     progress: Progress | None = None,
 ) -> Solution:
     """Solve a clip of one actor: same input, same output.
@@ -89,26 +103,13 @@ def solve(
         What was seen, and what people do.
     settings : ModelSettings, optional
         Constants of the model.
+    camera : CameraPrior, optional
+        What is known of camera and body; estimated from the actor's feet if not given.
     progress : callable, optional
         Called with the name of the stage and the part of it that is done.
     """
-    fitted = fit_clip(clip, library, settings=settings, progress=progress)
-    problem, fits = fitted.problem, fitted.fits
-    curve = charness_curve(fits, fitted.charness, fps=clip.fps)
-    candidates = screen(problem, fits, progress=progress)
-    states = combine(problem, candidates, curve, progress=progress)
-    return Solution(
-        clip,
-        library,
-        fitted.path,
-        fitted.camera,
-        problem,
-        curve,
-        candidates,
-        states,
-        fitted.distances,
-        fits,
-    )
+    fitted = fit_clip(clip, library, settings=settings, camera=camera, progress=progress)
+    return solve_fitted(clip, library, fitted, progress=progress)
 
 
 @dataclass(frozen=True)
@@ -118,6 +119,7 @@ class Fitted:
     Parameters
     ----------
     path : StaticPath
+    frames : FrameTable
     camera : CameraPrior
     problem : Problem
         The log-posterior, what the freedom of free frames is worth included.
@@ -130,6 +132,7 @@ class Fitted:
     """
 
     path: StaticPath
+    frames: FrameTable
     camera: CameraPrior
     problem: Problem
     fits: Fits
@@ -142,17 +145,46 @@ def fit_clip(
     library: Library,
     *,
     settings: ModelSettings | None = None,
+    camera: CameraPrior | None = None,
     progress: Progress | None = None,
 ) -> Fitted:
     """The first stages: static path, camera, independent fits; parameters as of :func:`solve`."""
-    path = estimate_static_path(clip)
-    camera = estimate_camera(clip, path)
+    path, frames = examine_frames(clip)
+    camera = camera or estimate_camera(clip, path)
     if progress is not None:
         progress("static path", 1.0)
     distances = motion_distances(library)
     characteristic = charness(library, distances)
+    if progress is not None:
+        progress("comparing motions", 1.0)
     weights = characteristic + _LEAST_CHARNESS
     problem = pack_problem(clip, path, camera, library, settings=settings, weights=weights)
     fits = fit_windows(problem, path, fps=clip.fps, progress=progress)
     problem = problem._replace(free_cost=free_pose_cost(problem, fits))
-    return Fitted(path, camera, problem, fits, characteristic, distances)
+    if progress is not None:
+        progress("judging free poses", 1.0)
+    return Fitted(path, frames, camera, problem, fits, characteristic, distances)
+
+
+def solve_fitted(
+    clip: Clip, library: Library, fitted: Fitted, *, progress: Progress | None = None
+) -> Solution:
+    """The stages after the fits: charness, candidates, combinations, refinement."""
+    problem, fits = fitted.problem, fitted.fits
+    curve = charness_curve(fits, fitted.charness, fps=clip.fps)
+    candidates = screen(problem, fits, progress=progress)
+    combinations = combine(problem, candidates, curve, progress=progress)
+    return Solution(
+        clip,
+        library,
+        fitted.path,
+        fitted.frames,
+        fitted.camera,
+        problem,
+        curve,
+        candidates,
+        shortlist(problem, fits, candidates, curve, combinations.pool),
+        combinations,
+        fitted.distances,
+        fits,
+    )

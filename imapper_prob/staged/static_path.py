@@ -13,8 +13,9 @@ from scipy.ndimage import median_filter
 
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.path import StaticPath
-from imapper_prob.models.scene import Clip
+from imapper_prob.models.scene import Clip, Track
 from imapper_prob.models.skeleton import DETECTED
+from imapper_prob.staged.frames import FrameTable, PoseSource
 from imapper_prob.staged.lifted_poses import ANCESTORS, LiftedBody, joints_of, lifted_body
 from imapper_prob.staged.path_fit import (
     REFERENCE_RATE,
@@ -25,7 +26,7 @@ from imapper_prob.staged.path_fit import (
     pixel_residuals,
 )
 
-__all__ = ["StaticPathSettings", "estimate_static_path"]
+__all__ = ["StaticPathSettings", "estimate_static_path", "examine_frames"]
 
 Array = NDArray[np.float64]
 
@@ -67,6 +68,13 @@ def estimate_static_path(
     InputError
         If the person is detected in no frame.
     """
+    return examine_frames(clip, track=track, settings=settings)[0]
+
+
+def examine_frames(
+    clip: Clip, *, track: int = 0, settings: StaticPathSettings | None = None
+) -> tuple[StaticPath, FrameTable]:
+    """The static path, and what became of each frame; parameters as above."""
     settings = settings or StaticPathSettings()
     person = clip.tracks[track]
     confidences = person.confidences[:, list(DETECTED)]
@@ -88,12 +96,41 @@ def estimate_static_path(
         observations = observe(lifted_body(person, believed))
         motion = _place(observations, settings)
     motion = fit_motion(observations, motion, settings, free_bones=True, annealing=(4.0, 2.0))
-    return StaticPath(
+    path = StaticPath(
         estimate=motion.place[:, [0, 2]],
         lift=motion.place[:, 1],
         deviation=_deviation(observations, motion, settings),
         poses=joints_of(motion.bones),
         posed=observations.body.known,
+    )
+    return path, _frame_table(observations, motion, settings, person, believed)
+
+
+def _frame_table(
+    observations: Observations,
+    motion: Motion,
+    settings: StaticPathSettings,
+    person: Track,
+    believed: NDArray[np.bool_],
+) -> FrameTable:
+    """Why poses were not believed, and how far detections are from the fitted person."""
+    pose = [PoseSource.OWN if own else PoseSource.CONTRADICTED for own in believed]
+    for source, frames in (
+        (PoseSource.INTERPOLATED, person.interpolated),
+        (PoseSource.MISSING, ~person.has_pose),
+    ):
+        for frame in np.flatnonzero(frames):
+            pose[frame] = source
+    sure = observations.confidences >= _CONFIDENT
+    distance = np.linalg.norm(pixel_residuals(observations, motion), axis=-1)
+    miss = np.full(len(sure), np.nan)
+    for frame in np.flatnonzero(sure.any(1)):
+        miss[frame] = np.median(distance[frame, sure[frame]])
+    return FrameTable(
+        pose=tuple(pose),
+        detected=(observations.confidences > 0).sum(1),
+        miss=miss,
+        outlier=_contradicted(observations, motion, settings),
     )
 
 

@@ -59,3 +59,12 @@ def test_too_few_draws_say_nothing() -> None:
     found = agreement(count=3)
     assert np.isnan(found.difference).all()
     assert "cannot be compared" in describe_agreement([found])
+
+
+def test_an_empty_room_has_nothing_to_compare() -> None:
+    none = np.zeros((4, 50, 20, 0, 3))
+    camera, sizes = np.zeros((4, 50, 20, 5)), np.zeros((4, 50, 20, 0))
+    ensembles = PlacementDraws(np.empty((0, 2), np.int64), camera, none, sizes, np.ones(9), {})
+    found = compare(LIBRARY, ensembles, [empty_state(PROBLEM)] * 40)
+    assert (found.labels, found.draws) == ((), 40)
+    assert "cannot be compared" in describe_agreement([found])

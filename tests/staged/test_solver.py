@@ -109,4 +109,4 @@ def test_the_combination_is_at_least_as_good_as_its_parts() -> None:
     stories = {tuple(kinds[s] for s in state.items[:, 0]) for state in solved.states}
     assert len(stories) == len(solved.states)
     again = combine(solved.problem, solved.candidates, solved.curve)
-    np.testing.assert_array_equal(again[0].placements, solved.states[0].placements)
+    np.testing.assert_array_equal(again.states[0].placements, solved.states[0].placements)

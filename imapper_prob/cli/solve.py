@@ -1,0 +1,103 @@
+"""``solve``: the deterministic scenes of a clip, and how the solver came to them."""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from imapper_prob.cli.progress import progress_bars
+
+__all__ = ["StageClock", "add_solve_command"]
+
+
+def add_solve_command(
+    commands: argparse._SubParsersAction[Any], shared: argparse.ArgumentParser
+) -> None:
+    """Add the command to a parser; ``shared`` holds options that all commands have."""
+    solve = commands.add_parser(
+        "solve", parents=[shared], help="the staged solver alone: best scene and its stages"
+    )
+    solve.add_argument("clip", type=Path, help="i3DB scene folder or .npz clip file")
+    solve.add_argument("-o", "--output", type=Path, required=True, metavar="DIR")
+    solve.add_argument(
+        "--config", type=Path, help="settings (TOML), such as an earlier config.toml"
+    )
+    solve.add_argument(
+        "--library", help="'built-in', a library file (.npz), or several joined by commas"
+    )
+    solve.add_argument(
+        "--preset", choices=("default", "paper"), help="what a scene costs, as in run"
+    )
+    solve.add_argument(
+        "--overwrite", action="store_true", help="replace an earlier solution in DIR"
+    )
+    solve.set_defaults(execute=_solve)
+
+
+class StageClock:
+    """How long each stage took, seen from the progress it reports.
+
+    A stage lasts from the report before its first one to its last.
+    """
+
+    def __init__(self, report: Callable[[str, float], None]) -> None:
+        self._report = report
+        self._last = time.perf_counter()
+        self._seconds: dict[str, float] = {}
+
+    def __call__(self, stage: str, part: float) -> None:
+        """Report progress, and note the time."""
+        now = time.perf_counter()
+        self._seconds[stage] = self._seconds.get(stage, 0.0) + now - self._last
+        self._last = now
+        self._report(stage, part)
+
+    @property
+    def times(self) -> list[tuple[str, float]]:
+        """Stages in their order, and their seconds."""
+        return list(self._seconds.items())
+
+
+def _solve(options: argparse.Namespace) -> None:
+    from dataclasses import replace
+
+    from rich.console import Console
+
+    from imapper_prob.config import Config, read_config
+    from imapper_prob.inputs import load_clip
+    from imapper_prob.results.solution_tables import (
+        furniture_table,
+        maxima_table,
+        scenes_table,
+        stage_table,
+    )
+    from imapper_prob.results.solved import solved
+    from imapper_prob.scenelets.library import load_library
+    from imapper_prob.solution_output import prepare_solution_folder, write_solution_folder
+    from imapper_prob.staged.actors import solve_actors
+
+    prepare_solution_folder(options.output, overwrite=options.overwrite)
+    config = Config() if options.config is None else read_config(options.config)
+    if options.library is not None:
+        config = replace(config, library=options.library)
+    if options.preset is not None:
+        config = replace(config, model=replace(config.model, energy=options.preset))
+    clip = load_clip(options.clip)
+    with progress_bars() as progress:
+        clock = StageClock(progress)
+        library = load_library(config.library)
+        clock("library", 1.0)
+        actors = solve_actors(clip, library, settings=config.model, progress=clock)
+        solution = solved(clip, actors)
+        clock("diverse scenes", 1.0)
+        write_solution_folder(options.output, solution, config, overwrite=options.overwrite)
+        clock("writing", 1.0)
+    console = Console()
+    console.print(stage_table(solution, clock.times))
+    console.print(maxima_table(solution))
+    console.print(scenes_table(solution))
+    console.print(furniture_table(solution))
+    console.print(f"Written to {options.output}; the stages: rerun {options.output}/stages.rrd")

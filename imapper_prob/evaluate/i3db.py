@@ -1,0 +1,203 @@
+"""Truth and the authors' own result of an i3DB scene, as the benchmark's files have them.
+
+Not by way of upright furniture: the boxes of the files lean by up to six degrees, and so do the
+published scores.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import defaultdict
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from imapper_prob.evaluate.outline import Outline, box_corners
+from imapper_prob.evaluate.prediction import Prediction, between_frames
+from imapper_prob.evaluate.truth import TruthInView, used_objects
+from imapper_prob.inputs.i3db import read_i3db, read_i3db_truth
+from imapper_prob.inputs.json_fields import field, frames_of_joints, load_json, numbers
+from imapper_prob.models.errors import InputError
+from imapper_prob.models.scene import Clip
+from imapper_prob.models.skeleton import N_JOINTS
+
+__all__ = ["read_authors", "read_input_path", "read_truth_in_view"]
+
+Array = NDArray[np.float64]
+
+_MAIN_PARTS: Final = frozenset({"seat", "stool", "top", "shelf"})
+"""Parts that stand for an object in the authors' output; backs and legs go with the nearest."""
+_REPEATED: Final = 0.3
+"""Metres in top view within which two parts of one kind are the same, written twice."""
+_OWN: Final = 0.9
+"""Metres in top view within which a back or leg belongs to a seat or top."""
+
+
+@dataclass(frozen=True)
+class _Part:
+    """One box, camera axes: centre (3,), unit axes in columns (3, 3), size (3,)."""
+
+    object_id: str
+    label: str
+    part: str
+    centre: Array
+    axes: Array
+    size: Array
+
+
+def read_truth_in_view(folder: str | Path, clip: Clip | None = None) -> TruthInView:
+    """The truth of one scene, with the joints in the image that the annotators corrected.
+
+    Raises
+    ------
+    InputError
+        A file is missing, damaged, or holds something other than the format says.
+    """
+    folder = Path(folder)
+    clip = clip or read_i3db(folder)
+    truth = read_i3db_truth(folder, clip)
+    path = next(iter(sorted((folder / "gt").glob("skel_*_GT.json"))))
+    by_id: dict[str, list[_Part]] = defaultdict(list)
+    for part in _parts(path):
+        by_id[part.object_id].append(part)
+    objects = []
+    for parts in by_id.values():
+        widest = max(parts, key=lambda p: p.size[0] * p.size[1])
+        has_front = widest.label in ("chair", "couch")
+        objects.append(_outline(widest, parts, has_front=has_front))
+    joints = truth.camera.to_camera(truth.joints)
+    return TruthInView(
+        name=clip.name,
+        frame_ids=clip.frame_ids,
+        joints=joints,
+        pixels=_pixels(folder / "gt" / "skel_GT_2d.json", clip, joints),
+        hidden=truth.hidden,
+        objects=tuple(objects),
+        used=used_objects(tuple(objects), joints, truth.actions),
+        actions=truth.actions,
+    )
+
+
+def read_authors(folder: str | Path, clip: Clip | None = None) -> Prediction:
+    """The authors' own result on a scene.
+
+    Their files scatter the parts of an object over many numbers and repeat some: repeats are
+    dropped, and each seat, top or shelf takes the backs and legs of its label that are nearest
+    to it. The second axis of a seat points to its back, as in the truth.
+
+    Raises
+    ------
+    InputError
+        If ``iMapper/skel_output.json`` is missing or damaged.
+    """
+    folder = Path(folder)
+    clip = clip or read_i3db(folder)
+    path = folder / "iMapper" / "skel_output.json"
+    joints = _path(path, clip)
+    return Prediction(
+        name="authors' output",
+        joints=joints,
+        pixels=clip.camera.project_camera(joints),
+        objects=tuple(_regrouped(_parts(path))),
+    )
+
+
+def read_input_path(folder: str | Path, clip: Clip | None = None) -> Prediction:
+    """The lifted skeletons where the authors' input has them in space; no furniture."""
+    folder = Path(folder)
+    clip = clip or read_i3db(folder)
+    joints = _path(folder / f"skel_{clip.tracks[0].name}_unannot.json", clip)
+    return Prediction("input path", joints, clip.camera.project_camera(joints), ())
+
+
+def _path(path: Path, clip: Clip) -> Array:
+    """(T, 16, 3) joints of a skeleton file; frames between two are on straight lines."""
+    joints = np.full((clip.n_frames, N_JOINTS, 3), np.nan)
+    for frame, position in frames_of_joints(path, load_json(path)).items():
+        if frame in clip.frame_ids:
+            joints[frame - clip.frame_ids[0]] = _camera_axes(position)
+    return between_frames(joints)
+
+
+def _regrouped(parts: Sequence[_Part]) -> list[Outline]:
+    different: list[_Part] = []
+    for part in parts:
+        alike = (p for p in different if (p.label, p.part) == (part.label, part.part))
+        if all(_apart(p, part) >= _REPEATED for p in alike):
+            different.append(part)
+    mains = [p for p in different if p.part in _MAIN_PARTS]
+    own = {id(main): [main] for main in mains}
+    for part in different:
+        if part.part in _MAIN_PARTS:
+            continue
+        takers = [m for m in mains if m.label == part.label]
+        nearest = min(takers, key=lambda m: _apart(m, part), default=None)
+        if nearest is not None and _apart(nearest, part) < _OWN:
+            own[id(nearest)].append(part)
+    return [_outline(m, own[id(m)], has_front=m.part == "seat") for m in mains]
+
+
+def _apart(one: _Part, other: _Part) -> float:
+    return float(np.linalg.norm(one.centre[:2] - other.centre[:2]))
+
+
+def _outline(main: _Part, parts: Sequence[_Part], *, has_front: bool) -> Outline:
+    """The outline of an object whose front is away from the second axis of its main part."""
+    sideways = main.axes[:, 0]
+    # Left-handed axes: to the right of the front, whichever way the file's first axis points.
+    back = main.axes[:, 1]
+    if sideways[0] * back[1] - sideways[1] * back[0] > 0:
+        sideways = -sideways
+    corners = np.concatenate([box_corners(p.centre, p.axes, p.size) for p in parts])
+    return Outline.of_corners(main.label, corners, sideways, has_front=has_front)
+
+
+def _parts(path: Path) -> list[_Part]:
+    """The boxes that ``scenelets.obbs`` of a skeleton file lists; there may be none."""
+    listed = field(path, load_json(path), "scenelets", "obbs")
+    if not isinstance(listed, list):
+        raise InputError(f"{path}: 'scenelets.obbs' must list files")
+    parts = []
+    for name in listed:
+        file = (path.parent / str(name)).with_suffix(".json")
+        match = re.fullmatch(r"(\d+)_([a-z]+)_([a-z]+)(-\d+)?", file.stem)
+        if match is None:
+            raise InputError(
+                f"{path}: object {name!r} is not named <id>_<category>_<part>[-<number>]"
+            )
+        box = load_json(file)
+        values = {
+            key: numbers(field(file, box, key), shape=shape, place=f"{file}: {key}")
+            for key, shape in (("centroid", (3, 1)), ("axes", (3, 3)), ("scales", (3, 1)))
+        }
+        parts.append(
+            _Part(
+                object_id=match[1],
+                label=match[2],
+                part=match[3],
+                centre=_camera_axes(values["centroid"][:, 0]),
+                axes=_camera_axes(values["axes"].T).T,
+                size=values["scales"][:, 0],
+            )
+        )
+    return parts
+
+
+def _pixels(path: Path, clip: Clip, joints: Array) -> Array:
+    """(T, 16, 2) corrected detections at the size of the video, where the truth is known."""
+    pixels = np.full((clip.n_frames, N_JOINTS, 2), np.nan)
+    for frame, corrected in frames_of_joints(path, load_json(path)).items():
+        if frame in clip.frame_ids:
+            pixels[frame - clip.frame_ids[0]] = corrected[:, :2]
+    pixels[np.isnan(joints).any(-1)] = np.nan
+    return pixels
+
+
+def _camera_axes(points: ArrayLike) -> Array:
+    """The files' x right, y down, z forward to our x right, y forward, z up: (..., 3)."""
+    x, y, z = np.moveaxis(np.asarray(points, float), -1, 0)
+    return np.stack([x, z, -y], -1)

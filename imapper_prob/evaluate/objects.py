@@ -1,0 +1,208 @@
+"""How far furniture is from where it was: the scores of the paper's table 1 and more."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
+from shapely import MultiPoint, Polygon, unary_union
+
+from imapper_prob.evaluate.outline import Outline
+from imapper_prob.evaluate.truth import TruthInView
+from imapper_prob.models.skeleton import PELV
+
+__all__ = ["FOUND", "ObjectScore", "Pair", "object_scores", "pair_up", "yaw_error"]
+
+Array = NDArray[np.float64]
+
+FOUND: Final = 1.0
+"""Metres within which a true object counts as found (the paper's)."""
+
+_WALKED: Final = 0.5
+"""Metres around the true path within which chance puts furniture: what a person touches."""
+_THROWS: Final = 400
+"""Random placements behind a chance level, known to .02 then."""
+
+_APART: Final = 1e6
+"""Stands for the distance of two objects that may not be paired."""
+
+
+@dataclass(frozen=True)
+class Pair:
+    """A true object and what is taken for it.
+
+    Parameters
+    ----------
+    truth, found : Outline
+    distance : float
+        Between centres in top view, metres.
+    yaw : float
+        Between fronts, degrees; up to half a turn where either has no front.
+    """
+
+    truth: Outline
+    found: Outline
+    distance: float
+    yaw: float
+
+    @property
+    def near(self) -> bool:
+        """Whether this counts as found."""
+        return self.distance < FOUND
+
+
+@dataclass(frozen=True, eq=False)
+class ObjectScore:
+    """Furniture of one prediction against the used objects of one clip.
+
+    Parameters
+    ----------
+    pairs : tuple of Pair
+        Every true object that has a partner, however far.
+    truths : tuple of Outline
+        The used objects.
+    predicted : int
+        Objects that are claimed.
+    chance : float
+        Share of the true objects that would be found if those that are claimed stood
+        anywhere along the walk.
+    shared, covered : float
+        Square metres of floor under true and claimed furniture alike, and under either.
+    """
+
+    pairs: tuple[Pair, ...]
+    truths: tuple[Outline, ...]
+    predicted: int
+    chance: float
+    shared: float
+    covered: float
+
+    @property
+    def true(self) -> int:
+        """How many objects are used."""
+        return len(self.truths)
+
+    @property
+    def distances(self) -> Array:
+        """(n_pairs,) metres."""
+        return np.array([p.distance for p in self.pairs])
+
+    @property
+    def losses(self) -> Array:
+        """(true,) metres to the partner, cut off at a metre, which a miss costs as well: misses
+        and bad places on one scale. In the order of the truth."""
+        losses = np.full(self.true, FOUND)
+        where = {id(o): k for k, o in enumerate(self.truths)}
+        for pair in self.pairs:
+            losses[where[id(pair.truth)]] = min(pair.distance, FOUND)
+        return losses
+
+    @property
+    def yaws(self) -> Array:
+        """Degrees, of the objects that were found."""
+        return np.array([p.yaw for p in self.pairs if p.near])
+
+    @property
+    def seat_yaws(self) -> Array:
+        """Degrees between fronts, of seats that were found, full turn."""
+        return np.array(
+            [_turn(p) for p in self.pairs if p.near and p.truth.group == "seat"], dtype=float
+        )
+
+    @property
+    def found(self) -> int:
+        """True objects with their partner within a metre."""
+        return sum(p.near for p in self.pairs)
+
+    @property
+    def spurious(self) -> int:
+        """Claimed objects that find nothing."""
+        return self.predicted - self.found
+
+    @property
+    def overlap(self) -> float:
+        """Intersection over union of the two footprints in top view."""
+        return self.shared / self.covered if self.covered else float("nan")
+
+
+def object_scores(
+    objects: Sequence[Outline], truth: TruthInView, rng: np.random.Generator
+) -> ObjectScore:
+    """Scores of claimed furniture; ``rng`` is for the chance level alone."""
+    true = truth.used_objects
+    one = unary_union([o.hull for o in true])
+    other = unary_union([o.hull for o in objects])
+    return ObjectScore(
+        pairs=pair_up(true, objects),
+        truths=tuple(true),
+        predicted=len(objects),
+        chance=_chance(objects, truth, rng),
+        shared=one.intersection(other).area,
+        covered=one.union(other).area,
+    )
+
+
+def pair_up(true: Sequence[Outline], found: Sequence[Outline]) -> tuple[Pair, ...]:
+    """Partners within groups of labels such that the sum of distances is least."""
+    if not true or not found:
+        return ()
+    distance = _distances([o.centre for o in true], [o.centre for o in found])
+    other = np.array([[t.group != f.group for f in found] for t in true])
+    rows, columns = linear_sum_assignment(np.where(other, _APART, distance))
+    return tuple(
+        Pair(true[i], found[j], float(distance[i, j]), yaw_error(true[i], found[j]))
+        for i, j in zip(rows, columns, strict=True)
+        if not other[i, j]
+    )
+
+
+def yaw_error(true: Outline, found: Outline) -> float:
+    """Degrees between two fronts; of tables, shelves and stools between their axes."""
+    angle = abs((np.degrees(found.yaw - true.yaw) + 180) % 360 - 180)
+    return float(angle if true.has_front and found.has_front else min(angle, 180 - angle))
+
+
+def _turn(pair: Pair) -> float:
+    return float(abs((np.degrees(pair.found.yaw - pair.truth.yaw) + 180) % 360 - 180))
+
+
+def _distances(true: Sequence[Array], found: Sequence[Array]) -> Array:
+    gap = np.array(true)[:, None] - np.array(found)[None]
+    distance: Array = np.linalg.norm(gap, axis=-1)
+    return distance
+
+
+def _chance(objects: Sequence[Outline], truth: TruthInView, rng: np.random.Generator) -> float:
+    """Share found by as many objects of the same labels, thrown on the floor around the walk."""
+    true = truth.used_objects
+    path = truth.joints[truth.known, PELV, :2]
+    if not true or not len(path):
+        return float("nan")
+    if not objects:
+        return 0.0
+    floor = MultiPoint(path).convex_hull.buffer(_WALKED)
+    places = _points_in(floor, _THROWS * len(objects), rng).reshape(_THROWS, len(objects), 2)
+    other = np.array([[t.group != o.group for o in objects] for t in true])
+    centres = [t.centre for t in true]
+    hits = 0
+    for thrown in places:
+        cost = np.where(other, _APART, _distances(centres, list(thrown)))
+        rows, columns = linear_sum_assignment(cost)
+        hits += int((cost[rows, columns] < FOUND).sum())
+    return hits / (_THROWS * len(true))
+
+
+def _points_in(area: Polygon, count: int, rng: np.random.Generator) -> Array:
+    """(count, 2) points, uniform over an area."""
+    from shapely import contains_xy
+
+    low_x, low_y, high_x, high_y = area.bounds
+    kept: list[Array] = []
+    while sum(map(len, kept)) < count:
+        points = rng.uniform((low_x, low_y), (high_x, high_y), (count, 2))
+        kept.append(points[contains_xy(area, points[:, 0], points[:, 1])])
+    return np.concatenate(kept)[:count]

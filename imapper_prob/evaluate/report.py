@@ -1,0 +1,158 @@
+"""The benchmark as a page: every table, with the commit and the command that made it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from imapper_prob.evaluate.evaluation import Evaluation, posterior_coverage
+from imapper_prob.evaluate.pose import SUBSETS
+from imapper_prob.evaluate.posterior_score import LIKELY
+from imapper_prob.evaluate.published import (
+    WITHOUT_OUTPUT,
+    published_object_rows,
+    published_pose_rows,
+)
+from imapper_prob.evaluate.score import Summary, summarise
+from imapper_prob.evaluate.tables import (
+    Rows,
+    coverage_rows,
+    difference_rows,
+    markdown_table,
+    number,
+    object_rows,
+    pair_rows,
+    pose_rows,
+    posterior_rows,
+)
+from imapper_prob.files import written_whole
+
+__all__ = ["Exploration", "benchmark_page", "exploration_rows", "write_page"]
+
+AUTHORS = "authors' output"
+
+
+@dataclass(frozen=True)
+class Exploration:
+    """What is known after a part of the time.
+
+    Parameters
+    ----------
+    part : float
+        Of each clip's frames.
+    summaries : list of Summary
+        By method.
+    spread : float
+        Half the expected distance between the furniture of two draws, cm, mean over clips;
+        NaN without draws.
+    """
+
+    part: float
+    summaries: list[Summary]
+    spread: float
+
+
+def exploration_rows(found: Sequence[Exploration]) -> Rows:
+    """Errors and uncertainty by the part of the clip that was seen."""
+    rows: Rows = [
+        ("", "seen", "error (sd), cm", "with misses, cm", "found within 1 m", "spurious",
+         "between draws, cm", "joints, all frames: world cm / local cm / pixels"),
+    ]  # fmt: skip
+    for exploration in found:
+        for s in exploration.summaries:
+            values = zip(s.pose[SUBSETS[0]], (1, 1, 0), strict=True)
+            rows.append(
+                (
+                    s.name,
+                    f"{exploration.part:.0%}",
+                    f"{number(s.error)} ({number(s.spread)})",
+                    number(s.loss),
+                    f"{s.found} of {s.true}",
+                    str(s.spurious),
+                    number(exploration.spread if s.name == LIKELY else float("nan")),
+                    " / ".join(number(v, d) for v, d in values),
+                )
+            )
+    return rows
+
+
+def benchmark_page(
+    evaluation: Evaluation,
+    *,
+    ours: Sequence[str],
+    theirs: Sequence[str],
+    made_by: Mapping[str, str],
+    explored: Sequence[Exploration] = (),
+    pictures: Sequence[str] = (),
+) -> str:
+    """Markdown of the whole benchmark.
+
+    Parameters
+    ----------
+    evaluation : Evaluation
+    ours, theirs : sequence of str
+        Names of methods, whose differences are taken.
+    made_by : mapping
+        Program, commit and command.
+    explored : sequence of Exploration
+        Shorter clips.
+    pictures : sequence of str
+        Paths of figures, as the page sees them.
+    """
+    names = list(evaluation.scores)
+    missing = [name for name in WITHOUT_OUTPUT if name not in names]
+    width = len(object_rows([])[0])
+    none = [(name, "no public output", *("–",) * (width - 2)) for name in missing]
+    authors = {s.clip: summarise([s]) for s in evaluation.scores.get(AUTHORS, [])}
+    first = [s for name in ours for s in evaluation.scores[name]]
+    sections = [
+        "# Benchmark\n",
+        f"{made_by['program']}, commit `{made_by['commit']}`. Made by\n\n"
+        f"    {made_by['command']}\n\n"
+        "The definitions are in [metrics](metrics.md). The truth is read only here.\n",
+        "## Furniture\n",
+        markdown_table([*object_rows(evaluation.summaries), *none]),
+        "\nScene by scene:\n",
+        markdown_table(object_rows(evaluation.one_by_one)),
+        "\n## Joints\n",
+        "World cm / local cm / pixels; the mean over clips.\n",
+        markdown_table(pose_rows(evaluation.summaries)),
+        "\nScene by scene:\n",
+        markdown_table(pose_rows(evaluation.one_by_one)),
+    ]
+    differences = evaluation.differences(ours, theirs)
+    if differences:
+        sections += [
+            "\n## Is it better?\n",
+            "Differences object by object, a miss counting as a metre; negative is nearer.\n",
+            markdown_table(difference_rows(differences)),
+        ]
+    if evaluation.posteriors:
+        sections += [
+            "\n## Is it honest?\n",
+            markdown_table(posterior_rows(evaluation.posteriors)),
+            "\nPooled over clips:\n",
+            markdown_table(coverage_rows(posterior_coverage(evaluation.posteriors))),
+        ]
+    if explored:
+        sections += ["\n## The longer the clip\n", markdown_table(exploration_rows(explored))]
+    if authors:
+        sections += [
+            "\n## The paper's tables\n",
+            "Published numbers beside the authors' public files under our code. Objects (table "
+            "1): no scene is reproduced by the public files, so the two columns are not to be "
+            "compared with each other.\n",
+            markdown_table(published_object_rows(authors)),
+            "\nPoses (table 2), world cm / local cm / pixels:\n",
+            markdown_table(published_pose_rows(authors)),
+        ]
+    sections += ["\n## Objects one by one\n", markdown_table(pair_rows(first))]
+    sections += [f"\n![{Path(name).stem}]({name})" for name in pictures]
+    return "\n".join(sections) + "\n"
+
+
+def write_page(path: Path, text: str) -> None:
+    """All of it or nothing."""
+    with written_whole(path) as beside:
+        beside.write_text(text, encoding="utf-8")

@@ -1,0 +1,151 @@
+"""What an answer is held against, in the axes of the camera."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from shapely import Point
+
+from imapper_prob.evaluate.outline import Outline, outline_of
+from imapper_prob.models.errors import InputError
+from imapper_prob.models.scene import Clip, Truth
+from imapper_prob.models.skeleton import LKNE, LWRI, PELV, RKNE, RWRI
+
+__all__ = ["TruthInView", "segments", "truth_in_view"]
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+_AT_THE_TABLE: Final = 0.30
+"""Metres between a table's outline and a pelvis or knee of somebody who uses it."""
+
+
+@dataclass(frozen=True, eq=False)
+class TruthInView:
+    """A clip's truth in the axes of its camera.
+
+    Parameters
+    ----------
+    name : str
+        Of the clip.
+    frame_ids : (T,) int
+    joints : (T, 16, 3) float
+        x right, y forward, z up from the optical centre, metres; NaN where not annotated.
+    pixels : (T, 16, 2) float
+        True joints in the image, NaN where not annotated.
+    hidden : (T, 16) bool
+        Joints behind furniture.
+    objects : tuple of Outline
+        All furniture that was annotated.
+    used : tuple of int
+        Which of ``objects`` take part in an interaction; these are scored.
+    actions : tuple of str
+        A word a frame, or empty.
+    """
+
+    name: str
+    frame_ids: NDArray[np.int64]
+    joints: Array
+    pixels: Array
+    hidden: Flags
+    objects: tuple[Outline, ...]
+    used: tuple[int, ...]
+    actions: tuple[str, ...]
+
+    @property
+    def known(self) -> Flags:
+        """(T,) bool, frames that somebody annotated."""
+        flags: Flags = np.all(np.isfinite(self.joints), axis=(1, 2))
+        return flags
+
+    @property
+    def used_objects(self) -> tuple[Outline, ...]:
+        """The objects that are scored."""
+        return tuple(self.objects[k] for k in self.used)
+
+
+def segments(actions: tuple[str, ...]) -> Iterator[tuple[str, slice]]:
+    """Stretches of frames in which the same is done, in order of time."""
+    first = 0
+    for t in range(1, len(actions) + 1):
+        if t == len(actions) or actions[t] != actions[first]:
+            yield actions[first], slice(first, t)
+            first = t
+
+
+def used_objects(
+    objects: tuple[Outline, ...], joints: Array, actions: tuple[str, ...]
+) -> tuple[int, ...]:
+    """Which objects somebody interacts with.
+
+    The seat nearest to the median pelvis of each stay on one; the table nearest to pelvis
+    or knees, in every frame in which it is within 30 cm of them; the shelf nearest to the hands
+    of each reach (the pelvis may be nearer to its neighbour). Without words for what is done
+    nobody can say, and all objects count.
+    """
+    if not any(actions):
+        return tuple(range(len(objects)))
+    of_group = {
+        group: [k for k, o in enumerate(objects) if o.group == group]
+        for group in ("seat", "table", "shelf")
+    }
+    used: set[int] = set()
+    for action, frames in segments(actions):
+        body = joints[frames]
+        body = body[np.isfinite(body).all((1, 2)), :, :2]
+        if not len(body):
+            continue
+        if action == "sitting" and of_group["seat"]:
+            middle = np.median(body[:, PELV], axis=0)
+            away = {k: np.linalg.norm(objects[k].centre - middle) for k in of_group["seat"]}
+            used.add(min(away, key=away.__getitem__))
+        if action == "reaching" and of_group["shelf"]:
+            hands = body[:, (RWRI, LWRI)]
+            away = {
+                k: np.median(np.linalg.norm(hands - objects[k].centre, axis=-1).min(1))
+                for k in of_group["shelf"]
+            }
+            used.add(min(away, key=away.__getitem__))
+    if of_group["table"]:
+        for legs in joints[:, (PELV, RKNE, LKNE), :2]:
+            points = [Point(p) for p in legs if np.isfinite(p).all()]
+            if not points:
+                continue
+            near = {k: min(objects[k].hull.distance(p) for p in points) for k in of_group["table"]}
+            nearest = min(near, key=near.__getitem__)
+            if near[nearest] <= _AT_THE_TABLE:
+                used.add(nearest)
+    return tuple(sorted(used))
+
+
+def truth_in_view(clip: Clip, truth: Truth | None = None) -> TruthInView:
+    """The truth that a clip carries, or one read separately, for scores.
+
+    Raises
+    ------
+    InputError
+        If there is none, or it is of another number of frames.
+    """
+    truth = truth if truth is not None else clip.truth
+    if truth is None:
+        raise InputError(f"clip {clip.name}: nobody knows its truth; nothing to hold a result to")
+    if len(truth.joints) != clip.n_frames:
+        raise InputError(
+            f"clip {clip.name}: has {clip.n_frames} frames, its truth {len(truth.joints)}"
+        )
+    joints = truth.camera.to_camera(truth.joints)
+    objects = tuple(outline_of(o, truth.camera) for o in truth.objects)
+    return TruthInView(
+        name=clip.name,
+        frame_ids=clip.frame_ids,
+        joints=joints,
+        pixels=truth.camera.project(truth.joints),
+        hidden=truth.hidden,
+        objects=objects,
+        used=used_objects(objects, joints, truth.actions),
+        actions=truth.actions,
+    )

@@ -1,0 +1,184 @@
+"""The stages of the solver one after the other, for the rerun viewer.
+
+Entities, in metres in the world frame (z up, floor at z = 0)::
+
+    world/floor, world/camera    the ground and the camera
+    world/furniture              boxes, on timeline `stage`
+    world/path/...               everybody's way, on timeline `stage`
+    world/truth/...              what really was there, where somebody knows
+    summary                      what the stage did, on timeline `stage`
+    charness/...                 curves over frames, by actor
+
+Timelines are `stage` (from 1) and `frame`.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+from numpy.typing import NDArray
+
+from imapper_prob.files import written_whole
+from imapper_prob.models.camera import Camera
+from imapper_prob.models.geometry import pack_boxes
+from imapper_prob.models.scene import Clip, SceneObject
+from imapper_prob.models.skeleton import PELV
+from imapper_prob.recording import palette, shapes
+from imapper_prob.recording.entities import PATH_RADIUS, log_moving, log_static
+
+__all__ = ["StageView", "write_stages"]
+
+Array = NDArray[np.float64]
+Curve = tuple[NDArray[np.int64], Array]
+"""Frames and values."""
+
+_BACKGROUND = (18, 20, 25)
+_AIR = 0.5
+"""Metres of floor shown around what is on it."""
+
+
+@dataclass(frozen=True)
+class StageView:
+    """What one stage has to show.
+
+    Parameters
+    ----------
+    name, text : str
+        Its name, and in Markdown what it did.
+    objects : tuple of SceneObject
+        Furniture it considers, in the world.
+    motions : tuple of (T, 16, 3) float
+        By actor, joints in the world, metres.
+    """
+
+    name: str
+    text: str
+    objects: tuple[SceneObject, ...]
+    motions: tuple[Array, ...]
+
+
+def write_stages(
+    path: Path,
+    *,
+    clip: Clip,
+    camera: Camera,
+    stages: Sequence[StageView],
+    charness: Mapping[str, Curve],
+    application_id: str = "imapper-prob-stages",
+) -> None:
+    """Write one ``.rrd`` file, its layout of views inside; a file in the way is replaced.
+
+    Parameters
+    ----------
+    path : Path
+    clip : Clip
+    camera : Camera
+        Its pose defines the world.
+    stages : sequence of StageView
+        In their order; at least one.
+    charness : mapping of str to (frames, values)
+        By name of the actor.
+    application_id : str
+        Under which the viewer remembers its settings.
+    """
+    recording = rr.RecordingStream(
+        application_id,
+        recording_id=_digest(clip, stages),
+        # The start time is a property; without it, equal solutions make equal recordings.
+        send_properties=False,
+    )
+    with written_whole(path) as beside, recording:
+        recording.save(beside, default_blueprint=_blueprint())
+        _log_all(recording, clip, camera, stages, charness)
+
+
+def _digest(clip: Clip, stages: Sequence[StageView]) -> str:
+    state = hashlib.sha256(repr((clip.name, [(s.name, s.text) for s in stages])).encode())
+    for stage in stages:
+        for array in (pack_boxes(stage.objects), *stage.motions):
+            state.update(np.ascontiguousarray(array).tobytes())
+    return state.hexdigest()[:32]
+
+
+def _log_all(
+    recording: rr.RecordingStream,
+    clip: Clip,
+    camera: Camera,
+    stages: Sequence[StageView],
+    charness: Mapping[str, Curve],
+) -> None:
+    truth = clip.truth.objects if clip.truth is not None else ()
+    everything = [*(o for s in stages for o in s.objects), *truth]
+    categories = palette.category_ids(o.label for o in everything)
+    log_static(recording, "/", palette.annotation_context(categories))
+    log_static(recording, "world", rr.ViewCoordinates.RIGHT_HAND_Z_UP)
+    log_static(recording, "world/camera", shapes.camera_pose(camera))
+    log_static(recording, "world/camera/image", shapes.pinhole(camera))
+    low, high = _extent(everything, stages)
+    log_static(recording, "world/floor", shapes.floor_plane(low, high))
+    log_static(recording, "world/floor/lines", shapes.floor_lines(low, high))
+    if truth:
+        log_static(recording, "world/truth/furniture", shapes.boxes(truth, {}, outlined=True))
+
+    at = rr.TimeColumn("stage", sequence=np.arange(1, len(stages) + 1))
+    log_moving(
+        recording, "world/furniture", at,
+        shapes.box_columns([s.objects for s in stages], categories),
+        style=rr.Boxes3D.from_fields(
+            radii=0.006,
+            fill_mode=rr.components.FillMode.TransparentFillMajorWireframe,
+            show_labels=False,
+        ),
+    )  # fmt: skip
+    for k in range(len(stages[0].motions)):
+        pieces = [shapes.paths(s.motions[k][:, PELV]) for s in stages]
+        columns = rr.LineStrips3D.columns(strips=[p for row in pieces for p in row])
+        log_moving(
+            recording, f"world/path/actor_{k + 1}", at,
+            columns.partition([len(row) for row in pieces]),
+            style=rr.LineStrips3D.from_fields(
+                class_ids=palette.ALTERNATIVE if k else palette.ESTIMATE,
+                radii=PATH_RADIUS,
+                show_labels=False,
+            ),
+        )  # fmt: skip
+    texts = [f"## {k}. {s.name}\n\n{s.text}" for k, s in enumerate(stages, 1)]
+    documents = rr.TextDocument.columns(text=texts, media_type=["text/markdown"] * len(texts))
+    recording.send_columns("summary", indexes=[at], columns=documents, strict=True)
+    for k, (name, (frames, values)) in enumerate(charness.items()):
+        entity = f"charness/actor_{k + 1}"
+        recording.send_columns(
+            entity,
+            indexes=[rr.TimeColumn("frame", sequence=frames)],
+            columns=rr.Scalars.columns(scalars=values),
+            strict=True,
+        )
+        colour = palette.SCENE_COLOURS[k % len(palette.SCENE_COLOURS)]
+        log_static(recording, entity, rr.SeriesLines(colors=colour, names=name, widths=1.5))
+
+
+def _extent(objects: Sequence[SceneObject], stages: Sequence[StageView]) -> tuple[Array, Array]:
+    """Corners of the floor in whole metres: everything stands or walks between them."""
+    on_floor = [np.zeros((1, 2)), *(o.footprint for o in objects)]
+    on_floor += [m[:, PELV, :2] for s in stages for m in s.motions]
+    points = np.concatenate(on_floor)
+    return np.floor(points.min(0) - _AIR), np.ceil(points.max(0) + _AIR)
+
+
+def _blueprint() -> rrb.Blueprint:
+    room = rrb.Spatial3DView(origin="world", name="Room", background=_BACKGROUND)
+    text = rrb.TextDocumentView(origin="summary", name="This stage")
+    curve = rrb.TimeSeriesView(origin="charness", name="Charness over frames")
+    return rrb.Blueprint(
+        rrb.Horizontal(room, rrb.Vertical(text, curve), column_shares=[3, 1]),
+        rrb.TimePanel(timeline="stage", state="collapsed", play_state="paused"),
+        rrb.TopPanel(state="hidden"),
+        rrb.BlueprintPanel(state="hidden"),
+        rrb.SelectionPanel(state="hidden"),
+    )

@@ -1,0 +1,87 @@
+"""Errors of joints, on cases whose answer is known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from imapper_prob.evaluate.pose import pose_scores
+from imapper_prob.evaluate.prediction import between_frames
+from imapper_prob.models.errors import InputError
+from imapper_prob.models.skeleton import NECK, PELV, SCORED
+from tests.evaluate.scenes import CAMERA, N_FRAMES, prediction, truth, walk
+
+KNOWN = N_FRAMES - 1
+
+
+def test_truth_against_itself_is_nothing() -> None:
+    for score in pose_scores(prediction(), truth()).values():
+        assert (score.world, score.local, score.pixels) == (0, 0, 0)
+        assert score.left_out == 0
+
+
+def test_a_shift_is_in_the_world_and_not_about_the_pelvis() -> None:
+    found = pose_scores(prediction(walk() + np.array([0.3, 0.4, 0.0])), truth())["all frames"]
+    assert found.world == pytest.approx(50)
+    assert found.local == pytest.approx(0, abs=1e-9)
+    assert found.joints == KNOWN * len(SCORED)
+
+
+def test_pixels_are_those_of_the_image() -> None:
+    joints = walk()
+    moved = joints + joints[..., [1]] * (1, 0, 0) / CAMERA.fx * 7
+    found = pose_scores(prediction(moved), truth())["all frames"]
+    assert found.pixels == pytest.approx(7)
+
+
+def test_pelvis_and_neck_are_not_scored() -> None:
+    joints = walk()
+    joints[:, NECK] += 1
+    assert pose_scores(prediction(joints), truth())["all frames"].world == 0
+    joints[:, PELV] += (0.1, 0, 0)
+    found = pose_scores(prediction(joints), truth())["all frames"]
+    assert (found.world, found.local) == (0, pytest.approx(10))
+
+
+def test_hidden_joints_alone_and_frames_with_three_of_them() -> None:
+    joints = walk()
+    joints[:, 0] += (0, 0.1, 0)
+    found = pose_scores(prediction(joints), truth())
+    # Joint 0 is hidden in three frames, four joints are in the first two.
+    assert found["occluded joints"].joints == 9
+    assert found["occluded joints"].world == pytest.approx(10 * np.sqrt(3 / 9))
+    assert found["occ3"].joints == 2 * len(SCORED)
+    assert found["occ3"].world == pytest.approx(10 * np.sqrt(1 / 14))
+
+
+def test_frames_are_filled_in_between_and_not_beyond() -> None:
+    joints = walk()
+    joints[[0, 1, 5, 10, 11]] = np.nan
+    filled = between_frames(joints)
+    np.testing.assert_allclose(filled[5], walk()[5], atol=1e-12)
+    assert np.isnan(filled[[0, 1, 10, 11]]).all()
+    found = pose_scores(prediction(filled), truth())["all frames"]
+    assert found.world == pytest.approx(0, abs=1e-9)
+    assert found.left_out == 3 * len(SCORED)
+
+
+def test_joints_that_a_method_does_not_have_are_counted() -> None:
+    joints = walk() + np.array([0.1, 0, 0])
+    joints[:, 0] = np.nan
+    joints[:, PELV] = np.nan
+    found = pose_scores(prediction(joints), truth())["all frames"]
+    assert found.world == pytest.approx(10)
+    assert found.left_out == KNOWN
+    # The pelvis is the middle of the hips then, and of the truth its own.
+    assert np.isfinite(found.local)
+
+
+def test_an_empty_prediction_has_no_errors() -> None:
+    found = pose_scores(prediction(np.full_like(walk(), np.nan)), truth())["all frames"]
+    assert np.isnan([found.world, found.local, found.pixels]).all()
+    assert (found.joints, found.left_out) == (0, KNOWN * len(SCORED))
+
+
+def test_other_frames_are_refused() -> None:
+    with pytest.raises(InputError, match="frames of a result must be those of its clip"):
+        pose_scores(prediction(walk()[:-1]), truth())

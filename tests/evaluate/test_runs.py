@@ -1,0 +1,119 @@
+"""A sampled run held against the truth of its clip."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from imapper_prob.cli import main
+from imapper_prob.evaluate.claims import claims_of
+from imapper_prob.evaluate.draws import draws_of
+from imapper_prob.evaluate.posterior_score import (
+    LIKELY,
+    MOST_PROBABLE,
+    posterior_predictions,
+    score_posterior,
+)
+from imapper_prob.evaluate.prediction import prediction_of_state
+from imapper_prob.evaluate.prediction_file import write_prediction
+from imapper_prob.evaluate.scenes import known_clip
+from imapper_prob.evaluate.solution_folder import SOLVER, read_solution_folder
+from imapper_prob.models.errors import InputError
+from imapper_prob.output import write_run
+from imapper_prob.results.solution_file import write_solution
+from imapper_prob.results.solved import solved
+from tests.runs import posterior
+from tests.runs import solution as solve_one
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("evaluate") / "run"
+    write_run(folder, posterior(), overwrite=False)
+    return folder
+
+
+def test_draws_are_in_the_axes_of_the_camera() -> None:
+    draws, run = draws_of(posterior()), posterior()
+    scene = run.scenes(1)[0].scene
+    assert draws.joints.shape[1:] == (run.clip.n_frames, 16, 3)
+    assert len(draws) == len(draws.objects) == draws.joints.shape[0]
+    shown, likely = posterior_predictions(run)
+    assert (shown.name, likely.name) == (MOST_PROBABLE, LIKELY)
+    np.testing.assert_allclose(shown.joints, scene.camera.to_camera(scene.joints))
+    assert np.linalg.norm(likely.joints - draws.joints.mean(0), axis=-1).max() < 0.3
+
+
+def test_claims_are_the_clusters_that_are_shown() -> None:
+    claims = claims_of(posterior())
+    clusters = posterior().clusters(least=0.005)
+    assert [c.probability for c in claims] == [c.presence for c in clusters]
+    assert [len(c.members) for c in claims] == [len(c.members) for c in clusters]
+
+
+def test_scores_of_a_posterior_fit_together() -> None:
+    known = known_clip(posterior().clip)
+    found = score_posterior(posterior(), known.truth, name="demo")
+    assert found.best <= found.first
+    assert 0 <= found.energy <= found.expected
+    assert 0 < found.joint_energy < found.joint_expected
+    assert found.claimed == len(found.object_ranks) <= found.true == len(known.truth.used)
+    for ranks in (found.object_ranks, found.joint_ranks, found.hidden_ranks):
+        assert ((ranks >= 0) & (ranks <= 1)).all()
+
+
+def test_another_clip_is_refused() -> None:
+    truth = known_clip(posterior().clip).truth
+    with pytest.raises(InputError, match="name the truth of its clip"):
+        score_posterior(posterior(), replace(truth, name="Scene04"), name="demo")
+
+
+def test_the_command_writes_scores_and_pictures(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    other = tmp_path / "other.json"
+    _, likely = posterior_predictions(posterior())
+    write_prediction(other, replace(likely, name="same again"), posterior().clip)
+    assert main(["evaluate", str(folder)]) == 0
+    text = capsys.readouterr().out
+    for title in ("Furniture", "Joints", "Posterior", "Do regions hold the truth?"):
+        assert title in text
+    document = json.loads((folder / "evaluation.json").read_text())
+    names = [m["name"] for m in document["methods"]]
+    assert names == [MOST_PROBABLE, LIKELY, "couch on static path"]
+    assert document["posteriors"][0]["clip"] == "demo"
+    assert (folder / "evaluation.png").is_file()
+    assert (folder / "coverage.png").is_file()
+
+
+def test_a_staged_solution_is_read_from_its_folder(tmp_path: Path) -> None:
+    solution = solve_one()
+    write_solution(tmp_path, solved(solution.clip, (solution,), count=2))
+    found = read_solution_folder(tmp_path, solution.clip)
+    best = prediction_of_state(solution, solution.states[0], name=SOLVER)
+    np.testing.assert_allclose(found.joints, best.joints, atol=1e-4)
+    assert [o.label for o in found.objects] == [o.label for o in best.objects]
+    with pytest.raises(InputError, match="is of the clip 'demo', not of other"):
+        read_solution_folder(tmp_path, replace(solution.clip, name="other"))
+    (tmp_path / "solution.npz").write_bytes(b"not an archive")
+    with pytest.raises(InputError, match="damaged solution"):
+        read_solution_folder(tmp_path, solution.clip)
+
+
+def test_faults_are_named(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    clip = tmp_path / "other.json"
+    clip.write_text("{}")
+    for arguments, message in (
+        ([], "name either results, or a folder"),
+        ([str(folder), "--suite", str(tmp_path)], "name either results, or a folder"),
+        (["--suite", str(tmp_path)], "needs a folder for its results"),
+        ([str(clip), "-o", str(tmp_path)], "name the scene that it is of"),
+        ([str(clip)], "name a folder for evaluation.json"),
+        ([str(tmp_path / "none")], "no such file"),
+    ):
+        assert main(["evaluate", *arguments]) == 2
+        assert message in capsys.readouterr().err

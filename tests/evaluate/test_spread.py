@@ -1,0 +1,117 @@
+"""Ranks of the truth: uniform where uncertainties are right, and not where they are not."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.stats import kstest
+
+from imapper_prob.evaluate.claims import Claim, likely_objects
+from imapper_prob.evaluate.draws import Draws
+from imapper_prob.evaluate.outline import Outline
+from imapper_prob.evaluate.spread import (
+    coverage,
+    distance_ranks,
+    elliptic_rank,
+    joint_ranks,
+    object_ranks,
+)
+from imapper_prob.models.skeleton import PELV, SCORED
+from tests.evaluate.scenes import CAMERA, piece, truth, walk
+
+
+def test_ranks_of_what_is_drawn_alike_are_uniform(rng: np.random.Generator) -> None:
+    shape = np.array([[2.0, 0.0, 0.0], [1.5, 0.3, 0.0], [0.0, 0.4, 1.0]])
+    clouds = rng.standard_normal((400, 201, 3)) @ shape
+    ranks = [elliptic_rank(cloud[1:], cloud[0]) for cloud in clouds]
+    assert kstest(ranks, "uniform").pvalue > 0.01
+
+
+def test_ranks_tell_too_sure_and_too_unsure(rng: np.random.Generator) -> None:
+    clouds = rng.standard_normal((200, 200, 2))
+    sure = [elliptic_rank(0.3 * cloud, rng.standard_normal(2)) for cloud in clouds]
+    unsure = [elliptic_rank(3.0 * cloud, rng.standard_normal(2)) for cloud in clouds]
+    assert np.mean(np.array(sure) < 0.9) < 0.3
+    assert np.mean(np.array(unsure) < 0.5) > 0.9
+
+
+def test_ranks_go_by_the_shape_of_the_cloud(rng: np.random.Generator) -> None:
+    along = rng.standard_normal((500, 2)) * (0.1, 1.0)
+    # Three standard deviations off across, a third of one along.
+    assert elliptic_rank(along, (0.3, 0.0)) > 0.95
+    assert elliptic_rank(along, (0.0, 0.3)) < 0.15
+
+
+def test_draws_on_one_spot_have_a_rank() -> None:
+    assert elliptic_rank(np.ones((30, 2)), (1.0, 1.0)) == 0
+    assert elliptic_rank(np.ones((30, 2)), (1.1, 1.0)) == 1
+
+
+def test_coverage_counts_with_its_interval() -> None:
+    half, most = coverage(np.array([0.1, 0.4, 0.6, 0.95]))
+    assert (half.share, most.share) == (0.5, 0.75)
+    # Clopper and Pearson: P(X >= 2 | low) = P(X <= 2 | high) = .05 of four.
+    assert half.low == pytest.approx(0.0976, abs=1e-3)
+    assert half.high == pytest.approx(0.9024, abs=1e-3)
+    assert np.isnan(coverage(np.empty(0))[0].share)
+
+
+def claim(label: str, centres: np.ndarray, probability: float) -> Claim:
+    return Claim(probability, label, tuple(piece(label, x, y) for x, y in centres))
+
+
+def test_objects_are_ranked_in_their_own_claims(rng: np.random.Generator) -> None:
+    known = truth()
+    chair = np.array([0.2, 4.0])
+    near = claim("stool", chair + 0.2 * rng.standard_normal((100, 2)), 0.8)
+    # Nearer, but with less than even odds: not what a user is told.
+    unlikely = claim("chair", chair + 0.01 * rng.standard_normal((30, 2)), 0.3)
+    far = claim("shelf", np.array([1.0, 6.5]) + 0.1 * rng.standard_normal((100, 2)), 0.9)
+    ranks = object_ranks((far, near, unlikely), known)
+    assert len(ranks) == 2
+    assert ranks[0] < 0.9
+    assert ranks[1] == 1
+    assert len(object_ranks((), known)) == 0
+
+
+def test_a_claim_stands_at_its_mean_on_the_ray() -> None:
+    near_and_far = claim("chair", np.array([[0.0, 2.0], [0.0, 8.0], [0.0, 4.0]]), 0.6)
+    (shown,) = likely_objects((near_and_far, claim("bed", np.zeros((1, 2)) + 1, 0.5)))
+    np.testing.assert_allclose(shown.centre, (0.0, 4.0), atol=1e-12)
+    assert isinstance(shown, Outline)
+    np.testing.assert_allclose(shown.hull.centroid.coords[0], (0.0, 4.0), atol=1e-12)
+
+
+def draws(rng: np.random.Generator, spread: float, count: int = 60) -> Draws:
+    joints = walk() + spread * rng.standard_normal((count, 1, 1, 3))
+    return Draws(joints, CAMERA.project_camera(joints), ((),) * count)
+
+
+def test_joints_are_ranked_where_they_are_known(rng: np.random.Generator) -> None:
+    known = truth()
+    ranks = joint_ranks(draws(rng, 0.3), known)
+    assert ranks.shape == (11 * len(SCORED),)
+    assert len(joint_ranks(draws(rng, 0.3), known, hidden=True)) == known.hidden.sum()
+
+
+def test_one_joint_and_its_distance(rng: np.random.Generator) -> None:
+    known = truth()
+    assert joint_ranks(draws(rng, 0.3), known, joints=(PELV,)).shape == (11,)
+    away = walk() * np.linspace(0.9, 1.1, 60)[:, None, None, None]
+    shifted = Draws(away, CAMERA.project_camera(away), ((),) * 60)
+    np.testing.assert_allclose(distance_ranks(shifted, known), 0.5, atol=0.02)
+    assert (distance_ranks(draws_at(0.8), known) == 1).all()
+    assert (distance_ranks(draws_at(1.2), known) == 0).all()
+
+
+def draws_at(scale: float) -> Draws:
+    joints = scale * walk()[None]
+    return Draws(joints, CAMERA.project_camera(joints), ((),))
+
+
+def test_the_mean_motion_is_the_mean_on_rays(rng: np.random.Generator) -> None:
+    joints = np.stack([0.5 * walk(), 2 * walk()])
+    body = walk() - walk()[:, [6]]
+    mean = Draws(joints, CAMERA.project_camera(joints), ((), ())).mean_motion(name="m", objects=())
+    np.testing.assert_allclose(mean.joints[:, 6], walk()[:, 6], atol=1e-12)
+    np.testing.assert_allclose(mean.joints - mean.joints[:, [6]], 1.25 * body, atol=1e-12)

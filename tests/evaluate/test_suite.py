@@ -1,0 +1,152 @@
+"""The whole benchmark: what is done is not done again, and what is scored is written."""
+
+from __future__ import annotations
+
+import json
+from concurrent.futures import Executor, Future
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from imapper_prob.cli import main
+from imapper_prob.config import Config, SampleSettings
+from imapper_prob.evaluate.i3db import read_authors
+from imapper_prob.evaluate.parts import first_part, truth_of_part
+from imapper_prob.evaluate.prediction_file import write_prediction
+from imapper_prob.evaluate.scenes import scenes_with_truth
+from imapper_prob.evaluate.solution_folder import SOLVER
+from imapper_prob.evaluate.suite import (
+    library_of,
+    prepare_suite,
+    sample_all,
+    sampled,
+    solve_all,
+    tasks_of,
+)
+from imapper_prob.inputs import load_clip, write_clip
+from imapper_prob.models.errors import InputError
+from imapper_prob.results.posterior import Posterior
+from tests.conftest import CORPUS
+from tests.evaluate.scenes import truth
+from tests.evaluate.test_prediction_file import clip
+from tests.runs import posterior
+
+corpus = pytest.mark.skipif(not CORPUS.is_dir(), reason=f"the i3DB scenes are not at {CORPUS}")
+
+
+class Nobody(Executor):
+    """Refuses all work."""
+
+    def submit(self, *_: Any, **__: Any) -> Future[Any]:
+        raise AssertionError("nothing is left to do")
+
+
+@pytest.fixture
+def suite(tmp_path: Path) -> Path:
+    """A suite whose solver found what the authors did."""
+    folder = tmp_path / "suite"
+    prepare_suite(folder, Config(), others=None)
+    for scene in scenes_with_truth(CORPUS):
+        (folder / scene.name).mkdir()
+        solution = folder / scene.name / "solver.json"
+        found = replace(read_authors(scene), name=SOLVER)
+        write_prediction(solution, found, load_clip(scene))
+    return folder
+
+
+def test_a_part_of_a_clip_has_its_first_frames() -> None:
+    whole, known = clip(), truth()
+    half = first_part(whole, 0.5)
+    assert half.n_frames == 6
+    np.testing.assert_array_equal(half.tracks[0].keypoints, whole.tracks[0].keypoints[:6])
+    cut = truth_of_part(known, 0.5)
+    assert len(cut.joints) == len(cut.pixels) == len(cut.hidden) == 6
+    assert cut.used == known.used
+    assert first_part(whole, 1.0) is whole
+
+
+def test_a_folder_of_other_settings_is_refused(tmp_path: Path) -> None:
+    folder = tmp_path / "suite"
+    prepare_suite(folder, Config(), others=None)
+    prepare_suite(folder, Config(), others=None)
+    with pytest.raises(InputError, match="results of another config"):
+        prepare_suite(folder, Config(sample=SampleSettings(steps=500, draws=9)), others=None)
+    with pytest.raises(InputError, match="scenelets of the other scenes"):
+        prepare_suite(folder, Config(), others=tmp_path)
+    (tmp_path / "thesis.txt").write_text("years of work")
+    with pytest.raises(InputError, match="holds no suite"):
+        prepare_suite(tmp_path, Config(), others=None)
+
+
+def test_no_scenes_is_an_error(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no i3DB scene there"):
+        scenes_with_truth(tmp_path)
+
+
+def test_what_is_sampled_is_not_sampled_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run, calls = posterior(), []
+
+    def sample(*_: Any, checkpoints: Path, **__: Any) -> Posterior:
+        calls.append(checkpoints)
+        checkpoints.mkdir(parents=True, exist_ok=True)
+        return replace(run, samples=replace(run.samples, finished=len(calls) > 1))
+
+    monkeypatch.setattr("imapper_prob.evaluate.suite.sample", sample)
+    write_clip(tmp_path / "demo.npz", run.clip)
+    tasks = tasks_of([tmp_path / "demo.npz"], tmp_path / "out", Config())
+    # Interrupted, it is not done; the checkpoints stay, and the same call goes on.
+    assert not sample_all(tasks, workers=1)
+    assert calls[0].is_dir()
+    assert not tasks[0].is_sampled
+    assert sample_all(tasks, workers=1)
+    assert not calls[0].exists()
+    assert sample_all(tasks, workers=1)
+    assert len(calls) == 2
+    ((_, again),) = sampled(tasks)
+    assert again.clip.name == "demo"
+
+
+@corpus
+@pytest.mark.corpus
+def test_what_is_solved_is_not_solved_again(suite: Path) -> None:
+    solve_all(tasks_of(scenes_with_truth(CORPUS), suite, Config()), Nobody())
+
+
+@corpus
+@pytest.mark.corpus
+def test_the_library_leaves_its_own_scene_out() -> None:
+    (task, *_) = tasks_of(scenes_with_truth(CORPUS), Path("out"), Config(), others=CORPUS)
+    names = [scenelet.name for scenelet in library_of(task)]
+    assert any(name.startswith("Scene10-") for name in names)
+    assert not any(name.startswith(task.scene.name) for name in names)
+
+
+@corpus
+@pytest.mark.corpus
+def test_the_page_has_every_table(suite: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    others = suite.parent / "others"
+    for scene in scenes_with_truth(CORPUS):
+        (others / scene.name).mkdir(parents=True)
+        made = json.loads((suite / scene.name / "solver.json").read_text())
+        (others / scene.name / "depth.json").write_text(json.dumps(made | {"method": "VNect"}))
+    arguments = ["evaluate", "--suite", str(CORPUS), "--solver-only", "-o", str(suite)]
+    assert main([*arguments, "--workers", "1", "--predictions", str(others)]) == 0
+    assert "Differences object by object" in capsys.readouterr().out
+    page = (suite / "benchmark.md").read_text()
+    row = "| authors' output | 4 clips | 53 (27) | 46 | 57 | 15 of 17 | 6.9 | 9 | 18 | 19 | 0.27 |"
+    assert row in page
+    assert row.replace("authors' output", "VNect") in page
+    assert "| Tome3D | no public output |" in page
+    assert "| VNect | no public output |" not in page
+    assert "| Scene4 | Scene04 | 61.8 / 13.6 / 46.3 | 61.8 / 13.6 / 46.3 | yes |" in page
+    assert "| authors' output | couch on static path |" not in page
+    document = json.loads((suite / "evaluation.json").read_text())
+    (authors,) = [m for m in document["methods"] if m["name"] == "VNect"]
+    assert (authors["found"], authors["spurious"]) == (15, 9)
+    for name in ("Scene04.png", "Scene14.png"):
+        assert (suite / name).stat().st_size > 10_000

@@ -1,0 +1,50 @@
+"""Two people who sit at one table, made so that the truth is known."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from imapper_prob.models.camera import Camera
+from imapper_prob.models.scene import Clip, Placement, Truth
+from imapper_prob.models.scenelet import Scenelet
+from imapper_prob.models.simulate import NOMINAL_CAMERA
+from imapper_prob.models.simulate_room import hidden_joints
+from imapper_prob.models.simulate_track import simulate_track
+from imapper_prob.scenelets.library import load_library
+
+CAMERA: Camera = NOMINAL_CAMERA
+N_FRAMES = 60
+
+
+def at_one_table(seed: int = 0, *, depth: float = 3.6, name: str = "sit-table-016") -> Clip:
+    """A and B face each other across a table, seen from the side, for six seconds.
+
+    Both do what one scenelet of the built-in library shows; its table is theirs.
+    """
+    rng = np.random.default_rng(seed)
+    scenelet = next(s for s in load_library() if s.name == name)
+    table = next(o for o in scenelet.objects if o.label == "table")
+    # Where somebody has to sit whose table is at (0, depth), facing right, and facing left.
+    places = []
+    for yaw in (-np.pi / 2, np.pi / 2):
+        turn = Placement(0.0, 0.0, yaw)
+        x, y = turn.rotation @ (table.placement.x, table.placement.y)
+        places.append(Placement(-x, depth - y, yaw))
+    objects = [o.moved(places[0]) for o in scenelet.objects]
+    objects += [o.moved(places[1]) for o in scenelet.objects if o.label != "table"]
+    motions = [_performed(scenelet, place) for place in places]
+    hidden = [hidden_joints(CAMERA, joints, objects) for joints in motions]
+    tracks = [
+        simulate_track(rng, joints, behind, camera=CAMERA, fps=scenelet.fps, name=actor)
+        for actor, joints, behind in zip("AB", motions, hidden, strict=True)
+    ]
+    truth = Truth(CAMERA, tuple(objects), motions[0], hidden[0])
+    frames = np.arange(N_FRAMES)
+    return Clip("couple", CAMERA, scenelet.fps, frames, tuple(tracks), truth=truth)
+
+
+def _performed(scenelet: Scenelet, place: Placement) -> np.ndarray:
+    """The motion there and back again, for the length of the clip."""
+    n = scenelet.n_frames
+    there = np.abs((np.arange(N_FRAMES) + n - 1) % (2 * n - 2) - (n - 1))
+    return place.apply(scenelet.joints)[there]
