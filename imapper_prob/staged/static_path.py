@@ -15,8 +15,9 @@ from imapper_prob.models.errors import InputError
 from imapper_prob.models.path import StaticPath
 from imapper_prob.models.scene import Clip, Track
 from imapper_prob.models.skeleton import DETECTED
+from imapper_prob.staged.bones import ANCESTORS, joints_of
 from imapper_prob.staged.frames import FrameTable, PoseSource
-from imapper_prob.staged.lifted_poses import ANCESTORS, LiftedBody, joints_of, lifted_body
+from imapper_prob.staged.lifted_poses import LiftedBody, lifted_body
 from imapper_prob.staged.path_fit import (
     Motion,
     Observations,
@@ -26,6 +27,7 @@ from imapper_prob.staged.path_fit import (
     length_terms,
     pixel_residuals,
 )
+from imapper_prob.staged.plausible import implausible_poses
 
 __all__ = ["StaticPathSettings", "estimate_static_path", "examine_frames"]
 
@@ -95,7 +97,7 @@ def examine_frames(
     def observe(body: LiftedBody) -> Observations:
         return Observations(clip.camera, pixels, confidences, body, clip.fps)
 
-    trusted = person.has_pose & ~person.interpolated
+    trusted = person.has_pose & ~person.interpolated & ~implausible_poses(person)
     observations = observe(lifted_body(person, trusted))
     motion = _place(observations, settings)
     believed = trusted & ~_contradicted(observations, motion, settings)
@@ -125,6 +127,7 @@ def _frame_table(
     """Why poses were not believed, and how far detections are from the fitted person."""
     pose = [PoseSource.OWN if own else PoseSource.CONTRADICTED for own in believed]
     for source, frames in (
+        (PoseSource.IMPLAUSIBLE, implausible_poses(person)),
         (PoseSource.INTERPOLATED, person.interpolated),
         (PoseSource.MISSING, ~person.has_pose),
     ):

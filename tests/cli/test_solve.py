@@ -64,7 +64,7 @@ def test_the_archive_has_motions_and_curves(folder: Path) -> None:
         assert np.isfinite(arrays["actor0/joints"]).all()
         assert arrays["actor0/charness"].shape == arrays["actor0/window_frame"].shape
         assert set(arrays["actor0/pose_source"]) <= {
-            "its own", "no 3D pose", "filled in by the input", "bad pose",
+            "its own", "no 3D pose", "filled in by the input", "implausible pose", "bad pose",
         }  # fmt: skip
 
 
