@@ -168,7 +168,7 @@ def state_of(problem: Problem, members: Sequence[Candidate]) -> State:
     """The scene in which these candidates, and no others, are assigned."""
     state = empty_state(problem)
     for c in members:
-        state = state.with_item(c.scenelet, c.start, c.placement)
+        state = state.with_item(c.scenelet, c.start, c.placement, c.size)
     return state
 
 

@@ -115,7 +115,7 @@ def shortlist(
         own = [c for c in here if (c.window, c.scenelet) in chosen]
         rows = []
         for c in here:
-            state = empty.with_item(c.scenelet, c.start, c.placement)
+            state = empty.with_item(c.scenelet, c.start, c.placement, c.size)
             fit = log_posterior(bare, state) - nothing
             values = terms(problem, state)
             motion = sum(values.get(name, 0.0) for name in _SOLID)

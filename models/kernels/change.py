@@ -39,7 +39,7 @@ def change(
     placements: Array,
     sizes: Array,
     latent: Array,
-) -> float:
+) -> tuple[float, float]:
     """The log-posterior of a proposed state; what differs is worked out, the rest remembered.
 
     Parameters
@@ -55,22 +55,23 @@ def change(
 
     Returns
     -------
-    float
-        Nats; -inf outside the support.
+    log_prior, log_likelihood : float
+        Nats; -inf and 0 outside the support. The costs of free poses, jumps, collisions,
+        motion and ground are in the second.
     """
     problem, memory = session.problem, session.memory
     n, n_old = len(items), max(n_before, 0)
     if not in_support(camera) or not _in_order(problem, items):
-        return -math.inf
+        return -math.inf, 0.0
     anew = n_before < 0
     for a in range(5):
         anew = anew or camera[a] != camera_before[a]
     _find_slots(memory, n_old, items, placements, sizes, anew)
-    total = problem.camera_constant
+    prior = problem.camera_constant
     for a in range(5):
         for b in range(5):
             offset = camera[b] - problem.camera_mean[b]
-            total -= (
+            prior -= (
                 0.5 * (camera[a] - problem.camera_mean[a]) * problem.camera_precision[a, b] * offset
             )
     for i in range(n):
@@ -78,17 +79,17 @@ def change(
         if memory.role[slot] == ADDED:
             memory.items[slot, 2] = items[i, 1] + _length(problem, items[i, 0])
             fill_slot(problem, memory, camera, slot)
-        total += problem.log_rate[items[i, 0]] + memory.placed[slot]
-    total += find_path(problem, memory, n, n_old, camera, latent, latent_before, anew)
+        prior += problem.log_rate[items[i, 0]] + memory.placed[slot]
+    prior += find_path(problem, memory, n, n_old, camera, latent, latent_before, anew)
     if problem.likelihood == 0.0:
-        return total
+        return prior, 0.0
     n_moved = list_moved(memory)
     pose_frames(problem, memory, n, n_moved, camera)
     meet_frames(memory, n, n_moved)
     find_changed(memory, n, n_old)
     vote(problem, memory, n)
-    total += sum_jumps(problem, memory, n) + sum_pairs(problem, memory, n)
-    return total + sum_votes(problem, memory)
+    costs = sum_jumps(problem, memory, n) + sum_pairs(problem, memory, n)
+    return prior, costs + sum_votes(problem, memory)
 
 
 @inlined

@@ -73,7 +73,7 @@ def test_shortlists_take_the_gain_apart() -> None:
             assert row.fit + row.motion + row.occlusion == pytest.approx(row.candidate.gain)
             assert row.motion <= 0
             c = row.candidate
-            state = empty.with_item(c.scenelet, c.start, c.placement)
+            state = empty.with_item(c.scenelet, c.start, c.placement, c.size)
             assert log_posterior(problem, state) - base == pytest.approx(c.gain)
         counts = list(table.counts().values())
         assert counts == sorted(counts, reverse=True)
