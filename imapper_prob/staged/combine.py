@@ -19,6 +19,7 @@ from imapper_prob.models.posterior import State, empty_state, log_posterior
 from imapper_prob.models.problem import Problem
 from imapper_prob.staged.candidates import Candidate, furniture_kinds, refine
 from imapper_prob.staged.maxima import CharnessCurve
+from imapper_prob.staged.polish import polish
 from imapper_prob.staged.search import best_first
 
 __all__ = [
@@ -113,7 +114,7 @@ def combine(
     chosen = _diverse(problem, ranked, 1 + settings.alternatives)
     states = []
     for i, state in enumerate(chosen):
-        states.append(refine(problem, state))
+        states.append(polish(problem, refine(problem, state)))
         if progress is not None:
             progress("refining scenes", (i + 1) / len(chosen))
     states.sort(key=lambda s: -log_posterior(problem, s))

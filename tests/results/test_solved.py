@@ -11,6 +11,7 @@ import pytest
 
 from imapper_prob.config import Config, read_config
 from imapper_prob.models.posterior import log_posterior
+from imapper_prob.results.selected import selected_objects
 from imapper_prob.results.solution_stages import stage_views
 from imapper_prob.results.solution_tables import (
     furniture_table,
@@ -19,7 +20,6 @@ from imapper_prob.results.solution_tables import (
     stage_table,
 )
 from imapper_prob.results.solved import Solved, solved
-from imapper_prob.sampling.layouts import merged_objects
 from imapper_prob.solution_output import write_solution_folder
 from imapper_prob.staged.combine import combine
 from tests.runs import solution
@@ -43,7 +43,7 @@ def test_the_best_scene_of_one_actor_is_the_solvers() -> None:
     assert scenes[0] is best
     assert best.log_posterior >= log_posterior(found.problem, found.states[0])
     mine = next(s for s in scenes if s.states[0] is found.states[0])
-    assert mine.objects == merged_objects(found.problem, found.library, found.states[0])
+    assert mine.objects == selected_objects(found.problem, found.library, found.states[0])
     assert set(mine.users) == {(0,)}
     assert len(scenes) > 1
 
