@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from imapper_prob.models.path import StaticPath
 from imapper_prob.models.scene import Clip, Truth
 from imapper_prob.models.skeleton import DETECTED, LANK, MIRROR, PELV, RANK
-from imapper_prob.staged.lifted_poses import bones_of, lifted_body
+from imapper_prob.staged.bones import bones_of
+from imapper_prob.staged.lifted_poses import lifted_body
 
 __all__ = [
     "Detections",

@@ -7,9 +7,9 @@ Entities, in metres in the world frame (z up, floor at z = 0)::
     world/path/...               everybody's way, on timeline `stage`
     world/truth/...              what really was there, where somebody knows
     summary                      what the stage did, on timeline `stage`
-    charness/...                 curves over frames, by actor
+    charness/...                 bars over frames, by actor; the same at every stage
 
-Timelines are `stage` (from 1) and `frame`.
+The timeline is `stage`, from 1.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
+from imapper_prob.colours import Colour
 from imapper_prob.files import written_whole
 from imapper_prob.models.camera import Camera
 from imapper_prob.models.geometry import pack_boxes
@@ -152,15 +153,16 @@ def _log_all(
     documents = rr.TextDocument.columns(text=texts, media_type=["text/markdown"] * len(texts))
     recording.send_columns("summary", indexes=[at], columns=documents, strict=True)
     for k, (name, (frames, values)) in enumerate(charness.items()):
-        entity = f"charness/actor_{k + 1}"
-        recording.send_columns(
-            entity,
-            indexes=[rr.TimeColumn("frame", sequence=frames)],
-            columns=rr.Scalars.columns(scalars=values),
-            strict=True,
-        )
+        entity = f"charness/{rr.escape_entity_path_part(name)}"
         colour = palette.SCENE_COLOURS[k % len(palette.SCENE_COLOURS)]
-        log_static(recording, entity, rr.SeriesLines(colors=colour, names=name, widths=1.5))
+        # A bar chart, for a curve would only be there while `frame` is the timeline.
+        log_static(recording, entity, _bars(frames, values, colour))
+
+
+def _bars(frames: NDArray[np.int64], values: Array, colour: Colour) -> rr.BarChart:
+    """One bar a window, each as wide as windows are apart."""
+    widths = np.full(len(frames), np.diff(frames).min(initial=len(frames)), dtype=float)
+    return rr.BarChart(values, abscissa=frames, widths=widths, color=colour)
 
 
 def _extent(objects: Sequence[SceneObject], stages: Sequence[StageView]) -> tuple[Array, Array]:
@@ -172,9 +174,14 @@ def _extent(objects: Sequence[SceneObject], stages: Sequence[StageView]) -> tupl
 
 
 def _blueprint() -> rrb.Blueprint:
-    room = rrb.Spatial3DView(origin="world", name="Room", background=_BACKGROUND)
+    room = rrb.Spatial3DView(
+        origin="world",
+        name="Room",
+        background=_BACKGROUND,
+        line_grid=rrb.LineGrid3D(visible=False),
+    )
     text = rrb.TextDocumentView(origin="summary", name="This stage")
-    curve = rrb.TimeSeriesView(origin="charness", name="Charness over frames")
+    curve = rrb.BarChartView(origin="charness", name="Charness over frames")
     return rrb.Blueprint(
         rrb.Horizontal(room, rrb.Vertical(text, curve), column_shares=[3, 1]),
         rrb.TimePanel(timeline="stage", state="collapsed", play_state="paused"),

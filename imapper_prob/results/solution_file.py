@@ -144,6 +144,7 @@ def _candidate(actor: Solution, c: Candidate) -> dict[str, Any]:
         "objects": list(scenelet.labels),
         "start": int(actor.clip.frame_ids[c.start]),
         "placement": c.placement.tolist(),
+        "log_size": c.size,
     }
 
 

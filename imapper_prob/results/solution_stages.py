@@ -45,7 +45,7 @@ def stage_views(solved: Solved) -> tuple[StageView, ...]:
         ),
         StageView(
             "Candidates kept",
-            f"{sum(map(len, kept))} at most three a maximum, each of other furniture.",
+            f"{sum(map(len, kept))} fits, at most three a maximum, each with other furniture.",
             _furniture(actors, kept),
             alone,
         ),

@@ -70,7 +70,7 @@ def maxima_table(solved: Solved) -> Table:
         table.add_column(name, justify="right")
     for name in ("fitted", "judged", "fit", "motion", "occlusion", "kept"):
         table.add_column(name, justify="right")
-    table.add_column("best")
+    table.add_column("best, and its gain [nat]")
     for actor in solved.actors:
         for maximum in actor.shortlists:
             counts = maximum.counts()

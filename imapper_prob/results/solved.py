@@ -19,12 +19,14 @@ from imapper_prob.models.camera import Camera
 from imapper_prob.models.energy.intersection import footprint_depth
 from imapper_prob.models.geometry import pack_boxes
 from imapper_prob.models.posterior import State, log_posterior, motion
+from imapper_prob.models.problem import Problem
 from imapper_prob.models.scene import Clip, SceneObject
 from imapper_prob.models.skeleton import LANK, LKNE, PELV, RANK, RKNE, THRX
-from imapper_prob.sampling.layouts import merged_objects
+from imapper_prob.results.selected import selected_objects
 from imapper_prob.staged.candidates import refine
 from imapper_prob.staged.combine import state_of
 from imapper_prob.staged.diverse import diverse_scenes
+from imapper_prob.staged.polish import polish
 from imapper_prob.staged.solver import Solution
 
 __all__ = ["Part", "Solved", "SolvedScene", "shared_furniture", "solved"]
@@ -97,8 +99,12 @@ def solved(clip: Clip, actors: Sequence[Solution], *, count: int = 5) -> Solved:
     count : int
         Scenes asked for; the list ends where nothing else improves on an empty room.
     """
+    # Polishing moves the camera, and several have to agree on it.
+    finish = refine if len(actors) > 1 else _polished
     by_actor = [
-        diverse_scenes(a.problem, a.candidates, a.curve, first, fps=clip.fps, count=count)
+        diverse_scenes(
+            a.problem, a.candidates, a.curve, first, finish=finish, fps=clip.fps, count=count
+        )
         for a, first in zip(actors, _best_together(actors), strict=True)
     ]
     ranks = range(max(len(states) for states in by_actor))
@@ -108,6 +114,10 @@ def solved(clip: Clip, actors: Sequence[Solution], *, count: int = 5) -> Solved:
     ]
     scenes.sort(key=lambda scene: -scene.log_posterior)
     return Solved(clip, tuple(actors), tuple(scenes))
+
+
+def _polished(problem: Problem, state: State) -> State:
+    return polish(problem, refine(problem, state))
 
 
 def _best_together(actors: Sequence[Solution]) -> tuple[State, ...]:
@@ -139,14 +149,12 @@ def _best_together(actors: Sequence[Solution]) -> tuple[State, ...]:
 
 
 def _alternatives(actor: Solution) -> list[State]:
-    """Refined scenes of one actor: those the solver returns, then the best others it tried."""
+    """The best scenes that one actor has tried, refined; all have the mean camera."""
     found = actor.combinations
-    states = list(found.states)
-    for tried in found.tried[: _ALTERNATIVES - len(states)]:
-        states.append(
-            refine(actor.problem, state_of(actor.problem, [found.pool[k] for k in tried.members]))
-        )
-    return states
+    return [
+        refine(actor.problem, state_of(actor.problem, [found.pool[k] for k in tried.members]))
+        for tried in found.tried[:_ALTERNATIVES]
+    ]
 
 
 @dataclass(frozen=True)
@@ -158,7 +166,7 @@ class Part:
 
     @classmethod
     def of(cls, actor: Solution, state: State) -> Part:
-        objects = merged_objects(actor.problem, actor.library, state)
+        objects = selected_objects(actor.problem, actor.library, state)
         return cls(objects, motion(actor.problem, state))
 
 

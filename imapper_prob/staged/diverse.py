@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from imapper_prob.models.posterior import State
 from imapper_prob.models.problem import Problem
-from imapper_prob.staged.candidates import Candidate, refine
+from imapper_prob.staged.candidates import Candidate
 from imapper_prob.staged.combine import groups_of, search, state_of
 from imapper_prob.staged.maxima import CharnessCurve
 
@@ -26,13 +26,15 @@ def diverse_scenes(
     curve: CharnessCurve,
     first: State,
     *,
+    finish: Callable[[Problem, State], State],
     fps: float,
     count: int,
 ) -> tuple[State, ...]:
     """``first`` and the best scenes without what the ones before have, at most ``count``.
 
     Fewer where nothing is left that improves on the empty scene. The paper asks the same of
-    its five solutions of a long clip (Monszpart et al. 2019, section 5).
+    its five solutions of a long clip (Monszpart et al. 2019, section 5). Each is what
+    ``finish`` makes of the best combination left.
     """
     scenes = [first]
     while len(scenes) < count:
@@ -43,7 +45,7 @@ def diverse_scenes(
         if not tried[0].members:
             break
         pool = [c for group in groups for c in group]
-        scenes.append(refine(problem, state_of(problem, [pool[k] for k in tried[0].members])))
+        scenes.append(finish(problem, state_of(problem, [pool[k] for k in tried[0].members])))
     return tuple(scenes)
 
 

@@ -19,6 +19,7 @@ class PoseSource(StrEnum):
     OWN = "its own"
     MISSING = "no 3D pose"
     INTERPOLATED = "filled in by the input"
+    IMPLAUSIBLE = "implausible pose"
     CONTRADICTED = "bad pose"
 
 

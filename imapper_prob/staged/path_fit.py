@@ -24,7 +24,8 @@ from scipy.linalg import solveh_banded
 from imapper_prob.models.calibrated import calibrated
 from imapper_prob.models.camera import Camera
 from imapper_prob.models.skeleton import DETECTED
-from imapper_prob.staged.lifted_poses import ANCESTORS, N_BONES, LiftedBody
+from imapper_prob.staged.bones import ANCESTORS, N_BONES
+from imapper_prob.staged.lifted_poses import LiftedBody
 
 __all__ = [
     "REFERENCE_RATE",

@@ -15,8 +15,9 @@ from imapper_prob.models.errors import InputError
 from imapper_prob.models.path import StaticPath
 from imapper_prob.models.scene import Clip, Track
 from imapper_prob.models.skeleton import DETECTED
+from imapper_prob.staged.bones import ANCESTORS, joints_of
 from imapper_prob.staged.frames import FrameTable, PoseSource
-from imapper_prob.staged.lifted_poses import ANCESTORS, LiftedBody, joints_of, lifted_body
+from imapper_prob.staged.lifted_poses import LiftedBody, lifted_body
 from imapper_prob.staged.path_fit import (
     REFERENCE_RATE,
     Motion,
@@ -25,6 +26,7 @@ from imapper_prob.staged.path_fit import (
     fit_motion,
     pixel_residuals,
 )
+from imapper_prob.staged.plausible import implausible_poses
 
 __all__ = ["StaticPathSettings", "estimate_static_path", "examine_frames"]
 
@@ -88,7 +90,7 @@ def examine_frames(
     def observe(body: LiftedBody) -> Observations:
         return Observations(clip.camera, pixels, confidences, body, clip.fps)
 
-    trusted = person.has_pose & ~person.interpolated
+    trusted = person.has_pose & ~person.interpolated & ~implausible_poses(person)
     observations = observe(lifted_body(person, trusted))
     motion = _place(observations, settings)
     believed = trusted & ~_contradicted(observations, motion, settings)
@@ -116,6 +118,7 @@ def _frame_table(
     """Why poses were not believed, and how far detections are from the fitted person."""
     pose = [PoseSource.OWN if own else PoseSource.CONTRADICTED for own in believed]
     for source, frames in (
+        (PoseSource.IMPLAUSIBLE, implausible_poses(person)),
         (PoseSource.INTERPOLATED, person.interpolated),
         (PoseSource.MISSING, ~person.has_pose),
     ):

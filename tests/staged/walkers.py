@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from imapper_prob.models.camera import Camera
 from imapper_prob.models.scene import Clip, Track
 from imapper_prob.models.skeleton import NECK, PELV
-from imapper_prob.staged.lifted_poses import LENGTHS, TREE, joints_of
+from imapper_prob.staged.bones import LENGTHS, TREE, joints_of
 
 Array = NDArray[np.float64]
 
