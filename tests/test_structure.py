@@ -26,10 +26,11 @@ SOURCES = sorted(
 )
 FLOORS = [
     {"models", "samplers"},
-    {"colours", "config", "files"},
+    {"colours", "config", "files", "tracking"},
     {"inputs"},
     {"scenelets"},
     {"staged"},
+    {"lifting"},
     {"sampling"},
     {"recording"},
     {"results"},

@@ -16,14 +16,14 @@ __all__ = ["show_energy"]
 _DOTS_PER_INCH = 120
 
 
-def show_energy(folder: Path, clip_path: Path | None) -> None:
+def show_energy(folder: Path, clip: Clip | None) -> None:
     """Print what the first scene of a run costs; write ``energy.png`` and ``energy.json``.
 
     Parameters
     ----------
     folder : Path
         Of the run.
-    clip_path : Path, optional
+    clip : Clip, optional
         The clip of the run, which its folder does not keep. That of the demo is made again.
 
     Raises
@@ -48,7 +48,8 @@ def show_energy(folder: Path, clip_path: Path | None) -> None:
     from imapper_prob.scenelets.library import load_library
 
     attributes = read_attributes(folder / "posterior.nc")
-    clip = _clip(folder, clip_path, attributes["clip"])
+    if clip is None:
+        clip = _demo_clip(folder, attributes["clip"])
     config = read_config(folder / "config.toml")
     library = load_library(config.library)
     with progress_bars() as progress:
@@ -75,13 +76,10 @@ def show_energy(folder: Path, clip_path: Path | None) -> None:
     console.print(f"Written: {figure}, {document}")
 
 
-def _clip(folder: Path, path: Path | None, name: str) -> Clip:
-    """The clip that was named, or that of the demo."""
+def _demo_clip(folder: Path, name: str) -> Clip:
+    """That of the demo, which anybody can make again."""
     from imapper_prob.demo import demo_clip
-    from imapper_prob.inputs import load_clip
 
-    if path is not None:
-        return load_clip(path)
     if name == "demo":
         return demo_clip()
     raise InputError(f"{folder}: name the clip {name} of this run with --clip")

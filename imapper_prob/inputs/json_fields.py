@@ -6,7 +6,7 @@ import json
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,18 +14,28 @@ from numpy.typing import NDArray
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.skeleton import JOINTS, N_JOINTS
 
-__all__ = ["field", "frame_number", "frames_of_joints", "load_json", "numbers"]
+__all__ = ["LARGEST_JSON", "field", "frame_number", "frames_of_joints", "load_json", "numbers"]
 
 Array = NDArray[np.float64]
 
+LARGEST_JSON: Final = 128 << 20
+"""Bytes; an hour of one person at 30 frames a second. In memory it takes twenty times that."""
+
 
 def load_json(path: Path) -> Any:
-    """The content of a JSON file."""
+    """The content of a JSON file of at most :data:`LARGEST_JSON` bytes."""
     try:
+        size = path.stat().st_size
+        if size > LARGEST_JSON:
+            raise InputError(
+                f"{path}: {size / 2**20:.0f} MB, more than {LARGEST_JSON >> 20}; cut the clip"
+            )
         return json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
         raise InputError(f"{path}: no such file; a clip of this format needs it") from None
-    except (json.JSONDecodeError, UnicodeDecodeError, RecursionError) as error:
+    except InputError:
+        raise
+    except (ValueError, RecursionError) as error:  # not only JSON: also numbers of 5,000 digits
         raise InputError(
             f"{path}: not valid JSON ({error}); it may be cut off, copy it again"
         ) from error

@@ -1,0 +1,143 @@
+"""From sightings to a clip: who is who, confidences, camera, and what is missing."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imapper_prob.inputs.camera_options import ClipOptions, camera_of, undistorted
+from imapper_prob.inputs.confidence_maps import confidence_map
+from imapper_prob.inputs.sightings import Sightings
+from imapper_prob.models.errors import InputError
+from imapper_prob.models.scene import Clip, Track
+from imapper_prob.models.skeleton import DETECTED, N_JOINTS
+from imapper_prob.tracking.associate import associate
+
+__all__ = ["assemble"]
+
+Array = NDArray[np.float64]
+
+_log = logging.getLogger(__name__)
+
+_FRAME_RATE: Final = 30.0
+"""Frames a second, where nobody says: what cameras and phones record at."""
+
+
+def assemble(sightings: Sightings, options: ClipOptions) -> Clip:
+    """A clip of all that was seen.
+
+    Poses stay NaN where the files have none; a lifter comes later.
+
+    Raises
+    ------
+    InputError
+        Nobody was seen, or size or frame rate contradict each other.
+    """
+    name = sightings.name
+    sightings = _without_empty_rows(sightings)
+    size = _size(sightings, options)
+    keypoints = sightings.keypoints * (size if sightings.relative else 1.0)
+    if options.camera is not None:
+        keypoints = undistorted(keypoints, options.camera)
+    scores = np.where(np.isfinite(keypoints).all(-1), sightings.scores, 0.0)
+    confidences = confidence_map(options.confidence or sightings.map_name)(scores)
+    camera, known = camera_of(name, options, size=size)
+    if sightings.camera is not None and options.camera is None and options.focal is None:
+        camera, known = sightings.camera, True
+    fps = options.fps or sightings.fps
+    if fps is None:
+        fps = _FRAME_RATE
+        _log.warning("%s: frame rate assumed to be %.0f a second", name, fps)
+    first, last = sightings.span
+    rows = _rows_of_tracks(sightings, keypoints, confidences, options.people)
+    if sightings.missing:
+        _log.info("%s: these files never have %s", name, ", ".join(sightings.missing))
+    return Clip(
+        name=name,
+        camera=camera,
+        fps=fps,
+        frame_ids=np.arange(first, last + 1),
+        tracks=tuple(
+            _track(sightings, who, own, keypoints, confidences) for who, own in rows.items()
+        ),
+        focal_known=known,
+    )
+
+
+def _without_empty_rows(sightings: Sightings) -> Sightings:
+    """Detectors list people of whom they then report no joint."""
+    full: NDArray[np.bool_] = np.any(sightings.scores > 0, axis=1)
+    if not full.any():
+        raise InputError(f"{sightings.name}: no person with a detected joint in any frame")
+    return replace(
+        sightings,
+        frames=sightings.frames[full],
+        keypoints=sightings.keypoints[full],
+        scores=sightings.scores[full],
+        poses=None if sightings.poses is None else sightings.poses[full],
+        identities=tuple(i for i, keep in zip(sightings.identities, full, strict=False) if keep),
+    )
+
+
+def _size(sightings: Sightings, options: ClipOptions) -> tuple[int, int]:
+    given = options.camera.size if options.camera is not None else None
+    sizes = {s for s in (given, options.size, sightings.size) if s is not None}
+    if len(sizes) > 1:
+        one, other = sorted(sizes)[:2]
+        raise InputError(
+            f"{sightings.name}: image sizes {one[0]} x {one[1]} and {other[0]} x {other[1]} "
+            "contradict each other"
+        )
+    if sizes:
+        return sizes.pop()
+    raise InputError(
+        f"{sightings.name}: these files do not say how large the image is; say it, such as "
+        "--size 1920x1080"
+    )
+
+
+def _rows_of_tracks(
+    sightings: Sightings, keypoints: Array, confidences: Array, people: int | None
+) -> dict[str, NDArray[np.intp]]:
+    """The rows of each track by its name, in order of frames."""
+    if sightings.identities and all(sightings.identities):
+        labels = np.array(sightings.identities)
+        found = {str(who): np.flatnonzero(labels == who) for who in np.unique(labels)}
+        for who, rows in found.items():
+            frames = sightings.frames[rows]
+            if len(np.unique(frames)) != len(frames):
+                raise InputError(f"{sightings.name}: person {who} is twice in one frame")
+        longest = sorted(found, key=lambda who: -len(found[who]))[:people]
+        return {who: found[who] for who in sorted(longest)}
+    actors = associate(sightings.frames, keypoints, confidences, people=people)
+    return {
+        sightings.name if len(actors) == 1 else f"{sightings.name}-{a}": rows
+        for a, rows in enumerate(actors)
+    }
+
+
+def _track(
+    sightings: Sightings,
+    name: str,
+    rows: NDArray[np.intp],
+    keypoints: Array,
+    confidences: Array,
+) -> Track:
+    first, last = sightings.span
+    n_frames = last - first + 1
+    at = sightings.frames[rows] - first
+    own_keypoints = np.full((n_frames, N_JOINTS, 2), np.nan)
+    own_confidences = np.zeros((n_frames, N_JOINTS))
+    own_poses = np.full((n_frames, N_JOINTS, 3), np.nan)
+    own_keypoints[at] = keypoints[rows]
+    detected = list(DETECTED)
+    own_confidences[at[:, None], detected] = confidences[rows][:, detected]
+    if sightings.poses is not None:
+        poses = sightings.poses[rows]
+        poses[~np.isfinite(poses).all((1, 2))] = np.nan
+        own_poses[at] = poses
+    return Track(name, own_keypoints, own_confidences, own_poses, np.zeros(n_frames, bool))
