@@ -27,7 +27,7 @@ SOURCES = sorted(
 FLOORS = [
     {"models", "samplers"},
     {"colours", "config", "files", "tracking"},
-    {"inputs"},
+    {"inputs", "detect"},
     {"scenelets"},
     {"staged"},
     {"lifting"},

@@ -7,32 +7,35 @@ import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from imapper_prob.cli.progress import progress_bars
+
 if TYPE_CHECKING:
     from imapper_prob.inputs import ClipOptions
     from imapper_prob.models.scene import Clip
 
-__all__ = ["clip_from", "clip_parser", "size_of"]
+__all__ = ["clip_from", "clip_options", "clip_parser", "size_of"]
+
+_VIDEOS = (".avi", ".m4v", ".mkv", ".mov", ".mp4", ".mpg", ".webm")
 
 
-def clip_parser() -> argparse.ArgumentParser:
-    """A parent parser with the options that say what keypoint files leave open."""
+def clip_parser(*, files: bool = True) -> argparse.ArgumentParser:
+    """A parent parser with the options that say what keypoint files leave open.
+
+    Without ``files``, those that a video answers itself are left out.
+    """
     parser = argparse.ArgumentParser(add_help=False)
     group = parser.add_argument_group("what the files of a clip do not say")
-    group.add_argument(
-        "--format", help="such as body_25, halpe_26, mediapipe; by content if left out"
-    )
-    group.add_argument("--size", type=size_of, metavar="WxH", help="of the image in pixels")
-    group.add_argument("--fps", type=float, help="frames a second")
-    group.add_argument("--camera", type=Path, metavar="FILE", help="intrinsics, TOML or JSON")
-    group.add_argument("--focal", type=float, metavar="PIXELS", help="focal length")
-    group.add_argument(
-        "--pitch", type=float, metavar="DEGREES", help="of the camera; down is negative"
-    )
-    group.add_argument("--camera-height", type=float, metavar="METRES", help="above the floor")
-    group.add_argument(
-        "--confidence-map", metavar="MAP", help="a map's name, or knots such as 0:0,0.3:0.5,1:1"
-    )
-    group.add_argument("--people", type=int, metavar="N", help="actors, where files do not say")
+    add = group.add_argument
+    add("--camera", type=Path, metavar="FILE", help="intrinsics, TOML or JSON")
+    add("--focal", type=float, metavar="PIXELS", help="focal length")
+    add("--pitch", type=float, metavar="DEGREES", help="of the camera; down is negative")
+    add("--camera-height", type=float, metavar="METRES", help="above the floor")
+    add("--confidence-map", metavar="MAP", help="its name, or knots such as 0:0,0.3:0.5,1:1")
+    add("--fps", type=float, help="frames a second")
+    if files:
+        add("--format", help="such as body_25, halpe_26, mediapipe; by content if left out")
+        add("--size", type=size_of, metavar="WxH", help="of the image in pixels")
+        add("--people", type=int, metavar="N", help="actors, where files do not say")
     return parser
 
 
@@ -44,25 +47,32 @@ def size_of(text: str) -> tuple[int, int]:
     return int(match[1]), int(match[2])
 
 
-def options_from(options: argparse.Namespace) -> ClipOptions:
+def clip_options(options: argparse.Namespace) -> ClipOptions:
     """What was said."""
     from imapper_prob.inputs import ClipOptions, read_camera
 
     return ClipOptions(
-        format=options.format,
+        format=getattr(options, "format", None),
         camera=None if options.camera is None else read_camera(options.camera),
         focal=options.focal,
         pitch=options.pitch,
         height=options.camera_height,
-        size=options.size,
+        size=getattr(options, "size", None),
         fps=options.fps,
         confidence=options.confidence_map,
-        people=options.people,
+        people=getattr(options, "people", None),
     )
 
 
 def clip_from(path: Path, options: argparse.Namespace) -> Clip:
-    """The clip at ``path``, read as the options say."""
-    from imapper_prob.api import load_clip
+    """The clip at ``path``, read as the options say; in a video its joints are found first."""
+    said = clip_options(options)
+    if path.suffix.lower() in _VIDEOS:
+        from imapper_prob.detect import detect
 
-    return load_clip(path, options=options_from(options))
+        with progress_bars() as progress:
+            return detect(path, options=said, progress=progress)
+    from imapper_prob.inputs import load_clip
+    from imapper_prob.lifting import lift_clip
+
+    return load_clip(path, options=said, lift=lift_clip)

@@ -7,6 +7,7 @@ import sys
 from collections.abc import Sequence
 
 import imapper_prob
+from imapper_prob.cli.detect import add_detect_command
 from imapper_prob.cli.run import add_run_commands
 from imapper_prob.cli.scenelets import add_scenelet_commands
 from imapper_prob.models.errors import InputError
@@ -46,5 +47,6 @@ def _parser() -> argparse.ArgumentParser:
     shared = argparse.ArgumentParser(add_help=False)
     shared.add_argument("--debug", action="store_true", help="show tracebacks")
     add_run_commands(commands, shared)
+    add_detect_command(commands, shared)
     add_scenelet_commands(commands, shared)
     return parser

@@ -59,7 +59,7 @@ def add_run_commands(
     run = commands.add_parser(
         "run", parents=[shared, sampling, clips], help="sample scenes of a clip"
     )
-    run.add_argument("clip", type=Path, help="clip file, i3DB scene, or keypoints of any kind")
+    run.add_argument("clip", type=Path, help="clip file, keypoints, i3DB scene or video")
     run.add_argument("--config", type=Path, help="settings (TOML), such as an earlier config.toml")
     run.add_argument(
         "--library", help="'built-in', a library file (.npz), or several joined by commas"

@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 from imapper_prob.inputs.camera_options import ClipOptions, camera_of, undistorted
 from imapper_prob.inputs.confidence_maps import confidence_map
 from imapper_prob.inputs.sightings import Sightings
+from imapper_prob.models.camera import Camera
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.scene import Clip, Track
-from imapper_prob.models.skeleton import DETECTED, N_JOINTS
+from imapper_prob.models.skeleton import DETECTED, LHIP, LSHO, N_JOINTS, RHIP, RSHO
 from imapper_prob.tracking.associate import associate
 
 __all__ = ["assemble"]
@@ -53,6 +54,8 @@ def assemble(sightings: Sightings, options: ClipOptions) -> Clip:
         fps = _FRAME_RATE
         _log.warning("%s: frame rate assumed to be %.0f a second", name, fps)
     first, last = sightings.span
+    if sightings.poses is not None and sightings.along_ray:
+        sightings = replace(sightings, poses=_turned_back(camera, keypoints, sightings.poses))
     rows = _rows_of_tracks(sightings, keypoints, confidences, options.people)
     if sightings.missing:
         _log.info("%s: these files never have %s", name, ", ".join(sightings.missing))
@@ -98,6 +101,29 @@ def _size(sightings: Sightings, options: ClipOptions) -> tuple[int, int]:
         f"{sightings.name}: these files do not say how large the image is; say it, such as "
         "--size 1920x1080"
     )
+
+
+def _turned_back(camera: Camera, keypoints: Array, poses: Array) -> Array:
+    """Poses (N, 16, 3) seen along the ray to the trunk, in the axes of the camera.
+
+    The least rotation that takes the optical axis to that ray.
+    """
+    trunk = keypoints[:, [RHIP, LHIP, RSHO, LSHO]]
+    there: NDArray[np.bool_] = np.all(np.isfinite(trunk), axis=-1)
+    middle = np.where(there[..., None], trunk, 0).sum(1) / np.maximum(there.sum(1), 1)[:, None]
+    middle = np.where((there.sum(1) > 0)[:, None], middle, (camera.cx, camera.cy))
+    ray = camera.rays(middle)
+    right, ahead, up = np.moveaxis(ray / np.linalg.norm(ray, axis=-1, keepdims=True), -1, 0)
+    rotation = np.stack(
+        [
+            np.stack([1 - right**2 / (1 + ahead), right, -right * up / (1 + ahead)], -1),
+            np.stack([-right, ahead, -up], -1),
+            np.stack([-right * up / (1 + ahead), up, 1 - up**2 / (1 + ahead)], -1),
+        ],
+        1,
+    )
+    result: Array = poses @ rotation.transpose(0, 2, 1)
+    return result
 
 
 def _rows_of_tracks(

@@ -43,6 +43,8 @@ class Sightings:
         First and last frame of the clip, people or not.
     poses : (N, 16, 3) float, optional
         Lifted joints relative to the pelvis, camera axes, metres; NaN for those without.
+    along_ray : bool
+        Whether poses are as a camera turned towards the person would see them.
     identities : (N,) str, optional
         Track names, where the program gave any.
     relative : bool
@@ -64,6 +66,7 @@ class Sightings:
     scores: Array
     span: tuple[int, int]
     poses: Array | None = None
+    along_ray: bool = False
     identities: tuple[str, ...] = ()
     relative: bool = False
     size: tuple[int, int] | None = None

@@ -86,9 +86,14 @@ def test_mediapipe(tmp_path: Path) -> None:
     check(clip)
     assert (clip.camera.width, clip.camera.height, clip.fps) == (*SIZE, 25)
     pose = clip.tracks[0].poses[3]
-    # 24 pixels to the right and 160 down, at 200 pixels a metre; z follows x by a tenth.
-    np.testing.assert_allclose(pose[LANK], [0.12, 0.012, -0.8], atol=1e-9)
     np.testing.assert_allclose(pose[PELV], 0, atol=1e-12)
+    # 24 pixels to the right and 160 down, at 200 pixels a metre; z follows x by a tenth. Seen
+    # straight on; the rays to the trunk are 13 degrees to the left and 4 up.
+    ray = clip.camera.rays(np.mean([clip.tracks[0].keypoints[3, [2, 3, 12, 13]]], (0, 1)))
+    ray /= np.linalg.norm(ray)
+    ankle = np.array([0.12, 0.012, -0.8])
+    assert np.linalg.norm(pose[LANK]) == pytest.approx(np.linalg.norm(ankle))
+    assert pose[LANK] @ ray == pytest.approx(ankle[1])
 
 
 def test_mediapipe_rows_and_absence(tmp_path: Path) -> None:

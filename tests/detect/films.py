@@ -1,0 +1,51 @@
+"""Short films of a made-up room: textured walls, a dark figure that walks, and the camera."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter
+
+Image = NDArray[np.uint8]
+SIZE = (320, 240)
+
+
+def room(seed: int = 0) -> Image:
+    """(240, 640, 3) a wall with more of it than a camera sees at once."""
+    rng = np.random.default_rng(seed)
+    rough = gaussian_filter(rng.normal(size=(SIZE[1], 2 * SIZE[0])), 3)
+    grey = np.clip(128 + 300 * rough, 0, 255).astype(np.uint8)
+    return np.repeat(grey[..., None], 3, axis=2)
+
+
+def film(
+    n_frames: int = 40, *, left: Callable[[int], int] = lambda t: 60, seed: int = 0
+) -> list[Image]:
+    """Frames of a camera whose left edge is at column ``left(t)`` of the room."""
+    wall = room(seed)
+    frames = []
+    for t in range(n_frames):
+        image = wall[:, left(t) : left(t) + SIZE[0]].copy()
+        x = 40 + 200 * t // n_frames
+        image[60:230, x : x + 50] = 20
+        frames.append(image)
+    return frames
+
+
+def write_film(path: Path, frames: list[Image], *, fps: int = 20) -> Path:
+    """Encode with PyAV; the test is skipped where that is not installed."""
+    av = pytest.importorskip("av", reason="the extra `video` is not installed")
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("mpeg4", rate=fps)
+        stream.height, stream.width = frames[0].shape[:2]
+        stream.pix_fmt = "yuv420p"
+        stream.bit_rate = 4_000_000
+        for image in frames:
+            frame = av.VideoFrame.from_ndarray(image, format="rgb24")
+            container.mux(stream.encode(frame))
+        container.mux(stream.encode())
+    return path

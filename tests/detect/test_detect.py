@@ -1,0 +1,151 @@
+"""From video to clip, with a detector that needs no weights; and once with the real one."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from imapper_prob.cli import main
+from imapper_prob.detect import detect
+from imapper_prob.detect.detect import usual_step
+from imapper_prob.detect.video import open_video, upright
+from imapper_prob.inputs import ClipOptions
+from imapper_prob.inputs.keypoint_sets import KEYPOINT_SETS
+from imapper_prob.inputs.mediapipe_landmarks import Landmarks
+from imapper_prob.models.errors import InputError
+from imapper_prob.models.skeleton import DETECTED, HEAD, PELV
+from tests.conftest import ROOT
+from tests.detect.films import SIZE, film, write_film
+from tests.inputs.bodies import body
+
+NAMES = KEYPOINT_SETS["mediapipe_33"]
+
+
+def dark_figure(frame: int, image: NDArray[np.uint8]) -> Landmarks | None:
+    """All landmarks about the middle of what is dark."""
+    dark = np.argwhere(image.mean(-1) < 45)
+    if len(dark) < 200 or frame == 3:
+        return None
+    y, x = dark.mean(0)
+    height, width = image.shape[:2]
+    points = (body(NAMES, at=(0, 0)) * 0.4 + (x, y)) / (width, height)
+    return Landmarks(frame, points, np.full(33, 0.95), body(NAMES, at=(0, 0))[:, [0, 1, 1]] / 200)
+
+
+def test_every_second_frame_of_a_film(tmp_path: Path) -> None:
+    path = write_film(tmp_path / "room.mp4", film())
+    heard: list[float] = []
+    clip = detect(path, detector=dark_figure, progress=lambda _, part: heard.append(part))
+    assert (clip.camera.width, clip.camera.height) == SIZE
+    assert (clip.n_frames, clip.fps) == (20, 10)
+    assert (clip.camera.fx, clip.focal_known) == (320, False)
+    track = clip.tracks[0]
+    assert not track.has_pose[3]
+    assert (track.confidences[3] == 0).all()
+    # The figure is 50 pixels wide and begins at 40 + 5 t.
+    assert abs(track.keypoints[10, PELV, 0] - (65 + 5 * 20)) < 6
+    assert heard == sorted(heard)
+    assert heard[-1] == 1
+
+
+def test_start_end_and_step(tmp_path: Path) -> None:
+    path = write_film(tmp_path / "room.mp4", film())
+    options = ClipOptions(focal=300.0)
+    clip = detect(path, options=options, detector=dark_figure, start=0.5, end=1.5, step=1)
+    assert (clip.n_frames, clip.fps, clip.focal_known) == (20, 20, True)
+    assert abs(clip.tracks[0].keypoints[0, PELV, 0] - (65 + 5 * 10)) < 6
+
+
+def test_a_moving_camera_is_refused(tmp_path: Path) -> None:
+    path = write_film(tmp_path / "pan.mp4", film(left=lambda t: 60 + t))
+    with pytest.raises(InputError, match=r"pan\.mp4: the camera moves"):
+        detect(path, detector=dark_figure)
+
+
+def test_an_empty_room(tmp_path: Path) -> None:
+    path = write_film(tmp_path / "empty.mp4", film())
+    with pytest.raises(InputError, match="nobody was found"):
+        detect(path, detector=lambda frame, image: None)
+
+
+def test_joints_outside_of_the_picture_are_not_seen(tmp_path: Path) -> None:
+    path = write_film(tmp_path / "room.mp4", film())
+
+    def close(frame: int, image: NDArray[np.uint8]) -> Landmarks:
+        points = np.full((33, 2), 0.5)
+        points[:11, 1] = -0.3  # the head is above the picture
+        return Landmarks(frame, points, np.full(33, 0.99))
+
+    track = detect(path, detector=close).tracks[0]
+    assert (track.confidences[:, HEAD] == 0).all()
+    assert (track.confidences[:, [j for j in DETECTED if j not in (HEAD, 7)]] > 0).all()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [({"step": 0}, "step 0"), ({"start": 2.0, "end": 1.0}, "after the start"),
+     ({"start": 60.0}, "no frame after")],
+)  # fmt: skip
+def test_faulty_arguments(arguments: dict[str, float], message: str, tmp_path: Path) -> None:
+    path = write_film(tmp_path / "room.mp4", film())
+    with pytest.raises(InputError, match=message):
+        detect(path, detector=dark_figure, **arguments)  # type: ignore[arg-type]
+
+
+def test_what_is_no_video(tmp_path: Path) -> None:
+    pytest.importorskip("av", reason="the extra `video` is not installed")
+    path = tmp_path / "film.mp4"
+    for content in (b"", b"nonsense" * 100):
+        path.write_bytes(content)
+        with pytest.raises(InputError, match=r"film\.mp4"):
+            open_video(path)
+    whole = write_film(tmp_path / "whole.mp4", film())
+    path.write_bytes(whole.read_bytes()[:3000])
+    with pytest.raises(InputError, match=r"film\.mp4"):
+        open_video(path)
+
+
+def test_a_video_that_is_not_there(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no such file"):
+        detect(tmp_path / "film.mp4")
+
+
+def test_without_the_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    import sys
+
+    monkeypatch.setitem(sys.modules, "av", None)
+    path = tmp_path / "film.mp4"
+    path.write_bytes(b"")
+    with pytest.raises(InputError, match=r"videos need av: pip install"):
+        detect(path)
+
+
+def test_turned_as_the_file_says() -> None:
+    image = np.arange(24, dtype=np.uint8).reshape(2, 4, 3)
+    assert upright(image, 0).shape == (2, 4, 3)
+    turned = upright(image, -90)  # a phone held upright: its right becomes the top
+    assert turned.shape == (4, 2, 3)
+    np.testing.assert_array_equal(turned[0, -1], image[0, 0])
+    np.testing.assert_array_equal(upright(image, 180)[-1, -1], image[0, 0])
+
+
+@pytest.mark.parametrize(
+    ("fps", "step"), [(30, 3), (29.5, 3), (25, 2), (15, 1), (10, 1), (8, 1), (60, 6)]
+)
+def test_about_ten_frames_a_second(fps: float, step: int) -> None:
+    assert usual_step(fps) == step
+
+
+@pytest.mark.slow
+def test_mediapipe_on_a_real_video(tmp_path: Path) -> None:
+    pytest.importorskip("mediapipe", reason="the extra `video` is not installed")
+    path = ROOT.parent / "shared" / "clips" / "Subject_1_ADL_16.mp4"
+    if not path.is_file():
+        pytest.skip(f"no video at {path}")
+    output = tmp_path / "clip.npz"
+    assert main(["detect", str(path), "-o", str(output), "--end", "1"]) == 0
+    assert main(["info", str(output)]) == 0
+    assert main(["detect", str(path), "-o", str(output), "--end", "1"]) == 2
