@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from imapper_prob.inputs import ClipOptions
     from imapper_prob.models.scene import Clip
 
-__all__ = ["clip_from", "clip_options", "clip_parser", "size_of"]
+__all__ = ["clip_from", "clip_options", "clip_parser", "is_clip", "size_of"]
 
 _VIDEOS = (".avi", ".m4v", ".mkv", ".mov", ".mp4", ".mpg", ".webm")
 
@@ -62,6 +62,15 @@ def clip_options(options: argparse.Namespace) -> ClipOptions:
         confidence=options.confidence_map,
         people=getattr(options, "people", None),
     )
+
+
+def is_clip(path: Path) -> bool:
+    """Whether a path is a clip rather than the folder of a run: a file, or keypoints."""
+    return path.is_file() or (path.is_dir() and any(path.glob("*.json")) and not _is_run(path))
+
+
+def _is_run(path: Path) -> bool:
+    return (path / "scenes.json").exists() or (path / "posterior.nc").exists()
 
 
 def clip_from(path: Path, options: argparse.Namespace) -> Clip:

@@ -7,7 +7,7 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from imapper_prob.cli.clip_options import clip_from, clip_parser
+from imapper_prob.cli.clip_options import clip_from, clip_parser, is_clip
 from imapper_prob.cli.energy import show_energy
 from imapper_prob.cli.progress import progress_bars
 from imapper_prob.models.errors import InputError
@@ -160,6 +160,21 @@ def _show(posterior: Posterior, folder: Path) -> None:
 
 
 def _info(options: argparse.Namespace) -> None:
+    if is_clip(options.folder):
+        _show_clip(options)
+    else:
+        _show_run(options)
+
+
+def _show_clip(options: argparse.Namespace) -> None:
+    from rich.console import Console
+
+    from imapper_prob.inputs.describe import clip_table
+
+    Console().print(clip_table(clip_from(options.folder, options)))
+
+
+def _show_run(options: argparse.Namespace) -> None:
     from rich.console import Console
 
     from imapper_prob.results.export import read_scenes
@@ -167,11 +182,6 @@ def _info(options: argparse.Namespace) -> None:
     from imapper_prob.results.tree import read_attributes
 
     folder = options.folder
-    if folder.exists() and not (folder / "scenes.json").exists():
-        from imapper_prob.inputs.describe import clip_table
-
-        Console().print(clip_table(clip_from(folder, options)))
-        return
     if options.clip is not None and not options.energy:
         raise InputError("--clip is of use with --energy only")
     scenes = read_scenes(folder / "scenes.json")
