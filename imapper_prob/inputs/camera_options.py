@@ -15,7 +15,15 @@ from imapper_prob.inputs.json_fields import load_json, numbers
 from imapper_prob.models.camera import Camera
 from imapper_prob.models.errors import InputError
 
-__all__ = ["CameraFile", "ClipOptions", "camera_of", "read_camera", "undistorted"]
+__all__ = [
+    "CameraFile",
+    "ClipOptions",
+    "camera_of",
+    "check_matrix",
+    "check_rotation",
+    "read_camera",
+    "undistorted",
+]
 
 Array = NDArray[np.float64]
 
@@ -28,7 +36,10 @@ _KEYS: Final = {
     "pitch_degrees": (), "roll_degrees": (), "height": (),
 }  # fmt: skip
 _DISTORTION_LENGTHS: Final = (4, 5, 8)
+_LARGEST: Final = 1e6
+"""Pixels of focal length and principal point, beyond which a number is damage."""
 _STEPS: Final = 50
+"""Iterations; lenses that need more are not settled where it matters either."""
 _STRAIGHT: Final = 1e-6
 """Tangent, a few thousandths of a pixel: how well an undistorted point must distort back."""
 
@@ -146,19 +157,18 @@ def read_camera(path: str | Path) -> CameraFile:
     width, height = values["size"]
     if not (width.is_integer() and height.is_integer() and min(width, height) >= 1):
         raise InputError(f"{path}: size must be two whole numbers of pixels")
-    matrix = values["matrix"]
-    if not (matrix[0, 0] > 0 and matrix[1, 1] > 0 and matrix[2].tolist() == [0, 0, 1]):
-        raise InputError(f"{path}: matrix must be [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]")
     rotation = values.get("rotation")
-    if rotation is not None and not (
-        np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-3) and np.linalg.det(rotation) > 0
-    ):
-        raise InputError(f"{path}: rotation is no rotation matrix")
+    try:
+        check_matrix(values["matrix"])
+        if rotation is not None:
+            check_rotation(rotation)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
     if (rotation is None) != ("translation" not in values):
         raise InputError(f"{path}: rotation and translation go together")
     return CameraFile(
         size=(int(width), int(height)),
-        matrix=matrix,
+        matrix=values["matrix"],
         distortion=values.get("distortion", np.zeros(0)),
         rotation=rotation,
         translation=values.get("translation"),
@@ -166,6 +176,38 @@ def read_camera(path: str | Path) -> CameraFile:
         roll=_radians(values.get("roll_degrees")),
         height=None if "height" not in values else float(values["height"]),
     )
+
+
+def check_matrix(matrix: Array) -> None:
+    """Whether a (3, 3) array can be intrinsics in pixels.
+
+    Raises
+    ------
+    InputError
+        Without the file's name, which the caller knows.
+    """
+    usual = matrix[2].tolist() == [0, 0, 1] and min(matrix[0, 0], matrix[1, 1]) > 0
+    if not (usual and (np.abs(matrix) <= _LARGEST).all()):
+        raise InputError(
+            "matrix must be [[fx, 0, cx], [0, fy, cy], [0, 0, 1]] in pixels, fx and fy positive"
+        )
+
+
+def check_rotation(rotation: Array) -> None:
+    """Whether a (3, 3) array turns without stretching or mirroring.
+
+    Raises
+    ------
+    InputError
+        Without the file's name, which the caller knows.
+    """
+    bounded = (np.abs(rotation) <= 1.01).all()
+    if not (
+        bounded
+        and np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-3)
+        and np.linalg.det(rotation) > 0
+    ):
+        raise InputError("rotation is no rotation matrix")
 
 
 def camera_of(name: str, options: ClipOptions, *, size: tuple[int, int]) -> tuple[Camera, bool]:

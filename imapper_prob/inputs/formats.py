@@ -70,7 +70,7 @@ def _format_of_file(path: Path) -> str | None:
         try:
             with zipfile.ZipFile(path) as archive:
                 entries = {name.removesuffix(".npy") for name in archive.namelist()}
-        except (zipfile.BadZipFile, OSError, ValueError):
+        except (zipfile.BadZipFile, OSError, ValueError, RuntimeError):
             entries = set()
         return "joints" if is_joints(entries) else "clip"
     if path.suffix == ".npz":

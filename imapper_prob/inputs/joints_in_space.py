@@ -30,9 +30,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.inputs.archives import Arrays, Shapes, check_shapes, load_archive
-from imapper_prob.inputs.camera_options import CameraFile, ClipOptions, camera_of
+from imapper_prob.inputs.camera_options import (
+    CameraFile,
+    ClipOptions,
+    camera_of,
+    check_matrix,
+    check_rotation,
+)
 from imapper_prob.inputs.joint_names import joints_by_name
-from imapper_prob.inputs.sightings import LONGEST_CLIP, Sightings
+from imapper_prob.inputs.sightings import FARTHEST, LONGEST_CLIP, Sightings
 from imapper_prob.inputs.trc import read_trc_table
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.skeleton import JOINTS, PELV
@@ -118,6 +124,8 @@ def _from_arrays(path: Path, arrays: Arrays, options: ClipOptions) -> tuple[Sigh
         raise InputError(f"{frames} frames, expected 1 to {LONGEST_CLIP}")
     if not 0 < actors <= 16:
         raise InputError(f"{actors} people, expected 1 to 16")
+    if (np.abs(joints) > FARTHEST).any():
+        raise InputError("a coordinate of the joints is infinite, or too large to be metres")
     joints[(joints == 0).all(-1)] = np.nan
     names = [str(name) for name in arrays.get("joint_names", JOINTS)]
     if len(names) != count:
@@ -146,14 +154,17 @@ def _camera(arrays: Arrays) -> CameraFile:
             raise InputError(f"no entry {key!r}; name a camera file with --camera")
     width, height = (int(n) for n in arrays["size"])
     matrix = arrays["matrix"].astype(np.float64)
-    if not (np.isfinite(matrix).all() and min(matrix[0, 0], matrix[1, 1]) > 0):
-        raise InputError("matrix must be [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]")
+    check_matrix(matrix)
+    rotation = arrays.get("rotation")
+    if rotation is not None:
+        rotation = rotation.astype(np.float64)
+        check_rotation(rotation)
     return CameraFile(
         size=(width, height),
         matrix=matrix,
         distortion=np.zeros(0),
-        rotation=arrays.get("rotation"),
-        translation=arrays.get("translation", np.zeros(3)),
+        rotation=rotation,
+        translation=arrays.get("translation", np.zeros(3)).astype(np.float64),
     )
 
 

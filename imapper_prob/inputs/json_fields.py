@@ -14,12 +14,38 @@ from numpy.typing import NDArray
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.skeleton import JOINTS, N_JOINTS
 
-__all__ = ["LARGEST_JSON", "field", "frame_number", "frames_of_joints", "load_json", "numbers"]
+__all__ = [
+    "LARGEST_JSON",
+    "LARGEST_NUMBER",
+    "field",
+    "frame_number",
+    "frames_of_joints",
+    "load_json",
+    "load_lines",
+    "numbers",
+]
 
 Array = NDArray[np.float64]
 
 LARGEST_JSON: Final = 128 << 20
 """Bytes; an hour of one person at 30 frames a second. In memory it takes twenty times that."""
+
+
+LARGEST_NUMBER: Final = 1e100
+"""Anything that is measured is less, and its square still is a number."""
+
+
+def load_lines(path: Path) -> list[str]:
+    """The lines of a text file of at most :data:`LARGEST_JSON` bytes."""
+    try:
+        size = path.stat().st_size
+        if size > LARGEST_JSON:
+            raise InputError(f"{path}: {size / 2**20:.0f} MB, more than {LARGEST_JSON >> 20}")
+        return path.read_text(encoding="utf-8").splitlines()
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})") from error
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: no text file ({error})") from error
 
 
 def load_json(path: Path) -> Any:
@@ -67,6 +93,8 @@ def numbers(values: Any, *, shape: tuple[int, ...], place: str) -> Array:
         raise InputError(f"{place}: expected {expected} numbers, got {_shortened(values)}")
     if not np.isfinite(array).all():
         raise InputError(f"{place}: {_shortened(values)} is not finite; remove or correct it")
+    if (np.abs(array) >= LARGEST_NUMBER).any():
+        raise InputError(f"{place}: {_shortened(values)} is too large to be true")
     return array.astype(np.float64)
 
 

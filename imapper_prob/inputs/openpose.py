@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from imapper_prob.inputs.json_fields import load_json
 from imapper_prob.inputs.keypoint_sets import KEYPOINT_SETS, not_reported, sixteen
-from imapper_prob.inputs.sightings import LONGEST_CLIP, MOST_PEOPLE, Sightings
+from imapper_prob.inputs.sightings import FARTHEST, LONGEST_CLIP, MOST_PEOPLE, Sightings
 from imapper_prob.models.errors import InputError
 
 __all__ = ["ORDERS", "is_openpose", "read_openpose"]
@@ -153,9 +153,10 @@ def _person(path: Path, number: int, person: Any) -> Array:
         table = np.array(flat, float).reshape(-1, 3)
     except OverflowError:
         table = np.full((len(flat) // 3, 3), np.inf)
-    if not np.isfinite(table).all():
-        joint = int(np.argmax(~np.isfinite(table).all(1)))
-        raise InputError(f"{path}, person {number}, keypoint {joint}: not finite")
+    fits = (np.abs(table) <= FARTHEST).all(1)
+    if not fits.all():
+        joint = int(np.argmin(fits))
+        raise InputError(f"{path}, person {number}, keypoint {joint}: {table[joint]} is no pixel")
     return table
 
 

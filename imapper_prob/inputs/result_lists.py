@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from imapper_prob.inputs.json_fields import load_json
 from imapper_prob.inputs.keypoint_sets import KEYPOINT_SETS, not_reported, sixteen
-from imapper_prob.inputs.sightings import LONGEST_CLIP, MOST_PEOPLE, Sightings
+from imapper_prob.inputs.sightings import FARTHEST, LONGEST_CLIP, MOST_PEOPLE, Sightings
 from imapper_prob.models.errors import InputError
 
 __all__ = ["SETS", "is_result_list", "read_result_list"]
@@ -140,8 +140,8 @@ def _numbers(place: str, values: Any) -> Array:
         table = table.astype(np.float64)
     except (ValueError, OverflowError, TypeError):
         raise InputError(f"{place}: keypoints and their scores must be lists of numbers") from None
-    if not np.isfinite(table).all():
-        raise InputError(f"{place}: a keypoint is not finite")
+    if not (np.abs(table) <= FARTHEST).all():
+        raise InputError(f"{place}: a keypoint is not finite, or too far away to be a pixel")
     return table
 
 

@@ -9,7 +9,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from imapper_prob.inputs.sightings import LONGEST_CLIP
+from imapper_prob.inputs.json_fields import load_lines
+from imapper_prob.inputs.sightings import FARTHEST, LONGEST_CLIP
 from imapper_prob.models.errors import InputError
 
 __all__ = ["MAGIC", "TrcTable", "read_trc_table"]
@@ -19,8 +20,6 @@ Array = NDArray[np.float64]
 MAGIC: Final = "PathFileType"
 """First word of every such file."""
 _METRES: Final = {"m": 1.0, "cm": 0.01, "mm": 0.001}
-_LARGEST: Final = 128 << 20
-"""Bytes."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +50,7 @@ def read_trc_table(path: Path) -> TrcTable:
     InputError
         The file is damaged, or frames are missing or out of order.
     """
-    lines = _lines(path)
+    lines = load_lines(path)
     if len(lines) < 6 or not lines[0].startswith(MAGIC):
         raise InputError(f"{path}: no TRC file, or cut off in its header")
     keys, values = lines[1].split("\t"), lines[2].split("\t")
@@ -69,6 +68,11 @@ def read_trc_table(path: Path) -> TrcTable:
     rows = [(i, line) for i, line in enumerate(lines[5:], start=6) if line.strip()]
     if not 0 < len(rows) <= LONGEST_CLIP:
         raise InputError(f"{path}: {len(rows)} frames, expected 1 to {LONGEST_CLIP}")
+    announced = _number(path, 3, header.get("NumFrames", "nan"))
+    if announced != len(rows) and np.isfinite(announced):
+        raise InputError(
+            f"{path}: {len(rows)} frames, the header says {announced:.0f}; it may be cut off"
+        )
     table = np.full((len(rows), len(names), 3), np.nan)
     frames = []
     for row, (number, line) in zip(table, rows, strict=True):
@@ -88,20 +92,10 @@ def read_trc_table(path: Path) -> TrcTable:
             f"{path}, line {rows[out_of_order[0]][0]}: frame {frames[out_of_order[0]]:g} does not "
             "follow the one before; frames must be consecutive"
         )
-    table[(table == 0).all(-1)] = np.nan
-    table[~np.isfinite(table).all(-1)] = np.nan
+    if (np.abs(table) > FARTHEST).any():
+        raise InputError(f"{path}: a coordinate is infinite, or too large to be one")
+    table[(table == 0).all(-1) | ~np.isfinite(table).all(-1)] = np.nan
     return TrcTable(names, table * _METRES[unit], int(first), fps)
-
-
-def _lines(path: Path) -> list[str]:
-    try:
-        if path.stat().st_size > _LARGEST:
-            raise InputError(f"{path}: larger than {_LARGEST >> 20} MB; cut the clip")
-        return path.read_text(encoding="utf-8").splitlines()
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror})") from error
-    except UnicodeDecodeError as error:
-        raise InputError(f"{path}: no text file ({error})") from error
 
 
 def _number(path: Path, line: int, text: str) -> float:

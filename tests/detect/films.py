@@ -10,8 +10,24 @@ import pytest
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
+from imapper_prob.inputs.keypoint_sets import KEYPOINT_SETS
+from imapper_prob.inputs.mediapipe_landmarks import Landmarks
+from tests.inputs.bodies import body
+
 Image = NDArray[np.uint8]
 SIZE = (320, 240)
+NAMES = KEYPOINT_SETS["mediapipe_33"]
+
+
+def dark_figure(frame: int, image: NDArray[np.uint8]) -> Landmarks | None:
+    """All landmarks about the middle of what is dark."""
+    dark = np.argwhere(image.mean(-1) < 45)
+    if len(dark) < 200 or frame == 3:
+        return None
+    y, x = dark.mean(0)
+    height, width = image.shape[:2]
+    points = (body(NAMES, at=(0, 0)) * 0.4 + (x, y)) / (width, height)
+    return Landmarks(frame, points, np.full(33, 0.95), body(NAMES, at=(0, 0))[:, [0, 1, 1]] / 200)
 
 
 def room(seed: int = 0) -> Image:

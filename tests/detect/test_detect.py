@@ -13,26 +13,11 @@ from imapper_prob.detect import detect
 from imapper_prob.detect.detect import usual_step
 from imapper_prob.detect.video import open_video, upright
 from imapper_prob.inputs import ClipOptions
-from imapper_prob.inputs.keypoint_sets import KEYPOINT_SETS
 from imapper_prob.inputs.mediapipe_landmarks import Landmarks
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.skeleton import DETECTED, HEAD, PELV
 from tests.conftest import ROOT
-from tests.detect.films import SIZE, film, write_film
-from tests.inputs.bodies import body
-
-NAMES = KEYPOINT_SETS["mediapipe_33"]
-
-
-def dark_figure(frame: int, image: NDArray[np.uint8]) -> Landmarks | None:
-    """All landmarks about the middle of what is dark."""
-    dark = np.argwhere(image.mean(-1) < 45)
-    if len(dark) < 200 or frame == 3:
-        return None
-    y, x = dark.mean(0)
-    height, width = image.shape[:2]
-    points = (body(NAMES, at=(0, 0)) * 0.4 + (x, y)) / (width, height)
-    return Landmarks(frame, points, np.full(33, 0.95), body(NAMES, at=(0, 0))[:, [0, 1, 1]] / 200)
+from tests.detect.films import SIZE, dark_figure, film, write_film
 
 
 def test_every_second_frame_of_a_film(tmp_path: Path) -> None:

@@ -100,11 +100,12 @@ def test_joints_behind_the_camera(tmp_path: Path, rng: np.random.Generator) -> N
     ("spoil", "message"),
     [
         (lambda lines: lines[:3], "cut off"),
-        (lambda lines: [*lines[:7], lines[8], *lines[9:]], "does not follow"),
-        (lambda lines: [*lines[:6], lines[6].replace("\t", "\tx", 3)], "is not a number"),
+        (lambda lines: [*lines[:7], lines[8], lines[7], *lines[9:]], "does not follow"),
+        (lambda lines: [*lines[:6], lines[6].replace("\t", "\tx"), *lines[7:]], "not a number"),
         (lambda lines: [*lines[:2], lines[2].replace("25\t", "0\t", 1), *lines[3:]], "data rate"),
         (lambda lines: [*lines[:2], lines[2].replace("\tm\t", "\tft\t"), *lines[3:]], "unit"),
-        (lambda lines: lines[:5], "cut off|0 frames"),
+        (lambda lines: lines[:5], "cut off"),
+        (lambda lines: lines[:-1], "9 frames, the header says 10"),
     ],
 )
 def test_faulty_trc(spoil: Any, message: str, tmp_path: Path, rng: np.random.Generator) -> None:
