@@ -1,4 +1,4 @@
-"""The command line: ``imapper-prob demo | run | detect | info | scenelets``."""
+"""The command line: ``imapper-prob demo | run | detect | track | info | scenelets``."""
 
 from __future__ import annotations
 

@@ -8,12 +8,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from imapper_prob.cli.progress import progress_bars
+from imapper_prob.models.errors import InputError
 
 if TYPE_CHECKING:
     from imapper_prob.inputs import ClipOptions
     from imapper_prob.models.scene import Clip
 
-__all__ = ["clip_from", "clip_options", "clip_parser", "is_clip", "size_of"]
+__all__ = ["clip_from", "clip_options", "clip_parser", "is_clip", "refuse_to_replace", "size_of"]
 
 _VIDEOS = (".avi", ".m4v", ".mkv", ".mov", ".mp4", ".mpg", ".webm")
 
@@ -36,6 +37,7 @@ def clip_parser(*, files: bool = True) -> argparse.ArgumentParser:
         add("--format", help="such as body_25, halpe_26, mediapipe; by content if left out")
         add("--size", type=size_of, metavar="WxH", help="of the image in pixels")
         add("--people", type=int, metavar="N", help="actors, where files do not say")
+        add("--marks", type=Path, metavar="FILE", help="who is who in some frames, JSON")
     return parser
 
 
@@ -49,8 +51,9 @@ def size_of(text: str) -> tuple[int, int]:
 
 def clip_options(options: argparse.Namespace) -> ClipOptions:
     """What was said."""
-    from imapper_prob.inputs import ClipOptions, read_camera
+    from imapper_prob.inputs import ClipOptions, read_camera, read_marks
 
+    marks = getattr(options, "marks", None)
     return ClipOptions(
         format=getattr(options, "format", None),
         camera=None if options.camera is None else read_camera(options.camera),
@@ -61,7 +64,24 @@ def clip_options(options: argparse.Namespace) -> ClipOptions:
         fps=options.fps,
         confidence=options.confidence_map,
         people=getattr(options, "people", None),
+        marks=None if marks is None else read_marks(marks),
     )
+
+
+def refuse_to_replace(output: Path, *, overwrite: bool) -> None:
+    """Whether a clip file may be written there, before anything is computed for it.
+
+    Raises
+    ------
+    InputError
+        It is none by its name, or there is one already.
+    """
+    if output.suffix != ".npz":
+        raise InputError(f"{output}: a clip file's name ends in .npz")
+    if output.exists() and not overwrite:
+        raise InputError(f"{output} exists; name another file, or say --overwrite")
+    if not output.parent.is_dir():
+        raise InputError(f"{output}: there is no folder {output.parent}")
 
 
 def is_clip(path: Path) -> bool:

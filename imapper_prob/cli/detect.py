@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from imapper_prob.cli.clip_options import clip_options, clip_parser
+from imapper_prob.cli.clip_options import clip_options, clip_parser, refuse_to_replace
 from imapper_prob.cli.progress import progress_bars
 from imapper_prob.models.errors import InputError
 
@@ -41,10 +41,7 @@ def _detect(options: argparse.Namespace) -> None:
     from imapper_prob.inputs.describe import clip_table
 
     output: Path = options.output
-    if output.suffix != ".npz":
-        raise InputError(f"{output}: a clip file's name ends in .npz")
-    if output.exists() and not options.overwrite:
-        raise InputError(f"{output} exists; name another file, or say --overwrite")
+    refuse_to_replace(output, overwrite=options.overwrite)
     clip = _clip(options)
     try:
         write_clip(output, clip)

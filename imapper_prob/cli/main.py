@@ -10,6 +10,7 @@ import imapper_prob
 from imapper_prob.cli.detect import add_detect_command
 from imapper_prob.cli.run import add_run_commands
 from imapper_prob.cli.scenelets import add_scenelet_commands
+from imapper_prob.cli.track import add_track_command
 from imapper_prob.models.errors import InputError
 
 __all__ = ["main"]
@@ -48,5 +49,6 @@ def _parser() -> argparse.ArgumentParser:
     shared.add_argument("--debug", action="store_true", help="show tracebacks")
     add_run_commands(commands, shared)
     add_detect_command(commands, shared)
+    add_track_command(commands, shared)
     add_scenelet_commands(commands, shared)
     return parser

@@ -9,6 +9,7 @@ from typing import Final
 from imapper_prob.inputs.camera_options import ClipOptions, read_camera
 from imapper_prob.inputs.clip_file import read_clip, write_clip
 from imapper_prob.inputs.formats import read_whatever
+from imapper_prob.inputs.marks import read_marks
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.scene import Clip
 
@@ -18,6 +19,7 @@ __all__ = [
     "load_clip",
     "read_camera",
     "read_clip",
+    "read_marks",
     "write_clip",
 ]
 

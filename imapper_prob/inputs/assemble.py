@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from imapper_prob.inputs.camera_options import ClipOptions, camera_of, undistorted
 from imapper_prob.inputs.confidence_maps import confidence_map
+from imapper_prob.inputs.marks import Marks, rows_of_marks
 from imapper_prob.inputs.sightings import Sightings
 from imapper_prob.models.camera import Camera
 from imapper_prob.models.errors import InputError
@@ -56,7 +57,7 @@ def assemble(sightings: Sightings, options: ClipOptions) -> Clip:
     first, last = sightings.span
     if sightings.poses is not None and sightings.along_ray:
         sightings = replace(sightings, poses=_turned_back(camera, keypoints, sightings.poses))
-    rows = _rows_of_tracks(sightings, keypoints, confidences, options.people)
+    rows = _rows_of_tracks(sightings, keypoints, confidences, options)
     if sightings.missing:
         _log.info("%s: these files never have %s", name, ", ".join(sightings.missing))
     return Clip(
@@ -127,23 +128,39 @@ def _turned_back(camera: Camera, keypoints: Array, poses: Array) -> Array:
 
 
 def _rows_of_tracks(
-    sightings: Sightings, keypoints: Array, confidences: Array, people: int | None
+    sightings: Sightings, keypoints: Array, confidences: Array, options: ClipOptions
 ) -> dict[str, NDArray[np.intp]]:
     """The rows of each track by its name, in order of frames."""
-    if sightings.identities and all(sightings.identities):
-        labels = np.array(sightings.identities)
-        found = {str(who): np.flatnonzero(labels == who) for who in np.unique(labels)}
-        for who, rows in found.items():
-            frames = sightings.frames[rows]
-            if len(np.unique(frames)) != len(frames):
-                raise InputError(f"{sightings.name}: person {who} is twice in one frame")
-        longest = sorted(found, key=lambda who: -len(found[who]))[:people]
-        return {who: found[who] for who in sorted(longest)}
-    actors = associate(sightings.frames, keypoints, confidences, people=people)
-    return {
-        sightings.name if len(actors) == 1 else f"{sightings.name}-{a}": rows
-        for a, rows in enumerate(actors)
-    }
+    if options.marks is not None:
+        return _marked(sightings, keypoints, confidences, options.marks)
+    if sightings.identities:
+        return _named(sightings, options.people)
+    actors = associate(sightings.frames, keypoints, confidences, people=options.people)
+    if len(actors) == 1:
+        return {sightings.name: actors[0]}
+    return {f"{sightings.name}-{a}": rows for a, rows in enumerate(actors)}
+
+
+def _named(sightings: Sightings, people: int | None) -> dict[str, NDArray[np.intp]]:
+    """As the program says that made the files; the longest tracks where there are too many."""
+    labels = np.array(sightings.identities)
+    found = {str(who): np.flatnonzero(labels == who) for who in np.unique(labels)}
+    longest = sorted(found, key=lambda who: -len(found[who]))[:people]
+    return {who: found[who] for who in sorted(longest)}
+
+
+def _marked(
+    sightings: Sightings, keypoints: Array, confidences: Array, marks: Marks
+) -> dict[str, NDArray[np.intp]]:
+    """As the user says, and what follows from that."""
+    try:
+        rows = rows_of_marks(marks, sightings.frames, keypoints)
+        actors = associate(
+            sightings.frames, keypoints, confidences, people=len(marks.actors), marks=rows
+        )
+    except InputError as error:
+        raise InputError(f"{sightings.name}: {error}") from error
+    return dict(zip(marks.actors, actors, strict=False))
 
 
 def _track(

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from imapper_prob.inputs.json_fields import load_json, numbers
+from imapper_prob.inputs.marks import Marks
 from imapper_prob.models.camera import Camera
 from imapper_prob.models.errors import InputError
 
@@ -99,6 +100,8 @@ class ClipOptions:
         Map of :mod:`imapper_prob.inputs.confidence_maps` to use instead of the format's own.
     people : int, optional
         How many actors there are, where the files do not tell them apart.
+    marks : Marks, optional
+        Who is who in some frames. Track numbers of the files are then forgotten.
     """
 
     format: str | None = None
@@ -110,6 +113,7 @@ class ClipOptions:
     fps: float | None = None
     confidence: str | None = None
     people: int | None = None
+    marks: Marks | None = None
 
     def __post_init__(self) -> None:
         for name in ("focal", "height", "fps"):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,9 @@ __all__ = ["Network", "cheapest_paths"]
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
+
+_WHOLE: Final = 1e-6
+"""How far from a whole number a solver's result may be."""
 
 
 @dataclass(frozen=True)
@@ -50,8 +54,9 @@ def cheapest_paths(network: Network, paths: int, *, passing: Mapping[int, int]) 
         How many.
     passing : mapping of int to int
         Single edges, and which path must pass there. Without any the paths are one flow,
-        whose linear program has whole numbers for a solution by itself; with some each path
-        is a flow of its own, and whole numbers are asked for.
+        whose linear program has whole numbers for a solution by itself. With some each path
+        is a flow of its own; then whole numbers are asked for where they do not come
+        by themselves.
 
     Returns
     -------
@@ -97,15 +102,23 @@ def cheapest_paths(network: Network, paths: int, *, passing: Mapping[int, int]) 
     high = np.tile(np.where(edges < network.single, 1.0, float(units)), (kinds, 1))
     for edge, path in passing.items():
         low[path, edge] = 1.0
-    solution = milp(
-        np.tile(network.cost, kinds),
-        constraints=constraints,
-        bounds=Bounds(low.ravel(), high.ravel()),
-        integrality=np.full(kinds * n_edges, int(kinds > 1)),
-    )
-    if solution.x is None:
-        raise InputError("the marks of the actors cannot all be kept")
-    flow = np.rint(solution.x).astype(np.int64).reshape(kinds, n_edges)
+
+    def solved(*, whole: bool) -> Array:
+        solution = milp(
+            np.tile(network.cost, kinds),
+            constraints=constraints,
+            bounds=Bounds(low.ravel(), high.ravel()),
+            integrality=np.full(kinds * n_edges, int(whole)),
+        )
+        if solution.x is None:
+            raise InputError("the marks of the actors cannot all be kept")
+        amounts: Array = solution.x
+        return amounts
+
+    amounts = solved(whole=False)
+    if np.abs(amounts - np.rint(amounts)).max() > _WHOLE:
+        amounts = solved(whole=True)
+    flow = np.rint(amounts).astype(np.int64).reshape(kinds, n_edges)
     return [path for own in flow for path in _walks(network, own, units)]
 
 
