@@ -36,7 +36,7 @@ def main() -> None:
             seconds = (time.process_time() - start) / crossings
             sys.stdout.write(
                 f"{missing:.0%} missing, {fps:.0f} a second: {right / total:.2%} of {total} "
-                f"skeletons right, {swapped} of {crossings} crossings exchanged, {seconds:.2f} s each\n"
+                f"skeletons right, {swapped} of {crossings} exchanged, {seconds:.2f} s each\n"
             )
 
 

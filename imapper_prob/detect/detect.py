@@ -101,6 +101,7 @@ def detect(
         span=(0, last),
         size=(video.width, video.height),
         fps=video.fps / step,
+        likely_focal=video.likely_focal,
     )
     clip = assemble(sightings, replace(options, fps=video.fps / step))
     missed = last + 1 - len(found)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +17,10 @@ __all__ = ["Video", "needs", "open_video", "upright"]
 
 Image = NDArray[np.uint8]
 
+_ON_FILM: Final = "focal_length.35mm_equivalent"
+"""Ending of the key under which phones write what their lens would be on film."""
+_FILM_DIAGONAL: Final = float(np.hypot(36, 24))
+"""Millimetres."""
 _LARGEST_SIDE: Final = 8192
 """Pixels; a header that claims more is damaged."""
 
@@ -33,6 +38,8 @@ class Video:
         Frames a second, on average.
     n_frames : int
         As far as the header knows; 0 where it does not.
+    likely_focal : float, optional
+        Focal length in pixels, of phones that write down what it is on 35 mm film.
     """
 
     path: Path
@@ -40,6 +47,7 @@ class Video:
     height: int
     fps: float
     n_frames: int
+    likely_focal: float | None = None
 
     def frames(
         self, *, start: int = 0, end: int | None = None, step: int = 1
@@ -83,12 +91,23 @@ def open_video(path: str | Path) -> Video:
         with av.open(str(path)) as container:
             stream = container.streams.video[0]
             rate, count = stream.average_rate, stream.frames
+            metadata = {**container.metadata, **stream.metadata}
     except (av.FFmpegError, IndexError, ValueError) as error:
         raise InputError(f"{path}: not a readable video ({error})") from error
     if not rate or rate <= 0:
         raise InputError(f"{path}: the file does not say how many frames a second it has")
     height, width = upright(first.to_ndarray(format="rgb24"), first.rotation).shape[:2]
-    return Video(path, width, height, float(rate), int(count))
+    focal = _likely_focal(metadata, float(np.hypot(width, height)))
+    return Video(path, width, height, float(rate), int(count), focal)
+
+
+def _likely_focal(metadata: dict[str, str], diagonal: float) -> float | None:
+    """Pixels, from the focal length on film whose frame has a diagonal of 43.3 mm."""
+    for key, value in metadata.items():
+        if key.endswith(_ON_FILM) and re.fullmatch(r"\d{1,3}(\.\d+)?", value):
+            millimetres = float(value)
+            return millimetres / _FILM_DIAGONAL * diagonal if millimetres > 0 else None
+    return None
 
 
 def needs(name: str) -> Any:

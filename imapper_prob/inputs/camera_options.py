@@ -214,11 +214,17 @@ def check_rotation(rotation: Array) -> None:
         raise InputError("rotation is no rotation matrix")
 
 
-def camera_of(name: str, options: ClipOptions, *, size: tuple[int, int]) -> tuple[Camera, bool]:
+def camera_of(
+    name: str,
+    options: ClipOptions,
+    *,
+    size: tuple[int, int],
+    likely_focal: float | None = None,
+) -> tuple[Camera, bool]:
     """The nominal camera of a clip, and whether its focal length is known.
 
-    Without any word on it the focal length is taken to be the longer side of the image: a
-    field of view of 53 degrees, in the middle of what phones and webcams have.
+    Without any word on it the focal length is ``likely_focal``, or taken to be the longer side
+    of the image: a field of view of 53 degrees, in the middle of what phones and webcams have.
     """
     file = options.camera
     if file is not None:
@@ -235,7 +241,7 @@ def camera_of(name: str, options: ClipOptions, *, size: tuple[int, int]) -> tupl
     else:
         focal = options.focal
         if focal is None:
-            focal = float(max(size))
+            focal = likely_focal or float(max(size))
             _log.warning(
                 "%s: focal length assumed to be %.0f pixels; all depths scale with it", name, focal
             )

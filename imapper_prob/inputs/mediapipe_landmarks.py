@@ -69,6 +69,7 @@ def sightings_of_landmarks(
     span: tuple[int, int],
     size: tuple[int, int] | None = None,
     fps: float | None = None,
+    likely_focal: float | None = None,
 ) -> Sightings:
     """The sixteen joints of all landmarks, poses turned into camera axes.
 
@@ -87,6 +88,8 @@ def sightings_of_landmarks(
         Width and height in pixels.
     fps : float, optional
         Frames a second.
+    likely_focal : float, optional
+        Pixels.
     """
     if not found:
         raise InputError(f"{name}: nobody was found in any frame")
@@ -111,6 +114,7 @@ def sightings_of_landmarks(
         relative=True,
         size=size,
         fps=fps,
+        likely_focal=likely_focal,
         missing=not_reported(_NAMES),
     )
 

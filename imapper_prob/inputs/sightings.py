@@ -8,7 +8,6 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from imapper_prob.models.camera import Camera
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.skeleton import N_JOINTS
 
@@ -55,8 +54,8 @@ class Sightings:
         Width and height of the image in pixels, where the files say.
     fps : float, optional
         Frames a second, where the files say.
-    camera : Camera, optional
-        Where the files say.
+    likely_focal : float, optional
+        Focal length in pixels, where the files have an idea of it.
     missing : tuple of str
         Joints that this kind of file never has.
     """
@@ -73,7 +72,7 @@ class Sightings:
     relative: bool = False
     size: tuple[int, int] | None = None
     fps: float | None = None
-    camera: Camera | None = None
+    likely_focal: float | None = None
     missing: tuple[str, ...] = field(default=())
 
     def __post_init__(self) -> None:

@@ -92,7 +92,7 @@ def _lifted(clip: Clip, track: Track, poses: Array) -> Track:
     )
     known = np.isfinite(lifted.spread)
     if known.any():
-        _log.info(
+        _log.warning(
             "%s: poses of %s lifted from 2D in %d of %d frames, %d of them ambiguous",
             clip.name,
             track.name,

@@ -52,10 +52,13 @@ def film(
     return frames
 
 
-def write_film(path: Path, frames: list[Image], *, fps: int = 20) -> Path:
+def write_film(
+    path: Path, frames: list[Image], *, fps: int = 20, metadata: dict[str, str] | None = None
+) -> Path:
     """Encode with PyAV; the test is skipped where that is not installed."""
     av = pytest.importorskip("av", reason="the extra `video` is not installed")
-    with av.open(str(path), "w") as container:
+    with av.open(str(path), "w", options={"movflags": "use_metadata_tags"}) as container:
+        container.metadata.update(metadata or {})
         stream = container.add_stream("mpeg4", rate=fps)
         stream.height, stream.width = frames[0].shape[:2]
         stream.pix_fmt = "yuv420p"

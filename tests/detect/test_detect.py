@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from pathlib import Path
 
 import numpy as np
@@ -115,6 +116,29 @@ def test_turned_as_the_file_says() -> None:
     assert turned.shape == (4, 2, 3)
     np.testing.assert_array_equal(turned[0, -1], image[0, 0])
     np.testing.assert_array_equal(upright(image, 180)[-1, -1], image[0, 0])
+
+
+def test_a_phone_held_upright(tmp_path: Path) -> None:
+    path = write_film(tmp_path / "room.mp4", film())
+    lying = next(image for _, image in open_video(path).frames())
+    content = bytearray(path.read_bytes())
+    # The matrix of the track's header, identity as written: a quarter turn clockwise.
+    at = content.index(b"tkhd") + 44
+    turn = (0, 1 << 16, 0, -(1 << 16) & 0xFFFFFFFF, 0, 0, 0, 0, 1 << 30)
+    content[at : at + 36] = struct.pack(">9I", *turn)
+    path.write_bytes(bytes(content))
+    video = open_video(path)
+    assert (video.width, video.height) == SIZE[::-1]
+    image = next(image for _, image in video.frames())
+    np.testing.assert_array_equal(image, np.rot90(lying, k=-1))
+
+
+def test_the_focal_length_that_a_phone_writes_down(tmp_path: Path) -> None:
+    metadata = {"com.apple.quicktime.camera.focal_length.35mm_equivalent": "26"}
+    path = write_film(tmp_path / "room.mov", film(), metadata=metadata)
+    clip = detect(path, detector=dark_figure)
+    assert clip.camera.fx == pytest.approx(26 / 43.27 * 400, rel=1e-3)
+    assert not clip.focal_known
 
 
 @pytest.mark.parametrize(
