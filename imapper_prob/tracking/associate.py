@@ -8,9 +8,8 @@ actors are chosen to minimise
 
     sum over skeletons (1 - c)  +  sum over successions d  +  ABSENT x frames without skeleton.
 
-An actor is a path through time, so this is a flow of least cost; HiGHS, as SciPy has it, finds
-the optimum. A succession may leave out frames: whoever comes back is recognised by where they
-were.
+An actor is a path through time, so this is a flow of least cost, and its optimum is found. A
+succession may leave out frames: whoever comes back is recognised by where they were.
 """
 
 from __future__ import annotations

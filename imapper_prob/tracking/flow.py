@@ -1,4 +1,4 @@
-"""Several paths through one network, of least cost together, by linear programming."""
+"""Several paths through one network, of least cost together."""
 
 from __future__ import annotations
 
@@ -22,16 +22,16 @@ _WHOLE: Final = 1e-6
 
 @dataclass(frozen=True)
 class Network:
-    """Directed edges without a circle.
+    """Directed edges without a circle, and none of them twice.
 
     Parameters
     ----------
     tail, head : (E,) int
         Nodes that an edge leads from and to.
     cost : (E,) float
-        Of one path along it.
+        Of one path along it; not negative.
     begin, end : int
-        Nodes where all paths begin and end; ``end`` is the last node.
+        Nodes where all paths begin and end; ``end`` is the last node and can be reached.
     single : int
         So many of the first edges bear one path at most; the others any number.
     """
@@ -53,10 +53,7 @@ def cheapest_paths(network: Network, paths: int, *, passing: Mapping[int, int]) 
     paths : int
         How many.
     passing : mapping of int to int
-        Single edges, and which path must pass there. Without any the paths are one flow,
-        whose linear program has whole numbers for a solution by itself. With some each path
-        is a flow of its own; then whole numbers are asked for where they do not come
-        by themselves.
+        Single edges, and which path must pass there.
 
     Returns
     -------
@@ -68,12 +65,60 @@ def cheapest_paths(network: Network, paths: int, *, passing: Mapping[int, int]) 
     InputError
         No paths pass where they must.
     """
+    if not passing:
+        return _walks(network, _one_flow(network, paths), paths)
+    flows = _separate_flows(network, paths, passing)
+    return [walk for flow in flows for walk in _walks(network, flow, 1)]
+
+
+def _one_flow(network: Network, paths: int) -> Ints:
+    """(E,) how many paths go along each edge, if it does not matter which.
+
+    Successive shortest paths: each takes the shortest way that is left, and may send earlier
+    ones another way (Ahuja, Magnanti and Orlin, *Network Flows*, section 9.7). Node potentials
+    keep all lengths positive.
+    """
     # Imported late: reading a clip of one person needs none of it.
+    from scipy.sparse import csr_array
+    from scipy.sparse.csgraph import dijkstra
+
+    tail, head, cost = network.tail, network.head, network.cost
+    n_nodes = network.end + 1
+    edge_between = {
+        ends: e for e, ends in enumerate(zip(tail.tolist(), head.tolist(), strict=True))
+    }
+    capacity = np.where(np.arange(len(cost)) < network.single, 1, paths)
+    flow = np.zeros(len(cost), np.int64)
+    potential = np.zeros(n_nodes)
+    for _ in range(paths):
+        onward, back = flow < capacity, flow > 0
+        start = np.concatenate([tail[onward], head[back]])
+        stop = np.concatenate([head[onward], tail[back]])
+        length = np.concatenate([cost[onward], -cost[back]]) + potential[start] - potential[stop]
+        graph = csr_array((np.maximum(length, 0.0), (start, stop)), shape=(n_nodes, n_nodes))
+        distance, previous = dijkstra(graph, indices=network.begin, return_predecessors=True)
+        reached = np.isfinite(distance)
+        potential += np.where(reached, distance, distance[reached].max())
+        node = network.end
+        while node != network.begin:
+            before = int(previous[node])
+            edge = edge_between.get((before, node))
+            if edge is not None and onward[edge]:
+                flow[edge] += 1
+            else:
+                flow[edge_between[node, before]] -= 1
+            node = before
+    return flow
+
+
+def _separate_flows(network: Network, paths: int, passing: Mapping[int, int]) -> Ints:
+    """(paths, E) whether each path goes along each edge, as a linear program.
+
+    Whole numbers are asked for only where they do not come by themselves.
+    """
     from scipy.optimize import Bounds, LinearConstraint, milp
     from scipy.sparse import block_diag, csr_array, hstack
 
-    kinds = paths if passing else 1
-    units = paths // kinds
     n_edges, n_nodes = len(network.cost), network.end + 1
     edges = np.arange(n_edges)
     balance = csr_array(
@@ -84,31 +129,29 @@ def cheapest_paths(network: Network, paths: int, *, passing: Mapping[int, int]) 
         shape=(n_nodes, n_edges),
     )
     supply = np.zeros(n_nodes)
-    supply[network.begin], supply[network.end] = units, -units
+    supply[network.begin], supply[network.end] = 1, -1
+    once = csr_array(
+        (np.ones(network.single), (np.arange(network.single),) * 2),
+        shape=(network.single, n_edges),
+    )
     constraints = [
         LinearConstraint(
-            block_diag([balance] * kinds, format="csr"),
-            np.tile(supply, kinds),
-            np.tile(supply, kinds),
-        )
+            block_diag([balance] * paths, format="csr"),
+            np.tile(supply, paths),
+            np.tile(supply, paths),
+        ),
+        LinearConstraint(hstack([once] * paths, format="csr"), 0, 1),
     ]
-    if kinds > 1:
-        once = csr_array(
-            (np.ones(network.single), (np.arange(network.single),) * 2),
-            shape=(network.single, n_edges),
-        )
-        constraints.append(LinearConstraint(hstack([once] * kinds, format="csr"), 0, 1))
-    low = np.zeros((kinds, n_edges))
-    high = np.tile(np.where(edges < network.single, 1.0, float(units)), (kinds, 1))
+    low = np.zeros((paths, n_edges))
     for edge, path in passing.items():
         low[path, edge] = 1.0
 
     def solved(*, whole: bool) -> Array:
         solution = milp(
-            np.tile(network.cost, kinds),
+            np.tile(network.cost, paths),
             constraints=constraints,
-            bounds=Bounds(low.ravel(), high.ravel()),
-            integrality=np.full(kinds * n_edges, int(whole)),
+            bounds=Bounds(low.ravel(), 1),
+            integrality=np.full(paths * n_edges, int(whole)),
         )
         if solution.x is None:
             raise InputError("the marks of the actors cannot all be kept")
@@ -118,8 +161,7 @@ def cheapest_paths(network: Network, paths: int, *, passing: Mapping[int, int]) 
     amounts = solved(whole=False)
     if np.abs(amounts - np.rint(amounts)).max() > _WHOLE:
         amounts = solved(whole=True)
-    flow = np.rint(amounts).astype(np.int64).reshape(kinds, n_edges)
-    return [path for own in flow for path in _walks(network, own, units)]
+    return np.rint(amounts).astype(np.int64).reshape(paths, n_edges)
 
 
 def _walks(network: Network, flow: Ints, units: int) -> list[Ints]:
@@ -134,7 +176,7 @@ def _walks(network: Network, flow: Ints, units: int) -> list[Ints]:
         while node != network.end:
             edge = leaving[node].pop()
             if edge < network.single:
-                passed.append(int(edge))
+                passed.append(edge)
             node = int(network.head[edge])
         walks.append(np.array(passed, dtype=np.int64))
     return walks

@@ -56,7 +56,7 @@ def cost(
     for one, other in itertools.pairwise(rows):
         step = distances(keypoints, confidences, np.array([one]), np.array([other]))[0]
         total += step / np.sqrt(frames[other] - frames[one])
-    return total
+    return float(total)
 
 
 def test_nothing_else_is_cheaper(rng: np.random.Generator) -> None:
@@ -74,6 +74,16 @@ def test_nothing_else_is_cheaper(rng: np.random.Generator) -> None:
             if all(len({frames[i] for i in own}) == len(own) for own in rows):
                 others.append(sum(cost(frames, keypoints, confidences, r, 4) for r in rows))
         assert ours == pytest.approx(min(others))
+
+
+def test_one_flow_costs_what_separate_flows_cost() -> None:
+    """Successive shortest paths against the linear program, with a mark that costs nothing."""
+    crossing = simulate_crossing(np.random.default_rng(3), missing=0.3, fps=10, n_frames=60)
+    detected = crossing.frames, crossing.keypoints, crossing.confidences
+    free = associate(*detected, people=2)
+    marked = associate(*detected, people=2, marks={int(free[0][5]): 0})
+    costs = [sum(cost(*detected, list(own), 60) for own in rows) for rows in (free, marked)]
+    assert costs[0] == pytest.approx(costs[1])
 
 
 def test_a_ghost_is_nobody() -> None:
