@@ -106,7 +106,8 @@ def check_shapes(arrays: Arrays, shapes: Shapes) -> None:
         raise InputError(f"entry {missing[0]} is missing; see the description of the format")
     for key, (kind, *expected) in shapes.items():
         array = arrays[key]
-        if array.dtype.kind not in _KINDS[kind] and array.size:
+        empty = array.size == 0 and array.dtype.kind == "f"  # what numpy makes of no values at all
+        if array.dtype.kind not in _KINDS[kind] and not empty:
             raise InputError(f"{key} holds {array.dtype}, expected {kind}")
         wanted = tuple(len(np.atleast_1d(arrays[e])) if isinstance(e, str) else e for e in expected)
         fits = len(wanted) == array.ndim and all(

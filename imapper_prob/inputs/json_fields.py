@@ -131,8 +131,8 @@ def frames_of_joints(path: Path, data: Any) -> dict[int, Array]:
 
 def frame_number(path: Path, key: Any) -> int:
     """A frame number from a JSON key such as ``"00012"``."""
-    if not re.fullmatch(r"-?\d+", str(key)):
-        raise InputError(f"{path}: {key!r} is not a frame number; expected an integer")
+    if not re.fullmatch(r"-?\d{1,15}", str(key)):
+        raise InputError(f"{path}: {_shortened(key)} is not a frame number; expected an integer")
     return int(key)
 
 

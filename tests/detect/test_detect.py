@@ -8,9 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from PIL import Image
 
 from imapper_prob.cli import main
 from imapper_prob.detect import detect
+from imapper_prob.detect.contact_sheet import contact_sheet
 from imapper_prob.detect.detect import usual_step
 from imapper_prob.detect.video import open_video, upright
 from imapper_prob.inputs import ClipOptions
@@ -43,6 +45,21 @@ def test_start_end_and_step(tmp_path: Path) -> None:
     clip = detect(path, options=options, detector=dark_figure, start=0.5, end=1.5, step=1)
     assert (clip.n_frames, clip.fps, clip.focal_known) == (20, 20, True)
     assert abs(clip.tracks[0].keypoints[0, PELV, 0] - (65 + 5 * 10)) < 6
+
+
+def test_the_sheet_shows_the_frames_of_the_clip(tmp_path: Path) -> None:
+    path = write_film(tmp_path / "room.mp4", film())
+    clip = detect(path, detector=dark_figure)
+    video = open_video(path)
+    drawn = np.asarray(contact_sheet(video, clip, first=0, step=2))
+    assert drawn.shape == (2 * 480, 3 * 640, 3)
+    # The last of six is the last of the clip: the figure is on the right, its joints on it.
+    last = drawn[480:, 1280:]
+    frame = [image for _, image in video.frames(step=2)][-1]
+    plain = np.asarray(Image.fromarray(frame).resize((640, 480)))
+    changed = np.argwhere(np.abs(last.astype(int) - plain).max(-1) > 40)
+    assert len(changed) > 500
+    assert abs(changed[:, 1].mean() / 2 - clip.tracks[0].keypoints[-1, PELV, 0]) < 10
 
 
 def test_a_moving_camera_is_refused(tmp_path: Path) -> None:
@@ -155,6 +172,10 @@ def test_mediapipe_on_a_real_video(tmp_path: Path) -> None:
     if not path.is_file():
         pytest.skip(f"no video at {path}")
     output = tmp_path / "clip.npz"
-    assert main(["detect", str(path), "-o", str(output), "--end", "1"]) == 0
+    picture = tmp_path / "frames.png"
+    command = ["detect", str(path), "-o", str(output), "--end", "1"]
+    assert main([*command, "--picture", str(picture)]) == 0
+    with Image.open(picture) as image:
+        assert image.size == (1920, 720)
     assert main(["info", str(output)]) == 0
-    assert main(["detect", str(path), "-o", str(output), "--end", "1"]) == 2
+    assert main(command) == 2  # never over an earlier clip
