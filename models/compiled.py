@@ -12,6 +12,8 @@ whatever the number of scenelets.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -19,14 +21,25 @@ from imapper_prob.models.energy.intersection import depth_below_floor
 from imapper_prob.models.energy.smoothness import pose_jump
 from imapper_prob.models.energy.swaps import summed_over_swaps
 from imapper_prob.models.jit import compiled
-from imapper_prob.models.kernels.frame import weigh_frames
+from imapper_prob.models.kernels.frame import (
+    CHANCES,
+    DESK,
+    FACTS,
+    find_seen,
+    lens_of,
+    set_chances,
+    set_detections,
+    set_own_chances,
+    take_logs,
+    weigh,
+)
 from imapper_prob.models.kernels.room import (
     collision_depth,
     find_clearances,
     find_footprints,
     motion_depths,
 )
-from imapper_prob.models.kernels.sight import BENCH
+from imapper_prob.models.kernels.sight import BENCH, Singles
 from imapper_prob.models.kernels.world import place_boxes, weigh_priors
 from imapper_prob.models.problem import Problem
 
@@ -68,7 +81,7 @@ def evaluate(
         Log size of each scenelet's person, on top of the body scale.
     latent : (T, 2) float
         Standard normal numbers of the path.
-    joints : (T, 16, 3) float
+    joints : (T, 3, 16) float
         Out: the motion in the world, metres.
     by_frame : (T, 2) float
         Out: log-likelihood of each frame's detections, as they are and with left and right
@@ -89,22 +102,54 @@ def evaluate(
     boxes, turns, owner, yaws = place_boxes(problem, items, placements)
     footprints = find_footprints(boxes, turns)
     gaps = find_clearances(camera[1], joints, boxes, turns)
-    every, rows = np.ones(len(item_of), dtype=np.uint8), np.arange(len(item_of))
-    weigh_frames(
-        problem, camera, every, item_of, sizes, joints, rows, gaps, np.empty(BENCH), by_frame, rows
-    )
+    _weigh_frames(problem, camera, item_of, sizes, joints, gaps, by_frame)
     terms[4] = summed_over_swaps(by_frame, weight, problem.swap_begins, problem.swap_ends)
     terms[6] = _smoothness(problem, item_of, joints)
-    depth = collision_depth(problem, boxes, footprints, owner, yaws)
+    depth = collision_depth(problem, boxes, turns, footprints, owner, yaws)
     terms[7] = -problem.collision_cost * problem.likelihood * depth
     depths = motion_depths(item_of, joints, boxes, turns, footprints, owner)
     for t in range(len(item_of)):
         if item_of[t] < 0:
             terms[5] -= weight * problem.free_cost[t]
-        if problem.used[t].any():
+        watched = False
+        for j in range(16):
+            watched |= problem.used[t, j]
+        if watched:
             terms[8] -= weight * problem.motion_cost * depths[t]
             terms[9] -= weight * problem.motion_cost * depth_below_floor(joints, t)
     return terms
+
+
+@compiled
+def _weigh_frames(
+    problem: Problem,
+    camera: Array,
+    item_of: Ints,
+    sizes: Array,
+    joints: Array,
+    gaps: Singles,
+    by_frame: Array,
+) -> None:
+    """log p(u, c | q, m) of every frame into ``by_frame``: as it is, and with sides swapped."""
+    n, lens, body, of = len(item_of), lens_of(problem, camera), 1.0, -1
+    chances, desk = np.empty((1, CHANCES)), np.empty(DESK)
+    bench = np.empty(BENCH, np.float32)
+    places, facts = np.empty((1, 2, 2, 16)), np.empty((1, 2, FACTS, 16), np.float32)
+    seen, logs = gaps.copy(), np.empty((4, n))
+    find_seen(seen, n, problem.sight_width, problem.surprise)
+    for t in range(n):
+        if item_of[t] >= 0:
+            if item_of[t] != of:
+                of = item_of[t]
+                body = math.exp(camera[3] + sizes[of])
+            set_detections(problem, t, places, facts, 0)
+            set_chances(lens, body, joints, t, places, facts, 0, desk, bench, chances, 0)
+        else:
+            set_own_chances(problem, t, desk, chances, 0)
+        weigh(chances, 0, seen, t, desk, logs)
+    take_logs(logs, n)
+    for t in range(n):
+        by_frame[t, 0], by_frame[t, 1] = logs[0, t], logs[1, t]
 
 
 @compiled

@@ -48,7 +48,7 @@ def _reproject(problem: Problem, camera: Array, joints: Array, by_frame: Array) 
     cr, sr, focal = math.cos(camera[4]), math.sin(camera[4]), math.exp(camera[2])
     for t in range(len(joints)):
         for j in _DETECTED:
-            x, y, z = joints[t, j, 0], joints[t, j, 1], joints[t, j, 2] - elevation
+            x, y, z = joints[t, 0, j], joints[t, 1, j], joints[t, 2, j] - elevation
             depth, level = max(cp * y + sp * z, NEAREST), cp * z - sp * y
             u = focal * (cr * x + sr * level) / depth
             v = focal * (sr * x - cr * level) / depth
@@ -102,12 +102,12 @@ def evaluate_paper(
             by_frame[t, 1] += occlusion_cost(gaps[t, j], confidence)
         for c in range(3):
             if t > 0:
-                by_frame[t, 2] += (joints[t, PELV, c] - joints[t - 1, PELV, c]) ** 2
+                by_frame[t, 2] += (joints[t, c, PELV] - joints[t - 1, c, PELV]) ** 2
         by_frame[t, 3] = depths[t]
     nats = problem.paper_nats
     for t in range(len(joints)):
         for i in range(3):
             terms[4 + i] -= nats[i] * by_frame[t, i]
         terms[8] -= nats[4] * by_frame[t, 3]
-    terms[7] = -nats[3] * collision_depth(problem, boxes, footprints, owner, yaws)
+    terms[7] = -nats[3] * collision_depth(problem, boxes, turns, footprints, owner, yaws)
     return terms

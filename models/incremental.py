@@ -9,10 +9,10 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
-from imapper_prob.models.kernels.change import change, weigh_bare_frames
+from imapper_prob.models.kernels.change import change, settle
 from imapper_prob.models.kernels.memory import new_memory
+from imapper_prob.models.kernels.session import open_session
+from imapper_prob.models.kernels.votes import prepare
 from imapper_prob.models.posterior import State
 from imapper_prob.models.problem import Problem
 
@@ -39,8 +39,8 @@ class Incremental:
 
     def __init__(self, problem: Problem, state: State) -> None:
         self._problem = problem
-        self._state, self._value = state, -math.inf
-        self._proposal: tuple[State, float] | None = None
+        self._state, self._parts = state, (-math.inf, 0.0)
+        self._proposal: tuple[State, tuple[float, float]] | None = None
         self._start(_CAPACITY)
 
     @property
@@ -49,21 +49,25 @@ class Incremental:
         return self._state
 
     @property
-    def log_posterior(self) -> float:
-        """log pi of the current state, nats."""
-        return self._value
+    def parts(self) -> tuple[float, float]:
+        """What :meth:`propose` said of the current state."""
+        return self._parts
 
-    def propose(self, state: State) -> float:
-        """log pi of ``state``, nats, -inf outside the support; the current state stays."""
+    def propose(self, state: State) -> tuple[float, float]:
+        """Log prior and log likelihood of ``state``, nats; the current state stays.
+
+        The prior is -inf outside the support. Their sum is log pi; the likelihood includes
+        the costs of free poses, jumps, collisions, motion and ground.
+        """
         if state.n_scenelets > self._capacity:
             self._start(2 * state.n_scenelets)
-        value: float = change(
-            self._problem, self._memory, self._state.n_scenelets, self._state.camera,
-            self._state.latent, state.camera, state.items, state.placements, state.sizes,
-            state.latent,
+        now = self._state
+        parts: tuple[float, float] = change(
+            self._session, now.n_scenelets, now.camera, now.latent,
+            state.camera, state.items, state.placements, state.sizes, state.latent,
         )  # fmt: skip
-        self._proposal = state, value
-        return value
+        self._proposal = state, parts
+        return parts
 
     def accept(self) -> None:
         """Make the state last proposed the current one.
@@ -73,15 +77,11 @@ class Incremental:
         ValueError
             Nothing was proposed since the last time, or it is outside the support.
         """
-        if self._proposal is None or self._proposal[1] == -math.inf:
+        if self._proposal is None or self._proposal[1][0] == -math.inf:
             raise ValueError("there is no proposal inside the support to accept")
-        self._state, self._value = self._proposal
+        self._state, self._parts = self._proposal
         self._proposal = None
-        memory = self._memory
-        for now, proposed in (memory.slots, memory.cover, memory.evidence):
-            np.copyto(now, proposed)
-        np.bitwise_xor(memory.pose_at, memory.moved, out=memory.pose_at)
-        np.bitwise_xor(memory.sum_at, memory.changed, out=memory.sum_at)
+        settle(self._session)
 
     def _start(self, room: int) -> None:
         """Remember nothing but the current state, with room for so many scenelets."""
@@ -89,14 +89,14 @@ class Incremental:
             raise ValueError("the published energy has no incremental evaluation")
         state = self._state
         self._capacity = max(room, state.n_scenelets)
-        self._memory = new_memory(self._problem, self._capacity)
-        weigh_bare_frames(self._problem, self._memory, state.camera)
-        value: float = change(
-            self._problem, self._memory, -1, state.camera,
-            state.latent, state.camera, state.items, state.placements, state.sizes,
-            state.latent,
+        memory = new_memory(self._problem, self._capacity)
+        prepare(self._problem, memory)
+        self._session = open_session(self._problem, memory)
+        parts: tuple[float, float] = change(
+            self._session, -1, state.camera, state.latent,
+            state.camera, state.items, state.placements, state.sizes, state.latent,
         )  # fmt: skip
-        if value == -math.inf:
+        if parts[0] == -math.inf:
             raise ValueError("an evaluation cannot start from a state outside the support")
-        self._proposal = state, value
+        self._proposal = state, parts
         self.accept()

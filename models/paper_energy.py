@@ -63,7 +63,7 @@ def paper_energy(
     """
     weights = weights or PaperWeights()
     names = [f.name for f in fields(weights)]
-    joints, shares = np.empty((problem.n_frames, 16, 3)), np.zeros((problem.n_frames, 4))
+    joints, shares = np.empty((problem.n_frames, 3, 16)), np.zeros((problem.n_frames, 4))
     values = evaluate_paper(
         problem._replace(paper_nats=np.array(astuple(weights)), likelihood=1.0),
         state.camera, state.items, state.placements, state.sizes, state.latent, joints, shares,

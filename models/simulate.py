@@ -1,14 +1,15 @@
-"""Data drawn from the model: a room, a person in it, and what a camera sees of it.
+"""A clip as a camera might have taken it: a room, a person in it, and what is seen of it.
 
-Demo, tests of calibration and simulation-based calibration all use this. The camera, the
-body and the detector are drawn from the priors of the model itself, and drawn again until
-the person is in view; the room and the walk through it are plausible, not a draw of p(X).
+Demo and tests of calibration use this. The camera, the body and the detector are drawn from the
+priors of the model itself, and drawn again until the person is in view; the room and the walk
+through it are plausible, not a draw of p(X): for that see
+:mod:`imapper_prob.models.simulate_state`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Final, TypeVar
 
@@ -18,6 +19,9 @@ from numpy.typing import NDArray
 from imapper_prob.models.calibrated import calibrated
 from imapper_prob.models.camera import Camera
 from imapper_prob.models.errors import InputError
+from imapper_prob.models.kernels.support import in_support
+from imapper_prob.models.path import CameraPrior
+from imapper_prob.models.problem import resample
 from imapper_prob.models.scene import Clip, SceneObject, Truth
 from imapper_prob.models.scenelet import Library, Scenelet
 from imapper_prob.models.simulate_motion import Gait, Stay, walk_between
@@ -33,7 +37,7 @@ from imapper_prob.models.simulate_room import (
 from imapper_prob.models.simulate_track import simulate_track
 from imapper_prob.models.skeleton import PELV
 
-__all__ = ["NOMINAL_CAMERA", "draw_camera", "simulate_clip"]
+__all__ = ["NOMINAL_CAMERA", "draw_camera", "draw_camera_and_body", "simulate_clip"]
 
 Array = NDArray[np.float64]
 _T = TypeVar("_T")
@@ -82,6 +86,20 @@ def draw_camera(rng: np.random.Generator, *, nominal: Camera = NOMINAL_CAMERA) -
     )
 
 
+def draw_camera_and_body(
+    rng: np.random.Generator, prior: CameraPrior, *, nominal: Camera = NOMINAL_CAMERA
+) -> tuple[Camera, float]:
+    """A camera, and the factor on the reference stature, from the prior of a clip's phi."""
+    while True:
+        phi = rng.multivariate_normal(prior.mean, prior.covariance)
+        if in_support(phi):
+            pitch, elevation, log_focal, log_body, roll = phi.tolist()
+            camera = nominal.posed(
+                pitch=pitch, roll=roll, elevation=elevation, focal_scale=float(np.exp(log_focal))
+            )
+            return camera, float(np.exp(log_body))
+
+
 @dataclass(frozen=True)
 class _Acted:
     """A furnished room and what the person does in it, frame by frame."""
@@ -100,6 +118,8 @@ def simulate_clip(
     n_bystanders: int = 1,
     script: Sequence[str] = (),
     camera: Camera | None = None,
+    prior: CameraPrior | None = None,
+    walks: Library | None = None,
     name: str = "simulated",
 ) -> Clip:
     """A clip whose truth is known.
@@ -108,7 +128,8 @@ def simulate_clip(
     ----------
     rng : numpy.random.Generator
     library : Library
-        Where interactions, furniture, the way of walking and the frame rate come from.
+        Where interactions, furniture and the frame rate come from, that of its first scenelet;
+        the others are resampled to it.
     n_frames : int
         Frames of the clip; walking to an interaction and doing it takes about 60 at 10
         frames a second.
@@ -119,7 +140,12 @@ def simulate_clip(
     script : sequence of str
         Names of the scenelets to perform, in order, in place of ``n_interactions`` drawn.
     camera : Camera, optional
-        The true camera; drawn from the prior if not given.
+        The true camera.
+    prior : CameraPrior, optional
+        What camera and body are drawn from where no camera is given. If not given either, pitch,
+        roll, focal length and body are as the model has them, and the height is a tripod's.
+    walks : Library, optional
+        Where the way of walking comes from, if ``library`` has no walk.
     name : str
         Of the clip.
 
@@ -136,11 +162,16 @@ def simulate_clip(
     """
     if not script and n_interactions < 1:
         raise InputError(f"clip {name}: {n_interactions} interactions; ask for one or more")
-    if len({s.fps for s in library}) > 1:
-        raise InputError(f"library {library.name}: scenelets of different frame rates")
-    gait, bystanders = Gait.of(library), low_pieces(library)
+    fps = library[0].fps
+    library = _at_rate(library, fps)
+    gait = Gait.of(library if walks is None else _at_rate(walks, fps))
+    bystanders = low_pieces(library)
     for _ in range(_ROOMS):
-        seen_by = camera or draw_camera(rng)
+        scale = None
+        if camera is not None or prior is None:
+            seen_by = camera or draw_camera(rng)
+        else:
+            seen_by, scale = draw_camera_and_body(rng, prior)
         scenelets = _scripted(library, script) if script else _chosen(rng, library, n_interactions)
         acted = _act(
             rng,
@@ -148,6 +179,7 @@ def simulate_clip(
             gait=gait,
             bystanders=bystanders,
             camera=seen_by,
+            scale=scale or float(np.exp(rng.normal(0.0, SCALE_SPREAD))),
             n_frames=n_frames,
             n_bystanders=n_bystanders,
         )
@@ -158,7 +190,6 @@ def simulate_clip(
             f"clip {name}: found no room for {len(script) or n_interactions} interactions in "
             f"{n_frames} frames; ask for more frames or fewer interactions"
         )
-    fps = library[0].fps
     hidden = hidden_joints(seen_by, acted.joints, acted.objects)
     track = simulate_track(rng, acted.joints, hidden, camera=seen_by, fps=fps)
     nominal = NOMINAL_CAMERA
@@ -172,6 +203,16 @@ def simulate_clip(
         tracks=(track,),
         truth=Truth(seen_by, acted.objects, acted.joints, hidden, acted.actions),
     )
+
+
+def _at_rate(library: Library, fps: float) -> Library:
+    """The same scenelets, all at one frame rate."""
+    if all(s.fps == fps for s in library):
+        return library
+    changed = (
+        replace(s, joints=resample(s.joints, fps=s.fps, to_fps=fps), fps=fps) for s in library
+    )
+    return Library(library.name, tuple(changed))
 
 
 def _stays_put(scenelet: Scenelet) -> bool:
@@ -211,12 +252,12 @@ def _act(
     gait: Gait,
     bystanders: Sequence[SceneObject],
     camera: Camera,
+    scale: float,
     n_frames: int,
     n_bystanders: int,
 ) -> _Acted | None:
     """One attempt at a room and a motion through it."""
     fps = scenelets[0].fps
-    scale = float(np.exp(rng.normal(0.0, SCALE_SPREAD)))
     furniture: list[SceneObject] = []
     stays: list[Stay] = []
     for scenelet in scenelets:

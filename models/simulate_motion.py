@@ -78,7 +78,7 @@ class Gait:
         if not walks:
             raise InputError(
                 f"library {library.name}: no walking scenelet of {STRIDE[0]} m or more; the "
-                "simulator needs one"
+                "simulator needs one, or another library that has one"
             )
         joints = min(walks, key=lambda s: abs(_chord(s) * s.fps / (s.n_frames - 1) - PACE)).joints
         ground = joints[:, PELV] * (1.0, 1.0, 0.0)

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from imapper_prob.models.camera import Camera
 from imapper_prob.models.energy.detections import DetectionModel
+from imapper_prob.models.energy.swaps import draw_swaps
 from imapper_prob.models.scene import Track
 from imapper_prob.models.settings import ModelSettings
 from imapper_prob.models.simulate_room import in_image
@@ -86,7 +87,13 @@ def simulate_track(
     keypoints[:, PELV] = (keypoints[:, RHIP] + keypoints[:, LHIP]) / 2
     keypoints[:, NECK] = (keypoints[:, THRX] + keypoints[:, HEAD]) / 2
     poses[missing.all(1)] = np.nan
-    swapped = _swapped(rng, len(joints), settings or ModelSettings(), fps=fps)
+    constants = settings or ModelSettings()
+    swapped = draw_swaps(
+        rng,
+        len(joints),
+        begins=constants.swap_rate / fps,
+        ends=1 / (constants.swap_length * fps),
+    )
     for values in (keypoints, confidences, poses):
         values[swapped] = values[swapped][:, list(MIRROR)]
     return Track(name, keypoints, confidences, poses, np.zeros(len(joints), bool))
@@ -101,19 +108,6 @@ def _lost(rng: np.random.Generator, hidden: NDArray[np.bool_], *, fps: float) ->
     for t in range(1, len(hidden)):
         lost[t] = uniform[t] < starts[t] or (lost[t - 1] and uniform[t] > LOSS_ENDS / fps)
     return lost
-
-
-def _swapped(
-    rng: np.random.Generator, n_frames: int, settings: ModelSettings, *, fps: float
-) -> NDArray[np.bool_]:
-    """(T,) frames in which left is taken for right: the chain of the model's settings."""
-    begins, ends = settings.swap_rate / fps, 1 / (settings.swap_length * fps)
-    uniform = rng.random(n_frames)
-    swapped = np.zeros(n_frames, bool)
-    swapped[0] = uniform[0] < begins / (begins + ends)
-    for t in range(1, n_frames):
-        swapped[t] = uniform[t] < (1 - ends if swapped[t - 1] else begins)
-    return swapped
 
 
 def _lifted(

@@ -33,9 +33,12 @@ import numpy as np
 from imapper_prob.samplers.kernel import ChainState, StepInfo, init
 from imapper_prob.samplers.ladder import respaced
 
-__all__ = ["Crossover", "Kernel", "Parts", "Position", "Round", "Tempered", "start", "temper"]
+__all__ = [
+    "Crossover", "Kernel", "Parts", "Position", "Round", "Tempered", "Tracker", "start", "temper",
+]  # fmt: skip
 
 S = TypeVar("S")
+S_contra = TypeVar("S_contra", contravariant=True)
 
 # Robbins-Monro: gains of n^-0.6 sum to infinity and their squares do not.
 _ADAPTATION_DECAY = 0.6
@@ -63,6 +66,16 @@ class Parts(NamedTuple):
 
 
 Target = Callable[[S], Parts]
+
+
+class Tracker(Protocol[S_contra]):
+    """A target that knows where its chain stands, so that a proposal costs what it changes."""
+
+    def __call__(self, state: S_contra, /) -> Parts:
+        """The log density of ``state``; the chain stays where it is."""
+
+    def move(self, state: S_contra, /) -> None:
+        """The chain has gone to ``state``."""
 
 
 @dataclass(frozen=True)
@@ -182,6 +195,7 @@ def temper(
     steps_per_swap: int,
     adapt: bool = False,
     crossover: Crossover[S] | None = None,
+    track: Callable[[S], Tracker[S]] | None = None,
 ) -> Iterator[Round[S]]:
     """An endless tempered chain, one item a round.
 
@@ -201,6 +215,9 @@ def temper(
         its target invariant: adapt during burn-in, then go on from its last position without.
     crossover : Crossover, optional
         Exchanges parts of states across every second gap, before the swaps.
+    track : callable, optional
+        ``track(state) -> Tracker`` that stands at ``state`` and is asked instead of ``target``
+        from then on; one a rung, which goes where its chain goes.
 
     Returns
     -------
@@ -219,13 +236,29 @@ def temper(
         raise ValueError(f"{len(rngs)} generators for {len(position.betas)} rungs and the swaps")
     if steps_per_swap < 1:
         raise ValueError(f"steps_per_swap must be at least 1, not {steps_per_swap}")
-    return _rounds(rngs, position, target, kernel, steps_per_swap, adapt, crossover)
+    trackers = [
+        _Memoryless(target) if track is None else track(chain.state) for chain in position.chains
+    ]
+    return _rounds(rngs, position, trackers, kernel, steps_per_swap, adapt, crossover)
+
+
+@dataclass(frozen=True)
+class _Memoryless(Generic[S]):
+    """A target as a tracker."""
+
+    target: Target[S]
+
+    def __call__(self, state: S) -> Parts:
+        return self.target(state)
+
+    def move(self, state: S) -> None:
+        """Nothing depends on where the chain is."""
 
 
 def _rounds(
     rngs: Sequence[np.random.Generator],
     position: Position[S],
-    target: Target[S],
+    trackers: list[Tracker[S]],
     kernel: Kernel[S],
     steps_per_swap: int,
     adapt: bool,
@@ -234,10 +267,14 @@ def _rounds(
     *rung_rngs, swap_rng = rngs
     while True:
         chains, steps = [], []
-        for rng, chain, beta in zip(rung_rngs, position.chains, position.betas, strict=True):
-            density, infos = Tempered(target, beta), []
+        for rng, chain, beta, tracker in zip(
+            rung_rngs, position.chains, position.betas, trackers, strict=True
+        ):
+            density, infos = Tempered(tracker, beta), []
             for _ in range(steps_per_swap):
                 chain, info = kernel(rng, chain, log_density_fn=density)
+                if info.accepted:
+                    tracker.move(chain.state)
                 infos.append(info)
             chains.append(chain)
             steps.append(tuple(infos))
@@ -247,16 +284,17 @@ def _rounds(
             for gap in range(1 - position.rounds % 2, len(chains) - 1, 2):
                 pair = slice(gap, gap + 2)
                 chains[pair], info = _crossed(
-                    swap_rng, chains[pair], target, position.betas[pair], crossover
+                    swap_rng, chains[pair], trackers[pair], position.betas[pair], crossover
                 )
                 crossed.append(info)
         # One evaluation a rung and round, so that kernels need not hand on the two parts.
-        parts = [target(chain.state) for chain in chains]
+        parts = [tracker(chain.state) for tracker, chain in zip(trackers, chains, strict=True)]
         rungs = zip(parts, position.betas, strict=True)
         acceptance = tuple(
             math.exp(min(0.0, _log_swap_ratio(hot, cold))) for hot, cold in pairwise(rungs)
         )
         order = _swapped(swap_rng, acceptance, odd=position.rounds % 2)
+        trackers = [trackers[i] for i in order]
         betas = position.betas
         if adapt:
             gain = (position.rounds + 1) ** -_ADAPTATION_DECAY
@@ -277,7 +315,7 @@ def _rounds(
 def _crossed(
     rng: np.random.Generator,
     pair: Sequence[ChainState[S]],
-    target: Target[S],
+    trackers: Sequence[Tracker[S]],
     betas: Sequence[float],
     crossover: Crossover[S],
 ) -> tuple[list[ChainState[S]], StepInfo]:
@@ -287,11 +325,15 @@ def _crossed(
         return list(pair), StepInfo("crossover", False, -math.inf)
     *states, log_ratio = proposal
     new = [
-        ChainState(state, target(state).at(beta)) for state, beta in zip(states, betas, strict=True)
+        ChainState(state, tracker(state).at(beta))
+        for state, tracker, beta in zip(states, trackers, betas, strict=True)
     ]
     gain = sum(chain.log_density for chain in new) - sum(chain.log_density for chain in pair)
     log_acceptance = min(0.0, gain + log_ratio)
     accepted = bool(rng.standard_exponential() > -log_acceptance)
+    if accepted:
+        for chain, tracker in zip(new, trackers, strict=True):
+            tracker.move(chain.state)
     return (new if accepted else list(pair)), StepInfo("crossover", accepted, log_acceptance)
 
 

@@ -194,7 +194,7 @@ def _paper_shares(problem: Problem, state: State) -> dict[str, Array]:
 
 def _shares(problem: Problem, state: State) -> dict[str, Array]:
     n_frames = problem.n_frames
-    joints, by_frame = np.empty((n_frames, 16, 3)), np.zeros((n_frames, 2))
+    joints, by_frame = np.empty((n_frames, 3, 16)), np.zeros((n_frames, 2))
     evaluate(
         problem, state.camera, state.items, state.placements, state.sizes, state.latent,
         joints, by_frame,
@@ -229,7 +229,7 @@ def _jumps_by_frame(problem: Problem, covered_by: Ints, joints: Array) -> Array:
 def _ground_by_frame(problem: Problem, joints: Array) -> Array:
     """(T,) what the feet below the floor cost in each frame with a detection."""
     weight = problem.motion_cost * problem.frame_weight * problem.likelihood
-    depth = np.maximum(-joints[..., 2].min(-1), 0.0)
+    depth = np.maximum(-joints[:, 2].min(-1), 0.0)
     return np.where(problem.used.any(1), -weight * depth, 0.0)
 
 

@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache, partial
+from functools import partial
+from itertools import islice
 
 import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.config import SampleSettings
-from imapper_prob.models.posterior import State, terms
+from imapper_prob.models.posterior import State
 from imapper_prob.models.problem import Problem
 from imapper_prob.samplers.chains import Report
 from imapper_prob.samplers.checkpoint import Keeper
 from imapper_prob.samplers.kernel import Mixture, step
 from imapper_prob.samplers.ladder import LadderSummary, power_ladder
 from imapper_prob.samplers.reversible_jump import AcceptanceTable
-from imapper_prob.samplers.tempering import Parts, start, temper
+from imapper_prob.samplers.tempering import start, temper
 from imapper_prob.sampling.checkpoints import Progress
 from imapper_prob.sampling.crossover import TimeCrossover
 from imapper_prob.sampling.moves import (
@@ -33,14 +34,15 @@ from imapper_prob.sampling.moves import (
 from imapper_prob.sampling.proposals import Candidates, Proposals
 from imapper_prob.sampling.refurnish import Refurnish
 from imapper_prob.sampling.replace import Replace
+from imapper_prob.sampling.tracker import SceneTracker, split
 from imapper_prob.staged.candidates import furniture_kinds
 
-__all__ = ["Chain", "Setup", "run_chain", "scene_moves", "split"]
+__all__ = ["Chain", "Setup", "run_chain", "scene_moves"]
 
 Array = NDArray[np.float64]
 
-_REPORT_EVERY = 200
-"""Steps between two progress reports; a fraction of a second."""
+_BLOCK = 200
+"""Steps between two progress reports and chances of a checkpoint; a fraction of a second."""
 
 
 @dataclass(frozen=True)
@@ -117,17 +119,6 @@ def scene_moves(setup: Setup) -> Mixture[State]:
     return Mixture([move for move, _ in weighted], [weight for _, weight in weighted])
 
 
-def split(problem: Problem, state: State) -> Parts:
-    """The log-posterior in what is known beforehand and what the other temperatures flatten.
-
-    Flattening all of it would fill the hot scenes with scenelets, for prior odds of one in ten
-    thousand would mean little there.
-    """
-    nats = terms(problem, state)
-    prior = nats["camera"] + nats["layout"] + nats["placement"] + nats["path"]
-    return Parts(prior, sum(nats.values()) - prior if np.isfinite(prior) else 0.0)
-
-
 def run_chain(
     setup: Setup,
     first: State,
@@ -146,11 +137,7 @@ def run_chain(
     burn_in = int(rounds * settings.burn_in)
     keep = set(np.linspace(burn_in, rounds - 1, settings.draws).round().astype(int))
     mark = set(np.linspace(0, rounds - 1, settings.draws).round().astype(int))
-    # Between swaps each rung comes back to few states, the current one above all.
-    target = lru_cache(2 * settings.temperatures * (settings.swap_every + 2))(
-        partial(split, setup.problem)
-    )
-    kernel = partial(step, mixture=scene_moves(setup))
+    target = partial(split, setup.problem)
     saved = keeper.load() if keeper is not None else None
     if saved is None:
         betas: tuple[float, ...] = (1.0,)
@@ -160,36 +147,34 @@ def run_chain(
         done = Progress.begin(rng.spawn(len(betas) + 1), position)
     else:
         done = Progress.of(saved)
+    advance = partial(
+        temper,
+        done.rngs,
+        target=target,
+        kernel=partial(step, mixture=scene_moves(setup)),
+        steps_per_swap=settings.swap_every,
+        crossover=TimeCrossover(setup.problem),
+        track=None if setup.problem.of_paper else partial(SceneTracker, setup.problem),
+    )
     finished = True
-    for adapt, end in ((True, burn_in), (False, rounds)):
-        if done.position.rounds >= end or not finished:
-            continue
-        for at in temper(
-            done.rngs,
-            done.position,
-            target=target,
-            kernel=kernel,
-            steps_per_swap=settings.swap_every,
-            adapt=adapt,
-            crossover=TimeCrossover(setup.problem),
-        ):
-            now = done.position.rounds
+    while done.position.rounds < rounds and finished:
+        now = done.position.rounds
+        adapt = now < burn_in
+        # A block begins with new trackers, as a chain does that goes on from a checkpoint.
+        block = min(max(1, _BLOCK // settings.swap_every), (burn_in if adapt else rounds) - now)
+        for at in islice(advance(done.position, adapt=adapt), block):
             coldest = at.position.chains[-1]
-            done.position = at.position
             if not adapt:
                 done.record(at)
-            if now in keep:
+            if done.position.rounds in keep:
                 done.states.append(coldest.state)
                 done.values.append(coldest.log_density)
-            if now in mark:
+            if done.position.rounds in mark:
                 done.trace.append(coldest.log_density)
-            steps = (now + 1) * settings.swap_every
-            if steps % _REPORT_EVERY < settings.swap_every:
-                finished = report((now + 1) / rounds)
-                if keeper is not None:
-                    keeper.offer(done.snapshot)
-            if now + 1 == end or not finished:
-                break
+            done.position = at.position
+        finished = report(done.position.rounds / rounds)
+        if keeper is not None:
+            keeper.offer(done.snapshot)
     if keeper is not None:
         keeper.save(done.snapshot())
     states, values = done.states, done.values

@@ -37,10 +37,12 @@ Array = NDArray[np.float64]
 
 def in_order(problem: Problem, state: State) -> bool:
     """Whether scenelets lie in the clip, one after the other."""
-    starts = state.items[:, 1]
-    ends = starts + problem.lengths[state.items[:, 0]]
-    inside = starts.size == 0 or (starts[0] >= 0 and ends[-1] <= problem.n_frames)
-    return bool(inside and np.all(ends[:-1] <= starts[1:]))
+    end = 0
+    for scenelet, start in state.items.tolist():
+        if start < end:
+            return False
+        end = start + int(problem.lengths[scenelet])
+    return end <= problem.n_frames
 
 
 def _difference(before: State, after: State) -> int | None:

@@ -9,15 +9,13 @@ of a sharp and a flat softmax of them.
 
 from __future__ import annotations
 
-from functools import partial
-
 import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.models.incremental import Incremental
-from imapper_prob.models.posterior import empty_state, log_posterior
+from imapper_prob.models.posterior import State, empty_state, log_posterior
 from imapper_prob.sampling.proposals import Candidates
-from imapper_prob.staged.candidates import Candidate, furniture_kinds
+from imapper_prob.staged.candidates import Candidate, along_the_ray, furniture_kinds
 from imapper_prob.staged.solver import Solution
 
 __all__ = ["weighted_candidates"]
@@ -42,7 +40,10 @@ def weighted_candidates(solution: Solution) -> Candidates:
     scene = empty_state(problem)
     # One scenelet alone is quickly judged where nothing else changes.
     alone = Incremental(problem, scene) if not problem.of_paper else None
-    judge = partial(log_posterior, problem) if alone is None else alone.propose
+
+    def judge(state: State) -> float:
+        return log_posterior(problem, state) if alone is None else sum(alone.propose(state))
+
     nothing = judge(scene)
     half = problem.lengths // 2
     for window, guesses in _guessed(solution).items():
@@ -51,8 +52,8 @@ def weighted_candidates(solution: Solution) -> Candidates:
         gains = np.full(len(guesses), -np.inf)
         for scenelet in order[np.isfinite(guesses[order])].tolist():
             start = centre - int(half[scenelet])
-            placed = scene.with_item(scenelet, start, fits.placements[window, scenelet])
-            gains[scenelet] = judge(placed) - nothing
+            placed = along_the_ray(problem, centre, fits.placements[window, scenelet])
+            gains[scenelet] = judge(scene.with_item(scenelet, start, *placed)) - nothing
         known = np.isfinite(gains)
         if not known.any():
             continue
@@ -85,7 +86,11 @@ def _guessed(solution: Solution) -> dict[int, Array]:
     for window, best in judged.items():
         centre = int(fits.centres[window])
         joints = seen[max(0, centre - half) : centre + half].sum()
-        nats = problem.frame_weight * problem.likelihood * joints * fits.cost[window]
+        nats = np.full(len(fits.cost[window]), np.inf)
+        fitted = np.isfinite(fits.cost[window])
+        # Where no joint is surely seen there is no fit: infinite, not nothing times infinity.
+        nats[fitted] = problem.frame_weight * problem.likelihood * joints
+        nats[fitted] *= fits.cost[window][fitted]
         gains = np.full(len(nats), -np.inf)
         for kind, candidate in best.items():
             own = members[kind]

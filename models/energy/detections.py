@@ -87,9 +87,18 @@ class DetectionModel:
         return np.moveaxis(scale, 0, -1), np.moveaxis(self.error_dof[:, index], 0, -1)
 
     def draw(
-        self, rng: np.random.Generator, pixels: ArrayLike, hidden: ArrayLike, *, image_height: int
+        self,
+        rng: np.random.Generator,
+        pixels: ArrayLike,
+        hidden: ArrayLike,
+        *,
+        image_height: int,
+        looseness: ArrayLike = 0.0,
     ) -> tuple[Array, Array]:
         """Detections of joints at ``pixels`` (..., 2), ``hidden`` (...) bool.
+
+        ``looseness`` (...) are the pixels by which a pose may be off where it is a scenelet's;
+        their square adds to that of the detector's scale.
 
         Returns
         -------
@@ -105,6 +114,7 @@ class DetectionModel:
         confidence = rng.uniform(self.edges[bins], self.edges[bins + 1])
         index = self.error_class(confidence)
         scale = self.error_scale[state, index] * (image_height / _REFERENCE_HEIGHT)
+        scale = np.hypot(scale, looseness)
         dof = self.error_dof[state, index]
         normal = rng.standard_normal((*state.shape, 2))
         mixing = rng.chisquare(dof) / dof

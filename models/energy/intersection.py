@@ -11,17 +11,17 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from imapper_prob.models.jit import compiled
+from imapper_prob.models.jit import compiled, inlined
 from imapper_prob.models.limits import LEVEL
 
-__all__ = ["column_depth", "depth_below_floor", "footprint_depth"]
+__all__ = ["column_depth", "depth_below_floor", "footprint_depth", "overlap_depth"]
 
 Array = NDArray[np.float64]
 
 
-@compiled
-def footprint_depth(a: Array, b: Array) -> float:
-    """How deep two boxes (7,) are in each other on the floor, metres; 0 when apart.
+@inlined
+def overlap_depth(a: Array, turn_a: Array, b: Array, turn_b: Array) -> float:
+    """:func:`footprint_depth` of boxes the cosine and sine of whose yaws are known.
 
     The smallest move along a side of either rectangle that separates them (separating axis
     theorem); boxes at different heights do not meet.
@@ -29,21 +29,27 @@ def footprint_depth(a: Array, b: Array) -> float:
     if min(a[2] + a[5], b[2] + b[5]) - max(a[2] - a[5], b[2] - b[5]) <= LEVEL:
         return 0.0
     dx, dy = b[0] - a[0], b[1] - a[1]
-    turn = b[6] - a[6]
-    c, s = abs(math.cos(turn)), abs(math.sin(turn))
+    c = abs(turn_a[0] * turn_b[0] + turn_a[1] * turn_b[1])
+    s = abs(turn_a[0] * turn_b[1] - turn_a[1] * turn_b[0])
     depth = math.inf
     for which in range(2):
-        yaw = a[6] if which == 0 else b[6]
-        cy, sy = math.cos(yaw), math.sin(yaw)
-        own, other = (a, b) if which == 0 else (b, a)
-        along = abs(cy * dx + sy * dy)
-        across = abs(-sy * dx + cy * dy)
+        own, other, turn = (a, b, turn_a) if which == 0 else (b, a, turn_b)
+        along = abs(turn[0] * dx + turn[1] * dy)
+        across = abs(turn[0] * dy - turn[1] * dx)
         depth = min(depth, own[3] + c * other[3] + s * other[4] - along)
         depth = min(depth, own[4] + s * other[3] + c * other[4] - across)
     return max(depth, 0.0)
 
 
 @compiled
+def footprint_depth(a: Array, b: Array) -> float:
+    """How deep two boxes (7,) are in each other on the floor, metres; 0 when apart."""
+    turn_a = np.array([math.cos(a[6]), math.sin(a[6])])
+    turn_b = np.array([math.cos(b[6]), math.sin(b[6])])
+    return overlap_depth(a, turn_a, b, turn_b)
+
+
+@inlined
 def column_depth(x: float, y: float, low: float, high: float, box: Array, turn: Array) -> float:
     """How deep the vertical line at (x, y) from ``low`` to ``high`` stands in a box, metres."""
     if min(box[2] + box[5], high) - max(box[2] - box[5], low) <= LEVEL:
@@ -55,10 +61,10 @@ def column_depth(x: float, y: float, low: float, high: float, box: Array, turn: 
     return max(depth, 0.0)
 
 
-@compiled
+@inlined
 def depth_below_floor(joints: Array, row: int) -> float:
-    """How deep the lowest of ``joints[row]`` (16, 3) is below the floor, metres; 0 above."""
+    """How deep the lowest of ``joints[row]`` (3, 16) is below the floor, metres; 0 above."""
     lowest = 0.0
     for j in range(16):
-        lowest = min(lowest, joints[row, j, 2])
+        lowest = min(lowest, joints[row, 2, j])
     return -lowest

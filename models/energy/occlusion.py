@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.models.geometry import NOTHING_IN_SIGHT
-from imapper_prob.models.jit import compiled
+from imapper_prob.models.jit import compiled, inlined
 from imapper_prob.models.limits import NEAR_SIGHT
 
 __all__ = ["p_seen", "set_window"]
@@ -23,8 +23,10 @@ __all__ = ["p_seen", "set_window"]
 Array = NDArray[np.float64]
 
 
-@compiled
-def set_window(elevation: float, box: Array, turn: Array, window: Array) -> None:
+@inlined
+def set_window(
+    elevation: float, box: Array, turn: Array, window: Array | NDArray[np.float32]
+) -> None:
     """Where in the view a box can come near a line of sight, into ``window`` (5,).
 
     Bounds of bearing x / y, of slope (z - elevation) / y and the smallest y, of the box

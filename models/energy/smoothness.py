@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.special import digamma
 
 from imapper_prob.models.calibrated import calibrated
-from imapper_prob.models.jit import compiled
+from imapper_prob.models.jit import inlined
 from imapper_prob.models.skeleton import N_JOINTS, PELV
 
 __all__ = ["DOF", "USUAL_JUMP", "pose_jump"]
@@ -30,7 +30,7 @@ USUAL_JUMP: Final = float(
 so that a scenelet that joins the motion as true ones do neither gains nor loses by that."""
 
 
-@compiled
+@inlined
 def pose_jump(joints: NDArray[np.float64], one: int, other: int, scale: float) -> float:
     """What the change of pose between two frames costs, nats of independent joints.
 
@@ -39,20 +39,22 @@ def pose_jump(joints: NDArray[np.float64], one: int, other: int, scale: float) -
 
     Parameters
     ----------
-    joints : (R, 16, 3) float
+    joints : (R, 3, 16) float
         World, metres.
     one, other : int
         Rows of the two frames.
     scale : float
         Metres an axis.
     """
+    x = joints[other, 0, PELV] - joints[one, 0, PELV]
+    y = joints[other, 1, PELV] - joints[one, 1, PELV]
+    z = joints[other, 2, PELV] - joints[one, 2, PELV]
+    sharpness = 1.0 / (DOF * scale * scale)
     product = 1.0
     for j in range(16):
-        squared = 0.0
-        for c in range(3):
-            before = joints[one, j, c] - joints[one, PELV, c]
-            step = joints[other, j, c] - joints[other, PELV, c] - before
-            squared += step * step
+        dx = joints[other, 0, j] - joints[one, 0, j] - x
+        dy = joints[other, 1, j] - joints[one, 1, j] - y
+        dz = joints[other, 2, j] - joints[one, 2, j] - z
         # Far from overflow: a body of ten metres makes each of the sixteen 10^4.
-        product *= 1.0 + squared / (DOF * scale * scale)
+        product *= 1.0 + (dx * dx + dy * dy + dz * dz) * sharpness
     return 0.5 * (DOF + 3.0) * math.log(product) - USUAL_JUMP

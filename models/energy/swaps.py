@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from imapper_prob.models.jit import compiled
 
-__all__ = ["summed_over_swaps", "swap_probabilities"]
+__all__ = ["draw_swaps", "summed_over_swaps", "swap_probabilities"]
 
 Array = NDArray[np.float64]
 
@@ -83,3 +83,18 @@ def swap_probabilities(by_frame: Array, weight: float, begins: float, ends: floa
             + (1.0 - result[t + 1]) * now * ends / to_right
         )
     return result
+
+
+def draw_swaps(
+    rng: np.random.Generator, n_frames: int, *, begins: float, ends: float
+) -> NDArray[np.bool_]:
+    """(T,) frames in which left is taken for right: a chain of two states in equilibrium.
+
+    ``begins`` and ``ends`` are probabilities a frame.
+    """
+    uniform = rng.random(n_frames)
+    swapped = np.zeros(n_frames, bool)
+    swapped[0] = uniform[0] < begins / (begins + ends)
+    for t in range(1, n_frames):
+        swapped[t] = uniform[t] < (1 - ends if swapped[t - 1] else begins)
+    return swapped

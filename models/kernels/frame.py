@@ -1,8 +1,13 @@
 """The log-likelihood of a frame, its sixteen joints side by side, compiled.
 
-What is computed is equation (11) of ``docs/model.md``. Exponentials and logarithms are
-written out (Cody and Waite 1980: reduce, then a polynomial), for a call of the library's
-would keep the compiler from working on many joints in one instruction; they are as exact.
+What is computed is equation (11) of ``docs/model.md``, in two steps. The chances of a frame,
+how likely its detections are if a joint is hidden and if it is seen, follow from the pose and
+the camera; weighing them needs how visible the joints are. Furniture that moves changes but
+the second.
+
+Exponentials and logarithms are written out (Cody and Waite 1980: reduce, then a polynomial),
+for a call of the library's would keep the compiler from working on many joints in one
+instruction; they are as exact as their precision.
 """
 
 from __future__ import annotations
@@ -12,233 +17,291 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from imapper_prob.models.jit import compiled
-from imapper_prob.models.kernels.sight import FIRST_FREE
+from imapper_prob.models.jit import compiled, inlined
+from imapper_prob.models.kernels.sight import Singles
 from imapper_prob.models.limits import NEAREST
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.skeleton import MIRROR
 
-__all__ = ["weigh_frames"]
+__all__ = [
+    "CHANCES", "DESK", "FACTS", "Lens", "find_seen", "lens_of", "set_chances", "set_detections",
+    "set_own_chances", "take_logs", "weigh",
+]  # fmt: skip
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
-Flags = NDArray[np.uint8]
+Lens = tuple[float, float, float, float, float, float, float, float, float, float]
+"""Both focal lengths, the principal point and the pose's doubt of one metre's depth, in
+pixels; cosine and sine of the camera's pitch, its elevation, cosine and sine of its roll."""
 
-# Where the rows of the bench start. Of the joints, then of the joints of the other side:
-_SEEN = FIRST_FREE  # probability of being seen
-_U, _V, _LOOSE = _SEEN + 32, _SEEN + 64, _SEEN + 96  # pixels; square pixels of the pose's doubt
-# sides as they are, hidden and seen; sides swapped, hidden and seen:
-_RATIO = _LOOSE + 32  # 1 + r^2 / (dof scale^2)
-_POWER = _RATIO + 64
-_SCALE2 = _POWER + 64  # square pixels
-# the density of every detection: sides as they are, and swapped.
-_DENSITY = _SCALE2 + 64
+CHANCES = 64
+"""Of a frame: densities of the detections of hidden joints, and by how much those of seen
+joints are greater; both for sides as they are and then swapped. A joint is in its own place,
+whichever side's detection it answers for: only their product counts."""
 
-_SMALL = 1e-100
-_SMALLEST = 1e-300
-"""Products of densities are taken apart below the first; none counts less than the second."""
+# What is known of the detection that a joint answers for: whether it was used; square scale,
+# degrees of freedom and the confidence's density over 2 pi, of hidden and of seen joints.
+_USED, _SCALE2, _DOF, _CONFIDENCE = 0, 1, 3, 5
+FACTS = 7
+"""How many such facts there are."""
 
-_LOG2E = 1.0 / math.log(2.0)
-_LN2_HIGH = 6.93147180369123816490e-01
-_LN2_LOW = 1.90821492927058770002e-10
-"""ln 2 in two parts, of which multiples of the first are exact."""
+# Where the rows of the desk start: pixels, and square pixels of the pose's doubt; densities:
+# sides as they are, hidden and seen, and sides swapped, hidden and seen.
+_U, _V, _LOOSE, _DENSITY = 0, 16, 32, 48
+DESK = 112
+"""Numbers on the desk, the workspace."""
+# On the bench, in the order of densities: 1 + r^2 / (dof scale^2) and the power it is raised
+# to, then the density but for its exponent, and that.
+_RATIO, _POWER, _FRACTION, _EXPONENT = 0, 64, 0, 64
+
+_SMALLEST = float(np.finfo(np.float64).tiny)
+"""No density counts less."""
+_OTHER = np.array(MIRROR)
+_PER_TURN = 1.0 / (2.0 * math.pi)
 _LN2 = math.log(2.0)
-_ROUND = 6755399441055744.0
-"""1.5 * 2^52: adding it leaves a number's nearest integer in the lowest bits."""
-_E2, _E3, _E4, _E5, _E6, _E7, _E8, _E9, _E10, _E11, _E12 = (
-    1.0 / math.factorial(n) for n in range(2, 13)
-)
-_HALF_BITS = 0x3FE6A09E667F3BCD
+_MANTISSA, _UNIT = 0x000FFFFFFFFFFFFF, 0x3FF0000000000000
+"""The bits of a mantissa, and those of the exponent of numbers from 1 to 2."""
+_DOUBLE_HALF_BITS = 0x3FE6A09E667F3BCD
 """The bits of sqrt(1/2), from where mantissas are counted."""
+_BIAS = 1023
+
+# Of single precision, for one number in double makes double of all it meets.
+_LOG2E = np.float32(1.0 / math.log(2.0))
+_LN2_HIGH, _LN2_LOW = np.float32(0.693359375), np.float32(-2.12194440e-4)
+"""ln 2 in two parts, of which multiples of the first are exact."""
+_ROUND, _ROUND_BITS = np.float32(12582912.0), 0x4B400000
+"""1.5 * 2^23: adding it leaves a number's nearest integer in the lowest bits."""
+_HALF_BITS = 0x3F3504F3
+"""The bits of sqrt(1/2) once more."""
+_E1, _E2, _E3, _E4, _E5, _E6 = (np.float32(1.0 / math.factorial(n)) for n in range(1, 7))
+_L1, _L3, _L5, _L7, _L9 = (np.float32(2.0 / n) for n in (1, 3, 5, 7, 9))
+_SINGLE_LN2, _LEAST_POWER = np.float32(_LN2), np.float32(-700.0)
+_FAR = np.float32(30.0)
+"""Widths of the step of visibility; farther from it the probability is what it is there."""
 
 
 @compiled
-def _find_seen(gaps: Array, t: int, width: float, surprise: float, bench: Array) -> None:
-    """Probability of being seen: :func:`imapper_prob.models.energy.occlusion.p_seen`."""
-    sharpness = np.divide(1.0, width)
+def lens_of(problem: Problem, camera: Array) -> Lens:
+    """What projection needs of a camera (5,)."""
+    focal = math.exp(camera[2])
+    fx, fy = focal * problem.fx, focal * problem.fy
+    return (
+        fx, fy, problem.cx, problem.cy, fx * problem.pose_tolerance,
+        math.cos(camera[0]), math.sin(camera[0]), camera[1],
+        math.cos(camera[4]), math.sin(camera[4]),
+    )  # fmt: skip
+
+
+@inlined
+def _project(lens: Lens, body: float, joints: Array, row: int, desk: Array) -> None:
+    """Pixels of the joints ``joints[row]``, and how loosely a scenelet's pose holds there."""
+    fx, fy, cx, cy, doubt, cp, sp, elevation, cr, sr = lens
+    # A larger body differs by more: else distance alone would seem to fit better.
+    doubt *= body
     for j in range(16):
-        x = -min(max(gaps[t, j] * sharpness, -30.0), 30.0)
+        x, y, z = joints[row, 0, j], joints[row, 1, j], joints[row, 2, j] - elevation
+        nearness = 1.0 / max(cp * y + sp * z, NEAREST)
+        up = -sp * y + cp * z
+        desk[_U + j] = cx + fx * (cr * x + sr * up) * nearness
+        desk[_V + j] = cy - fy * (cr * up - sr * x) * nearness
+        desk[_LOOSE + j] = (doubt * nearness) * (doubt * nearness)
+
+
+@inlined
+def set_detections(problem: Problem, t: int, places: Array, facts: Singles, row: int) -> None:
+    """The detections of frame t, side by side in the joints' places.
+
+    Into ``places[row]`` (2, 2, 16), their u and v in pixels, and ``facts[row]`` (2, 7, 16);
+    first those of a joint's own side, then of the other.
+    """
+    keypoints, used = problem.keypoints, problem.used
+    scales, dofs, confidence = problem.error_scale, problem.error_dof, problem.confidence_density
+    for j in range(16):
+        places[row, 0, 0, j], places[row, 0, 1, j] = keypoints[t, j, 0], keypoints[t, j, 1]
+        facts[row, 0, _USED, j] = used[t, j]
+        for visible in range(2):
+            facts[row, 0, _SCALE2 + visible, j] = scales[t, j, visible] * scales[t, j, visible]
+            facts[row, 0, _DOF + visible, j] = dofs[t, j, visible]
+            facts[row, 0, _CONFIDENCE + visible, j] = confidence[t, j, visible] * _PER_TURN
+    for j in range(16):
+        for i in range(2):
+            places[row, 1, i, j] = places[row, 0, i, _OTHER[j]]
+        for i in range(FACTS):
+            facts[row, 1, i, j] = facts[row, 0, i, _OTHER[j]]
+
+
+@inlined
+def _measure(places: Array, facts: Singles, row: int, desk: Array, bench: Singles) -> None:
+    """Misfit of detections, by the errors of hidden and of seen joints."""
+    for j in range(16):
+        loose = np.float32(desk[_LOOSE + j])
+        for side in range(2):
+            du, dv = desk[_U + j] - places[row, side, 0, j], desk[_V + j] - places[row, side, 1, j]
+            misfit = np.float32(du * du + dv * dv)
+            for visible in range(2):
+                to = 32 * side + 16 * visible + j
+                scale2 = facts[row, side, _SCALE2 + visible, j] + loose
+                dof = facts[row, side, _DOF + visible, j]
+                bench[_RATIO + to] = _E1 + misfit / (dof * scale2)
+                bench[_POWER + to] = -_E2 * dof - _E1
+
+
+@inlined
+def _raise(bench: Singles) -> None:
+    """Every ratio to its power: the fraction p and the exponent n of p 2^n."""
+    for j in range(64):
+        # ln x = e ln 2 + 2 artanh((f - 1) / (f + 1)) with f in [sqrt(1/2), sqrt 2).
+        bits = np.float32(bench[_RATIO + j]).view(np.int32)
+        e = np.int32((bits - _HALF_BITS) >> 23)
+        f = np.int32(bits - (e << 23)).view(np.float32)
+        s = (f - _E1) / (f + _E1)
+        z = s * s
+        q = (_L1 + _L3 * z) + z * z * ((_L5 + _L7 * z) + z * z * _L9)
+        x = max(bench[_POWER + j] * (s * q + np.float32(e) * _SINGLE_LN2), _LEAST_POWER)
+        # e^x = 2^n e^r with |r| below ln 2 / 2.
         shifted = x * _LOG2E + _ROUND
         n = shifted - _ROUND
         r = (x - n * _LN2_HIGH) - n * _LN2_LOW
         rr = r * r
-        p = ((_E8 + _E9 * r) + rr * (_E10 + _E11 * r)) + rr * rr * _E12
-        p = ((1.0 + r) + rr * (_E2 + _E3 * r)) + rr * rr * (
-            ((_E4 + _E5 * r) + rr * (_E6 + _E7 * r)) + rr * rr * p
+        bench[_FRACTION + j] = ((_E1 + r) + rr * (_E2 + _E3 * r)) + rr * rr * (
+            (_E4 + _E5 * r) + rr * _E6
         )
-        scale = np.int64((np.float64(shifted).view(np.int64) + 1023) << 52).view(np.float64)
-        bench[_SEEN + j] = surprise + np.divide(1.0 - 2.0 * surprise, 1.0 + p * scale)
+        bench[_EXPONENT + j] = shifted
 
 
-@compiled
-def _project(
-    lens: tuple[float, float, float, float, float],
-    pose: tuple[float, float, float, float, float],
+@inlined
+def set_chances(
+    lens: Lens,
     body: float,
     joints: Array,
     row: int,
-    bench: Array,
+    places: Array,
+    facts: Singles,
+    of: int,
+    desk: Array,
+    bench: Singles,
+    chances: Array,
+    to: int,
 ) -> None:
-    """Pixels of the joints ``joints[row]``, and how loosely a scenelet's pose holds there.
+    """Chances of a frame in which a scenelet poses the body, into ``chances[to]`` (64,).
 
-    ``lens`` is both focal lengths, the principal point and the pose's doubt of one metre's
-    depth, in pixels; ``pose`` is cosine and sine of the camera's pitch, its elevation, and
-    cosine and sine of its roll; ``body`` is how large the person is.
+    ``joints[row]`` (3, 16) in the world, metres; ``body`` is how large the person is;
+    ``places[of]`` and ``facts[of]`` are those of :func:`set_detections`. Desk and bench are
+    workspaces.
     """
-    fx, fy, cx, cy, doubt = lens
-    cp, sp, elevation, cr, sr = pose
-    # A larger body differs by more: else distance alone would seem to fit better.
-    doubt *= body
+    _project(lens, body, joints, row, desk)
+    _measure(places, facts, of, desk, bench)
+    _raise(bench)
     for j in range(16):
-        x, y, z = joints[row, j, 0], joints[row, j, 1], joints[row, j, 2] - elevation
-        nearness = np.divide(1.0, max(cp * y + sp * z, NEAREST))
-        up = -sp * y + cp * z
-        bench[_U + j] = cx + fx * (cr * x + sr * up) * nearness
-        bench[_V + j] = cy - fy * (cr * up - sr * x) * nearness
-        bench[_LOOSE + j] = (doubt * nearness) * (doubt * nearness)
-
-
-@compiled
-def _measure(
-    keypoints: Array, scales: Array, dofs: Array, t: int, visible: int, of: int, to: int,
-    bench: Array,
-) -> None:  # fmt: skip
-    """Misfit of frame t's detections by a hidden or seen joint's error, rows ``of`` to ``to``."""
+        loose = np.float32(desk[_LOOSE + j])
+        for side in range(2):
+            for visible in range(2):
+                at = 32 * side + 16 * visible + j
+                scale2 = facts[of, side, _SCALE2 + visible, j] + loose
+                part = bench[_FRACTION + at] * facts[of, side, _CONFIDENCE + visible, j] / scale2
+                # Single precision ends where detections far off do not yet: so much for 2^n.
+                n = np.int64(np.float32(bench[_EXPONENT + at]).view(np.int32)) - _ROUND_BITS
+                desk[_DENSITY + at] = part * np.int64((n + _BIAS) << 52).view(np.float64)
     for j in range(16):
-        du = bench[of + j] - keypoints[t, j, 0]
-        dv = bench[of + (_V - _U) + j] - keypoints[t, j, 1]
-        scale = scales[t, j, visible]
-        scale2 = scale * scale + bench[of + (_LOOSE - _U) + j]
-        dof = dofs[t, j, visible]
-        bench[to + j] = 1.0 + np.divide(du * du + dv * dv, dof * scale2)
-        bench[to + (_POWER - _RATIO) + j] = -0.5 * dof - 1.0
-        bench[to + (_SCALE2 - _RATIO) + j] = scale2
+        for side in range(2):
+            hidden, seen = desk[_DENSITY + 32 * side + j], desk[_DENSITY + 32 * side + 16 + j]
+            used = facts[of, side, _USED, j] > 0
+            # What was not detected says nothing.
+            chances[to, 32 * side + j] = hidden if used else 1.0
+            chances[to, 32 * side + 16 + j] = seen - hidden if used else 0.0
 
 
-@compiled
-def _mix(confidence: Array, t: int, seen_at: int, of: int, to: int, bench: Array) -> None:
-    """Density of every detection, of a joint seen with some probability."""
+@inlined
+def set_own_chances(problem: Problem, t: int, desk: Array, chances: Array, to: int) -> None:
+    """Chances of frame t in its own pose, which no camera changes, into ``chances[to]`` (64,)."""
+    static, used = problem.static_density, problem.used
     for j in range(16):
-        seen = bench[seen_at + j]
-        hidden_part = confidence[t, j, 0] * bench[of + j]
-        seen_part = confidence[t, j, 1] * bench[of + 16 + j]
-        bench[to + j] = (seen * seen_part + (1.0 - seen) * hidden_part) / (2 * math.pi)
+        for side in range(2):
+            hidden, seen = static[side, t, j, 0], static[side, t, j, 1]
+            desk[_DENSITY + 32 * side + j] = hidden if used[t, j] else 1.0
+            desk[_DENSITY + 32 * side + 16 + j] = seen - hidden if used[t, j] else 0.0
+    for j in range(32):
+        chances[to, j] = desk[_DENSITY + j]
+    for j in range(16):
+        chances[to, 32 + j] = desk[_DENSITY + 32 + _OTHER[j]]
+        chances[to, 48 + j] = desk[_DENSITY + 48 + _OTHER[j]]
 
 
 @compiled
-def _raise(bench: Array) -> None:
-    """Student's density: every ratio to its power, over its square scale."""
-    for j in range(64):
-        # ln x = e ln 2 + 2 artanh((f - 1) / (f + 1)) with f in [sqrt(1/2), sqrt 2).
-        bits = np.float64(bench[_RATIO + j]).view(np.int64)
-        e = (bits - _HALF_BITS) >> 52
-        f = np.int64(bits - (e << 52)).view(np.float64)
-        s = np.divide(f - 1.0, f + 1.0)
-        z = s * s
-        zz = z * z
-        q = (1.0 + 1 / 3 * z) + zz * ((1 / 5 + 1 / 7 * z) + zz * (1 / 9 + 1 / 11 * z))
-        q += zz * zz * zz * ((1 / 13 + 1 / 15 * z) + zz * ((1 / 17 + 1 / 19 * z) + 1 / 21 * zz))
-        x = bench[_POWER + j] * (2.0 * s * q + np.float64(e) * _LN2)
-        # e^x = 2^n e^r with |r| below ln 2 / 2.
-        shifted = max(x, -700.0) * _LOG2E + _ROUND
-        n = shifted - _ROUND
-        r = (max(x, -700.0) - n * _LN2_HIGH) - n * _LN2_LOW
-        rr = r * r
-        p = ((_E8 + _E9 * r) + rr * (_E10 + _E11 * r)) + rr * rr * _E12
-        p = ((1.0 + r) + rr * (_E2 + _E3 * r)) + rr * rr * (
-            ((_E4 + _E5 * r) + rr * (_E6 + _E7 * r)) + rr * rr * p
-        )
-        scale = np.int64((np.float64(shifted).view(np.int64) + 1023) << 52).view(np.float64)
-        bench[_RATIO + j] = np.divide(p * scale, bench[_SCALE2 + j])
-
-
-@compiled
-def weigh_frames(
-    problem: Problem,
-    camera: Array,
-    wanted: Flags,
-    cover: Ints,
-    sizes: Array,
-    joints: Array,
-    rows: Ints,
-    gaps: Array,
-    bench: Array,
-    by_frame: Array,
-    to: Ints,
-) -> None:
-    """log p(u, c | q, m) of frames into ``by_frame``: as they are, and with sides swapped.
+def find_seen(seen: Singles, n: int, width: float, surprise: float) -> None:
+    """Probability of being seen: :func:`imapper_prob.models.energy.occlusion.p_seen`.
 
     Parameters
     ----------
-    problem : Problem
-    camera : (5,) float
-    wanted : (T,) flags
-        Which frames.
-    cover : (T,) int
-        Negative where no scenelet poses the frame but its own pose does.
-    sizes : (S,) float
-        Log size of the person of scenelet ``cover[t]``, on top of the body scale.
-    joints : (R, 16, 3) float
-        World joints, metres; those of frame t are in row ``rows[t]``.
-    gaps : (T, 16) float
-        Clearance of every joint, metres.
-    bench : (BENCH,) float
-        Workspace.
-    by_frame : (R, 2) float
-        Out, nats; frame t into row ``to[t]``.
+    seen : (n or more, 16) single
+        In: clearance of every joint, metres. Out: its probability, in the first ``n`` rows.
+    width, surprise : float
+        Of the step of visibility.
     """
-    focal = math.exp(camera[2])
-    fx, fy = focal * problem.fx, focal * problem.fy
-    lens = fx, fy, problem.cx, problem.cy, fx * problem.pose_tolerance
-    pose = (
-        math.cos(camera[0]), math.sin(camera[0]), camera[1],
-        math.cos(camera[4]), math.sin(camera[4]),
-    )  # fmt: skip
-    body, of = 1.0, -1
-    keypoints, scales, dofs = problem.keypoints, problem.error_scale, problem.error_dof
-    confidence, static, used = problem.confidence_density, problem.static_density, problem.used
-    for t in range(len(wanted)):
-        if not wanted[t]:
-            continue
-        _find_seen(gaps, t, problem.sight_width, problem.surprise, bench)
+    sharpness, least = np.float32(1.0 / width), np.float32(surprise)
+    span = np.float32(1.0 - 2.0 * surprise)
+    for i in range(n):
         for j in range(16):
-            bench[_SEEN + 16 + j] = bench[_SEEN + MIRROR[j]]
-        if cover[t] >= 0:
-            if cover[t] != of:
-                of = cover[t]
-                body = math.exp(camera[3] + sizes[of])
-            _project(lens, pose, body, joints, rows[t], bench)
-            for j in range(16):
-                bench[_U + 16 + j] = bench[_U + MIRROR[j]]
-                bench[_V + 16 + j] = bench[_V + MIRROR[j]]
-                bench[_LOOSE + 16 + j] = bench[_LOOSE + MIRROR[j]]
-            # Spelled out, so that the compiler knows where each row lies.
-            _measure(keypoints, scales, dofs, t, 0, _U, _RATIO, bench)
-            _measure(keypoints, scales, dofs, t, 1, _U, _RATIO + 16, bench)
-            _measure(keypoints, scales, dofs, t, 0, _U + 16, _RATIO + 32, bench)
-            _measure(keypoints, scales, dofs, t, 1, _U + 16, _RATIO + 48, bench)
-            _raise(bench)
-            _mix(confidence, t, _SEEN, _RATIO, _DENSITY, bench)
-            _mix(confidence, t, _SEEN + 16, _RATIO + 32, _DENSITY + 16, bench)
-        else:
-            for j in range(16):
-                hidden, seen = static[0, t, j, 0], static[0, t, j, 1]
-                bench[_DENSITY + j] = hidden + bench[_SEEN + j] * (seen - hidden)
-            for j in range(16):
-                hidden, seen = static[1, t, j, 0], static[1, t, j, 1]
-                bench[_DENSITY + 16 + j] = hidden + bench[_SEEN + 16 + j] * (seen - hidden)
-        # Logarithms are dear: one of a product, before it can underflow.
-        right, wrong = 1.0, 1.0
-        log_right, log_wrong = 0.0, 0.0
-        for j in range(16):
-            if used[t, j]:
-                right *= bench[_DENSITY + j]
-                wrong *= bench[_DENSITY + 16 + j]
-                if right < _SMALL:
-                    log_right += math.log(max(right, _SMALLEST))
-                    right = 1.0
-                if wrong < _SMALL:
-                    log_wrong += math.log(max(wrong, _SMALLEST))
-                    wrong = 1.0
-        by_frame[to[t], 0] = log_right + math.log(right)
-        by_frame[to[t], 1] = log_wrong + math.log(wrong)
+            x = -min(max(seen[i, j] * sharpness, -_FAR), _FAR)
+            shifted = x * _LOG2E + _ROUND
+            whole = shifted - _ROUND
+            r = (x - whole * _LN2_HIGH) - whole * _LN2_LOW
+            rr = r * r
+            p = ((_E1 + r) + rr * (_E2 + _E3 * r)) + rr * rr * ((_E4 + _E5 * r) + rr * _E6)
+            scale = np.int32((np.float32(shifted).view(np.int32) + 127) << 23).view(np.float32)
+            seen[i, j] = least + span / (_E1 + p * scale)
+
+
+@inlined
+def weigh(chances: Array, row: int, seen: Singles, at: int, desk: Array, logs: Array) -> None:
+    """p(u, c | q, m) of a frame: as it is, and with sides swapped.
+
+    Parameters
+    ----------
+    chances : (R, 64) float
+        The frame's are in row ``row``.
+    seen : (n, 16) single
+        Probability of every joint's being seen; the frame's is in row ``at``.
+    desk : (DESK,) float
+        Workspace.
+    logs : (4, n) float
+        Out, in column ``at``: of both densities a factor in [1, 2^16), and the powers of two
+        that are the other. :func:`take_logs` turns all into nats.
+    """
+    for j in range(16):
+        share = np.float64(seen[at, j])
+        right = chances[row, j] + share * chances[row, 16 + j]
+        wrong = chances[row, 32 + j] + share * chances[row, 48 + j]
+        desk[j], desk[16 + j] = max(right, _SMALLEST), max(wrong, _SMALLEST)
+    # Logarithms are dear: one of the product of all mantissas, which cannot underflow.
+    for j in range(32):
+        bits = np.float64(desk[j]).view(np.int64)
+        desk[j] = np.int64((bits & _MANTISSA) | _UNIT).view(np.float64)
+        desk[32 + j] = np.float64((bits >> 52) - _BIAS)
+    right, wrong, twos_right, twos_wrong = 1.0, 1.0, 0.0, 0.0
+    for j in range(16):
+        right *= desk[j]
+        wrong *= desk[16 + j]
+        twos_right += desk[32 + j]
+        twos_wrong += desk[48 + j]
+    logs[0, at], logs[1, at], logs[2, at], logs[3, at] = right, wrong, twos_right, twos_wrong
+
+
+@compiled
+def take_logs(logs: Array, n: int) -> None:
+    """log p(u, c | q, m) of frames, nats, into the first two rows of ``logs`` (4, n or more).
+
+    See :func:`weigh`; as it is, and with sides swapped.
+    """
+    for side in range(2):
+        for i in range(n):
+            # As in single precision above, to twice as many terms.
+            bits = np.float64(logs[side, i]).view(np.int64)
+            e = (bits - _DOUBLE_HALF_BITS) >> 52
+            f = np.int64(bits - (e << 52)).view(np.float64)
+            s = (f - 1.0) / (f + 1.0)
+            z = s * s
+            zz = z * z
+            q = (1.0 + 1 / 3 * z) + zz * ((1 / 5 + 1 / 7 * z) + zz * (1 / 9 + 1 / 11 * z))
+            q += zz * zz * zz * ((1 / 13 + 1 / 15 * z) + zz * (1 / 17 + 1 / 19 * z))
+            logs[side, i] = 2.0 * s * q + (np.float64(e) + logs[2 + side, i]) * _LN2

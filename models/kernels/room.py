@@ -7,10 +7,22 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from imapper_prob.models.energy.intersection import footprint_depth
+from imapper_prob.models.energy.intersection import overlap_depth
 from imapper_prob.models.jit import compiled
 from imapper_prob.models.kernels.body import apart, depth_in_box, set_columns, set_footprint
-from imapper_prob.models.kernels.sight import BENCH, GAP, aim, clear, look, set_outlook
+from imapper_prob.models.kernels.sight import (
+    BENCH,
+    GAP,
+    LINE,
+    OUTLOOK,
+    VIEW,
+    Singles,
+    aim,
+    clear,
+    look,
+    open_view,
+    set_outlook,
+)
 from imapper_prob.models.problem import Problem
 
 __all__ = ["collision_depth", "find_clearances", "find_footprints", "motion_depths"]
@@ -20,16 +32,20 @@ Ints = NDArray[np.int64]
 
 
 @compiled
-def find_clearances(elevation: float, joints: Array, boxes: Array, turns: Array) -> Array:
+def find_clearances(elevation: float, joints: Array, boxes: Array, turns: Array) -> Singles:
     """(T, 16) clearance of the line of sight to every joint from all boxes, metres."""
-    outlooks = np.empty((len(boxes), 15))
+    outlooks = np.empty((len(boxes), OUTLOOK), np.float32)
     for k in range(len(boxes)):
         set_outlook(elevation, boxes[k], turns[k], outlooks[k])
-    bench, view, gaps = np.empty(BENCH), np.empty((1, 5)), np.empty((len(joints), 16))
-    for t in range(len(joints)):
-        aim(elevation, joints, t, bench)
-        look(bench, view, 0)
-        clear(outlooks, 0, len(boxes), view, 0, bench)
+    n = len(joints)
+    bench, gaps = np.empty(BENCH, np.float32), np.empty((n, 16), np.float32)
+    lines, views = np.empty((n, LINE), np.float32), np.empty((n, VIEW), np.float32)
+    for t in range(n):
+        aim(elevation, joints, lines, t)
+        look(lines, t, bench, views)
+    for t in range(n):
+        open_view(bench)
+        clear(outlooks, 0, len(boxes), lines, views, t, bench)
         for j in range(16):
             gaps[t, j] = bench[GAP + j]
     return gaps
@@ -46,19 +62,19 @@ def find_footprints(boxes: Array, turns: Array) -> Array:
 
 @compiled
 def collision_depth(
-    problem: Problem, boxes: Array, footprints: Array, owner: Ints, yaws: Array
+    problem: Problem, boxes: Array, turns: Array, footprints: Array, owner: Ints, yaws: Array
 ) -> float:
     """Metres that objects of different scenelets are in each other, unless they are one."""
     total = 0.0
     n = len(boxes)
+    merges = math.cos(problem.merge_angle)
     for a in range(n):
         for b in range(a + 1, n):
             if owner[a, 0] == owner[b, 0] or apart(footprints, a, footprints, b):
                 continue
-            aligned = math.cos(yaws[a] - yaws[b]) > math.cos(problem.merge_angle)
-            if owner[a, 2] == owner[b, 2] and aligned:
+            if owner[a, 2] == owner[b, 2] and math.cos(yaws[a] - yaws[b]) > merges:
                 continue
-            total += footprint_depth(boxes[a], boxes[b])
+            total += overlap_depth(boxes[a], turns[a], boxes[b], turns[b])
     return total
 
 
@@ -73,10 +89,10 @@ def motion_depths(
 ) -> Array:
     """(T,) metres that the body stands in objects that are not the frame's own."""
     total = np.zeros(len(item_of))
-    columns, ground = np.empty((5, 4)), np.empty((1, 4))
+    columns, ground = np.empty((1, 5, 4)), np.empty((1, 4))
     for t in range(len(item_of)):
         set_columns(joints, t, columns, ground, 0)
         for k in range(len(boxes)):
             if owner[k, 0] != item_of[t] and not apart(ground, 0, footprints, k):
-                total[t] += depth_in_box(columns, boxes, turns, k)
+                total[t] += depth_in_box(columns, 0, boxes, turns, k)
     return total

@@ -3,7 +3,8 @@
 The clearance of a line of sight is :func:`imapper_prob.models.energy.occlusion.clearance`;
 here it is worked out for all joints of a frame at once. The bench, one flat array, holds a
 row of sixteen numbers for every quantity: rows at fixed places in one array are what lets
-the compiler work on many joints in one instruction.
+the compiler work on many joints in one instruction. In single precision that is on all
+sixteen; it is good for a micrometre, where a line has to move by centimetres to be seen.
 
 For a line that starts at ``p`` and runs along ``d`` in the axes of a box with half sides
 ``h``, the least of ``max_i |p_i + s d_i| - h_i`` over s in [0, 1] is the largest of
@@ -24,43 +25,46 @@ from numpy.typing import NDArray
 
 from imapper_prob.models.energy.occlusion import set_window
 from imapper_prob.models.geometry import NOTHING_IN_SIGHT, OPAQUE
-from imapper_prob.models.jit import compiled
+from imapper_prob.models.jit import inlined
 from imapper_prob.models.limits import NEAR_SIGHT
 
 __all__ = [
-    "BENCH", "FIRST_FREE", "GAP", "aim", "aim_again", "clear", "keep_aim", "look", "may_hide",
-    "set_outlook",
+    "BENCH", "GAP", "LINE", "OUTLOOK", "VIEW", "Singles", "aim", "clear", "look", "may_hide",
+    "open_view", "set_outlook",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
+Singles = NDArray[np.float32]
 
-# Where the rows of the bench start. The line of sight in the world, metres;
 _X, _Y, _Z = 0, 16, 32
-# in a box's axes, half of it, and half its size along each axis;
-_MIDDLE, _EXTENT = 48, 96
+"""Where the rows of a line start: to each joint from the camera, in the world, metres."""
+LINE = 48
+"""Numbers of the lines of sight of a frame."""
+VIEW, OUTLOOK = 5, 15
+"""Numbers of a frame's view, and of a box's outlook."""
+
+# Where the rows of the bench start. Half of every line in a box's axes;
+_MIDDLE = 0
 # for the pairs of axes 01, 02, 12 the share of the first in |d_i| + |d_k|, and that of the
 # second, signed as d_i d_k.
-_FIRST, _SECOND = 144, 192
-GAP = 240
+_FIRST, _SECOND = 48, 96
+# When looking, of every joint.
+_BEARING, _SLOPE = 0, 16
+GAP = 144
 """Row of the bench that holds the clearance of every joint, metres."""
-FIRST_FREE = 256
-"""First number of the bench that lines of sight do not use."""
-BENCH = 1024
+BENCH = 192
 """Numbers on the bench."""
 
-_LEVEL = 1e-15
+# Of single precision too, for one number in double makes double of all it meets.
+_HALF, _ONE, _CAP = np.float32(0.5), np.float32(1.0), np.float32(NOTHING_IN_SIGHT)
+_EVERYWHERE = np.float32(np.inf)
+_LEVEL = np.float32(1e-12)
 """Metres; a line that runs less than this along an axis is taken to run so much, which moves
 its clearance by no more."""
 
 
-@compiled
-def _share(first: float, second: float) -> float:
-    """``first / (first + second)``; without Python's check for zero, which would branch."""
-    return np.divide(first, first + second)  # type: ignore[no-any-return]
-
-
-@compiled
-def set_outlook(elevation: float, box: Array, turn: Array, outlook: Array) -> None:
+@inlined
+def set_outlook(elevation: float, box: Array, turn: Array, outlook: Singles) -> None:
     """What :func:`clear` needs of a box, into ``outlook`` (15,).
 
     Parameters
@@ -71,7 +75,7 @@ def set_outlook(elevation: float, box: Array, turn: Array, outlook: Array) -> No
         In the world.
     turn : (2 or more,) float
         Cosine and sine of its yaw.
-    outlook : (15,) float
+    outlook : (15,) single
         Out: :func:`imapper_prob.models.energy.occlusion.set_window`; cosine and sine; the
         camera in the box's axes, half sides, by how much depth counts more because the box
         is thin, and the least value of its box function.
@@ -88,138 +92,121 @@ def set_outlook(elevation: float, box: Array, turn: Array, outlook: Array) -> No
     outlook[14] = -thinnest
 
 
-@compiled
-def aim(elevation: float, joints: Array, row: int, bench: Array) -> None:
-    """Put the lines of sight to ``joints[row]`` (16, 3) on the bench, nothing in their way."""
+@inlined
+def aim(elevation: float, joints: Array, lines: Singles, row: int) -> None:
+    """The lines of sight to ``joints[row]`` (3, 16), into ``lines[row]`` (48,)."""
     for j in range(16):
-        bench[_X + j] = joints[row, j, 0]
-        bench[_Y + j] = joints[row, j, 1]
-        bench[_Z + j] = joints[row, j, 2] - elevation
-        bench[GAP + j] = NOTHING_IN_SIGHT
+        lines[row, _X + j] = joints[row, 0, j]
+        lines[row, _Y + j] = joints[row, 1, j]
+        lines[row, _Z + j] = joints[row, 2, j] - elevation
 
 
-@compiled
-def keep_aim(bench: Array, lines: Array, row: int) -> None:
-    """Remember the lines of sight on the bench in ``lines[row]`` (48,)."""
-    for j in range(48):
-        lines[row, j] = bench[_X + j]
-
-
-@compiled
-def aim_again(lines: Array, row: int, bench: Array) -> None:
-    """Put lines of sight back on the bench, nothing in their way."""
-    for j in range(48):
-        bench[_X + j] = lines[row, j]
-    for j in range(16):
-        bench[GAP + j] = NOTHING_IN_SIGHT
-
-
-@compiled
-def _bounds(at: int, bench: Array) -> tuple[float, float]:
-    """Least and greatest of a row, by halves: a chain of sixteen comparisons would wait."""
-    for j in range(8):
-        bench[_FIRST + j] = min(bench[at + j], bench[at + 8 + j])
-        bench[_SECOND + j] = max(bench[at + j], bench[at + 8 + j])
-    for j in range(4):
-        bench[_FIRST + 8 + j] = min(bench[_FIRST + j], bench[_FIRST + 4 + j])
-        bench[_SECOND + 8 + j] = max(bench[_SECOND + j], bench[_SECOND + 4 + j])
-    low = min(
-        min(bench[_FIRST + 8], bench[_FIRST + 9]), min(bench[_FIRST + 10], bench[_FIRST + 11])
-    )
-    high = max(
-        max(bench[_SECOND + 8], bench[_SECOND + 9]), max(bench[_SECOND + 10], bench[_SECOND + 11])
-    )
-    return low, high
-
-
-@compiled
-def look(bench: Array, views: Array, row: int) -> None:
-    """The part of the view in which the lines on the bench lie, into ``views[row]`` (5,).
+@inlined
+def look(lines: Singles, row: int, bench: Singles, views: Singles) -> None:
+    """The part of the view in which the lines of sight lie, into ``views[row]`` (5,).
 
     Bounds of bearing x / y and of slope z / y, and the largest y. A joint behind the camera
     may be anywhere.
     """
-    nearest, far = _bounds(_Y, bench)
-    if nearest <= NEAR_SIGHT:
-        views[row, 0], views[row, 1] = -math.inf, math.inf
-        views[row, 2], views[row, 3] = -math.inf, math.inf
-        views[row, 4] = math.inf
-        return
     for j in range(16):
-        nearness = np.divide(1.0, bench[_Y + j])
-        bench[_MIDDLE + j] = bench[_X + j] * nearness
-        bench[_EXTENT + j] = bench[_Z + j] * nearness
-    views[row, 0], views[row, 1] = _bounds(_MIDDLE, bench)
-    views[row, 2], views[row, 3] = _bounds(_EXTENT, bench)
+        nearness = _ONE / lines[row, _Y + j]
+        bench[_BEARING + j] = lines[row, _X + j] * nearness
+        bench[_SLOPE + j] = lines[row, _Z + j] * nearness
+    nearest = far = lines[row, _Y]
+    left = right = bench[_BEARING]
+    low = high = bench[_SLOPE]
+    for j in range(1, 16):
+        nearest, far = min(nearest, lines[row, _Y + j]), max(far, lines[row, _Y + j])
+        left, right = min(left, bench[_BEARING + j]), max(right, bench[_BEARING + j])
+        low, high = min(low, bench[_SLOPE + j]), max(high, bench[_SLOPE + j])
+    if nearest <= NEAR_SIGHT:
+        left = low = -_EVERYWHERE
+        right = high = far = _EVERYWHERE
+    views[row, 0], views[row, 1], views[row, 2], views[row, 3] = left, right, low, high
     views[row, 4] = far
 
 
-@compiled
-def may_hide(windows: Array, k: int, views: Array, row: int) -> bool:
+@inlined
+def open_view(bench: Singles) -> None:
+    """Nothing is in the way of any line of sight."""
+    for j in range(16):
+        bench[GAP + j] = _CAP
+
+
+@inlined
+def may_hide(windows: Singles, k: int, views: Singles, row: int) -> bool:
     """Whether a box in ``windows[k]`` can come near a line of sight in ``views[row]``."""
+    # All five are asked at once: which of them says no cannot be foreseen.
     return bool(
-        windows[k, 4] <= views[row, 4]
-        and windows[k, 0] <= views[row, 1]
-        and windows[k, 1] >= views[row, 0]
-        and windows[k, 2] <= views[row, 3]
-        and windows[k, 3] >= views[row, 2]
+        (windows[k, 4] <= views[row, 4])
+        & (windows[k, 0] <= views[row, 1])
+        & (windows[k, 1] >= views[row, 0])
+        & (windows[k, 2] <= views[row, 3])
+        & (windows[k, 3] >= views[row, 2])
     )
 
 
-@compiled
-def clear(outlooks: Array, first: int, last: int, views: Array, row: int, bench: Array) -> bool:
-    """Lower the clearance on the bench to that of boxes ``first`` to ``last - 1``.
+@inlined
+def clear(
+    outlooks: Singles,
+    first: int,
+    last: int,
+    lines: Singles,
+    views: Singles,
+    row: int,
+    bench: Singles,
+) -> bool:
+    """Lower the clearance on the bench to that of ``lines[row]`` from some boxes.
 
-    ``outlooks`` (K, 15) are those of :func:`set_outlook`. Returns whether any of the boxes
-    can come near a line of sight.
+    These are ``first`` to ``last - 1`` of ``outlooks`` (K, 15), see :func:`set_outlook`.
+    Returns whether any of them can come near a line of sight.
     """
     turned = -1
     for k in range(first, last):
         if may_hide(outlooks, k, views, row):
             c, s = outlooks[k, 5], outlooks[k, 6]
             if turned < 0 or c != outlooks[turned, 5] or s != outlooks[turned, 6]:
-                _turn(c, s, bench)
+                _turn(c, s, lines, row, bench)
                 turned = k
             _pass_by(outlooks, k, bench)
     return turned >= 0
 
 
-@compiled
-def _turn(c: float, s: float, bench: Array) -> None:
+@inlined
+def _turn(c: float, s: float, lines: Singles, row: int, bench: Singles) -> None:
     """The lines of sight in the axes of boxes whose yaw has cosine ``c`` and sine ``s``."""
     for j in range(16):
-        u = c * bench[_X + j] + s * bench[_Y + j]
-        v = c * bench[_Y + j] - s * bench[_X + j]
-        w = bench[_Z + j]
-        bench[_MIDDLE + j] = 0.5 * u
-        bench[_MIDDLE + 16 + j] = 0.5 * v
-        bench[_MIDDLE + 32 + j] = 0.5 * w
-        bench[_EXTENT + j] = 0.5 * abs(u)
-        bench[_EXTENT + 16 + j] = 0.5 * abs(v)
-        bench[_EXTENT + 32 + j] = 0.5 * abs(w)
+        u = c * lines[row, _X + j] + s * lines[row, _Y + j]
+        v = c * lines[row, _Y + j] - s * lines[row, _X + j]
+        w = lines[row, _Z + j]
+        bench[_MIDDLE + j] = _HALF * u
+        bench[_MIDDLE + 16 + j] = _HALF * v
+        bench[_MIDDLE + 32 + j] = _HALF * w
         along, across, up = max(abs(u), _LEVEL), max(abs(v), _LEVEL), max(abs(w), _LEVEL)
-        share = _share(along, across)
+        share = along / (along + across)
         bench[_FIRST + j] = share
-        bench[_SECOND + j] = math.copysign(1.0 - share, u * v)
-        share = _share(along, up)
+        bench[_SECOND + j] = math.copysign(_ONE - share, u * v)
+        share = along / (along + up)
         bench[_FIRST + 16 + j] = share
-        bench[_SECOND + 16 + j] = math.copysign(1.0 - share, u * w)
-        share = _share(across, up)
+        bench[_SECOND + 16 + j] = math.copysign(_ONE - share, u * w)
+        share = across / (across + up)
         bench[_FIRST + 32 + j] = share
-        bench[_SECOND + 32 + j] = math.copysign(1.0 - share, v * w)
+        bench[_SECOND + 32 + j] = math.copysign(_ONE - share, v * w)
 
 
-@compiled
-def _pass_by(outlooks: Array, k: int, bench: Array) -> None:
+@inlined
+def _pass_by(outlooks: Singles, k: int, bench: Singles) -> None:
     """Lower every joint's clearance to that of box ``k``, in whose axes the lines are."""
     p0, p1, p2 = outlooks[k, 7], outlooks[k, 8], outlooks[k, 9]
     h0, h1, h2 = outlooks[k, 10], outlooks[k, 11], outlooks[k, 12]
     thin, least = outlooks[k, 13], outlooks[k, 14]
     longer01, longer02, longer12 = h0 - h1, h0 - h2, h1 - h2
     for j in range(16):
-        axis0 = abs(p0 + bench[_MIDDLE + j]) - bench[_EXTENT + j] - h0
-        axis1 = abs(p1 + bench[_MIDDLE + 16 + j]) - bench[_EXTENT + 16 + j] - h1
-        axis2 = abs(p2 + bench[_MIDDLE + 32 + j]) - bench[_EXTENT + 32 + j] - h2
+        half0, half1 = bench[_MIDDLE + j], bench[_MIDDLE + 16 + j]
+        half2 = bench[_MIDDLE + 32 + j]
+        axis0 = abs(p0 + half0) - abs(half0) - h0
+        axis1 = abs(p1 + half1) - abs(half1) - h1
+        axis2 = abs(p2 + half2) - abs(half2) - h2
         first, second = bench[_FIRST + j], bench[_SECOND + j]
         pair01 = abs(first * p1 - second * p0) + (first * longer01 - h0)
         first, second = bench[_FIRST + 16 + j], bench[_SECOND + 16 + j]

@@ -1,4 +1,4 @@
-"""What a scenelet in its place brings along: its boxes, and where the person is in it."""
+"""What a scenelet in its place brings along: its boxes, and where it starts and ends, compiled."""
 
 from __future__ import annotations
 
@@ -7,25 +7,26 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from imapper_prob.models.energy.intersection import footprint_depth
-from imapper_prob.models.jit import compiled
+from imapper_prob.models.energy.intersection import overlap_depth
+from imapper_prob.models.jit import inlined
 from imapper_prob.models.kernels.body import apart, set_footprint
-from imapper_prob.models.kernels.memory import Memory
+from imapper_prob.models.kernels.memory import ADDED, Memory
 from imapper_prob.models.kernels.sight import set_outlook
 from imapper_prob.models.kernels.support import log_size_density
 from imapper_prob.models.limits import NEAREST
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.skeleton import PELV
 
-__all__ = ["collide", "fill_slot", "pose_covered_frames"]
+__all__ = ["fill_slot", "sum_pairs"]
 
 Array = NDArray[np.float64]
 
 
-@compiled
+@inlined
 def fill_slot(problem: Problem, memory: Memory, camera: Array, slot: int) -> None:
     """Everything of ``slot`` that follows from its item and placement."""
     _place_boxes(problem, memory, camera, slot)
+    memory.bodies[slot] = math.exp(camera[3] + memory.sizes[slot])
     scenelet = memory.items[slot, 0]
     first, last = problem.joint_first[scenelet], problem.joint_first[scenelet + 1] - 1
     depth = _pelvis(problem, memory, camera, slot, last, 2)
@@ -36,13 +37,13 @@ def fill_slot(problem: Problem, memory: Memory, camera: Array, slot: int) -> Non
     memory.placed[slot] += log_size_density(memory.sizes[slot], problem.size_spread)
 
 
-@compiled
+@inlined
 def _pelvis(
     problem: Problem, memory: Memory, camera: Array, slot: int, frame: int, to: int
 ) -> float:
     """Bearing and log depth of the pelvis in a frame of the library; returns its depth."""
     px, py, yaw = memory.placements[slot]
-    body = math.exp(camera[3] + memory.sizes[slot])
+    body = memory.bodies[slot]
     c, s = body * math.cos(yaw), body * math.sin(yaw)
     cp, sp = math.cos(camera[0]), math.sin(camera[0])
     x, y = problem.joints[frame, PELV, 0], problem.joints[frame, PELV, 1]
@@ -56,7 +57,7 @@ def _pelvis(
     return depth
 
 
-@compiled
+@inlined
 def _place_boxes(problem: Problem, memory: Memory, camera: Array, slot: int) -> None:
     scenelet = memory.items[slot, 0]
     px, py, yaw = memory.placements[slot]
@@ -88,38 +89,34 @@ def _place_boxes(problem: Problem, memory: Memory, camera: Array, slot: int) -> 
         hull[4] = min(hull[4], memory.outlooks[k, 4])
 
 
-@compiled
-def pose_covered_frames(problem: Problem, memory: Memory, camera: Array, slot: int) -> None:
-    """World joints of the scenelet in ``slot`` in all its frames, metres."""
-    px, py, yaw = memory.placements[slot]
-    body = math.exp(camera[3] + memory.sizes[slot])
-    c, s = body * math.cos(yaw), body * math.sin(yaw)
-    joints, rows, library = memory.joints, memory.pose_row, problem.joints
-    start = memory.items[slot, 1]
-    offset = problem.joint_first[memory.items[slot, 0]] - start
-    for t in range(start, memory.items[slot, 2]):
-        row = rows[t]
-        for j in range(16):
-            x, y = library[offset + t, j, 0], library[offset + t, j, 1]
-            joints[row, j, 0] = c * x - s * y + px
-            joints[row, j, 1] = s * x + c * y + py
-            joints[row, j, 2] = body * library[offset + t, j, 2]
-
-
-@compiled
-def collide(problem: Problem, memory: Memory, one: int, other: int) -> float:
+@inlined
+def _collide(problem: Problem, memory: Memory, one: int, other: int) -> float:
     """Metres that objects in two slots are in each other, unless they are one (15)."""
     if apart(memory.floors, one, memory.floors, other):
         return 0.0
     size = len(memory.boxes) // len(memory.counts)
+    labels, yaws, boxes, turns = memory.labels, memory.yaws, memory.boxes, memory.turns
     merges = math.cos(problem.merge_angle)
     total = 0.0
     for i in range(one * size, one * size + memory.counts[one]):
         for k in range(other * size, other * size + memory.counts[other]):
             if apart(memory.footprints, i, memory.footprints, k):
                 continue
-            aligned = math.cos(memory.yaws[i] - memory.yaws[k]) > merges
-            if aligned and memory.labels[i] == memory.labels[k]:
+            if labels[i] == labels[k] and math.cos(yaws[i] - yaws[k]) > merges:
                 continue
-            total += footprint_depth(memory.boxes[i], memory.boxes[k])
+            total += overlap_depth(boxes[i], turns[i], boxes[k], turns[k])
     return total
+
+
+@inlined
+def sum_pairs(problem: Problem, memory: Memory, n: int) -> float:
+    """What it costs that objects of the ``n`` proposed scenelets are in each other, nats."""
+    depth = 0.0
+    for i in range(n):
+        for k in range(i):
+            one, other = memory.slots[1, i], memory.slots[1, k]
+            if memory.role[one] == ADDED or memory.role[other] == ADDED:
+                memory.pairs[one, other] = _collide(problem, memory, one, other)
+                memory.pairs[other, one] = memory.pairs[one, other]
+            depth += memory.pairs[one, other]
+    return -problem.collision_cost * problem.likelihood * depth

@@ -12,6 +12,7 @@ from imapper_prob.models.jit import compiled
 from imapper_prob.models.kernels.support import in_support, log_size_density
 from imapper_prob.models.limits import NEAREST
 from imapper_prob.models.problem import Problem
+from imapper_prob.models.skeleton import PELV
 
 __all__ = ["place_boxes", "weigh_priors"]
 
@@ -39,7 +40,7 @@ def weigh_priors(
         See :func:`imapper_prob.models.compiled.evaluate`.
     item_of : (T,) int
         In: -1. Out: which item covers a frame, -1 if free.
-    joints : (T, 16, 3) float
+    joints : (T, 3, 16) float
         Out: the motion in the world, metres.
     terms : (4 or more,) float
         Out: camera, layout, placement and path, nats.
@@ -101,9 +102,9 @@ def _place_scenelets(
             for j in range(16):
                 x = problem.joints[first + t, j, 0]
                 y = problem.joints[first + t, j, 1]
-                joints[start + t, j, 0] = c * x - s * y + px
-                joints[start + t, j, 1] = s * x + c * y + py
-                joints[start + t, j, 2] = body * problem.joints[first + t, j, 2]
+                joints[start + t, 0, j] = c * x - s * y + px
+                joints[start + t, 1, j] = s * x + c * y + py
+                joints[start + t, 2, j] = body * problem.joints[first + t, j, 2]
     return True
 
 
@@ -120,30 +121,22 @@ def _path(
     placement = 0.0
     for t in range(n_frames):
         if item_of[t] >= 0:
-            x, y, z = joints[t, 6, 0], joints[t, 6, 1], joints[t, 6, 2] - camera[1]
+            x, y, z = joints[t, 0, PELV], joints[t, 1, PELV], joints[t, 2, PELV] - camera[1]
             depth = max(cp * y + sp * z, NEAREST)
             values[0, t] = (cr * x + sr * (cp * z - sp * y)) / depth
             values[1, t] = math.log(depth)
             if t == 0 or item_of[t] != item_of[t - 1]:
                 # From (bearing, log depth) of the first pelvis to (x, y), and a uniform yaw.
                 placement += math.log(cr * cp / (depth * depth)) - math.log(2 * math.pi)
-    evidence = 0.0
-    filtered = np.empty((n_frames, 2))
-    measured = np.empty(n_frames)
-    precision = np.empty(n_frames)
+    evidence, predicted = 0.0, np.empty((n_frames, 2))
     for axis in range(2):
-        for t in range(n_frames):
-            # The same pixels under another focal length and body size.
-            if axis == 0:
-                measured[t] = problem.measured[t, 0] / focal
-                precision[t] = problem.precision[t, 0] * focal * focal
-            else:
-                measured[t] = problem.measured[t, 1] + camera[2] + camera[3]
-                precision[t] = problem.precision[t, 1]
+        # The same pixels under another focal length and body size.
+        unit = 1.0 / focal if axis == 0 else 1.0
+        offset = 0.0 if axis == 0 else camera[2] + camera[3]
         evidence += chain(
-            values[axis], item_of, measured, precision, latent[:, axis],
-            problem.start_mean[axis], problem.start_variance[axis],
-            problem.step_variance[axis], filtered,
+            values[axis], item_of, unit * problem.path_centre[:, axis] + offset,
+            unit * problem.path_scale[:, axis], latent[:, axis], problem.path_memory[axis],
+            predicted,
         )  # fmt: skip
     for t in range(n_frames):
         if item_of[t] < 0:
@@ -154,9 +147,9 @@ def _path(
                 y = depth + body * problem.poses[t, j, 1]
                 up = pz + body * problem.poses[t, j, 2]
                 z = sr * right + cr * up
-                joints[t, j, 0] = cr * right - sr * up
-                joints[t, j, 1] = cp * y - sp * z
-                joints[t, j, 2] = sp * y + cp * z + camera[1]
+                joints[t, 0, j] = cr * right - sr * up
+                joints[t, 1, j] = cp * y - sp * z
+                joints[t, 2, j] = sp * y + cp * z + camera[1]
     return evidence, placement
 
 

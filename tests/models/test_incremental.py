@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numba.core.runtime import rtsys
+from numba.core.runtime._nrt_python import memsys_disable_stats, memsys_enable_stats
 
 from imapper_prob.demo import demo_clip
 from imapper_prob.models.incremental import Incremental
@@ -21,6 +23,8 @@ from imapper_prob.staged.static_path import estimate_static_path
 from tests.models import worlds
 
 Move = Callable[[np.random.Generator, Problem, State], State]
+ARGUMENTS = 7
+"""Arrays handed to compiled code with a proposal."""
 AHEAD = np.array([0.0, 4.0, 0.0])
 
 
@@ -115,12 +119,12 @@ def wander(problem: Problem, seed: int, steps: int) -> int:
     for _ in range(steps):
         move = MOVES[int(rng.integers(len(MOVES)))]
         proposed = move(rng, problem, state)
-        value, expected = evaluator.propose(proposed), log_posterior(problem, proposed)
+        value, expected = sum(evaluator.propose(proposed)), log_posterior(problem, proposed)
         assert value == pytest.approx(expected, rel=1e-9), move.__name__
         if np.isfinite(value) and rng.random() < 0.5:
             evaluator.accept()
             state = proposed
-            assert evaluator.log_posterior == value
+            assert sum(evaluator.parts) == value
         most = max(most, state.n_scenelets)
     return most
 
@@ -140,14 +144,16 @@ def test_refused_proposals_change_nothing() -> None:
     problem, rng = small_world(), np.random.default_rng(3)
     state = empty_state(problem).with_item(0, 5, AHEAD).with_item(2, 30, AHEAD + 0.4)
     evaluator = Incremental(problem, state)
-    before = evaluator.log_posterior
+    before = sum(evaluator.parts)
     for _ in range(200):
         evaluator.propose(everything(rng, problem, camera(rng, problem, state)))
     assert evaluator.state is state
-    assert evaluator.log_posterior == before
-    assert evaluator.propose(state) == pytest.approx(before, rel=1e-14)
+    assert sum(evaluator.parts) == before
+    assert sum(evaluator.propose(state)) == pytest.approx(before, rel=1e-14)
     walked = walk(rng, problem, state)
-    assert evaluator.propose(walked) == pytest.approx(log_posterior(problem, walked), rel=1e-12)
+    assert sum(evaluator.propose(walked)) == pytest.approx(
+        log_posterior(problem, walked), rel=1e-12
+    )
 
 
 def test_many_small_steps_do_not_add_up_to_an_error() -> None:
@@ -156,10 +162,30 @@ def test_many_small_steps_do_not_add_up_to_an_error() -> None:
     state = empty_state(problem).with_item(1, 20, AHEAD)
     evaluator = Incremental(problem, state)
     for _ in range(400):
-        state = state.with_placement(0, state.placements[0] + [3e-13, 7e-13, 0.0])
+        state = state.with_placement(0, state.placements[0] + [3e-10, 7e-10, 0.0])
         evaluator.propose(state)
         evaluator.accept()
-    assert evaluator.log_posterior == pytest.approx(log_posterior(problem, state), rel=1e-10)
+    assert sum(evaluator.parts) == pytest.approx(log_posterior(problem, state), rel=1e-9)
+
+
+def test_nothing_is_allocated_but_what_arguments_are_handed_over_in() -> None:
+    problem, rng = demo_world(), np.random.default_rng(5)
+    state = empty_state(problem).with_item(0, 5, AHEAD).with_item(2, 40, AHEAD + 0.4)
+    evaluator = Incremental(problem, state)
+    memsys_enable_stats()
+    try:
+        for move in (walk, birth, death, refresh, camera):
+            proposed = move(rng, problem, state)
+            before = rtsys.get_allocation_stats().alloc
+            value = sum(evaluator.propose(proposed))
+            assert rtsys.get_allocation_stats().alloc - before <= ARGUMENTS, move.__name__
+            if np.isfinite(value):
+                evaluator.accept()
+                assert rtsys.get_allocation_stats().alloc - before <= ARGUMENTS, move.__name__
+                evaluator.propose(state)
+                evaluator.accept()
+    finally:
+        memsys_disable_stats()
 
 
 def test_room_is_made_for_more_scenelets() -> None:
@@ -168,7 +194,9 @@ def test_room_is_made_for_more_scenelets() -> None:
     evaluator = Incremental(problem, state)
     for k in range(20):
         state = state.with_item(k % 3, 6 * k, AHEAD + np.array([0.1 * (k % 5), 0.2 * k, k]))
-        assert evaluator.propose(state) == pytest.approx(log_posterior(problem, state), rel=1e-9)
+        assert sum(evaluator.propose(state)) == pytest.approx(
+            log_posterior(problem, state), rel=1e-9
+        )
         evaluator.accept()
     assert evaluator.state.n_scenelets == 20
 
@@ -182,12 +210,12 @@ def test_only_states_inside_the_support_are_accepted() -> None:
         one.with_item(1, 8, AHEAD), one.with_item(1, 55, AHEAD), one.with_item(1, -1, AHEAD),
         replace(one, camera=low),
     ):  # fmt: skip
-        assert evaluator.propose(outside) == -np.inf
+        assert sum(evaluator.propose(outside)) == -np.inf
         with pytest.raises(ValueError, match="no proposal inside"):
             evaluator.accept()
         with pytest.raises(ValueError, match="outside the support"):
             Incremental(problem, outside)
-    assert evaluator.propose(one) == pytest.approx(log_posterior(problem, one))
+    assert sum(evaluator.propose(one)) == pytest.approx(log_posterior(problem, one))
     evaluator.accept()
     with pytest.raises(ValueError, match="no proposal"):
         evaluator.accept()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 from itertools import combinations
 
@@ -14,9 +15,16 @@ from shapely import Polygon
 from imapper_prob.models.energy.detections import DetectionModel
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.geometry import pack_boxes, sight_clearance
+from imapper_prob.models.path import CameraPrior
+from imapper_prob.models.problem import resample
 from imapper_prob.models.scene import Clip
 from imapper_prob.models.scenelet import Library
-from imapper_prob.models.simulate import NOMINAL_CAMERA, draw_camera, simulate_clip
+from imapper_prob.models.simulate import (
+    NOMINAL_CAMERA,
+    draw_camera,
+    draw_camera_and_body,
+    simulate_clip,
+)
 from imapper_prob.models.simulate_motion import Gait
 from imapper_prob.models.simulate_track import LIFT_SCALE, simulate_track
 from imapper_prob.models.skeleton import BONE_LENGTHS, BONES, HEAD, LANK, NECK, PELV, RANK, RHIP
@@ -249,6 +257,78 @@ def test_a_given_camera_is_the_true_one(rng: np.random.Generator) -> None:
     assert made.truth is not None
     assert made.truth.camera == camera
     assert made.camera == NOMINAL_CAMERA
+
+
+def test_camera_and_body_are_drawn_from_a_prior(rng: np.random.Generator) -> None:
+    mean = np.array([-0.1, 1.8, 0.02, -0.03, 0.01])
+    root = np.diag([0.05, 0.3, 0.05, 0.06, 0.02])
+    root[1, 0] = 0.1  # a height that goes with the pitch
+    prior = CameraPrior(mean, root @ root.T)
+    drawn = []
+    for _ in range(4000):
+        camera, body = draw_camera_and_body(rng, prior)
+        focal = np.log(camera.fx / NOMINAL_CAMERA.fx)
+        drawn.append([camera.pitch, camera.elevation, focal, np.log(body), camera.roll])
+    scaled = np.linalg.solve(root, (np.array(drawn) - mean).T)
+    np.testing.assert_allclose(scaled.mean(1), 0.0, atol=5 / np.sqrt(4000))
+    np.testing.assert_allclose(np.cov(scaled), np.eye(5), atol=5 * np.sqrt(2 / 4000))
+
+
+def test_a_clip_has_the_camera_and_the_body_of_its_prior() -> None:
+    """By a prior without doubt: a small person seen by a high camera that is tilted."""
+    mean = np.array([-0.2, 2.4, 0.1, -0.25, 0.05])
+    prior = CameraPrior(mean, 1e-12 * np.eye(5))
+    made = simulate_clip(
+        np.random.default_rng(1), built_in_library(), prior=prior, n_interactions=1, n_frames=90
+    )
+    assert made.truth is not None
+    camera = made.truth.camera
+    assert [camera.pitch, camera.elevation, camera.roll] == pytest.approx(
+        [-0.2, 2.4, 0.05], abs=1e-5
+    )
+    assert camera.fx == pytest.approx(NOMINAL_CAMERA.fx * np.exp(0.1), rel=1e-5)
+    joints = made.truth.joints
+    bones = [np.linalg.norm(joints[:, a] - joints[:, b], axis=-1).mean() for a, b in BONE_LENGTHS]
+    average = np.log(np.array(bones) / list(BONE_LENGTHS.values())).mean()
+    assert average == pytest.approx(-0.25, abs=0.05)
+
+
+@settings(max_examples=8, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), n=st.integers(1, 3), others=st.integers(0, 4))
+def test_any_number_of_interactions_and_objects(seed: int, n: int, others: int) -> None:
+    made = simulate_clip(
+        np.random.default_rng(seed), built_in_library(), n_frames=40 + 75 * n,
+        n_interactions=n, n_bystanders=others,
+    )  # fmt: skip
+    assert made.truth is not None
+    assert n <= len(made.truth.objects) <= 2 * n + others
+    doing = np.array([action != "walking" for action in made.truth.actions])
+    assert np.diff(np.concatenate([[0], doing, [0]]).astype(int)).clip(0).sum() == n
+
+
+def test_a_library_without_walks_borrows_them() -> None:
+    whole = built_in_library()
+    seats = Library("seats", tuple(s for s in whole if s.name.startswith("sit-chair")))
+    made = simulate_clip(
+        np.random.default_rng(0), seats, walks=whole, n_interactions=1, n_frames=90
+    )
+    assert made.truth is not None
+    assert {"walking", "sitting"} == set(made.truth.actions)
+
+
+def test_scenelets_of_other_frame_rates_are_resampled() -> None:
+    whole = built_in_library()
+    fast = [
+        replace(s, joints=resample(s.joints, fps=10.0, to_fps=25.0), fps=25.0)
+        for s in whole
+        if s.name.startswith("sit-chair")
+    ]
+    seats = Library("fast", (*fast, *(s for s in whole if s.action == "walk")))
+    made = simulate_clip(np.random.default_rng(0), seats, n_interactions=1, n_frames=230)
+    assert made.fps == 25.0
+    assert made.truth is not None
+    step = np.linalg.norm(np.diff(made.truth.joints[:, PELV], axis=0), axis=-1)
+    assert step.max() < 0.1
 
 
 def test_a_script_is_performed_in_order(rng: np.random.Generator) -> None:

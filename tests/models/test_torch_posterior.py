@@ -13,7 +13,7 @@ import torch
 from hypothesis import example, given, settings
 
 from imapper_prob.models.batched.posterior import log_posterior_batch, terms_batch
-from imapper_prob.models.batched.scan import affine_scan, fractional_scan, log_product
+from imapper_prob.models.batched.scan import affine_scan, log_product
 from imapper_prob.models.batched.tensors import to_tensors
 from imapper_prob.models.compiled import TERMS, evaluate
 from imapper_prob.models.problem import Problem
@@ -83,7 +83,7 @@ def states(seed: int, n: int, whole: Problem, *, wild: bool) -> Batch:
 
 def compiled(whole: Problem, batch: Batch) -> np.ndarray:
     """(S, 10) terms by the compiled executor."""
-    joints, by_frame = np.empty((whole.n_frames, 16, 3)), np.zeros((whole.n_frames, 2))
+    joints, by_frame = np.empty((whole.n_frames, 3, 16)), np.zeros((whole.n_frames, 2))
     rows = []
     for camera, items, placements, sizes, latent in zip(*batch, strict=True):
         held = items[:, 0] >= 0
@@ -113,7 +113,7 @@ def batched(
 
 
 @pytest.mark.parametrize("device", DEVICES)
-@pytest.mark.parametrize(("dtype", "near"), [(torch.float64, 1e-9), (torch.float32, 1e-4)])
+@pytest.mark.parametrize(("dtype", "near"), [(torch.float64, 1e-6), (torch.float32, 1e-4)])
 @settings(max_examples=40)
 @given(seed=st.integers(0, 10**6), wild=st.booleans(), library=st.sampled_from([True, False]))
 def test_both_executors_agree(
@@ -161,8 +161,11 @@ def test_states_order_of_items_and_padding_do_not_matter() -> None:
         np.testing.assert_allclose(batched(whole, one)[0], together[i], rtol=1e-12, atol=1e-12)
 
 
-def test_gradients_are_those_of_the_compiled_terms() -> None:
-    """Against central differences of the other executor, for each term alone.
+def test_gradients_are_those_of_the_terms() -> None:
+    """Against central differences, for each term alone.
+
+    Of this executor, for the other's lines of sight in single precision move in small jumps;
+    that both are the same function is tested above.
 
     The terms have kinks (least clearance, deepest overlap, the cap). A coordinate whose
     differences to the left and to the right disagree has one within the step, and is left out;
@@ -175,34 +178,27 @@ def test_gradients_are_those_of_the_compiled_terms() -> None:
         batch = states(seed, 1, whole, wild=False)
         state = tensors_of(batch)
         values = terms_batch(to_tensors(whole), *state)[0]
-        flat = [batch[i].reshape(-1) for i in REALS]
-        ends = np.cumsum([len(f) for f in flat])[:-1]
-        middle = np.concatenate(flat)
-
-        def moved(
-            by: np.ndarray, middle: np.ndarray = middle, ends: np.ndarray = ends,
-            items: np.ndarray = batch[1],
-        ) -> np.ndarray:  # fmt: skip
-            camera, placements, sizes, latent = np.split(middle + by, ends)
-            pose = placements.reshape(1, N_ITEMS, 3)
-            path = latent.reshape(1, N_FRAMES, 2)
-            shifted = (camera[None], items, pose, sizes[None], path)
-            return compiled(whole, shifted)[0]
-
-        here = moved(np.zeros_like(middle))
+        middle = np.concatenate([batch[i].reshape(-1) for i in REALS])
         shifts = step * np.eye(len(middle))
-        right = np.array([moved(s) - here for s in shifts]).T / step
-        left = np.array([here - moved(-s) for s in shifts]).T / step
+        ends = np.cumsum([batch[i].size for i in REALS])[:-1]
+        around = np.concatenate([middle[None], middle + shifts, middle - shifts])
+        parts = iter(np.split(around, ends, axis=1))
+        moved = tuple(
+            next(parts).reshape(-1, *a.shape[1:]) if i in REALS else np.repeat(a, len(around), 0)
+            for i, a in enumerate(batch)
+        )
+        here, right, left = np.split(batched(whole, moved).T, [1, 1 + len(middle)], axis=1)
+        right, left = (right - here) / step, (here - left) / step
         for i, name in enumerate(TERMS):
             numeric = (left[i] + right[i]) / 2
             if not values[i].requires_grad:
                 assert not numeric.any(), name
                 continue
-            parts = torch.autograd.grad(
+            slopes = torch.autograd.grad(
                 values[i], [state[r] for r in REALS], retain_graph=True, allow_unused=True,
                 materialize_grads=True,
             )  # fmt: skip
-            found = np.concatenate([p.numpy().reshape(-1) for p in parts])
+            found = np.concatenate([p.numpy().reshape(-1) for p in slopes])
             size = 1 + np.abs(numeric)
             smooth = np.abs(right[i] - left[i]) < 1e-2 * size
             assert smooth.mean() > 0.95, name
@@ -219,10 +215,10 @@ def odd_cases() -> dict[str, tuple[Problem, Batch]]:
     items = np.array([[[0, 2], [0, 9], [2, 16]]])
     ahead = np.array([[[0.0, 4.0, 0.0], [0.5, 4.0, 0.0], [1.0, 4.0, 0.0]]])
     same, even = np.repeat(ahead[:, :1], 3, 1), np.zeros((1, 3))
-    blind = whole._replace(used=np.zeros_like(whole.used), precision=np.zeros_like(whole.precision))
+    blind = whole._replace(used=np.zeros_like(whole.used))
     per_frame = (
-        "keypoints", "used", "confidence_density", "error_scale", "error_dof", "measured",
-        "precision", "lift", "poses", "free_cost",
+        "keypoints", "used", "confidence_density", "error_scale", "error_dof",
+        "path_centre", "path_scale", "lift", "poses", "free_cost",
     )  # fmt: skip
     one = whole._replace(
         static_density=whole.static_density[:, :1].copy(),
@@ -254,7 +250,7 @@ def test_odd_states_have_finite_values_and_gradients(name: str, dtype: torch.dty
     state = tensors_of(batch, dtype=dtype)
     values = terms_batch(to_tensors(whole, dtype=dtype), *state)
     expected = compiled(whole, batch)
-    near = 1e-9 if dtype == torch.float64 else 1e-4
+    near = 1e-6 if dtype == torch.float64 else 1e-4
     np.testing.assert_allclose(values.detach().numpy(), expected, rtol=near, atol=near)
     values.sum().backward()
     supported = bool(np.isfinite(expected).all())
@@ -268,17 +264,13 @@ def test_odd_states_have_finite_values_and_gradients(name: str, dtype: torch.dty
 @settings(max_examples=25)
 def test_scans_are_their_recursions(seed: int, n: int) -> None:
     rng = np.random.default_rng(seed)
-    a, b, c, d = rng.uniform(0, 2, (4, 2, n, 3))
-    a[rng.random(a.shape) < 0.2] = 0.0  # a frame that forgets what was before it
-    slope, start = rng.normal(size=(2, n, 3)), rng.random(3)
-    h, g = np.broadcast_to(start, (2, 3)), np.broadcast_to(start, (2, 3))
-    fraction, line = np.empty((2, 2, n, 3))
+    slope, offset = rng.normal(size=(2, 2, n, 3))
+    slope[rng.random(slope.shape) < 0.2] = 0.0  # a frame that forgets what was before it
+    start, line = rng.random(3), np.empty((2, n, 3))
+    h = np.broadcast_to(start, (2, 3))
     for t in range(n):
-        fraction[:, t] = h = (a[:, t] * h + b[:, t]) / (c[:, t] * h + d[:, t])
-        line[:, t] = g = slope[:, t] * g + b[:, t]
-    maps = [torch.tensor(x) for x in (a, b, c, d, start)]
-    np.testing.assert_allclose(fractional_scan(*maps), fraction, rtol=1e-10)
-    found = affine_scan(torch.tensor(slope), maps[1], maps[4])
+        line[:, t] = h = slope[:, t] * h + offset[:, t]
+    found = affine_scan(*(torch.tensor(x) for x in (slope, offset, start)))
     np.testing.assert_allclose(found, line, rtol=1e-8, atol=1e-8)
 
     matrices = rng.uniform(0, 1, (2, n, 2, 2))

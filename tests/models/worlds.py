@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from imapper_prob.models.camera import Camera
+from imapper_prob.models.energy.detections import DetectionModel
 from imapper_prob.models.path import CameraPrior, StaticPath
 from imapper_prob.models.problem import Problem, pack_problem
 from imapper_prob.models.scene import Clip, Cuboid, Placement, SceneObject, Track
 from imapper_prob.models.scenelet import Library, Scenelet
 from imapper_prob.models.settings import ModelSettings
+from imapper_prob.models.simulate_detections import Experiment
 from imapper_prob.models.skeleton import DETECTED, N_JOINTS, PELV
 
 CAMERA = Camera(1920, 1080, 1955.0, 1955.0, 960.0, 540.0, pitch=np.radians(-4), elevation=1.5)
@@ -47,6 +51,13 @@ def library(n_frames: int = 6, *, n_scenelets: int = 3, objects: bool = True) ->
     return Library("test", tuple(scenelets))
 
 
+def mixed_library() -> Library:
+    """Scenelets of two lengths, with and without furniture, that move and turn differently."""
+    long = [replace(s, name=f"long-{s.name}") for s in library(9)]
+    bare = [replace(s, name=f"bare-{s.name}") for s in library(6, n_scenelets=1, objects=False)]
+    return Library("mixed", (*library(6), long[0], long[2], *bare))
+
+
 def walk(n_frames: int, *, depth: float = 4.0, span: float = 1.6) -> np.ndarray:
     """(T, 16, 3) joints in the world of somebody walking ``span`` metres across the view."""
     pelvis = np.stack(
@@ -75,17 +86,15 @@ def clip_of(joints: np.ndarray, rng: np.random.Generator, *, noise: float = 5.0)
     return Clip("test", CAMERA, 10.0, np.arange(len(joints)), (track,))
 
 
-def path_of(joints: np.ndarray, *, sd: tuple[float, float] = (0.02, 0.2)) -> StaticPath:
-    """The static path that knows the world joints, with a stated doubt a frame."""
+def path_of(joints: np.ndarray, *, sd: tuple[float, float] = (0.02, 0.1)) -> StaticPath:
+    """The static path that knows the world joints, with a stated doubt."""
     in_camera = CAMERA.to_camera(joints)
     pelvis = in_camera[:, PELV]
     seen = np.stack([pelvis[:, 0] / pelvis[:, 1], np.log(pelvis[:, 1])], -1)
-    precision = np.tile(1 / np.asarray(sd) ** 2, (len(joints), 1))
     return StaticPath(
         seen,
         pelvis[:, 2] / pelvis[:, 1],
-        seen,
-        precision,
+        np.tile(sd, (len(joints), 1)),
         in_camera - pelvis[:, None],
         np.ones(len(joints), bool),
     )
@@ -110,4 +119,32 @@ def problem(
     clip = clip_of(joints, np.random.default_rng(seed))
     return pack_problem(
         clip, path_of(joints), camera_prior(), scenelets or library(), settings=settings
+    )
+
+
+def experiment(
+    n_frames: int = 20,
+    *,
+    joints_a_frame: int = len(DETECTED),
+    doubt: tuple[float, float] = (0.1, 0.2),
+    settings: ModelSettings | None = None,
+    scenelets: Library | None = None,
+) -> Experiment:
+    """What data can be drawn of: somebody walks across the view where no scenelet is."""
+    rng = np.random.default_rng(0)
+    joints = walk(n_frames)
+    clip = clip_of(joints, rng)
+    (track,) = clip.tracks
+    unused = np.ones((n_frames, N_JOINTS), bool)
+    for row in unused:
+        row[rng.choice(DETECTED, joints_a_frame, replace=False)] = False
+    track = replace(track, confidences=np.where(unused, 0.0, track.confidences))
+    settings = settings or ModelSettings(scenelet_rate=0.1)
+    return Experiment(
+        replace(clip, tracks=(track,)),
+        path_of(joints, sd=doubt),
+        camera_prior(),
+        scenelets or library(),
+        replace(settings, frame_weight=1.0, smoothness_cost=0.0, motion_cost=50 / 12),
+        DetectionModel(),
     )

@@ -9,7 +9,7 @@ from itertools import islice, product
 import numpy as np
 import pytest
 
-from imapper_prob.samplers.kernel import Mixture, Proposal, step
+from imapper_prob.samplers.kernel import Mixture, Proposal, StepInfo, step
 from imapper_prob.samplers.tempering import Parts, start, temper
 from tests.samplers.frequencies import chi_square
 
@@ -84,7 +84,10 @@ def test_crossovers_take_the_gaps_that_do_not_swap():
         rngs,
         start([(0, 0, 0), (1, 1, 1), (0, 1, 0)], target=target, betas=BETAS),
         target=target,
-        kernel=lambda rng, chain_state, *, log_density_fn: (chain_state, None),
+        kernel=lambda rng, chain_state, *, log_density_fn: (
+            chain_state,
+            StepInfo("none", False, 0.0),
+        ),
         steps_per_swap=1,
         crossover=lambda rng, hot, cold: (cold, hot, math.inf),
     )

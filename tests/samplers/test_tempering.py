@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from imapper_prob.samplers import tempering
-from imapper_prob.samplers.kernel import Mixture, Proposal, step
+from imapper_prob.samplers.kernel import Mixture, Proposal, StepInfo, step
 from imapper_prob.samplers.ladder import SwapTable, power_ladder
 from imapper_prob.samplers.reversible_jump import sample
 from imapper_prob.samplers.tempering import Parts, Tempered, start, temper
@@ -89,7 +89,7 @@ def gaussian(x: np.ndarray) -> Parts:
 def exact_step(rng, chain_state, *, log_density_fn):
     """An independent draw: no move could mix better, so that swap rates are the known ones."""
     x = rng.standard_normal(D) / math.sqrt(1 + log_density_fn.beta * SHARPNESS)
-    return chain_state._replace(state=x), None
+    return chain_state._replace(state=x), StepInfo("draw", True, 0.0)
 
 
 def gaussian_rates(betas, *, n: int = 200_000) -> np.ndarray:
@@ -169,6 +169,37 @@ def test_a_chain_goes_on_from_its_position():
         whole = run(at, rngs, 20, adapt=adapt)
         first = run(at, again, 9, adapt=adapt)
         assert first + run(first[-1].position, again, 11, adapt=adapt) == whole
+
+
+class Follower:
+    """A tracker that knows nothing but where it was told to be."""
+
+    def __init__(self, state):
+        self.at = state
+
+    def __call__(self, state):
+        return islands.target(state)
+
+    def move(self, state):
+        self.at = state
+
+
+def test_trackers_go_where_their_chains_go():
+    at = start([islands.START] * 4, target=islands.target, betas=power_ladder(4))
+    rngs, again = (np.random.default_rng(4).spawn(5) for _ in range(2))
+    followers = []
+
+    def track(state):
+        followers.append(Follower(state))
+        return followers[-1]
+
+    asked = run(at, rngs, 200, track=track)
+    assert asked == run(at, again, 200)
+    assert len(set(asked[-1].position.replicas)) == len(followers) == 4
+    # States travel between rungs, and each takes its tracker along.
+    assert asked[-1].position.replicas != (0, 1, 2, 3)
+    stands = [followers[k].at for k in asked[-1].position.replicas]
+    assert stands == [chain.state for chain in asked[-1].position.chains]
 
 
 def test_what_a_position_says_is_so():

@@ -31,7 +31,8 @@ def test_draws_have_the_log_posterior_they_say() -> None:
     samples = posterior().samples
     for n in (0, 57, len(samples.states) - 1):
         value = log_posterior(solution().problem, samples.states[n])
-        assert samples.log_posterior.flat[n] == pytest.approx(value, abs=1e-8)
+        # Lines of sight are in single precision in both, and not worked out in the same order.
+        assert samples.log_posterior.flat[n] == pytest.approx(value, rel=1e-6)
 
 
 def test_solver_finds_a_seat_and_the_shelf_of_the_demo() -> None:

@@ -1,0 +1,75 @@
+"""What furniture and the body of a frame have to do with each other, slot by slot, compiled."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imapper_prob.models.jit import inlined
+from imapper_prob.models.kernels.body import apart, depth_in_box
+from imapper_prob.models.kernels.memory import ADDED, REMOVED, Memory
+from imapper_prob.models.kernels.sight import GAP, clear, may_hide, open_view
+
+__all__ = ["find_changed", "meet_frames"]
+
+Ints = NDArray[np.int64]
+
+
+@inlined
+def meet_frames(memory: Memory, n: int, n_moved: int) -> None:
+    """Let all ``n`` scenelets meet the frames that moved, and new ones every frame."""
+    for i in range(n):
+        slot = memory.slots[1, i]
+        fresh = memory.role[slot] == ADDED
+        frames = memory.every if fresh else memory.frames
+        _meet(memory, slot, frames, len(frames) if fresh else n_moved)
+
+
+@inlined
+def _meet(memory: Memory, slot: int, frames: Ints, n: int) -> None:
+    """Clearance of lines of sight from the boxes in ``slot``, and how deep the body is in them.
+
+    In the first ``n`` of ``frames``.
+    """
+    size = len(memory.boxes) // len(memory.counts)
+    first, last = slot * size, slot * size + memory.counts[slot]
+    rows, cover, watched, lines = memory.pose_row, memory.cover, memory.watched, memory.lines
+    hulls, floors, views, ground = memory.hulls, memory.floors, memory.views, memory.ground
+    bench, outlooks, gaps, columns = memory.bench, memory.outlooks, memory.gaps, memory.columns
+    footprints, boxes, turns = memory.footprints, memory.boxes, memory.turns
+    for i in range(n):
+        t = frames[i]
+        row = rows[t]
+        near = may_hide(hulls, slot, views, row)
+        if near:
+            open_view(bench)
+            near = clear(outlooks, first, last, lines, views, row, bench)
+            for j in range(16):
+                gaps[slot, row, j] = bench[GAP + j]
+        memory.near[slot, row] = near
+        depth = 0.0
+        if watched[t] and cover[1, t] != slot and not apart(ground, row, floors, slot):
+            for k in range(first, last):
+                if not apart(ground, row, footprints, k):
+                    depth += depth_in_box(columns, row, boxes, turns, k)
+        memory.depths[slot, row] = depth
+
+
+@inlined
+def find_changed(memory: Memory, n: int, n_old: int) -> None:
+    """Frames whose share can differ: they moved, or boxes that came or went matter there."""
+    n_frames = len(memory.changed)
+    changed, rows, role = memory.changed, memory.pose_row, memory.role
+    near, depths = memory.near, memory.depths
+    for t in range(n_frames):
+        changed[t] = memory.moved[t]
+    for which in range(2):
+        wanted = REMOVED if which == 0 else ADDED
+        for i in range(n_old if which == 0 else n):
+            slot = memory.slots[which, i]
+            if role[slot] == wanted:
+                for t in range(n_frames):
+                    changed[t] |= near[slot, rows[t]] | (depths[slot, rows[t]] > 0.0)
+    for t in range(n_frames):
+        now = t + n_frames * np.int64(memory.sum_at[t])
+        memory.sum_row[t] = 2 * t + n_frames - now if changed[t] else now

@@ -1,0 +1,164 @@
+"""What every frame says of a scene, and the sum over which of them have sides swapped, compiled."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imapper_prob.models.geometry import NOTHING_IN_SIGHT
+from imapper_prob.models.jit import compiled, inlined
+from imapper_prob.models.kernels.frame import (
+    find_seen,
+    set_detections,
+    set_own_chances,
+    take_logs,
+    weigh,
+)
+from imapper_prob.models.kernels.memory import Memory
+from imapper_prob.models.kernels.sight import GAP, Singles, open_view
+from imapper_prob.models.problem import Problem
+
+__all__ = ["prepare", "sum_votes", "vote"]
+
+Array = NDArray[np.float64]
+
+_CAP = np.float32(NOTHING_IN_SIGHT)
+_TINY = 1e-100
+"""Products of densities are rescaled below this."""
+
+
+@inlined
+def _set_vote(right: float, wrong: float, weight: float, votes: Array, row: int) -> None:
+    """Of a frame: the greater log-density of two, weighted, and both densities over it.
+
+    ``right`` and ``wrong`` are its log-likelihood as it is and with sides swapped, nats.
+    """
+    votes[row, 0] = weight * max(right, wrong)
+    less = math.exp(-weight * abs(right - wrong))
+    votes[row, 1], votes[row, 2] = (1.0, less) if right > wrong else (less, 1.0)
+
+
+@compiled
+def prepare(problem: Problem, memory: Memory) -> None:
+    """What is known of every frame beforehand, and its vote with nothing in sight."""
+    weight, logs = problem.frame_weight * problem.likelihood, memory.logs
+    memory.seen[:] = _CAP
+    find_seen(memory.seen, len(memory.seen), problem.sight_width, problem.surprise)
+    for t in range(len(memory.bare)):
+        set_detections(problem, t, memory.places, memory.facts, t)
+        set_own_chances(problem, t, memory.desk, memory.own, t)
+        weigh(memory.own, t, memory.seen, t, memory.desk, logs)
+    take_logs(logs, len(memory.bare))
+    for t in range(len(memory.bare)):
+        _set_vote(logs[0, t], logs[1, t], weight, memory.bare, t)
+    # No clearance is as before where there is none yet.
+    memory.clearance[:] = np.nan
+
+
+@inlined
+def _differ(clearance: Singles, one: int, other: int) -> bool:
+    different = False
+    for j in range(16):
+        different |= clearance[one, j] != clearance[other, j]
+    return different
+
+
+@inlined
+def vote(problem: Problem, memory: Memory, n: int) -> None:
+    """Votes and depths of the changed frames with all ``n`` scenelets."""
+    n_weighed = _recall_votes(memory, n)
+    cover, frames, weighed, rows = memory.cover, memory.frames, memory.weighed, memory.pose_row
+    own, chances, seen, desk = memory.own, memory.chances, memory.seen, memory.desk
+    weight, logs = problem.frame_weight * problem.likelihood, memory.logs
+    find_seen(seen, n_weighed, problem.sight_width, problem.surprise)
+    for i in range(n_weighed):
+        t = frames[i]
+        if cover[1, t] >= 0:
+            weigh(chances, rows[t], seen, i, desk, logs)
+        else:
+            weigh(own, t, seen, i, desk, logs)
+    take_logs(logs, n_weighed)
+    for i in range(n_weighed):
+        _set_vote(logs[0, i], logs[1, i], weight, memory.votes, weighed[i])
+
+
+@inlined
+def _recall_votes(memory: Memory, n: int) -> int:
+    """Clearance and depth of the changed frames, and votes of those that were cast before.
+
+    The other frames, their rows and clearances are put into ``frames``, ``weighed`` and
+    ``seen``; returns how many.
+    """
+    changed, moved, watched, cover = memory.changed, memory.moved, memory.watched, memory.cover
+    rows, sum_rows, near, depths = memory.pose_row, memory.sum_row, memory.near, memory.depths
+    gaps, clearance, bench, slots = memory.gaps, memory.clearance, memory.bench, memory.slots
+    votes, inside, bare, sunk = memory.votes, memory.inside, memory.bare, memory.sunk
+    seen, n_weighed = memory.seen, 0
+    for t in range(len(changed)):
+        if not changed[t]:
+            continue
+        row, to = rows[t], sum_rows[t]
+        before = 2 * t + len(changed) - to
+        depth, bounded = sunk[row] if watched[t] else 0.0, False
+        open_view(bench)
+        for i in range(n):
+            slot = slots[1, i]
+            depth += depths[slot, row]
+            if near[slot, row]:
+                bounded = True
+                for j in range(16):
+                    bench[GAP + j] = min(bench[GAP + j], gaps[slot, row, j])
+        for j in range(16):
+            clearance[to, j] = bench[GAP + j]
+        inside[to] = depth
+        covered = cover[1, t] >= 0
+        posed = moved[t] and (covered or cover[0, t] >= 0)
+        if not posed and not _differ(clearance, before, to):
+            for k in range(3):
+                votes[to, k] = votes[before, k]
+        elif covered or bounded:
+            memory.frames[n_weighed], memory.weighed[n_weighed] = t, to
+            for j in range(16):
+                seen[n_weighed, j] = bench[GAP + j]
+            n_weighed += 1
+        else:
+            for k in range(3):
+                votes[to, k] = bare[t, k]
+    return n_weighed
+
+
+@inlined
+def sum_votes(problem: Problem, memory: Memory) -> float:
+    """Detections of all frames, whichever are swapped, cost of free poses, and depth inside.
+
+    The recursion is that of :func:`imapper_prob.models.energy.swaps.summed_over_swaps`, on
+    densities that are rescaled now and then in place of probabilities.
+    """
+    begins, ends = problem.swap_begins, problem.swap_ends
+    turned = begins / (begins + ends)
+    stays = 1.0 - turned
+    total, free, inside = 0.0, 0.0, 0.0
+    rows, votes, depths = memory.sum_row, memory.votes, memory.inside
+    cover, free_cost = memory.cover, problem.free_cost
+    for t in range(len(rows)):
+        row = rows[t]
+        total += votes[row, 0]
+        stays *= votes[row, 1]
+        turned *= votes[row, 2]
+        if stays + turned < _TINY:
+            scale = stays + turned
+            total += math.log(scale)
+            stays /= scale
+            turned /= scale
+        stays, turned = (
+            stays * (1.0 - begins) + turned * ends,
+            stays * begins + turned * (1.0 - ends),
+        )
+        inside += depths[row]
+        if cover[1, t] < 0:
+            free += free_cost[t]
+    total += math.log(stays + turned)
+    weight = problem.frame_weight * problem.likelihood
+    return total - weight * (free + problem.motion_cost * inside)

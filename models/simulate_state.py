@@ -1,0 +1,151 @@
+"""States drawn from the prior of a problem, each by itself: no chain has to find them.
+
+The prior is the posterior without detections: camera and body from their Gaussian, scenelets
+by a recursion over frames, the pelvis along its walk, sizes and latent numbers from their
+normal laws, and what stands in one another refused as often as its cost says. Together with
+:func:`imapper_prob.models.simulate_detections.draw_detections` this makes data sets of which
+the posterior is known to be right, by which samplers are judged (Talts et al. 2018).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imapper_prob.models.errors import InputError
+from imapper_prob.models.kernels.support import in_support
+from imapper_prob.models.limits import NEAREST
+from imapper_prob.models.posterior import State, terms
+from imapper_prob.models.problem import Problem
+from imapper_prob.models.skeleton import PELV
+
+__all__ = ["draw_layout", "draw_state", "path_in_view"]
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+_TRIES = 10_000
+"""Scenes refused before giving up: then objects all but surely stand in one another."""
+
+
+def draw_state(rng: np.random.Generator, problem: Problem) -> State:
+    """One scene from the prior, the costs of collision, motion and ground included.
+
+    Exact if the prior is a density over scenes: no cost of free frames nor of jumps between
+    poses. With the likelihood switched off that holds, and no scene is refused.
+
+    Raises
+    ------
+    InputError
+        The problem has no such prior, or its scenes are refused all but surely.
+    """
+    unknown = problem.likelihood and (problem.free_cost.any() or problem.smoothness_cost)
+    if unknown or problem.of_paper:
+        raise InputError(
+            "scenes can be drawn from the prior of a problem only if neither free frames nor "
+            "jumps between poses cost anything"
+        )
+    for _ in range(_TRIES):
+        state = _unhindered(rng, problem)
+        if not problem.likelihood:
+            return state
+        nats = terms(problem, state)
+        # None of the three is ever positive: e to their sum is a probability.
+        if -rng.standard_exponential() < nats["collision"] + nats["motion"] + nats["ground"]:
+            return state
+    raise InputError(f"none of {_TRIES} scenes was free of collisions; lower the costs of them")
+
+
+def draw_layout(rng: np.random.Generator, problem: Problem) -> Ints:
+    """(k, 2) scenelets and their start frames, drawn from p(X).
+
+    The weight of all ways to fill the first t frames is summed frame by frame (a frame is free,
+    or the last one of a scenelet), and a way drawn going back.
+    """
+    lengths, rates = problem.lengths, problem.log_rate
+    log_weight = np.zeros(problem.n_frames + 1)
+    ways: list[Array] = []
+    for t in range(1, problem.n_frames + 1):
+        ends = np.where(lengths <= t, rates + log_weight[np.maximum(t - lengths, 0)], -np.inf)
+        ways.append(np.append(ends, log_weight[t - 1]))
+        log_weight[t] = np.logaddexp.reduce(ways[-1])
+    items, t = [], problem.n_frames
+    while t > 0:
+        shares = np.exp(ways[t - 1] - log_weight[t]).cumsum()
+        which = int(np.searchsorted(shares, rng.random() * shares[-1], side="right"))
+        if which == len(lengths):
+            t -= 1
+            continue
+        t -= int(lengths[which])
+        items.append((which, t))
+    return np.array(items[::-1], dtype=np.int64).reshape(-1, 2)
+
+
+def _unhindered(rng: np.random.Generator, problem: Problem) -> State:
+    """A scene in which nothing is in anything's way."""
+    camera, items = _draw_camera(rng, problem), draw_layout(rng, problem)
+    placements = np.empty((len(items), 3))
+    sizes = problem.size_spread * rng.standard_normal(len(items))
+    # Errors of the static path in units of their deviation, known in frame `at` if there was one.
+    error, at = np.zeros(2), -math.inf
+    for index, (scenelet, start) in enumerate(items.tolist()):
+        kept = problem.path_memory ** (start - at)
+        error = kept * error + np.sqrt(1 - kept**2) * rng.standard_normal(2)
+        centre, scale = path_in_view(problem, camera, start)
+        seen = centre + scale * error
+        body, yaw = math.exp(camera[3] + sizes[index]), rng.uniform(-math.pi, math.pi)
+        own = slice(*problem.joint_first[scenelet : scenelet + 2])
+        pelvis = body * _turned(problem.joints[own, PELV], yaw)
+        placements[index] = (*(_on_floor(camera, seen, pelvis[0, 2]) - pelvis[0, :2]), yaw)
+        last = pelvis[-1] + (*placements[index, :2], 0.0)
+        at = start + len(pelvis) - 1
+        centre, scale = path_in_view(problem, camera, at)
+        error = (_as_seen(camera, last) - centre) / scale
+    return State(camera, items, placements, sizes, rng.standard_normal((problem.n_frames, 2)))
+
+
+def path_in_view(problem: Problem, camera: Array, frame: int) -> tuple[Array, Array]:
+    """Centre and scale (2,) of bearing and log depth of the path in a frame, to this camera."""
+    unit = np.array([math.exp(-camera[2]), 1.0])
+    centre = unit * problem.path_centre[frame] + [0.0, camera[2] + camera[3]]
+    return centre, unit * problem.path_scale[frame]
+
+
+def _draw_camera(rng: np.random.Generator, problem: Problem) -> Array:
+    """phi (5,): its Gaussian, cut off where the support ends."""
+    factor = np.linalg.cholesky(np.linalg.inv(problem.camera_precision))
+    while True:
+        camera: Array = problem.camera_mean + factor @ rng.standard_normal(len(factor))
+        if in_support(camera):
+            return camera
+
+
+def _turned(points: Array, yaw: float) -> Array:
+    """Points (n, 3) rotated about z."""
+    c, s = math.cos(yaw), math.sin(yaw)
+    result: Array = points @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+    return result
+
+
+def _as_seen(camera: Array, point: Array) -> Array:
+    """Bearing and log depth of a point (3,) of the world: equation (1)."""
+    level, depth = _level_and_depth(camera, point)
+    right = math.cos(camera[4]) * point[0] + math.sin(camera[4]) * level
+    return np.array([right / depth, math.log(depth)])
+
+
+def _level_and_depth(camera: Array, point: Array) -> tuple[float, float]:
+    cp, sp, above = math.cos(camera[0]), math.sin(camera[0]), point[2] - camera[1]
+    return cp * above - sp * point[1], max(cp * point[1] + sp * above, NEAREST)
+
+
+def _on_floor(camera: Array, seen: Array, height: float) -> Array:
+    """(x, y) of the point of a given height that has this bearing and log depth (2,)."""
+    depth = math.exp(seen[1])
+    above = height - camera[1]
+    y = (depth - math.sin(camera[0]) * above) / math.cos(camera[0])
+    level, _ = _level_and_depth(camera, np.array([0.0, y, height]))
+    x = (seen[0] * depth - math.sin(camera[4]) * level) / math.cos(camera[4])
+    return np.array([x, y])

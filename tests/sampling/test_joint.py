@@ -1,0 +1,196 @@
+"""Scenes and data stay what they were, whatever moves are made (after Geweke 2004).
+
+A scene drawn from the prior is, given data drawn of it, a draw of the posterior: moves that
+leave the posterior as it is may be made from there, and scene and data are jointly distributed
+as before. Every pair is drawn anew, so that nothing has to mix and errors are those of
+independent numbers. Three errors made on purpose show what this sees.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+import pytest
+
+from imapper_prob.config import SampleSettings
+from imapper_prob.models.energy.detections import DetectionModel
+from imapper_prob.models.posterior import State, log_posterior, motion, terms
+from imapper_prob.models.problem import Problem
+from imapper_prob.models.settings import ModelSettings
+from imapper_prob.models.simulate_detections import Experiment
+from imapper_prob.models.simulate_state import draw_state
+from imapper_prob.models.skeleton import PELV
+from imapper_prob.samplers.kernel import Mixture, Proposal, init, step
+from imapper_prob.sampling import moves
+from imapper_prob.sampling.chain import Setup, scene_moves
+from imapper_prob.sampling.proposals import Candidates, Proposals
+from tests.models import worlds
+
+N_FRAMES = 20
+LIMIT = 4.2
+"""Standard errors; the largest of twenty is beyond once in 1,900 times."""
+Change = Callable[[Mixture[State]], Mixture[State]]
+
+
+def poor_data(rate: float = 0.12, depth: float = 0.1) -> Experiment:
+    """A joint every fourth frame, and that not well, so that much is left open."""
+    settings = ModelSettings(scenelet_rate=rate, start_bearing=0.02, start_log_depth=depth)
+    given = worlds.experiment(
+        N_FRAMES, joints_a_frame=1, doubt=(0.02, depth), settings=settings,
+        scenelets=worlds.mixed_library(),
+    )  # fmt: skip
+    (track,), model = given.clip.tracks, DetectionModel()
+    confidences = track.confidences.copy()
+    confidences[np.arange(N_FRAMES) % 4 != 0] = 0.0
+    return replace(
+        given,
+        clip=replace(given.clip, tracks=(replace(track, confidences=confidences),)),
+        # Feet may go below the floor, or else the floor would say how far away somebody is.
+        settings=replace(given.settings, motion_cost=0.2),
+        detections=replace(model, error_scale=6 * model.error_scale),
+    )
+
+
+def setup(problem: Problem, *, fitted: bool = True) -> Setup:
+    """Candidates that know nothing of the data, which is slow and allowed; or none at all."""
+    n = len(problem.lengths)
+    centres = np.arange(3, N_FRAMES - 2, 2)
+    places = np.tile([0.0, 4.0, 0.0], (len(centres), n, 1))
+    places[..., 2] = 2.5 * np.arange(places[..., 0].size).reshape(len(centres), n)
+    similarity = (np.ones((n, n)) - np.eye(n)) / (n - 1)
+    weights = fitted * np.linspace(0.5, 1.5, n) * np.ones((len(centres), n))
+    return Setup(problem, Candidates(centres, places, weights), similarity, SampleSettings())
+
+
+def asked(problem: Problem, state: State) -> dict[str, float]:
+    """Quantities, their squares where these say something else, and how they go with the data."""
+    nats = terms(problem, state)
+    pelvis = motion(problem, state)[:, PELV]
+    where = state.placements[:, 1]
+    values = {
+        "log-likelihood": nats["detections"],
+        "costs": nats["collision"] + nats["motion"] + nats["ground"],
+        "scenelets": state.n_scenelets,
+        "covered": int(problem.lengths[state.items[:, 0]].sum()),
+        "starts": float(state.items[:, 1].sum()),
+        "which": float((state.items[:, 0] % 3).sum()),
+        "log depth": float(np.log(np.maximum(pelvis[10, 1], 0.1))),
+        "bearing": float(pelvis[10, 0] / pelvis[10, 1]),
+        "sizes": float(state.sizes.sum()),
+        "depths": float(np.log(np.maximum(where / 4.0, 0.1)).sum()),
+        "yaws": float(np.cos(state.placements[:, 2] - 1.0).sum()),
+        "latent": float(state.latent[5, 1]),
+    }
+    values |= {f"camera {i}": value for i, value in enumerate(state.camera.tolist())}
+    squares = ("log depth", "bearing", "sizes", "latent", "yaws")
+    return values | {f"{name} squared": values[name] ** 2 for name in squares}
+
+
+def scores(
+    n_pairs: int,
+    *,
+    steps: int = 60,
+    change: Change = lambda mixture: mixture,
+    drawn_with: DetectionModel | None = None,
+    given: Experiment | None = None,
+    fitted: bool = True,
+    seed: int = 0,
+) -> dict[str, float]:
+    """How many standard errors each quantity has changed by, on average over pairs."""
+    given = given or poor_data()
+    differences: dict[str, list[float]] = {}
+    for rng in np.random.default_rng(seed).spawn(n_pairs):
+        state = draw_state(rng, given.problem)
+        source = given if drawn_with is None else replace(given, detections=drawn_with)
+        seen = replace(source.observed(rng, state), detections=given.detections)
+        problem = seen.problem
+        mixture = change(scene_moves(setup(problem, fitted=fitted)))
+        density = partial(log_posterior, problem)
+        at = init(density, state)
+        for _ in range(steps):
+            at, _ = step(rng, at, log_density_fn=density, mixture=mixture)
+        before, after = asked(problem, state), asked(problem, at.state)
+        for name, value in after.items():
+            differences.setdefault(name, []).append(value - before[name])
+    return {
+        name: float(np.mean(d) / (np.std(d) / np.sqrt(n_pairs)))
+        for name, d in differences.items()
+        if np.std(d) > 0
+    }
+
+
+def largest(found: dict[str, float]) -> float:
+    return max(abs(score) for score in found.values())
+
+
+def test_scene_and_data_stay_what_they_were() -> None:
+    found = scores(500)
+    assert len(found) > 15
+    assert largest(found) < LIMIT, found
+
+
+@pytest.mark.slow
+def test_scene_and_data_stay_what_they_were_to_a_few_per_cent() -> None:
+    assert largest(found := scores(6000, seed=1)) < LIMIT, found
+
+
+def only(
+    kind: type, changed: Callable[[Proposal[State]], Proposal[State]], **options: object
+) -> Change:
+    """A move with other options and what undoes it, its own proposals changed."""
+
+    class Wrong(kind):  # type: ignore[misc, valid-type]
+        def propose(self, rng: np.random.Generator, state: State) -> Proposal[State] | None:
+            proposal = super().propose(rng, state)
+            return None if proposal is None else changed(proposal)
+
+    def change(mixture: Mixture[State]) -> Mixture[State]:
+        (right,) = (move for move in mixture.moves if type(move) is kind)
+        wrong = Wrong(**vars(right) | options)
+        undone = [move for move in mixture.moves if move.name == right.reverse != right.name]
+        return Mixture([wrong, *undone], [1.0] * (1 + len(undone)))
+
+    return change
+
+
+@pytest.mark.parametrize("forgotten", [False, True])
+def test_a_forgotten_jacobian_is_seen(forgotten: bool) -> None:
+    change = only(
+        moves.PlacementWalk,
+        lambda p: p._replace(log_ratio=0.0) if forgotten else p,
+        scales=(4.0, 12.0),
+    )
+    found = scores(300, change=change, given=poor_data(rate=0.3, depth=0.4))
+    assert (largest(found) > LIMIT) == forgotten, found
+
+
+@pytest.mark.parametrize("factor", [1, len(worlds.mixed_library())])
+def test_births_off_by_the_number_of_scenelets_are_seen(
+    factor: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    right = Proposals.log_density
+
+    def log_density(*args: Any, **options: Any) -> float:
+        return right(*args, **options) - np.log(factor)
+
+    monkeypatch.setattr(Proposals, "log_density", log_density)
+    # Anything anywhere is tried, which among so little is accepted soonest.
+    change = only(moves.Birth, lambda proposal: proposal)
+    found = scores(300, change=change, given=poor_data(rate=0.02), fitted=False)
+    assert (largest(found) > LIMIT) == (factor > 1), found
+
+
+def test_hidden_and_seen_exchanged_is_seen() -> None:
+    model = poor_data().detections
+    exchanged = replace(
+        model,
+        confidence=model.confidence[::-1],
+        error_scale=model.error_scale[::-1],
+        error_dof=model.error_dof[::-1],
+    )
+    found = scores(200, drawn_with=exchanged)
+    assert abs(found["log-likelihood"]) > LIMIT, found
