@@ -24,6 +24,7 @@ _HOMES = {
     "demo_clip": "imapper_prob.demo",
     "load_clip": "imapper_prob.api",
     "load_library": "imapper_prob.scenelets.library",
+    "load_posterior": "imapper_prob.results.load",
     "read_camera": "imapper_prob.inputs",
     "read_config": "imapper_prob.config",
     "sample": "imapper_prob.api",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -108,7 +109,9 @@ def sample(
         seed=config.seed if rng is None else rng,
         sample=replace(config.sample, chains=chains or config.sample.chains),
     )
+    begun = time.perf_counter()
     solution = start or solve(clip, library, config=config, progress=progress)
+    solved = time.perf_counter()
     samples = sample_scenes(
         solution,
         config.sample,
@@ -118,4 +121,5 @@ def sample(
         checkpoints=None if checkpoints is None else Path(checkpoints),
         progress=progress,
     )
-    return Posterior(solution, samples, config)
+    seconds = {"solving": solved - begun, "sampling": time.perf_counter() - solved}
+    return Posterior(solution, samples, config, seconds=seconds)

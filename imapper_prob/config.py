@@ -11,7 +11,7 @@ from typing import Any
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.settings import ModelSettings
 
-__all__ = ["Config", "SampleSettings", "read_config", "to_toml"]
+__all__ = ["Config", "SampleSettings", "from_toml", "read_config", "to_toml"]
 
 
 @dataclass(frozen=True)
@@ -159,10 +159,25 @@ def read_config(path: str | Path) -> Config:
     """
     path = Path(path)
     try:
-        values = tomllib.loads(path.read_text(encoding="utf-8"))
+        text = path.read_text(encoding="utf-8")
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror})") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except UnicodeDecodeError as error:
         raise InputError(f"{path}: not a TOML file ({error})") from error
-    config: Config = _build(Config, values, str(path))
+    return from_toml(text, where=str(path))
+
+
+def from_toml(text: str, *, where: str) -> Config:
+    """Settings from the text of :func:`to_toml`; ``where`` it is from is for messages.
+
+    Raises
+    ------
+    InputError
+        As :func:`read_config`.
+    """
+    try:
+        values = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"{where}: not a TOML file ({error})") from error
+    config: Config = _build(Config, values, where)
     return config

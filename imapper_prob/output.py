@@ -9,7 +9,9 @@ from pathlib import Path
 from imapper_prob.config import to_toml
 from imapper_prob.models.errors import InputError
 from imapper_prob.results.export import write_scenes
+from imapper_prob.results.export_glb import write_glb
 from imapper_prob.results.posterior import Posterior
+from imapper_prob.results.report.write import write_report
 from imapper_prob.results.tree import write_tree
 
 __all__ = ["CHECKPOINTS", "prepare_folder", "write_run"]
@@ -18,7 +20,8 @@ CHECKPOINTS = "checkpoints"
 """Folder in a run's folder that is there while the run is not finished."""
 
 _FILES = (
-    "config.toml", "energy.json", "energy.png", "posterior.nc", "recording.rrd", "scenes.json",
+    "config.toml", "energy.json", "energy.png", "posterior.nc", "recording.rrd", "report.html",
+    "scenes", "scenes.json",
 )  # fmt: skip
 
 
@@ -73,8 +76,10 @@ def write_run(folder: Path, posterior: Posterior, *, overwrite: bool) -> None:
         beside.mkdir(parents=True)
         (beside / "config.toml").write_text(to_toml(posterior.config), encoding="utf-8")
         write_scenes(beside / "scenes.json", posterior.scenes())
+        _write_models(beside / "scenes", posterior)
         write_tree(beside / "posterior.nc", posterior.data)
         posterior.record(beside / "recording.rrd")
+        write_report(beside / "report.html", posterior)
         if folder.exists():
             if not posterior.samples.finished and (folder / CHECKPOINTS).exists():
                 os.replace(folder / CHECKPOINTS, beside / CHECKPOINTS)
@@ -84,3 +89,10 @@ def write_run(folder: Path, posterior: Posterior, *, overwrite: bool) -> None:
         raise InputError(f"{folder}: cannot be written ({error.strerror or error})") from error
     finally:
         shutil.rmtree(beside, ignore_errors=True)
+
+
+def _write_models(folder: Path, posterior: Posterior) -> None:
+    folder.mkdir()
+    for number, weighted in enumerate(posterior.scenes(), 1):
+        path = folder / f"scene_{number}.glb"
+        write_glb(path, weighted.scene, frame_ids=posterior.clip.frame_ids)

@@ -39,7 +39,13 @@ FLOORS = [
     {"cli", "__init__", "__main__"},
 ]
 """From the ground up: a floor imports itself and what is below it."""
-SHARED_TYPES = {"imapper_prob.results.scenes"}
+SHARED_TYPES = {
+    "imapper_prob.results.scenes",
+    *(
+        f"imapper_prob.results.uncertainty.{name}"
+        for name in ("clusters", "hidden", "joints", "nuisances", "occupancy")
+    ),
+}
 """Result types that the floors which fill them may name."""
 LONGEST_MODULE = 450
 HEAVY = {"torch", "numba", "rerun", "matplotlib", "emcee", "xarray", "arviz_base", "trimesh"}

@@ -8,6 +8,8 @@ from collections.abc import Sequence
 
 import imapper_prob
 from imapper_prob.cli.detect import add_detect_command
+from imapper_prob.cli.export import add_export_commands
+from imapper_prob.cli.recordings import add_recording_commands
 from imapper_prob.cli.run import add_run_commands
 from imapper_prob.cli.scenelets import add_scenelet_commands
 from imapper_prob.cli.track import add_track_command
@@ -50,5 +52,7 @@ def _parser() -> argparse.ArgumentParser:
     add_run_commands(commands, shared)
     add_detect_command(commands, shared)
     add_track_command(commands, shared)
+    add_export_commands(commands, shared)
+    add_recording_commands(commands, shared)
     add_scenelet_commands(commands, shared)
     return parser

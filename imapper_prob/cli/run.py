@@ -77,7 +77,6 @@ def add_run_commands(
         action="store_true",
         help="why this scene: by term, frame and object; writes DIR/energy.png and energy.json",
     )
-    info.add_argument("--clip", type=Path, help="with --energy: the clip of the run")
     info.set_defaults(execute=_info)
 
 
@@ -145,12 +144,12 @@ def _sample(options: argparse.Namespace, clip: Clip, config: Config) -> None:
 def _show(posterior: Posterior, folder: Path) -> None:
     from rich.console import Console
 
-    from imapper_prob.results.summary import layout_table, object_table
+    from imapper_prob.results.summary import object_table, scene_table
     from imapper_prob.sampling.agreement import describe_agreement
 
     console = Console()
     scenes = posterior.scenes()
-    console.print(layout_table(scenes))
+    console.print(scene_table(scenes))
     console.print(object_table(scenes[0], posterior.clip.truth))
     console.print(posterior.samples.verdict.text)
     console.print(describe_agreement(posterior.samples.agreements))
@@ -178,20 +177,17 @@ def _show_run(options: argparse.Namespace) -> None:
     from rich.console import Console
 
     from imapper_prob.results.export import read_scenes
-    from imapper_prob.results.summary import layout_table, object_table
+    from imapper_prob.results.summary import object_table, scene_table
     from imapper_prob.results.tree import read_attributes
 
     folder = options.folder
-    if options.clip is not None and not options.energy:
-        raise InputError("--clip is of use with --energy only")
     scenes = read_scenes(folder / "scenes.json")
     attributes = read_attributes(folder / "posterior.nc")
     console = Console()
     console.print(f"{attributes['clip']} ({attributes['program']})")
-    console.print(layout_table(scenes))
+    console.print(scene_table(scenes))
     console.print(object_table(scenes[0]))
     console.print(attributes["verdict"])
     console.print(attributes["agreement"])
     if options.energy:
-        clip = None if options.clip is None else clip_from(options.clip, options)
-        show_energy(folder, clip)
+        show_energy(folder)

@@ -41,7 +41,7 @@ from imapper_prob.models.camera import Camera
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.scene import Clip, Cuboid, Placement, SceneObject, Track, Truth
 
-__all__ = ["FORMAT", "read_clip", "write_clip"]
+__all__ = ["FORMAT", "clip_of", "pack_clip", "read_clip", "write_clip"]
 
 Arrays = dict[str, NDArray[Any]]
 
@@ -73,6 +73,13 @@ def write_clip(path: str | Path, clip: Clip) -> None:
     path = Path(path)
     if path.suffix != ".npz":
         raise InputError(f"{path}: a clip file's name ends in .npz")
+    arrays = pack_clip(clip)
+    with written_whole(path) as beside, beside.open("wb") as file:
+        np.savez_compressed(file, allow_pickle=False, **arrays)
+
+
+def pack_clip(clip: Clip) -> Arrays:
+    """A clip as the arrays of the module's description."""
     arrays: Arrays = {
         "format": np.array(FORMAT),
         "name": np.array(clip.name),
@@ -88,8 +95,7 @@ def write_clip(path: str | Path, clip: Clip) -> None:
     }
     if clip.truth is not None:
         arrays |= _truth_arrays(clip.truth)
-    with written_whole(path) as beside, beside.open("wb") as file:
-        np.savez_compressed(file, allow_pickle=False, **arrays)
+    return arrays
 
 
 def read_clip(path: str | Path) -> Clip:
@@ -101,7 +107,17 @@ def read_clip(path: str | Path) -> Clip:
         The file is missing, damaged, of another version, or its content is no clip.
     """
     path = Path(path)
-    arrays = _load(path)
+    return clip_of(_load(path), path)
+
+
+def clip_of(arrays: Arrays, path: Path) -> Clip:
+    """A clip again, from the arrays of :func:`pack_clip`; ``path`` is for messages.
+
+    Raises
+    ------
+    InputError
+        As :func:`read_clip`.
+    """
     form = str(_entry(path, arrays, "format", (), "U"))
     if form != FORMAT:
         raise InputError(f"{path}: format {form!r}, this version reads {FORMAT!r}")

@@ -1,4 +1,4 @@
-"""How the viewer lays a recording out: one large view of the best layout, the rest around it."""
+"""How the viewer lays a recording out: one large view of the best scene, the rest around it."""
 
 from __future__ import annotations
 
@@ -8,10 +8,13 @@ import numpy as np
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
+from imapper_prob.models.camera import Camera
 from imapper_prob.models.scene import Scene, Truth
 from imapper_prob.models.skeleton import PELV
-from imapper_prob.recording.caption import layout_name
+from imapper_prob.recording.caption import scene_name
+from imapper_prob.recording.certainty import Certainty
 from imapper_prob.recording.curves import trace_entity
+from imapper_prob.recording.draws import chain_entity
 from imapper_prob.results.scenes import WeightedScene
 
 __all__ = ["make_blueprint"]
@@ -22,14 +25,20 @@ _BACKGROUND = (18, 20, 25)
 _FROM = np.array([0.75, -0.60, 0.50])
 """Where the eye is as seen from the middle of the room: to the right of the camera's line of
 sight and above it, so that camera, person and furniture stand side by side, left to right."""
-_NEAR, _FAR = 1.2, 1.4
-"""Distance of the eye in units of the radius of what it looks at. With the camera the scene is
-long, which suits the wide main view, so that the eye may come nearer."""
-_SIDE_BY_SIDE = 2.4
-"""Number of views beside each other up to which the height limits what one sees, not the width."""
-_LOOK_AT_HEIGHT = 0.6
-_MARGIN = 0.3
-"""Metres: the height of a seated person's middle, and some air around."""
+_ABOVE = np.array([0.0, 0.0, 1.0])
+_MAIN_SHAPE, _ROW_SHAPE, _MAP_SHAPE = 2.0, 1.6, 0.95
+"""Width over height of the large view, of all views of other scenes together, and of the map of
+the floor, in a window of 1600 x 1000."""
+_HALF_VIEW = np.tan(np.radians(55.0) / 2)
+"""Of the viewer's vertical field of view."""
+_MARGIN = 1.05
+"""Part of the distance that leaves a little air around what is looked at."""
+_PERSON = 1.7
+"""Metres over a path that somebody takes up."""
+_AIR = 0.03
+"""Around the image, in units of its height."""
+_BESIDE = 3
+"""Other scenes that are shown side by side: more would be too narrow to read."""
 
 
 def make_blueprint(
@@ -38,6 +47,10 @@ def make_blueprint(
     traces: Sequence[str],
     truth: Truth | None,
     fps: float,
+    image: Camera,
+    certainty: Certainty | None = None,
+    chains: int = 0,
+    moves: bool = False,
 ) -> rrb.Blueprint:
     """Views for the entities that :func:`~imapper_prob.recording.log.write_recording` logs.
 
@@ -51,24 +64,44 @@ def make_blueprint(
         Shown in the main view if there is one.
     fps : float
         Frames a second at which the motion plays.
+    image : Camera
+        Of the recorded image.
+    certainty : Certainty, optional
+        Shown as a map, a text and curves if there is one.
+    chains : int
+        How many chains have draws to show.
+    moves : bool
+        Whether there is a table of accepted moves.
     """
-    eye = _eye([scenes[0].scene], stand_off=_NEAR, with_camera=True)
-    shown = ["world/floor/**", "world/camera/**", "world/layout_1/**"]
-    if truth is not None:
-        shown.append("world/truth/**")
-    best = _room(layout_name(1, scenes[0]), shown, eye)
-    image = rrb.Spatial2DView(
+    truly = ["world/truth/**"] if truth is not None else []
+    best = scenes[0].scene
+    room = [_corners(best), best.camera.centre[None]]
+    eye = _eye(np.concatenate(room), _FROM, _MAIN_SHAPE)
+    shown = ["world/floor/**", "world/occupancy", "world/camera/**", "world/scene_1/**", *truly]
+    main = _room(scene_name(1, scenes[0]), shown, eye)
+    picture = rrb.Spatial2DView(
         origin="world/camera/image",
-        contents=["$origin/**", "world/layout_1/furniture"],
+        contents=["$origin/**", "world/scene_1/furniture"],
         name="Image: detections and reprojection",
         background=_BACKGROUND,
+        visual_bounds=_whole(image),
     )
-    text = rrb.TextDocumentView(origin="description", name="What you see")
-    left = [best, _other_layouts(scenes)] if len(scenes) > 1 else [best]
+    below: list[rrb.Container | rrb.View] = [
+        *_from_above(scenes, certainty, truly),
+        *_alternatives(scenes, chains),
+    ]
+    left: list[rrb.Container | rrb.View] = [main]
+    if below:
+        left.append(rrb.Horizontal(*below, column_shares=[3, 5][-len(below) :]))
     return rrb.Blueprint(
         rrb.Horizontal(
-            rrb.Vertical(*left, row_shares=[5, 3][: len(left)]),
-            rrb.Vertical(image, text, _plots(traces), row_shares=[3, 4, 3]),
+            rrb.Vertical(*left, row_shares=[5, 4][: len(left)]),
+            rrb.Vertical(
+                picture,
+                _texts(certainty),
+                _plots(traces, sure=certainty is not None, moves=moves),
+                row_shares=[7, 7, 6],
+            ),
             column_shares=[5, 3],
         ),
         rrb.TimePanel(timeline="frame", fps=fps, state="collapsed", play_state="paused"),
@@ -78,48 +111,92 @@ def make_blueprint(
     )
 
 
-def _other_layouts(scenes: Sequence[WeightedScene]) -> rrb.Container:
-    # One eye for all layouts, so that they can be compared at a glance; further away the more
-    # there are, for the field of view is fixed vertically and the views grow narrow.
-    narrow = max(1.0, (len(scenes) - 1) / _SIDE_BY_SIDE)
-    eye = _eye([s.scene for s in scenes], stand_off=_FAR * narrow)
-    side_by_side = [
-        _room(
-            f"{i}: {s.probability:.2f} ± {s.error:.2f}",
-            ["world/floor/**", f"world/layout_{i}/**"],
-            eye,
+def _whole(image: Camera) -> rrb.VisualBounds2D:
+    """The image from edge to edge, and a little air around it."""
+    air = _AIR * image.height
+    return rrb.VisualBounds2D(x_range=(-air, image.width + air), y_range=(-air, image.height + air))
+
+
+def _texts(certainty: Certainty | None) -> rrb.Container | rrb.View:
+    what = rrb.TextDocumentView(origin="description", name="What you see")
+    if certainty is None:
+        return what
+    how_sure = rrb.TextDocumentView(origin="certainty", name="How sure it is")
+    return rrb.Tabs(what, how_sure, active_tab=0)
+
+
+def _from_above(
+    scenes: Sequence[WeightedScene], certainty: Certainty | None, truly: list[str]
+) -> list[rrb.View]:
+    """The floor with all draws at once; nothing if nothing is known of them."""
+    if certainty is None:
+        return []
+    shown = ["world/floor/**", "world/occupancy", "world/all_draws/**", "world/scene_1/path"]
+    regions = [c.region(0.9) for c in certainty.clusters]
+    ends = [r.centre + sign * r.half_axes.max() for r in regions for sign in (-1, 1)]
+    edges = _at_height(np.reshape(ends, (-1, 2)), 0.0)
+    eye = _eye(np.concatenate([_corners(scenes[0].scene), edges]), _ABOVE, _MAP_SHAPE)
+    return [_room("All draws, from above", [*shown, *(f"{t[:-3]}/furniture" for t in truly)], eye)]
+
+
+def _alternatives(scenes: Sequence[WeightedScene], chains: int) -> list[rrb.Container]:
+    """Other scenes side by side, then in other tabs one by one, and the draws of the chains."""
+    # One eye for all scenes, so that they can be compared at a glance.
+    beside = scenes[1 : 1 + _BESIDE]
+    everything = np.concatenate([_corners(s.scene) for s in scenes])
+    eye = _eye(everything, _FROM, _ROW_SHAPE / max(len(beside), chains, 1))
+    tabs: list[rrb.Container] = []
+    if beside:
+        side_by_side = [
+            _room(
+                f"{i}: {s.probability:.2f} ± {s.error:.2f}",
+                ["world/floor/**", f"world/scene_{i}/**"],
+                eye,
+            )
+            for i, s in enumerate(beside, 2)
+        ]
+        one_by_one = rrb.Horizontal(
+            _room("Room", ["world/floor/**", "world/by_scene/**"], eye),
+            rrb.TextDocumentView(origin="summary", name="This scene"),
+            column_shares=[2, 1],
+            name="One by one (timeline scene)",
         )
-        for i, s in enumerate(scenes[1:], 2)
-    ]
-    return rrb.Tabs(
-        rrb.Horizontal(*side_by_side, name="Other layouts and their probability"),
+        tabs += [rrb.Horizontal(*side_by_side, name="Other scenes"), one_by_one]
+    if chains:
+        each = [
+            _room(f"{k}", ["world/floor/**", f"{chain_entity(k)}/**"], eye)
+            for k in range(1, chains + 1)
+        ]
+        tabs.append(rrb.Horizontal(*each, name="Draws by chain (timeline draw)"))
+    return [rrb.Tabs(*tabs, active_tab=0)] if tabs else []
+
+
+def _plots(traces: Sequence[str], *, sure: bool, moves: bool) -> rrb.Container:
+    tabs: list[rrb.Container | rrb.View] = [
         rrb.Horizontal(
-            _room("Room", ["world/floor/**", "world/by_layout/**"], eye),
-            rrb.TextDocumentView(origin="summary", name="This layout"),
-            column_shares=[3, 1],
-            name="One by one (timeline layout)",
-        ),
-        active_tab=0,
-    )
+            _plot("fit/distance", "Distance to the camera (m)", legend=True),
+            _plot("fit/miss", "Reprojection miss (px)"),
+            name="Fit over frames",
+        )
+    ]
+    if sure:
+        how_sure = rrb.Horizontal(
+            _plot("sure/hidden", "Joints hidden, by object"),
+            _plot("sure/pelvis", "Pelvis known to (cm)", legend=True),
+            name="How sure",
+        )
+        tabs.append(how_sure)
+    if traces:
+        chains = [_plot(trace_entity(t), t.capitalize()) for t in traces]
+        tabs.append(rrb.Horizontal(*chains, name="Chains (timeline draw)"))
+    if moves:
+        tabs.append(rrb.TextDocumentView(origin="moves", name="Moves"))
+    return rrb.Tabs(*tabs, active_tab=1 if sure else 0)
 
 
-def _plots(traces: Sequence[str]) -> rrb.Container:
-    fit = rrb.Horizontal(
-        rrb.TimeSeriesView(
-            origin="fit/distance",
-            name="Distance to the camera (m)",
-            plot_legend=rrb.PlotLegend(corner=rrb.Corner2D.RightBottom),
-        ),
-        rrb.TimeSeriesView(
-            origin="fit/miss",
-            name="Reprojection miss (px)",
-            plot_legend=rrb.PlotLegend(visible=False),
-        ),
-        name="Fit over frames",
-    )
-    chains = [rrb.TimeSeriesView(origin=trace_entity(t), name=t.capitalize()) for t in traces]
-    tabs = [fit, rrb.Grid(*chains, name="Chains (timeline draw)")] if chains else [fit]
-    return rrb.Tabs(*tabs, active_tab=0)
+def _plot(origin: str, name: str, *, legend: bool = False) -> rrb.TimeSeriesView:
+    corner = rrb.PlotLegend(corner=rrb.Corner2D.RightTop, visible=legend)
+    return rrb.TimeSeriesView(origin=origin, name=name, plot_legend=corner)
 
 
 def _room(name: str, contents: Sequence[str], eye: rrb.EyeControls3D) -> rrb.Spatial3DView:
@@ -133,21 +210,35 @@ def _room(name: str, contents: Sequence[str], eye: rrb.EyeControls3D) -> rrb.Spa
     )
 
 
-def _eye(
-    scenes: Sequence[Scene], *, stand_off: float, with_camera: bool = False
-) -> rrb.EyeControls3D:
-    """An eye that has the furniture and the motion of these layouts in sight."""
-    seen = [scenes[0].camera.centre[None, :2]] if with_camera else []
-    for scene in scenes:
-        pelvis = scene.joints[:, PELV, :2]
-        seen += [pelvis[np.isfinite(pelvis).all(1)], *(o.footprint for o in scene.objects)]
-    points = np.concatenate(seen) if sum(map(len, seen)) else scenes[0].camera.centre[None, :2]
-    low, high = points.min(0), points.max(0)
-    target = np.array([*((low + high) / 2), _LOOK_AT_HEIGHT])
-    radius = float(np.linalg.norm(high - low)) / 2 + _MARGIN
+def _corners(scene: Scene) -> Array:
+    """(n, 3) points between which the furniture and the motion of a scene are."""
+    pelvis = scene.joints[:, PELV, :2]
+    footprints = [(o.footprint, float(o.bounds[1, 2])) for o in scene.objects]
+    footprints.append((pelvis[np.isfinite(pelvis).all(1)], _PERSON))
+    found = np.concatenate([_at_height(floor, z) for floor, top in footprints for z in (0.0, top)])
+    return found if len(found) else scene.camera.centre[None]
+
+
+def _at_height(floor: Array, height: float) -> Array:
+    """Points (n, 2) on the floor, lifted to (n, 3)."""
+    return np.column_stack([floor, np.full(len(floor), height)])
+
+
+def _eye(points: Array, direction: Array, shape: float) -> rrb.EyeControls3D:
+    """The nearest eye in a direction that has all points (n, 3) in sight of a view of a shape."""
+    away = direction / np.linalg.norm(direction)
+    up = np.array([0.0, 1.0, 0.0]) if away[2] == 1 else np.array([0.0, 0.0, 1.0])
+    right = np.cross(up, away) / np.linalg.norm(np.cross(up, away))
+    top = np.cross(away, right)
+    axes = np.stack([right, top, away])
+    local = points @ axes.T
+    middle = (local.min(0) + local.max(0)) / 2
+    across, upwards, nearer = (local - middle).T
+    sight = np.maximum(np.abs(across) / shape, np.abs(upwards)) / _HALF_VIEW + nearer
+    target = middle @ axes
     return rrb.EyeControls3D(
         kind=rrb.Eye3DKind.Orbital,
-        position=target + stand_off * radius * _FROM / np.linalg.norm(_FROM),
+        position=target + max(_MARGIN * float(sight.max()), 1.0) * away,
         look_target=target,
-        eye_up=(0.0, 0.0, 1.0),
+        eye_up=up,
     )

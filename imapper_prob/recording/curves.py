@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from imapper_prob.models.camera import Camera
 from imapper_prob.models.scene import Clip, Scene, Track, Truth
 from imapper_prob.models.skeleton import PELV
-from imapper_prob.recording.palette import LAYOUT_COLOURS, TRUE_COLOUR
+from imapper_prob.recording.palette import SCENE_COLOURS, TRUE_COLOUR
 from imapper_prob.results.scenes import WeightedScene
 
-__all__ = ["log_fit", "log_traces", "trace_entity"]
+__all__ = ["curve", "log_fit", "log_traces", "trace_entity"]
 
 Array = NDArray[np.float64]
 
@@ -35,18 +35,18 @@ def log_fit(
     scenes: Sequence[WeightedScene],
     truth: Truth | None,
 ) -> None:
-    """Log, per layout and frame, the person's distance and the miss of the reprojection."""
+    """Log, per scene and frame, the person's distance and the miss of the reprojection."""
     frames = clip.frame_ids
     for i, weighted in enumerate(scenes, 1):
-        scene, style = weighted.scene, _line(i, f"layout {i}")
+        scene, style = weighted.scene, _line(i, f"scene {i}")
         far = _distance(scene.camera, scene.joints)
-        _curve(recording, f"fit/distance/layout_{i}", "frame", frames, far, style)
+        curve(recording, f"fit/distance/scene_{i}", "frame", frames, far, style)
         miss = _mean_miss(scene, clip.tracks[0])
-        _curve(recording, f"fit/miss/layout_{i}", "frame", frames, miss, style)
+        curve(recording, f"fit/miss/scene_{i}", "frame", frames, miss, style)
     if truth is not None:
         far = _distance(truth.camera, truth.joints)
         style = rr.SeriesLines(colors=TRUE_COLOUR, names="truth", widths=_WIDTH)
-        _curve(recording, "fit/distance/truth", "frame", frames, far, style)
+        curve(recording, "fit/distance/truth", "frame", frames, far, style)
 
 
 def log_traces(recording: rr.RecordingStream, traces: Mapping[str, Array]) -> None:
@@ -56,7 +56,7 @@ def log_traces(recording: rr.RecordingStream, traces: Mapping[str, Array]) -> No
         draws = np.arange(0, chains.shape[1], step)
         for k, chain in enumerate(chains, 1):
             entity = f"{trace_entity(name)}/chain_{k}"
-            _curve(recording, entity, "draw", draws, chain[draws], _line(k, f"chain {k}"))
+            curve(recording, entity, "draw", draws, chain[draws], _line(k, f"chain {k}"))
 
 
 def _distance(camera: Camera, joints: Array) -> Array:
@@ -74,11 +74,11 @@ def _mean_miss(scene: Scene, track: Track) -> Array:
 
 
 def _line(number: int, name: str) -> rr.SeriesLines:
-    colour = LAYOUT_COLOURS[(number - 1) % len(LAYOUT_COLOURS)]
+    colour = SCENE_COLOURS[(number - 1) % len(SCENE_COLOURS)]
     return rr.SeriesLines(colors=colour, names=name, widths=_WIDTH)
 
 
-def _curve(
+def curve(
     recording: rr.RecordingStream,
     entity: str,
     timeline: str,
@@ -86,6 +86,7 @@ def _curve(
     values: Array,
     style: rr.SeriesLines,
 ) -> None:
+    """Log one curve (n,) over the times (n,) of a timeline, its unknown values left out."""
     known = np.isfinite(values)
     if not known.any():
         return

@@ -2,24 +2,27 @@
 
 Entities, in metres in the world frame (z up, floor at z = 0)::
 
-    description                       what one sees, and the layouts in a table
-    world/floor, world/camera         the ground, and the camera of the best layout
-    world/camera/image/...            detections and reprojected joints, pixels
-    world/layout_1 … layout_K/...     furniture, names, positions, person, path, ghosts
+    description, certainty, moves     what one sees, how sure it is, how often moves were accepted
+    world/floor, world/camera         the ground, and the camera of the best scene
+    world/camera/image/...            pictures, detections, reprojected and hidden joints, pixels
+    world/occupancy, world/all_draws  the floor and the objects over all draws
+    world/scene_1 … scene_K/...     furniture, names, positions, person, path, ghosts
     world/truth/...                   what really was there, where somebody knows
-    world/by_layout/..., summary      the layouts one after the other, on timeline `layout`
-    fit/...                           curves over frames
+    world/by_scene/..., summary      the scenes one after the other, on timeline `scene`
+    world/draws/chain_1 …             draws one after the other, on timeline `draw`
+    fit/..., sure/...                 curves over frames
     traces/...                        curves over the draws of the chains
 
-Timelines are `frame` (the input's own numbers), `layout` (from 1) and `draw`. Nothing is
-stamped with the time of day, so the same run makes the same recording.
+Timelines are `frame` (the input's own numbers), `scene` (from 1) and `draw`. Nothing is
+stamped with the time of day, so the same run makes the same recording. ``docs/recording.md``
+says what each panel is for.
 """
 
 from __future__ import annotations
 
-import hashlib
 import os
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -28,14 +31,25 @@ from numpy.typing import ArrayLike, NDArray
 
 from imapper_prob.files import written_whole
 from imapper_prob.models.errors import InputError
-from imapper_prob.models.geometry import pack_boxes
-from imapper_prob.models.scene import Clip, Scene, SceneObject, Truth
+from imapper_prob.models.scene import Clip, SceneObject, Truth
 from imapper_prob.models.skeleton import PELV
 from imapper_prob.recording import palette, shapes
 from imapper_prob.recording.blueprint import make_blueprint
-from imapper_prob.recording.caption import caption, contents, layout_name
+from imapper_prob.recording.caption import (
+    caption,
+    certainty_text,
+    contents,
+    moves_text,
+    scene_name,
+)
+from imapper_prob.recording.certainty import Certainty, log_certainty, log_hidden_joints
 from imapper_prob.recording.curves import log_fit, log_traces
+from imapper_prob.recording.digest import digest
+from imapper_prob.recording.draws import DrawnChain, log_draws
 from imapper_prob.recording.entities import PATH_RADIUS, log_moving, log_person, log_static
+from imapper_prob.recording.glyphs import drawable
+from imapper_prob.recording.image import image_camera, log_image
+from imapper_prob.recording.video import Video
 from imapper_prob.results.scenes import WeightedScene
 
 __all__ = ["write_recording"]
@@ -43,7 +57,7 @@ __all__ = ["write_recording"]
 Array = NDArray[np.float64]
 
 _GHOSTS = 8
-"""Most doubles drawn of a layout's person: more hide the person and swell the file."""
+"""Most doubles drawn of a scene's person: more hide the person and swell the file."""
 _GHOST_RADIUS = 0.006
 """Radius in metres, chosen by eye: a ghost is thinner than a limb."""
 
@@ -56,6 +70,10 @@ def write_recording(
     traces: Mapping[str, ArrayLike],
     truth: Truth | None = None,
     description: str,
+    certainty: Certainty | None = None,
+    draws: Sequence[DrawnChain] = (),
+    acceptance: Mapping[str, float] | None = None,
+    video: Video | None = None,
     application_id: str = "imapper-prob",
 ) -> None:
     """Write one ``.rrd`` file, its layout of views inside; a file in the way is replaced.
@@ -67,13 +85,21 @@ def write_recording(
     clip : Clip
         What was seen; the detections of its first track are drawn.
     scenes : sequence of WeightedScene
-        The layouts, most probable first; at least one.
+        The scenes, most probable first; at least one.
     traces : mapping of str to (chains, draws) float
         What to plot of the chains, by name; NaN where a chain has no draw.
     truth : Truth, optional
         Drawn in grey outlines.
     description : str
         Markdown that heads the text panel.
+    certainty : Certainty, optional
+        What is known over all draws.
+    draws : sequence of DrawnChain
+        Draws to show one after the other, chain by chain.
+    acceptance : mapping of str to float, optional
+        How often each move of the sampler was accepted.
+    video : Video, optional
+        Pictures to lie behind the detections.
     application_id : str
         Under which the viewer remembers its settings.
 
@@ -87,17 +113,50 @@ def write_recording(
     scenes = tuple(scenes)
     curves = {name: np.asarray(values, float) for name, values in traces.items()}
     _check(path, clip, scenes, curves, truth)
+    told = _Told(clip, scenes, curves, truth, description, certainty, tuple(draws), video)
+    texts = {
+        "description": caption(description, scenes),
+        "certainty": "" if certainty is None else certainty_text(certainty),
+        "moves": moves_text(acceptance or {}),
+    }
     recording = rr.RecordingStream(
         application_id,
-        recording_id=_digest(clip, scenes, curves, truth, description),
+        recording_id=digest(told, texts),
         # The start time is a property; without it, equal runs make equal recordings.
         send_properties=False,
     )
-    blueprint = make_blueprint(scenes, traces=tuple(curves), truth=truth, fps=clip.fps)
+    blueprint = make_blueprint(
+        scenes,
+        traces=tuple(curves),
+        truth=truth,
+        fps=clip.fps,
+        image=image_camera(scenes[0].scene.camera, video),
+        certainty=certainty,
+        chains=len(draws),
+        moves=bool(acceptance),
+    )
     # Leaving the recording writes its footer: only then may the file take its name.
     with written_whole(path) as beside, recording:
         recording.save(beside, default_blueprint=blueprint)
-        _log_all(recording, clip, scenes, curves, truth, description)
+        _log_all(recording, told)
+        for entity, text in texts.items():
+            if text:
+                document = rr.TextDocument(drawable(text), media_type=rr.MediaType.MARKDOWN)
+                log_static(recording, entity, document)
+
+
+@dataclass(frozen=True)
+class _Told:
+    """All that a recording is made of, but for its texts."""
+
+    clip: Clip
+    scenes: tuple[WeightedScene, ...]
+    curves: Mapping[str, Array]
+    truth: Truth | None
+    description: str
+    certainty: Certainty | None
+    draws: tuple[DrawnChain, ...]
+    video: Video | None
 
 
 def _check(
@@ -111,7 +170,7 @@ def _check(
         raise InputError(f"{path}: the folder {path.parent} does not exist; make it first")
     if not scenes:
         raise InputError(f"{path}: a recording needs at least one scene")
-    motions = {f"layout {i}": s.scene.joints for i, s in enumerate(scenes, 1)}
+    motions = {f"scene {i}": s.scene.joints for i, s in enumerate(scenes, 1)}
     if truth is not None:
         motions["the truth"] = truth.joints
     for name, joints in motions.items():
@@ -124,60 +183,39 @@ def _check(
             raise InputError(f"{path}: trace {name} has shape {values.shape}, not (chains, draws)")
 
 
-def _digest(
-    clip: Clip,
-    scenes: Sequence[WeightedScene],
-    curves: Mapping[str, Array],
-    truth: Truth | None,
-    description: str,
-) -> str:
-    """A name for the recording that depends on nothing but its contents."""
-    state = hashlib.sha256(repr((clip.name, description, clip.fps, list(curves))).encode())
-    rooms = [(s.scene.camera, s.scene.objects) for s in scenes]
-    rooms += [(truth.camera, truth.objects)] if truth is not None else []
-    state.update(repr([(s.probability, s.error) for s in scenes]).encode())
-    for camera, objects in rooms:
-        state.update(repr((camera, [(o.label, o.placement) for o in objects])).encode())
-        state.update(pack_boxes(objects).tobytes())
-    arrays = [clip.frame_ids, *(a for t in clip.tracks for a in (t.keypoints, t.confidences))]
-    arrays += [a for s in scenes for a in (s.scene.joints, s.covariances, s.ghosts)]
-    arrays += [truth.joints] if truth is not None else []
-    for array in (*arrays, *curves.values()):
-        state.update(np.ascontiguousarray(array).tobytes())
-    return state.hexdigest()[:32]
-
-
-def _log_all(
-    recording: rr.RecordingStream,
-    clip: Clip,
-    scenes: Sequence[WeightedScene],
-    curves: Mapping[str, Array],
-    truth: Truth | None,
-    description: str,
-) -> None:
+def _log_all(recording: rr.RecordingStream, told: _Told) -> None:
+    clip, scenes, truth = told.clip, told.scenes, told.truth
     everything = [o for s in scenes for o in s.scene.objects]
     everything += truth.objects if truth is not None else ()
-    categories = palette.category_ids(o.label for o in everything)
+    drawn = [o for chain in told.draws for objects in chain.objects for o in objects]
+    categories = palette.category_ids(o.label for o in [*everything, *drawn])
     frames = rr.TimeColumn("frame", sequence=clip.frame_ids)
 
     log_static(recording, "/", palette.annotation_context(categories))
     log_static(recording, "world", rr.ViewCoordinates.RIGHT_HAND_Z_UP)
-    text = caption(description, scenes)
-    document = rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN)
-    log_static(recording, "description", document)
-
     _log_floor(recording, everything, [s.scene.joints for s in scenes])
-    _log_camera(recording, clip, scenes[0].scene, frames)
+    pixels = log_image(recording, clip, scenes[0].scene, frames, told.video)
     for i, weighted in enumerate(scenes, 1):
-        _log_layout(recording, f"world/layout_{i}", weighted, categories, frames, best=i == 1)
+        _log_scene(recording, f"world/scene_{i}", weighted, categories, frames, best=i == 1)
     if truth is not None:
         log_static(
             recording, "world/truth/furniture", shapes.boxes(truth.objects, {}, outlined=True)
         )
         log_person(recording, "world/truth", truth.joints, palette.TRUTH, frames)
-    _log_by_layout(recording, scenes, categories)
+    if told.certainty is not None:
+        log_certainty(recording, told.certainty, clip.frame_ids)
+        log_hidden_joints(
+            recording,
+            told.certainty,
+            scenes[0].scene.joints,
+            pixels,
+            frames,
+            image_height=image_camera(scenes[0].scene.camera, told.video).height,
+        )
+    _log_by_scene(recording, scenes, categories)
+    log_draws(recording, told.draws, categories)
     log_fit(recording, clip, scenes, truth)
-    log_traces(recording, curves)
+    log_traces(recording, told.curves)
 
 
 def _log_floor(
@@ -191,47 +229,7 @@ def _log_floor(
     log_static(recording, "world/floor/lines", shapes.floor_lines(low, high))
 
 
-def _log_camera(
-    recording: rr.RecordingStream, clip: Clip, best: Scene, frames: rr.TimeColumn
-) -> None:
-    log_static(recording, "world/camera", shapes.camera_pose(best.camera))
-    log_static(recording, "world/camera/image", shapes.pinhole(best.camera))
-    frame_of_image = rr.Boxes2D(
-        mins=[(0, 0)], sizes=[(best.camera.width, best.camera.height)], colors=(90, 95, 105)
-    )
-    log_static(recording, "world/camera/image/border", frame_of_image)
-
-    track = clip.tracks[0]
-    seen = np.isfinite(track.keypoints).all(-1) & (track.confidences > 0)
-    detections = rr.Points2D.columns(
-        positions=track.keypoints[seen],
-        colors=palette.confidence_colours(track.confidences[seen]),
-    ).partition(seen.sum(1))
-    log_moving(
-        recording,
-        "world/camera/image/detections",
-        frames,
-        detections,
-        style=rr.Points2D.from_fields(radii=rr.Radius.ui_points(4.0), draw_order=20.0),
-    )
-
-    pixels = best.camera.project(best.joints)
-    drawn = np.isfinite(pixels).all(-1)
-    reprojection = rr.Points2D.columns(
-        positions=pixels[drawn], keypoint_ids=np.nonzero(drawn)[1]
-    ).partition(drawn.sum(1))
-    log_moving(
-        recording,
-        "world/camera/image/reprojection",
-        frames,
-        reprojection,
-        style=rr.Points2D.from_fields(
-            class_ids=palette.REPROJECTION, radii=rr.Radius.ui_points(2.0), show_labels=False
-        ),
-    )
-
-
-def _log_layout(
+def _log_scene(
     recording: rr.RecordingStream,
     entity: str,
     weighted: WeightedScene,
@@ -269,15 +267,15 @@ def _log_ghosts(
     )
 
 
-def _log_by_layout(
+def _log_by_scene(
     recording: rr.RecordingStream, scenes: Sequence[WeightedScene], categories: dict[str, int]
 ) -> None:
-    layouts = rr.TimeColumn("layout", sequence=np.arange(1, len(scenes) + 1))
+    index = rr.TimeColumn("scene", sequence=np.arange(1, len(scenes) + 1))
     furniture = shapes.box_columns([s.scene.objects for s in scenes], categories)
     log_moving(
         recording,
-        "world/by_layout/furniture",
-        layouts,
+        "world/by_scene/furniture",
+        index,
         furniture,
         style=rr.Boxes3D.from_fields(
             radii=0.006,
@@ -291,14 +289,14 @@ def _log_by_layout(
     lengths = [len(row) for row in pieces]
     log_moving(
         recording,
-        "world/by_layout/path",
-        layouts,
+        "world/by_scene/path",
+        index,
         columns.partition(lengths),
         style=rr.LineStrips3D.from_fields(
             class_ids=palette.ESTIMATE, radii=PATH_RADIUS, show_labels=False
         ),
     )
 
-    texts = [f"{layout_name(i, s)}: {contents(s.scene)}" for i, s in enumerate(scenes, 1)]
+    texts = [drawable(f"{scene_name(i, s)}: {contents(s.scene)}") for i, s in enumerate(scenes, 1)]
     summaries = rr.TextDocument.columns(text=texts)
-    recording.send_columns("summary", indexes=[layouts], columns=summaries, strict=True)
+    recording.send_columns("summary", indexes=[index], columns=summaries, strict=True)

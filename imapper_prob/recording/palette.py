@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from imapper_prob.colours import Colour, category_colour
 from imapper_prob.models.skeleton import BONES, JOINTS
+from imapper_prob.recording.glyphs import drawable
 
 __all__ = [
     "ALTERNATIVE",
@@ -22,37 +23,40 @@ __all__ = [
     "FLOOR",
     "FLOOR_LINE",
     "GHOSTS",
-    "LAYOUT_COLOURS",
     "REPROJECTION",
+    "SCENE_COLOURS",
     "TRUE_COLOUR",
     "TRUTH",
+    "UNCLAIMED",
     "annotation_context",
     "category_ids",
     "confidence_colours",
 ]
 
 ESTIMATE: Final = 1
-"""Class of the person in the most probable layout."""
+"""Class of the person in the most probable scene."""
 ALTERNATIVE: Final = 2
-"""Class of the person in every other layout."""
+"""Class of the person in every other scene."""
 TRUTH: Final = 3
 """Class of everything that really was there."""
 REPROJECTION: Final = 4
-"""Class of the best layout's joints in the image."""
+"""Class of the best scene's joints in the image."""
 _FIRST_CATEGORY: Final = 10
 
 FLOOR: Final = (30, 33, 40)
 FLOOR_LINE: Final = (58, 63, 74)
 TRUE_COLOUR: Final = (190, 190, 190)
+UNCLAIMED: Final = (150, 155, 165)
+"""Of what is hidden by nothing in particular."""
 
-LAYOUT_COLOURS: Final[tuple[Colour, ...]] = (
+SCENE_COLOURS: Final[tuple[Colour, ...]] = (
     (255, 214, 102),
     (134, 188, 240),
     (240, 150, 170),
     (150, 215, 170),
     (200, 170, 235),
 )
-"""Curves of layouts 1, 2, … in plots; the first is also the person's colour."""
+"""Curves of scenes 1, 2, … in plots; the first is also the person's colour."""
 
 GHOSTS: Final[dict[int, Colour]] = {
     ESTIMATE: (128, 108, 56),
@@ -62,10 +66,10 @@ GHOSTS: Final[dict[int, Colour]] = {
 outshine the one they surround."""
 
 _PEOPLE: Final[dict[int, tuple[str, Colour]]] = {
-    ESTIMATE: ("estimate", LAYOUT_COLOURS[0]),
-    ALTERNATIVE: ("alternative", LAYOUT_COLOURS[1]),
+    ESTIMATE: ("estimate", SCENE_COLOURS[0]),
+    ALTERNATIVE: ("alternative", SCENE_COLOURS[1]),
     TRUTH: ("truth", TRUE_COLOUR),
-    REPROJECTION: ("reprojection", LAYOUT_COLOURS[0]),
+    REPROJECTION: ("reprojection", SCENE_COLOURS[0]),
 }
 _UNSURE: Final = np.array([225.0, 70.0, 70.0])
 _HALF_SURE: Final = np.array([245.0, 190.0, 70.0])
@@ -92,7 +96,7 @@ def annotation_context(categories: dict[str, int]) -> rr.AnnotationContext:
     ]
     objects = [
         rr.ClassDescription(
-            info=rr.AnnotationInfo(id=number, label=label, color=category_colour(label))
+            info=rr.AnnotationInfo(id=number, label=drawable(label), color=category_colour(label))
         )
         for label, number in categories.items()
     ]

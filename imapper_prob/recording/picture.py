@@ -10,15 +10,17 @@ from __future__ import annotations
 import argparse
 import io
 import os
+import re
 import signal
 import socket
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import IO, TYPE_CHECKING
 
 from imapper_prob.files import written_whole
 from imapper_prob.models.errors import InputError
@@ -26,7 +28,7 @@ from imapper_prob.models.errors import InputError
 if TYPE_CHECKING:
     from rerun.experimental import ViewerClient
 
-__all__ = ["PictureUnavailable", "main", "render_recording"]
+__all__ = ["PictureUnavailable", "ViewerCrash", "main", "render_recording"]
 
 _START_SECONDS = 60.0
 """Patience with a viewer that starts, or loads, on a busy machine without a graphics card."""
@@ -39,12 +41,16 @@ _LARGEST = 500_000
 _COLOURS = (256, 128, 64, 32)
 _RUN = "import sys; from rerun_cli.__main__ import main; sys.exit(main())"
 """``python -m rerun_cli`` would lose the exit code, and ``rerun`` need not be on the path."""
-_NO_GRAPHICS = 102
-"""Exit code of the viewer where there is no graphics driver."""
+_NO_GRAPHICS = "Failed to get render context"
+"""What the viewer dies with where there is no graphics driver."""
 
 
 class PictureUnavailable(RuntimeError):
     """The viewer cannot draw here, for instance for want of a Vulkan driver."""
+
+
+class ViewerCrash(RuntimeError):
+    """The viewer could draw here but died over this recording."""
 
 
 def render_recording(
@@ -80,6 +86,8 @@ def render_recording(
         If there is no such recording.
     PictureUnavailable
         If the viewer does not start or does not load the recording.
+    ViewerCrash
+        If the viewer dies over the recording.
     """
     recording_path, png_path = Path(recording_path).resolve(), Path(png_path)
     if not recording_path.is_file():
@@ -108,24 +116,25 @@ def _viewer(width: int, height: int) -> Iterator[ViewerClient]:
         port = free.getsockname()[1]
     command = [sys.executable, "-c", _RUN, "--headless", "--bind", "127.0.0.1"]
     command += ["--port", str(port), "--window-size", f"{width}x{height}", "--hide-welcome-screen"]
-    process = subprocess.Popen(
-        command,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-        # As rerun's own spawn does: no questions about analytics.
-        env={**os.environ, "RERUN_APP_ONLY": "true"},
-        # The command is a shim around the viewer: a group of their own ends both.
-        start_new_session=True,
-    )
-    try:
-        yield _connected(ViewerClient, process, port)
-    except ConnectionError as error:
-        # The port opens before the graphics do, so a viewer may die after the first answer.
-        raise _ended(process) from error
-    finally:
-        with suppress(ProcessLookupError):
-            os.killpg(process.pid, signal.SIGTERM)
-        process.wait()
+    with tempfile.TemporaryFile() as said:
+        process = subprocess.Popen(
+            command,
+            stdout=subprocess.DEVNULL,
+            stderr=said,
+            # As rerun's own spawn does: no questions about analytics.
+            env={**os.environ, "RERUN_APP_ONLY": "true"},
+            # The command is a shim around the viewer: a group of their own ends both.
+            start_new_session=True,
+        )
+        try:
+            yield _connected(ViewerClient, process, port, said)
+        except ConnectionError as error:
+            # The port opens before the graphics do, so a viewer may die after the first answer.
+            raise _ended(process, said) from error
+        finally:
+            with suppress(ProcessLookupError):
+                os.killpg(process.pid, signal.SIGTERM)
+            process.wait()
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -145,19 +154,19 @@ def main(arguments: Sequence[str] | None = None) -> None:
             height=chosen.height,
             frame=chosen.frame,
         )
-    except (InputError, PictureUnavailable) as error:
+    except (InputError, PictureUnavailable, ViewerCrash) as error:
         parser.exit(2, f"error: {error}\n")
     if reports:
         parser.exit(1, "\n".join(reports) + "\n")
 
 
 def _connected(
-    kind: type[ViewerClient], process: subprocess.Popen[bytes], port: int
+    kind: type[ViewerClient], process: subprocess.Popen[bytes], port: int, said: IO[bytes]
 ) -> ViewerClient:
     deadline = time.monotonic() + _START_SECONDS
     while True:
         if process.poll() is not None:
-            raise _ended(process)
+            raise _ended(process, said)
         try:
             with socket.create_connection(("127.0.0.1", port), timeout=1):
                 pass
@@ -170,13 +179,17 @@ def _connected(
             time.sleep(_POLL_SECONDS)
 
 
-def _ended(process: subprocess.Popen[bytes]) -> PictureUnavailable:
-    """Why the viewer is no longer there."""
+def _ended(process: subprocess.Popen[bytes], said: IO[bytes]) -> RuntimeError:
+    """Why the viewer is no longer there, from what it ``said`` to its standard error."""
     try:
         code = process.wait(_ANSWER_SECONDS)
     except subprocess.TimeoutExpired:
         return PictureUnavailable("the viewer runs but has stopped answering")
-    if code == _NO_GRAPHICS:
+    said.seek(0)
+    panic = re.search(r"panicked at '(.*)'", said.read().decode(errors="replace"))
+    if panic is not None and panic[1] != _NO_GRAPHICS:
+        return ViewerCrash(f"the viewer crashed: {panic[1]}")
+    if panic is not None:
         return PictureUnavailable(
             "the viewer found no graphics driver; on Debian, install mesa-vulkan-drivers"
         )

@@ -29,7 +29,9 @@ from imapper_prob.models.skeleton import (
     RWRI,
     THRX,
 )
+from imapper_prob.recording.glyphs import drawable
 from imapper_prob.recording.palette import FLOOR, FLOOR_LINE, TRUE_COLOUR
+from imapper_prob.results.uncertainty.clusters import ObjectCluster
 
 __all__ = [
     "box_columns",
@@ -38,10 +40,12 @@ __all__ = [
     "floor_lines",
     "floor_plane",
     "limbs",
+    "name_columns",
     "names",
     "paths",
     "pinhole",
     "position_ellipses",
+    "regions",
 ]
 
 Array = NDArray[np.float64]
@@ -108,11 +112,11 @@ def boxes(
 
 
 def box_columns(
-    layouts: Sequence[Sequence[SceneObject]], categories: dict[str, int]
+    rows: Sequence[Sequence[SceneObject]], categories: dict[str, int]
 ) -> rr.ComponentColumnList:
-    """One row a layout: all cuboids of its objects."""
-    everything = [o for objects in layouts for o in objects]
-    lengths = [sum(len(o.cuboids) for o in objects) for objects in layouts]
+    """One row a scene: all cuboids of its objects."""
+    everything = [o for objects in rows for o in objects]
+    lengths = [sum(len(o.cuboids) for o in objects) for objects in rows]
     centres, half_sizes, turns = _box_geometry(everything)
     columns = rr.Boxes3D.columns(
         centers=centres,
@@ -125,18 +129,36 @@ def box_columns(
 
 def names(objects: Sequence[SceneObject], categories: dict[str, int]) -> rr.Points3D:
     """Each object's category, floating just above it."""
+    return rr.Points3D(
+        _above(objects),
+        labels=[drawable(o.label) for o in objects],
+        class_ids=[categories[o.label] for o in objects],
+        radii=0.004,
+        show_labels=True,
+    )
+
+
+def name_columns(
+    draws: Sequence[Sequence[SceneObject]], categories: dict[str, int]
+) -> rr.ComponentColumnList:
+    """One row a draw: the categories of its objects, floating above them."""
+    everything = [o for objects in draws for o in objects]
+    columns = rr.Points3D.columns(
+        positions=_above(everything),
+        labels=[drawable(o.label) for o in everything],
+        class_ids=[categories[o.label] for o in everything],
+    )
+    return columns.partition([len(objects) for objects in draws])
+
+
+def _above(objects: Sequence[SceneObject]) -> Array:
+    """(n, 3) where names float."""
     above = np.array([0.0, 0.0, _NAME_HEIGHT])
     tops = [
         o.placement.apply(o.bounds.mean(0) * (1, 1, 0) + o.bounds[1] * (0, 0, 1)) + above
         for o in objects
     ]
-    return rr.Points3D(
-        np.reshape(tops, (-1, 3)),
-        labels=[o.label for o in objects],
-        class_ids=[categories[o.label] for o in objects],
-        radii=0.004,
-        show_labels=True,
-    )
+    return np.reshape(tops, (-1, 3))
 
 
 def position_ellipses(objects: Sequence[SceneObject], covariances: Array) -> rr.Ellipsoids3D:
@@ -159,10 +181,28 @@ def position_ellipses(objects: Sequence[SceneObject], covariances: Array) -> rr.
             centres.append((*item.centre[:2], 2 * _ELLIPSE_HEIGHT))
             half_sizes.append((*np.maximum(radii, _ELLIPSE_HEIGHT), _ELLIPSE_HEIGHT))
             turns.append(np.arctan2(axes[1, 0], axes[0, 0]))
+    return _on_floor(centres, half_sizes, turns)
+
+
+def regions(clusters: Sequence[ObjectCluster]) -> rr.Ellipsoids3D:
+    """The ellipses that hold 50 and 90 % of where each object stands, over all draws."""
+    found = [c.region(share) for c in clusters for share in _QUANTILES]
+    return _on_floor(
+        [(*r.centre, 2 * _ELLIPSE_HEIGHT) for r in found],
+        [(*r.half_axes, _ELLIPSE_HEIGHT) for r in found],
+        [r.angle for r in found],
+    )
+
+
+def _on_floor(
+    centres: Sequence[tuple[float, ...]],
+    half_sizes: Sequence[tuple[float, ...]],
+    turns: Sequence[float],
+) -> rr.Ellipsoids3D:
     return rr.Ellipsoids3D(
-        centers=np.reshape(centres, (-1, 3)),
-        half_sizes=np.reshape(half_sizes, (-1, 3)),
-        quaternions=_about_z(np.array(turns)),
+        centers=np.array(centres, float).reshape(-1, 3),
+        half_sizes=np.array(half_sizes, float).reshape(-1, 3),
+        quaternions=_about_z(np.array(turns, float)),
         colors=(235, 235, 235),
         line_radii=0.005,
         fill_mode=rr.components.FillMode.MajorWireframe,

@@ -25,6 +25,7 @@ from imapper_prob.models.posterior import State, motion, swapped, terms
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.scenelet import Library
 from imapper_prob.models.skeleton import DETECTED
+from imapper_prob.results.own_scenelets import of_scenelets
 from imapper_prob.sampling.layouts import placed_objects, same_objects
 
 __all__ = ["Explanation", "FrameShares", "Worth", "explain", "frame_shares"]
@@ -268,20 +269,8 @@ def _own_scenelets(problem: Problem, state: State) -> tuple[Problem, State]:
     A scenelet may be in a state twice; here each has boxes of its own that can be taken away.
     """
     chosen = state.items[:, 0]
-    frames = _ranges(problem.joint_first, chosen)
-    boxes = _ranges(problem.box_first, chosen)
-    own = problem._replace(
-        joints=problem.joints[frames],
-        joint_first=_starts(problem.lengths[chosen]),
-        boxes=problem.boxes[boxes],
-        box_first=_starts(np.diff(problem.box_first)[chosen]),
-        box_object=problem.box_object[boxes],
-        box_label=problem.box_label[boxes],
-        box_yaw=problem.box_yaw[boxes],
-        log_rate=problem.log_rate[chosen],
-    )
     items = np.stack([np.arange(len(chosen)), state.items[:, 1]], -1)
-    return own, replace(state, items=items)
+    return of_scenelets(problem, chosen), replace(state, items=items)
 
 
 def _without_boxes(problem: Problem, gone: NDArray[np.bool_]) -> Problem:
@@ -294,16 +283,6 @@ def _without_boxes(problem: Problem, gone: NDArray[np.bool_]) -> Problem:
         box_label=problem.box_label[~gone],
         box_yaw=problem.box_yaw[~gone],
     )
-
-
-def _ranges(first: Ints, chosen: Ints) -> Ints:
-    """Rows of the chosen entries of a packed array."""
-    rows = [np.arange(first[i], first[i + 1]) for i in chosen]
-    return np.concatenate([np.empty(0, np.int64), *rows])
-
-
-def _starts(counts: Ints) -> Ints:
-    return np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
 
 
 def _span(problem: Problem, state: State, index: int) -> tuple[int, int]:

@@ -1,4 +1,4 @@
-"""``scenes.json``: the layouts of a posterior, for people and for other programs.
+"""``scenes.json``: the scenes of a posterior, for people and for other programs.
 
 Positions are metres in the world frame (z up, floor at z = 0, origin on the floor below the
 camera, y the horizontal viewing direction), angles radians. An unknown number is ``null``.
@@ -24,12 +24,12 @@ from imapper_prob.models.camera import Camera
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.scene import Cuboid, Placement, Scene, SceneObject
 from imapper_prob.models.skeleton import N_JOINTS
-from imapper_prob.results.scenes import WeightedScene
+from imapper_prob.results.scenes import Explains, WeightedScene
 
 __all__ = ["FORMAT", "VERSION", "read_scenes", "write_scenes"]
 
 FORMAT: Final = "imapper-prob scenes"
-VERSION: Final = 1
+VERSION: Final = 2
 """Raised whenever a reader of an older version would misread the file."""
 
 _UNITS: Final = {"length": "metre", "angle": "radian", "image": "pixel"}
@@ -108,6 +108,10 @@ def _from_scene(weighted: WeightedScene) -> dict[str, Any]:
     return {
         "probability": weighted.probability,
         "error": weighted.error,
+        "layouts": list(weighted.layouts),
+        "difference": weighted.difference,
+        "explains": None if weighted.explains is None else _from_explains(weighted.explains),
+        "draw": weighted.draw,
         "log_posterior": scene.log_posterior,
         "layout": [{"scenelet": name, "start": int(start)} for name, start in scene.layout],
         "camera": asdict(scene.camera),
@@ -116,6 +120,27 @@ def _from_scene(weighted: WeightedScene) -> dict[str, Any]:
             for item, covariance in zip(scene.objects, weighted.covariances, strict=True)
         ],
     }
+
+
+def _from_explains(explains: Explains) -> dict[str, Any]:
+    return {
+        "frames": [list(span) for span in explains.frames],
+        "covered": explains.covered,
+        "of_frames": explains.n_frames,
+        "unsure": explains.unsure,
+        "unsure_behind": explains.unsure_behind,
+        "sure_behind": explains.sure_behind,
+    }
+
+
+def _to_explains(values: Mapping[str, Any]) -> Explains:
+    return Explains(
+        frames=tuple((int(first), int(last)) for first, last in values["frames"]),
+        n_frames=int(values["of_frames"]),
+        unsure=int(values["unsure"]),
+        unsure_behind=int(values["unsure_behind"]),
+        sure_behind=int(values["sure_behind"]),
+    )
 
 
 def _from_object(item: SceneObject, covariance: np.ndarray) -> dict[str, Any]:
@@ -147,6 +172,10 @@ def _to_scene(values: Mapping[str, Any]) -> WeightedScene:
         error=_number(values["error"]),
         covariances=np.reshape(covariances, (len(entries), 2, 2)),
         ghosts=np.empty((0, 0, N_JOINTS, 3)),
+        layouts=tuple(int(number) for number in values["layouts"]),
+        explains=None if values["explains"] is None else _to_explains(values["explains"]),
+        difference=str(values["difference"]),
+        draw=int(values["draw"]),
     )
 
 

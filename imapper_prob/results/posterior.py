@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,15 +14,35 @@ from numpy.typing import NDArray
 
 from imapper_prob.config import Config
 from imapper_prob.models.camera import Camera
-from imapper_prob.models.posterior import State, motion
+from imapper_prob.models.errors import InputError
+from imapper_prob.models.posterior import motion
 from imapper_prob.models.scene import Clip, Scene
+from imapper_prob.models.skeleton import PELV
+from imapper_prob.results.differences import describe_difference
+from imapper_prob.results.diverse import group_scenes
+from imapper_prob.results.explained import explained_by
+from imapper_prob.results.representatives import Representative, representative
 from imapper_prob.results.scenes import WeightedScene
-from imapper_prob.sampling.layouts import match_objects
+from imapper_prob.samplers.diagnostics import (
+    LayoutProbabilities,
+    ShortChainWarning,
+    layout_probabilities,
+)
 from imapper_prob.sampling.sample import Samples
-from imapper_prob.staged.solver import Solution
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     import xarray
+
+    from imapper_prob.recording.certainty import Certainty
+    from imapper_prob.recording.draws import DrawnChain
+    from imapper_prob.results.stored_input import Source
+    from imapper_prob.results.uncertainty.clusters import ObjectCluster
+    from imapper_prob.results.uncertainty.hidden import HiddenJoints
+    from imapper_prob.results.uncertainty.joints import JointSummary
+    from imapper_prob.results.uncertainty.nuisances import Nuisance
+    from imapper_prob.results.uncertainty.occupancy import Occupancy
 
 __all__ = ["Posterior"]
 
@@ -36,17 +58,23 @@ class Posterior:
 
     Parameters
     ----------
-    solution : Solution
-        Clip, library, staged solution and packed log-posterior.
+    solution : Source
+        Clip, library and packed log-posterior; of a fresh run all that the staged solver found.
     samples : Samples
         Draws and layouts.
     config : Config
         Everything needed to repeat the run on the same clip.
+    seconds : mapping of str to float
+        How long each part of the run took by the clock on the wall.
+    stored : DataTree, optional
+        The file that it was read from.
     """
 
-    solution: Solution
+    solution: Source
     samples: Samples
     config: Config
+    seconds: Mapping[str, float] = field(default_factory=dict, repr=False)
+    stored: xarray.DataTree | None = field(default=None, repr=False)
 
     @property
     def clip(self) -> Clip:
@@ -54,62 +82,184 @@ class Posterior:
         return self.solution.clip
 
     def scenes(self, count: int = 5) -> tuple[WeightedScene, ...]:
-        """The most probable layouts, at most ``count``, by their representative draws."""
-        return self._all_scenes[:count]
+        """Scenes that differ enough to be looked at one by one, the most probable first.
 
-    @cached_property
-    def _all_scenes(self) -> tuple[WeightedScene, ...]:
+        Parameters
+        ----------
+        count : int
+            At most so many. How far apart they are says :mod:`imapper_prob.results.diverse`.
+        """
+        number = len(self.scene_probabilities.layouts)
+        return tuple(self._scene_at(rank) for rank in range(min(count, number)))
+
+    def layouts(self, count: int = 10) -> tuple[WeightedScene, ...]:
+        """The most probable layouts, at most ``count``: finer than scenes, and what the verdict
+        speaks of."""
         found = self.samples.probabilities
-        shares = dict(zip(found.layouts.tolist(), found.probability.tolist(), strict=True))
-        errors = dict(zip(found.layouts.tolist(), found.standard_error.tolist(), strict=True))
+        each = zip(found.layouts, found.probability, found.standard_error, strict=True)
         return tuple(
-            self._weighted(layout, shares[layout + 1], errors[layout + 1])
-            for layout in range(min(len(self.samples.layouts.leaders), 10))
+            self._weighted((int(number) - 1,), float(share), float(error))
+            for number, share, error in list(each)[:count]
         )
 
-    def _weighted(self, layout: int, probability: float, error: float) -> WeightedScene:
-        """The draw nearest to the mean object positions of its layout, with their spread."""
+    @cached_property
+    def scene_probabilities(self) -> LayoutProbabilities:
+        """Of all scenes, most probable first, by chain too; numbered as they were founded."""
         samples = self.samples
-        members = np.flatnonzero(samples.layouts.indicator == layout)
-        leader = samples.objects[samples.layouts.leaders[layout]]
-        partners = [
-            match_objects(leader, samples.objects[m], radius=self.config.sample.layout_radius)
-            for m in members
-        ]
-        matched = [(m, p) for m, p in zip(members, partners, strict=True) if p is not None]
-        centres = np.array(
-            [[samples.objects[m][k].centre[:2] for k in partner] for m, partner in matched]
-        ).reshape(len(matched), len(leader), 2)
-        offset = centres - centres.mean(0)
-        nearest = int((offset**2).sum((1, 2)).argmin())
-        chosen, partner = matched[nearest]
-        covariances = np.einsum("nki,nkj->kij", offset, offset) / max(len(matched) - 1, 1)
-        objects = tuple(samples.objects[chosen][k] for k in partner)
+        scene_of_draw = self._scene_of_layout[samples.layouts.indicator]
+        with warnings.catch_warnings():
+            # The verdict says in words what a short chain cannot tell.
+            warnings.simplefilter("ignore", ShortChainWarning)
+            return layout_probabilities(
+                scene_of_draw.reshape(samples.shape), rng=np.random.default_rng(self.config.seed)
+            )
+
+    @cached_property
+    def _representatives(self) -> tuple[Representative, ...]:
+        """Of each layout, in the order of the indicator: the most frequent first."""
+        radius = self.config.sample.layout_radius
+        return tuple(
+            representative(self.samples, layout, radius=radius)
+            for layout in range(len(self.samples.layouts.leaders))
+        )
+
+    @cached_property
+    def _scene_of_layout(self) -> NDArray[np.int64]:
+        return group_scenes([r.objects for r in self._representatives])
+
+    @cached_property
+    def _made(self) -> dict[int, WeightedScene]:
+        """Scenes that somebody has asked for, by rank: each needs a few motions."""
+        return {}
+
+    def _scene_at(self, rank: int) -> WeightedScene:
+        if rank not in self._made:
+            found = self.scene_probabilities
+            layouts = np.flatnonzero(self._scene_of_layout == found.layouts[rank])
+            made = self._weighted(
+                tuple(layouts.tolist()),
+                float(found.probability[rank]),
+                float(found.standard_error[rank]),
+            )
+            if rank:
+                best = self._scene_at(0).scene.objects
+                made = replace(made, difference=describe_difference(best, made.scene.objects))
+            self._made[rank] = made
+        return self._made[rank]
+
+    def _weighted(
+        self, layouts: tuple[int, ...], probability: float, error: float
+    ) -> WeightedScene:
+        """Layouts (from 0, the most probable first) as one scene, by the draw for the first."""
+        samples, chosen = self.samples, self._representatives[layouts[0]]
+        state = samples.states[chosen.draw]
+        scene = replace(self.draw(chosen.draw), objects=chosen.objects)
+        members = np.flatnonzero(np.isin(samples.layouts.indicator, layouts))
         spread = members[np.linspace(0, len(members) - 1, _GHOSTS).round().astype(int)]
         ghosts = [motion(self.solution.problem, samples.states[m]) for m in np.unique(spread)]
-        scene = self._scene(samples.states[chosen], samples.log_posterior.flat[chosen])
-        scene = replace(scene, objects=objects)
-        return WeightedScene(scene, probability, error, covariances, np.array(ghosts))
+        return WeightedScene(
+            scene,
+            probability,
+            error,
+            chosen.covariances,
+            np.array(ghosts),
+            layouts=tuple(layout + 1 for layout in layouts),
+            explains=explained_by(self.clip, self.solution.problem, scene, state),
+            draw=chosen.draw,
+        )
 
-    def _scene(self, state: State, log_posterior: float) -> Scene:
+    def scene(self, number: int = 1) -> WeightedScene:
+        """One of the scenes, 1 being the most probable.
+
+        Raises
+        ------
+        InputError
+            If there are not so many.
+        """
+        there = len(self.scene_probabilities.layouts)
+        if not 1 <= number <= there:
+            raise InputError(f"scene {number}: the run has {there} scenes, counted from 1")
+        return self._scene_at(number - 1)
+
+    def draw(self, number: int) -> Scene:
+        """One draw with its camera, furniture and motion; draws are numbered chain by chain."""
+        state = self.samples.states[number]
         pitch, elevation, focal, _, roll = state.camera.tolist()
         camera: Camera = self.clip.camera.posed(
             pitch=pitch, roll=roll, elevation=elevation, focal_scale=float(np.exp(focal))
         )
-        layout = tuple((self.solution.library[s].name, t) for s, t in state.items.tolist())
-        joints = motion(self.solution.problem, state)
-        return Scene(camera, (), joints, layout, float(log_posterior))
+        return Scene(
+            camera=camera,
+            objects=self.samples.objects[number],
+            joints=motion(self.solution.problem, state),
+            layout=tuple((self.solution.library[s].name, t) for s, t in state.items.tolist()),
+            log_posterior=float(self.samples.log_posterior.flat[number]),
+        )
 
     @cached_property
     def data(self) -> xarray.DataTree:
         """Draws and diagnostics with names, as ArviZ expects them."""
         from imapper_prob.results.tree import posterior_tree
 
-        return posterior_tree(self.solution, self.samples, self.config)
+        if self.stored is not None:
+            return self.stored
+        return posterior_tree(self.solution, self.samples, self.config, seconds=self.seconds)
 
-    def record(self, path: str | Path) -> None:
-        """Write the recording (``.rrd``) that opens in the rerun viewer."""
+    def occupancy(self, *, cell: float = 0.1) -> Occupancy:
+        """Probability by category that a place on the floor is covered, cells in metres."""
+        from imapper_prob.results.uncertainty.occupancy import occupancy
+
+        return occupancy(self.samples.objects, cell=cell)
+
+    def clusters(self, *, least: float = 0.05) -> tuple[ObjectCluster, ...]:
+        """Objects matched across all draws, most probable first, down to a probability."""
+        from imapper_prob.results.uncertainty.clusters import object_clusters
+
+        return object_clusters(
+            self.samples.objects,
+            self.samples.log_posterior,
+            radius=self.config.sample.layout_radius,
+            least=least,
+        )
+
+    def joints(self) -> JointSummary:
+        """Mean and covariance of every joint in every frame."""
+        from imapper_prob.results.uncertainty.joints import joint_summary
+
+        return joint_summary(self._motions())
+
+    def hidden(self) -> HiddenJoints:
+        """P(joint hidden) by frame and joint, and by which of :meth:`clusters`."""
+        from imapper_prob.results.uncertainty.hidden import hidden_joints
+
+        elevations = [float(state.camera[1]) for state in self.samples.states]
+        return hidden_joints(self.samples.objects, self._motions(), elevations, self.clusters())
+
+    def nuisances(self) -> dict[str, Nuisance]:
+        """Prior against posterior of camera and body, by name."""
+        from imapper_prob.results.uncertainty.nuisances import nuisances
+
+        problem, shape = self.solution.problem, self.samples.shape
+        draws = np.array([state.camera for state in self.samples.states]).reshape(*shape, -1)
+        covariance = np.asarray(np.linalg.inv(problem.camera_precision), np.float64)
+        return nuisances(draws, mean=problem.camera_mean, covariance=covariance)
+
+    def _motions(self) -> Iterator[Array]:
+        """The motion of each draw in its world, one after the other."""
+        return (motion(self.solution.problem, state) for state in self.samples.states)
+
+    def record(self, path: str | Path, *, video: str | Path | None = None) -> None:
+        """Write the recording (``.rrd``) that opens in the rerun viewer.
+
+        Parameters
+        ----------
+        path : path
+        video : path, optional
+            The pictures of the clip, to lie behind the detections: a folder of pictures whose
+            names end in the number of their frame, or a video file.
+        """
         from imapper_prob.recording.log import write_recording
+        from imapper_prob.recording.video import read_video
         from imapper_prob.results.summary import describe
 
         write_recording(
@@ -119,6 +269,34 @@ class Posterior:
             traces=self.traces,
             truth=self.clip.truth,
             description=describe(self.clip, self.samples),
+            certainty=self.certainty,
+            draws=self._drawn_chains(),
+            acceptance=self.samples.acceptance.rates(),
+            video=None if video is None else read_video(video, self.clip),
+        )
+
+    @cached_property
+    def certainty(self) -> Certainty:
+        """All that is said over all draws at once: occupancy, objects, joints, camera."""
+        from imapper_prob.recording.certainty import Certainty
+
+        return Certainty(self.occupancy(), self.hidden(), self.joints(), self.nuisances())
+
+    def _drawn_chains(self) -> tuple[DrawnChain, ...]:
+        """Draws of each chain, evenly spread, as many as a recording may hold."""
+        from imapper_prob.recording.draws import MOST, DrawnChain
+
+        samples, problem = self.samples, self.solution.problem
+        chains, draws = samples.shape
+        kept = np.unique(np.linspace(0, draws - 1, max(1, MOST // chains)).round().astype(int))
+        numbers = [c * draws + kept for c in range(chains)]
+        return tuple(
+            DrawnChain(
+                kept,
+                [samples.objects[n] for n in own],
+                np.array([motion(problem, samples.states[n])[:, PELV] for n in own]),
+            )
+            for own in numbers
         )
 
     @property

@@ -10,38 +10,51 @@ from rich.table import Table
 from scipy.optimize import linear_sum_assignment
 
 from imapper_prob.models.scene import Clip, SceneObject, Truth
+from imapper_prob.results.scene_distance import group_of
 from imapper_prob.results.scenes import WeightedScene
 from imapper_prob.sampling.agreement import describe_agreement
 from imapper_prob.sampling.sample import Samples
 
-__all__ = ["describe", "distances_to_truth", "layout_table", "object_table"]
+__all__ = ["describe", "distances_to_truth", "furniture", "object_table", "scene_table"]
 
 Array = NDArray[np.float64]
 
-_GROUPS = {"chair": "seat", "couch": "seat", "stool": "seat", "bench": "seat", "armchair": "seat"}
-"""Labels that count as the same when a scene is held against the truth, as in i3DB's scores."""
+_LISTED = 4
+"""Layouts named in a row of a table."""
 
 
-def layout_table(scenes: Sequence[WeightedScene]) -> Table:
-    """Layouts with their probabilities."""
-    table = Table(title="Layouts", title_justify="left")
-    table.add_column("", justify="right")
-    table.add_column("probability", justify="right")
-    table.add_column("objects", justify="left")
+def scene_table(scenes: Sequence[WeightedScene]) -> Table:
+    """Scenes with their probabilities, and the numbers of the layouts in them."""
+    table = Table(title="Scenes", title_justify="left")
+    for name in ("", "probability", "objects", "layouts"):
+        table.add_column(name, justify="left" if name == "objects" else "right")
     for number, weighted in enumerate(scenes, 1):
-        labels = [o.label for o in weighted.scene.objects]
-        counted = [f"{labels.count(n)} {n}" for n in dict.fromkeys(labels)]
         table.add_row(
             str(number),
             f"{weighted.probability:.2f} ± {weighted.error:.2f}",
-            ", ".join(counted) or "none",
+            furniture(weighted),
+            _shortened(weighted.layouts),
         )
     return table
 
 
+def furniture(weighted: WeightedScene) -> str:
+    """The objects of a scene, counted."""
+    labels = [o.label for o in weighted.scene.objects]
+    counted = [f"{labels.count(n)} {n}" for n in dict.fromkeys(labels)]
+    return ", ".join(counted) or "none"
+
+
+def _shortened(layouts: Sequence[int]) -> str:
+    """The first layouts of a scene, and how many more there are."""
+    listed = ", ".join(map(str, layouts[:_LISTED]))
+    more = len(layouts) - _LISTED
+    return f"{listed} and {more} more" if more > 0 else listed
+
+
 def object_table(weighted: WeightedScene, truth: Truth | None = None) -> Table:
-    """Objects of one layout: where they stand, how sure that is, how far from the truth."""
-    table = Table(title="Objects of layout 1", title_justify="left")
+    """Objects of one scene: where they stand, how sure that is, how far from the truth."""
+    table = Table(title="Objects of scene 1", title_justify="left")
     for name in ("", "x [m]", "y [m]", "± [cm]", "facing [°]"):
         table.add_column(name, justify="left" if not name else "right")
     errors = None
@@ -73,16 +86,12 @@ def distances_to_truth(found: Sequence[SceneObject], true: Sequence[SceneObject]
         return result
     gap = np.array([o.centre[:2] for o in found])[:, None] - [o.centre[:2] for o in true]
     distance = np.linalg.norm(gap, axis=-1)
-    other = np.array([[_group(f) != _group(t) for t in true] for f in found])
+    other = np.array([[group_of(f.label) != group_of(t.label) for t in true] for f in found])
     rows, columns = linear_sum_assignment(np.where(other, 1e6, distance))
     for row, column in zip(rows, columns, strict=True):
         if not other[row, column]:
             result[row] = distance[row, column]
     return result
-
-
-def _group(o: SceneObject) -> str:
-    return _GROUPS.get(o.label, o.label)
 
 
 def describe(clip: Clip, samples: Samples) -> str:

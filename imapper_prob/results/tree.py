@@ -2,8 +2,11 @@
 
 Groups, as ArviZ names them:
 
-``posterior``      what every draw has, whatever its dimension, the pelvis path, and by frame
-                   the probability that the detector took left for right
+``posterior``      camera, body and mean depth of each draw: what every draw has whatever its
+                   dimension, and can vary freely, as plots of ArviZ want it
+``counts``         numbers of scenelets and objects, and the layout; in a good run they may be
+                   the same in all draws
+``motion``         by frame the pelvis, and the probability that the detector took left for right
 ``draws``          scenelets and merged objects of each draw, padded, with their numbers
 ``sample_stats``   log-posterior; temperatures of each chain, rates of exchange between them, and
                    round trips of states; in the attributes how often each move was accepted
@@ -11,29 +14,36 @@ Groups, as ArviZ names them:
                    difference of means and ratio of standard deviations, x and y
 ``observed_data``  detections
 ``constant_data``  names and numbers that the others refer to
+
+and those of :mod:`imapper_prob.results.stored_samples` and
+:mod:`imapper_prob.results.stored_input`, from which a run is opened again.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from imapper_prob.config import Config, to_toml
+from imapper_prob.config import Config
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.path import CAMERA
 from imapper_prob.models.posterior import motion, swapped
 from imapper_prob.models.skeleton import JOINTS, PELV
+from imapper_prob.results.provenance import provenance
+from imapper_prob.results.stored_input import Source, source_groups
+from imapper_prob.results.stored_samples import object_origins, sample_attributes, sample_groups
 from imapper_prob.sampling.agreement import describe_agreement
 from imapper_prob.sampling.sample import Samples
-from imapper_prob.staged.solver import Solution
 
-__all__ = ["posterior_tree", "read_attributes", "write_tree"]
+__all__ = ["FORMAT", "posterior_tree", "read_attributes", "write_tree"]
+
+FORMAT: Final = "imapper-prob posterior 2"
+"""Attribute of the file; the number rises when a reader of old files would go wrong."""
 
 Variable = tuple[tuple[str, ...], NDArray[Any]]
 """Names of the dimensions, and values."""
@@ -44,6 +54,7 @@ _UNITS = {
     "log_focal_scale": "1",
     "log_body_scale": "1",
     "roll": "rad",
+    "mean_depth": "m",
     "pelvis": "m",
     "sides_swapped": "1",
     "log_posterior": "nat",
@@ -54,31 +65,45 @@ _UNITS = {
 }
 
 
-def posterior_tree(solution: Solution, samples: Samples, config: Config) -> xr.DataTree:
-    """All that a run sampled, with provenance in the attributes."""
-    clip, shape = solution.clip, samples.shape
+def posterior_tree(
+    source: Source,
+    samples: Samples,
+    config: Config,
+    *,
+    seconds: Mapping[str, float] | None = None,
+) -> xr.DataTree:
+    """All that a run sampled, with provenance in the attributes.
+
+    ``seconds`` say how long each part of the run took.
+    """
+    clip, shape = source.clip, samples.shape
     camera = np.array([state.camera for state in samples.states]).reshape(*shape, -1)
     pelvis = np.array(
-        [motion(solution.problem, state)[:, PELV].astype(np.float32) for state in samples.states]
+        [motion(source.problem, state)[:, PELV].astype(np.float32) for state in samples.states]
     ).reshape(*shape, clip.n_frames, 3)
     turned = np.array(
-        [swapped(solution.problem, state).astype(np.float32) for state in samples.states]
+        [swapped(source.problem, state).astype(np.float32) for state in samples.states]
     ).reshape(*shape, clip.n_frames)
     per_draw = ("chain", "draw")
     posterior: dict[str, Variable] = {
         name: (per_draw, camera[..., i]) for i, name in enumerate(CAMERA)
     }
-    posterior |= {
+    posterior["mean_depth"] = (per_draw, pelvis[..., 1].mean(-1, dtype=np.float64))
+    counts: dict[str, Variable] = {
         "n_scenelets": (per_draw, np.reshape([s.n_scenelets for s in samples.states], shape)),
         "n_objects": (per_draw, np.reshape([len(o) for o in samples.objects], shape)),
         "layout": (per_draw, samples.layouts.indicator.reshape(shape)),
+    }
+    moved: dict[str, Variable] = {
         "pelvis": ((*per_draw, "frame", "axis"), pelvis),
         "sides_swapped": ((*per_draw, "frame"), turned),
     }
-    frames = {"frame": clip.frame_ids}
+    frames, chosen = {"frame": clip.frame_ids}, _drawn_scenelets(samples)
     groups = {
-        "posterior": xr.Dataset(_labelled(posterior), {**frames, "axis": list("xyz")}),
-        "draws": xr.Dataset(_labelled(_padded(solution, samples))),
+        "posterior": xr.Dataset(_labelled(posterior)),
+        "counts": xr.Dataset(_labelled(counts)),
+        "motion": xr.Dataset(_labelled(moved), {**frames, "axis": list("xyz")}),
+        "draws": xr.Dataset(_labelled(_padded(source, samples))),
         "sample_stats": xr.Dataset(
             _labelled({"log_posterior": (per_draw, samples.log_posterior)} | _tempering(samples)),
             attrs={f"acceptance_{k}": v for k, v in samples.acceptance.rates().items()},
@@ -95,23 +120,23 @@ def posterior_tree(solution: Solution, samples: Samples, config: Config) -> xr.D
         ),
         "constant_data": xr.Dataset(
             {
-                "scenelet": ("library", [s.name for s in solution.library]),
+                "scenelet": ("library", [s.name for s in source.library]),
                 "label": ("category", _categories(samples)),
+                "drawn": ("stored", chosen),
             }
         ),
+        **sample_groups(samples),
+        **source_groups(source, chosen),
     }
-    for name in ("posterior", "draws", "sample_stats"):
+    for name in ("posterior", "counts", "motion", "draws", "latent", "sample_stats"):
         groups[name] = groups[name].assign_coords(
             chain=np.arange(shape[0]), draw=np.arange(shape[1])
         )
     tree: xr.DataTree = xr.DataTree.from_dict(groups)
     tree.attrs = {
-        "program": f"imapper-prob {version('imapper-prob')}",
-        "clip": clip.name,
-        "library": solution.library.name,
-        "library_digest": solution.library.digest,
-        "config": to_toml(config),
-        "verdict": samples.verdict.text,
+        "format": FORMAT,
+        **provenance(source, config, seconds or {}),
+        **sample_attributes(samples),
         "agreement": describe_agreement(samples.agreements),
         "frame": "world: metres, z up, floor at z = 0, camera above the origin, looking along y",
     }
@@ -124,7 +149,7 @@ def write_tree(path: Path, tree: xr.DataTree) -> None:
         group: {
             str(name): {"zlib": True, "shuffle": True, "complevel": 4}
             for name, values in tree[group].data_vars.items()
-            if values.dtype.kind in "fiu" and values.ndim
+            if values.dtype.kind in "fiu" and values.size > 1
         }
         for group in tree.groups
     }
@@ -145,6 +170,7 @@ def _tempering(samples: Samples) -> dict[str, Variable]:
         "power": (("chain", "temperature"), np.array([ladder.betas for ladder in ladders])),
         "swap_rate": (("chain", "gap"), np.array([ladder.swap_rates for ladder in ladders])),
         "round_trips": (("chain",), np.array([ladder.round_trips for ladder in ladders])),
+        "rounds": (("chain",), np.array([ladder.rounds for ladder in ladders])),
     }
 
 
@@ -170,7 +196,15 @@ def _categories(samples: Samples) -> list[str]:
     return sorted({o.label for objects in samples.objects for o in objects}) or [""]
 
 
-def _padded(solution: Solution, samples: Samples) -> dict[str, Variable]:
+def _drawn_scenelets(samples: Samples) -> NDArray[np.int64]:
+    """Which scenelets some draw has, ascending; one where none has any, for a library needs it."""
+    items = [state.items[:, 0] for state in samples.states]
+    items += [draws.items[:, 0] for draws in samples.placements]
+    drawn = np.unique(np.concatenate(items)).astype(np.int64)
+    return drawn if len(drawn) else np.zeros(1, np.int64)
+
+
+def _padded(source: Source, samples: Samples) -> dict[str, Variable]:
     """Scenelets and objects of each draw; slots past a draw's number are -1 or NaN."""
     count = len(samples.states)
     slots = max(1, *(s.n_scenelets for s in samples.states))
@@ -180,6 +214,8 @@ def _padded(solution: Solution, samples: Samples) -> dict[str, Variable]:
     most = max(1, *(len(o) for o in samples.objects))
     labels = np.full((count, most), -1)
     objects = np.full((count, most, 3), np.nan)
+    origins = np.full((count, most, 2), -1)
+    where = object_origins(source.library, samples.states, samples.objects)
     index = {label: i for i, label in enumerate(_categories(samples))}
     for n, (state, furniture) in enumerate(zip(samples.states, samples.objects, strict=True)):
         scenelets[n, : state.n_scenelets] = state.items
@@ -188,6 +224,7 @@ def _padded(solution: Solution, samples: Samples) -> dict[str, Variable]:
         for k, o in enumerate(furniture):
             labels[n, k] = index[o.label]
             objects[n, k] = (*o.centre[:2], o.placement.yaw)
+            origins[n, k] = where[n][k]
     shape = samples.shape
     return {
         "scenelet": (("chain", "draw", "slot"), scenelets[..., 0].reshape(*shape, slots)),
@@ -202,6 +239,8 @@ def _padded(solution: Solution, samples: Samples) -> dict[str, Variable]:
             ("chain", "draw", "object", "pose"),
             objects.reshape(*shape, most, 3),
         ),
+        "object_slot": (("chain", "draw", "object"), origins[..., 0].reshape(*shape, most)),
+        "object_number": (("chain", "draw", "object"), origins[..., 1].reshape(*shape, most)),
     }
 
 

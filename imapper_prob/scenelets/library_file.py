@@ -37,7 +37,7 @@ from imapper_prob.models.errors import InputError
 from imapper_prob.models.scenelet import Library, Scenelet
 from imapper_prob.models.skeleton import N_JOINTS
 
-__all__ = ["read_library", "save_library"]
+__all__ = ["library_of", "pack_library", "read_library", "save_library"]
 
 _FORMAT: Final = "imapper-prob scenelet library 2"
 
@@ -54,11 +54,9 @@ _SHAPES: Final[Shapes] = {
 }
 
 
-def save_library(library: Library, path: str | Path) -> None:
-    """Write a library to an ``.npz`` file, whole or not at all."""
-    path = Path(path)
-    arrays = {
-        "format": np.array(_FORMAT),
+def pack_library(library: Library) -> Arrays:
+    """A library as the arrays of the module's description, ``format`` left out."""
+    return {
         "name": np.array(library.name),
         "names": np.array([s.name for s in library]),
         "actions": np.array([s.action for s in library]),
@@ -69,6 +67,12 @@ def save_library(library: Library, path: str | Path) -> None:
         "object_scenelet": np.repeat(np.arange(len(library)), [len(s.objects) for s in library]),
         **pack_furniture([o for s in library for o in s.objects]),
     }
+
+
+def save_library(library: Library, path: str | Path) -> None:
+    """Write a library to an ``.npz`` file, whole or not at all."""
+    path = Path(path)
+    arrays = {"format": np.array(_FORMAT), **pack_library(library)}
     with written_whole(path) as beside, beside.open("wb") as file:
         np.savez_compressed(file, allow_pickle=False, **arrays)
 
@@ -86,10 +90,21 @@ def read_library(path: str | Path) -> Library:
     if str(arrays.get("format")) != _FORMAT:
         raise InputError(f"library {path}: not a scenelet library of this version; make it again")
     try:
-        _check(arrays)
-        return _unpacked(arrays)
+        return library_of(arrays)
     except InputError as error:
         raise InputError(f"library {path}: {error}") from error
+
+
+def library_of(arrays: Arrays) -> Library:
+    """A library again, from the arrays of :func:`pack_library`.
+
+    Raises
+    ------
+    InputError
+        If they contradict each other. It does not say where they are from.
+    """
+    _check(arrays)
+    return _unpacked(arrays)
 
 
 def _check(arrays: Arrays) -> None:

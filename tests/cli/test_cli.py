@@ -31,9 +31,14 @@ def run_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return base / "out"
 
 
-def test_run_writes_all_four_files(run_folder: Path) -> None:
+def test_run_writes_all_its_files(run_folder: Path) -> None:
     names = sorted(p.name for p in run_folder.iterdir())
-    assert names == ["config.toml", "posterior.nc", "recording.rrd", "scenes.json"]
+    assert names == [
+        "config.toml", "posterior.nc", "recording.rrd", "report.html", "scenes", "scenes.json",
+    ]  # fmt: skip
+    shown = json.loads((run_folder / "scenes.json").read_text())["scenes"]
+    models = sorted(p.name for p in (run_folder / "scenes").iterdir())
+    assert models == [f"scene_{n}.glb" for n in range(1, len(shown) + 1)]
     assert "seed = 5" in (run_folder / "config.toml").read_text()
     assert json.loads((run_folder / "scenes.json").read_text())["scenes"]
     assert not list(run_folder.parent.glob(".*partial*"))
@@ -55,7 +60,7 @@ def test_the_recording_passes_reruns_own_check(run_folder: Path) -> None:
 def test_info_prints_the_table_again(run_folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["info", str(run_folder)]) == 0
     text = capsys.readouterr().out
-    assert "Layouts" in text
+    assert "Scenes" in text
     assert "±" in text
 
 

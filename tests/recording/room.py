@@ -15,7 +15,14 @@ from imapper_prob.models.scene import (
     Truth,
 )
 from imapper_prob.models.skeleton import DETECTED, PELV
+from imapper_prob.recording.certainty import Certainty
+from imapper_prob.recording.draws import DrawnChain
 from imapper_prob.results.scenes import WeightedScene
+from imapper_prob.results.uncertainty.clusters import object_clusters
+from imapper_prob.results.uncertainty.hidden import hidden_joints
+from imapper_prob.results.uncertainty.joints import joint_summary
+from imapper_prob.results.uncertainty.nuisances import nuisances
+from imapper_prob.results.uncertainty.occupancy import occupancy
 
 # Right ankle … left wrist, in the order of JOINTS: x right, y forward, z up, metres.
 STANDING = np.array([
@@ -132,6 +139,55 @@ def make_room(n_frames: int, n_ghosts: int = 4) -> tuple[Clip, list[WeightedScen
     )
     clip = Clip("room", camera, 10.0, np.arange(100, 100 + n_frames), (track,), True, truth)
     return clip, scenes, truth
+
+
+def make_draws(n: int, scenes: list[WeightedScene]) -> list[tuple[SceneObject, ...]]:
+    """``n`` draws of the furniture around that of the scenes, two chains' worth."""
+    rng = np.random.default_rng(10)
+    shares = np.array([s.probability for s in scenes])
+    chosen = rng.choice(len(scenes), n, p=shares / shares.sum())
+    return [
+        tuple(
+            SceneObject(
+                o.label,
+                Placement(*(o.placement.apply((0, 0, 0))[:2] + rng.normal(0, 0.1, 2)),
+                          o.placement.yaw + rng.normal(0, 0.1)),
+                o.cuboids,
+            )
+            for o in scenes[k].scene.objects
+        )
+        for k in chosen
+    ]  # fmt: skip
+
+
+def make_certainty(n: int, scenes: list[WeightedScene]) -> Certainty:
+    """What :func:`make_draws` and the scenes' own motions say together."""
+    rng = np.random.default_rng(11)
+    draws = make_draws(n, scenes)
+    best = scenes[0].scene
+    motions = [best.joints + rng.normal(0, 0.05, 3) for _ in draws]
+    clusters = object_clusters(draws, np.zeros((2, n // 2)), radius=0.8)
+    elevations = [best.camera.elevation] * n
+    camera = rng.normal((-0.12, 1.45, 0, 0, 0), 0.02, (2, n // 2, 5))
+    return Certainty(
+        occupancy(draws),
+        hidden_joints(draws, motions, elevations, clusters),
+        joint_summary(motions),
+        nuisances(camera, mean=camera.mean((0, 1)), covariance=0.002 * np.eye(5)),
+    )
+
+
+def make_chains(n: int, n_frames: int, scenes: list[WeightedScene]) -> list[DrawnChain]:
+    """:func:`make_draws` as two chains, each with a path of its own."""
+    rng = np.random.default_rng(12)
+    half = n // 2
+    draws = make_draws(n, scenes)
+    pelvis = np.nan_to_num(scenes[0].scene.joints[:, PELV])
+    paths = pelvis + rng.normal(0, 0.05, (n, n_frames, 3))
+    return [
+        DrawnChain(np.arange(half), draws[c * half : (c + 1) * half], paths[c * half :][:half])
+        for c in range(2)
+    ]
 
 
 def make_traces() -> dict[str, np.ndarray]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import subprocess
 import sys
-from collections import defaultdict
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -20,25 +19,12 @@ from imapper_prob.models.skeleton import PELV
 from imapper_prob.recording import log
 from imapper_prob.recording.log import write_recording
 from imapper_prob.results.scenes import WeightedScene
-from tests.recording.room import make_room, make_traces
+from tests.recording.reading import Columns, read
+from tests.recording.room import make_certainty, make_chains, make_room, make_traces
 
-Columns = dict[tuple[str, str], dict[int | None, Any]]
 N_FRAMES = 30
 UNKNOWN = slice(10, 13)
-"""Frames about which the best layout knows nothing."""
-
-
-def read(path: Path) -> Columns:
-    """(entity, component) to time to value; static values stand at time ``None``."""
-    found: Columns = defaultdict(dict)
-    for chunk in RrdReader(path).stream():
-        assert len(chunk.timeline_names) == (0 if chunk.is_static else 1), chunk.entity_path
-        table = chunk.to_record_batch().to_pydict()
-        times = [None] if chunk.is_static else table[chunk.timeline_names[0]]
-        for name, values in table.items():
-            if ":" in name:
-                found[chunk.entity_path, name].update(zip(times, values, strict=True))
-    return found
+"""Frames about which the best scene knows nothing."""
 
 
 def room_with_a_gap() -> tuple[Clip, list[WeightedScene], Truth]:
@@ -68,29 +54,29 @@ def columns(recording: Path) -> Columns:
     return read(recording)
 
 
-def test_the_motion_of_every_layout(columns: Columns) -> None:
+def test_the_motion_of_every_scene(columns: Columns) -> None:
     clip, scenes, _ = room_with_a_gap()
     for i, weighted in enumerate(scenes, 1):
-        positions = columns[f"/world/layout_{i}/person", "Points3D:positions"]
+        positions = columns[f"/world/scene_{i}/person", "Points3D:positions"]
         assert list(positions) == clip.frame_ids.tolist()
         for t, joints in zip(clip.frame_ids, weighted.scene.joints, strict=True):
             expected = joints[np.isfinite(joints).all(-1)].astype(np.float32)
             assert np.array_equal(np.reshape(positions[t], (-1, 3)), expected)
-    lengths = [len(p) for p in columns["/world/layout_1/person", "Points3D:positions"].values()]
+    lengths = [len(p) for p in columns["/world/scene_1/person", "Points3D:positions"].values()]
     assert lengths == [16] * 10 + [0] * 3 + [16] * 17
 
 
 def test_the_path_is_broken_where_nothing_is_known(columns: Columns) -> None:
     _, scenes, _ = room_with_a_gap()
-    strips = columns["/world/layout_1/path", "LineStrips3D:strips"][None]
+    strips = columns["/world/scene_1/path", "LineStrips3D:strips"][None]
     pelvis = scenes[0].scene.joints[:, PELV].astype(np.float32)
     assert [len(s) for s in strips] == [10, 17]
     assert np.array_equal(strips[1], pelvis[UNKNOWN.stop :])
 
 
-def test_the_furniture_of_every_layout(columns: Columns) -> None:
+def test_the_furniture_of_every_scene(columns: Columns) -> None:
     _, scenes, truth = room_with_a_gap()
-    rooms = {f"/world/layout_{i}": s.scene.objects for i, s in enumerate(scenes, 1)}
+    rooms = {f"/world/scene_{i}": s.scene.objects for i, s in enumerate(scenes, 1)}
     for entity, objects in {**rooms, "/world/truth": truth.objects}.items():
         boxes = pack_boxes(objects).astype(np.float32)
         found = {
@@ -105,15 +91,15 @@ def test_the_furniture_of_every_layout(columns: Columns) -> None:
         assert np.allclose(np.cos(turn), 1, atol=1e-6)
 
 
-def test_the_layouts_one_by_one(columns: Columns) -> None:
+def test_the_scenes_one_by_one(columns: Columns) -> None:
     _, scenes, _ = room_with_a_gap()
-    centres = columns["/world/by_layout/furniture", "Boxes3D:centers"]
+    centres = columns["/world/by_scene/furniture", "Boxes3D:centers"]
     assert list(centres) == [1, 2, 3]
     for i, weighted in enumerate(scenes, 1):
         expected = pack_boxes(weighted.scene.objects)[:, :3].astype(np.float32)
         assert np.array_equal(centres[i], expected)
     texts = columns["/summary", "TextDocument:text"]
-    assert texts[2] == ["Layout 2: p = 0.23 ± 0.02: chair, shelf, table"]
+    assert texts[2] == ["Scene 2: p = 0.23 ± 0.02: chair, shelf, table"]
 
 
 @pytest.mark.parametrize("roll", [0.0, 0.2])
@@ -179,7 +165,7 @@ def test_the_distance_of_the_truth_is_plotted(columns: Columns) -> None:
     assert np.allclose(np.ravel(list(plotted.values())), expected)
 
 
-def test_the_text_names_each_layout(columns: Columns) -> None:
+def test_the_text_names_each_scene(columns: Columns) -> None:
     (text,) = columns["/description", "TextDocument:text"][None]
     assert text.startswith("# A room\n")
     assert "| 1 | 0.62 ± 0.02 | chair, couch, shelf, table |" in text
@@ -217,6 +203,8 @@ def test_a_real_clip_stays_small(tmp_path: Path) -> None:
         traces={"energy": np.zeros((4, 50_000))},
         truth=truth,
         description="",
+        certainty=make_certainty(400, scenes),
+        draws=make_chains(400, 540, scenes),
     )
     assert path.stat().st_size < 15e6
 
@@ -228,8 +216,8 @@ def test_a_room_about_which_little_is_known(tmp_path: Path) -> None:
     path = tmp_path / "room.rrd"
     write_recording(path, clip=clip, scenes=[empty, empty], traces={}, description="")
     columns = read(path)
-    assert columns["/world/layout_1/furniture", "Boxes3D:half_sizes"][None] == []
-    assert set(map(len, columns["/world/layout_1/person", "Points3D:positions"].values())) == {0}
+    assert columns["/world/scene_1/furniture", "Boxes3D:half_sizes"][None] == []
+    assert set(map(len, columns["/world/scene_1/person", "Points3D:positions"].values())) == {0}
 
 
 def test_a_failed_write_leaves_the_old_file_and_nothing_else(
@@ -255,7 +243,7 @@ def test_what_does_not_fit_is_refused(tmp_path: Path) -> None:
     good: dict[str, Any] = {"clip": clip, "scenes": scenes, "traces": {}, "description": ""}
     with pytest.raises(InputError, match="at least one scene"):
         write_recording(path, **{**good, "scenes": []})
-    with pytest.raises(InputError, match="layout 1 has 6 frames, clip room has 4"):
+    with pytest.raises(InputError, match="scene 1 has 6 frames, clip room has 4"):
         write_recording(path, **{**good, "scenes": make_room(6)[1]})
     with pytest.raises(InputError, match="the truth has 6 frames, clip room has 4"):
         write_recording(path, **{**good, "truth": make_room(6)[2]})

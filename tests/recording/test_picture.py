@@ -13,7 +13,7 @@ from imapper_prob.models.scene import Scene
 from imapper_prob.recording.log import write_recording
 from imapper_prob.recording.picture import PictureUnavailable, main, render_recording
 from imapper_prob.results.scenes import WeightedScene
-from tests.recording.room import make_room, make_traces
+from tests.recording.room import make_certainty, make_chains, make_room, make_traces
 
 
 def render(recording: Path, png: Path, **size: int) -> list[str]:
@@ -28,7 +28,16 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     clip, scenes, truth = make_room(40)
     path = tmp_path_factory.mktemp("picture") / "room.rrd"
     write_recording(
-        path, clip=clip, scenes=scenes, traces=make_traces(), truth=truth, description="# A room"
+        path,
+        clip=clip,
+        scenes=scenes,
+        traces=make_traces(),
+        truth=truth,
+        # The viewer ends at a sign that its font does not have.
+        description="# A room, 部屋 █",
+        certainty=make_certainty(20, scenes),
+        draws=make_chains(20, 40, scenes),
+        acceptance={"birth": 0.02, "path": 0.9},
     )
     return path
 

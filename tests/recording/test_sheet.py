@@ -14,7 +14,7 @@ from imapper_prob.models.scenelet import Library, Scenelet
 from imapper_prob.recording import sheet
 from imapper_prob.recording.picture import PictureUnavailable, render_recording
 from imapper_prob.recording.sheet import kinds, write_sheet
-from tests.recording.test_log import Columns, read
+from tests.recording.reading import Columns, read
 from tests.scenelets.motions import box, standing
 
 

@@ -30,10 +30,8 @@ from imapper_prob.results.energy_report import (
     term_table,
     write_energy,
 )
-from imapper_prob.results.rebuild import rebuild
 from imapper_prob.sampling.layouts import merged_objects
 from tests.models.worlds import camera_prior, clip_of, couch, library, path_of, problem, walk
-from tests.runs import posterior, solution
 
 N_FRAMES = 40
 FRAME_IDS = np.arange(7, 7 + N_FRAMES)
@@ -247,26 +245,3 @@ def test_the_file_holds_every_number(explained: Explanation, tmp_path: Path) -> 
     assert document["scenelets"][0]["frames"] == [[10, 15]]
     assert [o["lost"] for o in document["objects"]] == [w.total for w in explained.objects]
     assert [p.name for p in tmp_path.iterdir()] == ["energy.json"]
-
-
-def test_a_run_is_rebuilt_to_the_last_bit(tmp_path: Path) -> None:
-    from imapper_prob.output import write_run
-
-    run = posterior()
-    folder = tmp_path / "run"
-    write_run(folder, run, overwrite=False)
-    known = solution()
-    rebuilt = rebuild(folder, known.clip, known.library, run.config)
-    for name, value in known.problem._asdict().items():
-        np.testing.assert_array_equal(getattr(rebuilt.problem, name), value, err_msg=name)
-    shown = run.scenes(1)[0].scene
-    assert rebuilt.drawn_log_posterior == shown.log_posterior
-    names = [(known.library[s].name, t) for s, t in rebuilt.state.items.tolist()]
-    assert tuple(names) == shown.layout
-    (n, *_) = np.flatnonzero(run.samples.log_posterior.ravel() == shown.log_posterior)
-    drawn = run.samples.states[n]
-    assert_allclose(rebuilt.state.camera, drawn.camera)
-    assert_allclose(rebuilt.state.placements, drawn.placements)
-    # With the draw's own path it is the draw.
-    again = replace(rebuilt.state, latent=drawn.latent)
-    assert log_posterior(rebuilt.problem, again) == pytest.approx(shown.log_posterior)

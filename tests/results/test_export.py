@@ -15,10 +15,12 @@ from imapper_prob.models.errors import InputError
 from imapper_prob.models.scene import Cuboid, Placement, Scene, SceneObject
 from imapper_prob.results import export
 from imapper_prob.results.export import read_scenes, write_scenes
-from imapper_prob.results.scenes import WeightedScene
+from imapper_prob.results.scenes import Explains, WeightedScene
 
 LENGTHS = st.floats(-1e3, 1e3)
 SIZES = st.floats(1e-3, 10)
+COUNTS = st.integers(0, 999)
+SPANS = st.lists(st.tuples(COUNTS, COUNTS), max_size=2).map(tuple)
 POINTS = st.tuples(LENGTHS, LENGTHS, LENGTHS)
 
 
@@ -40,6 +42,10 @@ def weighted_scenes(draw: st.DrawFn) -> WeightedScene:
         draw(st.floats(0, 0.5)),
         spread @ spread.swapaxes(1, 2),
         np.zeros((2, 3, 16, 3)),
+        layouts=tuple(draw(st.lists(st.integers(1, 99), max_size=3))),
+        explains=draw(st.none() | st.builds(Explains, SPANS, COUNTS, COUNTS, COUNTS, COUNTS)),
+        difference=draw(st.text(max_size=5)),
+        draw=draw(COUNTS),
     )
 
 
@@ -51,7 +57,8 @@ def contents(weighted: WeightedScene) -> object:
         for o in scene.objects
     ]
     numbers = (weighted.probability, weighted.error, scene.log_posterior)
-    return scene.camera, scene.layout, objects, numbers, weighted.covariances.tolist()
+    words = (weighted.layouts, weighted.explains, weighted.difference, weighted.draw)
+    return scene.camera, scene.layout, objects, numbers, words, weighted.covariances.tolist()
 
 
 def chair(covariance: float = 0.01) -> WeightedScene:
@@ -79,7 +86,7 @@ def test_the_file_is_plain_json_with_units_and_frames(tmp_path: Path) -> None:
 
     text = (tmp_path / "scenes.json").read_text(encoding="utf-8")
     document = json.loads(text, parse_constant=refuse)
-    assert document["version"] == 1
+    assert document["version"] == 2
     assert document["units"] == {"length": "metre", "angle": "radian", "image": "pixel"}
     assert set(document["frames"]) == {"world", "object"}
     (scene,) = document["scenes"]
@@ -102,7 +109,7 @@ def test_an_unknown_number_is_null_and_comes_back_as_nan(tmp_path: Path) -> None
     ("spoil", "complaint"),
     [
         (lambda d: d.pop("format"), "not a file of scenes"),
-        (lambda d: d.update(version=2), "has version 2"),
+        (lambda d: d.update(version=1), "has version 1"),
         (lambda d: d.pop("scenes"), "scenes are missing"),
         (lambda d: d["scenes"][0].pop("camera"), "scene 1 lacks 'camera'"),
         (lambda d: d["scenes"][0]["camera"].update(fx=-1), "focal length fx"),

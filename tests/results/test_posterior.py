@@ -12,7 +12,7 @@ from rich.console import Console
 
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.posterior import swapped
-from imapper_prob.results.summary import distances_to_truth, layout_table, object_table
+from imapper_prob.results.summary import distances_to_truth, object_table, scene_table
 from imapper_prob.results.tree import read_attributes, write_tree
 from tests.models.worlds import couch
 from tests.runs import posterior
@@ -50,7 +50,8 @@ def test_the_tree_holds_the_draws_and_survives_the_disk(tmp_path: Path) -> None:
     write_tree(path, run.data)
     with xr.open_datatree(path, engine="h5netcdf") as tree:
         chains, draws = run.samples.shape
-        assert dict(tree["posterior"].sizes) == {
+        assert dict(tree["posterior"].sizes) == {"chain": chains, "draw": draws}
+        assert dict(tree["motion"].sizes) == {
             "chain": chains, "draw": draws, "frame": run.clip.n_frames, "axis": 3,
         }  # fmt: skip
         np.testing.assert_array_equal(
@@ -58,7 +59,7 @@ def test_the_tree_holds_the_draws_and_survives_the_disk(tmp_path: Path) -> None:
         )
         state = run.samples.states[draws + 5]
         np.testing.assert_allclose(
-            tree["posterior"]["sides_swapped"][1, 5],
+            tree["motion"]["sides_swapped"][1, 5],
             swapped(run.solution.problem, state),
             rtol=1e-6,
         )
@@ -84,7 +85,7 @@ def test_a_file_that_is_no_posterior_is_refused(tmp_path: Path) -> None:
 def test_tables_say_what_the_scenes_say() -> None:
     run = posterior()
     console = Console(width=120, record=True, file=StringIO())
-    console.print(layout_table(run.scenes()))
+    console.print(scene_table(run.scenes()))
     console.print(object_table(run.scenes()[0], run.clip.truth))
     text = console.export_text()
     assert f"{run.scenes()[0].probability:.2f} ±" in text

@@ -1,0 +1,179 @@
+"""How sure the posterior is, drawn: the floor, the objects, and what is hidden.
+
+Unlike scenes, all of this is about every draw at once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import rerun as rr
+from numpy.typing import NDArray
+
+from imapper_prob.colours import category_colour
+from imapper_prob.models.skeleton import PELV
+from imapper_prob.recording import shapes
+from imapper_prob.recording.curves import curve
+from imapper_prob.recording.entities import log_moving, log_static
+from imapper_prob.recording.glyphs import drawable
+from imapper_prob.recording.palette import FLOOR, UNCLAIMED
+from imapper_prob.results.uncertainty.clusters import ObjectCluster
+from imapper_prob.results.uncertainty.hidden import HiddenJoints
+from imapper_prob.results.uncertainty.joints import JointSummary
+from imapper_prob.results.uncertainty.nuisances import Nuisance
+from imapper_prob.results.uncertainty.occupancy import Occupancy
+
+__all__ = ["HIDDEN", "Certainty", "hidden_colours", "log_certainty", "log_hidden_joints"]
+
+Array = NDArray[np.float64]
+
+HIDDEN = 0.5
+"""Probability from which a joint is drawn as hidden."""
+_FAINT = 0.03
+"""Probability below which a cell of the floor is not drawn: it could not be told from it."""
+_NAMED = 0.2
+"""Probability below which an object has no name on the map: names would cover each other."""
+_MAP_HEIGHT = 0.002
+"""Metres above the floor, to lie on it without flickering."""
+_RING = 0.075
+"""Metres; radius of a hidden joint, larger than a joint."""
+_FRAME = 0.015
+"""Half side of the square around a hidden joint, in units of the height of the image."""
+_AXES = {"across the view": (134, 188, 240), "depth": (255, 214, 102), "height": (150, 215, 170)}
+
+
+@dataclass(frozen=True)
+class Certainty:
+    """What is known over all draws, see `imapper_prob.results.uncertainty`."""
+
+    occupancy: Occupancy
+    hidden: HiddenJoints
+    joints: JointSummary
+    nuisances: Mapping[str, Nuisance]
+
+    @property
+    def clusters(self) -> tuple[ObjectCluster, ...]:
+        """Objects matched across draws, most probable first."""
+        return self.hidden.clusters
+
+
+def log_certainty(
+    recording: rr.RecordingStream, certainty: Certainty, frame_ids: NDArray[np.int64]
+) -> None:
+    """Log the map of the floor, where each object is, and how sure that is over frames."""
+    floor = _floor_map(certainty.occupancy)
+    if floor is not None:
+        log_static(recording, "world/occupancy", floor)
+    log_static(recording, "world/all_draws/positions", shapes.regions(certainty.clusters))
+    log_static(recording, "world/all_draws/names", _names(certainty.clusters))
+    _log_curves(recording, certainty, frame_ids)
+
+
+def log_hidden_joints(
+    recording: rr.RecordingStream,
+    certainty: Certainty,
+    joints: Array,
+    pixels: Array,
+    frames: rr.TimeColumn,
+    *,
+    image_height: int,
+) -> None:
+    """Mark hidden joints of the best scene's person, in the image and in the room.
+
+    Parameters
+    ----------
+    joints, pixels : (T, 16, 3), (T, 16, 2) float
+        Of that person; NaN where unknown.
+    image_height : int
+        Pixels.
+    """
+    colours = hidden_colours(certainty.hidden)
+    marked = certainty.hidden.probability >= HIDDEN
+    seen_3d = marked & np.isfinite(joints).all(-1)
+    log_moving(
+        recording,
+        "world/scene_1/hidden",
+        frames,
+        rr.Points3D.columns(positions=joints[seen_3d], colors=colours[seen_3d]).partition(
+            seen_3d.sum(1)
+        ),
+        style=rr.Points3D.from_fields(radii=_RING),
+    )
+    seen_2d = marked & np.isfinite(pixels).all(-1)
+    log_moving(
+        recording,
+        "world/camera/image/hidden",
+        frames,
+        rr.Boxes2D.columns(
+            centers=pixels[seen_2d],
+            half_sizes=np.full((int(seen_2d.sum()), 2), _FRAME * image_height),
+            colors=colours[seen_2d],
+        ).partition(seen_2d.sum(1)),
+        style=rr.Boxes2D.from_fields(radii=rr.Radius.ui_points(1.5), draw_order=30.0),
+    )
+
+
+def hidden_colours(hidden: HiddenJoints) -> NDArray[np.uint8]:
+    """(T, 16, 3) colour of the object that most probably hides a joint."""
+    palette = np.array([UNCLAIMED, *(category_colour(c.label) for c in hidden.clusters)])
+    if not hidden.clusters:
+        return np.broadcast_to(palette[0], (*hidden.probability.shape, 3)).astype(np.uint8)
+    most = hidden.by_object.argmax(0)
+    claimed = hidden.by_object.max(0) > 0
+    colours: NDArray[np.uint8] = palette[np.where(claimed, most + 1, 0)].astype(np.uint8)
+    return colours
+
+
+def _floor_map(occupancy: Occupancy) -> rr.Mesh3D | None:
+    """Tiles in the colour of the most probable category, the stronger the more probable."""
+    rows, columns = np.nonzero(occupancy.anything >= _FAINT)
+    if not len(rows):
+        return None
+    hue = np.array([category_colour(c) for c in occupancy.categories], float)
+    kind = occupancy.by_category[:, rows, columns].argmax(0)
+    strength = occupancy.anything[rows, columns][:, None]
+    colours = (1 - strength) * np.array(FLOOR, float) + strength * hue[kind]
+    half = occupancy.cell / 2
+    corners = np.array([(-half, -half), (half, -half), (half, half), (-half, half)])
+    centres = np.stack([occupancy.x[columns], occupancy.y[rows]], -1)
+    on_floor = (centres[:, None] + corners).reshape(-1, 2)
+    vertices = np.column_stack([on_floor, np.full(len(on_floor), _MAP_HEIGHT)])
+    first = 4 * np.arange(len(rows))[:, None, None]
+    return rr.Mesh3D(
+        vertex_positions=vertices,
+        triangle_indices=(first + np.array([(0, 1, 2), (0, 2, 3)])).reshape(-1, 3),
+        vertex_colors=np.repeat(colours.round().astype(np.uint8), 4, axis=0),
+    )
+
+
+def _names(clusters: Sequence[ObjectCluster]) -> rr.Points3D:
+    """What each object is, and how probable it is that it is there."""
+    clusters = [c for c in clusters if c.presence >= _NAMED]
+    return rr.Points3D(
+        np.reshape([(*c.mean, 0.02) for c in clusters], (-1, 3)),
+        labels=[drawable(f"{c.label} {c.presence:.2f}") for c in clusters],
+        colors=np.reshape([category_colour(c.label) for c in clusters], (-1, 3)),
+        radii=0.02,
+        show_labels=True,
+    )
+
+
+def _log_curves(
+    recording: rr.RecordingStream, certainty: Certainty, frame_ids: NDArray[np.int64]
+) -> None:
+    """Log how many joints each object hides, and how far off the pelvis may be."""
+    for k, cluster in enumerate(certainty.clusters, 1):
+        name = drawable(f"{k} {cluster.label}")
+        style = rr.SeriesLines(colors=category_colour(cluster.label), names=name, widths=1.5)
+        expected = certainty.hidden.by_object[k - 1].sum(-1)
+        curve(recording, f"sure/hidden/object_{k}", "frame", frame_ids, expected, style)
+    everything = certainty.hidden.probability.sum(-1)
+    style = rr.SeriesLines(colors=UNCLAIMED, names="by anything", widths=1.0)
+    curve(recording, "sure/hidden/anything", "frame", frame_ids, everything, style)
+    spread = 100 * certainty.joints.standard_deviation[:, PELV]
+    for axis, (name, colour) in enumerate(_AXES.items()):
+        style = rr.SeriesLines(colors=colour, names=name, widths=1.5)
+        entity = f"sure/pelvis/{name.replace(' ', '_')}"
+        curve(recording, entity, "frame", frame_ids, spread[:, axis], style)

@@ -1,0 +1,151 @@
+"""The pictures of a clip, small enough to keep in its recording.
+
+A clip has no pictures, only what was detected in them. Who still has them can have them drawn
+behind the detections: a folder of pictures, or a video file.
+"""
+
+from __future__ import annotations
+
+import io
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imapper_prob.models.errors import InputError
+from imapper_prob.models.scene import Clip
+
+__all__ = ["WIDTH", "Video", "read_video"]
+
+WIDTH = 640
+"""Pixels across of a recorded picture: the panel it is shown in is about that wide."""
+_QUALITIES = (55, 35, 20, 10)
+"""Of the JPEG, tried one after the other until all pictures together are small enough."""
+_MOST = 7_000_000
+"""Bytes of all pictures; with everything else the recording of 430 frames stays below 15 MB."""
+_KINDS = {".jpg", ".jpeg", ".png", ".bmp", ".webp"}
+
+
+@dataclass(frozen=True)
+class Video:
+    """Pictures of some frames of a clip.
+
+    Parameters
+    ----------
+    frame_ids : (n,) int
+        The clip's own numbers, increasing.
+    pictures : tuple of n bytes
+        JPEG.
+    width, height : int
+        Pixels of each.
+    """
+
+    frame_ids: NDArray[np.int64]
+    pictures: tuple[bytes, ...]
+    width: int
+    height: int
+
+
+def read_video(path: str | Path, clip: Clip) -> Video:
+    """Read and shrink the pictures of a clip.
+
+    Parameters
+    ----------
+    path : path
+        A folder of pictures whose names end in the number of their frame
+        (``color_00012.jpg``), or a video file that begins with the clip's first frame.
+    clip : Clip
+        Its frames are looked for, and no others are kept.
+
+    Raises
+    ------
+    InputError
+        If nothing of the clip is there, pictures differ in size or shape from the clip's
+        camera, or a video is given and PyAV is not installed.
+    """
+    path = Path(path)
+    if not path.exists():
+        raise InputError(f"{path}: no such folder of pictures or video file")
+    width = min(WIDTH, clip.camera.width)
+    height = round(width * clip.camera.height / clip.camera.width)
+    # Shrunk one by one: the pictures of a clip as they are would not fit in memory.
+    found = {
+        frame: _small(picture, width, height, f"{path}: frame {frame}", clip)
+        for frame, picture in (_of_folder if path.is_dir() else _of_file)(path, clip)
+    }
+    if not found:
+        raise InputError(
+            f"{path}: no picture of a frame of clip {clip.name}, whose numbers are "
+            f"{clip.frame_ids[0]} to {clip.frame_ids[-1]}; name pictures by their frame"
+        )
+    ids = sorted(found)
+    pictures = [found[i] for i in ids]
+    for quality in _QUALITIES[1:]:
+        if sum(map(len, pictures)) <= _MOST:
+            break
+        pictures = [_coarser(p, quality) for p in pictures]
+    return Video(np.array(ids, dtype=np.int64), tuple(pictures), width, height)
+
+
+def _of_folder(folder: Path, clip: Clip) -> Iterator[tuple[int, Any]]:
+    """Pictures by the last number in their names."""
+    from PIL import Image, UnidentifiedImageError
+
+    wanted = set(clip.frame_ids.tolist())
+    for file in sorted(folder.iterdir()):
+        numbers = re.findall(r"\d+", file.stem)
+        if file.suffix.lower() in _KINDS and numbers and int(numbers[-1]) in wanted:
+            try:
+                yield int(numbers[-1]), Image.open(file).convert("RGB")
+            except (OSError, UnidentifiedImageError) as error:
+                raise InputError(f"{file}: is no picture that can be read") from error
+
+
+def _of_file(file: Path, clip: Clip) -> Iterator[tuple[int, Any]]:
+    """The picture shown at the time of each frame, counted from the start of the video."""
+    try:
+        import av
+    except ImportError as error:
+        raise InputError(
+            f"{file}: reading a video needs PyAV (pip install av); or give a folder of pictures"
+        ) from error
+    left = clip.frame_ids.tolist()
+    first = left[0]
+    try:
+        with av.open(str(file)) as container:
+            for picture in container.decode(video=0):
+                # Half a frame of tolerance: time stamps are rounded.
+                while left and picture.time + 0.5 / clip.fps >= (left[0] - first) / clip.fps:
+                    yield left.pop(0), picture.to_image()
+                if not left:
+                    return
+    except av.error.FFmpegError as error:
+        raise InputError(f"{file}: is no video that can be read ({error})") from error
+
+
+def _small(picture: Any, width: int, height: int, what: str, clip: Clip) -> bytes:
+    """JPEG of a size; the picture must have the proportions of the clip's camera."""
+    proportion = clip.camera.width / clip.camera.height
+    if abs(picture.width / picture.height / proportion - 1) > 0.01:
+        raise InputError(
+            f"{what}: is {picture.width} x {picture.height}, but the camera of clip {clip.name} "
+            f"is {clip.camera.width} x {clip.camera.height}; crop it to that shape"
+        )
+    return _encoded(picture.resize((width, height)), _QUALITIES[0])
+
+
+def _coarser(picture: bytes, quality: int) -> bytes:
+    from PIL import Image
+
+    with Image.open(io.BytesIO(picture)) as image:
+        return _encoded(image, quality)
+
+
+def _encoded(picture: Any, quality: int) -> bytes:
+    out = io.BytesIO()
+    picture.save(out, "JPEG", quality=quality, optimize=True)
+    return out.getvalue()

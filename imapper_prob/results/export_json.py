@@ -1,0 +1,138 @@
+"""One JSON of a scene, and of posterior draws, in the camera frame of the benchmark.
+
+For programs that know neither our world nor our model: metres, x right, y down, z forward, the
+camera at the origin. The fields are described in ``docs/results.md``.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from imapper_prob.files import written_whole
+from imapper_prob.models.errors import InputError
+from imapper_prob.models.scene import Scene, SceneObject
+from imapper_prob.models.skeleton import JOINTS
+from imapper_prob.results.benchmark_axes import (
+    intrinsics,
+    object_axes,
+    to_benchmark,
+    yaw_in_camera,
+)
+from imapper_prob.results.posterior import Posterior
+
+__all__ = ["evenly_spaced", "scene_document", "write_json"]
+
+_FORMAT: Final = "imapper-prob scene 1"
+_DECIMALS: Final = 5
+"""A hundredth of a millimetre: less than a thousandth of a pixel."""
+
+
+def write_json(path: Path, posterior: Posterior, *, scene: int = 1, samples: int = 0) -> None:
+    """Write a scene, and draws beside it, as one JSON file.
+
+    Parameters
+    ----------
+    path : path
+        Written beside and renamed.
+    posterior : Posterior
+    scene : int
+        Which scene, 1 being the most probable.
+    samples : int
+        How many draws, evenly spaced over the chains.
+
+    Raises
+    ------
+    InputError
+        If there are not so many scenes or draws.
+    """
+    document = scene_document(posterior, scene=scene, samples=samples)
+    with written_whole(path) as beside:
+        beside.write_text(json.dumps(document, allow_nan=False) + "\n", encoding="utf-8")
+
+
+def scene_document(posterior: Posterior, *, scene: int = 1, samples: int = 0) -> dict[str, Any]:
+    """What :func:`write_json` writes."""
+    shown = posterior.scene(scene)
+    ids = posterior.clip.frame_ids.tolist()
+    document = {
+        "format": _FORMAT,
+        "frame": "camera: metres, x right, y down, z forward, the camera at the origin",
+        "clip": posterior.clip.name,
+        "fps": posterior.clip.fps,
+        "image_size": [posterior.clip.camera.width, posterior.clip.camera.height],
+        "joint_names": list(JOINTS),
+        "scene": scene,
+        "probability": shown.probability,
+        "probability_error": _known(shown.error),
+        **_body(shown.scene, ids),
+    }
+    if samples:
+        draws = evenly_spaced(posterior, samples)
+        document["samples"] = [_body(posterior.draw(n), ids) for n in draws]
+    return document
+
+
+def evenly_spaced(posterior: Posterior, count: int) -> list[int]:
+    """Numbers of ``count`` draws, chain by chain as far apart as can be.
+
+    Raises
+    ------
+    InputError
+        If there are not so many.
+    """
+    total = posterior.samples.log_posterior.size
+    if not 1 <= count <= total:
+        raise InputError(f"{count} samples: the run has {total} draws; ask for 1 to {total}")
+    numbers: list[int] = np.floor((np.arange(count) + 0.5) * total / count).astype(int).tolist()
+    return numbers
+
+
+def _body(scene: Scene, frame_ids: list[int]) -> dict[str, Any]:
+    """Objects, joints and camera of one draw."""
+    camera = scene.camera
+    joints = to_benchmark(camera, scene.joints)
+    up = to_benchmark(camera, camera.centre + np.array([0.0, 0.0, 1.0]))
+    return {
+        "log_prob": _known(scene.log_posterior),
+        "camera_matrix": _listed(intrinsics(camera)),
+        "floor": {"up": _listed(up), "camera_height": round(camera.elevation, _DECIMALS)},
+        "objects": [_object(scene, o) for o in scene.objects],
+        "joints3d": {
+            str(frame): _listed(pose) for frame, pose in zip(frame_ids, joints, strict=True)
+        },
+    }
+
+
+def _object(scene: Scene, o: SceneObject) -> dict[str, Any]:
+    camera, place = scene.camera, o.placement.apply
+    low, high = o.bounds
+    width, depth, height = (high - low).tolist()
+    return {
+        "label": o.label,
+        "center": _listed(to_benchmark(camera, o.centre)),
+        "size": _listed([width, height, depth]),
+        "yaw": round(yaw_in_camera(camera, o), _DECIMALS),
+        "axes": _listed(object_axes(camera, o)),
+        "parts": [
+            {
+                "part": c.part,
+                "center": _listed(to_benchmark(camera, place(c.centre))),
+                "size": _listed(c.size[[0, 2, 1]]),
+            }
+            for c in o.cuboids
+        ],
+    }
+
+
+def _listed(values: ArrayLike) -> Any:
+    return np.round(np.asarray(values, float), _DECIMALS).tolist()
+
+
+def _known(value: float) -> float | None:
+    """JSON has no NaN."""
+    return float(value) if np.isfinite(value) else None

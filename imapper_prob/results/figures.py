@@ -1,0 +1,291 @@
+"""A posterior in pictures: which scenes, how sure, what is hidden, did it converge.
+
+Each function returns a ``Figure`` that saves or shows itself; matplotlib's current figure is
+left alone. Views from above have the camera at the origin, looking up the page.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Ellipse, Polygon
+from numpy.typing import NDArray
+
+from imapper_prob.colours import Colour, category_colour
+from imapper_prob.models.scene import Clip, SceneObject
+from imapper_prob.models.skeleton import BONES, JOINTS, PELV
+from imapper_prob.results.posterior import Posterior
+from imapper_prob.results.uncertainty.clusters import ObjectCluster
+
+__all__ = [
+    "chains_figure", "clip_figure", "floor_figure", "hidden_figure", "nuisance_figure",
+    "person_figure", "scenes_figure",
+]  # fmt: skip
+
+Array = NDArray[np.float64]
+
+_INK: Final = "#2b2f36"
+_QUIET: Final = "#7d848f"
+_LINES: Final = "#dcdfe4"
+_CHAINS: Final = ("#4e79a7", "#f28e2b", "#59a14f", "#b07aa1", "#e15759", "#76b7b2")
+_AXES: Final = {"across the view": "#4e79a7", "depth": "#f28e2b", "height": "#59a14f"}
+_MARGIN: Final = 0.4
+"""Metres around what is drawn."""
+_NAMED: Final = 0.2
+"""Probability below which an object has no name: names would cover each other."""
+
+
+def clip_figure(clip: Clip, *, moments: int = 5) -> Figure:
+    """What the detector saw: the person at some moments, and how sure it was of each joint."""
+    figure = Figure(figsize=(12, 5.6), layout="constrained")
+    image, sure = figure.subplots(1, 2, width_ratios=(1.2, 1))
+    track = clip.tracks[0]
+    known = np.flatnonzero(np.isfinite(track.keypoints).all((1, 2)))
+    for t in known[np.linspace(0, len(known) - 1, moments).round().astype(int)]:
+        light = 0.75 * (1 - (t - known[0]) / max(known[-1] - known[0], 1))
+        for bone in BONES:
+            image.plot(*track.keypoints[t, list(bone)].T, color=(light,) * 3, lw=1.6)
+    dots = image.scatter(
+        *track.keypoints[known].reshape(-1, 2).T, c=track.confidences[known].ravel(), s=3,
+        cmap="RdYlGn", vmin=0, vmax=1, alpha=0.5, lw=0, zorder=0,
+    )  # fmt: skip
+    image.set(xlim=(0, clip.camera.width), ylim=(clip.camera.height, 0), aspect="equal")
+    image.set_title("2D joints, earlier poses lighter", color=_INK, fontsize=10)
+    shown = np.where(track.confidences > 0, track.confidences, np.nan).T
+    edges = (clip.frame_ids[0] - 0.5, clip.frame_ids[-1] + 0.5, len(JOINTS) - 0.5, -0.5)
+    sure.imshow(shown, aspect="auto", cmap="RdYlGn", vmin=0, vmax=1, extent=edges)
+    sure.set_yticks(range(len(JOINTS)), JOINTS, fontsize=7)
+    sure.set_title("confidence; white where nothing was detected", color=_INK, fontsize=10)
+    sure.set_xlabel("frame", color=_INK)
+    figure.colorbar(dots, ax=sure, shrink=0.7)
+    for axes in (image, sure):
+        _tidy(axes)
+    return figure
+
+
+def scenes_figure(posterior: Posterior, count: int = 4) -> Figure:
+    """The most probable scenes side by side from above; in grey other draws of the path."""
+    scenes = posterior.scenes(count)
+    everything = [o.footprint for w in scenes for o in w.scene.objects]
+    everything += [w.scene.joints[:, PELV, :2] for w in scenes]
+    low, high = _bounds(np.concatenate(everything))
+    figure = _floors(low, high, len(scenes), width=3.6)
+    panels = np.atleast_1d(figure.subplots(1, len(scenes), sharex=True, sharey=True))
+    truth = posterior.clip.truth
+    for i, (axes, weighted) in enumerate(zip(panels, scenes, strict=True), 1):
+        for ghost in weighted.ghosts:
+            axes.plot(*ghost[:, PELV, :2].T, color=_QUIET, lw=0.5, alpha=0.7)
+        axes.plot(*weighted.scene.joints[:, PELV, :2].T, color=_INK, lw=1.4)
+        for o in weighted.scene.objects:
+            _furniture(axes, o)
+        for o in truth.objects if truth is not None else ():
+            axes.add_patch(Polygon(o.footprint, fill=False, ec=_QUIET, lw=0.9, ls="--"))
+        title = f"{i}: p = {weighted.probability:.2f} ± {weighted.error:.2f}"
+        axes.set_title(title, color=_INK, fontsize=11)
+        axes.set_xlabel(_wrapped(weighted.difference), color=_INK, fontsize=8)
+        _floor(axes)
+    panels[0].set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
+    return figure
+
+
+def floor_figure(posterior: Posterior) -> Figure:
+    """Where furniture stands over all draws: a map, and the regions of 50 and 90 %."""
+    occupancy, clusters = posterior.occupancy(), posterior.clusters()
+    best = posterior.scenes(1)[0].scene.joints[:, PELV, :2]
+    low, high = _bounds(np.concatenate([best, *(c.positions for c in clusters)]))
+    figure = _floors(low, high, 2, width=6.0)
+    left, right = figure.subplots(1, 2, sharex=True, sharey=True)
+    if occupancy.categories:
+        hue = np.array([_rgb(category_colour(c)) for c in occupancy.categories])
+        kind = occupancy.by_category.argmax(0)
+        picture = 1 - occupancy.anything[..., None] * (1 - hue[kind])
+        half = occupancy.cell / 2
+        x, y = occupancy.x, occupancy.y
+        edges = (x[0] - half, x[-1] + half, y[0] - half, y[-1] + half)
+        left.imshow(picture, origin="lower", extent=edges, interpolation="nearest")
+    left.set_title("what stands where, over all draws", color=_INK, fontsize=11)
+    for c in clusters:
+        _regions(right, c)
+    right.set_title("objects: draws, and regions of 50 and 90 %", color=_INK, fontsize=11)
+    for axes in (left, right):
+        axes.plot(*best.T, color=_INK, lw=1.0, alpha=0.7)
+        _floor(axes)
+    left.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
+    return figure
+
+
+def hidden_figure(posterior: Posterior) -> Figure:
+    """P(joint hidden) by frame and joint, and how many joints each object hides."""
+    hidden, ids = posterior.hidden(), posterior.clip.frame_ids
+    figure = Figure(figsize=(12, 5.6), layout="constrained")
+    grid, count = figure.subplots(2, 1, sharex=True, height_ratios=(1.6, 1))
+    edges = (ids[0] - 0.5, ids[-1] + 0.5, len(JOINTS) - 0.5, -0.5)
+    shades = grid.imshow(
+        hidden.probability.T, aspect="auto", cmap="Purples", vmin=0, vmax=1, extent=edges
+    )
+    grid.set_yticks(range(len(JOINTS)), JOINTS, fontsize=7)
+    grid.set_title("probability that a joint is hidden", color=_INK, fontsize=11)
+    figure.colorbar(shades, ax=grid)
+    count.plot(ids, hidden.probability.sum(-1), color=_QUIET, lw=1, ls="--", label="by anything")
+    for c, by in zip(hidden.clusters, hidden.by_object, strict=True):
+        if by.any():
+            name = f"{c.label} at ({c.mean[0]:.1f}, {c.mean[1]:.1f})"
+            count.plot(ids, by.sum(-1), color=_rgb(category_colour(c.label)), lw=1.6, label=name)
+    count.set_xlabel("frame", color=_INK)
+    count.set_ylabel("joints hidden", color=_INK)
+    count.legend(fontsize=8, frameon=False)
+    for axes in (grid, count):
+        _tidy(axes)
+    return figure
+
+
+def person_figure(posterior: Posterior) -> Figure:
+    """How far away the person is, with two standard deviations, and how sure each axis is."""
+    found, ids = posterior.joints(), posterior.clip.frame_ids
+    mean, spread = found.mean[:, PELV], found.standard_deviation[:, PELV]
+    figure = Figure(figsize=(12, 3.8), layout="constrained")
+    depth, sure = figure.subplots(1, 2)
+    low, high = mean[:, 1] - 2 * spread[:, 1], mean[:, 1] + 2 * spread[:, 1]
+    depth.fill_between(ids, low, high, color=_AXES["depth"], alpha=0.25, lw=0)
+    depth.plot(ids, mean[:, 1], color=_AXES["depth"], lw=1.6, label="posterior, ± 2 s.d.")
+    truth = posterior.clip.truth
+    if truth is not None:
+        depth.plot(ids, truth.joints[:, PELV, 1], color=_INK, lw=1, ls="--", label="truth")
+    depth.set_ylabel("depth of the pelvis [m]", color=_INK)
+    depth.legend(fontsize=8, frameon=False)
+    for axis, (name, colour) in enumerate(_AXES.items()):
+        sure.plot(ids, 100 * spread[:, axis], color=colour, lw=1.6, label=name)
+    sure.set_ylabel("standard deviation [cm]", color=_INK)
+    sure.set_ylim(bottom=0)
+    sure.legend(fontsize=8, frameon=False)
+    for axes in (depth, sure):
+        axes.set_xlabel("frame", color=_INK)
+        _tidy(axes)
+    return figure
+
+
+def nuisance_figure(posterior: Posterior) -> Figure:
+    """Prior (grey) against posterior of the camera and the body."""
+    found = posterior.nuisances()
+    figure = Figure(figsize=(12, 2.8), layout="constrained")
+    for axes, one in zip(figure.subplots(1, len(found)), found.values(), strict=True):
+        low = min(one.prior_mean - 3 * one.prior_standard_deviation, float(one.draws.min()))
+        high = max(one.prior_mean + 3 * one.prior_standard_deviation, float(one.draws.max()))
+        x = np.linspace(low, high, 200)
+        z = (x - one.prior_mean) / one.prior_standard_deviation
+        prior = np.exp(-0.5 * z**2) / (np.sqrt(2 * np.pi) * one.prior_standard_deviation)
+        axes.fill_between(x, prior, color=_LINES)
+        axes.hist(one.draws.ravel(), bins=30, density=True, color=_CHAINS[0], alpha=0.7)
+        unit = "" if one.unit == "1" else f" [{one.unit}]"
+        axes.set_title(one.name.replace("_", " ") + unit, color=_INK, fontsize=10)
+        axes.set_xlabel(f"{100 * one.contraction:.0f} % learned", color=_INK, fontsize=9)
+        axes.set_yticks([])
+        _tidy(axes)
+    return figure
+
+
+def chains_figure(posterior: Posterior) -> Figure:
+    """Did it converge: log-posterior of each chain, its share of each scene, moves accepted."""
+    samples, shares = posterior.samples, posterior.scene_probabilities
+    figure = Figure(figsize=(12, 3.8), layout="constrained")
+    trace, scene, moves = figure.subplots(1, 3, width_ratios=(1.4, 1, 1))
+    for c, values in enumerate(samples.log_posterior):
+        trace.plot(values, color=_CHAINS[c % len(_CHAINS)], lw=0.8, label=f"chain {c + 1}")
+    trace.set_title("log posterior [nat]", color=_INK, fontsize=11)
+    trace.set_xlabel("draw", color=_INK)
+    trace.legend(fontsize=8, frameon=False)
+    by_chain = np.asarray(shares.by_chain)[:, :5]
+    width = 0.8 / len(by_chain)
+    for c, own in enumerate(by_chain):
+        at = 1 + np.arange(len(own)) + (c - (len(by_chain) - 1) / 2) * width
+        scene.bar(at, own, width, color=_CHAINS[c % len(_CHAINS)])
+    scene.set_title("probability of each scene, by chain", color=_INK, fontsize=11)
+    scene.set_xticks(1 + np.arange(by_chain.shape[1]))
+    scene.set_xlabel("scene", color=_INK)
+    rates = sorted(samples.acceptance.rates().items(), key=lambda item: item[1])
+    moves.barh([name for name, _ in rates], [100 * rate for _, rate in rates], color=_QUIET)
+    moves.set_title("moves accepted [%]", color=_INK, fontsize=11)
+    moves.tick_params(axis="y", labelsize=8)
+    for axes in (trace, scene, moves):
+        _tidy(axes)
+    return figure
+
+
+def _furniture(axes: Axes, o: SceneObject) -> None:
+    """One object from above: its parts, lower ones first, and its name."""
+    colour = _rgb(category_colour(o.label))
+    for part in sorted(o.cuboids, key=lambda c: float(c.centre[2] + c.size[2] / 2)):
+        corners = np.array([(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)]) * part.size / 2
+        outline = o.placement.apply(part.centre + corners)[:, :2]
+        axes.add_patch(Polygon(outline, fc=(*colour, 0.3), ec=colour, lw=0.8))
+    _name(axes, o.centre, o.label)
+
+
+def _regions(axes: Axes, cluster: ObjectCluster) -> None:
+    """The draws of an object, and the ellipses that hold 50 and 90 % of them."""
+    colour = _rgb(category_colour(cluster.label))
+    faint = float(np.clip(cluster.presence, 0.2, 1.0))
+    x, y = cluster.positions.T
+    axes.scatter(x, y, s=3, color=colour, alpha=0.25 * faint, lw=0)
+    for share, style in ((0.5, "-"), (0.9, "--")):
+        region = cluster.region(share)
+        middle = (float(region.centre[0]), float(region.centre[1]))
+        width, height = (2 * region.half_axes).tolist()
+        turn = float(np.degrees(region.angle))
+        axes.add_patch(
+            Ellipse(
+                middle, width, height, angle=turn, fill=False, ec=colour, ls=style, lw=1.4,
+                alpha=faint,
+            )
+        )  # fmt: skip
+    if cluster.presence >= _NAMED:
+        labels = [f"{name} {share:.2f}" for name, share in list(cluster.labels.items())[:2]]
+        told = labels if len(cluster.labels) > 1 else [cluster.label]
+        _name(axes, cluster.mean, "\n".join([f"p = {cluster.presence:.2f}", *told]))
+
+
+def _name(axes: Axes, place: Array, text: str) -> None:
+    x, y = place[:2].tolist()
+    axes.annotate(text, (x, y), color=_INK, fontsize=8, ha="center", va="center")
+
+
+def _bounds(points: Array) -> tuple[Array, Array]:
+    known = points[np.isfinite(points).all(1)]
+    return known.min(0) - _MARGIN, known.max(0) + _MARGIN
+
+
+def _floors(low: Array, high: Array, count: int, *, width: float) -> Figure:
+    """A figure for ``count`` views from above of a part of the floor, as high as they need."""
+    across, away = high - low
+    height = float(np.clip(width * away / across, 2.0, 6.0))
+    return Figure(figsize=(width * count, height + 0.9), layout="constrained")
+
+
+def _floor(axes: Axes) -> None:
+    axes.set_aspect("equal")
+    axes.grid(color=_LINES, lw=0.6)
+    axes.set_axisbelow(True)
+    _tidy(axes)
+
+
+def _tidy(axes: Axes) -> None:
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.spines[["left", "bottom"]].set_color(_LINES)
+    axes.tick_params(colors=_QUIET, labelsize=8)
+
+
+def _wrapped(text: str, width: int = 42) -> str:
+    lines: list[str] = [""]
+    for word in text.split():
+        if len(lines[-1]) + len(word) > width:
+            lines.append("")
+        lines[-1] = f"{lines[-1]} {word}".strip()
+    return "\n".join(lines)
+
+
+def _rgb(colour: Colour) -> tuple[float, float, float]:
+    red, green, blue = colour
+    return red / 255, green / 255, blue / 255

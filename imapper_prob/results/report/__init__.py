@@ -1,0 +1,1 @@
+"""``report.html``: the result for people who will not open Python."""

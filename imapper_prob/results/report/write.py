@@ -1,0 +1,263 @@
+"""The report of a run: one page with all in it, that opens anywhere and asks nobody."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from imapper_prob.files import written_whole
+from imapper_prob.recording.caption import TITLES
+from imapper_prob.recording.certainty import HIDDEN
+from imapper_prob.results.posterior import Posterior
+from imapper_prob.results.provenance import seconds_of
+from imapper_prob.results.report.page import (
+    details,
+    figure,
+    heading,
+    notes,
+    page,
+    paragraph,
+    section,
+    table,
+)
+from imapper_prob.results.report.pictures import (
+    Floor,
+    map_picture,
+    scene_picture,
+    trace_picture,
+)
+from imapper_prob.results.report.words import answer, listed, runner_up, warnings_of
+from imapper_prob.results.scenes import WeightedScene
+from imapper_prob.results.uncertainty.clusters import ObjectCluster
+from imapper_prob.results.uncertainty.nuisances import Nuisance
+from imapper_prob.sampling.agreement import describe_agreement
+
+__all__ = ["report", "write_report"]
+
+
+def write_report(path: Path, posterior: Posterior) -> None:
+    """Write the report as one HTML file, beside and renamed."""
+    with written_whole(path) as beside:
+        beside.write_text(report(posterior), encoding="utf-8")
+
+
+def report(posterior: Posterior) -> str:
+    """The page as text: pictures inside, no script, nothing to fetch."""
+    clip, samples, scenes = posterior.clip, posterior.samples, posterior.scenes()
+    floor = Floor.of(clip, scenes)
+    verdict = "verdict" if samples.verdict.good else "verdict doubt"
+    return page(
+        f"{clip.name}: furniture behind a motion",
+        [
+            heading(_title(posterior)),
+            paragraph(answer(scenes), style="answer"),
+            paragraph(runner_up(scenes)),
+            paragraph(samples.verdict.text, style=verdict),
+            notes(warnings_of(clip, samples, scenes)),
+            _scenes(posterior, floor),
+            _objects(posterior, floor),
+            _person(posterior),
+            _diagnostics(posterior),
+            _provenance(posterior),
+        ],
+    )
+
+
+def _title(posterior: Posterior) -> str:
+    """What was looked at, and how long."""
+    clip, (chains, draws) = posterior.clip, posterior.samples.shape
+    return (
+        f"{clip.name} · {clip.n_frames} frames, {clip.n_frames / clip.fps:.0f} s · "
+        f"{chains} chains of {draws} draws"
+    )
+
+
+def _scenes(posterior: Posterior, floor: Floor) -> str:
+    scenes, clip = posterior.scenes(), posterior.clip
+    cards = [
+        figure(
+            scene_picture(floor, weighted, clip),
+            alt=f"Scene {number} from above: {listed(weighted.scene.objects)}",
+            title=f"Scene {number}: {weighted.probability:.2f} ± {weighted.error:.2f}",
+            text=_caption(weighted),
+        )
+        for number, weighted in enumerate(scenes, 1)
+    ]
+    rows = [
+        [
+            str(number),
+            listed(weighted.scene.objects),
+            weighted.difference or "the most probable one",
+            f"{weighted.probability:.2f} ± {weighted.error:.2f}",
+            *(f"{share:.2f}" for share in posterior.scene_probabilities.by_chain[:, number - 1]),
+        ]
+        for number, weighted in enumerate(scenes, 1)
+    ]
+    chains = [f"chain {n}" for n in range(1, posterior.samples.shape[0] + 1)]
+    rest = 1 - sum(weighted.probability for weighted in scenes)
+    return section(
+        "Which rooms",
+        f'<div class="scenes">{"".join(cards)}</div>',
+        table(
+            ["scene", "furniture", "unlike the first", "probability", *chains],
+            rows,
+            words=3,
+            caption=f"All other scenes together: {max(rest, 0.0):.2f}. Where chains differ, the "
+            "sampler has not found its way between rooms.",
+        ),
+        hint="From above, the camera below each picture. Arrows point to the front of furniture, "
+        "dotted ellipses hold its position with 90 %; thin lines are other draws of the way, "
+        "dashed outlines what really was there, where somebody knows.",
+    )
+
+
+def _caption(weighted: WeightedScene) -> str:
+    parts = [listed(weighted.scene.objects).capitalize()]
+    if weighted.difference:
+        parts.append(f"Unlike the first: {weighted.difference}")
+    if weighted.explains is not None:
+        parts.append(f"It {weighted.explains.text}")
+    return ". ".join(parts) + "."
+
+
+def _objects(posterior: Posterior, floor: Floor) -> str:
+    certainty = posterior.certainty
+    hidden = certainty.hidden
+    rows = [
+        _object_row(cluster, int((hidden.by_object[k] >= HIDDEN).sum()))
+        for k, cluster in enumerate(certainty.clusters)
+    ]
+    columns = [
+        "object", "what it is called", "there", "right [m]", "away [m]", "facing", "hides joints",
+    ]  # fmt: skip
+    picture = figure(
+        map_picture(floor, certainty.occupancy, certainty.clusters),
+        alt="Map of the floor: probability that furniture stands there",
+        text="Colours mix the categories by their probability; white is free floor. Ellipses hold "
+        "50 % (line) and 90 % (dots) of the position of an object, if it is there.",
+    )
+    return section(
+        "Where things stand, over all draws",
+        picture,
+        table(
+            columns,
+            rows,
+            words=2,
+            caption=f"± are standard deviations. The last column counts joints, over all frames, "
+            f"that the object hides with a probability of at least {HIDDEN:.1f}.",
+        ),
+        hint="Objects matched across all scenes, so that none of this depends on which of them "
+        "is the right one.",
+    )
+
+
+def _object_row(cluster: ObjectCluster, hides: int) -> list[str]:
+    across, away = np.sqrt(np.diag(cluster.covariance))
+    turn = np.degrees(cluster.yaw_spread)
+    labels = ", ".join(f"{name} {share:.2f}" for name, share in cluster.labels.items())
+    return [
+        cluster.label,
+        labels,
+        f"{cluster.presence:.2f} ± {cluster.presence_error:.2f}",
+        f"{cluster.mean[0]:.2f} ± {across:.2f}",
+        f"{cluster.mean[1]:.2f} ± {away:.2f}",
+        f"{np.degrees(cluster.yaw) % 360:.0f}° ± {turn:.0f}°" if turn < 180 else "any",
+        str(hides),
+    ]
+
+
+def _person(posterior: Posterior) -> str:
+    certainty = posterior.certainty
+    pelvis = 100 * certainty.joints.standard_deviation.mean((0, 1))
+    rows = [_parameter_row(one) for one in certainty.nuisances.values()]
+    return section(
+        "The person and the camera",
+        paragraph(
+            f"Joints are known to {pelvis[0]:.0f} cm across the view, {pelvis[1]:.0f} cm in depth "
+            f"and {pelvis[2]:.0f} cm in height (standard deviation, mean over joints and frames)."
+        ),
+        table(
+            ["", "before the clip", "after it", "learned"],
+            rows,
+            caption="Learned is how much of the variance is gone; where it is nothing, the number "
+            "is what was assumed.",
+        ),
+    )
+
+
+def _parameter_row(one: Nuisance) -> list[str]:
+    title, unit, scale = TITLES[one.name]
+    digits = 2 if unit == "m" else 1
+
+    def told(mean: float, spread: float) -> str:
+        return f"{scale * mean:.{digits}f} ± {scale * spread:.{digits}f} {unit}"
+
+    return [
+        title,
+        told(one.prior_mean, one.prior_standard_deviation),
+        told(one.mean, one.standard_deviation),
+        f"{100 * one.contraction:.0f} %",
+    ]
+
+
+def _diagnostics(posterior: Posterior) -> str:
+    samples = posterior.samples
+    table_of_moves = [
+        [
+            name,
+            str(samples.acceptance.proposed[name]),
+            str(samples.acceptance.accepted[name]),
+            f"{100 * rate:.1f} %",
+        ]
+        for name, rate in samples.acceptance.rates().items()
+    ]
+    ladders = [
+        [
+            f"chain {number}",
+            str(ladder.round_trips),
+            f"{min(ladder.swap_rates):.2f} to {max(ladder.swap_rates):.2f}",
+        ]
+        for number, ladder in enumerate(samples.ladders, 1)
+        if ladder.swap_rates
+    ]
+    return section(
+        "How far to trust the chains",
+        paragraph(samples.verdict.text),
+        paragraph(describe_agreement(samples.agreements)),
+        figure(
+            trace_picture(samples.traces, burn_in=posterior.config.sample.burn_in),
+            alt="Log-posterior of every chain over the run",
+            text="All chains should look alike, and none should drift, after the grey part.",
+        ),
+        table(
+            ["move", "proposed", "accepted", "rate"], table_of_moves, caption="Moves of all chains."
+        ),
+        *(
+            [
+                table(
+                    ["", "round trips", "swap rates"],
+                    ladders,
+                    caption="Tempering: journeys from the hottest to the coldest and back.",
+                )
+            ]
+            if ladders
+            else []
+        ),
+    )
+
+
+def _provenance(posterior: Posterior) -> str:
+    said = posterior.data.attrs
+    rows = [
+        ["program", str(said["program"])],
+        ["clip", f"{said['clip']} (SHA-256 {said['clip_digest'][:16]})"],
+        ["library", f"{said['library']} (SHA-256 {said['library_digest'][:16]})"],
+        ["settings", f"seed {said['seed']} (SHA-256 {said['config_digest'][:16]})"],
+        *([name, f"{value:.1f} s"] for name, value in seconds_of(said).items()),
+    ]
+    return section(
+        "Where this is from",
+        table(["", ""], rows, words=2),
+        details("All settings, to repeat the run", str(said["config"])),
+    )

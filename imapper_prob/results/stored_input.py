@@ -1,0 +1,119 @@
+"""What was sampled from, in ``posterior.nc``: clip, scenelets and the packed log-posterior.
+
+With these three a run can be looked at again where its clip and its library are no more, and
+without the stages that lead to the first draw. Of the library only those scenelets are kept
+that some draw has. Groups:
+
+``clip``      the arrays of a clip file (:mod:`imapper_prob.inputs.clip_file`)
+``library``   the arrays of a library file (:mod:`imapper_prob.scenelets.library_file`)
+``problem``   the fields of :class:`imapper_prob.models.problem.Problem`, for these scenelets
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final, Protocol
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from imapper_prob.inputs.clip_file import clip_of, pack_clip
+from imapper_prob.models.problem import Problem, resample
+from imapper_prob.models.scene import Clip
+from imapper_prob.models.scenelet import Library
+from imapper_prob.results.own_scenelets import of_scenelets
+from imapper_prob.scenelets.library_file import library_of, pack_library
+
+__all__ = ["Source", "StoredSource", "read_source", "source_groups"]
+
+Arrays = Mapping[str, NDArray[Any]]
+Ints = NDArray[np.int64]
+
+_FROM_LIBRARY: Final = "joints"
+"""The largest field of a problem is not stored: it is the library's motions, resampled."""
+_READ_ONLY: Final = "read_only"
+"""Attribute of arrays that nobody may write to: compiled code is made anew for others."""
+
+
+class Source(Protocol):
+    """What draws are draws of; a staged solution is one."""
+
+    @property
+    def clip(self) -> Clip:
+        """The input."""
+
+    @property
+    def library(self) -> Library:
+        """Scenelets that the states refer to."""
+
+    @property
+    def problem(self) -> Problem:
+        """The log-posterior of the clip with that library."""
+
+
+@dataclass(frozen=True)
+class StoredSource:
+    """A source that was read from a run's folder.
+
+    Parameters
+    ----------
+    clip : Clip
+    library : Library
+        Only the scenelets that some draw has.
+    problem : Problem
+        For these scenelets.
+    """
+
+    clip: Clip
+    library: Library
+    problem: Problem
+
+
+def source_groups(source: Source, chosen: Ints) -> dict[str, xr.Dataset]:
+    """The groups of a source with a library of the scenelets ``chosen``."""
+    library = Library(source.library.name, tuple(source.library[i] for i in chosen))
+    fields = of_scenelets(source.problem, chosen)._asdict()
+    fields.pop(_FROM_LIBRARY)
+    return {
+        "clip": _dataset(pack_clip(source.clip)),
+        "library": _dataset(pack_library(library)),
+        "problem": _dataset(fields),
+    }
+
+
+def read_source(path: Path, groups: Mapping[str, xr.Dataset]) -> StoredSource:
+    """The source that :func:`source_groups` took; ``path`` of the file is for messages."""
+    clip = clip_of(_arrays(groups["/clip"]), path)
+    library = library_of(_arrays(groups["/library"]))
+    fields: dict[str, Any] = _arrays(groups["/problem"])
+    for name, values in fields.items():
+        if values.ndim == 0:
+            fields[name] = values.item()
+        elif groups["/problem"][name].attrs.get(_READ_ONLY):
+            values.setflags(write=False)
+    motions = [resample(s.joints, fps=s.fps, to_fps=clip.fps) for s in library]
+    fields[_FROM_LIBRARY] = np.concatenate(motions)
+    return StoredSource(clip, library, Problem(**fields))
+
+
+def _dataset(arrays: Mapping[str, Any]) -> xr.Dataset:
+    """Arrays, each with dimensions of its own."""
+    variables = {}
+    for name, values in arrays.items():
+        values = np.asarray(values)
+        dims = [f"{name}_{axis}" for axis in range(values.ndim)]
+        fixed = values.ndim and not values.flags.writeable
+        variables[name] = (dims, values, {_READ_ONLY: 1} if fixed else {})
+    return xr.Dataset(variables)
+
+
+def _arrays(group: xr.Dataset) -> dict[str, NDArray[Any]]:
+    """The arrays again, text as text and numbers in arrays of their own."""
+    arrays = {}
+    for name, variable in group.data_vars.items():
+        values = variable.to_numpy()
+        arrays[str(name)] = values.astype(str) if values.dtype.kind in "OT" else values.copy()
+    return arrays

@@ -1,0 +1,293 @@
+"""The same object met in many draws: clusters of objects, and what is sure about each.
+
+Draws have different numbers of objects with different labels in an order of no meaning.
+They are matched draw by draw: no draw has two objects in one cluster, an object may be half a
+metre off, and one that is called something else may belong as well if it stands near enough,
+so that a cluster can say "a chair, or perhaps a stool".
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
+
+from imapper_prob.models.scene import SceneObject
+from imapper_prob.results.uncertainty.regions import Region, region_of
+from imapper_prob.samplers.diagnostics import ShortChainWarning, mean_error
+
+__all__ = ["ObjectCluster", "circular_mean_and_spread", "object_clusters"]
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+_SEATS = frozenset({"armchair", "bench", "chair", "couch", "sofa", "stool"})
+_OTHER_SEAT, _OTHER_LABEL = 0.25, 0.5
+"""Parts of the radius that another label costs. Motion hardly tells one seat from another; what
+is called something else altogether must stand twice as near to be the same."""
+_TOGETHER = 0.05
+"""Clusters of which a larger part than this is met together in draws are two objects."""
+_ROUNDS = 30
+"""Most times the matching is repeated; it usually comes to rest after ten."""
+_APART = 1e6
+
+
+@dataclass(frozen=True)
+class ObjectCluster:
+    """One object of the room, as far as the draws agree on it.
+
+    Parameters
+    ----------
+    presence : float
+        Probability that it is there.
+    presence_error : float
+        Monte-Carlo standard error of it; NaN where there are too few draws to tell.
+    labels : mapping of str to float
+        Probability of each label if it is there, most probable first.
+    positions : (n, 2) float
+        Centre on the floor in every draw that has it, metres.
+    yaw : float
+        Circular mean of its orientation, radians.
+    yaw_spread : float
+        Circular standard deviation, radians; infinite where all directions are alike.
+    members : (n, 2) int
+        Number of the draw, and of the object in it.
+    typical : SceneObject
+        The draw of it that is nearest to the mean among those with the most probable label.
+    """
+
+    presence: float
+    presence_error: float
+    labels: Mapping[str, float]
+    positions: Array
+    yaw: float
+    yaw_spread: float
+    members: Ints
+    typical: SceneObject
+
+    @property
+    def label(self) -> str:
+        """The most probable label."""
+        return next(iter(self.labels))
+
+    @property
+    def mean(self) -> Array:
+        """(2,) metres."""
+        mean: Array = self.positions.mean(0)
+        return mean
+
+    @property
+    def covariance(self) -> Array:
+        """(2, 2) square metres; zero if there is one draw of it."""
+        offset = self.positions - self.mean
+        covariance: Array = offset.T @ offset / max(len(offset) - 1, 1)
+        return covariance
+
+    def region(self, share: float) -> Region:
+        """The ellipse that holds a share of the positions, such as .5 or .9."""
+        return region_of(self.positions, share)
+
+
+def object_clusters(
+    draws: Sequence[Sequence[SceneObject]],
+    log_posterior: Array,
+    *,
+    radius: float,
+    least: float = 0.05,
+) -> tuple[ObjectCluster, ...]:
+    """Match the objects of all draws.
+
+    Parameters
+    ----------
+    draws : sequence of C N sequences of SceneObject
+        The furniture of each draw, in the world, chain by chain.
+    log_posterior : (C, N) float
+        Probable draws come first: clusters are founded around them.
+    radius : float
+        Metres within which an object of the right label is the same one.
+    least : float
+        Clusters less probable than this are left out.
+
+    Returns
+    -------
+    tuple of ObjectCluster
+        Most probable first.
+    """
+    everything = [(n, k, o) for n, objects in enumerate(draws) for k, o in enumerate(objects)]
+    if not everything:
+        return ()
+    names = sorted({o.label for _, _, o in everything})
+    members = np.array([(n, k) for n, k, _ in everything])
+    places = np.array([o.centre[:2] for _, _, o in everything])
+    labels = np.eye(len(names))[[names.index(o.label) for _, _, o in everything]]
+    likely_first = np.argsort(-np.ravel(log_posterior), kind="stable")
+    begins = np.searchsorted(members[:, 0], np.arange(len(draws) + 1))
+    rows = [np.arange(begins[n], begins[n + 1]) for n in likely_first]
+    metric = _Metric(radius, _labels_apart(names))
+    cluster = _matched(rows, members[:, 0], places, labels, metric)
+    results = [
+        _summary(draws, members[cluster == c], log_posterior.shape) for c in np.unique(cluster)
+    ]
+    kept = [c for c in results if c.presence >= least]
+    return tuple(sorted(kept, key=lambda c: (-c.presence, c.label, *c.mean)))
+
+
+def _matched(
+    rows: Sequence[Ints], draw: Ints, places: Array, labels: Array, metric: _Metric
+) -> Ints:
+    """(M,) cluster of each of M objects.
+
+    As k-means does, with the number of clusters left open: match to the clusters there are,
+    move each to the mean of its members, and again until nothing changes. Then two that are
+    near and hardly ever met together are one that was founded twice, and are united.
+
+    Parameters
+    ----------
+    rows : sequence of (m,) int
+        Objects of each draw, the draws in the order in which they found clusters.
+    draw : (M,) int
+        The draw of each object.
+    places : (M, 2) float
+    labels : (M, L) float
+        1 at the label of the object.
+    metric : _Metric
+        How near is near.
+    """
+    cluster = np.full(len(places), -1)
+    means, shares = np.empty((0, 2)), np.empty((0, labels.shape[1]))
+    for _ in range(_ROUNDS):
+        before, cluster = cluster, np.full(len(places), -1)
+        for own in rows:
+            cluster[own] = _partners(places[own], labels[own], means, shares, metric)
+            for row in own[cluster[own] < 0]:
+                cluster[row] = len(means)
+                means = np.concatenate([means, places[[row]]])
+                shares = np.concatenate([shares, labels[[row]]])
+        cluster = np.unique(cluster, return_inverse=True)[1]
+        if np.array_equal(before, cluster):
+            break
+        means, shares = _means(cluster, places, labels)
+    while True:
+        united = _united(cluster, draw, places, labels, metric)
+        if united is None:
+            return cluster
+        cluster = united
+
+
+def _means(cluster: Ints, places: Array, labels: Array) -> tuple[Array, Array]:
+    """(K, 2) mean place and (K, L) shares of labels of each cluster."""
+    member = np.eye(cluster.max() + 1)[cluster]
+    count = member.sum(0)[:, None]
+    return member.T @ places / count, member.T @ labels / count
+
+
+@dataclass(frozen=True)
+class _Metric:
+    """How badly objects fit clusters.
+
+    Parameters
+    ----------
+    radius : float
+        Metres beyond which they do not, even with the right label.
+    labels_apart : (L, L) float
+        Part of the radius that being called something else costs.
+    """
+
+    radius: float
+    labels_apart: Array
+
+    def __call__(self, places: Array, labels: Array, means: Array, shares: Array) -> Array:
+        """(m, K) cost of m objects or clusters in K clusters; beyond 1 they do not fit."""
+        distance = np.linalg.norm(places[:, None] - means, axis=-1)
+        cost: Array = distance / self.radius + labels @ self.labels_apart @ shares.T
+        return np.where(cost > 1, _APART, cost)
+
+
+def _labels_apart(names: Sequence[str]) -> Array:
+    """(L, L) what it costs an object to be of a cluster with another label."""
+    cost = np.full((len(names), len(names)), _OTHER_LABEL)
+    seats = np.array([name in _SEATS for name in names])
+    cost[np.ix_(seats, seats)] = _OTHER_SEAT
+    np.fill_diagonal(cost, 0.0)
+    return cost
+
+
+def _partners(places: Array, labels: Array, means: Array, shares: Array, metric: _Metric) -> Ints:
+    """(m,) cluster of each object of one draw, -1 where none is near enough."""
+    cost = metric(places, labels, means, shares)
+    found, columns = linear_sum_assignment(cost)
+    near = cost[found, columns] <= 1
+    partners = np.full(len(places), -1)
+    partners[found[near]] = columns[near]
+    return partners
+
+
+def _united(
+    cluster: Ints, draw: Ints, places: Array, labels: Array, metric: _Metric
+) -> Ints | None:
+    """The clusters with the two nearest that are one united; None if there are no such two."""
+    means, shares = _means(cluster, places, labels)
+    there = np.zeros((draw.max() + 1, len(means)))
+    there[draw, cluster] = 1
+    fewer = np.minimum.outer(there.sum(0), there.sum(0))
+    cost = metric(means, shares, means, shares)
+    cost[there.T @ there > _TOGETHER * fewer] = _APART  # each with itself included
+    one, other = np.unravel_index(int(cost.argmin()), cost.shape)
+    if cost[one, other] > 1:
+        return None
+    united = np.where(cluster == other, one, cluster)
+    # The few draws that have both keep the nearer; the rest of them is an object of its own.
+    mean = places[united == one].mean(0)
+    both = np.flatnonzero((there[:, one] > 0) & (there[:, other] > 0))
+    for n in both:
+        pair = np.flatnonzero((draw == n) & (united == one))
+        united[pair[np.linalg.norm(places[pair] - mean, axis=1).argmax()]] = len(means)
+    return np.unique(united, return_inverse=True)[1]
+
+
+def _summary(
+    draws: Sequence[Sequence[SceneObject]], members: Ints, shape: tuple[int, ...]
+) -> ObjectCluster:
+    objects = [draws[n][k] for n, k in members.tolist()]
+    counts = Counter(o.label for o in objects)
+    ranked = sorted(counts.items(), key=lambda item: (-item[1], item[0]))
+    labels = {label: count / len(objects) for label, count in ranked}
+    positions = np.array([o.centre[:2] for o in objects])
+    yaw, spread = circular_mean_and_spread(np.array([o.placement.yaw for o in objects]))
+    there = np.zeros(shape)
+    there.flat[members[:, 0]] = 1
+    with warnings.catch_warnings():
+        # A short run is said to be short by its verdict.
+        warnings.simplefilter("ignore", ShortChainWarning)
+        error = float(mean_error(there))
+    off = np.linalg.norm(positions - positions.mean(0), axis=1)
+    typical = min(
+        (i for i, o in enumerate(objects) if o.label == ranked[0][0]), key=off.__getitem__
+    )
+    return ObjectCluster(
+        presence=float(there.mean()),
+        presence_error=error,
+        labels=labels,
+        positions=positions,
+        yaw=yaw,
+        yaw_spread=spread,
+        members=members,
+        typical=objects[typical],
+    )
+
+
+def circular_mean_and_spread(angles: Array) -> tuple[float, float]:
+    """Mean direction and circular standard deviation of (n,) angles, radians.
+
+    The spread is sqrt(-2 log R) with R the length of the mean vector (Mardia & Jupp 2000,
+    section 2.3.4): near the usual standard deviation where it is small.
+    """
+    vector = np.exp(1j * angles).mean()
+    length = min(float(abs(vector)), 1.0)
+    spread = float(np.sqrt(max(-2 * np.log(length), 0.0))) if length > 1e-12 else float("inf")
+    return float(np.angle(vector)), spread

@@ -1,0 +1,89 @@
+"""``record`` and ``view`` on the folder of a run."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from PIL import Image
+
+from imapper_prob.cli import main, recordings
+from imapper_prob.results.tree import write_tree
+from tests.recording.reading import read
+from tests.runs import posterior
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run of which nothing but posterior.nc is left."""
+    folder = tmp_path_factory.mktemp("run")
+    write_tree(folder / "posterior.nc", posterior().data)
+    return folder
+
+
+def test_the_recording_is_made_from_posterior_nc_alone(folder: Path, tmp_path: Path) -> None:
+    first, second = tmp_path / "first.rrd", tmp_path / "second.rrd"
+    assert main(["record", str(folder), "-o", str(first)]) == 0
+    assert main(["record", str(folder), "-o", str(second)]) == 0
+    columns = read(first)
+    assert columns == read(second)
+    run = posterior()
+    draws = columns["/world/draws/chain_1/names", "Points3D:labels"]
+    assert draws[3] == [o.label for o in run.samples.objects[3]]
+    (text,) = columns["/description", "TextDocument:text"][None]
+    assert run.samples.verdict.text in text
+    assert not (folder / "recording.rrd").exists()
+
+
+def test_pictures_of_the_clip_can_be_shown(folder: Path, tmp_path: Path) -> None:
+    clip, frames = posterior().clip, tmp_path / "frames"
+    frames.mkdir()
+    first = int(clip.frame_ids[0])
+    size = (clip.camera.width, clip.camera.height)
+    Image.new("RGB", size).save(frames / f"{first}.jpg")
+    output = tmp_path / "run.rrd"
+    assert main(["record", str(folder), "-o", str(output), "--video", str(frames)]) == 0
+    assert list(read(output)["/world/camera/image/video", "EncodedImage:blob"]) == [first]
+
+
+def test_view_opens_the_recording_and_makes_it_if_need_be(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    opened: list[Path] = []
+    monkeypatch.setattr(recordings, "open_viewer", opened.append)
+    assert main(["view", str(folder)]) == 0
+    made = folder / "recording.rrd"
+    assert opened == [made]
+    assert made.is_file()
+    assert main(["view", str(made)]) == 0
+    assert opened == [made, made]
+
+
+def test_view_starts_the_viewer_where_there_is_a_screen(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    recording = tmp_path / "run.rrd"
+    recording.write_bytes(b"")
+    started: list[list[str]] = []
+    monkeypatch.setattr(
+        recordings.subprocess, "Popen", lambda command, **_: started.append(command)
+    )
+    monkeypatch.setattr(recordings.sys, "platform", "linux")
+    monkeypatch.setenv("DISPLAY", ":0")
+    assert main(["view", str(recording)]) == 0
+    assert started[0][-1] == str(recording)
+    for display in ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET"):
+        monkeypatch.delenv(display, raising=False)
+    assert main(["view", str(recording)]) == 2
+    assert "no screen here" in capsys.readouterr().err
+    assert len(started) == 1
+
+
+def test_what_is_not_there_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for arguments, message in (
+        (["view", str(tmp_path / "no.rrd")], "no.rrd: no such recording"),
+        (["view", str(tmp_path)], "posterior.nc: no such file"),
+        (["record", str(tmp_path)], "posterior.nc: no such file"),
+    ):
+        assert main(arguments) == 2
+        assert message in capsys.readouterr().err

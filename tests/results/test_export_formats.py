@@ -1,0 +1,228 @@
+"""Other people's formats say the same as the scene they were made of."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from numpy.testing import assert_allclose
+
+from imapper_prob.cli import main
+from imapper_prob.inputs.i3db import read_i3db_truth
+from imapper_prob.models.camera import Camera
+from imapper_prob.models.errors import InputError
+from imapper_prob.models.geometry import pack_boxes, sight_clearance
+from imapper_prob.models.scene import Cuboid, Placement, SceneObject
+from imapper_prob.models.skeleton import PELV
+from imapper_prob.output import write_run
+from imapper_prob.results.benchmark_axes import intrinsics, to_benchmark, yaw_in_camera
+from imapper_prob.results.export_glb import write_glb
+from imapper_prob.results.export_i3db import write_i3db
+from imapper_prob.results.export_json import evenly_spaced, scene_document
+from tests.results.rooms import CAMERA, FRAME_IDS, clip_of_scene, couch_and_table
+from tests.runs import posterior
+
+CORNERS = np.stack(np.meshgrid([-0.5, 0.5], [-0.5, 0.5], [-0.5, 0.5]), -1).reshape(-1, 3)
+
+
+def corners(o: SceneObject, c: Cuboid) -> np.ndarray:
+    """(8, 3) corners of a part in the world."""
+    return o.placement.apply(c.centre + CORNERS * c.size)
+
+
+def in_order(points: np.ndarray) -> np.ndarray:
+    return points[np.lexsort(np.round(points, 4).T)]
+
+
+def through(matrix: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Pixels of points in the camera frame, by the matrix alone."""
+    homogeneous = np.asarray(points) @ np.asarray(matrix).T
+    return homogeneous[..., :2] / homogeneous[..., 2:]
+
+
+def test_the_axes_of_the_benchmark_by_hand() -> None:
+    level = Camera(640, 480, 500.0, 500.0, 320.0, 240.0, elevation=1.5)
+    # Right, up and forward of a level camera 1.5 m above the floor.
+    assert_allclose(to_benchmark(level, [1.0, 4.0, 2.0]), [1.0, -0.5, 4.0])
+    chair = replace(couch_and_table().objects[0], placement=Placement(0, 4, 0.7))
+    assert yaw_in_camera(level, chair) == pytest.approx(0.7)
+    # A camera that looks down by 30 degrees sees what is level with it above the centre.
+    down = replace(level, pitch=np.radians(-30))
+    assert_allclose(to_benchmark(down, [0.0, 2.0, 1.5]), [0, -1, np.sqrt(3)])
+    assert_allclose(through(intrinsics(down), to_benchmark(down, [0.3, 2, 1.0])),
+                    down.project([0.3, 2, 1.0]))  # fmt: skip
+
+
+def test_boxes_of_a_glb_are_those_of_the_scene(tmp_path: Path) -> None:
+    scene = couch_and_table()
+    write_glb(tmp_path / "scene.glb", scene, frame_ids=FRAME_IDS)
+    back = trimesh.load(tmp_path / "scene.glb")
+    # glTF has y up: (x, y, z) of ours is (x, z, -y) of theirs.
+    names = {
+        "couch 1": ["seat", "back", "arm 1", "arm 2"],
+        "table 1": ["top", "left leg"],
+    }
+    for o, (name, parts) in zip(scene.objects, names.items(), strict=True):
+        assert name in back.graph.nodes
+        for c, part in zip(o.cuboids, parts, strict=True):
+            matrix, geometry = back.graph[f"{name} {part}"]
+            found = trimesh.transform_points(back.geometry[geometry].vertices, matrix)
+            mine = corners(o, c) @ np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0]])
+            unique = np.unique(np.round(found, 5), axis=0)
+            assert len(unique) == 8
+            assert_allclose(in_order(unique), in_order(mine), atol=1e-3)
+    matrix, geometry = back.graph["motion"]
+    way = trimesh.transform_points(back.geometry[geometry].vertices, matrix)
+    assert_allclose(way[0][[0, 2]], scene.joints[0, PELV, :2] * (1, -1), atol=1e-3)
+    poses = [n for n in back.graph.nodes_geometry if n.startswith("person at frame")]
+    assert f"person at frame {FRAME_IDS[0]}" in poses
+    assert f"person at frame {FRAME_IDS[-1]}" in poses
+
+
+def test_a_glb_of_an_empty_room_and_an_unknown_motion(tmp_path: Path) -> None:
+    scene = couch_and_table()
+    nothing = replace(scene, objects=(), joints=np.full((4, 16, 3), np.nan))
+    write_glb(tmp_path / "scene.glb", replace(nothing, objects=scene.objects[1:]),
+              frame_ids=np.arange(4))  # fmt: skip
+    assert set(trimesh.load(tmp_path / "scene.glb").geometry) == {"table 1 top", "table 1 left leg"}
+
+
+def test_the_benchmarks_files_are_read_back_as_the_same_scene(tmp_path: Path) -> None:
+    scene = couch_and_table()
+    clip = clip_of_scene(scene)
+    write_i3db(tmp_path / "out", scene, clip)
+    # The same files with the names of annotations are what our reader takes.
+    gt = tmp_path / "Scene99" / "gt"
+    shutil.copytree(tmp_path / "out", gt)
+    (gt / "skel_output.json").rename(gt / "skel_output_GT.json")
+    truth = read_i3db_truth(tmp_path / "Scene99", clip)
+    assert truth.camera.pitch == pytest.approx(CAMERA.pitch)
+    assert truth.camera.roll == pytest.approx(CAMERA.roll)
+    assert truth.camera.elevation == pytest.approx(CAMERA.elevation)
+    for mine, theirs in zip(scene.objects, truth.objects, strict=True):
+        assert theirs.label == mine.label
+        assert np.cos(theirs.placement.yaw - mine.placement.yaw) == pytest.approx(1)
+        assert_allclose(theirs.centre, mine.centre, atol=1e-9)
+        boxes = [in_order(np.concatenate([corners(o, c) for c in o.cuboids]))
+                 for o in (mine, theirs)]  # fmt: skip
+        assert_allclose(*boxes, atol=1e-9)
+    even = FRAME_IDS % 2 == 0  # the others are not annotated, the reader says
+    assert_allclose(truth.joints[even], scene.joints[even], atol=1e-9)
+    hidden = sight_clearance(CAMERA.centre, scene.joints, pack_boxes(scene.objects)) < 0
+    assert hidden.any()
+    np.testing.assert_array_equal(truth.hidden[even], hidden[even])
+    with pytest.raises(InputError, match="exists already"):
+        write_i3db(tmp_path / "out", scene, clip)
+
+
+def test_json_joints_land_on_the_pixels_of_their_draw() -> None:
+    run = posterior()
+    document = scene_document(run, samples=7)
+    assert json.loads(json.dumps(document, allow_nan=False)) == document
+    draws = evenly_spaced(run, 7)
+    assert len(document["samples"]) == 7
+    bodies = [(document, run.scene(1).scene)]
+    bodies += [(b, run.draw(n)) for b, n in zip(document["samples"], draws, strict=True)]
+    focal = set()
+    for body, scene in bodies:
+        assert [int(k) for k in body["joints3d"]] == run.clip.frame_ids.tolist()
+        joints = np.array(list(body["joints3d"].values()))
+        assert_allclose(
+            through(body["camera_matrix"], joints), scene.camera.project(scene.joints), atol=0.02
+        )
+        focal.add(body["camera_matrix"][0][0])
+        assert body["log_prob"] == scene.log_posterior
+        for o, mine in zip(body["objects"], scene.objects, strict=True):
+            assert o["label"] == mine.label
+            assert_allclose(through(body["camera_matrix"], np.array(o["center"])),
+                            scene.camera.project(mine.centre), atol=0.02)  # fmt: skip
+    assert len(focal) > 3  # every draw has its own camera
+
+
+def test_json_boxes_stand_as_the_fields_say() -> None:
+    """Corners from centre, size and yaw are the true ones, up to the tilt of the camera."""
+    run = posterior()
+    document = scene_document(run)
+    scene = run.scene(1).scene
+    for o, mine in zip(document["objects"], scene.objects, strict=True):
+        width, height, depth = o["size"]
+        low, high = mine.bounds
+        assert_allclose([width, depth, height], high - low, atol=1e-4)
+        c, s = np.cos(o["yaw"]), np.sin(o["yaw"])
+        flat = np.array([[c, s], [-s, c]])
+        rows = np.array(o["axes"])
+        for axis, expected in zip(rows[:2], flat, strict=True):
+            level = axis[[0, 2]] / np.linalg.norm(axis[[0, 2]])
+            assert level @ expected == pytest.approx(1, abs=5e-3)
+        # With the axes in full the corners are exact.
+        sides = CORNERS * (width, depth, height)
+        world = mine.placement.apply(mine.bounds.mean(0) + sides)
+        assert_allclose(o["center"] + sides @ rows, to_benchmark(scene.camera, world), atol=1e-4)
+        assert len(o["parts"]) == len(mine.cuboids)
+    assert document["joint_names"][6] == "PELV"
+    # A point of the floor of the world is one of the floor that is described.
+    floor = document["floor"]
+    on_floor = to_benchmark(scene.camera, [[-1.0, 3.0, 0.0], [2.0, 5.0, 0.0]])
+    assert_allclose(on_floor @ floor["up"], -floor["camera_height"], atol=1e-4)
+
+
+def test_samples_are_spread_evenly_over_the_chains() -> None:
+    run = posterior()
+    chains, draws = run.samples.shape
+    numbers = np.array(evenly_spaced(run, 2 * chains))
+    assert np.bincount(numbers // draws).tolist() == [2] * chains
+    assert evenly_spaced(run, chains * draws) == list(range(chains * draws))
+    for count in (0, chains * draws + 1):
+        with pytest.raises(InputError, match="ask for 1 to"):
+            evenly_spaced(run, count)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("runs") / "run"
+    write_run(folder, posterior(), overwrite=False)
+    return folder
+
+
+def test_every_format_from_the_command_line(folder: Path, tmp_path: Path) -> None:
+    for form, name in (("glb", "a.glb"), ("json", "a.json"), ("i3db", "a")):
+        arguments = ["export", str(folder), "--format", form, "-o", str(tmp_path / name)]
+        assert main(arguments) == 0
+    exported, written = (
+        trimesh.load(path) for path in (tmp_path / "a.glb", folder / "scenes" / "scene_1.glb")
+    )
+    assert set(exported.graph.nodes) == set(written.graph.nodes)
+    assert_allclose(exported.bounds, written.bounds, atol=1e-4)
+    document = json.loads((tmp_path / "a.json").read_text())
+    assert document["clip"] == "demo"
+    assert "samples" not in document
+    assert (tmp_path / "a" / "skel_output.json").exists()
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["a", "a.glb", "a.json"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--format", "glb", "--samples", "3"], "--format json only"),
+        (["--format", "glb", "--scene", "99"], "scene 99: the run has"),
+        (["--format", "json", "--samples", "100000"], "ask for 1 to"),
+        (["--format", "json", "--samples", "-1"], "ask for 1 to"),
+    ],
+)
+def test_what_cannot_be_exported_is_said(
+    folder: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    arguments: list[str],
+    words: str,
+) -> None:
+    assert main(["export", str(folder), "-o", str(tmp_path / "x"), *arguments]) == 2
+    assert words in capsys.readouterr().err
+    assert not (tmp_path / "x").exists()
+    assert main(["export", str(folder), "--format", "glb", "-o", str(tmp_path)]) == 2
+    assert "is a folder" in capsys.readouterr().err

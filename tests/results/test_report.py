@@ -1,0 +1,167 @@
+"""The report stands alone, says what the posterior says, and warns where it should."""
+
+from __future__ import annotations
+
+import base64
+import io
+import re
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from imapper_prob.cli import main
+from imapper_prob.models.scene import Clip
+from imapper_prob.output import write_run
+from imapper_prob.results.report.page import table
+from imapper_prob.results.report.words import answer, listed, runner_up, warnings_of
+from imapper_prob.results.report.write import report
+from imapper_prob.samplers.verdict import Verdict
+from tests.results.test_scenes import item
+from tests.runs import posterior
+
+VOID = {"meta", "img", "br"}
+
+
+class Page(HTMLParser):
+    """Whether tags are closed, what pictures there are, and what is said."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.attributes: list[tuple[str, str]] = []
+        self.said: list[str] = []
+        self.feed(text)
+        self.close()
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.attributes += [(f"{tag} {name}", value or "") for name, value in attrs]
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        self.said.append(data)
+
+    @property
+    def pictures(self) -> list[str]:
+        return [value for name, value in self.attributes if name == "img src"]
+
+
+@pytest.fixture(scope="module")
+def text() -> str:
+    return report(posterior())
+
+
+def test_the_page_is_whole_and_asks_nobody(text: str) -> None:
+    page = Page(text)
+    assert page.open == []
+    assert not re.search(r"https?://|<script|<link|@import|url\(", text)
+    assert {name for name, _ in page.attributes} <= {
+        "html lang", "meta charset", "meta name", "meta content", "p class", "ul class",
+        "div class", "img src", "img alt", "th class", "td class",
+    }  # fmt: skip
+    scenes = posterior().scenes()
+    assert len(page.pictures) == len(scenes) + 2
+    for picture in page.pictures:
+        assert picture.startswith("data:image/png;base64,")
+        with Image.open(io.BytesIO(base64.b64decode(picture.partition(",")[2]))) as image:
+            assert min(image.size) > 150
+            assert np.asarray(image.convert("L")).std() > 3  # something is drawn
+    assert len(text) < 3_000_000
+
+
+def test_the_page_says_what_the_posterior_says(text: str) -> None:
+    run = posterior()
+    said = " ".join(Page(text).said)
+    assert answer(run.scenes()) in said
+    assert run.samples.verdict.text in said
+    for weighted in run.scenes():
+        assert f"{weighted.probability:.2f} ± {weighted.error:.2f}" in said
+        assert weighted.difference in said
+    for cluster in run.certainty.clusters:
+        assert f"{cluster.mean[0]:.2f} ±" in said
+        assert f"{cluster.presence:.2f} ±" in said
+    for name, rate in run.samples.acceptance.rates().items():
+        assert name in said
+        assert f"{100 * rate:.1f} %" in said
+    for name in ("clip_digest", "config_digest", "library_digest"):
+        assert run.data.attrs[name][:16] in said
+    assert "seed 3" in said
+
+
+def test_names_cannot_break_the_page() -> None:
+    run = posterior()
+    clip = replace(run.clip, name="</main><script>&")
+    text = report(replace(run, solution=replace(run.solution, clip=clip)))
+    assert Page(text).open == []
+    assert "<script" not in text
+    assert "&lt;b&gt;" in table(["<b>"], [["a & b"]])
+
+
+def test_rooms_in_words() -> None:
+    assert listed([]) == "no furniture that the motion tells of"
+    assert listed([item("table")]) == "one table"
+    assert listed([item("shelf"), item("couch"), item("couch"), item("bench")]) == (
+        "two couches, one bench and one shelf"
+    )
+    assert listed([item("shelf")] * 11) == "11 shelves"
+    best = posterior().scenes(1)[0]
+    chair = replace(best, probability=0.6, error=0.1, scene=replace(best.scene, objects=()))
+    assert answer([chair]) == (
+        "Most probably (probability 0.60 ± 0.10) there is no furniture that the motion tells of."
+    )
+    assert runner_up([chair]) == ""
+    other = replace(best, difference="no table")
+    assert "unlike the first: no table" in runner_up([chair, other])
+
+
+def surely(clip: Clip) -> Clip:
+    """The clip as if nothing were wrong with it."""
+    return replace(clip, focal_known=True)
+
+
+def test_it_warns_where_it_should_and_nowhere_else() -> None:
+    run = posterior()
+    samples = replace(run.samples, verdict=Verdict(True, 0, None, "Good."), finished=True)
+    best = replace(run.scenes(1)[0], probability=0.9, error=0.02)
+    clip = surely(run.clip)
+    assert warnings_of(clip, samples, [best]) == ()
+
+    def said(clip: Clip = clip, samples: object = samples, scene: object = best) -> str:
+        (warning,) = warnings_of(clip, samples, [scene])
+        return warning
+
+    assert "focal length was assumed" in said(clip=replace(clip, focal_known=False))
+    assert "Weak evidence" in said(scene=replace(best, probability=0.3))
+    assert "± 0.25" in said(scene=replace(best, error=0.25))
+    assert "interrupted" in said(samples=replace(samples, finished=False))
+    disagree = Verdict(False, 0, (1, 2), "Chains disagree.")
+    assert "chains disagree" in said(samples=replace(samples, verdict=disagree))
+    short = Verdict(False, 100, None, "Needs more.")
+    assert "not converged" in said(samples=replace(samples, verdict=short))
+    assert "Few frames" in said(clip=replace(clip, fps=60.0))
+    person = clip.tracks[0]
+    unseen = np.array(person.confidences)
+    unseen[: len(unseen) // 2] = 0
+    lost = replace(clip, tracks=(replace(person, confidences=unseen),))
+    assert "lost the person in 5" in said(clip=lost)
+
+
+def test_the_report_is_written_again_from_the_folder(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "run"
+    write_run(folder, posterior(), overwrite=False)
+    first = (folder / "report.html").read_text(encoding="utf-8")
+    (folder / "report.html").unlink()
+    assert main(["report", str(folder)]) == 0
+    again = (folder / "report.html").read_text(encoding="utf-8")
+    assert Page(again).said == Page(first).said
+    assert main(["report", str(tmp_path)]) == 2
+    assert "no such file" in capsys.readouterr().err
