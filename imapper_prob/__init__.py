@@ -15,15 +15,17 @@ __version__ = "0.1.0"
 
 _HOMES = {
     "Clip": "imapper_prob.models.scene",
+    "ClipOptions": "imapper_prob.inputs",
     "Config": "imapper_prob.config",
     "InputError": "imapper_prob.models.errors",
     "Library": "imapper_prob.models.scenelet",
     "Posterior": "imapper_prob.results.posterior",
     "Solution": "imapper_prob.staged.solver",
     "demo_clip": "imapper_prob.demo",
-    "load_clip": "imapper_prob.inputs",
+    "load_clip": "imapper_prob.api",
     "load_library": "imapper_prob.scenelets.library",
     "load_posterior": "imapper_prob.results.load",
+    "read_camera": "imapper_prob.inputs",
     "read_config": "imapper_prob.config",
     "sample": "imapper_prob.api",
     "solve": "imapper_prob.api",

@@ -9,7 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
+from imapper_prob import inputs
 from imapper_prob.config import Config
+from imapper_prob.inputs import ClipOptions
+from imapper_prob.lifting import lift_clip
 from imapper_prob.models.scene import Clip
 from imapper_prob.models.scenelet import Library
 from imapper_prob.results.posterior import Posterior
@@ -18,9 +21,27 @@ from imapper_prob.sampling.sample import sample_scenes
 from imapper_prob.staged.solver import Solution
 from imapper_prob.staged.solver import solve as solve_staged
 
-__all__ = ["sample", "solve"]
+__all__ = ["load_clip", "sample", "solve"]
 
 Progress = Callable[[str, float], None]
+
+
+def load_clip(path: str | Path, *, options: ClipOptions | None = None) -> Clip:
+    """Read a clip of any known format; 2D joints get poses from the built-in library.
+
+    Parameters
+    ----------
+    path : path
+        See ``docs/inputs.md``.
+    options : ClipOptions, optional
+        Camera, image size, frame rate, and whatever else the files do not say.
+
+    Raises
+    ------
+    InputError
+        What is at ``path`` is no clip, or one too short or too empty to say anything.
+    """
+    return inputs.load_clip(path, options=options, lift=lift_clip)
 
 
 def solve(

@@ -26,10 +26,11 @@ SOURCES = sorted(
 )
 FLOORS = [
     {"models", "samplers"},
-    {"colours", "config", "files"},
-    {"inputs"},
+    {"colours", "config", "files", "tracking"},
+    {"inputs", "detect"},
     {"scenelets"},
     {"staged"},
+    {"lifting"},
     {"sampling"},
     {"recording"},
     {"results"},

@@ -1,4 +1,4 @@
-"""The command line: ``imapper-prob demo | run | solve | info | scenelets``."""
+"""The command line: ``imapper-prob COMMAND``, a module for each family of commands."""
 
 from __future__ import annotations
 

@@ -7,12 +7,14 @@ import sys
 from collections.abc import Sequence
 
 import imapper_prob
+from imapper_prob.cli.detect import add_detect_command
 from imapper_prob.cli.evaluate import add_evaluate_command
 from imapper_prob.cli.export import add_export_commands
 from imapper_prob.cli.recordings import add_recording_commands
 from imapper_prob.cli.run import add_run_commands
 from imapper_prob.cli.scenelets import add_scenelet_commands
 from imapper_prob.cli.solve import add_solve_command
+from imapper_prob.cli.track import add_track_command
 from imapper_prob.models.errors import InputError
 
 __all__ = ["main"]
@@ -50,9 +52,11 @@ def _parser() -> argparse.ArgumentParser:
     shared = argparse.ArgumentParser(add_help=False)
     shared.add_argument("--debug", action="store_true", help="show tracebacks")
     add_run_commands(commands, shared)
+    add_detect_command(commands, shared)
+    add_track_command(commands, shared)
+    add_solve_command(commands, shared)
     add_recording_commands(commands, shared)
     add_export_commands(commands, shared)
-    add_solve_command(commands, shared)
     add_scenelet_commands(commands, shared)
     add_evaluate_command(commands, shared)
     return parser

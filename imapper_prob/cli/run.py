@@ -7,6 +7,7 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from imapper_prob.cli.clip_options import clip_from, clip_parser, is_clip
 from imapper_prob.cli.energy import show_energy
 from imapper_prob.cli.progress import progress_bars
 from imapper_prob.models.errors import InputError
@@ -54,16 +55,23 @@ def add_run_commands(
     )
     demo.set_defaults(config=None, library=None, execute=_demo)
 
-    run = commands.add_parser("run", parents=[shared, sampling], help="sample scenes of a clip")
-    run.add_argument("clip", type=Path, help="i3DB scene folder or .npz clip file")
+    clips = clip_parser()
+    run = commands.add_parser(
+        "run", parents=[shared, sampling, clips], help="sample scenes of a clip"
+    )
+    run.add_argument("clip", type=Path, help="clip file, keypoints, i3DB scene or video")
     run.add_argument("--config", type=Path, help="settings (TOML), such as an earlier config.toml")
     run.add_argument(
         "--library", help="'built-in', a library file (.npz), or several joined by commas"
     )
     run.set_defaults(execute=_run)
 
-    info = commands.add_parser("info", parents=[shared], help="print the result of a run again")
-    info.add_argument("folder", type=Path, metavar="DIR")
+    info = commands.add_parser(
+        "info",
+        parents=[shared, clips],
+        help="print the result of a run again, or what a clip holds",
+    )
+    info.add_argument("folder", type=Path, metavar="DIR_OR_CLIP")
     info.add_argument(
         "--energy",
         action="store_true",
@@ -102,11 +110,10 @@ def _demo(options: argparse.Namespace) -> None:
 
 
 def _run(options: argparse.Namespace) -> None:
-    from imapper_prob.inputs import load_clip
     from imapper_prob.output import prepare_folder
 
     prepare_folder(options.output, overwrite=options.overwrite)
-    _sample(options, load_clip(options.clip), _config(options))
+    _sample(options, clip_from(options.clip, options), _config(options))
 
 
 def _sample(options: argparse.Namespace, clip: Clip, config: Config) -> None:
@@ -152,6 +159,21 @@ def _show(posterior: Posterior, folder: Path) -> None:
 
 
 def _info(options: argparse.Namespace) -> None:
+    if is_clip(options.folder):
+        _show_clip(options)
+    else:
+        _show_run(options)
+
+
+def _show_clip(options: argparse.Namespace) -> None:
+    from rich.console import Console
+
+    from imapper_prob.inputs.describe import clip_table
+
+    Console().print(clip_table(clip_from(options.folder, options)))
+
+
+def _show_run(options: argparse.Namespace) -> None:
     from rich.console import Console
 
     from imapper_prob.results.export import read_scenes

@@ -2,28 +2,48 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Final
 
+from imapper_prob.inputs.camera_options import ClipOptions, read_camera
 from imapper_prob.inputs.clip_file import read_clip, write_clip
-from imapper_prob.inputs.i3db import DETECTIONS, read_i3db
+from imapper_prob.inputs.formats import read_whatever
+from imapper_prob.inputs.marks import read_marks
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.scene import Clip
 
-__all__ = ["SHORTEST_CLIP", "load_clip", "read_clip", "write_clip"]
+__all__ = [
+    "SHORTEST_CLIP",
+    "ClipOptions",
+    "load_clip",
+    "read_camera",
+    "read_clip",
+    "read_marks",
+    "write_clip",
+]
 
 SHORTEST_CLIP: Final = 8
 """Frames; in less than a second nobody does anything that furniture explains."""
 
 
-def load_clip(path: str | Path) -> Clip:
+def load_clip(
+    path: str | Path,
+    *,
+    options: ClipOptions | None = None,
+    lift: Callable[[Clip], Clip] | None = None,
+) -> Clip:
     """Read a clip, whatever its format.
 
     Parameters
     ----------
     path : path
-        A scene folder of the i3DB benchmark, or an ``.npz`` of our own format
-        (:mod:`imapper_prob.inputs.clip_file`).
+        A scene folder of the i3DB benchmark, an ``.npz`` of our own format
+        (:mod:`imapper_prob.inputs.clip_file`), or anything else that ``docs/inputs.md`` lists.
+    options : ClipOptions, optional
+        What the files do not say: camera, image size, frame rate.
+    lift : callable, optional
+        Gives poses to the tracks of a clip that have none; such clips are refused without.
 
     Returns
     -------
@@ -37,21 +57,13 @@ def load_clip(path: str | Path) -> Clip:
         What is at ``path`` is no clip, or one too short or too empty to say anything.
     """
     path = Path(path)
-    if not path.exists():
-        raise InputError(f"{path}: no such file or folder")
-    if path.is_dir() and any(path.glob(DETECTIONS)):
-        clip = read_i3db(path)
-    elif path.is_file() and path.suffix == ".npz":
-        clip = read_clip(path)
-    else:
-        raise InputError(
-            f"{path}: not a known clip; expected an i3DB scene folder (with {DETECTIONS}) "
-            "or an .npz clip file"
-        )
+    clip = read_whatever(path, options or ClipOptions())
     if clip.n_frames < SHORTEST_CLIP:
         raise InputError(
             f"{path}: a clip of {clip.n_frames} frames; at least {SHORTEST_CLIP} are needed"
         )
+    if lift is not None and not all(track.has_pose.any() for track in clip.tracks):
+        clip = lift(clip)
     for track in clip.tracks:
         if not ((track.confidences > 0).any(1) & track.has_pose).any():
             raise InputError(

@@ -59,6 +59,8 @@ _OPTIONAL: Final[Shapes] = {
     "scene": ("text",),
     "joint_names": ("text", None),
 }
+_LONGEST: Final = 432_000
+"""Frames: an hour at the 120 a second of motion capture."""
 _FURNITURE_PREFIXES: Final = ("object_", "cuboid_")
 
 
@@ -129,6 +131,8 @@ def _capture(arrays: Arrays, stem: str) -> Capture:
 
 def _sixteen(arrays: Arrays) -> Array:
     """(T, 16, 3) joints, z up."""
+    if len(arrays["joints"]) > _LONGEST:
+        raise InputError(f"{len(arrays['joints'])} frames, more than {_LONGEST}; cut it")
     joints = arrays["joints"].astype(np.float64)
     if "joint_names" in arrays:
         names = [str(name) for name in arrays["joint_names"]]

@@ -36,6 +36,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.files import written_whole
+from imapper_prob.inputs.archives import refuse_bombs
 from imapper_prob.models.camera import Camera
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.scene import Clip, Cuboid, Placement, SceneObject, Track, Truth
@@ -148,8 +149,12 @@ def clip_of(arrays: Arrays, path: Path) -> Clip:
 def _load(path: Path) -> Arrays:
     """All entries of the archive; none is ever unpickled."""
     try:
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
-            return {name: archive[name] for name in archive.files}
+        with path.open("rb") as file:
+            refuse_bombs(file)
+            with np.load(file, allow_pickle=False) as archive:
+                return {name: archive[name] for name in archive.files}
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
     except FileNotFoundError:
         raise InputError(f"{path}: no such file") from None
     except _DAMAGE as error:

@@ -24,6 +24,7 @@ from imapper_prob.inputs.json_fields import (
     frame_number,
     frames_of_joints,
     load_json,
+    load_lines,
     numbers,
 )
 from imapper_prob.inputs.upright import MeasuredBox, upright_object
@@ -357,7 +358,7 @@ def action_words(path: Path, n_frames: int) -> tuple[str, ...]:
     if not path.exists():
         return ()
     words: dict[int, str] = {}
-    for line in path.read_text(encoding="utf-8").splitlines():
+    for line in load_lines(path):
         if line.strip():
             number, _, word = line.partition("\t")
             words[frame_number(path, number)] = word.strip()

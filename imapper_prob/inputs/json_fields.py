@@ -6,7 +6,7 @@ import json
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,18 +14,54 @@ from numpy.typing import NDArray
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.skeleton import JOINTS, N_JOINTS
 
-__all__ = ["field", "frame_number", "frames_of_joints", "load_json", "numbers"]
+__all__ = [
+    "LARGEST_JSON",
+    "LARGEST_NUMBER",
+    "field",
+    "frame_number",
+    "frames_of_joints",
+    "load_json",
+    "load_lines",
+    "numbers",
+]
 
 Array = NDArray[np.float64]
 
+LARGEST_JSON: Final = 128 << 20
+"""Bytes; an hour of one person at 30 frames a second. In memory it takes twenty times that."""
+
+
+LARGEST_NUMBER: Final = 1e100
+"""Anything that is measured is less, and its square still is a number."""
+
+
+def load_lines(path: Path) -> list[str]:
+    """The lines of a text file of at most :data:`LARGEST_JSON` bytes."""
+    try:
+        size = path.stat().st_size
+        if size > LARGEST_JSON:
+            raise InputError(f"{path}: {size / 2**20:.0f} MB, more than {LARGEST_JSON >> 20}")
+        return path.read_text(encoding="utf-8").splitlines()
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})") from error
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: no text file ({error})") from error
+
 
 def load_json(path: Path) -> Any:
-    """The content of a JSON file."""
+    """The content of a JSON file of at most :data:`LARGEST_JSON` bytes."""
     try:
+        size = path.stat().st_size
+        if size > LARGEST_JSON:
+            raise InputError(
+                f"{path}: {size / 2**20:.0f} MB, more than {LARGEST_JSON >> 20}; cut the clip"
+            )
         return json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
         raise InputError(f"{path}: no such file; a clip of this format needs it") from None
-    except (json.JSONDecodeError, UnicodeDecodeError, RecursionError) as error:
+    except InputError:
+        raise
+    except (ValueError, RecursionError) as error:  # not only JSON: also numbers of 5,000 digits
         raise InputError(
             f"{path}: not valid JSON ({error}); it may be cut off, copy it again"
         ) from error
@@ -57,6 +93,8 @@ def numbers(values: Any, *, shape: tuple[int, ...], place: str) -> Array:
         raise InputError(f"{place}: expected {expected} numbers, got {_shortened(values)}")
     if not np.isfinite(array).all():
         raise InputError(f"{place}: {_shortened(values)} is not finite; remove or correct it")
+    if (np.abs(array) >= LARGEST_NUMBER).any():
+        raise InputError(f"{place}: {_shortened(values)} is too large to be true")
     return array.astype(np.float64)
 
 
@@ -93,8 +131,8 @@ def frames_of_joints(path: Path, data: Any) -> dict[int, Array]:
 
 def frame_number(path: Path, key: Any) -> int:
     """A frame number from a JSON key such as ``"00012"``."""
-    if not re.fullmatch(r"-?\d+", str(key)):
-        raise InputError(f"{path}: {key!r} is not a frame number; expected an integer")
+    if not re.fullmatch(r"-?\d{1,15}", str(key)):
+        raise InputError(f"{path}: {_shortened(key)} is not a frame number; expected an integer")
     return int(key)
 
 

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.inputs.captures import Capture
-from imapper_prob.inputs.json_fields import field, load_json, numbers
+from imapper_prob.inputs.json_fields import LARGEST_NUMBER, field, load_json, load_lines, numbers
 from imapper_prob.inputs.pigraphs_scan import read_scan
 from imapper_prob.inputs.timeline import joints_at
 from imapper_prob.models.errors import InputError
@@ -172,7 +172,7 @@ def _positions(path: Path, index: int, skeleton: Mapping[str, Any]) -> Array:
     try:
         # JSON has no NaN: writers put null there, or the word that Python reads as one.
         positions = np.array(given, dtype=np.float64)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise InputError(f"{place}: jointPositions must be numbers") from error
     if positions.shape != (_KINECT_JOINTS, 3):
         raise InputError(
@@ -183,7 +183,7 @@ def _positions(path: Path, index: int, skeleton: Mapping[str, Any]) -> Array:
         shape=(_KINECT_JOINTS,),
         place=f"{place}, jointConfidences",
     )
-    lost = (confidence <= 0) | ~np.isfinite(positions).all(1)
+    lost = (confidence <= 0) | ~(np.abs(positions) < LARGEST_NUMBER).all(1)
     positions[lost] = np.nan
     return positions
 
@@ -231,7 +231,7 @@ def _actions(path: Path, moments: Array) -> tuple[str, ...]:
         return ()
     words = np.full(len(moments), "", dtype=object)
     strange: Counter[str] = Counter()
-    for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1):
+    for number, line in enumerate(load_lines(path), 1):
         if not line.strip():
             continue
         match = _INTERACTION.fullmatch(line)

@@ -1,0 +1,202 @@
+"""Joints that somebody else put into space: TRC files, and ``.npz`` with a camera.
+
+Trackers that fit a body model to video (and motion capture) give joints in metres, either in
+the axes of the camera (x right, y down, z forward) or in a world whose ``rotation`` and
+``translation`` to the camera are known. What the model wants, detections in the image, is got
+by projecting them.
+
+The ``.npz`` is a plain numpy archive:
+
+======================  ==========================  ==========================================
+``joints``              (T, J, 3) or (A, T, J, 3)   metres; NaN or 0, 0, 0 where missing
+``joint_names``         (J,) text                   as in :mod:`.joint_names`; without, they are
+                                                    the sixteen
+``fps``                 () number                   frames a second
+``confidences``         (T, J) or (A, T, J)         in [0, 1]; optional
+``matrix``, ``size``    (3, 3), (2,)                intrinsics, width and height in pixels;
+                                                    optional where a camera file is given
+``rotation``,           (3, 3), (3,)                world to camera, optional
+``translation``
+======================  ==========================  ==========================================
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imapper_prob.inputs.archives import Arrays, Shapes, check_shapes, load_archive
+from imapper_prob.inputs.camera_options import (
+    CameraFile,
+    ClipOptions,
+    camera_of,
+    check_matrix,
+    check_rotation,
+)
+from imapper_prob.inputs.joint_names import joints_by_name
+from imapper_prob.inputs.sightings import FARTHEST, LONGEST_CLIP, Sightings
+from imapper_prob.inputs.trc import read_trc_table
+from imapper_prob.models.errors import InputError
+from imapper_prob.models.skeleton import JOINTS, PELV
+
+__all__ = ["is_joints", "read_joints", "read_trc"]
+
+Array = NDArray[np.float64]
+
+_UNTOLD: Final = 0.75
+"""Confidence of a projected joint. Whether it was seen is not known; the tables of detections
+speak least for either there."""
+_NEEDED: Final[Shapes] = {"fps": ("number",)}
+_OPTIONAL: Final[Shapes] = {
+    "joint_names": ("text", None),
+    "matrix": ("number", 3, 3),
+    "size": ("index", 2),
+    "rotation": ("number", 3, 3),
+    "translation": ("number", 3),
+}
+
+
+def is_joints(entries: set[str]) -> bool:
+    """Whether an archive with these entries is such a file."""
+    return "joints" in entries and "format" not in entries
+
+
+def read_joints(path: Path, options: ClipOptions) -> tuple[Sightings, ClipOptions]:
+    """Read an ``.npz``.
+
+    Returns
+    -------
+    Sightings
+    ClipOptions
+        With the file's own camera, where the user names none.
+
+    Raises
+    ------
+    InputError
+        The file is damaged, or what it holds does not fit together.
+    """
+    arrays = load_archive(path, what="joints")
+    try:
+        return _from_arrays(path, arrays, options)
+    except InputError as error:
+        message = str(error)
+        raise InputError(message if str(path) in message else f"{path}: {message}") from error
+
+
+def read_trc(path: Path, options: ClipOptions) -> Sightings:
+    """Read a TRC file; a camera file must say where the camera is.
+
+    Raises
+    ------
+    InputError
+        The file is damaged, a joint is missing, or there is no camera.
+    """
+    if options.camera is None:
+        raise InputError(f"{path}: 3D joints without a camera; name its file with --camera")
+    table = read_trc_table(path)
+    try:
+        joints = joints_by_name(table.positions, table.names)[None]
+        return _projected(
+            path.stem,
+            joints,
+            np.where(np.isfinite(joints).all(-1), _UNTOLD, 0.0),
+            camera=options.camera,
+            first=table.first,
+            fps=table.fps,
+        )
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
+
+
+def _from_arrays(path: Path, arrays: Arrays, options: ClipOptions) -> tuple[Sightings, ClipOptions]:
+    present = {key: shape for key, shape in _OPTIONAL.items() if key in arrays}
+    check_shapes(arrays, {**_NEEDED, **present})
+    joints = arrays["joints"]
+    if joints.dtype.kind not in "fiu" or joints.ndim not in (3, 4) or joints.shape[-1] != 3:
+        raise InputError(f"joints are {joints.dtype} {joints.shape}, expected (T, J, 3) numbers")
+    joints = joints.astype(np.float64).reshape(-1, *joints.shape[-3:])
+    actors, frames, count, _ = joints.shape
+    if not 0 < frames <= LONGEST_CLIP:
+        raise InputError(f"{frames} frames, expected 1 to {LONGEST_CLIP}")
+    if not 0 < actors <= 16:
+        raise InputError(f"{actors} people, expected 1 to 16")
+    if (np.abs(joints) > FARTHEST).any():
+        raise InputError("a coordinate of the joints is infinite, or too large to be metres")
+    joints[(joints == 0).all(-1)] = np.nan
+    names = [str(name) for name in arrays.get("joint_names", JOINTS)]
+    if len(names) != count:
+        raise InputError(f"{len(names)} joint names for {count} joints")
+    own = arrays.get("confidences", np.full(joints.shape[:-1], _UNTOLD))
+    if own.dtype.kind not in "fiu" or own.size != joints.size // 3:
+        raise InputError(f"confidences are {own.dtype} {own.shape}, expected one a joint")
+    # Confidences travel through the names as positions do.
+    wide = np.repeat(own.astype(np.float64).reshape(-1, count, 1), 3, axis=2)
+    confidences = joints_by_name(wide, names)[..., 0].reshape(actors, frames, -1)
+    if not ((confidences >= 0) & (confidences <= 1)).all():
+        raise InputError("confidences must be in [0, 1]")
+    sixteen = joints_by_name(joints.reshape(-1, count, 3), names)
+    sixteen = sixteen.reshape(actors, frames, -1, 3)
+    if options.camera is None:
+        options = replace(options, camera=_camera(arrays))
+    assert options.camera is not None
+    fps = float(arrays["fps"])
+    sightings = _projected(path.stem, sixteen, confidences, camera=options.camera, first=0, fps=fps)
+    return sightings, options
+
+
+def _camera(arrays: Arrays) -> CameraFile:
+    for key in ("matrix", "size"):
+        if key not in arrays:
+            raise InputError(f"no entry {key!r}; name a camera file with --camera")
+    width, height = (int(n) for n in arrays["size"])
+    matrix = arrays["matrix"].astype(np.float64)
+    check_matrix(matrix)
+    rotation = arrays.get("rotation")
+    if rotation is not None:
+        rotation = rotation.astype(np.float64)
+        check_rotation(rotation)
+    return CameraFile(
+        size=(width, height),
+        matrix=matrix,
+        distortion=np.zeros(0),
+        rotation=rotation,
+        translation=arrays.get("translation", np.zeros(3)).astype(np.float64),
+    )
+
+
+def _projected(
+    name: str, joints: Array, confidences: Array, *, camera: CameraFile, first: int, fps: float
+) -> Sightings:
+    """What the camera would have seen of (A, T, 16, 3) joints."""
+    if not (np.isfinite(fps) and fps > 0):
+        raise InputError(f"frame rate {fps} must be positive")
+    if camera.rotation is not None and camera.translation is not None:
+        joints = joints @ camera.rotation.T + camera.translation
+    axes = joints[..., [0, 2, 1]] * (1, 1, -1)
+    # The lens is not asked: these pixels have never been distorted.
+    straight = replace(camera, distortion=np.zeros(0))
+    nominal, _ = camera_of(name, ClipOptions(camera=straight), size=camera.size)
+    pixels = nominal.project_camera(axes)
+    seen = np.isfinite(pixels).all(-1)
+    if np.isfinite(axes).all(-1).any() and not seen.any():
+        raise InputError(
+            "all joints are behind the camera; without rotation and translation they must be in "
+            "its axes: x right, y down, z forward, in metres"
+        )
+    who, when = np.nonzero(seen.any(-1))
+    return Sightings(
+        name=name,
+        map_name="identity",
+        frames=when + first,
+        keypoints=pixels[who, when],
+        scores=np.where(seen, confidences, 0.0)[who, when],
+        span=(first, first + joints.shape[1] - 1),
+        poses=(axes - axes[..., PELV, None, :])[who, when],
+        identities=tuple(f"person-{a}" for a in who),
+        size=camera.size,
+        fps=fps,
+    )

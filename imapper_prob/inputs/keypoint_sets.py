@@ -1,0 +1,147 @@
+"""The joints that 2D detectors report, by name, and how the sixteen are found among them.
+
+Programs number their keypoints differently; only names are safe. :data:`KEYPOINT_SETS` gives
+each set's names in the order of its files, :data:`FOUND_AS` says under which of them one of
+the sixteen is found. ``docs/inputs.md`` shows the same table.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from imapper_prob.models.skeleton import (
+    DETECTED,
+    HEAD,
+    JOINTS,
+    N_JOINTS,
+    NECK,
+    PELV,
+    THRX,
+)
+
+__all__ = ["FOUND_AS", "KEYPOINT_SETS", "not_reported", "sixteen"]
+
+Array = NDArray[np.float64]
+
+_COCO_17: Final = (
+    "nose", "left_eye", "right_eye", "left_ear", "right_ear", "left_shoulder", "right_shoulder",
+    "left_elbow", "right_elbow", "left_wrist", "right_wrist", "left_hip", "right_hip",
+    "left_knee", "right_knee", "left_ankle", "right_ankle",
+)  # fmt: skip
+_LEFT_THEN_RIGHT_FOOT: Final = (
+    "left_big_toe", "left_small_toe", "left_heel", "right_big_toe", "right_small_toe",
+    "right_heel",
+)  # fmt: skip
+
+KEYPOINT_SETS: Final[dict[str, tuple[str, ...]]] = {
+    "body_25": (
+        "nose", "neck", "right_shoulder", "right_elbow", "right_wrist", "left_shoulder",
+        "left_elbow", "left_wrist", "mid_hip", "right_hip", "right_knee", "right_ankle",
+        "left_hip", "left_knee", "left_ankle", "right_eye", "left_eye", "right_ear", "left_ear",
+        *_LEFT_THEN_RIGHT_FOOT,
+    ),
+    "body_25b": (*_COCO_17, "upper_neck", "head_top", *_LEFT_THEN_RIGHT_FOOT),
+    "coco_18": (
+        "nose", "neck", "right_shoulder", "right_elbow", "right_wrist", "left_shoulder",
+        "left_elbow", "left_wrist", "right_hip", "right_knee", "right_ankle", "left_hip",
+        "left_knee", "left_ankle", "right_eye", "left_eye", "right_ear", "left_ear",
+    ),
+    "coco_17": _COCO_17,
+    "halpe_26": (
+        *_COCO_17, "head_top", "neck", "mid_hip", "left_big_toe", "right_big_toe",
+        "left_small_toe", "right_small_toe", "left_heel", "right_heel",
+    ),
+    "mediapipe_33": (
+        "nose", "left_eye_inner", "left_eye", "left_eye_outer", "right_eye_inner", "right_eye",
+        "right_eye_outer", "left_ear", "right_ear", "mouth_left", "mouth_right",
+        "left_shoulder", "right_shoulder", "left_elbow", "right_elbow", "left_wrist",
+        "right_wrist", "left_pinky", "right_pinky", "left_index", "right_index", "left_thumb",
+        "right_thumb", "left_hip", "right_hip", "left_knee", "right_knee", "left_ankle",
+        "right_ankle", "left_heel", "right_heel", "left_foot_index", "right_foot_index",
+    ),
+}  # fmt: skip
+"""Names of each set in the order of its files; left and right are the person's own."""
+
+_LIMBS: Final = {
+    "ANK": "ankle", "KNE": "knee", "HIP": "hip", "WRI": "wrist", "ELB": "elbow",
+    "SHO": "shoulder",
+}  # fmt: skip
+
+FOUND_AS: Final[dict[int, tuple[tuple[str, ...], ...]]] = {
+    **{
+        index: (({"R": "right", "L": "left"}[joint[0]] + "_" + _LIMBS[joint[1:]],),)
+        for index, joint in enumerate(JOINTS)
+        if joint[1:] in _LIMBS
+    },
+    PELV: (("left_hip", "right_hip"), ("mid_hip",)),
+    THRX: (("neck",), ("left_shoulder", "right_shoulder")),
+    HEAD: (
+        ("left_ear", "right_ear"), ("left_ear",), ("right_ear",), ("left_eye", "right_eye"),
+        ("nose",),
+    ),
+}  # fmt: skip
+"""For each of the sixteen the points it may be found at, the best first; several names mean
+the point half-way between them. HEAD is the middle of the head: the crown is not it. The
+upper neck of BODY_25B lies too high for THRX, which is level with the shoulders."""
+
+_LIMB_ENDS: Final = frozenset(
+    ways[0][0] for index, ways in FOUND_AS.items() if index not in (PELV, THRX, HEAD)
+)
+
+
+def sixteen(points: ArrayLike, scores: ArrayLike, names: Sequence[str]) -> tuple[Array, Array]:
+    """The sixteen joints out of a set of keypoints, by name.
+
+    Parameters
+    ----------
+    points : (N, J, D) float
+        Keypoints, in 2D or 3D.
+    scores : (N, J) float
+        How sure the detector is of each, in its own units; a point counts as missing where
+        this is not above 0 or the point is not finite.
+    names : sequence of J str
+        As in :data:`KEYPOINT_SETS`.
+
+    Returns
+    -------
+    points : (N, 16, D) float
+        NaN where missing.
+    scores : (N, 16) float
+        The least of those of the points a joint is made of; 0 where missing, and for joints
+        made of others of the sixteen: nothing was seen that these do not say already.
+    """
+    points = np.asarray(points, float)
+    scores = np.asarray(scores, float)
+    there = (scores > 0) & np.isfinite(points).all(-1)
+    found = np.full((len(points), N_JOINTS, points.shape[-1]), np.nan)
+    sure = np.zeros((len(points), N_JOINTS))
+    column = {name: i for i, name in enumerate(names)}
+    for joint, ways in FOUND_AS.items():
+        for way in ways:
+            if not all(name in column for name in way):
+                continue
+            columns = [column[name] for name in way]
+            usable = there[:, columns].all(1) & ~np.isfinite(found[:, joint]).all(-1)
+            found[usable, joint] = points[usable][:, columns].mean(1)
+            if _is_evidence(joint, way):
+                sure[usable, joint] = scores[usable][:, columns].min(1)
+    found[:, NECK] = (found[:, THRX] + found[:, HEAD]) / 2
+    return found, sure
+
+
+def _is_evidence(joint: int, way: tuple[str, ...]) -> bool:
+    return joint in DETECTED and (len(way) == 1 or not set(way) <= _LIMB_ENDS)
+
+
+def not_reported(names: Sequence[str]) -> tuple[str, ...]:
+    """Those of the detected joints that a set of keypoints never has."""
+    own = set(names)
+    return tuple(
+        JOINTS[joint]
+        for joint in DETECTED
+        if not any(set(way) <= own and _is_evidence(joint, way) for way in FOUND_AS[joint])
+    )

@@ -1,0 +1,1 @@
+"""Who is who: people seen frame by frame, put together into actors."""
