@@ -11,8 +11,8 @@ from imapper_prob.evaluate.outline import Outline, outline_of
 from imapper_prob.models.camera import Camera
 from imapper_prob.models.posterior import State, motion
 from imapper_prob.models.scene import Scene
+from imapper_prob.results.selected import selected_objects
 from imapper_prob.results.stored_input import Source
-from imapper_prob.sampling.layouts import merged_objects
 
 __all__ = [
     "Prediction", "between_frames", "prediction_of_scene", "prediction_of_state",
@@ -81,10 +81,10 @@ def prediction_of_scene(scene: Scene, *, name: str) -> Prediction:
 
 
 def prediction_of_state(source: Source, state: State, *, name: str) -> Prediction:
-    """A state of the staged solver or of a chain."""
+    """A state, with the furniture of it that is worth naming."""
     camera = state_camera(source.clip.camera, state)
     joints = motion(source.problem, state)
-    objects = merged_objects(source.problem, source.library, state)
+    objects = selected_objects(source.problem, source.library, state)
     return prediction_of_scene(Scene(camera, objects, joints, (), 0.0), name=name)
 
 

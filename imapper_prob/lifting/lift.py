@@ -22,7 +22,7 @@ from imapper_prob.lifting.views import Views, views_of
 from imapper_prob.models.camera import Camera
 from imapper_prob.models.scene import Clip, Track
 from imapper_prob.models.skeleton import N_JOINTS
-from imapper_prob.staged.lifted_poses import LENGTHS, bones_of, joints_of
+from imapper_prob.staged.bones import LENGTHS, bones_of, joints_of
 
 __all__ = ["Lifted", "lift_clip", "lift_keypoints"]
 
