@@ -45,7 +45,7 @@ class SampleSettings:
     """
 
     chains: int = 4
-    steps: int = 10000
+    steps: int = 30_000
     temperatures: int = 6
     hottest: float = 0.4
     swap_every: int = 5

@@ -104,16 +104,16 @@ def scene_moves(setup: Setup) -> Mixture[State]:
     factor = np.linalg.cholesky(np.linalg.inv(problem.camera_precision))
     kinds = furniture_kinds(problem)
     weighted = (
-        (Birth(proposals), 0.12),
-        (Death(proposals), 0.12),
+        (Birth(proposals), 0.10),
+        (Death(proposals), 0.10),
         (Swap(proposals), 0.08),
-        (Replace(proposals), 0.12),
+        (Replace(proposals), 0.10),
         (Exchange(problem, setup.similarity), 0.08),
         (Refurnish(proposals, kinds), 0.08),
         (Shift(problem), 0.06),
-        (PlacementWalk(), 0.20),
-        (CameraWalk(factor), 0.04),
-        (DepthScale(), 0.04),
+        (PlacementWalk(), 0.18),
+        (CameraWalk(factor), 0.10),
+        (DepthScale(), 0.06),
         (PathRefresh(), 0.06),
     )
     return Mixture([move for move, _ in weighted], [weight for _, weight in weighted])
