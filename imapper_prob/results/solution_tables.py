@@ -70,7 +70,7 @@ def maxima_table(solved: Solved) -> Table:
         table.add_column(name, justify="right")
     for name in ("fitted", "judged", "fit", "motion", "occlusion", "kept"):
         table.add_column(name, justify="right")
-    table.add_column("best, and its gain [nat]")
+    table.add_column("best [nat]")
     for actor in solved.actors:
         for maximum in actor.shortlists:
             counts = maximum.counts()
@@ -82,7 +82,7 @@ def maxima_table(solved: Solved) -> Table:
             best = maximum.rows[0].candidate if maximum.rows else None
             row.append(
                 "none" if best is None
-                else f"{', '.join(actor.library[best.scenelet].labels)} ({best.gain:+.0f})"
+                else f"{', '.join(actor.library[best.scenelet].labels)} {best.gain:+.0f}"
             )  # fmt: skip
             table.add_row(*([actor.clip.tracks[0].name] if several else []), *row)
     return table
