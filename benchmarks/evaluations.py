@@ -81,7 +81,7 @@ def make_world(n_frames: int = 400, n_scenelets: int = 5, seed: int = 3) -> Worl
     pelvis = in_camera[:, PELV]
     seen = np.stack([pelvis[:, 0] / pelvis[:, 1], np.log(pelvis[:, 1])], -1)
     path = StaticPath(
-        seen, pelvis[:, 2] / pelvis[:, 1], seen, np.tile([4000.0, 50.0], (n_frames, 1)),
+        seen, pelvis[:, 2] / pelvis[:, 1], np.tile([0.01, 0.06], (n_frames, 1)),
         in_camera - pelvis[:, None], np.ones(n_frames, bool),
     )  # fmt: skip
     mean = np.array([camera.pitch, camera.elevation, 0.0, 0.0, 0.0])

@@ -1,15 +1,16 @@
 """The pelvis path as a Gaussian chain, collapsed and drawn, compiled.
 
-One coordinate at a time (bearing, log depth). Frames under a scenelet have a fixed value,
-the others are free. The directed chain
+One coordinate at a time (bearing, log depth). The static path is an estimate whose error is
+slow: for seconds it is too near or too far by the same share. In units of its stated
+deviation, e_t = (g_t - centre_t) / scale_t, that error is a stationary chain
 
-    p(g) = N(g_1; start) * prod_t N(g_t; g_{t-1}, q^2)
+    e_1 ~ N(0, 1),    e_t | e_{t-1} ~ N(memory e_{t-1}, 1 - memory^2)
 
-leaves out the steps inside a scenelet, whose motion is not random. Each free frame is
-measured by a factor exp(-precision/2 (g_t - measured_t)^2), the Gaussian that stands for
-its detections. ``chain`` returns the log of the chain with all free frames integrated out,
-and a path drawn from what was integrated, as a deterministic function of standard normal
-numbers: holding those while the scenelets move keeps the path where it can stay.
+in which frames under a scenelet have a fixed value and the others are free. Steps inside a
+scenelet are left out, for its motion is not random. ``chain`` returns the log of the chain
+with all free frames integrated out, and a path drawn from what was integrated, as a
+deterministic function of standard normal numbers: holding those while the scenelets move
+keeps the path where it can stay.
 """
 
 from __future__ import annotations
@@ -30,21 +31,14 @@ _LOG_2PI = math.log(2 * math.pi)
 
 
 @compiled
-def _log_normal(x: float, mean: float, variance: float) -> float:
-    return -0.5 * (_LOG_2PI + math.log(variance) + (x - mean) ** 2 / variance)
-
-
-@compiled
 def chain(
     value: Array,
     item: Ints,
-    measured: Array,
-    precision: Array,
+    centre: Array,
+    scale: Array,
     latent: Array,
-    start_mean: float,
-    start_variance: float,
-    step_variance: float,
-    filtered: Array,
+    memory: float,
+    predicted: Array,
 ) -> float:
     """Evidence of one coordinate's chain; the free entries of ``value`` are drawn in place.
 
@@ -54,9 +48,13 @@ def chain(
         In: the fixed values. Out: all values.
     item : (T,) int
         Which scenelet a frame is under, -1 if free.
-    measured, precision, latent : (T,) float
-        Measurement factors and the standard normal numbers of the draw.
-    filtered : (T, 2) float
+    centre, scale : (T,) float
+        Of the stationary chain in each frame.
+    latent : (T,) float
+        Standard normal numbers of the draw.
+    memory : float
+        Correlation of neighbouring frames.
+    predicted : (T, 2) float
         Workspace.
 
     Returns
@@ -64,30 +62,30 @@ def chain(
     float
         log of the chain's density in the fixed values, free frames integrated out.
     """
-    n = len(value)
+    n, innovation = len(value), 1.0 - memory * memory
     evidence = 0.0
-    mean, variance = start_mean, start_variance
+    mean, variance = 0.0, 1.0
     for t in range(n):
         # Here (mean, variance) predicts frame t from everything before it.
         if item[t] >= 0:
+            error = (value[t] - centre[t]) / scale[t]
             if t == 0 or item[t] != item[t - 1]:
-                evidence += _log_normal(value[t], mean, variance)
-            mean, variance = value[t], step_variance
+                evidence -= 0.5 * (_LOG_2PI + math.log(variance)) + math.log(scale[t])
+                evidence -= 0.5 * (error - mean) ** 2 / variance
+            mean, variance = memory * error, innovation
             continue
-        gain = precision[t] * variance
-        error = measured[t] - mean
-        evidence -= 0.5 * (math.log1p(gain) + precision[t] * error * error / (1.0 + gain))
-        mean += gain / (1.0 + gain) * error
-        variance /= 1.0 + gain
-        filtered[t, 0], filtered[t, 1] = mean, variance
-        variance += step_variance
+        predicted[t, 0], predicted[t, 1] = mean, variance
+        mean, variance = memory * mean, memory * memory * variance + innovation
+    ahead = 0.0
     for t in range(n - 1, -1, -1):
         if item[t] >= 0:
+            ahead = (value[t] - centre[t]) / scale[t]
             continue
-        mean, variance = filtered[t, 0], filtered[t, 1]
+        mean, variance = predicted[t, 0], predicted[t, 1]
         if t + 1 < n:
-            gain = variance / (variance + step_variance)
-            mean += gain * (value[t + 1] - mean)
-            variance *= 1.0 - gain
-        value[t] = mean + math.sqrt(variance) * latent[t]
+            gain = memory * variance / (memory * memory * variance + innovation)
+            mean += gain * (ahead - memory * mean)
+            variance *= 1.0 - memory * gain
+        ahead = mean + math.sqrt(variance) * latent[t]
+        value[t] = centre[t] + scale[t] * ahead
     return evidence

@@ -34,12 +34,9 @@ class StaticPath:
         Smoothed maximum a posteriori bearing (tangent) and log depth (depth in metres).
     lift : (T,) float
         Height of the pelvis above the optical axis over its depth (tangent), smoothed.
-    measured : (T, 2) float
-        What each frame's detections alone say of bearing and log depth: the centre of the
-        Gaussian that stands for the frame's likelihood.
-    precision : (T, 2) float
-        Inverse variance of ``measured``, correlation between frames already taken into
-        account; 0 where the frame says nothing.
+    deviation : (T, 2) float
+        By how much bearing and log depth may be off, standard deviations; slow errors, about
+        the same for seconds.
     poses : (T, 16, 3) float
         Joints relative to the pelvis in camera axes, metres, for a body of the reference
         stature; frames without a trustworthy pose are filled in.
@@ -49,8 +46,7 @@ class StaticPath:
 
     estimate: Array
     lift: Array
-    measured: Array
-    precision: Array
+    deviation: Array
     poses: Array
     posed: NDArray[np.bool_]
 
@@ -59,16 +55,15 @@ class StaticPath:
         for name, shape in (
             ("estimate", (n, 2)),
             ("lift", (n,)),
-            ("measured", (n, 2)),
-            ("precision", (n, 2)),
+            ("deviation", (n, 2)),
             ("poses", (n, N_JOINTS, 3)),
         ):
             array = read_only(getattr(self, name), shape=shape, name=f"static path {name}")
             if not np.isfinite(array).all():
                 raise InputError(f"static path: {name} is not finite")
             object.__setattr__(self, name, array)
-        if np.any(self.precision < 0):
-            raise InputError("static path: precision is negative")
+        if np.any(self.deviation <= 0):
+            raise InputError("static path: a deviation is not positive")
 
     @property
     def pelvis(self) -> Array:

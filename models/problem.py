@@ -42,8 +42,9 @@ class Problem(NamedTuple):
     confidence_density: Array  # (T, 16, 2) p0(c), p1(c)
     error_scale: Array  # (T, 16, 2) pixels
     error_dof: Array  # (T, 16, 2)
-    measured: Array  # (T, 2) bearing, log depth
-    precision: Array  # (T, 2)
+    path_centre: Array  # (T, 2) bearing, log depth of the pelvis without scenelets
+    path_scale: Array  # (T, 2) by how much it may be off
+    path_memory: Array  # (2,) correlation of that from frame to frame
     lift: Array  # (T,)
     poses: Array  # (T, 16, 3) camera axes, metres
     static_density: Array  # (2, T, 16, 2) p(u, c | hidden), p(u, c | seen) at the frame's own
@@ -60,7 +61,6 @@ class Problem(NamedTuple):
     camera_mean: Array  # (5,)
     camera_precision: Array  # (5, 5)
     camera_constant: float
-    step_variance: Array  # (2,)
     start_mean: Array  # (2,)
     start_variance: Array  # (2,)
     size_spread: float
@@ -156,7 +156,7 @@ def pack_problem(
     nats = np.zeros(len(fields(PaperWeights)))
     if settings.energy == "paper":
         nats = settings.paper_nats * settings.likelihood * np.array(astuple(PaperWeights()))
-    bend = np.sqrt(10.0 / clip.fps)  # the walk was measured at 10 frames a second
+    centre, deviation, memory = _path_prior(path, settings, clip.fps)
     return Problem(
         fx=nominal.fx, fy=nominal.fy, cx=nominal.cx, cy=nominal.cy,
         keypoints=keypoints,
@@ -165,8 +165,9 @@ def pack_problem(
         confidence_density=confidence,
         error_scale=scale,
         error_dof=dof,
-        measured=path.measured,
-        precision=path.precision * settings.likelihood,
+        path_centre=centre,
+        path_scale=deviation,
+        path_memory=memory,
         lift=path.lift,
         poses=path.poses,
         static_density=static,
@@ -182,9 +183,8 @@ def pack_problem(
         camera_mean=camera.mean,
         camera_precision=np.linalg.inv(camera.covariance).astype(np.float64),
         camera_constant=-0.5 * float(np.linalg.slogdet(2 * np.pi * camera.covariance)[1]),
-        step_variance=(bend * np.array([settings.walk_bearing, settings.walk_log_depth])) ** 2,
-        start_mean=np.array([0.0, np.log(settings.start_depth)]),
-        start_variance=np.array([settings.start_bearing, settings.start_log_depth]) ** 2,
+        start_mean=_start_mean(settings),
+        start_variance=_start_deviation(settings) ** 2,
         size_spread=settings.size_spread,
         frame_weight=settings.frame_weight * 10.0 / clip.fps,
         swap_begins=min(0.5, settings.swap_rate / clip.fps),
@@ -200,6 +200,30 @@ def pack_problem(
         likelihood=settings.likelihood,
         paper_nats=nats,
     )  # fmt: skip
+
+
+def _start_mean(settings: ModelSettings) -> Array:
+    """Bearing and log depth of somebody nobody has looked at."""
+    return np.array([0.0, np.log(settings.start_depth)])
+
+
+def _start_deviation(settings: ModelSettings) -> Array:
+    return np.array([settings.start_bearing, settings.start_log_depth])
+
+
+def _path_prior(
+    path: StaticPath, settings: ModelSettings, fps: float
+) -> tuple[Array, Array, Array]:
+    """Centre (T, 2), scale (T, 2) and memory (2,) of the path without scenelets."""
+    if settings.likelihood > 0:
+        seconds = np.array([settings.memory_bearing, settings.memory_depth])
+        return np.array(path.estimate), np.array(path.deviation), np.exp(-1.0 / (fps * seconds))
+    # Nobody has looked at the clip: somebody walks about in the middle of the room.
+    size = (len(path.lift), 1)
+    deviation = _start_deviation(settings)
+    walk = np.array([settings.walk_bearing, settings.walk_log_depth]) * np.sqrt(10.0 / fps)
+    memory: Array = np.sqrt(1.0 - (walk / deviation) ** 2)
+    return np.tile(_start_mean(settings), size), np.tile(deviation, size), memory
 
 
 def _static_residual(camera: Camera, path: StaticPath, keypoints: Array) -> Array:

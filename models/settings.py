@@ -35,11 +35,13 @@ class ModelSettings:
     surprise : float
         Probability that a joint is hidden although nothing known is in its way, or seen
         although something is.
+    memory_bearing, memory_depth : float
+        Seconds in which the static path's errors across and along the view forget themselves.
     walk_bearing, walk_log_depth : float
         Standard deviation of one frame's step of the pelvis at 10 frames a second: tangent
-        of the bearing, and log metres.
+        of the bearing, and log metres. Of a person nobody has looked at yet.
     start_bearing, start_log_depth : float
-        Standard deviations of where the person is first seen.
+        Standard deviations of where that person is.
     start_depth : float
         Metres; median depth there.
     size_spread : float
@@ -79,6 +81,8 @@ class ModelSettings:
     pose_tolerance: float = calibrated("pose.tolerance")
     sight_width: float = 0.04
     surprise: float = 0.02
+    memory_bearing: float = calibrated("bias.time_across")
+    memory_depth: float = calibrated("bias.time_along")
     walk_bearing: float = calibrated("walk.bearing")
     walk_log_depth: float = calibrated("walk.log_depth")
     start_bearing: float = 0.25
@@ -98,7 +102,7 @@ class ModelSettings:
     def __post_init__(self) -> None:
         for name in (
             "frame_weight", "swap_rate", "swap_length", "pose_tolerance", "sight_width",
-            "walk_bearing", "walk_log_depth",
+            "walk_bearing", "walk_log_depth", "memory_bearing", "memory_depth",
             "start_bearing", "start_log_depth", "start_depth", "scenelet_rate", "size_spread",
             "joint_step", "paper_nats",
         ):  # fmt: skip

@@ -38,8 +38,7 @@ class Experiment:
     """All of a problem that is not data: what is observed is drawn, how is given.
 
     Free frames of the model are centred on the static path's own fit, which is an estimate from
-    the data. Here it is given, so that its pixels are a constant of the density of data; and it
-    carries no measurements, for these would be the same data again.
+    the data. Here it is given, so that its pixels are a constant of the density of data.
 
     Parameters
     ----------
@@ -47,7 +46,7 @@ class Experiment:
         Camera, frame rate and, by confidences above 0 in its only track, which joints are
         detected in which frame.
     path : StaticPath
-        The person where no scenelet is; of precision 0.
+        The person where no scenelet is.
     camera : CameraPrior
     library : Library
     settings : ModelSettings
@@ -69,10 +68,10 @@ class Experiment:
 
     def __post_init__(self) -> None:
         weight = self.settings.frame_weight * 10.0 / self.clip.fps
-        if self.path.precision.any() or self.settings.smoothness_cost or weight != 1.0:
+        if self.settings.smoothness_cost or weight != 1.0:
             raise InputError(
-                f"clip {self.clip.name}: data can be drawn from a model only in which the path has "
-                "no measurements, jumps between poses cost nothing and frames have weight 1"
+                f"clip {self.clip.name}: data can be drawn from a model only in which jumps "
+                "between poses cost nothing and frames have weight 1"
             )
 
     @property

@@ -21,7 +21,7 @@ from imapper_prob.models.posterior import State, terms
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.skeleton import PELV
 
-__all__ = ["draw_layout", "draw_state"]
+__all__ = ["draw_layout", "draw_state", "path_in_view"]
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -33,9 +33,8 @@ _TRIES = 10_000
 def draw_state(rng: np.random.Generator, problem: Problem) -> State:
     """One scene from the prior, the costs of collision, motion and ground included.
 
-    Exact if the prior is a density over scenes: of the path no measurements (their precision is
-    0), no cost of free frames nor of jumps between poses. With the likelihood switched off all
-    that holds, and no scene is refused.
+    Exact if the prior is a density over scenes: no cost of free frames nor of jumps between
+    poses. With the likelihood switched off that holds, and no scene is refused.
 
     Raises
     ------
@@ -43,10 +42,10 @@ def draw_state(rng: np.random.Generator, problem: Problem) -> State:
         The problem has no such prior, or its scenes are refused all but surely.
     """
     unknown = problem.likelihood and (problem.free_cost.any() or problem.smoothness_cost)
-    if problem.precision.any() or unknown or problem.of_paper:
+    if unknown or problem.of_paper:
         raise InputError(
-            "scenes can be drawn from the prior of a problem only if its path has no measurements "
-            "and neither free frames nor jumps between poses cost anything"
+            "scenes can be drawn from the prior of a problem only if neither free frames nor "
+            "jumps between poses cost anything"
         )
     for _ in range(_TRIES):
         state = _unhindered(rng, problem)
@@ -89,19 +88,29 @@ def _unhindered(rng: np.random.Generator, problem: Problem) -> State:
     camera, items = _draw_camera(rng, problem), draw_layout(rng, problem)
     placements = np.empty((len(items), 3))
     sizes = problem.size_spread * rng.standard_normal(len(items))
-    mean, variance, at = problem.start_mean, problem.start_variance, 0
+    # Errors of the static path in units of their deviation, known in frame `at` if there was one.
+    error, at = np.zeros(2), -math.inf
     for index, (scenelet, start) in enumerate(items.tolist()):
-        # From frame `at`, of which mean and variance are known, to the first of the scenelet.
-        spread = np.sqrt(variance + (start - at) * problem.step_variance)
-        seen = mean + spread * rng.standard_normal(2)
+        kept = problem.path_memory ** (start - at)
+        error = kept * error + np.sqrt(1 - kept**2) * rng.standard_normal(2)
+        centre, scale = path_in_view(problem, camera, start)
+        seen = centre + scale * error
         body, yaw = math.exp(camera[3] + sizes[index]), rng.uniform(-math.pi, math.pi)
         own = slice(*problem.joint_first[scenelet : scenelet + 2])
         pelvis = body * _turned(problem.joints[own, PELV], yaw)
         placements[index] = (*(_on_floor(camera, seen, pelvis[0, 2]) - pelvis[0, :2]), yaw)
         last = pelvis[-1] + (*placements[index, :2], 0.0)
-        mean, variance = _as_seen(camera, last), problem.step_variance
-        at = start + len(pelvis)
+        at = start + len(pelvis) - 1
+        centre, scale = path_in_view(problem, camera, at)
+        error = (_as_seen(camera, last) - centre) / scale
     return State(camera, items, placements, sizes, rng.standard_normal((problem.n_frames, 2)))
+
+
+def path_in_view(problem: Problem, camera: Array, frame: int) -> tuple[Array, Array]:
+    """Centre and scale (2,) of bearing and log depth of the path in a frame, to this camera."""
+    unit = np.array([math.exp(-camera[2]), 1.0])
+    centre = unit * problem.path_centre[frame] + [0.0, camera[2] + camera[3]]
+    return centre, unit * problem.path_scale[frame]
 
 
 def _draw_camera(rng: np.random.Generator, problem: Problem) -> Array:

@@ -96,6 +96,12 @@ def _correlation_time(evidence: Sequence[Seen]) -> Number:
     return correlation_length(series) * seconds
 
 
+def _memory(evidence: Sequence[Placed], errors: Sequence[Array]) -> Number:
+    """Seconds after which a first-order chain of the same autocorrelation has lost all but 1/e."""
+    seconds = evidence[0].detections.gap / evidence[0].clip.fps
+    return float(correlation_length([error[:, None] for error in errors]) * seconds / 2)
+
+
 def _swap_runs(evidence: Sequence[Seen]) -> tuple[float, float, float]:
     """How many runs of swapped frames there are, and seconds swapped and seen."""
     runs = swapped = seen = 0.0
@@ -282,6 +288,16 @@ FROM_PATH: Final = (
         lambda evidence: root_mean_square(
             np.concatenate([e.path.across[:, 0] for e in evidence])
         ),
+    ),
+    Estimator(
+        "bias.time_along", "s", "time in which the slow error of depth forgets itself",
+        "half the integrated autocorrelation of that error",
+        lambda evidence: _memory(evidence, [e.path.log_depth for e in evidence]),
+    ),
+    Estimator(
+        "bias.time_across", "s", "time in which the slow error across the view forgets itself",
+        "half the integrated autocorrelation of that error",
+        lambda evidence: _memory(evidence, [e.path.across[:, 0] for e in evidence]),
     ),
     Estimator(
         "body.log_scale", "log", "spread of stature about the reference body",

@@ -116,7 +116,7 @@ def short_clip(library: Library, *, every: int) -> Experiment:
     return Experiment(
         Clip("short", NOMINAL_CAMERA, 10.0, np.arange(FRAMES), (track,)),
         StaticPath(
-            seen, pelvis[:, 2] / pelvis[:, 1], seen, np.zeros_like(seen), poses,
+            seen, pelvis[:, 2] / pelvis[:, 1], np.tile([0.03, 0.2], (FRAMES, 1)), poses,
             np.ones(FRAMES, bool),
         ),
         CameraPrior(np.array(mean), np.diag([0.02, 0.06, 0.04, 0.04, 0.015]) ** 2),

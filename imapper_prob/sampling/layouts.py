@@ -18,7 +18,7 @@ from imapper_prob.models.scenelet import Library
 
 __all__ = [
     "Layouts", "group_layouts", "match_objects", "merged_objects", "placed_objects",
-    "same_objects",
+    "representatives", "same_objects",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
@@ -33,18 +33,22 @@ def merged_objects(problem: Problem, library: Library, state: State) -> tuple[Sc
     whose scenelet improves the scene most.
     """
     placed = placed_objects(state, library)
-    kept = []
-    total = None
-    for group in same_objects(placed, problem.merge_angle):
-        best = min(group)
-        if len(group) > 1:
-            total = log_posterior(problem, state) if total is None else total
-            gains = {
-                k: total - log_posterior(problem, state.without_item(placed[k][0])) for k in group
-            }
-            best = max(group, key=lambda k: gains[k])
-        kept.append(best)
-    return tuple(placed[k][1] for k in sorted(kept))
+    groups = same_objects(placed, problem.merge_angle)
+    return tuple(placed[k][1] for k in sorted(representatives(problem, state, placed, groups)))
+
+
+def representatives(
+    problem: Problem,
+    state: State,
+    placed: Sequence[tuple[int, SceneObject]],
+    groups: Sequence[Sequence[int]],
+) -> list[int]:
+    """Of each group of objects that are one, that whose scenelet improves the scene most."""
+
+    def rest(k: int) -> float:
+        return log_posterior(problem, state.without_item(placed[k][0]))
+
+    return [min(group, key=rest) if len(group) > 1 else group[0] for group in groups]
 
 
 def placed_objects(state: State, library: Library) -> list[tuple[int, SceneObject]]:

@@ -5,8 +5,9 @@ scenelet, a middle frame and a placement, and is blurred around it in time, alon
 ray, across it and in yaw. Chains wander from scenelet to scenelet, and what can be born must
 be able to die: so all fits are there, bad ones with little weight. A small share of the mass
 goes to every scenelet at every start frame anywhere, so that no part of the support is out of
-reach and the density of any scenelet can be stated exactly. The size of its person comes from
-the prior, and a larger one is tried further away.
+reach and the density of any scenelet can be stated exactly. A larger person is tried further
+away, and one for whom the static path is too far or too near for their look is taken to be
+larger or smaller.
 """
 
 from __future__ import annotations
@@ -93,6 +94,8 @@ class Proposals:
     _centres: list[int] = field(init=False, repr=False)
     _before: list[float] = field(init=False, repr=False)  # (W + 1,) weight of earlier windows
     _cumulative: Array = field(init=False, repr=False)  # (W, L) of a window's weights
+    _sizes: Array = field(init=False, repr=False)  # (W, L) mean log size of a candidate's person
+    _size_spreads: list[float] = field(init=False, repr=False)  # (W,) and its deviation
 
     def __post_init__(self) -> None:
         cumulative = self.candidates.weights.cumsum(1)
@@ -103,6 +106,16 @@ class Proposals:
         object.__setattr__(self, "_centres", self.candidates.centres.tolist())
         object.__setattr__(self, "_before", before.tolist())
         object.__setattr__(self, "_cumulative", cumulative)
+        # What two normal laws, of sizes and of the path's depth, make of a look together.
+        problem, centres = self.problem, self.candidates.centres
+        depth = problem.path_centre[centres, 1] + problem.camera_mean[2] + problem.camera_mean[3]
+        known = self.candidates.weights > 0
+        own = np.log(np.where(known, self.candidates.placements[..., 1], 1.0))
+        doubt, spread = problem.path_scale[centres, 1] ** 2, problem.size_spread**2
+        sizes = np.where(known, depth[:, None] - own, 0.0) * (spread / (spread + doubt))[:, None]
+        deviation = np.sqrt(spread * doubt / (spread + doubt))
+        object.__setattr__(self, "_sizes", sizes)
+        object.__setattr__(self, "_size_spreads", deviation.tolist())
 
     def middle(self, scenelet: int, start: int) -> int:
         """Middle frame of a scenelet."""
@@ -176,7 +189,6 @@ class Proposals:
         """
         runs = self._open(others, around, window)
         total = self._weight(runs)
-        size = self.problem.size_spread * float(rng.standard_normal())
         if total > 0 and rng.random() > _ANYWHERE:
             which = self._pick(runs, rng.random() * total)
             own = self._cumulative[which]
@@ -184,6 +196,8 @@ class Proposals:
             shift = int(rng.integers(-self.blur, self.blur + 1))
             start = self._centres[which] - self._lengths[scenelet] // 2 + shift
             x, y, yaw = self.candidates.placements[which, scenelet].tolist()
+            size = float(self._sizes[which, scenelet])
+            size += self._size_spreads[which] * float(rng.standard_normal())
             shrunk, further = self._seen_from(camera, size)
             across, along, around_z = _SPREADS[int(rng.integers(len(_SPREADS)))]
             step = rng.standard_normal(3).tolist()
@@ -200,6 +214,7 @@ class Proposals:
         bearing, log_depth = mean + spread * rng.standard_normal(2)
         depth = math.exp(log_depth)
         turn = rng.uniform(-math.pi, math.pi)
+        size = self.problem.size_spread * float(rng.standard_normal())
         return scenelet, start, np.array([bearing * depth, depth, turn]), size
 
     def log_density(
@@ -224,7 +239,8 @@ class Proposals:
         first, last = self._starts(scenelet, around, window)
         density = 0.0
         if first <= start <= last:
-            log_anywhere = -math.log(2 * math.pi)
+            log_anywhere = log_size_density(size, self.problem.size_spread)
+            log_anywhere -= math.log(2 * math.pi)
             for value, mean, variance in zip(
                 (bearing, log_depth), self.problem.start_mean, self.problem.start_variance,
                 strict=True,
@@ -246,6 +262,8 @@ class Proposals:
             cx, cy, turn = self.candidates.placements[which, scenelet].tolist()
             # A window's weight over all windows, times the scenelet's over the window's.
             share = weight / total * (1 - _ANYWHERE) / len(_SPREADS) / (2 * self.blur + 1)
+            own = size - float(self._sizes[which, scenelet])
+            share *= math.exp(log_size_density(own, self._size_spreads[which]))
             off, beyond = bearing - shrunk * cx / cy, log_depth - further - math.log(cy)
             for across, along, around_z in _SPREADS:
                 exponent = -0.5 * ((off / across) ** 2 + (beyond / along) ** 2)
@@ -254,5 +272,4 @@ class Proposals:
         if density == 0:
             return -math.inf
         to_floor = -2 * log_depth  # |d(bearing, log depth) / d(x, y)| = 1 / y^2
-        of_size = log_size_density(size, self.problem.size_spread)
-        return to_floor + of_size + math.log(density)
+        return to_floor + math.log(density)

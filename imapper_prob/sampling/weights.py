@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from imapper_prob.models.incremental import Incremental
 from imapper_prob.models.posterior import State, empty_state, log_posterior
 from imapper_prob.sampling.proposals import Candidates
-from imapper_prob.staged.candidates import Candidate, furniture_kinds
+from imapper_prob.staged.candidates import Candidate, along_the_ray, furniture_kinds
 from imapper_prob.staged.solver import Solution
 
 __all__ = ["weighted_candidates"]
@@ -52,8 +52,8 @@ def weighted_candidates(solution: Solution) -> Candidates:
         gains = np.full(len(guesses), -np.inf)
         for scenelet in order[np.isfinite(guesses[order])].tolist():
             start = centre - int(half[scenelet])
-            placed = scene.with_item(scenelet, start, fits.placements[window, scenelet])
-            gains[scenelet] = judge(placed) - nothing
+            placed = along_the_ray(problem, centre, fits.placements[window, scenelet])
+            gains[scenelet] = judge(scene.with_item(scenelet, start, *placed)) - nothing
         known = np.isfinite(gains)
         if not known.any():
             continue

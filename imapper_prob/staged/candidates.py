@@ -19,7 +19,7 @@ from imapper_prob.models.posterior import State, empty_state, log_posterior
 from imapper_prob.models.problem import Problem
 from imapper_prob.staged.fit import Fits
 
-__all__ = ["Candidate", "ScreenSettings", "furniture_kinds", "refine", "screen"]
+__all__ = ["Candidate", "ScreenSettings", "along_the_ray", "furniture_kinds", "refine", "screen"]
 
 Array = NDArray[np.float64]
 Progress = Callable[[str, float], None]
@@ -49,6 +49,8 @@ class Candidate:
         Index in the library, and start frame.
     placement : (3,) float
         x, y in metres, yaw in radians.
+    size : float
+        Log size of the person.
     gain : float
         Nats by which it alone improves on the scene without any scenelet.
     kind : tuple of int
@@ -60,6 +62,7 @@ class Candidate:
     scenelet: int
     start: int
     placement: Array
+    size: float
     gain: float
     kind: tuple[int, ...]
     window: int
@@ -100,10 +103,10 @@ def screen(
             if len(own) == settings.each_kind or not np.isfinite(fits.cost[w, scenelet]):
                 continue
             start = centre - int(problem.lengths[scenelet]) // 2
-            placement = fits.placements[w, scenelet]
-            gain = log_posterior(problem, empty.with_item(scenelet, start, placement)) - base
+            placed = along_the_ray(problem, centre, fits.placements[w, scenelet])
+            gain = log_posterior(problem, empty.with_item(scenelet, start, *placed)) - base
             if np.isfinite(gain):
-                own.append(Candidate(scenelet, start, placement, gain, kinds[scenelet], w))
+                own.append(Candidate(scenelet, start, *placed, gain, kinds[scenelet], w))
         found += _refined(problem, empty, base, judged, settings)
         if progress is not None:
             progress("judging candidates", (w + 1) / len(fits.centres))
@@ -126,31 +129,57 @@ def _refined(
     for kind, own in judged.items():
         for rank, candidate in enumerate(sorted(own, key=lambda c: -c.gain)):
             if rank == 0 and kind and candidate.gain > enough:
-                state = empty.with_item(candidate.scenelet, candidate.start, candidate.placement)
+                state = empty.with_item(
+                    candidate.scenelet, candidate.start, candidate.placement, candidate.size
+                )
                 state = refine(problem, state)
-                gain = log_posterior(problem, state) - base
-                candidate = replace(candidate, placement=state.placements[0], gain=gain)
+                candidate = replace(
+                    candidate,
+                    placement=state.placements[0],
+                    size=float(state.sizes[0]),
+                    gain=log_posterior(problem, state) - base,
+                )
             result.append(candidate)
     return result
 
 
+def along_the_ray(problem: Problem, frame: int, placement: Array) -> tuple[Array, float]:
+    """The most probable of all places that look the same, and the log size it takes.
+
+    A fit knows how large the person looks. How far away they are then depends on how large
+    they are, and on how far the static path has them in that frame; both are normal.
+
+    Parameters
+    ----------
+    placement : (3,) float
+        Of a person of the body's own size: x, y in metres, yaw in radians.
+    """
+    _, _, log_focal, log_body, _ = problem.camera_mean
+    apart = problem.path_centre[frame, 1] + log_focal + log_body - np.log(placement[1])
+    doubt, spread = problem.path_scale[frame, 1] ** 2, problem.size_spread**2
+    size = float(apart * spread / (spread + doubt))
+    return placement * [np.exp(size), np.exp(size), 1.0], size
+
+
 def refine(problem: Problem, state: State) -> State:
-    """Placements under the full posterior, one scenelet at a time, by Nelder and Mead."""
-    step = np.array([0.02, 0.05, 0.15])
+    """Placements and sizes under the full posterior, one scenelet at a time (Nelder and Mead)."""
+    # Of bearing, log depth, yaw, and of what a person's size leaves to the depth.
+    step = np.array([0.02, 0.05, 0.15, 0.05])
     for index in range(state.n_scenelets):
         x, y, yaw = state.placements[index]
-        start = np.array([x / y, np.log(y), yaw])
+        start = np.array([x / y, np.log(y), yaw, state.sizes[index] - np.log(y)])
 
-        def cost(theta: Array, index: int = index, state: State = state) -> float:
+        def placed(theta: Array, index: int = index, state: State = state) -> State:
             depth = np.exp(theta[1])
-            placed = state.with_placement(index, np.array([theta[0] * depth, depth, theta[2]]))
-            return -log_posterior(problem, placed)
+            placement = np.array([theta[0] * depth, depth, theta[2]])
+            return state.with_placement(index, placement, theta[3] + theta[1])
 
-        simplex = start + np.vstack([np.zeros(3), np.diag(step)])
+        simplex = start + np.vstack([np.zeros(4), np.diag(step)])
         result = minimize(
-            cost, start, method="Nelder-Mead", options={"maxfev": 60, "initial_simplex": simplex}
+            lambda theta, placed=placed: -log_posterior(problem, placed(theta)),
+            start,
+            method="Nelder-Mead",
+            options={"maxfev": 90, "initial_simplex": simplex},
         )
-        depth = np.exp(result.x[1])
-        placement = np.array([result.x[0] * depth, depth, result.x[2]])
-        state = state.with_placement(index, placement)
+        state = placed(result.x)
     return state

@@ -16,6 +16,7 @@ from imapper_prob.models.posterior import State, empty_state, log_posterior
 from imapper_prob.models.problem import Problem
 from imapper_prob.staged.candidates import Candidate, furniture_kinds, refine
 from imapper_prob.staged.maxima import CharnessCurve
+from imapper_prob.staged.polish import polish
 
 __all__ = ["CombineSettings", "combine"]
 
@@ -54,7 +55,7 @@ def combine(
     chosen = _diverse(problem, ranked, 1 + settings.alternatives)
     states = []
     for i, state in enumerate(chosen):
-        states.append(refine(problem, state))
+        states.append(polish(problem, refine(problem, state)))
         if progress is not None:
             progress("refining scenes", (i + 1) / len(chosen))
     return tuple(sorted(states, key=lambda s: -log_posterior(problem, s)))
@@ -78,7 +79,7 @@ def _beam_search(problem: Problem, groups: list[list[Candidate]], width: int) ->
         grown = list(beam)
         for _, state in beam:
             for c in group:
-                new = state.with_item(c.scenelet, c.start, c.placement)
+                new = state.with_item(c.scenelet, c.start, c.placement, c.size)
                 value = log_posterior(problem, new)
                 if np.isfinite(value):
                     grown.append((value, new))

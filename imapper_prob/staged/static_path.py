@@ -17,12 +17,11 @@ from imapper_prob.models.scene import Clip
 from imapper_prob.models.skeleton import DETECTED
 from imapper_prob.staged.lifted_poses import ANCESTORS, LiftedBody, joints_of, lifted_body
 from imapper_prob.staged.path_fit import (
+    REFERENCE_RATE,
     Motion,
     Observations,
     StaticPathSettings,
-    evidence,
     fit_motion,
-    length_terms,
     pixel_residuals,
 )
 
@@ -36,26 +35,20 @@ _JURY = 4
 """Number of confident joints that may do so."""
 _DEPTHS = (0.5, 30.0)
 """Metres between which a first guess of depth is believed."""
-_VAGUE = 1.0
-"""Standard deviation, in tangents and log metres, of a frame's place before it is looked at."""
 
 
 def estimate_static_path(
     clip: Clip, *, track: int = 0, settings: StaticPathSettings | None = None
 ) -> StaticPath:
-    """Maximum a posteriori path and poses of one person, and each frame's own measurement.
+    """Maximum a posteriori path and poses of one person, and how far off it may be.
 
     First the lifted bodies are placed as they are; poses that then contradict the confident
     detections are dropped and filled in from their neighbours. Then bones and place are
     fitted together.
 
-    ``measured`` is one Newton step of the frame's own likelihood away from the path, bones
-    and lift marginalised, and no further than three of its standard deviations, beyond which
-    a parabola says nothing. Its variance is ``(formal + bias) x correlation length``: the
-    formal variance is that of the full likelihood, the bias is slow (``bias_log_depth``,
-    ``bias_across`` over the depth) and the length is the number of frames that share it. A
-    model that averages the frames of a correlation time as if they were independent
-    is thus left with the bias, as it should be.
+    What is left are slow errors (``bias_log_depth``, and ``bias_across`` over the depth). Where
+    nobody was detected the person may have walked anywhere, as long as they are back in time:
+    ``deviation`` grows there by that of a walk between two known ends.
 
     Parameters
     ----------
@@ -95,12 +88,10 @@ def estimate_static_path(
         observations = observe(lifted_body(person, believed))
         motion = _place(observations, settings)
     motion = fit_motion(observations, motion, settings, free_bones=True, annealing=(4.0, 2.0))
-    measured, precision = _measure(observations, motion, settings)
     return StaticPath(
         estimate=motion.place[:, [0, 2]],
         lift=motion.place[:, 1],
-        measured=measured,
-        precision=precision,
+        deviation=_deviation(observations, motion, settings),
         poses=joints_of(motion.bones),
         posed=observations.body.known,
     )
@@ -166,29 +157,21 @@ def _contradicted(
     return result
 
 
-def _measure(
-    observations: Observations, motion: Motion, settings: StaticPathSettings
-) -> tuple[Array, Array]:
-    """Centre (T, 2) and inverse variance (T, 2) of bearing and log depth, frame by frame."""
-    information, pull = evidence(
-        observations, motion, settings, pixel_scale=settings.pixel_scale, free_bones=True
-    )
-    more, push = length_terms(observations.body, motion.bones, settings)
-    information[:, 3:, 3:] += more
-    pull[:, 3:] += push
-    place = np.arange(3)
-    information[:, place, place] += _VAGUE**-2
-    covariance = np.linalg.inv(information)
-    wanted = [0, 2]
-    step = (covariance @ pull[..., None])[:, wanted, 0]
-    formal = np.diagonal(covariance, axis1=1, axis2=2)[:, wanted]
+def _deviation(observations: Observations, motion: Motion, settings: StaticPathSettings) -> Array:
+    """(T, 2) by how much bearing and log depth may be off."""
     depth = np.exp(motion.place[:, 2])
     bias = np.stack(
         [settings.bias_across / depth, np.full_like(depth, settings.bias_log_depth)], -1
     )
-    variance = formal + bias**2
-    reach = 3 * np.sqrt(variance)
-    seen = (observations.confidences > 0).any(1, keepdims=True)
-    measured = motion.place[:, wanted] + np.where(seen, np.clip(step, -reach, reach), 0.0)
-    precision = np.where(seen, settings.frame_weight(observations.fps) / variance, 0.0)
-    return measured, precision
+    frames = np.arange(len(depth))
+    seen = np.flatnonzero((observations.confidences > 0).any(1))
+    after = np.searchsorted(seen, frames)
+    since = np.where(after > 0, frames - seen[after - 1], np.inf)
+    until = np.where(after < len(seen), seen[np.minimum(after, len(seen) - 1)] - frames, np.inf)
+    # Of a walk of unit steps that is known so many frames ago and so many frames ahead.
+    unknown = 1.0 / (1.0 / np.maximum(since, 1) + 1.0 / np.maximum(until, 1))
+    unknown[seen] = 0.0
+    step = np.array([settings.walk_bearing, settings.walk_log_depth])
+    step *= np.sqrt(REFERENCE_RATE / observations.fps)
+    result: Array = np.sqrt(bias**2 + unknown[:, None] * step**2)
+    return result

@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from imapper_prob.models.batched.layout import Layout
-from imapper_prob.models.batched.scan import affine_scan, fractional_scan
+from imapper_prob.models.batched.scan import affine_scan
 from imapper_prob.models.batched.tensors import ProblemTensors
 from imapper_prob.models.limits import NEAREST
 from imapper_prob.models.skeleton import PELV
@@ -70,50 +70,34 @@ def draw_path(
     placement = torch.where(layout.begins, jacobian, 0.0).sum(1)
 
     # The same pixels under another focal length and body size.
-    focal, body = camera[:, 2, None], camera[:, 3, None]
-    measured = torch.stack(
-        [tensors.measured[:, 0] / focal.exp(), tensors.measured[:, 1] + focal + body], -1
-    )
-    precision = torch.stack(
-        [
-            tensors.precision[:, 0] * (2 * focal).exp(),
-            tensors.precision[:, 1].expand(len(camera), -1),
-        ],
-        -1,
-    )
-    step = tensors.step_variance
-    bend = torch.where(covered, 0.0, precision)
-    variance_after = fractional_scan(
-        torch.where(covered, 0.0, 1 + precision * step),
-        step.expand_as(bend),
-        bend,
-        torch.ones_like(bend),
-        tensors.start_variance,
-    )
-    variance = _before(variance_after, tensors.start_variance)
-    gain = precision * variance
-    mean_after = affine_scan(
-        torch.where(covered, 0.0, 1 / (1 + gain)),
-        torch.where(covered, fixed, gain / (1 + gain) * measured),
-        tensors.start_mean,
-    )
-    mean = _before(mean_after, tensors.start_mean)
+    shrunk, further = (-camera[:, 2]).exp(), camera[:, 2] + camera[:, 3]
+    unit = torch.stack([shrunk, torch.ones_like(shrunk)], -1)[:, None]
+    offset = torch.stack([torch.zeros_like(further), further], -1)[:, None]
+    centre, scale = unit * tensors.path_centre + offset, unit * tensors.path_scale
+    error = (fixed - centre) / scale
 
-    arrival = -0.5 * (_LOG_2PI + variance.log() + (fixed - mean) ** 2 / variance)
-    update = -0.5 * (gain.log1p() + precision * (measured - mean) ** 2 / (1 + gain))
-    here = torch.where(begins, arrival, torch.where(covered, 0.0, update))
+    memory = tensors.path_memory
+    innovation = 1 - memory**2
+    keep = torch.where(covered, 0.0, memory.expand_as(error))
+    fresh = torch.zeros_like(memory)
+    mean_after = affine_scan(keep, torch.where(covered, memory * error, 0.0), fresh)
+    variance_after = affine_scan(keep**2, innovation.expand_as(error), fresh + 1)
+    mean, variance = _before(mean_after, fresh), _before(variance_after, fresh + 1)
+    arrival = -0.5 * (_LOG_2PI + variance.log() + (error - mean) ** 2 / variance) - scale.log()
+    evidence = torch.where(begins, arrival, 0.0).sum((1, 2))
 
     # Backwards: a frame given the next, and the last given nothing.
-    filtered = variance / (1 + gain)
-    pull = filtered / (filtered + step)
+    pull = memory * variance / (memory**2 * variance + innovation)
     pull = torch.cat([pull[:, :-1], torch.zeros_like(pull[:, -1:])], 1)
-    drawn = (1 - pull) * mean_after + (filtered * (1 - pull)).sqrt() * latent
-    path = affine_scan(
+    stays = 1 - memory * pull
+    drawn = stays * mean + (variance * stays).sqrt() * latent
+    errors = affine_scan(
         torch.where(covered, 0.0, pull).flip(1),
-        torch.where(covered, fixed, drawn).flip(1),
-        torch.zeros_like(step),
+        torch.where(covered, error, drawn).flip(1),
+        fresh,
     ).flip(1)
-    return here.sum((1, 2)), placement, path
+    path = torch.where(covered, fixed, centre + scale * errors)
+    return evidence, placement, path
 
 
 def pose_free_frames(

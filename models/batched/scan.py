@@ -10,7 +10,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-__all__ = ["affine_scan", "fractional_scan", "log_product"]
+__all__ = ["affine_scan", "log_product"]
 
 
 def _strides(n: int) -> list[int]:
@@ -29,24 +29,6 @@ def affine_scan(slope: Tensor, offset: Tensor, start: Tensor) -> Tensor:
         offset = _after(stride, offset[:, stride:] + later * offset[:, :-stride], offset)
         slope = _after(stride, later * slope[:, :-stride], slope)
     return slope * start + offset
-
-
-def fractional_scan(a: Tensor, b: Tensor, c: Tensor, d: Tensor, start: Tensor) -> Tensor:
-    """h_t = (a_t h_{t-1} + b_t) / (c_t h_{t-1} + d_t) for all t, from h_{-1} = ``start``.
-
-    Composing such maps multiplies their 2 x 2 matrices. All entries (S, T, ...) must be at
-    least 0: nothing is then ever subtracted, and no digits are lost.
-    """
-    for stride in _strides(a.shape[1]):
-        la, lb, lc, ld = (m[:, stride:] for m in (a, b, c, d))
-        ea, eb, ec, ed = (m[:, :-stride] for m in (a, b, c, d))
-        na, nb = la * ea + lb * ec, la * eb + lb * ed
-        nc, nd = lc * ea + ld * ec, lc * eb + ld * ed
-        # The map does not depend on the scale of its matrix, which would overflow.
-        size = (na + nb + nc + nd).detach()
-        a, b = _after(stride, na / size, a), _after(stride, nb / size, b)
-        c, d = _after(stride, nc / size, c), _after(stride, nd / size, d)
-    return (a * start + b) / (c * start + d)
 
 
 def log_product(matrices: Tensor) -> tuple[Tensor, Tensor]:

@@ -29,8 +29,9 @@ class ProblemTensors:
     squared_scale: Tensor  # (T, 16, 2) square pixels
     error_dof: Tensor
     log_static: Tensor  # (2, T, 16, 2)
-    measured: Tensor
-    precision: Tensor
+    path_centre: Tensor
+    path_scale: Tensor
+    path_memory: Tensor
     lift: Tensor
     poses: Tensor
     free_cost: Tensor
@@ -43,9 +44,6 @@ class ProblemTensors:
     log_rate: Tensor
     camera_mean: Tensor
     camera_precision: Tensor
-    step_variance: Tensor
-    start_mean: Tensor
-    start_variance: Tensor
 
 
 def to_tensors(
@@ -79,8 +77,9 @@ def to_tensors(
         squared_scale=real(problem.error_scale**2),
         error_dof=real(problem.error_dof),
         log_static=real(np.log(np.maximum(problem.static_density, smallest))),
-        measured=real(problem.measured),
-        precision=real(problem.precision),
+        path_centre=real(problem.path_centre),
+        path_scale=real(problem.path_scale),
+        path_memory=real(problem.path_memory),
         lift=real(problem.lift),
         poses=real(problem.poses),
         free_cost=real(problem.free_cost),
@@ -93,7 +92,4 @@ def to_tensors(
         log_rate=real(problem.log_rate),
         camera_mean=real(problem.camera_mean),
         camera_precision=real(problem.camera_precision),
-        step_variance=real(problem.step_variance),
-        start_mean=real(problem.start_mean),
-        start_variance=real(problem.start_variance),
     )

@@ -92,7 +92,7 @@ class Memory(NamedTuple):
     logs: Array  # (4, T) see weigh
     bench: Singles  # (BENCH,)
     desk: Array  # (DESK,)
-    filtered: Array  # (T, 6)
+    predicted: Array  # (T, 6)
 
 
 _CACHE_LINE = 64
@@ -182,5 +182,5 @@ def new_memory(problem: Problem, capacity: int) -> Memory:
         logs=zeros(4, n_frames),
         bench=singles(BENCH),
         desk=zeros(DESK),
-        filtered=zeros(n_frames, 6),
+        predicted=zeros(n_frames, 6),
     )

@@ -16,8 +16,6 @@ __all__ = ["find_path"]
 Array = NDArray[np.float64]
 
 _LOG_2PI = math.log(2 * math.pi)
-_LARGE = 1e100
-"""Products of variances grow to this before their logarithm is taken."""
 _STILL = 1e-9
 """A pelvis whose bearing and log depth changed by less than this since its frame was last
 worked out counts as where it was. That is a few nanometres, a hundredth of what lines of sight
@@ -39,58 +37,53 @@ def _segment(
 
     The chain of :mod:`imapper_prob.models.chain` from the last pelvis of ``left`` up to and
     with the first pelvis of ``right``. The path drawn is left in the last two columns of
-    ``memory.filtered``. Returns nats.
+    ``memory.predicted``. Returns nats.
     """
-    filtered, pelvis = memory.filtered, memory.pelvis
-    if left >= 0:
-        bearing, depth = pelvis[left, 2], pelvis[left, 3]
-        doubt, depth_doubt = problem.step_variance[0], problem.step_variance[1]
-    else:
-        bearing, depth = problem.start_mean[0], problem.start_mean[1]
-        doubt, depth_doubt = problem.start_variance[0], problem.start_variance[1]
-    step, depth_step = problem.step_variance[0], problem.step_variance[1]
+    predicted, pelvis = memory.predicted, memory.pelvis
+    centres, scales = problem.path_centre, problem.path_scale
     # The same pixels under another focal length and body size.
-    focal, offset = math.exp(camera[2]), camera[2] + camera[3]
-    precisions, measured = problem.precision, problem.measured
-    # Both coordinates in one loop: while one waits for a division, the other goes on.
-    cost, grown, log_grown = 0.0, 1.0, 0.0
+    shrunk, offset = math.exp(-camera[2]), camera[2] + camera[3]
+    keep, depth_keep = problem.path_memory[0], problem.path_memory[1]
+    new, depth_new = 1.0 - keep * keep, 1.0 - depth_keep * depth_keep
+    if left >= 0:
+        t = first - 1
+        bearing = keep * (pelvis[left, 2] - shrunk * centres[t, 0]) / (shrunk * scales[t, 0])
+        depth = depth_keep * (pelvis[left, 3] - offset - centres[t, 1]) / scales[t, 1]
+        doubt, depth_doubt = new, depth_new
+    else:
+        bearing, depth, doubt, depth_doubt = 0.0, 0.0, 1.0, 1.0
     for t in range(first, last):
-        precision, depth_precision = focal * focal * precisions[t, 0], precisions[t, 1]
-        error, depth_error = measured[t, 0] / focal - bearing, measured[t, 1] + offset - depth
-        growth, depth_growth = 1.0 + precision * doubt, 1.0 + depth_precision * depth_doubt
-        doubt, depth_doubt = doubt / growth, depth_doubt / depth_growth
-        cost += precision * error * error / growth
-        cost += depth_precision * depth_error * depth_error / depth_growth
-        bearing += precision * doubt * error
-        depth += depth_precision * depth_doubt * depth_error
-        grown *= growth * depth_growth
-        if grown > _LARGE:
-            log_grown += math.log(grown)
-            grown = 1.0
-        filtered[t, 0], filtered[t, 1], filtered[t, 2], filtered[t, 3] = (
+        predicted[t, 0], predicted[t, 1], predicted[t, 2], predicted[t, 3] = (
             bearing, doubt, depth, depth_doubt,
         )  # fmt: skip
-        doubt += step
-        depth_doubt += depth_step
-    evidence = -0.5 * (cost + log_grown + math.log(grown))
-    ahead, depth_ahead = 0.0, 0.0
+        bearing *= keep
+        depth *= depth_keep
+        doubt = keep * keep * doubt + new
+        depth_doubt = depth_keep * depth_keep * depth_doubt + depth_new
+    evidence, ahead, depth_ahead = 0.0, 0.0, 0.0
     if right >= 0:
-        ahead, depth_ahead = pelvis[right, 0], pelvis[right, 1]
+        width, depth_width = shrunk * scales[last, 0], scales[last, 1]
+        ahead = (pelvis[right, 0] - shrunk * centres[last, 0]) / width
+        depth_ahead = (pelvis[right, 1] - offset - centres[last, 1]) / depth_width
         error, depth_error = ahead - bearing, depth_ahead - depth
-        evidence -= _LOG_2PI + 0.5 * math.log(doubt * depth_doubt)
+        evidence -= _LOG_2PI + 0.5 * math.log(doubt * depth_doubt) + math.log(width * depth_width)
         evidence -= 0.5 * (error * error / doubt + depth_error * depth_error / depth_doubt)
     for t in range(last - 1, first - 1, -1):
         bearing, doubt, depth, depth_doubt = (
-            filtered[t, 0], filtered[t, 1], filtered[t, 2], filtered[t, 3],
+            predicted[t, 0], predicted[t, 1], predicted[t, 2], predicted[t, 3],
         )  # fmt: skip
         if t + 1 < len(latent):
-            gain, depth_gain = doubt / (doubt + step), depth_doubt / (depth_doubt + depth_step)
-            bearing += gain * (ahead - bearing)
-            depth += depth_gain * (depth_ahead - depth)
-            doubt, depth_doubt = doubt * (1.0 - gain), depth_doubt * (1.0 - depth_gain)
+            gain = keep * doubt / (keep * keep * doubt + new)
+            depth_gain = depth_keep * depth_doubt
+            depth_gain /= depth_keep * depth_keep * depth_doubt + depth_new
+            bearing += gain * (ahead - keep * bearing)
+            depth += depth_gain * (depth_ahead - depth_keep * depth)
+            doubt *= 1.0 - keep * gain
+            depth_doubt *= 1.0 - depth_keep * depth_gain
         ahead = bearing + math.sqrt(doubt) * latent[t, 0]
         depth_ahead = depth + math.sqrt(depth_doubt) * latent[t, 1]
-        filtered[t, 4], filtered[t, 5] = ahead, depth_ahead
+        predicted[t, 4] = shrunk * (centres[t, 0] + scales[t, 0] * ahead)
+        predicted[t, 5] = offset + centres[t, 1] + scales[t, 1] * depth_ahead
     return evidence
 
 
@@ -109,7 +102,7 @@ def find_path(
     n_frames = len(problem.lift)
     before, after, cover, role = memory.slots[0], memory.slots[1], memory.cover, memory.role
     pose_at, moved, rows = memory.pose_at, memory.moved, memory.pose_row
-    path, drawn = memory.path, memory.filtered
+    path, drawn = memory.path, memory.predicted
     for t in range(n_frames):
         moved[t] = 0
         rows[t] = t + n_frames * np.int64(pose_at[t])

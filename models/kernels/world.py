@@ -128,23 +128,15 @@ def _path(
             if t == 0 or item_of[t] != item_of[t - 1]:
                 # From (bearing, log depth) of the first pelvis to (x, y), and a uniform yaw.
                 placement += math.log(cr * cp / (depth * depth)) - math.log(2 * math.pi)
-    evidence = 0.0
-    filtered = np.empty((n_frames, 2))
-    measured = np.empty(n_frames)
-    precision = np.empty(n_frames)
+    evidence, predicted = 0.0, np.empty((n_frames, 2))
     for axis in range(2):
-        for t in range(n_frames):
-            # The same pixels under another focal length and body size.
-            if axis == 0:
-                measured[t] = problem.measured[t, 0] / focal
-                precision[t] = problem.precision[t, 0] * focal * focal
-            else:
-                measured[t] = problem.measured[t, 1] + camera[2] + camera[3]
-                precision[t] = problem.precision[t, 1]
+        # The same pixels under another focal length and body size.
+        unit = 1.0 / focal if axis == 0 else 1.0
+        offset = 0.0 if axis == 0 else camera[2] + camera[3]
         evidence += chain(
-            values[axis], item_of, measured, precision, latent[:, axis],
-            problem.start_mean[axis], problem.start_variance[axis],
-            problem.step_variance[axis], filtered,
+            values[axis], item_of, unit * problem.path_centre[:, axis] + offset,
+            unit * problem.path_scale[:, axis], latent[:, axis], problem.path_memory[axis],
+            predicted,
         )  # fmt: skip
     for t in range(n_frames):
         if item_of[t] < 0:

@@ -10,44 +10,39 @@ from scipy.stats import multivariate_normal
 
 from imapper_prob.models.chain import chain
 
-START, START_VAR, STEP = 0.3, 0.5, 0.04
+MEMORY = 0.85
 
 
 def dense(
-    item: np.ndarray, value: np.ndarray, measured: np.ndarray, precision: np.ndarray
+    item: np.ndarray, value: np.ndarray, centre: np.ndarray, scale: np.ndarray
 ) -> tuple[float, np.ndarray, np.ndarray]:
     """Evidence, mean and covariance of the free frames, by linear algebra on all of them."""
     n = len(item)
     fixed, free = np.flatnonzero(item >= 0), np.flatnonzero(item < 0)
-    # Joint precision of the chain over all frames, steps inside a scenelet left out.
-    matrix, shift, constant = np.zeros((n, n)), np.zeros(n), 0.0
+    # Joint precision of the errors in all frames, steps inside a scenelet left out.
+    matrix, constant = np.zeros((n, n)), 0.0
     for t in range(n):
         if t > 0 and item[t] >= 0 and item[t] == item[t - 1]:
             continue
-        variance = START_VAR if t == 0 else STEP
+        variance = 1.0 if t == 0 else 1 - MEMORY**2
+        constant -= 0.5 * np.log(2 * np.pi * variance) + np.log(scale[t])
         matrix[t, t] += 1 / variance
-        constant -= 0.5 * np.log(2 * np.pi * variance)
-        if t == 0:
-            shift[t] += START / variance
-            constant -= 0.5 * START**2 / variance
-        else:
-            matrix[t - 1, t - 1] += 1 / variance
-            matrix[t, t - 1] -= 1 / variance
-            matrix[t - 1, t] -= 1 / variance
-    for t in free:
-        matrix[t, t] += precision[t]
-        shift[t] += precision[t] * measured[t]
-        constant -= 0.5 * precision[t] * measured[t] ** 2
-    v = value[fixed]
-    evidence = constant - 0.5 * v @ matrix[np.ix_(fixed, fixed)] @ v + shift[fixed] @ v
+        if t > 0:
+            matrix[t - 1, t - 1] += MEMORY**2 / variance
+            matrix[t, t - 1] -= MEMORY / variance
+            matrix[t - 1, t] -= MEMORY / variance
+    v = ((value - centre) / scale)[fixed]
+    evidence = constant - 0.5 * v @ matrix[np.ix_(fixed, fixed)] @ v
     if len(free) == 0:
         return evidence, np.zeros(0), np.zeros((0, 0))
     inner = matrix[np.ix_(free, free)]
-    pull = shift[free] - matrix[np.ix_(free, fixed)] @ v
     covariance = np.linalg.inv(inner)
+    pull = -matrix[np.ix_(free, fixed)] @ v
     mean = covariance @ pull
-    evidence += 0.5 * pull @ mean + 0.5 * np.linalg.slogdet(2 * np.pi * covariance)[1]
-    return evidence, mean, covariance
+    evidence += 0.5 * pull @ mean + 0.5 * len(free) * np.log(2 * np.pi)
+    evidence += 0.5 * np.linalg.slogdet(covariance)[1] + np.log(scale[free]).sum()
+    spread = scale[free]
+    return evidence, centre[free] + spread * mean, spread[:, None] * covariance * spread
 
 
 def layout(rng: np.random.Generator, n: int) -> np.ndarray:
@@ -62,12 +57,11 @@ def layout(rng: np.random.Generator, n: int) -> np.ndarray:
     return item
 
 
-def run(item: np.ndarray, value: np.ndarray, measured: np.ndarray, precision: np.ndarray,
+def run(item: np.ndarray, value: np.ndarray, centre: np.ndarray, scale: np.ndarray,
         latent: np.ndarray) -> tuple[float, np.ndarray]:  # fmt: skip
     drawn = value.copy()
     work = np.empty((len(item), 2))
-    args = (drawn, item, measured, precision, latent, START, START_VAR, STEP, work)
-    return chain(*args), drawn
+    return chain(drawn, item, centre, scale, latent, MEMORY, work), drawn
 
 
 @settings(max_examples=60, deadline=None)
@@ -75,11 +69,11 @@ def run(item: np.ndarray, value: np.ndarray, measured: np.ndarray, precision: np
 def test_evidence_and_mean_equal_a_dense_reference(seed: int, n: int) -> None:
     rng = np.random.default_rng(seed)
     item = layout(rng, n)
-    value, measured = rng.normal(size=n), rng.normal(size=n)
-    precision = rng.uniform(0, 30, n) * (rng.random(n) < 0.8)
-    expected, mean, _ = dense(item, value, measured, precision)
-    evidence, drawn = run(item, value, measured, precision, np.zeros(n))
-    assert evidence == pytest.approx(expected, abs=1e-8)
+    value, centre = rng.normal(size=n), rng.normal(size=n)
+    scale = rng.uniform(0.1, 2, n)
+    expected, mean, _ = dense(item, value, centre, scale)
+    evidence, drawn = run(item, value, centre, scale, np.zeros(n))
+    assert evidence == pytest.approx(expected, rel=1e-9, abs=1e-8)
     # With all latent numbers zero every draw is its conditional mean, hence the joint mean.
     np.testing.assert_allclose(drawn[item < 0], mean, atol=1e-8)
     np.testing.assert_array_equal(drawn[item >= 0], value[item >= 0])
@@ -89,26 +83,27 @@ def test_draws_have_the_dense_covariance() -> None:
     rng = np.random.default_rng(5)
     item = np.array([-1, -1, 0, 0, -1, -1, -1, 1, 2, -1])
     n = len(item)
-    value, measured = rng.normal(size=n), rng.normal(size=n)
-    precision = rng.uniform(0, 30, n)
-    _, mean, covariance = dense(item, value, measured, precision)
-    _, base = run(item, value, measured, precision, np.zeros(n))
+    value, centre = rng.normal(size=n), rng.normal(size=n)
+    scale = rng.uniform(0.1, 2, n)
+    _, mean, covariance = dense(item, value, centre, scale)
+    _, base = run(item, value, centre, scale, np.zeros(n))
     # The draw is linear in the latent numbers: its matrix squared is the covariance.
     columns = []
     for t in range(n):
         unit = np.zeros(n)
         unit[t] = 1.0
-        columns.append(run(item, value, measured, precision, unit)[1] - base)
+        columns.append(run(item, value, centre, scale, unit)[1] - base)
     matrix = np.array(columns).T[item < 0]
     np.testing.assert_allclose(matrix @ matrix.T, covariance, atol=1e-10)
     np.testing.assert_allclose(base[item < 0], mean, atol=1e-10)
 
 
-def test_without_data_the_chain_is_a_normalised_density() -> None:
-    # Frames 0 and 3 fixed by two scenelets: their joint density under the directed walk.
+def test_the_chain_is_a_normalised_density() -> None:
+    # Frames 0 and 3 fixed by two scenelets: their joint density, in units of the values.
     item = np.array([0, -1, -1, 1])
-    value = np.array([0.1, 0.0, 0.0, -0.2])
-    evidence, _ = run(item, value, np.zeros(4), np.zeros(4), np.zeros(4))
-    covariance = [[START_VAR, START_VAR], [START_VAR, START_VAR + 3 * STEP]]
-    expected = multivariate_normal([START, START], covariance).logpdf([0.1, -0.2])
+    value, centre = np.array([0.1, 0.0, 0.0, -0.2]), np.array([0.3, 0.0, 0.0, 0.1])
+    scale = np.array([0.5, 1.0, 1.0, 0.2])
+    evidence, _ = run(item, value, centre, scale, np.zeros(4))
+    covariance = np.array([[1.0, MEMORY**3], [MEMORY**3, 1.0]]) * np.outer([0.5, 0.2], [0.5, 0.2])
+    expected = multivariate_normal([0.3, 0.1], covariance).logpdf([0.1, -0.2])
     assert evidence == pytest.approx(expected)

@@ -60,9 +60,7 @@ def test_one_frame_and_no_detection_are_finite() -> None:
         np.zeros(8, bool),
     )  # fmt: skip
     path = worlds.path_of(joints)
-    path = worlds.StaticPath(
-        path.estimate, path.lift, path.measured, np.zeros((8, 2)), path.poses, path.posed
-    )
+    path = worlds.StaticPath(path.estimate, path.lift, path.deviation, path.poses, path.posed)
     clip = worlds.Clip("blind", worlds.CAMERA, 10.0, np.arange(8), (blind,))
     problem = worlds.pack_problem(clip, path, worlds.camera_prior(), worlds.library())
     state = empty_state(problem).with_item(0, 1, AHEAD)

@@ -17,7 +17,7 @@ from imapper_prob.models.posterior import State, log_posterior, motion, terms
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.settings import ModelSettings
 from imapper_prob.models.simulate_detections import Experiment
-from imapper_prob.models.simulate_state import draw_layout, draw_state
+from imapper_prob.models.simulate_state import draw_layout, draw_state, path_in_view
 from imapper_prob.models.skeleton import PELV
 from tests.models import worlds
 
@@ -96,29 +96,25 @@ def test_parts_of_the_prior_have_their_distributions() -> None:
         camera = np.array([s.camera[i] for s in draws])
         parts[f"camera {i}"] = norm.cdf((camera - problem.camera_mean[i]) / spread[i])
     # The pelvis as seen in the first frame and, from its own last place, in a later one.
-    seen = np.array([as_seen(s, motion(problem, s)[:, PELV]) for s in draws])
+    errors = np.array([errors_of(problem, s) for s in draws])
     for axis, name in enumerate(("bearing", "log depth")):
-        start, step = problem.start_mean[axis], problem.step_variance[axis]
-        variance = problem.start_variance[axis]
-        parts[f"first {name}"] = norm.cdf(seen[:, 0, axis], start, np.sqrt(variance))
+        memory = problem.path_memory[axis]
+        parts[f"first {name}"] = norm.cdf(errors[:, 0, axis])
         free = [
-            seen[n, 12, axis] - seen[n, 9, axis]
+            errors[n, 12, axis] - memory**3 * errors[n, 9, axis]
             for n, s in enumerate(draws)
             if not (covered(problem, s)[9:13]).any()
         ]
-        parts[f"free steps of {name}"] = norm.cdf(free, 0, np.sqrt(3 * step))
-        between, variances = zip(
-            *[
-                (seen[n, s.items[1, 1], axis] - seen[n, end - 1, axis], s.items[1, 1] - end + 1)
-                for n, s in enumerate(draws)
-                if s.n_scenelets > 1
-                for end in [s.items[0, 1] + problem.lengths[s.items[0, 0]]]
-            ],
-            strict=True,
-        )
-        parts[f"{name} from one to the next"] = norm.cdf(
-            between, 0, np.sqrt(step * np.array(variances))
-        )
+        parts[f"free steps of {name}"] = norm.cdf(free, 0, np.sqrt(1 - memory**6))
+        between = [
+            (errors[n, first, axis] - kept * errors[n, end - 1, axis]) / np.sqrt(1 - kept**2)
+            for n, s in enumerate(draws)
+            if s.n_scenelets > 1
+            for end in [s.items[0, 1] + problem.lengths[s.items[0, 0]]]
+            for first in [s.items[1, 1]]
+            for kept in [memory ** (first - end + 1)]
+        ]
+        parts[f"{name} from one to the next"] = norm.cdf(between)
     for name, values in parts.items():
         assert len(values) > 1000, name
         assert kstest(values, "uniform").pvalue > 1e-4, name
@@ -130,6 +126,14 @@ def as_seen(state: State, points: np.ndarray) -> np.ndarray:
     camera = worlds.CAMERA.posed(pitch=pitch, elevation=elevation, roll=roll)
     x, depth, _ = camera.to_camera(points).T
     return np.stack([x / depth, np.log(depth)], -1)
+
+
+def errors_of(problem: Problem, state: State) -> np.ndarray:
+    """(T, 2) how far the pelvis is off the static path, in its deviations."""
+    seen = as_seen(state, motion(problem, state)[:, PELV])
+    path = [path_in_view(problem, state.camera, t) for t in range(problem.n_frames)]
+    centre, scale = np.moveaxis(np.array(path), 1, 0)
+    return (seen - centre) / scale
 
 
 def covered(problem: Problem, state: State) -> np.ndarray:
@@ -145,11 +149,13 @@ def test_the_density_of_a_scene_is_that_of_its_steps() -> None:
     problem = bare_prior()
     for state in bare_draws()[:200]:
         expected = float(norm.logpdf(state.sizes, scale=problem.size_spread).sum())
-        mean, variance, at = problem.start_mean, problem.start_variance, 0
+        error, at = np.zeros(2), -np.inf
         joints = motion(problem, state)[:, PELV]
         for scenelet, start in state.items.tolist():
             seen = as_seen(state, joints[start : start + int(problem.lengths[scenelet])])
-            spread = np.sqrt(variance + (start - at) * problem.step_variance)
+            centre, scale = path_in_view(problem, state.camera, start)
+            kept = problem.path_memory ** (start - at)
+            mean, spread = centre + scale * kept * error, scale * np.sqrt(1 - kept**2)
             expected += norm.logpdf(seen[0], mean, spread).sum() - np.log(2 * np.pi)
             steps = 1e-5 * np.eye(3)[:2]
             slopes = [
@@ -157,8 +163,9 @@ def test_the_density_of_a_scene_is_that_of_its_steps() -> None:
                 for d in steps
             ]
             expected += np.log(abs(np.linalg.det(np.array(slopes) / 2e-5)))
-            mean, variance = seen[-1], problem.step_variance
-            at = start + len(seen)
+            at = start + len(seen) - 1
+            centre, scale = path_in_view(problem, state.camera, at)
+            error = (seen[-1] - centre) / scale
         values = terms(problem, state)
         assert values["placement"] + values["path"] == pytest.approx(expected, abs=1e-6)
 
@@ -170,7 +177,7 @@ class Still(np.random.Generator):
         return np.zeros(() if size is None else size)
 
 
-def test_without_noise_scenelets_begin_where_the_last_one_ended() -> None:
+def test_without_noise_errors_fade_from_one_scenelet_to_the_next() -> None:
     problem = bare_prior()
     problem = problem._replace(camera_mean=np.array([-0.2, 1.9, 0.1, 0.1, 0.15]))
     rng = Still(np.random.PCG64(0))
@@ -178,10 +185,14 @@ def test_without_noise_scenelets_begin_where_the_last_one_ended() -> None:
     for _ in range(100):
         state = draw_state(rng, problem)
         seen = as_seen(state, motion(problem, state)[:, PELV])
-        before = problem.start_mean
+        error, at = np.zeros(2), -np.inf
         for scenelet, start in state.items.tolist():
-            np.testing.assert_allclose(seen[start], before, atol=1e-9)
-            before = seen[start + int(problem.lengths[scenelet]) - 1]
+            centre, scale = path_in_view(problem, state.camera, start)
+            expected = centre + scale * problem.path_memory ** (start - at) * error
+            np.testing.assert_allclose(seen[start], expected, atol=1e-9)
+            at = start + int(problem.lengths[scenelet]) - 1
+            centre, scale = path_in_view(problem, state.camera, at)
+            error = (seen[at] - centre) / scale
         followed += state.n_scenelets > 1
     assert followed > 10
 
@@ -266,7 +277,7 @@ def test_swaps_last_as_long_as_they_should() -> None:
 
 
 def test_what_is_no_density_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    with pytest.raises(InputError, match="path has no measurements"):
+    with pytest.raises(InputError, match="only if neither free frames nor"):
         draw_state(np.random.default_rng(0), worlds.problem())
     with pytest.raises(InputError, match="frames have weight 1"):
         replace(experiment(), settings=ModelSettings())

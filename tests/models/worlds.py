@@ -86,17 +86,15 @@ def clip_of(joints: np.ndarray, rng: np.random.Generator, *, noise: float = 5.0)
     return Clip("test", CAMERA, 10.0, np.arange(len(joints)), (track,))
 
 
-def path_of(joints: np.ndarray, *, sd: tuple[float, float] = (0.02, 0.2)) -> StaticPath:
-    """The static path that knows the world joints, with a stated doubt a frame."""
+def path_of(joints: np.ndarray, *, sd: tuple[float, float] = (0.02, 0.1)) -> StaticPath:
+    """The static path that knows the world joints, with a stated doubt."""
     in_camera = CAMERA.to_camera(joints)
     pelvis = in_camera[:, PELV]
     seen = np.stack([pelvis[:, 0] / pelvis[:, 1], np.log(pelvis[:, 1])], -1)
-    precision = np.tile(1 / np.asarray(sd) ** 2, (len(joints), 1))
     return StaticPath(
         seen,
         pelvis[:, 2] / pelvis[:, 1],
-        seen,
-        precision,
+        np.tile(sd, (len(joints), 1)),
         in_camera - pelvis[:, None],
         np.ones(len(joints), bool),
     )
@@ -128,6 +126,7 @@ def experiment(
     n_frames: int = 20,
     *,
     joints_a_frame: int = len(DETECTED),
+    doubt: tuple[float, float] = (0.1, 0.2),
     settings: ModelSettings | None = None,
     scenelets: Library | None = None,
 ) -> Experiment:
@@ -143,7 +142,7 @@ def experiment(
     settings = settings or ModelSettings(scenelet_rate=0.1)
     return Experiment(
         replace(clip, tracks=(track,)),
-        path_of(joints, sd=(np.inf, np.inf)),
+        path_of(joints, sd=doubt),
         camera_prior(),
         scenelets or library(),
         replace(settings, frame_weight=1.0, smoothness_cost=0.0, motion_cost=50 / 12),

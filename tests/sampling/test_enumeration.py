@@ -36,7 +36,7 @@ N_FRAMES, STARTS = 8, (0, 1, 2)
 
 def tiny() -> Problem:
     """A problem whose likelihood is flat enough for a coarse grid, and in two minds about k."""
-    settings = ModelSettings(frame_weight=0.01, scenelet_rate=0.005, size_spread=0.03)
+    settings = ModelSettings(frame_weight=0.01, scenelet_rate=0.015, size_spread=0.03)
     library = worlds.library(objects=False)
     return worlds.problem(N_FRAMES, settings=settings, scenelets=library, seed=2, span=0.0)
 

@@ -40,8 +40,9 @@ def poor_data(rate: float = 0.12, depth: float = 0.1) -> Experiment:
     """A joint every fourth frame, and that not well, so that much is left open."""
     settings = ModelSettings(scenelet_rate=rate, start_bearing=0.02, start_log_depth=depth)
     given = worlds.experiment(
-        N_FRAMES, joints_a_frame=1, settings=settings, scenelets=worlds.mixed_library()
-    )
+        N_FRAMES, joints_a_frame=1, doubt=(0.02, depth), settings=settings,
+        scenelets=worlds.mixed_library(),
+    )  # fmt: skip
     (track,), model = given.clip.tracks, DetectionModel()
     confidences = track.confidences.copy()
     confidences[np.arange(N_FRAMES) % 4 != 0] = 0.0

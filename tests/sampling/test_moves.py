@@ -101,14 +101,18 @@ def test_proposals_are_a_density(where: str, around: int | None, crowded: bool) 
         x, y, yaw = proposals.candidates.placements[window, scenelet_of_h]
         centre = np.array([x / y * np.exp(0.02), np.log(y) + 0.01])
         spread = np.array([0.004, 0.03])
+        doubt = PROBLEM.path_scale[6, 1] ** -2 + PROBLEM.size_spread**-2
+        usual = (PROBLEM.path_centre[6, 1] - np.log(y)) * PROBLEM.path_scale[6, 1] ** -2 / doubt
+        deviation = doubt**-0.5
     else:
+        usual, deviation = 0.0, PROBLEM.size_spread
         yaw, centre, spread = 0.0, PROBLEM.start_mean, np.sqrt(PROBLEM.start_variance) / 2
     n_starts = 15 if around is None else 7
 
     def log_h(scenelet: int, start: int, placement: np.ndarray, size: float) -> float:
         x, y, turn = placement
-        # Of the prior's sizes the smaller, further away than they look.
-        of_size = norm.logpdf(size, -0.02, 0.8 * PROBLEM.size_spread)
+        # Of the sizes tried the smaller, further away than they look.
+        of_size = norm.logpdf(size, usual - 0.01, 0.8 * deviation)
         offset = (np.array([x / y, np.log(y) - 0.9 * size]) - centre) / spread
         value = of_size - 0.5 * offset @ offset - np.log(2 * np.pi * spread.prod()) - 2 * np.log(y)
         if where == "anywhere":

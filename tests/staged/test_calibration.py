@@ -53,7 +53,7 @@ def feet(
     poses[:, LANK] += 0.3 * CAMERA.rotation[2]  # the other foot is in the air
     place = np.stack([pelvis[:, 0] / pelvis[:, 1], np.log(pelvis[:, 1])], -1)
     path = StaticPath(
-        place, pelvis[:, 2] / pelvis[:, 1], place, np.ones_like(place), poses,
+        place, pelvis[:, 2] / pelvis[:, 1], np.ones_like(place), poses,
         np.ones(N_FRAMES, bool),
     )  # fmt: skip
     track = Track(
@@ -163,8 +163,8 @@ def test_frames_on_chairs_and_wrong_feet_do_not_lift_the_floor() -> None:
 def test_a_path_of_another_clip_is_an_error() -> None:
     clip, path = feet(np.random.default_rng(7), pitch=0.0, elevation=1.0)
     half = replace(
-        path, estimate=path.estimate[:9], lift=path.lift[:9], measured=path.measured[:9],
-        precision=path.precision[:9], poses=path.poses[:9], posed=path.posed[:9],
+        path, estimate=path.estimate[:9], lift=path.lift[:9], deviation=path.deviation[:9],
+        poses=path.poses[:9], posed=path.posed[:9],
     )  # fmt: skip
     with pytest.raises(InputError, match="clip feet has 240 frames, the static path 9"):
         estimate_camera(clip, half)

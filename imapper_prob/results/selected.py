@@ -1,0 +1,85 @@
+"""Which of a scene's objects are worth naming.
+
+A scenelet brings along all that stood near somebody who once moved like this: the couch they
+sat on, and a shelf beside it. The couch is what the motion tells of. The shelf may as well not
+be there, unless it hides what the detector does not see.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imapper_prob.models.posterior import State, log_posterior
+from imapper_prob.models.problem import Problem
+from imapper_prob.models.scene import SceneObject
+from imapper_prob.models.scenelet import Library
+from imapper_prob.models.skeleton import LKNE, LWRI, PELV, RKNE, RWRI
+from imapper_prob.sampling.layouts import placed_objects, representatives, same_objects
+
+__all__ = ["selected_objects", "used_objects"]
+
+Array = NDArray[np.float64]
+
+_TOUCHING = [PELV, RKNE, LKNE, RWRI, LWRI]
+_REACH = 0.25
+"""Metres between such a joint and an object that is used; joints lie inside the body."""
+_OFTEN = 0.25
+"""Share of a scenelet's frames in which it must be."""
+_EVIDENCE = 3.0
+"""Nats that an object nobody uses must be worth: odds of twenty to one."""
+
+
+def selected_objects(problem: Problem, library: Library, state: State) -> tuple[SceneObject, ...]:
+    """The furniture of a state that somebody uses, or that explains what is seen.
+
+    In the state's world, objects that are one merged.
+    """
+    placed = placed_objects(state, library)
+    used = [flag for scenelet in state.items[:, 0] for flag in used_objects(problem, scenelet)]
+    value = log_posterior(problem, state)
+    kept = []
+    for group in same_objects(placed, problem.merge_angle):
+        worth = any(used[k] for k in group) or (
+            value - log_posterior(_without(problem, state, placed, group), state) > _EVIDENCE
+        )
+        if worth:
+            kept += representatives(problem, state, placed, [group])
+    return tuple(placed[k][1] for k in sorted(kept))
+
+
+def used_objects(problem: Problem, scenelet: int) -> list[bool]:
+    """For each object of a scenelet whether its person sits on it, leans on it or reaches it."""
+    joints = problem.joints[slice(*problem.joint_first[scenelet : scenelet + 2])][:, _TOUCHING]
+    own = slice(*problem.box_first[scenelet : scenelet + 2])
+    objects, boxes = problem.box_object[own], problem.boxes[own]
+    return [
+        bool((_distance(joints, boxes[objects == k]) < _REACH).mean() >= _OFTEN)
+        for k in range(int(objects.max(initial=-1)) + 1)
+    ]
+
+
+def _distance(joints: Array, boxes: Array) -> Array:
+    """(n,) metres from the nearest of the joints (n, J, 3) to the nearest of the boxes (B, 7)."""
+    offset = joints[:, :, None] - boxes[:, :3]
+    c, s = np.cos(boxes[:, 6]), np.sin(boxes[:, 6])
+    x, y, z = np.moveaxis(offset, -1, 0)
+    own = np.stack([c * x + s * y, c * y - s * x, z], -1)
+    outside = np.maximum(np.abs(own) - boxes[:, 3:6], 0.0)
+    distance: Array = np.linalg.norm(outside, axis=-1).min((1, 2))
+    return distance
+
+
+def _without(
+    problem: Problem, state: State, placed: list[tuple[int, SceneObject]], group: list[int]
+) -> Problem:
+    """The problem without the boxes of some objects: they are put where nobody looks."""
+    boxes = problem.boxes.copy()
+    first = {index: k for k, (index, _) in reversed(list(enumerate(placed)))}
+    for k in group:
+        index = placed[k][0]
+        scenelet = state.items[index, 0]
+        own = np.arange(*problem.box_first[scenelet : scenelet + 2])
+        gone = own[problem.box_object[own] == k - first[index]]
+        boxes[gone, 2] = -1e3
+    return problem._replace(boxes=boxes)
