@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from imapper_prob.evaluate.outline import Outline, outline_of
 from imapper_prob.models.camera import Camera
 from imapper_prob.models.posterior import State, motion
-from imapper_prob.models.scene import Scene
+from imapper_prob.models.scene import Scene, SceneObject
 from imapper_prob.results.stored_input import Source
 from imapper_prob.sampling.layouts import merged_objects
 
@@ -80,11 +80,17 @@ def prediction_of_scene(scene: Scene, *, name: str) -> Prediction:
     )
 
 
-def prediction_of_state(source: Source, state: State, *, name: str) -> Prediction:
-    """A state of the staged solver or of a chain."""
+def prediction_of_state(
+    source: Source, state: State, *, name: str, objects: tuple[SceneObject, ...] | None = None
+) -> Prediction:
+    """A state of the staged solver or of a chain.
+
+    Its furniture is all of it, what is one merged, unless ``objects`` in its world are given.
+    """
     camera = state_camera(source.clip.camera, state)
     joints = motion(source.problem, state)
-    objects = merged_objects(source.problem, source.library, state)
+    if objects is None:
+        objects = merged_objects(source.problem, source.library, state)
     return prediction_of_scene(Scene(camera, objects, joints, (), 0.0), name=name)
 
 
