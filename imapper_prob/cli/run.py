@@ -155,7 +155,7 @@ def _show(posterior: Posterior, folder: Path) -> None:
     console.print(describe_agreement(posterior.samples.agreements))
     if not posterior.samples.finished:
         console.print("Interrupted: these are the draws that there were. The same command goes on.")
-    console.print(f"Written to {folder}; look at it with: rerun {folder / 'recording.rrd'}")
+    console.print(f"Written to {folder}; look at it with: imapper-prob view {folder}")
 
 
 def _info(options: argparse.Namespace) -> None:
