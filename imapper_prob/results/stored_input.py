@@ -35,7 +35,9 @@ Ints = NDArray[np.int64]
 _FROM_LIBRARY: Final = "joints"
 """The largest field of a problem is not stored: it is the library's motions, resampled."""
 _READ_ONLY: Final = "read_only"
-"""Attribute of arrays that nobody may write to: compiled code is made anew for others."""
+_BY_COLUMN: Final = "by_column"
+"""Attributes of arrays that nobody may write to, and that lie in memory column by column:
+compiled code is made anew for others."""
 
 
 class Source(Protocol):
@@ -90,9 +92,13 @@ def read_source(path: Path, groups: Mapping[str, xr.Dataset]) -> StoredSource:
     library = library_of(_arrays(groups["/library"]))
     fields: dict[str, Any] = _arrays(groups["/problem"])
     for name, values in fields.items():
+        said = groups["/problem"][name].attrs
         if values.ndim == 0:
             fields[name] = values.item()
-        elif groups["/problem"][name].attrs.get(_READ_ONLY):
+            continue
+        if said.get(_BY_COLUMN):
+            fields[name] = values = np.asfortranarray(values)
+        if said.get(_READ_ONLY):
             values.setflags(write=False)
     motions = [resample(s.joints, fps=s.fps, to_fps=clip.fps) for s in library]
     fields[_FROM_LIBRARY] = np.concatenate(motions)
@@ -105,8 +111,9 @@ def _dataset(arrays: Mapping[str, Any]) -> xr.Dataset:
     for name, values in arrays.items():
         values = np.asarray(values)
         dims = [f"{name}_{axis}" for axis in range(values.ndim)]
-        fixed = values.ndim and not values.flags.writeable
-        variables[name] = (dims, values, {_READ_ONLY: 1} if fixed else {})
+        kept = {_READ_ONLY: not values.flags.writeable, _BY_COLUMN: values.flags.fnc}
+        said = {key: 1 for key, holds in kept.items() if holds and values.ndim}
+        variables[name] = (dims, values, said)
     return xr.Dataset(variables)
 
 
