@@ -62,7 +62,7 @@ def log_posteriors(problem: Problem, cameras: Array, leaves: Array, first: Ints)
     """(n,) log-posterior of states whose leaves are ``leaves[first[i]:first[i + 1]]``."""
     n_frames = len(problem.lift)
     latent = np.zeros((n_frames, 2))
-    joints, by_frame = np.empty((n_frames, 16, 3)), np.empty((n_frames, 2))
+    joints, by_frame = np.empty((n_frames, 3, 16)), np.empty((n_frames, 2))
     result = np.empty(len(cameras))
     for i in range(len(cameras)):
         own = leaves[first[i] : first[i + 1]]

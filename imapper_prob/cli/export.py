@@ -31,7 +31,11 @@ def add_export_commands(
         help="a file, replaced if it is there; with i3db a new folder",
     )  # fmt: skip
     export.add_argument(
-        "--scene", type=int, default=1, metavar="N", help="which scene, 1 being the most probable"
+        "--scene",
+        type=int,
+        metavar="N",
+        help="which scene, 1 being the most probable; if left out, that of least expected loss: "
+        "what is there with more than even odds, at its mean place, and the mean motion",
     )
     export.add_argument(
         "--samples",
@@ -63,7 +67,8 @@ def _export(options: argparse.Namespace) -> None:
     if options.format != "i3db" and out.is_dir():
         raise InputError(f"{out}: is a folder; name a file")
     posterior = load_posterior(options.folder)
-    scene = posterior.scene(options.scene).scene
+    named = options.scene is not None
+    scene = posterior.scene(options.scene).scene if named else posterior.estimate
     try:
         if options.format == "json":
             write_json(out, posterior, scene=options.scene, samples=options.samples)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Final
@@ -15,7 +14,7 @@ from imapper_prob.evaluate.outline import Outline, outline_of
 from imapper_prob.evaluate.prediction import state_camera
 from imapper_prob.results.posterior import Posterior
 
-__all__ = ["Claim", "claims_of", "likely_objects"]
+__all__ = ["Claim", "claims_of"]
 
 Array = NDArray[np.float64]
 
@@ -77,12 +76,3 @@ def claims_of(posterior: Posterior) -> tuple[Claim, ...]:
         )
         for cluster in posterior.clusters(least=_LEAST)
     )
-
-
-def likely_objects(claims: Sequence[Claim]) -> tuple[Outline, ...]:
-    """What is there with more than even odds, at its mean place.
-
-    Of all scenes the one of least expected loss, where a miss costs as much as an object too
-    many and distances count squared.
-    """
-    return tuple(c.representative for c in claims if c.probability > 0.5)

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from imapper_prob.evaluate.outline import Outline, outline_of
 from imapper_prob.evaluate.prediction import Prediction, state_camera
-from imapper_prob.models.posterior import motion
-from imapper_prob.models.skeleton import PELV
+from imapper_prob.results.drawn_motion import drawn_motion
 from imapper_prob.results.posterior import Posterior
 
 __all__ = ["Draws", "draws_of"]
@@ -46,21 +45,6 @@ class Draws:
         """One draw as an answer."""
         return Prediction(name, self.joints[draw], self.pixels[draw], self.objects[draw])
 
-    def mean_motion(self, *, name: str, objects: tuple[Outline, ...]) -> Prediction:
-        """The mean of all draws as an answer.
-
-        The pelvis is averaged as the camera sees it, bearing, rise and log depth, because its
-        spread is relative and along the ray; the body about it is averaged as it is.
-        """
-        pelvis = self.joints[:, :, PELV]
-        depth = pelvis[..., 1]
-        middle = np.exp(np.log(depth).mean(0))
-        across = (pelvis[..., 0] / depth).mean(0) * middle
-        above = (pelvis[..., 2] / depth).mean(0) * middle
-        body = (self.joints - pelvis[:, :, None]).mean(0)
-        joints = np.stack([across, middle, above], -1)[:, None] + body
-        return Prediction(name, joints, self.pixels.mean(0), objects)
-
 
 def draws_of(posterior: Posterior) -> Draws:
     """At most 200 draws of a posterior, evenly spaced over its chains."""
@@ -68,10 +52,11 @@ def draws_of(posterior: Posterior) -> Draws:
     count = len(samples.states)
     chosen = np.unique(np.linspace(0, count - 1, min(count, _MOST)).round().astype(int))
     joints, pixels, objects = [], [], []
+    rng = np.random.default_rng(posterior.config.seed)
     for k in chosen.tolist():
         state = samples.states[k]
         camera = state_camera(posterior.clip.camera, state)
-        world = motion(source.problem, state)
+        world = drawn_motion(rng, source.problem, state)
         joints.append(camera.to_camera(world))
         pixels.append(camera.project(world))
         objects.append(tuple(outline_of(o, camera) for o in samples.objects[k]))

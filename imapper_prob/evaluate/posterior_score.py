@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from imapper_prob.evaluate.claims import claims_of, likely_objects
+from imapper_prob.evaluate.claims import claims_of
 from imapper_prob.evaluate.draws import draws_of
 from imapper_prob.evaluate.objects import pair_up
 from imapper_prob.evaluate.prediction import Prediction, prediction_of_scene
@@ -92,11 +92,7 @@ class PosteriorScore:
 
 def posterior_predictions(posterior: Posterior) -> tuple[Prediction, ...]:
     """The most probable scene, and the scene of least expected loss."""
-    likely = likely_objects(claims_of(posterior))
-    return (
-        *_shown(posterior, 1),
-        draws_of(posterior).mean_motion(name=LIKELY, objects=likely),
-    )
+    return (*_shown(posterior, 1), prediction_of_scene(posterior.estimate, name=LIKELY))
 
 
 def score_posterior(posterior: Posterior, truth: TruthInView, *, name: str) -> PosteriorScore:

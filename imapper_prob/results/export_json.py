@@ -7,6 +7,7 @@ camera at the origin. The fields are described in ``docs/results.md``.
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -23,6 +24,7 @@ from imapper_prob.results.benchmark_axes import (
     to_benchmark,
     yaw_in_camera,
 )
+from imapper_prob.results.drawn_motion import drawn_motion
 from imapper_prob.results.posterior import Posterior
 
 __all__ = ["evenly_spaced", "scene_document", "write_json"]
@@ -32,7 +34,9 @@ _DECIMALS: Final = 5
 """A hundredth of a millimetre: less than a thousandth of a pixel."""
 
 
-def write_json(path: Path, posterior: Posterior, *, scene: int = 1, samples: int = 0) -> None:
+def write_json(
+    path: Path, posterior: Posterior, *, scene: int | None = None, samples: int = 0
+) -> None:
     """Write a scene, and draws beside it, as one JSON file.
 
     Parameters
@@ -40,10 +44,11 @@ def write_json(path: Path, posterior: Posterior, *, scene: int = 1, samples: int
     path : path
         Written beside and renamed.
     posterior : Posterior
-    scene : int
-        Which scene, 1 being the most probable.
+    scene : int, optional
+        Which scene, 1 being the most probable; that of least expected loss if left out.
     samples : int
-        How many draws, evenly spaced over the chains.
+        How many draws, evenly spaced over the chains; their limbs differ from the scenelets'
+        as far as the model says (:mod:`imapper_prob.results.drawn_motion`).
 
     Raises
     ------
@@ -55,9 +60,11 @@ def write_json(path: Path, posterior: Posterior, *, scene: int = 1, samples: int
         beside.write_text(json.dumps(document, allow_nan=False) + "\n", encoding="utf-8")
 
 
-def scene_document(posterior: Posterior, *, scene: int = 1, samples: int = 0) -> dict[str, Any]:
+def scene_document(
+    posterior: Posterior, *, scene: int | None = None, samples: int = 0
+) -> dict[str, Any]:
     """What :func:`write_json` writes."""
-    shown = posterior.scene(scene)
+    shown = None if scene is None else posterior.scene(scene)
     ids = posterior.clip.frame_ids.tolist()
     document = {
         "format": _FORMAT,
@@ -67,13 +74,17 @@ def scene_document(posterior: Posterior, *, scene: int = 1, samples: int = 0) ->
         "image_size": [posterior.clip.camera.width, posterior.clip.camera.height],
         "joint_names": list(JOINTS),
         "scene": scene,
-        "probability": shown.probability,
-        "probability_error": _known(shown.error),
-        **_body(shown.scene, ids),
+        "probability": None if shown is None else shown.probability,
+        "probability_error": None if shown is None else _known(shown.error),
+        **_body(posterior.estimate if shown is None else shown.scene, ids),
     }
     if samples:
-        draws = evenly_spaced(posterior, samples)
-        document["samples"] = [_body(posterior.draw(n), ids) for n in draws]
+        rng, problem = np.random.default_rng(posterior.config.seed), posterior.solution.problem
+        document["samples"] = [
+            _body(replace(posterior.draw(n), joints=drawn_motion(rng, problem, state)), ids)
+            for n in evenly_spaced(posterior, samples)
+            for state in [posterior.samples.states[n]]
+        ]
     return document
 
 

@@ -181,15 +181,28 @@ class Posterior:
             raise InputError(f"scene {number}: the run has {there} scenes, counted from 1")
         return self._scene_at(number - 1)
 
+    @cached_property
+    def estimate(self) -> Scene:
+        """The scene of least expected loss: one answer for those who can use only one."""
+        from imapper_prob.results.estimate import expected_scene
+
+        states = self.samples.states
+        mean = np.mean([state.camera for state in states], axis=0)
+        cameras = (self._camera(state.camera) for state in states)
+        motions = zip(cameras, self._motions(), strict=True)
+        return expected_scene(self._camera(mean), self.clusters(), self.samples.objects, motions)
+
+    def _camera(self, phi: Array) -> Camera:
+        pitch, elevation, focal, _, roll = phi.tolist()
+        return self.clip.camera.posed(
+            pitch=pitch, roll=roll, elevation=elevation, focal_scale=float(np.exp(focal))
+        )
+
     def draw(self, number: int) -> Scene:
         """One draw with its camera, furniture and motion; draws are numbered chain by chain."""
         state = self.samples.states[number]
-        pitch, elevation, focal, _, roll = state.camera.tolist()
-        camera: Camera = self.clip.camera.posed(
-            pitch=pitch, roll=roll, elevation=elevation, focal_scale=float(np.exp(focal))
-        )
         return Scene(
-            camera=camera,
+            camera=self._camera(state.camera),
             objects=self.samples.objects[number],
             joints=motion(self.solution.problem, state),
             layout=tuple((self.solution.library[s].name, t) for s, t in state.items.tolist()),
@@ -226,7 +239,7 @@ class Posterior:
         """Mean and covariance of every joint in every frame."""
         from imapper_prob.results.uncertainty.joints import joint_summary
 
-        return joint_summary(self._motions())
+        return joint_summary(self._motions(), pose_tolerance=self.solution.problem.pose_tolerance)
 
     def hidden(self) -> HiddenJoints:
         """P(joint hidden) by frame and joint, and by which of :meth:`clusters`."""

@@ -10,6 +10,7 @@ import arviz_stats
 import numpy as np
 import pytest
 import xarray as xr
+from matplotlib import pyplot
 
 import imapper_prob as im
 from imapper_prob.models.path import CAMERA
@@ -50,6 +51,7 @@ def test_a_summary_needs_no_help(tree: xr.DataTree) -> None:
 def test_plots_need_no_help(tree: xr.DataTree, name: str, tmp_path: Path) -> None:
     drawn = getattr(arviz_plots, f"plot_{name}")(tree, backend="matplotlib")
     drawn.savefig(tmp_path / "plot.png")
+    pyplot.close("all")
     assert (tmp_path / "plot.png").stat().st_size > 5_000
 
 

@@ -212,7 +212,7 @@ def prior_draws() -> list[State]:
         6 * weight if move.name in ("birth", "death") else weight
         for move, weight in zip(moves.moves, moves.weights, strict=True)
     ]
-    return draw_prior(Mixture(moves.moves, often), problem, seed=2, steps=250_000)
+    return draw_prior(Mixture(moves.moves, often), problem, seed=2, steps=320_000)
 
 
 def test_prior_of_the_number_of_scenelets_comes_back(prior_draws: list[State]) -> None:

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from imapper_prob.models.skeleton import N_JOINTS, PELV
+
 __all__ = ["JointSummary", "joint_summary"]
 
 Array = NDArray[np.float64]
@@ -38,13 +40,16 @@ class JointSummary:
         return np.sqrt(np.maximum(np.diagonal(self.covariance, axis1=-2, axis2=-1), 0.0))
 
 
-def joint_summary(motions: Iterable[Array]) -> JointSummary:
+def joint_summary(motions: Iterable[Array], *, pose_tolerance: float = 0.0) -> JointSummary:
     """Mean and covariance over draws of the motion, of which one at a time is held.
 
     Parameters
     ----------
     motions : iterable of (T, 16, 3) float
         World, metres. At least two.
+    pose_tolerance : float
+        Metres an axis by which the person's limbs differ from a scenelet's; it comes on top
+        for all joints but the pelvis (:mod:`imapper_prob.results.drawn_motion`).
     """
     count = 0
     mean, scatter = np.zeros(()), np.zeros(())
@@ -56,4 +61,7 @@ def joint_summary(motions: Iterable[Array]) -> JointSummary:
         scatter = scatter + before[..., :, None] * (joints - mean)[..., None, :]
     if count < 2:
         raise ValueError("a covariance needs two draws")
-    return JointSummary(mean, scatter / (count - 1))
+    covariance = scatter / (count - 1)
+    limbs = [j for j in range(N_JOINTS) if j != PELV]
+    covariance[:, limbs] += pose_tolerance**2 * np.eye(3)
+    return JointSummary(mean, covariance)

@@ -1,0 +1,65 @@
+"""One answer: what is there with more than even odds, at its mean place."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from imapper_prob.models.posterior import motion
+from imapper_prob.models.scene import Cuboid, Placement, SceneObject
+from imapper_prob.models.skeleton import PELV
+from imapper_prob.results.drawn_motion import drawn_motion
+from imapper_prob.results.estimate import expected_scene
+from imapper_prob.results.uncertainty.clusters import object_clusters
+from tests.models import worlds
+from tests.runs import posterior
+
+
+def chair(x: float, y: float, label: str = "chair") -> SceneObject:
+    return SceneObject(
+        label, Placement(x, y, 0.3), (Cuboid("seat", np.array([0, 0, 0.2]), np.full(3, 0.4)),)
+    )
+
+
+def test_what_has_more_than_even_odds_stands_at_its_mean_on_the_ray() -> None:
+    objects = [(chair(0.0, 3.8),), (chair(0.0, 4.2), chair(2.0, 5.0, "bed")), (chair(0.0, 4.0),)]
+    clusters = object_clusters(objects, np.zeros((1, 3)), radius=0.5)
+    joints = worlds.walk(5)
+    motions = [(worlds.CAMERA, joints)] * 3
+    scene = expected_scene(worlds.CAMERA, clusters, objects, motions)
+    (only,) = scene.objects
+    assert only.label == "chair"
+    np.testing.assert_allclose(only.centre[:2], [0.0, (3.8 * 4.2 * 4.0) ** (1 / 3)], atol=1e-9)
+    np.testing.assert_allclose(scene.joints, joints, atol=1e-9)
+
+
+def test_motion_seen_by_other_cameras_is_averaged_as_it_is_seen() -> None:
+    joints = worlds.walk(5)
+    low = replace(worlds.CAMERA, elevation=worlds.CAMERA.elevation - 0.2)
+    # Seen from lower down the same picture is a lower world.
+    lower = low.to_world(worlds.CAMERA.to_camera(joints))
+    scene = expected_scene(worlds.CAMERA, (), (), [(worlds.CAMERA, joints), (low, lower)])
+    np.testing.assert_allclose(scene.joints, joints, atol=1e-9)
+
+
+def test_limbs_differ_by_the_pose_tolerance_and_the_pelvis_does_not() -> None:
+    source, states = posterior().solution, posterior().samples.states
+    rng, problem = np.random.default_rng(0), source.problem
+    off = np.concatenate(
+        [drawn_motion(rng, problem, state) - motion(problem, state) for state in states[:40]]
+    )
+    assert not off[:, PELV].any()
+    limbs = np.delete(off, PELV, axis=1)
+    # Some 40 clips of ten correlation times, 45 numbers each.
+    assert np.sqrt((limbs**2).mean()) == pytest.approx(problem.pose_tolerance, rel=0.05)
+    summary = posterior().joints()
+    assert np.all(summary.standard_deviation[:, 0] >= problem.pose_tolerance)
+
+
+def test_the_estimate_of_a_run_is_one_scene() -> None:
+    scene = posterior().estimate
+    assert scene.joints.shape == (posterior().clip.n_frames, 16, 3)
+    likely = [c for c in posterior().clusters() if c.presence > 0.5]
+    assert [o.label for o in scene.objects] == [c.label for c in likely]
