@@ -1,8 +1,10 @@
 """The motion of one draw, limbs included.
 
 A scenelet says how somebody moves near such furniture, not how this person moved: the posterior
-lets detections scatter about its pose by the pose tolerance (``docs/model.md`` 11). What is drawn
-of scene and path leaves that out, and so would be far too sure of hands and feet.
+lets detections scatter about its pose by the pose tolerance (``docs/model.md`` 11). And the static
+path is as wrong about how high the pelvis is in the image as about how far to the side, of which
+only the latter is sampled. What is drawn of scene and path leaves both out, and so would be far
+too sure of hands, feet and heights.
 """
 
 from __future__ import annotations
@@ -10,11 +12,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from imapper_prob.models.limits import NEAREST
 from imapper_prob.models.posterior import State, motion
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.skeleton import PELV
 
-__all__ = ["drawn_motion"]
+__all__ = ["drawn_motion", "height_deviation"]
 
 Array = NDArray[np.float64]
 
@@ -22,15 +25,28 @@ Array = NDArray[np.float64]
 def drawn_motion(rng: np.random.Generator, problem: Problem, state: State) -> Array:
     """(T, 16, 3) joints in the state's world, metres: the pose, and how the person's differs.
 
-    Each joint about the pelvis is off by a stationary chain of the pose tolerance, which forgets
-    itself in the time over which frames repeat their errors.
+    Errors are stationary chains: that of the height forgets itself as that of the bearing does,
+    those of joints about the pelvis in the time over which frames repeat their errors.
     """
     joints = motion(problem, state)
-    memory = np.exp(-min(1.0, problem.frame_weight))
-    steps = rng.standard_normal(joints.shape)
-    steps[1:] *= np.sqrt(1.0 - memory**2)
-    off = steps
-    for t in range(1, len(off)):
-        off[t] += memory * off[t - 1]
-    off[:, PELV] = 0.0
-    return joints + problem.pose_tolerance * off
+    limbs = _chain(rng, joints.shape, np.exp(-min(1.0, problem.frame_weight)))
+    limbs[:, PELV] = 0.0
+    joints += problem.pose_tolerance * limbs
+    rise = _chain(rng, (len(joints),), float(problem.path_memory[0]))
+    joints[..., 2] += (rise * height_deviation(problem, joints))[:, None]
+    return joints
+
+
+def height_deviation(problem: Problem, joints: Array) -> Array:
+    """(T,) metres by which the pelvis may be higher or lower than ``joints`` (T, 16, 3) say."""
+    result: Array = problem.path_scale[:, 0] * np.maximum(joints[:, PELV, 1], NEAREST)
+    return result
+
+
+def _chain(rng: np.random.Generator, shape: tuple[int, ...], memory: float) -> Array:
+    """Standard normal numbers, each of which remembers the one a frame before."""
+    numbers = rng.standard_normal(shape)
+    numbers[1:] *= np.sqrt(1.0 - memory**2)
+    for t in range(1, len(numbers)):
+        numbers[t] += memory * numbers[t - 1]
+    return numbers

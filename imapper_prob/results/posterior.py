@@ -239,7 +239,7 @@ class Posterior:
         """Mean and covariance of every joint in every frame."""
         from imapper_prob.results.uncertainty.joints import joint_summary
 
-        return joint_summary(self._motions(), pose_tolerance=self.solution.problem.pose_tolerance)
+        return joint_summary(self._motions(), problem=self.solution.problem)
 
     def hidden(self) -> HiddenJoints:
         """P(joint hidden) by frame and joint, and by which of :meth:`clusters`."""

@@ -8,7 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from imapper_prob.models.problem import Problem
 from imapper_prob.models.skeleton import N_JOINTS, PELV
+from imapper_prob.results.drawn_motion import height_deviation
 
 __all__ = ["JointSummary", "joint_summary"]
 
@@ -40,16 +42,16 @@ class JointSummary:
         return np.sqrt(np.maximum(np.diagonal(self.covariance, axis1=-2, axis2=-1), 0.0))
 
 
-def joint_summary(motions: Iterable[Array], *, pose_tolerance: float = 0.0) -> JointSummary:
+def joint_summary(motions: Iterable[Array], *, problem: Problem | None = None) -> JointSummary:
     """Mean and covariance over draws of the motion, of which one at a time is held.
 
     Parameters
     ----------
     motions : iterable of (T, 16, 3) float
         World, metres. At least two.
-    pose_tolerance : float
-        Metres an axis by which the person's limbs differ from a scenelet's; it comes on top
-        for all joints but the pelvis (:mod:`imapper_prob.results.drawn_motion`).
+    problem : Problem, optional
+        By how much limbs and heights are off beside that; it comes on top
+        (:mod:`imapper_prob.results.drawn_motion`).
     """
     count = 0
     mean, scatter = np.zeros(()), np.zeros(())
@@ -62,6 +64,8 @@ def joint_summary(motions: Iterable[Array], *, pose_tolerance: float = 0.0) -> J
     if count < 2:
         raise ValueError("a covariance needs two draws")
     covariance = scatter / (count - 1)
-    limbs = [j for j in range(N_JOINTS) if j != PELV]
-    covariance[:, limbs] += pose_tolerance**2 * np.eye(3)
+    if problem is not None:
+        limbs = [j for j in range(N_JOINTS) if j != PELV]
+        covariance[:, limbs] += problem.pose_tolerance**2 * np.eye(3)
+        covariance[..., 2, 2] += height_deviation(problem, mean)[:, None] ** 2
     return JointSummary(mean, covariance)
