@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +25,9 @@ __all__ = [
 ]
 
 Array = NDArray[np.float64]
+
+
+_FIELDS = ("camera", "items", "placements", "sizes", "latent")
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,8 +56,19 @@ class State:
     latent: Array
 
     def __post_init__(self) -> None:
-        for array in (self.camera, self.items, self.placements, self.sizes, self.latent):
+        # All states alike, wherever their arrays come from: the compiler makes a kernel for each
+        # kind of array it meets.
+        for name in _FIELDS:
+            array = getattr(self, name)
+            if not array.flags.c_contiguous:
+                array = np.ascontiguousarray(array)
+                object.__setattr__(self, name, array)
             array.setflags(write=False)
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Another process's state is as read-only as it was there."""
+        self.__dict__.update(state)
+        self.__post_init__()
 
     @property
     def n_scenelets(self) -> int:

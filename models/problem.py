@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import astuple, fields
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -157,7 +157,7 @@ def pack_problem(
     if settings.energy == "paper":
         nats = settings.paper_nats * settings.likelihood * np.array(astuple(PaperWeights()))
     centre, deviation, memory = _path_prior(path, settings, clip.fps)
-    return Problem(
+    problem = Problem(
         fx=nominal.fx, fy=nominal.fy, cx=nominal.cx, cy=nominal.cy,
         keypoints=keypoints,
         used=used,
@@ -200,6 +200,14 @@ def pack_problem(
         likelihood=settings.likelihood,
         paper_nats=nats,
     )  # fmt: skip
+    # All problems alike, here and in other processes: the compiler makes a kernel for each kind
+    # of array it meets, and arrays that were sent elsewhere can be written.
+    copies: dict[str, Any] = {
+        name: np.array(a, order="C")
+        for name, a in problem._asdict().items()
+        if isinstance(a, np.ndarray)
+    }
+    return problem._replace(**copies)
 
 
 def _start_mean(settings: ModelSettings) -> Array:
