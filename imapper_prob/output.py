@@ -7,6 +7,7 @@ import shutil
 from pathlib import Path
 
 from imapper_prob.config import to_toml
+from imapper_prob.files import folder_written_whole, require_writable
 from imapper_prob.models.errors import InputError
 from imapper_prob.results.export import write_scenes
 from imapper_prob.results.export_glb import write_glb
@@ -52,11 +53,7 @@ def _check_folder(folder: Path, *, overwrite: bool) -> None:
         )
     if present and CHECKPOINTS not in present and not overwrite:
         raise InputError(f"{folder}: holds an earlier run; name another folder or add --overwrite")
-    parent = folder.resolve().parent
-    while not parent.exists():
-        parent = parent.parent
-    if not os.access(parent, os.W_OK):
-        raise InputError(f"{folder}: {parent} is not writable; name another folder")
+    require_writable(folder)
 
 
 def write_run(folder: Path, posterior: Posterior, *, overwrite: bool) -> None:
@@ -70,25 +67,15 @@ def write_run(folder: Path, posterior: Posterior, *, overwrite: bool) -> None:
         As :func:`prepare_folder`, or if the disk refuses.
     """
     _check_folder(folder, overwrite=overwrite)
-    folder = folder.resolve()  # a link stays, and what it points to is replaced
-    beside = folder.with_name(f".{folder.name}.partial-{os.getpid()}")
-    try:
-        beside.mkdir(parents=True)
+    with folder_written_whole(folder) as beside:
         (beside / "config.toml").write_text(to_toml(posterior.config), encoding="utf-8")
         write_scenes(beside / "scenes.json", posterior.scenes())
         _write_models(beside / "scenes", posterior)
         write_tree(beside / "posterior.nc", posterior.data)
         posterior.record(beside / "recording.rrd")
         write_report(beside / "report.html", posterior)
-        if folder.exists():
-            if not posterior.samples.finished and (folder / CHECKPOINTS).exists():
-                os.replace(folder / CHECKPOINTS, beside / CHECKPOINTS)
-            shutil.rmtree(folder)
-        os.replace(beside, folder)
-    except OSError as error:
-        raise InputError(f"{folder}: cannot be written ({error.strerror or error})") from error
-    finally:
-        shutil.rmtree(beside, ignore_errors=True)
+        if not posterior.samples.finished and (folder / CHECKPOINTS).exists():
+            os.replace(folder / CHECKPOINTS, beside / CHECKPOINTS)
 
 
 def _write_models(folder: Path, posterior: Posterior) -> None:

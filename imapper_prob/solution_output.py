@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import os
-import shutil
 from pathlib import Path
 
 from imapper_prob.config import Config, to_toml
+from imapper_prob.files import folder_written_whole, require_writable
 from imapper_prob.models.errors import InputError
 from imapper_prob.results.solved import Solved
 
@@ -40,11 +39,7 @@ def prepare_solution_folder(folder: Path, *, overwrite: bool) -> None:
         raise InputError(
             f"{folder}: holds an earlier solution; name another folder or add --overwrite"
         )
-    parent = folder.resolve().parent
-    while not parent.exists():
-        parent = parent.parent
-    if not os.access(parent, os.W_OK):
-        raise InputError(f"{folder}: {parent} is not writable; name another folder")
+    require_writable(folder)
 
 
 def write_solution_folder(folder: Path, solved: Solved, config: Config, *, overwrite: bool) -> None:
@@ -61,10 +56,7 @@ def write_solution_folder(folder: Path, solved: Solved, config: Config, *, overw
     from imapper_prob.results.solution_stages import charness_curves, stage_views
 
     prepare_solution_folder(folder, overwrite=overwrite)
-    folder = folder.resolve()  # a link stays, and what it points to is replaced
-    beside = folder.with_name(f".{folder.name}.partial-{os.getpid()}")
-    try:
-        beside.mkdir(parents=True)
+    with folder_written_whole(folder) as beside:
         (beside / "config.toml").write_text(to_toml(config), encoding="utf-8")
         write_solution(beside, solved)
         charness_figure(solved).savefig(beside / "charness.png", dpi=_DOTS_PER_INCH)
@@ -76,10 +68,3 @@ def write_solution_folder(folder: Path, solved: Solved, config: Config, *, overw
             stages=stage_views(solved),
             charness=charness_curves(solved),
         )
-        if folder.exists():
-            shutil.rmtree(folder)
-        os.replace(beside, folder)
-    except OSError as error:
-        raise InputError(f"{folder}: cannot be written ({error.strerror or error})") from error
-    finally:
-        shutil.rmtree(beside, ignore_errors=True)
