@@ -54,6 +54,12 @@ class ModelSettings:
     smoothness_cost : float
         Factor on those steps' nats, for joints err together: at once, and as ``frame_weight``
         says of frames.
+    furniture_aside : float
+        Standard deviation of how far to its side a piece of furniture stands from where its
+        scenelet says, as a share of its width. With the next one: of what is drawn, for the
+        detections do not tell (``docs/model.md``).
+    furniture_ahead : float
+        Metres; the same to its front and back.
     collision_cost : float
         Nats per metre that two objects are in each other, on the floor.
     motion_cost : float
@@ -91,6 +97,8 @@ class ModelSettings:
     size_spread: float = calibrated("scenelet.log_size")
     joint_step: float = calibrated("joints.jump_scale")
     smoothness_cost: float = 1 / (10 * calibrated("frames.correlation_time"))
+    furniture_aside: float = calibrated("furniture.aside")
+    furniture_ahead: float = calibrated("furniture.ahead")
     collision_cost: float = 100.0
     motion_cost: float = 50.0
     merge_angle: float = 0.6
@@ -104,7 +112,7 @@ class ModelSettings:
             "frame_weight", "swap_rate", "swap_length", "pose_tolerance", "sight_width",
             "walk_bearing", "walk_log_depth", "memory_bearing", "memory_depth",
             "start_bearing", "start_log_depth", "start_depth", "scenelet_rate", "size_spread",
-            "joint_step", "paper_nats",
+            "joint_step", "paper_nats", "furniture_aside", "furniture_ahead",
         ):  # fmt: skip
             if not getattr(self, name) > 0:
                 raise InputError(f"model setting {name} = {getattr(self, name)} must be positive")

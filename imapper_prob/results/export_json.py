@@ -47,8 +47,9 @@ def write_json(
     scene : int, optional
         Which scene, 1 being the most probable; that of least expected loss if left out.
     samples : int
-        How many draws, evenly spaced over the chains; their limbs differ from the scenelets'
-        as far as the model says (:mod:`imapper_prob.results.drawn_motion`).
+        How many draws, evenly spaced over the chains; their limbs and furniture differ from
+        the scenelets' as far as the model says (:mod:`imapper_prob.results.drawn_motion`,
+        :mod:`imapper_prob.results.drawn_objects`).
 
     Raises
     ------
@@ -81,7 +82,14 @@ def scene_document(
     if samples:
         rng, problem = np.random.default_rng(posterior.config.seed), posterior.solution.problem
         document["samples"] = [
-            _body(replace(posterior.draw(n), joints=drawn_motion(rng, problem, state)), ids)
+            _body(
+                replace(
+                    posterior.draw(n),
+                    objects=posterior.furniture[n],
+                    joints=drawn_motion(rng, problem, state),
+                ),
+                ids,
+            )
             for n in evenly_spaced(posterior, samples)
             for state in [posterior.samples.states[n]]
         ]

@@ -16,10 +16,11 @@ from imapper_prob.config import Config
 from imapper_prob.models.camera import Camera
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.posterior import motion
-from imapper_prob.models.scene import Clip, Scene
+from imapper_prob.models.scene import Clip, Scene, SceneObject
 from imapper_prob.models.skeleton import PELV
 from imapper_prob.results.differences import describe_difference
 from imapper_prob.results.diverse import group_scenes
+from imapper_prob.results.drawn_objects import drawn_objects
 from imapper_prob.results.explained import explained_by
 from imapper_prob.results.representatives import Representative, representative
 from imapper_prob.results.scenes import WeightedScene
@@ -218,11 +219,20 @@ class Posterior:
             return self.stored
         return posterior_tree(self.solution, self.samples, self.config, seconds=self.seconds)
 
+    @cached_property
+    def furniture(self) -> tuple[tuple[SceneObject, ...], ...]:
+        """The furniture of each draw as it may stand, in the draw's world.
+
+        ``samples.objects`` is where the scenelets say that it stands.
+        """
+        rng, settings = np.random.default_rng(self.config.seed), self.config.model
+        return tuple(drawn_objects(rng, objects, settings) for objects in self.samples.objects)
+
     def occupancy(self, *, cell: float = 0.1) -> Occupancy:
         """Probability by category that a place on the floor is covered, cells in metres."""
         from imapper_prob.results.uncertainty.occupancy import occupancy
 
-        return occupancy(self.samples.objects, cell=cell)
+        return occupancy(self.furniture, cell=cell)
 
     def clusters(self, *, least: float = 0.05) -> tuple[ObjectCluster, ...]:
         """Objects matched across all draws, most probable first, down to a probability."""
@@ -233,6 +243,7 @@ class Posterior:
             self.samples.log_posterior,
             radius=self.config.sample.layout_radius,
             least=least,
+            standing=self.furniture,
         )
 
     def joints(self) -> JointSummary:

@@ -127,7 +127,10 @@ def test_json_joints_land_on_the_pixels_of_their_draw() -> None:
     draws = evenly_spaced(run, 7)
     assert len(document["samples"]) == 7
     bodies = [(document, run.scene(1).scene)]
-    bodies += [(b, run.draw(n)) for b, n in zip(document["samples"], draws, strict=True)]
+    bodies += [
+        (b, replace(run.draw(n), objects=run.furniture[n]))
+        for b, n in zip(document["samples"], draws, strict=True)
+    ]
     focal = set()
     for body, scene in bodies:
         assert [int(k) for k in body["joints3d"]] == run.clip.frame_ids.tolist()
