@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from imapper_prob.models.posterior import State, empty_state, log_posterior
 from imapper_prob.models.problem import Problem
-from imapper_prob.staged.candidates import Candidate, furniture_kinds, refine
+from imapper_prob.staged.candidates import Candidate, refine
 from imapper_prob.staged.maxima import CharnessCurve
 from imapper_prob.staged.polish import polish
 from imapper_prob.staged.search import best_first
@@ -60,7 +60,7 @@ class Combination:
     score : float
         Nats over no scenelet by its candidates alone and two by two.
     gain : float
-        Nats over no scenelet by the full log-posterior.
+        Nats over no scenelet by the full log-posterior, and by where its candidates face.
     """
 
     members: tuple[int, ...]
@@ -108,17 +108,22 @@ def combine(
     groups = groups_of(candidates, curve, kept=settings.kept)
     tried, left = search(problem, groups, tried=settings.tried)
     pool = tuple(c for group in groups for c in group)
-    ranked = [state_of(problem, [pool[k] for k in t.members]) for t in tried]
+    ranked = [[pool[k] for k in t.members] for t in tried]
     if progress is not None:
         progress("combining", 1.0)
-    chosen = _diverse(problem, ranked, 1 + settings.alternatives)
+    chosen = _diverse(ranked, 1 + settings.alternatives)
     states = []
-    for i, state in enumerate(chosen):
-        states.append(polish(problem, refine(problem, state)))
+    for i, own in enumerate(chosen):
+        states.append(polish(problem, refine(problem, state_of(problem, own))))
         if progress is not None:
             progress("refining scenes", (i + 1) / len(chosen))
-    states.sort(key=lambda s: -log_posterior(problem, s))
-    return Combinations(pool, tried, left, tuple(states))
+    # Refining hardly turns anybody: they face as the candidates do.
+    worth = [
+        log_posterior(problem, state) + sum(c.facing for c in own)
+        for state, own in zip(states, chosen, strict=True)
+    ]
+    best = np.argsort(-np.array(worth), kind="stable").tolist()
+    return Combinations(pool, tried, left, tuple(states[k] for k in best))
 
 
 def groups_of(
@@ -141,7 +146,9 @@ def search(
     base = log_posterior(problem, empty_state(problem))
 
     def gain(*chosen: int) -> float:
-        return log_posterior(problem, state_of(problem, [pool[k] for k in chosen])) - base
+        members = [pool[k] for k in chosen]
+        faces = sum(c.facing for c in members)
+        return log_posterior(problem, state_of(problem, members)) - base + faces
 
     alone = np.array([gain(k) for k in range(len(pool))])
     together = np.zeros((len(pool), len(pool)))
@@ -183,10 +190,9 @@ def _at(window: int, candidates: Sequence[Candidate], kept: int) -> list[Candida
     return sorted(best.values(), key=lambda c: -c.gain)[:kept]
 
 
-def _diverse(problem: Problem, ranked: list[State], count: int) -> list[State]:
-    """The best states no two of which have the same kinds of furniture in the same order."""
-    kinds = furniture_kinds(problem)
-    chosen: dict[tuple[tuple[int, ...], ...], State] = {}
-    for state in ranked:
-        chosen.setdefault(tuple(kinds[s] for s in state.items[:, 0]), state)
+def _diverse(ranked: Sequence[Sequence[Candidate]], count: int) -> list[Sequence[Candidate]]:
+    """The best combinations no two of which have the same kinds of furniture in the same order."""
+    chosen: dict[tuple[tuple[int, ...], ...], Sequence[Candidate]] = {}
+    for members in ranked:
+        chosen.setdefault(tuple(c.kind for c in members), members)
     return list(chosen.values())[:count]

@@ -20,7 +20,7 @@ from imapper_prob.models.path import StaticPath
 from imapper_prob.models.pose import facing
 from imapper_prob.models.problem import Problem
 
-__all__ = ["FitSettings", "Fits", "fit_windows"]
+__all__ = ["FitSettings", "Fits", "fit_windows", "static_world"]
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -98,7 +98,7 @@ def _fit_windows(
     lengths = problem.lengths
     screening = _Fitter(problem, settings.screening_frame_step)
     fitting = _Fitter(problem, settings.frame_step)
-    world = _static_world(problem, path)
+    world = static_world(problem, path)
     placements = np.zeros((len(centres), len(lengths), 3))
     cost = np.full((len(centres), len(lengths)), np.inf)
     for w, centre in enumerate(centres.tolist()):
@@ -126,7 +126,7 @@ def _fit_windows(
     return Fits(centres, placements, cost)
 
 
-def _static_world(problem: Problem, path: StaticPath) -> Array:
+def static_world(problem: Problem, path: StaticPath) -> Array:
     """(T, 16, 3) joints of the static path in the world of the mean camera."""
     pitch, elevation, focal, body, roll = problem.camera_mean
     depth = np.exp(path.estimate[:, 1] + focal + body)

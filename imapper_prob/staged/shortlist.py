@@ -43,7 +43,7 @@ class Shortlisted:
     ----------
     candidate : Candidate
     fit : float
-        All but the other two: detections if nothing hid anything, path, prior.
+        All but the other two: detections if nothing hid anything, facing, path, prior.
     motion : float
         For people and furniture that stand in each other, at most 0.
     occlusion : float
@@ -116,7 +116,7 @@ def shortlist(
         rows = []
         for c in here:
             state = empty.with_item(c.scenelet, c.start, c.placement, c.size)
-            fit = log_posterior(bare, state) - nothing
+            fit = log_posterior(bare, state) - nothing + c.facing
             values = terms(problem, state)
             motion = sum(values.get(name, 0.0) for name in _SOLID)
             occlusion = c.gain - fit - motion
