@@ -35,7 +35,7 @@ from imapper_prob.sampling.proposals import Candidates, Proposals
 from imapper_prob.sampling.refurnish import Refurnish
 from imapper_prob.sampling.replace import Replace
 from imapper_prob.sampling.tracker import SceneTracker, split
-from imapper_prob.staged.candidates import furniture_kinds
+from imapper_prob.staged.kinds import furniture_kinds
 
 __all__ = ["Chain", "Setup", "run_chain", "scene_moves"]
 

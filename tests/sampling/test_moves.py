@@ -24,7 +24,7 @@ from imapper_prob.sampling.moves import Birth, Death, PlacementWalk, Swap
 from imapper_prob.sampling.proposals import Candidates, Proposals, log_wrapped_normal
 from imapper_prob.sampling.refurnish import Refurnish
 from imapper_prob.sampling.replace import Replace
-from imapper_prob.staged.candidates import furniture_kinds
+from imapper_prob.staged.kinds import furniture_kinds
 from tests.models import worlds
 
 N_FRAMES = 20

@@ -13,11 +13,12 @@ from imapper_prob.models.posterior import empty_state, log_posterior, motion
 from imapper_prob.models.problem import Problem, pack_problem
 from imapper_prob.models.scenelet import Library
 from imapper_prob.scenelets.library import load_library
-from imapper_prob.staged.candidates import furniture_kinds, refine, screen
+from imapper_prob.staged.candidates import refine, screen
 from imapper_prob.staged.combine import combine
 from imapper_prob.staged.facing import Facing
 from imapper_prob.staged.fit import Fits, fit_windows
 from imapper_prob.staged.free_poses import free_pose_cost
+from imapper_prob.staged.kinds import furniture_kinds
 from imapper_prob.staged.maxima import charness_curve
 from tests.models import worlds
 from tests.runs import solution
