@@ -58,7 +58,7 @@ def solve(
     Parameters
     ----------
     clip : Clip
-        What was seen, see `load_clip`.
+        What was seen, see `load_clip`; of several people the first is solved.
     library : Library
         What people do near furniture, see `load_library`.
     config : Config, optional
@@ -66,7 +66,8 @@ def solve(
         Called with the name of a stage and the part of it that is done.
     """
     model = config.model if config is not None else None
-    return solve_staged(clip, library, settings=model, progress=progress)
+    first = clip if len(clip.tracks) == 1 else replace(clip, tracks=clip.tracks[:1])
+    return solve_staged(first, library, settings=model, progress=progress)
 
 
 def sample(

@@ -82,4 +82,4 @@ def _write_models(folder: Path, posterior: Posterior) -> None:
     folder.mkdir()
     for number, weighted in enumerate(posterior.scenes(), 1):
         path = folder / f"scene_{number}.glb"
-        write_glb(path, weighted.scene, frame_ids=posterior.clip.frame_ids)
+        write_glb(path, weighted.scene, posterior.clip)

@@ -12,6 +12,7 @@ import math
 from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -154,11 +155,14 @@ def _one_after_the_other(
         )
         for s, by in zip(solutions, stature, strict=True)
     ]
+    frames: dict[str, Any] = {
+        name: np.concatenate([getattr(p, name) for p in problems]) for name in _BY_FRAME
+    }
     return problems[0]._replace(
-        **{name: np.concatenate([getattr(p, name) for p in problems]) for name in _BY_FRAME},
+        **frames,
         static_density=np.concatenate([p.static_density for p in problems], axis=1),
         camera_mean=np.array(camera.mean),
-        camera_precision=np.linalg.inv(camera.covariance),
+        camera_precision=np.linalg.inv(camera.covariance).astype(np.float64),
         camera_constant=-0.5 * float(np.linalg.slogdet(2 * np.pi * camera.covariance)[1]),
         merge_angle=_ANY_ANGLE,
     )
@@ -186,8 +190,9 @@ def _joined(problem: Problem, states: Sequence[State]) -> State:
     camera = np.array(problem.camera_mean)
     items, placements, entrance = [], [], 0
     for state in states:
-        items.append(state.items + [0, entrance])
-        placements.append(state.placements * [1.0, math.exp(camera[2] - state.camera[2]), 1.0])
+        items.append(state.items + np.array([0, entrance]))
+        further = math.exp(camera[2] - state.camera[2])
+        placements.append(state.placements * np.array([1.0, further, 1.0]))
         entrance += len(state.latent)
     return State(
         camera,

@@ -259,9 +259,7 @@ def _ensembles(
         common = Counter(keys).most_common(1)[0][0]
         own = [m for m, key in zip(members, keys, strict=True) if key == common]
         best = states[max(own, key=lambda m: values[m])]
-        results.append(
-            sample_placements(problem, best, settings, seed=child, workers=workers)
-        )
+        results.append(sample_placements(problem, best, settings, seed=child, workers=workers))
         if progress is not None:
             progress("walking placements", (layout + 1) / count)
     return tuple(results)
