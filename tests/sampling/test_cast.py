@@ -27,6 +27,7 @@ from imapper_prob.models.skeleton import PELV
 from imapper_prob.output import write_run
 from imapper_prob.people import by_person
 from imapper_prob.results.benchmark_axes import to_benchmark
+from imapper_prob.results.export import read_scenes
 from imapper_prob.results.export_i3db import write_i3db
 from imapper_prob.results.export_json import scene_document
 from imapper_prob.results.posterior import Posterior
@@ -204,6 +205,10 @@ def test_every_file_has_everybody(folder: Path, tmp_path: Path) -> None:
         assert len(body["actors"]["B"]) == N_FRAMES
 
     scene = run.scene(1).scene
+    told = json.loads((folder / "scenes.json").read_text(encoding="utf-8"))["scenes"][0]["layout"]
+    assert {part["actor"] for part in told} == {"A", "B"}
+    assert max(part["start"] for part in told) < N_FRAMES
+    assert read_scenes(folder / "scenes.json")[0].scene.layout == scene.layout
     write_i3db(tmp_path / "i3db", scene, run.clip)
     second = json.loads((tmp_path / "i3db" / "skel_output_B.json").read_text(encoding="utf-8"))
     assert second["frame_ids"] == frames.tolist()
