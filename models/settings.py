@@ -37,6 +37,9 @@ class ModelSettings:
         although something is.
     memory_bearing, memory_depth : float
         Seconds in which the static path's errors across and along the view forget themselves.
+    ease_bearing, ease_depth : float
+        Seconds of these in which such an error changes its course, at most half of them: 0 for
+        errors that are rough from frame to frame, half for the smoothest.
     walk_bearing, walk_log_depth : float
         Standard deviation of one frame's step of the pelvis at 10 frames a second: tangent
         of the bearing, and log metres. Of a person nobody has looked at yet.
@@ -83,6 +86,8 @@ class ModelSettings:
     surprise: float = 0.02
     memory_bearing: float = calibrated("bias.time_across")
     memory_depth: float = calibrated("bias.time_along")
+    ease_bearing: float = calibrated("bias.ease_across")
+    ease_depth: float = calibrated("bias.ease_along")
     walk_bearing: float = calibrated("walk.bearing")
     walk_log_depth: float = calibrated("walk.log_depth")
     start_bearing: float = 0.25
@@ -108,6 +113,13 @@ class ModelSettings:
         ):  # fmt: skip
             if not getattr(self, name) > 0:
                 raise InputError(f"model setting {name} = {getattr(self, name)} must be positive")
+        for name in ("bearing", "depth"):
+            ease, seconds = getattr(self, f"ease_{name}"), getattr(self, f"memory_{name}")
+            if not 0 <= ease <= seconds / 2:
+                raise InputError(
+                    f"model setting ease_{name} = {ease} must be from 0 to half of "
+                    f"memory_{name} = {seconds}"
+                )
         if self.energy not in ("default", "paper"):
             raise InputError(f"model setting energy = {self.energy!r} must be default or paper")
         if not 0 < self.surprise < 0.5:

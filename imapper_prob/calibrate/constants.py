@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from imapper_prob.calibrate.estimators import (
     between_groups,
+    change_time,
     correlation_length,
     predictive_spread,
     root_mean_square,
@@ -102,6 +103,17 @@ def _memory(evidence: Sequence[Placed], errors: Sequence[Array]) -> Number:
     return float(correlation_length([error[:, None] for error in errors]) * seconds / 2)
 
 
+def _ease(evidence: Sequence[Placed], errors: Sequence[Array]) -> Number:
+    """Of these seconds, those in which the error changes its course."""
+    return change_time(
+        errors,
+        spread=root_mean_square(np.concatenate(errors)),
+        seconds=float(_memory(evidence, errors)),
+        fps=evidence[0].clip.fps,
+        gap=evidence[0].detections.gap,
+    )
+
+
 def _swap_runs(evidence: Sequence[Seen]) -> tuple[float, float, float]:
     """How many runs of swapped frames there are, and seconds swapped and seen."""
     runs = swapped = seen = 0.0
@@ -162,8 +174,8 @@ def _lifted(axes: tuple[int, ...]) -> Callable[[Sequence[Seen]], Number]:
     )
 
 
-def _centred_depth(evidence: Sequence[Placed]) -> Array:
-    return np.concatenate([e.path.log_depth - np.median(e.path.log_depth) for e in evidence])
+def _centred_depth(evidence: Sequence[Placed]) -> list[Array]:
+    return [e.path.log_depth - np.median(e.path.log_depth) for e in evidence]
 
 
 def _ankles(evidence: Sequence[Placed]) -> tuple[float, float]:
@@ -280,7 +292,7 @@ FROM_PATH: Final = (
     Estimator(
         "bias.log_depth", "log m", "slow error of the static path's depth",
         "root mean square of its log depth over the true one, each scene's median taken off",
-        lambda evidence: root_mean_square(_centred_depth(evidence)),
+        lambda evidence: root_mean_square(np.concatenate(_centred_depth(evidence))),
     ),
     Estimator(
         "bias.across", "m", "slow error of the static path across the view",
@@ -298,6 +310,16 @@ FROM_PATH: Final = (
         "bias.time_across", "s", "time in which the slow error across the view forgets itself",
         "half the integrated autocorrelation of that error",
         lambda evidence: _memory(evidence, [e.path.across[:, 0] for e in evidence]),
+    ),
+    Estimator(
+        "bias.ease_along", "s", "part of that time in which the error of depth changes course",
+        "most likely one of a chain of second order with that spread and time",
+        lambda evidence: _ease(evidence, _centred_depth(evidence)),
+    ),
+    Estimator(
+        "bias.ease_across", "s", "part of that time in which the error across changes course",
+        "most likely one of a chain of second order with that spread and time",
+        lambda evidence: _ease(evidence, [e.path.across[:, 0] for e in evidence]),
     ),
     Estimator(
         "body.log_scale", "log", "spread of stature about the reference body",
