@@ -106,7 +106,10 @@ def read_scenes(path: str | os.PathLike[str]) -> tuple[WeightedScene, ...]:
         raise InputError(
             f"{path}: has version {document.get('version')!r}, this program reads {VERSION}"
         )
-    actors = _Actors(**document.get("actors", {}))
+    try:
+        actors = _Actors(**document.get("actors", {}))
+    except TypeError as error:
+        raise InputError(f"{path}: actors: {error}") from error
     return _each(document.get("scenes"), lambda s: _to_scene(s, actors), f"{path}: scene")
 
 

@@ -1,7 +1,7 @@
 """A scene in the benchmark's own files (Monszpart et al. 2019), as its authors write theirs::
 
     OUT/skel_output.json             joints by frame, hidden joints, and the list of parts
-    OUT/skel_output_B.json           the same of further people, by the names of their tracks
+    OUT/skel_output_2.json           the same of a second person, and so on
     OUT/skel_output_objects/*.json   one box a part: centroid, axes in columns, full side lengths
 
 Axes are those of the camera (x right, y down, z forward). As in the benchmark's annotations the
@@ -48,9 +48,9 @@ def write_i3db(folder: Path, scene: Scene, clip: Clip) -> None:
     joints = to_benchmark(scene.camera, scene.joints)
     obbs = [f"{_STEM}_objects/{name}.obj" for name in parts]
     documents = {
-        _STEM if person == 0 else f"{_STEM}_{track.name}": _skeleton(clip, motion, behind, obbs)
-        for person, (track, motion, behind) in enumerate(
-            zip(clip.tracks, by_person(clip, joints), by_person(clip, hidden), strict=True)
+        _STEM if number == 1 else f"{_STEM}_{number}": _skeleton(clip, motion, behind, obbs)
+        for number, (motion, behind) in enumerate(
+            zip(by_person(clip, joints), by_person(clip, hidden), strict=True), 1
         )
     }
     beside = folder.resolve().with_name(f".{folder.name}.partial-{os.getpid()}")

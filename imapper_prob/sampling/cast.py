@@ -1,15 +1,14 @@
 """Everybody in a clip as one log-posterior: the frames of one actor after those of the other.
 
 Camera and furniture are shared, and so each actor's joints may be hidden by what another uses
-and nobody walks through it. A window, a path and a smooth motion belong to one actor, and so no
-scenelet may reach from one actor's frames into the next one's. Real time plays no part in it:
-furniture stands still.
+and nobody walks through it. A window, a path and a smooth motion belong to one actor: the model's
+chains start anew at the first frame of each, and no scenelet reaches from one actor's frames into
+the next one's (`path_starts` of a problem). Real time plays no part in it: furniture stands still.
 """
 
 from __future__ import annotations
 
 import math
-from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -23,19 +22,18 @@ from imapper_prob.models.posterior import State
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.scene import Clip
 from imapper_prob.models.scenelet import Library
-from imapper_prob.samplers.kernel import Move, Proposal
 from imapper_prob.sampling.proposals import Candidates
 from imapper_prob.sampling.weights import weighted_candidates
 from imapper_prob.staged.candidates import refine
 from imapper_prob.staged.solver import Solution
 
-__all__ = ["Cast", "WithinActors", "cast_of"]
+__all__ = ["Cast", "cast_of"]
 
 Array = NDArray[np.float64]
 
 _BY_FRAME = (
     "keypoints", "used", "confidences", "confidence_density", "error_scale", "error_dof",
-    "path_centre", "path_scale", "lift", "poses", "free_cost",
+    "path_centre", "path_scale", "path_starts", "lift", "poses", "free_cost",
 )  # fmt: skip
 """Fields of a problem that begin with the frames; ``static_density`` has them second."""
 _SHARED, _BODY = [0, 1, 2, 4], 3
@@ -62,8 +60,6 @@ class Cast:
         Between the motions of scenelets, metres.
     states : tuple of State
         Where chains may begin, the best scene first.
-    entrances : tuple of K int
-        First frame of each actor.
     """
 
     clip: Clip
@@ -72,7 +68,6 @@ class Cast:
     candidates: Candidates
     distances: Array
     states: tuple[State, ...]
-    entrances: tuple[int, ...]
 
 
 def cast_of(solutions: Sequence[Solution]) -> Cast:
@@ -93,19 +88,18 @@ def cast_of(solutions: Sequence[Solution]) -> Cast:
         candidates = [_in_common_stature(c, by) for c, by in zip(candidates, stature, strict=True)]
         states = _together(problem, solutions)
         clip = _with_tracks(solutions)
-    entrances = np.cumsum([0, *(s.problem.n_frames for s in solutions)])[:-1].tolist()
+    firsts = np.flatnonzero(problem.path_starts)
     return Cast(
         clip,
         first.library,
         problem,
         Candidates(
-            np.concatenate([c.centres + e for c, e in zip(candidates, entrances, strict=True)]),
+            np.concatenate([c.centres + t for c, t in zip(candidates, firsts, strict=True)]),
             np.concatenate([c.placements for c in candidates]),
             np.concatenate([c.weights for c in candidates]),
         ),
         first.distances,
         states,
-        tuple(entrances),
     )
 
 
@@ -188,12 +182,12 @@ def _together(problem: Problem, solutions: Sequence[Solution]) -> tuple[State, .
 def _joined(problem: Problem, states: Sequence[State]) -> State:
     """One state of everybody's; people keep their sizes and look the same in the mean camera."""
     camera = np.array(problem.camera_mean)
-    items, placements, entrance = [], [], 0
+    items, placements, first = [], [], 0
     for state in states:
-        items.append(state.items + np.array([0, entrance]))
+        items.append(state.items + np.array([0, first]))
         further = math.exp(camera[2] - state.camera[2])
         placements.append(state.placements * np.array([1.0, further, 1.0]))
-        entrance += len(state.latent)
+        first += len(state.latent)
     return State(
         camera,
         np.concatenate(items),
@@ -201,37 +195,3 @@ def _joined(problem: Problem, states: Sequence[State]) -> State:
         np.concatenate([s.sizes + s.camera[_BODY] - camera[_BODY] for s in states]),
         np.concatenate([s.latent for s in states]),
     )
-
-
-@dataclass(frozen=True)
-class WithinActors:
-    """A move that is refused where a scenelet would reach into another actor's frames."""
-
-    move: Move[State]
-    problem: Problem
-    entrances: tuple[int, ...]
-
-    @property
-    def name(self) -> str:
-        """Of the move."""
-        return self.move.name
-
-    @property
-    def reverse(self) -> str:
-        """Of the move."""
-        return self.move.reverse
-
-    def propose(self, rng: np.random.Generator, state: State) -> Proposal[State] | None:
-        """What the move proposes, or nothing."""
-        proposal = self.move.propose(rng, state)
-        if proposal is None or self._reaches_over(proposal.state):
-            return None
-        return proposal
-
-    def _reaches_over(self, state: State) -> bool:
-        lengths, entrances = self.problem.lengths, self.entrances
-        return any(
-            bisect_right(entrances, start)
-            != bisect_right(entrances, start + int(lengths[scenelet]) - 1)
-            for scenelet, start in state.items.tolist()
-        )

@@ -14,11 +14,10 @@ from imapper_prob.models.posterior import State
 from imapper_prob.models.problem import Problem
 from imapper_prob.samplers.chains import Report
 from imapper_prob.samplers.checkpoint import Keeper
-from imapper_prob.samplers.kernel import Mixture, Move, step
+from imapper_prob.samplers.kernel import Mixture, step
 from imapper_prob.samplers.ladder import LadderSummary, power_ladder
 from imapper_prob.samplers.reversible_jump import AcceptanceTable
 from imapper_prob.samplers.tempering import start, temper
-from imapper_prob.sampling.cast import WithinActors
 from imapper_prob.sampling.checkpoints import Progress
 from imapper_prob.sampling.crossover import TimeCrossover
 from imapper_prob.sampling.moves import (
@@ -58,15 +57,12 @@ class Setup:
     similarity : (L, L) float
         Probabilities of exchanging one scenelet for another.
     settings : SampleSettings
-    entrances : tuple of int
-        First frame of each actor, where their frames follow each other.
     """
 
     problem: Problem
     candidates: Candidates
     similarity: Array
     settings: SampleSettings
-    entrances: tuple[int, ...] = (0,)
 
 
 @dataclass(frozen=True)
@@ -120,10 +116,7 @@ def scene_moves(setup: Setup) -> Mixture[State]:
         (DepthScale(), 0.06),
         (PathRefresh(), 0.06),
     )
-    moves: list[Move[State]] = [move for move, _ in weighted]
-    if len(setup.entrances) > 1:
-        moves = [WithinActors(move, problem, setup.entrances) for move in moves]
-    return Mixture(moves, [weight for _, weight in weighted])
+    return Mixture([move for move, _ in weighted], [weight for _, weight in weighted])
 
 
 def run_chain(

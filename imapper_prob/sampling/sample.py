@@ -217,9 +217,7 @@ def _told_plainly(checkpoints: Path | None) -> Iterator[None]:
 def setup_of(solution: Solution | Cast, settings: SampleSettings) -> Setup:
     """What the chains need of a solved clip."""
     cast = solution if isinstance(solution, Cast) else cast_of([solution])
-    return Setup(
-        cast.problem, cast.candidates, similarity(cast.distances), settings, cast.entrances
-    )
+    return Setup(cast.problem, cast.candidates, similarity(cast.distances), settings)
 
 
 def _starts(cast: Cast, count: int) -> list[State]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -19,6 +19,7 @@ from imapper_prob.models.posterior import (
     State,
     empty_state,
     frame_log_likelihood,
+    log_posterior,
     motion,
     terms,
 )
@@ -32,11 +33,9 @@ from imapper_prob.results.export_i3db import write_i3db
 from imapper_prob.results.export_json import scene_document
 from imapper_prob.results.posterior import Posterior
 from imapper_prob.results.summary import distances_to_truth
-from imapper_prob.samplers.kernel import Proposal
-from imapper_prob.sampling.cast import Cast, WithinActors, cast_of
-from imapper_prob.sampling.chain import scene_moves
+from imapper_prob.sampling.cast import Cast, cast_of
 from imapper_prob.sampling.layouts import merged_objects
-from imapper_prob.sampling.sample import sample_scenes, setup_of
+from imapper_prob.sampling.sample import sample_scenes
 from imapper_prob.sampling.weights import weighted_candidates
 from imapper_prob.staged.actors import solve_actors
 from imapper_prob.staged.solver import Solution
@@ -90,19 +89,24 @@ def test_one_actor_stays_as_it_was() -> None:
     assert alone.clip is one.clip
     for name in ("centres", "placements", "weights"):
         assert_array_equal(getattr(alone.candidates, name), getattr(before, name))
-    assert not any(isinstance(m, WithinActors) for m in scene_moves(setup_of(one, SHORT)).moves)
 
 
 def test_frames_follow_each_other_and_the_camera_counts_once() -> None:
     together, own = cast(), [s.problem for s in solutions()]
-    assert together.entrances == (0, N_FRAMES)
-    assert together.problem.n_frames == 2 * N_FRAMES
-    nats = terms(together.problem, empty_state(together.problem))
-    alone = [terms(p, empty_state(p)) for p in own]
-    assert nats["free_pose"] == pytest.approx(sum(n["free_pose"] for n in alone))
-    # But for left and right, which may stay swapped from one to the next.
-    assert nats["detections"] == pytest.approx(sum(n["detections"] for n in alone), abs=0.1)
-    assert nats["camera"] == pytest.approx(alone[0]["camera"], abs=0.2)
+    assert_array_equal(np.flatnonzero(together.problem.path_starts), [0, N_FRAMES])
+    bare = int(np.flatnonzero(np.diff(together.problem.box_first) == 0)[0])
+    mine, place = 20, np.array([0.1, 3.5, 0.4])
+    for starts in ((), (0,), (mine,)):  # of a scenelet, also where nothing goes before it
+        states = [empty_state(problem) for problem in (together.problem, *own)]
+        for start in starts:
+            states[0] = states[0].with_item(bare, start, place)
+            states[0] = states[0].with_item(bare, N_FRAMES + start, place)
+            states[1:] = [state.with_item(bare, start, place) for state in states[1:]]
+        nats = terms(together.problem, states[0])
+        alone = [terms(p, state) for p, state in zip(own, states[1:], strict=True)]
+        for name in set(nats) - {"camera"}:
+            assert nats[name] == pytest.approx(sum(n[name] for n in alone), abs=1e-6), name
+        assert nats["camera"] == pytest.approx(alone[0]["camera"], abs=0.2)
 
 
 def test_everybody_keeps_their_stature_and_place() -> None:
@@ -133,27 +137,14 @@ def test_actors_of_other_worlds_are_refused() -> None:
         cast_of([first, stranger])
 
 
-@dataclass(frozen=True)
-class Put:
-    """Proposes one scenelet at a start frame."""
-
-    start: int
-    name: str = "put"
-    reverse: str = "put"
-
-    def propose(self, rng: np.random.Generator, state: State) -> Proposal[State]:
-        return Proposal(state.with_item(0, self.start, np.array([0.0, 3.0, 0.0])), 0.0)
-
-
 def test_no_scenelet_reaches_from_one_actor_to_the_next() -> None:
-    problem, rng = cast().problem, np.random.default_rng(3)
-    length = int(problem.lengths[0])
+    problem = cast().problem
+    empty, length = empty_state(problem), int(problem.lengths[0])
     for start in range(2 * N_FRAMES - length + 1):
-        move = WithinActors(Put(start), problem, cast().entrances)
+        state = empty.with_item(0, start, np.array([0.0, 3.0, 0.0]))
         fits = start + length <= N_FRAMES or start >= N_FRAMES
-        assert (move.propose(rng, empty_state(problem)) is not None) == fits
-    assert all(isinstance(m, WithinActors) for m in scene_moves(setup_of(cast(), SHORT)).moves)
-    for state in posterior().samples.states:
+        assert np.isfinite(log_posterior(problem, state)) == fits
+    for state in (*cast().states, *posterior().samples.states):
         first, last = state.items[:, 1], state.items[:, 1] + problem.lengths[state.items[:, 0]] - 1
         assert_array_equal(first // N_FRAMES, last // N_FRAMES)
 
@@ -210,7 +201,7 @@ def test_every_file_has_everybody(folder: Path, tmp_path: Path) -> None:
     assert max(part["start"] for part in told) < N_FRAMES
     assert read_scenes(folder / "scenes.json")[0].scene.layout == scene.layout
     write_i3db(tmp_path / "i3db", scene, run.clip)
-    second = json.loads((tmp_path / "i3db" / "skel_output_B.json").read_text(encoding="utf-8"))
+    second = json.loads((tmp_path / "i3db" / "skel_output_2.json").read_text(encoding="utf-8"))
     assert second["frame_ids"] == frames.tolist()
     first_pose = second["3d"][f"{frames[0]:05d}"]["6"]
     assert_allclose(first_pose, to_benchmark(scene.camera, scene.joints[N_FRAMES, PELV]))
