@@ -69,7 +69,7 @@ def write_run(folder: Path, posterior: Posterior, *, overwrite: bool) -> None:
     _check_folder(folder, overwrite=overwrite)
     with folder_written_whole(folder) as beside:
         (beside / "config.toml").write_text(to_toml(posterior.config), encoding="utf-8")
-        write_scenes(beside / "scenes.json", posterior.scenes())
+        write_scenes(beside / "scenes.json", posterior.scenes(), clip=posterior.clip)
         _write_models(beside / "scenes", posterior)
         write_tree(beside / "posterior.nc", posterior.data)
         posterior.record(beside / "recording.rrd")
@@ -82,4 +82,4 @@ def _write_models(folder: Path, posterior: Posterior) -> None:
     folder.mkdir()
     for number, weighted in enumerate(posterior.scenes(), 1):
         path = folder / f"scene_{number}.glb"
-        write_glb(path, weighted.scene, frame_ids=posterior.clip.frame_ids)
+        write_glb(path, weighted.scene, posterior.clip)

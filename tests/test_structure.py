@@ -26,7 +26,7 @@ SOURCES = sorted(
 )
 FLOORS = [
     {"models", "samplers"},
-    {"colours", "config", "files", "tracking"},
+    {"colours", "config", "files", "people", "tracking"},
     {"inputs", "detect"},
     {"scenelets"},
     {"staged"},

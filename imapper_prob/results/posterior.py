@@ -18,6 +18,7 @@ from imapper_prob.models.errors import InputError
 from imapper_prob.models.posterior import motion
 from imapper_prob.models.scene import Clip, Scene, SceneObject
 from imapper_prob.models.skeleton import PELV
+from imapper_prob.people import by_person
 from imapper_prob.results.differences import describe_difference
 from imapper_prob.results.diverse import group_scenes
 from imapper_prob.results.drawn_objects import drawn_objects
@@ -247,13 +248,16 @@ class Posterior:
         )
 
     def joints(self) -> JointSummary:
-        """Mean and covariance of every joint in every frame."""
+        """Mean and covariance of every joint in every frame, of several people in a row."""
         from imapper_prob.results.uncertainty.joints import joint_summary
 
         return joint_summary(self._motions(), problem=self.solution.problem)
 
     def hidden(self) -> HiddenJoints:
-        """P(joint hidden) by frame and joint, and by which of :meth:`clusters`."""
+        """P(joint hidden) by frame and joint, and by which of :meth:`clusters`.
+
+        Of several people the frames of each follow those of the one before.
+        """
         from imapper_prob.results.uncertainty.hidden import hidden_joints
 
         elevations = [float(state.camera[1]) for state in self.samples.states]
@@ -318,7 +322,9 @@ class Posterior:
             DrawnChain(
                 kept,
                 [samples.objects[n] for n in own],
-                np.array([motion(problem, samples.states[n])[:, PELV] for n in own]),
+                np.array(
+                    [by_person(self.clip, motion(problem, samples.states[n])[:, PELV]) for n in own]
+                ),
             )
             for own in numbers
         )

@@ -13,21 +13,15 @@ from imapper_prob.models.scenelet import Library
 from imapper_prob.models.skeleton import PELV
 from imapper_prob.results.solved import Part, Solved, shared_furniture, solved
 from imapper_prob.results.summary import distances_to_truth
-from imapper_prob.scenelets.library import load_library
 from imapper_prob.staged.actors import share_camera, solve_actors
 from imapper_prob.staged.calibration import CameraSettings
 from tests.models.worlds import couch
-from tests.staged.couples import CAMERA, N_FRAMES, at_one_table
-
-KINDS = ((), ("chair",), ("chair", "table"))
+from tests.staged.couples import CAMERA, N_FRAMES, at_one_table, chairs_and_tables
 
 
 @cache
 def library() -> Library:
-    """What people do on chairs and without, so that the question is who has which table."""
-    able = [s for s in load_library() if s.labels in KINDS]
-    kept = [s for k, s in enumerate(able) if k % 4 == 0 or s.name == "sit-table-016"]
-    return Library("chairs", tuple(kept))
+    return chairs_and_tables(4)
 
 
 @cache

@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 
 from imapper_prob.models.scene import Clip, SceneObject
+from imapper_prob.people import everybody
 from imapper_prob.results.scenes import WeightedScene
 from imapper_prob.sampling.sample import Samples
 
@@ -89,9 +90,10 @@ def warnings_of(clip: Clip, samples: Samples, scenes: Sequence[WeightedScene]) -
             f"Few frames: {clip.n_frames} of them, {seconds:.1f} s. People tell of furniture by "
             "using it, and that takes time."
         )
-    lost = 1 - float(np.mean((clip.tracks[0].confidences > 0).any(1)))
+    lost = 1 - float(np.mean((everybody(clip).confidences > 0).any(1)))
     if lost > _LOST:
-        said.append(f"The detector lost the person in {100 * lost:.0f} % of the frames.")
+        whom = "the person" if len(clip.tracks) == 1 else "people"
+        said.append(f"The detector lost {whom} in {100 * lost:.0f} % of the frames.")
     return tuple(said)
 
 

@@ -67,8 +67,9 @@ def report(posterior: Posterior) -> str:
 def _title(posterior: Posterior) -> str:
     """What was looked at, and how long."""
     clip, (chains, draws) = posterior.clip, posterior.samples.shape
+    people = f"{len(clip.tracks)} people, " if len(clip.tracks) > 1 else ""
     return (
-        f"{clip.name} · {clip.n_frames} frames, {clip.n_frames / clip.fps:.0f} s · "
+        f"{clip.name} · {people}{clip.n_frames} frames, {clip.n_frames / clip.fps:.0f} s · "
         f"{chains} chains of {draws} draws"
     )
 
