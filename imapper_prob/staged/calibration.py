@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.models.calibrated import calibrated
+from imapper_prob.models.energy.detections import DetectionModel
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.path import CameraPrior, StaticPath
 from imapper_prob.models.scene import Clip
@@ -214,12 +215,19 @@ def _mode(feet: _Feet, *, tolerance: float = 1e-9) -> Array:
 
 
 def _feet(clip: Clip, path: StaticPath, track: int, settings: CameraSettings) -> _Feet:
-    """The lower ankle of every frame, as the nominal camera has it, and the prior."""
+    """The lower seen ankle of every frame, as the nominal camera has it, and the prior.
+
+    Of a hidden foot detectors make something up, and the lower of two is then the worse guess:
+    it counts only where no ankle is more probably seen than hidden.
+    """
     ankles = path.joints[:, [RANK, LANK]]
-    lower = clip.camera.to_world(ankles)[..., 2].argmin(1)
+    confidences = clip.tracks[track].confidences[:, [RANK, LANK]]
+    height = clip.camera.to_world(ankles)[..., 2]
+    guessed = DetectionModel().confidence_density(confidences).argmax(-1) == 0
+    lower = np.where(guessed & ~guessed.all(1, keepdims=True), np.inf, height).argmin(1)
     frames = np.arange(clip.n_frames)
     right, depth, up = ankles[frames, lower].T
-    confidence = clip.tracks[track].confidences[:, [RANK, LANK]][frames, lower]
+    confidence = confidences[frames, lower]
     focal = settings.log_focal_known if clip.focal_known else settings.log_focal
     return _Feet(
         right=right,
