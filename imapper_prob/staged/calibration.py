@@ -41,8 +41,6 @@ class CameraSettings:
         Radians; standard deviation about the clip's nominal roll.
     log_elevation : float
         Standard deviation of the log height about the clip's nominal one.
-    log_focal, log_focal_known : float
-        Standard deviation of the log focal length where it was assumed, or measured.
     log_body : float
         Standard deviation of log stature about the reference body's.
     ankle : float
@@ -60,8 +58,6 @@ class CameraSettings:
     pitch: float = calibrated("camera.pitch")
     roll: float = calibrated("camera.roll")
     log_elevation: float = calibrated("camera.log_elevation")
-    log_focal: float = 0.05
-    log_focal_known: float = 0.005
     log_body: float = calibrated("body.log_scale")
     ankle: float = ANKLE
     ankle_offset: float = calibrated("ankle.offset")
@@ -88,7 +84,7 @@ def estimate_camera(
     Parameters
     ----------
     clip : Clip
-        Its camera's pose is the mean of the prior.
+        Its camera's pose is the mean of the prior, and it says how sure its focal length is.
     path : StaticPath
         Of the person ``track``.
     settings : CameraSettings, optional
@@ -228,7 +224,6 @@ def _feet(clip: Clip, path: StaticPath, track: int, settings: CameraSettings) ->
     frames = np.arange(clip.n_frames)
     right, depth, up = ankles[frames, lower].T
     confidence = confidences[frames, lower]
-    focal = settings.log_focal_known if clip.focal_known else settings.log_focal
     return _Feet(
         right=right,
         depth=depth,
@@ -238,8 +233,8 @@ def _feet(clip: Clip, path: StaticPath, track: int, settings: CameraSettings) ->
             [clip.camera.pitch, np.log(clip.camera.elevation), 0.0, 0.0, clip.camera.roll, 0.0]
         ),
         prior_spread=np.array(
-            [settings.pitch, settings.log_elevation, focal, settings.log_body, settings.roll,
-             settings.ankle_offset]
+            [settings.pitch, settings.log_elevation, clip.focal_spread, settings.log_body,
+             settings.roll, settings.ankle_offset]
         ),
         settings=settings,
     )  # fmt: skip

@@ -14,7 +14,7 @@ import pytest
 from PIL import Image
 
 from imapper_prob.cli import main
-from imapper_prob.models.scene import Clip
+from imapper_prob.models.scene import MEASURED_FOCAL, Clip
 from imapper_prob.output import write_run
 from imapper_prob.results.report.page import table
 from imapper_prob.results.report.words import answer, listed, runner_up, warnings_of
@@ -123,7 +123,7 @@ def test_rooms_in_words() -> None:
 
 def surely(clip: Clip) -> Clip:
     """The clip as if nothing were wrong with it."""
-    return replace(clip, focal_known=True)
+    return replace(clip, focal_spread=MEASURED_FOCAL)
 
 
 def test_it_warns_where_it_should_and_nowhere_else() -> None:
@@ -137,7 +137,8 @@ def test_it_warns_where_it_should_and_nowhere_else() -> None:
         (warning,) = warnings_of(clip, samples, [scene])
         return warning
 
-    assert "focal length was assumed" in said(clip=replace(clip, focal_known=False))
+    focal = f"The focal length was assumed ({clip.camera.fx:.0f} px ± 20 %)"
+    assert focal in said(clip=replace(clip, focal_spread=0.2))
     assert "Weak evidence" in said(scene=replace(best, probability=0.3))
     assert "± 0.25" in said(scene=replace(best, error=0.25))
     assert "interrupted" in said(samples=replace(samples, finished=False))

@@ -80,8 +80,9 @@ def warnings_of(clip: Clip, samples: Samples, scenes: Sequence[WeightedScene]) -
         )
     if not clip.focal_known:
         said.append(
-            "The focal length was assumed (± 5 %), not measured: all distances may be wrong by "
-            "that factor together."
+            f"The focal length was assumed ({clip.camera.fx:.0f} px ± "
+            f"{100 * clip.focal_spread:.0f} %), not measured: all distances may be wrong by that "
+            "factor together."
         )
     seconds = clip.n_frames / clip.fps
     if seconds < _SHORT:
