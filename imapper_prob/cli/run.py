@@ -147,6 +147,7 @@ def _sample(
 def _show(posterior: Posterior, folder: Path) -> None:
     from rich.console import Console
 
+    from imapper_prob.results.report.words import sides
     from imapper_prob.results.summary import object_table, scene_table
     from imapper_prob.sampling.agreement import describe_agreement
 
@@ -154,6 +155,7 @@ def _show(posterior: Posterior, folder: Path) -> None:
     scenes = posterior.scenes()
     console.print(scene_table(scenes))
     console.print(object_table(scenes[0], posterior.clip.truth))
+    console.print(sides(posterior.sides_swapped, posterior.clip.frame_ids))
     console.print(posterior.samples.verdict.text)
     console.print(describe_agreement(posterior.samples.agreements))
     if not posterior.samples.finished:

@@ -17,7 +17,7 @@ from imapper_prob.cli import main
 from imapper_prob.models.scene import MEASURED_FOCAL, Clip
 from imapper_prob.output import write_run
 from imapper_prob.results.report.page import table
-from imapper_prob.results.report.words import answer, listed, runner_up, warnings_of
+from imapper_prob.results.report.words import answer, listed, runner_up, sides, warnings_of
 from imapper_prob.results.report.write import report
 from imapper_prob.samplers.verdict import Verdict
 from tests.results.test_scenes import item
@@ -119,6 +119,16 @@ def test_rooms_in_words() -> None:
     assert runner_up([chair]) == ""
     other = replace(best, difference="no table")
     assert "unlike the first: no table" in runner_up([chair, other])
+
+
+def test_frames_with_sides_exchanged_are_named_in_runs() -> None:
+    ids = np.arange(28, 40)
+    swapped = np.where((ids >= 31) & (ids <= 35), 0.9, 0.5)
+    assert sides(swapped, ids).endswith("left for right in frames 31-35.")
+    swapped[[0, -1]] = 0.6
+    assert sides(swapped, ids).endswith("in frames 28, 31-35, 39.")
+    assert sides(np.where(ids == 30, 1.0, 0.0), ids).endswith("in frame 30.")
+    assert "in no frame" in sides(np.zeros(12), ids)
 
 
 def surely(clip: Clip) -> Clip:

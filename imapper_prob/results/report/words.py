@@ -6,12 +6,13 @@ from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from imapper_prob.models.scene import Clip, SceneObject
 from imapper_prob.results.scenes import WeightedScene
 from imapper_prob.sampling.sample import Samples
 
-__all__ = ["answer", "listed", "runner_up", "warnings_of"]
+__all__ = ["answer", "listed", "runner_up", "sides", "warnings_of"]
 
 _NUMBERS: Final = (
     "no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten",
@@ -22,6 +23,8 @@ _VAGUE: Final = 0.1
 """Monte-Carlo error from which a probability is only an order of magnitude."""
 _SHORT: Final = 5.0
 """Seconds; shorter than it takes to come in and sit down."""
+_SWAPPED: Final = 0.5
+"""Probability from which sides count as exchanged."""
 _LOST: Final = 0.2
 """Part of the frames without any detection."""
 
@@ -94,6 +97,24 @@ def warnings_of(clip: Clip, samples: Samples, scenes: Sequence[WeightedScene]) -
     if lost > _LOST:
         said.append(f"The detector lost the person in {100 * lost:.0f} % of the frames.")
     return tuple(said)
+
+
+def sides(swapped: NDArray[np.float64], frame_ids: NDArray[np.int64]) -> str:
+    """In which frames the detector took left for right, more probably than not.
+
+    Parameters
+    ----------
+    swapped : (T,) float
+        Probability of that by frame.
+    frame_ids : (T,) int
+    """
+    frames = frame_ids[swapped > _SWAPPED]
+    if not len(frames):
+        return "The detector took left for right in no frame."
+    runs = np.split(frames, np.flatnonzero(np.diff(frames) > 1) + 1)
+    named = [f"{run[0]}-{run[-1]}" if len(run) > 1 else f"{run[0]}" for run in runs]
+    word = "frame" if len(frames) == 1 else "frames"
+    return f"The detector probably took left for right in {word} {', '.join(named)}."
 
 
 def _share(weighted: WeightedScene) -> str:
