@@ -56,10 +56,13 @@ def _check_folder(folder: Path, *, overwrite: bool) -> None:
     require_writable(folder)
 
 
-def write_run(folder: Path, posterior: Posterior, *, overwrite: bool) -> None:
+def write_run(
+    folder: Path, posterior: Posterior, *, overwrite: bool, video: Path | None = None
+) -> None:
     """Write all files beside, then put the folder in its place.
 
-    Checkpoints are dropped, unless the run was interrupted and can go on.
+    Checkpoints are dropped, unless the run was interrupted and can go on. The pictures of
+    ``video``, if given, are shown in the recording.
 
     Raises
     ------
@@ -72,7 +75,7 @@ def write_run(folder: Path, posterior: Posterior, *, overwrite: bool) -> None:
         write_scenes(beside / "scenes.json", posterior.scenes(), clip=posterior.clip)
         _write_models(beside / "scenes", posterior)
         write_tree(beside / "posterior.nc", posterior.data)
-        posterior.record(beside / "recording.rrd")
+        posterior.record(beside / "recording.rrd", video=video)
         write_report(beside / "report.html", posterior)
         if not posterior.samples.finished and (folder / CHECKPOINTS).exists():
             os.replace(folder / CHECKPOINTS, beside / CHECKPOINTS)

@@ -263,6 +263,12 @@ class Posterior:
         elevations = [float(state.camera[1]) for state in self.samples.states]
         return hidden_joints(self.samples.objects, self._motions(), elevations, self.clusters())
 
+    @property
+    def sides_swapped(self) -> Array:
+        """(T,) probability that the detector took left for right, by frame."""
+        drawn = self.data["motion"]["sides_swapped"]
+        return np.asarray(drawn.mean(("chain", "draw")).to_numpy(), np.float64)
+
     def nuisances(self) -> dict[str, Nuisance]:
         """Prior against posterior of camera and body, by name."""
         from imapper_prob.results.uncertainty.nuisances import nuisances

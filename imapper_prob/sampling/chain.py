@@ -26,6 +26,7 @@ from imapper_prob.sampling.moves import (
     Death,
     DepthScale,
     Exchange,
+    FocalScale,
     PathRefresh,
     PlacementWalk,
     Shift,
@@ -112,8 +113,9 @@ def scene_moves(setup: Setup) -> Mixture[State]:
         (Refurnish(proposals, kinds), 0.08),
         (Shift(problem), 0.06),
         (PlacementWalk(), 0.18),
-        (CameraWalk(factor), 0.10),
+        (CameraWalk(factor), 0.06),
         (DepthScale(), 0.06),
+        (FocalScale(float(np.linalg.norm(factor[2]))), 0.04),
         (PathRefresh(), 0.06),
     )
     return Mixture([move for move, _ in weighted], [weight for _, weight in weighted])

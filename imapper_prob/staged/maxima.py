@@ -101,6 +101,9 @@ def charness_curve(
     chosen: list[int] = []
     dropped: dict[int, str] = {}
     for w in np.argsort(-values, kind="stable").tolist():
+        if not known[w]:
+            dropped[w] = "no scenelet could be fitted"
+            continue
         if values[w] < settings.minimum:
             dropped[w] = f"charness below {settings.minimum:g}"
             continue

@@ -137,7 +137,7 @@ def make_room(n_frames: int, n_ghosts: int = 4) -> tuple[Clip, list[WeightedScen
         true,
         np.zeros((n_frames, 16), bool),
     )
-    clip = Clip("room", camera, 10.0, np.arange(100, 100 + n_frames), (track,), True, truth)
+    clip = Clip("room", camera, 10.0, np.arange(100, 100 + n_frames), (track,), 0.005, truth)
     return clip, scenes, truth
 
 

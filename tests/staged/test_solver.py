@@ -78,6 +78,18 @@ def test_a_free_frame_pays_where_nobody_walking_poses_so() -> None:
     assert cheaper[12:18].mean() < 0.7 * cost[12:18].mean()
 
 
+def test_frames_at_the_ends_of_a_clip_are_judged_too() -> None:
+    """Nothing fits into the windows nearest to them, but scenelets further in reach them."""
+    problem, path, _ = performed()
+    fits = fit_windows(problem, path, fps=10.0)
+    nowhere = ~np.isfinite(fits.cost).any(1)
+    assert nowhere[0]
+    assert nowhere[-1]
+    far = problem._replace(keypoints=problem.keypoints + 80.0)
+    cost = free_pose_cost(far._replace(static_density=problem.static_density), fits)
+    assert (cost > 1.0).sum() > 0.8 * problem.n_frames
+
+
 def test_a_library_without_bare_motions_is_refused() -> None:
     problem = worlds.problem(20)
     fits = Fits(np.arange(0, 20, 4), np.zeros((5, 3, 3)), np.full((5, 3), np.inf))

@@ -27,7 +27,7 @@ from imapper_prob.results.report.pictures import (
     scene_picture,
     trace_picture,
 )
-from imapper_prob.results.report.words import answer, listed, runner_up, warnings_of
+from imapper_prob.results.report.words import answer, listed, runner_up, sides, warnings_of
 from imapper_prob.results.scenes import WeightedScene
 from imapper_prob.results.uncertainty.clusters import ObjectCluster
 from imapper_prob.results.uncertainty.nuisances import Nuisance
@@ -178,6 +178,7 @@ def _person(posterior: Posterior) -> str:
             f"Joints are known to {pelvis[0]:.0f} cm across the view, {pelvis[1]:.0f} cm in depth "
             f"and {pelvis[2]:.0f} cm in height (standard deviation, mean over joints and frames)."
         ),
+        paragraph(sides(posterior.sides_swapped, posterior.clip.frame_ids)),
         table(
             ["", "before the clip", "after it", "learned"],
             rows,
