@@ -159,8 +159,8 @@ def change_time(
             total += np.log(np.diag(factor[0])).sum() + 0.5 * one @ cho_solve(factor, one)
         return float(total)
 
-    found = minimize_scalar(cost, bounds=(0.0, seconds / 2), options={"xatol": 1e-4 * seconds})
-    return float(found.x)
+    inside = minimize_scalar(cost, bounds=(0.0, seconds / 2), options={"xatol": 1e-4 * seconds})
+    return min((0.0, float(inside.x), seconds / 2), key=cost)
 
 
 def root_mean_square(values: ArrayLike) -> float:

@@ -37,13 +37,13 @@ def in_view(camera: Tensor, points: Tensor) -> tuple[Tensor, Tensor, Tensor]:
 def _known_before(tensors: ProblemTensors, covered: Tensor) -> tuple[Tensor, Tensor]:
     """Last frame under a scenelet before each one, and how many frames ago, both (S, T) int.
 
-    0 frames ago where there is none since a start.
+    -1 where there is none; 0 frames ago where there is none since a start.
     """
     frames = torch.arange(covered.shape[1], device=covered.device)
     last = torch.where(covered, frames, -1).cummax(1).values
     last = torch.cat([torch.full_like(last[:, :1], -1), last[:, :-1]], 1)
     start = torch.where(tensors.path_starts, frames, 0).cummax(0).values
-    return last.clamp_min(1), torch.where(last >= start, frames - last, 0)
+    return last, torch.where(last >= start, frames - last, 0)
 
 
 def _known_ahead(tensors: ProblemTensors, covered: Tensor) -> Tensor:
@@ -60,8 +60,8 @@ def _known_ahead(tensors: ProblemTensors, covered: Tensor) -> Tensor:
 
 
 def _at(values: Tensor, frames: Tensor) -> Tensor:
-    """``values`` (S, T, 2) in the frames (S, T)."""
-    return values.gather(1, frames[..., None].expand(-1, -1, 2))
+    """``values`` (S, T, 2) in the frames (S, T); in the first where there is none such."""
+    return values.gather(1, frames.clamp_min(0)[..., None].expand(-1, -1, 2))
 
 
 def draw_path(
