@@ -140,7 +140,7 @@ def write_recording(
         scenes,
         traces=tuple(curves),
         truth=truth,
-        fps=clip.fps,
+        clip=clip,
         image=image_camera(scenes[0].scene.camera, video),
         certainty=certainty,
         chains=len(draws),

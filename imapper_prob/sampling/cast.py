@@ -87,7 +87,7 @@ def cast_of(solutions: Sequence[Solution]) -> Cast:
         problem = _one_after_the_other(solutions, camera, stature)
         candidates = [_in_common_stature(c, by) for c, by in zip(candidates, stature, strict=True)]
         states = _together(problem, solutions)
-        clip = _with_tracks(solutions)
+        clip = replace(first.clip, tracks=tuple(s.clip.tracks[0] for s in solutions))
     firsts = np.flatnonzero(problem.path_starts)
     return Cast(
         clip,
@@ -101,11 +101,6 @@ def cast_of(solutions: Sequence[Solution]) -> Cast:
         first.distances,
         states,
     )
-
-
-def _with_tracks(solutions: Sequence[Solution]) -> Clip:
-    """The clip with the tracks of all actors."""
-    return replace(solutions[0].clip, tracks=tuple(s.clip.tracks[0] for s in solutions))
 
 
 def _common_camera(solutions: Sequence[Solution]) -> CameraPrior:
