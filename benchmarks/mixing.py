@@ -45,8 +45,8 @@ REPEATS = 3
 
 def settings_of(kind: str, steps: int) -> SampleSettings:
     """Chains as always, or the same number of steps at the posterior itself."""
-    usual = SampleSettings(steps=steps, ensemble_layouts=0)
-    usual = replace(usual, draws=min(usual.draws, usual.most_draws))
+    few = SampleSettings(steps=steps, draws=1, ensemble_layouts=0)
+    usual = replace(few, draws=min(SampleSettings().draws, few.most_draws))
     if kind == "tempered":
         return usual
     return replace(usual, temperatures=1, steps=steps * usual.temperatures)

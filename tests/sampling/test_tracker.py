@@ -40,4 +40,5 @@ def test_parts_add_up_to_the_log_posterior_and_odds_are_flattened() -> None:
     other = PROBLEM._replace(log_rate=PROBLEM.log_rate - 5.0)
     assert split(other, state).log_prior == parts.log_prior
     assert split(other, state).at(0.2) - parts.at(0.2) == pytest.approx(-1.0)
-    assert SceneTracker(other, state)(state).at(0.2) - parts.at(0.2) == pytest.approx(-1.0, abs=1e-4)
+    tracked = SceneTracker(other, state)(state)
+    assert tracked.at(0.2) - parts.at(0.2) == pytest.approx(-1.0, abs=1e-4)
