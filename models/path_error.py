@@ -74,7 +74,7 @@ def path_tables(rates: Array, n_frames: int) -> tuple[Array, Array]:
         it: the weights of their deviations from their own means, the next one's first, and the
         standard deviation of what remains.
     """
-    rows = [_tables(*pair, n_frames) for pair in rates.tolist()]
+    rows = [_tables(r, s, n_frames) for r, s in rates.tolist()]
     return np.stack([mean for mean, _ in rows]), np.stack([draw for _, draw in rows])
 
 

@@ -97,7 +97,7 @@ def _correlation_time(evidence: Sequence[Seen]) -> Number:
     return correlation_length(series) * seconds
 
 
-def _memory(evidence: Sequence[Placed], errors: Sequence[Array]) -> Number:
+def _memory(evidence: Sequence[Placed], errors: Sequence[Array]) -> float:
     """Seconds after which a first-order chain of the same autocorrelation has lost all but 1/e."""
     seconds = evidence[0].detections.gap / evidence[0].clip.fps
     return float(correlation_length([error[:, None] for error in errors]) * seconds / 2)
@@ -108,7 +108,7 @@ def _ease(evidence: Sequence[Placed], errors: Sequence[Array]) -> Number:
     return change_time(
         errors,
         spread=root_mean_square(np.concatenate(errors)),
-        seconds=float(_memory(evidence, errors)),
+        seconds=_memory(evidence, errors),
         fps=evidence[0].clip.fps,
         gap=evidence[0].detections.gap,
     )

@@ -291,7 +291,7 @@ def test_data_are_as_probable_under_the_truth_as_on_average_elsewhere() -> None:
     states = [s for s in draws if s.n_scenelets > 0][:8]
     ratios = []
     for state in states:
-        other = replace(state, placements=state.placements + np.array([0.03, 0.06, 0.08]))
+        other = replace(state, placements=state.placements + np.array([0.02, 0.04, 0.05]))
         for _ in range(60):
             problem = one.observed(rng, state).problem
             change = terms(problem, other)["detections"] - terms(problem, state)["detections"]
