@@ -44,7 +44,7 @@ def clip_figure(clip: Clip, *, moments: int = 5) -> Figure:
     figure = Figure(figsize=(12, 5.6), layout="constrained")
     image, sure = figure.subplots(1, 2, width_ratios=(1.2, 1))
     for track in clip.tracks:
-        known = np.flatnonzero(np.isfinite(track.keypoints).all(-1).any(1))
+        known = np.flatnonzero(np.any(np.isfinite(track.keypoints).all(-1), axis=1))
         for t in known[np.linspace(0, len(known) - 1, moments).round().astype(int)]:
             light = 0.75 * (1 - (t - known[0]) / max(known[-1] - known[0], 1))
             for bone in BONES:
