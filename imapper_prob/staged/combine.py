@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from imapper_prob.models.posterior import State, empty_state, log_posterior
 from imapper_prob.models.problem import Problem
-from imapper_prob.staged.candidates import Candidate, refine
+from imapper_prob.staged.candidates import Candidate, furniture_kinds, refine
 from imapper_prob.staged.maxima import CharnessCurve
 from imapper_prob.staged.polish import polish
 from imapper_prob.staged.search import best_first
@@ -111,7 +111,7 @@ def combine(
     ranked = [[pool[k] for k in t.members] for t in tried]
     if progress is not None:
         progress("combining", 1.0)
-    chosen = _diverse(ranked, 1 + settings.alternatives)
+    chosen = _diverse(problem, ranked, 1 + settings.alternatives)
     states = []
     for i, own in enumerate(chosen):
         states.append(polish(problem, refine(problem, state_of(problem, own))))
@@ -190,9 +190,12 @@ def _at(window: int, candidates: Sequence[Candidate], kept: int) -> list[Candida
     return sorted(best.values(), key=lambda c: -c.gain)[:kept]
 
 
-def _diverse(ranked: Sequence[Sequence[Candidate]], count: int) -> list[Sequence[Candidate]]:
+def _diverse(
+    problem: Problem, ranked: Sequence[Sequence[Candidate]], count: int
+) -> list[Sequence[Candidate]]:
     """The best combinations no two of which have the same kinds of furniture in the same order."""
+    kinds = furniture_kinds(problem)
     chosen: dict[tuple[tuple[int, ...], ...], Sequence[Candidate]] = {}
     for members in ranked:
-        chosen.setdefault(tuple(c.kind for c in members), members)
+        chosen.setdefault(tuple(kinds[c.scenelet] for c in members), members)
     return list(chosen.values())[:count]
