@@ -101,7 +101,7 @@ def warnings_of(clip: Clip, samples: Samples, scenes: Sequence[WeightedScene]) -
     return tuple(said)
 
 
-def sides(swapped: NDArray[np.float64], frame_ids: NDArray[np.int64]) -> str:
+def sides(swapped: NDArray[np.float64], frame_ids: NDArray[np.int64], *, of: str = "") -> str:
     """In which frames the detector took left for right, more probably than not.
 
     Parameters
@@ -109,14 +109,17 @@ def sides(swapped: NDArray[np.float64], frame_ids: NDArray[np.int64]) -> str:
     swapped : (T,) float
         Probability of that by frame.
     frame_ids : (T,) int
+    of : str
+        Whose sides, with a blank before it, where there are several people.
     """
+    whose = f" of{of}" if of else ""
     frames = frame_ids[swapped > _SWAPPED]
     if not len(frames):
-        return "The detector took left for right in no frame."
+        return f"The detector took left for right{whose} in no frame."
     runs = np.split(frames, np.flatnonzero(np.diff(frames) > 1) + 1)
     named = [f"{run[0]}-{run[-1]}" if len(run) > 1 else f"{run[0]}" for run in runs]
     word = "frame" if len(frames) == 1 else "frames"
-    return f"The detector probably took left for right in {word} {', '.join(named)}."
+    return f"The detector probably took left for right{whose} in {word} {', '.join(named)}."
 
 
 def _share(weighted: WeightedScene) -> str:

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from imapper_prob.files import written_whole
+from imapper_prob.people import by_person, own_part
 from imapper_prob.recording.caption import TITLES
 from imapper_prob.recording.certainty import HIDDEN
 from imapper_prob.results.posterior import Posterior
@@ -169,7 +170,7 @@ def _object_row(cluster: ObjectCluster, hides: int) -> list[str]:
 
 
 def _person(posterior: Posterior) -> str:
-    certainty = posterior.certainty
+    clip, certainty = posterior.clip, posterior.certainty
     pelvis = 100 * certainty.joints.standard_deviation.mean((0, 1))
     rows = [_parameter_row(one) for one in certainty.nuisances.values()]
     return section(
@@ -178,7 +179,10 @@ def _person(posterior: Posterior) -> str:
             f"Joints are known to {pelvis[0]:.0f} cm across the view, {pelvis[1]:.0f} cm in depth "
             f"and {pelvis[2]:.0f} cm in height (standard deviation, mean over joints and frames)."
         ),
-        paragraph(sides(posterior.sides_swapped, posterior.clip.frame_ids)),
+        *(
+            paragraph(sides(swapped, clip.frame_ids, of=own_part(clip, person)))
+            for person, swapped in enumerate(by_person(clip, posterior.sides_swapped))
+        ),
         table(
             ["", "before the clip", "after it", "learned"],
             rows,
