@@ -16,7 +16,7 @@ from imapper_prob.config import Config
 from imapper_prob.models.camera import Camera
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.posterior import motion
-from imapper_prob.models.scene import Clip, Scene
+from imapper_prob.models.scene import Clip, Scene, SceneObject
 from imapper_prob.models.skeleton import PELV
 from imapper_prob.results.differences import describe_difference
 from imapper_prob.results.diverse import group_scenes
@@ -28,6 +28,7 @@ from imapper_prob.samplers.diagnostics import (
     ShortChainWarning,
     layout_probabilities,
 )
+from imapper_prob.sampling.layouts import through_one_lens
 from imapper_prob.sampling.sample import Samples
 
 if TYPE_CHECKING:
@@ -119,13 +120,22 @@ class Posterior:
         """Of each layout, in the order of the indicator: the most frequent first."""
         radius = self.config.sample.layout_radius
         return tuple(
-            representative(self.samples, layout, radius=radius)
+            representative(self.samples, layout, seen=self._seen, radius=radius)
             for layout in range(len(self.samples.layouts.leaders))
         )
 
     @cached_property
     def _scene_of_layout(self) -> NDArray[np.int64]:
-        return group_scenes([r.objects for r in self._representatives])
+        return group_scenes([self._seen[r.draw] for r in self._representatives])
+
+    @cached_property
+    def _seen(self) -> tuple[tuple[SceneObject, ...], ...]:
+        """The furniture of each draw as the nominal lens would have it, to compare draws by."""
+        focal = [self._log_focal(draw) for draw in range(len(self.samples.states))]
+        return through_one_lens(self.samples.objects, focal)
+
+    def _log_focal(self, draw: int) -> float:
+        return float(self.samples.states[draw].camera[2])
 
     @cached_property
     def _made(self) -> dict[int, WeightedScene]:
@@ -142,8 +152,11 @@ class Posterior:
                 float(found.standard_error[rank]),
             )
             if rank:
-                best = self._scene_at(0).scene.objects
-                made = replace(made, difference=describe_difference(best, made.scene.objects))
+                best = self._scene_at(0)
+                longer = self._log_focal(best.draw) - self._log_focal(made.draw)
+                (first,) = through_one_lens([best.scene.objects], [longer])
+                difference = describe_difference(first, made.scene.objects)
+                made = replace(made, difference=difference)
             self._made[rank] = made
         return self._made[rank]
 
@@ -233,6 +246,7 @@ class Posterior:
             self.samples.log_posterior,
             radius=self.config.sample.layout_radius,
             least=least,
+            seen=self._seen,
         )
 
     def joints(self) -> JointSummary:

@@ -99,6 +99,7 @@ def object_clusters(
     *,
     radius: float,
     least: float = 0.05,
+    seen: Sequence[Sequence[SceneObject]] | None = None,
 ) -> tuple[ObjectCluster, ...]:
     """Match the objects of all draws.
 
@@ -112,6 +113,8 @@ def object_clusters(
         Metres within which an object of the right label is the same one.
     least : float
         Clusters less probable than this are left out.
+    seen : sequence of C N sequences of SceneObject, optional
+        The same objects where they are to be compared, if that is another place.
 
     Returns
     -------
@@ -123,7 +126,8 @@ def object_clusters(
         return ()
     names = sorted({o.label for _, _, o in everything})
     members = np.array([(n, k) for n, k, _ in everything])
-    places = np.array([o.centre[:2] for _, _, o in everything])
+    compared = draws if seen is None else seen
+    places = np.array([o.centre[:2] for own in compared for o in own])
     labels = np.eye(len(names))[[names.index(o.label) for _, _, o in everything]]
     likely_first = np.argsort(-np.ravel(log_posterior), kind="stable")
     begins = np.searchsorted(members[:, 0], np.arange(len(draws) + 1))
