@@ -30,6 +30,7 @@ from imapper_prob.samplers.diagnostics import (
     ShortChainWarning,
     layout_probabilities,
 )
+from imapper_prob.sampling.layouts import through_one_lens
 from imapper_prob.sampling.sample import Samples
 
 if TYPE_CHECKING:
@@ -121,13 +122,22 @@ class Posterior:
         """Of each layout, in the order of the indicator: the most frequent first."""
         radius = self.config.sample.layout_radius
         return tuple(
-            representative(self.samples, layout, radius=radius)
+            representative(self.samples, layout, seen=self._seen, radius=radius)
             for layout in range(len(self.samples.layouts.leaders))
         )
 
     @cached_property
     def _scene_of_layout(self) -> NDArray[np.int64]:
-        return group_scenes([r.objects for r in self._representatives])
+        return group_scenes([self._seen[r.draw] for r in self._representatives])
+
+    @cached_property
+    def _seen(self) -> tuple[tuple[SceneObject, ...], ...]:
+        """The furniture of each draw as the nominal lens would have it, to compare draws by."""
+        focal = [self._log_focal(draw) for draw in range(len(self.samples.states))]
+        return through_one_lens(self.samples.objects, focal)
+
+    def _log_focal(self, draw: int) -> float:
+        return float(self.samples.states[draw].camera[2])
 
     @cached_property
     def _made(self) -> dict[int, WeightedScene]:
@@ -144,8 +154,11 @@ class Posterior:
                 float(found.standard_error[rank]),
             )
             if rank:
-                best = self._scene_at(0).scene.objects
-                made = replace(made, difference=describe_difference(best, made.scene.objects))
+                best = self._scene_at(0)
+                longer = self._log_focal(best.draw) - self._log_focal(made.draw)
+                (first,) = through_one_lens([best.scene.objects], [longer])
+                difference = describe_difference(first, made.scene.objects)
+                made = replace(made, difference=difference)
             self._made[rank] = made
         return self._made[rank]
 
@@ -245,6 +258,7 @@ class Posterior:
             radius=self.config.sample.layout_radius,
             least=least,
             standing=self.furniture,
+            seen=self._seen,
         )
 
     def joints(self) -> JointSummary:

@@ -35,7 +35,12 @@ from imapper_prob.sampling.cast import Cast, cast_of
 from imapper_prob.sampling.chain import Setup, run_chain
 from imapper_prob.sampling.checkpoints import identity_of
 from imapper_prob.sampling.cluster import Cluster
-from imapper_prob.sampling.layouts import Layouts, group_layouts, merged_objects
+from imapper_prob.sampling.layouts import (
+    Layouts,
+    group_layouts,
+    merged_objects,
+    through_one_lens,
+)
 from imapper_prob.sampling.placements import PlacementDraws, sample_placements
 from imapper_prob.scenelets.charness import similarity
 from imapper_prob.staged.solver import Solution
@@ -165,7 +170,8 @@ def sample_scenes(
     states = tuple(state for chain in chains for state in chain.states[-n:])
     values = np.stack([chain.log_posterior[-n:] for chain in chains])
     objects = tuple(merged_objects(problem, cast.library, state) for state in states)
-    layouts = group_layouts(objects, values.ravel(), radius=settings.layout_radius)
+    seen = through_one_lens(objects, [state.camera[2] for state in states])
+    layouts = group_layouts(seen, values.ravel(), radius=settings.layout_radius)
     with warnings.catch_warnings():
         # The verdict says in words what a short chain cannot tell.
         warnings.simplefilter("ignore", ShortChainWarning)

@@ -100,6 +100,7 @@ def object_clusters(
     radius: float,
     least: float = 0.05,
     standing: Sequence[Sequence[SceneObject]] | None = None,
+    seen: Sequence[Sequence[SceneObject]] | None = None,
 ) -> tuple[ObjectCluster, ...]:
     """Match the objects of all draws.
 
@@ -117,6 +118,8 @@ def object_clusters(
         The same furniture, each piece as it may stand
         (:mod:`imapper_prob.results.drawn_objects`): what is matched by its scenelets' word is
         somewhere near it.
+    seen : sequence of C N sequences of SceneObject, optional
+        The same objects where they are to be compared, if that is another place.
 
     Returns
     -------
@@ -128,7 +131,8 @@ def object_clusters(
         return ()
     names = sorted({o.label for _, _, o in everything})
     members = np.array([(n, k) for n, k, _ in everything])
-    places = np.array([o.centre[:2] for _, _, o in everything])
+    compared = draws if seen is None else seen
+    places = np.array([o.centre[:2] for own in compared for o in own])
     labels = np.eye(len(names))[[names.index(o.label) for _, _, o in everything]]
     likely_first = np.argsort(-np.ravel(log_posterior), kind="stable")
     begins = np.searchsorted(members[:, 0], np.arange(len(draws) + 1))
