@@ -156,7 +156,7 @@ def _show(posterior: Posterior, folder: Path) -> None:
     console.print(scene_table(scenes))
     console.print(object_table(scenes[0], posterior.clip.truth))
     console.print(sides(posterior.sides_swapped, posterior.clip.frame_ids))
-    console.print(posterior.samples.verdict.text)
+    console.print(posterior.verdict)
     console.print(describe_agreement(posterior.samples.agreements))
     if not posterior.samples.finished:
         console.print("Interrupted: these are the draws that there were. The same command goes on.")

@@ -118,6 +118,23 @@ class Posterior:
             )
 
     @cached_property
+    def disputed(self) -> tuple[int, ...]:
+        """Scenes that show the layouts which chains disagree about: none, one, or two."""
+        pair = self.samples.verdict.disagreement or ()
+        ranks = self.scene_probabilities.layouts.tolist()
+        return tuple(sorted({1 + ranks.index(self._scene_of_layout[n - 1]) for n in pair}))
+
+    @property
+    def verdict(self) -> str:
+        """The verdict on the chains, which speaks of layouts, with the scenes that they are."""
+        text, disputed = self.samples.verdict.text, self.disputed
+        if not disputed:
+            return text
+        if len(disputed) == 1:
+            return f"{text} Both are shown as scene {disputed[0]}."
+        return f"{text} They are shown as scenes {disputed[0]} and {disputed[1]}."
+
+    @cached_property
     def _representatives(self) -> tuple[Representative, ...]:
         """Of each layout, in the order of the indicator: the most frequent first."""
         radius = self.config.sample.layout_radius
@@ -316,7 +333,7 @@ class Posterior:
             scenes=self.scenes(),
             traces=self.traces,
             truth=self.clip.truth,
-            description=describe(self.clip, self.samples),
+            description=describe(self.clip, self.samples, verdict=self.verdict),
             certainty=self.certainty,
             draws=self._drawn_chains(),
             acceptance=self.samples.acceptance.rates(),

@@ -94,13 +94,13 @@ def distances_to_truth(found: Sequence[SceneObject], true: Sequence[SceneObject]
     return result
 
 
-def describe(clip: Clip, samples: Samples) -> str:
+def describe(clip: Clip, samples: Samples, *, verdict: str) -> str:
     """Markdown that heads the recording: what it is of, and how far to trust it."""
     chains, draws = samples.shape
     doubt = f" The focal length is assumed (± {100 * clip.focal_spread:.0f} %)."
     focal = "" if clip.focal_known else doubt
     return (
         f"**{clip.name}** - furniture and motion from 2D joints, as a posterior.\n\n"
-        f"{chains} chains, {draws} draws each. {samples.verdict.text} "
+        f"{chains} chains, {draws} draws each. {verdict} "
         f"{describe_agreement(samples.agreements)}{focal}"
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from io import StringIO
 from pathlib import Path
 
@@ -12,8 +13,10 @@ from rich.console import Console
 
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.posterior import swapped
+from imapper_prob.results.posterior import Posterior
 from imapper_prob.results.summary import distances_to_truth, object_table, scene_table
 from imapper_prob.results.tree import read_attributes, write_tree
+from imapper_prob.samplers.verdict import Verdict
 from tests.models.worlds import couch
 from tests.runs import posterior
 
@@ -101,3 +104,26 @@ def test_distances_pair_seats_with_seats() -> None:
     np.testing.assert_allclose(distances[:2], [np.hypot(3, 0.3), 0.4])
     assert np.isnan(distances[2])
     assert np.isnan(distances_to_truth(found, [])).all()
+
+
+def test_the_verdict_says_which_scenes_its_layouts_are() -> None:
+    """Scenes are numbered as they are shown, and layouts that look alike are one."""
+    run = posterior()
+    good = replace(run, samples=replace(run.samples, verdict=Verdict(True, 0, None, "Good.")))
+    assert good.disputed == ()
+    assert good.verdict == "Good."
+
+    def about(first: int, second: int) -> Posterior:
+        verdict = Verdict(False, 0, (first, second), "Chains disagree.")
+        return replace(run, samples=replace(run.samples, verdict=verdict))
+
+    shown = {
+        layout: rank for rank, scene in enumerate(run.scenes(1000), 1) for layout in scene.layouts
+    }
+    last = max(shown, key=lambda layout: (shown[layout], layout))
+    assert about(1, 1).disputed == (shown[1],)
+    assert about(1, 1).verdict.endswith(f"Both are shown as scene {shown[1]}.")
+    expected = tuple(sorted({shown[1], shown[last]}))
+    assert about(1, last).disputed == expected
+    if len(expected) == 2:
+        assert about(1, last).verdict.endswith(f"scenes {expected[0]} and {expected[1]}.")

@@ -143,8 +143,10 @@ def test_it_warns_where_it_should_and_nowhere_else() -> None:
     clip = surely(run.clip)
     assert warnings_of(clip, samples, [best]) == ()
 
-    def said(clip: Clip = clip, samples: object = samples, scene: object = best) -> str:
-        (warning,) = warnings_of(clip, samples, [scene])
+    def said(
+        clip: Clip = clip, samples: object = samples, scene: object = best, disputed: object = ()
+    ) -> str:
+        (warning,) = warnings_of(clip, samples, [scene], disputed=disputed)
         return warning
 
     focal = f"The focal length was assumed ({clip.camera.fx:.0f} px ± 20 %)"
@@ -153,7 +155,10 @@ def test_it_warns_where_it_should_and_nowhere_else() -> None:
     assert "± 0.25" in said(scene=replace(best, error=0.25))
     assert "interrupted" in said(samples=replace(samples, finished=False))
     disagree = Verdict(False, 0, (1, 2), "Chains disagree.")
-    assert "chains disagree" in said(samples=replace(samples, verdict=disagree))
+    rooms = said(samples=replace(samples, verdict=disagree), disputed=(1, 3))
+    assert "chains disagree: each prefers a room of its own" in rooms
+    details = said(samples=replace(samples, verdict=disagree), disputed=(1,))
+    assert "details of scene 1" in details
     short = Verdict(False, 100, None, "Needs more.")
     assert "not converged" in said(samples=replace(samples, verdict=short))
     assert "Few frames" in said(clip=replace(clip, fps=60.0))

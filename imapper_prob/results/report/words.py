@@ -61,12 +61,26 @@ def listed(objects: Sequence[SceneObject]) -> str:
     return parts[0] if len(parts) == 1 else f"{', '.join(parts[:-1])} and {parts[-1]}"
 
 
-def warnings_of(clip: Clip, samples: Samples, scenes: Sequence[WeightedScene]) -> tuple[str, ...]:
-    """What makes the result less sure than it looks, one sentence each."""
+def warnings_of(
+    clip: Clip,
+    samples: Samples,
+    scenes: Sequence[WeightedScene],
+    *,
+    disputed: Sequence[int] = (),
+) -> tuple[str, ...]:
+    """What makes the result less sure than it looks, one sentence each.
+
+    ``disputed`` are the scenes that show the layouts which chains disagree about.
+    """
     best, said = scenes[0], []
     if not samples.finished:
         said.append("The run was interrupted: these are the draws that there were.")
-    if samples.verdict.disagreement is not None:
+    if len(disputed) == 1:
+        said.append(
+            f"The chains disagree about details of scene {disputed[0]}: what differs between them "
+            "has no probability that can be trusted."
+        )
+    elif disputed:
         said.append(
             "The chains disagree: each prefers a room of its own, so the probabilities below, and "
             "their order, cannot be trusted."

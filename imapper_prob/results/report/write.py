@@ -54,8 +54,8 @@ def report(posterior: Posterior) -> str:
             heading(_title(posterior)),
             paragraph(answer(scenes), style="answer"),
             paragraph(runner_up(scenes)),
-            paragraph(samples.verdict.text, style=verdict),
-            notes(warnings_of(clip, samples, scenes)),
+            paragraph(posterior.verdict, style=verdict),
+            notes(warnings_of(clip, samples, scenes, disputed=posterior.disputed)),
             _scenes(posterior, floor),
             _objects(posterior, floor),
             _person(posterior),
@@ -229,7 +229,7 @@ def _diagnostics(posterior: Posterior) -> str:
     ]
     return section(
         "How far to trust the chains",
-        paragraph(samples.verdict.text),
+        paragraph(posterior.verdict),
         paragraph(describe_agreement(samples.agreements)),
         figure(
             trace_picture(samples.traces, burn_in=posterior.config.sample.burn_in),
