@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,8 +16,10 @@ from imapper_prob.lifting import lift_clip
 from imapper_prob.models.scene import Clip
 from imapper_prob.models.scenelet import Library
 from imapper_prob.results.posterior import Posterior
+from imapper_prob.sampling.cast import cast_of
 from imapper_prob.sampling.cluster import Cluster
 from imapper_prob.sampling.sample import sample_scenes
+from imapper_prob.staged.actors import solve_actors
 from imapper_prob.staged.solver import Solution
 from imapper_prob.staged.solver import solve as solve_staged
 
@@ -56,7 +58,7 @@ def solve(
     Parameters
     ----------
     clip : Clip
-        What was seen, see `load_clip`.
+        What was seen, see `load_clip`; of several people the first is solved.
     library : Library
         What people do near furniture, see `load_library`.
     config : Config, optional
@@ -64,14 +66,15 @@ def solve(
         Called with the name of a stage and the part of it that is done.
     """
     model = config.model if config is not None else None
-    return solve_staged(clip, library, settings=model, progress=progress)
+    first = clip if len(clip.tracks) == 1 else replace(clip, tracks=clip.tracks[:1])
+    return solve_staged(first, library, settings=model, progress=progress)
 
 
 def sample(
     clip: Clip,
     library: Library,
     *,
-    start: Solution | None = None,
+    start: Solution | Sequence[Solution] | None = None,
     rng: int | None = None,
     chains: int | None = None,
     workers: int = 1,
@@ -80,14 +83,14 @@ def sample(
     checkpoints: str | Path | None = None,
     progress: Progress | None = None,
 ) -> Posterior:
-    """Sample scenes from the posterior of a clip.
+    """Sample scenes from the posterior of a clip, with everybody in it.
 
     Parameters
     ----------
     clip, library
         See `solve`.
-    start : Solution, optional
-        Where to start from; solved first if not given.
+    start : Solution or sequence of Solution, optional
+        Where to start from, by actor; all of them are solved first if not given.
     rng : int, optional
         Seed; all randomness comes from it. That of ``config`` if not given.
     chains : int, optional
@@ -110,10 +113,14 @@ def sample(
         sample=replace(config.sample, chains=chains or config.sample.chains),
     )
     begun = time.perf_counter()
-    solution = start or solve(clip, library, config=config, progress=progress)
+    if start is None:
+        solutions = solve_actors(clip, library, settings=config.model, progress=progress)
+    else:
+        solutions = (start,) if isinstance(start, Solution) else tuple(start)
+    source = solutions[0] if len(solutions) == 1 else cast_of(solutions)
     solved = time.perf_counter()
     samples = sample_scenes(
-        solution,
+        source,
         config.sample,
         seed=np.random.SeedSequence(config.seed),
         workers=workers,
@@ -122,4 +129,4 @@ def sample(
         progress=progress,
     )
     seconds = {"solving": solved - begun, "sampling": time.perf_counter() - solved}
-    return Posterior(solution, samples, config, seconds=seconds)
+    return Posterior(source, samples, config, seconds=seconds)

@@ -26,8 +26,9 @@ class SampleSettings:
         Copies of each chain, from a flattened posterior to the posterior itself, that exchange
         their states; only the last one is drawn from. 1 does without.
     hottest : float
-        Power of the likelihood in the first copy. Below about .3 scenes lose their scenelets,
-        and hardly any state finds its way back through that.
+        Power, in the first copy, of the likelihood and of the prior odds of scenelets. At .4 a
+        scene keeps its scenelets and can hardly change their number; at .25 long clips fill up
+        with twice as many, and few states find their way from there.
     swap_every : int
         Steps between two rounds of exchanges; draws are kept after a round.
     burn_in : float
@@ -47,7 +48,7 @@ class SampleSettings:
     chains: int = 4
     steps: int = 30_000
     temperatures: int = 6
-    hottest: float = 0.4
+    hottest: float = 0.3
     swap_every: int = 5
     burn_in: float = 0.4
     draws: int = 400

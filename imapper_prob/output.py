@@ -56,10 +56,13 @@ def _check_folder(folder: Path, *, overwrite: bool) -> None:
     require_writable(folder)
 
 
-def write_run(folder: Path, posterior: Posterior, *, overwrite: bool) -> None:
+def write_run(
+    folder: Path, posterior: Posterior, *, overwrite: bool, video: Path | None = None
+) -> None:
     """Write all files beside, then put the folder in its place.
 
-    Checkpoints are dropped, unless the run was interrupted and can go on.
+    Checkpoints are dropped, unless the run was interrupted and can go on. The pictures of
+    ``video``, if given, are shown in the recording.
 
     Raises
     ------
@@ -69,10 +72,10 @@ def write_run(folder: Path, posterior: Posterior, *, overwrite: bool) -> None:
     _check_folder(folder, overwrite=overwrite)
     with folder_written_whole(folder) as beside:
         (beside / "config.toml").write_text(to_toml(posterior.config), encoding="utf-8")
-        write_scenes(beside / "scenes.json", posterior.scenes())
+        write_scenes(beside / "scenes.json", posterior.scenes(), clip=posterior.clip)
         _write_models(beside / "scenes", posterior)
         write_tree(beside / "posterior.nc", posterior.data)
-        posterior.record(beside / "recording.rrd")
+        posterior.record(beside / "recording.rrd", video=video)
         write_report(beside / "report.html", posterior)
         if not posterior.samples.finished and (folder / CHECKPOINTS).exists():
             os.replace(folder / CHECKPOINTS, beside / CHECKPOINTS)
@@ -82,4 +85,4 @@ def _write_models(folder: Path, posterior: Posterior) -> None:
     folder.mkdir()
     for number, weighted in enumerate(posterior.scenes(), 1):
         path = folder / f"scene_{number}.glb"
-        write_glb(path, weighted.scene, frame_ids=posterior.clip.frame_ids)
+        write_glb(path, weighted.scene, posterior.clip)

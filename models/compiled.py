@@ -103,7 +103,9 @@ def evaluate(
     footprints = find_footprints(boxes, turns)
     gaps = find_clearances(camera[1], joints, boxes, turns)
     _weigh_frames(problem, camera, item_of, sizes, joints, gaps, by_frame)
-    terms[4] = summed_over_swaps(by_frame, weight, problem.swap_begins, problem.swap_ends)
+    terms[4] = summed_over_swaps(
+        by_frame, problem.path_starts, weight, problem.swap_begins, problem.swap_ends
+    )
     terms[6] = _smoothness(problem, item_of, joints)
     depth = collision_depth(problem, boxes, turns, footprints, owner, yaws)
     terms[7] = -problem.collision_cost * problem.likelihood * depth
@@ -157,6 +159,6 @@ def _smoothness(problem: Problem, item_of: Ints, joints: Array) -> float:
     """E_s: what it costs that the pose jumps where a scenelet begins or ends."""
     total = 0.0
     for t in range(1, len(item_of)):
-        if item_of[t] != item_of[t - 1]:
+        if item_of[t] != item_of[t - 1] and not problem.path_starts[t]:
             total += pose_jump(joints, t - 1, t, problem.joint_step)
     return -problem.smoothness_cost * problem.likelihood * total

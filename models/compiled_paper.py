@@ -101,7 +101,7 @@ def evaluate_paper(
             confidence = problem.confidences[t, j] if problem.used[t, j] else 0.0
             by_frame[t, 1] += occlusion_cost(gaps[t, j], confidence)
         for c in range(3):
-            if t > 0:
+            if not problem.path_starts[t]:
                 by_frame[t, 2] += (joints[t, c, PELV] - joints[t - 1, c, PELV]) ** 2
         by_frame[t, 3] = depths[t]
     nats = problem.paper_nats

@@ -180,7 +180,9 @@ def frame_log_likelihood(problem: Problem, state: State) -> Array:
 
 def _swap_probabilities(problem: Problem, by_frame: Array) -> Array:
     weight = problem.frame_weight * problem.likelihood
-    return swap_probabilities(by_frame, weight, problem.swap_begins, problem.swap_ends)
+    return swap_probabilities(
+        by_frame, problem.path_starts, weight, problem.swap_begins, problem.swap_ends
+    )
 
 
 def motion(problem: Problem, state: State) -> Array:

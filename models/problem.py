@@ -14,6 +14,7 @@ from imapper_prob.models.energy.paper import PaperWeights
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.geometry import pack_boxes
 from imapper_prob.models.path import CameraPrior, StaticPath
+from imapper_prob.models.path_error import path_tables, remembered
 from imapper_prob.models.scene import Clip
 from imapper_prob.models.scenelet import Library
 from imapper_prob.models.settings import ModelSettings
@@ -44,7 +45,10 @@ class Problem(NamedTuple):
     error_dof: Array  # (T, 16, 2)
     path_centre: Array  # (T, 2) bearing, log depth of the pelvis without scenelets
     path_scale: Array  # (T, 2) by how much it may be off
-    path_memory: Array  # (2,) correlation of that from frame to frame
+    path_starts: NDArray[np.bool_]  # (T,) frames that follow upon nothing: the clip's first, and
+    # those in which the film of another person begins
+    path_mean: Array  # (2, T + 1, 2) of bearing and log depth, see path_tables
+    path_draw: Array  # (2, T + 1, 3, 3)
     lift: Array  # (T,)
     poses: Array  # (T, 16, 3) camera axes, metres
     static_density: Array  # (2, T, 16, 2) p(u, c | hidden), p(u, c | seen) at the frame's own
@@ -118,16 +122,21 @@ def pack_problem(
     settings: ModelSettings | None = None,
     detections: DetectionModel | None = None,
     weights: Array | None = None,
+    starts: NDArray[np.bool_] | None = None,
 ) -> Problem:
     """Pack one actor of a clip with its static path, camera prior and a library.
 
     ``weights`` (L,), positive, say how the prior rate is shared among the scenelets; they
-    are normalised, and equal if not given.
+    are normalised, and equal if not given. ``starts`` (T,) bool are the frames that follow upon
+    nothing, where a clip is made of the frames of several people, one person after the
+    other: errors of the path and swaps of sides begin anew there, and no scenelet goes on. The
+    first frame is one anyway, and the only one if not given.
 
     Raises
     ------
     InputError
-        If the static path and the clip differ in length, or no scenelet fits in the clip.
+        If the static path and the clip differ in length, no scenelet fits in the clip, or one
+        is a single frame at the clip's rate.
     """
     settings = settings or ModelSettings()
     detections = detections or DetectionModel()
@@ -149,6 +158,12 @@ def pack_problem(
             f"clip {clip.name}: {clip.n_frames} frames, but the shortest scenelet of library "
             f"{library.name} has {lengths.min()}; use a longer clip"
         )
+    if lengths.min() < 2:
+        short = library[int(lengths.argmin())].name
+        raise InputError(
+            f"clip {clip.name}: at {clip.fps:g} frames a second scenelet {short} of library "
+            f"{library.name} is a single frame; leave it out, or use a film of a higher rate"
+        )
     shares = np.ones(len(library)) if weights is None else np.asarray(weights, float)
     labels = sorted({label for s in library for label in s.labels})
     counts = [sum(len(o.cuboids) for o in s.objects) for s in library]
@@ -156,7 +171,10 @@ def pack_problem(
     nats = np.zeros(len(fields(PaperWeights)))
     if settings.energy == "paper":
         nats = settings.paper_nats * settings.likelihood * np.array(astuple(PaperWeights()))
-    centre, deviation, memory = _path_prior(path, settings, clip.fps)
+    centre, deviation, rates = _path_prior(path, settings, clip.fps)
+    mean, draw = path_tables(rates, clip.n_frames)
+    begins = np.zeros(clip.n_frames, bool) if starts is None else np.array(starts, bool)
+    begins[0] = True
     problem = Problem(
         fx=nominal.fx, fy=nominal.fy, cx=nominal.cx, cy=nominal.cy,
         keypoints=keypoints,
@@ -167,7 +185,9 @@ def pack_problem(
         error_dof=dof,
         path_centre=centre,
         path_scale=deviation,
-        path_memory=memory,
+        path_starts=begins,
+        path_mean=mean,
+        path_draw=draw,
         lift=path.lift,
         poses=path.poses,
         static_density=static,
@@ -222,16 +242,17 @@ def _start_deviation(settings: ModelSettings) -> Array:
 def _path_prior(
     path: StaticPath, settings: ModelSettings, fps: float
 ) -> tuple[Array, Array, Array]:
-    """Centre (T, 2), scale (T, 2) and memory (2,) of the path without scenelets."""
+    """Centre (T, 2), scale (T, 2) and rates (2, 2) of the path without scenelets."""
     if settings.likelihood > 0:
         seconds = np.array([settings.memory_bearing, settings.memory_depth])
-        return np.array(path.estimate), np.array(path.deviation), np.exp(-1.0 / (fps * seconds))
-    # Nobody has looked at the clip: somebody walks about in the middle of the room.
+        ease = np.array([settings.ease_bearing, settings.ease_depth])
+        return np.array(path.estimate), np.array(path.deviation), remembered(seconds, ease, fps)
+    # Nobody has looked at the clip: somebody strays about in the middle of the room.
     size = (len(path.lift), 1)
     deviation = _start_deviation(settings)
     walk = np.array([settings.walk_bearing, settings.walk_log_depth]) * np.sqrt(10.0 / fps)
-    memory: Array = np.sqrt(1.0 - (walk / deviation) ** 2)
-    return np.tile(_start_mean(settings), size), np.tile(deviation, size), memory
+    rates = np.stack([np.sqrt(1.0 - (walk / deviation) ** 2), np.zeros(2)], -1)
+    return np.tile(_start_mean(settings), size), np.tile(deviation, size), rates
 
 
 def _static_residual(camera: Camera, path: StaticPath, keypoints: Array) -> Array:

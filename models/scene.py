@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,9 +17,15 @@ from imapper_prob.models.camera import Camera
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.skeleton import JOINTS, N_JOINTS
 
-__all__ = ["Clip", "Cuboid", "Placement", "Scene", "SceneObject", "Track", "Truth", "read_only"]
+__all__ = [
+    "MEASURED_FOCAL", "Clip", "Cuboid", "Placement", "Scene", "SceneObject", "Track", "Truth",
+    "read_only",
+]  # fmt: skip
 
 Array = NDArray[np.float64]
+
+MEASURED_FOCAL: Final = 0.005
+"""Standard deviation of the log focal length of a calibrated camera."""
 
 
 def read_only(values: ArrayLike, *, shape: Sequence[int | None], name: str) -> Array:
@@ -269,8 +276,9 @@ class Clip:
         The input's own numbers of the frames, strictly increasing by one.
     tracks : tuple of Track
         One per actor, all of T frames.
-    focal_known : bool
-        Whether the focal length was measured; if not it is given ±5 %.
+    focal_spread : float
+        Standard deviation of the log focal length: by what part the camera's may be wrong.
+        A careful guess, as i3DB's, is good to .05.
     truth : Truth, optional
         For simulated clips and benchmarks. Inference never reads it.
     """
@@ -280,7 +288,7 @@ class Clip:
     fps: float
     frame_ids: NDArray[np.int64]
     tracks: tuple[Track, ...]
-    focal_known: bool = False
+    focal_spread: float = 0.05
     truth: Truth | None = field(default=None, compare=False)
 
     def __post_init__(self) -> None:
@@ -292,6 +300,10 @@ class Clip:
             raise InputError(f"clip {self.name}: no person in it")
         if not (np.isfinite(self.fps) and self.fps > 0):
             raise InputError(f"clip {self.name}: frame rate {self.fps} must be positive")
+        if not 0 < self.focal_spread < 1:
+            raise InputError(
+                f"clip {self.name}: the focal length's spread {self.focal_spread} is no part of it"
+            )
         for track in self.tracks:
             if len(track.keypoints) != len(ids):
                 raise InputError(
@@ -305,6 +317,11 @@ class Clip:
     def n_frames(self) -> int:
         """Number of frames T."""
         return len(self.frame_ids)
+
+    @property
+    def focal_known(self) -> bool:
+        """Whether the focal length was measured, as good as calibrations are."""
+        return self.focal_spread <= MEASURED_FOCAL
 
 
 @dataclass(frozen=True)

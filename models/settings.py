@@ -37,6 +37,9 @@ class ModelSettings:
         although something is.
     memory_bearing, memory_depth : float
         Seconds in which the static path's errors across and along the view forget themselves.
+    ease_bearing, ease_depth : float
+        Seconds of these in which such an error changes its course, at most half of them: 0 for
+        errors that are rough from frame to frame, half for the smoothest.
     walk_bearing, walk_log_depth : float
         Standard deviation of one frame's step of the pelvis at 10 frames a second: tangent
         of the bearing, and log metres. Of a person nobody has looked at yet.
@@ -54,6 +57,12 @@ class ModelSettings:
     smoothness_cost : float
         Factor on those steps' nats, for joints err together: at once, and as ``frame_weight``
         says of frames.
+    furniture_aside : float
+        Standard deviation of how far to its side a piece of furniture stands from where its
+        scenelet says, as a share of its width. With the next one: of what is drawn, for the
+        detections do not tell (``docs/model.md``).
+    furniture_ahead : float
+        Metres; the same to its front and back.
     collision_cost : float
         Nats per metre that two objects are in each other, on the floor.
     motion_cost : float
@@ -83,6 +92,8 @@ class ModelSettings:
     surprise: float = 0.02
     memory_bearing: float = calibrated("bias.time_across")
     memory_depth: float = calibrated("bias.time_along")
+    ease_bearing: float = calibrated("bias.ease_across")
+    ease_depth: float = calibrated("bias.ease_along")
     walk_bearing: float = calibrated("walk.bearing")
     walk_log_depth: float = calibrated("walk.log_depth")
     start_bearing: float = 0.25
@@ -91,6 +102,8 @@ class ModelSettings:
     size_spread: float = calibrated("scenelet.log_size")
     joint_step: float = calibrated("joints.jump_scale")
     smoothness_cost: float = 1 / (10 * calibrated("frames.correlation_time"))
+    furniture_aside: float = calibrated("furniture.aside")
+    furniture_ahead: float = calibrated("furniture.ahead")
     collision_cost: float = 100.0
     motion_cost: float = 50.0
     merge_angle: float = 0.6
@@ -104,10 +117,17 @@ class ModelSettings:
             "frame_weight", "swap_rate", "swap_length", "pose_tolerance", "sight_width",
             "walk_bearing", "walk_log_depth", "memory_bearing", "memory_depth",
             "start_bearing", "start_log_depth", "start_depth", "scenelet_rate", "size_spread",
-            "joint_step", "paper_nats",
+            "joint_step", "paper_nats", "furniture_aside", "furniture_ahead",
         ):  # fmt: skip
             if not getattr(self, name) > 0:
                 raise InputError(f"model setting {name} = {getattr(self, name)} must be positive")
+        for name in ("bearing", "depth"):
+            ease, seconds = getattr(self, f"ease_{name}"), getattr(self, f"memory_{name}")
+            if not 0 <= ease <= seconds / 2:
+                raise InputError(
+                    f"model setting ease_{name} = {ease} must be from 0 to half of "
+                    f"memory_{name} = {seconds}"
+                )
         if self.energy not in ("default", "paper"):
             raise InputError(f"model setting energy = {self.energy!r} must be default or paper")
         if not 0 < self.surprise < 0.5:

@@ -87,8 +87,9 @@ class Experiment:
         problem, camera = self.problem, self.clip.camera
         pixels, seen, looseness = _expected(problem, state, self.path, camera)
         swapped = draw_swaps(
-            rng, problem.n_frames, begins=problem.swap_begins, ends=problem.swap_ends
-        )
+            rng, problem.n_frames, begins=problem.swap_begins, ends=problem.swap_ends,
+            starts=problem.path_starts,
+        )  # fmt: skip
         for values in (pixels, seen, looseness):
             values[swapped] = values[swapped][:, list(MIRROR)]
         keypoints, confidences = self.detections.draw(

@@ -1,7 +1,7 @@
 """States drawn from the prior of a problem, each by itself: no chain has to find them.
 
 The prior is the posterior without detections: camera and body from their Gaussian, scenelets
-by a recursion over frames, the pelvis along its walk, sizes and latent numbers from their
+by a recursion over frames, the pelvis along its chain, sizes and latent numbers from their
 normal laws, and what stands in one another refused as often as its cost says. Together with
 :func:`imapper_prob.models.simulate_detections.draw_detections` this makes data sets of which
 the posterior is known to be right, by which samplers are judged (Talts et al. 2018).
@@ -65,10 +65,12 @@ def draw_layout(rng: np.random.Generator, problem: Problem) -> Ints:
     or the last one of a scenelet), and a way drawn going back.
     """
     lengths, rates = problem.lengths, problem.log_rate
+    start = _latest_start(problem)
     log_weight = np.zeros(problem.n_frames + 1)
     ways: list[Array] = []
     for t in range(1, problem.n_frames + 1):
-        ends = np.where(lengths <= t, rates + log_weight[np.maximum(t - lengths, 0)], -np.inf)
+        fits = lengths <= t - start[t - 1]
+        ends = np.where(fits, rates + log_weight[np.maximum(t - lengths, 0)], -np.inf)
         ways.append(np.append(ends, log_weight[t - 1]))
         log_weight[t] = np.logaddexp.reduce(ways[-1])
     items, t = [], problem.n_frames
@@ -88,22 +90,39 @@ def _unhindered(rng: np.random.Generator, problem: Problem) -> State:
     camera, items = _draw_camera(rng, problem), draw_layout(rng, problem)
     placements = np.empty((len(items), 3))
     sizes = problem.size_spread * rng.standard_normal(len(items))
-    # Errors of the static path in units of their deviation, known in frame `at` if there was one.
-    error, at = np.zeros(2), -math.inf
+    # Errors of the static path in units of their deviation, in the frame `at` and the one before.
+    error, before, at = np.zeros(2), np.zeros(2), -1
+    since = _latest_start(problem)
     for index, (scenelet, start) in enumerate(items.tolist()):
-        kept = problem.path_memory ** (start - at)
-        error = kept * error + np.sqrt(1 - kept**2) * rng.standard_normal(2)
+        row = start - at if at >= since[start] else 0
+        mean, deviation = problem.path_mean[:, row], problem.path_draw[:, row, 0, 2]
+        error = mean[:, 0] * error + mean[:, 1] * before
+        error = error + deviation * rng.standard_normal(2)
         centre, scale = path_in_view(problem, camera, start)
         seen = centre + scale * error
         body, yaw = math.exp(camera[3] + sizes[index]), rng.uniform(-math.pi, math.pi)
         own = slice(*problem.joint_first[scenelet : scenelet + 2])
         pelvis = body * _turned(problem.joints[own, PELV], yaw)
         placements[index] = (*(_on_floor(camera, seen, pelvis[0, 2]) - pelvis[0, :2]), yaw)
-        last = pelvis[-1] + (*placements[index, :2], 0.0)
         at = start + len(pelvis) - 1
-        centre, scale = path_in_view(problem, camera, at)
-        error = (_as_seen(camera, last) - centre) / scale
+        before, error = (
+            _error(problem, camera, at - k, pelvis[-1 - k] + (*placements[index, :2], 0.0))
+            for k in (1, 0)
+        )
     return State(camera, items, placements, sizes, rng.standard_normal((problem.n_frames, 2)))
+
+
+def _latest_start(problem: Problem) -> Ints:
+    """(T,) the last frame up to each that follows upon nothing."""
+    frames = np.arange(problem.n_frames)
+    return np.maximum.accumulate(np.where(problem.path_starts, frames, 0))
+
+
+def _error(problem: Problem, camera: Array, frame: int, pelvis: Array) -> Array:
+    """(2,) how far a pelvis (3,) of the world is off the static path, in its deviations."""
+    centre, scale = path_in_view(problem, camera, frame)
+    result: Array = (_as_seen(camera, pelvis) - centre) / scale
+    return result
 
 
 def path_in_view(problem: Problem, camera: Array, frame: int) -> tuple[Array, Array]:

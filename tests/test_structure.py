@@ -26,7 +26,7 @@ SOURCES = sorted(
 )
 FLOORS = [
     {"models", "samplers"},
-    {"colours", "config", "files", "tracking"},
+    {"colours", "config", "files", "people", "tracking"},
     {"inputs", "detect"},
     {"scenelets"},
     {"staged"},
@@ -157,6 +157,14 @@ def test_every_direct_dependency_is_pinned() -> None:
     lines = (ROOT / "constraints.txt").read_text(encoding="utf-8").splitlines()
     pinned = {line.split("==")[0] for line in lines if "==" in line}
     assert direct - pinned == set()
+
+
+def test_a_process_of_chains_loads_nothing_but_their_compiler() -> None:
+    program = "import sys, imapper_prob.sampling.chain; sys.stdout.write(' '.join(sys.modules))"
+    done = subprocess.run(
+        [sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=True
+    )
+    assert set(done.stdout.split()) & HEAVY == {"numba"}
 
 
 def test_importing_is_quick_and_light() -> None:

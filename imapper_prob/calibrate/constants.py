@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from imapper_prob.calibrate.estimators import (
     between_groups,
+    change_time,
     correlation_length,
     predictive_spread,
     root_mean_square,
@@ -96,10 +97,21 @@ def _correlation_time(evidence: Sequence[Seen]) -> Number:
     return correlation_length(series) * seconds
 
 
-def _memory(evidence: Sequence[Placed], errors: Sequence[Array]) -> Number:
+def _memory(evidence: Sequence[Placed], errors: Sequence[Array]) -> float:
     """Seconds after which a first-order chain of the same autocorrelation has lost all but 1/e."""
     seconds = evidence[0].detections.gap / evidence[0].clip.fps
     return float(correlation_length([error[:, None] for error in errors]) * seconds / 2)
+
+
+def _ease(evidence: Sequence[Placed], errors: Sequence[Array]) -> Number:
+    """Of these seconds, those in which the error changes its course."""
+    return change_time(
+        errors,
+        spread=root_mean_square(np.concatenate(errors)),
+        seconds=_memory(evidence, errors),
+        fps=evidence[0].clip.fps,
+        gap=evidence[0].detections.gap,
+    )
 
 
 def _swap_runs(evidence: Sequence[Seen]) -> tuple[float, float, float]:
@@ -153,6 +165,15 @@ def _jumps(which: int) -> Callable[[Sequence[Placed]], Number]:
     return fit
 
 
+# Furniture.
+
+
+def _furniture(axis: int) -> Callable[[Sequence[Placed]], Number]:
+    return lambda evidence: root_mean_square(
+        np.concatenate([e.nearest.furniture[:, axis] for e in evidence])
+    )
+
+
 # Body.
 
 
@@ -162,8 +183,8 @@ def _lifted(axes: tuple[int, ...]) -> Callable[[Sequence[Seen]], Number]:
     )
 
 
-def _centred_depth(evidence: Sequence[Placed]) -> Array:
-    return np.concatenate([e.path.log_depth - np.median(e.path.log_depth) for e in evidence])
+def _centred_depth(evidence: Sequence[Placed]) -> list[Array]:
+    return [e.path.log_depth - np.median(e.path.log_depth) for e in evidence]
 
 
 def _ankles(evidence: Sequence[Placed]) -> tuple[float, float]:
@@ -280,7 +301,7 @@ FROM_PATH: Final = (
     Estimator(
         "bias.log_depth", "log m", "slow error of the static path's depth",
         "root mean square of its log depth over the true one, each scene's median taken off",
-        lambda evidence: root_mean_square(_centred_depth(evidence)),
+        lambda evidence: root_mean_square(np.concatenate(_centred_depth(evidence))),
     ),
     Estimator(
         "bias.across", "m", "slow error of the static path across the view",
@@ -298,6 +319,16 @@ FROM_PATH: Final = (
         "bias.time_across", "s", "time in which the slow error across the view forgets itself",
         "half the integrated autocorrelation of that error",
         lambda evidence: _memory(evidence, [e.path.across[:, 0] for e in evidence]),
+    ),
+    Estimator(
+        "bias.ease_along", "s", "part of that time in which the error of depth changes course",
+        "most likely one of a chain of second order with that spread and time",
+        lambda evidence: _ease(evidence, _centred_depth(evidence)),
+    ),
+    Estimator(
+        "bias.ease_across", "s", "part of that time in which the error across changes course",
+        "most likely one of a chain of second order with that spread and time",
+        lambda evidence: _ease(evidence, [e.path.across[:, 0] for e in evidence]),
     ),
     Estimator(
         "body.log_scale", "log", "spread of stature about the reference body",
@@ -323,6 +354,15 @@ FROM_PATH: Final = (
         "pose.tolerance", "m", "a true joint about the right scenelet's, an axis",
         "root mean square across the view of the truth minus the scenelet nearest to it",
         lambda evidence: root_mean_square(np.concatenate([e.nearest.across for e in evidence])),
+    ),
+    Estimator(
+        "furniture.aside", "part of its width", "furniture beside where its scenelet says",
+        "root mean square over true pieces of their mean distance, along their width, from what "
+        "the scenelets nearest to the true motion say", _furniture(0),
+    ),
+    Estimator(
+        "furniture.ahead", "m", "furniture before or behind where its scenelet says",
+        "the same across their width", _furniture(1),
     ),
     Estimator(
         "joints.jump_scale", "m", "jump of a joint between a free frame and a scenelet's end",
@@ -378,6 +418,16 @@ KEPT: Final[Mapping[str, tuple[float, str]]] = {
         0.5,
         "the four heights are those of one team's tripod; from a camera on a table to one "
         "above a door",
+    ),
+    "furniture.aside": (
+        0.2,
+        "the measurement holds the truth's own error, and pieces mistaken for their neighbours; "
+        "about the middle of the seat that one is on, pelvises of the same clips spread by .19 m",
+    ),
+    "furniture.ahead": (
+        0.2,
+        "the measurement holds the truth's own error, and pieces mistaken for their neighbours; "
+        "about the middle of the seat that one is on, pelvises of the same clips spread by .15 m",
     ),
     "body.log_scale": (
         0.05,

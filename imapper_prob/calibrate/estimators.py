@@ -10,11 +10,15 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import minimize
+from scipy.linalg import cho_factor, cho_solve, toeplitz
+from scipy.optimize import minimize, minimize_scalar
 from scipy.special import gammaln
+
+from imapper_prob.models.path_error import autocorrelation, remembered
 
 __all__ = [
     "between_groups",
+    "change_time",
     "correlation_length",
     "jackknife_error",
     "predictive_spread",
@@ -119,6 +123,44 @@ def correlation_length(series: Sequence[ArrayLike]) -> float:
             break
         length += 2 * correlation
     return length
+
+
+def change_time(
+    series: Sequence[ArrayLike], *, spread: float, seconds: float, fps: float, gap: int
+) -> float:
+    """In how much of its correlation time a slow error changes its course, the most likely.
+
+    Parameters
+    ----------
+    series : sequence of (T,) float
+        Errors about zero, chains as in :mod:`imapper_prob.models.path_error`.
+    spread : float
+        Standard deviation of all.
+    seconds : float
+        Half their integrated autocorrelation.
+    fps : float
+        Frames a second of the chains.
+    gap : int
+        Frames from one error to the next.
+
+    Returns
+    -------
+    float
+        Seconds: 0 if they are rough from frame to frame, ``seconds / 2`` if as smooth as can be.
+    """
+    errors = [np.asarray(one, float) / spread for one in series]
+
+    def cost(ease: float) -> float:
+        rates = remembered(np.array([seconds]), np.array([ease]), fps)[0]
+        total = 0.0
+        for one in errors:
+            correlation = autocorrelation(rates, gap * len(one))[::gap]
+            factor = cho_factor(toeplitz(correlation), lower=True)
+            total += np.log(np.diag(factor[0])).sum() + 0.5 * one @ cho_solve(factor, one)
+        return float(total)
+
+    inside = minimize_scalar(cost, bounds=(0.0, seconds / 2), options={"xatol": 1e-4 * seconds})
+    return min((0.0, float(inside.x), seconds / 2), key=cost)
 
 
 def root_mean_square(values: ArrayLike) -> float:

@@ -12,11 +12,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from imapper_prob.calibrate.furniture import furniture_errors
 from imapper_prob.calibrate.observations import stretches
 from imapper_prob.models.path import StaticPath
 from imapper_prob.models.pose import turned
 from imapper_prob.models.problem import Problem, resample
-from imapper_prob.models.scene import Clip, Truth
+from imapper_prob.models.scene import Clip, Placement, Truth
 from imapper_prob.models.scenelet import Library
 from imapper_prob.models.skeleton import PELV
 from imapper_prob.staged.fit import Fits
@@ -45,10 +46,14 @@ class Nearest:
     jumps : (m, 16, 3) float
         Their first and last pose minus the static pose of the frame next to it, both
         relative to the pelvis, world axes, metres.
+    furniture : (k, 2) float
+        How far true furniture stands from where they say
+        (:func:`imapper_prob.calibrate.furniture.furniture_errors`).
     """
 
     across: Array
     jumps: Array
+    furniture: Array
 
 
 def nearest_scenelets(clip: Clip, truth: Truth, path: StaticPath, library: Library) -> Nearest:
@@ -58,11 +63,13 @@ def nearest_scenelets(clip: Clip, truth: Truth, path: StaticPath, library: Libra
     static = truth.camera.to_world(path.joints)
     static = static - static[:, [PELV]]
     motions = [resample(s.joints, fps=s.fps, to_fps=clip.fps) for s in library]
+    travels = [m[:, PELV] for m in motions]
     motions = [m - m[:, [PELV]] for m in motions]
-    across, jumps = [], []
+    stays = {t for s in stretches(truth, clip.fps) for t in range(s.start, s.stop)}
+    across, jumps, placed = [], [], []
     for centre in range(0, clip.n_frames, round(_EVERY * clip.fps)):
-        least, best, start = np.inf, motions[0], 0
-        for motion in motions:
+        candidates = []
+        for number, motion in enumerate(motions):
             first = centre - len(motion) // 2
             if first < 1 or first + len(motion) >= clip.n_frames:
                 continue
@@ -70,18 +77,25 @@ def nearest_scenelets(clip: Clip, truth: Truth, path: StaticPath, library: Libra
             if len(own) < _FEWEST_KNOWN * len(motion):
                 continue
             yaw, gap = _turn(motion[own], joints[first + own])
-            if gap < least:
-                least, start = gap, first
-                best = turned(motion, np.full(len(motion), yaw))
-        if not np.isfinite(least):
+            candidates.append((gap, number, first, yaw))
+        if not candidates:
             continue
+        candidates.sort()
+        _, number, start, yaw = candidates[0]
+        best = turned(motions[number], np.full(len(motions[number]), yaw))
         end = start + len(best)
         own = np.flatnonzero(known[start:end])
         apart = joints[start + own] - best[own]
         apart = (apart - apart.mean((0, 1))) @ truth.camera.rotation
         across.append(apart[..., [0, 2]].reshape(-1, 2))
         jumps += [best[0] - static[start - 1], best[-1] - static[end]]
-    return Nearest(np.concatenate(across), np.stack(jumps))
+        if centre in stays:
+            for _, number, first, yaw in candidates[:_BEST]:
+                own = np.flatnonzero(known[first : first + len(travels[number])])
+                middle = truth.joints[first + own, PELV].mean(0)
+                placed.append((library[number], _laid_upon(middle, yaw, travels[number][own])))
+    furniture = furniture_errors(truth, placed)
+    return Nearest(np.concatenate(across), np.stack(jumps), furniture)
 
 
 def _turn(motion: Array, joints: Array) -> tuple[float, float]:
@@ -91,6 +105,13 @@ def _turn(motion: Array, joints: Array) -> tuple[float, float]:
     level = float((motion[..., 2] * joints[..., 2]).sum())
     squares = float((motion**2).sum() + (joints**2).sum())
     return np.arctan2(aside, along), (squares - 2 * (np.hypot(along, aside) + level)) / len(motion)
+
+
+def _laid_upon(middle: Array, yaw: float, travel: Array) -> Placement:
+    """The placement that brings a travelling pelvis (n, 3), turned, to a mean place (3,)."""
+    turned_only = Placement(0.0, 0.0, yaw).apply(travel.mean(0))
+    x, y = (middle - turned_only)[:2].tolist()
+    return Placement(x, y, yaw)
 
 
 @dataclass(frozen=True)
@@ -121,7 +142,7 @@ def observe_fits(clip: Clip, truth: Truth, problem: Problem, fits: Fits) -> FitE
     middles = problem.joint_first[:-1] + problem.lengths // 2
     height = np.exp(body) * problem.joints[middles, PELV, 2] - elevation
     fitted = np.cos(pitch) * fits.placements[..., 1] + np.sin(pitch) * height
-    order = np.argsort(fits.cost, axis=1, kind="stable")[:, :_BEST]
+    order = np.argsort(fits.cost, axis=1, kind="stable")[:, :100]
     usable = np.isfinite(np.take_along_axis(fits.cost, order, 1)).all(1)
     ratio = np.log(np.take_along_axis(fitted, order, 1).clip(0.1) / true[:, None]).mean(1)
     ratio -= np.median(ratio[usable])

@@ -14,7 +14,10 @@ if TYPE_CHECKING:
     from imapper_prob.inputs import ClipOptions
     from imapper_prob.models.scene import Clip
 
-__all__ = ["clip_from", "clip_options", "clip_parser", "is_clip", "refuse_to_replace", "size_of"]
+__all__ = [
+    "clip_from", "clip_options", "clip_parser", "is_clip", "is_video", "refuse_to_replace",
+    "size_of",
+]  # fmt: skip
 
 _VIDEOS = (".avi", ".m4v", ".mkv", ".mov", ".mp4", ".mpg", ".webm")
 
@@ -29,6 +32,7 @@ def clip_parser(*, files: bool = True) -> argparse.ArgumentParser:
     add = group.add_argument
     add("--camera", type=Path, metavar="FILE", help="intrinsics, TOML or JSON")
     add("--focal", type=float, metavar="PIXELS", help="focal length")
+    add("--focal-spread", type=float, metavar="PART", help="of it that it may be wrong by")
     add("--pitch", type=float, metavar="DEGREES", help="of the camera; down is negative")
     add("--camera-height", type=float, metavar="METRES", help="above the floor")
     add("--confidence-map", metavar="MAP", help="its name, or knots such as 0:0,0.3:0.5,1:1")
@@ -58,6 +62,7 @@ def clip_options(options: argparse.Namespace) -> ClipOptions:
         format=getattr(options, "format", None),
         camera=None if options.camera is None else read_camera(options.camera),
         focal=options.focal,
+        focal_spread=options.focal_spread,
         pitch=options.pitch,
         height=options.camera_height,
         size=getattr(options, "size", None),
@@ -93,10 +98,15 @@ def _is_run(path: Path) -> bool:
     return (path / "scenes.json").exists() or (path / "posterior.nc").exists()
 
 
+def is_video(path: Path) -> bool:
+    """Whether a path is a video by its name."""
+    return path.suffix.lower() in _VIDEOS
+
+
 def clip_from(path: Path, options: argparse.Namespace) -> Clip:
     """The clip at ``path``, read as the options say; in a video its joints are found first."""
     said = clip_options(options)
-    if path.suffix.lower() in _VIDEOS:
+    if is_video(path):
         from imapper_prob.detect import detect
 
         with progress_bars() as progress:

@@ -22,6 +22,7 @@ def show_energy(folder: Path) -> None:
     from rich.console import Console
 
     from imapper_prob.files import written_whole
+    from imapper_prob.people import in_a_row
     from imapper_prob.results.energy import explain
     from imapper_prob.results.energy_figure import energy_figure
     from imapper_prob.results.energy_report import (
@@ -35,7 +36,7 @@ def show_energy(folder: Path) -> None:
     posterior = load_posterior(folder)
     clip, source = posterior.clip, posterior.solution
     state = posterior.samples.states[posterior.scenes(1)[0].draw]
-    explanation = explain(source.problem, state, source.library, frame_ids=clip.frame_ids)
+    explanation = explain(source.problem, state, source.library, frame_ids=in_a_row(clip))
     console = Console(highlight=False)
     for table in (term_table, scenelet_table, object_worth_table):
         console.print(table(explanation))

@@ -73,7 +73,7 @@ def _export(options: argparse.Namespace) -> None:
         if options.format == "json":
             write_json(out, posterior, scene=options.scene, samples=options.samples)
         elif options.format == "glb":
-            write_glb(out, scene, frame_ids=posterior.clip.frame_ids)
+            write_glb(out, scene, posterior.clip)
         else:
             write_i3db(out, scene, posterior.clip)
     except OSError as error:

@@ -7,7 +7,7 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from imapper_prob.cli.clip_options import clip_from, clip_parser, is_clip
+from imapper_prob.cli.clip_options import clip_from, clip_parser, is_clip, is_video
 from imapper_prob.cli.energy import show_energy
 from imapper_prob.cli.progress import progress_bars
 from imapper_prob.models.errors import InputError
@@ -113,10 +113,13 @@ def _run(options: argparse.Namespace) -> None:
     from imapper_prob.output import prepare_folder
 
     prepare_folder(options.output, overwrite=options.overwrite)
-    _sample(options, clip_from(options.clip, options), _config(options))
+    video = options.clip if is_video(options.clip) else None
+    _sample(options, clip_from(options.clip, options), _config(options), video=video)
 
 
-def _sample(options: argparse.Namespace, clip: Clip, config: Config) -> None:
+def _sample(
+    options: argparse.Namespace, clip: Clip, config: Config, *, video: Path | None = None
+) -> None:
     import imapper_prob
     from imapper_prob.output import CHECKPOINTS, write_run
     from imapper_prob.sampling.cluster import connected
@@ -136,7 +139,7 @@ def _sample(options: argparse.Namespace, clip: Clip, config: Config) -> None:
             progress=progress,
         )
         progress("writing", 0.0)
-        write_run(options.output, posterior, overwrite=options.overwrite)
+        write_run(options.output, posterior, overwrite=options.overwrite, video=video)
         progress("writing", 1.0)
     _show(posterior, options.output)
 
@@ -144,6 +147,7 @@ def _sample(options: argparse.Namespace, clip: Clip, config: Config) -> None:
 def _show(posterior: Posterior, folder: Path) -> None:
     from rich.console import Console
 
+    from imapper_prob.results.report.words import sides
     from imapper_prob.results.summary import object_table, scene_table
     from imapper_prob.sampling.agreement import describe_agreement
 
@@ -151,6 +155,7 @@ def _show(posterior: Posterior, folder: Path) -> None:
     scenes = posterior.scenes()
     console.print(scene_table(scenes))
     console.print(object_table(scenes[0], posterior.clip.truth))
+    console.print(sides(posterior.sides_swapped, posterior.clip.frame_ids))
     console.print(posterior.samples.verdict.text)
     console.print(describe_agreement(posterior.samples.agreements))
     if not posterior.samples.finished:

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from imapper_prob.cli.clip_options import clip_from, clip_parser
 from imapper_prob.cli.progress import progress_bars
 
 __all__ = ["StageClock", "add_solve_command"]
@@ -18,9 +19,11 @@ def add_solve_command(
 ) -> None:
     """Add the command to a parser; ``shared`` holds options that all commands have."""
     solve = commands.add_parser(
-        "solve", parents=[shared], help="the staged solver alone: best scene and its stages"
+        "solve",
+        parents=[shared, clip_parser()],
+        help="the staged solver alone: best scene and its stages",
     )
-    solve.add_argument("clip", type=Path, help="i3DB scene folder or .npz clip file")
+    solve.add_argument("clip", type=Path, help="clip file, keypoints, i3DB scene or video")
     solve.add_argument("-o", "--output", type=Path, required=True, metavar="DIR")
     solve.add_argument(
         "--config", type=Path, help="settings (TOML), such as an earlier config.toml"
@@ -67,7 +70,6 @@ def _solve(options: argparse.Namespace) -> None:
     from rich.console import Console
 
     from imapper_prob.config import Config, read_config
-    from imapper_prob.inputs import load_clip
     from imapper_prob.results.solution_tables import (
         furniture_table,
         maxima_table,
@@ -85,7 +87,7 @@ def _solve(options: argparse.Namespace) -> None:
         config = replace(config, library=options.library)
     if options.preset is not None:
         config = replace(config, model=replace(config.model, energy=options.preset))
-    clip = load_clip(options.clip)
+    clip = clip_from(options.clip, options)
     with progress_bars() as progress:
         clock = StageClock(progress)
         library = load_library(config.library)

@@ -72,7 +72,7 @@ def claims_of(posterior: Posterior) -> tuple[Claim, ...]:
         Claim(
             cluster.presence,
             cluster.label,
-            tuple(outline_of(samples.objects[n][k], cameras[n]) for n, k in cluster.members),
+            tuple(outline_of(posterior.furniture[n][k], cameras[n]) for n, k in cluster.members),
         )
         for cluster in posterior.clusters(least=_LEAST)
     )

@@ -59,5 +59,5 @@ def draws_of(posterior: Posterior) -> Draws:
         world = drawn_motion(rng, source.problem, state)
         joints.append(camera.to_camera(world))
         pixels.append(camera.project(world))
-        objects.append(tuple(outline_of(o, camera) for o in samples.objects[k]))
+        objects.append(tuple(outline_of(o, camera) for o in posterior.furniture[k]))
     return Draws(np.array(joints), np.array(pixels), tuple(objects))

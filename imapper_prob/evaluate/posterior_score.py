@@ -101,8 +101,10 @@ def score_posterior(posterior: Posterior, truth: TruthInView, *, name: str) -> P
     Raises
     ------
     InputError
-        If it is of another clip.
+        If it is of another clip or of several people.
     """
+    if len(posterior.clip.tracks) > 1:
+        raise InputError(f"the run of {posterior.clip.name} is of several people, its truth of one")
     if posterior.clip.name != truth.name or posterior.clip.n_frames != len(truth.joints):
         raise InputError(
             f"the run is of {posterior.clip.name} with {posterior.clip.n_frames} frames, the "

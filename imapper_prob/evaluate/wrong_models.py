@@ -12,9 +12,11 @@ from typing import Final
 import numpy as np
 
 from imapper_prob.models.errors import InputError
-from imapper_prob.models.scene import Clip
+from imapper_prob.models.scene import Clip, Truth
 from imapper_prob.models.scenelet import Library
+from imapper_prob.models.settings import ModelSettings
 from imapper_prob.models.simulate import NOMINAL_CAMERA, draw_camera, simulate_clip
+from imapper_prob.results.drawn_objects import drawn_objects
 from imapper_prob.scenelets.library import built_in_library
 
 __all__ = ["MODELS", "simulated"]
@@ -53,9 +55,17 @@ def simulated(model: str, seed: int) -> tuple[Clip, Library]:
     clip = simulate_clip(
         rng, performed, n_frames=FRAMES, n_interactions=1, camera=camera, name=f"{model} {seed}"
     )
+    # Where furniture stands its scenelets do not quite know either.
+    clip = replace(clip, truth=_displaced(rng, clip))
     # Of the camera, the program knows no more than it does of a real one.
     clip = replace(clip, camera=NOMINAL_CAMERA)
     return (_noisier(clip) if model == "stronger noise" else clip), library
+
+
+def _displaced(rng: np.random.Generator, clip: Clip) -> Truth:
+    truth = clip.truth
+    assert truth is not None  # it is a simulated clip
+    return replace(truth, objects=drawn_objects(rng, truth.objects, ModelSettings()))
 
 
 def _noisier(clip: Clip) -> Clip:

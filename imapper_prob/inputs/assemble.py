@@ -47,7 +47,7 @@ def assemble(sightings: Sightings, options: ClipOptions) -> Clip:
         keypoints = undistorted(keypoints, options.camera)
     scores = np.where(np.isfinite(keypoints).all(-1), sightings.scores, 0.0)
     confidences = confidence_map(options.confidence or sightings.map_name)(scores)
-    camera, known = camera_of(name, options, size=size, likely_focal=sightings.likely_focal)
+    camera, spread = camera_of(name, options, size=size, likely_focal=sightings.likely_focal)
     fps = options.fps or sightings.fps
     if fps is None:
         fps = _FRAME_RATE
@@ -66,7 +66,7 @@ def assemble(sightings: Sightings, options: ClipOptions) -> Clip:
         tracks=tuple(
             _track(sightings, who, own, keypoints, confidences) for who, own in rows.items()
         ),
-        focal_known=known,
+        focal_spread=spread,
     )
 
 

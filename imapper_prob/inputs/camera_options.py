@@ -15,6 +15,7 @@ from imapper_prob.inputs.json_fields import load_json, numbers
 from imapper_prob.inputs.marks import Marks
 from imapper_prob.models.camera import Camera
 from imapper_prob.models.errors import InputError
+from imapper_prob.models.scene import MEASURED_FOCAL
 
 __all__ = [
     "CameraFile",
@@ -32,6 +33,13 @@ _log = logging.getLogger(__name__)
 
 _NOMINAL_ELEVATION: Final = 1.5
 """Metres; a camera on a tripod, a shelf, or held at chest height."""
+_ASSUMED: Final = 0.2
+"""Standard deviation of the log focal length of a camera nobody knows, taken to be the longer
+side of the image: horizontal fields of view of 44 to 63 degrees. Nine webcams and phones whose
+field of view in videos is published or was measured are off by this (``docs/own_video.md``)."""
+_WRITTEN_DOWN: Final = 0.1
+"""The same of what phones write down: it is their lens's on all of the sensor, of which videos
+leave out up to a fifth to steady the picture."""
 _KEYS: Final = {
     "size": (2,), "matrix": (3, 3), "distortion": None, "rotation": (3, 3), "translation": (3,),
     "pitch_degrees": (), "roll_degrees": (), "height": (),
@@ -87,6 +95,9 @@ class ClipOptions:
     camera : CameraFile, optional
     focal : float, optional
         Focal length in pixels, where there is no camera file.
+    focal_spread : float, optional
+        By what part the focal length may be wrong, one standard deviation; by how the camera
+        came by it if not given.
     pitch : float, optional
         Degrees above the horizon; looking down is negative. The middle of what is then
         believed, not the last word.
@@ -107,6 +118,7 @@ class ClipOptions:
     format: str | None = None
     camera: CameraFile | None = None
     focal: float | None = None
+    focal_spread: float | None = None
     pitch: float | None = None
     height: float | None = None
     size: tuple[int, int] | None = None
@@ -120,6 +132,8 @@ class ClipOptions:
             value = getattr(self, name)
             if value is not None and not (np.isfinite(value) and value > 0):
                 raise InputError(f"{name} = {value} must be finite and positive")
+        if self.focal_spread is not None and not 0 < self.focal_spread < 1:
+            raise InputError(f"focal spread {self.focal_spread} must be between 0 and 1")
         if self.pitch is not None and not -90 < self.pitch < 90:
             raise InputError(f"pitch = {self.pitch} must be between -90 and 90 degrees")
         if self.size is not None and min(self.size) < 1:
@@ -220,13 +234,13 @@ def camera_of(
     *,
     size: tuple[int, int],
     likely_focal: float | None = None,
-) -> tuple[Camera, bool]:
-    """The nominal camera of a clip, and whether its focal length is known.
+) -> tuple[Camera, float]:
+    """The nominal camera of a clip, and the standard deviation of its log focal length.
 
     Without any word on it the focal length is ``likely_focal``, or taken to be the longer side
-    of the image: a field of view of 53 degrees, in the middle of what phones and webcams have.
+    of the image: a field of view of 53 degrees.
     """
-    file = options.camera
+    file, spread = options.camera, MEASURED_FOCAL
     if file is not None:
         camera = Camera(
             *file.size,
@@ -242,9 +256,11 @@ def camera_of(
         focal = options.focal
         if focal is None:
             focal = likely_focal or float(max(size))
+            spread = _WRITTEN_DOWN if likely_focal else _ASSUMED
             _log.warning(
-                "%s: focal length assumed to be %.0f pixels; all depths scale with it", name, focal
-            )
+                "%s: focal length assumed to be %.0f pixels, give or take %.0f %%; all depths "
+                "scale with it", name, focal, 100 * (options.focal_spread or spread),
+            )  # fmt: skip
         camera = Camera(
             *size, fx=focal, fy=focal, cx=size[0] / 2, cy=size[1] / 2, elevation=_NOMINAL_ELEVATION
         )
@@ -252,7 +268,7 @@ def camera_of(
         camera = replace(camera, pitch=float(np.deg2rad(options.pitch)))
     if options.height is not None:
         camera = replace(camera, elevation=options.height)
-    return camera, file is not None or options.focal is not None
+    return camera, options.focal_spread or spread
 
 
 def undistorted(pixels: ArrayLike, file: CameraFile) -> Array:

@@ -7,7 +7,9 @@ entry                         shape               meaning
 ============================  ==================  =============================================
 ``format``                    ()                  ``"imapper-prob clip 1"``
 ``name``                      ()                  text
-``fps``, ``focal_known``      ()                  frames a second; whether f was measured
+``fps``                       ()                  frames a second
+``focal_spread``              ()                  by what part f may be wrong, one standard
+                                                  deviation; older files have ``focal_known``
 ``camera``                    (9,)                width, height, fx, fy, cx, cy (pixels),
                                                   pitch, roll (radians), elevation (metres)
 ``frame_ids``                 (T,) int            the input's own frame numbers
@@ -39,7 +41,15 @@ from imapper_prob.files import written_whole
 from imapper_prob.inputs.archives import refuse_bombs
 from imapper_prob.models.camera import Camera
 from imapper_prob.models.errors import InputError
-from imapper_prob.models.scene import Clip, Cuboid, Placement, SceneObject, Track, Truth
+from imapper_prob.models.scene import (
+    MEASURED_FOCAL,
+    Clip,
+    Cuboid,
+    Placement,
+    SceneObject,
+    Track,
+    Truth,
+)
 
 __all__ = ["FORMAT", "clip_of", "pack_clip", "read_clip", "write_clip"]
 
@@ -84,7 +94,7 @@ def pack_clip(clip: Clip) -> Arrays:
         "format": np.array(FORMAT),
         "name": np.array(clip.name),
         "fps": np.array(clip.fps),
-        "focal_known": np.array(clip.focal_known),
+        "focal_spread": np.array(clip.focal_spread),
         "camera": np.array(astuple(clip.camera)),
         "frame_ids": clip.frame_ids,
         "track_names": np.array([t.name for t in clip.tracks], dtype=np.str_),
@@ -138,7 +148,7 @@ def clip_of(arrays: Arrays, path: Path) -> Clip:
                 Track(str(name), keypoints[a], confidences[a], poses[a], interpolated[a])
                 for a, name in enumerate(names)
             ),
-            focal_known=bool(_entry(path, arrays, "focal_known", (), "b")),
+            focal_spread=_focal_spread(path, arrays),
             truth=_truth(path, arrays, n_frames) if "truth_joints" in arrays else None,
         )
     except InputError as error:
@@ -182,6 +192,13 @@ def _entry(
             f"expected shape {shape} of kind {kind!r}"
         )
     return array
+
+
+def _focal_spread(path: Path, arrays: Arrays) -> float:
+    """As it is, or as older versions took it, which wrote only whether f was measured."""
+    if "focal_spread" in arrays:
+        return float(_entry(path, arrays, "focal_spread", (), "f"))
+    return MEASURED_FOCAL if bool(_entry(path, arrays, "focal_known", (), "b")) else 0.05
 
 
 def _camera(values: NDArray[Any]) -> Camera:

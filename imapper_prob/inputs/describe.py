@@ -26,7 +26,8 @@ def clip_table(clip: Clip) -> Table:
     from rich.table import Table
 
     camera = clip.camera
-    focal = f"focal length {camera.fx:.0f} px" + ("" if clip.focal_known else " (assumed)")
+    doubt = "" if clip.focal_known else f" (assumed, ± {100 * clip.focal_spread:.0f} %)"
+    focal = f"focal length {camera.fx:.0f} px{doubt}"
     table = Table(
         title=f"{clip.name}: {clip.n_frames} frames at {clip.fps:g} a second, "
         f"{camera.width} x {camera.height}, {focal}",

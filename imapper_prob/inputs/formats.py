@@ -101,6 +101,7 @@ def read_whatever(path: Path, options: ClipOptions) -> Clip:
             for name in (
                 "camera",
                 "focal",
+                "focal_spread",
                 "pitch",
                 "height",
                 "size",

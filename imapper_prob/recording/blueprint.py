@@ -9,12 +9,13 @@ import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
 from imapper_prob.models.camera import Camera
-from imapper_prob.models.scene import Scene, Truth
+from imapper_prob.models.scene import Clip, Scene, Truth
 from imapper_prob.models.skeleton import PELV
 from imapper_prob.recording.caption import scene_name
 from imapper_prob.recording.certainty import Certainty
 from imapper_prob.recording.curves import trace_entity
 from imapper_prob.recording.draws import chain_entity
+from imapper_prob.recording.entities import own_entity
 from imapper_prob.results.scenes import WeightedScene
 
 __all__ = ["make_blueprint"]
@@ -46,7 +47,7 @@ def make_blueprint(
     *,
     traces: Sequence[str],
     truth: Truth | None,
-    fps: float,
+    clip: Clip,
     image: Camera,
     certainty: Certainty | None = None,
     chains: int = 0,
@@ -62,8 +63,8 @@ def make_blueprint(
         Names of the traces, one plot each.
     truth : Truth, optional
         Shown in the main view if there is one.
-    fps : float
-        Frames a second at which the motion plays.
+    clip : Clip
+        Whose frames play at their rate, and who is in it.
     image : Camera
         Of the recorded image.
     certainty : Certainty, optional
@@ -87,7 +88,7 @@ def make_blueprint(
         visual_bounds=_whole(image),
     )
     below: list[rrb.Container | rrb.View] = [
-        *_from_above(scenes, certainty, truth),
+        *_from_above(scenes, certainty, truth, clip),
         *_alternatives(scenes, chains),
     ]
     left: list[rrb.Container | rrb.View] = [main]
@@ -104,7 +105,7 @@ def make_blueprint(
             ),
             column_shares=[5, 3],
         ),
-        rrb.TimePanel(timeline="frame", fps=fps, state="collapsed", play_state="paused"),
+        rrb.TimePanel(timeline="frame", fps=clip.fps, state="collapsed", play_state="paused"),
         rrb.TopPanel(state="hidden"),
         rrb.BlueprintPanel(state="hidden"),
         rrb.SelectionPanel(state="hidden"),
@@ -126,12 +127,13 @@ def _texts(certainty: Certainty | None) -> rrb.Container | rrb.View:
 
 
 def _from_above(
-    scenes: Sequence[WeightedScene], certainty: Certainty | None, truth: Truth | None
+    scenes: Sequence[WeightedScene], certainty: Certainty | None, truth: Truth | None, clip: Clip
 ) -> list[rrb.View]:
     """The floor with all draws at once; nothing if nothing is known of them."""
     if certainty is None:
         return []
-    shown = ["world/floor/**", "world/occupancy", "world/all_draws/**", "world/scene_1/path"]
+    shown = ["world/floor/**", "world/occupancy", "world/all_draws/**"]
+    shown += [f"{own_entity(clip, 'world/scene_1', k)}/path" for k in range(len(clip.tracks))]
     truly = ["world/truth/outlines"] if truth is not None else []
     regions = [c.region(0.9) for c in certainty.clusters]
     ends = [r.centre + sign * r.half_axes.max() for r in regions for sign in (-1, 1)]

@@ -13,10 +13,12 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from imapper_prob.colours import category_colour
+from imapper_prob.models.scene import Clip
 from imapper_prob.models.skeleton import PELV
+from imapper_prob.people import at_one_time, by_person, own_part
 from imapper_prob.recording import shapes
 from imapper_prob.recording.curves import curve
-from imapper_prob.recording.entities import log_moving, log_static
+from imapper_prob.recording.entities import log_moving, log_static, own_entity
 from imapper_prob.recording.glyphs import drawable
 from imapper_prob.recording.palette import FLOOR, UNCLAIMED
 from imapper_prob.results.uncertainty.clusters import ObjectCluster
@@ -59,38 +61,38 @@ class Certainty:
         return self.hidden.clusters
 
 
-def log_certainty(
-    recording: rr.RecordingStream, certainty: Certainty, frame_ids: NDArray[np.int64]
-) -> None:
+def log_certainty(recording: rr.RecordingStream, certainty: Certainty, clip: Clip) -> None:
     """Log the map of the floor, where each object is, and how sure that is over frames."""
     floor = _floor_map(certainty.occupancy)
     if floor is not None:
         log_static(recording, "world/occupancy", floor)
     log_static(recording, "world/all_draws/positions", shapes.regions(certainty.clusters))
     log_static(recording, "world/all_draws/names", _names(certainty.clusters))
-    _log_curves(recording, certainty, frame_ids)
+    _log_curves(recording, certainty, clip)
 
 
 def log_hidden_joints(
     recording: rr.RecordingStream,
     certainty: Certainty,
+    clip: Clip,
     joints: Array,
     pixels: Array,
     frames: rr.TimeColumn,
     *,
     image_height: int,
 ) -> None:
-    """Mark hidden joints of the best scene's person, in the image and in the room.
+    """Mark hidden joints of the best scene's people, in the image and in the room.
 
     Parameters
     ----------
-    joints, pixels : (T, 16, 3), (T, 16, 2) float
-        Of that person; NaN where unknown.
+    joints, pixels : (K T, 16, 3), (K T, 16, 2) float
+        Of these K people; NaN where unknown.
     image_height : int
         Pixels.
     """
-    colours = hidden_colours(certainty.hidden)
-    marked = certainty.hidden.probability >= HIDDEN
+    joints, pixels = at_one_time(clip, joints), at_one_time(clip, pixels)
+    colours = at_one_time(clip, hidden_colours(certainty.hidden))
+    marked = at_one_time(clip, certainty.hidden.probability) >= HIDDEN
     seen_3d = marked & np.isfinite(joints).all(-1)
     log_moving(
         recording,
@@ -160,20 +162,21 @@ def _names(clusters: Sequence[ObjectCluster]) -> rr.Points3D:
     )
 
 
-def _log_curves(
-    recording: rr.RecordingStream, certainty: Certainty, frame_ids: NDArray[np.int64]
-) -> None:
-    """Log how many joints each object hides, and how far off the pelvis may be."""
+def _log_curves(recording: rr.RecordingStream, certainty: Certainty, clip: Clip) -> None:
+    """Log how many joints each object hides, and how far off each pelvis may be."""
+    frame_ids = clip.frame_ids
     for k, cluster in enumerate(certainty.clusters, 1):
         name = drawable(f"{k} {cluster.label}")
         style = rr.SeriesLines(colors=category_colour(cluster.label), names=name, widths=1.5)
-        expected = certainty.hidden.by_object[k - 1].sum(-1)
+        expected = at_one_time(clip, certainty.hidden.by_object[k - 1]).sum(-1)
         curve(recording, f"sure/hidden/object_{k}", "frame", frame_ids, expected, style)
-    everything = certainty.hidden.probability.sum(-1)
+    everything = at_one_time(clip, certainty.hidden.probability).sum(-1)
     style = rr.SeriesLines(colors=UNCLAIMED, names="by anything", widths=1.0)
     curve(recording, "sure/hidden/anything", "frame", frame_ids, everything, style)
     spread = 100 * certainty.joints.standard_deviation[:, PELV]
-    for axis, (name, colour) in enumerate(_AXES.items()):
-        style = rr.SeriesLines(colors=colour, names=name, widths=1.5)
-        entity = f"sure/pelvis/{name.replace(' ', '_')}"
-        curve(recording, entity, "frame", frame_ids, spread[:, axis], style)
+    for person, own in enumerate(by_person(clip, spread)):
+        for axis, (name, colour) in enumerate(_AXES.items()):
+            said = drawable(f"{name}{own_part(clip, person)}")
+            style = rr.SeriesLines(colors=colour, names=said, widths=1.5)
+            entity = own_entity(clip, f"sure/pelvis/{name.replace(' ', '_')}", person)
+            curve(recording, entity, "frame", frame_ids, own[:, axis], style)

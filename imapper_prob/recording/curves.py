@@ -9,8 +9,10 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from imapper_prob.models.camera import Camera
-from imapper_prob.models.scene import Clip, Scene, Track, Truth
+from imapper_prob.models.scene import Clip, Track, Truth
 from imapper_prob.models.skeleton import PELV
+from imapper_prob.people import by_person, own_part
+from imapper_prob.recording.entities import own_entity
 from imapper_prob.recording.palette import SCENE_COLOURS, TRUE_COLOUR
 from imapper_prob.results.scenes import WeightedScene
 
@@ -35,14 +37,17 @@ def log_fit(
     scenes: Sequence[WeightedScene],
     truth: Truth | None,
 ) -> None:
-    """Log, per scene and frame, the person's distance and the miss of the reprojection."""
+    """Log, per scene, person and frame, their distance and the miss of the reprojection."""
     frames = clip.frame_ids
     for i, weighted in enumerate(scenes, 1):
-        scene, style = weighted.scene, _line(i, f"scene {i}")
-        far = _distance(scene.camera, scene.joints)
-        curve(recording, f"fit/distance/scene_{i}", "frame", frames, far, style)
-        miss = _mean_miss(scene, clip.tracks[0])
-        curve(recording, f"fit/miss/scene_{i}", "frame", frames, miss, style)
+        camera = weighted.scene.camera
+        for person, joints in enumerate(by_person(clip, weighted.scene.joints)):
+            entity = own_entity(clip, f"scene_{i}", person)
+            style = _line(i, f"scene {i}{own_part(clip, person)}")
+            far = _distance(camera, joints)
+            curve(recording, f"fit/distance/{entity}", "frame", frames, far, style)
+            miss = _mean_miss(camera, joints, clip.tracks[person])
+            curve(recording, f"fit/miss/{entity}", "frame", frames, miss, style)
     if truth is not None:
         far = _distance(truth.camera, truth.joints)
         style = rr.SeriesLines(colors=TRUE_COLOUR, names="truth", widths=_WIDTH)
@@ -65,9 +70,9 @@ def _distance(camera: Camera, joints: Array) -> Array:
     return distance
 
 
-def _mean_miss(scene: Scene, track: Track) -> Array:
+def _mean_miss(camera: Camera, joints: Array, track: Track) -> Array:
     """(T,) mean pixels between detections and reprojection; NaN in frames without either."""
-    miss = np.linalg.norm(scene.camera.project(scene.joints) - track.keypoints, axis=-1)
+    miss = np.linalg.norm(camera.project(joints) - track.keypoints, axis=-1)
     usable = (track.confidences > 0) & np.isfinite(miss)
     total, count = np.where(usable, miss, 0).sum(1), usable.sum(1)
     return np.where(count > 0, total / np.maximum(count, 1), np.nan)

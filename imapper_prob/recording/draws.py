@@ -31,8 +31,8 @@ class DrawnChain:
         Which draws of the chain these are, counted from 0.
     objects : sequence of n sequences of SceneObject
         Furniture in the world.
-    paths : (n, T, 3) float
-        Pelvis in the world, metres.
+    paths : (n, K, T, 3) float
+        Pelvis of each of K people in the world, metres.
     """
 
     numbers: NDArray[np.int64]
@@ -74,7 +74,9 @@ def log_draws(
             recording,
             f"{entity}/path",
             index,
-            rr.LineStrips3D.columns(strips=list(chain.paths)).partition([1] * len(chain.paths)),
+            rr.LineStrips3D.columns(
+                strips=[path for people in chain.paths for path in people]
+            ).partition([len(people) for people in chain.paths]),
             style=rr.LineStrips3D.from_fields(
                 class_ids=palette.ESTIMATE, radii=PATH_RADIUS, show_labels=False
             ),

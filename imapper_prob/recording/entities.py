@@ -8,10 +8,11 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
+from imapper_prob.models.scene import Clip
 from imapper_prob.models.skeleton import PELV
 from imapper_prob.recording import shapes
 
-__all__ = ["PATH_RADIUS", "log_moving", "log_person", "log_static"]
+__all__ = ["PATH_RADIUS", "log_moving", "log_person", "log_static", "own_entity"]
 
 Array = NDArray[np.float64]
 
@@ -19,6 +20,13 @@ _JOINT_RADIUS: Final = 0.045
 _LIMB_RADIUS: Final = 0.03
 PATH_RADIUS: Final = 0.012
 """Radii of joints and lines in metres, chosen by eye."""
+
+
+def own_entity(clip: Clip, entity: str, person: int) -> str:
+    """Where things of one person are logged: below ``entity`` by name, if there are others."""
+    if len(clip.tracks) == 1:
+        return entity
+    return f"{entity}/{rr.escape_entity_path_part(clip.tracks[person].name)}"
 
 
 def log_static(recording: rr.RecordingStream, entity: str, what: rr.AsComponents) -> None:

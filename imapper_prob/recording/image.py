@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from imapper_prob.models.camera import Camera
 from imapper_prob.models.scene import Clip, Scene
+from imapper_prob.people import at_one_time, by_person, everybody
 from imapper_prob.recording import palette, shapes
-from imapper_prob.recording.entities import log_moving, log_static
+from imapper_prob.recording.entities import log_moving, log_static, own_entity
 from imapper_prob.recording.video import Video
 
 __all__ = ["image_camera", "log_image"]
@@ -46,8 +47,8 @@ def log_image(
 
     Returns
     -------
-    (T, 16, 2) float
-        The person of the scene in recorded pixels.
+    (K T, 16, 2) float
+        The K people of the scene in recorded pixels.
     """
     camera = image_camera(best.camera, video)
     scale = camera.width / best.camera.width
@@ -57,31 +58,34 @@ def log_image(
     log_static(recording, "world/camera/image/border", border)
     if video is not None:
         _log_video(recording, video)
-    track = clip.tracks[0]
-    seen = np.isfinite(track.keypoints).all(-1) & (track.confidences > 0)
+    everyone = everybody(clip)
+    keypoints = at_one_time(clip, everyone.keypoints)
+    confidences = at_one_time(clip, everyone.confidences)
+    seen = np.isfinite(keypoints).all(-1) & (confidences > 0)
     log_moving(
         recording,
         "world/camera/image/detections",
         frames,
         rr.Points2D.columns(
-            positions=scale * track.keypoints[seen],
-            colors=palette.confidence_colours(track.confidences[seen]),
+            positions=scale * keypoints[seen],
+            colors=palette.confidence_colours(confidences[seen]),
         ).partition(seen.sum(1)),
         style=rr.Points2D.from_fields(radii=rr.Radius.ui_points(4.0), draw_order=20.0),
     )
     pixels = camera.project(best.joints)
-    drawn = np.isfinite(pixels).all(-1)
-    log_moving(
-        recording,
-        "world/camera/image/reprojection",
-        frames,
-        rr.Points2D.columns(positions=pixels[drawn], keypoint_ids=np.nonzero(drawn)[1]).partition(
-            drawn.sum(1)
-        ),
-        style=rr.Points2D.from_fields(
-            class_ids=palette.REPROJECTION, radii=rr.Radius.ui_points(2.0), show_labels=False
-        ),
-    )
+    for person, own in enumerate(by_person(clip, pixels)):
+        drawn = np.isfinite(own).all(-1)
+        log_moving(
+            recording,
+            own_entity(clip, "world/camera/image/reprojection", person),
+            frames,
+            rr.Points2D.columns(positions=own[drawn], keypoint_ids=np.nonzero(drawn)[1]).partition(
+                drawn.sum(1)
+            ),
+            style=rr.Points2D.from_fields(
+                class_ids=palette.REPROJECTION, radii=rr.Radius.ui_points(2.0), show_labels=False
+            ),
+        )
     return pixels
 
 

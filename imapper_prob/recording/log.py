@@ -13,6 +13,9 @@ Entities, in metres in the world frame (z up, floor at z = 0)::
     fit/..., sure/...                 curves over frames
     traces/...                        curves over the draws of the chains
 
+Of several people the person, limbs, path and curves of each have entities of their own, named
+after their tracks.
+
 Timelines are `frame` (the input's own numbers), `scene` (from 1) and `draw`. Nothing is
 stamped with the time of day, so the same run makes the same recording. ``docs/recording.md``
 says what each panel is for.
@@ -33,6 +36,7 @@ from imapper_prob.files import written_whole
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.scene import Clip, SceneObject, Truth
 from imapper_prob.models.skeleton import PELV
+from imapper_prob.people import by_person
 from imapper_prob.recording import palette, shapes
 from imapper_prob.recording.blueprint import make_blueprint
 from imapper_prob.recording.caption import (
@@ -46,7 +50,13 @@ from imapper_prob.recording.certainty import Certainty, log_certainty, log_hidde
 from imapper_prob.recording.curves import log_fit, log_traces
 from imapper_prob.recording.digest import digest
 from imapper_prob.recording.draws import DrawnChain, log_draws
-from imapper_prob.recording.entities import PATH_RADIUS, log_moving, log_person, log_static
+from imapper_prob.recording.entities import (
+    PATH_RADIUS,
+    log_moving,
+    log_person,
+    log_static,
+    own_entity,
+)
 from imapper_prob.recording.glyphs import drawable
 from imapper_prob.recording.image import image_camera, log_image
 from imapper_prob.recording.video import Video
@@ -83,9 +93,10 @@ def write_recording(
     path : path
         Written beside and renamed, so that it is never half there.
     clip : Clip
-        What was seen; the detections of its first track are drawn.
+        What was seen.
     scenes : sequence of WeightedScene
-        The scenes, most probable first; at least one.
+        The scenes, most probable first; at least one. Their motions are those of all tracks,
+        one after the other.
     traces : mapping of str to (chains, draws) float
         What to plot of the chains, by name; NaN where a chain has no draw.
     truth : Truth, optional
@@ -129,7 +140,7 @@ def write_recording(
         scenes,
         traces=tuple(curves),
         truth=truth,
-        fps=clip.fps,
+        clip=clip,
         image=image_camera(scenes[0].scene.camera, video),
         certainty=certainty,
         chains=len(draws),
@@ -170,13 +181,15 @@ def _check(
         raise InputError(f"{path}: the folder {path.parent} does not exist; make it first")
     if not scenes:
         raise InputError(f"{path}: a recording needs at least one scene")
-    motions = {f"scene {i}": s.scene.joints for i, s in enumerate(scenes, 1)}
+    n_people, n_frames = len(clip.tracks), clip.n_frames
+    motions = {f"scene {i}": (s.scene.joints, n_people) for i, s in enumerate(scenes, 1)}
     if truth is not None:
-        motions["the truth"] = truth.joints
-    for name, joints in motions.items():
-        if len(joints) != clip.n_frames:
+        motions["the truth"] = truth.joints, 1
+    for name, (joints, people) in motions.items():
+        if len(joints) != people * n_frames:
             raise InputError(
-                f"{path}: {name} has {len(joints)} frames, clip {clip.name} has {clip.n_frames}"
+                f"{path}: {name} has {len(joints)} frames, clip {clip.name} has {n_frames}"
+                + (f" of each of {people} people" if people > 1 else "")
             )
     for name, values in curves.items():
         if values.ndim != 2:
@@ -196,7 +209,7 @@ def _log_all(recording: rr.RecordingStream, told: _Told) -> None:
     _log_floor(recording, everything, [s.scene.joints for s in scenes])
     pixels = log_image(recording, clip, scenes[0].scene, frames, told.video)
     for i, weighted in enumerate(scenes, 1):
-        _log_scene(recording, f"world/scene_{i}", weighted, categories, frames, best=i == 1)
+        _log_scene(recording, f"world/scene_{i}", weighted, clip, categories, best=i == 1)
     if truth is not None:
         log_static(
             recording, "world/truth/furniture", shapes.boxes(truth.objects, {}, outlined=True)
@@ -204,16 +217,17 @@ def _log_all(recording: rr.RecordingStream, told: _Told) -> None:
         log_static(recording, "world/truth/outlines", shapes.outlines(truth.objects))
         log_person(recording, "world/truth", truth.joints, palette.TRUTH, frames)
     if told.certainty is not None:
-        log_certainty(recording, told.certainty, clip.frame_ids)
+        log_certainty(recording, told.certainty, clip)
         log_hidden_joints(
             recording,
             told.certainty,
+            clip,
             scenes[0].scene.joints,
             pixels,
             frames,
             image_height=image_camera(scenes[0].scene.camera, told.video).height,
         )
-    _log_by_scene(recording, scenes, categories)
+    _log_by_scene(recording, scenes, clip, categories)
     log_draws(recording, told.draws, categories)
     log_fit(recording, clip, scenes, truth)
     log_traces(recording, told.curves)
@@ -234,30 +248,34 @@ def _log_scene(
     recording: rr.RecordingStream,
     entity: str,
     weighted: WeightedScene,
+    clip: Clip,
     categories: dict[str, int],
-    frames: rr.TimeColumn,
     *,
     best: bool,
 ) -> None:
-    objects = weighted.scene.objects
+    objects, frames = weighted.scene.objects, rr.TimeColumn("frame", sequence=clip.frame_ids)
     log_static(recording, f"{entity}/furniture", shapes.boxes(objects, categories))
     log_static(recording, f"{entity}/names", shapes.names(objects, categories))
     positions = shapes.position_ellipses(objects, weighted.covariances)
     log_static(recording, f"{entity}/positions", positions)
     person = palette.ESTIMATE if best else palette.ALTERNATIVE
-    log_person(recording, entity, weighted.scene.joints, person, frames)
-    _log_ghosts(recording, f"{entity}/ghosts", weighted.ghosts, person, frames)
+    for k, joints in enumerate(by_person(clip, weighted.scene.joints)):
+        log_person(recording, own_entity(clip, entity, k), joints, person, frames)
+    ghosts = [own for ghost in weighted.ghosts[:_GHOSTS] for own in by_person(clip, ghost)]
+    _log_ghosts(recording, f"{entity}/ghosts", ghosts, person, frames)
 
 
 def _log_ghosts(
-    recording: rr.RecordingStream, entity: str, ghosts: Array, number: int, frames: rr.TimeColumn
+    recording: rr.RecordingStream,
+    entity: str,
+    ghosts: Sequence[Array],
+    number: int,
+    frames: rr.TimeColumn,
 ) -> None:
-    ghosts = ghosts[:_GHOSTS]
-    if not len(ghosts):
+    if not ghosts:
         return
-    strips = [
-        [s for ghost in ghosts for s in shapes.limbs(ghost[t])] for t in range(ghosts.shape[1])
-    ]
+    moments = zip(*ghosts, strict=True)
+    strips = [[s for pose in poses for s in shapes.limbs(pose)] for poses in moments]
     columns = rr.LineStrips3D.columns(strips=[s for row in strips for s in row])
     log_moving(
         recording,
@@ -269,7 +287,10 @@ def _log_ghosts(
 
 
 def _log_by_scene(
-    recording: rr.RecordingStream, scenes: Sequence[WeightedScene], categories: dict[str, int]
+    recording: rr.RecordingStream,
+    scenes: Sequence[WeightedScene],
+    clip: Clip,
+    categories: dict[str, int],
 ) -> None:
     index = rr.TimeColumn("scene", sequence=np.arange(1, len(scenes) + 1))
     furniture = shapes.box_columns([s.scene.objects for s in scenes], categories)
@@ -285,7 +306,10 @@ def _log_by_scene(
         ),
     )
 
-    pieces = [shapes.paths(s.scene.joints[:, PELV]) for s in scenes]
+    pieces = [
+        [piece for own in by_person(clip, s.scene.joints[:, PELV]) for piece in shapes.paths(own)]
+        for s in scenes
+    ]
     columns = rr.LineStrips3D.columns(strips=[p for row in pieces for p in row])
     lengths = [len(row) for row in pieces]
     log_moving(

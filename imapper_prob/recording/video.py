@@ -106,7 +106,11 @@ def _of_folder(folder: Path, clip: Clip) -> Iterator[tuple[int, Any]]:
 
 
 def _of_file(file: Path, clip: Clip) -> Iterator[tuple[int, Any]]:
-    """The picture shown at the time of each frame, counted from the start of the video."""
+    """The picture nearest to each frame, both counted from the start of the video.
+
+    By number and not by time: that is how joints were found in it, and the times of phones'
+    videos are uneven.
+    """
     try:
         import av
     except ImportError as error:
@@ -117,13 +121,17 @@ def _of_file(file: Path, clip: Clip) -> Iterator[tuple[int, Any]]:
     first = left[0]
     try:
         with av.open(str(file)) as container:
-            for picture in container.decode(video=0):
-                # Half a frame of tolerance: time stamps are rounded.
-                while left and picture.time + 0.5 / clip.fps >= (left[0] - first) / clip.fps:
-                    yield left.pop(0), picture.to_image()
+            rate = float(container.streams.video[0].average_rate or clip.fps)
+            for number, picture in enumerate(container.decode(video=0)):
+                while left and number >= round((left[0] - first) * rate / clip.fps):
+                    # Phones note how they were held.
+                    image = picture.to_image().rotate(
+                        90 * round(picture.rotation / 90), expand=True
+                    )
+                    yield left.pop(0), image
                 if not left:
                     return
-    except av.error.FFmpegError as error:
+    except (av.error.FFmpegError, IndexError) as error:
         raise InputError(f"{file}: is no video that can be read ({error})") from error
 
 

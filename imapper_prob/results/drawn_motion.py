@@ -12,6 +12,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from imapper_prob.models.chain import chain
 from imapper_prob.models.limits import NEAREST
 from imapper_prob.models.posterior import State, motion
 from imapper_prob.models.problem import Problem
@@ -32,7 +33,7 @@ def drawn_motion(rng: np.random.Generator, problem: Problem, state: State) -> Ar
     limbs = _chain(rng, joints.shape, np.exp(-min(1.0, problem.frame_weight)))
     limbs[:, PELV] = 0.0
     joints += problem.pose_tolerance * limbs
-    rise = _chain(rng, (len(joints),), float(problem.path_memory[0]))
+    rise = _error_as_of_bearing(rng, problem)
     joints[..., 2] += (rise * height_deviation(problem, joints))[:, None]
     return joints
 
@@ -41,6 +42,17 @@ def height_deviation(problem: Problem, joints: Array) -> Array:
     """(T,) metres by which the pelvis may be higher or lower than ``joints`` (T, 16, 3) say."""
     result: Array = problem.path_scale[:, 0] * np.maximum(joints[:, PELV, 1], NEAREST)
     return result
+
+
+def _error_as_of_bearing(rng: np.random.Generator, problem: Problem) -> Array:
+    """(T,) an error of unit deviation that goes on as the bearing's does."""
+    n = problem.n_frames
+    error, free = np.zeros(n), np.full(n, -1)
+    chain(
+        error, free, free, problem.path_starts, np.zeros(n), np.ones(n), rng.standard_normal(n),
+        problem.path_mean[0], problem.path_draw[0],
+    )  # fmt: skip
+    return error
 
 
 def _chain(rng: np.random.Generator, shape: tuple[int, ...], memory: float) -> Array:

@@ -203,7 +203,9 @@ def _shares(problem: Problem, state: State) -> dict[str, Array]:
     weight = problem.frame_weight * problem.likelihood
     # The forward recursion over ever longer clips; what the last frame adds is its share.
     sums = [
-        summed_over_swaps(by_frame[:n], weight, problem.swap_begins, problem.swap_ends)
+        summed_over_swaps(
+            by_frame[:n], problem.path_starts[:n], weight, problem.swap_begins, problem.swap_ends
+        )
         for n in range(n_frames + 1)
     ]
     covered_by = np.full(n_frames, -1)
@@ -222,7 +224,8 @@ def _shares(problem: Problem, state: State) -> dict[str, Array]:
 def _jumps_by_frame(problem: Problem, covered_by: Ints, joints: Array) -> Array:
     """(T,) what the jump of the pose into each frame costs, where a scenelet begins or ends."""
     shares = np.zeros(len(joints))
-    for t in (1 + np.flatnonzero(np.diff(covered_by))).tolist():
+    joined = ~problem.path_starts[1:]
+    for t in (1 + np.flatnonzero(joined & (np.diff(covered_by) != 0))).tolist():
         shares[t] = pose_jump(joints, t - 1, t, problem.joint_step)
     return -problem.smoothness_cost * problem.likelihood * shares
 

@@ -11,6 +11,7 @@ from imapper_prob.models.posterior import State
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.scene import Clip, Scene
 from imapper_prob.models.skeleton import DETECTED
+from imapper_prob.people import everybody
 from imapper_prob.results.scenes import Explains
 
 __all__ = ["SURE", "explained_by"]
@@ -34,7 +35,7 @@ def explained_by(clip: Clip, problem: Problem, scene: Scene, state: State) -> Ex
     state : State
         The draw that the scene shows.
     """
-    ids, last = clip.frame_ids, clip.n_frames - 1
+    ids, last = np.tile(clip.frame_ids, len(clip.tracks)), problem.n_frames - 1
     lengths = problem.lengths[state.items[:, 0]]
     spans = tuple(
         (int(ids[start]), int(ids[min(start + length - 1, last)]))
@@ -43,10 +44,10 @@ def explained_by(clip: Clip, problem: Problem, scene: Scene, state: State) -> Ex
     detected = list(DETECTED)
     boxes = pack_boxes(scene.objects)
     behind = sight_clearance(scene.camera.centre, scene.joints[:, detected], boxes) < 0
-    sure = clip.tracks[0].confidences[:, detected] >= SURE
+    sure = everybody(clip).confidences[:, detected] >= SURE
     return Explains(
         frames=spans,
-        n_frames=clip.n_frames,
+        n_frames=problem.n_frames,
         unsure=int(np.sum(~sure)),
         unsure_behind=int(np.sum(~sure & behind)),
         sure_behind=int(np.sum(sure & behind)),

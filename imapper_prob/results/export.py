@@ -13,7 +13,7 @@ import json
 import math
 import os
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
@@ -22,7 +22,7 @@ import numpy as np
 from imapper_prob.files import written_whole
 from imapper_prob.models.camera import Camera
 from imapper_prob.models.errors import InputError
-from imapper_prob.models.scene import Cuboid, Placement, Scene, SceneObject
+from imapper_prob.models.scene import Clip, Cuboid, Placement, Scene, SceneObject
 from imapper_prob.models.skeleton import N_JOINTS
 from imapper_prob.results.scenes import Explains, WeightedScene
 
@@ -43,7 +43,9 @@ _FRAMES: Final = {
 Item = TypeVar("Item")
 
 
-def write_scenes(path: str | os.PathLike[str], scenes: Sequence[WeightedScene]) -> None:
+def write_scenes(
+    path: str | os.PathLike[str], scenes: Sequence[WeightedScene], *, clip: Clip | None = None
+) -> None:
     """Write ``scenes`` as JSON; a file in the way is replaced.
 
     Parameters
@@ -52,6 +54,8 @@ def write_scenes(path: str | os.PathLike[str], scenes: Sequence[WeightedScene]) 
         Written beside and renamed, so that it is never half there.
     scenes : sequence of WeightedScene
         Most probable first. Joints and ghosts are left out.
+    clip : Clip, optional
+        Says who does what, where there are several people.
 
     Raises
     ------
@@ -61,12 +65,14 @@ def write_scenes(path: str | os.PathLike[str], scenes: Sequence[WeightedScene]) 
     path = Path(path)
     if not path.parent.is_dir():
         raise InputError(f"{path}: the folder {path.parent} does not exist; make it first")
+    actors = _Actors() if clip is None else _Actors.of(clip)
     document = {
         "format": FORMAT,
         "version": VERSION,
         "units": _UNITS,
         "frames": _FRAMES,
-        "scenes": [_from_scene(scene) for scene in scenes],
+        **({"actors": asdict(actors)} if actors.names else {}),
+        "scenes": [_from_scene(scene, actors) for scene in scenes],
     }
     text = json.dumps(_without_nan(document), indent=1, allow_nan=False, ensure_ascii=False)
     with written_whole(path) as beside:
@@ -100,10 +106,40 @@ def read_scenes(path: str | os.PathLike[str]) -> tuple[WeightedScene, ...]:
         raise InputError(
             f"{path}: has version {document.get('version')!r}, this program reads {VERSION}"
         )
-    return _each(document.get("scenes"), _to_scene, f"{path}: scene")
+    try:
+        actors = _Actors(**document.get("actors", {}))
+    except TypeError as error:
+        raise InputError(f"{path}: actors: {error}") from error
+    return _each(document.get("scenes"), lambda s: _to_scene(s, actors), f"{path}: scene")
 
 
-def _from_scene(weighted: WeightedScene) -> dict[str, Any]:
+@dataclass(frozen=True)
+class _Actors:
+    """Names of several people, in the order of their tracks, and the frames of each."""
+
+    names: Sequence[str] = ()
+    n_frames: int = 0
+
+    @classmethod
+    def of(cls, clip: Clip) -> _Actors:
+        """Of a clip; nobody is named who is alone."""
+        names = [track.name for track in clip.tracks]
+        return cls(names, clip.n_frames) if len(names) > 1 else cls()
+
+    def told(self, scenelet: str, row: int) -> dict[str, Any]:
+        """A scenelet with its start frame, and who does it."""
+        if not self.names:
+            return {"scenelet": scenelet, "start": row}
+        actor, start = divmod(row, self.n_frames)
+        return {"scenelet": scenelet, "start": start, "actor": self.names[actor]}
+
+    def row(self, part: Mapping[str, Any]) -> int:
+        """Where a scenelet starts, the frames of all people following each other."""
+        before = list(self.names).index(part["actor"]) if self.names else 0
+        return before * self.n_frames + int(part["start"])
+
+
+def _from_scene(weighted: WeightedScene, actors: _Actors) -> dict[str, Any]:
     scene = weighted.scene
     return {
         "probability": weighted.probability,
@@ -113,7 +149,7 @@ def _from_scene(weighted: WeightedScene) -> dict[str, Any]:
         "explains": None if weighted.explains is None else _from_explains(weighted.explains),
         "draw": weighted.draw,
         "log_posterior": scene.log_posterior,
-        "layout": [{"scenelet": name, "start": int(start)} for name, start in scene.layout],
+        "layout": [actors.told(name, int(start)) for name, start in scene.layout],
         "camera": asdict(scene.camera),
         "objects": [
             _from_object(item, covariance)
@@ -156,13 +192,13 @@ def _from_object(item: SceneObject, covariance: np.ndarray) -> dict[str, Any]:
     }
 
 
-def _to_scene(values: Mapping[str, Any]) -> WeightedScene:
+def _to_scene(values: Mapping[str, Any], actors: _Actors) -> WeightedScene:
     entries = values["objects"]
     scene = Scene(
         camera=Camera(**values["camera"]),
         objects=_each(entries, _to_object, "object"),
         joints=np.empty((0, N_JOINTS, 3)),
-        layout=tuple((str(part["scenelet"]), int(part["start"])) for part in values["layout"]),
+        layout=tuple((str(part["scenelet"]), actors.row(part)) for part in values["layout"]),
         log_posterior=_number(values["log_posterior"]),
     )
     covariances = [np.array(o["position_covariance"], dtype=float) for o in entries]

@@ -6,6 +6,8 @@ Metres, y up, the camera at the origin of the floor looking along -z. Nodes, by 
     couch 1 seat            one of its boxes
     motion                  the way of the pelvis, a line
     person at frame 40      a pose, one bone a rod
+
+Of several people ``motion B`` and ``person B at frame 40``, by the names of their tracks.
 """
 
 from __future__ import annotations
@@ -20,8 +22,9 @@ from numpy.typing import NDArray
 
 from imapper_prob.colours import category_colour
 from imapper_prob.files import written_whole
-from imapper_prob.models.scene import Scene, SceneObject
+from imapper_prob.models.scene import Clip, Scene, SceneObject
 from imapper_prob.models.skeleton import BONES, PELV
+from imapper_prob.people import by_person, own_part
 
 __all__ = ["write_glb"]
 
@@ -40,31 +43,38 @@ _PERSON: Final = (235, 200, 70, 255)
 _WAY: Final = (60, 60, 70, 255)
 
 
-def write_glb(path: Path, scene: Scene, *, frame_ids: NDArray[np.int64]) -> None:
-    """Write one scene; ``frame_ids`` (T,) are the clip's own numbers of its frames."""
-    content = _as_trimesh(scene, frame_ids).export(file_type="glb")
+def write_glb(path: Path, scene: Scene, clip: Clip) -> None:
+    """Write one scene of a clip."""
+    content = _as_trimesh(scene, clip).export(file_type="glb")
     with written_whole(path) as beside:
         beside.write_bytes(content)
 
 
-def _as_trimesh(scene: Scene, frame_ids: NDArray[np.int64]) -> Any:
+def _as_trimesh(scene: Scene, clip: Clip) -> Any:
     """The scene as a trimesh scene graph."""
     result = trimesh.Scene(base_frame="world")
     met: Counter[str] = Counter()
     for o in scene.objects:
         met[o.label] += 1
         _add_object(result, o, f"{o.label} {met[o.label]}")
-    known = np.flatnonzero(np.isfinite(scene.joints).all((1, 2)))
+    for person, joints in enumerate(by_person(clip, scene.joints)):
+        _add_person(result, joints, clip.frame_ids, own_part(clip, person))
+    return result
+
+
+def _add_person(result: Any, joints: Array, frame_ids: NDArray[np.int64], whose: str) -> None:
+    """The way of a person (T, 16, 3), and how they stand at some moments."""
+    known = np.flatnonzero(np.isfinite(joints).all((1, 2)))
     if len(known) > 1:
-        way = trimesh.load_path(scene.joints[known][:, PELV])
+        way = trimesh.load_path(joints[known][:, PELV])
         way.colors = np.array([_WAY] * len(way.entities), np.uint8)
-        result.add_geometry(way, node_name="motion", geom_name="motion", transform=_UPRIGHT)
+        name = f"motion{whose}"
+        result.add_geometry(way, node_name=name, geom_name=name, transform=_UPRIGHT)
     shown = known[np.linspace(0, len(known) - 1, _POSES).round().astype(int)] if len(known) else []
     for t in np.unique(shown):
-        name = f"person at frame {frame_ids[t]}"
-        body = _body(scene.joints[t])
+        name = f"person{whose} at frame {frame_ids[t]}"
+        body = _body(joints[t])
         result.add_geometry(body, node_name=name, geom_name=name, transform=_UPRIGHT)
-    return result
 
 
 def _add_object(result: Any, o: SceneObject, name: str) -> None:

@@ -1,6 +1,7 @@
 """A scene in the benchmark's own files (Monszpart et al. 2019), as its authors write theirs::
 
     OUT/skel_output.json             joints by frame, hidden joints, and the list of parts
+    OUT/skel_output_2.json           the same of a second person, and so on
     OUT/skel_output_objects/*.json   one box a part: centroid, axes in columns, full side lengths
 
 Axes are those of the camera (x right, y down, z forward). As in the benchmark's annotations the
@@ -18,10 +19,12 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.geometry import pack_boxes, sight_clearance
 from imapper_prob.models.scene import Clip, Scene
+from imapper_prob.people import by_person
 from imapper_prob.results.benchmark_axes import object_axes, to_benchmark
 
 __all__ = ["write_i3db"]
@@ -43,8 +46,34 @@ def write_i3db(folder: Path, scene: Scene, clip: Clip) -> None:
     boxes = pack_boxes(scene.objects)
     hidden = sight_clearance(scene.camera.centre, scene.joints, boxes) < 0
     joints = to_benchmark(scene.camera, scene.joints)
+    obbs = [f"{_STEM}_objects/{name}.obj" for name in parts]
+    documents = {
+        _STEM if number == 1 else f"{_STEM}_{number}": _skeleton(clip, motion, behind, obbs)
+        for number, (motion, behind) in enumerate(
+            zip(by_person(clip, joints), by_person(clip, hidden), strict=True), 1
+        )
+    }
+    beside = folder.resolve().with_name(f".{folder.name}.partial-{os.getpid()}")
+    try:
+        objects = beside / f"{_STEM}_objects"
+        objects.mkdir(parents=True)
+        for name, document in documents.items():
+            (beside / f"{name}.json").write_text(json.dumps(document), encoding="utf-8")
+        for name, part in parts.items():
+            (objects / f"{name}.json").write_text(json.dumps(part), encoding="utf-8")
+        if folder.exists():
+            folder.rmdir()
+        os.replace(beside, folder)
+    finally:
+        shutil.rmtree(beside, ignore_errors=True)
+
+
+def _skeleton(
+    clip: Clip, joints: NDArray[np.float64], hidden: NDArray[np.bool_], obbs: list[str]
+) -> dict[str, Any]:
+    """One person's file: joints (T, 16, 3) in the camera's axes, and which of them are hidden."""
     ids = clip.frame_ids.tolist()
-    document = {
+    return {
         "3d": {
             f"{frame:05d}": {str(j): point.tolist() for j, point in enumerate(pose)}
             for frame, pose in zip(ids, joints, strict=True)
@@ -53,20 +82,8 @@ def write_i3db(folder: Path, scene: Scene, clip: Clip) -> None:
         "occluded": {
             str(frame): flags.astype(int).tolist() for frame, flags in zip(ids, hidden, strict=True)
         },
-        "scenelets": {"obbs": [f"{_STEM}_objects/{name}.obj" for name in parts], "transforms": {}},
+        "scenelets": {"obbs": obbs, "transforms": {}},
     }
-    beside = folder.resolve().with_name(f".{folder.name}.partial-{os.getpid()}")
-    try:
-        objects = beside / f"{_STEM}_objects"
-        objects.mkdir(parents=True)
-        (beside / f"{_STEM}.json").write_text(json.dumps(document), encoding="utf-8")
-        for name, part in parts.items():
-            (objects / f"{name}.json").write_text(json.dumps(part), encoding="utf-8")
-        if folder.exists():
-            folder.rmdir()
-        os.replace(beside, folder)
-    finally:
-        shutil.rmtree(beside, ignore_errors=True)
 
 
 def _parts(scene: Scene) -> dict[str, dict[str, Any]]:

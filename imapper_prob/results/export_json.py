@@ -16,8 +16,9 @@ from numpy.typing import ArrayLike
 
 from imapper_prob.files import written_whole
 from imapper_prob.models.errors import InputError
-from imapper_prob.models.scene import Scene, SceneObject
+from imapper_prob.models.scene import Clip, Scene, SceneObject
 from imapper_prob.models.skeleton import JOINTS
+from imapper_prob.people import by_person
 from imapper_prob.results.benchmark_axes import (
     intrinsics,
     object_axes,
@@ -47,8 +48,9 @@ def write_json(
     scene : int, optional
         Which scene, 1 being the most probable; that of least expected loss if left out.
     samples : int
-        How many draws, evenly spaced over the chains; their limbs differ from the scenelets'
-        as far as the model says (:mod:`imapper_prob.results.drawn_motion`).
+        How many draws, evenly spaced over the chains; their limbs and furniture differ from
+        the scenelets' as far as the model says (:mod:`imapper_prob.results.drawn_motion`,
+        :mod:`imapper_prob.results.drawn_objects`).
 
     Raises
     ------
@@ -65,23 +67,30 @@ def scene_document(
 ) -> dict[str, Any]:
     """What :func:`write_json` writes."""
     shown = None if scene is None else posterior.scene(scene)
-    ids = posterior.clip.frame_ids.tolist()
+    clip = posterior.clip
     document = {
         "format": _FORMAT,
         "frame": "camera: metres, x right, y down, z forward, the camera at the origin",
-        "clip": posterior.clip.name,
-        "fps": posterior.clip.fps,
-        "image_size": [posterior.clip.camera.width, posterior.clip.camera.height],
+        "clip": clip.name,
+        "fps": clip.fps,
+        "image_size": [clip.camera.width, clip.camera.height],
         "joint_names": list(JOINTS),
         "scene": scene,
         "probability": None if shown is None else shown.probability,
         "probability_error": None if shown is None else _known(shown.error),
-        **_body(posterior.estimate if shown is None else shown.scene, ids),
+        **_body(posterior.estimate if shown is None else shown.scene, clip),
     }
     if samples:
         rng, problem = np.random.default_rng(posterior.config.seed), posterior.solution.problem
         document["samples"] = [
-            _body(replace(posterior.draw(n), joints=drawn_motion(rng, problem, state)), ids)
+            _body(
+                replace(
+                    posterior.draw(n),
+                    objects=posterior.furniture[n],
+                    joints=drawn_motion(rng, problem, state),
+                ),
+                clip,
+            )
             for n in evenly_spaced(posterior, samples)
             for state in [posterior.samples.states[n]]
         ]
@@ -103,19 +112,26 @@ def evenly_spaced(posterior: Posterior, count: int) -> list[int]:
     return numbers
 
 
-def _body(scene: Scene, frame_ids: list[int]) -> dict[str, Any]:
-    """Objects, joints and camera of one draw."""
+def _body(scene: Scene, clip: Clip) -> dict[str, Any]:
+    """Objects, joints and camera of one draw; of several people the joints of each by name."""
     camera = scene.camera
-    joints = to_benchmark(camera, scene.joints)
+    people = {
+        track.name: {
+            str(frame): _listed(pose)
+            for frame, pose in zip(clip.frame_ids.tolist(), joints, strict=True)
+        }
+        for track, joints in zip(
+            clip.tracks, by_person(clip, to_benchmark(camera, scene.joints)), strict=True
+        )
+    }
     up = to_benchmark(camera, camera.centre + np.array([0.0, 0.0, 1.0]))
     return {
         "log_prob": _known(scene.log_posterior),
         "camera_matrix": _listed(intrinsics(camera)),
         "floor": {"up": _listed(up), "camera_height": round(camera.elevation, _DECIMALS)},
         "objects": [_object(scene, o) for o in scene.objects],
-        "joints3d": {
-            str(frame): _listed(pose) for frame, pose in zip(frame_ids, joints, strict=True)
-        },
+        "joints3d": people[clip.tracks[0].name],
+        **({"actors": people} if len(people) > 1 else {}),
     }
 
 

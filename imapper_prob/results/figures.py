@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from imapper_prob.colours import Colour, category_colour
 from imapper_prob.models.scene import Clip, SceneObject
 from imapper_prob.models.skeleton import BONES, JOINTS, PELV
+from imapper_prob.people import by_person, everybody, in_a_row
 from imapper_prob.results.posterior import Posterior
 from imapper_prob.results.uncertainty.clusters import ObjectCluster
 
@@ -39,27 +40,28 @@ _NAMED: Final = 0.2
 
 
 def clip_figure(clip: Clip, *, moments: int = 5) -> Figure:
-    """What the detector saw: the person at some moments, and how sure it was of each joint."""
+    """What the detector saw: people at some moments, and how sure it was of each joint."""
     figure = Figure(figsize=(12, 5.6), layout="constrained")
     image, sure = figure.subplots(1, 2, width_ratios=(1.2, 1))
-    track = clip.tracks[0]
-    known = np.flatnonzero(np.isfinite(track.keypoints).all((1, 2)))
-    for t in known[np.linspace(0, len(known) - 1, moments).round().astype(int)]:
-        light = 0.75 * (1 - (t - known[0]) / max(known[-1] - known[0], 1))
-        for bone in BONES:
-            image.plot(*track.keypoints[t, list(bone)].T, color=(light,) * 3, lw=1.6)
-    dots = image.scatter(
-        *track.keypoints[known].reshape(-1, 2).T, c=track.confidences[known].ravel(), s=3,
-        cmap="RdYlGn", vmin=0, vmax=1, alpha=0.5, lw=0, zorder=0,
-    )  # fmt: skip
+    for track in clip.tracks:
+        known = np.flatnonzero(np.any(np.isfinite(track.keypoints).all(-1), axis=1))
+        for t in known[np.linspace(0, len(known) - 1, moments).round().astype(int)]:
+            light = 0.75 * (1 - (t - known[0]) / max(known[-1] - known[0], 1))
+            for bone in BONES:
+                image.plot(*track.keypoints[t, list(bone)].T, color=(light,) * 3, lw=1.6)
+        dots = image.scatter(
+            *track.keypoints[known].reshape(-1, 2).T, c=track.confidences[known].ravel(), s=3,
+            cmap="RdYlGn", vmin=0, vmax=1, alpha=0.5, lw=0, zorder=0,
+        )  # fmt: skip
     image.set(xlim=(0, clip.camera.width), ylim=(clip.camera.height, 0), aspect="equal")
     image.set_title("2D joints, earlier poses lighter", color=_INK, fontsize=10)
-    shown = np.where(track.confidences > 0, track.confidences, np.nan).T
-    edges = (clip.frame_ids[0] - 0.5, clip.frame_ids[-1] + 0.5, len(JOINTS) - 0.5, -0.5)
+    confidences, ids = everybody(clip).confidences, in_a_row(clip)
+    shown = np.where(confidences > 0, confidences, np.nan).T
+    edges = (ids[0] - 0.5, ids[-1] + 0.5, len(JOINTS) - 0.5, -0.5)
     sure.imshow(shown, aspect="auto", cmap="RdYlGn", vmin=0, vmax=1, extent=edges)
     sure.set_yticks(range(len(JOINTS)), JOINTS, fontsize=7)
     sure.set_title("confidence; white where nothing was detected", color=_INK, fontsize=10)
-    sure.set_xlabel("frame", color=_INK)
+    _people_in_a_row(sure, clip)
     figure.colorbar(dots, ax=sure, shrink=0.7)
     for axes in (image, sure):
         _tidy(axes)
@@ -74,11 +76,13 @@ def scenes_figure(posterior: Posterior, count: int = 4) -> Figure:
     low, high = _bounds(np.concatenate(everything))
     figure = _floors(low, high, len(scenes), width=3.6)
     panels = np.atleast_1d(figure.subplots(1, len(scenes), sharex=True, sharey=True))
-    truth = posterior.clip.truth
+    clip, truth = posterior.clip, posterior.clip.truth
     for i, (axes, weighted) in enumerate(zip(panels, scenes, strict=True), 1):
         for ghost in weighted.ghosts:
-            axes.plot(*ghost[:, PELV, :2].T, color=_QUIET, lw=0.5, alpha=0.7)
-        axes.plot(*weighted.scene.joints[:, PELV, :2].T, color=_INK, lw=1.4)
+            for joints in by_person(clip, ghost):
+                axes.plot(*joints[:, PELV, :2].T, color=_QUIET, lw=0.5, alpha=0.7)
+        for joints in by_person(clip, weighted.scene.joints):
+            axes.plot(*joints[:, PELV, :2].T, color=_INK, lw=1.4)
         for o in weighted.scene.objects:
             _furniture(axes, o)
         for o in truth.objects if truth is not None else ():
@@ -111,7 +115,8 @@ def floor_figure(posterior: Posterior) -> Figure:
         _regions(right, c)
     right.set_title("objects: draws, and regions of 50 and 90 %", color=_INK, fontsize=11)
     for axes in (left, right):
-        axes.plot(*best.T, color=_INK, lw=1.0, alpha=0.7)
+        for path in by_person(posterior.clip, best):
+            axes.plot(*path.T, color=_INK, lw=1.0, alpha=0.7)
         _floor(axes)
     left.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
     return figure
@@ -119,7 +124,7 @@ def floor_figure(posterior: Posterior) -> Figure:
 
 def hidden_figure(posterior: Posterior) -> Figure:
     """P(joint hidden) by frame and joint, and how many joints each object hides."""
-    hidden, ids = posterior.hidden(), posterior.clip.frame_ids
+    hidden, ids = posterior.hidden(), in_a_row(posterior.clip)
     figure = Figure(figsize=(12, 5.6), layout="constrained")
     grid, count = figure.subplots(2, 1, sharex=True, height_ratios=(1.6, 1))
     edges = (ids[0] - 0.5, ids[-1] + 0.5, len(JOINTS) - 0.5, -0.5)
@@ -134,7 +139,7 @@ def hidden_figure(posterior: Posterior) -> Figure:
         if by.any():
             name = f"{c.label} at ({c.mean[0]:.1f}, {c.mean[1]:.1f})"
             count.plot(ids, by.sum(-1), color=_rgb(category_colour(c.label)), lw=1.6, label=name)
-    count.set_xlabel("frame", color=_INK)
+    _people_in_a_row(count, posterior.clip)
     count.set_ylabel("joints hidden", color=_INK)
     count.legend(fontsize=8, frameon=False)
     for axes in (grid, count):
@@ -143,8 +148,8 @@ def hidden_figure(posterior: Posterior) -> Figure:
 
 
 def person_figure(posterior: Posterior) -> Figure:
-    """How far away the person is, with two standard deviations, and how sure each axis is."""
-    found, ids = posterior.joints(), posterior.clip.frame_ids
+    """How far away people are, with two standard deviations, and how sure each axis is."""
+    found, ids = posterior.joints(), in_a_row(posterior.clip)
     mean, spread = found.mean[:, PELV], found.standard_deviation[:, PELV]
     figure = Figure(figsize=(12, 3.8), layout="constrained")
     depth, sure = figure.subplots(1, 2)
@@ -153,7 +158,8 @@ def person_figure(posterior: Posterior) -> Figure:
     depth.plot(ids, mean[:, 1], color=_AXES["depth"], lw=1.6, label="posterior, ± 2 s.d.")
     truth = posterior.clip.truth
     if truth is not None:
-        depth.plot(ids, truth.joints[:, PELV, 1], color=_INK, lw=1, ls="--", label="truth")
+        true = truth.joints[:, PELV, 1]
+        depth.plot(ids[: len(true)], true, color=_INK, lw=1, ls="--", label="truth")
     depth.set_ylabel("depth of the pelvis [m]", color=_INK)
     depth.legend(fontsize=8, frameon=False)
     for axis, (name, colour) in enumerate(_AXES.items()):
@@ -162,7 +168,7 @@ def person_figure(posterior: Posterior) -> Figure:
     sure.set_ylim(bottom=0)
     sure.legend(fontsize=8, frameon=False)
     for axes in (depth, sure):
-        axes.set_xlabel("frame", color=_INK)
+        _people_in_a_row(axes, posterior.clip)
         _tidy(axes)
     return figure
 
@@ -212,6 +218,15 @@ def chains_figure(posterior: Posterior) -> Figure:
     for axes in (trace, scene, moves):
         _tidy(axes)
     return figure
+
+
+def _people_in_a_row(axes: Axes, clip: Clip) -> None:
+    """Name the axis of frames; of several people it has one after the other."""
+    names = [track.name for track in clip.tracks]
+    said = f", of {', then '.join(names)}" if len(names) > 1 else ""
+    axes.set_xlabel(f"frame{said}", color=_INK)
+    for person in range(1, len(names)):
+        axes.axvline(clip.frame_ids[0] + person * clip.n_frames - 0.5, color=_INK, lw=0.8)
 
 
 def _furniture(axes: Axes, o: SceneObject) -> None:

@@ -16,10 +16,12 @@ from imapper_prob.config import Config
 from imapper_prob.models.camera import Camera
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.posterior import motion
-from imapper_prob.models.scene import Clip, Scene
+from imapper_prob.models.scene import Clip, Scene, SceneObject
 from imapper_prob.models.skeleton import PELV
+from imapper_prob.people import by_person
 from imapper_prob.results.differences import describe_difference
 from imapper_prob.results.diverse import group_scenes
+from imapper_prob.results.drawn_objects import drawn_objects
 from imapper_prob.results.explained import explained_by
 from imapper_prob.results.representatives import Representative, representative
 from imapper_prob.results.scenes import WeightedScene
@@ -28,6 +30,7 @@ from imapper_prob.samplers.diagnostics import (
     ShortChainWarning,
     layout_probabilities,
 )
+from imapper_prob.sampling.layouts import through_one_lens
 from imapper_prob.sampling.sample import Samples
 
 if TYPE_CHECKING:
@@ -119,13 +122,22 @@ class Posterior:
         """Of each layout, in the order of the indicator: the most frequent first."""
         radius = self.config.sample.layout_radius
         return tuple(
-            representative(self.samples, layout, radius=radius)
+            representative(self.samples, layout, seen=self._seen, radius=radius)
             for layout in range(len(self.samples.layouts.leaders))
         )
 
     @cached_property
     def _scene_of_layout(self) -> NDArray[np.int64]:
-        return group_scenes([r.objects for r in self._representatives])
+        return group_scenes([self._seen[r.draw] for r in self._representatives])
+
+    @cached_property
+    def _seen(self) -> tuple[tuple[SceneObject, ...], ...]:
+        """The furniture of each draw as the nominal lens would have it, to compare draws by."""
+        focal = [self._log_focal(draw) for draw in range(len(self.samples.states))]
+        return through_one_lens(self.samples.objects, focal)
+
+    def _log_focal(self, draw: int) -> float:
+        return float(self.samples.states[draw].camera[2])
 
     @cached_property
     def _made(self) -> dict[int, WeightedScene]:
@@ -142,8 +154,11 @@ class Posterior:
                 float(found.standard_error[rank]),
             )
             if rank:
-                best = self._scene_at(0).scene.objects
-                made = replace(made, difference=describe_difference(best, made.scene.objects))
+                best = self._scene_at(0)
+                longer = self._log_focal(best.draw) - self._log_focal(made.draw)
+                (first,) = through_one_lens([best.scene.objects], [longer])
+                difference = describe_difference(first, made.scene.objects)
+                made = replace(made, difference=difference)
             self._made[rank] = made
         return self._made[rank]
 
@@ -218,11 +233,20 @@ class Posterior:
             return self.stored
         return posterior_tree(self.solution, self.samples, self.config, seconds=self.seconds)
 
+    @cached_property
+    def furniture(self) -> tuple[tuple[SceneObject, ...], ...]:
+        """The furniture of each draw as it may stand, in the draw's world.
+
+        ``samples.objects`` is where the scenelets say that it stands.
+        """
+        rng, settings = np.random.default_rng(self.config.seed), self.config.model
+        return tuple(drawn_objects(rng, objects, settings) for objects in self.samples.objects)
+
     def occupancy(self, *, cell: float = 0.1) -> Occupancy:
         """Probability by category that a place on the floor is covered, cells in metres."""
         from imapper_prob.results.uncertainty.occupancy import occupancy
 
-        return occupancy(self.samples.objects, cell=cell)
+        return occupancy(self.furniture, cell=cell)
 
     def clusters(self, *, least: float = 0.05) -> tuple[ObjectCluster, ...]:
         """Objects matched across all draws, most probable first, down to a probability."""
@@ -233,20 +257,31 @@ class Posterior:
             self.samples.log_posterior,
             radius=self.config.sample.layout_radius,
             least=least,
+            standing=self.furniture,
+            seen=self._seen,
         )
 
     def joints(self) -> JointSummary:
-        """Mean and covariance of every joint in every frame."""
+        """Mean and covariance of every joint in every frame, of several people in a row."""
         from imapper_prob.results.uncertainty.joints import joint_summary
 
         return joint_summary(self._motions(), problem=self.solution.problem)
 
     def hidden(self) -> HiddenJoints:
-        """P(joint hidden) by frame and joint, and by which of :meth:`clusters`."""
+        """P(joint hidden) by frame and joint, and by which of :meth:`clusters`.
+
+        Of several people the frames of each follow those of the one before.
+        """
         from imapper_prob.results.uncertainty.hidden import hidden_joints
 
         elevations = [float(state.camera[1]) for state in self.samples.states]
         return hidden_joints(self.samples.objects, self._motions(), elevations, self.clusters())
+
+    @property
+    def sides_swapped(self) -> Array:
+        """(T,) probability that the detector took left for right, by frame."""
+        drawn = self.data["motion"]["sides_swapped"]
+        return np.asarray(drawn.mean(("chain", "draw")).to_numpy(), np.float64)
 
     def nuisances(self) -> dict[str, Nuisance]:
         """Prior against posterior of camera and body, by name."""
@@ -307,7 +342,9 @@ class Posterior:
             DrawnChain(
                 kept,
                 [samples.objects[n] for n in own],
-                np.array([motion(problem, samples.states[n])[:, PELV] for n in own]),
+                np.array(
+                    [by_person(self.clip, motion(problem, samples.states[n])[:, PELV]) for n in own]
+                ),
             )
             for own in numbers
         )

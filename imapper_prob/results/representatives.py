@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -33,14 +34,18 @@ class Representative:
     covariances: NDArray[np.float64]
 
 
-def representative(samples: Samples, layout: int, *, radius: float) -> Representative:
+def representative(
+    samples: Samples, layout: int, *, seen: Sequence[Sequence[SceneObject]], radius: float
+) -> Representative:
     """The draw of a layout whose objects are nearest to their mean positions.
 
-    ``radius`` in metres is that which the layouts were made with.
+    ``seen`` are the objects of all draws and ``radius`` the metres that the layouts were made
+    with.
     """
-    founder = samples.objects[samples.layouts.leaders[layout]]
+    leader = samples.layouts.leaders[layout]
+    founder = seen[leader]
     members = np.flatnonzero(samples.layouts.indicator == layout).tolist()
-    partners = {m: match_objects(founder, samples.objects[m], radius=radius) for m in members}
+    partners = {m: match_objects(founder, seen[m], radius=radius) for m in members}
     matched = [(m, partner) for m, partner in partners.items() if partner is not None]
     centres = np.array(
         [[samples.objects[m][k].centre[:2] for k in partner] for m, partner in matched]

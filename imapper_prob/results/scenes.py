@@ -23,7 +23,7 @@ class Explains:
     frames : tuple of (int, int)
         First and last frame of each scenelet, by the clip's own numbers.
     n_frames : int
-        Frames of the clip.
+        Frames of the clip, of everybody in it.
     unsure : int
         Detections, one a joint and frame, that the detector is not sure of.
     unsure_behind : int

@@ -97,7 +97,8 @@ def distances_to_truth(found: Sequence[SceneObject], true: Sequence[SceneObject]
 def describe(clip: Clip, samples: Samples) -> str:
     """Markdown that heads the recording: what it is of, and how far to trust it."""
     chains, draws = samples.shape
-    focal = "" if clip.focal_known else " The focal length is assumed (± 5 %)."
+    doubt = f" The focal length is assumed (± {100 * clip.focal_spread:.0f} %)."
+    focal = "" if clip.focal_known else doubt
     return (
         f"**{clip.name}** - furniture and motion from 2D joints, as a posterior.\n\n"
         f"{chains} chains, {draws} draws each. {samples.verdict.text} "

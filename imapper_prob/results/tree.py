@@ -6,7 +6,8 @@ Groups, as ArviZ names them:
                    dimension, and can vary freely, as plots of ArviZ want it
 ``counts``         numbers of scenelets and objects, and the layout; in a good run they may be
                    the same in all draws
-``motion``         by frame the pelvis, and the probability that the detector took left for right
+``motion``         by frame the pelvis, and the probability that the detector took left for right;
+                   of several people all frames of the first, then of the next, see ``actor``
 ``draws``          scenelets and merged objects of each draw, padded, with their numbers
 ``sample_stats``   log-posterior; temperatures of each chain, rates of exchange between them, and
                    round trips of states; in the attributes how often each move was accepted
@@ -34,6 +35,7 @@ from imapper_prob.models.errors import InputError
 from imapper_prob.models.path import CAMERA
 from imapper_prob.models.posterior import motion, swapped
 from imapper_prob.models.skeleton import JOINTS, PELV
+from imapper_prob.people import everybody, names_of_rows
 from imapper_prob.results.provenance import provenance
 from imapper_prob.results.stored_input import Source, source_groups
 from imapper_prob.results.stored_samples import object_origins, sample_attributes, sample_groups
@@ -42,7 +44,7 @@ from imapper_prob.sampling.sample import Samples
 
 __all__ = ["FORMAT", "posterior_tree", "read_attributes", "write_tree"]
 
-FORMAT: Final = "imapper-prob posterior 2"
+FORMAT: Final = "imapper-prob posterior 3"
 """Attribute of the file; the number rises when a reader of old files would go wrong."""
 
 Variable = tuple[tuple[str, ...], NDArray[Any]]
@@ -80,10 +82,10 @@ def posterior_tree(
     camera = np.array([state.camera for state in samples.states]).reshape(*shape, -1)
     pelvis = np.array(
         [motion(source.problem, state)[:, PELV].astype(np.float32) for state in samples.states]
-    ).reshape(*shape, clip.n_frames, 3)
+    ).reshape(*shape, -1, 3)
     turned = np.array(
         [swapped(source.problem, state).astype(np.float32) for state in samples.states]
-    ).reshape(*shape, clip.n_frames)
+    ).reshape(*shape, -1)
     per_draw = ("chain", "draw")
     posterior: dict[str, Variable] = {
         name: (per_draw, camera[..., i]) for i, name in enumerate(CAMERA)
@@ -98,7 +100,11 @@ def posterior_tree(
         "pelvis": ((*per_draw, "frame", "axis"), pelvis),
         "sides_swapped": ((*per_draw, "frame"), turned),
     }
-    frames, chosen = {"frame": clip.frame_ids}, _drawn_scenelets(samples)
+    frames = {
+        "frame": np.tile(clip.frame_ids, len(clip.tracks)),
+        "actor": ("frame", names_of_rows(clip)),
+    }
+    seen, chosen = everybody(clip), _drawn_scenelets(samples)
     groups = {
         "posterior": xr.Dataset(_labelled(posterior)),
         "counts": xr.Dataset(_labelled(counts)),
@@ -112,8 +118,8 @@ def posterior_tree(
         "observed_data": xr.Dataset(
             _labelled(
                 {
-                    "keypoints": (("frame", "joint", "pixel"), clip.tracks[0].keypoints),
-                    "confidences": (("frame", "joint"), clip.tracks[0].confidences),
+                    "keypoints": (("frame", "joint", "pixel"), seen.keypoints),
+                    "confidences": (("frame", "joint"), seen.confidences),
                 }
             ),
             {**frames, "joint": list(JOINTS), "pixel": ["u", "v"]},

@@ -26,6 +26,7 @@ from imapper_prob.sampling.moves import (
     Death,
     DepthScale,
     Exchange,
+    FocalScale,
     PathRefresh,
     PlacementWalk,
     Shift,
@@ -35,7 +36,7 @@ from imapper_prob.sampling.proposals import Candidates, Proposals
 from imapper_prob.sampling.refurnish import Refurnish
 from imapper_prob.sampling.replace import Replace
 from imapper_prob.sampling.tracker import SceneTracker, split
-from imapper_prob.staged.candidates import furniture_kinds
+from imapper_prob.staged.kinds import furniture_kinds
 
 __all__ = ["Chain", "Setup", "run_chain", "scene_moves"]
 
@@ -112,8 +113,9 @@ def scene_moves(setup: Setup) -> Mixture[State]:
         (Refurnish(proposals, kinds), 0.08),
         (Shift(problem), 0.06),
         (PlacementWalk(), 0.18),
-        (CameraWalk(factor), 0.10),
+        (CameraWalk(factor), 0.06),
         (DepthScale(), 0.06),
+        (FocalScale(float(np.linalg.norm(factor[2]))), 0.04),
         (PathRefresh(), 0.06),
     )
     return Mixture([move for move, _ in weighted], [weight for _, weight in weighted])

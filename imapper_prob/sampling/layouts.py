@@ -18,7 +18,7 @@ from imapper_prob.models.scenelet import Library
 
 __all__ = [
     "Layouts", "group_layouts", "match_objects", "merged_objects", "placed_objects",
-    "representatives", "same_objects",
+    "representatives", "same_objects", "through_one_lens",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
@@ -97,6 +97,22 @@ def match_objects(
     if distance[rows, columns].max() >= 1e6:
         return None
     return [int(c) for c in columns]
+
+
+def through_one_lens(
+    objects: Sequence[Sequence[SceneObject]], log_focal: Sequence[float]
+) -> tuple[tuple[SceneObject, ...], ...]:
+    """Furniture of draws where it would stand if all had the same focal length.
+
+    ``log_focal`` is by how much that of each draw is longer.
+
+    With a longer lens the same picture is of a room that much deeper. It is the same room as
+    far as anybody can tell: what draws say is compared like this, and reported as it is.
+    """
+    return tuple(
+        tuple(o.moved(Placement(0.0, float(o.centre[1] * np.expm1(-longer)), 0.0)) for o in own)
+        for own, longer in zip(objects, log_focal, strict=True)
+    )
 
 
 @dataclass(frozen=True)

@@ -25,6 +25,7 @@ __all__ = [
     "Death",
     "DepthScale",
     "Exchange",
+    "FocalScale",
     "PathRefresh",
     "PlacementWalk",
     "Shift",
@@ -294,6 +295,39 @@ class DepthScale:
         placements[:, :2] *= math.exp(step)
         changed = replace(state, camera=camera, placements=placements)
         return Proposal(changed, (2 * state.n_scenelets + 1) * step)
+
+
+@dataclass(frozen=True)
+class FocalScale:
+    """Focal length and the depth of everything together.
+
+    Seen through a longer lens and from further away things look the same but for perspective,
+    which says little. Where the focal length was assumed this is most of the doubt of depth.
+    The tangent of the pitch shrinks, so that the horizon stays where it was; the angle is small
+    and stands for it. Depths y of k placements grow by e^d and the pitch shrinks by it, so the
+    Jacobian is e^((k - 1) d).
+
+    Parameters
+    ----------
+    spread : float
+        Standard deviation of the log focal length in the prior, the unit of ``scales``.
+    """
+
+    spread: float
+    scales: tuple[float, ...] = (0.2, 0.8)
+    name: str = "focal-scale"
+    reverse: str = "focal-scale"
+
+    def propose(self, rng: np.random.Generator, state: State) -> Proposal[State]:
+        """Scale focal length and depths."""
+        scale = self.spread * self.scales[int(rng.integers(len(self.scales)))]
+        step = scale * float(rng.standard_normal())
+        camera, placements = state.camera.copy(), state.placements.copy()
+        camera[0] *= math.exp(-step)
+        camera[2] += step
+        placements[:, 1] *= math.exp(step)
+        changed = replace(state, camera=camera, placements=placements)
+        return Proposal(changed, (state.n_scenelets - 1) * step)
 
 
 @dataclass(frozen=True)

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from imapper_prob.config import SampleSettings
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.posterior import State, empty_state
+from imapper_prob.models.problem import Problem
 from imapper_prob.models.scene import SceneObject
 from imapper_prob.samplers.chains import ChainError, run_chains
 from imapper_prob.samplers.checkpoint import CheckpointError
@@ -30,12 +31,17 @@ from imapper_prob.samplers.resumable import run_resumable_chains
 from imapper_prob.samplers.reversible_jump import AcceptanceTable
 from imapper_prob.samplers.verdict import Verdict, judge
 from imapper_prob.sampling.agreement import Agreement, compare
+from imapper_prob.sampling.cast import Cast, cast_of
 from imapper_prob.sampling.chain import Setup, run_chain
 from imapper_prob.sampling.checkpoints import identity_of
 from imapper_prob.sampling.cluster import Cluster
-from imapper_prob.sampling.layouts import Layouts, group_layouts, merged_objects
+from imapper_prob.sampling.layouts import (
+    Layouts,
+    group_layouts,
+    merged_objects,
+    through_one_lens,
+)
 from imapper_prob.sampling.placements import PlacementDraws, sample_placements
-from imapper_prob.sampling.weights import weighted_candidates
 from imapper_prob.scenelets.charness import similarity
 from imapper_prob.staged.solver import Solution
 
@@ -98,7 +104,7 @@ class Samples:
 
 
 def sample_scenes(
-    solution: Solution,
+    solution: Solution | Cast,
     settings: SampleSettings,
     *,
     seed: np.random.SeedSequence,
@@ -107,7 +113,7 @@ def sample_scenes(
     checkpoints: Path | None = None,
     progress: Progress | None = None,
 ) -> Samples:
-    """Sample from where the staged solver arrived.
+    """Sample from where the staged solver arrived, with one actor or with a cast.
 
     The result depends on ``seed`` but not on ``workers`` or ``cluster``. An interrupt (Ctrl-C)
     ends the chains early; what they have is used.
@@ -130,8 +136,9 @@ def sample_scenes(
         Checkpoints are damaged, of another run or cannot be written, or processes died.
     """
     chain_seed, layout_seed, ensemble_seed = seed.spawn(3)
-    problem = solution.problem
-    setup = setup_of(solution, settings)
+    cast = solution if isinstance(solution, Cast) else cast_of([solution])
+    problem = cast.problem
+    setup = setup_of(cast, settings)
     done = np.zeros(settings.chains)
 
     def report(chain: int, part: object) -> None:
@@ -139,7 +146,7 @@ def sample_scenes(
         if progress is not None:
             progress("jumping between scenes", float(done.mean()))
 
-    starts = _starts(solution, settings.chains)
+    starts = _starts(cast, settings.chains)
     shared = setup if cluster is None else cluster.scatter(setup, broadcast=True)
     with _told_plainly(checkpoints), _executor_of(cluster) as executor:
         options: dict[str, Any] = {
@@ -162,8 +169,9 @@ def sample_scenes(
     n = min(len(chain.states) for chain in chains)
     states = tuple(state for chain in chains for state in chain.states[-n:])
     values = np.stack([chain.log_posterior[-n:] for chain in chains])
-    objects = tuple(merged_objects(problem, solution.library, state) for state in states)
-    layouts = group_layouts(objects, values.ravel(), radius=settings.layout_radius)
+    objects = tuple(merged_objects(problem, cast.library, state) for state in states)
+    seen = through_one_lens(objects, [state.camera[2] for state in states])
+    layouts = group_layouts(seen, values.ravel(), radius=settings.layout_radius)
     with warnings.catch_warnings():
         # The verdict says in words what a short chain cannot tell.
         warnings.simplefilter("ignore", ShortChainWarning)
@@ -173,7 +181,7 @@ def sample_scenes(
         ladders = tuple(chain.ladder for chain in chains)
         verdict = judge(probabilities, _functionals(values, states, objects), ladders=ladders)
         placements = _ensembles(
-            solution, states, values.ravel(), layouts, settings, ensemble_seed, workers, progress
+            problem, states, values.ravel(), layouts, settings, ensemble_seed, workers, progress
         )
     return Samples(
         states=states,
@@ -183,7 +191,7 @@ def sample_scenes(
         layouts=layouts,
         probabilities=probabilities,
         placements=placements,
-        agreements=tuple(compare(solution.library, draws, states) for draws in placements),
+        agreements=tuple(compare(cast.library, draws, states) for draws in placements),
         acceptance=sum((chain.acceptance for chain in chains), AcceptanceTable()),
         ladders=ladders,
         verdict=verdict,
@@ -212,20 +220,16 @@ def _told_plainly(checkpoints: Path | None) -> Iterator[None]:
         raise InputError(f"{checkpoints}: checkpoints cannot be written ({reason})") from error
 
 
-def setup_of(solution: Solution, settings: SampleSettings) -> Setup:
+def setup_of(solution: Solution | Cast, settings: SampleSettings) -> Setup:
     """What the chains need of a solved clip."""
-    return Setup(
-        solution.problem,
-        weighted_candidates(solution),
-        similarity(solution.distances),
-        settings,
-    )
+    cast = solution if isinstance(solution, Cast) else cast_of([solution])
+    return Setup(cast.problem, cast.candidates, similarity(cast.distances), settings)
 
 
-def _starts(solution: Solution, count: int) -> list[State]:
+def _starts(cast: Cast, count: int) -> list[State]:
     """Far apart on purpose: the best scene, none at all, and the alternatives, worst first."""
-    others = list(solution.states[:0:-1]) or [solution.states[0]]
-    pool = [solution.states[0], empty_state(solution.problem), *others]
+    others = list(cast.states[:0:-1]) or [cast.states[0]]
+    pool = [cast.states[0], empty_state(cast.problem), *others]
     return [pool[i % len(pool)] for i in range(count)]
 
 
@@ -241,7 +245,7 @@ def _functionals(
 
 
 def _ensembles(
-    solution: Solution,
+    problem: Problem,
     states: Sequence[State],
     values: Array,
     layouts: Layouts,
@@ -259,9 +263,7 @@ def _ensembles(
         common = Counter(keys).most_common(1)[0][0]
         own = [m for m, key in zip(members, keys, strict=True) if key == common]
         best = states[max(own, key=lambda m: values[m])]
-        results.append(
-            sample_placements(solution.problem, best, settings, seed=child, workers=workers)
-        )
+        results.append(sample_placements(problem, best, settings, seed=child, workers=workers))
         if progress is not None:
             progress("walking placements", (layout + 1) / count)
     return tuple(results)

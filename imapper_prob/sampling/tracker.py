@@ -13,14 +13,16 @@ __all__ = ["SceneTracker", "split"]
 
 
 def split(problem: Problem, state: State) -> Parts:
-    """The log-posterior in what is known beforehand and what the other temperatures flatten.
+    """The log-posterior in what stays as it is and what the other temperatures flatten.
 
-    Flattening all of it would fill the hot scenes with scenelets, for prior odds of one in ten
-    thousand would mean little there.
+    They flatten the prior odds of scenelets, one in ten thousand, as they flatten what a
+    scenelet gains by explaining the clip: otherwise the hot scenes would be empty, and what
+    comes from there to the cold ones would know nothing of them. Placements, camera and path
+    are left alone, lest hot scenes fill up with scenelets that stand anywhere.
     """
     nats = terms(problem, state)
-    prior = nats["camera"] + nats["layout"] + nats["placement"] + nats["path"]
-    return Parts(prior, sum(nats.values()) - prior if math.isfinite(prior) else 0.0)
+    kept = nats["camera"] + nats["placement"] + nats["path"]
+    return Parts(kept, sum(nats.values()) - kept if math.isfinite(kept) else 0.0)
 
 
 class SceneTracker:
@@ -40,14 +42,15 @@ class SceneTracker:
 
     def __init__(self, problem: Problem, state: State) -> None:
         self._incremental = Incremental(problem, state)
+        self._log_rate = problem.log_rate
         self._last: State | None = None
 
     def __call__(self, state: State) -> Parts:
         """The parts of ``state``; the chain stays where it is."""
         if state is self._incremental.state:
-            return Parts(*self._incremental.parts)
+            return self._split(state, *self._incremental.parts)
         self._last = state
-        return Parts(*self._incremental.propose(state))
+        return self._split(state, *self._incremental.propose(state))
 
     def move(self, state: State) -> None:
         """The chain has gone to ``state``."""
@@ -57,3 +60,7 @@ class SceneTracker:
             self._incremental.propose(state)
         self._incremental.accept()
         self._last = None
+
+    def _split(self, state: State, log_prior: float, log_likelihood: float) -> Parts:
+        odds = float(self._log_rate[state.items[:, 0]].sum())
+        return Parts(log_prior - odds, log_likelihood + odds)

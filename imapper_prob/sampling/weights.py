@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from imapper_prob.models.incremental import Incremental
 from imapper_prob.models.posterior import State, empty_state, log_posterior
 from imapper_prob.sampling.proposals import Candidates
-from imapper_prob.staged.candidates import Candidate, along_the_ray, furniture_kinds
+from imapper_prob.staged.candidates import Candidate, along_the_ray
+from imapper_prob.staged.kinds import furniture_kinds
 from imapper_prob.staged.solver import Solution
 
 __all__ = ["weighted_candidates"]

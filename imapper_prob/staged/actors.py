@@ -46,7 +46,7 @@ def solve_actors(
     cameras = share_camera(
         [estimate_camera(c, estimate_static_path(c)) for c in clips],
         nominal=clip.camera,
-        focal_known=clip.focal_known,
+        focal_spread=clip.focal_spread,
     )
 
     def named(actor: str) -> Progress | None:
@@ -64,7 +64,7 @@ def share_camera(
     own: Sequence[CameraPrior],
     *,
     nominal: Camera,
-    focal_known: bool = False,
+    focal_spread: float,
     settings: CameraSettings | None = None,
 ) -> tuple[CameraPrior, ...]:
     """What everybody's feet together say of the camera, and what that says of each body.
@@ -79,15 +79,14 @@ def share_camera(
         Of each actor, as `estimate_camera` gives it.
     nominal : Camera
         The clip's; the prior is about it.
-    focal_known : bool
-        Whether its focal length was measured.
+    focal_spread : float
+        The clip's, by how much its focal length may be wrong.
     settings : CameraSettings, optional
         Those the estimates were made with.
     """
     settings = settings or CameraSettings()
-    focal = settings.log_focal_known if focal_known else settings.log_focal
     prior = np.diag(
-        np.array([settings.pitch, settings.log_elevation, focal, settings.roll]) ** -2.0
+        np.array([settings.pitch, settings.log_elevation, focal_spread, settings.roll]) ** -2.0
     )
     centre = np.array([nominal.pitch, np.log(nominal.elevation), 0.0, nominal.roll])
     information, pull = prior.copy(), prior @ centre

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.models.calibrated import calibrated
+from imapper_prob.models.energy.detections import DetectionModel
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.path import CameraPrior, StaticPath
 from imapper_prob.models.scene import Clip
@@ -40,8 +41,6 @@ class CameraSettings:
         Radians; standard deviation about the clip's nominal roll.
     log_elevation : float
         Standard deviation of the log height about the clip's nominal one.
-    log_focal, log_focal_known : float
-        Standard deviation of the log focal length where it was assumed, or measured.
     log_body : float
         Standard deviation of log stature about the reference body's.
     ankle : float
@@ -59,8 +58,6 @@ class CameraSettings:
     pitch: float = calibrated("camera.pitch")
     roll: float = calibrated("camera.roll")
     log_elevation: float = calibrated("camera.log_elevation")
-    log_focal: float = 0.05
-    log_focal_known: float = 0.005
     log_body: float = calibrated("body.log_scale")
     ankle: float = ANKLE
     ankle_offset: float = calibrated("ankle.offset")
@@ -87,7 +84,7 @@ def estimate_camera(
     Parameters
     ----------
     clip : Clip
-        Its camera's pose is the mean of the prior.
+        Its camera's pose is the mean of the prior, and it says how sure its focal length is.
     path : StaticPath
         Of the person ``track``.
     settings : CameraSettings, optional
@@ -214,13 +211,19 @@ def _mode(feet: _Feet, *, tolerance: float = 1e-9) -> Array:
 
 
 def _feet(clip: Clip, path: StaticPath, track: int, settings: CameraSettings) -> _Feet:
-    """The lower ankle of every frame, as the nominal camera has it, and the prior."""
+    """The lower seen ankle of every frame, as the nominal camera has it, and the prior.
+
+    Of a hidden foot detectors make something up, and the lower of two is then the worse guess:
+    it counts only where no ankle is more probably seen than hidden.
+    """
     ankles = path.joints[:, [RANK, LANK]]
-    lower = clip.camera.to_world(ankles)[..., 2].argmin(1)
+    confidences = clip.tracks[track].confidences[:, [RANK, LANK]]
+    height = clip.camera.to_world(ankles)[..., 2]
+    guessed = DetectionModel().confidence_density(confidences).argmax(-1) == 0
+    lower = np.where(guessed & ~guessed.all(1, keepdims=True), np.inf, height).argmin(1)
     frames = np.arange(clip.n_frames)
     right, depth, up = ankles[frames, lower].T
-    confidence = clip.tracks[track].confidences[:, [RANK, LANK]][frames, lower]
-    focal = settings.log_focal_known if clip.focal_known else settings.log_focal
+    confidence = confidences[frames, lower]
     return _Feet(
         right=right,
         depth=depth,
@@ -230,8 +233,8 @@ def _feet(clip: Clip, path: StaticPath, track: int, settings: CameraSettings) ->
             [clip.camera.pitch, np.log(clip.camera.elevation), 0.0, 0.0, clip.camera.roll, 0.0]
         ),
         prior_spread=np.array(
-            [settings.pitch, settings.log_elevation, focal, settings.log_body, settings.roll,
-             settings.ankle_offset]
+            [settings.pitch, settings.log_elevation, clip.focal_spread, settings.log_body,
+             settings.roll, settings.ankle_offset]
         ),
         settings=settings,
     )  # fmt: skip

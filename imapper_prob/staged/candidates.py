@@ -19,8 +19,9 @@ from imapper_prob.models.posterior import State, empty_state, log_posterior
 from imapper_prob.models.problem import Problem
 from imapper_prob.staged.facing import Facing
 from imapper_prob.staged.fit import Fits
+from imapper_prob.staged.kinds import furniture_kinds
 
-__all__ = ["Candidate", "ScreenSettings", "along_the_ray", "furniture_kinds", "refine", "screen"]
+__all__ = ["Candidate", "ScreenSettings", "along_the_ray", "refine", "screen"]
 
 Array = NDArray[np.float64]
 Progress = Callable[[str, float], None]
@@ -70,21 +71,6 @@ class Candidate:
     facing: float
     kind: tuple[int, ...]
     window: int
-
-
-def furniture_kinds(problem: Problem) -> tuple[tuple[int, ...], ...]:
-    """For each scenelet the sorted categories of its objects."""
-    kinds = []
-    for first, last in zip(problem.box_first[:-1], problem.box_first[1:], strict=True):
-        label_of = dict(
-            zip(
-                problem.box_object[first:last].tolist(),
-                problem.box_label[first:last].tolist(),
-                strict=True,
-            )
-        )
-        kinds.append(tuple(sorted(label_of.values())))
-    return tuple(kinds)
 
 
 def screen(

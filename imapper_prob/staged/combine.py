@@ -17,8 +17,9 @@ from numpy.typing import NDArray
 
 from imapper_prob.models.posterior import State, empty_state, log_posterior
 from imapper_prob.models.problem import Problem
-from imapper_prob.staged.candidates import Candidate, furniture_kinds, refine
+from imapper_prob.staged.candidates import Candidate, refine
 from imapper_prob.staged.facing import Facing
+from imapper_prob.staged.kinds import furniture_kinds
 from imapper_prob.staged.maxima import CharnessCurve
 from imapper_prob.staged.polish import polish
 from imapper_prob.staged.search import best_first

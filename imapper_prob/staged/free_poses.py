@@ -26,7 +26,7 @@ def free_pose_cost(problem: Problem, fits: Fits) -> NDArray[np.float64]:
     """(T,) nats by which each frame's own pose explains it better than a motion nearby.
 
     Of the scenelets without objects the one that explains its window best stands for the
-    frames nearest to the window's centre. Never negative; 0 where nothing was fitted.
+    frames nearest to the window's centre. Never negative; 0 in frames that none reaches.
 
     Raises
     ------
@@ -39,18 +39,23 @@ def free_pose_cost(problem: Problem, fits: Fits) -> NDArray[np.float64]:
     empty = empty_state(problem)
     own = frame_log_likelihood(problem, empty)
     cost = np.zeros(problem.n_frames)
-    nearest = np.abs(np.arange(problem.n_frames)[:, None] - fits.centres).argmin(1)
-    for w, centre in enumerate(fits.centres):
+    fitted = np.flatnonzero(np.isfinite(fits.cost[:, bare]).any(1))
+    if len(fitted) == 0:
+        return cost
+    # At the ends of a clip the nearest window may be one that no scenelet fits into; a frame
+    # there is as free as any other, and its judge the first or last scenelet that reaches it.
+    distance = np.abs(np.arange(problem.n_frames)[:, None] - fits.centres[fitted])
+    nearest = fitted[distance.argmin(1)]
+    for w in fitted.tolist():
         order = bare[np.argsort(fits.cost[w, bare], kind="stable")[:_TRIED]]
-        best, best_total = None, -np.inf
+        best, best_total = own, -np.inf
         for scenelet in order[np.isfinite(fits.cost[w, order])]:
-            start = int(centre - problem.lengths[scenelet] // 2)
+            start = int(fits.centres[w] - problem.lengths[scenelet] // 2)
             state = empty.with_item(int(scenelet), start, fits.placements[w, scenelet])
             values = frame_log_likelihood(problem, state)
             total = values[start : start + problem.lengths[scenelet]].sum()
             if total > best_total:
                 best, best_total = values, total
-        if best is not None:
-            mine = nearest == w
-            cost[mine] = np.maximum(own[mine] - best[mine], 0.0)
+        mine = nearest == w
+        cost[mine] = np.maximum(own[mine] - best[mine], 0.0)
     return cost

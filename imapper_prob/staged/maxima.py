@@ -87,7 +87,7 @@ def charness_curve(
 ) -> CharnessCurve:
     """Charness of the best fits weighted by match quality, smoothed, maxima thinned out."""
     settings = settings or MaximaSettings()
-    known = np.isfinite(fits.cost).any(1)
+    known: NDArray[np.bool_] = np.any(np.isfinite(fits.cost), axis=1)
     raw = np.full(len(fits.centres), np.nan)
     for w in np.flatnonzero(known):
         cost = fits.cost[w]
@@ -101,6 +101,9 @@ def charness_curve(
     chosen: list[int] = []
     dropped: dict[int, str] = {}
     for w in np.argsort(-values, kind="stable").tolist():
+        if not known[w]:
+            dropped[w] = "no scenelet could be fitted"
+            continue
         if values[w] < settings.minimum:
             dropped[w] = f"charness below {settings.minimum:g}"
             continue

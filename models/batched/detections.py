@@ -67,15 +67,19 @@ def by_frame(
     return torch.stack(sides, -1)
 
 
-def summed_over_swaps(frames: Tensor, *, weight: float, begins: float, ends: float) -> Tensor:
+def summed_over_swaps(
+    frames: Tensor, starts: Tensor, *, weight: float, begins: float, ends: float
+) -> Tensor:
     """Log-likelihood of all frames, whichever are swapped: (S,) of ``frames`` (S, T, 2).
 
     ``log p(0) M_1 ... M_T 1`` with M_t the step into frame t times its two likelihoods. The
-    chain starts in its own limit, which a step leaves as it is. Parameters as for
+    chain starts in its own limit, which a step leaves as it is, and a step into a start leads
+    to from wherever. Parameters as for
     :func:`imapper_prob.models.energy.swaps.summed_over_swaps`.
     """
-    step = frames.new_tensor([[1 - begins, begins], [ends, 1 - ends]])
     limit = frames.new_tensor([ends, begins]) / (begins + ends)
+    onwards = frames.new_tensor([[1 - begins, begins], [ends, 1 - ends]])
+    step = torch.where(starts[:, None, None], limit.expand(2, 2), onwards)
     weighted = weight * frames
     top = weighted.detach().amax(-1)
     product, log_scale = log_product(step * (weighted - top[..., None]).exp()[..., None, :])

@@ -19,7 +19,8 @@ class Layout:
     Parameters
     ----------
     admissible : (S,) bool
-        No two scenelets overlap and none sticks out of the clip. States that are not are laid
+        No two scenelets overlap, none sticks out of the clip or into the film of the next
+        person. States that are not are laid
         out without any scenelet, so that they stay finite.
     scenelet : (S, k) int
         Scenelet of each item, 0 where there is none.
@@ -63,7 +64,8 @@ def lay_out(tensors: ProblemTensors, items: Tensor) -> Layout:
     frames = torch.arange(tensors.problem.n_frames, device=items.device)
     covers = present[..., None] & (frames >= start[..., None]) & (frames < end[..., None])
     inside = (start >= 0) & (end <= len(frames))
-    admissible = (inside | ~present).all(1) & (covers.sum(1) <= 1).all(1)
+    goes_on = (covers & tensors.path_starts & (frames > start[..., None])).any(2)
+    admissible = ((inside & ~goes_on) | ~present).all(1) & (covers.sum(1) <= 1).all(1)
     present = present & admissible[:, None]
     covers = covers & admissible[:, None, None]
 

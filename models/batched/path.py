@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from imapper_prob.models.batched.layout import Layout
-from imapper_prob.models.batched.scan import affine_scan
+from imapper_prob.models.batched.scan import second_order_scan
 from imapper_prob.models.batched.tensors import ProblemTensors
 from imapper_prob.models.limits import NEAREST
 from imapper_prob.models.skeleton import PELV
@@ -34,9 +34,34 @@ def in_view(camera: Tensor, points: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     return right, depth, up
 
 
-def _before(after: Tensor, start: Tensor) -> Tensor:
-    """What predicts each frame, from what follows it (S, T, 2)."""
-    return torch.cat([start.expand(len(after), 1, 2), after[:, :-1]], 1)
+def _known_before(tensors: ProblemTensors, covered: Tensor) -> tuple[Tensor, Tensor]:
+    """Last frame under a scenelet before each one, and how many frames ago, both (S, T) int.
+
+    -1 where there is none; 0 frames ago where there is none since a start.
+    """
+    frames = torch.arange(covered.shape[1], device=covered.device)
+    last = torch.where(covered, frames, -1).cummax(1).values
+    last = torch.cat([torch.full_like(last[:, :1], -1), last[:, :-1]], 1)
+    start = torch.where(tensors.path_starts, frames, 0).cummax(0).values
+    return last, torch.where(last >= start, frames - last, 0)
+
+
+def _known_ahead(tensors: ProblemTensors, covered: Tensor) -> Tensor:
+    """How many of the frames that follow each one say of it, (S, T) int, at most two."""
+    n = covered.shape[1]
+    frames = torch.arange(n, device=covered.device)
+
+    def next_of(flags: Tensor) -> Tensor:
+        earliest = torch.where(flags, frames, n).flip(-1).cummin(-1).values.flip(-1)
+        return torch.cat([earliest[..., 1:], torch.full_like(earliest[..., :1], n)], -1)
+
+    scenelet, start = next_of(covered), next_of(tensors.path_starts)
+    return torch.where(scenelet < start, scenelet - frames, start - 1 - frames).clamp_max(2)
+
+
+def _at(values: Tensor, frames: Tensor) -> Tensor:
+    """``values`` (S, T, 2) in the frames (S, T); in the first where there is none such."""
+    return values.gather(1, frames.clamp_min(0)[..., None].expand(-1, -1, 2))
 
 
 def draw_path(
@@ -74,28 +99,21 @@ def draw_path(
     unit = torch.stack([shrunk, torch.ones_like(shrunk)], -1)[:, None]
     offset = torch.stack([torch.zeros_like(further), further], -1)[:, None]
     centre, scale = unit * tensors.path_centre + offset, unit * tensors.path_scale
-    error = (fixed - centre) / scale
+    error = torch.where(covered, (fixed - centre) / scale, 0.0)
 
-    memory = tensors.path_memory
-    innovation = 1 - memory**2
-    keep = torch.where(covered, 0.0, memory.expand_as(error))
-    fresh = torch.zeros_like(memory)
-    mean_after = affine_scan(keep, torch.where(covered, memory * error, 0.0), fresh)
-    variance_after = affine_scan(keep**2, innovation.expand_as(error), fresh + 1)
-    mean, variance = _before(mean_after, fresh), _before(variance_after, fresh + 1)
-    arrival = -0.5 * (_LOG_2PI + variance.log() + (error - mean) ** 2 / variance) - scale.log()
+    last, since = _known_before(tensors, layout.covered)
+    mean = tensors.path_mean[since]
+    expected = mean[..., 0] * _at(error, last) + mean[..., 1] * _at(error, last - 1)
+    deviation = tensors.path_draw[since, 0, :, 2]
+    gap = error - expected
+    arrival = -0.5 * (_LOG_2PI + (gap / deviation) ** 2) - (deviation * scale).log()
     evidence = torch.where(begins, arrival, 0.0).sum((1, 2))
 
-    # Backwards: a frame given the next, and the last given nothing.
-    pull = memory * variance / (memory**2 * variance + innovation)
-    pull = torch.cat([pull[:, :-1], torch.zeros_like(pull[:, -1:])], 1)
-    stays = 1 - memory * pull
-    drawn = stays * mean + (variance * stays).sqrt() * latent
-    errors = affine_scan(
-        torch.where(covered, 0.0, pull).flip(1),
-        torch.where(covered, error, drawn).flip(1),
-        fresh,
-    ).flip(1)
+    # Backwards: each frame given those that follow, a scenelet's first among them.
+    draw = tensors.path_draw[since, _known_ahead(tensors, layout.covered)]
+    drawn = torch.where(begins, gap, torch.where(covered, 0.0, draw[..., 2] * latent))
+    near, far = (torch.where(covered, 0.0, draw[..., k]) for k in range(2))
+    errors = expected + second_order_scan(near.flip(1), far.flip(1), drawn.flip(1)).flip(1)
     path = torch.where(covered, fixed, centre + scale * errors)
     return evidence, placement, path
 

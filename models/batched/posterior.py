@@ -83,6 +83,7 @@ def terms_batch(
     weight = problem.frame_weight * problem.likelihood
     detections = summed_over_swaps(
         by_frame(tensors, layout, camera, body, joints, boxes),
+        tensors.path_starts,
         weight=weight,
         begins=problem.swap_begins,
         ends=problem.swap_ends,

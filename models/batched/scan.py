@@ -10,7 +10,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-__all__ = ["affine_scan", "log_product"]
+__all__ = ["log_product", "second_order_scan"]
 
 
 def _strides(n: int) -> list[int]:
@@ -22,13 +22,24 @@ def _after(stride: int, update: Tensor, before: Tensor) -> Tensor:
     return torch.cat([before[:, :stride], update], 1)
 
 
-def affine_scan(slope: Tensor, offset: Tensor, start: Tensor) -> Tensor:
-    """h_t = slope_t h_{t-1} + offset_t for all t: (S, T, ...), from h_{-1} = ``start``."""
-    for stride in _strides(slope.shape[1]):
-        later = slope[:, stride:]
-        offset = _after(stride, offset[:, stride:] + later * offset[:, :-stride], offset)
-        slope = _after(stride, later * slope[:, :-stride], slope)
-    return slope * start + offset
+def second_order_scan(first: Tensor, second: Tensor, offset: Tensor) -> Tensor:
+    """h_t = first_t h_{t-1} + second_t h_{t-2} + offset_t for all t: (S, T, ...), from zero."""
+    one, none = torch.ones_like(first), torch.zeros_like(first)
+    # (h_t, h_{t-1}) from the pair before: a matrix of rows ``upper``, ``lower``, and an offset.
+    upper, lower = torch.stack([first, second], -1), torch.stack([one, none], -1)
+    now, before = offset, torch.zeros_like(offset)
+    for stride in _strides(first.shape[1]):
+        a, b = upper[:, stride:, ..., 0], upper[:, stride:, ..., 1]
+        c, d = lower[:, stride:, ..., 0], lower[:, stride:, ..., 1]
+        h, g = now[:, :-stride], before[:, :-stride]
+        now = _after(stride, now[:, stride:] + a * h + b * g, now)
+        before = _after(stride, before[:, stride:] + c * h + d * g, before)
+        top, bottom = upper[:, :-stride], lower[:, :-stride]
+        upper, lower = (
+            _after(stride, a[..., None] * top + b[..., None] * bottom, upper),
+            _after(stride, c[..., None] * top + d[..., None] * bottom, lower),
+        )
+    return now
 
 
 def log_product(matrices: Tensor) -> tuple[Tensor, Tensor]:

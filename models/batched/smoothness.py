@@ -23,4 +23,5 @@ def pose_jumps(tensors: ProblemTensors, layout: Layout, joints: Tensor) -> Tenso
     scale2 = DOF * tensors.problem.joint_step**2
     nats = 0.5 * (DOF + 3.0) * (squared / scale2).log1p().sum(-1) - USUAL_JUMP
     jumps = layout.item_of[:, 1:] != layout.item_of[:, :-1]
+    jumps = jumps & ~tensors.path_starts[1:]
     return torch.where(jumps, nats, 0.0).sum(1)

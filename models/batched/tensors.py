@@ -31,7 +31,9 @@ class ProblemTensors:
     log_static: Tensor  # (2, T, 16, 2)
     path_centre: Tensor
     path_scale: Tensor
-    path_memory: Tensor
+    path_starts: Tensor
+    path_mean: Tensor  # (T + 1, 2, 2) rows first
+    path_draw: Tensor  # (T + 1, 3, 2, 3) rows first, then how many frames ahead are known
     lift: Tensor
     poses: Tensor
     free_cost: Tensor
@@ -79,7 +81,9 @@ def to_tensors(
         log_static=real(np.log(np.maximum(problem.static_density, smallest))),
         path_centre=real(problem.path_centre),
         path_scale=real(problem.path_scale),
-        path_memory=real(problem.path_memory),
+        path_starts=torch.tensor(problem.path_starts, device=device),
+        path_mean=real(problem.path_mean.transpose(1, 0, 2)),
+        path_draw=real(problem.path_draw.transpose(1, 2, 0, 3)),
         lift=real(problem.lift),
         poses=real(problem.poses),
         free_cost=real(problem.free_cost),

@@ -22,30 +22,37 @@ from imapper_prob.models.jit import compiled
 __all__ = ["draw_swaps", "summed_over_swaps", "swap_probabilities"]
 
 Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
 
 
 @compiled
-def summed_over_swaps(by_frame: Array, weight: float, begins: float, ends: float) -> float:
+def summed_over_swaps(
+    by_frame: Array, starts: Flags, weight: float, begins: float, ends: float
+) -> float:
     """Log-likelihood of all frames, whichever of them are swapped.
 
     Parameters
     ----------
     by_frame : (T, 2) float
         Log-likelihood of each frame as it is, and with sides swapped, nats.
+    starts : (T,) bool
+        Frames that follow upon nothing: the chain begins anew there.
     weight : float
         Factor on every frame's log-likelihood.
     begins, ends : float
-        Probability a frame that a swap begins, and that one ends. The first frame is
-        swapped as often as any, ``begins / (begins + ends)``.
+        Probability a frame that a swap begins, and that one ends. The first frame, as any
+        start, is swapped as often as any, ``begins / (begins + ends)``.
 
     Returns
     -------
     float
         Nats.
     """
-    total = 0.0
-    swapped = begins / (begins + ends)
+    total, usual = 0.0, begins / (begins + ends)
+    swapped = usual
     for t in range(len(by_frame)):
+        if starts[t]:
+            swapped = usual
         right, wrong = weight * by_frame[t, 0], weight * by_frame[t, 1]
         top = max(right, wrong)
         stays = (1.0 - swapped) * math.exp(right - top)
@@ -57,15 +64,20 @@ def summed_over_swaps(by_frame: Array, weight: float, begins: float, ends: float
 
 
 @compiled
-def swap_probabilities(by_frame: Array, weight: float, begins: float, ends: float) -> Array:
+def swap_probabilities(
+    by_frame: Array, starts: Flags, weight: float, begins: float, ends: float
+) -> Array:
     """(T,) probability that each frame is swapped, given all frames (forward-backward).
 
     Parameters as for :func:`summed_over_swaps`.
     """
     n = len(by_frame)
     forward = np.empty(n)
-    predicted = begins / (begins + ends)
+    usual = begins / (begins + ends)
+    predicted = usual
     for t in range(n):
+        if starts[t]:
+            predicted = usual
         right, wrong = weight * by_frame[t, 0], weight * by_frame[t, 1]
         top = max(right, wrong)
         stays = (1.0 - predicted) * math.exp(right - top)
@@ -74,6 +86,8 @@ def swap_probabilities(by_frame: Array, weight: float, begins: float, ends: floa
         predicted = (stays * begins + turned * (1.0 - ends)) / (stays + turned)
     result = forward.copy()
     for t in range(n - 2, -1, -1):
+        if starts[t + 1]:
+            continue
         # p(s_t | all) = sum over s_{t+1} of p(s_{t+1} | all) p(s_t | s_{t+1}, past).
         now = forward[t]
         to_swapped = (1.0 - now) * begins + now * (1.0 - ends)
@@ -86,15 +100,22 @@ def swap_probabilities(by_frame: Array, weight: float, begins: float, ends: floa
 
 
 def draw_swaps(
-    rng: np.random.Generator, n_frames: int, *, begins: float, ends: float
-) -> NDArray[np.bool_]:
+    rng: np.random.Generator,
+    n_frames: int,
+    *,
+    begins: float,
+    ends: float,
+    starts: Flags | None = None,
+) -> Flags:
     """(T,) frames in which left is taken for right: a chain of two states in equilibrium.
 
-    ``begins`` and ``ends`` are probabilities a frame.
+    ``begins`` and ``ends`` are probabilities a frame; besides the first frame the chain begins
+    anew in ``starts`` (T,).
     """
     uniform = rng.random(n_frames)
     swapped = np.zeros(n_frames, bool)
-    swapped[0] = uniform[0] < begins / (begins + ends)
-    for t in range(1, n_frames):
-        swapped[t] = uniform[t] < (1 - ends if swapped[t - 1] else begins)
+    for t in range(n_frames):
+        anew = t == 0 or (starts is not None and starts[t])
+        probability = 1 - ends if swapped[t - 1] else begins
+        swapped[t] = uniform[t] < (begins / (begins + ends) if anew else probability)
     return swapped

@@ -100,13 +100,18 @@ def _length(problem: Problem, scenelet: int) -> int:
 
 @inlined
 def _in_order(problem: Problem, items: Ints) -> bool:
-    """Whether scenelets lie in the clip, one after the other."""
+    """Whether scenelets lie in the clip, one after the other, each in the film of one person."""
     end = 0
     for i in range(len(items)):
         if items[i, 1] < end:
             return False
         end = items[i, 1] + _length(problem, items[i, 0])
-    return end <= len(problem.lift)
+        if end > len(problem.lift):
+            return False
+        for t in range(items[i, 1] + 1, end):
+            if problem.path_starts[t]:
+                return False
+    return True
 
 
 @inlined

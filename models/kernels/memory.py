@@ -44,7 +44,7 @@ class Memory(NamedTuple):
     placements: Array  # (S, 3) x, y (m), yaw (rad)
     sizes: Array  # (S,) log size of the person, on top of the body scale
     bodies: Array  # (S,) how large the person is
-    pelvis: Array  # (S, 4) bearing and log depth in the first frame, and in the last
+    pelvis: Array  # (S, 6) bearing and log depth in the first frame, and in the last two
     placed: Array  # (S,) log density of placement and size given the pelvis, nats
     pairs: Array  # (S, S) metres that objects of two scenelets are in each other
     counts: Ints  # (S,) boxes of each
@@ -92,7 +92,7 @@ class Memory(NamedTuple):
     logs: Array  # (4, T) see weigh
     bench: Singles  # (BENCH,)
     desk: Array  # (DESK,)
-    predicted: Array  # (T, 6)
+    drawn: Array  # (T, 2)
 
 
 _CACHE_LINE = 64
@@ -137,7 +137,7 @@ def new_memory(problem: Problem, capacity: int) -> Memory:
         placements=zeros(n_slots, 3),
         sizes=zeros(n_slots),
         bodies=zeros(n_slots),
-        pelvis=zeros(n_slots, 4),
+        pelvis=zeros(n_slots, 6),
         placed=zeros(n_slots),
         pairs=zeros(n_slots, n_slots),
         counts=ints(n_slots),
@@ -182,5 +182,5 @@ def new_memory(problem: Problem, capacity: int) -> Memory:
         logs=zeros(4, n_frames),
         bench=singles(BENCH),
         desk=zeros(DESK),
-        predicted=zeros(n_frames, 6),
+        drawn=zeros(n_frames, 2),
     )

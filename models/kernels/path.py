@@ -35,55 +35,54 @@ def _segment(
 ) -> float:
     """Evidence and draw of frames ``first`` to ``last - 1`` between two slots, -1 for none.
 
-    The chain of :mod:`imapper_prob.models.chain` from the last pelvis of ``left`` up to and
-    with the first pelvis of ``right``. The path drawn is left in the last two columns of
-    ``memory.predicted``. Returns nats.
+    The chain of :mod:`imapper_prob.models.chain` from the last two frames of ``left`` up to and
+    with the first of ``right``. The path drawn is left in ``memory.drawn``. Returns nats.
     """
-    predicted, pelvis = memory.predicted, memory.pelvis
+    drawn, pelvis, starts = memory.drawn, memory.pelvis, problem.path_starts
     centres, scales = problem.path_centre, problem.path_scale
+    means, draws = problem.path_mean, problem.path_draw
     # The same pixels under another focal length and body size.
     shrunk, offset = math.exp(-camera[2]), camera[2] + camera[3]
-    keep, depth_keep = problem.path_memory[0], problem.path_memory[1]
-    new, depth_new = 1.0 - keep * keep, 1.0 - depth_keep * depth_keep
+    bearing, bearing_before, depth, depth_before = 0.0, 0.0, 0.0, 0.0
+    # From here on nothing is known of what was before.
+    cut = first
     if left >= 0:
         t = first - 1
-        bearing = keep * (pelvis[left, 2] - shrunk * centres[t, 0]) / (shrunk * scales[t, 0])
-        depth = depth_keep * (pelvis[left, 3] - offset - centres[t, 1]) / scales[t, 1]
-        doubt, depth_doubt = new, depth_new
-    else:
-        bearing, depth, doubt, depth_doubt = 0.0, 0.0, 1.0, 1.0
-    for t in range(first, last):
-        predicted[t, 0], predicted[t, 1], predicted[t, 2], predicted[t, 3] = (
-            bearing, doubt, depth, depth_doubt,
-        )  # fmt: skip
-        bearing *= keep
-        depth *= depth_keep
-        doubt = keep * keep * doubt + new
-        depth_doubt = depth_keep * depth_keep * depth_doubt + depth_new
-    evidence, ahead, depth_ahead = 0.0, 0.0, 0.0
+        bearing_before = (pelvis[left, 2] / shrunk - centres[t - 1, 0]) / scales[t - 1, 0]
+        depth_before = (pelvis[left, 3] - offset - centres[t - 1, 1]) / scales[t - 1, 1]
+        bearing = (pelvis[left, 4] / shrunk - centres[t, 0]) / scales[t, 0]
+        depth = (pelvis[left, 5] - offset - centres[t, 1]) / scales[t, 1]
+        while cut < len(starts) and cut <= last and not starts[cut]:
+            cut += 1
+    # Deviations of the next two frames from what came before them, and how many there are.
+    near, far, depth_near, depth_far = 0.0, 0.0, 0.0, 0.0
+    evidence, ahead = 0.0, 0
     if right >= 0:
+        row = last - first + 1 if last < cut else 0
         width, depth_width = shrunk * scales[last, 0], scales[last, 1]
-        ahead = (pelvis[right, 0] - shrunk * centres[last, 0]) / width
-        depth_ahead = (pelvis[right, 1] - offset - centres[last, 1]) / depth_width
-        error, depth_error = ahead - bearing, depth_ahead - depth
-        evidence -= _LOG_2PI + 0.5 * math.log(doubt * depth_doubt) + math.log(width * depth_width)
-        evidence -= 0.5 * (error * error / doubt + depth_error * depth_error / depth_doubt)
+        near = (pelvis[right, 0] - shrunk * centres[last, 0]) / width
+        near -= means[0, row, 0] * bearing + means[0, row, 1] * bearing_before
+        depth_near = (pelvis[right, 1] - offset - centres[last, 1]) / depth_width
+        depth_near -= means[1, row, 0] * depth + means[1, row, 1] * depth_before
+        doubt, depth_doubt = draws[0, row, 0, 2], draws[1, row, 0, 2]
+        evidence -= _LOG_2PI + math.log(doubt * width * depth_doubt * depth_width)
+        evidence -= 0.5 * ((near / doubt) ** 2 + (depth_near / depth_doubt) ** 2)
+        ahead = 1
     for t in range(last - 1, first - 1, -1):
-        bearing, doubt, depth, depth_doubt = (
-            predicted[t, 0], predicted[t, 1], predicted[t, 2], predicted[t, 3],
-        )  # fmt: skip
-        if t + 1 < len(latent):
-            gain = keep * doubt / (keep * keep * doubt + new)
-            depth_gain = depth_keep * depth_doubt
-            depth_gain /= depth_keep * depth_keep * depth_doubt + depth_new
-            bearing += gain * (ahead - keep * bearing)
-            depth += depth_gain * (depth_ahead - depth_keep * depth)
-            doubt *= 1.0 - keep * gain
-            depth_doubt *= 1.0 - depth_keep * depth_gain
-        ahead = bearing + math.sqrt(doubt) * latent[t, 0]
-        depth_ahead = depth + math.sqrt(depth_doubt) * latent[t, 1]
-        predicted[t, 4] = shrunk * (centres[t, 0] + scales[t, 0] * ahead)
-        predicted[t, 5] = offset + centres[t, 1] + scales[t, 1] * depth_ahead
+        if t + 1 == len(starts) or starts[t + 1]:
+            ahead = 0
+        row = t - first + 1 if t < cut else 0
+        error = draws[0, row, ahead, 0] * near + draws[0, row, ahead, 1] * far
+        error += draws[0, row, ahead, 2] * latent[t, 0]
+        near, far = error, near
+        error += means[0, row, 0] * bearing + means[0, row, 1] * bearing_before
+        drawn[t, 0] = shrunk * (centres[t, 0] + scales[t, 0] * error)
+        error = draws[1, row, ahead, 0] * depth_near + draws[1, row, ahead, 1] * depth_far
+        error += draws[1, row, ahead, 2] * latent[t, 1]
+        depth_near, depth_far = error, depth_near
+        error += means[1, row, 0] * depth + means[1, row, 1] * depth_before
+        drawn[t, 1] = offset + centres[t, 1] + scales[t, 1] * error
+        ahead = min(ahead + 1, 2)
     return evidence
 
 
@@ -102,7 +101,7 @@ def find_path(
     n_frames = len(problem.lift)
     before, after, cover, role = memory.slots[0], memory.slots[1], memory.cover, memory.role
     pose_at, moved, rows = memory.pose_at, memory.moved, memory.pose_row
-    path, drawn = memory.path, memory.predicted
+    path, drawn = memory.path, memory.drawn
     for t in range(n_frames):
         moved[t] = 0
         rows[t] = t + n_frames * np.int64(pose_at[t])
@@ -128,7 +127,7 @@ def find_path(
             )
             for t in range(first, last):
                 now = rows[t]
-                x, y = drawn[t, 4], drawn[t, 5]
+                x, y = drawn[t, 0], drawn[t, 1]
                 if (
                     anew
                     or cover[0, t] >= 0

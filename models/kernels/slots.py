@@ -29,7 +29,8 @@ def fill_slot(problem: Problem, memory: Memory, camera: Array, slot: int) -> Non
     memory.bodies[slot] = math.exp(camera[3] + memory.sizes[slot])
     scenelet = memory.items[slot, 0]
     first, last = problem.joint_first[scenelet], problem.joint_first[scenelet + 1] - 1
-    depth = _pelvis(problem, memory, camera, slot, last, 2)
+    _pelvis(problem, memory, camera, slot, last - 1, 2)
+    _pelvis(problem, memory, camera, slot, last, 4)
     depth = _pelvis(problem, memory, camera, slot, first, 0)
     # From (bearing, log depth) of the first pelvis to (x, y), and a uniform yaw.
     cosine = math.cos(camera[0]) * math.cos(camera[4])

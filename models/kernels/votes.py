@@ -137,13 +137,16 @@ def sum_votes(problem: Problem, memory: Memory) -> float:
     densities that are rescaled now and then in place of probabilities.
     """
     begins, ends = problem.swap_begins, problem.swap_ends
-    turned = begins / (begins + ends)
-    stays = 1.0 - turned
+    usual = begins / (begins + ends)
+    stays, turned = 1.0 - usual, usual
     total, free, inside = 0.0, 0.0, 0.0
     rows, votes, depths = memory.sum_row, memory.votes, memory.inside
     cover, free_cost = memory.cover, problem.free_cost
     for t in range(len(rows)):
         row = rows[t]
+        if problem.path_starts[t]:
+            both = stays + turned
+            stays, turned = (1.0 - usual) * both, usual * both
         total += votes[row, 0]
         stays *= votes[row, 1]
         turned *= votes[row, 2]

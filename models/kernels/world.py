@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from imapper_prob.models.chain import chain
+from imapper_prob.models.chain import chain, find_known
 from imapper_prob.models.jit import compiled
 from imapper_prob.models.kernels.support import in_support, log_size_density
 from imapper_prob.models.limits import NEAREST
@@ -83,6 +83,8 @@ def _place_scenelets(
 ) -> bool:
     """Joints of covered frames in the world. False where scenelets overlap or stick out.
 
+    Nor may one go on where the film of somebody else begins.
+
     Each scenelet's person is scaled about its own origin on the floor.
     """
     n_frames = len(item_of)
@@ -96,7 +98,7 @@ def _place_scenelets(
         body = math.exp(camera[3] + sizes[i])
         c, s = body * math.cos(placements[i, 2]), body * math.sin(placements[i, 2])
         for t in range(n):
-            if item_of[start + t] >= 0:
+            if item_of[start + t] >= 0 or (t > 0 and problem.path_starts[start + t]):
                 return False
             item_of[start + t] = i
             for j in range(16):
@@ -128,15 +130,16 @@ def _path(
             if t == 0 or item_of[t] != item_of[t - 1]:
                 # From (bearing, log depth) of the first pelvis to (x, y), and a uniform yaw.
                 placement += math.log(cr * cp / (depth * depth)) - math.log(2 * math.pi)
-    evidence, predicted = 0.0, np.empty((n_frames, 2))
+    evidence, known = 0.0, np.empty(n_frames, dtype=np.int64)
+    find_known(item_of, problem.path_starts, known)
     for axis in range(2):
         # The same pixels under another focal length and body size.
         unit = 1.0 / focal if axis == 0 else 1.0
         offset = 0.0 if axis == 0 else camera[2] + camera[3]
         evidence += chain(
-            values[axis], item_of, unit * problem.path_centre[:, axis] + offset,
-            unit * problem.path_scale[:, axis], latent[:, axis], problem.path_memory[axis],
-            predicted,
+            values[axis], item_of, known, problem.path_starts,
+            unit * problem.path_centre[:, axis] + offset, unit * problem.path_scale[:, axis],
+            latent[:, axis], problem.path_mean[axis], problem.path_draw[axis],
         )  # fmt: skip
     for t in range(n_frames):
         if item_of[t] < 0:

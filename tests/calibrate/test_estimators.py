@@ -6,11 +6,13 @@ import hypothesis.strategies as st
 import numpy as np
 import pytest
 from hypothesis import given
+from scipy.signal import lfilter
 from scipy.stats import multivariate_t
 from scipy.stats import t as student
 
 from imapper_prob.calibrate.estimators import (
     between_groups,
+    change_time,
     correlation_length,
     jackknife_error,
     predictive_spread,
@@ -19,6 +21,7 @@ from imapper_prob.calibrate.estimators import (
     student_t_fit,
     student_t_score,
 )
+from imapper_prob.models.path_error import remembered
 
 
 def draw_t(rng: np.random.Generator, n: int, d: int, scale: float, dof: float) -> np.ndarray:
@@ -98,6 +101,25 @@ def test_correlation_length_of_a_forgetful_process(memory: float) -> None:
     expected = (1 + memory) / (1 - memory)
     found = correlation_length([x[: n_frames // 2], 3.0 + x[n_frames // 2 :]])
     assert found == pytest.approx(expected, rel=5 * np.sqrt(2 * 201 / (0.9 * x.size)))
+
+
+@pytest.mark.parametrize("ease", [0.0, 0.1, 0.5])
+def test_the_time_of_a_change_of_course_is_found(ease: float) -> None:
+    """Of chains known in every second frame, ten times over."""
+    rng = np.random.default_rng(8)
+    r, s = remembered(np.array([1.0]), np.array([ease]), 10.0)[0]
+    estimates = []
+    for _ in range(10):
+        shocks = rng.standard_normal((700, 4))
+        chains = lfilter([1.0], [1.0, -r - s, r * s], shocks, axis=0)[100::2]
+        spread = np.sqrt((1 + r * s) / ((1 - r * r) * (1 - s * s) * (1 - r * s)))
+        series = list((3.0 / spread * chains).T)
+        estimates.append(change_time(series, spread=3.0, seconds=1.0, fps=10.0, gap=2))
+    error = np.std(estimates, ddof=1) / np.sqrt(10)
+    # At either end estimates can err to one side only, by about as much as they spread.
+    allowed = 5 * error + (0.0 if ease == 0.1 else np.std(estimates, ddof=1)) + 1e-3
+    assert np.mean(estimates) == pytest.approx(ease, abs=allowed)
+    assert np.std(estimates) < 0.1
 
 
 def test_root_mean_square_is_about_zero() -> None:

@@ -106,6 +106,14 @@ def test_bad_input_is_one_line_exit_2_and_no_output(
     assert not out.exists()
 
 
+def test_what_may_be_said_of_a_clip_is_what_run_understands(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    said = command(folder.parent, tmp_path / "out")
+    assert main([*said, "--focal", "900", "--focal-spread", ".1"]) == 2
+    assert "has its own focal" in capsys.readouterr().err
+
+
 def test_foreign_files_are_left_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "thesis.tex").write_text("years of work")
     assert main(["solve", "clip.npz", "-o", str(tmp_path), "--overwrite"]) == 2

@@ -87,12 +87,15 @@ def test_an_assumed_focal_length_is_told(tmp_path: Path, caplog: pytest.LogCaptu
         clip = read_whatever(folder, ClipOptions(size=SIZE))
     assert not clip.focal_known
     assert clip.camera.fx == 1280
-    assert "focal length assumed" in caplog.text
+    assert clip.focal_spread == 0.2
+    assert "focal length assumed to be 1280 pixels, give or take 20 %" in caplog.text
     assert "frame rate assumed" in caplog.text
     caplog.clear()
     with caplog.at_level(logging.WARNING):
         assert read_whatever(folder, ClipOptions(size=SIZE, focal=1000, fps=25)).focal_known
     assert not caplog.text
+    told = ClipOptions(size=SIZE, focal=1000, focal_spread=0.08, fps=25)
+    assert read_whatever(folder, told).focal_spread == 0.08
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from imapper_prob.inputs.clip_file import read_clip, write_clip
+from imapper_prob.inputs.clip_file import clip_of, pack_clip, read_clip, write_clip
 from imapper_prob.inputs.i3db import read_i3db, read_i3db_truth
 from imapper_prob.models.camera import Camera
 from imapper_prob.models.errors import InputError
@@ -91,7 +91,7 @@ def clips(draw: st.DrawFn) -> Clip:
         fps=draw(positive),
         frame_ids=np.arange(n_frames) + draw(st.integers(-5, 10**9)),
         tracks=tuple(track(n) for n in draw(st.lists(word, min_size=1, max_size=3))),
-        focal_known=draw(st.booleans()),
+        focal_spread=draw(st.floats(0.001, 0.9)),
         truth=truth,
     )
 
@@ -101,6 +101,16 @@ def test_round_trip(clip: Clip, tmp_path_factory: pytest.TempPathFactory) -> Non
     path = tmp_path_factory.getbasetemp() / "round_trip.npz"
     write_clip(path, clip)
     assert same(read_clip(path), clip)
+
+
+@pytest.mark.parametrize(("known", "spread"), [(True, 0.005), (False, 0.05)])
+def test_older_files_say_only_whether_the_focal_length_is_known(
+    tmp_path: Path, known: bool, spread: float
+) -> None:
+    arrays = pack_clip(benchmark_clip(tmp_path))
+    del arrays["focal_spread"]
+    older = clip_of({**arrays, "focal_known": np.array(known)}, tmp_path / "older.npz")
+    assert older.focal_spread == spread
 
 
 def benchmark_clip(folder: Path) -> Clip:

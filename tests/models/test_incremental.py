@@ -36,6 +36,13 @@ def small_world() -> Problem:
 
 
 @cache
+def world_of_three() -> Problem:
+    """The frames of three people, one after the other."""
+    starts = np.isin(np.arange(60), (0, 25, 41))
+    return worlds.problem(60, starts=starts)._replace(free_cost=np.linspace(0.0, 3.0, 60))
+
+
+@cache
 def demo_world() -> Problem:
     """The demo clip and the built-in library."""
     clip = demo_clip()
@@ -133,6 +140,12 @@ def wander(problem: Problem, seed: int, steps: int) -> int:
 @given(seed=st.integers(0, 10**6))
 def test_equal_to_the_full_evaluation_in_a_small_world(seed: int) -> None:
     assert wander(small_world(), seed, 300) > 2
+
+
+@settings(max_examples=5, deadline=None)
+@given(seed=st.integers(0, 10**6))
+def test_equal_to_the_full_evaluation_with_people_in_a_row(seed: int) -> None:
+    assert wander(world_of_three(), seed, 300) > 2
 
 
 @pytest.mark.parametrize("seed", [0, 1])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.integrate import dblquad
@@ -116,3 +118,15 @@ def test_states_do_not_share_memory_and_keep_order() -> None:
 def test_a_clip_shorter_than_every_scenelet_is_refused() -> None:
     with pytest.raises(InputError, match="shortest scenelet"):
         worlds.problem(4)
+
+
+def test_a_scenelet_of_one_frame_is_refused() -> None:
+    """The path goes on from its last two."""
+    quick = worlds.Library("quick", (replace(worlds.library(2)[0], fps=100.0),))
+    with pytest.raises(InputError, match="stand-0 of library quick is a single frame"):
+        worlds.problem(20, scenelets=quick)
+
+
+def test_errors_cannot_take_longer_to_change_than_to_be_forgotten() -> None:
+    with pytest.raises(InputError, match=r"ease_depth = 0\.6 must be from 0 to half"):
+        ModelSettings(memory_depth=1.0, ease_depth=0.6)

@@ -13,6 +13,7 @@ from scipy.stats import chisquare, kstest, norm
 from imapper_prob.models import simulate_state
 from imapper_prob.models.energy.swaps import draw_swaps
 from imapper_prob.models.errors import InputError
+from imapper_prob.models.path_error import path_tables
 from imapper_prob.models.posterior import State, log_posterior, motion, terms
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.settings import ModelSettings
@@ -22,13 +23,34 @@ from imapper_prob.models.skeleton import PELV
 from tests.models import worlds
 
 N_FRAMES = 20
+RATES = np.array([[0.9, 0.9], [0.95, 0.3]])
+"""Of the errors of bearing and log depth."""
 
 
 @cache
-def bare_prior() -> Problem:
-    """The prior of which no scene is refused."""
+def bare_prior(starts: tuple[int, ...] = (0,)) -> Problem:
+    """The prior of which no scene is refused, its path smoother than somebody astray."""
     settings = ModelSettings(likelihood=0.0, scenelet_rate=0.3)
-    return worlds.problem(N_FRAMES, settings=settings, scenelets=worlds.mixed_library())
+    problem = worlds.problem(
+        N_FRAMES, settings=settings, scenelets=worlds.mixed_library(),
+        starts=np.isin(np.arange(N_FRAMES), starts),
+    )  # fmt: skip
+    mean, draw = path_tables(RATES, N_FRAMES)
+    return problem._replace(path_mean=mean, path_draw=draw)
+
+
+def onwards(axis: int, frames: int) -> tuple[np.ndarray, float]:
+    """Weights of the last two errors in one so many frames later, and what it deviates by.
+
+    By powers of the matrix that takes two neighbours one frame on.
+    """
+    r, s = RATES[axis]
+    step, power, variance = np.array([[r + s, -r * s], [1.0, 0.0]]), np.eye(2), 0.0
+    shocks = np.convolve(r ** np.arange(2000.0), s ** np.arange(2000.0))[:2000]
+    for _ in range(frames):
+        variance += power[0, 0] ** 2 / (shocks @ shocks)
+        power = power @ step
+    return power[0], float(np.sqrt(variance))
 
 
 @cache
@@ -82,6 +104,15 @@ def test_every_layout_comes_as_often_as_it_should() -> None:
     assert chisquare(found, weights / weights.sum() * found.sum()).pvalue > 1e-4
 
 
+def test_no_scenelet_goes_from_one_person_to_the_next() -> None:
+    problem, rng = bare_prior((0, 7, 13)), np.random.default_rng(4)
+    items = np.concatenate([draw_layout(rng, problem) for _ in range(200)])
+    ends = items[:, 1] + problem.lengths[items[:, 0]]
+    for start in (7, 13):
+        assert not ((items[:, 1] < start) & (ends > start)).any()
+        assert (items[:, 1] == start).any()
+
+
 def test_parts_of_the_prior_have_their_distributions() -> None:
     """By Kolmogorov and Smirnov; of sixteen tests one is below 10^-4 once in 600 times."""
     problem, draws = bare_prior(), bare_draws()
@@ -91,28 +122,28 @@ def test_parts_of_the_prior_have_their_distributions() -> None:
         "size": norm.cdf(np.array([s.sizes[-1] for s in some]) / problem.size_spread),
         "latent": norm.cdf(np.array([s.latent[7, 1] for s in draws])),
     }
-    spread = np.sqrt(np.diag(np.linalg.inv(problem.camera_precision)))
+    doubt = np.sqrt(np.diag(np.linalg.inv(problem.camera_precision)))
     for i in range(5):
         camera = np.array([s.camera[i] for s in draws])
-        parts[f"camera {i}"] = norm.cdf((camera - problem.camera_mean[i]) / spread[i])
+        parts[f"camera {i}"] = norm.cdf((camera - problem.camera_mean[i]) / doubt[i])
     # The pelvis as seen in the first frame and, from its own last place, in a later one.
     errors = np.array([errors_of(problem, s) for s in draws])
     for axis, name in enumerate(("bearing", "log depth")):
-        memory = problem.path_memory[axis]
+        weights, spread_of_a_step = onwards(axis, 1)
         parts[f"first {name}"] = norm.cdf(errors[:, 0, axis])
         free = [
-            errors[n, 12, axis] - memory**3 * errors[n, 9, axis]
+            errors[n, 12, axis] - weights @ errors[n, [11, 10], axis]
             for n, s in enumerate(draws)
-            if not (covered(problem, s)[9:13]).any()
+            if not (covered(problem, s)[10:13]).any()
         ]
-        parts[f"free steps of {name}"] = norm.cdf(free, 0, np.sqrt(1 - memory**6))
+        parts[f"free steps of {name}"] = norm.cdf(free, 0, spread_of_a_step)
         between = [
-            (errors[n, first, axis] - kept * errors[n, end - 1, axis]) / np.sqrt(1 - kept**2)
+            (errors[n, first, axis] - weights @ errors[n, [end - 1, end - 2], axis]) / spread
             for n, s in enumerate(draws)
             if s.n_scenelets > 1
             for end in [s.items[0, 1] + problem.lengths[s.items[0, 0]]]
             for first in [s.items[1, 1]]
-            for kept in [memory ** (first - end + 1)]
+            for weights, spread in [onwards(axis, first - end + 1)]
         ]
         parts[f"{name} from one to the next"] = norm.cdf(between)
     for name, values in parts.items():
@@ -144,18 +175,19 @@ def covered(problem: Problem, state: State) -> np.ndarray:
     return under
 
 
-def test_the_density_of_a_scene_is_that_of_its_steps() -> None:
+@pytest.mark.parametrize("starts", [(0,), (0, 11)])
+def test_the_density_of_a_scene_is_that_of_its_steps(starts: tuple[int, ...]) -> None:
     """Placement and path of drawn scenes, written out with the camera's own projection."""
-    problem = bare_prior()
-    for state in bare_draws()[:200]:
+    problem, rng = bare_prior(starts), np.random.default_rng(1)
+    for state in [draw_state(rng, problem) for _ in range(200)]:
         expected = float(norm.logpdf(state.sizes, scale=problem.size_spread).sum())
-        error, at = np.zeros(2), -np.inf
+        known, at = np.zeros((2, 2)), -1
         joints = motion(problem, state)[:, PELV]
         for scenelet, start in state.items.tolist():
             seen = as_seen(state, joints[start : start + int(problem.lengths[scenelet])])
             centre, scale = path_in_view(problem, state.camera, start)
-            kept = problem.path_memory ** (start - at)
-            mean, spread = centre + scale * kept * error, scale * np.sqrt(1 - kept**2)
+            mean, spread = said_of(known, at, start, starts)
+            mean, spread = centre + scale * mean, scale * spread
             expected += norm.logpdf(seen[0], mean, spread).sum() - np.log(2 * np.pi)
             steps = 1e-5 * np.eye(3)[:2]
             slopes = [
@@ -164,10 +196,25 @@ def test_the_density_of_a_scene_is_that_of_its_steps() -> None:
             ]
             expected += np.log(abs(np.linalg.det(np.array(slopes) / 2e-5)))
             at = start + len(seen) - 1
-            centre, scale = path_in_view(problem, state.camera, at)
-            error = (seen[-1] - centre) / scale
+            known = last_two(problem, state, at, seen)
         values = terms(problem, state)
         assert values["placement"] + values["path"] == pytest.approx(expected, abs=1e-6)
+
+
+def said_of(
+    known: np.ndarray, at: int, frame: int, starts: tuple[int, ...]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Mean and deviation (2,) of the errors in a frame, given those (2, 2) in ``at`` and before."""
+    if at < max(start for start in starts if start <= frame):
+        return np.zeros(2), np.ones(2)
+    weights, spread = zip(*(onwards(axis, frame - at) for axis in range(2)), strict=True)
+    return (known * np.array(weights).T).sum(0), np.array(spread)
+
+
+def last_two(problem: Problem, state: State, at: int, seen: np.ndarray) -> np.ndarray:
+    """(2, 2) errors of a scenelet's last pelvis, in frame ``at``, and of the one before it."""
+    path = [path_in_view(problem, state.camera, at - k) for k in range(2)]
+    return np.array([(seen[-1 - k] - path[k][0]) / path[k][1] for k in range(2)])
 
 
 class Still(np.random.Generator):
@@ -185,14 +232,13 @@ def test_without_noise_errors_fade_from_one_scenelet_to_the_next() -> None:
     for _ in range(100):
         state = draw_state(rng, problem)
         seen = as_seen(state, motion(problem, state)[:, PELV])
-        error, at = np.zeros(2), -np.inf
+        known, at = np.zeros((2, 2)), -1
         for scenelet, start in state.items.tolist():
             centre, scale = path_in_view(problem, state.camera, start)
-            expected = centre + scale * problem.path_memory ** (start - at) * error
+            expected = centre + scale * said_of(known, at, start, (0,))[0]
             np.testing.assert_allclose(seen[start], expected, atol=1e-9)
             at = start + int(problem.lengths[scenelet]) - 1
-            centre, scale = path_in_view(problem, state.camera, at)
-            error = (seen[at] - centre) / scale
+            known = last_two(problem, state, at, seen[: at + 1])
         followed += state.n_scenelets > 1
     assert followed > 10
 
@@ -245,7 +291,7 @@ def test_data_are_as_probable_under_the_truth_as_on_average_elsewhere() -> None:
     states = [s for s in draws if s.n_scenelets > 0][:8]
     ratios = []
     for state in states:
-        other = replace(state, placements=state.placements + np.array([0.03, 0.06, 0.08]))
+        other = replace(state, placements=state.placements + np.array([0.02, 0.04, 0.05]))
         for _ in range(60):
             problem = one.observed(rng, state).problem
             change = terms(problem, other)["detections"] - terms(problem, state)["detections"]

@@ -23,7 +23,7 @@ RUN = slice(6, 14)
 
 
 def enumerated(
-    by_frame: np.ndarray, weight: float, begins: float, ends: float
+    by_frame: np.ndarray, starts: np.ndarray, weight: float, begins: float, ends: float
 ) -> tuple[float, np.ndarray]:
     """Log-likelihood and P(swapped), by adding up all 2^T sequences."""
     n = len(by_frame)
@@ -31,7 +31,9 @@ def enumerated(
     step = ((1 - begins, begins), (ends, 1 - ends))
     total, turned = 0.0, np.zeros(n)
     for states in product((0, 1), repeat=n):
-        p = start[states[0]] * np.prod([step[a][b] for a, b in pairwise(states)])
+        p = start[states[0]]
+        for t, (a, b) in enumerate(pairwise(states), 1):
+            p *= start[b] if starts[t] else step[a][b]
         p *= np.exp(weight * sum(by_frame[t, s] for t, s in enumerate(states)))
         total += p
         turned += p * np.array(states)
@@ -40,23 +42,27 @@ def enumerated(
 
 @settings(max_examples=30)
 @given(
+    starts=arrays(bool, 7),
     by_frame=arrays(float, (7, 2), elements=st.floats(-8, 8)),
     weight=st.floats(0.05, 1),
     begins=st.floats(0.001, 0.5),
     ends=st.floats(0.01, 0.5),
 )
 def test_the_recursion_adds_up_all_sequences(
-    by_frame: np.ndarray, weight: float, begins: float, ends: float
+    starts: np.ndarray, by_frame: np.ndarray, weight: float, begins: float, ends: float
 ) -> None:
-    expected, turned = enumerated(by_frame, weight, begins, ends)
-    assert summed_over_swaps(by_frame, weight, begins, ends) == pytest.approx(expected)
-    found = swap_probabilities(by_frame, weight, begins, ends)
+    expected, turned = enumerated(by_frame, starts, weight, begins, ends)
+    starts[0] = True
+    found = summed_over_swaps(by_frame, starts, weight, begins, ends)
+    assert found == pytest.approx(expected)
+    found = swap_probabilities(by_frame, starts, weight, begins, ends)
     np.testing.assert_allclose(found, turned, atol=1e-9)
 
 
 def test_nothing_seen_says_nothing() -> None:
-    assert summed_over_swaps(np.zeros((50, 2)), 0.1, 0.002, 0.1) == pytest.approx(0.0)
-    found = swap_probabilities(np.zeros((50, 2)), 0.1, 0.002, 0.1)
+    starts = np.arange(50) == 0
+    assert summed_over_swaps(np.zeros((50, 2)), starts, 0.1, 0.002, 0.1) == pytest.approx(0.0)
+    found = swap_probabilities(np.zeros((50, 2)), starts, 0.1, 0.002, 0.1)
     np.testing.assert_allclose(found, 0.002 / 0.102)
 
 

@@ -13,7 +13,7 @@ import torch
 from hypothesis import example, given, settings
 
 from imapper_prob.models.batched.posterior import log_posterior_batch, terms_batch
-from imapper_prob.models.batched.scan import affine_scan, log_product
+from imapper_prob.models.batched.scan import log_product, second_order_scan
 from imapper_prob.models.batched.tensors import to_tensors
 from imapper_prob.models.compiled import TERMS, evaluate
 from imapper_prob.models.problem import Problem
@@ -115,11 +115,18 @@ def batched(
 @pytest.mark.parametrize("device", DEVICES)
 @pytest.mark.parametrize(("dtype", "near"), [(torch.float64, 1e-6), (torch.float32, 1e-4)])
 @settings(max_examples=40)
-@given(seed=st.integers(0, 10**6), wild=st.booleans(), library=st.sampled_from([True, False]))
+@given(
+    seed=st.integers(0, 10**6),
+    wild=st.booleans(),
+    library=st.sampled_from([True, False]),
+    people=st.sampled_from([(0,), (0, 6, 13)]),
+)
 def test_both_executors_agree(
-    device: str, dtype: torch.dtype, near: float, seed: int, wild: bool, library: bool
-) -> None:
+    device: str, dtype: torch.dtype, near: float, seed: int, wild: bool, library: bool,
+    people: tuple[int, ...],
+) -> None:  # fmt: skip
     whole = problem()
+    whole = whole._replace(path_starts=np.isin(np.arange(N_FRAMES), people))
     if not library:
         bare = np.zeros_like(whole.box_first)
         whole = whole._replace(box_first=bare)
@@ -218,7 +225,7 @@ def odd_cases() -> dict[str, tuple[Problem, Batch]]:
     blind = whole._replace(used=np.zeros_like(whole.used))
     per_frame = (
         "keypoints", "used", "confidence_density", "error_scale", "error_dof",
-        "path_centre", "path_scale", "lift", "poses", "free_cost",
+        "path_centre", "path_scale", "path_starts", "lift", "poses", "free_cost",
     )  # fmt: skip
     one = whole._replace(
         static_density=whole.static_density[:, :1].copy(),
@@ -264,13 +271,17 @@ def test_odd_states_have_finite_values_and_gradients(name: str, dtype: torch.dty
 @settings(max_examples=25)
 def test_scans_are_their_recursions(seed: int, n: int) -> None:
     rng = np.random.default_rng(seed)
-    slope, offset = rng.normal(size=(2, 2, n, 3))
-    slope[rng.random(slope.shape) < 0.2] = 0.0  # a frame that forgets what was before it
-    start, line = rng.random(3), np.empty((2, n, 3))
-    h = np.broadcast_to(start, (2, 3))
+    first, second, offset = rng.normal(size=(3, 2, n, 3))
+    first *= 0.5
+    second *= 0.3
+    first[rng.random(first.shape) < 0.2] = 0.0
+    second[first == 0.0] = 0.0  # a frame that forgets what was before it
+    line = np.zeros((2, n, 3))
+    before, h = np.zeros((2, 3)), np.zeros((2, 3))
     for t in range(n):
-        line[:, t] = h = slope[:, t] * h + offset[:, t]
-    found = affine_scan(*(torch.tensor(x) for x in (slope, offset, start)))
+        before, h = h, first[:, t] * h + second[:, t] * before + offset[:, t]
+        line[:, t] = h
+    found = second_order_scan(*(torch.tensor(x) for x in (first, second, offset)))
     np.testing.assert_allclose(found, line, rtol=1e-8, atol=1e-8)
 
     matrices = rng.uniform(0, 1, (2, n, 2, 2))

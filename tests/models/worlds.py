@@ -113,13 +113,15 @@ def problem(
     settings: ModelSettings | None = None,
     scenelets: Library | None = None,
     span: float = 1.6,
+    starts: np.ndarray | None = None,
 ) -> Problem:
     """A whole problem: somebody walks across the view, with the test library."""
     joints = walk(n_frames, span=span)
     clip = clip_of(joints, np.random.default_rng(seed))
     return pack_problem(
-        clip, path_of(joints), camera_prior(), scenelets or library(), settings=settings
-    )
+        clip, path_of(joints), camera_prior(), scenelets or library(), settings=settings,
+        starts=starts,
+    )  # fmt: skip
 
 
 def experiment(

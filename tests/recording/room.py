@@ -137,7 +137,7 @@ def make_room(n_frames: int, n_ghosts: int = 4) -> tuple[Clip, list[WeightedScen
         true,
         np.zeros((n_frames, 16), bool),
     )
-    clip = Clip("room", camera, 10.0, np.arange(100, 100 + n_frames), (track,), True, truth)
+    clip = Clip("room", camera, 10.0, np.arange(100, 100 + n_frames), (track,), 0.005, truth)
     return clip, scenes, truth
 
 
@@ -183,7 +183,7 @@ def make_chains(n: int, n_frames: int, scenes: list[WeightedScene]) -> list[Draw
     half = n // 2
     draws = make_draws(n, scenes)
     pelvis = np.nan_to_num(scenes[0].scene.joints[:, PELV])
-    paths = pelvis + rng.normal(0, 0.05, (n, n_frames, 3))
+    paths = (pelvis + rng.normal(0, 0.05, (n, n_frames, 3)))[:, None]
     return [
         DrawnChain(np.arange(half), draws[c * half : (c + 1) * half], paths[c * half :][:half])
         for c in range(2)

@@ -60,7 +60,7 @@ def test_the_axes_of_the_benchmark_by_hand() -> None:
 
 def test_boxes_of_a_glb_are_those_of_the_scene(tmp_path: Path) -> None:
     scene = couch_and_table()
-    write_glb(tmp_path / "scene.glb", scene, frame_ids=FRAME_IDS)
+    write_glb(tmp_path / "scene.glb", scene, clip_of_scene(scene))
     back = trimesh.load(tmp_path / "scene.glb")
     # glTF has y up: (x, y, z) of ours is (x, z, -y) of theirs.
     names = {
@@ -86,9 +86,8 @@ def test_boxes_of_a_glb_are_those_of_the_scene(tmp_path: Path) -> None:
 
 def test_a_glb_of_an_empty_room_and_an_unknown_motion(tmp_path: Path) -> None:
     scene = couch_and_table()
-    nothing = replace(scene, objects=(), joints=np.full((4, 16, 3), np.nan))
-    write_glb(tmp_path / "scene.glb", replace(nothing, objects=scene.objects[1:]),
-              frame_ids=np.arange(4))  # fmt: skip
+    nobody = replace(scene, objects=scene.objects[1:], joints=np.full_like(scene.joints, np.nan))
+    write_glb(tmp_path / "scene.glb", nobody, clip_of_scene(scene))
     assert set(trimesh.load(tmp_path / "scene.glb").geometry) == {"table 1 top", "table 1 left leg"}
 
 
@@ -127,7 +126,10 @@ def test_json_joints_land_on_the_pixels_of_their_draw() -> None:
     draws = evenly_spaced(run, 7)
     assert len(document["samples"]) == 7
     bodies = [(document, run.scene(1).scene)]
-    bodies += [(b, run.draw(n)) for b, n in zip(document["samples"], draws, strict=True)]
+    bodies += [
+        (b, replace(run.draw(n), objects=run.furniture[n]))
+        for b, n in zip(document["samples"], draws, strict=True)
+    ]
     focal = set()
     for body, scene in bodies:
         assert [int(k) for k in body["joints3d"]] == run.clip.frame_ids.tolist()

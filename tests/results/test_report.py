@@ -14,10 +14,10 @@ import pytest
 from PIL import Image
 
 from imapper_prob.cli import main
-from imapper_prob.models.scene import Clip
+from imapper_prob.models.scene import MEASURED_FOCAL, Clip
 from imapper_prob.output import write_run
 from imapper_prob.results.report.page import table
-from imapper_prob.results.report.words import answer, listed, runner_up, warnings_of
+from imapper_prob.results.report.words import answer, listed, runner_up, sides, warnings_of
 from imapper_prob.results.report.write import report
 from imapper_prob.samplers.verdict import Verdict
 from tests.results.test_scenes import item
@@ -121,9 +121,19 @@ def test_rooms_in_words() -> None:
     assert "unlike the first: no table" in runner_up([chair, other])
 
 
+def test_frames_with_sides_exchanged_are_named_in_runs() -> None:
+    ids = np.arange(28, 40)
+    swapped = np.where((ids >= 31) & (ids <= 35), 0.9, 0.5)
+    assert sides(swapped, ids).endswith("left for right in frames 31-35.")
+    swapped[[0, -1]] = 0.6
+    assert sides(swapped, ids).endswith("in frames 28, 31-35, 39.")
+    assert sides(np.where(ids == 30, 1.0, 0.0), ids).endswith("in frame 30.")
+    assert "in no frame" in sides(np.zeros(12), ids)
+
+
 def surely(clip: Clip) -> Clip:
     """The clip as if nothing were wrong with it."""
-    return replace(clip, focal_known=True)
+    return replace(clip, focal_spread=MEASURED_FOCAL)
 
 
 def test_it_warns_where_it_should_and_nowhere_else() -> None:
@@ -137,7 +147,8 @@ def test_it_warns_where_it_should_and_nowhere_else() -> None:
         (warning,) = warnings_of(clip, samples, [scene])
         return warning
 
-    assert "focal length was assumed" in said(clip=replace(clip, focal_known=False))
+    focal = f"The focal length was assumed ({clip.camera.fx:.0f} px ± 20 %)"
+    assert focal in said(clip=replace(clip, focal_spread=0.2))
     assert "Weak evidence" in said(scene=replace(best, probability=0.3))
     assert "± 0.25" in said(scene=replace(best, error=0.25))
     assert "interrupted" in said(samples=replace(samples, finished=False))

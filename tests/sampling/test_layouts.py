@@ -7,7 +7,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from imapper_prob.models.posterior import empty_state
-from imapper_prob.sampling.layouts import group_layouts, match_objects, merged_objects
+from imapper_prob.sampling.layouts import (
+    group_layouts,
+    match_objects,
+    merged_objects,
+    through_one_lens,
+)
 from tests.models import worlds
 from tests.models.worlds import couch
 
@@ -31,6 +36,17 @@ def test_matching_needs_labels_and_nearness() -> None:
     assert match_objects(first, [couch(0.6, 3), couch(2, 3, label="chair")], radius=0.5) is None
     assert match_objects(first, first[:1], radius=0.5) is None
     assert match_objects([], [], radius=0.5) == []
+
+
+def test_a_room_seen_through_a_longer_lens_is_the_same_room() -> None:
+    """Twice as deep with twice the focal length: one layout, and two without knowing that."""
+    near, far = [couch(0.5, 3.0)], [couch(0.5, 6.0)]
+    first, second = through_one_lens([near, far], [0.0, float(np.log(2.0))])
+    np.testing.assert_allclose(first[0].centre, near[0].centre)
+    np.testing.assert_allclose(second[0].centre[:2], [0.5, far[0].centre[1] / 2])
+    assert second[0].placement.yaw == far[0].placement.yaw
+    assert len(group_layouts([near, far], np.zeros(2), radius=0.8).leaders) == 2
+    assert len(group_layouts([first, second], np.zeros(2), radius=0.8).leaders) == 1
 
 
 @settings(max_examples=30, deadline=None)

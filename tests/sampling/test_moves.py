@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import islice
 
 import numpy as np
@@ -14,17 +15,18 @@ from scipy.integrate import quad
 from scipy.stats import norm
 
 from imapper_prob.config import SampleSettings
-from imapper_prob.models.posterior import State, empty_state, log_posterior
+from imapper_prob.models.camera import Camera
+from imapper_prob.models.posterior import State, empty_state, log_posterior, motion
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.settings import ModelSettings
 from imapper_prob.samplers.kernel import Mixture
 from imapper_prob.samplers.reversible_jump import sample
 from imapper_prob.sampling.chain import Setup, scene_moves
-from imapper_prob.sampling.moves import Birth, Death, PlacementWalk, Swap
+from imapper_prob.sampling.moves import Birth, Death, FocalScale, PlacementWalk, Swap
 from imapper_prob.sampling.proposals import Candidates, Proposals, log_wrapped_normal
 from imapper_prob.sampling.refurnish import Refurnish
 from imapper_prob.sampling.replace import Replace
-from imapper_prob.staged.candidates import furniture_kinds
+from imapper_prob.staged.kinds import furniture_kinds
 from tests.models import worlds
 
 N_FRAMES = 20
@@ -246,6 +248,36 @@ def test_prior_of_starts_yaw_camera_and_position_comes_back(prior_draws: list[St
     assert abs((size**2).mean() - 1) < 4.5 * chain_error(size**2)
     latent = np.array([s.latent[3, 1] for s in prior_draws])
     assert abs((latent**2).mean() - 1) < 4.5 * chain_error(latent**2)
+
+
+def test_a_longer_lens_from_further_away_sees_the_same() -> None:
+    """Much more nearly than if only the focal length or only the depths had changed."""
+    problem = worlds.problem(N_FRAMES, seed=4)
+    state = empty_state(problem).with_item(1, 5, np.array([0.3, 4.0, 0.5]))
+    rng = np.random.default_rng(2)
+    for _ in range(20):
+        proposal = FocalScale(0.2).propose(rng, state)
+        after = proposal.state
+        step = after.camera[2] - state.camera[2]
+        assert proposal.log_ratio == pytest.approx(0.0)  # of pitch and one depth
+        both = np.abs(_pixels(problem, after) - _pixels(problem, state)).max()
+        lens = replace(state, camera=after.camera)
+        assert both < 0.4 * np.abs(_pixels(problem, lens) - _pixels(problem, state)).max()
+        assert after.placements[0, 1] == pytest.approx(4.0 * np.exp(step))
+
+
+def _pixels(problem: Problem, state: State) -> np.ndarray:
+    """Where the joints of the scenelet's frames are seen."""
+    pitch, elevation, focal, _, roll = state.camera.tolist()
+    camera = Camera(
+        1920, 1080, problem.fx, problem.fy, problem.cx, problem.cy,
+        pitch=pitch, roll=roll, elevation=elevation,
+    )  # fmt: skip
+    seen = camera.posed(
+        pitch=pitch, roll=roll, elevation=elevation, focal_scale=float(np.exp(focal))
+    )
+    start, n = int(state.items[0, 1]), int(problem.lengths[state.items[0, 0]])
+    return seen.project(motion(problem, state)[start : start + n])
 
 
 def test_refurnishing_changes_all_that_share_a_couch_and_nothing_else() -> None:

@@ -6,7 +6,7 @@ import numpy as np
 
 from imapper_prob.models.camera import Camera
 from imapper_prob.models.scene import Clip, Placement, Truth
-from imapper_prob.models.scenelet import Scenelet
+from imapper_prob.models.scenelet import Library, Scenelet
 from imapper_prob.models.simulate import NOMINAL_CAMERA
 from imapper_prob.models.simulate_room import hidden_joints
 from imapper_prob.models.simulate_track import simulate_track
@@ -21,6 +21,13 @@ def at_one_table(seed: int = 0, *, depth: float = 3.6, name: str = "sit-table-01
 
     Both do what one scenelet of the built-in library shows; its table is theirs.
     """
+    return couple_at_one_table(seed, depth=depth, name=name)[0]
+
+
+def couple_at_one_table(
+    seed: int = 0, *, depth: float = 3.6, name: str = "sit-table-016"
+) -> tuple[Clip, np.ndarray]:
+    """:func:`at_one_table` and how both really moved, (2, T, 16, 3) in the world, metres."""
     rng = np.random.default_rng(seed)
     scenelet = next(s for s in load_library() if s.name == name)
     table = next(o for o in scenelet.objects if o.label == "table")
@@ -40,7 +47,15 @@ def at_one_table(seed: int = 0, *, depth: float = 3.6, name: str = "sit-table-01
     ]
     truth = Truth(CAMERA, tuple(objects), motions[0], hidden[0])
     frames = np.arange(N_FRAMES)
-    return Clip("couple", CAMERA, scenelet.fps, frames, tuple(tracks), truth=truth)
+    clip = Clip("couple", CAMERA, scenelet.fps, frames, tuple(tracks), truth=truth)
+    return clip, np.array(motions)
+
+
+def chairs_and_tables(every: int, *, name: str = "sit-table-016") -> Library:
+    """What people do on chairs and without, one in ``every`` of it: who has which table?"""
+    able = [s for s in load_library() if s.labels in ((), ("chair",), ("chair", "table"))]
+    kept = [s for k, s in enumerate(able) if k % every == 0 or s.name == name]
+    return Library("chairs and tables", tuple(kept))
 
 
 def _performed(scenelet: Scenelet, place: Placement) -> np.ndarray:

@@ -8,7 +8,7 @@ import pytest
 
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.path import CameraPrior, StaticPath
-from imapper_prob.models.scene import Clip, Track
+from imapper_prob.models.scene import MEASURED_FOCAL, Clip, Track
 from imapper_prob.models.skeleton import LANK, RANK
 from imapper_prob.staged.calibration import CameraSettings, estimate_camera
 from imapper_prob.staged.static_path import estimate_static_path
@@ -17,6 +17,8 @@ from tests.staged.walkers import CAMERA
 CORPUS = Path(__file__).parents[3] / "shared" / "i3db"
 N_FRAMES = 240
 CONSTANTS = CameraSettings()
+FOCAL_SPREAD = 0.05
+"""What a clip's focal length is given where nothing else is said."""
 
 
 def feet(
@@ -79,7 +81,7 @@ def test_is_calibrated_over_cameras_drawn_from_the_prior() -> None:
             [
                 CAMERA.pitch + constants.pitch * rng.standard_normal(),
                 CAMERA.elevation * np.exp(constants.log_elevation * rng.standard_normal()),
-                constants.log_focal * rng.standard_normal(),
+                FOCAL_SPREAD * rng.standard_normal(),
                 constants.log_body * rng.standard_normal(),
                 CAMERA.roll + constants.roll * rng.standard_normal(),
             ]
@@ -100,11 +102,11 @@ def test_is_calibrated_over_cameras_drawn_from_the_prior() -> None:
 def test_height_is_calibrated_where_only_the_feet_spread() -> None:
     """With all else held, z of 300 worlds has a root mean square known to 1 / sqrt(600)."""
     rng = np.random.default_rng(10)
-    held = CameraSettings(pitch=1e-5, log_focal=1e-5, log_body=1e-5, ankle_offset=1e-5)
+    held = CameraSettings(pitch=1e-5, log_body=1e-5, ankle_offset=1e-5)
     z = []
     for _ in range(300):
         clip, path = feet(rng, pitch=CAMERA.pitch, elevation=1.3)
-        prior = estimate_camera(clip, path, settings=held)
+        prior = estimate_camera(replace(clip, focal_spread=1e-5), path, settings=held)
         z.append((1.3 - prior.mean[1]) / prior.standard_deviations[1])
     assert abs(np.sqrt(np.mean(np.square(z))) - 1) < 3 / np.sqrt(600)
 
@@ -133,14 +135,14 @@ def test_without_feet_the_prior_comes_back() -> None:
     np.testing.assert_allclose(prior.mean, [CAMERA.pitch, CAMERA.elevation, 0, 0, 0], atol=1e-12)
     expected = [
         CONSTANTS.pitch, CONSTANTS.log_elevation * CAMERA.elevation,
-        CONSTANTS.log_focal, CONSTANTS.log_body, CONSTANTS.roll,
+        clip.focal_spread, CONSTANTS.log_body, CONSTANTS.roll,
     ]  # fmt: skip
     np.testing.assert_allclose(prior.standard_deviations, expected)
 
 
 def test_a_measured_focal_length_is_kept() -> None:
     clip, path = feet(np.random.default_rng(4), pitch=-0.1, elevation=1.3)
-    known = estimate_camera(replace(clip, focal_known=True), path)
+    known = estimate_camera(replace(clip, focal_spread=MEASURED_FOCAL), path)
     assert known.standard_deviations[2] <= 0.005
     assert estimate_camera(clip, path).standard_deviations[2] > 0.04
 
@@ -149,6 +151,30 @@ def test_a_measured_focal_length_is_kept() -> None:
 def test_elevation_is_positive(elevation: float) -> None:
     clip, path = feet(np.random.default_rng(5), pitch=np.deg2rad(5.0), elevation=elevation)
     assert estimate_camera(clip, path).mean[1] > 0
+
+
+def test_an_assumed_focal_length_is_as_doubtful_as_the_clip_says() -> None:
+    clip, path = feet(np.random.default_rng(4), pitch=-0.1, elevation=1.3)
+    wide = estimate_camera(replace(clip, focal_spread=0.2), path)
+    assert wide.standard_deviations[2] == pytest.approx(0.2, rel=0.1)
+    near = estimate_camera(clip, path)
+    assert wide.standard_deviations[1] >= near.standard_deviations[1]
+
+
+def test_a_hidden_foot_that_was_made_up_does_not_lower_the_floor() -> None:
+    clip, path = feet(np.random.default_rng(8), pitch=CAMERA.pitch, elevation=1.4, spread=0.02)
+    right = estimate_camera(clip, path)
+    poses = path.poses.copy()
+    poses[:, LANK] = poses[:, RANK] - 0.4 * CAMERA.rotation[2]
+    confidences = clip.tracks[0].confidences.copy()
+    confidences[:, LANK] = 0.5
+    hidden = replace(clip, tracks=(replace(clip.tracks[0], confidences=confidences),))
+    made_up = replace(path, poses=poses)
+    assert estimate_camera(hidden, made_up).mean[1] == pytest.approx(right.mean[1])
+    # Where neither is seen the lower guess is all there is.
+    confidences[:, RANK] = 0.5
+    neither = replace(clip, tracks=(replace(clip.tracks[0], confidences=confidences),))
+    assert estimate_camera(neither, made_up).mean[1] > right.mean[1] + 0.2
 
 
 def test_frames_on_chairs_and_wrong_feet_do_not_lift_the_floor() -> None:

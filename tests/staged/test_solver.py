@@ -13,11 +13,12 @@ from imapper_prob.models.posterior import empty_state, log_posterior, motion
 from imapper_prob.models.problem import Problem, pack_problem
 from imapper_prob.models.scenelet import Library
 from imapper_prob.scenelets.library import load_library
-from imapper_prob.staged.candidates import furniture_kinds, refine, screen
+from imapper_prob.staged.candidates import refine, screen
 from imapper_prob.staged.combine import combine
 from imapper_prob.staged.facing import Facing
 from imapper_prob.staged.fit import Fits, fit_windows
 from imapper_prob.staged.free_poses import free_pose_cost
+from imapper_prob.staged.kinds import furniture_kinds
 from imapper_prob.staged.maxima import charness_curve
 from tests.models import worlds
 from tests.runs import solution
@@ -75,6 +76,18 @@ def test_a_free_frame_pays_where_nobody_walking_poses_so() -> None:
     cheaper = free_pose_cost(problem, fit_windows(problem, path, fps=10.0))
     # With the same motion in the library without furniture, sitting is no evidence any more.
     assert cheaper[12:18].mean() < 0.7 * cost[12:18].mean()
+
+
+def test_frames_at_the_ends_of_a_clip_are_judged_too() -> None:
+    """Nothing fits into the windows nearest to them, but scenelets further in reach them."""
+    problem, path, _ = performed()
+    fits = fit_windows(problem, path, fps=10.0)
+    nowhere = ~np.isfinite(fits.cost).any(1)
+    assert nowhere[0]
+    assert nowhere[-1]
+    far = problem._replace(keypoints=problem.keypoints + 80.0)
+    cost = free_pose_cost(far._replace(static_density=problem.static_density), fits)
+    assert (cost > 1.0).sum() > 0.8 * problem.n_frames
 
 
 def test_a_library_without_bare_motions_is_refused() -> None:

@@ -63,6 +63,19 @@ def test_what_suppression_drops_says_why() -> None:
     assert [p.window for p in curve.peaks if not p.dropped] == sorted(curve.maxima.tolist())
 
 
+def test_no_maximum_is_where_nothing_could_be_fitted() -> None:
+    """At the ends of a clip it is the nearest window that has candidates."""
+    centres = np.arange(0, 80, 4)
+    cost = np.tile([1.0, 0.0], (20, 1))
+    cost[2:9, 0] = np.linspace(2.0, 0.0, 7)
+    cost[:2] = np.inf
+    fits = Fits(centres, np.zeros((20, 2, 3)), cost)
+    curve = charness_curve(fits, np.array([0.0, 0.9]), fps=10.0)
+    assert curve.values[0] >= curve.values[2]
+    assert 2 in curve.maxima
+    assert curve.maxima.min() == 2
+
+
 def test_shortlists_take_the_gain_apart() -> None:
     solved = solution()
     problem, empty = solved.problem, empty_state(solved.problem)

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from imapper_prob.colours import category_colour
 from imapper_prob.models.scene import Clip, SceneObject, Truth
 from imapper_prob.models.skeleton import PELV
+from imapper_prob.people import by_person
 from imapper_prob.results.scenes import WeightedScene
 from imapper_prob.results.uncertainty.clusters import ObjectCluster
 from imapper_prob.results.uncertainty.occupancy import Occupancy
@@ -92,14 +93,16 @@ def scene_picture(floor: Floor, weighted: WeightedScene, clip: Clip, *, width: f
     figure, axes = floor.axes(width=width)
     _sight(axes, weighted, floor)
     for ghost in weighted.ghosts:
-        axes.plot(*ghost[:, PELV, :2].T, color=_QUIET, lw=0.6, alpha=0.6)
+        for joints in by_person(clip, ghost):
+            axes.plot(*joints[:, PELV, :2].T, color=_QUIET, lw=0.6, alpha=0.6)
     if clip.truth is not None:
         _truth(axes, clip.truth)
     for o, covariance in zip(weighted.scene.objects, weighted.covariances, strict=True):
         _object(axes, o)
         _ellipse(axes, o, covariance)
-    axes.plot(*weighted.scene.joints[:, PELV, :2].T, color=_WAY, lw=1.6)
-    axes.plot(*weighted.scene.joints[0, PELV, :2], "o", color=_WAY, ms=4)
+    for joints in by_person(clip, weighted.scene.joints):
+        axes.plot(*joints[:, PELV, :2].T, color=_WAY, lw=1.6)
+        axes.plot(*joints[0, PELV, :2], "o", color=_WAY, ms=4)
     for o in weighted.scene.objects:
         _name(axes, o.centre, o.label)
     return _as_png(figure)

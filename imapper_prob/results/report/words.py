@@ -6,12 +6,14 @@ from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from imapper_prob.models.scene import Clip, SceneObject
+from imapper_prob.people import everybody
 from imapper_prob.results.scenes import WeightedScene
 from imapper_prob.sampling.sample import Samples
 
-__all__ = ["answer", "listed", "runner_up", "warnings_of"]
+__all__ = ["answer", "listed", "runner_up", "sides", "warnings_of"]
 
 _NUMBERS: Final = (
     "no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten",
@@ -22,6 +24,8 @@ _VAGUE: Final = 0.1
 """Monte-Carlo error from which a probability is only an order of magnitude."""
 _SHORT: Final = 5.0
 """Seconds; shorter than it takes to come in and sit down."""
+_SWAPPED: Final = 0.5
+"""Probability from which sides count as exchanged."""
 _LOST: Final = 0.2
 """Part of the frames without any detection."""
 
@@ -80,8 +84,9 @@ def warnings_of(clip: Clip, samples: Samples, scenes: Sequence[WeightedScene]) -
         )
     if not clip.focal_known:
         said.append(
-            "The focal length was assumed (± 5 %), not measured: all distances may be wrong by "
-            "that factor together."
+            f"The focal length was assumed ({clip.camera.fx:.0f} px ± "
+            f"{100 * clip.focal_spread:.0f} %), not measured: all distances may be wrong by that "
+            "factor together."
         )
     seconds = clip.n_frames / clip.fps
     if seconds < _SHORT:
@@ -89,10 +94,32 @@ def warnings_of(clip: Clip, samples: Samples, scenes: Sequence[WeightedScene]) -
             f"Few frames: {clip.n_frames} of them, {seconds:.1f} s. People tell of furniture by "
             "using it, and that takes time."
         )
-    lost = 1 - float(np.mean((clip.tracks[0].confidences > 0).any(1)))
+    lost = 1 - float(np.mean((everybody(clip).confidences > 0).any(1)))
     if lost > _LOST:
-        said.append(f"The detector lost the person in {100 * lost:.0f} % of the frames.")
+        whom = "the person" if len(clip.tracks) == 1 else "people"
+        said.append(f"The detector lost {whom} in {100 * lost:.0f} % of the frames.")
     return tuple(said)
+
+
+def sides(swapped: NDArray[np.float64], frame_ids: NDArray[np.int64], *, of: str = "") -> str:
+    """In which frames the detector took left for right, more probably than not.
+
+    Parameters
+    ----------
+    swapped : (T,) float
+        Probability of that by frame.
+    frame_ids : (T,) int
+    of : str
+        Whose sides, with a blank before it, where there are several people.
+    """
+    whose = f" of{of}" if of else ""
+    frames = frame_ids[swapped > _SWAPPED]
+    if not len(frames):
+        return f"The detector took left for right{whose} in no frame."
+    runs = np.split(frames, np.flatnonzero(np.diff(frames) > 1) + 1)
+    named = [f"{run[0]}-{run[-1]}" if len(run) > 1 else f"{run[0]}" for run in runs]
+    word = "frame" if len(frames) == 1 else "frames"
+    return f"The detector probably took left for right{whose} in {word} {', '.join(named)}."
 
 
 def _share(weighted: WeightedScene) -> str:

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from imapper_prob.files import written_whole
+from imapper_prob.people import by_person, own_part
 from imapper_prob.recording.caption import TITLES
 from imapper_prob.recording.certainty import HIDDEN
 from imapper_prob.results.posterior import Posterior
@@ -27,7 +28,7 @@ from imapper_prob.results.report.pictures import (
     scene_picture,
     trace_picture,
 )
-from imapper_prob.results.report.words import answer, listed, runner_up, warnings_of
+from imapper_prob.results.report.words import answer, listed, runner_up, sides, warnings_of
 from imapper_prob.results.scenes import WeightedScene
 from imapper_prob.results.uncertainty.clusters import ObjectCluster
 from imapper_prob.results.uncertainty.nuisances import Nuisance
@@ -67,8 +68,9 @@ def report(posterior: Posterior) -> str:
 def _title(posterior: Posterior) -> str:
     """What was looked at, and how long."""
     clip, (chains, draws) = posterior.clip, posterior.samples.shape
+    people = f"{len(clip.tracks)} people, " if len(clip.tracks) > 1 else ""
     return (
-        f"{clip.name} · {clip.n_frames} frames, {clip.n_frames / clip.fps:.0f} s · "
+        f"{clip.name} · {people}{clip.n_frames} frames, {clip.n_frames / clip.fps:.0f} s · "
         f"{chains} chains of {draws} draws"
     )
 
@@ -168,7 +170,7 @@ def _object_row(cluster: ObjectCluster, hides: int) -> list[str]:
 
 
 def _person(posterior: Posterior) -> str:
-    certainty = posterior.certainty
+    clip, certainty = posterior.clip, posterior.certainty
     pelvis = 100 * certainty.joints.standard_deviation.mean((0, 1))
     rows = [_parameter_row(one) for one in certainty.nuisances.values()]
     return section(
@@ -176,6 +178,10 @@ def _person(posterior: Posterior) -> str:
         paragraph(
             f"Joints are known to {pelvis[0]:.0f} cm across the view, {pelvis[1]:.0f} cm in depth "
             f"and {pelvis[2]:.0f} cm in height (standard deviation, mean over joints and frames)."
+        ),
+        *(
+            paragraph(sides(swapped, clip.frame_ids, of=own_part(clip, person)))
+            for person, swapped in enumerate(by_person(clip, posterior.sides_swapped))
         ),
         table(
             ["", "before the clip", "after it", "learned"],

@@ -50,7 +50,7 @@ class ObjectCluster:
     labels : mapping of str to float
         Probability of each label if it is there, most probable first.
     positions : (n, 2) float
-        Centre on the floor in every draw that has it, metres.
+        Centre on the floor in every draw that has it, as it may stand, metres.
     yaw : float
         Circular mean of its orientation, radians.
     yaw_spread : float
@@ -99,6 +99,8 @@ def object_clusters(
     *,
     radius: float,
     least: float = 0.05,
+    standing: Sequence[Sequence[SceneObject]] | None = None,
+    seen: Sequence[Sequence[SceneObject]] | None = None,
 ) -> tuple[ObjectCluster, ...]:
     """Match the objects of all draws.
 
@@ -112,6 +114,12 @@ def object_clusters(
         Metres within which an object of the right label is the same one.
     least : float
         Clusters less probable than this are left out.
+    standing : sequence of C N sequences of SceneObject, optional
+        The same furniture, each piece as it may stand
+        (:mod:`imapper_prob.results.drawn_objects`): what is matched by its scenelets' word is
+        somewhere near it.
+    seen : sequence of C N sequences of SceneObject, optional
+        The same objects where they are to be compared, if that is another place.
 
     Returns
     -------
@@ -123,15 +131,18 @@ def object_clusters(
         return ()
     names = sorted({o.label for _, _, o in everything})
     members = np.array([(n, k) for n, k, _ in everything])
-    places = np.array([o.centre[:2] for _, _, o in everything])
+    compared = draws if seen is None else seen
+    places = np.array([o.centre[:2] for own in compared for o in own])
     labels = np.eye(len(names))[[names.index(o.label) for _, _, o in everything]]
     likely_first = np.argsort(-np.ravel(log_posterior), kind="stable")
     begins = np.searchsorted(members[:, 0], np.arange(len(draws) + 1))
     rows = [np.arange(begins[n], begins[n + 1]) for n in likely_first]
     metric = _Metric(radius, _labels_apart(names))
     cluster = _matched(rows, members[:, 0], places, labels, metric)
+    standing = draws if standing is None else standing
     results = [
-        _summary(draws, members[cluster == c], log_posterior.shape) for c in np.unique(cluster)
+        _summary(draws, standing, members[cluster == c], log_posterior.shape)
+        for c in np.unique(cluster)
     ]
     kept = [c for c in results if c.presence >= least]
     return tuple(sorted(kept, key=lambda c: (-c.presence, c.label, *c.mean)))
@@ -251,13 +262,16 @@ def _united(
 
 
 def _summary(
-    draws: Sequence[Sequence[SceneObject]], members: Ints, shape: tuple[int, ...]
+    draws: Sequence[Sequence[SceneObject]],
+    standing: Sequence[Sequence[SceneObject]],
+    members: Ints,
+    shape: tuple[int, ...],
 ) -> ObjectCluster:
     objects = [draws[n][k] for n, k in members.tolist()]
     counts = Counter(o.label for o in objects)
     ranked = sorted(counts.items(), key=lambda item: (-item[1], item[0]))
     labels = {label: count / len(objects) for label, count in ranked}
-    positions = np.array([o.centre[:2] for o in objects])
+    positions = np.array([standing[n][k].centre[:2] for n, k in members.tolist()])
     yaw, spread = circular_mean_and_spread(np.array([o.placement.yaw for o in objects]))
     there = np.zeros(shape)
     there.flat[members[:, 0]] = 1
@@ -265,7 +279,7 @@ def _summary(
         # A short run is said to be short by its verdict.
         warnings.simplefilter("ignore", ShortChainWarning)
         error = float(mean_error(there))
-    off = np.linalg.norm(positions - positions.mean(0), axis=1)
+    off = [float(np.linalg.norm(o.centre[:2] - positions.mean(0))) for o in objects]
     typical = min(
         (i for i, o in enumerate(objects) if o.label == ranked[0][0]), key=off.__getitem__
     )

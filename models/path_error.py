@@ -1,0 +1,108 @@
+"""How the error of the static path goes on from frame to frame, worked out beforehand.
+
+In units of its deviation the error of one coordinate is a stationary chain of second order,
+
+    e_t ~ N((r + s) e_(t-1) - r s e_(t-2), q),   q = (1 - r^2) (1 - s^2) (1 - r s) / (1 + r s),
+
+of unit variance: what is forgotten at a rate r is itself an error that is forgotten at a rate
+s. With r = s it is the Matern 3/2 process at equal steps, smooth from frame to frame, and with
+s = 0 the chain of first order, which is rough.
+
+Where frames are fixed, under scenelets, others are free; of those the mean depends on what is
+fixed, but all variances and weights only on how many frames ago the last two were. They
+are tabulated here, so that kernels multiply and add.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["autocorrelation", "path_tables", "remembered"]
+
+Array = NDArray[np.float64]
+
+
+def remembered(seconds: Array, ease: Array, fps: float) -> Array:
+    """The rates (r, s) of each coordinate, (2, 2), from one frame to the next.
+
+    Parameters
+    ----------
+    seconds : (2,) float
+        In which an error is forgotten: half its integrated autocorrelation.
+    ease : (2,) float
+        Seconds of them in which it changes its course: 0 for a rough one, at most half.
+    fps : float
+        Frames a second.
+    """
+    slow, fast = fps * (seconds - ease), fps * ease
+    with np.errstate(divide="ignore"):
+        result: Array = np.stack([np.exp(-1.0 / slow), np.exp(-1.0 / fast)], -1)
+    return result
+
+
+def autocorrelation(rates: Array, n: int) -> Array:
+    """(n,) correlation of one coordinate's errors 0, 1, … n - 1 frames apart.
+
+    ``rates`` (2,) are r and s of the chain.
+    """
+    first, second = rates.sum(), -rates.prod()
+    result = np.ones(max(n, 2))
+    result[1] = first / (1.0 - second)
+    for k in range(2, n):
+        result[k] = first * result[k - 1] + second * result[k - 2]
+    return result[:n]
+
+
+def path_tables(rates: Array, n_frames: int) -> tuple[Array, Array]:
+    """What errors of two coordinates say of the frames after them.
+
+    Parameters
+    ----------
+    rates : (2, 2) float
+        r and s of each coordinate, in [0, 1).
+    n_frames : int
+        Frames of the clip, T.
+
+    Returns
+    -------
+    mean : (2, T + 1, 2)
+        Weights of the last error known and of the one before it, in the mean of the frame k
+        after them. In row 0 nothing is known, and the weights are 0.
+    draw : (2, T + 1, 3, 3)
+        How a frame in row k is drawn backwards in time, given none, one or two that follow
+        it: the weights of their deviations from their own means, the next one's first, and the
+        standard deviation of what remains.
+    """
+    rows = [_tables(r, s, n_frames) for r, s in rates.tolist()]
+    return np.stack([mean for mean, _ in rows]), np.stack([draw for _, draw in rows])
+
+
+def _tables(r: float, s: float, n_frames: int) -> tuple[Array, Array]:
+    first, second = r + s, -r * s
+    noise = (1.0 - r * r) * (1.0 - s * s) * (1.0 - r * s) / (1.0 + r * s)
+    # What is left of a shock, so many frames later.
+    left = np.ones(n_frames + 2)
+    left[1] = first
+    for k in range(2, len(left)):
+        left[k] = first * left[k - 1] + second * left[k - 2]
+    mean = np.zeros((n_frames + 1, 2))
+    mean[1:] = np.stack([left[1:-1], second * left[:-2]], -1)
+
+    # Of the k-th frame after the last two known, of the one after it, and of both together; of
+    # the stationary chain in row 0, where nothing is known.
+    variance = np.append(1.0, noise * np.cumsum(left[:-1] ** 2))
+    following = np.append(1.0, variance[2:])
+    variance = variance[:-1]
+    together = np.append(first / (1.0 - second), noise * np.cumsum(left[:-1] * left[1:])[:-1])
+    pull = together / following
+    remains = variance - pull * together
+    # The second next one is a measurement of this frame, given the next.
+    gain = second * remains / (noise + second**2 * remains)
+    draw = np.zeros((n_frames + 1, 3, 3))
+    draw[:, 0, 2] = np.sqrt(variance)
+    draw[:, 1, 0], draw[:, 1, 2] = pull, np.sqrt(remains)
+    draw[:, 2, 0] = pull - gain * (first + second * pull)
+    draw[:, 2, 1] = gain
+    draw[:, 2, 2] = np.sqrt(remains * noise / (noise + second**2 * remains))
+    return mean, draw

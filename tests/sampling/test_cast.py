@@ -1,0 +1,237 @@
+"""Several people in one posterior: who is who, what is shared, and one table that is one."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+import imapper_prob as im
+from imapper_prob.config import Config, SampleSettings
+from imapper_prob.models.errors import InputError
+from imapper_prob.models.path import CameraPrior
+from imapper_prob.models.posterior import (
+    State,
+    empty_state,
+    frame_log_likelihood,
+    log_posterior,
+    motion,
+    terms,
+)
+from imapper_prob.models.scene import Placement
+from imapper_prob.models.skeleton import PELV
+from imapper_prob.output import write_run
+from imapper_prob.people import by_person
+from imapper_prob.results.benchmark_axes import to_benchmark
+from imapper_prob.results.export import read_scenes
+from imapper_prob.results.export_i3db import write_i3db
+from imapper_prob.results.export_json import scene_document
+from imapper_prob.results.posterior import Posterior
+from imapper_prob.results.summary import distances_to_truth
+from imapper_prob.sampling.cast import Cast, cast_of
+from imapper_prob.sampling.layouts import merged_objects
+from imapper_prob.sampling.sample import sample_scenes
+from imapper_prob.sampling.weights import weighted_candidates
+from imapper_prob.staged.actors import solve_actors
+from imapper_prob.staged.solver import Solution
+from tests.recording.reading import read
+from tests.staged.couples import N_FRAMES, chairs_and_tables, couple_at_one_table
+
+SHORT = SampleSettings(
+    chains=2, steps=1500, draws=100, temperatures=3, ensemble_layouts=1, ensemble_steps=8
+)
+
+
+@cache
+def solutions() -> tuple[Solution, ...]:
+    return solve_actors(couple_at_one_table(1)[0], chairs_and_tables(12))
+
+
+@cache
+def cast() -> Cast:
+    return cast_of(solutions())
+
+
+@cache
+def posterior() -> Posterior:
+    samples = sample_scenes(cast(), SHORT, seed=np.random.SeedSequence(1))
+    return Posterior(cast(), samples, Config(sample=SHORT))
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("couple") / "run"
+    write_run(path, posterior(), overwrite=False)
+    return path
+
+
+def taller(solution: Solution, by: float) -> Solution:
+    """The same person, taken to be larger by a log scale, in the same world."""
+    mean = np.array(solution.camera.mean)
+    mean[3] += by
+    return replace(
+        solution,
+        camera=CameraPrior(mean, solution.camera.covariance),
+        problem=solution.problem._replace(camera_mean=mean),
+    )
+
+
+def test_one_actor_stays_as_it_was() -> None:
+    one = solutions()[0]
+    alone, before = cast_of([one]), weighted_candidates(one)
+    assert alone.problem is one.problem
+    assert alone.states is one.states
+    assert alone.clip is one.clip
+    for name in ("centres", "placements", "weights"):
+        assert_array_equal(getattr(alone.candidates, name), getattr(before, name))
+
+
+def test_frames_follow_each_other_and_the_camera_counts_once() -> None:
+    together, own = cast(), [s.problem for s in solutions()]
+    assert_array_equal(np.flatnonzero(together.problem.path_starts), [0, N_FRAMES])
+    bare = int(np.flatnonzero(np.diff(together.problem.box_first) == 0)[0])
+    mine, place = 20, np.array([0.1, 3.5, 0.4])
+    for starts in ((), (0,), (mine,)):  # of a scenelet, also where nothing goes before it
+        states = [empty_state(problem) for problem in (together.problem, *own)]
+        for start in starts:
+            states[0] = states[0].with_item(bare, start, place)
+            states[0] = states[0].with_item(bare, N_FRAMES + start, place)
+            states[1:] = [state.with_item(bare, start, place) for state in states[1:]]
+        nats = terms(together.problem, states[0])
+        alone = [terms(p, state) for p, state in zip(own, states[1:], strict=True)]
+        for name in set(nats) - {"camera"}:
+            assert nats[name] == pytest.approx(sum(n[name] for n in alone), abs=1e-6), name
+        assert nats["camera"] == pytest.approx(alone[0]["camera"], abs=0.2)
+
+
+def test_everybody_keeps_their_stature_and_place() -> None:
+    large, small = taller(solutions()[0], 0.06), taller(solutions()[1], -0.04)
+    together = cast_of([large, small])
+    assert together.problem.camera_mean[3] == pytest.approx(
+        (large.camera.mean[3] + small.camera.mean[3]) / 2
+    )
+    moved = motion(together.problem, empty_state(together.problem))
+    for own, part in zip((large, small), (moved[:N_FRAMES], moved[N_FRAMES:]), strict=True):
+        assert_allclose(part, motion(own.problem, empty_state(own.problem)), atol=1e-6)
+    # A fit is to who looks as large from there: nearer, if of the common stature.
+    near, own = together.candidates, weighted_candidates(large)
+    known = own.weights > 0
+    assert_allclose(
+        near.placements[: len(own.centres)][known][:, :2],
+        own.placements[known][:, :2] * np.exp(-0.05),
+        rtol=1e-6,
+    )
+
+
+def test_actors_of_other_worlds_are_refused() -> None:
+    first, second = solutions()
+    mean = np.array(second.camera.mean)
+    mean[1] += 0.2
+    stranger = replace(second, camera=CameraPrior(mean, second.camera.covariance))
+    with pytest.raises(InputError, match="solve them together"):
+        cast_of([first, stranger])
+
+
+def test_no_scenelet_reaches_from_one_actor_to_the_next() -> None:
+    problem = cast().problem
+    empty, length = empty_state(problem), int(problem.lengths[0])
+    for start in range(2 * N_FRAMES - length + 1):
+        state = empty.with_item(0, start, np.array([0.0, 3.0, 0.0]))
+        fits = start + length <= N_FRAMES or start >= N_FRAMES
+        assert np.isfinite(log_posterior(problem, state)) == fits
+    for state in (*cast().states, *posterior().samples.states):
+        first, last = state.items[:, 1], state.items[:, 1] + problem.lengths[state.items[:, 0]] - 1
+        assert_array_equal(first // N_FRAMES, last // N_FRAMES)
+
+
+def test_both_tracks_and_their_table_are_found_and_the_table_is_one() -> None:
+    clip, true = couple_at_one_table(1)
+    assert clip.truth is not None
+    run = posterior()
+    best = run.scenes(1)[0]
+    assert best.probability > 0.5
+    assert sorted(o.label for o in best.scene.objects) == ["chair", "chair", "table"]
+    assert np.all(distances_to_truth(best.scene.objects, clip.truth.objects) < 0.4)
+    tables = [sum(o.label == "table" for o in objects) for objects in run.samples.objects]
+    assert np.mean(np.array(tables) == 1) > 0.8
+    # Both bring it: there would be two if nobody saw that they are one.
+    kinds = [run.solution.library[s].labels for s in run.samples.states[best.draw].items[:, 0]]
+    assert sum("table" in kind for kind in kinds) > 1
+    found = by_person(run.clip, run.joints().mean[:, PELV])
+    error = np.linalg.norm((found - true[:, :, PELV])[..., :2], axis=-1)
+    assert error.mean(1).max() < 0.35
+
+
+def test_furniture_of_one_hides_the_other() -> None:
+    """What A sits at is in the way of B's legs, though no scenelet of B's brings anything."""
+    problem, state = cast().problem, cast().states[0]
+    first = np.flatnonzero(state.items[:, 1] < N_FRAMES)
+    alone = State(
+        state.camera, state.items[first], state.placements[first], state.sizes[first], state.latent
+    )
+    moved = state.placements[first] + np.array([0.0, -1.0, 0.0])
+    before = frame_log_likelihood(problem, empty_state(problem))[N_FRAMES:]
+    nearer = replace(alone, placements=moved)
+    assert np.abs(frame_log_likelihood(problem, nearer)[N_FRAMES:] - before).max() > 0.1
+
+
+def test_every_file_has_everybody(folder: Path, tmp_path: Path) -> None:
+    run = im.load_posterior(folder)
+    motions = run.data["motion"]
+    assert motions["pelvis"].shape == (*run.samples.shape, 2 * N_FRAMES, 3)
+    assert motions["actor"].to_numpy().tolist() == ["A"] * N_FRAMES + ["B"] * N_FRAMES
+    frames = run.clip.frame_ids
+    assert_array_equal(motions["frame"], np.tile(frames, 2))
+    assert run.data["observed_data"]["keypoints"].shape[0] == 2 * N_FRAMES
+
+    document = scene_document(run, scene=1, samples=1)
+    for body in (document, *document["samples"]):
+        assert list(body["actors"]) == ["A", "B"]
+        assert body["joints3d"] == body["actors"]["A"] != body["actors"]["B"]
+        assert len(body["actors"]["B"]) == N_FRAMES
+
+    scene = run.scene(1).scene
+    told = json.loads((folder / "scenes.json").read_text(encoding="utf-8"))["scenes"][0]["layout"]
+    assert {part["actor"] for part in told} == {"A", "B"}
+    assert max(part["start"] for part in told) < N_FRAMES
+    assert read_scenes(folder / "scenes.json")[0].scene.layout == scene.layout
+    write_i3db(tmp_path / "i3db", scene, run.clip)
+    second = json.loads((tmp_path / "i3db" / "skel_output_2.json").read_text(encoding="utf-8"))
+    assert second["frame_ids"] == frames.tolist()
+    first_pose = second["3d"][f"{frames[0]:05d}"]["6"]
+    assert_allclose(first_pose, to_benchmark(scene.camera, scene.joints[N_FRAMES, PELV]))
+
+    columns = read(folder / "recording.rrd")
+    for name in "AB":
+        poses = columns[f"/world/scene_1/{name}/person", "Points3D:positions"]
+        assert set(frames.tolist()) <= set(poses)
+        assert (f"/world/camera/image/reprojection/{name}", "Points2D:positions") in columns
+        assert (f"/fit/distance/scene_1/{name}", "Scalars:scalars") in columns
+    first, second_place = (
+        np.array(columns[f"/world/scene_1/{n}/person", "Points3D:positions"][0])[PELV] for n in "AB"
+    )
+    assert first[0] < -0.3 < 0.3 < second_place[0]
+    assert "2 people" in (folder / "report.html").read_text(encoding="utf-8")
+
+
+def test_tables_of_one_category_turned_any_way_are_one_object() -> None:
+    """Who sits opposite has the same table turned by half, and does not pay for it."""
+    problem, library = cast().problem, cast().library
+    number = next(i for i, s in enumerate(library) if "table" in s.labels)
+    table = next(o for o in library[number].objects if o.label == "table")
+    state = empty_state(problem)
+    for start, yaw in ((0, 0.3), (N_FRAMES, 0.3 + 3.0)):
+        turn = Placement(0.0, 0.0, yaw)
+        x, y = turn.rotation @ table.centre[:2]
+        state = state.with_item(number, start, np.array([-x, 4.0 - y, yaw]))
+    objects = merged_objects(problem, library, state)
+    assert [o.label for o in objects].count("table") == 1
+    assert terms(problem, state)["collision"] == pytest.approx(0.0, abs=1e-9)
+    own = problem._replace(merge_angle=solutions()[0].problem.merge_angle)
+    assert [o.label for o in merged_objects(own, library, state)].count("table") == 2
+    assert terms(own, state)["collision"] < -1.0
