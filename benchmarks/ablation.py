@@ -68,7 +68,7 @@ def scores(folder: Path) -> dict[str, Score]:
     facing = Facing.of_path(fitted.problem, fitted.path, fps=known.clip.fps)
     result = {}
     for name, variant in variants(fitted.problem).items():
-        best = combine(variant, screen(variant, fitted.fits, facing), curve).states[0]
+        best = combine(variant, screen(variant, fitted.fits, facing), curve, facing).states[0]
         source = StoredSource(known.clip, library, variant)
         result[name] = score(prediction_of_state(source, best, name=name), known.truth)
     return result

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from imapper_prob.models.posterior import State, empty_state, log_posterior
 from imapper_prob.models.problem import Problem
 from imapper_prob.staged.candidates import Candidate, refine
+from imapper_prob.staged.facing import Facing
 from imapper_prob.staged.kinds import furniture_kinds
 from imapper_prob.staged.maxima import CharnessCurve
 from imapper_prob.staged.polish import polish
@@ -100,11 +101,12 @@ def combine(
     problem: Problem,
     candidates: Sequence[Candidate],
     curve: CharnessCurve,
+    facing: Facing,
     *,
     settings: CombineSettings | None = None,
     progress: Progress | None = None,
 ) -> Combinations:
-    """The best scene under the full log-posterior, then its diverse alternatives."""
+    """The best scene by log-posterior and facing, then its diverse alternatives."""
     settings = settings or CombineSettings()
     groups = groups_of(candidates, curve, kept=settings.kept)
     tried, left = search(problem, groups, tried=settings.tried)
@@ -118,13 +120,8 @@ def combine(
         states.append(polish(problem, refine(problem, state_of(problem, own))))
         if progress is not None:
             progress("refining scenes", (i + 1) / len(chosen))
-    # Refining hardly turns anybody: they face as the candidates do.
-    worth = [
-        log_posterior(problem, state) + sum(c.facing for c in own)
-        for state, own in zip(states, chosen, strict=True)
-    ]
-    best = np.argsort(-np.array(worth), kind="stable").tolist()
-    return Combinations(pool, tried, left, tuple(states[k] for k in best))
+    states.sort(key=lambda s: -log_posterior(problem, s) - facing.of_state(s))
+    return Combinations(pool, tried, left, tuple(states))
 
 
 def groups_of(

@@ -17,6 +17,7 @@ from scipy.special import digamma
 
 from imapper_prob.models.path import StaticPath
 from imapper_prob.models.pose import facing
+from imapper_prob.models.posterior import State
 from imapper_prob.models.problem import Problem
 from imapper_prob.staged.fit import static_world
 
@@ -66,6 +67,15 @@ class Facing:
             dof=dof,
             within=tuple(np.split(facing(problem.joints), problem.joint_first[1:-1])),
             weight=min(1.0, 1.0 / (_CORRELATION_TIME * fps)),
+        )
+
+    def of_state(self, state: State) -> float:
+        """Sum over a state's scenelets, nats."""
+        return sum(
+            self.nats(scenelet, start, yaw)
+            for (scenelet, start), yaw in zip(
+                state.items.tolist(), state.placements[:, 2].tolist(), strict=True
+            )
         )
 
     def nats(self, scenelet: int, start: int, yaw: float) -> float:

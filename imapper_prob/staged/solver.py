@@ -175,7 +175,7 @@ def solve_fitted(
     curve = charness_curve(fits, fitted.charness, fps=clip.fps)
     facing = Facing.of_path(problem, fitted.path, fps=clip.fps)
     candidates = screen(problem, fits, facing, progress=progress)
-    combinations = combine(problem, candidates, curve, progress=progress)
+    combinations = combine(problem, candidates, curve, facing, progress=progress)
     return Solution(
         clip,
         library,
