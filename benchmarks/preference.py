@@ -120,12 +120,18 @@ def around(problem: Problem, first: int, last: int) -> tuple[Problem, int]:
     """The problem of some frames only, and the number of its first frame."""
     begin, end = max(0, first - MARGIN), min(problem.n_frames, last + MARGIN + 1)
     by_frame = (
-        "keypoints", "used", "confidence_density", "error_scale", "error_dof", "measured",
-        "precision", "lift", "poses", "free_cost",
+        "keypoints", "used", "confidences", "confidence_density", "error_scale", "error_dof",
+        "path_centre", "path_scale", "lift", "poses", "free_cost",
     )  # fmt: skip
     cut = {name: getattr(problem, name)[begin:end] for name in by_frame}
-    static = np.ascontiguousarray(problem.static_density[:, begin:end])
-    return problem._replace(**cut, static_density=static), begin
+    rows = end - begin + 1
+    return problem._replace(
+        **cut,
+        static_density=np.ascontiguousarray(problem.static_density[:, begin:end]),
+        path_starts=np.arange(end - begin) == 0,
+        path_mean=np.ascontiguousarray(problem.path_mean[:, :rows]),
+        path_draw=np.ascontiguousarray(problem.path_draw[:, :rows]),
+    ), begin
 
 
 def fits_of(
