@@ -20,7 +20,7 @@ import time
 import warnings
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -32,9 +32,12 @@ from imapper_prob.models.scene import Clip
 from imapper_prob.samplers.chains import run_chains
 from imapper_prob.samplers.diagnostics import ShortChainWarning, ess, rhat
 from imapper_prob.sampling.chain import run_chain
-from imapper_prob.sampling.sample import Samples, sample_scenes, setup_of
 from imapper_prob.scenelets.library import load_library
-from imapper_prob.staged.solver import Solution, solve
+
+if TYPE_CHECKING:
+    # Processes that run chains load this script again, and need no torch.
+    from imapper_prob.sampling.sample import Samples
+    from imapper_prob.staged.solver import Solution
 
 SCENES = ("Scene04", "Scene10", "Scene13", "Scene14")
 OPEN = (0.05, 0.95)
@@ -89,6 +92,9 @@ def processor_seconds() -> float:
 
 def compare(clips: Path, folder: Path, scenes: list[str], steps: int, workers: int) -> None:
     """Make the runs that are missing, print the table and note the figures."""
+    from imapper_prob.sampling.sample import sample_scenes
+    from imapper_prob.staged.solver import solve
+
     folder.mkdir(parents=True, exist_ok=True)
     runs: dict[tuple[str, str], dict[str, Any]] = {}
     for scene in scenes:
@@ -145,6 +151,9 @@ def table(runs: dict[tuple[str, str], dict[str, Any]]) -> str:
 
 def scaling(clip: Clip, steps: int) -> None:
     """Time four chains on one worker and on two."""
+    from imapper_prob.sampling.sample import setup_of
+    from imapper_prob.staged.solver import solve
+
     solution = solve(clip, load_library())
     settings = settings_of("tempered", steps)
     setup, starts = setup_of(solution, settings), [solution.states[0]] * 4

@@ -10,6 +10,7 @@ from __future__ import annotations
 import ctypes
 import multiprocessing
 import os
+import pickle
 import signal
 import sys
 import threading
@@ -26,6 +27,8 @@ from concurrent.futures import (
 )
 from contextlib import contextmanager
 from multiprocessing.process import BaseProcess
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple, Protocol, TypeVar
 
 import numpy as np
@@ -244,8 +247,9 @@ def _run_in_processes(
     strangers = set(multiprocessing.active_children())
     with (
         _first_interrupt_sets(shared.stop),
+        _parcel((task, problem)) as parcel,
         ProcessPoolExecutor(
-            workers, context, initializer=_initialise, initargs=(task, problem, shared)
+            workers, context, initializer=_initialise, initargs=(parcel, shared)
         ) as pool,
     ):
         with _environment(_ONE_THREAD):
@@ -262,6 +266,20 @@ def _run_in_processes(
     except BrokenExecutor as error:
         # Leaving the pool has joined all processes: only now are exit codes known.
         raise ChainError(_obituary(shared.pids, processes)) from error
+
+
+@contextmanager
+def _parcel(contents: object) -> Iterator[Path]:
+    """A file from which each process fetches what is too large to be handed to it.
+
+    What a process is started with has to pass through a pipe, and the next one is not started
+    before the last has imported all it needs and read it.
+    """
+    with TemporaryDirectory(prefix="chains-") as folder:
+        path = Path(folder) / "problem"
+        with path.open("wb") as file:
+            pickle.dump(contents, file, protocol=pickle.HIGHEST_PROTOCOL)
+        yield path
 
 
 def _await(futures: Sequence[Future[R]], shared: _Shared, on_progress: OnProgress | None) -> None:
@@ -283,12 +301,13 @@ def _await(futures: Sequence[Future[R]], shared: _Shared, on_progress: OnProgres
 _worker: tuple[Task[Any, Any, Any], Any, _Shared]
 
 
-def _initialise(task: Task[Any, Any, Any], problem: Any, shared: _Shared) -> None:
+def _initialise(parcel: Path, shared: _Shared) -> None:
     global _worker
     # The terminal sends Ctrl-C to all processes; only the parent decides what it means.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_die_with_parent, daemon=True).start()
-    _worker = task, problem, shared
+    with parcel.open("rb") as file:
+        _worker = *pickle.load(file), shared
 
 
 def _die_with_parent() -> None:

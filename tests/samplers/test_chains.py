@@ -6,11 +6,13 @@ import os
 import signal
 import subprocess
 import sys
+import tempfile
 import textwrap
 import threading
 import time
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -128,6 +130,14 @@ def test_a_process_that_dies_is_no_hang():
         run_chains(
             tasks.kill_one, 1, [0, 1, 0], seed=5, workers=2, on_progress=lambda *progress: None
         )
+
+
+@pytest.mark.parametrize("task", [tasks.walk, tasks.fail])
+def test_what_processes_fetch_is_taken_away_again(task, tmp_path, monkeypatch):
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    with suppress(FloatingPointError):
+        run_chains(task, 20, [0.0, 0.0], seed=0, workers=2)
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_an_executor_that_breaks_is_no_hang():
