@@ -131,8 +131,8 @@ class Posterior:
         if not disputed:
             return text
         if len(disputed) == 1:
-            return f"{text} Both are shown as scene {disputed[0]}."
-        return f"{text} They are shown as scenes {disputed[0]} and {disputed[1]}."
+            return f"{text} These layouts are both shown as scene {disputed[0]}."
+        return f"{text} These layouts are shown as scenes {disputed[0]} and {disputed[1]}."
 
     @cached_property
     def _representatives(self) -> tuple[Representative, ...]:

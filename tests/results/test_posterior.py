@@ -122,7 +122,7 @@ def test_the_verdict_says_which_scenes_its_layouts_are() -> None:
     }
     last = max(shown, key=lambda layout: (shown[layout], layout))
     assert about(1, 1).disputed == (shown[1],)
-    assert about(1, 1).verdict.endswith(f"Both are shown as scene {shown[1]}.")
+    assert about(1, 1).verdict.endswith(f"both shown as scene {shown[1]}.")
     expected = tuple(sorted({shown[1], shown[last]}))
     assert about(1, last).disputed == expected
     if len(expected) == 2:
