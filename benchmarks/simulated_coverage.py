@@ -1,10 +1,10 @@
 """Calibration in the large: do regions hold the truth of simulated clips, and what breaks that?
 
 ``python benchmarks/simulated_coverage.py FOLDER [--right 200] [--wrong 34] [--picture FILE]``
-simulates clips from the model and from three wrong ones, solves and samples each as a user would, and
-prints how often regions of a stated probability hold true object centres and joints. Each clip
-leaves a file in FOLDER; the same command goes on from there, and begins anew where the program
-has changed. 302 clips take about an hour on two cores.
+simulates clips from the model and from three wrong ones, solves and samples each as a user
+would, and prints how often regions of a stated probability hold true object centres and joints.
+Each clip leaves a file in FOLDER; the same command goes on from there, and begins anew where
+the program has changed. 302 clips take about an hour on two cores.
 """
 
 from __future__ import annotations
