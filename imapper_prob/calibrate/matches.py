@@ -142,7 +142,7 @@ def observe_fits(clip: Clip, truth: Truth, problem: Problem, fits: Fits) -> FitE
     middles = problem.joint_first[:-1] + problem.lengths // 2
     height = np.exp(body) * problem.joints[middles, PELV, 2] - elevation
     fitted = np.cos(pitch) * fits.placements[..., 1] + np.sin(pitch) * height
-    order = np.argsort(fits.cost, axis=1, kind="stable")[:, :100]
+    order = np.argsort(fits.cost, axis=1, kind="stable")[:, :_BEST]
     usable = np.isfinite(np.take_along_axis(fits.cost, order, 1)).all(1)
     ratio = np.log(np.take_along_axis(fitted, order, 1).clip(0.1) / true[:, None]).mean(1)
     ratio -= np.median(ratio[usable])
