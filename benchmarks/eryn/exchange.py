@@ -21,13 +21,18 @@ T = TypeVar("T")
 
 
 def save_problem(path: Path, problem: Problem, candidates: Candidates) -> None:
-    """The log-posterior and where births look."""
+    """The log-posterior, and where births look: the scenelets of every window, one by one."""
     fields = {f"problem {name}": value for name, value in problem._asdict().items()}
+    windows, scenelets = np.nonzero(candidates.weights)
+    starts = candidates.centres[windows] - problem.lengths[scenelets] // 2
+    placements = candidates.placements[windows, scenelets].copy()
+    # Somebody of the usual size looks as large where a larger one stands further away.
+    placements[:, :2] *= np.exp(-candidates.sizes[windows, scenelets])[:, None]
     np.savez(
         path,
-        items=candidates.items,
-        placements=candidates.placements,
-        weights=candidates.weights,
+        items=np.stack([scenelets, starts], -1),
+        placements=placements,
+        weights=candidates.weights[windows, scenelets],
         **fields,
     )
 

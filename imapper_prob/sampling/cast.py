@@ -96,6 +96,7 @@ def cast_of(solutions: Sequence[Solution]) -> Cast:
         Candidates(
             np.concatenate([c.centres + t for c, t in zip(candidates, firsts, strict=True)]),
             np.concatenate([c.placements for c in candidates]),
+            np.concatenate([c.sizes for c in candidates]),
             np.concatenate([c.weights for c in candidates]),
         ),
         first.distances,
@@ -160,7 +161,7 @@ def _one_after_the_other(
 def _in_common_stature(candidates: Candidates, by: float) -> Candidates:
     """Who is smaller than the actor looks the same nearer to the camera."""
     nearer = np.array([math.exp(-by), math.exp(-by), 1.0])
-    return Candidates(candidates.centres, candidates.placements * nearer, candidates.weights)
+    return replace(candidates, placements=candidates.placements * nearer)
 
 
 def _together(problem: Problem, solutions: Sequence[Solution]) -> tuple[State, ...]:

@@ -18,15 +18,13 @@ from imapper_prob.samplers.kernel import Mixture, step
 from imapper_prob.samplers.ladder import LadderSummary, power_ladder
 from imapper_prob.samplers.reversible_jump import AcceptanceTable
 from imapper_prob.samplers.tempering import start, temper
+from imapper_prob.sampling.camera_moves import CameraCarry, CameraWalk, DepthScale, FocalScale
 from imapper_prob.sampling.checkpoints import Progress
 from imapper_prob.sampling.crossover import TimeCrossover
 from imapper_prob.sampling.moves import (
     Birth,
-    CameraWalk,
     Death,
-    DepthScale,
     Exchange,
-    FocalScale,
     PathRefresh,
     PlacementWalk,
     Shift,
@@ -105,18 +103,20 @@ def scene_moves(setup: Setup) -> Mixture[State]:
     factor = np.linalg.cholesky(np.linalg.inv(problem.camera_precision))
     kinds = furniture_kinds(problem)
     weighted = (
-        (Birth(proposals), 0.10),
-        (Death(proposals), 0.10),
-        (Swap(proposals), 0.08),
+        (Birth(proposals), 0.09),
+        (Death(proposals), 0.09),
+        (Swap(proposals), 0.04),
         (Replace(proposals), 0.10),
-        (Exchange(problem, setup.similarity), 0.08),
+        (Replace(proposals, reach=3, name="retime", reverse="retime"), 0.05),
+        (Exchange(problem, setup.similarity), 0.06),
         (Refurnish(proposals, kinds), 0.08),
         (Shift(problem), 0.06),
         (PlacementWalk(), 0.18),
-        (CameraWalk(factor), 0.06),
+        (CameraWalk(factor), 0.03),
+        (CameraCarry(problem, factor), 0.07),
         (DepthScale(), 0.06),
         (FocalScale(float(np.linalg.norm(factor[2]))), 0.04),
-        (PathRefresh(), 0.06),
+        (PathRefresh(), 0.05),
     )
     return Mixture([move for move, _ in weighted], [weight for _, weight in weighted])
 

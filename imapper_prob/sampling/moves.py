@@ -21,11 +21,8 @@ from imapper_prob.sampling.proposals import Proposals
 
 __all__ = [
     "Birth",
-    "CameraWalk",
     "Death",
-    "DepthScale",
     "Exchange",
-    "FocalScale",
     "PathRefresh",
     "PlacementWalk",
     "Shift",
@@ -200,7 +197,11 @@ class Exchange:
 
 @dataclass(frozen=True)
 class Shift:
-    """The same scenelet a few frames earlier or later."""
+    """The same scenelet a few frames earlier or later, alone or with those it is flush with.
+
+    Where one scenelet ends as the next begins the person jumps once, not twice: what follows
+    without a gap stays together or pays for it.
+    """
 
     problem: Problem
     reach: int = 4
@@ -208,15 +209,27 @@ class Shift:
     reverse: str = "shift"
 
     def propose(self, rng: np.random.Generator, state: State) -> Proposal[State] | None:
-        """Move one start frame; symmetric."""
+        """Move start frames; symmetric."""
         if state.n_scenelets == 0:
             return None
         index = int(rng.integers(state.n_scenelets))
         step = int(rng.integers(1, self.reach + 1)) * (1 if rng.random() < 0.5 else -1)
+        moved = self._flush(state, index) if rng.random() < 0.5 else slice(index, index + 1)
         items = state.items.copy()
-        items[index, 1] += step
+        items[moved, 1] += step
         changed = replace(state, items=items)
-        return Proposal(changed, 0.0) if in_order(self.problem, changed) else None
+        # Flush with others now, they would all be moved on the way back.
+        alike = moved == slice(index, index + 1) or self._flush(changed, index) == moved
+        return Proposal(changed, 0.0) if alike and in_order(self.problem, changed) else None
+
+    def _flush(self, state: State, index: int) -> slice:
+        """The scenelets around one that follow one another without a gap."""
+        starts = state.items[:, 1]
+        gaps = starts[1:] - starts[:-1] - self.problem.lengths[state.items[:-1, 0]]
+        breaks = np.flatnonzero(gaps) + 1
+        first = int(breaks[breaks <= index].max(initial=0))
+        last = int(breaks[breaks > index].min(initial=len(starts)))
+        return slice(first, last)
 
 
 @dataclass(frozen=True)
@@ -254,80 +267,6 @@ class PlacementWalk:
         if rng.random() < 0.5:
             size += self.log_depth * along
         return Proposal(state.with_placement(index, placement, size), 2 * math.log(depth / y))
-
-
-@dataclass(frozen=True)
-class CameraWalk:
-    """The nuisance parameters alone, a step of their prior's shape; symmetric."""
-
-    factor: Array
-    scales: tuple[float, ...] = (0.1, 0.4, 1.2)
-    name: str = "camera"
-    reverse: str = "camera"
-
-    def propose(self, rng: np.random.Generator, state: State) -> Proposal[State]:
-        """Walk phi; ``factor`` (5, 5) is the Cholesky factor of the prior's covariance."""
-        scale = self.scales[int(rng.integers(len(self.scales)))]
-        step = scale * self.factor @ rng.standard_normal(len(self.factor))
-        return Proposal(replace(state, camera=state.camera + step), 0.0)
-
-
-@dataclass(frozen=True)
-class DepthScale:
-    """Body scale, camera height and the distance of everything together.
-
-    A larger body further away, seen from higher up, looks the same; without this move the
-    largest uncertainty of the problem would be crossed in many small steps. The camera's
-    elevation and (x, y) of k placements grow by e^d, so the Jacobian is e^((2 k + 1) d).
-    """
-
-    scales: tuple[float, ...] = (0.01, 0.04)
-    name: str = "depth-scale"
-    reverse: str = "depth-scale"
-
-    def propose(self, rng: np.random.Generator, state: State) -> Proposal[State]:
-        """Scale body and distances."""
-        scale = self.scales[int(rng.integers(len(self.scales)))]
-        step = scale * float(rng.standard_normal())
-        camera, placements = state.camera.copy(), state.placements.copy()
-        camera[1] *= math.exp(step)
-        camera[3] += step
-        placements[:, :2] *= math.exp(step)
-        changed = replace(state, camera=camera, placements=placements)
-        return Proposal(changed, (2 * state.n_scenelets + 1) * step)
-
-
-@dataclass(frozen=True)
-class FocalScale:
-    """Focal length and the depth of everything together.
-
-    Seen through a longer lens and from further away things look the same but for perspective,
-    which says little. Where the focal length was assumed this is most of the doubt of depth.
-    The tangent of the pitch shrinks, so that the horizon stays where it was; the angle is small
-    and stands for it. Depths y of k placements grow by e^d and the pitch shrinks by it, so the
-    Jacobian is e^((k - 1) d).
-
-    Parameters
-    ----------
-    spread : float
-        Standard deviation of the log focal length in the prior, the unit of ``scales``.
-    """
-
-    spread: float
-    scales: tuple[float, ...] = (0.2, 0.8)
-    name: str = "focal-scale"
-    reverse: str = "focal-scale"
-
-    def propose(self, rng: np.random.Generator, state: State) -> Proposal[State]:
-        """Scale focal length and depths."""
-        scale = self.spread * self.scales[int(rng.integers(len(self.scales)))]
-        step = scale * float(rng.standard_normal())
-        camera, placements = state.camera.copy(), state.placements.copy()
-        camera[0] *= math.exp(-step)
-        camera[2] += step
-        placements[:, 1] *= math.exp(step)
-        changed = replace(state, camera=camera, placements=placements)
-        return Proposal(changed, (state.n_scenelets - 1) * step)
 
 
 @dataclass(frozen=True)

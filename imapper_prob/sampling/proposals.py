@@ -5,9 +5,11 @@ scenelet, a middle frame and a placement, and is blurred around it in time, alon
 ray, across it and in yaw. Chains wander from scenelet to scenelet, and what can be born must
 be able to die: so all fits are there, bad ones with little weight. A small share of the mass
 goes to every scenelet at every start frame anywhere, so that no part of the support is out of
-reach and the density of any scenelet can be stated exactly. A larger person is tried further
-away, and one for whom the static path is too far or too near for their look is taken to be
-larger or smaller.
+reach and the density of any scenelet can be stated exactly.
+
+Candidates were fitted with one camera; with that of the chain the same look is elsewhere, and
+the person of another size (:mod:`~imapper_prob.sampling.looks`). Sizes are tried between the two,
+for the static path and what is usual hold them back.
 """
 
 from __future__ import annotations
@@ -22,6 +24,7 @@ from numpy.typing import NDArray
 from imapper_prob.models.kernels.support import log_size_density
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.scene import read_only
+from imapper_prob.sampling.looks import Stand, View, middle_heights
 
 __all__ = ["Candidates", "Proposals", "log_wrapped_normal"]
 
@@ -33,6 +36,8 @@ _ANYWHERE = 0.05
 _SPREADS = ((0.003, 0.03, 0.1), (0.015, 0.06, 0.3))
 """Blurs of a candidate in bearing (tangent), log depth and yaw (radians), tried equally often:
 the width of a placement's posterior, and one that reaches placements other objects displace."""
+_AFLOAT = 0.04
+"""Standard deviation of the log size about that at which the look of a fit stands on the floor."""
 
 
 @dataclass(frozen=True)
@@ -44,13 +49,16 @@ class Candidates:
     centres : (W,) int
         Middle frame of each window, ascending.
     placements : (W, L, 3) float
-        x, y in metres (y > 0), yaw in radians.
+        x, y in metres (y > 0), yaw in radians, at the mean of the camera prior.
+    sizes : (W, L) float
+        Log size of the person there.
     weights : (W, L) float
         How often to try each; zero where a scenelet was not fitted.
     """
 
     centres: Ints
     placements: Array
+    sizes: Array
     weights: Array
 
     def __post_init__(self) -> None:
@@ -58,7 +66,7 @@ class Candidates:
         centres.setflags(write=False)
         object.__setattr__(self, "centres", centres)
         shape = (len(centres), np.shape(self.weights)[-1])
-        for name, size in (("placements", (*shape, 3)), ("weights", shape)):
+        for name, size in (("placements", (*shape, 3)), ("sizes", shape), ("weights", shape)):
             object.__setattr__(
                 self, name, read_only(getattr(self, name), shape=size, name=f"candidate {name}")
             )
@@ -78,10 +86,9 @@ def log_wrapped_normal(angle: float, spread: float) -> float:
 class Proposals:
     """The mixture over (scenelet, start frame, placement, size), to draw from and to evaluate.
 
-    It depends on two things that the moves which use it leave alone. Candidates were fitted
-    at the mean of the camera prior; under another focal length or body size the same pixels
-    lie on another bearing and depth, and so do the proposals: hence ``camera`` (5,). And only
-    windows are tried of which ``others`` (k, 2), the scenelets that stay, leave the middle free.
+    It depends on two things that the moves which use it leave alone: the ``camera`` (5,), with
+    which a look is elsewhere; and only windows are tried of which ``others`` (k, 2), the
+    scenelets that stay, leave the middle free.
     """
 
     problem: Problem
@@ -94,8 +101,9 @@ class Proposals:
     _centres: list[int] = field(init=False, repr=False)
     _before: list[float] = field(init=False, repr=False)  # (W + 1,) weight of earlier windows
     _cumulative: Array = field(init=False, repr=False)  # (W, L) of a window's weights
-    _sizes: Array = field(init=False, repr=False)  # (W, L) mean log size of a candidate's person
-    _size_spreads: list[float] = field(init=False, repr=False)  # (W,) and its deviation
+    _heights: list[float] = field(init=False, repr=False)  # (L,) of the pelvis, reference body
+    _follows: list[tuple[float, float]] = field(init=False, repr=False)  # (W,) share, deviation
+    _fitted_with: View = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         cumulative = self.candidates.weights.cumsum(1)
@@ -106,16 +114,13 @@ class Proposals:
         object.__setattr__(self, "_centres", self.candidates.centres.tolist())
         object.__setattr__(self, "_before", before.tolist())
         object.__setattr__(self, "_cumulative", cumulative)
-        # What two normal laws, of sizes and of the path's depth, make of a look together.
-        problem, centres = self.problem, self.candidates.centres
-        depth = problem.path_centre[centres, 1] + problem.camera_mean[2] + problem.camera_mean[3]
-        known = self.candidates.weights > 0
-        own = np.log(np.where(known, self.candidates.placements[..., 1], 1.0))
-        doubt, spread = problem.path_scale[centres, 1] ** 2, problem.size_spread**2
-        sizes = np.where(known, depth[:, None] - own, 0.0) * (spread / (spread + doubt))[:, None]
-        deviation = np.sqrt(spread * doubt / (spread + doubt))
-        object.__setattr__(self, "_sizes", sizes)
-        object.__setattr__(self, "_size_spreads", deviation.tolist())
+        # How far a size follows the floor: path and usual sizes hold it back.
+        doubt = self.problem.path_scale[self.candidates.centres, 1] ** 2
+        precision = 1 / doubt + self.problem.size_spread**-2 + _AFLOAT**-2
+        follows = zip((_AFLOAT**-2 / precision).tolist(), (precision**-0.5).tolist(), strict=True)
+        object.__setattr__(self, "_heights", middle_heights(self.problem).tolist())
+        object.__setattr__(self, "_follows", list(follows))
+        object.__setattr__(self, "_fitted_with", View(self.problem.camera_mean))
 
     def middle(self, scenelet: int, start: int) -> int:
         """Middle frame of a scenelet."""
@@ -128,10 +133,19 @@ class Proposals:
             return min(right, len(centres) - 1)
         return right - (middle - centres[right - 1] <= centres[right] - middle)
 
-    def _seen_from(self, camera: Array, size: float) -> tuple[float, float]:
-        """By how much bearing shrinks and log depth grows from the mean camera to this one."""
-        change = camera - self.problem.camera_mean
-        return math.exp(-change[2]), float(change[2] + change[3] + size)
+    def carried(self, view: View, which: int, scenelet: int) -> tuple[Stand, float, float] | None:
+        """Where the look of a candidate in window ``which`` stands for another camera.
+
+        With mean and deviation of the log sizes that are tried. None if that is nowhere.
+        """
+        x, y, _ = self.candidates.placements[which, scenelet].tolist()
+        size, height = float(self.candidates.sizes[which, scenelet]), self._heights[scenelet]
+        look = self._fitted_with.look(x, y, size, height)
+        stand = None if look is None else view.stand(look, height)
+        if stand is None:
+            return None
+        share, spread = self._follows[which]
+        return stand, size + share * (stand.size - size), spread
 
     def _open(self, others: Ints, around: int | None, window: int) -> list[tuple[int, int]]:
         """Runs of windows, first and one past the last, that may be tried."""
@@ -195,16 +209,17 @@ class Proposals:
             scenelet = int(np.searchsorted(own, rng.random() * own[-1], side="right"))
             shift = int(rng.integers(-self.blur, self.blur + 1))
             start = self._centres[which] - self._lengths[scenelet] // 2 + shift
-            x, y, yaw = self.candidates.placements[which, scenelet].tolist()
-            size = float(self._sizes[which, scenelet])
-            size += self._size_spreads[which] * float(rng.standard_normal())
-            shrunk, further = self._seen_from(camera, size)
+            found = self.carried(View(camera), which, scenelet)
+            if found is None:
+                return None
+            stand, mean, spread = found
             across, along, around_z = _SPREADS[int(rng.integers(len(_SPREADS)))]
-            step = rng.standard_normal(3).tolist()
-            bearing = shrunk * x / y + across * step[0]
-            depth = y * math.exp(further + along * step[1])
-            turn = yaw + around_z * step[2]
-            return scenelet, start, np.array([bearing * depth, depth, turn]), size
+            sized, aside, further, turned = rng.standard_normal(4).tolist()
+            size = mean + spread * sized
+            depth = stand.y * math.exp(size - stand.size + along * further)
+            x = (stand.x / stand.y + across * aside) * depth
+            yaw = float(self.candidates.placements[which, scenelet, 2]) + around_z * turned
+            return scenelet, start, np.array([x, depth, yaw]), size
         scenelet = int(rng.integers(len(self._lengths)))
         first, last = self._starts(scenelet, around, window)
         if last < first:
@@ -250,7 +265,7 @@ class Proposals:
             starts = len(self._lengths) * (last - first + 1)
             density += (_ANYWHERE if total > 0 else 1.0) / starts * math.exp(log_anywhere)
         middle = self.middle(scenelet, start)
-        shrunk, further = self._seen_from(camera, size)
+        view = View(camera)
         near = range(
             bisect_left(self._centres, middle - self.blur),
             bisect_right(self._centres, middle + self.blur),
@@ -259,15 +274,19 @@ class Proposals:
             weight = float(self.candidates.weights[which, scenelet])
             if weight == 0 or not any(first <= which < end for first, end in runs):
                 continue
-            cx, cy, turn = self.candidates.placements[which, scenelet].tolist()
+            found = self.carried(view, which, scenelet)
+            if found is None:
+                continue
+            stand, mean, spread = found
+            turned = yaw - float(self.candidates.placements[which, scenelet, 2])
             # A window's weight over all windows, times the scenelet's over the window's.
             share = weight / total * (1 - _ANYWHERE) / len(_SPREADS) / (2 * self.blur + 1)
-            own = size - float(self._sizes[which, scenelet])
-            share *= math.exp(log_size_density(own, self._size_spreads[which]))
-            off, beyond = bearing - shrunk * cx / cy, log_depth - further - math.log(cy)
+            share *= math.exp(log_size_density(size - mean, spread))
+            aside = bearing - stand.x / stand.y
+            further = log_depth - math.log(stand.y) - (size - stand.size)
             for across, along, around_z in _SPREADS:
-                exponent = -0.5 * ((off / across) ** 2 + (beyond / along) ** 2)
-                exponent += log_wrapped_normal(yaw - turn, around_z)
+                exponent = -0.5 * ((aside / across) ** 2 + (further / along) ** 2)
+                exponent += log_wrapped_normal(turned, around_z)
                 density += share * math.exp(exponent) / (2 * math.pi * across * along)
         if density == 0:
             return -math.inf

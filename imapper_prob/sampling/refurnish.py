@@ -18,7 +18,7 @@ from imapper_prob.models.posterior import State
 from imapper_prob.samplers.kernel import Proposal
 from imapper_prob.sampling.moves import in_order
 from imapper_prob.sampling.proposals import Proposals
-from imapper_prob.sampling.replace import choose, log_choice, replaced
+from imapper_prob.sampling.replace import choose, log_choice, replaced, window_of
 
 __all__ = ["Refurnish"]
 
@@ -65,7 +65,8 @@ class Refurnish:
         group = self._group(state, index)
         changed, log_ratio = state, 0.0
         for member in group:
-            new = choose(rng, self.proposals, state, member, self.members[new_kind])
+            window = window_of(self.proposals, state, member)
+            new = choose(rng, self.proposals, window, self.members[new_kind])
             found = None if new is None else replaced(self.proposals, changed, member, new)
             if found is None:
                 return None
@@ -81,7 +82,13 @@ class Refurnish:
         """Log probability of choosing the scenelets of a group that ``after`` has."""
         choices = self.members[self.kinds[int(after.items[group[0], 0])]]
         return sum(
-            log_choice(self.proposals, before, k, int(after.items[k, 0]), choices) for k in group
+            log_choice(
+                self.proposals,
+                window_of(self.proposals, before, k),
+                int(after.items[k, 0]),
+                choices,
+            )
+            for k in group
         )
 
     def _group(self, state: State, index: int) -> list[int]:

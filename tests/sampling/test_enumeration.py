@@ -76,13 +76,15 @@ def test_every_assignment_has_its_exact_probability() -> None:
     assert 0.1 < expected[0] < 0.9
     places = np.tile([0.0, 4.0, 0.0], (3, 3, 1))
     middles = np.array(STARTS) + 3
-    proposals = Proposals(problem, Candidates(middles, places, np.array([[1.0, 1, 2]] * 3)))
+    proposals = Proposals(
+        problem, Candidates(middles, places, np.zeros((3, 3)), np.array([[1.0, 1, 2]] * 3))
+    )
     even = (np.ones((3, 3)) - np.eye(3)) / 2
     moves = (
         Birth(proposals),
         Death(proposals),
         Swap(proposals),
-        Replace(proposals),
+        Replace(proposals, reach=1),
         Exchange(problem, even),
         Shift(problem),
         PlacementWalk(),

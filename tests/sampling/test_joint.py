@@ -63,7 +63,12 @@ def setup(problem: Problem, *, fitted: bool = True) -> Setup:
     places[..., 2] = 2.5 * np.arange(places[..., 0].size).reshape(len(centres), n)
     similarity = (np.ones((n, n)) - np.eye(n)) / (n - 1)
     weights = fitted * np.linspace(0.5, 1.5, n) * np.ones((len(centres), n))
-    return Setup(problem, Candidates(centres, places, weights), similarity, SampleSettings())
+    return Setup(
+        problem,
+        Candidates(centres, places, np.zeros_like(weights), weights),
+        similarity,
+        SampleSettings(),
+    )
 
 
 def asked(problem: Problem, state: State) -> dict[str, float]:

@@ -1,0 +1,105 @@
+"""A look says where somebody stands, and the moves that rely on it keep it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import settings as hypothesis_settings
+from hypothesis import strategies as st
+
+from imapper_prob.models.camera import Camera
+from imapper_prob.models.posterior import State, empty_state
+from imapper_prob.sampling.camera_moves import CameraCarry
+from imapper_prob.sampling.looks import View, middle_heights
+from tests.models import worlds
+
+PROBLEM = worlds.problem(20)
+FACTOR = np.linalg.cholesky(np.linalg.inv(PROBLEM.camera_precision))
+
+
+def camera_of(seed: int) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    return np.array([*rng.normal((-0.1, 1.3, 0, 0, 0), (0.1, 0.2, 0.1, 0.1, 0.05))])
+
+
+def state_of(seed: int) -> State:
+    rng = np.random.default_rng(seed)
+    state = empty_state(PROBLEM)
+    for scenelet, start in ((0, 0), (2, 8), (1, 14)):
+        x, y, yaw = rng.normal((0, 4, 0), (0.5, 0.5, 1))
+        state = state.with_item(scenelet, start, np.array([x, y, yaw]), rng.normal(0, 0.1))
+    return state
+
+
+@hypothesis_settings(max_examples=100, deadline=None)
+@given(seed=st.integers(0, 10**6))
+def test_who_looks_so_stands_there(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    view, height = View(camera_of(seed)), rng.uniform(0.2, 1.0)
+    x, y, size = rng.normal((0, 4, 0), (0.5, 0.5, 0.1))
+    stand = view.stand(view.look(x, y, size, height), height)
+    np.testing.assert_allclose(stand, (x, y, size), rtol=1e-9, atol=1e-9)
+
+
+def test_a_look_is_what_the_camera_sees() -> None:
+    camera, height = camera_of(3), 0.55
+    pitch, elevation, focal, body, roll = camera.tolist()
+    seen = Camera(
+        1920, 1080, np.exp(focal), np.exp(focal), 0.0, 0.0,
+        pitch=pitch, roll=roll, elevation=elevation,
+    )  # fmt: skip
+    look = View(camera).look(0.4, 3.5, 0.07, height)
+    pelvis = np.array([0.4, 3.5, np.exp(body + 0.07) * height])
+    np.testing.assert_allclose(seen.project(pelvis), (look.right, -look.up))
+    depth = seen.to_camera(pelvis)[1]
+    assert look.apparent == pytest.approx(np.exp(focal + body + 0.07) / depth)
+
+
+@hypothesis_settings(max_examples=30, deadline=None)
+@given(seed=st.integers(0, 10**6))
+def test_volume_of_looks_is_their_derivative(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    view, height = View(camera_of(seed)), rng.uniform(0.2, 1.0)
+    where = rng.normal((0, 4, 0), (0.5, 0.5, 0.1))
+
+    def seen(at: np.ndarray) -> np.ndarray:
+        right, up, apparent = view.look(*at, height)
+        return np.array([right, up, np.log(apparent)])
+
+    step = 1e-5
+    derivative = np.stack([seen(where + d) - seen(where - d) for d in step * np.eye(3)]) / 2 / step
+    expected = np.log(abs(np.linalg.det(derivative)))
+    assert view.log_volume(view.look(*where, height), where[2]) == pytest.approx(expected, abs=1e-6)
+
+
+def test_nobody_stands_above_the_horizon_or_behind_the_camera() -> None:
+    view = View(np.array([0.0, 1.5, 0.0, 0.0, 0.0]))
+    assert view.look(0.0, -2.0, 0.0, 0.5) is None
+    look = view.look(0.0, 4.0, 0.0, 0.5)
+    assert view.stand(look._replace(up=0.5), 0.5) is None
+
+
+@hypothesis_settings(max_examples=50, deadline=None)
+@given(seed=st.integers(0, 10**6))
+def test_whoever_is_carried_along_looks_the_same(seed: int) -> None:
+    state = state_of(seed)
+    proposal = CameraCarry(PROBLEM, FACTOR).propose(np.random.default_rng(seed), state)
+    if proposal is None:
+        return
+    heights = middle_heights(PROBLEM)[state.items[:, 0]]
+    looks = [
+        [View(s.camera).look(x, y, size, h) for (x, y, _), size, h in rows(s, heights)]
+        for s in (state, proposal.state)
+    ]
+    np.testing.assert_allclose(looks[1], looks[0], rtol=1e-8, atol=1e-10)
+    np.testing.assert_array_equal(proposal.state.placements[:, 2], state.placements[:, 2])
+    volumes = [
+        sum(View(s.camera).log_volume(k, size) for k, size in zip(own, s.sizes, strict=True))
+        for s, own in zip((state, proposal.state), looks, strict=True)
+    ]
+    assert proposal.log_ratio == pytest.approx(volumes[0] - volumes[1], abs=1e-8)
+
+
+def rows(state: State, heights: np.ndarray) -> zip:
+    return zip(state.placements, state.sizes, heights, strict=True)
