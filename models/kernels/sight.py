@@ -95,9 +95,11 @@ def set_outlook(elevation: float, box: Array, turn: Array, outlook: Singles) -> 
 @inlined
 def aim(elevation: float, joints: Array, lines: Singles, row: int) -> None:
     """The lines of sight to ``joints[row]`` (3, 16), into ``lines[row]`` (48,)."""
-    for j in range(16):
+    for j in range(joints.shape[2]):
         lines[row, _X + j] = joints[row, 0, j]
+    for j in range(joints.shape[2]):
         lines[row, _Y + j] = joints[row, 1, j]
+    for j in range(joints.shape[2]):
         lines[row, _Z + j] = joints[row, 2, j] - elevation
 
 
@@ -108,7 +110,7 @@ def look(lines: Singles, row: int, bench: Singles, views: Singles) -> None:
     Bounds of bearing x / y and of slope z / y, and the largest y. A joint behind the camera
     may be anywhere.
     """
-    for j in range(16):
+    for j in range(lines.shape[1] // 3):
         nearness = _ONE / lines[row, _Y + j]
         bench[_BEARING + j] = lines[row, _X + j] * nearness
         bench[_SLOPE + j] = lines[row, _Z + j] * nearness
