@@ -192,12 +192,11 @@ def set_chances(
     _project(lens, body, joints, row, desk)
     _measure(places, facts, of, desk, bench)
     _raise(bench)
-    for j in range(16):
-        loose = np.float32(desk[_LOOSE + j])
-        for side in range(2):
-            for visible in range(2):
+    for side in range(2):
+        for visible in range(2):
+            for j in range(facts.shape[3]):
                 at = 32 * side + 16 * visible + j
-                scale2 = facts[of, side, _SCALE2 + visible, j] + loose
+                scale2 = facts[of, side, _SCALE2 + visible, j] + np.float32(desk[_LOOSE + j])
                 part = bench[_FRACTION + at] * facts[of, side, _CONFIDENCE + visible, j] / scale2
                 # Single precision ends where detections far off do not yet: so much for 2^n.
                 n = np.int64(np.float32(bench[_EXPONENT + at]).view(np.int32)) - _ROUND_BITS
