@@ -42,7 +42,7 @@ def pose_frames(problem: Problem, memory: Memory, n: int, n_moved: int, camera: 
     _pose_free_frames(problem, memory, n_moved, camera)
     rows, joints, lines, views = memory.pose_row, memory.joints, memory.lines, memory.views
     columns, ground, sunk = memory.columns, memory.ground, memory.sunk
-    # One after the other, for what was just written is not at once there to be read in rows.
+    # All frames are aimed at first: a row just stored in parts cannot be read again at once.
     for i in range(n_moved):
         aim(camera[1], joints, lines, rows[memory.frames[i]])
     for i in range(n_moved):

@@ -216,4 +216,6 @@ def _pass_by(outlooks: Singles, k: int, bench: Singles) -> None:
         first, second = bench[_FIRST + 32 + j], bench[_SECOND + 32 + j]
         pair12 = abs(first * p2 - second * p1) + (first * longer12 - h1)
         value = max(max(max(least, axis0), max(axis1, axis2)), max(pair01, max(pair02, pair12)))
+        # The least of three: that of two would be stored only where it is the new one, and a
+        # row stored in part cannot be read again at once.
         bench[GAP + j] = min(min(bench[GAP + j], value), value * thin)

@@ -109,6 +109,7 @@ def _recall_votes(memory: Memory, n: int) -> int:
             if near[slot, row]:
                 bounded = True
                 for j in range(gaps.shape[2]):
+                    # The cap, which changes nothing, makes it three, as in ``sight``.
                     bench[GAP + j] = min(min(bench[GAP + j], gaps[slot, row, j]), _CAP)
         for j in range(clearance.shape[1]):
             clearance[to, j] = bench[GAP + j]
