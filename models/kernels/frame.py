@@ -192,12 +192,11 @@ def set_chances(
     _project(lens, body, joints, row, desk)
     _measure(places, facts, of, desk, bench)
     _raise(bench)
-    for j in range(16):
-        loose = np.float32(desk[_LOOSE + j])
-        for side in range(2):
-            for visible in range(2):
+    for side in range(2):
+        for visible in range(2):
+            for j in range(facts.shape[3]):
                 at = 32 * side + 16 * visible + j
-                scale2 = facts[of, side, _SCALE2 + visible, j] + loose
+                scale2 = facts[of, side, _SCALE2 + visible, j] + np.float32(desk[_LOOSE + j])
                 part = bench[_FRACTION + at] * facts[of, side, _CONFIDENCE + visible, j] / scale2
                 # Single precision ends where detections far off do not yet: so much for 2^n.
                 n = np.int64(np.float32(bench[_EXPONENT + at]).view(np.int32)) - _ROUND_BITS
@@ -278,8 +277,14 @@ def weigh(chances: Array, row: int, seen: Singles, at: int, desk: Array, logs: A
         bits = np.float64(desk[j]).view(np.int64)
         desk[j] = np.int64((bits & _MANTISSA) | _UNIT).view(np.float64)
         desk[32 + j] = np.float64((bits >> 52) - _BIAS)
+    # Halves side by side, for one factor after the other would wait for the one before.
+    for j in range(8):
+        desk[j] *= desk[8 + j]
+        desk[16 + j] *= desk[24 + j]
+        desk[32 + j] += desk[40 + j]
+        desk[48 + j] += desk[56 + j]
     right, wrong, twos_right, twos_wrong = 1.0, 1.0, 0.0, 0.0
-    for j in range(16):
+    for j in range(8):
         right *= desk[j]
         wrong *= desk[16 + j]
         twos_right += desk[32 + j]

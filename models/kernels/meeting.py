@@ -44,7 +44,7 @@ def _meet(memory: Memory, slot: int, frames: Ints, n: int) -> None:
         if near:
             open_view(bench)
             near = clear(outlooks, first, last, lines, views, row, bench)
-            for j in range(16):
+            for j in range(gaps.shape[2]):
                 gaps[slot, row, j] = bench[GAP + j]
         memory.near[slot, row] = near
         depth = 0.0

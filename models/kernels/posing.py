@@ -42,10 +42,13 @@ def pose_frames(problem: Problem, memory: Memory, n: int, n_moved: int, camera: 
     _pose_free_frames(problem, memory, n_moved, camera)
     rows, joints, lines, views = memory.pose_row, memory.joints, memory.lines, memory.views
     columns, ground, sunk = memory.columns, memory.ground, memory.sunk
+    # All frames are aimed at first: a row just stored in parts cannot be read again at once.
+    for i in range(n_moved):
+        aim(camera[1], joints, lines, rows[memory.frames[i]])
+    for i in range(n_moved):
+        look(lines, rows[memory.frames[i]], memory.bench, views)
     for i in range(n_moved):
         row = rows[memory.frames[i]]
-        aim(camera[1], joints, lines, row)
-        look(lines, row, memory.bench, views)
         set_columns(joints, row, columns, ground, row)
         sunk[row] = depth_below_floor(joints, row)
 

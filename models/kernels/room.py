@@ -42,6 +42,7 @@ def find_clearances(elevation: float, joints: Array, boxes: Array, turns: Array)
     lines, views = np.empty((n, LINE), np.float32), np.empty((n, VIEW), np.float32)
     for t in range(n):
         aim(elevation, joints, lines, t)
+    for t in range(n):
         look(lines, t, bench, views)
     for t in range(n):
         open_view(bench)

@@ -95,9 +95,11 @@ def set_outlook(elevation: float, box: Array, turn: Array, outlook: Singles) -> 
 @inlined
 def aim(elevation: float, joints: Array, lines: Singles, row: int) -> None:
     """The lines of sight to ``joints[row]`` (3, 16), into ``lines[row]`` (48,)."""
-    for j in range(16):
+    for j in range(joints.shape[2]):
         lines[row, _X + j] = joints[row, 0, j]
+    for j in range(joints.shape[2]):
         lines[row, _Y + j] = joints[row, 1, j]
+    for j in range(joints.shape[2]):
         lines[row, _Z + j] = joints[row, 2, j] - elevation
 
 
@@ -108,7 +110,7 @@ def look(lines: Singles, row: int, bench: Singles, views: Singles) -> None:
     Bounds of bearing x / y and of slope z / y, and the largest y. A joint behind the camera
     may be anywhere.
     """
-    for j in range(16):
+    for j in range(lines.shape[1] // 3):
         nearness = _ONE / lines[row, _Y + j]
         bench[_BEARING + j] = lines[row, _X + j] * nearness
         bench[_SLOPE + j] = lines[row, _Z + j] * nearness
@@ -214,5 +216,6 @@ def _pass_by(outlooks: Singles, k: int, bench: Singles) -> None:
         first, second = bench[_FIRST + 32 + j], bench[_SECOND + 32 + j]
         pair12 = abs(first * p2 - second * p1) + (first * longer12 - h1)
         value = max(max(max(least, axis0), max(axis1, axis2)), max(pair01, max(pair02, pair12)))
-        value = min(value, value * thin)
-        bench[GAP + j] = min(bench[GAP + j], value)
+        # The least of three: that of two would be stored only where it is the new one, and a
+        # row stored in part cannot be read again at once.
+        bench[GAP + j] = min(min(bench[GAP + j], value), value * thin)

@@ -60,7 +60,7 @@ def prepare(problem: Problem, memory: Memory) -> None:
 @inlined
 def _differ(clearance: Singles, one: int, other: int) -> bool:
     different = False
-    for j in range(16):
+    for j in range(clearance.shape[1]):
         different |= clearance[one, j] != clearance[other, j]
     return different
 
@@ -108,9 +108,10 @@ def _recall_votes(memory: Memory, n: int) -> int:
             depth += depths[slot, row]
             if near[slot, row]:
                 bounded = True
-                for j in range(16):
-                    bench[GAP + j] = min(bench[GAP + j], gaps[slot, row, j])
-        for j in range(16):
+                for j in range(gaps.shape[2]):
+                    # The cap, which changes nothing, makes it three, as in ``sight``.
+                    bench[GAP + j] = min(min(bench[GAP + j], gaps[slot, row, j]), _CAP)
+        for j in range(clearance.shape[1]):
             clearance[to, j] = bench[GAP + j]
         inside[to] = depth
         covered = cover[1, t] >= 0
@@ -120,7 +121,7 @@ def _recall_votes(memory: Memory, n: int) -> int:
                 votes[to, k] = votes[before, k]
         elif covered or bounded:
             memory.frames[n_weighed], memory.weighed[n_weighed] = t, to
-            for j in range(16):
+            for j in range(seen.shape[1]):
                 seen[n_weighed, j] = bench[GAP + j]
             n_weighed += 1
         else:
