@@ -225,8 +225,8 @@ class Proposals:
         if last < first:
             return None
         start = int(rng.integers(first, last + 1))
-        mean, spread = self.problem.start_mean, np.sqrt(self.problem.start_variance)
-        bearing, log_depth = mean + spread * rng.standard_normal(2)
+        spreads = np.sqrt(self.problem.start_variance)
+        bearing, log_depth = self.problem.start_mean + spreads * rng.standard_normal(2)
         depth = math.exp(log_depth)
         turn = rng.uniform(-math.pi, math.pi)
         size = self.problem.size_spread * float(rng.standard_normal())
