@@ -40,7 +40,10 @@ from imapper_prob.staged.fit import fit_windows
 from imapper_prob.staged.frames import FrameTable
 from imapper_prob.staged.solver import Fitted, Solution, solve_fitted
 
-__all__ = ["SETTINGS", "Ranked", "describe", "rank_scene", "short_clip", "solve_given"]
+__all__ = [
+    "SETTINGS", "Drawn", "Ranked", "describe", "draw_and_sample", "rank_scene", "short_clip",
+    "solve_given",
+]  # fmt: skip
 
 Array = NDArray[np.float64]
 
@@ -65,6 +68,16 @@ forgets itself in 300 to 1,000."""
 
 
 @dataclass(frozen=True)
+class Drawn:
+    """A scene drawn from the prior, and draws of the posterior of what was detected of it."""
+
+    truth: State
+    problem: Problem
+    library: Library
+    states: tuple[State, ...]
+
+
+@dataclass(frozen=True)
 class Ranked:
     """What one data set says.
 
@@ -80,7 +93,7 @@ class Ranked:
     effective: dict[str, float]
 
 
-def short_clip(library: Library, *, every: int) -> Experiment:
+def short_clip(library: Library, *, every: int, frames: int = FRAMES) -> Experiment:
     """Somebody stands there, if nothing else is drawn.
 
     Where they stand is given, and which joints the detector reports: one in every so many frames,
@@ -93,29 +106,31 @@ def short_clip(library: Library, *, every: int) -> Experiment:
     every : int
         Frames from one detection to the next. With 1 it is nearly always clear which scenelets
         there are, and chains hardly jump; with 4 they jump once in thirty births.
+    frames : int
+        How long it is.
     """
     by_name = {s.name: s for s in library}
     small = Library("short", tuple(_middle(by_name[name], n) for name, n in SCENELETS))
     standing = by_name["stand-idle-001"].joints[8]
-    joints = np.repeat(turned(standing, np.pi)[None], FRAMES, 0)
+    joints = np.repeat(turned(standing, np.pi)[None], frames, 0)
     joints[..., 1] += 4.0
     in_camera = NOMINAL_CAMERA.to_camera(joints)
     pelvis = in_camera[:, PELV]
     seen = np.stack([pelvis[:, 0] / pelvis[:, 1], np.log(pelvis[:, 1])], -1)
     poses = in_camera - pelvis[:, None]
     rng, detections = np.random.default_rng(0), DetectionModel()
-    confidences = np.zeros((FRAMES, N_JOINTS))
+    confidences = np.zeros((frames, N_JOINTS))
     for row in confidences[::every]:
         row[rng.choice(DETECTED)] = 0.5
     track = Track(
-        "actor", NOMINAL_CAMERA.project(joints), confidences, poses, np.zeros(FRAMES, bool)
+        "actor", NOMINAL_CAMERA.project(joints), confidences, poses, np.zeros(frames, bool)
     )
     mean = (NOMINAL_CAMERA.pitch, NOMINAL_CAMERA.elevation, 0.0, 0.0, NOMINAL_CAMERA.roll)
     return Experiment(
-        Clip("short", NOMINAL_CAMERA, 10.0, np.arange(FRAMES), (track,)),
+        Clip("short", NOMINAL_CAMERA, 10.0, np.arange(frames), (track,)),
         StaticPath(
-            seen, pelvis[:, 2] / pelvis[:, 1], np.tile([0.03, 0.2], (FRAMES, 1)), poses,
-            np.ones(FRAMES, bool),
+            seen, pelvis[:, 2] / pelvis[:, 1], np.tile([0.03, 0.2], (frames, 1)), poses,
+            np.ones(frames, bool),
         ),
         CameraPrior(np.array(mean), np.diag([0.02, 0.06, 0.04, 0.04, 0.015]) ** 2),
         small,
@@ -146,16 +161,24 @@ def solve_given(experiment: Experiment) -> Solution:
     return solve_fitted(clip, library, fitted)
 
 
-def rank_scene(experiment: Experiment, seed: int, settings: SampleSettings = SETTINGS) -> Ranked:
-    """Draw a scene and its detections, sample their posterior, and rank the one in the other."""
-    scene_rng, chain_rng, tie_rng = np.random.default_rng(seed).spawn(3)
+def draw_and_sample(
+    experiment: Experiment, seed: int, settings: SampleSettings = SETTINGS
+) -> Drawn:
+    """Draw a scene and its detections, and sample their posterior with one chain."""
+    scene_rng, chain_rng = np.random.default_rng(seed).spawn(2)
     truth = draw_state(scene_rng, experiment.problem)
     solution = solve_given(experiment.observed(scene_rng, truth))
-    setup = setup_of(solution, settings)
-    chain = run_chain(setup, solution.states[0], chain_rng, _go_on)
-    problem, library = solution.problem, solution.library
-    true = describe(problem, library, truth)
-    drawn = [describe(problem, library, state) for state in chain.states]
+    chain = run_chain(setup_of(solution, settings), solution.states[0], chain_rng, _go_on)
+    return Drawn(truth, solution.problem, solution.library, chain.states)
+
+
+def rank_scene(experiment: Experiment, seed: int, settings: SampleSettings = SETTINGS) -> Ranked:
+    """Rank a scene that was drawn among the draws of its posterior."""
+    tie_rng = np.random.default_rng(seed).spawn(3)[2]
+    found = draw_and_sample(experiment, seed, settings)
+    problem, library = found.problem, found.library
+    true = describe(problem, library, found.truth)
+    drawn = [describe(problem, library, state) for state in found.states]
     ranks, effective = {}, {}
     for name, value in true.items():
         values = np.array([d[name] for d in drawn])

@@ -1,7 +1,8 @@
-"""Simulated clips whose truth is known, from the model and from others.
+"""Simulated clips whose truth is known: plausible ones, and others that differ in one thing.
 
-What breaks calibration, and by how much: the same program is run on clips of the model that it
-has, and on clips that differ from it in one thing each, as the world may.
+What breaks calibration, and by how much: the same program is run on clips that are as plausible
+as the simulator makes them, and on clips that are wrong in one thing each, as the world may be.
+Scenes that are the model's own are drawn by :mod:`imapper_prob.evaluate.drawn_scenes`.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from imapper_prob.scenelets.library import built_in_library
 __all__ = ["MODELS", "simulated"]
 
 MODELS: Final = {
-    "right": "camera, body and detector as the model has them, scenelets of its library",
+    "plausible": "camera, body and detector as the model has them, scenelets of its library",
     "other scenelets": "performed from a library of other bodies and other furniture",
     "stronger noise": "pixel errors three times as large, at the same confidences",
     "tilted floor": "a camera rolled by eight degrees, five standard deviations",
@@ -41,8 +42,8 @@ _OTHER_LIBRARY: Final = 1
 def simulated(model: str, seed: int) -> tuple[Clip, Library]:
     """A clip of one of :data:`MODELS`, and the library to look for it with.
 
-    The same arguments give the same clip. Room and walk are plausible, not a draw of p(X): also
-    the right model is right only up to that.
+    The same arguments give the same clip. Room and walk are plausible, not a draw of p(X), and
+    the static path is off as it happens to be, not as it was measured on i3DB.
     """
     if model not in MODELS:
         raise InputError(f"no model {model!r}; there are {', '.join(MODELS)}")

@@ -19,12 +19,12 @@ def test_a_clip_is_that_of_its_seed_and_hides_its_camera(model: str) -> None:
     assert clip.truth is not None
     assert clip.truth.camera != clip.camera
     np.testing.assert_array_equal(clip.tracks[0].keypoints, again.tracks[0].keypoints)
-    assert library.name == simulated("right", 3)[1].name
+    assert library.name == simulated("plausible", 3)[1].name
 
 
 def test_each_differs_in_one_thing() -> None:
     clips = {model: simulated(model, 3)[0] for model in MODELS}
-    right, noisy, tilted = (clips[m] for m in ("right", "stronger noise", "tilted floor"))
+    right, noisy, tilted = (clips[m] for m in ("plausible", "stronger noise", "tilted floor"))
     assert right.truth
     assert noisy.truth
     assert tilted.truth
