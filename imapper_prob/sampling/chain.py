@@ -32,7 +32,7 @@ from imapper_prob.sampling.moves import (
 )
 from imapper_prob.sampling.proposals import Candidates, Proposals
 from imapper_prob.sampling.refurnish import Refurnish
-from imapper_prob.sampling.replace import Replace
+from imapper_prob.sampling.replace import Replace, Retime
 from imapper_prob.sampling.tracker import SceneTracker, split
 from imapper_prob.staged.kinds import furniture_kinds
 
@@ -107,7 +107,7 @@ def scene_moves(setup: Setup) -> Mixture[State]:
         (Death(proposals), 0.09),
         (Swap(proposals), 0.04),
         (Replace(proposals), 0.10),
-        (Replace(proposals, reach=3, name="retime", reverse="retime"), 0.05),
+        (Retime(proposals), 0.05),
         (Exchange(problem, setup.similarity), 0.06),
         (Refurnish(proposals, kinds), 0.08),
         (Shift(problem), 0.06),

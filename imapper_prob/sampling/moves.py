@@ -27,6 +27,7 @@ __all__ = [
     "PlacementWalk",
     "Shift",
     "Swap",
+    "flush_run",
     "in_order",
 ]
 
@@ -41,6 +42,16 @@ def in_order(problem: Problem, state: State) -> bool:
             return False
         end = start + int(problem.lengths[scenelet])
     return end <= problem.n_frames
+
+
+def flush_run(problem: Problem, state: State, index: int) -> slice:
+    """The scenelets around one that follow one another without a gap."""
+    starts = state.items[:, 1]
+    gaps = starts[1:] - starts[:-1] - problem.lengths[state.items[:-1, 0]]
+    breaks = np.flatnonzero(gaps) + 1
+    first = int(breaks[breaks <= index].max(initial=0))
+    last = int(breaks[breaks > index].min(initial=len(starts)))
+    return slice(first, last)
 
 
 def _difference(before: State, after: State) -> int | None:
@@ -214,22 +225,14 @@ class Shift:
             return None
         index = int(rng.integers(state.n_scenelets))
         step = int(rng.integers(1, self.reach + 1)) * (1 if rng.random() < 0.5 else -1)
-        moved = self._flush(state, index) if rng.random() < 0.5 else slice(index, index + 1)
+        run, together = flush_run(self.problem, state, index), rng.random() < 0.5
+        moved = run if together else slice(index, index + 1)
         items = state.items.copy()
         items[moved, 1] += step
         changed = replace(state, items=items)
         # Flush with others now, they would all be moved on the way back.
-        alike = moved == slice(index, index + 1) or self._flush(changed, index) == moved
+        alike = not together or flush_run(self.problem, changed, index) == run
         return Proposal(changed, 0.0) if alike and in_order(self.problem, changed) else None
-
-    def _flush(self, state: State, index: int) -> slice:
-        """The scenelets around one that follow one another without a gap."""
-        starts = state.items[:, 1]
-        gaps = starts[1:] - starts[:-1] - self.problem.lengths[state.items[:-1, 0]]
-        breaks = np.flatnonzero(gaps) + 1
-        first = int(breaks[breaks <= index].max(initial=0))
-        last = int(breaks[breaks > index].min(initial=len(starts)))
-        return slice(first, last)
 
 
 @dataclass(frozen=True)

@@ -36,6 +36,9 @@ _ANYWHERE = 0.05
 _SPREADS = ((0.003, 0.03, 0.1), (0.015, 0.06, 0.3))
 """Blurs of a candidate in bearing (tangent), log depth and yaw (radians), tried equally often:
 the width of a placement's posterior, and one that reaches placements other objects displace."""
+_FLUSH = 0.5
+"""Share of the starts that leave no gap to a neighbour, where one is within reach: between two
+scenelets that follow one another the person jumps once, with a gap twice."""
 _AFLOAT = 0.04
 """Standard deviation of the log size about that at which the look of a fit stands on the floor."""
 
@@ -87,8 +90,8 @@ class Proposals:
     """The mixture over (scenelet, start frame, placement, size), to draw from and to evaluate.
 
     It depends on two things that the moves which use it leave alone: the ``camera`` (5,), with
-    which a look is elsewhere; and only windows are tried of which ``others`` (k, 2), the
-    scenelets that stay, leave the middle free.
+    which a look is elsewhere; and ``others`` (k, 2), the scenelets that stay: only windows are
+    tried of which they leave the middle free, and often such starts that leave no gap to them.
     """
 
     problem: Problem
@@ -166,6 +169,32 @@ class Proposals:
         runs.append((first, end))
         return runs
 
+    def _flush(self, which: int, scenelet: int, others: Ints) -> list[int]:
+        """Frames off the middle of a window at which a scenelet has no gap to one of others."""
+        length = self._lengths[scenelet]
+        first = self._centres[which] - length // 2
+        shifts = set()
+        for other, start in others.tolist():
+            shifts |= {start + self._lengths[other] - first, start - length - first}
+        return sorted(shift for shift in shifts if abs(shift) <= self.blur)
+
+    def draw_shift(self, rng: np.random.Generator, which: int, scenelet: int, others: Ints) -> int:
+        """By how many frames to try a scenelet off the middle of a window."""
+        flush = self._flush(which, scenelet, others)
+        if flush and rng.random() < _FLUSH:
+            return flush[int(rng.integers(len(flush)))]
+        return int(rng.integers(-self.blur, self.blur + 1))
+
+    def shift_probability(self, which: int, scenelet: int, shift: int, others: Ints) -> float:
+        """Of what :meth:`draw_shift` draws."""
+        if abs(shift) > self.blur:
+            return 0.0
+        flush = self._flush(which, scenelet, others)
+        even = 1 / (2 * self.blur + 1)
+        if not flush:
+            return even
+        return (1 - _FLUSH) * even + _FLUSH * (shift in flush) / len(flush)
+
     def _weight(self, runs: list[tuple[int, int]]) -> float:
         """Of all windows of some runs."""
         return sum(self._before[end] - self._before[first] for first, end in runs)
@@ -207,7 +236,7 @@ class Proposals:
             which = self._pick(runs, rng.random() * total)
             own = self._cumulative[which]
             scenelet = int(np.searchsorted(own, rng.random() * own[-1], side="right"))
-            shift = int(rng.integers(-self.blur, self.blur + 1))
+            shift = self.draw_shift(rng, which, scenelet, others)
             start = self._centres[which] - self._lengths[scenelet] // 2 + shift
             found = self.carried(View(camera), which, scenelet)
             if found is None:
@@ -280,7 +309,8 @@ class Proposals:
             stand, mean, spread = found
             turned = yaw - float(self.candidates.placements[which, scenelet, 2])
             # A window's weight over all windows, times the scenelet's over the window's.
-            share = weight / total * (1 - _ANYWHERE) / len(_SPREADS) / (2 * self.blur + 1)
+            share = weight / total * (1 - _ANYWHERE) / len(_SPREADS)
+            share *= self.shift_probability(which, scenelet, middle - self._centres[which], others)
             share *= math.exp(log_size_density(size - mean, spread))
             aside = bearing - stand.x / stand.y
             further = log_depth - math.log(stand.y) - (size - stand.size)

@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 from imapper_prob.models.posterior import State
 from imapper_prob.samplers.kernel import Proposal
 from imapper_prob.sampling.looks import View
-from imapper_prob.sampling.moves import in_order
+from imapper_prob.sampling.moves import flush_run, in_order
 from imapper_prob.sampling.proposals import Proposals
 
-__all__ = ["Replace", "choose", "log_choice", "replaced", "window_of"]
+__all__ = ["Replace", "Retime", "choose", "log_choice", "replaced", "window_of"]
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -55,14 +55,20 @@ def window_of(proposals: Proposals, state: State, index: int) -> int:
 
 
 def replaced(
-    proposals: Proposals, state: State, index: int, new: int, *, later: int = 0
+    proposals: Proposals,
+    state: State,
+    index: int,
+    new: int,
+    *,
+    later: int = 0,
+    shift: int | None = None,
 ) -> State | None:
     """A state with the scenelet ``new`` at ``index``, some windows ``later``.
 
-    How far its middle is from that of its window stays. Undone by the same with the old scenelet
-    and as many windows earlier. Bearing, log depth, yaw and size change by constants, so that on
-    the floor |d(x', y') / d(x, y)| = (y' / y)^2. None where one of both has no fit, or is no
-    longer nearest to its window. Order in time is not looked at.
+    Its middle is ``shift`` frames off that of its window, as many as before if not given. Undone by
+    the same with the old scenelet, shift and window. Bearing, log depth, yaw and size change by
+    constants, so that on the floor |d(x', y') / d(x, y)| = (y' / y)^2. None where one of both
+    has no fit, or is no longer nearest to its window. Order in time is not looked at.
     """
     old, start = state.items[index].tolist()
     centres = proposals.candidates.centres
@@ -82,9 +88,10 @@ def replaced(
     yaws = proposals.candidates.placements[..., 2]
     depth = y * after.y / before.y
     bearing = x / y + after.x / after.y - before.x / before.y
-    by = int(centres[other] - centres[window])
+    if shift is None:
+        shift = proposals.middle(old, start) - int(centres[window])
     items, placements, sizes = state.items.copy(), state.placements.copy(), state.sizes.copy()
-    items[index] = (new, start + by + proposals.middle(old, 0) - proposals.middle(new, 0))
+    items[index] = (new, int(centres[other]) + shift - proposals.middle(new, 0))
     placements[index] = (bearing * depth, depth, yaw + yaws[other, new] - yaws[window, old])
     sizes[index] += after.size - before.size
     changed = replace(state, items=items, placements=placements, sizes=sizes)
@@ -93,17 +100,9 @@ def replaced(
 
 @dataclass(frozen=True)
 class Replace:
-    """One scenelet becomes another that was fitted to the same window or one nearby.
-
-    Parameters
-    ----------
-    proposals : Proposals
-    reach : int
-        Windows by which it may come earlier or later.
-    """
+    """One scenelet becomes another that was fitted to the same window."""
 
     proposals: Proposals
-    reach: int = 0
     name: str = "replace"
     reverse: str = "replace"
 
@@ -112,20 +111,19 @@ class Replace:
         if state.n_scenelets == 0:
             return None
         index = int(rng.integers(state.n_scenelets))
-        old, window = int(state.items[index, 0]), window_of(self.proposals, state, index)
-        later = int(rng.integers(-self.reach, self.reach + 1))
-        other = window + later
-        if not 0 <= other < len(self.proposals.candidates.centres):
+        window = window_of(self.proposals, state, index)
+        new = choose(rng, self.proposals, window)
+        if new is None:
             return None
-        new = choose(rng, self.proposals, other)
-        if new is None or (new == old and later == 0):
-            return None
-        changed = replaced(self.proposals, state, index, new, later=later)
+        others = np.delete(state.items, index, axis=0)
+        shift = self.proposals.draw_shift(rng, window, new, others)
+        changed = replaced(self.proposals, state, index, new, shift=shift)
         if changed is None or not in_order(self.proposals.problem, changed):
             return None
-        backward = log_choice(self.proposals, window, old)
-        forward = log_choice(self.proposals, other, new)
+        if np.array_equal(changed.items, state.items):
+            return None
         jacobian = 2 * math.log(changed.placements[index, 1] / state.placements[index, 1])
+        forward, backward = self._log_chosen(changed, index), self._log_chosen(state, index)
         return Proposal(changed, backward - forward + jacobian)
 
     def explain(self, before: State, after: State) -> float:
@@ -135,18 +133,84 @@ class Replace:
         moved = np.flatnonzero((before.items != after.items).any(axis=1))
         if len(moved) != 1:
             return -math.inf
-        k = int(moved[0])
-        window = window_of(self.proposals, before, k)
-        later = window_of(self.proposals, after, k) - window
-        new = int(after.items[k, 0])
-        again = replaced(self.proposals, before, k, new, later=later)
+        k, new = int(moved[0]), int(after.items[moved[0], 0])
+        _, shift = _middle_of(self.proposals, after, k)
+        again = replaced(self.proposals, before, k, new, shift=shift)
         same = again is not None and all(
             np.allclose(getattr(again, name), getattr(after, name), atol=1e-9)
             for name in ("items", "placements", "sizes")
         )
-        if not same or abs(later) > self.reach:
+        if not same:
             return -math.inf
-        chosen = log_choice(self.proposals, window + later, new)
         # Given in (bearing, log depth): on the floor that is 1 / y'^2.
-        ways = before.n_scenelets * (2 * self.reach + 1)
-        return chosen - math.log(ways) - 2 * math.log(after.placements[k, 1])
+        to_floor = -2 * math.log(after.placements[k, 1])
+        return self._log_chosen(after, k) - math.log(before.n_scenelets) + to_floor
+
+    def _log_chosen(self, state: State, index: int) -> float:
+        """Log probability of a scenelet and its start, given the window."""
+        scenelet = int(state.items[index, 0])
+        window, shift = _middle_of(self.proposals, state, index)
+        others = np.delete(state.items, index, axis=0)
+        chance = self.proposals.shift_probability(window, scenelet, shift, others)
+        return log_choice(self.proposals, window, scenelet) + math.log(chance)
+
+
+@dataclass(frozen=True)
+class Retime:
+    """One scenelet becomes another some windows away, and those flush with it go along.
+
+    Where one ends as the next begins neither can change its start or length alone without a gap,
+    which costs a second jump of the person. Here what comes before stays flush with the new
+    start, and what follows with the new end.
+
+    Parameters
+    ----------
+    proposals : Proposals
+    reach : int
+        Windows by which the middle may come earlier or later.
+    """
+
+    proposals: Proposals
+    reach: int = 3
+    name: str = "retime"
+    reverse: str = "retime"
+
+    def propose(self, rng: np.random.Generator, state: State) -> Proposal[State] | None:
+        """Replace and move; impossible where there is no scenelet, or no room."""
+        if state.n_scenelets == 0:
+            return None
+        problem, blur = self.proposals.problem, self.proposals.blur
+        index = int(rng.integers(state.n_scenelets))
+        old = int(state.items[index, 0])
+        later = int(rng.integers(-self.reach, self.reach + 1))
+        window, _ = _middle_of(self.proposals, state, index)
+        if not 0 <= window + later < len(self.proposals.candidates.centres):
+            return None
+        new = choose(rng, self.proposals, window + later)
+        if new is None:
+            return None
+        shift = int(rng.integers(-blur, blur + 1))
+        changed = replaced(self.proposals, state, index, new, later=later, shift=shift)
+        if changed is None:
+            return None
+        run, items = flush_run(problem, state, index), changed.items.copy()
+        moved = int(items[index, 1] - state.items[index, 1])
+        items[run.start : index, 1] += moved
+        items[index + 1 : run.stop, 1] += moved + int(problem.lengths[new] - problem.lengths[old])
+        changed = replace(changed, items=items)
+        # Flush with others now, they would all go along on the way back.
+        if not in_order(problem, changed) or flush_run(problem, changed, index) != run:
+            return None
+        if np.array_equal(items, state.items):
+            return None
+        forward = log_choice(self.proposals, window + later, new)
+        backward = log_choice(self.proposals, window, old)
+        jacobian = 2 * math.log(changed.placements[index, 1] / state.placements[index, 1])
+        return Proposal(changed, backward - forward + jacobian)
+
+
+def _middle_of(proposals: Proposals, state: State, index: int) -> tuple[int, int]:
+    """The window that a scenelet is in, and by how many frames its middle is off the window's."""
+    middle = proposals.middle(*state.items[index].tolist())
+    window = proposals.nearest_window(middle)
+    return window, middle - int(proposals.candidates.centres[window])

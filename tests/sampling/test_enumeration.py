@@ -27,7 +27,7 @@ from imapper_prob.sampling.moves import (
     Swap,
 )
 from imapper_prob.sampling.proposals import Candidates, Proposals
-from imapper_prob.sampling.replace import Replace
+from imapper_prob.sampling.replace import Replace, Retime
 from tests.models import worlds
 from tests.sampling.test_moves import chain_error
 
@@ -84,7 +84,8 @@ def test_every_assignment_has_its_exact_probability() -> None:
         Birth(proposals),
         Death(proposals),
         Swap(proposals),
-        Replace(proposals, reach=1),
+        Replace(proposals),
+        Retime(proposals, reach=1),
         Exchange(problem, even),
         Shift(problem),
         PlacementWalk(),
@@ -94,7 +95,7 @@ def test_every_assignment_has_its_exact_probability() -> None:
         np.random.default_rng(8),
         empty_state(problem),
         log_density_fn=lambda s: log_posterior(problem, s),
-        mixture=Mixture(moves, (0.2, 0.15, 0.1, 0.1, 0.1, 0.1, 0.2, 0.05)),
+        mixture=Mixture(moves, (0.2, 0.15, 0.1, 0.05, 0.05, 0.1, 0.1, 0.2, 0.05)),
     )
     visited = []
     for at, _ in islice(chain, 1000, 150_000):

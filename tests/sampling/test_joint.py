@@ -9,7 +9,7 @@ independent numbers. Three errors made on purpose show what this sees.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import fields, replace
 from functools import partial
 from typing import Any
 
@@ -26,8 +26,10 @@ from imapper_prob.models.simulate_state import draw_state
 from imapper_prob.models.skeleton import PELV
 from imapper_prob.samplers.kernel import Mixture, Proposal, init, step
 from imapper_prob.sampling import moves
+from imapper_prob.sampling.camera_moves import CameraCarry
 from imapper_prob.sampling.chain import Setup, scene_moves
 from imapper_prob.sampling.proposals import Candidates, Proposals
+from imapper_prob.sampling.replace import Retime
 from tests.models import worlds
 
 N_FRAMES = 20
@@ -75,13 +77,14 @@ def asked(problem: Problem, state: State) -> dict[str, float]:
     """Quantities, their squares where these say something else, and how they go with the data."""
     nats = terms(problem, state)
     pelvis = motion(problem, state)[:, PELV]
-    where = state.placements[:, 1]
+    where, ends = state.placements[:, 1], state.items[:, 1] + problem.lengths[state.items[:, 0]]
     values = {
         "log-likelihood": nats["detections"],
         "costs": nats["collision"] + nats["motion"] + nats["ground"],
         "scenelets": state.n_scenelets,
         "covered": int(problem.lengths[state.items[:, 0]].sum()),
         "starts": float(state.items[:, 1].sum()),
+        "without a gap": int((ends[:-1] == state.items[1:, 1]).sum()),
         "which": float((state.items[:, 0] % 3).sum()),
         "log depth": float(np.log(np.maximum(pelvis[10, 1], 0.1))),
         "bearing": float(pelvis[10, 0] / pelvis[10, 1]),
@@ -155,11 +158,26 @@ def only(
 
     def change(mixture: Mixture[State]) -> Mixture[State]:
         (right,) = (move for move in mixture.moves if type(move) is kind)
-        wrong = Wrong(**vars(right) | options)
+        given = {f.name: getattr(right, f.name) for f in fields(right) if f.init}
+        wrong = Wrong(**given | options)
         undone = [move for move in mixture.moves if move.name == right.reverse != right.name]
         return Mixture([wrong, *undone], [1.0] * (1 + len(undone)))
 
     return change
+
+
+@pytest.mark.parametrize("kind", [moves.Shift, Retime, CameraCarry])
+def test_a_move_by_itself_leaves_scene_and_data(kind: type) -> None:
+    """With so many scenelets that some have no gap to the next."""
+    change = only(kind, lambda proposal: proposal)
+    found = scores(400, change=change, given=poor_data(rate=0.3))
+    assert largest(found) < LIMIT, found
+
+
+def test_a_forgotten_look_is_seen() -> None:
+    change = only(CameraCarry, lambda p: p._replace(log_ratio=0.0), scales=(1.0,))
+    found = scores(900, change=change, given=poor_data(rate=0.3, depth=0.4))
+    assert largest(found) > LIMIT, found
 
 
 @pytest.mark.parametrize("forgotten", [False, True])
@@ -197,5 +215,5 @@ def test_hidden_and_seen_exchanged_is_seen() -> None:
         error_scale=model.error_scale[::-1],
         error_dof=model.error_dof[::-1],
     )
-    found = scores(200, drawn_with=exchanged)
+    found = scores(300, drawn_with=exchanged)
     assert abs(found["log-likelihood"]) > LIMIT, found

@@ -27,7 +27,7 @@ from imapper_prob.sampling.looks import View
 from imapper_prob.sampling.moves import Birth, Death, PlacementWalk, Shift, Swap
 from imapper_prob.sampling.proposals import Candidates, Proposals, log_wrapped_normal
 from imapper_prob.sampling.refurnish import Refurnish
-from imapper_prob.sampling.replace import Replace
+from imapper_prob.sampling.replace import Replace, Retime, log_choice, window_of
 from imapper_prob.staged.kinds import furniture_kinds
 from tests.models import worlds
 
@@ -80,10 +80,10 @@ PROBLEM = worlds.problem(N_FRAMES)
 def test_ratios_of_jumps_are_explained_by_both_directions(seed: int) -> None:
     proposals = Proposals(PROBLEM, candidates())
     birth, death, swap = Birth(proposals), Death(proposals), Swap(proposals)
-    replacing, retiming = Replace(proposals), Replace(proposals, reach=2)
+    replacing = Replace(proposals)
     state = random_state(PROBLEM, seed)
     rng = np.random.default_rng(seed)
-    same = ((move, move) for move in (swap, replacing, retiming))
+    same = ((move, move) for move in (swap, replacing))
     pairs = ((birth, death), (death, birth), *same)
     for move, reverse in pairs:
         proposal = move.propose(rng, state)
@@ -358,3 +358,42 @@ def test_what_is_flush_is_shifted_together_or_alone() -> None:
     # The first two a frame later would be flush with the third, and all three would go back.
     assert seen == {(0, 6, 14), (0, 7, 14), (1, 8, 14), (1, 7, 13)}
     assert all(p.log_ratio == 0.0 for p in proposals if p is not None)
+
+
+def test_what_is_flush_stays_so_when_one_of_it_comes_at_another_time() -> None:
+    proposals = Proposals(PROBLEM, candidates())
+    state = empty_state(PROBLEM)
+    for scenelet, at in ((0, 2), (1, 8)):
+        state = state.with_item(scenelet, at, np.array([0.1, 4.0, 0.2]))
+    rng = np.random.default_rng(1)
+    tried = (Retime(proposals, reach=1).propose(rng, state) for _ in range(400))
+    found = [p for p in tried if p is not None]
+    assert len({tuple(p.state.items.ravel().tolist()) for p in found}) > 3
+    for log_ratio, after in ((p.log_ratio, p.state) for p in found):
+        first, second = after.items.tolist()
+        assert first[1] + PROBLEM.lengths[first[0]] == second[1]
+        # One of them is another scenelet at another place, and what comes with it stands still.
+        (k,) = np.flatnonzero((after.placements != state.placements).any(1)).tolist() or (None,)
+        if k is None:
+            continue
+        chosen = [
+            log_choice(proposals, window_of(proposals, s, k), s.items[k, 0]) for s in (state, after)
+        ]
+        grown = 2 * np.log(after.placements[k, 1] / state.placements[k, 1])
+        assert log_ratio == pytest.approx(chosen[0] - chosen[1] + grown)
+
+
+def test_starts_without_a_gap_are_tried_more_often() -> None:
+    """And as often as the density of births says."""
+    proposals = Proposals(PROBLEM, candidates())
+    others = np.array([[0, 12]])
+    rng, window, scenelet = np.random.default_rng(0), 2, 1
+    drawn = [proposals.draw_shift(rng, window, scenelet, others) for _ in range(4000)]
+    shifts = np.arange(-proposals.blur - 1, proposals.blur + 2)
+    expected = [proposals.shift_probability(window, scenelet, int(s), others) for s in shifts]
+    assert sum(expected) == pytest.approx(1.0)
+    # The middle of the window is frame 9: from 6 to 12 there is no gap.
+    assert shifts[int(np.argmax(expected))] == 0
+    assert max(expected) > 0.5
+    shares = np.array([np.mean(np.array(drawn) == s) for s in shifts])
+    np.testing.assert_allclose(shares, expected, atol=4.5 * 0.5 / np.sqrt(4000))
