@@ -21,11 +21,11 @@ _STEPS = np.array(
     [[0.004, 0.0, 0.0, 0.0], [0.0, 0.03, 0.0, 0.0], [0.0, 0.0, 0.08, 0.0], [0.0, 0.025, 0.0, 0.025]]
 )
 """(4, 4) from point to point of a parabola, in bearing, log depth, yaw, and in log size with the
-depth along: standard deviations of scenelets' placements in chains."""
+depth along: about the standard deviations of placements in chains of one simulated clip."""
 _ROUNDS = 2
-"""Times that each direction is taken; a third moves nothing by a standard deviation."""
+"""Times that each direction is taken, chosen."""
 _FURTHEST = 2.0
-"""Steps at once, beyond which a parabola is not trusted."""
+"""Steps at once, chosen: beyond, a parabola is not trusted."""
 
 
 class Alone:

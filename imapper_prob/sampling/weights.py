@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 _JUDGED = 200
 """Fits of a window that are judged: a sitting window has few that come within 20 nats."""
 _MENDED = 32
-"""Of these, how many are moved to where they are best; the others' weights are small."""
+"""Of these, how many are moved to where they are best, chosen: it takes seconds for a long clip."""
 _UNJUDGED = 5.0
 """Nats by which all others are taken to be worse than the worst of these."""
 _TEMPERATURES = (2.0, 6.0)
