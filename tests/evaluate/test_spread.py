@@ -26,6 +26,19 @@ def test_ranks_of_what_is_drawn_alike_are_uniform(rng: np.random.Generator) -> N
     assert kstest(ranks, "uniform").pvalue > 0.01
 
 
+@pytest.mark.parametrize(("count", "dimensions"), [(20, 2), (100, 3)])
+def test_regions_of_few_draws_hold_as_much_as_of_many(
+    rng: np.random.Generator, count: int, dimensions: int
+) -> None:
+    clouds = rng.standard_normal((6000, count + 1, dimensions))
+    ranks = np.array([elliptic_rank(cloud[1:], cloud[0]) for cloud in clouds])
+    for region in (0.5, 0.9):
+        # Of 6,000; ranks are multiples of 1 / count, and all count + 1 of them equally likely.
+        expected = np.ceil(region * count) / (count + 1)
+        error = np.sqrt(expected * (1 - expected) / 6000)
+        assert np.mean(ranks < region) == pytest.approx(expected, abs=4 * error)
+
+
 def test_ranks_tell_too_sure_and_too_unsure(rng: np.random.Generator) -> None:
     clouds = rng.standard_normal((200, 200, 2))
     sure = [elliptic_rank(0.3 * cloud, rng.standard_normal(2)) for cloud in clouds]
