@@ -18,6 +18,7 @@ from imapper_prob.config import SampleSettings
 from imapper_prob.models.camera import Camera
 from imapper_prob.models.posterior import State, empty_state, log_posterior, motion
 from imapper_prob.models.problem import Problem
+from imapper_prob.models.scenelet import Library
 from imapper_prob.models.settings import ModelSettings
 from imapper_prob.samplers.kernel import Mixture
 from imapper_prob.samplers.reversible_jump import sample
@@ -317,6 +318,28 @@ def test_refurnishing_a_group_has_the_ratio_of_its_replacements() -> None:
     before, after = state.placements[0, 1], proposal.state.placements[0, 1]
     expected = np.log(weights[1] / weights[:2].sum()) + 2 * np.log(after / before)
     assert proposal.log_ratio == pytest.approx(expected)
+
+
+def test_refurnishing_leaves_no_gap_where_there_was_none() -> None:
+    """Chairs of seven frames for couches of six, and back to just the same state."""
+    chair = worlds.library(7)[2]
+    problem = worlds.problem(26, scenelets=Library("two", (*list(worlds.library(6))[:2], chair)))
+    proposals = Proposals(problem, even_candidates())
+    move = Refurnish(proposals, furniture_kinds(problem))
+    state = empty_state(problem)
+    for scenelet, at in ((0, 0), (1, 6), (1, 15)):
+        state = state.with_item(scenelet, at, np.array([0.1, 4.0, 0.2]))
+    rng = np.random.default_rng(0)
+    there = next(iter(lambda: move.propose(rng, state), None))
+    items = there.state.items
+    # The first keeps its middle, the second begins where it ends, the third is apart.
+    assert items.tolist() == [[2, 0], [2, 7], [2, 15]]
+    for _ in range(200):
+        back = move.propose(rng, there.state)
+        if back is not None and np.array_equal(back.state.items, state.items):
+            break
+    np.testing.assert_allclose(back.state.placements, state.placements, atol=1e-12)
+    assert back.log_ratio == pytest.approx(-there.log_ratio)
 
 
 def test_a_forgotten_jacobian_is_noticed() -> None:
