@@ -17,10 +17,16 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from imapper_prob.models.energy.intersection import depth_below_floor
+from imapper_prob.models.energy.intersection import (
+    BOTH,
+    N_DISPLACED,
+    depth_below_floor,
+    displaced_cost,
+    give_way,
+)
 from imapper_prob.models.energy.smoothness import pose_jump
 from imapper_prob.models.energy.swaps import summed_over_swaps
-from imapper_prob.models.jit import compiled
+from imapper_prob.models.jit import compiled, inlined
 from imapper_prob.models.kernels.frame import (
     CHANCES,
     DESK,
@@ -34,7 +40,7 @@ from imapper_prob.models.kernels.frame import (
     weigh,
 )
 from imapper_prob.models.kernels.room import (
-    collision_depth,
+    collision_depths,
     find_clearances,
     find_footprints,
     motion_depths,
@@ -107,19 +113,50 @@ def evaluate(
         by_frame, problem.path_starts, weight, problem.swap_begins, problem.swap_ends
     )
     terms[6] = _smoothness(problem, item_of, joints)
-    depth = collision_depth(problem, boxes, turns, footprints, owner, yaws)
-    terms[7] = -problem.collision_cost * problem.likelihood * depth
-    depths = motion_depths(item_of, joints, boxes, turns, footprints, owner)
+    overlaps = collision_depths(problem, len(items), boxes, turns, footprints, owner, yaws)
+    terms[7] = -problem.likelihood * _collisions(problem, overlaps)
+    depths = motion_depths(len(items), item_of, joints, boxes, turns, footprints, owner)
+    terms[8] = -_motion(problem, weight, depths)
     for t in range(len(item_of)):
         if item_of[t] < 0:
             terms[5] -= weight * problem.free_cost[t]
-        watched = False
-        for j in range(16):
-            watched |= problem.used[t, j]
-        if watched:
-            terms[8] -= weight * problem.motion_cost * depths[t]
+        if _watched(problem, t):
             terms[9] -= weight * problem.motion_cost * depth_below_floor(joints, t)
     return terms
+
+
+@inlined
+def _watched(problem: Problem, t: int) -> bool:
+    """Whether anything of the frame was detected."""
+    watched = False
+    for j in range(16):
+        watched |= problem.used[t, j]
+    return watched
+
+
+@compiled
+def _collisions(problem: Problem, overlaps: Array) -> float:
+    """E_c of furniture of two items that is in each other by ``overlaps`` (k, k) metres."""
+    total, sums = 0.0, np.empty(N_DISPLACED)
+    for i in range(len(overlaps)):
+        for j in range(i + 1, len(overlaps)):
+            sums[:] = 0.0
+            give_way(overlaps[i, j], BOTH * problem.furniture_spread, sums)
+            total += displaced_cost(sums, problem.collision_cost)
+    return total
+
+
+@compiled
+def _motion(problem: Problem, weight: float, depths: Array) -> float:
+    """E_m of a body that stands in the furniture of each item by ``depths`` (k, T) metres."""
+    total, sums = 0.0, np.empty(N_DISPLACED)
+    for i in range(len(depths)):
+        sums[:] = 0.0
+        for t in range(depths.shape[1]):
+            if depths[i, t] > 0.0 and _watched(problem, t):
+                give_way(depths[i, t], problem.furniture_spread, sums)
+        total += displaced_cost(sums, weight * problem.motion_cost)
+    return total
 
 
 @compiled

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from imapper_prob.models.energy.paper import occlusion_cost
 from imapper_prob.models.jit import compiled
 from imapper_prob.models.kernels.room import (
-    collision_depth,
+    collision_depths,
     find_clearances,
     find_footprints,
     motion_depths,
@@ -92,7 +92,7 @@ def evaluate_paper(
     boxes, turns, owner, yaws = place_boxes(problem, items, placements)
     footprints = find_footprints(boxes, turns)
     gaps = find_clearances(camera[1], joints, boxes, turns)
-    depths = motion_depths(item_of, joints, boxes, turns, footprints, owner)
+    depths = motion_depths(len(items), item_of, joints, boxes, turns, footprints, owner)
     by_frame[:] = 0.0
     _reproject(problem, camera, joints, by_frame)
     for t in range(len(joints)):
@@ -103,11 +103,13 @@ def evaluate_paper(
         for c in range(3):
             if not problem.path_starts[t]:
                 by_frame[t, 2] += (joints[t, c, PELV] - joints[t - 1, c, PELV]) ** 2
-        by_frame[t, 3] = depths[t]
+        for i in range(len(items)):
+            by_frame[t, 3] += depths[i, t]
     nats = problem.paper_nats
     for t in range(len(joints)):
         for i in range(3):
             terms[4 + i] -= nats[i] * by_frame[t, i]
         terms[8] -= nats[4] * by_frame[t, 3]
-    terms[7] = -nats[3] * collision_depth(problem, boxes, turns, footprints, owner, yaws)
+    overlaps = collision_depths(problem, len(items), boxes, turns, footprints, owner, yaws)
+    terms[7] = -nats[3] * overlaps.sum()
     return terms

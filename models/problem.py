@@ -78,6 +78,7 @@ class Problem(NamedTuple):
     smoothness_cost: float
     collision_cost: float
     motion_cost: float
+    furniture_spread: float  # metres that furniture may stand out of the way
     merge_angle: float
     likelihood: float
     paper_nats: Array  # (5,) nats a unit of each term of the published energy; 0 by default
@@ -216,6 +217,7 @@ def pack_problem(
         smoothness_cost=settings.smoothness_cost,
         collision_cost=settings.collision_cost,
         motion_cost=settings.motion_cost,
+        furniture_spread=settings.furniture_ahead,
         merge_angle=settings.merge_angle,
         likelihood=settings.likelihood,
         paper_nats=nats,

@@ -62,11 +62,12 @@ class ModelSettings:
         scenelet says, as a share of its width. With the next one: of what is drawn, for the
         detections do not tell (``docs/model.md``).
     furniture_ahead : float
-        Metres; the same to its front and back.
+        Metres; the same to its front and back, and out of the way of somebody who walks there.
     collision_cost : float
         Nats per metre that two objects are in each other, on the floor.
     motion_cost : float
-        Nats per metre and frame that the person is in an object, before ``frame_weight``.
+        Nats per metre and frame that the person is in an object, or below the floor, before
+        ``frame_weight``.
     merge_angle : float
         Radians; two overlapping objects of the same label turned less than this against
         each other are one object seen twice.

@@ -10,19 +10,21 @@ from torch import Tensor
 from imapper_prob.models.batched.layout import Layout
 from imapper_prob.models.batched.place import Boxes
 from imapper_prob.models.batched.tensors import ProblemTensors
+from imapper_prob.models.energy.intersection import DISPLACED, PROBABILITIES
 from imapper_prob.models.limits import LEVEL
 from imapper_prob.models.skeleton import HEAD, LANK, LHIP, LKNE, PELV, RANK, RHIP, RKNE
 
-__all__ = ["collision_depth", "depth_below_floor", "motion_depth"]
+__all__ = ["collision_depths", "depth_below_floor", "displaced_cost", "motion_depths"]
 
 _BELOW_PELVIS = 0.05
 """Metres below the pelvis where the trunk begins: above the seat."""
 
 
-def collision_depth(boxes: Boxes, *, merge_angle: float) -> Tensor:
-    """How deep objects of different items are in each other on the floor: (S,) metres.
+def collision_depths(boxes: Boxes, *, merge_angle: float) -> Tensor:
+    """How deep objects of any two items are in each other on the floor.
 
-    Two of one label that face the same way are one object seen twice and do not count.
+    Returns (S, 1, k k) metres for the pairs of k items. Two of one label that face the same way
+    are one object seen twice and do not count.
     """
     n = boxes.present.shape[1]
     a, b = torch.triu_indices(n, n, 1, device=boxes.present.device)
@@ -49,7 +51,15 @@ def collision_depth(boxes: Boxes, *, merge_angle: float) -> Tensor:
         ox, oy = boxes.half[:, other, 0], boxes.half[:, other, 1]
         depths += [hx + c * ox + s * oy - along, hy + s * ox + c * oy - across]
     depth = torch.stack(depths).amin(0).clamp_min(0.0)
-    return torch.where(counts & level, depth, 0.0).sum(1)
+    depth = torch.where(counts & level, depth, 0.0)
+    item = boxes.item.clamp_min(0)
+    k = int(item.max()) + 1 if item.numel() else 1
+    low_item, high_item = (
+        torch.minimum(item[:, a], item[:, b]),
+        torch.maximum(item[:, a], item[:, b]),
+    )
+    pairs = depth.new_zeros(len(depth), k * k)
+    return pairs.scatter_add(1, k * low_item + high_item, depth)[:, None]
 
 
 def _columns(joints: Tensor) -> Tensor:
@@ -63,10 +73,11 @@ def _columns(joints: Tensor) -> Tensor:
     return torch.cat([trunk, torch.cat([middle, low, high], -1)], 2)
 
 
-def motion_depth(tensors: ProblemTensors, layout: Layout, joints: Tensor, boxes: Boxes) -> Tensor:
-    """How deep the body stands in objects not the frame's own, summed over frames: (S,) metres.
+def motion_depths(tensors: ProblemTensors, layout: Layout, joints: Tensor, boxes: Boxes) -> Tensor:
+    """How deep the body stands in the objects of each item, but in frames of its own.
 
-    Of trunk, thighs and shins the deepest counts, in frames with any detection.
+    Returns (S, T, k) metres. Of trunk, thighs and shins the deepest counts, in frames with any
+    detection.
     """
     columns = _columns(joints)
     n_states, n_frames, n_columns, _ = columns.shape
@@ -91,7 +102,20 @@ def motion_depth(tensors: ProblemTensors, layout: Layout, joints: Tensor, boxes:
     depth = torch.where(level, torch.minimum(hx - u, hy - v), 0.0)
     deepest = joints.new_zeros(n_states * n_frames * n_boxes)
     deepest = deepest.scatter_reduce(0, moment * n_boxes + box, depth, "amax")
-    return deepest.view(n_states, -1).sum(1)
+    deepest = deepest.view(n_states, n_frames, n_boxes)
+    by_item = deepest.new_zeros(n_states, n_frames, layout.present.shape[1])
+    item = boxes.item.clamp_min(0)[:, None].expand_as(deepest)
+    return by_item.scatter_add(2, item, deepest)
+
+
+def displaced_cost(depths: Tensor, *, spread: float, unit: float) -> Tensor:
+    """E_m of ``depths`` (S, T, k) metres or E_c of (S, 1, k k): (S,) nats.
+
+    See :func:`imapper_prob.models.energy.intersection.displaced_cost`.
+    """
+    displaced = depths.new_tensor(DISPLACED) * spread
+    sums = (depths[..., None] - displaced).clamp_min(0.0).sum(1)
+    return -(depths.new_tensor(PROBABILITIES).log() - unit * sums).logsumexp(-1).sum(1)
 
 
 def depth_below_floor(tensors: ProblemTensors, joints: Tensor) -> Tensor:

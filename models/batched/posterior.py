@@ -15,15 +15,17 @@ from torch import Tensor
 
 from imapper_prob.models.batched.detections import by_frame, summed_over_swaps
 from imapper_prob.models.batched.intersections import (
-    collision_depth,
+    collision_depths,
     depth_below_floor,
-    motion_depth,
+    displaced_cost,
+    motion_depths,
 )
 from imapper_prob.models.batched.layout import lay_out
 from imapper_prob.models.batched.path import draw_path, pose_free_frames
 from imapper_prob.models.batched.place import of_items, place_boxes, place_motions
 from imapper_prob.models.batched.smoothness import pose_jumps
 from imapper_prob.models.batched.tensors import ProblemTensors
+from imapper_prob.models.energy.intersection import BOTH
 from imapper_prob.models.limits import LOWEST_CAMERA, STEEPEST_CAMERA
 
 __all__ = ["log_posterior_batch", "terms_batch"]
@@ -89,8 +91,16 @@ def terms_batch(
         ends=problem.swap_ends,
     )
     free = torch.where(layout.covered, 0.0, tensors.free_cost).sum(1)
-    collision = collision_depth(boxes, merge_angle=problem.merge_angle)
-    motion = motion_depth(tensors, layout, joints, boxes)
+    collision = displaced_cost(
+        collision_depths(boxes, merge_angle=problem.merge_angle),
+        spread=BOTH * problem.furniture_spread,
+        unit=problem.collision_cost,
+    )
+    motion = displaced_cost(
+        motion_depths(tensors, layout, joints, boxes),
+        spread=problem.furniture_spread,
+        unit=problem.motion_cost * weight,
+    )
     values = torch.stack(
         [
             problem.camera_constant - 0.5 * quadratic,
@@ -100,8 +110,8 @@ def terms_batch(
             detections,
             -weight * free,
             -problem.smoothness_cost * problem.likelihood * pose_jumps(tensors, layout, joints),
-            -problem.collision_cost * problem.likelihood * collision,
-            -problem.motion_cost * weight * motion,
+            -problem.likelihood * collision,
+            -motion,
             -problem.motion_cost * weight * depth_below_floor(tensors, joints),
         ],
         1,

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.models.jit import compiled, inlined
-from imapper_prob.models.kernels.meeting import find_changed, meet_frames
+from imapper_prob.models.kernels.meeting import find_changed, meet_frames, sum_meetings
 from imapper_prob.models.kernels.memory import ADDED, KEPT, REMOVED, UNUSED, Memory
 from imapper_prob.models.kernels.path import find_path
 from imapper_prob.models.kernels.posing import list_moved, pose_frames, sum_jumps
@@ -89,6 +89,7 @@ def change(
     find_changed(memory, n, n_old)
     vote(problem, memory, n)
     costs = sum_jumps(problem, memory, n) + sum_pairs(problem, memory, n)
+    costs += sum_meetings(problem, memory, n)
     return prior, costs + sum_votes(problem, memory)
 
 

@@ -5,12 +5,14 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from imapper_prob.models.energy.intersection import displaced_cost, give_way
 from imapper_prob.models.jit import inlined
 from imapper_prob.models.kernels.body import apart, depth_in_box
 from imapper_prob.models.kernels.memory import ADDED, REMOVED, Memory
 from imapper_prob.models.kernels.sight import GAP, clear, may_hide, open_view
+from imapper_prob.models.problem import Problem
 
-__all__ = ["find_changed", "meet_frames"]
+__all__ = ["find_changed", "meet_frames", "sum_meetings"]
 
 Ints = NDArray[np.int64]
 
@@ -57,10 +59,10 @@ def _meet(memory: Memory, slot: int, frames: Ints, n: int) -> None:
 
 @inlined
 def find_changed(memory: Memory, n: int, n_old: int) -> None:
-    """Frames whose share can differ: they moved, or boxes that came or went matter there."""
+    """Frames whose vote can differ: they moved, or boxes that came or went may hide something."""
     n_frames = len(memory.changed)
     changed, rows, role = memory.changed, memory.pose_row, memory.role
-    near, depths = memory.near, memory.depths
+    near = memory.near
     for t in range(n_frames):
         changed[t] = memory.moved[t]
     for which in range(2):
@@ -69,7 +71,23 @@ def find_changed(memory: Memory, n: int, n_old: int) -> None:
             slot = memory.slots[which, i]
             if role[slot] == wanted:
                 for t in range(n_frames):
-                    changed[t] |= near[slot, rows[t]] | (depths[slot, rows[t]] > 0.0)
+                    changed[t] |= near[slot, rows[t]]
     for t in range(n_frames):
         now = t + n_frames * np.int64(memory.sum_at[t])
         memory.sum_row[t] = 2 * t + n_frames - now if changed[t] else now
+
+
+@inlined
+def sum_meetings(problem: Problem, memory: Memory, n: int) -> float:
+    """E_m: what it costs that the body stands in furniture not the frame's own, nats."""
+    total, unit = 0.0, problem.frame_weight * problem.likelihood * problem.motion_cost
+    rows, depths, sums = memory.pose_row, memory.depths, memory.displaced
+    for i in range(n):
+        slot = memory.slots[1, i]
+        sums[:] = 0.0
+        for t in range(len(rows)):
+            depth = depths[slot, rows[t]]
+            if depth > 0.0:
+                give_way(depth, problem.furniture_spread, sums)
+        total += displaced_cost(sums, unit)
+    return -total

@@ -13,6 +13,7 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from imapper_prob.models.energy.intersection import N_DISPLACED
 from imapper_prob.models.kernels.frame import CHANCES, DESK, FACTS
 from imapper_prob.models.kernels.sight import BENCH, LINE, OUTLOOK, VIEW, Singles
 from imapper_prob.models.problem import Problem
@@ -46,7 +47,7 @@ class Memory(NamedTuple):
     bodies: Array  # (S,) how large the person is
     pelvis: Array  # (S, 6) bearing and log depth in the first frame, and in the last two
     placed: Array  # (S,) log density of placement and size given the pelvis, nats
-    pairs: Array  # (S, S) metres that objects of two scenelets are in each other
+    pairs: Array  # (S, S) what it costs that objects of two scenelets are in each other, nats
     counts: Ints  # (S,) boxes of each
     boxes: Array  # (S B, 7) in the world
     turns: Array  # (S B, 3) cosine and sine of the yaw, half a diagonal
@@ -77,7 +78,6 @@ class Memory(NamedTuple):
     sum_row: Ints  # (T,) the row that holds in the proposal
     clearance: Singles  # (2 T, 16) of the joints from all boxes, metres
     votes: Array  # (2 T, 3) see vote
-    inside: Array  # (2 T,) how deep the body is in objects not its own and the floor, metres
 
     poses: Array  # (T, 3, 16) of the problem, with the joints side by side
     places: Array  # (T, 2, 2, 16) see set_detections
@@ -93,6 +93,7 @@ class Memory(NamedTuple):
     bench: Singles  # (BENCH,)
     desk: Array  # (DESK,)
     drawn: Array  # (T, 2)
+    displaced: Array  # (5,) see give_way
 
 
 _CACHE_LINE = 64
@@ -168,7 +169,6 @@ def new_memory(problem: Problem, capacity: int) -> Memory:
         sum_row=ints(n_frames),
         clearance=singles(rows, 16),
         votes=zeros(rows, 3),
-        inside=zeros(rows),
         poses=poses,
         places=zeros(n_frames, 2, 2, 16),
         facts=singles(n_frames, 2, FACTS, 16),
@@ -183,4 +183,5 @@ def new_memory(problem: Problem, capacity: int) -> Memory:
         bench=singles(BENCH),
         desk=zeros(DESK),
         drawn=zeros(n_frames, 2),
+        displaced=zeros(N_DISPLACED),
     )

@@ -25,7 +25,7 @@ from imapper_prob.models.kernels.sight import (
 )
 from imapper_prob.models.problem import Problem
 
-__all__ = ["collision_depth", "find_clearances", "find_footprints", "motion_depths"]
+__all__ = ["collision_depths", "find_clearances", "find_footprints", "motion_depths"]
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -62,11 +62,17 @@ def find_footprints(boxes: Array, turns: Array) -> Array:
 
 
 @compiled
-def collision_depth(
-    problem: Problem, boxes: Array, turns: Array, footprints: Array, owner: Ints, yaws: Array
-) -> float:
-    """Metres that objects of different scenelets are in each other, unless they are one."""
-    total = 0.0
+def collision_depths(
+    problem: Problem,
+    n_items: int,
+    boxes: Array,
+    turns: Array,
+    footprints: Array,
+    owner: Ints,
+    yaws: Array,
+) -> Array:
+    """(k, k) metres that objects of two items are in each other, unless they are one; i < j."""
+    total = np.zeros((n_items, n_items))
     n = len(boxes)
     merges = math.cos(problem.merge_angle)
     for a in range(n):
@@ -75,12 +81,13 @@ def collision_depth(
                 continue
             if owner[a, 2] == owner[b, 2] and math.cos(yaws[a] - yaws[b]) > merges:
                 continue
-            total += overlap_depth(boxes[a], turns[a], boxes[b], turns[b])
+            total[owner[a, 0], owner[b, 0]] += overlap_depth(boxes[a], turns[a], boxes[b], turns[b])
     return total
 
 
 @compiled
 def motion_depths(
+    n_items: int,
     item_of: Ints,
     joints: Array,
     boxes: Array,
@@ -88,12 +95,12 @@ def motion_depths(
     footprints: Array,
     owner: Ints,
 ) -> Array:
-    """(T,) metres that the body stands in objects that are not the frame's own."""
-    total = np.zeros(len(item_of))
+    """(k, T) metres that the body stands in each item's objects, but in frames of its own."""
+    total = np.zeros((n_items, len(item_of)))
     columns, ground = np.empty((1, 5, 4)), np.empty((1, 4))
     for t in range(len(item_of)):
         set_columns(joints, t, columns, ground, 0)
         for k in range(len(boxes)):
             if owner[k, 0] != item_of[t] and not apart(ground, 0, footprints, k):
-                total[t] += depth_in_box(columns, 0, boxes, turns, k)
+                total[owner[k, 0], t] += depth_in_box(columns, 0, boxes, turns, k)
     return total

@@ -7,7 +7,12 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from imapper_prob.models.energy.intersection import overlap_depth
+from imapper_prob.models.energy.intersection import (
+    BOTH,
+    displaced_cost,
+    give_way,
+    overlap_depth,
+)
 from imapper_prob.models.jit import inlined
 from imapper_prob.models.kernels.body import apart, set_footprint
 from imapper_prob.models.kernels.memory import ADDED, Memory
@@ -92,7 +97,7 @@ def _place_boxes(problem: Problem, memory: Memory, camera: Array, slot: int) -> 
 
 @inlined
 def _collide(problem: Problem, memory: Memory, one: int, other: int) -> float:
-    """Metres that objects in two slots are in each other, unless they are one (15)."""
+    """What it costs that objects in two slots are in each other, unless they are one, nats (15)."""
     if apart(memory.floors, one, memory.floors, other):
         return 0.0
     size = len(memory.boxes) // len(memory.counts)
@@ -106,18 +111,21 @@ def _collide(problem: Problem, memory: Memory, one: int, other: int) -> float:
             if labels[i] == labels[k] and math.cos(yaws[i] - yaws[k]) > merges:
                 continue
             total += overlap_depth(boxes[i], turns[i], boxes[k], turns[k])
-    return total
+    sums = memory.displaced
+    sums[:] = 0.0
+    give_way(total, BOTH * problem.furniture_spread, sums)
+    return displaced_cost(sums, problem.collision_cost)
 
 
 @inlined
 def sum_pairs(problem: Problem, memory: Memory, n: int) -> float:
     """What it costs that objects of the ``n`` proposed scenelets are in each other, nats."""
-    depth = 0.0
+    cost = 0.0
     for i in range(n):
         for k in range(i):
             one, other = memory.slots[1, i], memory.slots[1, k]
             if memory.role[one] == ADDED or memory.role[other] == ADDED:
                 memory.pairs[one, other] = _collide(problem, memory, one, other)
                 memory.pairs[other, one] = memory.pairs[one, other]
-            depth += memory.pairs[one, other]
-    return -problem.collision_cost * problem.likelihood * depth
+            cost += memory.pairs[one, other]
+    return -problem.likelihood * cost

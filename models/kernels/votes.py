@@ -67,7 +67,7 @@ def _differ(clearance: Singles, one: int, other: int) -> bool:
 
 @inlined
 def vote(problem: Problem, memory: Memory, n: int) -> None:
-    """Votes and depths of the changed frames with all ``n`` scenelets."""
+    """Votes of the changed frames with all ``n`` scenelets."""
     n_weighed = _recall_votes(memory, n)
     cover, frames, weighed, rows = memory.cover, memory.frames, memory.weighed, memory.pose_row
     own, chances, seen, desk = memory.own, memory.chances, memory.seen, memory.desk
@@ -86,26 +86,24 @@ def vote(problem: Problem, memory: Memory, n: int) -> None:
 
 @inlined
 def _recall_votes(memory: Memory, n: int) -> int:
-    """Clearance and depth of the changed frames, and votes of those that were cast before.
+    """Clearance of the changed frames, and votes of those that were cast before.
 
     The other frames, their rows and clearances are put into ``frames``, ``weighed`` and
     ``seen``; returns how many.
     """
-    changed, moved, watched, cover = memory.changed, memory.moved, memory.watched, memory.cover
-    rows, sum_rows, near, depths = memory.pose_row, memory.sum_row, memory.near, memory.depths
+    changed, moved, cover, near = memory.changed, memory.moved, memory.cover, memory.near
+    rows, sum_rows = memory.pose_row, memory.sum_row
     gaps, clearance, bench, slots = memory.gaps, memory.clearance, memory.bench, memory.slots
-    votes, inside, bare, sunk = memory.votes, memory.inside, memory.bare, memory.sunk
-    seen, n_weighed = memory.seen, 0
+    votes, bare, seen, n_weighed = memory.votes, memory.bare, memory.seen, 0
     for t in range(len(changed)):
         if not changed[t]:
             continue
         row, to = rows[t], sum_rows[t]
         before = 2 * t + len(changed) - to
-        depth, bounded = sunk[row] if watched[t] else 0.0, False
+        bounded = False
         open_view(bench)
         for i in range(n):
             slot = slots[1, i]
-            depth += depths[slot, row]
             if near[slot, row]:
                 bounded = True
                 for j in range(gaps.shape[2]):
@@ -113,7 +111,6 @@ def _recall_votes(memory: Memory, n: int) -> int:
                     bench[GAP + j] = min(min(bench[GAP + j], gaps[slot, row, j]), _CAP)
         for j in range(clearance.shape[1]):
             clearance[to, j] = bench[GAP + j]
-        inside[to] = depth
         covered = cover[1, t] >= 0
         posed = moved[t] and (covered or cover[0, t] >= 0)
         if not posed and not _differ(clearance, before, to):
@@ -132,7 +129,7 @@ def _recall_votes(memory: Memory, n: int) -> int:
 
 @inlined
 def sum_votes(problem: Problem, memory: Memory) -> float:
-    """Detections of all frames, whichever are swapped, cost of free poses, and depth inside.
+    """Detections of all frames, whichever are swapped, cost of free poses, and of sunken ones.
 
     The recursion is that of :func:`imapper_prob.models.energy.swaps.summed_over_swaps`, on
     densities that are rescaled now and then in place of probabilities.
@@ -140,9 +137,9 @@ def sum_votes(problem: Problem, memory: Memory) -> float:
     begins, ends = problem.swap_begins, problem.swap_ends
     usual = begins / (begins + ends)
     stays, turned = 1.0 - usual, usual
-    total, free, inside = 0.0, 0.0, 0.0
-    rows, votes, depths = memory.sum_row, memory.votes, memory.inside
-    cover, free_cost = memory.cover, problem.free_cost
+    total, free, below = 0.0, 0.0, 0.0
+    rows, votes, poses, sunk = memory.sum_row, memory.votes, memory.pose_row, memory.sunk
+    cover, free_cost, watched = memory.cover, problem.free_cost, memory.watched
     for t in range(len(rows)):
         row = rows[t]
         if problem.path_starts[t]:
@@ -160,9 +157,10 @@ def sum_votes(problem: Problem, memory: Memory) -> float:
             stays * (1.0 - begins) + turned * ends,
             stays * begins + turned * (1.0 - ends),
         )
-        inside += depths[row]
+        if watched[t]:
+            below += sunk[poses[t]]
         if cover[1, t] < 0:
             free += free_cost[t]
     total += math.log(stays + turned)
     weight = problem.frame_weight * problem.likelihood
-    return total - weight * (free + problem.motion_cost * inside)
+    return total - weight * (free + problem.motion_cost * below)

@@ -6,9 +6,16 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.stats import norm
 from shapely import Point, Polygon
 
-from imapper_prob.models.energy.intersection import column_depth, footprint_depth
+from imapper_prob.models.energy.intersection import (
+    N_DISPLACED,
+    column_depth,
+    displaced_cost,
+    footprint_depth,
+    give_way,
+)
 from imapper_prob.models.energy.occlusion import p_seen
 from imapper_prob.models.geometry import NOTHING_IN_SIGHT, OPAQUE, pack_boxes, sight_clearance
 from imapper_prob.models.kernels.sight import (
@@ -162,3 +169,42 @@ def test_column_depth_is_the_distance_to_the_outline(seed: int) -> None:
     depth = column_depth(x, y, 0.0, 3.0, box, turns_of(box[None])[0])
     assert depth == pytest.approx(expected, abs=1e-9)
     assert column_depth(x, y, 10.0, 11.0, box, turns_of(box[None])[0]) == 0.0
+
+
+def cost_of_crossing(depths: list[float], *, spread: float, unit: float) -> float:
+    sums = np.zeros(N_DISPLACED)
+    for depth in depths:
+        give_way(depth, spread, sums)
+    return displaced_cost(sums, unit)
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    depths=st.lists(st.floats(0.0, 0.25), max_size=12),
+    spread=st.floats(0.05, 0.4),
+    unit=st.floats(0.0, 6.0),
+)
+def test_the_cost_of_crossing_is_the_mean_over_where_furniture_may_stand(
+    depths: list[float], spread: float, unit: float
+) -> None:
+    cost = cost_of_crossing(depths, spread=spread, unit=unit)
+    edges = np.linspace(0, 1, 20001)
+    away = np.maximum(0.0, norm.ppf(0.5 * (edges[1:] + edges[:-1])) * spread)
+    deep = np.maximum(0.0, np.subtract.outer(depths, away)).sum(0) if depths else 0 * away
+    mean = np.exp(-unit * deep).mean()
+    # Four nodes in the upper half: probabilities in steps of an eighth, half a step off at most.
+    assert np.exp(-cost) == pytest.approx(mean, abs=1 / 16)
+    assert 0.0 <= cost <= unit * sum(depths) + 1e-12
+
+
+def test_furniture_that_stands_where_it_is_said_to_costs_every_metre() -> None:
+    depths = [0.1, 0.4, 0.2]
+    assert cost_of_crossing(depths, spread=0.0, unit=4.0) == pytest.approx(4.0 * 0.7)
+    # That all of it stands out of the way: half of the upper half's last quarter.
+    assert cost_of_crossing([0.3] * 100, spread=0.2, unit=50.0) == pytest.approx(np.log(8))
+
+
+def test_walking_through_the_middle_costs_more_than_furniture_can_be_off() -> None:
+    """Beyond the farthest node every metre and frame counts in full again."""
+    deeper = [cost_of_crossing([d] * 10, spread=0.2, unit=4.0) for d in (0.5, 0.6)]
+    assert deeper[1] - deeper[0] == pytest.approx(4.0, rel=1e-6)
