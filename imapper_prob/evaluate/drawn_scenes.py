@@ -7,6 +7,7 @@ what its regions do not hold as often as they say, the sampler has not found.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Final
 
 import numpy as np
@@ -33,7 +34,7 @@ FRAMES: Final = 60
 """Of each clip, at 10 a second."""
 
 _FEWEST: Final = 20
-"""Draws with an object below which its ellipse is not worth asking."""
+"""Draws with an object, or that hide a joint, below which their ellipse is not worth asking."""
 
 
 def region_ranks(
@@ -42,22 +43,34 @@ def region_ranks(
     """Ranks in [0, 1] of what was drawn in regions of its posterior, in the axes of the camera.
 
     ``objects``: centre of the first object, in order of time, among the draws that have one, where
-    the scene has; ``pelvis``, ``joints`` and ``hidden`` (by furniture) joints of all frames.
+    the scene has; ``pelvis`` and ``joints`` of all frames; ``hidden``: joints that furniture hides,
+    among the draws in which it does. (Where one looks only if something is true of the scene, only
+    draws of which it is true as well speak of that.)
     """
     drawn = draw_and_sample(experiment, seed, settings)
     truth = drawn.truth
     joints = np.array([_in_camera(drawn, state) for state in drawn.states])
     true = _in_camera(drawn, truth)
-    objects = merged_objects(drawn.problem, drawn.library, truth)
-    hidden = hidden_joints(_camera(truth), motion(drawn.problem, truth), objects)
-    frames = range(len(true))
-    ranks = np.array([[elliptic_rank(joints[:, t, j], true[t, j]) for j in SCORED] for t in frames])
+    hidden = np.array([_hidden(drawn, state) for state in drawn.states])
+    asked = [(t, j) for t, j in np.argwhere(_hidden(drawn, truth)).tolist() if j in SCORED]
+    alike = [(t, j, hidden[:, t, j]) for t, j in asked if hidden[:, t, j].sum() >= _FEWEST]
+    everywhere = [(t, j) for t in range(len(true)) for j in SCORED]
     return {
-        "objects": _first_object(drawn, objects),
-        "pelvis": np.array([elliptic_rank(joints[:, t, PELV], true[t, PELV]) for t in frames]),
-        "joints": ranks.ravel(),
-        "hidden": ranks[hidden[:, list(SCORED)]],
+        "objects": _first_object(drawn, merged_objects(drawn.problem, drawn.library, truth)),
+        "pelvis": _ranks((joints[:, t, PELV], true[t, PELV]) for t in range(len(true))),
+        "joints": _ranks((joints[:, t, j], true[t, j]) for t, j in everywhere),
+        "hidden": _ranks((joints[those, t, j], true[t, j]) for t, j, those in alike),
     }
+
+
+def _ranks(asked: Iterable[tuple[Array, Array]]) -> Array:
+    return np.array([elliptic_rank(draws, point) for draws, point in asked])
+
+
+def _hidden(drawn: Drawn, state: State) -> NDArray[np.bool_]:
+    """(T, 16) which joints of a state its furniture hides."""
+    objects = merged_objects(drawn.problem, drawn.library, state)
+    return hidden_joints(_camera(state), motion(drawn.problem, state), objects)
 
 
 def _camera(state: State) -> Camera:

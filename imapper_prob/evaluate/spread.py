@@ -1,8 +1,9 @@
 """Do stated uncertainties hold? Ranks of the truth among the draws.
 
 The rank of a point is the share of the draws that lie in a smaller ellipse than it does, around
-the mean of all of them. Where probabilities are right, ranks are uniform: half of them are below
-.5, however few the draws are (conformal prediction; Vovk, Gammerman and Shafer 2005, section 2.2).
+the mean of all of them. Where probabilities are right and draws independent, ranks are uniform:
+half of them are below .5, however few the draws are (conformal prediction; Vovk, Gammerman and
+Shafer 2005, section 2.2).
 """
 
 from __future__ import annotations
@@ -70,7 +71,8 @@ def elliptic_rank(draws: ArrayLike, point: ArrayLike) -> float:
     off = everything - everything.mean(0)
     covariance = np.cov(everything.T) + _NUGGET * np.eye(off.shape[1])
     distances = np.einsum("ni,ij,nj->n", off, np.linalg.inv(covariance), off)
-    return float((distances[:-1] < distances[-1]).mean())
+    # The middle of the step that the point has among N + 1.
+    return float(((distances[:-1] < distances[-1]).sum() + 0.5) / len(distances))
 
 
 def object_ranks(claims: Sequence[Claim], truth: TruthInView) -> Array:

@@ -26,17 +26,15 @@ def test_ranks_of_what_is_drawn_alike_are_uniform(rng: np.random.Generator) -> N
     assert kstest(ranks, "uniform").pvalue > 0.01
 
 
-@pytest.mark.parametrize(("count", "dimensions"), [(20, 2), (100, 3)])
+@pytest.mark.parametrize(("count", "dimensions"), [(19, 2), (99, 3)])
 def test_regions_of_few_draws_hold_as_much_as_of_many(
     rng: np.random.Generator, count: int, dimensions: int
 ) -> None:
     clouds = rng.standard_normal((6000, count + 1, dimensions))
     ranks = np.array([elliptic_rank(cloud[1:], cloud[0]) for cloud in clouds])
     for region in (0.5, 0.9):
-        # Of 6,000; ranks are multiples of 1 / count, and all count + 1 of them equally likely.
-        expected = np.ceil(region * count) / (count + 1)
-        error = np.sqrt(expected * (1 - expected) / 6000)
-        assert np.mean(ranks < region) == pytest.approx(expected, abs=4 * error)
+        error = np.sqrt(region * (1 - region) / 6000)
+        assert np.mean(ranks < region) == pytest.approx(region, abs=4 * error)
 
 
 def test_ranks_tell_too_sure_and_too_unsure(rng: np.random.Generator) -> None:
@@ -55,8 +53,8 @@ def test_ranks_go_by_the_shape_of_the_cloud(rng: np.random.Generator) -> None:
 
 
 def test_draws_on_one_spot_have_a_rank() -> None:
-    assert elliptic_rank(np.ones((30, 2)), (1.0, 1.0)) == 0
-    assert elliptic_rank(np.ones((30, 2)), (1.1, 1.0)) == 1
+    assert elliptic_rank(np.ones((30, 2)), (1.0, 1.0)) < 0.02
+    assert elliptic_rank(np.ones((30, 2)), (1.1, 1.0)) > 0.98
 
 
 def test_coverage_counts_with_its_interval() -> None:
@@ -82,7 +80,7 @@ def test_objects_are_ranked_in_their_own_claims(rng: np.random.Generator) -> Non
     ranks = object_ranks((far, near, unlikely), known)
     assert len(ranks) == 2
     assert ranks[0] < 0.9
-    assert ranks[1] == 1
+    assert ranks[1] > 0.99
     assert len(object_ranks((), known)) == 0
 
 
