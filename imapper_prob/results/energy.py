@@ -238,13 +238,17 @@ def _ground_by_frame(problem: Problem, joints: Array) -> Array:
 
 
 def _motion_by_frame(problem: Problem, state: State) -> Array:
-    """(T,) the motion term of each frame: only frames with a detection count towards it."""
+    """(T,) what the motion term of each frame would be alone, in proportion to the whole.
+
+    Furniture that stands out of the way does so for all frames, which together cost less.
+    """
     shares = np.zeros(problem.n_frames)
     for t in np.flatnonzero(problem.used.any(1)):
         alone = np.zeros_like(problem.used)
         alone[t] = problem.used[t]
         shares[t] = terms(problem._replace(used=alone), state)["motion"]
-    return shares
+    scale = terms(problem, state)["motion"] / shares.sum() if shares.any() else 1.0
+    return scale * shares
 
 
 def _worth_of_objects(
