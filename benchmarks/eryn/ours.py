@@ -1,6 +1,6 @@
 """The project's own sampler on both targets.
 
-``python -m benchmarks.eryn.ours TARGET OUT RUNS BURN_IN SECONDS``
+``python -m benchmarks.eryn.ours TARGET OUT RUNS BURN_IN SECONDS FIRST_SEED``
 """
 
 from __future__ import annotations
@@ -133,11 +133,11 @@ def padded(states: list[State], most: int) -> dict[str, Array]:
     return {"leaves": filled[:, None], "alive": alive[:, None], "cameras": cameras[:, None]}
 
 
-def main(target: str, path: str, runs: int, burn_in: float, seconds: float) -> None:
+def main(target: str, path: str, runs: int, burn_in: float, seconds: float, first: int) -> None:
     """Run a target ``runs`` times from different seeds and store what the runs drew."""
     results: list[dict[str, Array]] = []
     if target == "gaussian":
-        for seed in range(runs):
+        for seed in range(first, first + runs):
             kept = during(gaussian_chain(seed), burn_in, seconds)
             results.append({"count": np.array([len(signals) for signals in kept])[:, None]})
     else:
@@ -147,11 +147,11 @@ def main(target: str, path: str, runs: int, burn_in: float, seconds: float) -> N
         setup = setup_of(solution, SampleSettings())
         still = np.zeros_like(solution.states[0].latent)
         starts = [replace(solution.states[0], latent=still), empty_state(problem)]
-        for seed in range(runs):
+        for seed in range(first, first + runs):
             chain = scene_chain(setup, starts[seed % 2], seed)
             results.append(padded(list(during(chain, burn_in, seconds)), most))
     save_runs(Path(path), results)
 
 
 if __name__ == "__main__":
-    main(*sys.argv[1:3], int(sys.argv[3]), float(sys.argv[4]), float(sys.argv[5]))
+    main(*sys.argv[1:3], int(sys.argv[3]), float(sys.argv[4]), float(sys.argv[5]), int(sys.argv[6]))

@@ -2,7 +2,7 @@
 
 ``python -m benchmarks.eryn.run FOLDER [--eryn-python PATH]`` from the root of the repository.
 Eryn lives in an environment of its own, which is made in FOLDER unless one is given. Prints
-a table and merges its figures into ``benchmarks/results.json``. Ten minutes of one core.
+a table and merges its figures into ``benchmarks/results.json``. Half an hour of one core.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -34,6 +34,8 @@ RUNS = 4
 GAUSSIAN = (1.0, 10.0)
 SCENE = (15.0, 20.0)
 """Seconds of processor time that each run burns in and samples."""
+LONG = (30.0, 150.0)
+"""The same of the runs that say what is right, by this project and by Eryn with its candidates."""
 LEAST = 0.05
 """Layouts less probable than this are left out: errors of their errors are too large."""
 
@@ -48,13 +50,19 @@ def environment(folder: Path) -> Path:
 
 
 def runs_of(
-    python: str | Path, module: str, arguments: Sequence[str | Path], path: Path, times: Array
+    python: str | Path,
+    module: str,
+    arguments: Sequence[str | Path],
+    path: Path,
+    times: tuple[float, float],
+    *,
+    first: int = 0,
 ) -> dict[str, NDArray]:
     """What a sampler draws in a process of its own, on one thread."""
     command = [python, "-W", "ignore", "-m", f"benchmarks.eryn.{module}", *arguments, path]
     threads = {name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")}
     subprocess.run(
-        [*map(str, command), str(RUNS), *map(str, times)],
+        [*map(str, command), str(RUNS), *map(str, times), str(first)],
         cwd=ROOT,
         env={**os.environ, **threads, "PYTHONPATH": str(ROOT)},
         check=True,
@@ -80,13 +88,25 @@ def gaussian_error(counts: NDArray[np.int64]) -> tuple[float, float]:
     return float(np.abs(found - exact).max(1).mean()), float(np.abs(scores).max())
 
 
-def effective_per_second(layouts: NDArray[np.str_]) -> dict[str, tuple[float, float, float]]:
-    """Of each layout: probability, standard error, effective independent draws a second."""
+def probabilities(layouts: NDArray[np.str_]) -> dict[str, tuple[float, float]]:
+    """Of each layout: probability and standard error, the most probable first."""
+    found = {str(name): shares(layouts == name) for name in np.unique(layouts)}
+    return dict(sorted(found.items(), key=lambda item: -item[1][0]))
+
+
+def effective_per_second(
+    layouts: NDArray[np.str_], right: Mapping[str, tuple[float, float]]
+) -> dict[str, float]:
+    """Of each layout that is ``right``ly probable: independent draws a second as good as a run.
+
+    So many draws p (1 - p) / n is a run's mean squared error, about what is right and not about the
+    mean of the runs: what is stuck in a part of the posterior hardly fluctuates.
+    """
     result = {}
-    for name in np.unique(layouts):
-        share, error = shares(layouts == name)
-        effective = share * (1 - share) / error**2 if error > 0 else np.nan
-        result[str(name)] = share, error, effective / (RUNS * SCENE[1])
+    for name, (p, _) in right.items():
+        if p >= LEAST:
+            error = ((layouts == name).mean((1, 2)) - p) ** 2
+            result[name] = float(p * (1 - p) / error.mean() / SCENE[1])
     return result
 
 
@@ -116,22 +136,31 @@ def main() -> None:
         figures[f"{who}gaussian_model_probability_error"] = error
         print(f"{module:>6} gaussian   error of P(k) {error:.4f}, {score:.1f} standard errors")
 
-    for name, who, interpreter, arguments in (
-        ("layout", "ours", sys.executable, ["scene"]),
-        ("eryn_layout", "theirs", python, ["prior", problem]),
-        ("eryn_with_candidates_layout", "theirs", python, ["candidates", problem]),
-    ):
-        path = folder / f"{name}.npz"
-        found = effective_per_second(
-            layouts_of(solution, runs_of(interpreter, who, arguments, path, SCENE))
-        )
-        for layout, (share, error, rate) in sorted(found.items(), key=lambda item: -item[1][0]):
-            print(
-                f"{who:>6} {arguments[0]:<11} {layout:<16} {share:.4f} ± {error:.4f}  {rate:8.2f}/s"
-            )
-        figures[f"{name}_ess_per_second"] = min(
-            rate for share, _, rate in found.values() if share >= LEAST
-        )
+    samplers = {
+        "layout": ("ours", sys.executable, ["scene"]),
+        "eryn_layout": ("theirs", python, ["prior", problem]),
+        "eryn_with_candidates_layout": ("theirs", python, ["candidates", problem]),
+    }
+
+    def drawn(name: str, times: tuple[float, float], first: int) -> NDArray[np.str_]:
+        who, interpreter, arguments = samplers[name]
+        path = folder / f"{name}-{times[1]:.0f}.npz"
+        return layouts_of(solution, runs_of(interpreter, who, arguments, path, times, first=first))
+
+    long = {
+        name: probabilities(drawn(name, LONG, RUNS)) for name in samplers if name != "eryn_layout"
+    }
+    for name, found in long.items():
+        for layout, (share, error) in found.items():
+            print(f"{name:>28} {layout:<16} {share:.4f} ± {error:.4f}  {LONG[1]:.0f} s")
+    for name in samplers:
+        layouts = drawn(name, SCENE, 0)
+        found, rates = probabilities(layouts), effective_per_second(layouts, long["layout"])
+        for layout in sorted(found.keys() | rates.keys()):
+            share, error = found.get(layout, (0.0, 0.0))
+            rate = f"{rates[layout]:8.3f}/s" if layout in rates else ""
+            print(f"{name:>28} {layout:<16} {share:.4f} ± {error:.4f}  {rate}")
+        figures[f"{name}_ess_per_second"] = min(rates.values())
     path = ROOT / "benchmarks" / "results.json"
     known = json.loads(path.read_text(encoding="utf-8"))
     known |= {name: float(f"{value:.4g}") for name, value in figures.items()}

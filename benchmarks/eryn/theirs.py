@@ -1,7 +1,7 @@
 """Eryn on both targets; runs in Eryn's own environment.
 
-``python -m benchmarks.eryn.theirs TARGET PROBLEM OUT RUNS BURN_IN SECONDS`` with TARGET one of
-``gaussian``, ``prior`` and ``candidates``: the last two are the scene posterior, births being
+``python -m benchmarks.eryn.theirs TARGET PROBLEM OUT RUNS BURN_IN SECONDS FIRST_SEED``
+with TARGET one of ``gaussian``, ``prior`` and ``candidates``: the last two are the scene posterior, births being
 drawn from a prior that knows nothing or from the project's own candidates.
 """
 
@@ -226,10 +226,12 @@ def scenes(run: Iterator[Any]) -> dict[str, Array]:
     return {"leaves": leaves, "alive": alive, "cameras": cameras}
 
 
-def main(target: str, source: str, path: str, runs: int, burn_in: float, seconds: float) -> None:
+def main(
+    target: str, source: str, path: str, runs: int, burn_in: float, seconds: float, first: int
+) -> None:
     """Run a target ``runs`` times from different seeds and store what the runs drew."""
     results = []
-    for seed in range(runs):
+    for seed in range(first, first + runs):
         np.random.seed(seed)  # noqa: NPY002
         if target == "gaussian":
             results.append(counts(during(gaussian_chain(), burn_in, seconds)))
@@ -242,4 +244,4 @@ def main(target: str, source: str, path: str, runs: int, burn_in: float, seconds
 
 
 if __name__ == "__main__":
-    main(*sys.argv[1:4], int(sys.argv[4]), float(sys.argv[5]), float(sys.argv[6]))
+    main(*sys.argv[1:4], int(sys.argv[4]), float(sys.argv[5]), float(sys.argv[6]), int(sys.argv[7]))
