@@ -1,8 +1,8 @@
 """Eryn on both targets; runs in Eryn's own environment.
 
 ``python -m benchmarks.eryn.theirs TARGET PROBLEM OUT RUNS BURN_IN SECONDS FIRST_SEED``
-with TARGET one of ``gaussian``, ``prior`` and ``candidates``: the last two are the scene posterior, births being
-drawn from a prior that knows nothing or from the project's own candidates.
+with TARGET one of ``gaussian``, ``prior`` and ``candidates``: the last two are the scene
+posterior, births being drawn from a prior that knows nothing or from the project's own candidates.
 """
 
 from __future__ import annotations
