@@ -1,6 +1,7 @@
 """Calibration in the large: do regions hold the truth of simulated clips, and what breaks that?
 
-``python benchmarks/simulated_coverage.py FOLDER [--right 200] [--wrong 34] [--picture FILE]``
+``python benchmarks/simulated_coverage.py FOLDER [--drawn 200] [--plausible 200] [--wrong 34]
+[--picture FILE]``
 draws scenes and their detections from the model itself and samples their posteriors; then makes
 clips that are plausible, and clips of three wrong models, solves and samples each as a user
 would; and prints how often regions of a stated probability hold true object centres and joints.
@@ -46,8 +47,6 @@ Array = NDArray[np.float64]
 DRAWN = "drawn"
 """The model itself, beside :data:`MODELS`."""
 WHAT = {DRAWN: "scene and detections drawn from the model, camera prior and path given"} | MODELS
-OFTEN = (DRAWN, "plausible")
-"""Models with more clips than the others."""
 DRAWN_SETTINGS = replace(RANK_SETTINGS, steps=40_000, draws=39)
 """With 870 steps from draw to draw: ranks are uniform if draws are independent, not if they are
 many, and of 39 both .5 and .9 are borders between two."""
@@ -196,12 +195,14 @@ def main() -> None:
     """Simulate, sample, count."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folder", type=Path)
-    parser.add_argument("--right", type=int, default=200, help="clips drawn, and plausible ones")
+    parser.add_argument("--drawn", type=int, default=200, help="clips drawn from the model")
+    parser.add_argument("--plausible", type=int, default=200, help="clips of the simulator")
     parser.add_argument("--wrong", type=int, default=34, help="clips of each wrong one")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--picture", type=Path)
     options = parser.parse_args()
-    counts = {m: options.right if m in OFTEN else options.wrong for m in WHAT}
+    counts = dict.fromkeys(WHAT, options.wrong)
+    counts |= {DRAWN: options.drawn, "plausible": options.plausible}
     clips = all_clips(options.folder, {m: n for m, n in counts.items() if n}, options.workers)
     rng = np.random.default_rng(0)
     curves = {m: {kind: curve_of(c, kind, rng) for kind in KINDS} for m, c in clips.items()}
