@@ -217,7 +217,7 @@ def scenes(run: Iterator[Any]) -> dict[str, Array]:
         (
             scenelet.coords[0].copy(),
             scenelet.inds[0].copy(),
-            state.branches["camera"].coords[0, :, 0],
+            state.branches["camera"].coords[0, :, 0].copy(),
         )
         for state in run
         for scenelet in [state.branches["scenelet"]]
