@@ -26,6 +26,8 @@ _STEP = 0.02
 _NOWHERE = 1e6
 """Nats of a state outside the support, for a search that wants finite numbers."""
 _ITERATIONS = 40
+_FAR = 20.0
+"""Log metres, farther than which a step of the search is outside the support anyway."""
 
 
 def polish(problem: Problem, state: State) -> State:
@@ -35,7 +37,7 @@ def polish(problem: Problem, state: State) -> State:
     def scene(theta: Array) -> State:
         camera: Array = state.camera + spread * theta[:5]
         bearing, log_depth, yaw, look = (home + theta[5:].reshape(-1, 4) * _UNITS).T
-        depth = np.exp(log_depth)
+        depth = np.exp(np.minimum(log_depth, _FAR))
         placements = np.stack([bearing * depth, depth, yaw], -1)
         return State(camera, state.items, placements, look + log_depth, state.latent)
 
