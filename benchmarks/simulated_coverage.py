@@ -6,7 +6,7 @@ draws scenes and their detections from the model itself and samples their poster
 clips that are plausible, and clips of three wrong models, solves and samples each as a user
 would; and prints how often regions of a stated probability hold true object centres and joints.
 Each clip leaves a file in FOLDER; the same command goes on from there, and begins anew where
-the program has changed. 502 clips take about an hour on two cores.
+the program has changed. 502 clips take more than an hour on two cores.
 """
 
 from __future__ import annotations
