@@ -24,7 +24,6 @@ from imapper_prob.results.stored_input import StoredSource
 from imapper_prob.scenelets.library import load_library
 from imapper_prob.staged.candidates import screen
 from imapper_prob.staged.combine import combine
-from imapper_prob.staged.facing import Facing
 from imapper_prob.staged.maxima import charness_curve
 from imapper_prob.staged.solver import fit_clip
 
@@ -65,10 +64,9 @@ def scores(folder: Path) -> dict[str, Score]:
     known, library = known_scene(folder), load_library()
     fitted = fit_clip(known.clip, library)
     curve = charness_curve(fitted.fits, fitted.charness, fps=known.clip.fps)
-    facing = Facing.of_path(fitted.problem, fitted.path, fps=known.clip.fps)
     result = {}
     for name, variant in variants(fitted.problem).items():
-        best = combine(variant, screen(variant, fitted.fits, facing), curve, facing).states[0]
+        best = combine(variant, screen(variant, fitted.fits), curve).states[0]
         source = StoredSource(known.clip, library, variant)
         result[name] = score(prediction_of_state(source, best, name=name), known.truth)
     return result

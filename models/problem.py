@@ -15,6 +15,7 @@ from imapper_prob.models.errors import InputError
 from imapper_prob.models.geometry import pack_boxes
 from imapper_prob.models.path import CameraPrior, StaticPath
 from imapper_prob.models.path_error import path_tables, remembered
+from imapper_prob.models.pose import facing
 from imapper_prob.models.scene import Clip
 from imapper_prob.models.scenelet import Library
 from imapper_prob.models.settings import ModelSettings
@@ -51,10 +52,13 @@ class Problem(NamedTuple):
     path_draw: Array  # (2, T + 1, 3, 3)
     lift: Array  # (T,)
     poses: Array  # (T, 16, 3) camera axes, metres
+    path_facing: Array  # (T, 2) cosine and sine of where they face in the world of the mean
+    # camera; zeros where nobody has looked
     static_density: Array  # (2, T, 16, 2) p(u, c | hidden), p(u, c | seen) at the frame's own
     # fit, as it is and with left and right swapped
     free_cost: Array  # (T,) nats a free frame pays for its pose, before the frame weight
     joints: Array  # (N, 16, 3) scenelet joints, local frame, metres
+    joint_facing: Array  # (N, 2) cosine and sine of where its person faces
     joint_first: Ints  # (L + 1,) where each scenelet's frames start
     boxes: Array  # (B, 7) scenelet boxes, local frame
     box_first: Ints  # (L + 1,)
@@ -68,6 +72,7 @@ class Problem(NamedTuple):
     start_mean: Array  # (2,)
     start_variance: Array  # (2,)
     size_spread: float
+    facing_spread: float  # radians between where a scenelet faces and where the path does
     frame_weight: float
     swap_begins: float  # probability a frame
     swap_ends: float
@@ -191,9 +196,11 @@ def pack_problem(
         path_draw=draw,
         lift=path.lift,
         poses=path.poses,
+        path_facing=_path_facing(path, camera, settings),
         static_density=static,
         free_cost=np.zeros(clip.n_frames),
         joints=np.concatenate(motions),
+        joint_facing=_directions(np.concatenate(motions)),
         joint_first=np.concatenate([[0], np.cumsum(lengths)]).astype(np.int64),
         boxes=np.concatenate([pack_boxes(s.objects) for s in library]),
         box_first=np.concatenate([[0], np.cumsum(counts)]).astype(np.int64),
@@ -207,6 +214,7 @@ def pack_problem(
         start_mean=_start_mean(settings),
         start_variance=_start_deviation(settings) ** 2,
         size_spread=settings.size_spread,
+        facing_spread=settings.facing_spread,
         frame_weight=settings.frame_weight * 10.0 / clip.fps,
         swap_begins=min(0.5, settings.swap_rate / clip.fps),
         swap_ends=min(0.5, 1.0 / (settings.swap_length * clip.fps)),
@@ -255,6 +263,21 @@ def _path_prior(
     walk = np.array([settings.walk_bearing, settings.walk_log_depth]) * np.sqrt(10.0 / fps)
     rates = np.stack([np.sqrt(1.0 - (walk / deviation) ** 2), np.zeros(2)], -1)
     return np.tile(_start_mean(settings), size), np.tile(deviation, size), rates
+
+
+def _path_facing(path: StaticPath, camera: CameraPrior, settings: ModelSettings) -> Array:
+    """(T, 2) where the static path has somebody face, in the world of the mean camera."""
+    if not settings.likelihood > 0:
+        return np.zeros((len(path.lift), 2))
+    pitch, _, _, _, roll = camera.mean.tolist()
+    mean = Camera(1, 1, 1.0, 1.0, 0.0, 0.0, pitch=pitch, roll=roll)
+    return _directions(mean.to_world(path.poses))
+
+
+def _directions(joints: Array) -> Array:
+    """(n, 2) cosine and sine of where bodies (n, 16, 3) face, z up."""
+    yaw = facing(joints)
+    return np.stack([np.cos(yaw), np.sin(yaw)], -1)
 
 
 def _static_residual(camera: Camera, path: StaticPath, keypoints: Array) -> Array:

@@ -31,7 +31,8 @@ class ModelSettings:
         Metres, of a body of the reference stature; standard deviation of a real joint about
         the scenelet's. A library of a few hundred motions never holds exactly this person's.
     sight_width : float
-        Metres; width of the step from hidden to seen over the clearance of the ray.
+        Metres; width of the step from hidden to seen over the clearance of the ray: furniture
+        is neither quite of the scenelet's shape nor quite where it says.
     surprise : float
         Probability that a joint is hidden although nothing known is in its way, or seen
         although something is.
@@ -50,6 +51,9 @@ class ModelSettings:
     size_spread : float
         Standard deviation of the log size of the person in one scenelet, about the body scale:
         how far a fitted motion leaves open at what distance it was (i3DB, stretches of 2 s).
+    facing_spread : float
+        Radians, scale of the wrapped Cauchy error of where the static path has somebody face
+        about where the right scenelet does, both averaged over its frames.
     joint_step : float
         Metres an axis; scale of a joint's step, relative to the pelvis, from the frame before a
         scenelet to its first and from its last to the next. Nearly all of it is how scenelet
@@ -89,7 +93,7 @@ class ModelSettings:
     swap_rate: float = calibrated("swaps.rate")
     swap_length: float = calibrated("swaps.length")
     pose_tolerance: float = calibrated("pose.tolerance")
-    sight_width: float = 0.04
+    sight_width: float = calibrated("sight.width")
     surprise: float = 0.02
     memory_bearing: float = calibrated("bias.time_across")
     memory_depth: float = calibrated("bias.time_along")
@@ -101,6 +105,7 @@ class ModelSettings:
     start_log_depth: float = 0.4
     start_depth: float = 4.0
     size_spread: float = calibrated("scenelet.log_size")
+    facing_spread: float = calibrated("facing.spread")
     joint_step: float = calibrated("joints.jump_scale")
     smoothness_cost: float = 1 / (10 * calibrated("frames.correlation_time"))
     furniture_aside: float = calibrated("furniture.aside")
@@ -118,7 +123,7 @@ class ModelSettings:
             "frame_weight", "swap_rate", "swap_length", "pose_tolerance", "sight_width",
             "walk_bearing", "walk_log_depth", "memory_bearing", "memory_depth",
             "start_bearing", "start_log_depth", "start_depth", "scenelet_rate", "size_spread",
-            "joint_step", "paper_nats", "furniture_aside", "furniture_ahead",
+            "facing_spread", "joint_step", "paper_nats", "furniture_aside", "furniture_ahead",
         ):  # fmt: skip
             if not getattr(self, name) > 0:
                 raise InputError(f"model setting {name} = {getattr(self, name)} must be positive")

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.models.errors import InputError
+from imapper_prob.models.kernels.facing import expected_facing
 from imapper_prob.models.kernels.support import in_support
 from imapper_prob.models.limits import NEAREST
 from imapper_prob.models.posterior import State, terms
@@ -100,7 +101,7 @@ def _unhindered(rng: np.random.Generator, problem: Problem) -> State:
         error = error + deviation * rng.standard_normal(2)
         centre, scale = path_in_view(problem, camera, start)
         seen = centre + scale * error
-        body, yaw = math.exp(camera[3] + sizes[index]), rng.uniform(-math.pi, math.pi)
+        body, yaw = math.exp(camera[3] + sizes[index]), _draw_yaw(rng, problem, scenelet, start)
         own = slice(*problem.joint_first[scenelet : scenelet + 2])
         pelvis = body * _turned(problem.joints[own, PELV], yaw)
         placements[index] = (*(_on_floor(camera, seen, pelvis[0, 2]) - pelvis[0, :2]), yaw)
@@ -110,6 +111,15 @@ def _unhindered(rng: np.random.Generator, problem: Problem) -> State:
             for k in (1, 0)
         )
     return State(camera, items, placements, sizes, rng.standard_normal((problem.n_frames, 2)))
+
+
+def _draw_yaw(rng: np.random.Generator, problem: Problem, scenelet: int, start: int) -> float:
+    """From its wrapped Cauchy law; in (-pi, pi]."""
+    along, aside = expected_facing(problem, scenelet, start)
+    if not (along or aside):
+        return rng.uniform(-math.pi, math.pi)
+    yaw = math.atan2(aside, along) + problem.facing_spread * rng.standard_cauchy()
+    return math.remainder(yaw, 2 * math.pi)
 
 
 def _latest_start(problem: Problem) -> Ints:

@@ -16,12 +16,15 @@ from imapper_prob.calibrate.estimators import (
     predictive_spread,
     root_mean_square,
     shares,
+    sight_width_fit,
     student_t_fit,
     student_t_score,
+    wrapped_cauchy_fit,
 )
 from imapper_prob.calibrate.evidence import Fitted, Placed, Seen
 from imapper_prob.models.calibrated import Number
 from imapper_prob.models.energy.detections import CONFIDENCE_EDGES, ERROR_EDGES
+from imapper_prob.models.settings import ModelSettings
 from imapper_prob.models.skeleton import SCORED
 from imapper_prob.staged.calibration import ANKLE
 from imapper_prob.staged.path_fit import REFERENCE_RATE
@@ -171,6 +174,14 @@ def _jumps(which: int) -> Callable[[Sequence[Placed]], Number]:
 def _furniture(axis: int) -> Callable[[Sequence[Placed]], Number]:
     return lambda evidence: root_mean_square(
         np.concatenate([e.nearest.furniture[:, axis] for e in evidence])
+    )
+
+
+def _sight_width(evidence: Sequence[Placed]) -> Number:
+    return sight_width_fit(
+        np.concatenate([e.nearest.clearance for e in evidence]),
+        np.concatenate([e.nearest.hidden for e in evidence]),
+        surprise=ModelSettings().surprise,
     )
 
 
@@ -356,6 +367,12 @@ FROM_PATH: Final = (
         lambda evidence: root_mean_square(np.concatenate([e.nearest.across for e in evidence])),
     ),
     Estimator(
+        "facing.spread", "rad", "where a scenelet faces about where the static path does",
+        "wrapped Cauchy fitted to the yaws of the scenelets nearest to the truth minus those at "
+        "which they face, on average over their frames, as the path does",
+        lambda evidence: wrapped_cauchy_fit(np.concatenate([e.nearest.turns for e in evidence])),
+    ),
+    Estimator(
         "furniture.aside", "part of its width", "furniture beside where its scenelet says",
         "root mean square over true pieces of their mean distance, along their width, from what "
         "the scenelets nearest to the true motion say", _furniture(0),
@@ -363,6 +380,11 @@ FROM_PATH: Final = (
     Estimator(
         "furniture.ahead", "m", "furniture before or behind where its scenelet says",
         "the same across their width", _furniture(1),
+    ),
+    Estimator(
+        "sight.width", "m", "width of the step from hidden to seen over the clearance of a ray",
+        "logistic step fitted to which true joints are hidden, over their clearance from the "
+        "furniture of the scenelets nearest to the true motion", _sight_width,
     ),
     Estimator(
         "joints.jump_scale", "m", "jump of a joint between a free frame and a scenelet's end",

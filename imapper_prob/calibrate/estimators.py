@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import cho_factor, cho_solve, toeplitz
 from scipy.optimize import minimize, minimize_scalar
-from scipy.special import gammaln
+from scipy.special import expit, gammaln
 
 from imapper_prob.models.path_error import autocorrelation, remembered
 
@@ -24,8 +24,10 @@ __all__ = [
     "predictive_spread",
     "root_mean_square",
     "shares",
+    "sight_width_fit",
     "student_t_fit",
     "student_t_score",
+    "wrapped_cauchy_fit",
 ]
 
 Array = NDArray[np.float64]
@@ -34,6 +36,10 @@ _PSEUDO_COUNT = 0.5
 """A bin nobody fell into is rare, not impossible (Jeffreys' prior of a multinomial)."""
 _DOF = (0.5, 50.0)
 """Degrees of freedom that are told apart: heavier tails have no scale, lighter are normal."""
+_LOG_SCALES = (-7.0, 2.0)
+"""Angles that are nearer than a twentieth of a degree, or as good as uniform, have no scale."""
+_LOG_WIDTHS = (-7.0, 1.0)
+"""A millimetre to metres."""
 _FEWEST = 20
 """Observations without which a Student-t is not fitted."""
 
@@ -43,6 +49,26 @@ def shares(values: ArrayLike, edges: ArrayLike) -> Array:
     counts = np.histogram(np.asarray(values, float), np.asarray(edges, float))[0] + _PSEUDO_COUNT
     result: Array = counts / counts.sum()
     return result
+
+
+def sight_width_fit(clearance: ArrayLike, hidden: ArrayLike, *, surprise: float) -> float:
+    """Most likely width, metres, of the step from hidden to seen.
+
+    Parameters
+    ----------
+    clearance : (n,) float
+        Of lines of sight, metres; negative where something is in the way.
+    hidden : (n,) bool
+    surprise : float
+        Probability at either end of the step that it is the other way round.
+    """
+    clearance, hidden = np.asarray(clearance, float), np.asarray(hidden, bool)
+
+    def cost(log_width: float) -> float:
+        seen = surprise + (1 - 2 * surprise) * expit(clearance * np.exp(-log_width))
+        return float(-np.log(np.where(hidden, 1 - seen, seen)).mean())
+
+    return float(np.exp(minimize_scalar(cost, bounds=_LOG_WIDTHS, method="bounded").x))
 
 
 def student_t_fit(errors: ArrayLike) -> tuple[float, float]:
@@ -70,6 +96,18 @@ def student_t_fit(errors: ArrayLike) -> tuple[float, float]:
     found = minimize(cost, [np.log(typical), np.log(4.0)], method="L-BFGS-B", bounds=bounds)
     scale, dof = np.exp(found.x)
     return float(scale), float(dof)
+
+
+def wrapped_cauchy_fit(angles: ArrayLike) -> float:
+    """Most likely scale, radians, of angles (n,) that are wrapped Cauchy about zero."""
+    cosine = np.cos(np.asarray(angles, float))
+
+    def cost(log_scale: float) -> float:
+        near = np.exp(-np.exp(log_scale))
+        apart = np.log1p(near**2 - 2 * near * cosine).mean()
+        return float(apart - np.log1p(-(near**2)))
+
+    return float(np.exp(minimize_scalar(cost, bounds=_LOG_SCALES, method="bounded").x))
 
 
 def student_t_score(errors: ArrayLike, scale: ArrayLike, dof: ArrayLike) -> Array:

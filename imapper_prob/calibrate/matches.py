@@ -14,17 +14,19 @@ from numpy.typing import NDArray
 
 from imapper_prob.calibrate.furniture import furniture_errors
 from imapper_prob.calibrate.observations import stretches
+from imapper_prob.models.geometry import pack_boxes, sight_clearance
 from imapper_prob.models.path import StaticPath
-from imapper_prob.models.pose import turned
+from imapper_prob.models.pose import facing, turned
 from imapper_prob.models.problem import Problem, resample
 from imapper_prob.models.scene import Clip, Placement, Truth
-from imapper_prob.models.scenelet import Library
-from imapper_prob.models.skeleton import PELV
+from imapper_prob.models.scenelet import Library, Scenelet
+from imapper_prob.models.skeleton import DETECTED, PELV
 from imapper_prob.staged.fit import Fits
 
 __all__ = ["FitErrors", "Nearest", "nearest_scenelets", "observe_fits"]
 
 Array = NDArray[np.float64]
+Ints = NDArray[np.intp]
 
 _EVERY = 0.6
 """Seconds between the windows that are matched with the truth."""
@@ -46,6 +48,12 @@ class Nearest:
     jumps : (m, 16, 3) float
         Their first and last pose minus the static pose of the frame next to it, both
         relative to the pelvis, world axes, metres.
+    turns : (n,) float
+        Radians by which they are turned, when they are placed so, from where they would face as
+        the static path does, both averaged over their frames.
+    clearance, hidden : (j,) float, (j,) bool
+        Of true joints of somebody who stays put: how far the furniture of a scenelet is from
+        cutting their line of sight, metres, and whether anything does.
     furniture : (k, 2) float
         How far true furniture stands from where they say
         (:func:`imapper_prob.calibrate.furniture.furniture_errors`).
@@ -53,6 +61,9 @@ class Nearest:
 
     across: Array
     jumps: Array
+    turns: Array
+    clearance: Array
+    hidden: NDArray[np.bool_]
     furniture: Array
 
 
@@ -61,12 +72,14 @@ def nearest_scenelets(clip: Clip, truth: Truth, path: StaticPath, library: Libra
     joints = truth.joints - truth.joints[:, [PELV]]
     known: NDArray[np.bool_] = np.all(np.isfinite(joints), axis=(1, 2))
     static = truth.camera.to_world(path.joints)
+    faces = np.exp(1j * facing(static))
     static = static - static[:, [PELV]]
     motions = [resample(s.joints, fps=s.fps, to_fps=clip.fps) for s in library]
     travels = [m[:, PELV] for m in motions]
+    own_faces = [np.exp(1j * facing(m)) for m in motions]
     motions = [m - m[:, [PELV]] for m in motions]
     stays = {t for s in stretches(truth, clip.fps) for t in range(s.start, s.stop)}
-    across, jumps, placed = [], [], []
+    across, jumps, turns, placed, sights = [], [], [], [], []
     for centre in range(0, clip.n_frames, round(_EVERY * clip.fps)):
         candidates = []
         for number, motion in enumerate(motions):
@@ -89,13 +102,36 @@ def nearest_scenelets(clip: Clip, truth: Truth, path: StaticPath, library: Libra
         apart = (apart - apart.mean((0, 1))) @ truth.camera.rotation
         across.append(apart[..., [0, 2]].reshape(-1, 2))
         jumps += [best[0] - static[start - 1], best[-1] - static[end]]
+        expected = (faces[start:end] * own_faces[number].conj()).mean()
+        turns.append(np.angle(np.exp(1j * yaw) * expected.conj()))
         if centre in stays:
             for _, number, first, yaw in candidates[:_BEST]:
                 own = np.flatnonzero(known[first : first + len(travels[number])])
                 middle = truth.joints[first + own, PELV].mean(0)
-                placed.append((library[number], _laid_upon(middle, yaw, travels[number][own])))
-    furniture = furniture_errors(truth, placed)
-    return Nearest(np.concatenate(across), np.stack(jumps), furniture)
+                laid = _laid_upon(middle, yaw, travels[number][own])
+                placed.append((library[number], laid))
+                if library[number].objects:
+                    sights.append(_sights(truth, library[number], laid, first + own))
+    clearance, hidden = np.concatenate(sights, axis=1) if sights else np.empty((2, 0))
+    return Nearest(
+        np.concatenate(across),
+        np.stack(jumps),
+        np.array(turns),
+        clearance,
+        hidden.astype(bool),
+        furniture_errors(truth, placed),
+    )
+
+
+def _sights(truth: Truth, scenelet: Scenelet, place: Placement, frames: Ints) -> Array:
+    """(2, n) clearance from a scenelet's furniture, and whether it is hidden, of each joint."""
+    boxes = pack_boxes(scenelet.objects)
+    boxes[:, :3] = place.apply(boxes[:, :3])
+    boxes[:, 6] += place.yaw
+    joints = list(DETECTED)
+    camera = truth.camera.to_world(np.zeros(3))
+    clearance = sight_clearance(camera, truth.joints[frames][:, joints], boxes)
+    return np.stack([clearance.ravel(), np.asarray(truth.hidden)[frames][:, joints].ravel()])
 
 
 def _turn(motion: Array, joints: Array) -> tuple[float, float]:

@@ -2,8 +2,9 @@
 
 The most probable draw is rarely the best answer: it is one draw, with one draw's errors. If a
 miss costs as much as an object too many, and distances count squared, least loss is expected of
-naming what is there with more than even odds, at its mean place, and of the mean motion. Means
-of places are of bearing and log distance, because spread is relative and along the ray.
+naming what is there with more than even odds, at its mean place and turned as it is on average,
+and of the mean motion. Means of places are of bearing and log distance, because spread is
+relative and along the ray; means of turns are of directions, their loss the chord's square.
 """
 
 from __future__ import annotations
@@ -18,7 +19,10 @@ from numpy.typing import NDArray
 from imapper_prob.models.camera import Camera
 from imapper_prob.models.scene import Scene, SceneObject
 from imapper_prob.models.skeleton import PELV
-from imapper_prob.results.uncertainty.clusters import ObjectCluster
+from imapper_prob.results.uncertainty.clusters import (
+    ObjectCluster,
+    circular_mean_and_spread,
+)
 
 __all__ = ["expected_scene"]
 
@@ -56,14 +60,19 @@ def expected_scene(
 
 
 def _at_its_mean(cluster: ObjectCluster, objects: Sequence[Sequence[SceneObject]]) -> SceneObject:
-    """The member of the most probable label that is nearest to the mean place, moved there."""
+    """The member of the most probable label that is nearest to the mean place, moved there.
+
+    And turned as those of its label are in the mean.
+    """
     x, y = cluster.positions.T
     bearing, distance = np.arctan2(x, y).mean(), np.exp(np.log(np.hypot(x, y)).mean())
     middle = distance * np.array([np.sin(bearing), np.cos(bearing)])
     members = [objects[n][k] for n, k in cluster.members]
     alike = [o for o in members if o.label == cluster.label]
     best = min(alike, key=lambda o: float(np.linalg.norm(o.centre[:2] - middle)))
-    place, shift = best.placement, middle - best.centre[:2]
+    yaw, _ = circular_mean_and_spread(np.array([o.placement.yaw for o in alike]))
+    turned = SceneObject(best.label, replace(best.placement, yaw=yaw), best.cuboids)
+    place, shift = turned.placement, middle - turned.centre[:2]
     moved = replace(place, x=place.x + float(shift[0]), y=place.y + float(shift[1]))
     return SceneObject(best.label, moved, best.cuboids)
 

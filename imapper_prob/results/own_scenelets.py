@@ -25,6 +25,7 @@ def of_scenelets(problem: Problem, chosen: Sequence[int] | Ints) -> Problem:
     boxes = _ranges(problem.box_first, chosen)
     return problem._replace(
         joints=problem.joints[frames],
+        joint_facing=problem.joint_facing[frames],
         joint_first=_starts(problem.lengths[chosen]),
         boxes=problem.boxes[boxes],
         box_first=_starts(np.diff(problem.box_first)[chosen]),

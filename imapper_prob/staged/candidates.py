@@ -17,7 +17,6 @@ from scipy.optimize import minimize
 
 from imapper_prob.models.posterior import State, empty_state, log_posterior
 from imapper_prob.models.problem import Problem
-from imapper_prob.staged.facing import Facing
 from imapper_prob.staged.fit import Fits
 from imapper_prob.staged.kinds import furniture_kinds
 
@@ -54,9 +53,7 @@ class Candidate:
     size : float
         Log size of the person.
     gain : float
-        Nats by which it alone improves on the scene without any scenelet, ``facing`` included.
-    facing : float
-        Nats for facing as the static path does, which the log-posterior does not ask.
+        Nats by which it alone improves on the scene without any scenelet.
     kind : tuple of int
         Categories of its objects; scenelets of one kind say the same about the furniture.
     window : int
@@ -68,7 +65,6 @@ class Candidate:
     placement: Array
     size: float
     gain: float
-    facing: float
     kind: tuple[int, ...]
     window: int
 
@@ -76,7 +72,6 @@ class Candidate:
 def screen(
     problem: Problem,
     fits: Fits,
-    facing: Facing,
     *,
     settings: ScreenSettings | None = None,
     progress: Progress | None = None,
@@ -97,11 +92,8 @@ def screen(
             placed = along_the_ray(problem, centre, fits.placements[w, scenelet])
             gain = log_posterior(problem, empty.with_item(scenelet, start, *placed)) - base
             if np.isfinite(gain):
-                faces = facing.nats(scenelet, start, placed[0][2])
-                own.append(
-                    Candidate(scenelet, start, *placed, gain + faces, faces, kinds[scenelet], w)
-                )
-        found += _refined(problem, empty, base, judged, facing, settings)
+                own.append(Candidate(scenelet, start, *placed, gain, kinds[scenelet], w))
+        found += _refined(problem, empty, base, judged, settings)
         if progress is not None:
             progress("judging candidates", (w + 1) / len(fits.centres))
     return tuple(found)
@@ -112,7 +104,6 @@ def _refined(
     empty: State,
     base: float,
     judged: dict[tuple[int, ...], list[Candidate]],
-    facing: Facing,
     settings: ScreenSettings,
 ) -> list[Candidate]:
     """One window's candidates, the best of each kind with furniture refined where worth it."""
@@ -128,15 +119,11 @@ def _refined(
                     candidate.scenelet, candidate.start, candidate.placement, candidate.size
                 )
                 state = refine(problem, state)
-                faces = facing.nats(
-                    candidate.scenelet, candidate.start, float(state.placements[0, 2])
-                )
                 candidate = replace(
                     candidate,
                     placement=state.placements[0],
                     size=float(state.sizes[0]),
-                    gain=log_posterior(problem, state) - base + faces,
-                    facing=faces,
+                    gain=log_posterior(problem, state) - base,
                 )
             result.append(candidate)
     return result

@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from imapper_prob.models.posterior import State, empty_state, log_posterior
 from imapper_prob.models.problem import Problem
 from imapper_prob.staged.candidates import Candidate, refine
-from imapper_prob.staged.facing import Facing
 from imapper_prob.staged.kinds import furniture_kinds
 from imapper_prob.staged.maxima import CharnessCurve
 from imapper_prob.staged.polish import polish
@@ -62,7 +61,7 @@ class Combination:
     score : float
         Nats over no scenelet by its candidates alone and two by two.
     gain : float
-        Nats over no scenelet by the full log-posterior, and by where its candidates face.
+        Nats over no scenelet by the full log-posterior.
     """
 
     members: tuple[int, ...]
@@ -101,12 +100,11 @@ def combine(
     problem: Problem,
     candidates: Sequence[Candidate],
     curve: CharnessCurve,
-    facing: Facing,
     *,
     settings: CombineSettings | None = None,
     progress: Progress | None = None,
 ) -> Combinations:
-    """The best scene by log-posterior and facing, then its diverse alternatives."""
+    """The best scene by log-posterior, then its diverse alternatives."""
     settings = settings or CombineSettings()
     groups = groups_of(candidates, curve, kept=settings.kept)
     tried, left = search(problem, groups, tried=settings.tried)
@@ -120,7 +118,7 @@ def combine(
         states.append(polish(problem, refine(problem, state_of(problem, own))))
         if progress is not None:
             progress("refining scenes", (i + 1) / len(chosen))
-    states.sort(key=lambda s: -log_posterior(problem, s) - facing.of_state(s))
+    states.sort(key=lambda s: -log_posterior(problem, s))
     return Combinations(pool, tried, left, tuple(states))
 
 
@@ -145,8 +143,7 @@ def search(
 
     def gain(*chosen: int) -> float:
         members = [pool[k] for k in chosen]
-        faces = sum(c.facing for c in members)
-        return log_posterior(problem, state_of(problem, members)) - base + faces
+        return log_posterior(problem, state_of(problem, members)) - base
 
     alone = np.array([gain(k) for k in range(len(pool))])
     together = np.zeros((len(pool), len(pool)))

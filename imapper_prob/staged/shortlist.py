@@ -116,7 +116,7 @@ def shortlist(
         rows = []
         for c in here:
             state = empty.with_item(c.scenelet, c.start, c.placement, c.size)
-            fit = log_posterior(bare, state) - nothing + c.facing
+            fit = log_posterior(bare, state) - nothing
             values = terms(problem, state)
             motion = sum(values.get(name, 0.0) for name in _SOLID)
             occlusion = c.gain - fit - motion

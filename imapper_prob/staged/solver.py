@@ -23,7 +23,6 @@ from imapper_prob.scenelets.charness import charness, motion_distances
 from imapper_prob.staged.calibration import estimate_camera
 from imapper_prob.staged.candidates import Candidate, screen
 from imapper_prob.staged.combine import Combinations, combine
-from imapper_prob.staged.facing import Facing
 from imapper_prob.staged.fit import Fits, fit_windows
 from imapper_prob.staged.frames import FrameTable
 from imapper_prob.staged.free_poses import free_pose_cost
@@ -173,9 +172,8 @@ def solve_fitted(
     """The stages after the fits: charness, candidates, combinations, refinement."""
     problem, fits = fitted.problem, fitted.fits
     curve = charness_curve(fits, fitted.charness, fps=clip.fps)
-    facing = Facing.of_path(problem, fitted.path, fps=clip.fps)
-    candidates = screen(problem, fits, facing, progress=progress)
-    combinations = combine(problem, candidates, curve, facing, progress=progress)
+    candidates = screen(problem, fits, progress=progress)
+    combinations = combine(problem, candidates, curve, progress=progress)
     return Solution(
         clip,
         library,

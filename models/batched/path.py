@@ -82,7 +82,7 @@ def draw_path(
     evidence : (S,)
         Log-density of the pelvis at the scenelets, free frames integrated out.
     placement : (S,)
-        Log-Jacobian from (bearing, log depth) to the floor, and the uniform yaw.
+        Log-Jacobian from (bearing, log depth) to the floor.
     path : (S, T, 2)
         Bearing and log depth of the pelvis in all frames.
     """
@@ -91,7 +91,7 @@ def draw_path(
     right, depth, _ = in_view(camera, pelvis)
     fixed = torch.stack([right / depth, depth.log()], -1)
     tilt = camera[:, :1].cos().log() + camera[:, 4:].cos().log()
-    jacobian = tilt - 2 * depth.log() - _LOG_2PI
+    jacobian = tilt - 2 * depth.log()
     placement = torch.where(layout.begins, jacobian, 0.0).sum(1)
 
     # The same pixels under another focal length and body size.

@@ -14,6 +14,7 @@ import torch
 from torch import Tensor
 
 from imapper_prob.models.batched.detections import by_frame, summed_over_swaps
+from imapper_prob.models.batched.facing import log_yaw_density
 from imapper_prob.models.batched.intersections import (
     collision_depths,
     depth_below_floor,
@@ -76,6 +77,9 @@ def terms_batch(
     size_density = -0.5 * ((sizes / spread) ** 2 + math.log(2 * math.pi * spread**2))
     size_prior = torch.where(layout.present, size_density, 0.0).sum(1)
 
+    yaw_density = log_yaw_density(tensors, layout, placements[..., 2])
+    yaw_prior = torch.where(layout.present, yaw_density, 0.0).sum(1)
+
     body = (camera[:, 3, None] + of_items(sizes, layout.item_of)).exp()
     joints = place_motions(tensors, layout, placements, body)
     evidence, jacobian, path = draw_path(tensors, layout, camera, latent, joints)
@@ -105,7 +109,7 @@ def terms_batch(
         [
             problem.camera_constant - 0.5 * quadratic,
             rates.sum(1),
-            jacobian + size_prior,
+            jacobian + yaw_prior + size_prior,
             evidence,
             detections,
             -weight * free,

@@ -36,8 +36,10 @@ class ProblemTensors:
     path_draw: Tensor  # (T + 1, 3, 2, 3) rows first, then how many frames ahead are known
     lift: Tensor
     poses: Tensor
+    path_facing: Tensor
     free_cost: Tensor
     joints: Tensor
+    joint_facing: Tensor
     joint_first: Tensor
     boxes: Tensor
     box_first: Tensor
@@ -86,8 +88,10 @@ def to_tensors(
         path_draw=real(problem.path_draw.transpose(1, 2, 0, 3)),
         lift=real(problem.lift),
         poses=real(problem.poses),
+        path_facing=real(problem.path_facing),
         free_cost=real(problem.free_cost),
         joints=real(problem.joints),
+        joint_facing=real(problem.joint_facing),
         joint_first=integer(problem.joint_first),
         boxes=real(problem.boxes),
         box_first=integer(problem.box_first),

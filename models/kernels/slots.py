@@ -15,6 +15,7 @@ from imapper_prob.models.energy.intersection import (
 )
 from imapper_prob.models.jit import inlined
 from imapper_prob.models.kernels.body import apart, set_footprint
+from imapper_prob.models.kernels.facing import log_yaw_density
 from imapper_prob.models.kernels.memory import ADDED, Memory
 from imapper_prob.models.kernels.sight import set_outlook
 from imapper_prob.models.kernels.support import log_size_density
@@ -37,9 +38,11 @@ def fill_slot(problem: Problem, memory: Memory, camera: Array, slot: int) -> Non
     _pelvis(problem, memory, camera, slot, last - 1, 2)
     _pelvis(problem, memory, camera, slot, last, 4)
     depth = _pelvis(problem, memory, camera, slot, first, 0)
-    # From (bearing, log depth) of the first pelvis to (x, y), and a uniform yaw.
+    # From (bearing, log depth) of the first pelvis to (x, y).
     cosine = math.cos(camera[0]) * math.cos(camera[4])
-    memory.placed[slot] = math.log(cosine / (depth * depth)) - math.log(2 * math.pi)
+    memory.placed[slot] = math.log(cosine / (depth * depth))
+    start, yaw = memory.items[slot, 1], memory.placements[slot, 2]
+    memory.placed[slot] += log_yaw_density(problem, scenelet, start, yaw)
     memory.placed[slot] += log_size_density(memory.sizes[slot], problem.size_spread)
 
 

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from imapper_prob.models.chain import chain, find_known
 from imapper_prob.models.jit import compiled
+from imapper_prob.models.kernels.facing import log_yaw_density
 from imapper_prob.models.kernels.support import in_support, log_size_density
 from imapper_prob.models.limits import NEAREST
 from imapper_prob.models.problem import Problem
@@ -68,6 +69,7 @@ def weigh_priors(
     for i in range(len(items)):
         terms[1] += problem.log_rate[items[i, 0]]
         terms[2] += log_size_density(sizes[i], problem.size_spread)
+        terms[2] += log_yaw_density(problem, items[i, 0], items[i, 1], placements[i, 2])
     return True
 
 
@@ -128,8 +130,8 @@ def _path(
             values[0, t] = (cr * x + sr * (cp * z - sp * y)) / depth
             values[1, t] = math.log(depth)
             if t == 0 or item_of[t] != item_of[t - 1]:
-                # From (bearing, log depth) of the first pelvis to (x, y), and a uniform yaw.
-                placement += math.log(cr * cp / (depth * depth)) - math.log(2 * math.pi)
+                # From (bearing, log depth) of the first pelvis to (x, y).
+                placement += math.log(cr * cp / (depth * depth))
     evidence, known = 0.0, np.empty(n_frames, dtype=np.int64)
     find_known(item_of, problem.path_starts, known)
     for axis in range(2):

@@ -18,8 +18,10 @@ from imapper_prob.calibrate.estimators import (
     predictive_spread,
     root_mean_square,
     shares,
+    sight_width_fit,
     student_t_fit,
     student_t_score,
+    wrapped_cauchy_fit,
 )
 from imapper_prob.models.path_error import remembered
 
@@ -55,6 +57,26 @@ def test_student_t_is_found(d: int, scale: float, dof: float) -> None:
 
     gain = 2 * (likelihood(found_scale, found_dof) - likelihood(scale, dof))
     assert -1e-3 < gain < 18.4  # all but one in ten thousand
+
+
+@pytest.mark.parametrize("width", [0.02, 0.1])
+def test_the_width_of_a_step_is_found(width: float) -> None:
+    """A logistic scale of n numbers around the step is known to some 2 / sqrt(n)."""
+    rng, n = np.random.default_rng(1), 20000
+    clearance = rng.uniform(-5 * width, 5 * width, n)
+    seen = 0.02 + 0.96 / (1 + np.exp(-clearance / width))
+    found = sight_width_fit(clearance, rng.random(n) > seen, surprise=0.02)
+    assert found == pytest.approx(width, rel=5 * 2 / np.sqrt(n))
+
+
+@pytest.mark.parametrize("scale", [0.02, 0.1, 1.0])
+def test_wrapped_cauchy_is_found(scale: float) -> None:
+    """The most likely log scale of n angles has a standard error near sqrt(2 / n)."""
+    n = 4000
+    angles = scale * np.random.default_rng(3).standard_cauchy(n)
+    found = wrapped_cauchy_fit(angles)
+    assert abs(np.log(found / scale)) < 5 * np.sqrt(2 / n) * max(1.0, scale)
+    assert wrapped_cauchy_fit(angles + 2 * np.pi) == pytest.approx(found, rel=1e-4)
 
 
 @given(factor=st.floats(1e-3, 1e3))

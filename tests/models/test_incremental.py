@@ -31,7 +31,7 @@ AHEAD = np.array([0.0, 4.0, 0.0])
 @cache
 def small_world() -> Problem:
     """Somebody walks across the view for 60 frames, half of which a scenelet may cover."""
-    problem = worlds.problem(60)
+    problem = worlds.facing_about(worlds.problem(60))
     return problem._replace(free_cost=np.linspace(0.0, 3.0, 60))
 
 

@@ -61,7 +61,7 @@ def one_frame(problem: Problem) -> Problem:
     """The problem of the first frame alone; no scenelet fits in it."""
     by_frame = (
         "keypoints", "used", "confidence_density", "error_scale", "error_dof",
-        "path_centre", "path_scale", "path_starts", "lift", "poses", "free_cost",
+        "path_centre", "path_scale", "path_starts", "lift", "poses", "path_facing", "free_cost",
     )  # fmt: skip
     cut = {name: getattr(problem, name)[:1] for name in by_frame}
     return problem._replace(**cut, static_density=problem.static_density[:, :1])

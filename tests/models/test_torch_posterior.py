@@ -51,7 +51,7 @@ def problem(n_frames: int = N_FRAMES) -> Problem:
     first, *others = worlds.library(min(5, n_frames))
     first = replace(first, objects=(*first.objects, worlds.couch(0.5, -0.7, 1.0, "table")))
     scenelets = worlds.Library("test", (first, *others))
-    whole = worlds.problem(n_frames, scenelets=scenelets)
+    whole = worlds.facing_about(worlds.problem(n_frames, scenelets=scenelets))
     used = whole.used & (rng.random(whole.used.shape) < 0.9)
     used[n_frames // 2] = False
     return whole._replace(used=used, free_cost=rng.random(n_frames))

@@ -106,6 +106,19 @@ def camera_prior() -> CameraPrior:
     return CameraPrior(mean, np.diag([0.05, 0.1, 0.05, 0.05, 0.02]) ** 2)
 
 
+def facing_about(problem: Problem, *, seed: int = 0) -> Problem:
+    """The same, but persons turn, on the path and in the scenelets, as they please."""
+    rng = np.random.default_rng(seed)
+
+    def directions(n: int) -> np.ndarray:
+        yaw = rng.uniform(-np.pi, np.pi) + np.cumsum(0.3 * rng.standard_normal(n))
+        return np.stack([np.cos(yaw), np.sin(yaw)], -1)
+
+    return problem._replace(
+        path_facing=directions(problem.n_frames), joint_facing=directions(len(problem.joints))
+    )
+
+
 def problem(
     n_frames: int = 20,
     *,

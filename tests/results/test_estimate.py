@@ -17,10 +17,11 @@ from tests.models import worlds
 from tests.runs import posterior
 
 
-def chair(x: float, y: float, label: str = "chair") -> SceneObject:
-    return SceneObject(
-        label, Placement(x, y, 0.3), (Cuboid("seat", np.array([0, 0, 0.2]), np.full(3, 0.4)),)
-    )
+def chair(
+    x: float, y: float, label: str = "chair", *, yaw: float = 0.3, ahead: float = 0.0
+) -> SceneObject:
+    seat = Cuboid("seat", np.array([0, ahead, 0.2]), np.full(3, 0.4))
+    return SceneObject(label, Placement(x, y, yaw), (seat,))
 
 
 def test_what_has_more_than_even_odds_stands_at_its_mean_on_the_ray() -> None:
@@ -33,6 +34,21 @@ def test_what_has_more_than_even_odds_stands_at_its_mean_on_the_ray() -> None:
     assert only.label == "chair"
     np.testing.assert_allclose(only.centre[:2], [0.0, (3.8 * 4.2 * 4.0) ** (1 / 3)], atol=1e-9)
     np.testing.assert_allclose(scene.joints, joints, atol=1e-9)
+
+
+def test_it_is_turned_as_those_of_its_label_are_in_the_mean() -> None:
+    turns = (np.pi - 0.1, -np.pi + 0.3, np.pi + 0.1)
+    own = [(chair(0.0, 4.0, yaw=yaw, ahead=0.1),) for yaw in turns]
+    objects = [*own, (chair(0.1, 4.0, "stool", yaw=1.0),)]
+    clusters = object_clusters(objects, np.zeros((1, 4)), radius=0.5)
+    (only,) = expected_scene(
+        worlds.CAMERA, clusters, objects, [(worlds.CAMERA, worlds.walk(5))] * 4
+    ).objects
+    (cluster,) = clusters
+    # 0.1 beyond straight back, whichever way round; its middle stays in the middle.
+    assert np.cos(only.placement.yaw - np.pi - 0.1) == pytest.approx(1.0, abs=1e-3)
+    x, y = cluster.positions.T
+    assert np.arctan2(*only.centre[:2]) == pytest.approx(np.arctan2(x, y).mean())
 
 
 def test_motion_seen_by_other_cameras_is_averaged_as_it_is_seen() -> None:

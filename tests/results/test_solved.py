@@ -22,7 +22,6 @@ from imapper_prob.results.solution_tables import (
 from imapper_prob.results.solved import Solved, solved
 from imapper_prob.solution_output import write_solution_folder
 from imapper_prob.staged.combine import combine
-from imapper_prob.staged.facing import Facing
 from tests.runs import solution
 
 
@@ -30,10 +29,9 @@ def without_maxima() -> Solved:
     """A clip in which nothing stands out."""
     found = solution()
     curve = replace(found.curve, maxima=np.empty(0, dtype=np.int64))
-    facing = Facing.of_path(found.problem, found.path, fps=found.clip.fps)
     nothing = replace(
         found, curve=curve, shortlists=(),
-        combinations=combine(found.problem, found.candidates, curve, facing),
+        combinations=combine(found.problem, found.candidates, curve),
     )  # fmt: skip
     return solved(nothing.clip, [nothing])
 
