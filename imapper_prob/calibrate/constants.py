@@ -383,8 +383,8 @@ FROM_PATH: Final = (
     ),
     Estimator(
         "sight.width", "m", "width of the step from hidden to seen over the clearance of a ray",
-        "logistic step fitted to which true joints are hidden, over their clearance from the "
-        "furniture of the scenelets nearest to the true motion", _sight_width,
+        "logistic step fitted to which true joints a true piece hides, over their clearance from "
+        "the piece that the scenelets nearest to the true motion have in its place", _sight_width,
     ),
     Estimator(
         "joints.jump_scale", "m", "jump of a joint between a free frame and a scenelet's end",

@@ -18,7 +18,7 @@ from imapper_prob.models.geometry import pack_boxes, sight_clearance
 from imapper_prob.models.path import StaticPath
 from imapper_prob.models.pose import facing, turned
 from imapper_prob.models.problem import Problem, resample
-from imapper_prob.models.scene import Clip, Placement, Truth
+from imapper_prob.models.scene import Clip, Placement, SceneObject, Truth
 from imapper_prob.models.scenelet import Library, Scenelet
 from imapper_prob.models.skeleton import DETECTED, PELV
 from imapper_prob.staged.fit import Fits
@@ -34,6 +34,10 @@ _FEWEST_KNOWN = 1 / 3
 """Part of a scenelet's frames that must be annotated."""
 _BEST = 10
 """Fits of a window whose depths are averaged: the library holds many alike."""
+
+
+_STANDS_FOR = 1.0
+"""Metres from a true piece within which a scenelet's may be meant for it."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +57,8 @@ class Nearest:
         the static path does, both averaged over their frames.
     clearance, hidden : (j,) float, (j,) bool
         Of true joints of somebody who stays put: how far the furniture of a scenelet is from
-        cutting their line of sight, metres, and whether anything does.
+        cutting their line of sight, metres, and whether the true pieces that it stands for do.
+        Joints that something else hides are left out.
     furniture : (k, 2) float
         How far true furniture stands from where they say
         (:func:`imapper_prob.calibrate.furniture.furniture_errors`).
@@ -110,9 +115,8 @@ def nearest_scenelets(clip: Clip, truth: Truth, path: StaticPath, library: Libra
                 middle = truth.joints[first + own, PELV].mean(0)
                 laid = _laid_upon(middle, yaw, travels[number][own])
                 placed.append((library[number], laid))
-                if library[number].objects:
-                    sights.append(_sights(truth, library[number], laid, first + own))
-    clearance, hidden = np.concatenate(sights, axis=1) if sights else np.empty((2, 0))
+                sights.append(_sights(truth, library[number], laid, first + own))
+    clearance, hidden = np.concatenate(sights, axis=1)
     return Nearest(
         np.concatenate(across),
         np.stack(jumps),
@@ -124,14 +128,26 @@ def nearest_scenelets(clip: Clip, truth: Truth, path: StaticPath, library: Libra
 
 
 def _sights(truth: Truth, scenelet: Scenelet, place: Placement, frames: Ints) -> Array:
-    """(2, n) clearance from a scenelet's furniture, and whether it is hidden, of each joint."""
-    boxes = pack_boxes(scenelet.objects)
-    boxes[:, :3] = place.apply(boxes[:, :3])
-    boxes[:, 6] += place.yaw
-    joints = list(DETECTED)
+    """(2, n) of joints: clearance from a scenelet's furniture, and whether the true one hides it.
+
+    None if a piece of the scenelet has no true one near.
+    """
+    claimed = [o.moved(place) for o in scenelet.objects]
+    meant = [min(truth.objects, key=lambda t: _between(t, o), default=o) for o in claimed]
+    if not claimed or max(map(_between, meant, claimed)) > _STANDS_FOR:
+        return np.empty((2, 0))
+    joints = truth.joints[frames][:, list(DETECTED)]
     camera = truth.camera.to_world(np.zeros(3))
-    clearance = sight_clearance(camera, truth.joints[frames][:, joints], boxes)
-    return np.stack([clearance.ravel(), np.asarray(truth.hidden)[frames][:, joints].ravel()])
+    clearance, real = (
+        sight_clearance(camera, joints, pack_boxes(pieces)) for pieces in (claimed, meant)
+    )
+    elsewhere = np.asarray(truth.hidden)[frames][:, list(DETECTED)] & (real >= 0)
+    return np.stack([clearance, real < 0])[:, ~elsewhere]
+
+
+def _between(one: SceneObject, other: SceneObject) -> float:
+    """Metres on the floor."""
+    return float(np.linalg.norm((one.centre - other.centre)[:2]))
 
 
 def _turn(motion: Array, joints: Array) -> tuple[float, float]:
