@@ -14,19 +14,18 @@ from numpy.typing import NDArray
 
 from imapper_prob.calibrate.furniture import furniture_errors
 from imapper_prob.calibrate.observations import stretches
-from imapper_prob.models.geometry import pack_boxes, sight_clearance
+from imapper_prob.calibrate.sights import sights_past
 from imapper_prob.models.path import StaticPath
 from imapper_prob.models.pose import facing, turned
 from imapper_prob.models.problem import Problem, resample
-from imapper_prob.models.scene import Clip, Placement, SceneObject, Truth
-from imapper_prob.models.scenelet import Library, Scenelet
-from imapper_prob.models.skeleton import DETECTED, PELV
+from imapper_prob.models.scene import Clip, Placement, Truth
+from imapper_prob.models.scenelet import Library
+from imapper_prob.models.skeleton import PELV
 from imapper_prob.staged.fit import Fits
 
 __all__ = ["FitErrors", "Nearest", "nearest_scenelets", "observe_fits"]
 
 Array = NDArray[np.float64]
-Ints = NDArray[np.intp]
 
 _EVERY = 0.6
 """Seconds between the windows that are matched with the truth."""
@@ -34,10 +33,6 @@ _FEWEST_KNOWN = 1 / 3
 """Part of a scenelet's frames that must be annotated."""
 _BEST = 10
 """Fits of a window whose depths are averaged: the library holds many alike."""
-
-
-_STANDS_FOR = 1.0
-"""Metres from a true piece within which a scenelet's may be meant for it."""
 
 
 @dataclass(frozen=True)
@@ -115,7 +110,7 @@ def nearest_scenelets(clip: Clip, truth: Truth, path: StaticPath, library: Libra
                 middle = truth.joints[first + own, PELV].mean(0)
                 laid = _laid_upon(middle, yaw, travels[number][own])
                 placed.append((library[number], laid))
-                sights.append(_sights(truth, library[number], laid, first + own))
+                sights.append(sights_past(truth, library[number], laid, first + own))
     clearance, hidden = np.concatenate(sights, axis=1)
     return Nearest(
         np.concatenate(across),
@@ -125,29 +120,6 @@ def nearest_scenelets(clip: Clip, truth: Truth, path: StaticPath, library: Libra
         hidden.astype(bool),
         furniture_errors(truth, placed),
     )
-
-
-def _sights(truth: Truth, scenelet: Scenelet, place: Placement, frames: Ints) -> Array:
-    """(2, n) of joints: clearance from a scenelet's furniture, and whether the true one hides it.
-
-    None if a piece of the scenelet has no true one near.
-    """
-    claimed = [o.moved(place) for o in scenelet.objects]
-    meant = [min(truth.objects, key=lambda t: _between(t, o), default=o) for o in claimed]
-    if not claimed or max(map(_between, meant, claimed)) > _STANDS_FOR:
-        return np.empty((2, 0))
-    joints = truth.joints[frames][:, list(DETECTED)]
-    camera = truth.camera.to_world(np.zeros(3))
-    clearance, real = (
-        sight_clearance(camera, joints, pack_boxes(pieces)) for pieces in (claimed, meant)
-    )
-    elsewhere = np.asarray(truth.hidden)[frames][:, list(DETECTED)] & (real >= 0)
-    return np.stack([clearance, real < 0])[:, ~elsewhere]
-
-
-def _between(one: SceneObject, other: SceneObject) -> float:
-    """Metres on the floor."""
-    return float(np.linalg.norm((one.centre - other.centre)[:2]))
 
 
 def _turn(motion: Array, joints: Array) -> tuple[float, float]:

@@ -10,12 +10,12 @@ from imapper_prob.calibrate.constants import (
     FROM_FITS,
     FROM_PATH,
     FROM_TRUTH,
-    KEPT,
     Estimator,
     estimate,
 )
 from imapper_prob.calibrate.estimators import jackknife_error
 from imapper_prob.calibrate.evidence import Seen, fit_library, look, place
+from imapper_prob.calibrate.kept import KEPT
 from imapper_prob.models.calibrated import Constant, Number
 from imapper_prob.models.scene import Clip, Truth
 from imapper_prob.models.scenelet import Library

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from imapper_prob.calibrate import as_markdown, as_toml, calibrate
-from imapper_prob.calibrate.constants import FROM_FITS, FROM_PATH, FROM_TRUTH, KEPT, estimate
+from imapper_prob.calibrate.constants import FROM_FITS, FROM_PATH, FROM_TRUTH, estimate
 from imapper_prob.calibrate.evidence import look, place
+from imapper_prob.calibrate.kept import KEPT
 from imapper_prob.calibrate.procedure import rounded
 from imapper_prob.inputs.i3db import read_i3db, read_i3db_truth
 from imapper_prob.models.calibrated import PATH, calibrated, constants, parsed, table
