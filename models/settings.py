@@ -21,8 +21,8 @@ class ModelSettings:
     Parameters
     ----------
     frame_weight : float
-        Factor on every frame's log-likelihood at 10 frames a second: one over the frames in
-        a correlation time, for neighbours repeat their errors.
+        Factor on every frame's log-likelihood at 10 frames a second, for joints and frames
+        repeat each other's errors: one over the frames in which all of them say one thing.
     swap_rate : float
         How often a second the detector begins to take left for right.
     swap_length : float
@@ -59,8 +59,8 @@ class ModelSettings:
         scenelet to its first and from its last to the next. Nearly all of it is how scenelet
         and lifted pose differ (i3DB), so that it does not depend on the frame rate.
     smoothness_cost : float
-        Factor on those steps' nats, for joints err together: at once, and as ``frame_weight``
-        says of frames.
+        Factor on those steps' nats, for joints err together, as many as frames in the time over
+        which these repeat their errors.
     furniture_aside : float
         Standard deviation of how far to its side a piece of furniture stands from where its
         scenelet says, as a share of its width. With the next one: of what is drawn, for the
@@ -89,7 +89,7 @@ class ModelSettings:
         energy: no number does both, and this is between them.
     """
 
-    frame_weight: float = 1 / (10 * calibrated("frames.correlation_time"))
+    frame_weight: float = 1 / (10 * calibrated("scores.repeat_time"))
     swap_rate: float = calibrated("swaps.rate")
     swap_length: float = calibrated("swaps.length")
     pose_tolerance: float = calibrated("pose.tolerance")

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.calibrate.matches import FitErrors, Nearest, nearest_scenelets, observe_fits
+from imapper_prob.calibrate.neighbours import repeats
 from imapper_prob.calibrate.observations import (
     Detections,
     Lifted,
@@ -102,9 +103,17 @@ class Placed(Seen):
 
 @dataclass(frozen=True)
 class Fitted(Placed):
-    """With the library fitted to the detections."""
+    """With the library fitted to the detections.
+
+    Parameters
+    ----------
+    repeats : (n,) float
+        How often detections repeat each other about which scenelet it is
+        (:func:`imapper_prob.calibrate.neighbours.repeats`).
+    """
 
     fits: FitErrors
+    repeats: Array
 
 
 def _members(evidence: Seen) -> dict[str, Any]:
@@ -137,21 +146,31 @@ def fit_library(placed: Placed, library: Library, values: Values) -> Fitted:
     """The third step: every scenelet in every window, by the first two steps' constants."""
     clip = placed.clip
     camera = replace(CameraSettings(), **_taken(_CAMERA, values))
+    detections = detection_model(values)
+    settings = replace(
+        ModelSettings(),
+        frame_weight=path_settings(values).frame_weight(REFERENCE_RATE),
+        **_taken(_MODEL, values),
+    )
     problem = pack_problem(
         clip,
         placed.static,
         estimate_camera(clip, placed.static, settings=camera),
         library,
-        settings=replace(
-            ModelSettings(),
-            frame_weight=path_settings(values).frame_weight(REFERENCE_RATE),
-            **_taken(_MODEL, values),
-        ),
-        detections=detection_model(values),
+        settings=settings,
+        detections=detections,
     )
     fits = fit_windows(problem, placed.static, fps=clip.fps)
     problem = problem._replace(free_cost=free_pose_cost(problem, fits))
-    return Fitted(**_members(placed), fits=observe_fits(clip, placed.truth, problem, fits))
+    told = [
+        repeats(one, clip, placed.truth, detections=detections, tolerance=settings.pose_tolerance)
+        for one in placed.nearest.beside
+    ]
+    return Fitted(
+        **_members(placed),
+        fits=observe_fits(clip, placed.truth, problem, fits),
+        repeats=np.concatenate(told),
+    )
 
 
 def _taken(names: Mapping[str, str], values: Values) -> dict[str, Any]:

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.calibrate.furniture import furniture_errors
+from imapper_prob.calibrate.neighbours import Neighbours, neighbours
 from imapper_prob.calibrate.observations import stretches
 from imapper_prob.calibrate.sights import sights_past
 from imapper_prob.models.path import StaticPath
@@ -32,7 +33,8 @@ _EVERY = 0.6
 _FEWEST_KNOWN = 1 / 3
 """Part of a scenelet's frames that must be annotated."""
 _BEST = 10
-"""Fits of a window whose depths are averaged: the library holds many alike."""
+"""Fits of a window whose depths are averaged, and neighbours that are compared with the scenelet
+nearest to the truth: the library holds many alike."""
 
 
 @dataclass(frozen=True)
@@ -57,6 +59,8 @@ class Nearest:
     furniture : (k, 2) float
         How far true furniture stands from where they say
         (:func:`imapper_prob.calibrate.furniture.furniture_errors`).
+    beside : tuple of Neighbours
+        Each with the ten that come next.
     """
 
     across: Array
@@ -65,6 +69,7 @@ class Nearest:
     clearance: Array
     hidden: NDArray[np.bool_]
     furniture: Array
+    beside: tuple[Neighbours, ...]
 
 
 def nearest_scenelets(clip: Clip, truth: Truth, path: StaticPath, library: Library) -> Nearest:
@@ -79,7 +84,7 @@ def nearest_scenelets(clip: Clip, truth: Truth, path: StaticPath, library: Libra
     own_faces = [np.exp(1j * facing(m)) for m in motions]
     motions = [m - m[:, [PELV]] for m in motions]
     stays = {t for s in stretches(truth, clip.fps) for t in range(s.start, s.stop)}
-    across, jumps, turns, placed, sights = [], [], [], [], []
+    across, jumps, turns, placed, sights, beside = [], [], [], [], [], []
     for centre in range(0, clip.n_frames, round(_EVERY * clip.fps)):
         candidates = []
         for number, motion in enumerate(motions):
@@ -94,8 +99,13 @@ def nearest_scenelets(clip: Clip, truth: Truth, path: StaticPath, library: Libra
         if not candidates:
             continue
         candidates.sort()
+        near = [
+            (first, turned(motions[n], np.full(len(motions[n]), yaw)))
+            for _, n, first, yaw in candidates[: _BEST + 1]
+        ]
+        beside.append(neighbours(truth, near))
         _, number, start, yaw = candidates[0]
-        best = turned(motions[number], np.full(len(motions[number]), yaw))
+        best = near[0][1]
         end = start + len(best)
         own = np.flatnonzero(known[start:end])
         apart = joints[start + own] - best[own]
@@ -119,6 +129,7 @@ def nearest_scenelets(clip: Clip, truth: Truth, path: StaticPath, library: Libra
         clearance,
         hidden.astype(bool),
         furniture_errors(truth, placed),
+        tuple(beside),
     )
 
 

@@ -55,7 +55,7 @@ def test_what_is_used_is_what_was_measured_or_there_is_a_reason() -> None:
 
 def test_the_settings_take_their_values_from_the_file() -> None:
     model, path, camera = ModelSettings(), StaticPathSettings(), CameraSettings()
-    assert model.frame_weight == 1 / (10 * calibrated("frames.correlation_time"))
+    assert model.frame_weight == 1 / (10 * calibrated("scores.repeat_time"))
     assert (model.walk_bearing, path.walk_bearing) == (calibrated("walk.bearing"),) * 2
     assert model.pose_tolerance == calibrated("pose.tolerance")
     assert path.bias_log_depth == calibrated("bias.log_depth")
