@@ -58,7 +58,7 @@ def neighbours(truth: Truth, poses: Sequence[tuple[int, Array]]) -> Neighbours:
         First frame, and joints relative to the pelvis, turned as the person is, in metres; the
         nearest scenelet first.
     """
-    known = np.isfinite(truth.joints).all((1, 2))
+    known: NDArray[np.bool_] = np.all(np.isfinite(truth.joints), axis=(1, 2))
     looks = []
     for first, pose in poses:
         frames = first + np.flatnonzero(known[first : first + len(pose)])

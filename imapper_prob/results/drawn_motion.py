@@ -27,7 +27,7 @@ def drawn_motion(rng: np.random.Generator, problem: Problem, state: State) -> Ar
     """(T, 16, 3) joints in the state's world, metres: the pose, and how the person's differs.
 
     Errors are stationary chains: that of the height forgets itself as that of the bearing does,
-    those of joints about the pelvis in the time over which frames repeat their errors.
+    those of joints about the pelvis in as many frames as count as one.
     """
     joints = motion(problem, state)
     limbs = _chain(rng, joints.shape, np.exp(-min(1.0, problem.frame_weight)))

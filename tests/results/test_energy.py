@@ -50,7 +50,10 @@ def packed(scenelets: Library) -> Problem:
     used[12:14] = False
     rng = np.random.default_rng(2)
     return made._replace(
-        keypoints=keypoints, used=used, free_cost=rng.uniform(0, 30, made.n_frames)
+        keypoints=keypoints,
+        used=used,
+        free_cost=rng.uniform(0, 30, made.n_frames),
+        frame_weight=1 / 12,  # Ten frames must be enough to tell which side is which.
     )
 
 
@@ -151,7 +154,10 @@ def test_the_worth_of_an_object_is_what_is_lost_in_a_library_without_it(
         clip = clip_of(joints, np.random.default_rng(4))
         without = pack_problem(clip, path_of(joints), camera_prior(), Library("test", tuple(bare)))
         changed = without._replace(
-            keypoints=made.keypoints, used=made.used, free_cost=made.free_cost
+            keypoints=made.keypoints,
+            used=made.used,
+            free_cost=made.free_cost,
+            frame_weight=made.frame_weight,
         )
         (worth,) = [w for w in explained.objects if w.name == label]
         lost = log_posterior(made, state) - log_posterior(changed, state)
@@ -182,7 +188,7 @@ def test_one_of_two_objects_of_a_scenelet_is_taken_away_alone(slot: int) -> None
         problem(20, scenelets=one), state
     )
     assert worth.total == pytest.approx(lost)
-    assert abs(lost) > 0.05
+    assert abs(lost) > 0.02
 
 
 def test_no_scenelet_at_all(made: Problem, scenelets: Library) -> None:
