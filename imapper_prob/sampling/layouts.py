@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Final
 
 import networkx as nx
 import numpy as np
@@ -17,20 +18,27 @@ from imapper_prob.models.scene import Placement, SceneObject
 from imapper_prob.models.scenelet import Library
 
 __all__ = [
-    "Layouts", "group_layouts", "match_objects", "merged_objects", "placed_objects",
+    "SEATS", "Layouts", "group_layouts", "match_objects", "merged_objects", "placed_objects",
     "representatives", "same_objects", "through_one_lens",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
+SEATS: Final = frozenset({"armchair", "bench", "chair", "couch", "sofa", "stool"})
+"""What one sits on. Motion hardly tells one from another."""
+_SHARED: Final = 0.5
+"""Part of the smaller footprint that two seats must share to be one: what stands half in another
+is no other, and what only stands too near is."""
+
 
 def merged_objects(problem: Problem, library: Library, state: State) -> tuple[SceneObject, ...]:
     """The furniture of a state in its world, objects that are one merged.
 
     Objects of the same label whose footprints overlap and whose orientation agrees within
-    the model's merge angle are the same object met twice; of each such group the one is kept
-    whose scenelet improves the scene most.
+    the model's merge angle are the same object met twice, and so are two seats, whatever each
+    scenelet calls them, that share half of the smaller footprint; of each such group the one is
+    kept whose scenelet improves the scene most.
     """
     placed = placed_objects(state, library)
     groups = same_objects(placed, problem.merge_angle)
@@ -63,7 +71,8 @@ def placed_objects(state: State, library: Library) -> list[tuple[int, SceneObjec
 def same_objects(placed: Sequence[tuple[int, SceneObject]], angle: float) -> list[list[int]]:
     """Which of :func:`placed_objects` are one: groups of their indices, each in order.
 
-    Same label, orientations within ``angle`` radians, and footprints that overlap.
+    Same label, orientations within ``angle`` radians, and footprints that overlap; or seats of
+    any label that share half of the smaller footprint.
     """
     graph = nx.Graph()
     graph.add_nodes_from(range(len(placed)))
@@ -71,10 +80,19 @@ def same_objects(placed: Sequence[tuple[int, SceneObject]], angle: float) -> lis
     for a, (item_a, first) in enumerate(placed):
         for b, (item_b, second) in enumerate(placed[:a]):
             aligned = np.cos(first.placement.yaw - second.placement.yaw) > np.cos(angle)
-            same = first.label == second.label and item_a != item_b and aligned
-            if same and outlines[a].intersects(outlines[b]):
+            if first.label == second.label and aligned:
+                one = outlines[a].intersects(outlines[b])
+            else:
+                seats = {first.label, second.label} <= SEATS
+                one = seats and _shared(outlines[a], outlines[b]) > _SHARED
+            if one and item_a != item_b:
                 graph.add_edge(a, b)
     return [sorted(group) for group in nx.connected_components(graph)]
+
+
+def _shared(first: Polygon, second: Polygon) -> float:
+    """Part of the smaller of two outlines that they share."""
+    return float(first.intersection(second).area / min(first.area, second.area))
 
 
 def match_objects(

@@ -7,10 +7,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from imapper_prob.models.posterior import empty_state
+from imapper_prob.models.scene import SceneObject
 from imapper_prob.sampling.layouts import (
     group_layouts,
     match_objects,
     merged_objects,
+    same_objects,
     through_one_lens,
 )
 from tests.models import worlds
@@ -27,6 +29,23 @@ def test_the_same_couch_met_twice_is_one_object() -> None:
     assert len(merged_objects(problem, library, turned)) == 2
     assert len(merged_objects(problem, library, far)) == 2
     assert merged_objects(problem, library, empty_state(problem)) == ()
+
+
+def test_a_seat_half_in_another_is_the_same_whatever_it_is_called() -> None:
+    """Couches of 1.6 m by .8, an object of each of two scenelets."""
+    first = couch(0.0, 4.0)
+
+    def groups(*others: SceneObject) -> list[list[int]]:
+        return same_objects(list(enumerate((first, *others))), 0.6)
+
+    assert groups(couch(0.7, 4.0, label="chair")) == [[0, 1]]
+    assert groups(couch(0.9, 4.0, label="chair")) == [[0], [1]]
+    assert groups(couch(0.1, 4.0, 3.0, label="stool")) == [[0, 1]]
+    assert groups(couch(0.1, 4.0, 3.0)) == [[0, 1]]
+    assert groups(couch(0.1, 4.0, label="table")) == [[0], [1]]
+    assert groups(couch(0.7, 4.0, label="chair"), couch(1.4, 4.0, label="stool")) == [[0, 1, 2]]
+    # One and the same scenelet does not speak of one thing twice.
+    assert same_objects([(0, first), (0, couch(0.1, 4.0, label="chair"))], 0.6) == [[0], [1]]
 
 
 def test_matching_needs_labels_and_nearness() -> None:

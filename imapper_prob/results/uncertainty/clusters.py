@@ -1,9 +1,9 @@
 """The same object met in many draws: clusters of objects, and what is sure about each.
 
 Draws have different numbers of objects with different labels in an order of no meaning.
-They are matched draw by draw: no draw has two objects in one cluster, an object may be half a
-metre off, and one that is called something else may belong as well if it stands near enough,
-so that a cluster can say "a chair, or perhaps a stool".
+They are matched draw by draw: no draw has two objects in one cluster, an object may be off, along
+the viewing ray twice as far as across it, and one that is called something else may belong as
+well if it stands near enough, so that a cluster can say "a chair, or perhaps a stool".
 """
 
 from __future__ import annotations
@@ -20,18 +20,22 @@ from scipy.optimize import linear_sum_assignment
 from imapper_prob.models.scene import SceneObject
 from imapper_prob.results.uncertainty.regions import Region, region_of
 from imapper_prob.samplers.diagnostics import ShortChainWarning, mean_error
+from imapper_prob.sampling.layouts import SEATS
 
 __all__ = ["ObjectCluster", "circular_mean_and_spread", "object_clusters"]
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-_SEATS = frozenset({"armchair", "bench", "chair", "couch", "sofa", "stool"})
 _OTHER_SEAT, _OTHER_LABEL = 0.25, 0.5
 """Parts of the radius that another label costs. Motion hardly tells one seat from another; what
 is called something else altogether must stand twice as near to be the same."""
-_TOGETHER = 0.05
-"""Clusters of which a larger part than this is met together in draws are two objects."""
+_ALONG = 2.0
+"""Metres along the viewing ray that count as one across it: nearly all doubt of a place is depth,
+and the draws of one piece of i3DB spread twice as far that way, or more."""
+_TOGETHER = 0.2
+"""Clusters of which a larger part than this is met together in draws are two objects: pieces that
+know nothing of each other are met together as often as the likelier is there."""
 _ROUNDS = 30
 """Most times the matching is repeated; it usually comes to rest after ten."""
 _APART = 1e6
@@ -111,7 +115,8 @@ def object_clusters(
     log_posterior : (C, N) float
         Probable draws come first: clusters are founded around them.
     radius : float
-        Metres within which an object of the right label is the same one.
+        Metres across the viewing ray within which an object of the right label is the same one;
+        along the ray, from above the origin, it may be twice as far.
     least : float
         Clusters less probable than this are left out.
     standing : sequence of C N sequences of SceneObject, optional
@@ -204,7 +209,7 @@ class _Metric:
     Parameters
     ----------
     radius : float
-        Metres beyond which they do not, even with the right label.
+        Metres across the viewing ray beyond which they do not, even with the right label.
     labels_apart : (L, L) float
         Part of the radius that being called something else costs.
     """
@@ -214,7 +219,11 @@ class _Metric:
 
     def __call__(self, places: Array, labels: Array, means: Array, shares: Array) -> Array:
         """(m, K) cost of m objects or clusters in K clusters; beyond 1 they do not fit."""
-        distance = np.linalg.norm(places[:, None] - means, axis=-1)
+        away, ray = places[:, None] - means, places[:, None] + means
+        ray /= np.linalg.norm(ray, axis=-1, keepdims=True).clip(min=1e-9)
+        along = (away * ray).sum(-1)
+        across = away[..., 0] * ray[..., 1] - away[..., 1] * ray[..., 0]
+        distance = np.hypot(across, along / _ALONG)
         cost: Array = distance / self.radius + labels @ self.labels_apart @ shares.T
         return np.where(cost > 1, _APART, cost)
 
@@ -222,7 +231,7 @@ class _Metric:
 def _labels_apart(names: Sequence[str]) -> Array:
     """(L, L) what it costs an object to be of a cluster with another label."""
     cost = np.full((len(names), len(names)), _OTHER_LABEL)
-    seats = np.array([name in _SEATS for name in names])
+    seats = np.array([name in SEATS for name in names])
     cost[np.ix_(seats, seats)] = _OTHER_SEAT
     np.fill_diagonal(cost, 0.0)
     return cost

@@ -60,6 +60,27 @@ def test_members_are_each_object_once(rng: np.random.Generator) -> None:
             np.testing.assert_array_equal(draws[n][k].centre[:2], position)
 
 
+@pytest.mark.parametrize("bearing", [0.0, 0.7, -2.0])
+def test_along_the_ray_it_may_stand_twice_as_far(bearing: float) -> None:
+    ray = np.array([np.sin(bearing), np.cos(bearing)])
+    aside = np.array([ray[1], -ray[0]])
+    for way, metres in ((ray, 1.6), (aside, 0.8)):
+        for distance, clusters in ((metres - 0.01, 1), (metres + 0.01, 2)):
+            place = 4 * ray + distance * way
+            draws = [[piece("chair", *(4 * ray))], [piece("chair", *place)]]
+            assert len(object_clusters(draws, log_posterior(2), radius=0.8)) == clusters
+
+
+def test_two_in_a_row_are_two(rng: np.random.Generator) -> None:
+    """Nearer to each other than the draws of one may be, but met together."""
+    draws = [[piece("chair", 0, y + depth) for y in (4.0, 4.9)] for depth in rng.normal(0, 0.3, 60)]
+    near, far = sorted(
+        object_clusters(draws, log_posterior(60), radius=0.8), key=lambda c: c.mean[1]
+    )
+    assert near.presence == far.presence == 1.0
+    assert far.mean[1] - near.mean[1] == pytest.approx(0.9, abs=0.1)
+
+
 @pytest.mark.parametrize(("other", "metres"), [("chair", 0.8), ("stool", 0.6), ("table", 0.4)])
 def test_another_label_must_stand_nearer(other: str, metres: float) -> None:
     for distance, clusters in ((metres - 0.01, 1), (metres + 0.01, 2)):
