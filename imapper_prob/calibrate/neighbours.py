@@ -62,9 +62,9 @@ def neighbours(truth: Truth, poses: Sequence[tuple[int, Array]]) -> Neighbours:
     looks = []
     for first, pose in poses:
         frames = first + np.flatnonzero(known[first : first + len(pose)])
-        apart = truth.joints[frames] - pose[frames - first]
-        middle = (apart - truth.joints[frames][:, [PELV]]).mean((0, 1))
-        laid = pose[frames - first] + truth.joints[frames][:, [PELV]] + middle
+        joints, own = truth.joints[frames], pose[frames - first]
+        pelvis = joints[:, [PELV]]
+        laid = own + pelvis + (joints - own - pelvis).mean((0, 1))
         looks.append((frames, laid[:, list(DETECTED)]))
     frames, nearest = looks[0]
     pixels = truth.camera.project(nearest)
@@ -99,8 +99,9 @@ def repeats(
 
     Returns
     -------
-    (k,) float
-        With a mean of one if no two detections knew of each other.
+    (at most k,) float
+        Of the scenelets that some detection tells from the nearest one; with a mean of one if no
+        two detections knew of each other.
     """
     joints = list(DETECTED)
     confidence = clip.tracks[track].confidences[beside.frames][:, joints]

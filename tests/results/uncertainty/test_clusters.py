@@ -107,6 +107,15 @@ def test_a_second_one_now_and_then_is_an_object_of_its_own(rng: np.random.Genera
     assert second.members[0, 0] == 50
 
 
+@pytest.mark.parametrize(("both", "presences"), [(10, [1.0, 0.1]), (20, [0.6, 0.6])])
+def test_two_that_are_seldom_met_together_are_one(both: int, presences: list[float]) -> None:
+    """A couch here or there in a hundred draws: of 55 each 10, or of 60 each 20, have it twice."""
+    places = [(-0.3, 0.3)] * both + [(-0.3,), (0.3,)] * ((100 - both) // 2)
+    draws = [[piece("couch", x, 4) for x in own] for own in places]
+    found = object_clusters(draws, log_posterior(100), radius=0.8, least=0.0)
+    assert [c.presence for c in found] == presences
+
+
 def test_what_is_known_badly_along_the_ray_is_still_one(rng: np.random.Generator) -> None:
     """Further apart than the radius at the ends, and nowhere a gap."""
     draws = [[piece("couch", 0, y)] for y in rng.uniform(3.2, 4.8, 200)]
