@@ -134,6 +134,13 @@ def _stages(actor: Solution) -> dict[str, Any]:
             "pool": [_candidate(actor, c) for c in combinations.pool],
             "best": [asdict(t) for t in combinations.tried[:_COMBINATIONS]],
         },
+        "exchanges": [
+            {
+                "gain": e.gain,
+                "candidate": None if e.candidate is None else _candidate(actor, e.candidate),
+            }
+            for e in combinations.exchanges
+        ],
     }
 
 

@@ -60,6 +60,7 @@ def stage_views(solved: Solved) -> tuple[StageView, ...]:
             _motions(actors, together),
         ),
     ]
+    views += [_exchanged(actors, together)] if any(a.combinations.exchanges for a in actors) else []
     for number, scene in enumerate(solved.scenes, 1):
         name = "Best scene, refined" if number == 1 else f"Diverse scene {number}"
         text = f"Log-posterior {scene.log_posterior:.1f} nat. " + ", ".join(
@@ -67,6 +68,23 @@ def stage_views(solved: Solved) -> tuple[StageView, ...]:
         )
         views.append(StageView(name, text, scene.objects, scene.motions))
     return tuple(views)
+
+
+def _exchanged(actors: Sequence[Solution], together: Sequence[State]) -> StageView:
+    """The best combination of each actor after its exchanges."""
+    after = [
+        a.combinations.exchanges[-1].state if a.combinations.exchanges else state
+        for a, state in zip(actors, together, strict=True)
+    ]
+    rows = [
+        f"- **{a.clip.tracks[0].name}**: {len(a.combinations.exchanges)} candidates exchanged for "
+        f"others, {sum(e.gain for e in a.combinations.exchanges):.1f} nat gained"
+        for a in actors
+    ]
+    furniture = tuple(
+        o for a, s in zip(actors, after, strict=True) for _, o in placed_objects(s, a.library)
+    )
+    return StageView("Exchanges", "\n".join(rows), furniture, _motions(actors, after))
 
 
 def charness_curves(solved: Solved) -> dict[str, Curve]:

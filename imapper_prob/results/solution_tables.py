@@ -56,6 +56,10 @@ def _in_words(solved: Solved) -> dict[str, str]:
                 f"{len(found.tried)} combinations tried: "
                 + ("all there are" if found.complete else "pruned, the best by score first")
             ),
+            f"{name}exchanging": (
+                f"{len(found.exchanges)} exchanges; the best scene gains "
+                f"{sum(e.gain for e in found.exchanges):.1f} nat"
+            ),
             f"{name}refining scenes": f"{len(found.states)} scenes",
         }
     words["diverse scenes"] = f"{len(solved.scenes)} with no scenelet in common at nearby times"

@@ -151,7 +151,8 @@ def _best_together(actors: Sequence[Solution]) -> tuple[State, ...]:
 def _alternatives(actor: Solution) -> list[State]:
     """The best scenes that one actor has tried, refined; all have the mean camera."""
     found = actor.combinations
-    return [
+    exchanged = [e.state for e in found.exchanges[-1:]]
+    return exchanged + [
         refine(actor.problem, state_of(actor.problem, [found.pool[k] for k in tried.members]))
         for tried in found.tried[:_ALTERNATIVES]
     ]

@@ -147,11 +147,14 @@ def along_the_ray(problem: Problem, frame: int, placement: Array) -> tuple[Array
     return placement * [np.exp(size), np.exp(size), 1.0], size
 
 
-def refine(problem: Problem, state: State) -> State:
-    """Placements and sizes under the full posterior, one scenelet at a time (Nelder and Mead)."""
+def refine(problem: Problem, state: State, *, only: int | None = None) -> State:
+    """Placements and sizes under the full posterior, one scenelet at a time (Nelder and Mead).
+
+    All of them one after the other, or ``only`` the one of that index.
+    """
     # Of bearing, log depth, yaw, and of what a person's size leaves to the depth.
     step = np.array([0.02, 0.05, 0.15, 0.05])
-    for index in range(state.n_scenelets):
+    for index in range(state.n_scenelets) if only is None else [only]:
         x, y, yaw = state.placements[index]
         start = np.array([x / y, np.log(y), yaw, state.sizes[index] - np.log(y)])
 

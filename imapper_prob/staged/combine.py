@@ -3,7 +3,8 @@
 The paper tries every combination of three candidates a maximum (Monszpart et al. 2019,
 section 5). Here a maximum may also stay empty, and there may be twelve of them: combinations
 are judged by the full log-posterior in the order of what their candidates are worth alone and
-two by two (`search`), all of them where there are few. The best scenes are refined once more.
+two by two (`search`), all of them where there are few. The best scenes are refined once more,
+and in the best one candidates are exchanged for whatever does better there (`exchange`).
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from numpy.typing import NDArray
 from imapper_prob.models.posterior import State, empty_state, log_posterior
 from imapper_prob.models.problem import Problem
 from imapper_prob.staged.candidates import Candidate, refine
+from imapper_prob.staged.exchange import Exchange, exchange
 from imapper_prob.staged.kinds import furniture_kinds
 from imapper_prob.staged.maxima import CharnessCurve
 from imapper_prob.staged.polish import polish
@@ -81,6 +83,8 @@ class Combinations:
         The best first.
     left : float
         Best score of a combination that was not tried; -inf if all were.
+    exchanges : tuple of Exchange
+        What was exchanged in the best combination once that was refined.
     states : tuple of State
         The best scene, then others with other furniture, all refined.
     """
@@ -88,6 +92,7 @@ class Combinations:
     pool: tuple[Candidate, ...]
     tried: tuple[Combination, ...]
     left: float
+    exchanges: tuple[Exchange, ...]
     states: tuple[State, ...]
 
     @property
@@ -112,14 +117,18 @@ def combine(
     ranked = [[pool[k] for k in t.members] for t in tried]
     if progress is not None:
         progress("combining", 1.0)
-    chosen = _diverse(problem, ranked, 1 + settings.alternatives)
-    states = []
-    for i, own in enumerate(chosen):
+    best = refine(problem, state_of(problem, ranked[0]))
+    exchanges = exchange(problem, best, candidates)
+    best = exchanges[-1].state if exchanges else best
+    if progress is not None:
+        progress("exchanging", 1.0)
+    states = [polish(problem, best)]
+    for own in _diverse(problem, ranked, best, settings.alternatives):
         states.append(polish(problem, refine(problem, state_of(problem, own))))
         if progress is not None:
-            progress("refining scenes", (i + 1) / len(chosen))
+            progress("refining scenes", len(states) / (1 + settings.alternatives))
     states.sort(key=lambda s: -log_posterior(problem, s))
-    return Combinations(pool, tried, left, tuple(states))
+    return Combinations(pool, tried, left, exchanges, tuple(states))
 
 
 def groups_of(
@@ -186,11 +195,15 @@ def _at(window: int, candidates: Sequence[Candidate], kept: int) -> list[Candida
 
 
 def _diverse(
-    problem: Problem, ranked: Sequence[Sequence[Candidate]], count: int
+    problem: Problem, ranked: Sequence[Sequence[Candidate]], best: State, count: int
 ) -> list[Sequence[Candidate]]:
-    """The best combinations no two of which have the same kinds of furniture in the same order."""
+    """The best combinations no two of which have the same kinds of furniture in the same order.
+
+    Neither has any of them the same as the ``best`` scene.
+    """
     kinds = furniture_kinds(problem)
+    story = tuple(kinds[scenelet] for scenelet in best.items[:, 0])
     chosen: dict[tuple[tuple[int, ...], ...], Sequence[Candidate]] = {}
     for members in ranked:
         chosen.setdefault(tuple(kinds[c.scenelet] for c in members), members)
-    return list(chosen.values())[:count]
+    return [members for own, members in chosen.items() if own != story][:count]

@@ -26,12 +26,12 @@ from tests.runs import solution
 
 
 def without_maxima() -> Solved:
-    """A clip in which nothing stands out."""
+    """A clip in which nothing stands out, and no scenelet fits."""
     found = solution()
     curve = replace(found.curve, maxima=np.empty(0, dtype=np.int64))
     nothing = replace(
-        found, curve=curve, shortlists=(),
-        combinations=combine(found.problem, found.candidates, curve),
+        found, candidates=(), curve=curve, shortlists=(),
+        combinations=combine(found.problem, (), curve),
     )  # fmt: skip
     return solved(nothing.clip, [nothing])
 
@@ -51,14 +51,23 @@ def test_the_best_scene_of_one_actor_is_the_solvers() -> None:
 def test_every_stage_has_something_to_show() -> None:
     answer = solved(solution().clip, [solution()])
     views = stage_views(answer)
-    assert [v.name for v in views[:5]] == [
-        "Static path", "Candidates judged", "Candidates kept", "Best combination",
+    assert [v.name for v in views[:6]] == [
+        "Static path", "Candidates judged", "Candidates kept", "Best combination", "Exchanges",
         "Best scene, refined",
     ]  # fmt: skip
+    gained = sum(e.gain for e in answer.actors[0].combinations.exchanges)
+    assert f"{gained:.1f} nat gained" in views[4].text
     assert not views[0].objects
     counts = [len(v.objects) for v in views[1:4]]
     assert counts == sorted(counts, reverse=True)
-    assert len(views) == 4 + len(answer.scenes)
+    assert len(views) == 5 + len(answer.scenes)
+
+
+def test_without_exchanges_there_is_no_such_stage() -> None:
+    found = solution()
+    combinations = replace(found.combinations, exchanges=())
+    answer = solved(found.clip, [replace(found, combinations=combinations)])
+    assert "Exchanges" not in [v.name for v in stage_views(answer)]
 
 
 def test_an_empty_room_is_an_answer(tmp_path: Path) -> None:
