@@ -55,10 +55,9 @@ class ModelSettings:
         Radians, scale of the wrapped Cauchy error of where the static path has somebody face
         about where the right scenelet does, both averaged over its frames.
     joint_step : float
-        Metres an axis, of a body of the reference stature; scale of a joint's step, relative to
-        the pelvis, from the frame before a scenelet to its first and from its last to the next.
-        Nearly all of it is how scenelet and lifted pose differ (i3DB), so that it does not
-        depend on the frame rate.
+        Metres an axis; scale of a joint's step, relative to the pelvis, from the frame before a
+        scenelet to its first and from its last to the next. Nearly all of it is how scenelet
+        and lifted pose differ (i3DB), so that it does not depend on the frame rate.
     smoothness_cost : float
         Factor on those steps' nats, for joints err together, as many as frames in the time over
         which these repeat their errors.

@@ -105,7 +105,6 @@ def terms_batch(
         spread=problem.furniture_spread,
         unit=problem.motion_cost * weight,
     )
-    jumps = pose_jumps(tensors, layout, camera, joints)
     values = torch.stack(
         [
             problem.camera_constant - 0.5 * quadratic,
@@ -114,7 +113,7 @@ def terms_batch(
             evidence,
             detections,
             -weight * free,
-            -problem.smoothness_cost * problem.likelihood * jumps,
+            -problem.smoothness_cost * problem.likelihood * pose_jumps(tensors, layout, joints),
             -problem.likelihood * collision,
             -motion,
             -problem.motion_cost * weight * depth_below_floor(tensors, joints),
