@@ -25,7 +25,7 @@ _REFINED = 12
 _WORTH = 0.5
 """Nats an exchange has to bring; less is how exactly placements are found."""
 _MOST = 20
-"""Exchanges at most. On i3DB there are up to 8 until none is left that brings anything."""
+"""Exchanges at most. On i3DB there are one to seven until none is left that brings anything."""
 
 
 @dataclass(frozen=True)
