@@ -105,14 +105,14 @@ def evaluate(
     ) or problem.likelihood == 0.0:  # fmt: skip
         return terms
     weight = problem.frame_weight * problem.likelihood
-    boxes, turns, owner, yaws = place_boxes(problem, items, placements)
+    boxes, turns, owner, yaws = place_boxes(problem, camera, items, placements, sizes)
     footprints = find_footprints(boxes, turns)
     gaps = find_clearances(camera[1], joints, boxes, turns)
     _weigh_frames(problem, camera, item_of, sizes, joints, gaps, by_frame)
     terms[4] = summed_over_swaps(
         by_frame, problem.path_starts, weight, problem.swap_begins, problem.swap_ends
     )
-    terms[6] = _smoothness(problem, item_of, joints)
+    terms[6] = _smoothness(problem, camera, item_of, joints)
     overlaps = collision_depths(problem, len(items), boxes, turns, footprints, owner, yaws)
     terms[7] = -problem.likelihood * _collisions(problem, overlaps)
     depths = motion_depths(len(items), item_of, joints, boxes, turns, footprints, owner)
@@ -192,10 +192,10 @@ def _weigh_frames(
 
 
 @compiled
-def _smoothness(problem: Problem, item_of: Ints, joints: Array) -> float:
+def _smoothness(problem: Problem, camera: Array, item_of: Ints, joints: Array) -> float:
     """E_s: what it costs that the pose jumps where a scenelet begins or ends."""
-    total = 0.0
+    total, scale = 0.0, problem.joint_step * math.exp(camera[3])
     for t in range(1, len(item_of)):
         if item_of[t] != item_of[t - 1] and not problem.path_starts[t]:
-            total += pose_jump(joints, t - 1, t, problem.joint_step)
+            total += pose_jump(joints, t - 1, t, scale)
     return -problem.smoothness_cost * problem.likelihood * total

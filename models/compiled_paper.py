@@ -89,7 +89,7 @@ def evaluate_paper(
         problem, camera, items, placements, sizes, latent, item_of, joints, terms
     ) or problem.likelihood == 0.0:  # fmt: skip
         return terms
-    boxes, turns, owner, yaws = place_boxes(problem, items, placements)
+    boxes, turns, owner, yaws = place_boxes(problem, camera, items, placements, sizes)
     footprints = find_footprints(boxes, turns)
     gaps = find_clearances(camera[1], joints, boxes, turns)
     depths = motion_depths(len(items), item_of, joints, boxes, turns, footprints, owner)

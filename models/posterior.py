@@ -43,8 +43,8 @@ class State:
     placements : (k, 3) float
         P: x, y in metres and yaw in radians of each scenelet's local frame.
     sizes : (k,) float
-        b: log size of the person in each scenelet, on top of the body scale. The person's
-        own body does not change; what a scenelet leaves open of how far away it is does.
+        b: log size of each scenelet, its person and its furniture, on top of the body scale. The
+        person's own body does not change; what a scenelet leaves open of how far away it is does.
     latent : (T, 2) float
         z: standard normal numbers from which the path of free frames is drawn.
     """

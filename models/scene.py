@@ -157,6 +157,12 @@ class SceneObject:
         """The object with its parent frame placed at ``placement``."""
         return SceneObject(self.label, placement.compose(self.placement), self.cuboids)
 
+    def scaled(self, factor: float) -> SceneObject:
+        """The object ``factor`` times as large, about the origin of its parent frame."""
+        x, y = factor * self.placement.x, factor * self.placement.y
+        cuboids = (Cuboid(c.part, factor * c.centre, factor * c.size) for c in self.cuboids)
+        return SceneObject(self.label, Placement(x, y, self.placement.yaw), tuple(cuboids))
+
 
 @dataclass(frozen=True)
 class Track:

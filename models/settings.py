@@ -49,15 +49,16 @@ class ModelSettings:
     start_depth : float
         Metres; median depth there.
     size_spread : float
-        Standard deviation of the log size of the person in one scenelet, about the body scale:
-        how far a fitted motion leaves open at what distance it was (i3DB, stretches of 2 s).
+        Standard deviation of the log size of one scenelet, person and furniture, about the body
+        scale: how far a fitted motion leaves open at what distance it was (i3DB, stretches of 2 s).
     facing_spread : float
         Radians, scale of the wrapped Cauchy error of where the static path has somebody face
         about where the right scenelet does, both averaged over its frames.
     joint_step : float
-        Metres an axis; scale of a joint's step, relative to the pelvis, from the frame before a
-        scenelet to its first and from its last to the next. Nearly all of it is how scenelet
-        and lifted pose differ (i3DB), so that it does not depend on the frame rate.
+        Metres an axis, of a body of the reference stature; scale of a joint's step, relative to
+        the pelvis, from the frame before a scenelet to its first and from its last to the next.
+        Nearly all of it is how scenelet and lifted pose differ (i3DB), so that it does not
+        depend on the frame rate.
     smoothness_cost : float
         Factor on those steps' nats, for joints err together, as many as frames in the time over
         which these repeat their errors.

@@ -114,7 +114,7 @@ def _expected(
         pitch=state.camera[0], elevation=state.camera[1], roll=state.camera[4],
         focal_scale=math.exp(state.camera[2]),
     )  # fmt: skip
-    boxes, *_ = place_boxes(problem, state.items, state.placements)
+    boxes, *_ = place_boxes(problem, state.camera, state.items, state.placements, state.sizes)
     clearance = sight_clearance(camera.centre, joints, boxes)
     seen = np.vectorize(p_seen)(clearance, problem.sight_width, problem.surprise)
     pixels, looseness = nominal.project_camera(path.joints), np.zeros(seen.shape)

@@ -215,18 +215,18 @@ def _shares(problem: Problem, state: State) -> dict[str, Array]:
     return {
         "detections": np.diff(sums),
         "free_pose": np.where(covered_by < 0, -weight * problem.free_cost, 0.0),
-        "smoothness": _jumps_by_frame(problem, covered_by, joints),
+        "smoothness": _jumps_by_frame(problem, state, covered_by, joints),
         "motion": _motion_by_frame(problem, state),
         "ground": _ground_by_frame(problem, joints),
     }
 
 
-def _jumps_by_frame(problem: Problem, covered_by: Ints, joints: Array) -> Array:
+def _jumps_by_frame(problem: Problem, state: State, covered_by: Ints, joints: Array) -> Array:
     """(T,) what the jump of the pose into each frame costs, where a scenelet begins or ends."""
-    shares = np.zeros(len(joints))
+    shares, scale = np.zeros(len(joints)), problem.joint_step * np.exp(state.camera[3])
     joined = ~problem.path_starts[1:]
     for t in (1 + np.flatnonzero(joined & (np.diff(covered_by) != 0))).tolist():
-        shares[t] = pose_jump(joints, t - 1, t, problem.joint_step)
+        shares[t] = pose_jump(joints, t - 1, t, scale)
     return -problem.smoothness_cost * problem.likelihood * shares
 
 

@@ -5,6 +5,7 @@ The figures save or show themselves; matplotlib's current figure is left alone.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from typing import Final
 
@@ -135,8 +136,9 @@ def _candidates(
 
 
 def _furniture(actor: Solution, row: Shortlisted) -> list[SceneObject]:
-    placement = Placement(*row.candidate.placement)
-    return [o.moved(placement) for o in actor.library[row.candidate.scenelet].objects]
+    chosen = row.candidate
+    placement, body = Placement(*chosen.placement), math.exp(actor.camera.mean[3] + chosen.size)
+    return [o.scaled(body).moved(placement) for o in actor.library[chosen.scenelet].objects]
 
 
 def _runs(flags: NDArray[np.bool_]) -> Iterable[tuple[int, int]]:

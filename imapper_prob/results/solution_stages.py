@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -110,7 +111,7 @@ def _furniture(
     actors: Sequence[Solution], candidates: Sequence[Sequence[Candidate]]
 ) -> tuple[SceneObject, ...]:
     return tuple(
-        o.moved(Placement(*c.placement))
+        o.scaled(math.exp(actor.camera.mean[3] + c.size)).moved(Placement(*c.placement))
         for actor, own in zip(actors, candidates, strict=True)
         for c in own
         for o in actor.library[c.scenelet].objects

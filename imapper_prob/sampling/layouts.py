@@ -61,8 +61,9 @@ def representatives(
 
 def placed_objects(state: State, library: Library) -> list[tuple[int, SceneObject]]:
     """Each scenelet's objects in the world, with the index of the item that brings them."""
+    bodies = np.exp(state.camera[3] + state.sizes).tolist()
     return [
-        (index, o.moved(Placement(*state.placements[index])))
+        (index, o.scaled(bodies[index]).moved(Placement(*state.placements[index])))
         for index, scenelet in enumerate(state.items[:, 0].tolist())
         for o in library[scenelet].objects
     ]

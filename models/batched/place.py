@@ -51,14 +51,19 @@ def place_motions(
     return torch.stack([at[..., 0] + scale * x, at[..., 1] + scale * y, scale * local[..., 2]], -1)
 
 
-def place_boxes(tensors: ProblemTensors, layout: Layout, placements: Tensor) -> Boxes:
-    """Furniture of all items in the world."""
+def place_boxes(
+    tensors: ProblemTensors, layout: Layout, placements: Tensor, bodies: Tensor
+) -> Boxes:
+    """Furniture of all items in the world, scaled as their people are by ``bodies`` (S, k)."""
     local = tensors.boxes[layout.box_row]
     at = of_items(placements, layout.box_item)
+    scale = of_items(bodies, layout.box_item)
     x, y = _turned(local[..., 0], local[..., 1], at[..., 2])
     return Boxes(
-        centre=torch.stack([at[..., 0] + x, at[..., 1] + y, local[..., 2]], -1),
-        half=local[..., 3:6],
+        centre=torch.stack(
+            [at[..., 0] + scale * x, at[..., 1] + scale * y, scale * local[..., 2]], -1
+        ),
+        half=scale[..., None] * local[..., 3:6],
         yaw=local[..., 6] + at[..., 2],
         facing=tensors.box_yaw[layout.box_row] + at[..., 2],
         label=tensors.box_label[layout.box_row],

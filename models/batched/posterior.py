@@ -84,7 +84,7 @@ def terms_batch(
     joints = place_motions(tensors, layout, placements, body)
     evidence, jacobian, path = draw_path(tensors, layout, camera, latent, joints)
     joints = pose_free_frames(tensors, layout, camera, path, joints)
-    boxes = place_boxes(tensors, layout, placements)
+    boxes = place_boxes(tensors, layout, placements, (camera[:, 3, None] + sizes).exp())
 
     weight = problem.frame_weight * problem.likelihood
     detections = summed_over_swaps(
@@ -105,6 +105,7 @@ def terms_batch(
         spread=problem.furniture_spread,
         unit=problem.motion_cost * weight,
     )
+    jumps = pose_jumps(tensors, layout, camera, joints)
     values = torch.stack(
         [
             problem.camera_constant - 0.5 * quadratic,
@@ -113,7 +114,7 @@ def terms_batch(
             evidence,
             detections,
             -weight * free,
-            -problem.smoothness_cost * problem.likelihood * pose_jumps(tensors, layout, joints),
+            -problem.smoothness_cost * problem.likelihood * jumps,
             -problem.likelihood * collision,
             -motion,
             -problem.motion_cost * weight * depth_below_floor(tensors, joints),

@@ -13,15 +13,15 @@ from imapper_prob.models.skeleton import PELV
 __all__ = ["pose_jumps"]
 
 
-def pose_jumps(tensors: ProblemTensors, layout: Layout, joints: Tensor) -> Tensor:
+def pose_jumps(tensors: ProblemTensors, layout: Layout, camera: Tensor, joints: Tensor) -> Tensor:
     """Nats (S,) of independent joints, less the usual.
 
-    ``joints`` (S, T, 16, 3) are the motions in the world, metres.
+    ``joints`` (S, T, 16, 3) are the motions in the world, metres; ``camera`` (S, 5).
     """
     pose = joints - joints[:, :, PELV, None]
     squared = ((pose[:, 1:] - pose[:, :-1]) ** 2).sum(-1)
-    scale2 = DOF * tensors.problem.joint_step**2
-    nats = 0.5 * (DOF + 3.0) * (squared / scale2).log1p().sum(-1) - USUAL_JUMP
+    scale2 = DOF * (tensors.problem.joint_step * camera[:, 3].exp()) ** 2
+    nats = 0.5 * (DOF + 3.0) * (squared / scale2[:, None, None]).log1p().sum(-1) - USUAL_JUMP
     jumps = layout.item_of[:, 1:] != layout.item_of[:, :-1]
     jumps = jumps & ~tensors.path_starts[1:]
     return torch.where(jumps, nats, 0.0).sum(1)

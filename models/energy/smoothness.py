@@ -44,7 +44,8 @@ def pose_jump(joints: NDArray[np.float64], one: int, other: int, scale: float) -
     one, other : int
         Rows of the two frames.
     scale : float
-        Metres an axis.
+        Metres an axis, of a body as large as the person's: were it not to grow with the body, a
+        smaller one would seem to move more smoothly.
     """
     x = joints[other, 0, PELV] - joints[one, 0, PELV]
     y = joints[other, 1, PELV] - joints[one, 1, PELV]

@@ -88,7 +88,7 @@ def change(
     meet_frames(memory, n, n_moved)
     find_changed(memory, n, n_old)
     vote(problem, memory, n)
-    costs = sum_jumps(problem, memory, n) + sum_pairs(problem, memory, n)
+    costs = sum_jumps(problem, memory, n, camera) + sum_pairs(problem, memory, n)
     costs += sum_meetings(problem, memory, n)
     return prior, costs + sum_votes(problem, memory)
 

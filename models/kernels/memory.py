@@ -43,7 +43,7 @@ class Memory(NamedTuple):
 
     items: Ints  # (S, 3) scenelet, start frame, frame after its end
     placements: Array  # (S, 3) x, y (m), yaw (rad)
-    sizes: Array  # (S,) log size of the person, on top of the body scale
+    sizes: Array  # (S,) log size of each scenelet, on top of the body scale
     bodies: Array  # (S,) how large the person is
     pelvis: Array  # (S, 6) bearing and log depth in the first frame, and in the last two
     placed: Array  # (S,) log density of placement and size given the pelvis, nats

@@ -107,16 +107,16 @@ def _pose_free_frames(problem: Problem, memory: Memory, n_moved: int, camera: Ar
 
 
 @inlined
-def sum_jumps(problem: Problem, memory: Memory, n: int) -> float:
+def sum_jumps(problem: Problem, memory: Memory, n: int, camera: Array) -> float:
     """What it costs that the pose jumps where a scenelet begins or ends, nats."""
-    total = 0.0
+    total, scale = 0.0, problem.joint_step * math.exp(camera[3])
     joints, rows, cover, items = memory.joints, memory.pose_row, memory.cover, memory.items
     starts = problem.path_starts
     for i in range(n):
         slot = memory.slots[1, i]
         first, last = items[slot, 1], items[slot, 2]
         if not starts[first]:
-            total += pose_jump(joints, rows[first - 1], rows[first], problem.joint_step)
+            total += pose_jump(joints, rows[first - 1], rows[first], scale)
         if last < len(rows) and cover[1, last] < 0 and not starts[last]:
-            total += pose_jump(joints, rows[last - 1], rows[last], problem.joint_step)
+            total += pose_jump(joints, rows[last - 1], rows[last], scale)
     return -problem.smoothness_cost * problem.likelihood * total

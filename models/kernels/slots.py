@@ -31,8 +31,8 @@ Array = NDArray[np.float64]
 @inlined
 def fill_slot(problem: Problem, memory: Memory, camera: Array, slot: int) -> None:
     """Everything of ``slot`` that follows from its item and placement."""
-    _place_boxes(problem, memory, camera, slot)
     memory.bodies[slot] = math.exp(camera[3] + memory.sizes[slot])
+    _place_boxes(problem, memory, camera, slot)
     scenelet = memory.items[slot, 0]
     first, last = problem.joint_first[scenelet], problem.joint_first[scenelet + 1] - 1
     _pelvis(problem, memory, camera, slot, last - 1, 2)
@@ -70,7 +70,8 @@ def _pelvis(
 def _place_boxes(problem: Problem, memory: Memory, camera: Array, slot: int) -> None:
     scenelet = memory.items[slot, 0]
     px, py, yaw = memory.placements[slot]
-    c, s = math.cos(yaw), math.sin(yaw)
+    body = memory.bodies[slot]
+    c, s = body * math.cos(yaw), body * math.sin(yaw)
     size = len(memory.boxes) // len(memory.counts)
     hull, floor = memory.hulls[slot], memory.floors[slot]
     hull[:] = (math.inf, -math.inf, math.inf, -math.inf, math.inf)
@@ -82,10 +83,11 @@ def _place_boxes(problem: Problem, memory: Memory, camera: Array, slot: int) -> 
         local, box, turn = problem.boxes[b], memory.boxes[k], memory.turns[k]
         box[0] = c * local[0] - s * local[1] + px
         box[1] = s * local[0] + c * local[1] + py
-        box[2:6] = local[2:6]
+        for axis in range(2, 6):
+            box[axis] = body * local[axis]
         box[6] = local[6] + yaw
         turn[0], turn[1] = math.cos(box[6]), math.sin(box[6])
-        turn[2] = math.sqrt(local[3] ** 2 + local[4] ** 2 + local[5] ** 2)
+        turn[2] = body * math.sqrt(local[3] ** 2 + local[4] ** 2 + local[5] ** 2)
         memory.labels[k] = problem.box_label[b]
         memory.yaws[k] = problem.box_yaw[b] + yaw
         set_outlook(camera[1], box, turn, memory.outlooks[k])

@@ -22,6 +22,6 @@ def in_support(camera: NDArray[np.float64]) -> bool:
 
 @compiled
 def log_size_density(size: float, spread: float) -> float:
-    """log N(size; 0, spread^2): the log size of the person in one scenelet."""
+    """log N(size; 0, spread^2): the log size of one scenelet."""
     ratio = size / spread
     return -0.5 * (math.log(2 * math.pi) + ratio * ratio) - math.log(spread)

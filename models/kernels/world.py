@@ -160,9 +160,12 @@ def _path(
 
 @compiled
 def place_boxes(
-    problem: Problem, items: Ints, placements: Array
+    problem: Problem, camera: Array, items: Ints, placements: Array, sizes: Array
 ) -> tuple[Array, Array, Ints, Array]:
-    """Boxes in the world (K, 7); cosine, sine, radius (K, 3); item, object, label; object yaw."""
+    """Boxes in the world (K, 7); cosine, sine, radius (K, 3); item, object, label; object yaw.
+
+    Furniture is as much larger than the library's as the person who uses it.
+    """
     n = 0
     for i in range(len(items)):
         n += problem.box_first[items[i, 0] + 1] - problem.box_first[items[i, 0]]
@@ -173,15 +176,17 @@ def place_boxes(
     k = 0
     for i in range(len(items)):
         yaw = placements[i, 2]
-        c, s = math.cos(yaw), math.sin(yaw)
+        body = math.exp(camera[3] + sizes[i])
+        c, s = body * math.cos(yaw), body * math.sin(yaw)
         for b in range(problem.box_first[items[i, 0]], problem.box_first[items[i, 0] + 1]):
             local = problem.boxes[b]
             boxes[k, 0] = c * local[0] - s * local[1] + placements[i, 0]
             boxes[k, 1] = s * local[0] + c * local[1] + placements[i, 1]
-            boxes[k, 2:6] = local[2:6]
+            for axis in range(2, 6):
+                boxes[k, axis] = body * local[axis]
             boxes[k, 6] = local[6] + yaw
             turns[k, 0], turns[k, 1] = math.cos(boxes[k, 6]), math.sin(boxes[k, 6])
-            turns[k, 2] = math.sqrt(local[3] ** 2 + local[4] ** 2 + local[5] ** 2)
+            turns[k, 2] = body * math.sqrt(local[3] ** 2 + local[4] ** 2 + local[5] ** 2)
             owner[k, 0], owner[k, 1] = i, problem.box_object[b]
             owner[k, 2] = problem.box_label[b]
             yaws[k] = problem.box_yaw[b] + yaw

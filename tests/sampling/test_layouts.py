@@ -12,11 +12,24 @@ from imapper_prob.sampling.layouts import (
     group_layouts,
     match_objects,
     merged_objects,
+    placed_objects,
     same_objects,
     through_one_lens,
 )
 from tests.models import worlds
 from tests.models.worlds import couch
+
+
+def test_furniture_grows_with_the_person_who_uses_it() -> None:
+    library = worlds.library()
+    state = empty_state(worlds.problem()).with_item(1, 5, np.array([0.3, 4.3, 0.5]))
+    ((_, before),) = placed_objects(state, library)
+    ((_, after),) = placed_objects(
+        state.with_placement(0, state.placements[0], np.log(1.25)), library
+    )
+    from_origin = (o.footprint - state.placements[0, :2] for o in (before, after))
+    np.testing.assert_allclose(1.25 * next(from_origin), next(from_origin))
+    np.testing.assert_allclose(1.25 * before.bounds[:, 2], after.bounds[:, 2])
 
 
 def test_the_same_couch_met_twice_is_one_object() -> None:
