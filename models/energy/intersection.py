@@ -1,7 +1,8 @@
 """Things cannot be in each other: L_c and L_m of the paper, and the floor, compiled.
 
-All take the negative part of a signed distance, the first two on the floor plane. (The paper
-prints L_m with the positive part, which would reward walking through furniture.)
+All take the negative part of a signed distance, that of two things on the floor plane, and that of
+somebody in a thing on the floor plane or in height, whichever is less. (The paper prints L_m with
+the positive part, which would reward walking through furniture.)
 """
 
 from __future__ import annotations
@@ -75,13 +76,16 @@ def footprint_depth(a: Array, b: Array) -> float:
 
 @inlined
 def column_depth(x: float, y: float, low: float, high: float, box: Array, turn: Array) -> float:
-    """How deep the vertical line at (x, y) from ``low`` to ``high`` stands in a box, metres."""
-    if min(box[2] + box[5], high) - max(box[2] - box[5], low) <= LEVEL:
-        return 0.0
+    """How deep the vertical line at (x, y) from ``low`` to ``high`` stands in a box, metres.
+
+    By how little it would have to move, aside, up or down: who sits a little too low is a little in
+    their seat, however wide that is.
+    """
+    up, down = box[2] + box[5] - low, high - (box[2] - box[5])
     dx, dy = x - box[0], y - box[1]
     u = abs(turn[0] * dx + turn[1] * dy)
     v = abs(-turn[1] * dx + turn[0] * dy)
-    depth: float = min(box[3] - u, box[4] - v)
+    depth: float = min(min(up, down), min(box[3] - u, box[4] - v))
     return max(depth, 0.0)
 
 

@@ -166,9 +166,17 @@ def test_column_depth_is_the_distance_to_the_outline(seed: int) -> None:
     x, y = box[:2] + rng.uniform(-0.8, 0.8, 2)
     shape, point = outline(box), Point(x, y)
     expected = shape.exterior.distance(point) if shape.contains(point) else 0.0
-    depth = column_depth(x, y, 0.0, 3.0, box, turns_of(box[None])[0])
+    depth = column_depth(x, y, -9.0, 9.0, box, turns_of(box[None])[0])
     assert depth == pytest.approx(expected, abs=1e-9)
     assert column_depth(x, y, 10.0, 11.0, box, turns_of(box[None])[0]) == 0.0
+
+
+@given(width=st.floats(0.4, 2.4), sunk=st.floats(-0.1, 0.15))
+def test_who_sits_too_low_is_as_deep_in_any_seat(width: float, sunk: float) -> None:
+    seat = np.array([0.0, 3.0, 0.22, width / 2, 0.4, 0.22, 0.0])
+    thigh = 0.44 - sunk
+    depth = column_depth(0.0, 3.0, thigh, thigh + 0.1, seat, turns_of(seat[None])[0])
+    assert depth == pytest.approx(max(sunk, 0.0), abs=1e-12)
 
 
 def cost_of_crossing(depths: list[float], *, spread: float, unit: float) -> float:

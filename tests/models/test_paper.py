@@ -252,8 +252,8 @@ def test_walking_through_furniture_costs_and_walking_far_from_it_is_not_rewarded
     state = empty_state(problem).with_item(0, 0, AHEAD)  # its couch is at (0, 3.4)
     inside = state.with_item(1, 6, np.array([0.0, 3.4, 0.0]))
     result = energy(problem, inside)
-    # Shins stand .1 m off the middle of a seat of 1.6 x .8 m: .4 m from its nearest side.
-    np.testing.assert_allclose(result.by_frame["motion"], [0] * 6 + [0.4] * 6)
+    # Shins stand in a seat of 1.6 x .8 m, .338 m below its top, .4 m from its nearest side.
+    np.testing.assert_allclose(result.by_frame["motion"], [0] * 6 + [0.338] * 6)
     exact = terms(problem._replace(furniture_spread=0.0), inside)["motion"]
     per_metre = problem.motion_cost * problem.frame_weight
     assert result.terms["motion"] == pytest.approx(-exact / per_metre)
