@@ -5,7 +5,6 @@ The figures save or show themselves; matplotlib's current figure is left alone.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Sequence
 from typing import Final
 
@@ -17,9 +16,11 @@ from numpy.typing import NDArray
 
 from imapper_prob.colours import category_colour
 from imapper_prob.models.posterior import empty_state, motion
-from imapper_prob.models.scene import Placement, SceneObject
+from imapper_prob.models.scene import SceneObject
 from imapper_prob.models.skeleton import PELV
 from imapper_prob.results.solved import Solved
+from imapper_prob.sampling.layouts import placed_objects
+from imapper_prob.staged.combine import state_of
 from imapper_prob.staged.shortlist import Fate, MaximumTable, Shortlisted
 from imapper_prob.staged.solver import Solution
 
@@ -136,9 +137,8 @@ def _candidates(
 
 
 def _furniture(actor: Solution, row: Shortlisted) -> list[SceneObject]:
-    chosen = row.candidate
-    placement, body = Placement(*chosen.placement), math.exp(actor.camera.mean[3] + chosen.size)
-    return [o.scaled(body).moved(placement) for o in actor.library[chosen.scenelet].objects]
+    alone = state_of(actor.problem, [row.candidate])
+    return [o for _, o in placed_objects(alone, actor.library)]
 
 
 def _runs(flags: NDArray[np.bool_]) -> Iterable[tuple[int, int]]:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.models.posterior import State, empty_state, motion
-from imapper_prob.models.scene import Placement, SceneObject
+from imapper_prob.models.scene import SceneObject
 from imapper_prob.recording.stages import Curve, StageView
 from imapper_prob.results.solved import Solved
 from imapper_prob.sampling.layouts import placed_objects
@@ -111,10 +110,10 @@ def _furniture(
     actors: Sequence[Solution], candidates: Sequence[Sequence[Candidate]]
 ) -> tuple[SceneObject, ...]:
     return tuple(
-        o.scaled(math.exp(actor.camera.mean[3] + c.size)).moved(Placement(*c.placement))
+        o
         for actor, own in zip(actors, candidates, strict=True)
         for c in own
-        for o in actor.library[c.scenelet].objects
+        for _, o in placed_objects(state_of(actor.problem, [c]), actor.library)
     )
 
 

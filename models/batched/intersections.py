@@ -98,8 +98,9 @@ def motion_depths(tensors: ProblemTensors, layout: Layout, joints: Tensor, boxes
     c, s = (f.flatten().index_select(0, owner) for f in (boxes.yaw.cos(), boxes.yaw.sin()))
     dx, dy = x - cx, y - cy
     u, v = (c * dx + s * dy).abs(), (c * dy - s * dx).abs()
-    level = torch.minimum(cz + hz - low, high - (cz - hz))
-    depth = torch.minimum(torch.minimum(hx - u, hy - v), level).clamp_min(0.0)
+    aside = torch.minimum(hx - u, hy - v)
+    upright = torch.minimum(cz + hz - low, high - (cz - hz))
+    depth = torch.minimum(aside, upright).clamp_min(0.0)
     deepest = joints.new_zeros(n_states * n_frames * n_boxes)
     deepest = deepest.scatter_reduce(0, moment * n_boxes + box, depth, "amax")
     deepest = deepest.view(n_states, n_frames, n_boxes)

@@ -44,7 +44,7 @@ class Memory(NamedTuple):
     items: Ints  # (S, 3) scenelet, start frame, frame after its end
     placements: Array  # (S, 3) x, y (m), yaw (rad)
     sizes: Array  # (S,) log size of each scenelet, on top of the body scale
-    bodies: Array  # (S,) how large the person is
+    bodies: Array  # (S,) how large person and furniture are
     pelvis: Array  # (S, 6) bearing and log depth in the first frame, and in the last two
     placed: Array  # (S,) log density of placement and size given the pelvis, nats
     pairs: Array  # (S, S) what it costs that objects of two scenelets are in each other, nats

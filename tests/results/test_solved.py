@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from imapper_prob.config import Config, read_config
+from imapper_prob.models.geometry import pack_boxes
 from imapper_prob.models.posterior import log_posterior
 from imapper_prob.results.selected import selected_objects
 from imapper_prob.results.solution_stages import stage_views
@@ -45,6 +46,7 @@ def test_the_best_scene_of_one_actor_is_the_solvers() -> None:
     mine = next(s for s in scenes if s.states[0] is found.states[0])
     named = selected_objects(found.problem, found.library, found.states[0])
     assert [(o.label, o.placement) for o in mine.objects] == [(o.label, o.placement) for o in named]
+    np.testing.assert_array_equal(pack_boxes(mine.objects), pack_boxes(named))
     assert set(mine.users) == {(0,)}
     assert len(scenes) > 1
 
