@@ -135,10 +135,7 @@ def _stages(actor: Solution) -> dict[str, Any]:
             "best": [asdict(t) for t in combinations.tried[:_COMBINATIONS]],
         },
         "exchanges": [
-            {
-                "gain": e.gain,
-                "candidate": None if e.candidate is None else _candidate(actor, e.candidate),
-            }
+            {"gain": e.gain, "candidates": [_candidate(actor, c) for c in e.candidates]}
             for e in combinations.exchanges
         ],
     }

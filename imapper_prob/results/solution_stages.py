@@ -77,7 +77,7 @@ def _exchanged(actors: Sequence[Solution], together: Sequence[State]) -> StageVi
         for a, state in zip(actors, together, strict=True)
     ]
     rows = [
-        f"- **{a.clip.tracks[0].name}**: {len(a.combinations.exchanges)} candidates exchanged for "
+        f"- **{a.clip.tracks[0].name}**: {len(a.combinations.exchanges)} stays exchanged for "
         f"others, {sum(e.gain for e in a.combinations.exchanges):.1f} nat gained"
         for a in actors
     ]

@@ -8,13 +8,14 @@ of each kind that is still worth it is refined.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
+from imapper_prob.models.incremental import log_posterior_near
 from imapper_prob.models.posterior import State, empty_state, log_posterior
 from imapper_prob.models.problem import Problem
 from imapper_prob.staged.fit import Fits
@@ -79,7 +80,8 @@ def screen(
     """The best fits of every window and kind, with what each gains, in order of time."""
     settings = settings or ScreenSettings()
     empty = empty_state(problem)
-    base = log_posterior(problem, empty)
+    value = log_posterior_near(problem, empty)
+    base = value(empty)
     kinds = furniture_kinds(problem)
     found: list[Candidate] = []
     for w, centre in enumerate(fits.centres.tolist()):
@@ -90,7 +92,7 @@ def screen(
                 continue
             start = centre - int(problem.lengths[scenelet]) // 2
             placed = along_the_ray(problem, centre, fits.placements[w, scenelet])
-            gain = log_posterior(problem, empty.with_item(scenelet, start, *placed)) - base
+            gain = value(empty.with_item(scenelet, start, *placed)) - base
             if np.isfinite(gain):
                 own.append(Candidate(scenelet, start, *placed, gain, kinds[scenelet], w))
         found += _refined(problem, empty, base, judged, settings)
@@ -147,14 +149,15 @@ def along_the_ray(problem: Problem, frame: int, placement: Array) -> tuple[Array
     return placement * [np.exp(size), np.exp(size), 1.0], size
 
 
-def refine(problem: Problem, state: State, *, only: int | None = None) -> State:
+def refine(problem: Problem, state: State, *, only: Iterable[int] | None = None) -> State:
     """Placements and sizes under the full posterior, one scenelet at a time (Nelder and Mead).
 
-    All of them one after the other, or ``only`` the one of that index.
+    All of them one after the other, or ``only`` those with these indices.
     """
     # Of bearing, log depth, yaw, and of what a person's size leaves to the depth.
     step = np.array([0.02, 0.05, 0.15, 0.05])
-    for index in range(state.n_scenelets) if only is None else [only]:
+    for index in range(state.n_scenelets) if only is None else only:
+        value = log_posterior_near(problem, state)
         x, y, yaw = state.placements[index]
         start = np.array([x / y, np.log(y), yaw, state.sizes[index] - np.log(y)])
 
@@ -165,7 +168,7 @@ def refine(problem: Problem, state: State, *, only: int | None = None) -> State:
 
         simplex = start + np.vstack([np.zeros(4), np.diag(step)])
         result = minimize(
-            lambda theta, placed=placed: -log_posterior(problem, placed(theta)),
+            lambda theta, placed=placed, value=value: -value(placed(theta)),
             start,
             method="Nelder-Mead",
             options={"maxfev": 90, "initial_simplex": simplex},

@@ -118,7 +118,7 @@ def combine(
     if progress is not None:
         progress("combining", 1.0)
     best = refine(problem, state_of(problem, ranked[0]))
-    exchanges = exchange(problem, best, candidates)
+    exchanges = exchange(problem, best, candidates, step=curve.step)
     best = exchanges[-1].state if exchanges else best
     if progress is not None:
         progress("exchanging", 1.0)

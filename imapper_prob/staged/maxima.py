@@ -81,6 +81,11 @@ class CharnessCurve:
     maxima: Ints
     peaks: tuple[Peak, ...]
 
+    @property
+    def step(self) -> int:
+        """Frames from one window to the next; 1 if there is only one."""
+        return int(np.diff(self.centres[:2]).sum()) or 1
+
 
 def charness_curve(
     fits: Fits, charness: Array, *, fps: float, settings: MaximaSettings | None = None

@@ -14,9 +14,10 @@ from numba.core.runtime import rtsys
 from numba.core.runtime._nrt_python import memsys_disable_stats, memsys_enable_stats
 
 from imapper_prob.demo import demo_clip
-from imapper_prob.models.incremental import Incremental
+from imapper_prob.models.incremental import Incremental, log_posterior_near
 from imapper_prob.models.posterior import State, empty_state, log_posterior
 from imapper_prob.models.problem import Problem, pack_problem
+from imapper_prob.models.settings import ModelSettings
 from imapper_prob.scenelets.library import load_library
 from imapper_prob.staged.calibration import estimate_camera
 from imapper_prob.staged.static_path import estimate_static_path
@@ -237,3 +238,15 @@ def test_only_states_inside_the_support_are_accepted() -> None:
 def test_the_prior_alone() -> None:
     prior = small_world()._replace(likelihood=0.0)
     assert wander(prior, 4, 200) > 2
+
+
+def test_near_a_state_is_what_it_is_anywhere() -> None:
+    paper = worlds.problem(settings=ModelSettings(energy="paper", paper_nats=30.0))
+    for problem in (small_world(), paper):
+        one = empty_state(problem).with_item(0, 3, AHEAD)
+        overlapping = one.with_item(1, 8, AHEAD)
+        for start in (one, overlapping):
+            value = log_posterior_near(problem, start)
+            for state in (one, one.with_placement(0, AHEAD + 0.1), one.without_item(0)):
+                assert value(state) == pytest.approx(log_posterior(problem, state), abs=1e-6)
+            assert value(overlapping) == -np.inf

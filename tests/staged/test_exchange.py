@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import pytest
 
 from imapper_prob.models.posterior import State, empty_state, log_posterior
 from imapper_prob.models.problem import Problem
 from imapper_prob.staged.candidates import Candidate, refine
-from imapper_prob.staged.exchange import exchange
+from imapper_prob.staged.exchange import Exchange
+from imapper_prob.staged.exchange import exchange as exchange_every
 from tests.runs import solution
 
 
@@ -22,6 +25,12 @@ def scene_of(problem: Problem, candidate: Candidate) -> State:
     )
 
 
+def exchange(
+    problem: Problem, state: State, candidates: Sequence[Candidate]
+) -> tuple[Exchange, ...]:
+    return exchange_every(problem, state, candidates, step=solution().curve.step)
+
+
 @pytest.fixture(scope="module")
 def problem() -> Problem:
     return solution().problem
@@ -30,6 +39,11 @@ def problem() -> Problem:
 @pytest.fixture(scope="module")
 def candidates() -> tuple[Candidate, ...]:
     return solution().candidates
+
+
+@pytest.fixture(scope="module")
+def from_nothing(problem: Problem, candidates: tuple[Candidate, ...]) -> tuple[Exchange, ...]:
+    return exchange(problem, empty_state(problem), candidates)
 
 
 def test_a_worse_candidate_is_exchanged_for_a_better_one(
@@ -47,11 +61,11 @@ def test_a_worse_candidate_is_exchanged_for_a_better_one(
 
 
 def test_every_exchange_brings_what_it_says(
-    problem: Problem, candidates: tuple[Candidate, ...]
+    problem: Problem, from_nothing: tuple[Exchange, ...]
 ) -> None:
-    state = empty_state(problem)
-    before = log_posterior(problem, state)
-    for step in exchange(problem, state, candidates):
+    before = log_posterior(problem, empty_state(problem))
+    assert from_nothing
+    for step in from_nothing:
         after = log_posterior(problem, step.state)
         assert step.gain >= 0.5
         assert after - before == pytest.approx(step.gain, abs=1e-9)
@@ -59,9 +73,9 @@ def test_every_exchange_brings_what_it_says(
 
 
 def test_nothing_is_left_that_would_bring_anything(
-    problem: Problem, candidates: tuple[Candidate, ...]
+    problem: Problem, candidates: tuple[Candidate, ...], from_nothing: tuple[Exchange, ...]
 ) -> None:
-    end = exchange(problem, empty_state(problem), candidates)[-1].state
+    end = from_nothing[-1].state
     assert exchange(problem, end, candidates) == ()
     best = log_posterior(problem, end)
     for index in range(end.n_scenelets):
@@ -74,7 +88,7 @@ def test_a_scenelet_that_costs_is_taken_out(
     worst = min(candidates, key=lambda c: c.gain)
     assert worst.gain < -1
     (step,) = exchange(problem, scene_of(problem, worst), ())
-    assert step.candidate is None
+    assert step.candidates == ()
     assert step.state.n_scenelets == 0
     assert step.gain == pytest.approx(-worst.gain, abs=1e-9)
 
