@@ -1,10 +1,12 @@
 """One answer for those who can use only one: the scene of least expected loss.
 
 The most probable draw is rarely the best answer: it is one draw, with one draw's errors. If a
-miss costs as much as an object too many, and distances count squared, least loss is expected of
-naming what is there with more than even odds, at its mean place and turned as it is on average,
-and of the mean motion. Means of places are of bearing and log distance, because spread is
-relative and along the ray; means of turns are of directions, their loss the chord's square.
+miss costs as much as an object too many, and distances and lengths count squared, least loss is
+expected of naming what is there with more than even odds, at its mean place, turned as it is on
+average and of mean size, and of the mean motion. Means of places are of bearing and log distance,
+because spread is relative and along the ray; means of turns are of directions, their loss the
+chord's square. Sizes are those of all draws, whatever they call it: what may be a chair or a couch
+is something between.
 """
 
 from __future__ import annotations
@@ -17,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.models.camera import Camera
-from imapper_prob.models.scene import Scene, SceneObject
+from imapper_prob.models.scene import Cuboid, Scene, SceneObject
 from imapper_prob.models.skeleton import PELV
 from imapper_prob.results.uncertainty.clusters import (
     ObjectCluster,
@@ -62,7 +64,7 @@ def expected_scene(
 def _at_its_mean(cluster: ObjectCluster, objects: Sequence[Sequence[SceneObject]]) -> SceneObject:
     """The member of the most probable label that is nearest to the mean place, moved there.
 
-    And turned as those of its label are in the mean.
+    Turned as those of its label are in the mean, and stretched to the mean size of all.
     """
     x, y = cluster.positions.T
     bearing, distance = np.arctan2(x, y).mean(), np.exp(np.log(np.hypot(x, y)).mean())
@@ -71,10 +73,19 @@ def _at_its_mean(cluster: ObjectCluster, objects: Sequence[Sequence[SceneObject]
     alike = [o for o in members if o.label == cluster.label]
     best = min(alike, key=lambda o: float(np.linalg.norm(o.centre[:2] - middle)))
     yaw, _ = circular_mean_and_spread(np.array([o.placement.yaw for o in alike]))
-    turned = SceneObject(best.label, replace(best.placement, yaw=yaw), best.cuboids)
+    size: Array = np.mean([_size(o) for o in members], axis=0)
+    stretch = size / _size(best)
+    cuboids = tuple(Cuboid(c.part, stretch * c.centre, stretch * c.size) for c in best.cuboids)
+    turned = SceneObject(best.label, replace(best.placement, yaw=yaw), cuboids)
     place, shift = turned.placement, middle - turned.centre[:2]
     moved = replace(place, x=place.x + float(shift[0]), y=place.y + float(shift[1]))
-    return SceneObject(best.label, moved, best.cuboids)
+    return SceneObject(best.label, moved, cuboids)
+
+
+def _size(o: SceneObject) -> Array:
+    """(3,) width and depth, and height of the top above the floor, metres."""
+    low, high = o.bounds
+    return np.array([high[0] - low[0], high[1] - low[1], high[2]])
 
 
 def _mean_motion(motions: Iterable[tuple[Camera, Array]]) -> Array:

@@ -51,6 +51,22 @@ def test_it_is_turned_as_those_of_its_label_are_in_the_mean() -> None:
     assert np.arctan2(*only.centre[:2]) == pytest.approx(np.arctan2(x, y).mean())
 
 
+def test_it_is_of_the_mean_size_of_all_that_it_may_be() -> None:
+    def made(width: float, depth: float, label: str) -> SceneObject:
+        seat = Cuboid("seat", np.array([0, 0, 0.2]), np.array([width, depth, 0.4]))
+        back = Cuboid("back", np.array([0, -0.1, 0.5]), np.array([width, 0.1, 0.2]))
+        return SceneObject(label, Placement(0.0, 4.0, 0.5), (seat, back))
+
+    objects = [(made(0.4, 0.5, "chair"),)] * 2 + [(made(1.6, 0.8, "couch"),)]
+    clusters = object_clusters(objects, np.zeros((1, 3)), radius=0.5)
+    motions = [(worlds.CAMERA, worlds.walk(5))] * 3
+    (only,) = expected_scene(worlds.CAMERA, clusters, objects, motions).objects
+    assert only.label == "chair"
+    np.testing.assert_allclose(only.bounds[1] - only.bounds[0], [0.8, 0.6, 0.6], atol=1e-12)
+    np.testing.assert_allclose(only.centre[:2], [0.0, 4.0], atol=1e-9)
+    assert [c.part for c in only.cuboids] == ["seat", "back"]
+
+
 def test_motion_seen_by_other_cameras_is_averaged_as_it_is_seen() -> None:
     joints = worlds.walk(5)
     low = replace(worlds.CAMERA, elevation=worlds.CAMERA.elevation - 0.2)
