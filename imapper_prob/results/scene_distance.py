@@ -18,15 +18,11 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from imapper_prob.models.scene import SceneObject
+from imapper_prob.sampling.layouts import SEATS
 
-__all__ = ["GROUPS", "Pairing", "group_of", "object_distance", "pair_objects"]
+__all__ = ["Pairing", "group_of", "object_distance", "pair_objects"]
 
 Array = NDArray[np.float64]
-
-GROUPS: Final = {
-    "chair": "seat", "couch": "seat", "stool": "seat", "bench": "seat", "armchair": "seat",
-}  # fmt: skip
-"""Labels that stand for each other; a label that is not named is a group of its own."""
 
 _LEFT_OVER: Final = 1.0
 """Metres: what an object without a partner costs; the unit of the distance."""
@@ -59,8 +55,8 @@ class Pairing:
 
 
 def group_of(label: str) -> str:
-    """The group of labels that stand for each other."""
-    return GROUPS.get(label, label)
+    """The group of labels that stand for each other: any seat for another, else its own."""
+    return "seat" if label in SEATS else label
 
 
 def object_distance(first: SceneObject, second: SceneObject) -> float:

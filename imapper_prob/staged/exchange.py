@@ -11,7 +11,7 @@ sequences of candidates of all windows.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -99,13 +99,11 @@ def _best(
     sequences = best_sequences(
         problem, rest, candidates, within=stretch, slide=step // 2, count=_REFINED
     )
-    options = [Exchange((), log_posterior(problem, rest), rest)]
-    for members in sequences:
-        scene = _refined(problem, rest, members)
-        options.append(Exchange(members, log_posterior(problem, scene), scene))
-    best = max(options, key=lambda option: option.gain)
-    best = replace(best, gain=best.gain - log_posterior(problem, state))
-    return best if best.gain >= _WORTH else None
+    scenes = [rest, *(_refined(problem, rest, members) for members in sequences)]
+    values = [log_posterior(problem, scene) for scene in scenes]
+    best = int(np.argmax(values))
+    gain = values[best] - log_posterior(problem, state)
+    return Exchange(((), *sequences)[best], gain, scenes[best]) if gain >= _WORTH else None
 
 
 def _refined(problem: Problem, rest: State, members: Sequence[Candidate]) -> State:
