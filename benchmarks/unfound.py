@@ -16,9 +16,9 @@ import numpy as np
 
 from imapper_prob.evaluate.objects import pair_up
 from imapper_prob.evaluate.outline import Outline, outline_of
-from imapper_prob.evaluate.prediction import prediction_of_state, state_camera
+from imapper_prob.evaluate.prediction import prediction_of_state
 from imapper_prob.evaluate.scenes import known_scene, scenes_with_truth
-from imapper_prob.models.posterior import State, log_posterior, terms
+from imapper_prob.models.posterior import State, log_posterior, state_camera, terms
 from imapper_prob.sampling.layouts import placed_objects
 from imapper_prob.scenelets.library import built_in_library
 from imapper_prob.staged.candidates import Candidate, refine

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from imapper_prob.models.camera import Camera
 from imapper_prob.models.compiled import TERMS, evaluate
 from imapper_prob.models.compiled_paper import PAPER_TERMS, evaluate_paper
 from imapper_prob.models.energy.swaps import swap_probabilities
@@ -19,6 +20,7 @@ __all__ = [
     "frame_log_likelihood",
     "log_posterior",
     "motion",
+    "state_camera",
     "swapped",
     "term_names",
     "terms",
@@ -116,6 +118,14 @@ def empty_state(problem: Problem) -> State:
         placements=np.empty((0, 3)),
         sizes=np.empty(0),
         latent=np.zeros((problem.n_frames, 2)),
+    )
+
+
+def state_camera(nominal: Camera, state: State) -> Camera:
+    """The camera of a state, where ``nominal`` is that of its clip."""
+    pitch, elevation, focal, _, roll = state.camera.tolist()
+    return nominal.posed(
+        pitch=pitch, roll=roll, elevation=elevation, focal_scale=float(np.exp(focal))
     )
 
 

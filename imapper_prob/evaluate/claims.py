@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from shapely.affinity import translate
 
 from imapper_prob.evaluate.outline import Outline, outline_of
-from imapper_prob.evaluate.prediction import state_camera
+from imapper_prob.models.posterior import state_camera
 from imapper_prob.results.posterior import Posterior
 
 __all__ = ["Claim", "claims_of"]

@@ -15,10 +15,9 @@ from numpy.typing import NDArray
 
 from imapper_prob.calibrate.simulated import SETTINGS, Drawn, draw_and_sample
 from imapper_prob.config import SampleSettings
-from imapper_prob.evaluate.prediction import state_camera
 from imapper_prob.evaluate.spread import elliptic_rank
 from imapper_prob.models.camera import Camera
-from imapper_prob.models.posterior import State, motion
+from imapper_prob.models.posterior import State, motion, state_camera
 from imapper_prob.models.scene import SceneObject
 from imapper_prob.models.simulate import NOMINAL_CAMERA
 from imapper_prob.models.simulate_detections import Experiment

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.evaluate.outline import Outline, outline_of
-from imapper_prob.evaluate.prediction import Prediction, state_camera
+from imapper_prob.evaluate.prediction import Prediction
+from imapper_prob.models.posterior import state_camera
 from imapper_prob.results.drawn_motion import drawn_motion
 from imapper_prob.results.posterior import Posterior
 
@@ -56,7 +57,7 @@ def draws_of(posterior: Posterior) -> Draws:
     for k in chosen.tolist():
         state = samples.states[k]
         camera = state_camera(posterior.clip.camera, state)
-        world = drawn_motion(rng, source.problem, state)
+        world = drawn_motion(rng, source.problem, state, camera)
         joints.append(camera.to_camera(world))
         pixels.append(camera.project(world))
         objects.append(tuple(outline_of(o, camera) for o in posterior.furniture[k]))

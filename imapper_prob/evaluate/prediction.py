@@ -8,15 +8,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from imapper_prob.evaluate.outline import Outline, outline_of
-from imapper_prob.models.camera import Camera
-from imapper_prob.models.posterior import State, motion
+from imapper_prob.models.posterior import State, state_camera
 from imapper_prob.models.scene import Scene
+from imapper_prob.results.limbs import limbs_of
 from imapper_prob.results.selected import selected_objects
 from imapper_prob.results.stored_input import Source
 
 __all__ = [
     "Prediction", "between_frames", "prediction_of_scene", "prediction_of_state",
-    "state_camera",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
@@ -83,14 +82,6 @@ def prediction_of_scene(scene: Scene, *, name: str) -> Prediction:
 def prediction_of_state(source: Source, state: State, *, name: str) -> Prediction:
     """A state, with the furniture of it that is worth naming."""
     camera = state_camera(source.clip.camera, state)
-    joints = motion(source.problem, state)
+    joints = limbs_of(source.problem, state, camera).joints
     objects = selected_objects(source.problem, source.library, state)
     return prediction_of_scene(Scene(camera, objects, joints, (), 0.0), name=name)
-
-
-def state_camera(nominal: Camera, state: State) -> Camera:
-    """The camera of a state."""
-    pitch, elevation, focal, _, roll = state.camera.tolist()
-    return nominal.posed(
-        pitch=pitch, roll=roll, elevation=elevation, focal_scale=float(np.exp(focal))
-    )

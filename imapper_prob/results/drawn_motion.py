@@ -1,10 +1,10 @@
 """The motion of one draw, limbs included.
 
-A scenelet says how somebody moves near such furniture, not how this person moved: the posterior
-lets detections scatter about its pose by the pose tolerance (``docs/model.md`` 11). And the static
-path is as wrong about how high the pelvis is in the image as about how far to the side, of which
-only the latter is sampled. What is drawn of scene and path leaves both out, and so would be far
-too sure of hands, feet and heights.
+A scenelet says how somebody moves near such furniture, not how this person moved, and detections
+tell only across the ray by how much joints differ (:mod:`imapper_prob.results.limbs`). And the
+static path is as wrong about how high the pelvis is in the image as about how far to the side, of
+which only the latter is sampled. What is drawn of scene and path leaves both out, and so would be
+far too sure of hands, feet and heights.
 """
 
 from __future__ import annotations
@@ -12,27 +12,28 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from imapper_prob.models.camera import Camera
 from imapper_prob.models.chain import chain
 from imapper_prob.models.limits import NEAREST
-from imapper_prob.models.posterior import State, motion
+from imapper_prob.models.posterior import State
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.skeleton import PELV
+from imapper_prob.results.limbs import limbs_of
 
 __all__ = ["drawn_motion", "height_deviation"]
 
 Array = NDArray[np.float64]
 
 
-def drawn_motion(rng: np.random.Generator, problem: Problem, state: State) -> Array:
+def drawn_motion(rng: np.random.Generator, problem: Problem, state: State, camera: Camera) -> Array:
     """(T, 16, 3) joints in the state's world, metres: the pose, and how the person's differs.
 
     Errors are stationary chains: that of the height forgets itself as that of the bearing does,
-    those of joints about the pelvis in as many frames as count as one.
+    those of joints in as many frames as count as one. ``camera`` is that of the state.
     """
-    joints = motion(problem, state)
-    limbs = _chain(rng, joints.shape, np.exp(-min(1.0, problem.frame_weight)))
-    limbs[:, PELV] = 0.0
-    joints += problem.pose_tolerance * limbs
+    limbs = limbs_of(problem, state, camera)
+    memory = np.exp(-min(1.0, problem.frame_weight))
+    joints = limbs.drawn(_chain(rng, limbs.joints.shape, memory))
     rise = _error_as_of_bearing(rng, problem)
     joints[..., 2] += (rise * height_deviation(problem, joints))[:, None]
     return joints

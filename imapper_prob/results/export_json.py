@@ -85,14 +85,14 @@ def scene_document(
         document["samples"] = [
             _body(
                 replace(
-                    posterior.draw(n),
+                    draw,
                     objects=posterior.furniture[n],
-                    joints=drawn_motion(rng, problem, state),
+                    joints=drawn_motion(rng, problem, posterior.samples.states[n], draw.camera),
                 ),
                 clip,
             )
             for n in evenly_spaced(posterior, samples)
-            for state in [posterior.samples.states[n]]
+            for draw in [posterior.draw(n)]
         ]
     return document
 

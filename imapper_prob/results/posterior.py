@@ -23,6 +23,7 @@ from imapper_prob.results.differences import describe_difference
 from imapper_prob.results.diverse import group_scenes
 from imapper_prob.results.drawn_objects import drawn_objects
 from imapper_prob.results.explained import explained_by
+from imapper_prob.results.limbs import Limbs, limbs_of
 from imapper_prob.results.representatives import Representative, representative
 from imapper_prob.results.scenes import WeightedScene
 from imapper_prob.samplers.diagnostics import (
@@ -221,7 +222,7 @@ class Posterior:
         states = self.samples.states
         mean = np.mean([state.camera for state in states], axis=0)
         cameras = (self._camera(state.camera) for state in states)
-        motions = zip(cameras, self._motions(), strict=True)
+        motions = zip(cameras, (limbs.joints for limbs in self._limbs()), strict=True)
         return expected_scene(self._camera(mean), self.clusters(), self.samples.objects, motions)
 
     def _camera(self, phi: Array) -> Camera:
@@ -233,10 +234,11 @@ class Posterior:
     def draw(self, number: int) -> Scene:
         """One draw with its camera, furniture and motion; draws are numbered chain by chain."""
         state = self.samples.states[number]
+        camera = self._camera(state.camera)
         return Scene(
-            camera=self._camera(state.camera),
+            camera=camera,
             objects=self.samples.objects[number],
-            joints=motion(self.solution.problem, state),
+            joints=limbs_of(self.solution.problem, state, camera).joints,
             layout=tuple((self.solution.library[s].name, t) for s, t in state.items.tolist()),
             log_posterior=float(self.samples.log_posterior.flat[number]),
         )
@@ -282,7 +284,7 @@ class Posterior:
         """Mean and covariance of every joint in every frame, of several people in a row."""
         from imapper_prob.results.uncertainty.joints import joint_summary
 
-        return joint_summary(self._motions(), problem=self.solution.problem)
+        return joint_summary(self._limbs(), problem=self.solution.problem)
 
     def hidden(self) -> HiddenJoints:
         """P(joint hidden) by frame and joint, and by which of :meth:`clusters`.
@@ -312,6 +314,11 @@ class Posterior:
     def _motions(self) -> Iterator[Array]:
         """The motion of each draw in its world, one after the other."""
         return (motion(self.solution.problem, state) for state in self.samples.states)
+
+    def _limbs(self) -> Iterator[Limbs]:
+        """The same with what detections say of the person's own."""
+        problem = self.solution.problem
+        return (limbs_of(problem, s, self._camera(s.camera)) for s in self.samples.states)
 
     def record(self, path: str | Path, *, video: str | Path | None = None) -> None:
         """Write the recording (``.rrd``) that opens in the rerun viewer.

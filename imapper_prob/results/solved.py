@@ -18,10 +18,11 @@ from shapely import Polygon
 from imapper_prob.models.camera import Camera
 from imapper_prob.models.energy.intersection import footprint_depth
 from imapper_prob.models.geometry import pack_boxes
-from imapper_prob.models.posterior import State, log_posterior, motion
+from imapper_prob.models.posterior import State, log_posterior, state_camera
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.scene import Clip, SceneObject
 from imapper_prob.models.skeleton import LANK, LKNE, PELV, RANK, RKNE, THRX
+from imapper_prob.results.limbs import limbs_of
 from imapper_prob.results.selected import selected_objects
 from imapper_prob.staged.candidates import refine
 from imapper_prob.staged.combine import state_of
@@ -168,7 +169,8 @@ class Part:
     @classmethod
     def of(cls, actor: Solution, state: State) -> Part:
         objects = selected_objects(actor.problem, actor.library, state)
-        return cls(objects, motion(actor.problem, state))
+        camera = state_camera(actor.clip.camera, state)
+        return cls(objects, limbs_of(actor.problem, state, camera).joints)
 
 
 def _mutual_cost(actor: Solution, one: Part, other: Part) -> float:
@@ -215,10 +217,7 @@ def _scene(clip: Clip, actors: Sequence[Solution], states: Sequence[State]) -> S
     parts = [Part.of(a, s) for a, s in zip(actors, states, strict=True)]
     value = sum(log_posterior(a.problem, s) for a, s in zip(actors, states, strict=True))
     value -= sum(_mutual_cost(actors[0], one, other) for one, other in combinations(parts, 2))
-    pitch, elevation, focal, _, roll = states[0].camera.tolist()
-    camera = clip.camera.posed(
-        pitch=pitch, roll=roll, elevation=elevation, focal_scale=float(np.exp(focal))
-    )
+    camera = state_camera(clip.camera, states[0])
     objects, users = shared_furniture(parts)
     return SolvedScene(camera, objects, users, tuple(p.joints for p in parts), tuple(states), value)
 

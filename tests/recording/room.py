@@ -23,6 +23,7 @@ from imapper_prob.results.uncertainty.hidden import hidden_joints
 from imapper_prob.results.uncertainty.joints import joint_summary
 from imapper_prob.results.uncertainty.nuisances import nuisances
 from imapper_prob.results.uncertainty.occupancy import occupancy
+from tests.results.motions import exactly
 
 # Right ankle … left wrist, in the order of JOINTS: x right, y forward, z up, metres.
 STANDING = np.array([
@@ -172,7 +173,7 @@ def make_certainty(n: int, scenes: list[WeightedScene]) -> Certainty:
     return Certainty(
         occupancy(draws),
         hidden_joints(draws, motions, elevations, clusters),
-        joint_summary(motions),
+        joint_summary(exactly(joints) for joints in motions),
         nuisances(camera, mean=camera.mean((0, 1)), covariance=0.002 * np.eye(5)),
     )
 

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.models.problem import Problem
-from imapper_prob.models.skeleton import N_JOINTS, PELV
 from imapper_prob.results.drawn_motion import height_deviation
+from imapper_prob.results.limbs import Limbs
 
 __all__ = ["JointSummary", "joint_summary"]
 
@@ -42,30 +42,29 @@ class JointSummary:
         return np.sqrt(np.maximum(np.diagonal(self.covariance, axis1=-2, axis2=-1), 0.0))
 
 
-def joint_summary(motions: Iterable[Array], *, problem: Problem | None = None) -> JointSummary:
+def joint_summary(motions: Iterable[Limbs], *, problem: Problem | None = None) -> JointSummary:
     """Mean and covariance over draws of the motion, of which one at a time is held.
 
     Parameters
     ----------
-    motions : iterable of (T, 16, 3) float
-        World, metres. At least two.
+    motions : iterable of Limbs
+        At least two; how far joints may be from where they are expected comes on top.
     problem : Problem, optional
-        By how much limbs and heights are off beside that; it comes on top
-        (:mod:`imapper_prob.results.drawn_motion`).
+        By how much heights are off beside that (:mod:`imapper_prob.results.drawn_motion`).
     """
     count = 0
-    mean, scatter = np.zeros(()), np.zeros(())
-    for joints in motions:
+    mean, scatter, own = np.zeros(()), np.zeros(()), np.zeros(())
+    for limbs in motions:
         count += 1
+        joints = limbs.joints
+        own = own + limbs.covariance()
         before = joints - mean
         mean = mean + before / count
         # Welford's update: stable where the spread is small beside the distance.
         scatter = scatter + before[..., :, None] * (joints - mean)[..., None, :]
     if count < 2:
         raise ValueError("a covariance needs two draws")
-    covariance = scatter / (count - 1)
+    covariance = scatter / (count - 1) + own / count
     if problem is not None:
-        limbs = [j for j in range(N_JOINTS) if j != PELV]
-        covariance[:, limbs] += problem.pose_tolerance**2 * np.eye(3)
         covariance[..., 2, 2] += height_deviation(problem, mean)[:, None] ** 2
     return JointSummary(mean, covariance)
