@@ -21,7 +21,7 @@ from imapper_prob.evaluate.scenes import known_scene, scenes_with_truth
 from imapper_prob.models.posterior import State, log_posterior, state_camera, terms
 from imapper_prob.sampling.layouts import placed_objects
 from imapper_prob.scenelets.library import built_in_library
-from imapper_prob.staged.candidates import Candidate, refine
+from imapper_prob.staged.candidates import Candidate, assigned, refine
 from imapper_prob.staged.combine import state_of
 from imapper_prob.staged.polish import polish
 from imapper_prob.staged.solver import Solution, solve
@@ -49,10 +49,7 @@ def with_it(solution: Solution, truth: Outline) -> Iterator[tuple[Candidate, Sta
         state = best
         for index in np.flatnonzero((starts < last) & (first < ends))[::-1].tolist():
             state = state.without_item(index)
-        yield (
-            candidate,
-            state.with_item(candidate.scenelet, first, candidate.placement, candidate.size),
-        )
+        yield candidate, assigned(state, [candidate])
 
 
 def row(solution: Solution, scene: str, truth: Outline) -> str:

@@ -16,6 +16,7 @@ from imapper_prob.models.problem import Problem
 
 __all__ = [
     "State",
+    "camera_at",
     "empty_state",
     "frame_log_likelihood",
     "log_posterior",
@@ -123,7 +124,12 @@ def empty_state(problem: Problem) -> State:
 
 def state_camera(nominal: Camera, state: State) -> Camera:
     """The camera of a state, where ``nominal`` is that of its clip."""
-    pitch, elevation, focal, _, roll = state.camera.tolist()
+    return camera_at(nominal, state.camera)
+
+
+def camera_at(nominal: Camera, phi: Array) -> Camera:
+    """The camera by the numbers (5,) that a state has of it."""
+    pitch, elevation, focal, _, roll = phi.tolist()
     return nominal.posed(
         pitch=pitch, roll=roll, elevation=elevation, focal_scale=float(np.exp(focal))
     )

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from imapper_prob.config import Config
 from imapper_prob.models.camera import Camera
 from imapper_prob.models.errors import InputError
-from imapper_prob.models.posterior import motion
+from imapper_prob.models.posterior import camera_at, motion
 from imapper_prob.models.scene import Clip, Scene, SceneObject
 from imapper_prob.models.skeleton import PELV
 from imapper_prob.people import by_person
@@ -226,10 +226,7 @@ class Posterior:
         return expected_scene(self._camera(mean), self.clusters(), self.samples.objects, motions)
 
     def _camera(self, phi: Array) -> Camera:
-        pitch, elevation, focal, _, roll = phi.tolist()
-        return self.clip.camera.posed(
-            pitch=pitch, roll=roll, elevation=elevation, focal_scale=float(np.exp(focal))
-        )
+        return camera_at(self.clip.camera, phi)
 
     def draw(self, number: int) -> Scene:
         """One draw with its camera, furniture and motion; draws are numbered chain by chain."""

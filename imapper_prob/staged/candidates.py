@@ -21,7 +21,7 @@ from imapper_prob.models.problem import Problem
 from imapper_prob.staged.fit import Fits
 from imapper_prob.staged.kinds import furniture_kinds
 
-__all__ = ["Candidate", "ScreenSettings", "along_the_ray", "refine", "screen"]
+__all__ = ["Candidate", "ScreenSettings", "along_the_ray", "assigned", "refine", "screen"]
 
 Array = NDArray[np.float64]
 Progress = Callable[[str, float], None]
@@ -117,10 +117,7 @@ def _refined(
     for kind, own in judged.items():
         for rank, candidate in enumerate(sorted(own, key=lambda c: -c.gain)):
             if rank == 0 and kind and candidate.gain > enough:
-                state = empty.with_item(
-                    candidate.scenelet, candidate.start, candidate.placement, candidate.size
-                )
-                state = refine(problem, state)
+                state = refine(problem, assigned(empty, [candidate]))
                 candidate = replace(
                     candidate,
                     placement=state.placements[0],
@@ -129,6 +126,13 @@ def _refined(
                 )
             result.append(candidate)
     return result
+
+
+def assigned(state: State, members: Iterable[Candidate]) -> State:
+    """The state with these candidates as well."""
+    for c in members:
+        state = state.with_item(c.scenelet, c.start, c.placement, c.size)
+    return state
 
 
 def along_the_ray(problem: Problem, frame: int, placement: Array) -> tuple[Array, float]:

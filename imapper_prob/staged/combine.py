@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from imapper_prob.models.posterior import State, empty_state, log_posterior
 from imapper_prob.models.problem import Problem
-from imapper_prob.staged.candidates import Candidate, refine
+from imapper_prob.staged.candidates import Candidate, assigned, refine
 from imapper_prob.staged.exchange import Exchange, exchange
 from imapper_prob.staged.kinds import furniture_kinds
 from imapper_prob.staged.maxima import CharnessCurve
@@ -178,10 +178,7 @@ def _pairs(groups: Sequence[NDArray[np.int64]]) -> list[tuple[int, int]]:
 
 def state_of(problem: Problem, members: Sequence[Candidate]) -> State:
     """The scene in which these candidates, and no others, are assigned."""
-    state = empty_state(problem)
-    for c in members:
-        state = state.with_item(c.scenelet, c.start, c.placement, c.size)
-    return state
+    return assigned(empty_state(problem), members)
 
 
 def _at(window: int, candidates: Sequence[Candidate], kept: int) -> list[Candidate]:

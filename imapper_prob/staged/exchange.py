@@ -17,7 +17,7 @@ import numpy as np
 
 from imapper_prob.models.posterior import State, log_posterior
 from imapper_prob.models.problem import Problem
-from imapper_prob.staged.candidates import Candidate, refine
+from imapper_prob.staged.candidates import Candidate, assigned, refine
 from imapper_prob.staged.sequences import best_sequences
 
 __all__ = ["Exchange", "exchange"]
@@ -27,7 +27,7 @@ _REFINED = 12
 _WORTH = 0.5
 """Nats an exchange has to bring; less is how exactly placements are found."""
 _ROUNDS = 4
-"""Times at most that the clip is gone through. On i3DB nothing is left to do after two or three."""
+"""Times at most that the clip is gone through. On i3DB nothing is left to do after one or two."""
 _APART = 3
 """Windows without a scenelet that part two stays; 1.2 s."""
 
@@ -108,9 +108,7 @@ def _best(
 
 def _refined(problem: Problem, rest: State, members: Sequence[Candidate]) -> State:
     """The scene with these as well, refined twice: where one ends up moves those it joins."""
-    state = rest
-    for c in members:
-        state = state.with_item(c.scenelet, c.start, c.placement, c.size)
+    state = assigned(rest, members)
     own = {(c.scenelet, c.start) for c in members}
     added = [k for k, item in enumerate(state.items.tolist()) if tuple(item) in own]
     return refine(problem, state, only=2 * added)

@@ -22,7 +22,7 @@ from imapper_prob.models.incremental import log_posterior_near
 from imapper_prob.models.posterior import State
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.skeleton import PELV
-from imapper_prob.staged.candidates import Candidate
+from imapper_prob.staged.candidates import Candidate, assigned
 
 __all__ = ["best_before", "best_sequences"]
 
@@ -68,10 +68,7 @@ def best_sequences(
     base = value(context)
 
     def gain(*members: Candidate) -> float:
-        state = context
-        for c in members:
-            state = state.with_item(c.scenelet, c.start, c.placement, c.size)
-        return value(state) - base
+        return value(assigned(context, members)) - base
 
     options = _slid(problem, candidates, within, slide, gain)
     body = float(np.exp(context.camera[3]))
@@ -87,9 +84,9 @@ def best_sequences(
         if len(found) == count:
             break
         members = [options[m] for m in [*_chain(k, came)[:0:-1], *_chain(k, goes)]]
-        found.setdefault(
-            tuple(c.scenelet for c in members), _at_one_distance(problem, members, body)
-        )
+        story = tuple(c.scenelet for c in members)
+        if story not in found:
+            found[story] = _at_one_distance(problem, members, body)
     return tuple(found.values())
 
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from imapper_prob.models.posterior import empty_state, log_posterior, terms
 from imapper_prob.models.problem import Problem
-from imapper_prob.staged.candidates import Candidate
+from imapper_prob.staged.candidates import Candidate, assigned
 from imapper_prob.staged.fit import Fits
 from imapper_prob.staged.maxima import CharnessCurve
 
@@ -115,7 +115,7 @@ def shortlist(
         own = [c for c in here if (c.window, c.scenelet) in chosen]
         rows = []
         for c in here:
-            state = empty.with_item(c.scenelet, c.start, c.placement, c.size)
+            state = assigned(empty, [c])
             fit = log_posterior(bare, state) - nothing
             values = terms(problem, state)
             motion = sum(values.get(name, 0.0) for name in _SOLID)

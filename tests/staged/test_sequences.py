@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from imapper_prob.models.posterior import State, empty_state, log_posterior, motion
 from imapper_prob.models.skeleton import PELV
-from imapper_prob.staged.candidates import Candidate
+from imapper_prob.staged.candidates import Candidate, assigned
 from imapper_prob.staged.sequences import best_before, best_sequences
 from tests.runs import solution
 
@@ -67,10 +67,7 @@ def sequences(
 
 
 def scene_of(members: tuple[Candidate, ...]) -> State:
-    state = empty_state(solution().problem)
-    for c in members:
-        state = state.with_item(c.scenelet, c.start, c.placement, c.size)
-    return state
+    return assigned(empty_state(solution().problem), members)
 
 
 def test_sequences_stay_in_their_stretch_and_differ() -> None:
