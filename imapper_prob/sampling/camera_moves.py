@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from imapper_prob.models.posterior import State
 from imapper_prob.models.problem import Problem
 from imapper_prob.samplers.kernel import Proposal
-from imapper_prob.sampling.looks import View, middle_heights
+from imapper_prob.sampling.looks import View, middle_heights, seen_alike
 
 __all__ = ["CameraCarry", "CameraWalk", "DepthScale", "FocalScale"]
 
@@ -58,21 +58,15 @@ class CameraCarry:
         """Walk phi; impossible where a scenelet would have nowhere to stand."""
         scale = self.scales[int(rng.integers(len(self.scales)))]
         camera = state.camera + scale * self.factor @ rng.standard_normal(len(self.factor))
-        before, after = View(state.camera), View(camera)
-        placements, sizes, log_ratio = state.placements.copy(), state.sizes.copy(), 0.0
-        for k, scenelet in enumerate(state.items[:, 0].tolist()):
-            height = self._heights[scenelet]
-            x, y, _ = placements[k].tolist()
-            size = float(sizes[k])
-            look = before.look(x, y, size, height)
-            stand = None if look is None else after.stand(look, height)
-            if look is None or stand is None:
-                return None
-            log_ratio += before.log_volume(look, size) - after.log_volume(look, stand.size)
-            placements[k, :2] = stand.x, stand.y
-            sizes[k] = stand.size
+        found = seen_alike(
+            View(state.camera), View(camera),
+            self._heights, state.items, state.placements, state.sizes,
+        )  # fmt: skip
+        if found is None:
+            return None
+        placements, sizes, log_jacobian = found
         changed = replace(state, camera=camera, placements=placements, sizes=sizes)
-        return Proposal(changed, log_ratio)
+        return Proposal(changed, log_jacobian)
 
 
 @dataclass(frozen=True)

@@ -8,16 +8,19 @@ stretch, and the latent numbers of the path with them.
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.models.posterior import State
 from imapper_prob.models.problem import Problem
+from imapper_prob.sampling.looks import View, middle_heights, seen_alike
 
 __all__ = ["TimeCrossover"]
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
 
 _ONE_MORE = 0.4
 """Probability that the stretch takes in one block more."""
@@ -29,15 +32,23 @@ class TimeCrossover:
 
     A block is a run of frames that are under a scenelet in either scene, without a gap. Both
     scenes together have the same blocks afterwards, so that the way back is as likely as
-    the way there. Scenelets are taken to where the other camera and body see the same.
+    the way there. Scenelets are taken to where they look the same through the other camera
+    (:mod:`~imapper_prob.sampling.looks`).
     """
 
     problem: Problem
+    _heights: list[float] = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "_heights", middle_heights(self.problem).tolist())
 
     def __call__(
         self, rng: np.random.Generator, hot: State, cold: State
     ) -> tuple[State, State, float] | None:
-        """Both scenes afterwards and the log Jacobian; None where both are empty."""
+        """Both scenes afterwards and the log Jacobian.
+
+        None where both are empty, or a scenelet would have nowhere to stand.
+        """
         cuts = self._cuts(hot, cold)
         n_blocks = len(cuts) - 1
         if n_blocks < 1:
@@ -48,13 +59,23 @@ class TimeCrossover:
         one, other = _inside(hot, begin, end), _inside(cold, begin, end)
         if not one.any() and not other.any():
             return None
-        # From the hot scene's camera and body to the cold one's.
-        change = cold.camera - hot.camera
-        new_hot = _exchanged(hot, one, cold, other, begin, end, -change)
-        new_cold = _exchanged(cold, other, hot, one, begin, end, change)
-        # x' = x e^body, y' = y e^(focal + body), for each scenelet that goes that way.
-        log_jacobian = float((one.sum() - other.sum()) * (change[2] + 2 * change[3]))
-        return new_hot, new_cold, log_jacobian
+        warm, cool = View(hot.camera), View(cold.camera)
+        to_cold = self._carried(hot, one, warm, cool)
+        to_hot = self._carried(cold, other, cool, warm)
+        if to_cold is None or to_hot is None:
+            return None
+        new_hot = _exchanged(hot, one, cold, other, begin, end, to_hot)
+        new_cold = _exchanged(cold, other, hot, one, begin, end, to_cold)
+        return new_hot, new_cold, to_hot[2] + to_cold[2]
+
+    def _carried(
+        self, state: State, which: Flags, own: View, others: View
+    ) -> tuple[Array, Array, float] | None:
+        """Where some scenelets of a state stand for another one's camera."""
+        return seen_alike(
+            own, others,
+            self._heights, state.items[which], state.placements[which], state.sizes[which],
+        )  # fmt: skip
 
     def _cuts(self, hot: State, cold: State) -> NDArray[np.int64]:
         """Frames between blocks, in the middle of their gaps, and both ends of the clip."""
@@ -71,25 +92,23 @@ class TimeCrossover:
         return np.array([0, *gaps, self.problem.n_frames], dtype=np.int64)
 
 
-def _inside(state: State, begin: int, end: int) -> NDArray[np.bool_]:
+def _inside(state: State, begin: int, end: int) -> Flags:
     starts = state.items[:, 1]
-    inside: NDArray[np.bool_] = (starts >= begin) & (starts < end)
+    inside: Flags = (starts >= begin) & (starts < end)
     return inside
 
 
 def _exchanged(
     own: State,
-    given: NDArray[np.bool_],
+    given: Flags,
     others: State,
-    taken: NDArray[np.bool_],
+    taken: Flags,
     begin: int,
     end: int,
-    change: NDArray[np.float64],
+    carried: tuple[Array, Array, float],
 ) -> State:
-    """One scene with the other's scenelets in a stretch, seen with its own camera."""
-    placements = others.placements[taken].copy()
-    placements[:, 0] *= math.exp(change[3])
-    placements[:, 1] *= math.exp(change[2] + change[3])
+    """One scene with the other's scenelets in a stretch, where its own camera sees them."""
+    placements, sizes, _ = carried
     items = np.concatenate([own.items[~given], others.items[taken]])
     order = np.argsort(items[:, 1], kind="stable")
     latent = own.latent.copy()
@@ -98,6 +117,6 @@ def _exchanged(
         own,
         items=items[order],
         placements=np.concatenate([own.placements[~given], placements])[order],
-        sizes=np.concatenate([own.sizes[~given], others.sizes[taken]])[order],
+        sizes=np.concatenate([own.sizes[~given], sizes])[order],
         latent=latent,
     )

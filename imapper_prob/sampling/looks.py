@@ -9,6 +9,7 @@ and chains have many; moves that ignore this propose what no longer fits.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -17,9 +18,10 @@ from numpy.typing import NDArray
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.skeleton import PELV
 
-__all__ = ["Look", "Stand", "View", "middle_heights"]
+__all__ = ["Look", "Stand", "View", "middle_heights", "seen_alike"]
 
 Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
 
 
 class Look(NamedTuple):
@@ -102,3 +104,46 @@ def middle_heights(problem: Problem) -> Array:
     middles = problem.joint_first[:-1] + problem.lengths // 2
     heights: Array = problem.joints[middles, PELV, 2]
     return heights
+
+
+def seen_alike(
+    before: View,
+    after: View,
+    heights: Sequence[float],
+    items: Ints,
+    placements: Array,
+    sizes: Array,
+) -> tuple[Array, Array, float] | None:
+    """Where scenelets stand that look through one camera as they did through another.
+
+    Parameters
+    ----------
+    before, after : View
+    heights : sequence of L float
+        :func:`middle_heights`.
+    items : (k, 2) int
+    placements : (k, 3) float
+    sizes : (k,) float
+        Of the scenelets, as a state has them.
+
+    Returns
+    -------
+    placements : (k, 3) float
+    sizes : (k,) float
+    log_jacobian : float
+        Of (x, y, log size) after over before.
+
+    None where one of them would have nowhere to stand.
+    """
+    placements, sizes, log_jacobian = placements.copy(), sizes.copy(), 0.0
+    for k, scenelet in enumerate(items[:, 0].tolist()):
+        height, size = heights[scenelet], float(sizes[k])
+        x, y, _ = placements[k].tolist()
+        look = before.look(x, y, size, height)
+        stand = None if look is None else after.stand(look, height)
+        if look is None or stand is None:
+            return None
+        log_jacobian += before.log_volume(look, size) - after.log_volume(look, stand.size)
+        placements[k, :2] = stand.x, stand.y
+        sizes[k] = stand.size
+    return placements, sizes, log_jacobian

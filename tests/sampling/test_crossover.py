@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from imapper_prob.models.posterior import State
 from imapper_prob.sampling.crossover import TimeCrossover
+from imapper_prob.sampling.looks import View, middle_heights
 from imapper_prob.sampling.moves import in_order
 from tests.sampling.test_moves import PROBLEM, random_state
 
@@ -47,21 +48,47 @@ def test_the_same_exchange_again_gives_both_back(seed: int) -> None:
 
 
 def test_the_jacobian_is_that_of_the_placements() -> None:
-    place = np.array([0.3, 4.0, 0.2])
+    place = np.array([0.3, 4.0, 0.2, 0.01])
     empty = replace(
         scene(0), items=np.empty((0, 2), np.int64), placements=np.empty((0, 3)), sizes=np.empty(0)
     )
-    hot, cold = empty.with_item(0, 3, place), replace(empty, camera=empty.camera + 0.1)
+    cold = replace(empty, camera=empty.camera + 0.1)
 
-    def moved(placement: np.ndarray) -> np.ndarray:
-        found = CROSS(np.random.default_rng(0), hot.with_placement(0, placement), cold)
+    def crossed(where: np.ndarray) -> tuple[State, State, float]:
+        hot = empty.with_item(0, 3, where[:3], float(where[3]))
+        found = CROSS(np.random.default_rng(0), hot, cold)
         assert found is not None
-        assert found[0].n_scenelets == 0
-        return found[1].placements[0]
+        return found
+
+    def moved(where: np.ndarray) -> np.ndarray:
+        hot, after, _ = crossed(where)
+        assert hot.n_scenelets == 0
+        return np.array([*after.placements[0], after.sizes[0]])
 
     step = 1e-5
-    columns = [(moved(place + step * e) - moved(place - step * e)) / (2 * step) for e in np.eye(3)]
-    found = CROSS(np.random.default_rng(0), hot, cold)
+    columns = [(moved(place + step * e) - moved(place - step * e)) / (2 * step) for e in np.eye(4)]
+    log_jacobian = crossed(place)[2]
+    assert log_jacobian == pytest.approx(np.log(np.linalg.det(np.array(columns))), abs=1e-6)
+    assert abs(log_jacobian) > 0.1
+
+
+def test_what_is_exchanged_looks_the_same_afterwards() -> None:
+    heights = middle_heights(PROBLEM)
+    hot, cold = scene(3), scene(5)
+    found = CROSS(np.random.default_rng(1), hot, cold)
     assert found is not None
-    assert found[2] == pytest.approx(np.log(np.linalg.det(np.array(columns))), abs=1e-6)
-    assert found[2] == pytest.approx(0.3)
+
+    def looks(state: State) -> list[tuple[float, ...]]:
+        view = View(state.camera)
+        seen = []
+        for (scenelet, _), (x, y, _), size in zip(
+            state.items.tolist(), state.placements.tolist(), state.sizes.tolist(), strict=True
+        ):
+            look = view.look(x, y, size, heights[scenelet])
+            assert look is not None
+            seen.append(tuple(look))
+        return seen
+
+    before, after = sorted(looks(hot) + looks(cold)), sorted(looks(found[0]) + looks(found[1]))
+    assert looks(found[0]) != looks(hot)
+    np.testing.assert_allclose(after, before)
