@@ -223,7 +223,7 @@ class Posterior:
         mean = np.mean([state.camera for state in states], axis=0)
         cameras = (self._camera(state.camera) for state in states)
         motions = zip(cameras, (limbs.joints for limbs in self._limbs()), strict=True)
-        return expected_scene(self._camera(mean), self.clusters(), self.samples.objects, motions)
+        return expected_scene(self._camera(mean), self.clusters(), self.furniture, motions)
 
     def _camera(self, phi: Array) -> Camera:
         return camera_at(self.clip.camera, phi)

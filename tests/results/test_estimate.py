@@ -52,19 +52,24 @@ def test_it_is_turned_as_those_of_its_label_are_in_the_mean() -> None:
     assert np.arctan2(*only.centre[:2]) == pytest.approx(np.arctan2(x, y).mean())
 
 
-def test_it_is_of_the_mean_size_of_all_that_it_may_be() -> None:
-    def made(width: float, depth: float, label: str) -> SceneObject:
-        seat = Cuboid("seat", np.array([0, 0, 0.2]), np.array([width, depth, 0.4]))
-        back = Cuboid("back", np.array([0, -0.1, 0.5]), np.array([width, 0.1, 0.2]))
-        return SceneObject(label, Placement(0.0, 4.0, 0.5), (seat, back))
+def made(width: float, depth: float, label: str, y: float = 4.0) -> SceneObject:
+    seat = Cuboid("seat", np.array([0, 0, 0.2]), np.array([width, depth, 0.4]))
+    back = Cuboid("back", np.array([0, -0.1, 0.5]), np.array([width, 0.1, 0.2]))
+    return SceneObject(label, Placement(0.0, y, 0.5), (seat, back))
 
-    objects = [(made(0.4, 0.5, "chair"),)] * 2 + [(made(1.6, 0.8, "couch"),)]
-    clusters = object_clusters(objects, np.zeros((1, 3)), radius=0.5)
-    motions = [(worlds.CAMERA, worlds.walk(5))] * 3
+
+@pytest.mark.parametrize(("apart", "piece"), [(0.0, "chair"), (0.4, "couch")])
+def test_it_is_the_piece_that_overlaps_most_with_what_it_may_be(apart: float, piece: str) -> None:
+    """A chair, if it is sure where it stands; otherwise the couch meets more of the chairs."""
+    objects = [(made(0.4, 0.5, "chair", 4.0 + apart * side),) for side in (-1, -0.5, 0, 0.5, 1)]
+    objects += [(made(1.6, 0.8, "couch"),), (made(1.6, 0.8, "couch"),)]
+    clusters = object_clusters(objects, np.zeros((1, 7)), radius=0.9)
+    motions = [(worlds.CAMERA, worlds.walk(5))] * 7
     (only,) = expected_scene(worlds.CAMERA, clusters, objects, motions).objects
-    assert only.label == "chair"
-    np.testing.assert_allclose(only.bounds[1] - only.bounds[0], [0.8, 0.6, 0.6], atol=1e-12)
-    np.testing.assert_allclose(only.centre[:2], [0.0, 4.0], atol=1e-9)
+    assert only.label == piece
+    size = only.bounds[1] - only.bounds[0]
+    assert size[:2] == pytest.approx((0.4, 0.5) if piece == "chair" else (1.6, 0.8))
+    np.testing.assert_allclose(only.centre[:2], [0.0, 4.0], atol=0.03)
     assert [c.part for c in only.cuboids] == ["seat", "back"]
 
 
@@ -108,4 +113,6 @@ def test_the_estimate_of_a_run_is_one_scene() -> None:
     scene = posterior().estimate
     assert scene.joints.shape == (posterior().clip.n_frames, 16, 3)
     likely = [c for c in posterior().clusters() if c.presence > 0.5]
-    assert [o.label for o in scene.objects] == [c.label for c in likely]
+    assert len(scene.objects) == len(likely)
+    for o, cluster in zip(scene.objects, likely, strict=True):
+        assert o.label in cluster.labels
