@@ -189,7 +189,7 @@ class Posterior:
         scene = replace(self.draw(chosen.draw), objects=chosen.objects)
         members = np.flatnonzero(np.isin(samples.layouts.indicator, layouts))
         spread = members[np.linspace(0, len(members) - 1, _GHOSTS).round().astype(int)]
-        ghosts = [motion(self.solution.problem, samples.states[m]) for m in np.unique(spread)]
+        ghosts = [self.draw(int(m)).joints for m in np.unique(spread)]
         return WeightedScene(
             scene,
             probability,

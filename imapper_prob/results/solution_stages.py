@@ -7,9 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from imapper_prob.models.posterior import State, empty_state, motion
+from imapper_prob.models.posterior import State, empty_state, state_camera
 from imapper_prob.models.scene import SceneObject
 from imapper_prob.recording.stages import Curve, StageView
+from imapper_prob.results.limbs import limbs_of
 from imapper_prob.results.solved import Solved
 from imapper_prob.sampling.layouts import placed_objects
 from imapper_prob.staged.candidates import Candidate
@@ -94,7 +95,10 @@ def charness_curves(solved: Solved) -> dict[str, Curve]:
 
 
 def _motions(actors: Sequence[Solution], states: Sequence[State]) -> tuple[Array, ...]:
-    return tuple(motion(a.problem, s) for a, s in zip(actors, states, strict=True))
+    return tuple(
+        limbs_of(a.problem, s, state_camera(a.clip.camera, s)).joints
+        for a, s in zip(actors, states, strict=True)
+    )
 
 
 def _best_of_kind(candidates: Sequence[Candidate]) -> list[Candidate]:
