@@ -17,7 +17,7 @@ from collections.abc import Iterable, Iterator
 
 import numpy as np
 
-from imapper_prob.evaluate.objects import pair_up
+from imapper_prob.evaluate.objects import Pair, pair_up
 from imapper_prob.evaluate.outline import Outline, outline_of
 from imapper_prob.evaluate.prediction import prediction_of_state
 from imapper_prob.evaluate.scenes import known_scene, scenes_with_truth
@@ -32,10 +32,8 @@ from imapper_prob.staged.solver import Solution, solve
 
 _NEAR = 0.5
 """Metres from the true centre: half of what counts as found."""
-_FOUND = 1.0
-"""Metres from the true centre that count as found."""
 
-HEAD = "| scene | true | candidates | best with it | nats | mostly |\n" + "|---" * 6 + "|\n"
+HEAD = "| scene | true | candidates | best with it | nats | mostly |\n|---|---|---:|---|---:|---|\n"
 _REFINED, _POLISHED = 24, 4
 """Scenes with the object that are refined, and of these polished."""
 
@@ -60,14 +58,17 @@ def with_it(solution: Solution, truth: Outline) -> Iterator[tuple[Candidate, Sta
         yield candidate, assigned(state, [candidate])
 
 
-def called_so(solution: Solution, truth: Outline) -> Iterator[tuple[Candidate, State]]:
+def called_so(solution: Solution, pair: Pair) -> Iterator[tuple[Candidate, State]]:
     """The best sequences with an object of the true label, instead of what is there."""
+    truth, found = pair.truth, pair.found
     problem, best = solution.problem, solution.states[0]
     own = [
         index
         for index, o in _placed(solution, best)
-        if o.group == truth.group and np.linalg.norm(o.centre - truth.centre) < _FOUND
+        if o.group == truth.group and np.linalg.norm(o.centre - found.centre) < _NEAR
     ]
+    # One stay: who comes back later is left where they are.
+    own = [index for k, index in enumerate(own) if index == own[0] + k]
     ends = best.items[:, 1] + problem.lengths[best.items[:, 0]]
     begin = int(ends[min(own) - 1]) if min(own) else 0
     last = max(own) + 1 == best.n_scenelets
@@ -138,7 +139,7 @@ def main() -> None:
                 unfound.append(row(solution, scene.name, what, with_it(solution, truth)))
             elif pair.found.label != truth.label:
                 what += f", found as {pair.found.label}"
-                misnamed.append(row(solution, scene.name, what, called_so(solution, truth)))
+                misnamed.append(row(solution, scene.name, what, called_so(solution, pair)))
     out(HEAD + "".join(unfound))
     out("\n" + HEAD.replace("candidates", "sequences") + "".join(misnamed))
 
