@@ -21,7 +21,6 @@ from imapper_prob.samplers.tempering import start, temper
 from imapper_prob.sampling.camera_moves import CameraCarry, CameraWalk, DepthScale, FocalScale
 from imapper_prob.sampling.checkpoints import Progress
 from imapper_prob.sampling.crossover import TimeCrossover
-from imapper_prob.sampling.extend import Continuations, Extend, Retract
 from imapper_prob.sampling.moves import (
     Birth,
     Death,
@@ -101,14 +100,11 @@ def scene_moves(setup: Setup) -> Mixture[State]:
     """
     problem = setup.problem
     proposals = Proposals(problem, setup.candidates)
-    continuations = Continuations(proposals)
     factor = np.linalg.cholesky(np.linalg.inv(problem.camera_precision))
     kinds = furniture_kinds(problem)
     weighted = (
-        (Birth(proposals), 0.06),
-        (Death(proposals), 0.06),
-        (Extend(continuations), 0.05),
-        (Retract(continuations), 0.05),
+        (Birth(proposals), 0.09),
+        (Death(proposals), 0.09),
         (Swap(proposals), 0.04),
         (Replace(proposals), 0.10),
         (Retime(proposals), 0.05),

@@ -27,10 +27,8 @@ __all__ = [
     "PlacementWalk",
     "Shift",
     "Swap",
-    "added",
     "flush_run",
     "in_order",
-    "item_of",
 ]
 
 Array = NDArray[np.float64]
@@ -56,7 +54,7 @@ def flush_run(problem: Problem, state: State, index: int) -> slice:
     return slice(first, last)
 
 
-def added(before: State, after: State) -> int | None:
+def _difference(before: State, after: State) -> int | None:
     """Index in ``after`` of the one scenelet that ``before`` lacks."""
     for index in range(after.n_scenelets):
         rest = after.without_item(index)
@@ -68,7 +66,7 @@ def added(before: State, after: State) -> int | None:
     return None
 
 
-def item_of(state: State, index: int) -> tuple[int, int, Array, float]:
+def _item(state: State, index: int) -> tuple[int, int, Array, float]:
     """Scenelet, start frame, placement and log size of one item."""
     scenelet, start = state.items[index].tolist()
     return scenelet, start, state.placements[index], float(state.sizes[index])
@@ -95,10 +93,10 @@ class Birth:
 
     def explain(self, before: State, after: State) -> float:
         """Log density of proposing ``after`` from ``before``."""
-        index = added(before, after)
+        index = _difference(before, after)
         if index is None:
             return -math.inf
-        return self.proposals.log_density(*item_of(after, index), after.camera, before.items)
+        return self.proposals.log_density(*_item(after, index), after.camera, before.items)
 
 
 @dataclass(frozen=True)
@@ -115,12 +113,12 @@ class Death:
             return None
         index = int(rng.integers(state.n_scenelets))
         rest = state.without_item(index)
-        log_reverse = self.proposals.log_density(*item_of(state, index), state.camera, rest.items)
+        log_reverse = self.proposals.log_density(*_item(state, index), state.camera, rest.items)
         return Proposal(rest, log_reverse + math.log(state.n_scenelets))
 
     def explain(self, before: State, after: State) -> float:
         """Log density of proposing ``after`` from ``before``."""
-        if added(after, before) is None:
+        if _difference(after, before) is None:
             return -math.inf
         return -math.log(before.n_scenelets)
 
@@ -162,7 +160,7 @@ class Swap:
         """Log density of proposing ``after`` from ``before``."""
         for index in range(before.n_scenelets):
             rest = before.without_item(index)
-            other = added(rest, after)
+            other = _difference(rest, after)
             if other is not None:
                 density = self._log_density(after, other, rest, self._middle(before, index))
                 return density - math.log(before.n_scenelets)
@@ -175,7 +173,7 @@ class Swap:
     def _log_density(self, state: State, index: int, rest: State, around: int) -> float:
         """Of drawing one scenelet of a state around a frame, the rest being there."""
         return self.proposals.log_density(
-            *item_of(state, index), state.camera, rest.items, around=around, window=self.window
+            *_item(state, index), state.camera, rest.items, around=around, window=self.window
         )
 
 

@@ -28,7 +28,6 @@ from imapper_prob.samplers.kernel import Mixture, Proposal, init, step
 from imapper_prob.sampling import moves
 from imapper_prob.sampling.camera_moves import CameraCarry
 from imapper_prob.sampling.chain import Setup, scene_moves
-from imapper_prob.sampling.extend import Extend
 from imapper_prob.sampling.proposals import Candidates, Proposals
 from imapper_prob.sampling.refurnish import Refurnish
 from imapper_prob.sampling.replace import Retime
@@ -168,7 +167,7 @@ def only(
     return change
 
 
-@pytest.mark.parametrize("kind", [moves.Shift, Retime, Refurnish, Extend, CameraCarry])
+@pytest.mark.parametrize("kind", [moves.Shift, Retime, Refurnish, CameraCarry])
 def test_a_move_by_itself_leaves_scene_and_data(kind: type) -> None:
     """With so many scenelets that some have no gap to the next."""
     change = only(kind, lambda proposal: proposal)
