@@ -168,7 +168,7 @@ def draw_and_sample(
     scene_rng, chain_rng = np.random.default_rng(seed).spawn(2)
     truth = draw_state(scene_rng, experiment.problem)
     solution = solve_given(experiment.observed(scene_rng, truth))
-    chain = run_chain(setup_of(solution, settings), solution.states[0], chain_rng, _go_on)
+    chain = run_chain(setup_of(solution, settings), solution.states[:1], chain_rng, _go_on)
     return Drawn(truth, solution.problem, solution.library, chain.states)
 
 

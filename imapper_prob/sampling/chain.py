@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import islice
@@ -123,12 +124,15 @@ def scene_moves(setup: Setup) -> Mixture[State]:
 
 def run_chain(
     setup: Setup,
-    first: State,
+    starts: Sequence[State],
     rng: np.random.Generator,
     report: Report,
     keeper: Keeper | None = None,
 ) -> Chain:
-    """Run a chain from ``first``; asked to stop, it returns what it has.
+    """Run a chain; asked to stop, it returns what it has.
+
+    It starts from the first of ``starts`` at the posterior itself, from the second at the next
+    hotter temperature and so on, from the last wherever there are not enough.
 
     While it burns in, the ladder of temperatures adapts; then it stays. Only draws of the
     posterior itself are kept, and none of the burn-in. With a ``keeper`` the chain goes on from
@@ -145,7 +149,8 @@ def run_chain(
         betas: tuple[float, ...] = (1.0,)
         if settings.temperatures > 1:
             betas = power_ladder(settings.temperatures, hottest=settings.hottest)
-        position = start([first] * len(betas), target=target, betas=betas)
+        coldest_first = [starts[min(k, len(starts) - 1)] for k in range(len(betas))]
+        position = start(coldest_first[::-1], target=target, betas=betas)
         done = Progress.begin(rng.spawn(len(betas) + 1), position)
     else:
         done = Progress.of(saved)

@@ -127,14 +127,16 @@ def _states(name: str, snapshot: Snapshot) -> list[State]:
 def identity_of(
     problem: Problem,
     candidates: Candidates,
-    starts: Sequence[State],
+    starts: Sequence[Sequence[State]],
     settings: object,
     seed: np.random.SeedSequence,
 ) -> str:
     """A hash of all that the draws depend on: a checkpoint of anything else is refused."""
     digest = hashlib.sha256(repr((settings, seed.entropy, seed.spawn_key)).encode())
-    arrays = [*problem, candidates.centres, candidates.placements, candidates.weights]
-    arrays += [array for state in starts for array in _arrays(state).values()]
+    arrays = [
+        *problem, candidates.centres, candidates.placements, candidates.sizes, candidates.weights,
+    ]  # fmt: skip
+    arrays += [array for own in starts for state in own for array in _arrays(state).values()]
     for array in arrays:
         digest.update(np.ascontiguousarray(array).tobytes())
     return digest.hexdigest()

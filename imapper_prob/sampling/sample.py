@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from imapper_prob.config import SampleSettings
 from imapper_prob.models.errors import InputError
-from imapper_prob.models.posterior import State, empty_state
+from imapper_prob.models.posterior import State
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.scene import SceneObject
 from imapper_prob.samplers.chains import ChainError, run_chains
@@ -42,6 +42,7 @@ from imapper_prob.sampling.layouts import (
     through_one_lens,
 )
 from imapper_prob.sampling.placements import PlacementDraws, sample_placements
+from imapper_prob.sampling.starts import starts_of
 from imapper_prob.scenelets.charness import similarity
 from imapper_prob.staged.solver import Solution
 
@@ -146,7 +147,7 @@ def sample_scenes(
         if progress is not None:
             progress("jumping between scenes", float(done.mean()))
 
-    starts = _starts(cast, settings.chains)
+    starts = starts_of(cast, settings.chains)
     shared = setup if cluster is None else cluster.scatter(setup, broadcast=True)
     with _told_plainly(checkpoints), _executor_of(cluster) as executor:
         options: dict[str, Any] = {
@@ -224,13 +225,6 @@ def setup_of(solution: Solution | Cast, settings: SampleSettings) -> Setup:
     """What the chains need of a solved clip."""
     cast = solution if isinstance(solution, Cast) else cast_of([solution])
     return Setup(cast.problem, cast.candidates, similarity(cast.distances), settings)
-
-
-def _starts(cast: Cast, count: int) -> list[State]:
-    """Far apart on purpose: the best scene, none at all, and the alternatives, worst first."""
-    others = list(cast.states[:0:-1]) or [cast.states[0]]
-    pool = [cast.states[0], empty_state(cast.problem), *others]
-    return [pool[i % len(pool)] for i in range(count)]
 
 
 def _functionals(

@@ -39,7 +39,7 @@ def run(setup: Setup, path: Path | None, *, stop_at: float = 2.0) -> Chain:
     def report(part: object = None, /) -> bool:
         return not (isinstance(part, float) and part >= stop_at)
 
-    return run_chain(setup, solution().states[0], np.random.default_rng(5), report, keeper)
+    return run_chain(setup, solution().states[:1], np.random.default_rng(5), report, keeper)
 
 
 def assert_same(one: Chain, other: Chain) -> None:

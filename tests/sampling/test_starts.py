@@ -1,0 +1,25 @@
+"""Where chains and their temperatures start."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from imapper_prob.models.posterior import log_posterior
+from imapper_prob.sampling.cast import cast_of
+from imapper_prob.sampling.starts import starts_of
+from tests.runs import solution
+
+
+def test_chains_start_far_apart_and_their_hot_ends_at_all_that_is_known() -> None:
+    cast = cast_of([solution()])
+    starts = starts_of(cast, 4)
+    best, *others = cast.states
+    assert starts[0][0] is best
+    assert starts[1][0].n_scenelets == 0
+    if others:
+        assert starts[2][0] is others[-1]
+    for own, *hotter in starts:
+        assert own is best or hotter[0] is best
+        values = [log_posterior(cast.problem, state) for state in hotter]
+        assert np.all(np.diff(values) <= 0)
+        assert {id(state) for state in (own, *hotter)} >= {id(state) for state in cast.states}
