@@ -28,17 +28,17 @@ Ints = NDArray[np.int64]
 SEATS: Final = frozenset({"armchair", "bench", "chair", "couch", "sofa", "stool"})
 """What one sits on. Motion hardly tells one from another."""
 _SHARED: Final = 0.5
-"""Part of the smaller footprint that two seats must share to be one: what stands half in another
-is no other, and what only stands too near is."""
+"""Part of the smaller footprint that two must share to be one whichever way they are turned: what
+stands half in another is no other, and what only stands too near is."""
 
 
 def merged_objects(problem: Problem, library: Library, state: State) -> tuple[SceneObject, ...]:
     """The furniture of a state in its world, objects that are one merged.
 
     Objects of the same label whose footprints overlap and whose orientation agrees within
-    the model's merge angle are the same object met twice, and so are two seats, whatever each
-    scenelet calls them, that share half of the smaller footprint; of each such group the one is
-    kept whose scenelet improves the scene most.
+    the model's merge angle are the same object met twice. So are those that share half of the
+    smaller footprint, if they are of one label or seats, whatever each scenelet calls them. Of each
+    such group the one is kept whose scenelet improves the scene most.
     """
     placed = placed_objects(state, library)
     groups = same_objects(placed, problem.merge_angle)
@@ -72,8 +72,8 @@ def placed_objects(state: State, library: Library) -> list[tuple[int, SceneObjec
 def same_objects(placed: Sequence[tuple[int, SceneObject]], angle: float) -> list[list[int]]:
     """Which of :func:`placed_objects` are one: groups of their indices, each in order.
 
-    Same label, orientations within ``angle`` radians, and footprints that overlap; or seats of
-    any label that share half of the smaller footprint.
+    Same label, orientations within ``angle`` radians, and footprints that overlap; or footprints
+    that share half of the smaller one, of the same label or of seats of any.
     """
     graph = nx.Graph()
     graph.add_nodes_from(range(len(placed)))
@@ -81,11 +81,12 @@ def same_objects(placed: Sequence[tuple[int, SceneObject]], angle: float) -> lis
     for a, (item_a, first) in enumerate(placed):
         for b, (item_b, second) in enumerate(placed[:a]):
             aligned = np.cos(first.placement.yaw - second.placement.yaw) > np.cos(angle)
-            if first.label == second.label and aligned:
+            alike = first.label == second.label
+            if alike and aligned:
                 one = outlines[a].intersects(outlines[b])
             else:
                 seats = {first.label, second.label} <= SEATS
-                one = seats and _shared(outlines[a], outlines[b]) > _SHARED
+                one = (alike or seats) and _shared(outlines[a], outlines[b]) > _SHARED
             if one and item_a != item_b:
                 graph.add_edge(a, b)
     return [sorted(group) for group in nx.connected_components(graph)]

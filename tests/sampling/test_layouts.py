@@ -61,6 +61,14 @@ def test_a_seat_half_in_another_is_the_same_whatever_it_is_called() -> None:
     assert same_objects([(0, first), (0, couch(0.1, 4.0, label="chair"))], 0.6) == [[0], [1]]
 
 
+def test_a_table_across_another_is_the_same() -> None:
+    """Met from its short side and from its long side."""
+    one = couch(0.0, 4.0, label="table")
+    for x, yaw, expected in ((0.1, 3.1, [[0, 1]]), (0.2, 0.8, [[0, 1]]), (1.0, 1.57, [[0], [1]])):
+        assert same_objects([(0, one), (1, couch(x, 4.0, yaw, label="table"))], 0.6) == expected
+    assert same_objects([(0, one), (1, couch(0.1, 4.0, 3.1, label="shelf"))], 0.6) == [[0], [1]]
+
+
 def test_matching_needs_labels_and_nearness() -> None:
     first = [couch(0, 3), couch(2, 3, label="chair")]
     assert match_objects(first, first[::-1], radius=0.5) == [1, 0]
