@@ -34,7 +34,7 @@ Array = NDArray[np.float64]
 
 _EVEN: Final = 0.5
 _COMPARED: Final = 100
-"""Draws of an object, evenly spread, that are compared with each other: a quarter of a second a piece."""
+"""Draws of an object, evenly spread, that are compared with each other: a moment's work."""
 
 
 def expected_scene(
