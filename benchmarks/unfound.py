@@ -32,10 +32,10 @@ from imapper_prob.staged.solver import Solution, solve
 
 _NEAR = 0.5
 """Metres from the true centre: half of what counts as found."""
-
-HEAD = "| scene | true | candidates | best with it | nats | mostly |\n|---|---|---:|---|---:|---|\n"
 _REFINED, _POLISHED = 24, 4
 """Scenes with the object that are refined, and of these polished."""
+
+HEAD = "| scene | true | candidates | best with it | nats | mostly |\n|---|---|---:|---|---:|---|\n"
 
 
 def with_it(solution: Solution, truth: Outline) -> Iterator[tuple[Candidate, State]]:
