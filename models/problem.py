@@ -16,7 +16,7 @@ from imapper_prob.models.geometry import pack_boxes
 from imapper_prob.models.path import CameraPrior, StaticPath
 from imapper_prob.models.path_error import path_tables, remembered
 from imapper_prob.models.pose import facing
-from imapper_prob.models.scene import Clip
+from imapper_prob.models.scene import FRONTLESS, Clip
 from imapper_prob.models.scenelet import Library
 from imapper_prob.models.settings import ModelSettings
 from imapper_prob.models.skeleton import DETECTED, MIRROR, N_JOINTS
@@ -65,6 +65,7 @@ class Problem(NamedTuple):
     box_object: Ints  # (B,) which object of its scenelet a box is of
     box_label: Ints  # (B,) category of that object
     box_yaw: Array  # (B,) orientation of that object, radians
+    label_front: NDArray[np.bool_]  # by category, whether its front can be told from its back
     log_rate: Array  # (L,) log prior odds of the scenelet at a given start
     camera_mean: Array  # (5,)
     camera_precision: Array  # (5, 5)
@@ -207,6 +208,7 @@ def pack_problem(
         box_object=np.array([i for i, _ in object_of], dtype=np.int64),
         box_label=np.array([labels.index(o.label) for _, o in object_of], dtype=np.int64),
         box_yaw=np.array([o.placement.yaw for _, o in object_of], dtype=np.float64),
+        label_front=np.array([label not in FRONTLESS for label in labels], dtype=np.bool_),
         log_rate=np.log(settings.scenelet_rate * shares / shares.sum()),
         camera_mean=camera.mean,
         camera_precision=np.linalg.inv(camera.covariance).astype(np.float64),

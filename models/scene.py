@@ -18,14 +18,17 @@ from imapper_prob.models.errors import InputError
 from imapper_prob.models.skeleton import JOINTS, N_JOINTS
 
 __all__ = [
-    "MEASURED_FOCAL", "Clip", "Cuboid", "Placement", "Scene", "SceneObject", "Track", "Truth",
-    "read_only",
+    "FRONTLESS", "MEASURED_FOCAL", "Clip", "Cuboid", "Placement", "Scene", "SceneObject", "Track",
+    "Truth", "read_only",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
 
 MEASURED_FOCAL: Final = 0.005
 """Standard deviation of the log focal length of a calibrated camera."""
+FRONTLESS: Final = frozenset({"desk", "stool", "table"})
+"""Categories that are the same from all sides: who sits opposite has the table turned by half.
+Who uses them says where they stand, and not how they are turned."""
 
 
 def read_only(values: ArrayLike, *, shape: Sequence[int | None], name: str) -> Array:

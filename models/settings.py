@@ -75,7 +75,7 @@ class ModelSettings:
         ``frame_weight``.
     merge_angle : float
         Radians; two overlapping objects of the same label turned less than this against
-        each other are one object seen twice.
+        each other, or in any way if it has no front, are one object seen twice.
     scenelet_rate : float
         Prior odds of a scenelet starting at a given frame against none, shared among the
         library.

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from shapely import area, intersection, polygons
 
 from imapper_prob.models.camera import Camera
-from imapper_prob.models.scene import Placement, Scene, SceneObject
+from imapper_prob.models.scene import FRONTLESS, Placement, Scene, SceneObject
 from imapper_prob.models.skeleton import PELV
 from imapper_prob.results.uncertainty.clusters import (
     ObjectCluster,
@@ -75,7 +75,7 @@ def _at_its_mean(cluster: ObjectCluster, objects: Sequence[Sequence[SceneObject]
     middle = distance * np.array([np.sin(bearing), np.cos(bearing)])
     members = [objects[n][k] for n, k in cluster.members]
     turns = [o.placement.yaw for o in members if o.label == cluster.label]
-    yaw, _ = circular_mean_and_spread(np.array(turns))
+    yaw, _ = circular_mean_and_spread(np.array(turns), front=cluster.label not in FRONTLESS)
     few = np.linspace(0, len(members) - 1, min(len(members), _COMPARED)).round().astype(int)
     others = polygons([members[k].footprint for k in few])
     pieces = [_stood(members[k], middle, yaw) for k in few]

@@ -38,9 +38,6 @@ _BY_FRAME = (
 """Fields of a problem that begin with the frames; ``static_density`` has them second."""
 _SHARED, _BODY = [0, 1, 2, 4], 3
 """Places in a camera prior of what the camera is, and of the body's log scale."""
-_ANY_ANGLE = math.pi
-"""Radians objects of one label may be turned by and still be one, where there are several
-actors: a table has no front for who sits opposite. As the staged solver has it."""
 
 
 @dataclass(frozen=True)
@@ -154,7 +151,6 @@ def _one_after_the_other(
         camera_mean=np.array(camera.mean),
         camera_precision=np.linalg.inv(camera.covariance).astype(np.float64),
         camera_constant=-0.5 * float(np.linalg.slogdet(2 * np.pi * camera.covariance)[1]),
-        merge_angle=_ANY_ANGLE,
     )
 
 

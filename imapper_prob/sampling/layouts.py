@@ -14,7 +14,7 @@ from shapely import Polygon
 
 from imapper_prob.models.posterior import State, log_posterior
 from imapper_prob.models.problem import Problem
-from imapper_prob.models.scene import Placement, SceneObject
+from imapper_prob.models.scene import FRONTLESS, Placement, SceneObject
 from imapper_prob.models.scenelet import Library
 
 __all__ = [
@@ -35,10 +35,10 @@ stands half in another is no other, and what only stands too near is."""
 def merged_objects(problem: Problem, library: Library, state: State) -> tuple[SceneObject, ...]:
     """The furniture of a state in its world, objects that are one merged.
 
-    Objects of the same label whose footprints overlap and whose orientation agrees within
-    the model's merge angle are the same object met twice. So are those that share half of the
-    smaller footprint, if they are of one label or seats, whatever each scenelet calls them. Of each
-    such group the one is kept whose scenelet improves the scene most.
+    Objects of the same label whose footprints overlap and whose orientation, if they have a front,
+    agrees within the model's merge angle are the same object met twice. So are those that share
+    half of the smaller footprint, if they are of one label or seats, whatever each scenelet calls
+    them. Of each such group the one is kept whose scenelet improves the scene most.
     """
     placed = placed_objects(state, library)
     groups = same_objects(placed, problem.merge_angle)
@@ -72,17 +72,17 @@ def placed_objects(state: State, library: Library) -> list[tuple[int, SceneObjec
 def same_objects(placed: Sequence[tuple[int, SceneObject]], angle: float) -> list[list[int]]:
     """Which of :func:`placed_objects` are one: groups of their indices, each in order.
 
-    Same label, orientations within ``angle`` radians, and footprints that overlap; or footprints
-    that share half of the smaller one, of the same label or of seats of any.
+    Same label, orientations within ``angle`` radians if it has a front, and footprints that
+    overlap; or footprints that share half of the smaller one, of the same label or of seats of any.
     """
     graph = nx.Graph()
     graph.add_nodes_from(range(len(placed)))
     outlines = [Polygon(o.footprint) for _, o in placed]
     for a, (item_a, first) in enumerate(placed):
         for b, (item_b, second) in enumerate(placed[:a]):
-            aligned = np.cos(first.placement.yaw - second.placement.yaw) > np.cos(angle)
+            turned = np.cos(first.placement.yaw - second.placement.yaw) <= np.cos(angle)
             alike = first.label == second.label
-            if alike and aligned:
+            if alike and (first.label in FRONTLESS or not turned):
                 one = outlines[a].intersects(outlines[b])
             else:
                 seats = {first.label, second.label} <= SEATS

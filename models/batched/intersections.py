@@ -20,20 +20,20 @@ _BELOW_PELVIS = 0.05
 """Metres below the pelvis where the trunk begins: above the seat."""
 
 
-def collision_depths(boxes: Boxes, *, merge_angle: float) -> Tensor:
+def collision_depths(tensors: ProblemTensors, boxes: Boxes) -> Tensor:
     """How deep objects of any two items are in each other on the floor.
 
-    Returns (S, 1, k k) metres for the pairs of k items. Two of one label that face the same way
-    are one object seen twice and do not count.
+    Returns (S, 1, k k) metres for the pairs of k items. Two of one label that face the same way,
+    if that has a front, are one object seen twice and do not count.
     """
     n = boxes.present.shape[1]
     a, b = torch.triu_indices(n, n, 1, device=boxes.present.device)
-    aligned = (boxes.facing[:, a] - boxes.facing[:, b]).cos() > math.cos(merge_angle)
+    merges = math.cos(tensors.problem.merge_angle)
+    aligned = (boxes.facing[:, a] - boxes.facing[:, b]).cos() > merges
+    alike = boxes.label[:, a] == boxes.label[:, b]
+    one = alike & (aligned | ~tensors.label_front[boxes.label[:, a]])
     counts = (
-        boxes.present[:, a]
-        & boxes.present[:, b]
-        & (boxes.item[:, a] != boxes.item[:, b])
-        & ~((boxes.label[:, a] == boxes.label[:, b]) & aligned)
+        boxes.present[:, a] & boxes.present[:, b] & (boxes.item[:, a] != boxes.item[:, b]) & ~one
     )
     low, high = (boxes.centre[..., 2] + sign * boxes.half[..., 2] for sign in (-1, 1))
     level = torch.minimum(high[:, a], high[:, b]) - torch.maximum(low[:, a], low[:, b]) > LEVEL

@@ -96,7 +96,7 @@ def terms_batch(
     )
     free = torch.where(layout.covered, 0.0, tensors.free_cost).sum(1)
     collision = displaced_cost(
-        collision_depths(boxes, merge_angle=problem.merge_angle),
+        collision_depths(tensors, boxes),
         spread=BOTH * problem.furniture_spread,
         unit=problem.collision_cost,
     )

@@ -45,6 +45,7 @@ class ProblemTensors:
     box_first: Tensor
     box_label: Tensor
     box_yaw: Tensor
+    label_front: Tensor
     log_rate: Tensor
     camera_mean: Tensor
     camera_precision: Tensor
@@ -97,6 +98,7 @@ def to_tensors(
         box_first=integer(problem.box_first),
         box_label=integer(problem.box_label),
         box_yaw=real(problem.box_yaw),
+        label_front=torch.tensor(problem.label_front, device=device),
         log_rate=real(problem.log_rate),
         camera_mean=real(problem.camera_mean),
         camera_precision=real(problem.camera_precision),

@@ -79,8 +79,10 @@ def collision_depths(
         for b in range(a + 1, n):
             if owner[a, 0] == owner[b, 0] or apart(footprints, a, footprints, b):
                 continue
-            if owner[a, 2] == owner[b, 2] and math.cos(yaws[a] - yaws[b]) > merges:
-                continue
+            if owner[a, 2] == owner[b, 2]:
+                front = problem.label_front[owner[a, 2]]
+                if not front or math.cos(yaws[a] - yaws[b]) > merges:
+                    continue
             total[owner[a, 0], owner[b, 0]] += overlap_depth(boxes[a], turns[a], boxes[b], turns[b])
     return total
 

@@ -113,8 +113,10 @@ def _collide(problem: Problem, memory: Memory, one: int, other: int) -> float:
         for k in range(other * size, other * size + memory.counts[other]):
             if apart(memory.footprints, i, memory.footprints, k):
                 continue
-            if labels[i] == labels[k] and math.cos(yaws[i] - yaws[k]) > merges:
-                continue
+            if labels[i] == labels[k]:
+                front = problem.label_front[labels[i]]
+                if not front or math.cos(yaws[i] - yaws[k]) > merges:
+                    continue
             total += overlap_depth(boxes[i], turns[i], boxes[k], turns[k])
     sums = memory.displaced
     sums[:] = 0.0

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-from imapper_prob.models.scene import SceneObject
+from imapper_prob.models.scene import FRONTLESS, SceneObject
 from imapper_prob.results.uncertainty.regions import Region, region_of
 from imapper_prob.samplers.diagnostics import ShortChainWarning, mean_error
 from imapper_prob.sampling.layouts import SEATS
@@ -56,7 +56,7 @@ class ObjectCluster:
     positions : (n, 2) float
         Centre on the floor in every draw that has it, as it may stand, metres.
     yaw : float
-        Circular mean of its orientation, radians.
+        Circular mean of its orientation, radians; of its axis where the label has no front.
     yaw_spread : float
         Circular standard deviation, radians; infinite where all directions are alike.
     members : (n, 2) int
@@ -281,7 +281,9 @@ def _summary(
     ranked = sorted(counts.items(), key=lambda item: (-item[1], item[0]))
     labels = {label: count / len(objects) for label, count in ranked}
     positions = np.array([standing[n][k].centre[:2] for n, k in members.tolist()])
-    yaw, spread = circular_mean_and_spread(np.array([o.placement.yaw for o in objects]))
+    yaw, spread = circular_mean_and_spread(
+        np.array([o.placement.yaw for o in objects]), front=ranked[0][0] not in FRONTLESS
+    )
     there = np.zeros(shape)
     there.flat[members[:, 0]] = 1
     with warnings.catch_warnings():
@@ -304,13 +306,15 @@ def _summary(
     )
 
 
-def circular_mean_and_spread(angles: Array) -> tuple[float, float]:
+def circular_mean_and_spread(angles: Array, *, front: bool = True) -> tuple[float, float]:
     """Mean direction and circular standard deviation of (n,) angles, radians.
 
     The spread is sqrt(-2 log R) with R the length of the mean vector (Mardia & Jupp 2000,
-    section 2.3.4): near the usual standard deviation where it is small.
+    section 2.3.4): near the usual standard deviation where it is small. What has no front is of
+    axes, the same after half a turn: half of what doubled angles have.
     """
-    vector = np.exp(1j * angles).mean()
+    times = 1 if front else 2
+    vector = np.exp(1j * times * angles).mean()
     length = min(float(abs(vector)), 1.0)
     spread = float(np.sqrt(max(-2 * np.log(length), 0.0))) if length > 1e-12 else float("inf")
-    return float(np.angle(vector)), spread
+    return float(np.angle(vector)) / times, spread / times

@@ -173,6 +173,10 @@ def test_directions_are_averaged_around_the_circle() -> None:
     assert spread == pytest.approx(np.sqrt(-2 * np.log(np.cos(0.1))))
     assert circular_mean_and_spread(np.array([0.3]))[1] == pytest.approx(0.0, abs=1e-7)
     assert circular_mean_and_spread(np.array([0.0, np.pi]))[1] > 8
+    # Axes are the same after half a turn, and spread as they are.
+    axis, spread = circular_mean_and_spread(np.array([0.1, np.pi - 0.1, 0.1, -0.1]), front=False)
+    assert axis == pytest.approx(0.0, abs=1e-12)
+    assert spread == pytest.approx(0.1, rel=0.02)
 
 
 def test_the_error_of_presence_is_that_of_its_share(rng: np.random.Generator) -> None:
