@@ -26,9 +26,9 @@ Array = NDArray[np.float64]
 
 MEASURED_FOCAL: Final = 0.005
 """Standard deviation of the log focal length of a calibrated camera."""
-FRONTLESS: Final = frozenset({"desk", "stool", "table"})
-"""Categories that are the same from all sides: who sits opposite has the table turned by half.
-Who uses them says where they stand, and not how they are turned."""
+FRONTLESS: Final = frozenset({"desk", "table"})
+"""Categories that are the same from all sides: who sits opposite has the table turned by half. A
+stool is too, but its scenelets turn it as their person sits, who turns on it less than one might."""
 
 
 def read_only(values: ArrayLike, *, shape: Sequence[int | None], name: str) -> Array:
