@@ -28,7 +28,7 @@ MEASURED_FOCAL: Final = 0.005
 """Standard deviation of the log focal length of a calibrated camera."""
 FRONTLESS: Final = frozenset({"desk", "table"})
 """Categories that are the same from all sides: who sits opposite has the table turned by half. A
-stool is too, but its scenelets turn it as their person sits, who turns on it less than one might."""
+stool is too, but its scenelets turn it as their person sits, who turns on it less than one may."""
 
 
 def read_only(values: ArrayLike, *, shape: Sequence[int | None], name: str) -> Array:

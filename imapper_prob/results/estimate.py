@@ -5,9 +5,10 @@ miss costs as much as an object too many, and distances count squared, least los
 naming what is there with more than even odds, at its mean place, turned as it is on average, and
 of the mean motion. Means of places are of bearing and log distance, because spread is relative and
 along the ray; means of turns are of directions, their loss the chord's square. What piece it is
-is chosen for its outline: of the drawn ones that which overlaps most on average with where and how
-large the others may stand. What may be a chair or a couch, and here or half a metre further, is
-then a couch more often than not, as it covers more of either.
+is chosen for its outline: of the drawn ones of the most probable kind, all seats being one kind,
+that which overlaps most on average with where and how large all may stand. What may be a chair or a
+couch, and here or half a metre further, is then a couch more often than not, as it covers more of
+either; but what is a shelf in most draws is a shelf, whatever large was drawn there once.
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ from imapper_prob.results.uncertainty.clusters import (
     ObjectCluster,
     circular_mean_and_spread,
 )
+from imapper_prob.sampling.layouts import SEATS
 
 __all__ = ["expected_scene"]
 
@@ -66,23 +68,36 @@ def expected_scene(
 
 
 def _at_its_mean(cluster: ObjectCluster, objects: Sequence[Sequence[SceneObject]]) -> SceneObject:
-    """The piece of most expected overlap, at the mean place.
+    """The piece of most expected overlap among those of the most probable kind, at the mean place.
 
-    Turned as those of the most probable label are in the mean.
+    Turned as those of the kind's most probable label are in the mean.
     """
     x, y = cluster.positions.T
     bearing, distance = np.arctan2(x, y).mean(), np.exp(np.log(np.hypot(x, y)).mean())
     middle = distance * np.array([np.sin(bearing), np.cos(bearing)])
+    labels = _most_probable_kind(cluster)
     members = [objects[n][k] for n, k in cluster.members]
-    turns = [o.placement.yaw for o in members if o.label == cluster.label]
-    yaw, _ = circular_mean_and_spread(np.array(turns), front=cluster.label not in FRONTLESS)
-    few = np.linspace(0, len(members) - 1, min(len(members), _COMPARED)).round().astype(int)
-    others = polygons([members[k].footprint for k in few])
-    pieces = [_stood(members[k], middle, yaw) for k in few]
+    turns = [o.placement.yaw for o in members if o.label == labels[0]]
+    yaw, _ = circular_mean_and_spread(np.array(turns), front=labels[0] not in FRONTLESS)
+    others = polygons([o.footprint for o in _few(members)])
+    pieces = [_stood(o, middle, yaw) for o in _few([o for o in members if o.label in labels])]
     own = polygons([piece.footprint for piece in pieces])
     shared = area(intersection(own[:, None], others))
     overlap = shared / (area(own)[:, None] + area(others) - shared)
     return pieces[int(overlap.mean(1).argmax())]
+
+
+def _most_probable_kind(cluster: ObjectCluster) -> tuple[str, ...]:
+    """Its labels, most probable first; what one sits on is one kind, any other label its own."""
+    seats = tuple(label for label in cluster.labels if label in SEATS)
+    kinds = [seats, *((label,) for label in cluster.labels if label not in SEATS)]
+    return max(kinds, key=lambda kind: sum(cluster.labels[label] for label in kind))
+
+
+def _few(members: Sequence[SceneObject]) -> list[SceneObject]:
+    """At most as many as are compared, evenly spread."""
+    spread = np.linspace(0, len(members) - 1, min(len(members), _COMPARED))
+    return [members[k] for k in spread.round().astype(int)]
 
 
 def _stood(o: SceneObject, middle: Array, yaw: float) -> SceneObject:

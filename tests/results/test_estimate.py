@@ -73,6 +73,31 @@ def test_it_is_the_piece_that_overlaps_most_with_what_it_may_be(apart: float, pi
     assert [c.part for c in only.cuboids] == ["seat", "back"]
 
 
+@pytest.mark.parametrize(
+    ("drawn", "kind"),
+    [
+        (("shelf", "shelf", "couch", "couch", "couch", "shelf", "shelf"), {"shelf"}),
+        (
+            ("chair", "stool", "shelf", "shelf", "shelf", "bench", "chair"),
+            {"chair", "stool", "bench"},
+        ),
+    ],
+)
+def test_it_is_of_the_most_probable_kind(drawn: tuple[str, ...], kind: set[str]) -> None:
+    """What overlaps most with all is of the other kind here, and stands in their middle."""
+    places = 4.0 + np.linspace(-0.6, 0.6, len(drawn))
+    sizes = {"couch": (1.6, 0.9), "shelf": (0.9, 0.3)}
+    objects = [
+        (made(*sizes.get(label, (0.4, 0.5)), label, float(y)),)
+        for label, y in zip(drawn, places, strict=True)
+    ]
+    clusters = object_clusters(objects, np.zeros((1, len(drawn))), radius=1.5)
+    motions = [(worlds.CAMERA, worlds.walk(5))] * len(drawn)
+    assert len(clusters) == 1
+    (only,) = expected_scene(worlds.CAMERA, clusters, objects, motions).objects
+    assert only.label in kind
+
+
 def test_motion_seen_by_other_cameras_is_averaged_as_it_is_seen() -> None:
     joints = worlds.walk(5)
     low = replace(worlds.CAMERA, elevation=worlds.CAMERA.elevation - 0.2)
