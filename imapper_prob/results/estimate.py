@@ -8,7 +8,7 @@ along the ray; means of turns are of directions, their loss the chord's square. 
 is chosen for its outline: of the drawn ones of the most probable kind, all seats being one kind,
 that which overlaps most on average with where and how large all may stand. What may be a chair or a
 couch, and here or half a metre further, is then a couch more often than not, as it covers more of
-either; but what is a shelf in most draws is a shelf, whatever large was drawn there once.
+either; but what is a shelf in most draws is a shelf, whatever larger a few draws have there.
 """
 
 from __future__ import annotations
