@@ -6,19 +6,26 @@ PY     := $(VENV)/bin/python
 STAMP  := $(VENV)/.stamp
 
 .DEFAULT_GOAL := demo
-.PHONY: demo test test-all bench lint clean
+.PHONY: demo test test-all bench beforehand kernels lint clean
 
 demo: $(STAMP)
 	$(VENV)/bin/imapper-prob demo -o out/demo --overwrite
 
-test: lint
+test: beforehand
 	$(PY) -m pytest -n 2 -m "not slow" --nbmake tests notebooks
 
-test-all: lint
+test-all: beforehand
 	$(PY) -m pytest -n 2 --nbmake tests notebooks
 
 bench: $(STAMP)
 	$(PY) benchmarks/run.py
+
+beforehand: $(STAMP)
+	$(MAKE) --no-print-directory --jobs=2 lint kernels
+
+# Compiled while lint runs, and once: both processes of pytest would compile all of them.
+kernels: $(STAMP)
+	$(PY) -m pytest --quiet tests/models/test_incremental.py
 
 lint: $(STAMP)
 	$(VENV)/bin/ruff check
@@ -31,5 +38,5 @@ clean:
 
 $(STAMP): pyproject.toml constraints.txt
 	test -x $(PY) || $(PYTHON) -m venv $(VENV)
-	$(PY) -m pip install --quiet --constraint constraints.txt --editable '.[dev,notebook,cluster]'
+	$(PY) -m pip install --quiet --no-compile --constraint constraints.txt --editable '.[dev,notebook,cluster]'
 	touch $@

@@ -102,6 +102,8 @@ def test_sides_taken_for_each_other_are_put_right() -> None:
     base = worlds.problem(60, scenelets=worlds.library(40))
     state = scene(base)
     right = seen_as(base, worlds.CAMERA.project(motion(base, state)))
-    wrong = right._replace(keypoints=right.keypoints[:, list(MIRROR)])
+    # In the order in memory that kernels are compiled for.
+    mirrored = np.ascontiguousarray(right.keypoints[:, list(MIRROR)])
+    wrong = right._replace(keypoints=mirrored)
     one, other = (limbs_of(p, state, worlds.CAMERA).joints for p in (right, wrong))
     np.testing.assert_allclose(one[15:40], other[15:40], atol=1e-9)

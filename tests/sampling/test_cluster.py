@@ -8,8 +8,11 @@ from pathlib import Path
 import pytest
 
 from imapper_prob.cli.main import main
+from imapper_prob.demo import demo_clip
 from imapper_prob.inputs import write_clip
-from tests.runs import solution
+from imapper_prob.models.scenelet import Library
+from imapper_prob.scenelets.library import load_library
+from imapper_prob.scenelets.library_file import save_library
 
 distributed = pytest.importorskip(
     "distributed", reason="dask's distributed is not installed: install the extra `cluster`"
@@ -22,14 +25,15 @@ BRIEF = (
 
 
 def run(folder: Path, out: str, *more: str) -> bytes:
-    config, clip = folder / "brief.toml", folder / "clip.npz"
-    arguments = ["run", str(clip), "--config", str(config), "-o", str(folder / out)]
-    assert main([*arguments, "--workers", "1", *more]) == 0
+    arguments = ["run", str(folder / "clip.npz"), "--library", str(folder / "part.npz")]
+    settings = ["--config", str(folder / "brief.toml"), "--workers", "1"]
+    assert main([*arguments, *settings, "-o", str(folder / out), *more]) == 0
     return (folder / out / "scenes.json").read_bytes()
 
 
 def test_a_run_on_a_cluster_draws_what_a_run_here_does(tmp_path: Path) -> None:
-    write_clip(tmp_path / "clip.npz", solution().clip)
+    write_clip(tmp_path / "clip.npz", demo_clip())
+    save_library(Library("part", tuple(load_library())[::8]), tmp_path / "part.npz")
     (tmp_path / "brief.toml").write_text(BRIEF)
     with distributed.LocalCluster(
         processes=True,
@@ -47,7 +51,7 @@ def test_nobody_at_the_address_is_said_plainly(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr("imapper_prob.sampling.cluster._PATIENCE", "200ms")
-    write_clip(tmp_path / "clip.npz", solution().clip)
+    write_clip(tmp_path / "clip.npz", demo_clip())
     arguments = ["run", str(tmp_path / "clip.npz"), "-o", str(tmp_path / "out")]
     assert main([*arguments, "--cluster", "tcp://127.0.0.1:9"]) == 2
     assert "tcp://127.0.0.1:9: no dask scheduler answers there" in capsys.readouterr().err

@@ -131,13 +131,13 @@ def test_proposals_are_a_density(where: str, around: int | None, crowded: bool) 
         return float(value + log_wrapped_normal(turn - yaw, 0.12))
 
     weights = []
-    for _ in range(30000):
+    for _ in range(12000):
         drawn = proposals.draw(rng, camera, others, around=around, window=3)
         assert drawn is not None
         density = proposals.log_density(*drawn, camera, others, around=around, window=3)
         weights.append(np.exp(log_h(*drawn) - density))
     error = np.std(weights) / np.sqrt(len(weights))
-    assert error < 0.15
+    assert error < 0.2
     assert abs(np.mean(weights) - 1) < 4.5 * error
 
 
