@@ -9,6 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import combinations_with_replacement
+from typing import Final
 
 import numpy as np
 import torch
@@ -24,6 +26,13 @@ __all__ = ["FitSettings", "Fits", "fit_windows", "static_world"]
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
+
+_BATCH: Final = 512
+"""Scenelets at once: what is worked out of them stays in a processor's cache (4.8 s for the demo
+clip where all 1,814 at once take 8)."""
+
+_SYMMETRIC: Final = [[0, 1, 2], [1, 3, 4], [2, 4, 5]]
+"""Where the upper triangle's entries stand in a symmetric matrix."""
 
 
 @dataclass(frozen=True)
@@ -183,10 +192,13 @@ class _Fitter:
         target = torch.from_numpy(self.keypoints[frames].astype(np.float32))
         scale = torch.from_numpy(problem.error_scale[frames, :, 1].astype(np.float32))
         dof = torch.from_numpy(problem.error_dof[frames, :, 1].astype(np.float32))
-        args = (self.joints[index], target, scale, dof, weight)
         theta = torch.from_numpy(start.astype(np.float32))
-        for _ in range(steps):
-            theta, cost = self._step(theta, *args)
+        cost = theta.new_zeros(theta.shape[:2])
+        for first in range(0, len(index), _BATCH):
+            batch = slice(first, first + _BATCH)
+            args = (self.joints[index[batch]], target, scale, dof, weight[batch])
+            for _ in range(steps):
+                theta[:, batch], cost[:, batch] = self._step(theta[:, batch], *args)
         joint_count = weight.sum((1, 2)).double().numpy()
         fitted = cost.double().numpy() / np.maximum(joint_count, 1.0)
         fitted[:, joint_count == 0] = np.inf
@@ -230,11 +242,9 @@ class _Fitter:
             jv = fy * (sp * my + up * d_depth / depth) / depth
             jacobians.append((ju, jv))
             gradient.append((irls * (ju * du + jv * dv)).sum((-1, -2)))
-        for a in range(3):
-            for b in range(3):
-                (au, av), (bu, bv) = jacobians[a], jacobians[b]
-                normal.append((irls * (au * bu + av * bv)).sum((-1, -2)))
-        matrix = torch.stack(normal, -1).reshape(*theta.shape, 3)
+        for (au, av), (bu, bv) in combinations_with_replacement(jacobians, 2):
+            normal.append((irls * (au * bu + av * bv)).sum((-1, -2)))
+        matrix = torch.stack(normal, -1)[..., _SYMMETRIC]
         # The prior keeps a window of few joints near the path: .1 rad, .2 log m, 1 rad.
         matrix = matrix + torch.diag(torch.tensor([100.0, 25.0, 1.0]))
         step = torch.linalg.solve(matrix, torch.stack(gradient, -1))

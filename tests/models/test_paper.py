@@ -64,7 +64,8 @@ def one_frame(problem: Problem) -> Problem:
         "path_centre", "path_scale", "path_starts", "lift", "poses", "path_facing", "free_cost",
     )  # fmt: skip
     cut = {name: getattr(problem, name)[:1] for name in by_frame}
-    return problem._replace(**cut, static_density=problem.static_density[:, :1])
+    density = np.ascontiguousarray(problem.static_density[:, :1])
+    return problem._replace(**cut, static_density=density)
 
 
 # --- L_r

@@ -15,7 +15,8 @@ from hypothesis import example, given, settings
 from imapper_prob.models.batched.posterior import log_posterior_batch, terms_batch
 from imapper_prob.models.batched.scan import log_product, second_order_scan
 from imapper_prob.models.batched.tensors import to_tensors
-from imapper_prob.models.compiled import TERMS, evaluate
+from imapper_prob.models.compiled import TERMS
+from imapper_prob.models.posterior import State, terms
 from imapper_prob.models.problem import Problem
 from tests.models import worlds
 
@@ -83,12 +84,11 @@ def states(seed: int, n: int, whole: Problem, *, wild: bool) -> Batch:
 
 def compiled(whole: Problem, batch: Batch) -> np.ndarray:
     """(S, 10) terms by the compiled executor."""
-    joints, by_frame = np.empty((whole.n_frames, 3, 16)), np.zeros((whole.n_frames, 2))
     rows = []
     for camera, items, placements, sizes, latent in zip(*batch, strict=True):
         held = items[:, 0] >= 0
-        state = (camera, items[held], placements[held], sizes[held], latent)
-        rows.append(evaluate(whole, *state, joints, by_frame))
+        state = State(camera, items[held], placements[held], sizes[held], latent)
+        rows.append(list(terms(whole, state).values()))
     return np.array(rows)
 
 
