@@ -45,7 +45,7 @@ def truths(clip: Clip) -> tuple[np.ndarray, np.ndarray]:
 
 
 any_clip = st.integers(0, 2**32 - 1).map(clip)
-some = settings(max_examples=15)
+some = settings(max_examples=8)
 
 
 def test_the_same_seed_gives_the_same_clip() -> None:
@@ -293,7 +293,7 @@ def test_a_clip_has_the_camera_and_the_body_of_its_prior() -> None:
     assert average == pytest.approx(-0.25, abs=0.05)
 
 
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=5, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), n=st.integers(1, 3), others=st.integers(0, 4))
 def test_any_number_of_interactions_and_objects(seed: int, n: int, others: int) -> None:
     made = simulate_clip(
