@@ -12,10 +12,10 @@ demo: $(STAMP)
 	$(VENV)/bin/imapper-prob demo -o out/demo --overwrite
 
 test: beforehand
-	$(PY) -m pytest -n 2 -m "not slow" --nbmake tests notebooks
+	$(PY) -m pytest -n 2 -m "not slow" --nbmake notebooks tests
 
 test-all: beforehand
-	$(PY) -m pytest -n 2 --nbmake tests notebooks
+	$(PY) -m pytest -n 2 --nbmake notebooks tests
 
 bench: $(STAMP)
 	$(PY) benchmarks/run.py

@@ -31,6 +31,7 @@ def run(folder: Path, out: str, *more: str) -> bytes:
     return (folder / out / "scenes.json").read_bytes()
 
 
+@pytest.mark.slow
 def test_a_run_on_a_cluster_draws_what_a_run_here_does(tmp_path: Path) -> None:
     write_clip(tmp_path / "clip.npz", demo_clip())
     save_library(Library("part", tuple(load_library())[::8]), tmp_path / "part.npz")

@@ -10,6 +10,7 @@ from __future__ import annotations
 from itertools import islice
 
 import numpy as np
+import pytest
 from scipy.stats import norm
 
 from imapper_prob.models.posterior import empty_state, log_posterior
@@ -70,6 +71,7 @@ def exact(problem: Problem) -> np.ndarray:
     return np.array(evidence) / sum(evidence)
 
 
+@pytest.mark.slow
 def test_every_assignment_has_its_exact_probability() -> None:
     problem = tiny()
     expected = exact(problem)
