@@ -127,6 +127,7 @@ def around(problem: Problem, first: int, last: int) -> tuple[Problem, int]:
     rows = end - begin + 1
     return problem._replace(
         **cut,
+        stays=np.zeros((0, 3)),
         static_density=np.ascontiguousarray(problem.static_density[:, begin:end]),
         path_starts=np.arange(end - begin) == 0,
         path_mean=np.ascontiguousarray(problem.path_mean[:, :rows]),

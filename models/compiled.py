@@ -1,7 +1,7 @@
 """The log-posterior of a scene, compiled.
 
     log pi(s) = log p(phi) + log p(X) + log p(P, G | X) + log p(u, c | s)
-                - free poses - E_s - E_c - E_m - E_g
+                - free poses - E_s - E_c - E_m - E_g - E_u
 
 over a state s = (phi, X, P, b, z): camera and body scale phi, the assignment X of scenelets
 to start frames, their placements P and sizes b, and standard normal numbers z that say which
@@ -25,6 +25,7 @@ from imapper_prob.models.energy.intersection import (
     give_way,
 )
 from imapper_prob.models.energy.smoothness import pose_jump
+from imapper_prob.models.energy.support import unsupported
 from imapper_prob.models.energy.swaps import summed_over_swaps
 from imapper_prob.models.jit import compiled, inlined
 from imapper_prob.models.kernels.frame import (
@@ -56,7 +57,7 @@ Ints = NDArray[np.int64]
 
 TERMS = (
     "camera", "layout", "placement", "path", "detections", "free_pose", "smoothness", "collision",
-    "motion", "ground",
+    "motion", "ground", "support",
 )  # fmt: skip
 """What :func:`evaluate` returns, in order; the log-posterior is their sum."""
 
@@ -95,16 +96,17 @@ def evaluate(
 
     Returns
     -------
-    (10,) float
+    (11,) float
         Values of ``TERMS``; the first is -inf outside the support.
     """
-    terms = np.zeros(10)
+    terms = np.zeros(11)
     item_of = np.full(problem.lift.shape[0], -1, dtype=np.int64)
     if not weigh_priors(
         problem, camera, items, placements, sizes, latent, item_of, joints, terms
     ) or problem.likelihood == 0.0:  # fmt: skip
         return terms
     weight = problem.frame_weight * problem.likelihood
+    terms[10] = -problem.likelihood * unsupported(problem.stays, problem.lowered, items)
     boxes, turns, owner, yaws = place_boxes(problem, camera, items, placements, sizes)
     footprints = find_footprints(boxes, turns)
     gaps = find_clearances(camera[1], joints, boxes, turns)

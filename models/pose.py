@@ -5,9 +5,19 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from imapper_prob.models.skeleton import BONES, LHIP, LSHO, N_JOINTS, PELV, RHIP, RSHO
+from imapper_prob.models.skeleton import (
+    BONES,
+    LHIP,
+    LKNE,
+    LSHO,
+    N_JOINTS,
+    PELV,
+    RHIP,
+    RKNE,
+    RSHO,
+)
 
-__all__ = ["blend_poses", "facing", "turned"]
+__all__ = ["blend_poses", "facing", "thigh_angle", "turned"]
 
 Array = NDArray[np.float64]
 
@@ -48,6 +58,21 @@ def facing(joints: ArrayLike) -> Array:
     right = hips + shoulders
     yaw: Array = np.arctan2(right[..., 1], right[..., 0])
     return yaw
+
+
+def thigh_angle(joints: ArrayLike) -> Array:
+    """Mean angle of both thighs to the vertical, radians: 0 of somebody who stands upright.
+
+    Parameters
+    ----------
+    joints : (..., 16, 3) float
+        Metres, z up.
+    """
+    joints = np.asarray(joints, float)
+    thighs = joints[..., [RKNE, LKNE], :] - joints[..., [RHIP, LHIP], :]
+    level = np.linalg.norm(thighs[..., :2], axis=-1)
+    angles: Array = np.arctan2(level, -thighs[..., 2]).mean(-1)
+    return angles
 
 
 def turned(joints: ArrayLike, yaw: ArrayLike) -> Array:

@@ -15,7 +15,7 @@ from imapper_prob.models.errors import InputError
 from imapper_prob.models.geometry import pack_boxes
 from imapper_prob.models.path import CameraPrior, StaticPath
 from imapper_prob.models.path_error import path_tables, remembered
-from imapper_prob.models.pose import facing
+from imapper_prob.models.pose import facing, thigh_angle
 from imapper_prob.models.scene import FRONTLESS, Clip
 from imapper_prob.models.scenelet import Library
 from imapper_prob.models.settings import ModelSettings
@@ -66,6 +66,8 @@ class Problem(NamedTuple):
     box_label: Ints  # (B,) category of that object
     box_yaw: Array  # (B,) orientation of that object, radians
     label_front: NDArray[np.bool_]  # by category, whether its front can be told from its back
+    stays: Array  # (K, 3) first frame, frame after the last, nats; see energy.support
+    lowered: Ints  # (L, 2) frames of each scenelet in which its person is off their feet
     log_rate: Array  # (L,) log prior odds of the scenelet at a given start
     camera_mean: Array  # (5,)
     camera_precision: Array  # (5, 5)
@@ -209,6 +211,8 @@ def pack_problem(
         box_label=np.array([labels.index(o.label) for _, o in object_of], dtype=np.int64),
         box_yaw=np.array([o.placement.yaw for _, o in object_of], dtype=np.float64),
         label_front=np.array([label not in FRONTLESS for label in labels], dtype=np.bool_),
+        stays=np.zeros((0, 3)),
+        lowered=np.array([_lowered(m, settings.support_angle) for m in motions], dtype=np.int64),
         log_rate=np.log(settings.scenelet_rate * shares / shares.sum()),
         camera_mean=camera.mean,
         camera_precision=np.linalg.inv(camera.covariance).astype(np.float64),
@@ -240,6 +244,12 @@ def pack_problem(
         if isinstance(a, np.ndarray)
     }
     return problem._replace(**copies)
+
+
+def _lowered(joints: Array, angle: float) -> tuple[int, int]:
+    """First frame of a motion with the thighs further off the vertical, and that after the last."""
+    frames = np.flatnonzero(thigh_angle(joints) > angle)
+    return (int(frames[0]), int(frames[-1]) + 1) if len(frames) else (0, 0)
 
 
 def _start_mean(settings: ModelSettings) -> Array:

@@ -76,6 +76,13 @@ class ModelSettings:
     merge_angle : float
         Radians; two overlapping objects of the same label turned less than this against
         each other, or in any way if it has no front, are one object seen twice.
+    support_angle : float
+        Radians; angle of the thighs to the vertical that says as much for being carried as for
+        standing on one's feet.
+    support_slope : float
+        Nats a radian by which a greater angle speaks for being carried.
+    support_time : float
+        Seconds over which frames say the same of that.
     scenelet_rate : float
         Prior odds of a scenelet starting at a given frame against none, shared among the
         library.
@@ -114,6 +121,9 @@ class ModelSettings:
     collision_cost: float = 100.0
     motion_cost: float = 50.0
     merge_angle: float = 0.6
+    support_angle: float = calibrated("support.angle")
+    support_slope: float = calibrated("support.slope")
+    support_time: float = calibrated("frames.correlation_time")
     scenelet_rate: float = 0.02
     likelihood: float = 1.0
     energy: str = "default"
@@ -125,6 +135,7 @@ class ModelSettings:
             "walk_bearing", "walk_log_depth", "memory_bearing", "memory_depth",
             "start_bearing", "start_log_depth", "start_depth", "scenelet_rate", "size_spread",
             "facing_spread", "joint_step", "paper_nats", "furniture_aside", "furniture_ahead",
+            "support_angle", "support_slope", "support_time",
         ):  # fmt: skip
             if not getattr(self, name) > 0:
                 raise InputError(f"model setting {name} = {getattr(self, name)} must be positive")

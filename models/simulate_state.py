@@ -34,19 +34,20 @@ _TRIES = 10_000
 def draw_state(rng: np.random.Generator, problem: Problem) -> State:
     """One scene from the prior, the costs of collision, motion and ground included.
 
-    Exact if the prior is a density over scenes: no cost of free frames nor of jumps between
-    poses. With the likelihood switched off that holds, and no scene is refused.
+    Exact if the prior is a density over scenes: no cost of free frames, of stays nor of jumps
+    between poses. With the likelihood switched off that holds, and no scene is refused.
 
     Raises
     ------
     InputError
         The problem has no such prior, or its scenes are refused all but surely.
     """
-    unknown = problem.likelihood and (problem.free_cost.any() or problem.smoothness_cost)
+    costs = problem.free_cost.any() or problem.smoothness_cost or len(problem.stays)
+    unknown = problem.likelihood and costs
     if unknown or problem.of_paper:
         raise InputError(
             "scenes can be drawn from the prior of a problem only if neither free frames nor "
-            "jumps between poses cost anything"
+            "stays nor jumps between poses cost anything"
         )
     for _ in range(_TRIES):
         state = _unhindered(rng, problem)

@@ -7,6 +7,8 @@ should still go through the names.
 
 from __future__ import annotations
 
+import math
+import statistics
 from typing import Final
 
 __all__ = [
@@ -17,6 +19,7 @@ __all__ = [
     "JOINTS",
     "LANK",
     "LELB",
+    "LENGTH_SPREADS",
     "LHIP",
     "LKNE",
     "LSHO",
@@ -68,17 +71,78 @@ DETECTED: Final = SCORED
 REFERENCE_STATURE: Final = 1.70
 """Stature in metres of the body that ``BONE_LENGTHS`` and the built-in library describe."""
 
-BONE_LENGTHS: Final[dict[tuple[int, int], float]] = {
-    (RANK, RKNE): 0.40, (LANK, LKNE): 0.40,
-    (RKNE, RHIP): 0.42, (LKNE, LHIP): 0.42,
-    (RHIP, LHIP): 0.24,
-    (RSHO, LSHO): 0.31,
-    (RSHO, RELB): 0.29, (LSHO, LELB): 0.29,
-    (RELB, RWRI): 0.25, (LELB, LWRI): 0.25,
-    (PELV, THRX): 0.49,
-    (THRX, HEAD): 0.25,
+_SKELETONS: Final[dict[str, dict[str, float]]] = {
+    "Drillis and Contini (1966)": {
+        "thigh": .245, "shin": .246, "torso": .288, "head": .146,
+        "upper arm": .186, "forearm": .146,
+    },
+    "de Leva (1996)": {
+        "thigh": .2275, "shin": .2492, "torso": .2916, "head": .1675,
+        "upper arm": .1602, "forearm": .1534,
+    },
+    "ANSUR II (Gordon et al. 2014)": {
+        "thigh": .233, "shin": .243, "upper arm": .191, "forearm": .1505,
+    },
+    "Human3.6M (Ionescu et al. 2014)": {
+        "half hips": .0741, "thigh": .2469, "shin": .2532, "torso": .2734, "head": .1318,
+        "half shoulders": .0842, "upper arm": .1555, "forearm": .1403,
+    },
+    "Rajagopal et al. (2016)": {
+        "half hips": .0454, "shin": .2353, "torso": .3139, "half shoulders": .1000,
+        "upper arm": .1686, "forearm": .1471,
+    },
 }  # fmt: skip
-"""Segment lengths in metres of a 1.70 m adult: Drillis and Contini (1966), as tabulated by
-Winter, *Biomechanics and Motor Control of Human Movement*, fig. 4.1 (shin .246 H, thigh
-.245 H, upper arm .186 H, forearm .146 H); trunk and girdle widths between joint centres,
-which lie inside the body's outline."""
+"""Distances between joint centres over stature, as published.
+
+Drillis and Contini as in Winter, *Biomechanics and Motor Control of Human Movement*, fig. 4.1;
+de Leva, *J. Biomechanics* 29, table 4, and ANSUR II, 4,082 men and 1,986 women, the mean of both
+sexes; the skeletons of a data set and of a musculoskeletal model. A source is asked only for what
+it measures between joints: breadths over acromia or trochanters are not, nor trunks up to the
+seventh vertebra. The torso goes from mid-hip to mid-shoulder and the head from there to where
+detectors put it: some between the ears, some at the crown, so that of the first two it is the
+geometric mean of both. Of the skeleton of Human3.6M no stature is published; its thigh, shin and
+torso together are as long as the mean of the first two."""
+
+
+_PEOPLE: Final = 0.047
+"""Standard deviation of the log of a bone over stature between people (ANSUR II: .033 to .051 for
+limbs and trunk, the largest for the thigh)."""
+
+
+def _logs(bone: str) -> list[float]:
+    return [math.log(skeleton[bone]) for skeleton in _SKELETONS.values() if bone in skeleton]
+
+
+def _published(bone: str) -> float:
+    """Metres: geometric mean of all sources that have the bone, at the reference stature."""
+    return REFERENCE_STATURE * math.exp(statistics.fmean(_logs(bone)))
+
+
+def _spread(bone: str) -> float:
+    """Log: how people differ in it, and sources in what it is."""
+    return math.hypot(_PEOPLE, statistics.stdev(_logs(bone)))
+
+
+BONE_LENGTHS: Final[dict[tuple[int, int], float]] = {
+    (RANK, RKNE): _published("shin"), (LANK, LKNE): _published("shin"),
+    (RKNE, RHIP): _published("thigh"), (LKNE, LHIP): _published("thigh"),
+    (RHIP, LHIP): 2 * _published("half hips"),
+    (RSHO, LSHO): 2 * _published("half shoulders"),
+    (RSHO, RELB): _published("upper arm"), (LSHO, LELB): _published("upper arm"),
+    (RELB, RWRI): _published("forearm"), (LELB, LWRI): _published("forearm"),
+    (PELV, THRX): _published("torso"),
+    (THRX, HEAD): _published("head"),
+}  # fmt: skip
+"""Segment lengths in metres of an adult of the reference stature; no clip was asked."""
+
+LENGTH_SPREADS: Final[dict[tuple[int, int], float]] = {
+    (RANK, RKNE): _spread("shin"), (LANK, LKNE): _spread("shin"),
+    (RKNE, RHIP): _spread("thigh"), (LKNE, LHIP): _spread("thigh"),
+    (RHIP, LHIP): _spread("half hips"),
+    (RSHO, LSHO): _spread("half shoulders"),
+    (RSHO, RELB): _spread("upper arm"), (LSHO, LELB): _spread("upper arm"),
+    (RELB, RWRI): _spread("forearm"), (LELB, LWRI): _spread("forearm"),
+    (PELV, THRX): _spread("torso"),
+    (THRX, HEAD): _spread("head"),
+}  # fmt: skip
+"""Standard deviations of the logs of these, of a person whose stature is known."""

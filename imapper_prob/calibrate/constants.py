@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.calibrate.estimators import (
+    balanced_logistic_fit,
     between_groups,
     change_time,
     correlation_length,
@@ -23,7 +24,7 @@ from imapper_prob.calibrate.estimators import (
 )
 from imapper_prob.calibrate.evidence import Fitted, Placed, Seen
 from imapper_prob.models.calibrated import Number
-from imapper_prob.models.energy.detections import CONFIDENCE_EDGES, ERROR_EDGES
+from imapper_prob.models.energy.detections import CONFIDENCE_EDGES, ERROR_EDGES, LOST_ERROR
 from imapper_prob.models.settings import ModelSettings
 from imapper_prob.models.skeleton import SCORED
 from imapper_prob.staged.calibration import ANKLE
@@ -72,11 +73,12 @@ def _confidence(*, hidden: bool) -> Callable[[Sequence[Seen]], Number]:
 
 
 def _error_fits(evidence: Sequence[Seen], *, hidden: bool) -> list[tuple[float, float]]:
+    """Of doubtful and of sure detections."""
     confidence, flags, error = _detected(evidence)
     classes = np.searchsorted(ERROR_EDGES, confidence, side="right")
     return [
         student_t_fit(error[(flags == hidden) & (classes == k)])
-        for k in range(len(ERROR_EDGES) + 1)
+        for k in range(1, len(ERROR_EDGES) + 1)
     ]
 
 
@@ -89,7 +91,9 @@ def _sure_errors(which: int) -> Callable[[Sequence[Seen]], Number]:
 
 
 def _correlation_time(evidence: Sequence[Seen]) -> Number:
-    fits = np.array([_error_fits(evidence, hidden=hidden) for hidden in (False, True)])
+    fits = np.array(
+        [[LOST_ERROR, *_error_fits(evidence, hidden=hidden)] for hidden in (False, True)]
+    )
     series = []
     for e in evidence:
         classes = np.searchsorted(ERROR_EDGES, e.detections.confidence, side="right")
@@ -115,6 +119,18 @@ def _ease(evidence: Sequence[Placed], errors: Sequence[Array]) -> Number:
         fps=evidence[0].clip.fps,
         gap=evidence[0].detections.gap,
     )
+
+
+def _support(which: int) -> Callable[[Sequence[Placed]], Number]:
+    def fit(evidence: Sequence[Placed]) -> Number:
+        thighs = [e.thighs for e in evidence]
+        return balanced_logistic_fit(
+            np.concatenate([t.angle for t in thighs]),
+            np.concatenate([t.seen for t in thighs]),
+            np.concatenate([t.carried for t in thighs]),
+        )[which]
+
+    return fit
 
 
 def _swap_runs(evidence: Sequence[Seen]) -> tuple[float, float, float]:
@@ -216,7 +232,7 @@ FROM_TRUTH: Final = (
     ),
     Estimator(
         "detections.seen_error_scale", "pixels at 1080 lines",
-        "pixel error of joints in view, where confidence is below .02, below .5 and above",
+        "pixel error of joints in view, where confidence is below .5 (and above .02) and above",
         "bivariate Student-t fitted to detections minus projected true joints",
         _errors(0, hidden=False),
     ),
@@ -282,11 +298,6 @@ FROM_TRUTH: Final = (
     Estimator(
         "bones.lifted_along", "part of its length", "error of a lifted bone along the view",
         "root mean square of lifted minus true bones", _lifted((1,)),
-    ),
-    Estimator(
-        "bones.length_tolerance", "log", "error of a bone's assumed length",
-        "root mean square of true over assumed lengths, the body's scale taken off",
-        lambda evidence: root_mean_square(np.concatenate([e.lifted.lengths for e in evidence])),
     ),
     Estimator(
         "camera.pitch", "rad", "spread of cameras' pitch about the nominal one",
@@ -371,6 +382,15 @@ FROM_PATH: Final = (
         "wrapped Cauchy fitted to the yaws of the scenelets nearest to the truth minus those at "
         "which they face, on average over their frames, as the path does",
         lambda evidence: wrapped_cauchy_fit(np.concatenate([e.nearest.turns for e in evidence])),
+    ),
+    Estimator(
+        "support.angle", "rad", "angle of the thighs that speaks neither for nor against a seat",
+        "logistic regression of sitting on the static path's thigh angle times how far legs are "
+        "seen, both classes counting alike", _support(0),
+    ),
+    Estimator(
+        "support.slope", "nats/rad", "what a greater angle says", "the same regression",
+        _support(1),
     ),
     Estimator(
         "furniture.aside", "part of its width", "furniture beside where its scenelet says",

@@ -17,6 +17,7 @@ from scipy.special import expit, gammaln
 from imapper_prob.models.path_error import autocorrelation, remembered
 
 __all__ = [
+    "balanced_logistic_fit",
     "between_groups",
     "change_time",
     "correlation_length",
@@ -218,6 +219,34 @@ def between_groups(groups: Sequence[ArrayLike]) -> float:
     sizes = np.array([np.size(group) for group in groups], float)
     centre = np.average(means, weights=sizes)
     return float(np.sqrt(np.average((means - centre) ** 2, weights=sizes)))
+
+
+def balanced_logistic_fit(
+    values: ArrayLike, trust: ArrayLike, flags: ArrayLike
+) -> tuple[float, float]:
+    """Level and slope of log odds ``trust * slope * (value - level)``, both classes weighed alike.
+
+    Parameters
+    ----------
+    values, trust : (n,) float
+        The sign, and how far it counts.
+    flags : (n,) bool
+        The class; both must occur.
+    """
+    values, trust = np.asarray(values, float), np.asarray(trust, float)
+    flags = np.asarray(flags, bool)
+    weights = np.where(flags, 0.5 / flags.sum(), 0.5 / (~flags).sum())
+    side = np.where(flags, 1.0, -1.0)
+
+    def loss(parameters: Array) -> float:
+        level, log_slope = parameters
+        odds = trust * np.exp(log_slope) * (values - level)
+        return float((weights * np.logaddexp(0.0, -side * odds)).sum())
+
+    start = np.array([values.mean(), np.log(1.0 / values.std())])
+    found = minimize(loss, start, method="Nelder-Mead", options={"xatol": 1e-6, "fatol": 1e-9})
+    level, log_slope = found.x
+    return float(level), float(np.exp(log_slope))
 
 
 def jackknife_error(without: ArrayLike) -> Array:

@@ -21,19 +21,22 @@ from imapper_prob.calibrate.observations import (
     Lifted,
     Motion,
     PathErrors,
+    Thighs,
     observe_detections,
     observe_lifted,
     observe_motion,
     observe_path,
+    observe_thighs,
 )
 from imapper_prob.models.calibrated import Number
-from imapper_prob.models.energy.detections import DetectionModel
+from imapper_prob.models.energy.detections import DetectionModel, with_lost
 from imapper_prob.models.path import StaticPath
 from imapper_prob.models.problem import pack_problem
 from imapper_prob.models.scene import Clip, Truth
 from imapper_prob.models.scenelet import Library
 from imapper_prob.models.settings import ModelSettings
 from imapper_prob.staged.calibration import CameraSettings, estimate_camera
+from imapper_prob.staged.elsewhere import own_detections
 from imapper_prob.staged.fit import fit_windows
 from imapper_prob.staged.free_poses import free_pose_cost
 from imapper_prob.staged.path_fit import REFERENCE_RATE, StaticPathSettings
@@ -60,7 +63,6 @@ _PATH = {
     "walk_bearing": "walk.bearing",
     "walk_log_depth": "walk.log_depth",
     "walk_bone": "walk.bone",
-    "length_tolerance": "bones.length_tolerance",
     "lifted_across": "bones.lifted_across",
     "lifted_along": "bones.lifted_along",
 }
@@ -98,6 +100,7 @@ class Placed(Seen):
 
     static: StaticPath
     path: PathErrors
+    thighs: Thighs
     nearest: Nearest
 
 
@@ -122,6 +125,7 @@ def _members(evidence: Seen) -> dict[str, Any]:
 
 def look(clip: Clip, truth: Truth) -> Seen:
     """The first step: clip and truth."""
+    clip = own_detections(clip)
     return Seen(
         clip,
         truth,
@@ -138,6 +142,7 @@ def place(seen: Seen, library: Library, values: Values) -> Placed:
         **_members(seen),
         static=static,
         path=observe_path(seen.truth, static),
+        thighs=observe_thighs(seen.clip, seen.truth, static, estimate_camera(seen.clip, static)),
         nearest=nearest_scenelets(seen.clip, seen.truth, static, library),
     )
 
@@ -188,6 +193,5 @@ def detection_model(values: Values) -> DetectionModel:
     def rows(what: str) -> Array:
         return np.array([values[f"detections.{state}_{what}"] for state in ("hidden", "seen")])
 
-    return DetectionModel(
-        confidence=rows("confidence"), error_scale=rows("error_scale"), error_dof=rows("error_dof")
-    )
+    scale, dof = with_lost(rows("error_scale"), rows("error_dof"))
+    return DetectionModel(confidence=rows("confidence"), error_scale=scale, error_dof=dof)

@@ -12,21 +12,24 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from imapper_prob.models.path import StaticPath
+from imapper_prob.models.path import CameraPrior, StaticPath
 from imapper_prob.models.scene import Clip, Truth
 from imapper_prob.models.skeleton import DETECTED, LANK, MIRROR, PELV, RANK
 from imapper_prob.staged.bones import bones_of
 from imapper_prob.staged.lifted_poses import lifted_body
+from imapper_prob.staged.stays import thigh_signs
 
 __all__ = [
     "Detections",
     "Lifted",
     "Motion",
     "PathErrors",
+    "Thighs",
     "observe_detections",
     "observe_lifted",
     "observe_motion",
     "observe_path",
+    "observe_thighs",
     "stretches",
 ]
 
@@ -115,6 +118,25 @@ class PathErrors:
 
 
 @dataclass(frozen=True)
+class Thighs:
+    """Thighs of the static path in frames of which it is known what the person does.
+
+    Parameters
+    ----------
+    angle : (n,) float
+        Radians from the vertical (:mod:`imapper_prob.staged.stays`).
+    seen : (n,) float
+        How far legs are seen.
+    carried : (n,) bool
+        Whether the person sits.
+    """
+
+    angle: Array
+    seen: Array
+    carried: Flags
+
+
+@dataclass(frozen=True)
 class Lifted:
     """The lifter's bones held against the true ones.
 
@@ -123,12 +145,9 @@ class Lifted:
     errors : (m, 14, 3) float
         Lifted minus true bones over their length, camera axes, in frames that have a pose of
         their own.
-    lengths : (14,) float
-        Log of true over assumed bone lengths, the body's scale taken off.
     """
 
     errors: Array
-    lengths: Array
 
 
 def _known(truth: Truth) -> tuple[NDArray[np.intp], int]:
@@ -207,10 +226,18 @@ def observe_lifted(clip: Clip, truth: Truth, *, track: int = 0) -> Lifted:
     person = clip.tracks[track]
     body = lifted_body(person, person.has_pose & ~person.interpolated)
     bones = bones_of(truth.camera.to_camera(truth.joints))
-    sizes = np.median(np.linalg.norm(bones[frames], axis=-1), axis=0)
-    lengths = np.log(sizes / body.lengths)
     own = frames[body.known[frames]]
-    return Lifted((body.bones - bones)[own] / body.lengths[:, None], lengths - np.median(lengths))
+    return Lifted((body.bones - bones)[own] / body.lengths[:, None])
+
+
+def observe_thighs(
+    clip: Clip, truth: Truth, path: StaticPath, camera: CameraPrior, *, track: int = 0
+) -> Thighs:
+    """Hold the thighs of a static path against what the person does."""
+    angle, seen = thigh_signs(clip.tracks[track], path, camera, fps=clip.fps)
+    actions = np.array(truth.actions[: len(angle)])
+    angle, seen = angle[: len(actions)], seen[: len(actions)]
+    return Thighs(angle, seen, actions == "sitting")
 
 
 def stretches(truth: Truth, fps: float) -> list[slice]:

@@ -218,6 +218,7 @@ def _shares(problem: Problem, state: State) -> dict[str, Array]:
         "smoothness": _jumps_by_frame(problem, state, covered_by, joints),
         "motion": _motion_by_frame(problem, state),
         "ground": _ground_by_frame(problem, joints),
+        "support": _support_by_frame(problem, state),
     }
 
 
@@ -235,6 +236,16 @@ def _ground_by_frame(problem: Problem, joints: Array) -> Array:
     weight = problem.motion_cost * problem.frame_weight * problem.likelihood
     depth = np.maximum(-joints[:, 2].min(-1), 0.0)
     return np.where(problem.used.any(1), -weight * depth, 0.0)
+
+
+def _support_by_frame(problem: Problem, state: State) -> Array:
+    """(T,) what each stay that nothing carries costs, evenly over its frames."""
+    shares = np.zeros(problem.n_frames)
+    for stay in problem.stays:
+        cost = terms(problem._replace(stays=stay[None]), state)["support"]
+        first, end = int(stay[0]), int(stay[1])
+        shares[first:end] += cost / (end - first)
+    return shares
 
 
 def _motion_by_frame(problem: Problem, state: State) -> Array:

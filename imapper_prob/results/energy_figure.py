@@ -38,6 +38,7 @@ _TERM_COLOURS: Final = {
     "collision": "#b07aa1",
     "motion": "#e15759",
     "ground": "#ff9da7",
+    "support": "#5f6b7a",
 }
 """Hues of Tableau 10, which stay apart for most colour-blind eyes."""
 _SHOWN: Final = 0.5

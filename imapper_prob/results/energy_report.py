@@ -36,6 +36,7 @@ _HEADS: Final = {
     "collision": "colli-\nsion",
     "motion": "mo-\ntion",
     "ground": "floor",
+    "support": "sup-\nport",
 }
 """Heads in two lines, for terminals of eighty columns."""
 _SHOWN: Final = 0.05

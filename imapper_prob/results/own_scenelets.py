@@ -32,6 +32,7 @@ def of_scenelets(problem: Problem, chosen: Sequence[int] | Ints) -> Problem:
         box_object=problem.box_object[boxes],
         box_label=problem.box_label[boxes],
         box_yaw=problem.box_yaw[boxes],
+        lowered=problem.lowered[chosen],
         log_rate=problem.log_rate[chosen],
     )
 

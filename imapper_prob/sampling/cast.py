@@ -145,8 +145,14 @@ def _one_after_the_other(
     frames: dict[str, Any] = {
         name: np.concatenate([getattr(p, name) for p in problems]) for name in _BY_FRAME
     }
+    starts = np.cumsum([0, *(p.n_frames for p in problems)])
+    stays = [
+        p.stays + np.array([first, first, 0.0])
+        for p, first in zip(problems, starts[:-1], strict=True)
+    ]
     return problems[0]._replace(
         **frames,
+        stays=np.concatenate(stays),
         static_density=np.concatenate([p.static_density for p in problems], axis=1),
         camera_mean=np.array(camera.mean),
         camera_precision=np.linalg.inv(camera.covariance).astype(np.float64),

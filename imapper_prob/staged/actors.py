@@ -18,6 +18,7 @@ from imapper_prob.models.scene import Clip
 from imapper_prob.models.scenelet import Library
 from imapper_prob.models.settings import ModelSettings
 from imapper_prob.staged.calibration import CameraSettings, estimate_camera
+from imapper_prob.staged.elsewhere import own_detections
 from imapper_prob.staged.solver import Solution, solve
 from imapper_prob.staged.static_path import estimate_static_path
 
@@ -44,7 +45,7 @@ def solve_actors(
     if len(clips) == 1:
         return (solve(clip, library, settings=settings, progress=progress),)
     cameras = share_camera(
-        [estimate_camera(c, estimate_static_path(c)) for c in clips],
+        [estimate_camera(own_detections(c), estimate_static_path(c)) for c in clips],
         nominal=clip.camera,
         focal_spread=clip.focal_spread,
     )

@@ -5,6 +5,7 @@ The neck, which no detector reports, is put half-way between thorax and head.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Final
 
 import numpy as np
@@ -12,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from imapper_prob.models import skeleton as sk
 
-__all__ = ["ANCESTORS", "LENGTHS", "N_BONES", "TREE", "bones_of", "joints_of"]
+__all__ = ["ANCESTORS", "LENGTHS", "N_BONES", "SPREADS", "TREE", "bones_of", "joints_of"]
 
 Array = NDArray[np.float64]
 
@@ -28,18 +29,21 @@ TREE: Final = (
 N_BONES: Final = len(TREE)
 
 
-def _length(parent: int, child: int) -> float:
-    if (child, parent) in sk.BONE_LENGTHS:
-        return sk.BONE_LENGTHS[child, parent]
-    if (parent, child) in sk.BONE_LENGTHS:
-        return sk.BONE_LENGTHS[parent, child]
-    # Half a girdle: the pelvis lies midway between the hips, the thorax between the shoulders.
-    width = {sk.PELV: (sk.RHIP, sk.LHIP), sk.THRX: (sk.RSHO, sk.LSHO)}[parent]
-    return sk.BONE_LENGTHS[width] / 2
+def _of_bones(segments: Mapping[tuple[int, int], float], *, half: float) -> Array:
+    """(14,) of the segment that each bone is, or is half of, times ``half`` then."""
+    girdles = {sk.PELV: (sk.RHIP, sk.LHIP), sk.THRX: (sk.RSHO, sk.LSHO)}
+    result = []
+    for parent, child in TREE:
+        # The pelvis lies midway between the hips, the thorax between the shoulders.
+        whole = [s for s in ((child, parent), (parent, child)) if s in segments]
+        result.append(segments[whole[0]] if whole else half * segments[girdles[parent]])
+    return np.array(result)
 
 
-LENGTHS: Final[Array] = np.array([_length(*bone) for bone in TREE])
+LENGTHS: Final[Array] = _of_bones(sk.BONE_LENGTHS, half=0.5)
 """(14,) lengths in metres of the bones of the reference body."""
+SPREADS: Final[Array] = _of_bones(sk.LENGTH_SPREADS, half=1.0)
+"""(14,) standard deviations of their logs."""
 
 
 def _ancestors() -> Array:

@@ -21,6 +21,7 @@ class PoseSource(StrEnum):
     INTERPOLATED = "filled in by the input"
     IMPLAUSIBLE = "implausible pose"
     CONTRADICTED = "bad pose"
+    ELSEWHERE = "detector elsewhere"
 
 
 @dataclass(frozen=True)
@@ -55,6 +56,11 @@ class FrameTable:
     def filled(self) -> NDArray[np.bool_]:
         """(T,) frames whose pose is made from those around them."""
         return np.array([p is not PoseSource.OWN for p in self.pose], dtype=bool)
+
+    @property
+    def elsewhere(self) -> NDArray[np.bool_]:
+        """(T,) frames in which the detector was not on the person."""
+        return np.array([p is PoseSource.ELSEWHERE for p in self.pose], dtype=bool)
 
     def counts(self) -> dict[str, int]:
         """How many frames, outliers included, by what became of them."""

@@ -1,7 +1,7 @@
-"""Poses from a lifter, brought to the reference body and filled in where they are missing.
+"""Poses from a lifter, given to the reference body and filled in where they are missing.
 
-A lifter sees one frame at a time: its bone directions and proportions are useful, its scale
-is not, and some frames have none.
+A lifter sees one frame at a time: the directions of its bones are useful, its scale is not, nor
+are its proportions, which are those of the skeleton it was trained on, and some frames have none.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from imapper_prob.models import skeleton as sk
 from imapper_prob.models.scene import Track
-from imapper_prob.staged.bones import LENGTHS, N_BONES, TREE, bones_of
+from imapper_prob.staged.bones import LENGTHS, N_BONES, bones_of
 from imapper_prob.staged.filling import fill_poses
 
 __all__ = ["LiftedBody", "lifted_body"]
@@ -28,34 +28,26 @@ _UPRIGHT: Final[Array] = np.array(
 )  # fmt: skip
 """(14, 3) directions of somebody who stands and looks at the camera, left being the image's."""
 
-_LEGS: Final = tuple(
-    TREE.index(bone)
-    for bone in (
-        (sk.RHIP, sk.RKNE), (sk.RKNE, sk.RANK), (sk.LHIP, sk.LKNE), (sk.LKNE, sk.LANK)
-    )
-)  # fmt: skip
-_TWINS: Final = tuple(TREE.index((sk.MIRROR[p], sk.MIRROR[c])) for p, c in TREE)
-_CONFIDENT: Final = 0.5
-_ENOUGH_FRAMES: Final = 10
-
 
 @dataclass(frozen=True)
 class LiftedBody:
-    """What the lifter says, at the reference stature.
+    """The reference body in the poses that the lifter says.
 
     Parameters
     ----------
-    lengths : (14,) float
-        Bone lengths in metres, the same on both sides.
     directions : (T, 14, 3) float
         Unit vectors in camera axes, filled in where ``known`` is false.
     known : (T,) bool
         Frames whose directions are their own.
     """
 
-    lengths: Array
     directions: Array
     known: NDArray[np.bool_]
+
+    @property
+    def lengths(self) -> Array:
+        """(14,) bone lengths in metres: those of the reference body, whoever it is."""
+        return LENGTHS
 
     @property
     def bones(self) -> Array:
@@ -64,13 +56,11 @@ class LiftedBody:
 
 
 def lifted_body(track: Track, trusted: NDArray[np.bool_]) -> LiftedBody:
-    """One body of reference stature for all ``trusted`` (T,) frames of a track.
+    """The reference body in the poses of the ``trusted`` (T,) frames of a track.
 
-    The scale is that of the legs. Lifters disagree on where a trunk ends (the torso of four
-    benchmark clips measures .39 or .49 m) and make arms short, but hip, knee and ankle
-    are the same joints to all: thigh and shin together against the reference gave factors
-    of 1.05 to 1.10 on those clips, where the true paths want 1.01 to 1.12 in the same order.
-    For the same reason the pelvis is put midway between the hips.
+    Lifters disagree on where a trunk ends and how wide hips are, for their training data do.
+    What a person's size does to depth is left to the doubt of stature in the posterior. The
+    pelvis is put midway between the hips, the thorax between the shoulders.
 
     Without a single trusted frame the person stands upright and faces the camera, which is
     as good a start as any.
@@ -78,16 +68,10 @@ def lifted_body(track: Track, trusted: NDArray[np.bool_]) -> LiftedBody:
     known = np.asarray(trusted, bool) & track.has_pose
     if not known.any():
         directions = np.broadcast_to(_UPRIGHT, (len(known), N_BONES, 3)).copy()
-        return LiftedBody(LENGTHS, directions, known)
+        return LiftedBody(directions, known)
     poses = np.where(known[:, None, None], track.poses, 0.0)
     poses[:, sk.PELV] = (poses[:, sk.RHIP] + poses[:, sk.LHIP]) / 2
     bones = bones_of(poses)
     norms = np.linalg.norm(bones, axis=-1)
-    legs = [sk.RHIP, sk.RKNE, sk.RANK, sk.LHIP, sk.LKNE, sk.LANK]
-    sure = known & (track.confidences[:, legs] >= _CONFIDENT).all(1)
-    frames = sure if sure.sum() >= _ENOUGH_FRAMES else known
-    lengths = np.median(norms[frames], axis=0)
-    lengths = (lengths + lengths[list(_TWINS)]) / 2
-    lengths = np.maximum(lengths * LENGTHS[list(_LEGS)].sum() / lengths[list(_LEGS)].sum(), 0.02)
     usable = np.where(norms[..., None] > 0, bones / np.maximum(norms, 1e-9)[..., None], _UPRIGHT)
-    return LiftedBody(lengths, fill_poses(usable, known), known)
+    return LiftedBody(fill_poses(usable, known), known)

@@ -24,7 +24,7 @@ from scipy.linalg import solveh_banded
 from imapper_prob.models.calibrated import calibrated
 from imapper_prob.models.camera import Camera
 from imapper_prob.models.skeleton import DETECTED
-from imapper_prob.staged.bones import ANCESTORS, N_BONES
+from imapper_prob.staged.bones import ANCESTORS, N_BONES, SPREADS
 from imapper_prob.staged.lifted_poses import LiftedBody
 
 __all__ = [
@@ -50,7 +50,7 @@ _BRANCHES: Final[Array] = ANCESTORS[list(DETECTED)]
 
 @dataclass(frozen=True)
 class StaticPathSettings:
-    """Constants of the static path, calibrated (``docs/calibration.md``) but for two.
+    """Constants of the static path, calibrated (``docs/calibration.md``) but for three.
 
     Parameters
     ----------
@@ -63,7 +63,7 @@ class StaticPathSettings:
         Standard deviation of one step at 10 frames a second: tangent (of bearing and of
         lift), log metres, metres.
     length_tolerance : float
-        Relative standard deviation of a bone's length.
+        Factor on the published spreads of bone lengths.
     lifted_across, lifted_along : float
         Standard deviation of a lifted bone across and along the viewing direction, over its
         length.
@@ -82,7 +82,7 @@ class StaticPathSettings:
     walk_bearing: float = calibrated("walk.bearing")
     walk_log_depth: float = calibrated("walk.log_depth")
     walk_bone: float = calibrated("walk.bone")
-    length_tolerance: float = calibrated("bones.length_tolerance")
+    length_tolerance: float = 1.0
     lifted_across: float = calibrated("bones.lifted_across")
     lifted_along: float = calibrated("bones.lifted_along")
     filled_tolerance: float = 2.0
@@ -238,7 +238,7 @@ def length_terms(
     """Information (T, 42, 42) and pull (T, 42) of the prior on bone lengths."""
     norms = np.linalg.norm(bones, axis=-1)
     unit = bones / norms[..., None]
-    precision = (settings.length_tolerance * body.lengths) ** -2.0
+    precision = (settings.length_tolerance * SPREADS * body.lengths) ** -2.0
     information = np.zeros((len(bones), N_BONES, 3, N_BONES, 3))
     k = np.arange(N_BONES)
     information[:, k, :, k, :] = np.moveaxis(
@@ -276,7 +276,7 @@ def _cost(
         apart = (motion.bones - body.bones) ** 2
         data += 0.5 * float((_lifted_precision(body, settings) * apart).sum())
         longer = np.linalg.norm(motion.bones, axis=-1) / body.lengths - 1
-        prior += 0.5 * float((longer**2).sum()) / settings.length_tolerance**2
+        prior += 0.5 * float(((longer / (settings.length_tolerance * SPREADS)) ** 2).sum())
     steps = np.diff(motion.vector(free_bones=free_bones), axis=0)
     walk = _walk_precision(settings, observations.fps, free_bones=free_bones)
     prior += 0.5 * float((steps**2 * walk).sum())

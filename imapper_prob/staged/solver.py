@@ -23,12 +23,14 @@ from imapper_prob.scenelets.charness import charness, motion_distances
 from imapper_prob.staged.calibration import estimate_camera
 from imapper_prob.staged.candidates import Candidate, screen
 from imapper_prob.staged.combine import Combinations, combine
+from imapper_prob.staged.elsewhere import own_detections
 from imapper_prob.staged.fit import Fits, fit_windows
 from imapper_prob.staged.frames import FrameTable
 from imapper_prob.staged.free_poses import free_pose_cost
 from imapper_prob.staged.maxima import CharnessCurve, charness_curve
 from imapper_prob.staged.shortlist import MaximumTable, shortlist
 from imapper_prob.staged.static_path import examine_frames
+from imapper_prob.staged.stays import find_stays
 
 __all__ = ["Fitted", "Solution", "fit_clip", "solve", "solve_fitted"]
 
@@ -150,7 +152,8 @@ def fit_clip(
 ) -> Fitted:
     """The first stages: static path, camera, independent fits; parameters as of :func:`solve`."""
     path, frames = examine_frames(clip)
-    camera = camera or estimate_camera(clip, path)
+    own = own_detections(clip)
+    camera = camera or estimate_camera(own, path)
     if progress is not None:
         progress("static path", 1.0)
     distances = motion_distances(library)
@@ -158,7 +161,9 @@ def fit_clip(
     if progress is not None:
         progress("comparing motions", 1.0)
     weights = characteristic + _LEAST_CHARNESS
-    problem = pack_problem(clip, path, camera, library, settings=settings, weights=weights)
+    problem = pack_problem(own, path, camera, library, settings=settings, weights=weights)
+    stays = find_stays(own.tracks[0], path, camera, fps=clip.fps, settings=settings)
+    problem = problem._replace(stays=stays)
     fits = fit_windows(problem, path, fps=clip.fps, progress=progress)
     problem = problem._replace(free_cost=free_pose_cost(problem, fits))
     if progress is not None:

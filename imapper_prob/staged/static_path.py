@@ -16,6 +16,7 @@ from imapper_prob.models.path import StaticPath
 from imapper_prob.models.scene import Clip, Track
 from imapper_prob.models.skeleton import DETECTED
 from imapper_prob.staged.bones import ANCESTORS, joints_of
+from imapper_prob.staged.elsewhere import frames_elsewhere, own_detections
 from imapper_prob.staged.frames import FrameTable, PoseSource
 from imapper_prob.staged.lifted_poses import LiftedBody, lifted_body
 from imapper_prob.staged.path_fit import (
@@ -78,7 +79,8 @@ def examine_frames(
 ) -> tuple[StaticPath, FrameTable]:
     """The static path, and what became of each frame; parameters as above."""
     settings = settings or StaticPathSettings()
-    person = clip.tracks[track]
+    away = frames_elsewhere(clip.tracks[track], camera=clip.camera, fps=clip.fps)
+    person = own_detections(clip).tracks[track]
     confidences = person.confidences[:, list(DETECTED)]
     if np.max((confidences > 0).sum(1), initial=0) < 3:
         raise InputError(
@@ -105,7 +107,7 @@ def examine_frames(
         poses=joints_of(motion.bones),
         posed=observations.body.known,
     )
-    return path, _frame_table(observations, motion, settings, person, believed)
+    return path, _frame_table(observations, motion, settings, person, believed, away)
 
 
 def _frame_table(
@@ -114,6 +116,7 @@ def _frame_table(
     settings: StaticPathSettings,
     person: Track,
     believed: NDArray[np.bool_],
+    away: NDArray[np.bool_],
 ) -> FrameTable:
     """Why poses were not believed, and how far detections are from the fitted person."""
     pose = [PoseSource.OWN if own else PoseSource.CONTRADICTED for own in believed]
@@ -121,6 +124,7 @@ def _frame_table(
         (PoseSource.IMPLAUSIBLE, implausible_poses(person)),
         (PoseSource.INTERPOLATED, person.interpolated),
         (PoseSource.MISSING, ~person.has_pose),
+        (PoseSource.ELSEWHERE, away),
     ):
         for frame in np.flatnonzero(frames):
             pose[frame] = source

@@ -25,6 +25,7 @@ from imapper_prob.models.batched.layout import lay_out
 from imapper_prob.models.batched.path import draw_path, pose_free_frames
 from imapper_prob.models.batched.place import of_items, place_boxes, place_motions
 from imapper_prob.models.batched.smoothness import pose_jumps
+from imapper_prob.models.batched.support import unsupported
 from imapper_prob.models.batched.tensors import ProblemTensors
 from imapper_prob.models.energy.intersection import BOTH
 from imapper_prob.models.limits import LOWEST_CAMERA, STEEPEST_CAMERA
@@ -60,7 +61,7 @@ def terms_batch(
 
     Returns
     -------
-    (S, 10)
+    (S, 11)
         Values of :data:`imapper_prob.models.compiled.TERMS`, nats. Outside the support the
         first is -inf and the rest 0, with gradients of 0.
     """
@@ -118,10 +119,11 @@ def terms_batch(
             -problem.likelihood * collision,
             -motion,
             -problem.motion_cost * weight * depth_below_floor(tensors, joints),
+            -problem.likelihood * unsupported(tensors, layout, items[..., 1]),
         ],
         1,
     )
-    outside = values.new_tensor([-torch.inf, *[0.0] * 9])
+    outside = values.new_tensor([-torch.inf, *[0.0] * 10])
     return torch.where(inside[:, None], values, outside)
 
 

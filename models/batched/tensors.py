@@ -38,6 +38,8 @@ class ProblemTensors:
     poses: Tensor
     path_facing: Tensor
     free_cost: Tensor
+    stays: Tensor
+    lowered: Tensor
     joints: Tensor
     joint_facing: Tensor
     joint_first: Tensor
@@ -91,6 +93,8 @@ def to_tensors(
         poses=real(problem.poses),
         path_facing=real(problem.path_facing),
         free_cost=real(problem.free_cost),
+        stays=real(problem.stays),
+        lowered=integer(problem.lowered),
         joints=real(problem.joints),
         joint_facing=real(problem.joint_facing),
         joint_first=integer(problem.joint_first),

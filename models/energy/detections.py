@@ -24,7 +24,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from imapper_prob.models.calibrated import table
 
-__all__ = ["CONFIDENCE_EDGES", "ERROR_EDGES", "DetectionModel", "student_t"]
+__all__ = [
+    "CONFIDENCE_EDGES", "ERROR_EDGES", "LOST_ERROR", "DetectionModel", "student_t", "with_lost",
+]  # fmt: skip
 
 Array = NDArray[np.float64]
 
@@ -32,12 +34,26 @@ CONFIDENCE_EDGES: Final = (0, 0.02, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.85
 """Bins of confidence: finer where i3DB's detector is mostly found."""
 ERROR_EDGES: Final = (0.02, 0.5)
 """Confidences that part lost, doubtful and sure detections, whose pixel errors differ."""
+LOST_ERROR: Final = (2000.0, 4.0)
+"""Scale, in pixels at 1080 lines, and degrees of freedom of the pixel error of a lost joint: about
+the width of a picture. A detector that believes in none of its places says that the joint may be
+hidden, not where it is: what it reports is the best of nothing, often on something else."""
 _REFERENCE_HEIGHT = 1080.0
 
 
 def _rows(what: str) -> Array:
     """Rows of hidden and seen joints."""
     return np.array([table(f"detections.{state}_{what}") for state in ("hidden", "seen")])
+
+
+def with_lost(scale: ArrayLike, dof: ArrayLike) -> tuple[Array, Array]:
+    """Pixel errors of lost joints before those (2, 2) of doubtful and sure ones: (2, 3) each."""
+    lost, tails = (np.full((2, 1), value) for value in LOST_ERROR)
+    return np.hstack([lost, np.asarray(scale, float)]), np.hstack([tails, np.asarray(dof, float)])
+
+
+def _errors() -> tuple[Array, Array]:
+    return with_lost(_rows("error_scale"), _rows("error_dof"))
 
 
 def _confidence() -> Array:
@@ -67,8 +83,8 @@ class DetectionModel:
     edges: Array = field(default_factory=lambda: np.asarray(CONFIDENCE_EDGES, float))
     confidence: Array = field(default_factory=_confidence)
     error_edges: Array = field(default_factory=lambda: np.asarray(ERROR_EDGES))
-    error_scale: Array = field(default_factory=lambda: _rows("error_scale"))
-    error_dof: Array = field(default_factory=lambda: _rows("error_dof"))
+    error_scale: Array = field(default_factory=lambda: _errors()[0])
+    error_dof: Array = field(default_factory=lambda: _errors()[1])
 
     def confidence_density(self, confidence: ArrayLike) -> Array:
         """p0(c) and p1(c) per unit of confidence: (...) to (..., 2)."""

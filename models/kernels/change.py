@@ -11,6 +11,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from imapper_prob.models.energy.support import unsupported
 from imapper_prob.models.jit import compiled, inlined
 from imapper_prob.models.kernels.meeting import find_changed, meet_frames, sum_meetings
 from imapper_prob.models.kernels.memory import ADDED, KEPT, REMOVED, UNUSED, Memory
@@ -57,7 +58,7 @@ def change(
     -------
     log_prior, log_likelihood : float
         Nats; -inf and 0 outside the support. The costs of free poses, jumps, collisions,
-        motion and ground are in the second.
+        motion, ground and missing support are in the second.
     """
     problem, memory = session.problem, session.memory
     n, n_old = len(items), max(n_before, 0)
@@ -90,6 +91,7 @@ def change(
     vote(problem, memory, n)
     costs = sum_jumps(problem, memory, n, camera) + sum_pairs(problem, memory, n)
     costs += sum_meetings(problem, memory, n)
+    costs -= problem.likelihood * unsupported(problem.stays, problem.lowered, items)
     return prior, costs + sum_votes(problem, memory)
 
 
