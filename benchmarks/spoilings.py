@@ -104,7 +104,7 @@ class Spoiling:
     apply : callable
         Takes a clip and a random generator; neither clip is changed by what is done to the other.
     apart : bool
-        Whether errors in affected frames are to be counted apart from the others.
+        Whether nothing true is seen in affected frames, so that errors there count apart.
     """
 
     name: str
@@ -438,7 +438,7 @@ SPOILINGS: Final = (
     Spoiling("limbs-0.85", partial(with_scaled_bones, bones=LIMBS, factor=0.85)),
     Spoiling("elsewhere-low", partial(with_ghosts, low=True), apart=True),
     Spoiling("elsewhere-usual", partial(with_ghosts, low=False), apart=True),
-    Spoiling("limbs-jump", with_jumping_limbs, apart=True),
+    Spoiling("limbs-jump", with_jumping_limbs),
     Spoiling("legs-cut-off", with_legs_cut_off),
     Spoiling(
         "left-side-lost",
