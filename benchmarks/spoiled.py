@@ -133,7 +133,9 @@ def joint_cells(
         " / ".join(number(v, d) for v, d in zip(errors[SUBSETS[0]][1:], (1, 0), strict=True)),
         " / ".join(number(v, d) for v, d in zip(errors[SUBSETS[1]], (1, 1, 0), strict=True)),
         f"{100 * share:.0f}",
-        "–" if math.isnan(there) else f"{marked(number(there), good[1])} ({number(before)})",
+        "–"
+        if math.isnan(there) or share > _NEARLY_ALL
+        else f"{marked(number(there), good[1])} ({number(before)})",
     )
     return cells, all(good)
 
@@ -177,7 +179,7 @@ def sampled_cells(
     """What chains say of one spoiling."""
     regions = {k: [r["regions"][k] for r in found.values()] for k in ("all", "hidden", "affected")}
     (fifty, ninety), good = held_cells(regions["all"])
-    partly = any(0 < np.mean(r["affected"]) <= _NEARLY_ALL for r in found.values())
+    partly = mean([float(np.mean(r["affected"])) for r in found.values()]) <= _NEARLY_ALL
     hidden, affected = (
         " / ".join(number(mean([s[k] for s in regions[what]]), 2) for k in (0, 1))
         for what in ("hidden", "affected")

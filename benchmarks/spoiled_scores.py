@@ -33,7 +33,7 @@ from imapper_prob.models.scene import Clip
 from imapper_prob.models.skeleton import SCORED
 from imapper_prob.scenelets.library import load_library
 
-__all__ = ["UNSPOILED", "Task", "at_times_of", "score_task", "spoil"]
+__all__ = ["UNSPOILED", "Task", "at_times", "score_task", "spoil"]
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -111,8 +111,8 @@ def _sampled(clip: Clip, truth: TruthInView, affected: Flags, steps: int) -> dic
     draws = draws_of(posterior)
     draws = replace(
         draws,
-        joints=at_times_of(truth, clip, draws.joints, axis=1),
-        pixels=at_times_of(truth, clip, draws.pixels, axis=1),
+        joints=at_times(len(truth.joints), clip, draws.joints, axis=1),
+        pixels=at_times(len(truth.joints), clip, draws.pixels, axis=1),
     )
     furniture = summarise([score(_brought_back(answer, clip, truth), truth)])
     return {
@@ -151,20 +151,20 @@ def errors(prediction: Prediction, clip: Clip, truth: TruthInView) -> dict[str, 
     }
 
 
-def at_times_of(truth: TruthInView, clip: Clip, values: Array, *, axis: int = 0) -> Array:
-    """What was found at a clip's frames, at the times of the truth's.
+def at_times(count: int, clip: Clip, values: Array, *, axis: int = 0) -> Array:
+    """What was found at a clip's frames, at the times of frames that are annotated.
 
     Parameters
     ----------
-    truth : TruthInView
-        Its first frame is the clip's first, and its last no more than a frame of the clip after
-        the clip's last; there the last values are taken.
+    count : int
+        Frames of the truth, the first of which is the clip's first; after the clip's last one
+        its last values are taken.
     clip : Clip
         At any rate.
     values : array
         Whose axis ``axis`` is frames of the clip.
     """
-    where = _where(clip, len(truth.joints))
+    where = _where(clip, count)
     first = np.floor(where).astype(int)
     second = np.minimum(first + 1, clip.n_frames - 1)
     shape = [1] * values.ndim
@@ -182,8 +182,8 @@ def _where(clip: Clip, count: int) -> Array:
 def _brought_back(prediction: Prediction, clip: Clip, truth: TruthInView) -> Prediction:
     return replace(
         prediction,
-        joints=at_times_of(truth, clip, prediction.joints),
-        pixels=at_times_of(truth, clip, prediction.pixels),
+        joints=at_times(len(truth.joints), clip, prediction.joints),
+        pixels=at_times(len(truth.joints), clip, prediction.pixels),
     )
 
 
