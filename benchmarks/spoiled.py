@@ -2,7 +2,7 @@
 
 ``python -m benchmarks.spoiled [--scenes ../shared/i3db] [--only NAME ...] [--static] [--steps N]
 [--workers 2] [-o FILE.md]`` prints Markdown: errors and coverage of the scene of least expected
-loss, sampled with a fifth of the usual steps, beside those of the unspoiled scenes, or with
+loss, sampled with a fifth of the usual steps (hours), beside those of the unspoiled scenes, or with
 ``--static`` errors of the static path alone (two minutes). Spoilings are those of
 `benchmarks.spoilings`; names may hold ``*``. Every scene and spoiling leaves a file in
 ``--results``; the same command goes on from there, and begins anew where the program has changed.
@@ -179,7 +179,7 @@ def sampled_cells(
     """What chains say of one spoiling."""
     regions = {k: [r["regions"][k] for r in found.values()] for k in ("all", "hidden", "affected")}
     (fifty, ninety), good = held_cells(regions["all"])
-    partly = mean([float(np.mean(r["affected"])) for r in found.values()]) <= _NEARLY_ALL
+    share = mean([float(np.mean(r["affected"])) for r in found.values()])
     hidden, affected = (
         " / ".join(number(mean([s[k] for s in regions[what]]), 2) for k in (0, 1))
         for what in ("hidden", "affected")
@@ -190,7 +190,7 @@ def sampled_cells(
     error, loss = (number(mean(objects[k])) for k in ("error", "loss"))
     path = mean([cost_of(r, clean[s], "static") for s, r in found.items()])
     cells = (
-        fifty, ninety, hidden, affected if partly else "–", f"{error} ({loss})",
+        fifty, ninety, hidden, affected if 0 < share <= _NEARLY_ALL else "–", f"{error} ({loss})",
         f"{sum(objects['found'])} of {sum(objects['true'])}", str(sum(objects["spurious"])),
         f"{path:+.1f}",
     )  # fmt: skip
