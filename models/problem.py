@@ -11,11 +11,12 @@ from numpy.typing import NDArray
 from imapper_prob.models.camera import Camera
 from imapper_prob.models.energy.detections import DetectionModel, student_t
 from imapper_prob.models.energy.paper import PaperWeights
+from imapper_prob.models.energy.support import off_feet
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.geometry import pack_boxes
 from imapper_prob.models.path import CameraPrior, StaticPath
 from imapper_prob.models.path_error import path_tables, remembered
-from imapper_prob.models.pose import facing, thigh_angle
+from imapper_prob.models.pose import facing
 from imapper_prob.models.scene import FRONTLESS, Clip
 from imapper_prob.models.scenelet import Library
 from imapper_prob.models.settings import ModelSettings
@@ -212,7 +213,13 @@ def pack_problem(
         box_yaw=np.array([o.placement.yaw for _, o in object_of], dtype=np.float64),
         label_front=np.array([label not in FRONTLESS for label in labels], dtype=np.bool_),
         stays=np.zeros((0, 3)),
-        lowered=np.array([_lowered(m, settings.support_angle) for m in motions], dtype=np.int64),
+        lowered=np.array(
+            [
+                off_feet(m, pack_boxes(s.objects), angle=settings.support_angle)
+                for m, s in zip(motions, library, strict=True)
+            ],
+            dtype=np.int64,
+        ),
         log_rate=np.log(settings.scenelet_rate * shares / shares.sum()),
         camera_mean=camera.mean,
         camera_precision=np.linalg.inv(camera.covariance).astype(np.float64),
@@ -244,12 +251,6 @@ def pack_problem(
         if isinstance(a, np.ndarray)
     }
     return problem._replace(**copies)
-
-
-def _lowered(joints: Array, angle: float) -> tuple[int, int]:
-    """First frame of a motion with the thighs further off the vertical, and that after the last."""
-    frames = np.flatnonzero(thigh_angle(joints) > angle)
-    return (int(frames[0]), int(frames[-1]) + 1) if len(frames) else (0, 0)
 
 
 def _start_mean(settings: ModelSettings) -> Array:

@@ -111,14 +111,19 @@ def _memory(evidence: Sequence[Placed], errors: Sequence[Array]) -> float:
 
 
 def _ease(evidence: Sequence[Placed], errors: Sequence[Array]) -> Number:
-    """Of these seconds, those in which the error changes its course."""
-    return change_time(
+    """Of these seconds, those in which the error changes its course, at most half of them.
+
+    Less by as much as both may be rounded, for what is stored must be a process.
+    """
+    seconds = _memory(evidence, errors)
+    found = change_time(
         errors,
         spread=root_mean_square(np.concatenate(errors)),
-        seconds=_memory(evidence, errors),
+        seconds=seconds,
         fps=evidence[0].clip.fps,
         gap=evidence[0].detections.gap,
     )
+    return min(found, 0.495 * seconds)
 
 
 def _support(which: int) -> Callable[[Sequence[Placed]], Number]:

@@ -23,6 +23,7 @@ from scipy.ndimage import median_filter
 from scipy.special import logsumexp
 
 from imapper_prob.models.camera import Camera
+from imapper_prob.models.energy.detections import ERROR_EDGES, DetectionModel
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.scene import Clip, Track
 from imapper_prob.models.skeleton import DETECTED
@@ -41,8 +42,8 @@ _WHOLE: Final = 7
 _APART: Final = 0.5
 """Heights by which two joints of one body may be apart: added to the step's scale where two frames
 have hardly a joint in common, so that only the middles of what they have can be compared."""
-_EVIDENCE: Final = 0.3
-"""Sum of confidences from which a frame says where anybody is: that of one joint, just counted."""
+_EVIDENCE: Final = 0.1
+"""Sum of confidences from which a frame says where anybody is."""
 _SHARED: Final = 2
 """Joints that two frames must have in common for their displacement."""
 _HEIGHT_TIME: Final = 4.0
@@ -122,6 +123,7 @@ def frames_elsewhere(track: Track, *, camera: Camera, fps: float) -> Flags:
         return away
     own = _own_frames(
         frames, points[frames], confidences[frames], heights[frames],
+        DetectionModel().error_scale[0, 1:] * camera.height / 1080.0,
         uniform=-np.log(float(camera.width) * camera.height), fps=fps,
     )  # fmt: skip
     away[frames] = ~own
@@ -152,6 +154,7 @@ def _own_frames(
     points: Array,
     confidences: Array,
     heights: Array,
+    errors: Array,
     *,
     uniform: float,
     fps: float,
@@ -163,7 +166,7 @@ def _own_frames(
     """
     n = len(frames)
     begins, leaves = 1 - np.exp(-_BEGINS / fps), 1 - np.exp(-_LEAVES / fps)
-    previous = _steps(points, confidences, heights, np.diff(frames) / fps, lag=1)
+    previous = _steps(points, confidences, heights, np.diff(frames) / fps, errors, lag=1)
     # What it costs to be elsewhere in a frame and to have been so in the one before.
     stay = np.log1p(-_HOPS) + previous
     stays = np.log1p(-leaves) + logsumexp(
@@ -188,7 +191,12 @@ def _own_frames(
                 break
             if lag not in steps:
                 steps[lag] = _steps(
-                    points, confidences, heights, (frames[lag:] - frames[:-lag]) / fps, lag=lag
+                    points,
+                    confidences,
+                    heights,
+                    (frames[lag:] - frames[:-lag]) / fps,
+                    errors,
+                    lag=lag,
                 )
             j = i - lag
             here = best[j] + steps[lag][j]
@@ -213,11 +221,14 @@ def _own_frames(
     return own
 
 
-def _steps(points: Array, confidences: Array, heights: Array, seconds: Array, *, lag: int) -> Array:
+def _steps(
+    points: Array, confidences: Array, heights: Array, seconds: Array, errors: Array, *, lag: int
+) -> Array:
     """(N - lag,) log-density of a person's step from each frame to that ``lag`` later, per pixel^2.
 
     The step is the weighted median displacement of the joints that both frames have; where they
-    have too few, that between the medians of either.
+    have too few, that between the medians of either. To its scale belongs the error of
+    detections, ``errors`` (2,) pixels of a doubtful and of a sure joint.
     """
     a, b = points[:-lag], points[lag:]
     ca, cb = confidences[:-lag], confidences[lag:]
@@ -227,7 +238,9 @@ def _steps(points: Array, confidences: Array, heights: Array, seconds: Array, *,
     if few.any():
         step[few] = _median(b[few], cb[few]) - _median(a[few], ca[few])
     share = np.minimum(1.0, _STEP[0] + _STEP[1] * seconds) + np.where(few, _APART, 0.0)
-    scale = heights[:-lag] * share
+    sure = (weight.max(1) >= ERROR_EDGES[1]).astype(int)
+    error = errors[sure] * np.sqrt(2.0 / np.maximum((weight > 0).sum(1), 1))
+    scale = np.hypot(heights[:-lag] * share, error)
     squared = (step**2).sum(-1) / scale**2
     result: Array = -np.log(2 * np.pi * scale**2) - (_DOF / 2 + 1) * np.log1p(squared / _DOF)
     return result

@@ -14,28 +14,52 @@ from numpy.typing import NDArray
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.posterior import empty_state, frame_log_likelihood
 from imapper_prob.models.problem import Problem
+from imapper_prob.models.skeleton import PELV, THRX
 from imapper_prob.staged.fit import Fits
 
 __all__ = ["free_pose_cost"]
 
+_STANDING = 0.75
+"""Metres above the floor of the middle of the hips of somebody who stands, at least: .85 with the
+legs straight, and bent as far as one walks with."""
+_LEANING = np.radians(30.0)
+"""How far from the vertical the trunk of somebody is who does not bend down."""
 _TRIED = 3
 """Fits a window that are evaluated exactly; the fit's own cost ranks them well."""
+
+
+def _upright(problem: Problem) -> NDArray[np.bool_]:
+    """(L,) scenelets whose person stands or walks upright for most of it.
+
+    Who kneels, squats, bends down or sits on the floor does so in a scenelet of that, whose prior
+    odds it costs; a frame without any is one of somebody who does nothing of the kind.
+    """
+    trunk = problem.joints[:, THRX] - problem.joints[:, PELV]
+    upright = trunk[:, 2] > np.cos(_LEANING) * np.linalg.norm(trunk, axis=-1)
+    upright &= problem.joints[:, PELV, 2] > _STANDING
+    counts = np.add.reduceat(upright, problem.joint_first[:-1])
+    result: NDArray[np.bool_] = counts > problem.lengths / 2
+    return result
 
 
 def free_pose_cost(problem: Problem, fits: Fits) -> NDArray[np.float64]:
     """(T,) nats by which each frame's own pose explains it better than a motion nearby.
 
-    Of the scenelets without objects the one that explains its window best stands for the
-    frames nearest to the window's centre. Never negative; 0 in frames that none reaches.
+    Of the scenelets without objects in which somebody is upright the one that explains its window
+    best stands for the frames nearest to the window's centre. Never negative; 0 in frames that
+    none reaches.
 
     Raises
     ------
     InputError
-        If every scenelet of the library has objects.
+        If nobody is upright in the scenelets without objects.
     """
-    bare = np.flatnonzero(np.diff(problem.box_first) == 0)
+    bare = np.flatnonzero((np.diff(problem.box_first) == 0) & _upright(problem))
     if len(bare) == 0:
-        raise InputError("the library has no scenelet without objects to compare with")
+        raise InputError(
+            "the library has no scenelet without objects in which somebody stands or walks, to "
+            "compare with"
+        )
     empty = empty_state(problem)
     own = frame_log_likelihood(problem, empty)
     cost = np.zeros(problem.n_frames)

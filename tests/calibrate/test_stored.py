@@ -61,7 +61,7 @@ def test_the_settings_take_their_values_from_the_file() -> None:
     assert path.bias_log_depth == calibrated("bias.log_depth")
     assert camera.ankle_spread == calibrated("ankle.spread")
     detections = DetectionModel()
-    np.testing.assert_array_equal(detections.error_dof[1], table("detections.seen_error_dof"))
+    np.testing.assert_array_equal(detections.error_dof[1, 1:], table("detections.seen_error_dof"))
     np.testing.assert_allclose(
         detections.confidence[0], table("detections.hidden_confidence"), atol=2e-3
     )

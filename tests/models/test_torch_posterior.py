@@ -55,7 +55,10 @@ def problem(n_frames: int = N_FRAMES) -> Problem:
     whole = worlds.facing_about(worlds.problem(n_frames, scenelets=scenelets))
     used = whole.used & (rng.random(whole.used.shape) < 0.9)
     used[n_frames // 2] = False
-    return whole._replace(used=used, free_cost=rng.random(n_frames))
+    lowered = np.zeros_like(whole.lowered)
+    lowered[::2] = 1, 4
+    stays = np.array([[0, 3, 1.5], [5, 9, 0.7], [13, 16, 2.5]])
+    return whole._replace(used=used, free_cost=rng.random(n_frames), lowered=lowered, stays=stays)
 
 
 def states(seed: int, n: int, whole: Problem, *, wild: bool) -> Batch:
@@ -211,7 +214,7 @@ def test_gradients_are_those_of_the_terms() -> None:
             assert smooth.mean() > 0.95, name
             assert (np.abs(found - numeric)[smooth] < 1e-4 * size[smooth]).all(), name
             reached[i] |= bool(found.any())
-    constant = {"layout", "free_pose"}
+    constant = {"layout", "free_pose", "support"}
     assert {name for name, hit in zip(TERMS, reached, strict=True) if not hit} == constant
 
 

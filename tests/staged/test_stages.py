@@ -27,6 +27,7 @@ def test_every_frame_says_where_its_pose_is_from() -> None:
     poses[40:44] = poses[40:44][..., [2, 1, 0]]  # lying on the side
     keypoints, confidences = track.keypoints.copy(), track.confidences.copy()
     keypoints[60:65] += (-700.0, 200.0)
+    keypoints[70:73] += (170.0, 0.0)
     confidences[80:82] = 0.0
     clip = with_track(
         truth.clip, poses=poses, interpolated=interpolated, keypoints=keypoints,
@@ -38,10 +39,11 @@ def test_every_frame_says_where_its_pose_is_from() -> None:
     assert where[PoseSource.INTERPOLATED] == [20, 21, 22, 23]
     assert set(where[PoseSource.CONTRADICTED]) >= {40, 41, 42, 43}
     np.testing.assert_array_equal(frames.filled, ~path.posed)
-    np.testing.assert_array_equal(np.flatnonzero(frames.outlier), np.arange(60, 65))
+    assert where[PoseSource.ELSEWHERE] == [60, 61, 62, 63, 64]
+    np.testing.assert_array_equal(np.flatnonzero(frames.outlier), [72])
     assert np.isnan(frames.miss[80:82]).all()
-    assert frames.counts()["outlier"] == 5
-    assert frames.counts()["nothing detected"] == 2
+    assert frames.counts()["outlier"] == 3
+    assert frames.counts()["nothing detected"] == 7
     assert sum(frames.counts()[str(source)] for source in PoseSource) == clip.n_frames
 
 
