@@ -25,6 +25,7 @@ __all__ = [
     "sit_down_at_table",
     "sit_down_on",
     "sit_turned",
+    "take_seat",
 ]
 
 _PLACES: Final[dict[int, Sequence[tuple[float, float]]]] = {
@@ -41,7 +42,7 @@ Taken = tuple[SceneObject, Seat, float]
 """A piece, the seat it offers in the frame of the scenelet, and the x of the place taken."""
 
 
-def _seat(rng: np.random.Generator, person: Person, kind: str) -> Taken:
+def take_seat(rng: np.random.Generator, person: Person, kind: str) -> Taken:
     """Something to sit on, facing +y."""
     if kind == "bed":
         return _bedside(rng, person)
@@ -83,7 +84,7 @@ def sit(kind: str) -> Recipe:
     """Sitting on a chair, office-chair, armchair, couch, stool, bench or the edge of a bed."""
 
     def draw(rng: np.random.Generator, person: Person) -> Drawn:
-        piece, seat, place = _seat(rng, person, kind)
+        piece, seat, place = take_seat(rng, person, kind)
         pose = draw_seated(rng, seat, sideways=place)
         return Drawn(sit_still(rng, pose, moments(rng, 15, 20)), (piece,))
 
@@ -94,7 +95,7 @@ def sit_turned(kind: str) -> Recipe:
     """Sitting with the whole body turned to one side, towards company."""
 
     def draw(rng: np.random.Generator, person: Person) -> Drawn:
-        piece, seat, place = _seat(rng, person, kind)
+        piece, seat, place = take_seat(rng, person, kind)
         # From an outer place one turns to the middle; the other way there is an arm.
         side = np.sign(place) if abs(place) > 0.1 else rng.choice([-1, 1])
         # Knees between the arms of a narrow seat leave little room to turn.
@@ -108,7 +109,7 @@ def sit_turned(kind: str) -> Recipe:
 
 def sit_at_low_table(rng: np.random.Generator, person: Person) -> Drawn:
     """On a couch with a coffee table before the knees."""
-    piece, seat, place = _seat(rng, person, "couch")
+    piece, seat, place = take_seat(rng, person, "couch")
     pose = draw_seated(rng, seat, sideways=place)
     table = person.sees(furniture.low_table(rng))
     knees = max(float(pose.ankles[:, 1].max()), pose.pelvis[1] + 0.42)
@@ -119,7 +120,7 @@ def sit_at_low_table(rng: np.random.Generator, person: Person) -> Drawn:
 
 def _at(rng: np.random.Generator, person: Person, kind: str, table: SceneObject) -> Drawn:
     """Somebody on a chair at a table or desk, knees in its widest gap."""
-    piece, seat, place = _seat(rng, person, kind)
+    piece, seat, place = take_seat(rng, person, kind)
     pose = draw_seated(rng, seat, sideways=place, upright=True)
     rests = max((front for _, front, _ in seat.arms), default=-np.inf)
     edge = max(float(pose.pelvis[1]) + rng.uniform(0.20, 0.30), rests + 0.02)
@@ -148,7 +149,7 @@ def sit_beside_shelf(kind: str) -> Recipe:
     """Sitting with a shelf at one side, against the same wall or facing the seat."""
 
     def draw(rng: np.random.Generator, person: Person) -> Drawn:
-        piece, seat, place = _seat(rng, person, kind)
+        piece, seat, place = take_seat(rng, person, kind)
         side, half = (1 if place > 0 else -1), float(piece.bounds[1, 0])
         # On a long couch the place beside the shelf, or it would be out of reach.
         place = side * max(abs(place), half - 0.65)
@@ -187,7 +188,7 @@ def sit_down_on(kind: str, *, backwards: bool) -> Recipe:
     """Walking to a seat, turning and sitting down; backwards, standing up and leaving."""
 
     def draw(rng: np.random.Generator, person: Person) -> Drawn:
-        piece, seat, place = _seat(rng, person, kind)
+        piece, seat, place = take_seat(rng, person, kind)
         pose = draw_seated(rng, seat, sideways=place, upright=True)
         # Along the front of a couch there is no room for the feet of who comes from the side.
         bearings = (0.5, 1.1) if seat.closed else (0.7, 1.4)
@@ -201,7 +202,7 @@ def sit_down_at_table(*, backwards: bool) -> Recipe:
     """Sitting down from the side on a chair that is drawn back from a table, or getting up."""
 
     def draw(rng: np.random.Generator, person: Person) -> Drawn:
-        piece, seat, place = _seat(rng, person, "chair")
+        piece, seat, place = take_seat(rng, person, "chair")
         pose = draw_seated(rng, seat, sideways=place, upright=True)
         joints = _way_to(rng, pose, bearings=(1.3, 1.57), furthest=0.4)
         table = person.sees(furniture.table(rng))
