@@ -28,7 +28,6 @@ from imapper_prob.scenelets.procedural.seat import Seat
 from imapper_prob.scenelets.procedural.seated import HIP_ABOVE_SEAT, SeatedPose, draw_hands
 
 __all__ = [
-    "FORWARD_AND_UP",
     "SHIN_DEPTH",
     "THIGH_DEPTH",
     "ankle_on_knee",
@@ -49,8 +48,8 @@ that thighs are thick (thigh clearance, less what the seat presses: Pheasant and
 SHIN_DEPTH: Final = 0.045
 """From the line of the joints to the skin of the shin at knee and ankle, metres (*Bodyspace*)."""
 
-FORWARD_AND_UP: Final = (0.0, 1.0, 0.5)
-"""Where the knee of a leg points whose foot is on the floor."""
+UP: Final = 0.5
+"""How far up the knee of a leg points whose foot is on the floor, to 1 forward."""
 
 
 def with_legs(pose: SeatedPose, ankles: ArrayLike, knees: ArrayLike) -> SeatedPose:
@@ -86,7 +85,7 @@ def foot_down(
         # Along the leg, beyond the front: feet cannot go below.
         short = seat.front + 0.06 - float(pose.at_pelvis(ankle)[1])
         ankle += max(short, 0.0) / max(np.cos(pose.yaw - side * outward), 0.5) * direction
-    return ankle, direction + (0.0, 0.0, FORWARD_AND_UP[2])
+    return ankle, direction + np.array([0.0, 0.0, UP])
 
 
 def knee_over_knee(rng: np.random.Generator, pose: SeatedPose, seat: Seat) -> SeatedPose:
@@ -94,7 +93,7 @@ def knee_over_knee(rng: np.random.Generator, pose: SeatedPose, seat: Seat) -> Se
     foot, below = foot_down(rng, pose, seat, side=-1, outward=-rng.uniform(0.20, 0.28))
     lower_knee = _knee_of(foot, below, side=-1)
     across = -np.sin(rng.uniform(0.44, 0.51))
-    up = max(lower_knee[2], 0.0) + 2 * THIGH_DEPTH - rng.uniform(0.0, 0.02)
+    up = lower_knee[2] + 2 * THIGH_DEPTH + rng.uniform(0.0, 0.04)
     knee = _thigh(across, up)
     # The calf hangs from there, a little forward and outward of the left shin.
     hang = np.array([-rng.uniform(0.15, 0.30), rng.uniform(0.25, 0.50), -1.0])
@@ -115,7 +114,7 @@ def ankle_on_knee(rng: np.random.Generator, pose: SeatedPose, seat: Seat) -> Sea
     hip = np.array([-HALF_HIPS, 0.0, 0.0])
     ankle = hip + rng.uniform(0.76, 0.92) * (left - hip)
     ankle += (rng.uniform(-0.05, 0.02), 0.0, THIGH_DEPTH + SHIN_DEPTH - 0.01)
-    knee = np.array([1.0, rng.uniform(0.2, 0.6), rng.uniform(0.0, 0.25)])
+    knee = np.array([1.0, rng.uniform(0.1, 0.45), rng.uniform(0.0, 0.20)])
     pose = with_legs(pose, [ankle, foot], [knee, below])
     if rng.random() < 0.5:
         return draw_hands(rng, pose, seat)
@@ -133,7 +132,7 @@ def leg_folded_under(rng: np.random.Generator, pose: SeatedPose, seat: Seat) -> 
     is turned to that side, and the other leg goes straight to the front.
     """
     foot, below = foot_down(rng, pose, seat, side=-1, outward=max(-pose.yaw, 0.0))
-    ankle = np.array([-rng.uniform(0.02, 0.05), rng.uniform(0.18, 0.24), _on_seat(rng)])
+    ankle = np.array([-rng.uniform(0.02, 0.05), SHIN * rng.uniform(0.45, 0.60), _on_seat(rng)])
     knee = np.array([1.0, rng.uniform(0.2, 0.4), 0.08])
     pose = with_legs(pose, [ankle, foot], [knee, below])
     if rng.random() < 0.5:
@@ -145,7 +144,7 @@ def leg_folded_under(rng: np.random.Generator, pose: SeatedPose, seat: Seat) -> 
 
 def tailor_fashion(rng: np.random.Generator, pose: SeatedPose, seat: Seat) -> SeatedPose:
     """Both legs folded on the surface one sits on, shins crossed before the body."""
-    front, back = rng.uniform(0.31, 0.34), rng.uniform(0.17, 0.20)
+    front, back = SHIN * rng.uniform(0.77, 0.85), SHIN * rng.uniform(0.43, 0.50)
     ankles = np.array(
         [
             [-rng.uniform(0.01, 0.05), front, _on_seat(rng)],

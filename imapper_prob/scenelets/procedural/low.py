@@ -81,7 +81,7 @@ def sit_legs_out(rng: np.random.Generator) -> SeatedPose:
     ankles = np.stack([SIDES * rng.uniform(0.08, 0.20), np.sqrt(reach**2 - drop**2)], -1)
     ankles = np.concatenate([ankles, np.full((2, 1), drop)], -1)
     if rng.random() < 0.4:
-        ankles[0, 1:] = rng.uniform(0.38, 0.50), ANKLE_HEIGHT - pose.pelvis[2]
+        ankles[0, 1:] = THIGH * rng.uniform(0.90, 1.20), ANKLE_HEIGHT - pose.pelvis[2]
     pose = replace(pose, ankles=pose.at_pelvis(ankles), knees=_KNEES_UP)
     if rng.random() < 0.5:
         return prop_up_behind(rng, pose)
@@ -93,7 +93,7 @@ def sit_knees_up(rng: np.random.Generator) -> SeatedPose:
     """On the floor, feet flat before the body, hands round the shins, on the knees or behind."""
     pose = _on_floor(rng, rng.uniform(0.0, 0.30))
     flat = ANKLE_HEIGHT - pose.pelvis[2]
-    forward = rng.uniform(0.34, 0.46) + rng.uniform(-0.04, 0.04, 2)
+    forward = THIGH * rng.uniform(0.82, 1.10) + rng.uniform(-0.04, 0.04, 2)
     ankles = np.stack([SIDES * rng.uniform(0.07, 0.15), forward, np.full(2, flat)], -1)
     pose = replace(pose, ankles=pose.at_pelvis(ankles), knees=_KNEES_UP)
     share = rng.random()
@@ -117,11 +117,11 @@ def squat(rng: np.random.Generator, *, flat: bool | None = None) -> SeatedPose:
     if flat is None:
         flat = bool(rng.random() < 0.5)
     apart = rng.uniform(0.10, 0.19)
-    # From the ankles to the hips: as far as knees bent by 130 to 145 degrees let them.
-    gap = rng.uniform(0.25, 0.34)
-    back = np.deg2rad(rng.uniform(40, 52) if flat else rng.uniform(15, 32))
+    bent = np.deg2rad(rng.uniform(122, 144) if flat else rng.uniform(135, 145))
+    gap = np.sqrt(THIGH**2 + SHIN**2 + 2 * THIGH * SHIN * np.cos(bent))
+    back = np.deg2rad(rng.uniform(36, 47) if flat else rng.uniform(15, 32))
     height = ANKLE_HEIGHT if flat else TOES_ON_FLOOR + rng.uniform(0.0, 0.03)
-    lean = float(rng.uniform(0.50, 0.85) if flat else rng.uniform(0.15, 0.55))
+    lean = float(rng.uniform(0.55, 0.85) if flat else rng.uniform(0.15, 0.55))
     pelvis = np.array([0.0, -gap * np.sin(back), height + gap * np.cos(back)])
     ankles = np.stack([SIDES * apart, np.zeros(2), np.full(2, height)], -1)
     if not flat and rng.random() < 0.5:  # one foot before the other
@@ -139,14 +139,14 @@ def squat(rng: np.random.Generator, *, flat: bool | None = None) -> SeatedPose:
         stir=np.full(2, 0.01),
         knees=knees,
     )
-    bent = _knees(ankles - pelvis, knees)
+    at_knees = _knees(ankles - pelvis, knees)
     share = rng.random()
     if share < 0.4:  # forearms on the thighs, hands hanging or together before the knees
         before = rng.uniform(0.04, 0.12)
-        hands = bent + np.stack([-0.5 * bent[:, 0], np.full(2, before), np.full(2, 0.05)], -1)
-        return _hands(pose, hands)
+        inward = -0.5 * at_knees[:, 0]
+        return _hands(pose, at_knees + np.stack([inward, np.full(2, before), np.full(2, 0.05)], -1))
     if share < 0.6:
-        return _hands(pose, bent + (0.0, -0.02, THIGH_DEPTH + 0.02))
+        return _hands(pose, at_knees + np.array([0.0, -0.02, THIGH_DEPTH + 0.02]))
     return _at_work(rng, pose, low=0.12, high=0.40)
 
 
@@ -216,24 +216,24 @@ def kneel_on_one(rng: np.random.Generator) -> SeatedPose:
     right = _kneeling_thigh(1.0, rng.uniform(0.08, 0.14), _thigh_rise(rng, on_heels=on_heel))
     height = KNEE_ON_FLOOR - right[2]
     shin = _kneeling_shin(right, 1.0, rng.uniform(0.08, 0.14), _foot_behind(rng))
-    before = rng.uniform(0.22, 0.32) if on_heel else rng.uniform(0.32, 0.46)
+    before = THIGH * (rng.uniform(0.52, 0.76) if on_heel else rng.uniform(0.76, 1.10))
     foot = np.array([-rng.uniform(0.09, 0.16), before, ANKLE_HEIGHT - height])
     ankles, knees = np.stack([shin, foot]), np.stack([right, _KNEES_UP[1]])
     lean = float(rng.uniform(0.0, 0.35))
     pose = _kneeling(rng, height, lean, ankles, knees)
     share = rng.random()
     left = _knees(ankles, knees)[1]
-    over = left + (0.0, -0.04, THIGH_DEPTH + 0.02)
+    over = left + np.array([0.0, -0.04, THIGH_DEPTH + 0.02])
     if share < 0.35:  # the right hand hangs, the left one is on its knee
         return _hands(pose, np.stack([_hanging(rng, lean)[0], over]))
     if share < 0.55:  # both hands on that knee
-        return _hands(pose, np.stack([over + (0.07, 0.02, 0.01), over + (-0.02, -0.03, 0.0)]))
+        return _hands(pose, over + np.array([[0.07, 0.02, 0.01], [-0.02, -0.03, 0.0]]))
     return _at_work(rng, pose, low=0.15, high=0.65)
 
 
 def _thigh_rise(rng: np.random.Generator, *, on_heels: bool) -> float:
     """Elevation of the thigh over the floor, radians."""
-    return float(np.deg2rad(rng.uniform(32, 40) if on_heels else rng.uniform(76, 88)))
+    return float(np.deg2rad(rng.uniform(33, 40) if on_heels else rng.uniform(76, 88)))
 
 
 def _foot_behind(rng: np.random.Generator) -> float:
@@ -252,7 +252,7 @@ def _kneeling_shin(thigh: Array, side: float, apart: float, height: float) -> Ar
     """(3,) the ankle behind a knee on the floor, from the pelvis: a little further in."""
     across, up = -0.03 * side, height - KNEE_ON_FLOOR
     back = np.sqrt(SHIN**2 - across**2 - up**2)
-    knee = thigh + (side * HALF_HIPS, 0.0, 0.0)
+    knee = thigh + np.array([side * HALF_HIPS, 0.0, 0.0])
     ankle: Array = knee + np.array([across, -back, up])
     return ankle
 

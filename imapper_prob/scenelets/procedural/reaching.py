@@ -30,6 +30,9 @@ DEEPEST_CROUCH: Final = 0.48
 FURTHEST_LEAN: Final = 1.25
 """Radians of trunk bend at which fingertips come near the floor without bent knees."""
 
+LOWEST_HAND: Final = 0.12
+"""Metres above the floor of the wrist of an arm that would hang lower: fingers are bent there."""
+
 TRAVEL: Final = 0.7
 """Seconds a hand needs to or from something within reach (Flash and Hogan 1985: .5 to 1)."""
 
@@ -92,6 +95,7 @@ def reach(
     )
     trunk = _posture(body, targets[:, hands].mean(1), lean=part * lean, crouch=part * crouch)
     hanging = hanging_wrists(trunk, 0.08)
+    hanging[..., 2] = np.maximum(hanging[..., 2], LOWEST_HAND)
     first, last = (held(p, trunk, hanging) if p is not None else hanging for p in (before, after))
     rest = np.where((np.arange(len(part)) > part.argmax())[:, None, None], last, first)
     # A curve that leaves the resting place towards the point before the target, and ends there.
@@ -140,7 +144,9 @@ def _effort(
 
     Judged with the feet where they are in one frame, all postures of a grid at once.
     """
-    grid = np.meshgrid(_CROUCHES[_CROUCHES <= deepest], np.linspace(*leans, 26), indexing="ij")
+    grid = np.meshgrid(
+        _CROUCHES[np.less_equal(_CROUCHES, deepest)], np.linspace(*leans, 26), indexing="ij"
+    )
     crouches, bends = (values.ravel() for values in grid)
     frames = np.full(len(bends), frame)
     old = body.trunk

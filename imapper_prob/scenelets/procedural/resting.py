@@ -135,7 +135,7 @@ def perch_high(
 def lean_on_rest(
     rng: np.random.Generator, pose: SeatedPose, rest: tuple[float, float, float]
 ) -> SeatedPose:
-    """The trunk tilted to the right, that forearm or elbow on an armrest.
+    """The trunk tilted to the right, that forearm on an armrest.
 
     Parameters
     ----------
@@ -144,15 +144,14 @@ def lean_on_rest(
     """
     x, front, top = rest
     forward = rng.uniform(0.0, 0.10)
-    aside = pose.from_pelvis([x, pose.pelvis[1] + forward, top + ARM_DEPTH])
+    aside = pose.from_pelvis([x, front - 0.04, top + ARM_DEPTH])
     tilts = np.linspace(0.0, FURTHEST_TILT, 67)
     shoulders = _shoulders(tilts, pose.lean, pose.twist)
-    elbows = np.stack([np.full(67, aside[0]), shoulders[:, 1] + forward, np.full(67, aside[2])], -1)
+    elbows = np.broadcast_to(aside, shoulders.shape).copy()
+    elbows[:, 1] = np.minimum(shoulders[:, 1] + forward, aside[1])
     best = _as_long(shoulders, elbows)
     pose = replace(pose, tilt=float(tilts[best]))
     elbow = elbows[best]
-    if rng.random() < 0.35:
-        return _propped(pose, shoulders[best], elbow, pose.hands[1])
     # The forearm along the rest, as far as there is one.
     ahead = np.array([rng.uniform(-0.25, 0.05), 1.0, 0.08])
     wrist = elbow + FOREARM * ahead / np.linalg.norm(ahead)
@@ -170,7 +169,7 @@ def prop_head(rng: np.random.Generator, pose: SeatedPose, *, edge: float, top: f
     leans = np.linspace(0.0, 0.58, 59)
     tilt, twist = rng.uniform(0.05, 0.22), pose.twist + rng.uniform(0.0, 0.15)
     shoulders = np.concatenate([_shoulders(np.array([tilt]), lean, twist) for lean in leans])
-    place = [pose.pelvis[0], edge + rng.uniform(0.06, 0.14), top + ARM_DEPTH]
+    place = [pose.pelvis[0], edge + rng.uniform(0.08, 0.15), top + ARM_DEPTH]
     elbows = np.broadcast_to(pose.from_pelvis(place), shoulders.shape).copy()
     elbows[:, 0] = shoulders[:, 0] + rng.uniform(-0.04, 0.06)
     best = _as_long(shoulders, elbows)
@@ -220,6 +219,8 @@ def slouch(rng: np.random.Generator, pose: SeatedPose, seat: Seat) -> SeatedPose
     nod = float(rng.uniform(0.20, 0.45) - 0.3 * back)
     pose = replace(pose, pelvis=pelvis, lean=back, nod=nod, twist=0.5 * pose.twist)
     forward = THIGH + rng.uniform(0.06, 0.26) + rng.uniform(-0.03, 0.03, 2)
+    drop = pelvis[2] - ANKLE_HEIGHT
+    forward = np.minimum(forward, np.sqrt((STRETCHED * (THIGH + SHIN)) ** 2 - drop**2))
     feet = pose.at_pelvis(np.stack([SIDES * rng.uniform(0.08, 0.17), forward, np.zeros(2)], -1))
     feet[:, 2] = ANKLE_HEIGHT
     return draw_hands(rng, replace(pose, ankles=feet), seat)

@@ -18,7 +18,7 @@ from imapper_prob.scenelets.procedural.folded import (
 )
 from imapper_prob.scenelets.procedural.person import Person
 from imapper_prob.scenelets.procedural.recipes.drawn import Drawn, Recipe, moments
-from imapper_prob.scenelets.procedural.recipes.sitting import Taken, take_seat
+from imapper_prob.scenelets.procedural.recipes.sitting import Taken, take_seat, with_room
 from imapper_prob.scenelets.procedural.seat import Seat, open_seat, seat_of
 from imapper_prob.scenelets.procedural.seated import BUTTOCK, SeatedPose, draw_seated
 from imapper_prob.scenelets.procedural.sitting import sit_still
@@ -52,10 +52,14 @@ def sit_on_leg(kind: str) -> Recipe:
     def draw(rng: np.random.Generator, person: Person) -> Drawn:
         piece, seat, place = _wide(rng, person, kind, right=KNEE_BESIDE, left=0.24)
         # Where there is room the body turns to the side of the folded leg.
-        turn = rng.uniform(0.0, 0.25) if kind in ("chair", "bench") else rng.uniform(0.3, 0.65)
+        narrow = kind in ("chair", "bench")
+        turn = rng.uniform(0.0, 0.25) if narrow else rng.uniform(0.3, 0.65)
         pose = draw_seated(rng, seat, sideways=place, yaw=-turn, upright=True)
-        pose = _back_from_edge(pose, seat, rng.uniform(0.24, 0.34))
+        # Where there is a mattress or a cushion, the whole shin is on it.
+        pose = _back_from_edge(pose, seat, rng.uniform(0.27, 0.32 if narrow else 0.36))
         pose = leg_folded_under(rng, pose, replace(seat, arms=()))
+        if kind == "bed":
+            piece = with_room(piece, right=KNEE_BESIDE, left=0.3)
         return Drawn(sit_still(rng, pose, moments(rng, 15, 20)), (piece,))
 
     return draw

@@ -42,7 +42,7 @@ KNUCKLES: Final = 0.09
 SLOW: Final = 1.25
 """Times that a hand's way takes when the whole body goes along."""
 
-STEEPEST: Final = 1.45
+STEEPEST: Final = 1.35
 """Radians of trunk bend of whoever reaches down to the floor: hips bend by 125 degrees."""
 
 _WAYS: Final[dict[str, Callable[[np.random.Generator], SeatedPose]]] = {
@@ -106,7 +106,7 @@ def pick_up_from_floor(*, backwards: bool) -> Recipe:
         load = draw_pastime(rng, {name: HELD[name] for name in ("box", "cup", "book", "bag")})
         hands = ~np.isnan(load.hands[:, 0])
         start = rng.uniform(-0.35, 0.1)
-        least = rng.uniform(0.7, 1.35)
+        least = rng.uniform(0.7, 1.25)
         joints = reach(
             stand(rng, times),
             targets=_floor_target(rng, hands),
@@ -140,6 +140,6 @@ def bend_over(rng: np.random.Generator, person: Person) -> Drawn:
             travel=SLOW * TRAVEL,
         ),
         via=FROM_ABOVE,
-        leans=(rng.uniform(0.9, 1.35), STEEPEST),
+        leans=(rng.uniform(0.8, 1.25), STEEPEST),
     )
     return Drawn(joints, ())

@@ -10,7 +10,7 @@ from imapper_prob.models.scene import Placement
 from imapper_prob.scenelets.procedural import furniture
 from imapper_prob.scenelets.procedural.person import Person
 from imapper_prob.scenelets.procedural.recipes.drawn import FACING_BACK, Drawn, Recipe, moments
-from imapper_prob.scenelets.procedural.recipes.sitting import Taken, take_seat
+from imapper_prob.scenelets.procedural.recipes.sitting import Taken, take_seat, with_room
 from imapper_prob.scenelets.procedural.resting import (
     lean_on_rest,
     perch,
@@ -25,7 +25,7 @@ from imapper_prob.scenelets.procedural.seated import draw_seated
 from imapper_prob.scenelets.procedural.sitting import sit_still
 
 __all__ = [
-    "lean_back_on",
+    "lean_back_on_bed",
     "lean_on_armrest",
     "lean_on_bed",
     "lean_on_table",
@@ -33,6 +33,10 @@ __all__ = [
     "perch_on_table",
     "slouch_on",
 ]
+
+
+HAND = 0.10
+"""Metres that a hand which carries needs around its wrist."""
 
 
 def perch_on(kind: str) -> Recipe:
@@ -96,19 +100,18 @@ def lean_on_table(rng: np.random.Generator, person: Person) -> Drawn:
 def lean_on_bed(rng: np.random.Generator, person: Person) -> Drawn:
     """On the edge of a bed, leaning to the side on a straight arm."""
     piece, seat, place = take_seat(rng, person, "bed")
-    pose = draw_seated(rng, seat, sideways=place, upright=True)
-    return Drawn(sit_still(rng, prop_on_hand(rng, pose), moments(rng, 15, 20)), (piece,))
+    pose = prop_on_hand(rng, draw_seated(rng, seat, sideways=place, upright=True))
+    piece = with_room(piece, right=float(pose.hands[0, 0]) + HAND, left=0.3)
+    return Drawn(sit_still(rng, pose, moments(rng, 15, 20)), (piece,))
 
 
-def lean_back_on(kind: str) -> Recipe:
-    """On a bench or the edge of a bed, leaning back on both hands."""
-
-    def draw(rng: np.random.Generator, person: Person) -> Drawn:
-        piece, seat, place = take_seat(rng, person, kind)
-        pose = prop_up_behind(rng, draw_seated(rng, seat, sideways=place, upright=True))
-        return Drawn(sit_still(rng, pose, moments(rng, 15, 20)), (piece,))
-
-    return draw
+def lean_back_on_bed(rng: np.random.Generator, person: Person) -> Drawn:
+    """On the edge of a bed, leaning back on both hands."""
+    piece, seat, place = take_seat(rng, person, "bed")
+    pose = prop_up_behind(rng, draw_seated(rng, seat, sideways=place, upright=True))
+    beside = float(np.abs(pose.hands[:, 0]).max()) + HAND
+    piece = with_room(piece, right=beside, left=beside)
+    return Drawn(sit_still(rng, pose, moments(rng, 15, 20)), (piece,))
 
 
 def slouch_on(kind: str) -> Recipe:

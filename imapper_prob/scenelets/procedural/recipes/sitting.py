@@ -26,6 +26,7 @@ __all__ = [
     "sit_down_on",
     "sit_turned",
     "take_seat",
+    "with_room",
 ]
 
 _PLACES: Final[dict[int, Sequence[tuple[float, float]]]] = {
@@ -78,6 +79,17 @@ def _bedside(rng: np.random.Generator, person: Person) -> Taken:
     along = float(np.clip(rng.normal(0.0, 0.3), 0.4 - bed.bounds[1, 1], bed.bounds[1, 1] - 0.4))
     at = Placement(along, edge - half, float(rng.choice([-1, 1])) * np.pi / 2)
     return bed.moved(at), seat_of(bed, edge=edge), 0.0
+
+
+def with_room(bed: SceneObject, *, right: float, left: float) -> SceneObject:
+    """A bed below somebody who sits on its edge at x = 0, with so much of it to both sides.
+
+    It is moved along its edge by as little as it takes; ``right`` and ``left`` are in metres.
+    """
+    seat = next(c for c in bed.cuboids if c.part == "seat")
+    ends = bed.placement.apply(seat.centre + [[0, -1, 0], [0, 1, 0]] * seat.size / 2)[:, 0]
+    shift = max(right - ends.max(), 0.0) - max(left + ends.min(), 0.0)
+    return bed.moved(Placement(float(shift), 0.0, 0.0))
 
 
 def sit(kind: str) -> Recipe:
