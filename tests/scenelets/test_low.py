@@ -103,10 +103,9 @@ def test_a_squat_is_deep_and_balanced() -> None:
         assert np.all((knees[:, 2] > 0.25) & (knees[:, 2] < 0.55))
         assert knee_flexion(joints).max() > 115
         on_toes.append(feet[:, 2].max() > ANKLE_HEIGHT + 0.02)
-        # The middle of hips and shoulders is over the feet, which reach from the heels, 5 cm
-        # behind the ankles, to the toes.
-        middle = (pose[PELV, 1] + pose[THRX, 1]) / 2
-        assert feet[:, 1].min() - 0.08 < middle < feet[:, 1].max() + 0.20
+        # The body is over the feet: heels are 5 cm behind the ankles, toes before them.
+        middle = pose[:, 1].mean()
+        assert feet[:, 1].min() - 0.05 < middle < feet[:, 1].max() + 0.20
         if not on_toes[-1]:
             shins = knees - feet
             tilt = np.degrees(np.arctan2(shins[:, 1], shins[:, 2]))
@@ -140,7 +139,7 @@ def test_who_squats_goes_all_the_way_on_the_same_feet(backwards: bool) -> None:
     for joints, _ in draws(low.go_into_squat(backwards=backwards), 20):
         high, deep = (joints[-1], joints[0]) if backwards else (joints[0], joints[-1])
         assert high[PELV, 2] > HIP_HEIGHT - 0.06
-        assert deep[PELV, 2] < 0.39
+        assert deep[PELV, 2] < 0.40
         np.testing.assert_allclose(joints[:, [RANK, LANK], 2], ANKLE_HEIGHT, atol=0.003)
         feet = joints[:, [RANK, LANK], :2]
         assert np.abs(feet - feet[:1]).max() < 0.01

@@ -22,6 +22,7 @@ from imapper_prob.scenelets.procedural.body import (
     SHIN,
     SIDES,
     THIGH,
+    TRUNK,
     Trunk,
     hanging_wrists,
     pose_body,
@@ -121,7 +122,9 @@ def squat(rng: np.random.Generator, *, flat: bool | None = None) -> SeatedPose:
     gap = np.sqrt(THIGH**2 + SHIN**2 + 2 * THIGH * SHIN * np.cos(bent))
     back = np.deg2rad(rng.uniform(36, 47) if flat else rng.uniform(15, 32))
     height = ANKLE_HEIGHT if flat else TOES_ON_FLOOR + rng.uniform(0.0, 0.03)
-    lean = float(rng.uniform(0.55, 0.85) if flat else rng.uniform(0.15, 0.55))
+    # The shoulders are before the ankles by about as much as the hips are behind.
+    before = rng.uniform(0.04, 0.16) + gap * np.sin(back)
+    lean = float(np.arcsin(np.clip(before / TRUNK, 0.0, 0.8)))
     pelvis = np.array([0.0, -gap * np.sin(back), height + gap * np.cos(back)])
     ankles = np.stack([SIDES * apart, np.zeros(2), np.full(2, height)], -1)
     if not flat and rng.random() < 0.5:  # one foot before the other
@@ -216,7 +219,7 @@ def kneel_on_one(rng: np.random.Generator) -> SeatedPose:
     right = _kneeling_thigh(1.0, rng.uniform(0.08, 0.14), _thigh_rise(rng, on_heels=on_heel))
     height = KNEE_ON_FLOOR - right[2]
     shin = _kneeling_shin(right, 1.0, rng.uniform(0.08, 0.14), _foot_behind(rng))
-    before = THIGH * (rng.uniform(0.52, 0.76) if on_heel else rng.uniform(0.76, 1.10))
+    before = THIGH * (rng.uniform(0.72, 0.95) if on_heel else rng.uniform(0.76, 1.10))
     foot = np.array([-rng.uniform(0.09, 0.16), before, ANKLE_HEIGHT - height])
     ankles, knees = np.stack([shin, foot]), np.stack([right, _KNEES_UP[1]])
     lean = float(rng.uniform(0.0, 0.35))

@@ -19,7 +19,7 @@ from imapper_prob.scenelets.procedural.low import (
 )
 from imapper_prob.scenelets.procedural.lying import lie_still
 from imapper_prob.scenelets.procedural.person import Person
-from imapper_prob.scenelets.procedural.reaching import TRAVEL, extent, reach
+from imapper_prob.scenelets.procedural.reaching import DEEPEST_CROUCH, TRAVEL, extent, reach
 from imapper_prob.scenelets.procedural.recipes.drawn import Drawn, Recipe, moments
 from imapper_prob.scenelets.procedural.seated import SeatedPose
 from imapper_prob.scenelets.procedural.sitting import sit_still
@@ -42,8 +42,10 @@ KNUCKLES: Final = 0.09
 SLOW: Final = 1.25
 """Times that a hand's way takes when the whole body goes along."""
 
-STEEPEST: Final = 1.35
-"""Radians of trunk bend of whoever reaches down to the floor: hips bend by 125 degrees."""
+STOOP: Final = (1.05, 1.4, 0.36)
+SQUAT: Final = (0.55, 1.0, DEEPEST_CROUCH)
+"""Least and greatest bend of the trunk, radians, and most that the knees lower the pelvis, metres,
+of the two ways down: hips bend too far in both at once (lifting styles: Burgess-Limerick 2003)."""
 
 _WAYS: Final[dict[str, Callable[[np.random.Generator], SeatedPose]]] = {
     "cross-legged": sit_cross_legged,
@@ -97,8 +99,7 @@ def _floor_target(rng: np.random.Generator, hands: NDArray[np.bool_]) -> NDArray
 def pick_up_from_floor(*, backwards: bool) -> Recipe:
     """Bending down, taking something from the floor and coming up; backwards, putting it down.
 
-    From stooping with the knees nearly straight to bending them far, as people do both (Burgess-
-    Limerick 2003).
+    Some stoop over knees that are a little bent, and some bend their knees far.
     """
 
     def draw(rng: np.random.Generator, person: Person) -> Drawn:
@@ -106,14 +107,15 @@ def pick_up_from_floor(*, backwards: bool) -> Recipe:
         load = draw_pastime(rng, {name: HELD[name] for name in ("box", "cup", "book", "bag")})
         hands = ~np.isnan(load.hands[:, 0])
         start = rng.uniform(-0.35, 0.1)
-        least = rng.uniform(0.7, 1.25)
+        least, most, deepest = STOOP if rng.random() < 0.55 else SQUAT
         joints = reach(
             stand(rng, times),
             targets=_floor_target(rng, hands),
             hands=hands,
             part=extent(times, start=start, finish=start + SLOW * TRAVEL, travel=SLOW * TRAVEL),
             via=FROM_ABOVE,
-            leans=(least, STEEPEST),
+            leans=(rng.uniform(least, most - 0.1), most),
+            deepest=deepest,
             after=load,
         )
         return Drawn(joints[::-1] if backwards else joints, ())
@@ -129,6 +131,7 @@ def bend_over(rng: np.random.Generator, person: Person) -> Drawn:
     targets[:, 2] += rng.uniform(0.0, 0.15)
     work = 0.02 * np.sin(2 * np.pi * times / rng.uniform(1.2, 2.5))
     stays = rng.random() < 0.6
+    least, most, deepest = STOOP if rng.random() < 0.55 else SQUAT
     joints = reach(
         stand(rng, times),
         targets=targets + work[:, None, None] * (1.0, 0.3, 0.5),
@@ -140,6 +143,7 @@ def bend_over(rng: np.random.Generator, person: Person) -> Drawn:
             travel=SLOW * TRAVEL,
         ),
         via=FROM_ABOVE,
-        leans=(rng.uniform(0.8, 1.25), STEEPEST),
+        leans=(rng.uniform(least, most - 0.1), most),
+        deepest=deepest,
     )
     return Drawn(joints, ())
