@@ -68,7 +68,7 @@ def low_down(way: str) -> Recipe:
 
 
 def lie_on_floor(rng: np.random.Generator, person: Person) -> Drawn:
-    """On the back or on the side, with an arm or nothing below the head."""
+    """On the back or on the side, with nothing below the head."""
     on_side = bool(rng.random() < 0.4)
     times = moments(rng, 15, 20)
     return Drawn(lie_still(rng, times, on_side=on_side, room=np.inf, pillow=0.08), ())

@@ -87,7 +87,8 @@ def with_room(bed: SceneObject, *, right: float, left: float) -> SceneObject:
     It is moved along its edge by as little as it takes; ``right`` and ``left`` are in metres.
     """
     seat = next(c for c in bed.cuboids if c.part == "seat")
-    ends = bed.placement.apply(seat.centre + [[0, -1, 0], [0, 1, 0]] * seat.size / 2)[:, 0]
+    half = np.array([0.0, seat.size[1] / 2, 0.0])
+    ends = bed.placement.apply(seat.centre + np.stack([-half, half]))[:, 0]
     shift = max(right - ends.max(), 0.0) - max(left + ends.min(), 0.0)
     return bed.moved(Placement(float(shift), 0.0, 0.0))
 
