@@ -19,6 +19,28 @@ OTHER_WAYS = {
 WITHOUT_FURNITURE = {"floor-sit", "floor-lie", "squat", "kneel", "bend", "walk"}
 
 
+BEGINNINGS = {
+    "legs-crossed": ("sit-crossed-",),
+    "leg-folded": ("sit-on-leg-",),
+    "cross-legged": ("sit-tailor-",),
+    "perch": ("perch-",),
+    "lean-on-arm": ("sit-leaning-",),
+    "slouch": ("slouch-", "sit-back-"),
+    "floor-sit": ("sit-floor-",),
+    "floor-lie": ("lie-floor-",),
+    "squat": ("squat-",),
+    "kneel": ("kneel-",),
+    "bend": ("pick-up-floor-", "put-down-floor-", "bend-over-"),
+}
+
+
+@pytest.mark.parametrize("family", sorted(OTHER_WAYS))
+def test_a_family_is_all_whose_names_begin_so(family: str) -> None:
+    library = built_in_library()
+    own = [s.name for s in library if family_of(s.name) == family]
+    assert own == [s.name for s in library if s.name.startswith(BEGINNINGS[family])]
+
+
 def test_every_scenelet_has_a_family() -> None:
     count = Counter(family_of(s.name) for s in built_in_library())
     assert set(count) == set(FAMILIES)
