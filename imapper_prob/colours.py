@@ -38,6 +38,9 @@ _ACTIONS: Final[dict[str, Colour]] = {
     "sit-down": (214, 96, 60),
     "stand-up": (237, 201, 72),
     "lie": (89, 161, 79),
+    "squat": (60, 128, 140),
+    "kneel": (118, 183, 178),
+    "bend": (140, 110, 190),
 }
 _OTHERS: Final[tuple[Colour, ...]] = (
     (156, 117, 95),

@@ -78,6 +78,13 @@ a standard deviation of 2.4, and this is three of them."""
 FOOT_BELOW_FLOOR: Final = 0.03
 """Metres an ankle may be lower than in a flat foot."""
 
+FOOT_LIES: Final = 0.5
+"""Upward part of the shin below which its foot cannot be flat but lies on its side or instep: an
+ankle 60 degrees from upright, where it stretches by 50."""
+
+LYING_FOOT: Final = 0.02
+"""Metres above the floor that the ankle of a foot that lies is at least."""
+
 CONTACT: Final = 0.015
 """Metres above the height of a flat foot's ankle up to which the foot is taken to stand."""
 
@@ -183,7 +190,9 @@ def floor_faults(joints: ArrayLike) -> list[str]:
     joints = np.asarray(joints, float)
     found = []
     lowest = joints[..., 2].copy()
-    lowest[:, [RANK, LANK]] -= ANKLE_HEIGHT - FOOT_BELOW_FLOOR
+    shins = _unit(joints[:, [RKNE, LKNE]] - joints[:, [RANK, LANK]])
+    flat = ANKLE_HEIGHT - FOOT_BELOW_FLOOR
+    lowest[:, [RANK, LANK]] -= np.where(shins[..., 2] < FOOT_LIES, LYING_FOOT, flat)
     if lowest.min() < 0:
         frame, joint = np.unravel_index(lowest.argmin(), lowest.shape)
         found.append(f"{JOINTS[joint]} is {-100 * lowest.min():.0f} cm too low in frame {frame}")

@@ -11,7 +11,7 @@ from hypothesis import given
 from numpy.typing import NDArray
 
 from imapper_prob.models.pose import facing
-from imapper_prob.models.scene import Placement, SceneObject
+from imapper_prob.models.scene import Placement
 from imapper_prob.models.skeleton import (
     BONE_LENGTHS,
     HEAD,
@@ -31,9 +31,9 @@ from imapper_prob.models.skeleton import (
 from imapper_prob.scenelets.plausibility import faults
 from imapper_prob.scenelets.procedural import furniture
 from imapper_prob.scenelets.procedural.body import Trunk
-from imapper_prob.scenelets.procedural.person import Person, draw_person
+from imapper_prob.scenelets.procedural.person import Person
 from imapper_prob.scenelets.procedural.recipes import lying, sitting
-from imapper_prob.scenelets.procedural.recipes.drawn import Drawn, Recipe
+from imapper_prob.scenelets.procedural.recipes.drawn import Recipe
 from imapper_prob.scenelets.procedural.seat import seat_of
 from imapper_prob.scenelets.procedural.seated import (
     HIP_ABOVE_SEAT,
@@ -42,6 +42,7 @@ from imapper_prob.scenelets.procedural.seated import (
     draw_seated,
 )
 from imapper_prob.scenelets.procedural.sitting import approach, sit_down, sit_still
+from tests.scenelets.drawing import draws, legs_apart, surface, within
 
 Array = NDArray[np.float64]
 
@@ -64,23 +65,6 @@ UP: dict[str, Recipe] = {
 }
 LYING: dict[str, Recipe] = {"on a bed": lying.lie_on_bed, "on a couch": lying.lie_on_couch}
 RECIPES = STILL | DOWN | UP | LYING
-
-
-def draws(recipe: Recipe, count: int, *, person: Person | None = None) -> list[Drawn]:
-    streams = [np.random.default_rng([5, i]) for i in range(count)]
-    return [recipe(rng, person or draw_person(rng)) for rng in streams]
-
-
-def surface(piece: SceneObject) -> tuple[Array, Array]:
-    """Lower and upper corner of the seat in the object's frame."""
-    seat = next(c for c in piece.cuboids if c.part == "seat")
-    return seat.centre - seat.size / 2, seat.centre + seat.size / 2
-
-
-def within(piece: SceneObject, points: Array) -> Array:
-    """Points (..., 3) of the parent frame in the frame of the piece."""
-    flat = (points[..., :2] - (piece.placement.x, piece.placement.y)) @ piece.placement.rotation
-    return np.concatenate([flat, points[..., 2:]], -1)
 
 
 @pytest.mark.parametrize("name", RECIPES)
@@ -163,15 +147,10 @@ def test_sitters_lean_back_and_forward_and_move_their_legs() -> None:
 
 
 def test_legs_do_not_pass_through_each_other() -> None:
-    weights = np.linspace(0, 1, 15)[:, None]
     for kind in ("stool", "couch"):
         for joints, _ in draws(sitting.sit(kind), 100):
-            sides = []
-            for hip, knee, ankle in ((RHIP, RKNE, RANK), (LHIP, LKNE, LANK)):
-                a, b, c = joints[0, [hip, knee, ankle]]
-                sides.append(np.concatenate([a + weights * (b - a), b + weights * (c - b)]))
-            apart = np.linalg.norm(sides[0][:, None] - sides[1][None], axis=-1)
-            assert apart.min() > 0.06  # a shin against a calf: half of either, pressed together
+            # A shin against a calf: half of either, pressed together.
+            assert legs_apart(joints[0]) > 0.06
 
 
 def test_hands_are_on_the_armrests_there_are() -> None:

@@ -55,6 +55,7 @@ UPPER_ARM: Final = BONE_LENGTHS[RSHO, RELB]
 FOREARM: Final = BONE_LENGTHS[RELB, RWRI]
 TRUNK: Final = BONE_LENGTHS[PELV, THRX]
 NECK_AND_HEAD: Final = BONE_LENGTHS[THRX, HEAD]
+HALF_HIPS: Final = BONE_LENGTHS[RHIP, LHIP] / 2
 
 ANKLE_HEIGHT: Final = 0.085
 """Ankle joint above the floor of a flat foot, metres: .039 H of a shod 1.70 m adult plus
@@ -134,6 +135,10 @@ class Trunk:
         offsets = np.broadcast_to(np.asarray(offsets, float), (len(axes), 2, 3))
         positions: Array = self.pelvis[:, None] + offsets @ axes
         return positions
+
+    def directions(self, offsets: ArrayLike) -> Array:
+        """(n, 2, 3) or (2, 3) directions (right, forward, up) of the pelvis in the frame."""
+        return self.at_pelvis(offsets) - self.pelvis[:, None]
 
     @property
     def hips(self) -> Array:
@@ -246,7 +251,8 @@ def pose_body(
     *,
     ankles: ArrayLike,
     wrists: ArrayLike,
-    elbows: tuple[float, float, float] = ELBOWS,
+    elbows: ArrayLike = ELBOWS,
+    knees: ArrayLike | None = None,
 ) -> Array:
     """All joints, from the trunk and where hands and feet are.
 
@@ -256,8 +262,10 @@ def pose_body(
         Of n frames.
     ankles, wrists : (n, 2, 3) float
         Targets in metres, right then left.
-    elbows : (float, float, float)
-        Where elbows point: outward, forward and up.
+    elbows : (3,) or (2, 3) float
+        Where elbows point: outward, forward and up, or right, forward and up one by one.
+    knees : (2, 3) float, optional
+        Where knees point: right, forward and up. Forward and a little up, if not given.
 
     Returns
     -------
@@ -266,22 +274,20 @@ def pose_body(
     """
     forward, outward = trunk.forward[:, None], SIDES[:, None] * trunk.right[:, None]
     # Knees bend forward and, when the thigh is level, up.
-    knees, ankles = two_bones(
-        trunk.hips, ankles, forward + 0.5 * _UP + 0.12 * outward, upper=THIGH, lower=SHIN
-    )
-    bent, wrists = two_bones(
-        trunk.shoulders,
-        wrists,
-        elbows[0] * outward + elbows[1] * forward + elbows[2] * _UP,
-        upper=UPPER_ARM,
-        lower=FOREARM,
-    )
+    ahead = forward + 0.5 * _UP + 0.12 * outward if knees is None else trunk.directions(knees)
+    bent_knees, ankles = two_bones(trunk.hips, ankles, ahead, upper=THIGH, lower=SHIN)
+    elbows = np.asarray(elbows, float)
+    if elbows.ndim == 1:
+        aside = elbows[0] * outward + elbows[1] * forward + elbows[2] * _UP
+    else:
+        aside = trunk.directions(elbows)
+    bent, wrists = two_bones(trunk.shoulders, wrists, aside, upper=UPPER_ARM, lower=FOREARM)
     joints = np.zeros((len(trunk.yaw), N_JOINTS, 3))
     joints[:, PELV], joints[:, THRX], joints[:, HEAD] = trunk.pelvis, trunk.thorax, trunk.head
     joints[:, NECK] = (trunk.thorax + trunk.head) / 2
     for pair, positions in (
         ((RHIP, LHIP), trunk.hips),
-        ((RKNE, LKNE), knees),
+        ((RKNE, LKNE), bent_knees),
         ((RANK, LANK), ankles),
         ((RSHO, LSHO), trunk.shoulders),
         ((RELB, LELB), bent),

@@ -1,9 +1,9 @@
 """The catalogue: which interactions the built-in library holds, and how many of each.
 
 Actions are ``walk``, ``stand``, ``sit``, ``sit-down``, ``stand-up``, ``lie``, ``reach``,
-``pick-up`` and ``put-down``. Every recipe draws one motion with its furniture; every second
-scenelet is the mirror image of the one before, so that nothing in the library is more left-
-than right-handed.
+``pick-up``, ``put-down``, ``squat``, ``kneel`` and ``bend``. A family is what does one of these,
+or does it in one way. Every recipe draws one motion with its furniture; every second scenelet is
+the mirror image of the one before, so that nothing in the library is more left- than right-handed.
 """
 
 from __future__ import annotations
@@ -19,12 +19,21 @@ from imapper_prob.scenelets.frames import localised, mirrored
 from imapper_prob.scenelets.plausibility import faults
 from imapper_prob.scenelets.procedural.noise import as_tracked
 from imapper_prob.scenelets.procedural.person import draw_person
-from imapper_prob.scenelets.procedural.recipes import lying, reaching, sitting, standing, walking
+from imapper_prob.scenelets.procedural.recipes import (
+    folded,
+    low,
+    lying,
+    reaching,
+    resting,
+    sitting,
+    standing,
+    walking,
+)
 from imapper_prob.scenelets.procedural.recipes.drawn import FRAMES_PER_SECOND, Recipe
 
 __all__ = ["CATALOGUE", "VERSION", "Entry", "build_library"]
 
-VERSION: Final = 2
+VERSION: Final = 3
 """Goes up whenever the scenelets that come out change; part of the library's name."""
 
 _ATTEMPTS: Final = 50
@@ -33,16 +42,34 @@ _ATTEMPTS: Final = 50
 
 @dataclass(frozen=True)
 class Entry:
-    """A line of the catalogue: what it is called, what is done, how many, how one is drawn."""
+    """A line of the catalogue.
+
+    Parameters
+    ----------
+    name : str
+        Of the scenelets, which are numbered; draws them too, so that it never changes.
+    action : str
+        What is done.
+    count : int
+        How many; even.
+    draw : Recipe
+        How one is drawn.
+    family : str
+        What motions of this kind have in common; that they do the same, if not given.
+    """
 
     name: str
     action: str
     count: int
     draw: Recipe
+    family: str = ""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "family", self.family or self.action)
 
 
 CATALOGUE: Final = (
-    # On one's feet with nothing near: 22 of 100.
+    # On one's feet with nothing near: 18 of 100.
     Entry("walk", "walk", 160, walking.walk),
     Entry("walk-shuffle", "walk", 24, walking.shuffle),
     Entry("walk-start", "walk", 32, walking.start_walking),
@@ -51,7 +78,7 @@ CATALOGUE: Final = (
     Entry("walk-side-step", "walk", 20, walking.side_step),
     Entry("walk-carry", "walk", 36, walking.carry),
     Entry("stand-idle", "stand", 60, walking.idle),
-    # Seats: 50 of 100. On chairs (and some benches, at tables),
+    # Seats: 41 of 100, and another 11 below. On chairs (and some benches, at tables),
     Entry("sit-chair", "sit", 84, sitting.sit("chair")),
     Entry("sit-office-chair", "sit", 40, sitting.sit("office-chair")),
     Entry("sit-chair-turned", "sit", 20, sitting.sit_turned("chair")),
@@ -78,7 +105,7 @@ CATALOGUE: Final = (
     Entry("sit-down-bench", "sit-down", 8, sitting.sit_down_on("bench", backwards=False)),
     Entry("stand-up-bench", "stand-up", 8, sitting.sit_down_on("bench", backwards=True)),
     Entry("sit-bed", "sit", 12, sitting.sit("bed")),
-    # Tables and counters: 12 of 100.
+    # Tables and counters: 10 of 100.
     Entry("stand-table", "stand", 40, standing.stand_at("table")),
     Entry("stand-counter", "stand", 36, standing.stand_at("counter")),
     Entry("lean-on-table", "stand", 16, standing.lean_on_top("table")),
@@ -91,16 +118,59 @@ CATALOGUE: Final = (
     Entry("put-down-low-table", "put-down", 10, standing.pick_up("low table", backwards=True)),
     Entry("pick-up-counter", "pick-up", 12, standing.pick_up("counter")),
     Entry("put-down-counter", "put-down", 8, standing.pick_up("counter", backwards=True)),
-    # Shelves: 14 of 100.
+    # Shelves: 11 of 100.
     Entry("reach-shelf", "reach", 140, reaching.reach_shelf),
     Entry("reach-shelf-coming", "reach", 40, reaching.step_to_shelf(backwards=False)),
     Entry("reach-shelf-leaving", "reach", 28, reaching.step_to_shelf(backwards=True)),
     Entry("reach-shelf-browsing", "reach", 44, reaching.browse_shelf),
-    # Lying: 2 of 100.
+    # Lying: 2 of 100, with those on the floor.
     Entry("lie-bed", "lie", 24, lying.lie_on_bed),
     Entry("lie-couch", "lie", 12, lying.lie_on_couch),
+    # Other ways to sit: legs crossed,
+    Entry("sit-crossed-chair", "sit", 20, folded.sit_crossed("chair"), "legs-crossed"),
+    Entry("sit-crossed-couch", "sit", 12, folded.sit_crossed("couch"), "legs-crossed"),
+    Entry("sit-crossed-stool", "sit", 10, folded.sit_crossed("stool"), "legs-crossed"),
+    Entry("sit-crossed-bench", "sit", 4, folded.sit_crossed("bench"), "legs-crossed"),
+    # a leg folded on the seat, or both of them,
+    Entry("sit-on-leg-bed", "sit", 18, folded.sit_on_leg("bed"), "leg-folded"),
+    Entry("sit-on-leg-couch", "sit", 10, folded.sit_on_leg("couch"), "leg-folded"),
+    Entry("sit-on-leg-chair", "sit", 8, folded.sit_on_leg("chair"), "leg-folded"),
+    Entry("sit-on-leg-bench", "sit", 2, folded.sit_on_leg("bench"), "leg-folded"),
+    Entry("sit-tailor-bed", "sit", 14, folded.sit_tailor_fashion("bed"), "cross-legged"),
+    Entry("sit-tailor-couch", "sit", 12, folded.sit_tailor_fashion("couch"), "cross-legged"),
+    # on an edge,
+    Entry("perch-chair", "sit", 12, resting.perch_on("chair"), "perch"),
+    Entry("perch-stool", "sit", 18, resting.perch_on("stool"), "perch"),
+    Entry("perch-bench", "sit", 6, resting.perch_on("bench"), "perch"),
+    Entry("perch-couch", "sit", 4, resting.perch_on("couch"), "perch"),
+    Entry("perch-bed", "sit", 4, resting.perch_on("bed"), "perch"),
+    Entry("perch-table", "stand", 12, resting.perch_on_table, "perch"),
+    # on an arm,
+    Entry("sit-leaning-chair", "sit", 12, resting.lean_on_armrest("chair"), "lean-on-arm"),
+    Entry("sit-leaning-couch", "sit", 10, resting.lean_on_armrest("couch"), "lean-on-arm"),
+    Entry("sit-leaning-armchair", "sit", 8, resting.lean_on_armrest("armchair"), "lean-on-arm"),
+    Entry("sit-leaning-table", "sit", 14, resting.lean_on_table, "lean-on-arm"),
+    Entry("sit-leaning-bed", "sit", 8, resting.lean_on_bed, "lean-on-arm"),
+    # and lying back.
+    Entry("slouch-chair", "sit", 12, resting.slouch_on("chair"), "slouch"),
+    Entry("slouch-couch", "sit", 10, resting.slouch_on("couch"), "slouch"),
+    Entry("slouch-armchair", "sit", 6, resting.slouch_on("armchair"), "slouch"),
+    Entry("sit-back-bed", "sit", 8, resting.lean_back_on_bed, "slouch"),
+    # Low down with nothing near: 6 of 100.
+    Entry("sit-floor-cross-legged", "sit", 12, low.low_down("cross-legged"), "floor-sit"),
+    Entry("sit-floor-legs-out", "sit", 10, low.low_down("legs out"), "floor-sit"),
+    Entry("sit-floor-knees-up", "sit", 10, low.low_down("knees up"), "floor-sit"),
+    Entry("lie-floor", "lie", 8, low.lie_on_floor, "floor-lie"),
+    Entry("squat", "squat", 16, low.low_down("squat")),
+    Entry("squat-down", "squat", 8, low.go_into_squat(backwards=False)),
+    Entry("squat-up", "squat", 8, low.go_into_squat(backwards=True)),
+    Entry("kneel-both", "kneel", 16, low.low_down("both knees")),
+    Entry("kneel-one", "kneel", 16, low.low_down("one knee")),
+    Entry("pick-up-floor", "pick-up", 16, low.pick_up_from_floor(backwards=False), "bend"),
+    Entry("put-down-floor", "put-down", 8, low.pick_up_from_floor(backwards=True), "bend"),
+    Entry("bend-over", "bend", 10, low.bend_over),
 )
-"""1814 scenelets, about as many of each kind as people spend time on it in living rooms and
+"""2206 scenelets, about as many of each kind as people spend time on it in living rooms and
 offices. Chairs, couches, stools and benches are as 4 : 4 : 1.5 : .7, so that none of them is
 preferred only because another is rare."""
 

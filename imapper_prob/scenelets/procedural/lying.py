@@ -93,7 +93,14 @@ def _resting_hands(rng: np.random.Generator, roll: float) -> Array:
     return np.stack([SIDES * rng.uniform(0.03, 0.10, 2), belly, np.full(2, 0.23)], -1)
 
 
-def lie_still(rng: np.random.Generator, times: Array, *, on_side: bool, room: float) -> Array:
+def lie_still(
+    rng: np.random.Generator,
+    times: Array,
+    *,
+    on_side: bool,
+    room: float,
+    pillow: float = PILLOW,
+) -> Array:
     """(n, 16, 3) joints of somebody who lies, in the frame of the sleeper.
 
     Parameters
@@ -106,6 +113,8 @@ def lie_still(rng: np.random.Generator, times: Array, *, on_side: bool, room: fl
         is rolled by 50 to 70 degrees.
     room : float
         How far from the pelvis the ankles may be, metres; knees bend where that is short.
+    pillow : float
+        Radians that the head is bent forward by what it lies on.
     """
     roll = np.deg2rad(rng.uniform(50, 70)) if on_side else 0.0
     body = _turned_over(roll)
@@ -114,7 +123,7 @@ def lie_still(rng: np.random.Generator, times: Array, *, on_side: bool, room: fl
     height = max(BACK_DEPTH, LIMB_DEPTH + half_shoulders * np.sin(roll))
     pelvis = np.array([0.0, 0.0, height])
     breath = 2 * np.pi * (times / rng.uniform(3.0, 5.0) + rng.random())
-    trunk = Trunk.of(np.zeros((len(times), 3)), 0.0, nod=PILLOW + 0.01 * np.sin(breath))
+    trunk = Trunk.of(np.zeros((len(times), 3)), 0.0, nod=pillow + 0.01 * np.sin(breath))
     resting = _resting_legs(rng, roll)
     resting[:, 1] = np.minimum(resting[:, 1], room)
     ankles = (resting - pelvis) @ body.T

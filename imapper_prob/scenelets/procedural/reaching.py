@@ -30,25 +30,23 @@ DEEPEST_CROUCH: Final = 0.48
 FURTHEST_LEAN: Final = 1.25
 """Radians of trunk bend at which fingertips come near the floor without bent knees."""
 
+LOWEST_HAND: Final = 0.12
+"""Metres above the floor of the wrist of an arm that would hang lower: fingers are bent there."""
+
 TRAVEL: Final = 0.7
 """Seconds a hand needs to or from something within reach (Flash and Hogan 1985: .5 to 1)."""
 
-_CROUCHES, _LEANS = (
-    grid.ravel()
-    for grid in np.meshgrid(
-        np.linspace(0.0, DEEPEST_CROUCH, 13), np.linspace(0.0, FURTHEST_LEAN, 26), indexing="ij"
-    )
-)
+_CROUCHES: Final = np.linspace(0.0, DEEPEST_CROUCH, 13)
 
 
-def extent(times: Array, *, start: float, finish: float) -> Array:
+def extent(times: Array, *, start: float, finish: float, travel: float = TRAVEL) -> Array:
     """(n,) how far hands are on their way, 0 to 1 and back.
 
-    They set off at ``start`` and again, back, at ``finish`` seconds; either may be outside the
-    clip.
+    They set off at ``start`` and again, back, at ``finish`` seconds, and are under way for
+    ``travel``; either may be outside the clip.
     """
-    there = minimum_jerk((times - start) / TRAVEL)
-    return there * (1 - minimum_jerk((times - finish) / TRAVEL))
+    there = minimum_jerk((times - start) / travel)
+    return there * (1 - minimum_jerk((times - finish) / travel))
 
 
 def reach(
@@ -59,6 +57,7 @@ def reach(
     part: Array,
     via: ArrayLike,
     deepest: float = DEEPEST_CROUCH,
+    leans: tuple[float, float] = (0.0, FURTHEST_LEAN),
     before: Pastime | None = None,
     after: Pastime | None = None,
 ) -> Array:
@@ -79,6 +78,8 @@ def reach(
         the front to a shelf.
     deepest : float
         Metres the knees may lower the pelvis; low furniture leaves them less room.
+    leans : (float, float)
+        Least and greatest bend of the trunk, radians.
     before, after : Pastime, optional
         What the hands hold before they are there, and after; they hang, if not given.
 
@@ -90,10 +91,11 @@ def reach(
     targets = np.broadcast_to(np.asarray(targets, float), body.wrists.shape)
     hands, via = np.asarray(hands, bool), np.asarray(via, float)
     lean, crouch = _effort(
-        body, targets[:, hands], hands, frame=int(part.argmax()), deepest=deepest
+        body, targets[:, hands], hands, frame=int(part.argmax()), deepest=deepest, leans=leans
     )
     trunk = _posture(body, targets[:, hands].mean(1), lean=part * lean, crouch=part * crouch)
     hanging = hanging_wrists(trunk, 0.08)
+    hanging[..., 2] = np.maximum(hanging[..., 2], LOWEST_HAND)
     first, last = (held(p, trunk, hanging) if p is not None else hanging for p in (before, after))
     rest = np.where((np.arange(len(part)) > part.argmax())[:, None, None], last, first)
     # A curve that leaves the resting place towards the point before the target, and ends there.
@@ -130,15 +132,23 @@ def _posture(body: Walk, aim: Array, *, lean: Array, crouch: Array) -> Trunk:
 
 
 def _effort(
-    body: Walk, targets: Array, hands: NDArray[np.bool_], *, frame: int, deepest: float
+    body: Walk,
+    targets: Array,
+    hands: NDArray[np.bool_],
+    *,
+    frame: int,
+    deepest: float,
+    leans: tuple[float, float],
 ) -> tuple[float, float]:
     """Least lean (rad) and crouch (m) that bring targets (n, k, 3) of k hands into easy reach.
 
     Judged with the feet where they are in one frame, all postures of a grid at once.
     """
-    allowed = np.less_equal(_CROUCHES, deepest)
-    crouches, leans = _CROUCHES[allowed], _LEANS[allowed]
-    frames = np.full(len(leans), frame)
+    grid = np.meshgrid(
+        _CROUCHES[np.less_equal(_CROUCHES, deepest)], np.linspace(*leans, 26), indexing="ij"
+    )
+    crouches, bends = (values.ravel() for values in grid)
+    frames = np.full(len(bends), frame)
     old = body.trunk
     still = Walk(
         Trunk(
@@ -148,14 +158,14 @@ def _effort(
         body.ankles[frames],
         body.wrists[frames],
     )  # fmt: skip
-    worst = np.zeros(len(leans))
+    worst = np.zeros(len(bends))
     for moment in {0, frame, len(targets) - 1}:
         aims = targets[moment]
         trunk = _posture(
-            still, np.broadcast_to(aims.mean(0), (len(leans), 3)), lean=leans, crouch=crouches
+            still, np.broadcast_to(aims.mean(0), (len(bends), 3)), lean=bends, crouch=crouches
         )
         gap = np.linalg.norm(trunk.shoulders[:, hands] - aims, axis=-1).max(-1)
         worst = np.maximum(worst, gap)
     # A metre out of reach outweighs any posture; knees are spared before the back.
-    best = int(np.argmin(20 * np.maximum(worst - COMFORTABLE, 0.0) + 0.5 * leans + crouches))
-    return float(leans[best]), float(crouches[best])
+    best = int(np.argmin(20 * np.maximum(worst - COMFORTABLE, 0.0) + 0.5 * bends + crouches))
+    return float(bends[best]), float(crouches[best])

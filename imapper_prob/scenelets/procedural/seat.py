@@ -8,7 +8,7 @@ import numpy as np
 
 from imapper_prob.models.scene import SceneObject
 
-__all__ = ["Seat", "seat_of"]
+__all__ = ["Seat", "open_seat", "seat_of"]
 
 
 @dataclass(frozen=True)
@@ -68,3 +68,16 @@ def seat_of(piece: SceneObject, *, edge: float | None = None) -> Seat:
         deep=piece.label == "couch",
         arms=arms,
     )
+
+
+def open_seat(height: float, *, front: float) -> Seat:
+    """A surface without a back or arms, as of a floor or of the middle of a bed.
+
+    Parameters
+    ----------
+    height : float
+        Metres.
+    front : float
+        The y in metres of where whoever sits there ends.
+    """
+    return Seat(height=height, front=front, back=-np.inf, closed=False, deep=False, arms=())

@@ -24,7 +24,15 @@ from imapper_prob.scenelets.procedural.body import (
 )
 from imapper_prob.scenelets.procedural.seat import Seat
 
-__all__ = ["HIP_ABOVE_SEAT", "SeatedPose", "at_table", "draw_seated"]
+__all__ = [
+    "BUTTOCK",
+    "CHEST_HALF_DEPTH",
+    "HIP_ABOVE_SEAT",
+    "SeatedPose",
+    "at_table",
+    "draw_hands",
+    "draw_seated",
+]
 
 Array = NDArray[np.float64]
 
@@ -52,7 +60,7 @@ _ARM_REACH: Final = 0.46
 
 @dataclass(frozen=True)
 class SeatedPose:
-    """How somebody sits.
+    """How somebody sits, or holds still in another way than on straight legs.
 
     Parameters
     ----------
@@ -68,6 +76,11 @@ class SeatedPose:
         Wrists from the pelvis: right, forward and up as the pelvis faces, metres.
     stir : (2,) float
         How far each hand moves about its place, metres.
+    tilt : float
+        That of a trunk.
+    knees, elbows : (2, 3) float, optional
+        Where they point, right, forward and up as the pelvis faces; as of anybody who sits with
+        the feet on the floor and the hands at work, if not given.
     """
 
     pelvis: Array
@@ -78,6 +91,9 @@ class SeatedPose:
     ankles: Array
     hands: Array
     stir: Array
+    tilt: float = 0.0
+    knees: Array | None = None
+    elbows: Array | None = None
 
     def from_pelvis(self, points: ArrayLike) -> Array:
         """Positions (..., 3) in the frame of the seat, as right, forward, up of the pelvis."""
@@ -88,6 +104,13 @@ class SeatedPose:
             [0.0, 0.0, 1.0],
         ]
         return offset
+
+    def at_pelvis(self, offsets: ArrayLike) -> Array:
+        """Right, forward, up of the pelvis (..., 3) as positions in the frame of the seat."""
+        c, s = np.cos(self.yaw), np.sin(self.yaw)
+        turn = [[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]
+        positions: Array = self.pelvis + np.asarray(offsets, float) @ turn
+        return positions
 
     @property
     def head(self) -> tuple[float, float]:
@@ -321,6 +344,7 @@ def draw_seated(
     *,
     sideways: float = 0.0,
     yaw: float | None = None,
+    lean: float | None = None,
     upright: bool = False,
 ) -> SeatedPose:
     """A way to sit.
@@ -333,17 +357,26 @@ def draw_seated(
         The x of the middle of the place that is taken, metres.
     yaw : float, optional
         Where the pelvis faces; drawn about the front of the seat, if not given.
+    lean : float, optional
+        Of the trunk, as far back as the seat lets it; drawn, if not given.
     upright : bool
         Whether the trunk is neither back nor forward, both feet are side by side and the
         hands rest, as before getting up.
     """
-    lean = rng.uniform(-0.05, 0.12) if upright else _draw_lean(rng, seat)
+    if lean is None:
+        lean = rng.uniform(-0.05, 0.12) if upright else _draw_lean(rng, seat)
     if yaw is None:
         yaw = float(np.clip(rng.normal(0.0, SQUARE), -0.2, 0.2))
     pose = _place(rng, seat, sideways=sideways, yaw=yaw, lean=lean)
     move_legs = _feet_flat if upright else _pick(rng, _legs(seat, pose.lean))
-    pose = move_legs(rng, pose, seat)
-    return _pick(rng, _arms(seat, pose, at_rest=upright))(rng, pose, seat)
+    return draw_hands(rng, move_legs(rng, pose, seat), seat, at_rest=upright)
+
+
+def draw_hands(
+    rng: np.random.Generator, pose: SeatedPose, seat: Seat, *, at_rest: bool = False
+) -> SeatedPose:
+    """The same person with the hands somewhere else; ``at_rest`` without doing anything."""
+    return _pick(rng, _arms(seat, pose, at_rest=at_rest))(rng, pose, seat)
 
 
 def at_table(rng: np.random.Generator, pose: SeatedPose, *, edge: float, top: float) -> SeatedPose:

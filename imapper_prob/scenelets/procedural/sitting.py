@@ -8,7 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.models.scene import Placement
-from imapper_prob.scenelets.procedural.body import ANKLE_HEIGHT, Trunk, pose_body, reachable_height
+from imapper_prob.scenelets.procedural.body import (
+    ANKLE_HEIGHT,
+    ELBOWS,
+    Trunk,
+    pose_body,
+    reachable_height,
+)
 from imapper_prob.scenelets.procedural.gait import SWING_LIFT, Route, minimum_jerk, walk_along
 from imapper_prob.scenelets.procedural.seated import SeatedPose
 
@@ -35,6 +41,7 @@ def sit_still(rng: np.random.Generator, pose: SeatedPose, times: Array) -> Array
         np.broadcast_to(pose.pelvis, (len(times), 3)),
         pose.yaw,
         lean=pose.lean + 0.015 * np.sin(slow),
+        tilt=pose.tilt,
         twist=pose.twist + 0.04 * np.sin(0.7 * slow),
         nod=pose.nod + 0.05 * np.sin(0.5 * slow + 1),
     )
@@ -44,7 +51,8 @@ def sit_still(rng: np.random.Generator, pose: SeatedPose, times: Array) -> Array
     drift[..., 2] = np.abs(drift[..., 2])
     wrists = trunk.at_pelvis(pose.hands) + drift
     ankles = np.broadcast_to(pose.ankles, (len(times), 2, 3))
-    return pose_body(trunk, ankles=ankles, wrists=wrists)
+    elbows = ELBOWS if pose.elbows is None else pose.elbows
+    return pose_body(trunk, ankles=ankles, wrists=wrists, elbows=elbows, knees=pose.knees)
 
 
 def approach(end: Placement, *, distance: float, bearing: float, arrival: float) -> Route:

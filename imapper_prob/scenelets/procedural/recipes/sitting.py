@@ -25,6 +25,8 @@ __all__ = [
     "sit_down_at_table",
     "sit_down_on",
     "sit_turned",
+    "take_seat",
+    "with_room",
 ]
 
 _PLACES: Final[dict[int, Sequence[tuple[float, float]]]] = {
@@ -41,7 +43,7 @@ Taken = tuple[SceneObject, Seat, float]
 """A piece, the seat it offers in the frame of the scenelet, and the x of the place taken."""
 
 
-def _seat(rng: np.random.Generator, person: Person, kind: str) -> Taken:
+def take_seat(rng: np.random.Generator, person: Person, kind: str) -> Taken:
     """Something to sit on, facing +y."""
     if kind == "bed":
         return _bedside(rng, person)
@@ -79,11 +81,23 @@ def _bedside(rng: np.random.Generator, person: Person) -> Taken:
     return bed.moved(at), seat_of(bed, edge=edge), 0.0
 
 
+def with_room(bed: SceneObject, *, right: float, left: float) -> SceneObject:
+    """A bed below somebody who sits on its edge at x = 0, with so much of it to both sides.
+
+    It is moved along its edge by as little as it takes; ``right`` and ``left`` are in metres.
+    """
+    seat = next(c for c in bed.cuboids if c.part == "seat")
+    half = np.array([0.0, seat.size[1] / 2, 0.0])
+    ends = bed.placement.apply(seat.centre + np.stack([-half, half]))[:, 0]
+    shift = max(right - ends.max(), 0.0) - max(left + ends.min(), 0.0)
+    return bed.moved(Placement(float(shift), 0.0, 0.0))
+
+
 def sit(kind: str) -> Recipe:
     """Sitting on a chair, office-chair, armchair, couch, stool, bench or the edge of a bed."""
 
     def draw(rng: np.random.Generator, person: Person) -> Drawn:
-        piece, seat, place = _seat(rng, person, kind)
+        piece, seat, place = take_seat(rng, person, kind)
         pose = draw_seated(rng, seat, sideways=place)
         return Drawn(sit_still(rng, pose, moments(rng, 15, 20)), (piece,))
 
@@ -94,7 +108,7 @@ def sit_turned(kind: str) -> Recipe:
     """Sitting with the whole body turned to one side, towards company."""
 
     def draw(rng: np.random.Generator, person: Person) -> Drawn:
-        piece, seat, place = _seat(rng, person, kind)
+        piece, seat, place = take_seat(rng, person, kind)
         # From an outer place one turns to the middle; the other way there is an arm.
         side = np.sign(place) if abs(place) > 0.1 else rng.choice([-1, 1])
         # Knees between the arms of a narrow seat leave little room to turn.
@@ -108,7 +122,7 @@ def sit_turned(kind: str) -> Recipe:
 
 def sit_at_low_table(rng: np.random.Generator, person: Person) -> Drawn:
     """On a couch with a coffee table before the knees."""
-    piece, seat, place = _seat(rng, person, "couch")
+    piece, seat, place = take_seat(rng, person, "couch")
     pose = draw_seated(rng, seat, sideways=place)
     table = person.sees(furniture.low_table(rng))
     knees = max(float(pose.ankles[:, 1].max()), pose.pelvis[1] + 0.42)
@@ -119,7 +133,7 @@ def sit_at_low_table(rng: np.random.Generator, person: Person) -> Drawn:
 
 def _at(rng: np.random.Generator, person: Person, kind: str, table: SceneObject) -> Drawn:
     """Somebody on a chair at a table or desk, knees in its widest gap."""
-    piece, seat, place = _seat(rng, person, kind)
+    piece, seat, place = take_seat(rng, person, kind)
     pose = draw_seated(rng, seat, sideways=place, upright=True)
     rests = max((front for _, front, _ in seat.arms), default=-np.inf)
     edge = max(float(pose.pelvis[1]) + rng.uniform(0.20, 0.30), rests + 0.02)
@@ -148,7 +162,7 @@ def sit_beside_shelf(kind: str) -> Recipe:
     """Sitting with a shelf at one side, against the same wall or facing the seat."""
 
     def draw(rng: np.random.Generator, person: Person) -> Drawn:
-        piece, seat, place = _seat(rng, person, kind)
+        piece, seat, place = take_seat(rng, person, kind)
         side, half = (1 if place > 0 else -1), float(piece.bounds[1, 0])
         # On a long couch the place beside the shelf, or it would be out of reach.
         place = side * max(abs(place), half - 0.65)
@@ -187,7 +201,7 @@ def sit_down_on(kind: str, *, backwards: bool) -> Recipe:
     """Walking to a seat, turning and sitting down; backwards, standing up and leaving."""
 
     def draw(rng: np.random.Generator, person: Person) -> Drawn:
-        piece, seat, place = _seat(rng, person, kind)
+        piece, seat, place = take_seat(rng, person, kind)
         pose = draw_seated(rng, seat, sideways=place, upright=True)
         # Along the front of a couch there is no room for the feet of who comes from the side.
         bearings = (0.5, 1.1) if seat.closed else (0.7, 1.4)
@@ -201,7 +215,7 @@ def sit_down_at_table(*, backwards: bool) -> Recipe:
     """Sitting down from the side on a chair that is drawn back from a table, or getting up."""
 
     def draw(rng: np.random.Generator, person: Person) -> Drawn:
-        piece, seat, place = _seat(rng, person, "chair")
+        piece, seat, place = take_seat(rng, person, "chair")
         pose = draw_seated(rng, seat, sideways=place, upright=True)
         joints = _way_to(rng, pose, bearings=(1.3, 1.57), furthest=0.4)
         table = person.sees(furniture.table(rng))

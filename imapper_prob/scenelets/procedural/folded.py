@@ -1,0 +1,191 @@
+"""Sitting with legs crossed, folded under or crossed before the body.
+
+Each function takes somebody who sits upright and puts the legs, and where need be pelvis and
+hands, elsewhere. The right leg is the one that is folded; metres, radians, offsets are right,
+forward and up of the pelvis as it faces. Angles that no source is named for are within the ranges
+of the American Academy of Orthopaedic Surgeons, *Joint Motion* (1965): hips turn the thigh 45
+degrees outward and 30 inward, knees bend by 150.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from imapper_prob.scenelets.procedural.body import (
+    ANKLE_HEIGHT,
+    HALF_HIPS,
+    SHIN,
+    SIDES,
+    THIGH,
+    two_bones,
+)
+from imapper_prob.scenelets.procedural.seat import Seat
+from imapper_prob.scenelets.procedural.seated import HIP_ABOVE_SEAT, SeatedPose, draw_hands
+
+__all__ = [
+    "SHIN_DEPTH",
+    "THIGH_DEPTH",
+    "ankle_on_knee",
+    "foot_down",
+    "knee_over_knee",
+    "leg_folded_under",
+    "tailor_fashion",
+    "with_legs",
+]
+
+Array = NDArray[np.float64]
+
+THIGH_DEPTH: Final = 0.065
+"""From the line of the joints to the skin of the thigh near the knee, metres: half of the 13 cm
+that thighs are thick (thigh clearance, less what the seat presses: Pheasant and Haslegrave,
+*Bodyspace*, 2005)."""
+
+SHIN_DEPTH: Final = 0.045
+"""From the line of the joints to the skin of the shin at knee and ankle, metres (*Bodyspace*)."""
+
+UP: Final = 0.5
+"""How far up the knee of a leg points whose foot is on the floor, to 1 forward."""
+
+
+def with_legs(pose: SeatedPose, ankles: ArrayLike, knees: ArrayLike) -> SeatedPose:
+    """The same person with legs by ankles and directions of knees (2, 3), offsets both."""
+    return replace(pose, ankles=pose.at_pelvis(ankles), knees=np.asarray(knees, float))
+
+
+def foot_down(
+    rng: np.random.Generator,
+    pose: SeatedPose,
+    seat: Seat,
+    *,
+    side: float,
+    outward: float,
+    ahead: tuple[float, float] = (-0.03, 0.07),
+) -> tuple[Array, Array]:
+    """Ankle of a foot flat on the floor and direction of its knee, (3,) offsets both.
+
+    Parameters
+    ----------
+    side : float
+        1 for the right leg, -1 for the left one.
+    outward : float
+        Where the leg goes: 0 is straight ahead of the pelvis, positive to its own side, radians.
+    ahead : (float, float)
+        Least and most that the ankle is before the knee of a level thigh, metres.
+    """
+    level = THIGH + rng.uniform(*ahead)
+    direction = np.array([side * np.sin(outward), np.cos(outward), 0.0])
+    ankle = np.array([side * HALF_HIPS, 0.0, 0.0]) + level * direction
+    ankle[2] = ANKLE_HEIGHT - pose.pelvis[2]
+    if seat.closed:
+        # Along the leg, beyond the front: feet cannot go below.
+        short = seat.front + 0.06 - float(pose.at_pelvis(ankle)[1])
+        ankle += max(short, 0.0) / max(np.cos(pose.yaw - side * outward), 0.5) * direction
+    return ankle, direction + np.array([0.0, 0.0, UP])
+
+
+def knee_over_knee(rng: np.random.Generator, pose: SeatedPose, seat: Seat) -> SeatedPose:
+    """The right thigh on the left one, its shin hanging on the far side of the left knee."""
+    foot, below = foot_down(rng, pose, seat, side=-1, outward=-rng.uniform(0.20, 0.28))
+    lower_knee = _knee_of(foot, below, side=-1)
+    across = -np.sin(rng.uniform(0.44, 0.51))
+    up = lower_knee[2] + 2 * THIGH_DEPTH + rng.uniform(0.0, 0.04)
+    knee = _thigh(across, up)
+    # The calf hangs from there, a little forward and outward of the left shin.
+    hang = np.array([-rng.uniform(0.15, 0.30), rng.uniform(0.25, 0.50), -1.0])
+    ankle = HALF_HIPS * np.array([1.0, 0.0, 0.0]) + knee + SHIN * _unit(hang)
+    pose = with_legs(pose, [ankle, foot], [knee, below])
+    if rng.random() < 0.5:
+        return draw_hands(rng, pose, seat)
+    # One hand on the upper knee and the other one on it, or both around it.
+    upper = HALF_HIPS * np.array([1.0, 0.0, 0.0]) + 0.85 * knee + (0.0, 0.0, THIGH_DEPTH + 0.02)
+    hands = upper + np.array([[0.07, -0.03, 0.0], [-0.06, -0.06, 0.02]])
+    return replace(pose, hands=hands, stir=np.full(2, 0.01))
+
+
+def ankle_on_knee(rng: np.random.Generator, pose: SeatedPose, seat: Seat) -> SeatedPose:
+    """The right ankle on the left thigh, before the knee or on it, the right knee to the side."""
+    foot, below = foot_down(rng, pose, seat, side=-1, outward=rng.uniform(-0.05, 0.15))
+    left = _knee_of(foot, below, side=-1)
+    hip = np.array([-HALF_HIPS, 0.0, 0.0])
+    ankle = hip + rng.uniform(0.76, 0.92) * (left - hip)
+    ankle += (rng.uniform(-0.05, 0.02), 0.0, THIGH_DEPTH + SHIN_DEPTH - 0.01)
+    knee = np.array([1.0, rng.uniform(0.1, 0.45), rng.uniform(0.0, 0.20)])
+    pose = with_legs(pose, [ankle, foot], [knee, below])
+    if rng.random() < 0.5:
+        return draw_hands(rng, pose, seat)
+    # A hand on the shin that lies across, the other one on the ankle.
+    bent = _knee_of(ankle, knee, side=1)
+    over = (0.0, -0.02, SHIN_DEPTH + 0.02)
+    hands = np.stack([0.75 * bent + 0.25 * ankle + over, 0.15 * bent + 0.85 * ankle + over])
+    return replace(pose, hands=hands, stir=np.full(2, 0.01))
+
+
+def leg_folded_under(rng: np.random.Generator, pose: SeatedPose, seat: Seat) -> SeatedPose:
+    """The right leg folded on the seat, the foot at the left thigh; the left foot on the floor.
+
+    The knee of the folded leg is on the seat or, where that is narrow, over its edge: the pelvis
+    is turned to that side, and the other leg goes straight to the front.
+    """
+    foot, below = foot_down(rng, pose, seat, side=-1, outward=max(-pose.yaw, 0.0))
+    ankle = np.array([-rng.uniform(0.02, 0.05), SHIN * rng.uniform(0.45, 0.60), _on_seat(rng)])
+    knee = np.array([1.0, rng.uniform(0.2, 0.4), 0.08])
+    pose = with_legs(pose, [ankle, foot], [knee, below])
+    if rng.random() < 0.5:
+        return draw_hands(rng, pose, seat)
+    bent = _knee_of(ankle, knee, side=1)
+    on_shin = 0.5 * bent + 0.5 * ankle + (0.0, 0.0, SHIN_DEPTH + 0.03)
+    return replace(pose, hands=np.stack([on_shin, [-0.13, 0.26, 0.10]]), stir=np.full(2, 0.01))
+
+
+def tailor_fashion(rng: np.random.Generator, pose: SeatedPose, seat: Seat) -> SeatedPose:
+    """Both legs folded on the surface one sits on, shins crossed before the body."""
+    front, back = SHIN * rng.uniform(0.77, 0.85), SHIN * rng.uniform(0.43, 0.50)
+    ankles = np.array(
+        [
+            [-rng.uniform(0.01, 0.05), front, _on_seat(rng)],
+            [rng.uniform(0.02, 0.08), back, _on_seat(rng)],
+        ]
+    )
+    up = rng.uniform(0.05, 0.25)
+    knees = np.stack([SIDES, np.full(2, rng.uniform(0.2, 0.4)), np.full(2, up)], -1)
+    pose = with_legs(pose, ankles, knees)
+    if rng.random() < 0.5:
+        return draw_hands(rng, pose, seat)
+    bent = _knees_of(ankles, knees)
+    hands = bent * (0.9, 0.85, 1.0) + (0.0, 0.0, SHIN_DEPTH + 0.03)
+    return replace(pose, hands=hands, stir=np.full(2, 0.01))
+
+
+def _on_seat(rng: np.random.Generator) -> float:
+    """Height of the ankle of a foot that lies on its side on the seat, from the hips, metres."""
+    return float(SHIN_DEPTH + rng.uniform(0.0, 0.02) - HIP_ABOVE_SEAT)
+
+
+def _thigh(across: float, up: float) -> Array:
+    """(3,) from hip to knee: ``across`` as a part of its length, ``up`` in metres."""
+    x = across * THIGH
+    return np.array([x, np.sqrt(THIGH**2 - x**2 - up**2), up])
+
+
+def _knee_of(ankle: Array, direction: Array, *, side: float) -> Array:
+    """(3,) the knee between the hip of a side and an ankle, all offsets."""
+    hip = np.array([side * HALF_HIPS, 0.0, 0.0])
+    knee, _ = two_bones(hip, ankle, direction, upper=THIGH, lower=SHIN)
+    return knee
+
+
+def _knees_of(ankles: Array, directions: Array) -> Array:
+    """(2, 3) both knees."""
+    sides: Sequence[float] = SIDES.tolist()
+    found = [_knee_of(a, d, side=s) for a, d, s in zip(ankles, directions, sides, strict=True)]
+    return np.stack(found)
+
+
+def _unit(vector: Array) -> Array:
+    direction: Array = vector / np.linalg.norm(vector)
+    return direction

@@ -1,0 +1,312 @@
+"""Sitting on the floor, squatting and kneeling: low down, with nothing but the floor.
+
+Each function returns somebody near the origin who faces +y, on a floor at z = 0. Metres, radians;
+offsets are right, forward and up of the pelvis. The right leg is the one of which one knee or foot
+does something else. Hips bend by 125 degrees and the spine above them by 40, knees by 150 (American
+Academy of Orthopaedic Surgeons, *Joint Motion*, 1965); ankles under the weight of a squatting
+body by some 35 (Hemmerich et al. 2006).
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from imapper_prob.scenelets.procedural.body import (
+    ANKLE_HEIGHT,
+    HALF_HIPS,
+    HIP_HEIGHT,
+    SHIN,
+    SIDES,
+    THIGH,
+    TRUNK,
+    Trunk,
+    hanging_wrists,
+    pose_body,
+    reachable_height,
+    two_bones,
+)
+from imapper_prob.scenelets.procedural.folded import SHIN_DEPTH, THIGH_DEPTH, tailor_fashion
+from imapper_prob.scenelets.procedural.gait import minimum_jerk
+from imapper_prob.scenelets.procedural.resting import prop_up_behind
+from imapper_prob.scenelets.procedural.seat import open_seat
+from imapper_prob.scenelets.procedural.seated import SeatedPose, draw_seated
+
+__all__ = [
+    "KNEE_ON_FLOOR",
+    "kneel_on_both",
+    "kneel_on_one",
+    "sit_cross_legged",
+    "sit_knees_up",
+    "sit_legs_out",
+    "squat",
+    "squat_down",
+]
+
+Array = NDArray[np.float64]
+
+KNEE_ON_FLOOR: Final = 0.05
+"""Knee joint above the floor it kneels on, metres: half of the depth of a bent knee's front
+(*Bodyspace*)."""
+
+HEEL_ON_FLOOR: Final = 0.06
+"""Ankle joint above the floor of a leg that lies on its heel, metres (*Bodyspace*)."""
+
+INSTEP_ON_FLOOR, TOES_ON_FLOOR = 0.05, 0.12
+"""Ankle joint above the floor of a foot that lies on its instep, and of one that is on bent toes,
+metres: half of the height of the instep, and the ball of the foot, .15 H of foot length from the
+ankle, below a heel that is up (*Bodyspace*)."""
+
+_KNEES_UP: Final = np.array([[0.15, 1.0, 1.0], [-0.15, 1.0, 1.0]])
+
+
+def _on_floor(rng: np.random.Generator, lean: float) -> SeatedPose:
+    """Somebody who sits on the floor; the legs are nowhere yet."""
+    return draw_seated(rng, open_seat(0.0, front=0.5), lean=lean, upright=True)
+
+
+def sit_cross_legged(rng: np.random.Generator) -> SeatedPose:
+    """On the floor, legs crossed before the body."""
+    pose = _on_floor(rng, rng.uniform(-0.05, 0.35))
+    return tailor_fashion(rng, pose, open_seat(0.0, front=0.5))
+
+
+def sit_legs_out(rng: np.random.Generator) -> SeatedPose:
+    """On the floor, both legs put out, or one of them with the knee up."""
+    pose = _on_floor(rng, rng.uniform(-0.05, 0.25))
+    reach = rng.uniform(0.96, 0.985, 2) * (THIGH + SHIN)
+    drop = HEEL_ON_FLOOR - pose.pelvis[2]
+    ankles = np.stack([SIDES * rng.uniform(0.08, 0.20), np.sqrt(reach**2 - drop**2)], -1)
+    ankles = np.concatenate([ankles, np.full((2, 1), drop)], -1)
+    if rng.random() < 0.4:
+        ankles[0, 1:] = THIGH * rng.uniform(0.90, 1.20), ANKLE_HEIGHT - pose.pelvis[2]
+    pose = replace(pose, ankles=pose.at_pelvis(ankles), knees=_KNEES_UP)
+    if rng.random() < 0.5:
+        return prop_up_behind(rng, pose)
+    forward = rng.uniform(0.26, 0.38, 2)
+    return _hands(pose, np.stack([SIDES * 0.15, forward, np.full(2, THIGH_DEPTH + 0.03)], -1))
+
+
+def sit_knees_up(rng: np.random.Generator) -> SeatedPose:
+    """On the floor, feet flat before the body, hands round the shins, on the knees or behind."""
+    pose = _on_floor(rng, rng.uniform(0.0, 0.30))
+    flat = ANKLE_HEIGHT - pose.pelvis[2]
+    forward = THIGH * rng.uniform(0.82, 1.10) + rng.uniform(-0.04, 0.04, 2)
+    ankles = np.stack([SIDES * rng.uniform(0.07, 0.15), forward, np.full(2, flat)], -1)
+    pose = replace(pose, ankles=pose.at_pelvis(ankles), knees=_KNEES_UP)
+    share = rng.random()
+    if share < 0.3:
+        return prop_up_behind(rng, pose)
+    knees = _knees(ankles, _KNEES_UP)
+    if share < 0.65:  # round the shins
+        along = rng.uniform(0.25, 0.45)
+        hands = (1 - along) * knees + along * ankles + (0.0, SHIN_DEPTH + 0.03, 0.02)
+        hands[:, 0] = SIDES * rng.uniform(0.03, 0.07)
+    else:
+        hands = knees + np.array([0.0, 0.04, THIGH_DEPTH])
+    return _hands(pose, hands)
+
+
+def squat(rng: np.random.Generator, *, flat: bool | None = None) -> SeatedPose:
+    """A deep squat on flat feet, or on the balls of the feet with the hips near the heels.
+
+    ``flat`` says which; drawn, if not given.
+    """
+    if flat is None:
+        flat = bool(rng.random() < 0.5)
+    apart = rng.uniform(0.10, 0.19)
+    bent = np.deg2rad(rng.uniform(122, 144) if flat else rng.uniform(135, 145))
+    gap = np.sqrt(THIGH**2 + SHIN**2 + 2 * THIGH * SHIN * np.cos(bent))
+    back = np.deg2rad(rng.uniform(36, 47) if flat else rng.uniform(15, 32))
+    height = ANKLE_HEIGHT if flat else TOES_ON_FLOOR + rng.uniform(0.0, 0.03)
+    # The shoulders are before the ankles by about as much as the hips are behind.
+    before = rng.uniform(0.04, 0.16) + gap * np.sin(back)
+    lean = float(np.arcsin(np.clip(before / TRUNK, 0.0, 0.8)))
+    pelvis = np.array([0.0, -gap * np.sin(back), height + gap * np.cos(back)])
+    ankles = np.stack([SIDES * apart, np.zeros(2), np.full(2, height)], -1)
+    if not flat and rng.random() < 0.5:  # one foot before the other
+        ankles[0, 1], ankles[0, 2] = rng.uniform(0.08, 0.20), ANKLE_HEIGHT
+    outward = rng.uniform(0.15, 0.45)
+    knees = np.stack([outward * SIDES, np.ones(2), np.ones(2)], -1)
+    pose = SeatedPose(
+        pelvis=pelvis,
+        yaw=0.0,
+        lean=lean,
+        twist=float(np.clip(rng.normal(0.0, 0.10), -0.2, 0.2)),
+        nod=float(rng.uniform(0.0, 0.3) - 0.6 * lean),
+        ankles=ankles,
+        hands=np.zeros((2, 3)),
+        stir=np.full(2, 0.01),
+        knees=knees,
+    )
+    at_knees = _knees(ankles - pelvis, knees)
+    share = rng.random()
+    if share < 0.4:  # forearms on the thighs, hands hanging or together before the knees
+        before = rng.uniform(0.04, 0.12)
+        inward = -0.5 * at_knees[:, 0]
+        return _hands(pose, at_knees + np.stack([inward, np.full(2, before), np.full(2, 0.05)], -1))
+    if share < 0.6:
+        return _hands(pose, at_knees + np.array([0.0, -0.02, THIGH_DEPTH + 0.02]))
+    return _at_work(rng, pose, low=0.12, high=0.40)
+
+
+def squat_down(
+    rng: np.random.Generator, pose: SeatedPose, times: Array, *, start: float, duration: float
+) -> Array:
+    """(n, 16, 3) joints of somebody who stands and squats down on the same feet, metres.
+
+    Played backwards this is standing up: both are minimum-jerk movements.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+    pose : SeatedPose
+        The end, on flat feet.
+    times : (n,) float
+        Seconds.
+    start, duration : float
+        Of the movement, seconds.
+    """
+    ankles = np.broadcast_to(pose.ankles, (len(times), 2, 3))
+    down = minimum_jerk((times - start) / duration)
+    standing = np.array([0.0, rng.uniform(-0.02, 0.03), HIP_HEIGHT])
+    pelvis = standing + down[:, None] * (pose.pelvis - standing)
+    # The trunk bends first, for the balance, and comes up a little below.
+    bow = 0.25 * np.sin(np.pi * down) ** 2
+    upright = rng.uniform(0.0, 0.06)
+    trunk = Trunk.of(
+        pelvis,
+        pose.yaw,
+        lean=upright + down * (pose.lean - upright) + bow,
+        twist=down * pose.twist,
+        nod=0.1 + down * (pose.nod - 0.1) - 0.4 * bow,
+    )
+    pelvis[:, 2] = np.minimum(pelvis[:, 2], reachable_height(trunk, ankles))
+    hanging = hanging_wrists(trunk, 0.1)
+    wrists = hanging + down[:, None, None] * (trunk.at_pelvis(pose.hands) - hanging)
+    return pose_body(trunk, ankles=ankles, wrists=wrists, knees=pose.knees)
+
+
+def kneel_on_both(rng: np.random.Generator) -> SeatedPose:
+    """On both knees, the thighs upright, or sitting on the heels."""
+    on_heels = bool(rng.random() < 0.5)
+    rise = _thigh_rise(rng, on_heels=on_heels)
+    apart = rng.uniform(0.08, 0.15)
+    knees = np.stack([_kneeling_thigh(side, apart, rise) for side in SIDES])
+    instep = _foot_behind(rng)
+    ankles = np.stack(
+        [_kneeling_shin(k, side, apart, instep) for k, side in zip(knees, SIDES, strict=True)]
+    )
+    height = KNEE_ON_FLOOR - knees[0, 2]
+    lean = float(rng.uniform(-0.03, 0.30))
+    pose = _kneeling(rng, height, lean, ankles, knees)
+    share = rng.random()
+    if share < 0.5:
+        if not on_heels:
+            return _hands(pose, _hanging(rng, lean))
+        hips = HALF_HIPS * np.stack([SIDES, np.zeros(2), np.zeros(2)], -1)
+        along = rng.uniform(0.45, 0.7)
+        return _hands(pose, hips + along * knees + (0.0, 0.02, THIGH_DEPTH + 0.03))
+    return _at_work(rng, pose, low=0.15, high=0.65)
+
+
+def kneel_on_one(rng: np.random.Generator) -> SeatedPose:
+    """On the right knee, the left foot flat before the body; some sit on the right heel."""
+    on_heel = bool(rng.random() < 0.3)
+    right = _kneeling_thigh(1.0, rng.uniform(0.08, 0.14), _thigh_rise(rng, on_heels=on_heel))
+    height = KNEE_ON_FLOOR - right[2]
+    shin = _kneeling_shin(right, 1.0, rng.uniform(0.08, 0.14), _foot_behind(rng))
+    before = THIGH * (rng.uniform(0.72, 0.95) if on_heel else rng.uniform(0.76, 1.10))
+    foot = np.array([-rng.uniform(0.09, 0.16), before, ANKLE_HEIGHT - height])
+    ankles, knees = np.stack([shin, foot]), np.stack([right, _KNEES_UP[1]])
+    lean = float(rng.uniform(0.0, 0.35))
+    pose = _kneeling(rng, height, lean, ankles, knees)
+    share = rng.random()
+    left = _knees(ankles, knees)[1]
+    over = left + np.array([0.0, -0.04, THIGH_DEPTH + 0.02])
+    if share < 0.35:  # the right hand hangs, the left one is on its knee
+        return _hands(pose, np.stack([_hanging(rng, lean)[0], over]))
+    if share < 0.55:  # both hands on that knee
+        return _hands(pose, over + np.array([[0.07, 0.02, 0.01], [-0.02, -0.03, 0.0]]))
+    return _at_work(rng, pose, low=0.15, high=0.65)
+
+
+def _thigh_rise(rng: np.random.Generator, *, on_heels: bool) -> float:
+    """Elevation of the thigh over the floor, radians."""
+    return float(np.deg2rad(rng.uniform(33, 40) if on_heels else rng.uniform(76, 88)))
+
+
+def _foot_behind(rng: np.random.Generator) -> float:
+    """Height of the ankle of the foot of a leg that kneels, metres: on the instep or the toes."""
+    base = INSTEP_ON_FLOOR if rng.random() < 0.6 else TOES_ON_FLOOR
+    return float(base + rng.uniform(0.0, 0.015))
+
+
+def _kneeling_thigh(side: float, apart: float, rise: float) -> Array:
+    """(3,) from a hip to the knee below and before it; ``apart`` is half of the knees'."""
+    across, level = side * (apart - HALF_HIPS), THIGH * np.cos(rise)
+    return np.array([across, level, -np.sqrt(THIGH**2 - across**2 - level**2)])
+
+
+def _kneeling_shin(thigh: Array, side: float, apart: float, height: float) -> Array:
+    """(3,) the ankle behind a knee on the floor, from the pelvis: a little further in."""
+    across, up = -0.03 * side, height - KNEE_ON_FLOOR
+    back = np.sqrt(SHIN**2 - across**2 - up**2)
+    knee = thigh + np.array([side * HALF_HIPS, 0.0, 0.0])
+    ankle: Array = knee + np.array([across, -back, up])
+    return ankle
+
+
+def _kneeling(
+    rng: np.random.Generator, height: float, lean: float, ankles: Array, knees: Array
+) -> SeatedPose:
+    """Somebody over the origin with legs by offsets from the pelvis; hands are still there."""
+    pelvis = np.array([0.0, 0.0, height])
+    return SeatedPose(
+        pelvis=pelvis,
+        yaw=0.0,
+        lean=lean,
+        twist=float(np.clip(rng.normal(0.0, 0.10), -0.25, 0.25)),
+        nod=float(rng.uniform(0.0, 0.35) - 0.6 * lean),
+        ankles=pelvis + ankles,
+        hands=np.zeros((2, 3)),
+        stir=np.full(2, 0.01),
+        knees=knees,
+    )
+
+
+def _at_work(rng: np.random.Generator, pose: SeatedPose, *, low: float, high: float) -> SeatedPose:
+    """Both hands, or one, at something before the body, between two heights over the floor."""
+    trunk = Trunk.of(np.zeros((1, 3)), 0.0, lean=pose.lean, twist=pose.twist)
+    chest = trunk.shoulders[0]
+    up = rng.uniform(low, high) - pose.pelvis[2]
+    forward = np.maximum(chest[:, 1] + rng.uniform(0.22, 0.36, 2), 0.28)
+    hands = np.stack([SIDES * rng.uniform(0.06, 0.18, 2), forward, np.full(2, up)], -1)
+    if rng.random() < 0.3:
+        hands[1] = _knees(pose.ankles - pose.pelvis, _of(pose))[1] + (0.0, 0.0, THIGH_DEPTH + 0.02)
+    return replace(pose, hands=hands, stir=np.array([0.03, 0.02]), nod=pose.nod + 0.2)
+
+
+def _of(pose: SeatedPose) -> Array:
+    return _KNEES_UP if pose.knees is None else pose.knees
+
+
+def _hanging(rng: np.random.Generator, lean: float) -> Array:
+    """(2, 3) wrists of arms that hang, offsets."""
+    trunk = Trunk.of(np.zeros((1, 3)), 0.0, lean=lean)
+    hands: Array = hanging_wrists(trunk, rng.uniform(0.0, 0.2), bend=rng.uniform(0.05, 0.12))[0]
+    return hands
+
+
+def _hands(pose: SeatedPose, hands: ArrayLike) -> SeatedPose:
+    return replace(pose, hands=np.asarray(hands, float), stir=np.full(2, 0.01))
+
+
+def _knees(ankles: Array, directions: Array) -> Array:
+    """(2, 3) knees of ankles and directions, all of them offsets from the pelvis."""
+    hips = HALF_HIPS * np.stack([SIDES, np.zeros(2), np.zeros(2)], -1)
+    knees, _ = two_bones(hips, ankles, directions, upper=THIGH, lower=SHIN)
+    return knees

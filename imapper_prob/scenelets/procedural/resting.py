@@ -1,0 +1,268 @@
+"""Perching on an edge, leaning on an arm, and lying back in a seat.
+
+Each function takes somebody who sits upright and moves pelvis, trunk, feet and hands. The right
+arm is the one that carries; metres, radians, offsets are right, forward and up of the pelvis as
+it faces. Ranges are those of the American Academy of Orthopaedic Surgeons, *Joint Motion* (1965).
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imapper_prob.scenelets.procedural.body import (
+    ANKLE_HEIGHT,
+    ELBOWS,
+    FOREARM,
+    HALF_HIPS,
+    HIP_HEIGHT,
+    SHIN,
+    SIDES,
+    THIGH,
+    TRUNK,
+    UPPER_ARM,
+    Trunk,
+)
+from imapper_prob.scenelets.procedural.seat import Seat, open_seat
+from imapper_prob.scenelets.procedural.seated import (
+    BUTTOCK,
+    CHEST_HALF_DEPTH,
+    HIP_ABOVE_SEAT,
+    SeatedPose,
+    draw_hands,
+)
+
+__all__ = [
+    "lean_on_rest",
+    "perch",
+    "perch_high",
+    "prop_head",
+    "prop_on_hand",
+    "prop_up_behind",
+    "slouch",
+]
+
+Array = NDArray[np.float64]
+
+FURTHEST_TILT: Final = float(np.deg2rad(33.0))
+"""Trunk to the side: loins and thorax together bend by 35 degrees."""
+
+ARM_DEPTH: Final = 0.035
+"""From the line of the joints to the skin of forearm and elbow, metres (*Bodyspace*)."""
+
+PALM: Final = 0.06
+"""Wrist above what a flat hand carries on, the hand bent back, metres (*Bodyspace*)."""
+
+FACE: Final = (0.04, 0.11, -0.10)
+"""From the middle of the head to where a hand props it: right, forward and up, metres."""
+
+STRETCHED: Final = 0.975
+"""Reach of a leg or arm that is rather straight, as part of its length: 25 degrees short of it."""
+
+
+def perch(rng: np.random.Generator, pose: SeatedPose, seat: Seat) -> SeatedPose:
+    """On the front edge of a seat, the legs rather straight before it.
+
+    The hip joints are up to 7 cm behind the edge: of the seat only the buttocks take something.
+    """
+    pelvis = pose.pelvis.copy()
+    pelvis[1] = seat.front - rng.uniform(0.02, 0.07)
+    lean = float(rng.uniform(-0.05, 0.25))
+    pose = replace(pose, pelvis=pelvis, lean=lean, nod=float(rng.uniform(0.0, 0.3) - 0.8 * lean))
+    drop = pelvis[2] - ANKLE_HEIGHT
+    reach = rng.uniform(0.88, STRETCHED, 2) * (THIGH + SHIN)
+    forward = np.sqrt(reach**2 - drop**2)
+    if rng.random() < 0.25:  # one foot drawn in, as before getting up
+        forward[rng.integers(2)] = rng.uniform(0.22, 0.34)
+    across = SIDES * rng.uniform(0.09, 0.18)
+    pose = replace(pose, ankles=pose.at_pelvis(np.stack([across, forward, np.full(2, -drop)], -1)))
+    # The trunk is too far from any back or arms to rest on them.
+    return draw_hands(rng, pose, replace(seat, back=-np.inf, arms=()))
+
+
+def perch_high(
+    rng: np.random.Generator, pose: SeatedPose, *, edge: float, top: float
+) -> SeatedPose:
+    """Half on the edge of a table: one leg, or both, straight on the floor before it.
+
+    The hip joints are before the edge and the buttocks on it, or the thigh of the hanging leg
+    lies on the top.
+
+    Parameters
+    ----------
+    edge, top : float
+        Front of the table (y) and height of its surface, metres.
+    """
+    hangs = rng.random() < 0.4
+    height = min(top + HIP_ABOVE_SEAT, HIP_HEIGHT - 0.015)
+    yaw = -rng.uniform(0.2, 0.5) if hangs else rng.normal(0.0, 0.09)
+    pelvis = np.array([pose.pelvis[0], edge + rng.uniform(-0.02, 0.04), height])
+    lean = float(rng.uniform(-0.05, 0.15))
+    pose = replace(
+        pose,
+        pelvis=pelvis,
+        yaw=float(yaw),
+        lean=lean,
+        nod=float(rng.uniform(0.0, 0.3) - 0.8 * lean),
+    )
+    drop = height - ANKLE_HEIGHT
+    reach = rng.uniform(0.965, 0.985, 2) * (THIGH + SHIN)
+    forward = np.sqrt(np.maximum(reach**2 - drop**2, 0.01))
+    feet = np.stack([SIDES * rng.uniform(0.08, 0.15), forward, np.full(2, -drop)], -1)
+    knees = np.stack([0.12 * SIDES, np.ones(2), np.full(2, 0.5)], -1)
+    if hangs:
+        # The right thigh lies on the corner or edge, its shin hangs before the table.
+        outward = rng.uniform(0.15, 0.40)
+        down = rng.uniform(-0.10, -0.02)
+        level = np.sqrt(THIGH**2 - down**2)
+        knee = np.array([level * np.sin(outward), level * np.cos(outward), down])
+        shin = np.array([0.0, rng.uniform(-0.05, 0.25), -1.0])
+        feet[0] = (HALF_HIPS, 0.0, 0.0) + knee + SHIN * shin / np.linalg.norm(shin)
+        knees[0] = knee
+    pose = replace(pose, ankles=pose.at_pelvis(feet), knees=knees)
+    share = rng.random()
+    if share < 0.35:  # both hands on the edge
+        up = top + PALM - height
+        back = edge + 0.02 - pelvis[1] - rng.uniform(0.04, 0.10)
+        hands = np.stack([SIDES * rng.uniform(0.24, 0.30), np.full(2, back), np.full(2, up)], -1)
+        return replace(pose, hands=hands, stir=np.full(2, 0.005))
+    return draw_hands(rng, pose, open_seat(top, front=edge))
+
+
+def lean_on_rest(
+    rng: np.random.Generator, pose: SeatedPose, rest: tuple[float, float, float]
+) -> SeatedPose:
+    """The trunk tilted to the right, that forearm on an armrest.
+
+    Parameters
+    ----------
+    rest : (float, float, float)
+        The x of the middle of the armrest, the y of its front, and the height of its top.
+    """
+    x, front, top = rest
+    forward = rng.uniform(0.0, 0.10)
+    aside = pose.from_pelvis([x, front - 0.04, top + ARM_DEPTH])
+    tilts = np.linspace(0.0, FURTHEST_TILT, 67)
+    shoulders = _shoulders(tilts, pose.lean, pose.twist)
+    elbows = np.broadcast_to(aside, shoulders.shape).copy()
+    elbows[:, 1] = np.minimum(shoulders[:, 1] + forward, aside[1])
+    best = _as_long(shoulders, elbows)
+    pose = replace(pose, tilt=float(tilts[best]))
+    elbow = elbows[best]
+    # The forearm along the rest, as far as there is one.
+    ahead = np.array([rng.uniform(-0.25, 0.05), 1.0, 0.08])
+    wrist = elbow + FOREARM * ahead / np.linalg.norm(ahead)
+    return _with_arm(pose, shoulders[best], elbow, wrist, pose.hands[1])
+
+
+def prop_head(rng: np.random.Generator, pose: SeatedPose, *, edge: float, top: float) -> SeatedPose:
+    """The right elbow on a table, the hand at the face; the left forearm on the table.
+
+    Parameters
+    ----------
+    edge, top : float
+        Near edge of the table (y) and height of its surface, metres.
+    """
+    leans = np.linspace(0.0, 0.58, 59)
+    tilt, twist = rng.uniform(0.05, 0.22), pose.twist + rng.uniform(0.0, 0.15)
+    shoulders = np.concatenate([_shoulders(np.array([tilt]), lean, twist) for lean in leans])
+    place = [pose.pelvis[0], edge + rng.uniform(0.08, 0.15), top + ARM_DEPTH]
+    elbows = np.broadcast_to(pose.from_pelvis(place), shoulders.shape).copy()
+    elbows[:, 0] = shoulders[:, 0] + rng.uniform(-0.04, 0.06)
+    best = _as_long(shoulders, elbows)
+    lean = float(leans[best])
+    pose = replace(pose, tilt=float(tilt), lean=lean, twist=float(twist), nod=0.15 - 0.5 * lean)
+    other = pose.from_pelvis(
+        [pose.pelvis[0] - rng.uniform(0.05, 0.20), edge + rng.uniform(0.05, 0.14), top + 0.05]
+    )
+    return _propped(pose, shoulders[best], elbows[best], other)
+
+
+def prop_on_hand(rng: np.random.Generator, pose: SeatedPose) -> SeatedPose:
+    """The trunk tilted to the right, on a straight arm beside the body or a little behind."""
+    tilt, lean = float(rng.uniform(0.15, 0.36)), float(rng.uniform(-0.20, 0.08))
+    pose = replace(pose, tilt=tilt, lean=lean, nod=float(rng.uniform(0.0, 0.25) - 0.8 * lean))
+    (shoulder,) = _shoulders(np.array([tilt]), lean, pose.twist)
+    hand = _straight_down(shoulder, backward=rng.uniform(0.1, 0.9), side=1.0)
+    return replace(pose, hands=np.stack([hand, pose.hands[1]]), stir=np.array([0.0, 0.01]))
+
+
+def prop_up_behind(rng: np.random.Generator, pose: SeatedPose) -> SeatedPose:
+    """The trunk leant back on two straight arms behind."""
+    lean = -float(rng.uniform(0.25, 0.45))
+    pose = replace(pose, lean=lean, nod=float(rng.uniform(0.1, 0.35) - 0.5 * lean))
+    trunk = Trunk.of(np.zeros((1, 3)), 0.0, lean=lean, twist=pose.twist)
+    hands = [
+        _straight_down(shoulder, backward=rng.uniform(0.9, 1.25), side=side)
+        for shoulder, side in zip(trunk.shoulders[0], SIDES, strict=True)
+    ]
+    return replace(pose, hands=np.stack(hands), stir=np.zeros(2))
+
+
+def slouch(rng: np.random.Generator, pose: SeatedPose, seat: Seat) -> SeatedPose:
+    """Slid forward in a seat, the back against the top of its backrest, the legs put out.
+
+    The trunk is 25 to 45 degrees back: couches and armchairs are made for up to 30 (Panero and
+    Zelnik 1979), and the pelvis slides forward.
+    """
+    lean = rng.uniform(0.44, 0.75)
+    # Thighs go down to their feet once the knees are before the seat.
+    knees_clear = seat.front - THIGH + max(seat.height - SHIN, 0.0) + 0.08
+    low = max(seat.back + BUTTOCK + 0.05, knees_clear if seat.closed else -np.inf)
+    behind = seat.back + CHEST_HALF_DEPTH
+    pelvis = pose.pelvis.copy()
+    pelvis[1] = np.clip(behind + TRUNK * np.sin(lean), low, max(low, seat.front - 0.07))
+    back = -float(np.arcsin(np.clip((pelvis[1] - behind) / TRUNK, 0.0, np.sin(0.80))))
+    nod = float(rng.uniform(0.20, 0.45) - 0.3 * back)
+    pose = replace(pose, pelvis=pelvis, lean=back, nod=nod, twist=0.5 * pose.twist)
+    forward = THIGH + rng.uniform(0.06, 0.26) + rng.uniform(-0.03, 0.03, 2)
+    drop = pelvis[2] - ANKLE_HEIGHT
+    forward = np.minimum(forward, np.sqrt((STRETCHED * (THIGH + SHIN)) ** 2 - drop**2))
+    feet = pose.at_pelvis(np.stack([SIDES * rng.uniform(0.08, 0.17), forward, np.zeros(2)], -1))
+    feet[:, 2] = ANKLE_HEIGHT
+    return draw_hands(rng, replace(pose, ankles=feet), seat)
+
+
+def _shoulders(tilts: Array, lean: float, twist: float) -> Array:
+    """(n, 3) the right shoulder from the pelvis, for n tilts."""
+    trunk = Trunk.of(np.zeros((len(tilts), 3)), 0.0, lean=lean, tilt=tilts, twist=twist)
+    return trunk.shoulders[:, 0]
+
+
+def _as_long(shoulders: Array, elbows: Array) -> int:
+    """Which of n pairs is nearest to an upper arm's length apart."""
+    return int(np.abs(np.linalg.norm(elbows - shoulders, axis=-1) - UPPER_ARM).argmin())
+
+
+def _straight_down(shoulder: Array, *, backward: float, side: float) -> Array:
+    """(3,) the wrist of a straight arm that carries on the seat, an offset.
+
+    ``backward`` is 0 for a hand straight to the side, radians.
+    """
+    drop = shoulder[2] + HIP_ABOVE_SEAT - PALM
+    reach = STRETCHED * (UPPER_ARM + FOREARM)
+    level = np.sqrt(max(reach**2 - drop**2, 0.0))
+    away: Array = level * np.array([side * np.cos(backward), -np.sin(backward), 0.0])
+    return shoulder + away - (0.0, 0.0, drop)
+
+
+def _propped(pose: SeatedPose, shoulder: Array, elbow: Array, other: Array) -> SeatedPose:
+    """The right hand at the face, on an elbow that rests."""
+    trunk = Trunk.of(
+        np.zeros((1, 3)), 0.0, lean=pose.lean, tilt=pose.tilt, twist=pose.twist, nod=pose.nod
+    )
+    towards = trunk.head[0] + FACE - elbow
+    wrist = elbow + FOREARM * towards / np.linalg.norm(towards)
+    return _with_arm(pose, shoulder, elbow, wrist, other)
+
+
+def _with_arm(
+    pose: SeatedPose, shoulder: Array, elbow: Array, wrist: Array, other: Array
+) -> SeatedPose:
+    """The right arm by its joints, the left one by its wrist; all offsets."""
+    elbows = np.stack([elbow - shoulder, [-ELBOWS[0], ELBOWS[1], ELBOWS[2]]])
+    hands = np.stack([wrist, other])
+    return replace(pose, hands=hands, elbows=elbows, stir=np.array([0.0, 0.01]))
