@@ -20,7 +20,7 @@ from imapper_prob.calibrate.evidence import path_settings
 from imapper_prob.calibrate.procedure import rounded
 from imapper_prob.files import written_whole
 from imapper_prob.inputs.i3db import read_i3db, read_i3db_truth
-from imapper_prob.models.calibrated import PATH, Number
+from imapper_prob.models.calibrated import FOLDS, PATH, Number
 from imapper_prob.models.scene import Clip, Truth
 from imapper_prob.models.skeleton import PELV, SCORED
 from imapper_prob.scenelets.library import load_library
@@ -46,6 +46,8 @@ def main() -> None:
     """Print, and write if asked."""
     folder = Path(sys.argv[1])
     names = sorted(p for p in folder.iterdir() if (p / "gt").is_dir())
+    if tuple(name.name for name in names) != FOLDS:
+        raise SystemExit(f"{folder}: has other scenes than the folds {', '.join(FOLDS)}")
     clips = [read_i3db(name) for name in names]
     scenes = [(clip, read_i3db_truth(name, clip)) for name, clip in zip(names, clips, strict=True)]
     library = load_library()

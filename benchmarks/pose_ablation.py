@@ -20,9 +20,10 @@ from imapper_prob.evaluate.scenes import known_scene, scenes_with_truth
 from imapper_prob.evaluate.truth import TruthInView
 from imapper_prob.models.path import StaticPath
 from imapper_prob.models.scene import Clip
+from imapper_prob.models.settings import CameraSettings, StaticPathSettings
 from imapper_prob.models.skeleton import BONE_LENGTHS, PELV
-from imapper_prob.staged.calibration import CameraSettings, estimate_camera
-from imapper_prob.staged.static_path import StaticPathSettings, estimate_static_path
+from imapper_prob.staged.calibration import estimate_camera
+from imapper_prob.staged.static_path import estimate_static_path
 
 Variant = Callable[[Clip], Prediction]
 

@@ -65,9 +65,9 @@ def solve(
     progress : callable, optional
         Called with the name of a stage and the part of it that is done.
     """
-    model = config.model if config is not None else None
+    settings = config.settings if config is not None else None
     first = clip if len(clip.tracks) == 1 else replace(clip, tracks=clip.tracks[:1])
-    return solve_staged(first, library, settings=model, progress=progress)
+    return solve_staged(first, library, settings=settings, progress=progress)
 
 
 def sample(
@@ -114,7 +114,7 @@ def sample(
     )
     begun = time.perf_counter()
     if start is None:
-        solutions = solve_actors(clip, library, settings=config.model, progress=progress)
+        solutions = solve_actors(clip, library, settings=config.settings, progress=progress)
     else:
         solutions = (start,) if isinstance(start, Solution) else tuple(start)
     source = solutions[0] if len(solutions) == 1 else cast_of(solutions)

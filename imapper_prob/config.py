@@ -8,8 +8,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from imapper_prob.models.energy.detections import DetectorSettings
 from imapper_prob.models.errors import InputError
-from imapper_prob.models.settings import ModelSettings
+from imapper_prob.models.settings import (
+    CameraSettings,
+    ModelSettings,
+    Settings,
+    StaticPathSettings,
+)
 
 __all__ = ["Config", "SampleSettings", "from_toml", "read_config", "to_toml"]
 
@@ -99,13 +105,31 @@ class Config:
     library : str
         ``"built-in"`` or the path of a library file.
     model : ModelSettings
+    path : StaticPathSettings
+    camera : CameraSettings
+    detector : DetectorSettings
     sample : SampleSettings
     """
 
     seed: int = 0
     library: str = "built-in"
     model: ModelSettings = field(default_factory=ModelSettings)
+    path: StaticPathSettings = field(default_factory=StaticPathSettings)
+    camera: CameraSettings = field(default_factory=CameraSettings)
+    detector: DetectorSettings = field(default_factory=DetectorSettings)
     sample: SampleSettings = field(default_factory=SampleSettings)
+
+    @property
+    def settings(self) -> Settings:
+        """The constants of the model and of the stages before it."""
+        return Settings(self.model, self.path, self.camera, self.detector)
+
+    def without(self, scene: str) -> Config:
+        """The same with constants estimated without one scene of i3DB (`Settings.without`)."""
+        found = self.settings.without(scene)
+        return dataclasses.replace(
+            self, model=found.model, path=found.path, camera=found.camera, detector=found.detector
+        )
 
 
 def to_toml(config: Config) -> str:
@@ -115,6 +139,8 @@ def to_toml(config: Config) -> str:
         if isinstance(value, str):
             escaped = value.replace("\\", "\\\\").replace('"', '\\"')
             return f'{name} = "{escaped}"'
+        if isinstance(value, tuple):
+            return f"{name} = [{', '.join(map(repr, value))}]"
         return f"{name} = {str(value).lower() if isinstance(value, bool) else repr(value)}"
 
     top, tables = [], []
@@ -141,6 +167,9 @@ def _build(cls: type, values: dict[str, Any], where: str) -> Any:
                 raise InputError(f"{where}: {name} must be a table")
             arguments[name] = _build(type(wanted), value, f"{where} [{name}]")
             continue
+        if isinstance(wanted, tuple):
+            arguments[name] = _row(value, f"{where}: {name}")
+            continue
         number = isinstance(wanted, float) and isinstance(value, int)
         if isinstance(value, bool) != isinstance(wanted, bool) or not (
             number or isinstance(value, type(wanted))
@@ -148,6 +177,15 @@ def _build(cls: type, values: dict[str, Any], where: str) -> Any:
             raise InputError(f"{where}: {name} = {value!r} must be of type {type(wanted).__name__}")
         arguments[name] = float(value) if number else value
     return cls(**arguments)
+
+
+def _row(value: Any, what: str) -> tuple[float, ...]:
+    numbers = isinstance(value, list) and all(
+        isinstance(v, (int, float)) and not isinstance(v, bool) for v in value
+    )
+    if not numbers:
+        raise InputError(f"{what} = {value!r} must be a list of numbers")
+    return tuple(float(v) for v in value)
 
 
 def read_config(path: str | Path) -> Config:

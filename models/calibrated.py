@@ -8,20 +8,28 @@ far that moves when a scene is left out.
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, fields, replace
 from functools import cache
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
-__all__ = ["PATH", "Constant", "Number", "calibrated", "constants", "parsed", "table"]
+__all__ = [
+    "FOLDS", "PATH", "Constant", "Number", "calibrated", "constants", "from_data", "parsed",
+    "table", "values_without", "with_values",
+]  # fmt: skip
 
 PATH: Final = Path(__file__).with_name("calibrated.toml")
 """The file of constants."""
 
+FOLDS: Final = ("Scene04", "Scene10", "Scene13", "Scene14")
+"""Scenes of i3DB that the constants were estimated from, in the order of their folds."""
+
 Number = float | tuple[float, ...]
 """A constant, or a row of them."""
+
+_Settings = TypeVar("_Settings")
 
 
 @dataclass(frozen=True)
@@ -96,3 +104,50 @@ def table(name: str) -> tuple[float, ...]:
     if not isinstance(value, tuple):
         raise TypeError(f"{name} is one number")
     return value
+
+
+def from_data(name: str, convert: Callable[[Number], Number] | None = None) -> Any:
+    """A field of a dataclass of settings whose default is a calibrated constant.
+
+    Parameters
+    ----------
+    name : str
+        Of the constant, ``"walk.bearing"``.
+    convert : callable, optional
+        From the constant's value to that of the field.
+    """
+    value = constants()[name].value
+    return field(
+        default=value if convert is None else convert(value),
+        metadata={"constant": name, "convert": convert},
+    )
+
+
+def with_values(settings: _Settings, values: Mapping[str, Number]) -> _Settings:
+    """Settings with other values of the constants that their fields come from.
+
+    Parameters
+    ----------
+    settings : dataclass
+        With fields of :func:`from_data`.
+    values : mapping of str to Number
+        By name of the constant; fields of others stay as they are.
+    """
+    changed: dict[str, Any] = {}
+    for entry in fields(settings):  # type: ignore[arg-type]
+        name, convert = entry.metadata.get("constant"), entry.metadata.get("convert")
+        if name is not None and name in values:
+            changed[entry.name] = values[name] if convert is None else convert(values[name])
+    return replace(settings, **changed)  # type: ignore[type-var]
+
+
+def values_without(scene: str) -> dict[str, Number]:
+    """The constants as they would be if a scene had never been seen.
+
+    Constants that are kept for a reason stay; of a scene that they were not estimated from there
+    is nothing to leave out.
+    """
+    if scene not in FOLDS:
+        return {}
+    fold = FOLDS.index(scene)
+    return {name: c.folds[fold] for name, c in constants().items() if not c.kept}

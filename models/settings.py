@@ -6,12 +6,25 @@ and the spread, of every one (``docs/calibration.md``); the others are chosen.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Final
 
-from imapper_prob.models.calibrated import calibrated
+from imapper_prob.models.calibrated import Number, from_data, values_without, with_values
+from imapper_prob.models.energy.detections import DetectorSettings
 from imapper_prob.models.errors import InputError
 
-__all__ = ["ModelSettings"]
+__all__ = ["ANKLE", "CameraSettings", "ModelSettings", "Settings", "StaticPathSettings"]
+
+
+ANKLE: Final = 0.09
+"""Metres of an ankle joint above the floor under a standing foot (lateral malleolus)."""
+
+
+def _share(seconds: Number) -> Number:
+    """One over the number of frames, at 10 a second, that say the same for so long."""
+    if isinstance(seconds, tuple):
+        raise TypeError("a time is one number")
+    return 1 / (10 * seconds)
 
 
 @dataclass(frozen=True)
@@ -97,33 +110,33 @@ class ModelSettings:
         energy: no number does both, and this is between them.
     """
 
-    frame_weight: float = 1 / (10 * calibrated("scores.repeat_time"))
-    swap_rate: float = calibrated("swaps.rate")
-    swap_length: float = calibrated("swaps.length")
-    pose_tolerance: float = calibrated("pose.tolerance")
-    sight_width: float = calibrated("sight.width")
+    frame_weight: float = from_data("scores.repeat_time", _share)
+    swap_rate: float = from_data("swaps.rate")
+    swap_length: float = from_data("swaps.length")
+    pose_tolerance: float = from_data("pose.tolerance")
+    sight_width: float = from_data("sight.width")
     surprise: float = 0.02
-    memory_bearing: float = calibrated("bias.time_across")
-    memory_depth: float = calibrated("bias.time_along")
-    ease_bearing: float = calibrated("bias.ease_across")
-    ease_depth: float = calibrated("bias.ease_along")
-    walk_bearing: float = calibrated("walk.bearing")
-    walk_log_depth: float = calibrated("walk.log_depth")
+    memory_bearing: float = from_data("bias.time_across")
+    memory_depth: float = from_data("bias.time_along")
+    ease_bearing: float = from_data("bias.ease_across")
+    ease_depth: float = from_data("bias.ease_along")
+    walk_bearing: float = from_data("walk.bearing")
+    walk_log_depth: float = from_data("walk.log_depth")
     start_bearing: float = 0.25
     start_log_depth: float = 0.4
     start_depth: float = 4.0
-    size_spread: float = calibrated("scenelet.log_size")
-    facing_spread: float = calibrated("facing.spread")
-    joint_step: float = calibrated("joints.jump_scale")
-    smoothness_cost: float = 1 / (10 * calibrated("frames.correlation_time"))
-    furniture_aside: float = calibrated("furniture.aside")
-    furniture_ahead: float = calibrated("furniture.ahead")
+    size_spread: float = from_data("scenelet.log_size")
+    facing_spread: float = from_data("facing.spread")
+    joint_step: float = from_data("joints.jump_scale")
+    smoothness_cost: float = from_data("frames.correlation_time", _share)
+    furniture_aside: float = from_data("furniture.aside")
+    furniture_ahead: float = from_data("furniture.ahead")
     collision_cost: float = 100.0
     motion_cost: float = 50.0
     merge_angle: float = 0.6
-    support_angle: float = calibrated("support.angle")
-    support_slope: float = calibrated("support.slope")
-    support_time: float = calibrated("frames.correlation_time")
+    support_angle: float = from_data("support.angle")
+    support_slope: float = from_data("support.slope")
+    support_time: float = from_data("frames.correlation_time")
     scenelet_rate: float = 0.02
     likelihood: float = 1.0
     energy: str = "default"
@@ -150,3 +163,118 @@ class ModelSettings:
             raise InputError(f"model setting energy = {self.energy!r} must be default or paper")
         if not 0 < self.surprise < 0.5:
             raise InputError(f"model setting surprise = {self.surprise} must be in (0, 0.5)")
+
+
+@dataclass(frozen=True)
+class StaticPathSettings:
+    """Constants of the static path, calibrated (``docs/calibration.md``) but for three.
+
+    Parameters
+    ----------
+    pixel_scale, dof : float
+        Pixel error of a detection: scale in pixels at 1080 lines, degrees of freedom.
+    correlation_time : float
+        Seconds over which the errors of a frame repeat themselves, of detections and lifted
+        poses alike.
+    walk_bearing, walk_log_depth, walk_bone : float
+        Standard deviation of one step at 10 frames a second: tangent (of bearing and of
+        lift), log metres, metres.
+    length_tolerance : float
+        Factor on the published spreads of bone lengths.
+    lifted_across, lifted_along : float
+        Standard deviation of a lifted bone across and along the viewing direction, over its
+        length.
+    filled_tolerance : float
+        Factor on these two where the pose was filled in; chosen.
+    implausible : float
+        Median pixel error at 1080 lines of the confident joints above which a lifted pose,
+        put where it fits best, is not believed; chosen.
+    bias_log_depth, bias_across : float
+        Slow errors that stay within a correlation time: log metres, and metres.
+    """
+
+    pixel_scale: float = from_data("path.pixel_scale")
+    dof: float = from_data("path.pixel_dof")
+    correlation_time: float = from_data("frames.correlation_time")
+    walk_bearing: float = from_data("walk.bearing")
+    walk_log_depth: float = from_data("walk.log_depth")
+    walk_bone: float = from_data("walk.bone")
+    length_tolerance: float = 1.0
+    lifted_across: float = from_data("bones.lifted_across")
+    lifted_along: float = from_data("bones.lifted_along")
+    filled_tolerance: float = 2.0
+    implausible: float = 60.0
+    bias_log_depth: float = from_data("bias.log_depth")
+    bias_across: float = from_data("bias.across")
+
+    def frame_weight(self, fps: float) -> float:
+        """One over the number of frames in a correlation time."""
+        return min(1.0, 1.0 / (self.correlation_time * fps))
+
+
+@dataclass(frozen=True)
+class CameraSettings:
+    """Constants of the camera's prior, calibrated (``docs/calibration.md``) or kept for a reason.
+
+    Parameters
+    ----------
+    pitch : float
+        Radians; standard deviation about the clip's nominal pitch.
+    roll : float
+        Radians; standard deviation about the clip's nominal roll.
+    log_elevation : float
+        Standard deviation of the log height about the clip's nominal one.
+    log_body : float
+        Standard deviation of log stature about the reference body's.
+    ankle : float
+        Metres of an ankle joint above the floor under a standing foot.
+    ankle_offset : float
+        Metres; standard deviation of an error in this that stays the same all clip.
+    ankle_spread : float
+        Metres; scale of one independent observation of the lowest ankle.
+    ankle_dof : float
+        Degrees of freedom of its Student-t: feet are lifted, hidden and put on chairs.
+    correlation_time : float
+        Seconds between independent observations.
+    """
+
+    pitch: float = from_data("camera.pitch")
+    roll: float = from_data("camera.roll")
+    log_elevation: float = from_data("camera.log_elevation")
+    log_body: float = from_data("body.log_scale")
+    ankle: float = ANKLE
+    ankle_offset: float = from_data("ankle.offset")
+    ankle_spread: float = from_data("ankle.spread")
+    ankle_dof: float = from_data("ankle.dof")
+    correlation_time: float = from_data("frames.correlation_time")
+
+
+@dataclass(frozen=True)
+class Settings:
+    """All constants of the model, and of what is estimated before it.
+
+    Parameters
+    ----------
+    model : ModelSettings
+    path : StaticPathSettings
+    camera : CameraSettings
+    detector : DetectorSettings
+    """
+
+    model: ModelSettings = field(default_factory=ModelSettings)
+    path: StaticPathSettings = field(default_factory=StaticPathSettings)
+    camera: CameraSettings = field(default_factory=CameraSettings)
+    detector: DetectorSettings = field(default_factory=DetectorSettings)
+
+    def without(self, scene: str) -> Settings:
+        """The same with all that is estimated from data as it would be without one scene.
+
+        The tails of the jumps of joints (``joints.jump_dof``) stay: they are part of compiled code.
+        """
+        values = values_without(scene)
+        return Settings(
+            model=with_values(self.model, values),
+            path=with_values(self.path, values),
+            camera=with_values(self.camera, values),
+            detector=with_values(self.detector, values),
+        )

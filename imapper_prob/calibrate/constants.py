@@ -25,9 +25,8 @@ from imapper_prob.calibrate.estimators import (
 from imapper_prob.calibrate.evidence import Fitted, Placed, Seen
 from imapper_prob.models.calibrated import Number
 from imapper_prob.models.energy.detections import CONFIDENCE_EDGES, ERROR_EDGES, LOST_ERROR
-from imapper_prob.models.settings import ModelSettings
+from imapper_prob.models.settings import ANKLE, ModelSettings
 from imapper_prob.models.skeleton import SCORED
-from imapper_prob.staged.calibration import ANKLE
 from imapper_prob.staged.path_fit import REFERENCE_RATE
 
 __all__ = ["FROM_FITS", "FROM_PATH", "FROM_TRUTH", "Estimator", "estimate"]

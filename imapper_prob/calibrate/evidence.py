@@ -28,18 +28,18 @@ from imapper_prob.calibrate.observations import (
     observe_path,
     observe_thighs,
 )
-from imapper_prob.models.calibrated import Number
-from imapper_prob.models.energy.detections import DetectionModel, with_lost
+from imapper_prob.models.calibrated import Number, with_values
+from imapper_prob.models.energy.detections import DetectionModel, DetectorSettings
 from imapper_prob.models.path import StaticPath
 from imapper_prob.models.problem import pack_problem
 from imapper_prob.models.scene import Clip, Truth
 from imapper_prob.models.scenelet import Library
-from imapper_prob.models.settings import ModelSettings
-from imapper_prob.staged.calibration import CameraSettings, estimate_camera
+from imapper_prob.models.settings import CameraSettings, ModelSettings, StaticPathSettings
+from imapper_prob.staged.calibration import estimate_camera
 from imapper_prob.staged.elsewhere import own_detections
 from imapper_prob.staged.fit import fit_windows
 from imapper_prob.staged.free_poses import free_pose_cost
-from imapper_prob.staged.path_fit import REFERENCE_RATE, StaticPathSettings
+from imapper_prob.staged.path_fit import REFERENCE_RATE
 from imapper_prob.staged.static_path import estimate_static_path
 
 __all__ = [
@@ -55,32 +55,6 @@ __all__ = [
 
 Array = NDArray[np.float64]
 Values = Mapping[str, Number]
-
-_PATH = {
-    "pixel_scale": "path.pixel_scale",
-    "dof": "path.pixel_dof",
-    "correlation_time": "frames.correlation_time",
-    "walk_bearing": "walk.bearing",
-    "walk_log_depth": "walk.log_depth",
-    "walk_bone": "walk.bone",
-    "lifted_across": "bones.lifted_across",
-    "lifted_along": "bones.lifted_along",
-}
-_CAMERA = {
-    "pitch": "camera.pitch",
-    "log_elevation": "camera.log_elevation",
-    "log_body": "body.log_scale",
-    "ankle_offset": "ankle.offset",
-    "ankle_spread": "ankle.spread",
-    "ankle_dof": "ankle.dof",
-    "correlation_time": "frames.correlation_time",
-}
-_MODEL = {
-    "pose_tolerance": "pose.tolerance",
-    "swap_rate": "swaps.rate",
-    "swap_length": "swaps.length",
-}
-"""Fields of the settings, and the constants that they take their values from."""
 
 
 @dataclass(frozen=True)
@@ -150,12 +124,11 @@ def place(seen: Seen, library: Library, values: Values) -> Placed:
 def fit_library(placed: Placed, library: Library, values: Values) -> Fitted:
     """The third step: every scenelet in every window, by the first two steps' constants."""
     clip = placed.clip
-    camera = replace(CameraSettings(), **_taken(_CAMERA, values))
+    camera = with_values(CameraSettings(), values)
     detections = detection_model(values)
     settings = replace(
-        ModelSettings(),
+        with_values(ModelSettings(), values),
         frame_weight=path_settings(values).frame_weight(REFERENCE_RATE),
-        **_taken(_MODEL, values),
     )
     problem = pack_problem(
         clip,
@@ -178,20 +151,11 @@ def fit_library(placed: Placed, library: Library, values: Values) -> Fitted:
     )
 
 
-def _taken(names: Mapping[str, str], values: Values) -> dict[str, Any]:
-    return {field: values[name] for field, name in names.items()}
-
-
 def path_settings(values: Values) -> StaticPathSettings:
     """The static path's settings with some constants' values."""
-    return replace(StaticPathSettings(), **_taken(_PATH, values))
+    return with_values(StaticPathSettings(), values)
 
 
 def detection_model(values: Values) -> DetectionModel:
     """The detector's tables with some constants' values."""
-
-    def rows(what: str) -> Array:
-        return np.array([values[f"detections.{state}_{what}"] for state in ("hidden", "seen")])
-
-    scale, dof = with_lost(rows("error_scale"), rows("error_dof"))
-    return DetectionModel(confidence=rows("confidence"), error_scale=scale, error_dof=dof)
+    return DetectionModel.of(with_values(DetectorSettings(), values))

@@ -92,7 +92,7 @@ def _solve(options: argparse.Namespace) -> None:
         clock = StageClock(progress)
         library = load_library(config.library)
         clock("library", 1.0)
-        actors = solve_actors(clip, library, settings=config.model, progress=clock)
+        actors = solve_actors(clip, library, settings=config.settings, progress=clock)
         solution = solved(clip, actors)
         clock("diverse scenes", 1.0)
         write_solution_folder(options.output, solution, config, overwrite=options.overwrite)

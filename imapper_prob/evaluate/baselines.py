@@ -11,6 +11,7 @@ from imapper_prob.evaluate.outline import Outline, box_corners
 from imapper_prob.evaluate.prediction import Prediction
 from imapper_prob.evaluate.truth import segments
 from imapper_prob.models.scene import Clip
+from imapper_prob.models.settings import Settings
 from imapper_prob.models.skeleton import LHIP, PELV, RHIP
 from imapper_prob.staged.static_path import estimate_static_path
 
@@ -43,8 +44,11 @@ def couch_where_sat(path: Prediction, actions: tuple[str, ...]) -> Prediction:
 
 
 def static_path(clip: Clip) -> Prediction:
-    """The smooth path through the detections that the solver starts from, without furniture."""
-    joints = estimate_static_path(clip).joints
+    """The smooth path through the detections that the solver starts from, without furniture.
+
+    With constants estimated without a scene of that name.
+    """
+    joints = estimate_static_path(clip, settings=Settings().without(clip.name).path).joints
     return Prediction("static path", joints, clip.camera.project_camera(joints), ())
 
 

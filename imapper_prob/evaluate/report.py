@@ -110,7 +110,9 @@ def benchmark_page(
         "# Benchmark\n",
         f"{made_by['program']}, commit `{made_by['commit']}`. Made by\n\n"
         f"    {made_by['command']}\n\n"
-        "The definitions are in [metrics](metrics.md). The truth is read only here.\n",
+        "The definitions are in [metrics](metrics.md). The truth is read only here. Each scene is "
+        "solved and sampled with constants that were estimated without it "
+        "([calibration](calibration.md)).\n",
         "## Furniture\n",
         markdown_table([*object_rows(evaluation.summaries), *none]),
         "\nScene by scene:\n",

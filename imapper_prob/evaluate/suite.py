@@ -56,7 +56,7 @@ class Task:
     output : Path
         Folder of its results.
     config : Config
-        Settings, the library among them.
+        Settings, the library among them; constants are those of the other scenes.
     others : Path, optional
         Folder of scenes from whose truth scenelets are cut as well; this one is left out.
     part : float
@@ -102,9 +102,11 @@ def tasks_of(
     others: Path | None = None,
     parts: Sequence[float] = (1.0,),
 ) -> list[Task]:
-    """One task a scene and part."""
+    """One task a scene and part, with constants estimated without that scene."""
     return [
-        Task(scene, output / scene.name, config, others, part) for part in parts for scene in scenes
+        Task(scene, output / scene.name, config.without(scene.name), others, part)
+        for part in parts
+        for scene in scenes
     ]
 
 
@@ -119,6 +121,7 @@ def prepare_suite(output: Path, config: Config, *, others: Path | None) -> None:
     identity = {
         "commit": commit(),
         "config": to_toml(config),
+        "constants": "of each scene estimated from the others",
         "scenelets of the other scenes": others is not None,
     }
     path = output / _IDENTITY
@@ -209,7 +212,7 @@ def sampled(tasks: Sequence[Task]) -> Iterator[tuple[Task, Posterior]]:
 
 def _solve(task: Task) -> None:
     clip = task.clip
-    solution = solve(clip, library_of(task), settings=task.config.model)
+    solution = solve(clip, library_of(task), settings=task.config.settings)
     prediction = prediction_of_state(solution, solution.states[0], name=SOLVER)
     task.output.mkdir(parents=True, exist_ok=True)
     write_prediction(task.solution, prediction, clip)

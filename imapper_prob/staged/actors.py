@@ -16,8 +16,8 @@ from imapper_prob.models.camera import Camera
 from imapper_prob.models.path import CameraPrior
 from imapper_prob.models.scene import Clip
 from imapper_prob.models.scenelet import Library
-from imapper_prob.models.settings import ModelSettings
-from imapper_prob.staged.calibration import CameraSettings, estimate_camera
+from imapper_prob.models.settings import CameraSettings, Settings
+from imapper_prob.staged.calibration import estimate_camera
 from imapper_prob.staged.elsewhere import own_detections
 from imapper_prob.staged.solver import Solution, solve
 from imapper_prob.staged.static_path import estimate_static_path
@@ -34,7 +34,7 @@ def solve_actors(
     clip: Clip,
     library: Library,
     *,
-    settings: ModelSettings | None = None,
+    settings: Settings | None = None,
     progress: Progress | None = None,
 ) -> tuple[Solution, ...]:
     """Solve every track of a clip, all with the same camera; parameters as of `solve`.
@@ -44,10 +44,21 @@ def solve_actors(
     clips = [replace(clip, tracks=(track,)) for track in clip.tracks]
     if len(clips) == 1:
         return (solve(clip, library, settings=settings, progress=progress),)
+    settings = settings or Settings()
+    own = [
+        estimate_camera(
+            own_detections(c),
+            estimate_static_path(c, settings=settings.path),
+            settings=settings.camera,
+            detector=settings.detector,
+        )
+        for c in clips
+    ]
     cameras = share_camera(
-        [estimate_camera(own_detections(c), estimate_static_path(c)) for c in clips],
+        own,
         nominal=clip.camera,
         focal_spread=clip.focal_spread,
+        settings=settings.camera,
     )
 
     def named(actor: str) -> Progress | None:

@@ -9,65 +9,29 @@ changes with depth and across the view, which is weak and tied to the height.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from imapper_prob.models.calibrated import calibrated
-from imapper_prob.models.energy.detections import DetectionModel
+from imapper_prob.models.energy.detections import DetectionModel, DetectorSettings
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.path import CameraPrior, StaticPath
 from imapper_prob.models.scene import Clip
+from imapper_prob.models.settings import CameraSettings
 from imapper_prob.models.skeleton import LANK, RANK
 
-__all__ = ["ANKLE", "CameraSettings", "estimate_camera"]
+__all__ = ["estimate_camera"]
 
 Array = NDArray[np.float64]
 
-ANKLE: Final = 0.09
-"""Metres of an ankle joint above the floor under a standing foot (lateral malleolus)."""
-
-
-@dataclass(frozen=True)
-class CameraSettings:
-    """Constants of the camera's prior, calibrated (``docs/calibration.md``) or kept for a reason.
-
-    Parameters
-    ----------
-    pitch : float
-        Radians; standard deviation about the clip's nominal pitch.
-    roll : float
-        Radians; standard deviation about the clip's nominal roll.
-    log_elevation : float
-        Standard deviation of the log height about the clip's nominal one.
-    log_body : float
-        Standard deviation of log stature about the reference body's.
-    ankle : float
-        Metres of an ankle joint above the floor under a standing foot.
-    ankle_offset : float
-        Metres; standard deviation of an error in this that stays the same all clip.
-    ankle_spread : float
-        Metres; scale of one independent observation of the lowest ankle.
-    ankle_dof : float
-        Degrees of freedom of its Student-t: feet are lifted, hidden and put on chairs.
-    correlation_time : float
-        Seconds between independent observations.
-    """
-
-    pitch: float = calibrated("camera.pitch")
-    roll: float = calibrated("camera.roll")
-    log_elevation: float = calibrated("camera.log_elevation")
-    log_body: float = calibrated("body.log_scale")
-    ankle: float = ANKLE
-    ankle_offset: float = calibrated("ankle.offset")
-    ankle_spread: float = calibrated("ankle.spread")
-    ankle_dof: float = calibrated("ankle.dof")
-    correlation_time: float = calibrated("frames.correlation_time")
-
 
 def estimate_camera(
-    clip: Clip, path: StaticPath, *, track: int = 0, settings: CameraSettings | None = None
+    clip: Clip,
+    path: StaticPath,
+    *,
+    track: int = 0,
+    settings: CameraSettings | None = None,
+    detector: DetectorSettings | None = None,
 ) -> CameraPrior:
     """Gaussian approximation of the camera's five numbers, given the feet.
 
@@ -88,6 +52,8 @@ def estimate_camera(
     path : StaticPath
         Of the person ``track``.
     settings : CameraSettings, optional
+    detector : DetectorSettings, optional
+        Says by what confidence a foot is taken for hidden.
 
     Returns
     -------
@@ -104,7 +70,7 @@ def estimate_camera(
         raise InputError(
             f"clip {clip.name}: camera elevation {clip.camera.elevation} m must be above the floor"
         )
-    feet = _feet(clip, path, track, settings)
+    feet = _feet(clip, path, track, settings, DetectionModel.of(detector or DetectorSettings()))
     mode = _mode(feet)
     # The robust weights that find the mode average 1 / spread^2, but a Student-t observation
     # informs of its centre only by (dof + 1) / (dof + 3) of that.
@@ -210,7 +176,13 @@ def _mode(feet: _Feet, *, tolerance: float = 1e-9) -> Array:
     return state
 
 
-def _feet(clip: Clip, path: StaticPath, track: int, settings: CameraSettings) -> _Feet:
+def _feet(
+    clip: Clip,
+    path: StaticPath,
+    track: int,
+    settings: CameraSettings,
+    detections: DetectionModel,
+) -> _Feet:
     """The lower seen ankle of every frame, as the nominal camera has it, and the prior.
 
     Of a hidden foot detectors make something up, and the lower of two is then the worse guess:
@@ -219,7 +191,7 @@ def _feet(clip: Clip, path: StaticPath, track: int, settings: CameraSettings) ->
     ankles = path.joints[:, [RANK, LANK]]
     confidences = clip.tracks[track].confidences[:, [RANK, LANK]]
     height = clip.camera.to_world(ankles)[..., 2]
-    guessed = DetectionModel().confidence_density(confidences).argmax(-1) == 0
+    guessed = detections.confidence_density(confidences).argmax(-1) == 0
     lower = np.where(guessed & ~guessed.all(1, keepdims=True), np.inf, height).argmin(1)
     frames = np.arange(clip.n_frames)
     right, depth, up = ankles[frames, lower].T

@@ -21,8 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solveh_banded
 
-from imapper_prob.models.calibrated import calibrated
 from imapper_prob.models.camera import Camera
+from imapper_prob.models.settings import StaticPathSettings
 from imapper_prob.models.skeleton import DETECTED
 from imapper_prob.staged.bones import ANCESTORS, N_BONES, SPREADS
 from imapper_prob.staged.lifted_poses import LiftedBody
@@ -31,7 +31,6 @@ __all__ = [
     "REFERENCE_RATE",
     "Motion",
     "Observations",
-    "StaticPathSettings",
     "evidence",
     "fit_motion",
     "length_terms",
@@ -46,53 +45,6 @@ _REFERENCE_LINES: Final = 1080.0
 REFERENCE_RATE: Final = 10.0
 """Frames a second of which steps are stated."""
 _BRANCHES: Final[Array] = ANCESTORS[list(DETECTED)]
-
-
-@dataclass(frozen=True)
-class StaticPathSettings:
-    """Constants of the static path, calibrated (``docs/calibration.md``) but for three.
-
-    Parameters
-    ----------
-    pixel_scale, dof : float
-        Pixel error of a detection: scale in pixels at 1080 lines, degrees of freedom.
-    correlation_time : float
-        Seconds over which the errors of a frame repeat themselves, of detections and lifted
-        poses alike.
-    walk_bearing, walk_log_depth, walk_bone : float
-        Standard deviation of one step at 10 frames a second: tangent (of bearing and of
-        lift), log metres, metres.
-    length_tolerance : float
-        Factor on the published spreads of bone lengths.
-    lifted_across, lifted_along : float
-        Standard deviation of a lifted bone across and along the viewing direction, over its
-        length.
-    filled_tolerance : float
-        Factor on these two where the pose was filled in; chosen.
-    implausible : float
-        Median pixel error at 1080 lines of the confident joints above which a lifted pose,
-        put where it fits best, is not believed; chosen.
-    bias_log_depth, bias_across : float
-        Slow errors that stay within a correlation time: log metres, and metres.
-    """
-
-    pixel_scale: float = calibrated("path.pixel_scale")
-    dof: float = calibrated("path.pixel_dof")
-    correlation_time: float = calibrated("frames.correlation_time")
-    walk_bearing: float = calibrated("walk.bearing")
-    walk_log_depth: float = calibrated("walk.log_depth")
-    walk_bone: float = calibrated("walk.bone")
-    length_tolerance: float = 1.0
-    lifted_across: float = calibrated("bones.lifted_across")
-    lifted_along: float = calibrated("bones.lifted_along")
-    filled_tolerance: float = 2.0
-    implausible: float = 60.0
-    bias_log_depth: float = calibrated("bias.log_depth")
-    bias_across: float = calibrated("bias.across")
-
-    def frame_weight(self, fps: float) -> float:
-        """One over the number of frames in a correlation time."""
-        return min(1.0, 1.0 / (self.correlation_time * fps))
 
 
 @dataclass(frozen=True)

@@ -13,12 +13,13 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from imapper_prob.models.energy.detections import DetectionModel
 from imapper_prob.models.path import CameraPrior, StaticPath
 from imapper_prob.models.posterior import State
 from imapper_prob.models.problem import Problem, pack_problem
 from imapper_prob.models.scene import Clip
 from imapper_prob.models.scenelet import Library
-from imapper_prob.models.settings import ModelSettings
+from imapper_prob.models.settings import Settings
 from imapper_prob.scenelets.charness import charness, motion_distances
 from imapper_prob.staged.calibration import estimate_camera
 from imapper_prob.staged.candidates import Candidate, screen
@@ -93,7 +94,7 @@ def solve(
     clip: Clip,
     library: Library,
     *,
-    settings: ModelSettings | None = None,
+    settings: Settings | None = None,
     camera: CameraPrior | None = None,
     progress: Progress | None = None,
 ) -> Solution:
@@ -103,8 +104,8 @@ def solve(
     ----------
     clip, library
         What was seen, and what people do.
-    settings : ModelSettings, optional
-        Constants of the model.
+    settings : Settings, optional
+        Constants of the model and of the stages.
     camera : CameraPrior, optional
         What is known of camera and body; estimated from the actor's feet if not given.
     progress : callable, optional
@@ -146,14 +147,17 @@ def fit_clip(
     clip: Clip,
     library: Library,
     *,
-    settings: ModelSettings | None = None,
+    settings: Settings | None = None,
     camera: CameraPrior | None = None,
     progress: Progress | None = None,
 ) -> Fitted:
     """The first stages: static path, camera, independent fits; parameters as of :func:`solve`."""
-    path, frames = examine_frames(clip)
+    settings = settings or Settings()
+    path, frames = examine_frames(clip, settings=settings.path)
     own = own_detections(clip)
-    camera = camera or estimate_camera(own, path)
+    camera = camera or estimate_camera(
+        own, path, settings=settings.camera, detector=settings.detector
+    )
     if progress is not None:
         progress("static path", 1.0)
     distances = motion_distances(library)
@@ -161,8 +165,16 @@ def fit_clip(
     if progress is not None:
         progress("comparing motions", 1.0)
     weights = characteristic + _LEAST_CHARNESS
-    problem = pack_problem(own, path, camera, library, settings=settings, weights=weights)
-    stays = find_stays(own.tracks[0], path, camera, fps=clip.fps, settings=settings)
+    problem = pack_problem(
+        own,
+        path,
+        camera,
+        library,
+        settings=settings.model,
+        detections=DetectionModel.of(settings.detector),
+        weights=weights,
+    )
+    stays = find_stays(own.tracks[0], path, camera, fps=clip.fps, settings=settings.model)
     problem = problem._replace(stays=stays)
     fits = fit_windows(problem, path, fps=clip.fps, progress=progress)
     problem = problem._replace(free_cost=free_pose_cost(problem, fits))

@@ -14,6 +14,7 @@ from scipy.ndimage import median_filter
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.path import StaticPath
 from imapper_prob.models.scene import Clip, Track
+from imapper_prob.models.settings import StaticPathSettings
 from imapper_prob.models.skeleton import DETECTED
 from imapper_prob.staged.bones import ANCESTORS, joints_of
 from imapper_prob.staged.elsewhere import frames_elsewhere, own_detections
@@ -23,13 +24,12 @@ from imapper_prob.staged.path_fit import (
     REFERENCE_RATE,
     Motion,
     Observations,
-    StaticPathSettings,
     fit_motion,
     pixel_residuals,
 )
 from imapper_prob.staged.plausible import implausible_poses
 
-__all__ = ["StaticPathSettings", "estimate_static_path", "examine_frames"]
+__all__ = ["estimate_static_path", "examine_frames"]
 
 Array = NDArray[np.float64]
 

@@ -22,10 +22,12 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from imapper_prob.models.calibrated import table
+from imapper_prob.models.calibrated import from_data
+from imapper_prob.models.errors import InputError
 
 __all__ = [
-    "CONFIDENCE_EDGES", "ERROR_EDGES", "LOST_ERROR", "DetectionModel", "student_t", "with_lost",
+    "CONFIDENCE_EDGES", "ERROR_EDGES", "LOST_ERROR", "DetectionModel", "DetectorSettings",
+    "student_t",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
@@ -41,31 +43,43 @@ hidden, not where it is: what it reports is the best of nothing, often on someth
 _REFERENCE_HEIGHT = 1080.0
 
 
-def _rows(what: str) -> Array:
-    """Rows of hidden and seen joints."""
-    return np.array([table(f"detections.{state}_{what}") for state in ("hidden", "seen")])
+@dataclass(frozen=True)
+class DetectorSettings:
+    """How a detector errs, estimated from data (``docs/calibration.md``).
 
+    Parameters
+    ----------
+    hidden_confidence, seen_confidence : tuple of B float
+        Probability of each bin of confidence.
+    hidden_error_scale, seen_error_scale : tuple of 2 float
+        Pixels at 1080 lines; scale of the error of doubtful and of sure joints.
+    hidden_error_dof, seen_error_dof : tuple of 2 float
+        Degrees of freedom of the same.
+    """
 
-def with_lost(scale: ArrayLike, dof: ArrayLike) -> tuple[Array, Array]:
-    """Pixel errors of lost joints before those (2, 2) of doubtful and sure ones: (2, 3) each."""
-    lost, tails = (np.full((2, 1), value) for value in LOST_ERROR)
-    return np.hstack([lost, np.asarray(scale, float)]), np.hstack([tails, np.asarray(dof, float)])
+    hidden_confidence: tuple[float, ...] = from_data("detections.hidden_confidence")
+    seen_confidence: tuple[float, ...] = from_data("detections.seen_confidence")
+    hidden_error_scale: tuple[float, ...] = from_data("detections.hidden_error_scale")
+    seen_error_scale: tuple[float, ...] = from_data("detections.seen_error_scale")
+    hidden_error_dof: tuple[float, ...] = from_data("detections.hidden_error_dof")
+    seen_error_dof: tuple[float, ...] = from_data("detections.seen_error_dof")
 
-
-def _errors() -> tuple[Array, Array]:
-    return with_lost(_rows("error_scale"), _rows("error_dof"))
-
-
-def _confidence() -> Array:
-    """Normalised again, for what is stored is rounded."""
-    counted = _rows("confidence")
-    shares: Array = counted / counted.sum(1, keepdims=True)
-    return shares
+    def __post_init__(self) -> None:
+        lengths = {"confidence": len(CONFIDENCE_EDGES) - 1, "error_scale": 2, "error_dof": 2}
+        for what, length in lengths.items():
+            for state in ("hidden", "seen"):
+                row = getattr(self, f"{state}_{what}")
+                if len(row) != length or not all(0 < value < np.inf for value in row):
+                    raise InputError(
+                        f"detector setting {state}_{what} = {row} must be {length} positive numbers"
+                    )
 
 
 @dataclass(frozen=True)
 class DetectionModel:
     """The tables of the detector; indices 0 and 1 of the first axis are hidden and seen.
+
+    By default those of :class:`DetectorSettings`; see :meth:`of`.
 
     Parameters
     ----------
@@ -81,10 +95,16 @@ class DetectionModel:
     """
 
     edges: Array = field(default_factory=lambda: np.asarray(CONFIDENCE_EDGES, float))
-    confidence: Array = field(default_factory=_confidence)
+    confidence: Array = field(default_factory=lambda: _shares(DetectorSettings()))
     error_edges: Array = field(default_factory=lambda: np.asarray(ERROR_EDGES))
-    error_scale: Array = field(default_factory=lambda: _errors()[0])
-    error_dof: Array = field(default_factory=lambda: _errors()[1])
+    error_scale: Array = field(default_factory=lambda: _errors(DetectorSettings())[0])
+    error_dof: Array = field(default_factory=lambda: _errors(DetectorSettings())[1])
+
+    @classmethod
+    def of(cls, settings: DetectorSettings) -> DetectionModel:
+        """The tables by some settings."""
+        scale, dof = _errors(settings)
+        return cls(confidence=_shares(settings), error_scale=scale, error_dof=dof)
 
     def confidence_density(self, confidence: ArrayLike) -> Array:
         """p0(c) and p1(c) per unit of confidence: (...) to (..., 2)."""
@@ -135,6 +155,21 @@ class DetectionModel:
         normal = rng.standard_normal((*state.shape, 2))
         mixing = rng.chisquare(dof) / dof
         return pixels + scale[..., None] * normal / np.sqrt(mixing)[..., None], confidence
+
+
+def _shares(settings: DetectorSettings) -> Array:
+    """Normalised again, for what is stored is rounded."""
+    counted = np.array([settings.hidden_confidence, settings.seen_confidence])
+    result: Array = counted / counted.sum(1, keepdims=True)
+    return result
+
+
+def _errors(settings: DetectorSettings) -> tuple[Array, Array]:
+    """Pixel errors of lost joints before those of doubtful and sure ones: (2, 3) each."""
+    lost, tails = (np.full((2, 1), value) for value in LOST_ERROR)
+    scale = np.array([settings.hidden_error_scale, settings.seen_error_scale])
+    dof = np.array([settings.hidden_error_dof, settings.seen_error_dof])
+    return np.hstack([lost, scale]), np.hstack([tails, dof])
 
 
 def student_t(squared_error: ArrayLike, scale: ArrayLike, dof: ArrayLike) -> Array:

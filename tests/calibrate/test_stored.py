@@ -17,10 +17,8 @@ from imapper_prob.inputs.i3db import read_i3db, read_i3db_truth
 from imapper_prob.models.calibrated import PATH, calibrated, constants, parsed, table
 from imapper_prob.models.energy.detections import DetectionModel
 from imapper_prob.models.scene import Clip, Truth
-from imapper_prob.models.settings import ModelSettings
+from imapper_prob.models.settings import CameraSettings, ModelSettings, StaticPathSettings
 from imapper_prob.scenelets.library import built_in_library
-from imapper_prob.staged.calibration import CameraSettings
-from imapper_prob.staged.path_fit import StaticPathSettings
 
 ROOT = Path(__file__).parents[2]
 CORPUS = ROOT.parent / "shared" / "i3db"

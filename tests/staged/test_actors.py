@@ -10,11 +10,11 @@ import pytest
 
 from imapper_prob.models.path import CameraPrior
 from imapper_prob.models.scenelet import Library
+from imapper_prob.models.settings import CameraSettings
 from imapper_prob.models.skeleton import PELV
 from imapper_prob.results.solved import Part, Solved, shared_furniture, solved
 from imapper_prob.results.summary import distances_to_truth
 from imapper_prob.staged.actors import share_camera, solve_actors
-from imapper_prob.staged.calibration import CameraSettings
 from tests.models.worlds import couch
 from tests.staged.couples import CAMERA, N_FRAMES, at_one_table, chairs_and_tables
 

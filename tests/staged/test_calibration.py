@@ -9,8 +9,9 @@ import pytest
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.path import CameraPrior, StaticPath
 from imapper_prob.models.scene import MEASURED_FOCAL, Clip, Track
+from imapper_prob.models.settings import CameraSettings
 from imapper_prob.models.skeleton import LANK, RANK
-from imapper_prob.staged.calibration import CameraSettings, estimate_camera
+from imapper_prob.staged.calibration import estimate_camera
 from imapper_prob.staged.static_path import estimate_static_path
 from tests.staged.walkers import CAMERA
 

@@ -11,11 +11,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from imapper_prob.models.errors import InputError
+from imapper_prob.models.settings import StaticPathSettings
 from imapper_prob.models.skeleton import DETECTED, MIRROR, PELV, SCORED
 from imapper_prob.staged.bones import bones_of, joints_of
 from imapper_prob.staged.filling import fill_directions
 from imapper_prob.staged.lifted_poses import lifted_body
-from imapper_prob.staged.path_fit import Motion, Observations, StaticPathSettings, evidence
+from imapper_prob.staged.path_fit import Motion, Observations, evidence
 from imapper_prob.staged.static_path import estimate_static_path
 from tests.staged.walkers import LIFTER_SCALE, Walk, bones, walk, with_track
 
