@@ -179,6 +179,8 @@ class StaticPathSettings:
     walk_bearing, walk_log_depth, walk_bone : float
         Standard deviation of one step at 10 frames a second: tangent (of bearing and of
         lift), log metres, metres.
+    walk_time : float
+        Seconds for which somebody goes on at about the same velocity.
     length_tolerance : float
         Factor on the published spreads of bone lengths.
     lifted_across, lifted_along : float
@@ -199,6 +201,7 @@ class StaticPathSettings:
     walk_bearing: float = from_data("walk.bearing")
     walk_log_depth: float = from_data("walk.log_depth")
     walk_bone: float = from_data("walk.bone")
+    walk_time: float = from_data("walk.time")
     length_tolerance: float = 1.0
     lifted_across: float = from_data("bones.lifted_across")
     lifted_along: float = from_data("bones.lifted_along")

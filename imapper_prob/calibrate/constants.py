@@ -125,6 +125,20 @@ def _ease(evidence: Sequence[Placed], errors: Sequence[Array]) -> Number:
     return min(found, 0.495 * seconds)
 
 
+def _walk_time(evidence: Sequence[Seen]) -> Number:
+    """Of bearing and log depth, each in units of its spread."""
+    spreads = [
+        root_mean_square(np.concatenate([getattr(e.motion, name) for e in evidence]))
+        for name in ("bearing", "log_depth")
+    ]
+    series = [
+        np.stack([e.motion.bearing / spreads[0], e.motion.log_depth / spreads[1]], -1)
+        for e in evidence
+    ]
+    seconds = evidence[0].motion.gap / evidence[0].clip.fps
+    return correlation_length(series) * seconds / 2
+
+
 def _support(which: int) -> Callable[[Sequence[Placed]], Number]:
     def fit(evidence: Sequence[Placed]) -> Number:
         thighs = [e.thighs for e in evidence]
@@ -285,6 +299,10 @@ FROM_TRUTH: Final = (
     Estimator(
         "walk.bone", "m a frame of .1 s", "step of a bone's end against its root",
         "root mean square step of the true bones over .2 s, over sqrt 2", _walk("bones"),
+    ),
+    Estimator(
+        "walk.time", "s", "time for which somebody goes on at about the same velocity",
+        "half the integrated autocorrelation of true steps over .2 s", _walk_time,
     ),
     Estimator(
         "joints.step_scale", "m a frame of .1 s", "step of a joint against the pelvis",

@@ -7,10 +7,13 @@ posterior that is maximised here.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
+from imapper_prob.models.energy.detections import ERROR_EDGES
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.path import StaticPath
 from imapper_prob.models.scene import Clip, Track
@@ -19,9 +22,9 @@ from imapper_prob.models.skeleton import DETECTED
 from imapper_prob.staged.bones import ANCESTORS, joints_of
 from imapper_prob.staged.elsewhere import frames_elsewhere, own_detections
 from imapper_prob.staged.frames import FrameTable, PoseSource
+from imapper_prob.staged.gaps import through_gaps
 from imapper_prob.staged.lifted_poses import LiftedBody, lifted_body
 from imapper_prob.staged.path_fit import (
-    REFERENCE_RATE,
     Motion,
     Observations,
     fit_motion,
@@ -51,8 +54,8 @@ def estimate_static_path(
     fitted together.
 
     What is left are slow errors (``bias_log_depth``, and ``bias_across`` over the depth). Where
-    nobody was detected the person may have walked anywhere, as long as they are back in time:
-    ``deviation`` grows there by that of a walk between two known ends.
+    nobody was detected the person goes on as people do, and may have walked elsewhere:
+    ``deviation`` grows there (:mod:`imapper_prob.staged.gaps`).
 
     Parameters
     ----------
@@ -82,6 +85,7 @@ def examine_frames(
     away = frames_elsewhere(clip.tracks[track], camera=clip.camera, fps=clip.fps)
     person = own_detections(clip).tracks[track]
     confidences = person.confidences[:, list(DETECTED)]
+    confidences = np.where(confidences < ERROR_EDGES[0], 0.0, confidences)
     if np.max((confidences > 0).sum(1), initial=0) < 3:
         raise InputError(
             f"clip {clip.name}, track {person.name}: no frame with three detected joints, so "
@@ -100,10 +104,13 @@ def examine_frames(
         observations = observe(lifted_body(person, believed))
         motion = _place(observations, settings)
     motion = fit_motion(observations, motion, settings, free_bones=True, annealing=(4.0, 2.0))
+    seen = np.asarray((confidences > 0).any(1))
+    place, unknown = through_gaps(motion.place, seen, settings=settings, fps=clip.fps)
+    motion = replace(motion, place=place)
     path = StaticPath(
-        estimate=motion.place[:, [0, 2]],
-        lift=motion.place[:, 1],
-        deviation=_deviation(observations, motion, settings),
+        estimate=place[:, [0, 2]],
+        lift=place[:, 1],
+        deviation=np.hypot(_bias(place[:, 2], settings), unknown),
         poses=joints_of(motion.bones),
         posed=observations.body.known,
     )
@@ -201,21 +208,8 @@ def _contradicted(
     return result
 
 
-def _deviation(observations: Observations, motion: Motion, settings: StaticPathSettings) -> Array:
-    """(T, 2) by how much bearing and log depth may be off."""
-    depth = np.exp(motion.place[:, 2])
-    bias = np.stack(
-        [settings.bias_across / depth, np.full_like(depth, settings.bias_log_depth)], -1
-    )
-    frames = np.arange(len(depth))
-    seen = np.flatnonzero((observations.confidences > 0).any(1))
-    after = np.searchsorted(seen, frames)
-    since = np.where(after > 0, frames - seen[after - 1], np.inf)
-    until = np.where(after < len(seen), seen[np.minimum(after, len(seen) - 1)] - frames, np.inf)
-    # Of a walk of unit steps that is known so many frames ago and so many frames ahead.
-    unknown = 1.0 / (1.0 / np.maximum(since, 1) + 1.0 / np.maximum(until, 1))
-    unknown[seen] = 0.0
-    step = np.array([settings.walk_bearing, settings.walk_log_depth])
-    step *= np.sqrt(REFERENCE_RATE / observations.fps)
-    result: Array = np.sqrt(bias**2 + unknown[:, None] * step**2)
+def _bias(log_depth: Array, settings: StaticPathSettings) -> Array:
+    """(T, 2) by how much bearing and log depth may be off for seconds."""
+    across = settings.bias_across / np.exp(log_depth)
+    result: Array = np.stack([across, np.full_like(across, settings.bias_log_depth)], -1)
     return result
