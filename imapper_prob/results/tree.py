@@ -44,7 +44,7 @@ from imapper_prob.sampling.sample import Samples
 
 __all__ = ["FORMAT", "posterior_tree", "read_attributes", "write_tree"]
 
-FORMAT: Final = "imapper-prob posterior 4"
+FORMAT: Final = "imapper-prob posterior 5"
 """Attribute of the file; the number rises when a reader of old files would go wrong."""
 
 Variable = tuple[tuple[str, ...], NDArray[Any]]
