@@ -26,6 +26,17 @@ def rng() -> np.random.Generator:
     return np.random.default_rng(20190708)
 
 
+@pytest.fixture(scope="session")
+def run_of_demo(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of the short run in :mod:`tests.runs`, of which tests take a copy."""
+    from imapper_prob.output import write_run
+    from tests.runs import posterior
+
+    folder = tmp_path_factory.mktemp("demo") / "run"
+    write_run(folder, posterior(), overwrite=False)
+    return folder
+
+
 @pytest.fixture(params=SCENES)
 def i3db_scene(request: pytest.FixtureRequest) -> Path:
     """The folder of one scene of the benchmark, each in turn."""

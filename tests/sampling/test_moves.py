@@ -98,7 +98,7 @@ def test_ratios_of_jumps_are_explained_by_both_directions(seed: int) -> None:
 @pytest.mark.parametrize("around", [None, 6])
 @pytest.mark.parametrize("where", ["candidate", "anywhere"])
 @pytest.mark.parametrize("crowded", [False, True])
-@pytest.mark.parametrize("count", [5000, pytest.param(12000, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("count", [7000, pytest.param(12000, marks=pytest.mark.slow)])
 def test_proposals_are_a_density(where: str, around: int | None, crowded: bool, count: int) -> None:
     """The mean of h / q over draws of q is the integral of h, here of a density: one."""
     proposals = Proposals(PROBLEM, candidates())
