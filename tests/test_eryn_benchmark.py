@@ -73,6 +73,7 @@ def test_outside_the_support_is_outside_for_both() -> None:
     assert log_posteriors(PROBLEM, camera, leaves, np.array([0, 2]))[0] == -math.inf
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("leaf", [density(), density().without_candidates()])
 def test_what_eryn_is_given_adds_up_to_the_posterior(leaf: LeafDensity) -> None:
     camera = CameraDensity(PROBLEM.camera_mean, PROBLEM.camera_precision)
