@@ -69,16 +69,19 @@ divisions by zero, as Python would; they give infinities."""
 def compiled(function: Function, *, inline: bool = False) -> Dispatcher[Function]:
     """``function`` compiled by numba on its first call, and remembered for the next process."""
     before = _NUMBA.CACHE_DIR
+    # Nobody calls kernels by their address; to make that possible is a fourth of the work. The
+    # published types leave the option out.
+    njit: Any = numba.njit
     try:
         _NUMBA.CACHE_DIR = _CACHE or before
-        # Nobody calls kernels by their address: what that needs takes a fourth of the time.
-        return numba.njit(
+        dispatcher: Dispatcher[Function] = njit(
             cache=True,
             error_model="numpy",
             fastmath=_LIBERTIES,
             forceinline=inline,
             no_cfunc_wrapper=True,
         )(function)
+        return dispatcher
     finally:
         _NUMBA.CACHE_DIR = before
 
