@@ -2,23 +2,28 @@
 
 numba's own cache notices a change in a function's file but not in the files of the
 functions it calls, and would go on running an old kernel inside a new one. Keeping the
-cache under a digest of all kernel sources makes that impossible.
+cache under a digest of all that kernels are made of makes that impossible.
 """
 
 from __future__ import annotations
 
-import hashlib
 import os
+import re
+import shutil
+import time
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numba
 
+from imapper_prob.models.kernel_sources import digest
+
 if TYPE_CHECKING:
     from numba.core.dispatcher import Dispatcher
 
-__all__ = ["compiled", "inlined"]
+__all__ = ["compiled", "inlined", "remove_unused"]
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -26,20 +31,31 @@ _HERE = Path(__file__).resolve().parent
 _NUMBA: Any = numba.config
 """numba's settings, which it names only at run time."""
 
-
-def _digest() -> str:
-    state = hashlib.sha256()
-    for path in (*sorted(_HERE.rglob("*.py")), _HERE / "calibrated.toml"):
-        state.update(path.read_bytes())
-    return state.hexdigest()[:16]
+_UNUSED_AFTER = 24 * 3600.0
+"""Seconds after which a cache of other kernels is taken for one that nobody needs."""
 
 
 def _cache_folder() -> str:
-    """Beside the sources, or where the user keeps numba's cache."""
+    """Beside the sources, or where the user keeps numba's cache; its time is that of last use."""
     base = _NUMBA.CACHE_DIR or str(_HERE / "__pycache__")
     if not os.access(base if os.path.isdir(base) else _HERE, os.W_OK):
         return ""
-    return os.path.join(base, f"kernels-{_digest()}")
+    folder = os.path.join(base, f"kernels-{digest(_HERE)}")
+    if os.path.isdir(folder):
+        with suppress(OSError):  # of another user, who says so himself
+            os.utime(folder)
+    elif os.path.isdir(base):
+        remove_unused(Path(base))
+    return folder
+
+
+def remove_unused(base: Path) -> None:
+    """Remove the caches in ``base`` that no process has opened for a day."""
+    for folder in base.iterdir():
+        if re.fullmatch("kernels-[0-9a-f]{16}", folder.name):
+            with suppress(OSError):  # somebody else removes it, too
+                if folder.stat().st_mtime < time.time() - _UNUSED_AFTER:
+                    shutil.rmtree(folder, ignore_errors=True)
 
 
 _CACHE = _cache_folder()
@@ -53,11 +69,19 @@ divisions by zero, as Python would; they give infinities."""
 def compiled(function: Function, *, inline: bool = False) -> Dispatcher[Function]:
     """``function`` compiled by numba on its first call, and remembered for the next process."""
     before = _NUMBA.CACHE_DIR
+    # Nobody calls kernels by their address; to make that possible is a fourth of the work. The
+    # published types leave the option out.
+    njit: Any = numba.njit
     try:
         _NUMBA.CACHE_DIR = _CACHE or before
-        return numba.njit(cache=True, error_model="numpy", fastmath=_LIBERTIES, forceinline=inline)(
-            function
-        )
+        dispatcher: Dispatcher[Function] = njit(
+            cache=True,
+            error_model="numpy",
+            fastmath=_LIBERTIES,
+            forceinline=inline,
+            no_cfunc_wrapper=True,
+        )(function)
+        return dispatcher
     finally:
         _NUMBA.CACHE_DIR = before
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
+from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -24,6 +26,17 @@ def rng() -> np.random.Generator:
     return np.random.default_rng(20190708)
 
 
+@pytest.fixture(scope="session")
+def run_of_demo(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of the short run in :mod:`tests.runs`, of which tests take a copy."""
+    from imapper_prob.output import write_run
+    from tests.runs import posterior
+
+    folder = tmp_path_factory.mktemp("demo") / "run"
+    write_run(folder, posterior(), overwrite=False)
+    return folder
+
+
 @pytest.fixture(params=SCENES)
 def i3db_scene(request: pytest.FixtureRequest) -> Path:
     """The folder of one scene of the benchmark, each in turn."""
@@ -31,3 +44,56 @@ def i3db_scene(request: pytest.FixtureRequest) -> Path:
     if not folder.is_dir():
         pytest.skip(f"the i3DB scenes are not at {CORPUS}")
     return folder
+
+
+DEMO = "the demo, solved and sampled"
+APART = {"tests/calibrate/test_simulated.py"}
+"""Files whose tests take minutes each and share little."""
+FIRST = (
+    "tests/models/test_incremental.py",  # compiles kernels, while those of samplers need none
+    "tests/samplers/",
+    "tests/calibrate/",
+    "notebooks/",
+    DEMO,
+    "tests/cli/",
+    "tests/sampling/",
+    "tests/staged/",
+)
+"""What takes long, so that no process is left with it in the end."""
+
+
+def scope_of(nodeid: str) -> str:
+    """What is run by one process, because it shares what was solved or sampled."""
+    file = nodeid.split("::", 1)[0]
+    if file.startswith("notebooks/") and "out/notebooks/demo" in _text(file):
+        return "notebooks/ that look at one run"
+    if file in APART:
+        return nodeid
+    return DEMO if "from tests.runs import" in _text(file) else file
+
+
+@cache
+def _text(file: str) -> str:
+    path = ROOT / file
+    return path.read_text(encoding="utf-8") if path.is_file() else ""
+
+
+def _rank(scope: str) -> int:
+    return next((n for n, name in enumerate(FIRST) if scope.startswith(name)), len(FIRST))
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    items.sort(key=lambda item: _rank(scope_of(item.nodeid)))
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
+    """Hand out what belongs together as a whole, in the order above."""
+    from xdist.scheduler import LoadScopeScheduling
+
+    class ByWhatIsShared(LoadScopeScheduling):
+        def _split_scope(self, nodeid: str) -> str:
+            return scope_of(nodeid)
+
+    config.option.loadscopereorder = False
+    return ByWhatIsShared(config, log)

@@ -51,6 +51,7 @@ def test_states_come_back_from_leaves_in_any_order(k: int) -> None:
     np.testing.assert_allclose(back.placements, there.placements, rtol=1e-15)
 
 
+@pytest.mark.slow
 def test_the_compiled_loop_is_the_log_posterior() -> None:
     states = [state(k) for k in (2, 0, 3, 1)]
     leaves = [to_leaves(s)[::-1] for s in states]
@@ -64,6 +65,7 @@ def test_the_compiled_loop_is_the_log_posterior() -> None:
     np.testing.assert_allclose(found, expected, rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_outside_the_support_is_outside_for_both() -> None:
     leaves = to_leaves(state(2))
     leaves[1, -1] = leaves[0, -1] + 1
@@ -71,6 +73,7 @@ def test_outside_the_support_is_outside_for_both() -> None:
     assert log_posteriors(PROBLEM, camera, leaves, np.array([0, 2]))[0] == -math.inf
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("leaf", [density(), density().without_candidates()])
 def test_what_eryn_is_given_adds_up_to_the_posterior(leaf: LeafDensity) -> None:
     camera = CameraDensity(PROBLEM.camera_mean, PROBLEM.camera_precision)

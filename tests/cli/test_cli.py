@@ -11,7 +11,11 @@ import pytest
 
 from imapper_prob.cli import main
 from imapper_prob.demo import demo_clip
+from imapper_prob.evaluate.parts import first_part
 from imapper_prob.inputs import write_clip
+from imapper_prob.models.scenelet import Library
+from imapper_prob.scenelets.library import load_library
+from imapper_prob.scenelets.library_file import save_library
 from tests.inputs.i3db_folder import I3dbFolder
 
 SHORT = (
@@ -22,11 +26,13 @@ SHORT = (
 
 @pytest.fixture(scope="module")
 def run_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A short run of the demo clip from its file."""
+    """A short run of half the demo clip with a part of the built-in library, all from files."""
     base = tmp_path_factory.mktemp("run")
-    write_clip(base / "clip.npz", demo_clip())
+    write_clip(base / "clip.npz", first_part(demo_clip(), 0.5))
+    save_library(Library("part", tuple(load_library())[::8]), base / "part.npz")
     (base / "short.toml").write_text(SHORT)
     arguments = ["run", str(base / "clip.npz"), "-o", str(base / "out"), "--workers", "1"]
+    arguments += ["--library", str(base / "part.npz")]
     assert main([*arguments, "--config", str(base / "short.toml"), "--seed", "5"]) == 0
     return base / "out"
 

@@ -3,21 +3,20 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 
 import pytest
 from PIL import Image
 
 from imapper_prob.cli import main
-from imapper_prob.output import write_run
 from tests.runs import posterior
 
 
 @pytest.fixture
-def folder(tmp_path: Path) -> Path:
+def folder(run_of_demo: Path, tmp_path: Path) -> Path:
     """A short run of the demo."""
-    write_run(tmp_path / "out", posterior(), overwrite=False)
-    return tmp_path / "out"
+    return Path(shutil.copytree(run_of_demo, tmp_path / "out"))
 
 
 def error_of(capsys: pytest.CaptureFixture[str]) -> str:

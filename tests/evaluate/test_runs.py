@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -23,7 +24,6 @@ from imapper_prob.evaluate.prediction_file import write_prediction
 from imapper_prob.evaluate.scenes import known_clip
 from imapper_prob.evaluate.solution_folder import SOLVER, read_solution_folder
 from imapper_prob.models.errors import InputError
-from imapper_prob.output import write_run
 from imapper_prob.results.solution_file import write_solution
 from imapper_prob.results.solved import solved
 from tests.runs import posterior
@@ -31,9 +31,9 @@ from tests.runs import solution as solve_one
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(run_of_demo: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("evaluate") / "run"
-    write_run(folder, posterior(), overwrite=False)
+    shutil.copytree(run_of_demo, folder)
     return folder
 
 

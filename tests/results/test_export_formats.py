@@ -19,7 +19,6 @@ from imapper_prob.models.errors import InputError
 from imapper_prob.models.geometry import pack_boxes, sight_clearance
 from imapper_prob.models.scene import Cuboid, Placement, SceneObject
 from imapper_prob.models.skeleton import PELV
-from imapper_prob.output import write_run
 from imapper_prob.results.benchmark_axes import intrinsics, to_benchmark, yaw_in_camera
 from imapper_prob.results.export_glb import write_glb
 from imapper_prob.results.export_i3db import write_i3db
@@ -192,9 +191,9 @@ def test_samples_are_spread_evenly_over_the_chains() -> None:
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(run_of_demo: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("runs") / "run"
-    write_run(folder, posterior(), overwrite=False)
+    shutil.copytree(run_of_demo, folder)
     return folder
 
 

@@ -23,9 +23,9 @@ SINGLE = 1e-5
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(run_of_demo: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("runs") / "run"
-    write_run(folder, posterior(), overwrite=False)
+    shutil.copytree(run_of_demo, folder)
     return folder
 
 

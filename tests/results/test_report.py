@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import io
 import re
+import shutil
 from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
@@ -15,7 +16,6 @@ from PIL import Image
 
 from imapper_prob.cli import main
 from imapper_prob.models.scene import MEASURED_FOCAL, Clip
-from imapper_prob.output import write_run
 from imapper_prob.results.report.page import table
 from imapper_prob.results.report.words import answer, listed, runner_up, sides, warnings_of
 from imapper_prob.results.report.write import report
@@ -170,10 +170,10 @@ def test_it_warns_where_it_should_and_nowhere_else() -> None:
 
 
 def test_the_report_is_written_again_from_the_folder(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    run_of_demo: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     folder = tmp_path / "run"
-    write_run(folder, posterior(), overwrite=False)
+    shutil.copytree(run_of_demo, folder)
     first = (folder / "report.html").read_text(encoding="utf-8")
     (folder / "report.html").unlink()
     assert main(["report", str(folder)]) == 0

@@ -15,11 +15,14 @@ import pytest
 from imapper_prob.config import SampleSettings
 from imapper_prob.inputs import write_clip
 from imapper_prob.models.errors import InputError
+from imapper_prob.models.scenelet import Library
 from imapper_prob.samplers.checkpoint import Keeper
 from imapper_prob.samplers.tempering import Parts, start
 from imapper_prob.sampling.chain import Chain, Setup, run_chain
 from imapper_prob.sampling.checkpoints import Progress
 from imapper_prob.sampling.sample import sample_scenes, setup_of
+from imapper_prob.scenelets.library import load_library
+from imapper_prob.scenelets.library_file import save_library
 from tests.runs import solution
 
 SETTINGS = SampleSettings(
@@ -106,14 +109,15 @@ def test_checkpoints_of_another_run_are_refused(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_a_killed_command_goes_on_to_the_same_scenes(tmp_path: Path) -> None:
     write_clip(tmp_path / "clip.npz", solution().clip)
+    save_library(Library("part", tuple(load_library())[::8]), tmp_path / "part.npz")
     (tmp_path / "short.toml").write_text(
         "[sample]\nsteps = 3000\ndraws = 30\nensemble_layouts = 1\nensemble_steps = 4\n"
         "chains = 2\nensembles = 2\n"
     )
 
     def command(out: str) -> list[str]:
-        arguments = ["run", "clip.npz", "--config", "short.toml", "-o", out, "--workers", "2"]
-        return [sys.executable, "-m", "imapper_prob.cli", *arguments]
+        arguments = ["run", "clip.npz", "--config", "short.toml", "--library", "part.npz"]
+        return [sys.executable, "-m", "imapper_prob.cli", *arguments, "-o", out, "--workers", "2"]
 
     def launch(out: str) -> subprocess.Popen[bytes]:
         return subprocess.Popen(

@@ -98,7 +98,8 @@ def test_ratios_of_jumps_are_explained_by_both_directions(seed: int) -> None:
 @pytest.mark.parametrize("around", [None, 6])
 @pytest.mark.parametrize("where", ["candidate", "anywhere"])
 @pytest.mark.parametrize("crowded", [False, True])
-def test_proposals_are_a_density(where: str, around: int | None, crowded: bool) -> None:
+@pytest.mark.parametrize("count", [7000, pytest.param(12000, marks=pytest.mark.slow)])
+def test_proposals_are_a_density(where: str, around: int | None, crowded: bool, count: int) -> None:
     """The mean of h / q over draws of q is the integral of h, here of a density: one."""
     proposals = Proposals(PROBLEM, candidates())
     rng = np.random.default_rng(1)
@@ -131,7 +132,7 @@ def test_proposals_are_a_density(where: str, around: int | None, crowded: bool) 
         return float(value + log_wrapped_normal(turn - yaw, 0.12))
 
     weights = []
-    for _ in range(12000):
+    for _ in range(count):
         drawn = proposals.draw(rng, camera, others, around=around, window=3)
         assert drawn is not None
         density = proposals.log_density(*drawn, camera, others, around=around, window=3)
@@ -212,8 +213,8 @@ def prior_problem() -> Problem:
     return worlds.problem(N_FRAMES, settings=ModelSettings(likelihood=0.0, scenelet_rate=0.3))
 
 
-@pytest.fixture(scope="module")
-def prior_draws() -> list[State]:
+@pytest.fixture(scope="module", params=[80_000, pytest.param(400_000, marks=pytest.mark.slow)])
+def prior_draws(request: pytest.FixtureRequest) -> list[State]:
     problem = prior_problem()
     moves = scene_moves(setup(problem))
     # Under the prior most births are refused: candidates are far too narrow for it.
@@ -221,7 +222,7 @@ def prior_draws() -> list[State]:
         10 * weight if move.name in ("birth", "death") else weight
         for move, weight in zip(moves.moves, moves.weights, strict=True)
     ]
-    return draw_prior(Mixture(moves.moves, often), problem, seed=2, steps=400_000)
+    return draw_prior(Mixture(moves.moves, often), problem, seed=2, steps=request.param)
 
 
 def test_prior_of_the_number_of_scenelets_comes_back(prior_draws: list[State]) -> None:

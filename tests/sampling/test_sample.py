@@ -42,6 +42,7 @@ def test_solver_finds_a_seat_and_the_shelf_of_the_demo() -> None:
     assert found & {"couch", "chair", "stool"}
 
 
+@pytest.mark.slow
 def test_solving_twice_gives_the_same_bits() -> None:
     from imapper_prob.demo import demo_clip
     from imapper_prob.scenelets.library import load_library

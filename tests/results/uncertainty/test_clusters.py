@@ -145,9 +145,9 @@ def test_regions_hold_their_share_of_any_cloud(rng: np.random.Generator) -> None
     assert (half.half_axes < most.half_axes).all()
 
 
-def test_regions_follow_the_covariance(rng: np.random.Generator) -> None:
+@pytest.mark.parametrize("n", [4000, pytest.param(20_000, marks=pytest.mark.slow)])
+def test_regions_follow_the_covariance(rng: np.random.Generator, n: int) -> None:
     turn = np.array([[0.8, -0.6], [0.6, 0.8]])
-    n = 20_000
     points = np.array([1.0, 4.0]) + (rng.normal(size=(n, 2)) * (0.3, 0.05)) @ turn.T
     draws = [[piece("table", x, y)] for x, y in points]
     (cluster,) = object_clusters(draws, log_posterior(n), radius=5.0)
