@@ -8,20 +8,24 @@ of each kind that is still worth it is refined.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
+from imapper_prob.models.energy.support import unsupported
 from imapper_prob.models.incremental import log_posterior_near
 from imapper_prob.models.posterior import State, empty_state, log_posterior
 from imapper_prob.models.problem import Problem
 from imapper_prob.staged.fit import Fits
 from imapper_prob.staged.kinds import furniture_kinds
 
-__all__ = ["Candidate", "ScreenSettings", "along_the_ray", "assigned", "refine", "screen"]
+__all__ = [
+    "Candidate", "ScreenSettings", "along_the_ray", "apart_from_stays", "assigned", "refine",
+    "screen",
+]  # fmt: skip
 
 Array = NDArray[np.float64]
 Progress = Callable[[str, float], None]
@@ -133,6 +137,38 @@ def assigned(state: State, members: Iterable[Candidate]) -> State:
     for c in members:
         state = state.with_item(c.scenelet, c.start, c.placement, c.size)
     return state
+
+
+def apart_from_stays(problem: Problem, context: State) -> Callable[[Sequence[Candidate]], float]:
+    """What candidates gain in a scene, where those of one stay share what it is worth.
+
+    One scenelet holds a whole stay, and the next gains nothing by it: gains of single candidates
+    would not add up. So each has its part of the stay's frames, in which its person is off their
+    feet, and sums over candidates of one stay come to no more than all of it.
+
+    Parameters
+    ----------
+    problem : Problem
+    context : State
+        The scene without them; the gain of none is 0. What it holds already is nobody's gain.
+    """
+    bare = problem._replace(stays=problem.stays[:0])
+    held = [unsupported(stay[None], problem.lowered, context.items) == 0 for stay in problem.stays]
+    stays = problem.stays[~np.array(held, dtype=bool)]
+    value = log_posterior_near(bare, context)
+    base = value(context)
+
+    def share(candidate: Candidate) -> float:
+        first, end = (candidate.start + problem.lowered[candidate.scenelet]).tolist()
+        covered = np.minimum(stays[:, 1], end) - np.maximum(stays[:, 0], first)
+        lasts = stays[:, 1] - stays[:, 0]
+        return float((stays[:, 2] * np.maximum(covered, 0.0) / lasts).sum())
+
+    def gain(members: Sequence[Candidate]) -> float:
+        worth = problem.likelihood * sum(share(c) for c in members)
+        return value(assigned(context, members)) - base + worth
+
+    return gain
 
 
 def along_the_ray(problem: Problem, frame: int, placement: Array) -> tuple[Array, float]:

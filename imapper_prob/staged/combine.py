@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from imapper_prob.models.posterior import State, empty_state, log_posterior
 from imapper_prob.models.problem import Problem
-from imapper_prob.staged.candidates import Candidate, assigned, refine
+from imapper_prob.staged.candidates import Candidate, apart_from_stays, assigned, refine
 from imapper_prob.staged.exchange import Exchange, exchange
 from imapper_prob.staged.kinds import furniture_kinds
 from imapper_prob.staged.maxima import CharnessCurve
@@ -61,7 +61,8 @@ class Combination:
     members : tuple of int
         Indices in the pool, in order of time.
     score : float
-        Nats over no scenelet by its candidates alone and two by two.
+        Nats over no scenelet by its candidates alone and two by two, those of one stay
+        sharing what it is worth.
     gain : float
         Nats over no scenelet by the full log-posterior.
     """
@@ -149,10 +150,13 @@ def search(
     ends = np.cumsum([len(group) for group in groups])
     members = [np.arange(e - len(g), e) for g, e in zip(groups, ends, strict=True)]
     base = log_posterior(problem, empty_state(problem))
+    shared = apart_from_stays(problem, empty_state(problem))
 
     def gain(*chosen: int) -> float:
-        members = [pool[k] for k in chosen]
-        return log_posterior(problem, state_of(problem, members)) - base
+        return shared([pool[k] for k in chosen])
+
+    def judged_gain(chosen: Sequence[int]) -> float:
+        return log_posterior(problem, state_of(problem, [pool[k] for k in chosen])) - base
 
     alone = np.array([gain(k) for k in range(len(pool))])
     together = np.zeros((len(pool), len(pool)))
@@ -160,7 +164,9 @@ def search(
         extra = gain(first, second) - alone[first] - alone[second]
         together[first, second] = together[second, first] = extra
     found = best_first(members, alone, together)
-    judged = [Combination(chosen, score, gain(*chosen)) for chosen, score in islice(found, tried)]
+    judged = [
+        Combination(chosen, score, judged_gain(chosen)) for chosen, score in islice(found, tried)
+    ]
     _, left = next(found, ((), -np.inf))
     return tuple(sorted(judged, key=lambda c: -c.gain)), left
 

@@ -18,11 +18,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from imapper_prob.models.incremental import log_posterior_near
 from imapper_prob.models.posterior import State
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.skeleton import PELV
-from imapper_prob.staged.candidates import Candidate, assigned
+from imapper_prob.staged.candidates import Candidate, apart_from_stays
 
 __all__ = ["best_before", "best_sequences"]
 
@@ -49,7 +48,8 @@ def best_sequences(
     """The best sequences by what candidates gain alone and joined, the best first.
 
     No two of them have the same scenelets in the same order. What scenelets that do not join
-    do to each other, by furniture in each other's way, is left to whoever judges the whole.
+    do to each other, by furniture in each other's way, is left to whoever judges the whole;
+    what a stay is worth is shared by those that hold it.
 
     Parameters
     ----------
@@ -64,11 +64,10 @@ def best_sequences(
     count : int
         How many are wanted.
     """
-    value = log_posterior_near(problem, context)
-    base = value(context)
+    shared = apart_from_stays(problem, context)
 
     def gain(*members: Candidate) -> float:
-        return value(assigned(context, members)) - base
+        return shared(members)
 
     options = _slid(problem, candidates, within, slide, gain)
     body = float(np.exp(context.camera[3]))
