@@ -13,6 +13,11 @@ from hypothesis import settings
 
 # No window is ever opened, and the same examples are tried everywhere.
 os.environ.setdefault("MPLBACKEND", "Agg")
+# For the processes that run tests, and those that tests start: on two cores that both are busy,
+# a second thread of a small product of matrices waits for its turn twenty times as long as it
+# works.
+for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+    os.environ.setdefault(_name, "1")
 settings.register_profile("repeatable", deadline=None, derandomize=True)
 settings.load_profile("repeatable")
 
