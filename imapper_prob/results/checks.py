@@ -111,7 +111,7 @@ def from_json(text: str) -> tuple[Check, ...]:
     )
 
 
-_UNLIKE: Final = 0.4
+_UNLIKE: Final = 0.64
 """Nats per confident joint from which a best fit is worse than right scenelets reach in 95 % of the
 frames of simulated clips (``python -m benchmarks.alarms --threshold``)."""
 _UNLIKE_PART: Final = 0.05
