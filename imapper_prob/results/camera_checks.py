@@ -141,7 +141,15 @@ def slope(problem: Problem, cameras: Array, *, fps: float) -> Check:
         return nothing
     apart = _median(away, far) - _median(away, near)
     seconds = max(1.0, calibrated("frames.correlation_time") * fps)
-    error = math.hypot(*(_median_error(part.sum() / seconds) for part in (near, far)))
+    # Who seems further away by a part of their depth has feet lower by that part of the camera's
+    # height above them.
+    sunk = calibrated("bias.log_depth") * float(np.median(cameras[:, 1]))
+    error = math.hypot(
+        *(
+            math.hypot(_median_error(often), sunk / math.sqrt(max(often, 1.0)))
+            for often in (near.sum() / seconds, far.sum() / seconds)
+        )
+    )
     pitch = float(np.std(cameras[:, 0]))
     limit = _NORMAL * math.hypot(error / max(apart, 1e-9), pitch)
     value = (_median(above, far) - _median(above, near)) / max(apart, 1e-9)
