@@ -36,6 +36,8 @@ _UPRIGHT_PART: Final = 0.25
 _LEAN: Final = math.radians(6.3)
 """Deviation over clips, either way, of how the most upright of that part leans and of what a lifter
 makes of it: simulated clips of ``benchmarks.alarms``. On i3DB they lean by 3 to 7 degrees."""
+_OVERTURNED: Final = 60.0
+"""Degrees from which on no pitch is to blame: who films so steeply says so."""
 _LEAST_SECONDS: Final = 1.2
 """Of frames of use, below which nothing is said: ``frames.correlation_time``."""
 
@@ -74,10 +76,10 @@ def upright(clip: Clip, problem: Problem, cameras: Array) -> Check:
     if not value > limit:
         return Check("upright", value, limit, False, f"People stand upright, to {value:.0f}°.")
     why = (
-        "the joints are upside down (is y counted downward, in pixels from the top?)"
-        if value > 135
-        else "the picture is turned, or its pitch or roll is wrong: give --pitch in degrees (down "
-        "is negative), or turn the film upright; unless the person lies down all the time"
+        "its pitch or roll is wrong: give --pitch in degrees (down is negative)"
+        if value < _OVERTURNED
+        else "the film lies on its side or the joints are upside down (pixels count downward from "
+        "the top): turn them; unless the person lies down all the time"
     )
     sentence = (
         f"The camera cannot be right: whoever is on their feet leans by {value:.0f}° or more, "
