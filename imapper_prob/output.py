@@ -72,7 +72,12 @@ def write_run(
     _check_folder(folder, overwrite=overwrite)
     with folder_written_whole(folder) as beside:
         (beside / "config.toml").write_text(to_toml(posterior.config), encoding="utf-8")
-        write_scenes(beside / "scenes.json", posterior.scenes(), clip=posterior.clip)
+        write_scenes(
+            beside / "scenes.json",
+            posterior.scenes(),
+            clip=posterior.clip,
+            checks=posterior.checks,
+        )
         _write_models(beside / "scenes", posterior)
         write_tree(beside / "posterior.nc", posterior.data)
         posterior.record(beside / "recording.rrd", video=video)

@@ -13,8 +13,11 @@ from imapper_prob.cli.progress import progress_bars
 from imapper_prob.models.errors import InputError
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from imapper_prob.config import Config
     from imapper_prob.models.scene import Clip
+    from imapper_prob.results.checks import Check
     from imapper_prob.results.posterior import Posterior
 
 __all__ = ["add_run_commands"]
@@ -148,19 +151,31 @@ def _show(posterior: Posterior, folder: Path) -> None:
     from rich.console import Console
 
     from imapper_prob.results.report.words import sides
-    from imapper_prob.results.summary import object_table, scene_table
+    from imapper_prob.results.summary import check_table, object_table, scene_table
     from imapper_prob.sampling.agreement import describe_agreement
 
     console = Console()
     scenes = posterior.scenes()
+    _show_alarms(posterior.checks)
     console.print(scene_table(scenes))
     console.print(object_table(scenes[0], posterior.clip.truth))
+    console.print(check_table(posterior.checks))
     console.print(sides(posterior.sides_swapped, posterior.clip.frame_ids))
-    console.print(posterior.verdict)
+    console.print(posterior.chain_verdict)
     console.print(describe_agreement(posterior.samples.agreements))
     if not posterior.samples.finished:
         console.print("Interrupted: these are the draws that there were. The same command goes on.")
     console.print(f"Written to {folder}; look at it with: imapper-prob view {folder}")
+
+
+def _show_alarms(checks: Iterable[Check]) -> None:
+    """What speaks against the whole result, before anything else is said of it."""
+    from rich.console import Console
+
+    from imapper_prob.results.checks import alarms
+
+    for sentence in alarms(checks):
+        Console().print(sentence, style="bold red", markup=False, highlight=False)
 
 
 def _info(options: argparse.Namespace) -> None:
@@ -174,24 +189,31 @@ def _show_clip(options: argparse.Namespace) -> None:
     from rich.console import Console
 
     from imapper_prob.inputs.describe import clip_table
+    from imapper_prob.results.checks import elsewhere
 
-    Console().print(clip_table(clip_from(options.folder, options)))
+    clip = clip_from(options.folder, options)
+    Console().print(clip_table(clip))
+    Console().print(elsewhere(clip).sentence, markup=False, highlight=False)
 
 
 def _show_run(options: argparse.Namespace) -> None:
     from rich.console import Console
 
+    from imapper_prob.results.checks import from_json
     from imapper_prob.results.export import read_scenes
-    from imapper_prob.results.summary import object_table, scene_table
+    from imapper_prob.results.summary import check_table, object_table, scene_table
     from imapper_prob.results.tree import read_attributes
 
     folder = options.folder
     scenes = read_scenes(folder / "scenes.json")
     attributes = read_attributes(folder / "posterior.nc")
     console = Console()
+    checks = from_json(str(attributes.get("checks", "[]")))
     console.print(f"{attributes['clip']} ({attributes['program']})")
+    _show_alarms(checks)
     console.print(scene_table(scenes))
     console.print(object_table(scenes[0]))
+    console.print(check_table(checks))
     console.print(attributes["verdict"])
     console.print(attributes["agreement"])
     if options.energy:

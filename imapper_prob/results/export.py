@@ -12,7 +12,7 @@ from __future__ import annotations
 import json
 import math
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Final, TypeVar
@@ -24,6 +24,7 @@ from imapper_prob.models.camera import Camera
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.scene import Clip, Cuboid, Placement, Scene, SceneObject
 from imapper_prob.models.skeleton import N_JOINTS
+from imapper_prob.results.checks import Check, alarms
 from imapper_prob.results.scenes import Explains, WeightedScene
 
 __all__ = ["FORMAT", "VERSION", "read_scenes", "write_scenes"]
@@ -44,7 +45,11 @@ Item = TypeVar("Item")
 
 
 def write_scenes(
-    path: str | os.PathLike[str], scenes: Sequence[WeightedScene], *, clip: Clip | None = None
+    path: str | os.PathLike[str],
+    scenes: Sequence[WeightedScene],
+    *,
+    clip: Clip | None = None,
+    checks: Iterable[Check] = (),
 ) -> None:
     """Write ``scenes`` as JSON; a file in the way is replaced.
 
@@ -56,6 +61,8 @@ def write_scenes(
         Most probable first. Joints and ghosts are left out.
     clip : Clip, optional
         Says who does what, where there are several people.
+    checks : iterable of Check
+        Of the result as a whole; what is alarmed stands before the scenes, in words.
 
     Raises
     ------
@@ -65,12 +72,14 @@ def write_scenes(
     path = Path(path)
     if not path.parent.is_dir():
         raise InputError(f"{path}: the folder {path.parent} does not exist; make it first")
-    actors = _Actors() if clip is None else _Actors.of(clip)
+    actors, checks = _Actors() if clip is None else _Actors.of(clip), tuple(checks)
     document = {
         "format": FORMAT,
         "version": VERSION,
         "units": _UNITS,
         "frames": _FRAMES,
+        "alarms": list(alarms(checks)),
+        "checks": [asdict(check) for check in checks],
         **({"actors": asdict(actors)} if actors.names else {}),
         "scenes": [_from_scene(scene, actors) for scene in scenes],
     }

@@ -19,6 +19,7 @@ from imapper_prob.models.posterior import camera_at, motion
 from imapper_prob.models.scene import Clip, Scene, SceneObject
 from imapper_prob.models.skeleton import PELV
 from imapper_prob.people import by_person
+from imapper_prob.results.checks import Check, alarms, checks_of, from_json
 from imapper_prob.results.differences import describe_difference
 from imapper_prob.results.diverse import group_scenes
 from imapper_prob.results.drawn_objects import drawn_objects
@@ -127,6 +128,24 @@ class Posterior:
 
     @property
     def verdict(self) -> str:
+        """What speaks against the whole result, then the verdict on the chains."""
+        return " ".join([*alarms(self.checks), self.chain_verdict])
+
+    @cached_property
+    def checks(self) -> tuple[Check, ...]:
+        """Whether camera, detections, library and draws go together, one check each."""
+        if self.stored is not None and "checks" in self.stored.attrs:
+            return from_json(str(self.stored.attrs["checks"]))
+        return checks_of(
+            self.clip,
+            self.solution.problem,
+            self.samples.states,
+            self.solution.best_fits,
+            rng=np.random.default_rng(self.config.seed),
+        )
+
+    @property
+    def chain_verdict(self) -> str:
         """The verdict on the chains, which speaks of layouts, with the scenes that they are."""
         text, disputed = self.samples.verdict.text, self.disputed
         if not disputed:
@@ -247,7 +266,9 @@ class Posterior:
 
         if self.stored is not None:
             return self.stored
-        return posterior_tree(self.solution, self.samples, self.config, seconds=self.seconds)
+        return posterior_tree(
+            self.solution, self.samples, self.config, seconds=self.seconds, checks=self.checks
+        )
 
     @cached_property
     def furniture(self) -> tuple[tuple[SceneObject, ...], ...]:
@@ -337,7 +358,9 @@ class Posterior:
             scenes=self.scenes(),
             traces=self.traces,
             truth=self.clip.truth,
-            description=describe(self.clip, self.samples, verdict=self.verdict),
+            description=describe(
+                self.clip, self.samples, verdict=self.chain_verdict, alarms=alarms(self.checks)
+            ),
             certainty=self.certainty,
             draws=self._drawn_chains(),
             acceptance=self.samples.acceptance.rates(),

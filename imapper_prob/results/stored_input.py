@@ -55,6 +55,10 @@ class Source(Protocol):
     def problem(self) -> Problem:
         """The log-posterior of the clip with that library."""
 
+    @property
+    def best_fits(self) -> NDArray[np.float64]:
+        """(T,) how well the best scenelet over a frame fits."""
+
 
 @dataclass(frozen=True)
 class StoredSource:
@@ -67,11 +71,14 @@ class StoredSource:
         Only the scenelets that some draw has.
     problem : Problem
         For these scenelets.
+    best_fits : (T,) float
+        Of all scenelets that there were; NaN where nobody says.
     """
 
     clip: Clip
     library: Library
     problem: Problem
+    best_fits: NDArray[np.float64]
 
 
 def source_groups(source: Source, chosen: Ints) -> dict[str, xr.Dataset]:
@@ -102,7 +109,11 @@ def read_source(path: Path, groups: Mapping[str, xr.Dataset]) -> StoredSource:
             values.setflags(write=False)
     motions = [resample(s.joints, fps=s.fps, to_fps=clip.fps) for s in library]
     fields[_FROM_LIBRARY] = np.concatenate(motions)
-    return StoredSource(clip, library, Problem(**fields))
+    problem, motion = Problem(**fields), groups["/motion"]
+    fits = (
+        motion["best_fit"].to_numpy() if "best_fit" in motion else np.full(problem.n_frames, np.nan)
+    )
+    return StoredSource(clip, library, problem, fits.astype(np.float64))
 
 
 def _dataset(arrays: Mapping[str, Any]) -> xr.Dataset:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,12 +11,15 @@ from rich.table import Table
 from scipy.optimize import linear_sum_assignment
 
 from imapper_prob.models.scene import Clip, SceneObject, Truth
+from imapper_prob.results.checks import Check
 from imapper_prob.results.scene_distance import group_of
 from imapper_prob.results.scenes import WeightedScene
 from imapper_prob.sampling.agreement import describe_agreement
 from imapper_prob.sampling.sample import Samples
 
-__all__ = ["describe", "distances_to_truth", "furniture", "object_table", "scene_table"]
+__all__ = [
+    "check_table", "describe", "distances_to_truth", "furniture", "object_table", "scene_table",
+]  # fmt: skip
 
 Array = NDArray[np.float64]
 
@@ -94,13 +98,29 @@ def distances_to_truth(found: Sequence[SceneObject], true: Sequence[SceneObject]
     return result
 
 
-def describe(clip: Clip, samples: Samples, *, verdict: str) -> str:
-    """Markdown that heads the recording: what it is of, and how far to trust it."""
+def check_table(checks: Iterable[Check]) -> Table:
+    """What was checked of the result, what was found, and from where on it is alarming."""
+    table = Table(title="Checks", title_justify="left")
+    for name in ("", "found", "limit", "alarmed"):
+        table.add_column(name, justify="left" if not name else "right")
+    for check in checks:
+        found = "–" if math.isnan(check.value) else f"{check.value:.2g}"
+        limit = "–" if math.isnan(check.limit) else f"{check.limit:.2g}"
+        table.add_row(check.name, found, limit, "YES" if check.alarmed else "no")
+    return table
+
+
+def describe(clip: Clip, samples: Samples, *, verdict: str, alarms: Sequence[str] = ()) -> str:
+    """Markdown that heads the recording: what it is of, and how far to trust it.
+
+    ``alarms`` are said first.
+    """
     chains, draws = samples.shape
     doubt = f" The focal length is assumed (± {100 * clip.focal_spread:.0f} %)."
     focal = "" if clip.focal_known else doubt
+    first = "".join(f"**{sentence}**\n\n" for sentence in alarms)
     return (
-        f"**{clip.name}** - furniture and motion from 2D joints, as a posterior.\n\n"
+        f"{first}**{clip.name}** - furniture and motion from 2D joints, as a posterior.\n\n"
         f"{chains} chains, {draws} draws each. {verdict} "
         f"{describe_agreement(samples.agreements)}{focal}"
     )

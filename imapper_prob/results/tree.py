@@ -6,8 +6,9 @@ Groups, as ArviZ names them:
                    dimension, and can vary freely, as plots of ArviZ want it
 ``counts``         numbers of scenelets and objects, and the layout; in a good run they may be
                    the same in all draws
-``motion``         by frame the pelvis, and the probability that the detector took left for right;
-                   of several people all frames of the first, then of the next, see ``actor``
+``motion``         by frame the pelvis, the probability that the detector took left for right,
+                   and how much worse than the right scenelet the best one fits; of several people
+                   all frames of the first, then of the next, see ``actor``
 ``draws``          scenelets and merged objects of each draw, padded, with their numbers
 ``sample_stats``   log-posterior; temperatures of each chain, rates of exchange between them, and
                    round trips of states; in the attributes how often each move was accepted
@@ -22,7 +23,7 @@ and those of :mod:`imapper_prob.results.stored_samples` and
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, Final
 
@@ -36,6 +37,7 @@ from imapper_prob.models.path import CAMERA
 from imapper_prob.models.posterior import motion, swapped
 from imapper_prob.models.skeleton import JOINTS, PELV
 from imapper_prob.people import everybody, names_of_rows
+from imapper_prob.results.checks import Check, to_json
 from imapper_prob.results.provenance import provenance
 from imapper_prob.results.stored_input import Source, source_groups
 from imapper_prob.results.stored_samples import object_origins, sample_attributes, sample_groups
@@ -59,6 +61,7 @@ _UNITS = {
     "mean_depth": "m",
     "pelvis": "m",
     "sides_swapped": "1",
+    "best_fit": "nat",
     "log_posterior": "nat",
     "keypoints": "px",
     "scenelet_placement": "m, m, rad",
@@ -73,8 +76,9 @@ def posterior_tree(
     config: Config,
     *,
     seconds: Mapping[str, float] | None = None,
+    checks: Iterable[Check] = (),
 ) -> xr.DataTree:
-    """All that a run sampled, with provenance in the attributes.
+    """All that a run sampled, with provenance and checks in the attributes.
 
     ``seconds`` say how long each part of the run took.
     """
@@ -99,6 +103,7 @@ def posterior_tree(
     moved: dict[str, Variable] = {
         "pelvis": ((*per_draw, "frame", "axis"), pelvis),
         "sides_swapped": ((*per_draw, "frame"), turned),
+        "best_fit": (("frame",), source.best_fits),
     }
     frames = {
         "frame": np.tile(clip.frame_ids, len(clip.tracks)),
@@ -143,6 +148,7 @@ def posterior_tree(
         "format": FORMAT,
         **provenance(source, config, seconds or {}),
         **sample_attributes(samples),
+        "checks": to_json(checks),
         "agreement": describe_agreement(samples.agreements),
         "frame": "world: metres, z up, floor at z = 0, camera above the origin, looking along y",
     }

@@ -57,6 +57,8 @@ class Cast:
         Between the motions of scenelets, metres.
     states : tuple of State
         Where chains may begin, the best scene first.
+    best_fits : (K T,) float
+        How well the best scenelet over a frame fits, see `imapper_prob.staged.resemblance`.
     """
 
     clip: Clip
@@ -65,6 +67,7 @@ class Cast:
     candidates: Candidates
     distances: Array
     states: tuple[State, ...]
+    best_fits: Array
 
 
 def cast_of(solutions: Sequence[Solution]) -> Cast:
@@ -98,6 +101,7 @@ def cast_of(solutions: Sequence[Solution]) -> Cast:
         ),
         first.distances,
         states,
+        np.concatenate([s.best_fits for s in solutions]),
     )
 
 

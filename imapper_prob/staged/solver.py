@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +30,7 @@ from imapper_prob.staged.fit import Fits, fit_windows
 from imapper_prob.staged.frames import FrameTable
 from imapper_prob.staged.free_poses import free_pose_cost
 from imapper_prob.staged.maxima import CharnessCurve, charness_curve
+from imapper_prob.staged.resemblance import best_fits
 from imapper_prob.staged.shortlist import MaximumTable, shortlist
 from imapper_prob.staged.static_path import examine_frames
 from imapper_prob.staged.stays import find_stays
@@ -88,6 +90,11 @@ class Solution:
     def states(self) -> tuple[State, ...]:
         """The best scene, then diverse alternatives."""
         return self.combinations.states
+
+    @cached_property
+    def best_fits(self) -> NDArray[np.float64]:
+        """(T,) how well the best scenelet over a frame fits (`imapper_prob.staged.resemblance`)."""
+        return best_fits(self.problem, self.fits)
 
 
 def solve(

@@ -5,15 +5,19 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from imapper_prob.cli import main
 from imapper_prob.demo import demo_clip
 from imapper_prob.evaluate.parts import first_part
 from imapper_prob.inputs import write_clip
+from imapper_prob.models.scene import Clip
 from imapper_prob.models.scenelet import Library
+from imapper_prob.models.skeleton import DETECTED
 from imapper_prob.scenelets.library import load_library
 from imapper_prob.scenelets.library_file import save_library
 from tests.inputs.i3db_folder import I3dbFolder
@@ -150,3 +154,74 @@ def test_three_frames_are_too_few(tmp_path: Path, capsys: pytest.CaptureFixture[
     assert main(["run", str(folder), "-o", str(tmp_path / "out")]) == 2
     assert "3 frames" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
+
+
+def jumping_about(clip: Clip) -> Clip:
+    """The detector is somewhere else in every frame, all joints together."""
+    track, rng = clip.tracks[0], np.random.default_rng(0)
+    to = rng.uniform(-1.0, 1.0, (clip.n_frames, 1, 2)) * (900.0, 500.0)
+    return replace(clip, tracks=(replace(track, keypoints=track.keypoints + to),))
+
+
+def nobodys_joints(clip: Clip) -> Clip:
+    """Every joint strays through the picture by itself."""
+    track, rng = clip.tracks[0], np.random.default_rng(0)
+    stray = 5.0 * np.cumsum(rng.standard_normal(track.keypoints.shape), axis=0)
+    confidences = np.zeros(track.confidences.shape)
+    confidences[:, list(DETECTED)] = 0.9
+    points = rng.uniform(0.2, 0.8, (1, 16, 2)) * (clip.camera.width, clip.camera.height) + stray
+    return replace(clip, tracks=(replace(track, keypoints=points, confidences=confidences),))
+
+
+@pytest.mark.parametrize(
+    ("spoil", "words"),
+    [
+        (jumping_about, "jump across the picture as nobody does, first in frame"),
+        (nobodys_joints, "are not a person's"),
+    ],
+)
+def test_what_is_no_person_is_refused_by_name(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], spoil, words: str
+) -> None:
+    write_clip(tmp_path / "clip.npz", spoil(demo_clip()))
+    out = tmp_path / "out"
+    assert main(["run", str(tmp_path / "clip.npz"), "-o", str(out), "--workers", "1"]) == 2
+    message = capsys.readouterr().err
+    assert "clip demo, track actor: in 1" in message
+    assert words in message
+    assert "Traceback" not in message
+    assert not out.exists()
+
+
+def test_frames_elsewhere_are_named_before_a_run(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    clip = demo_clip()
+    points = np.array(clip.tracks[0].keypoints)
+    points[40:52] += (-600.0, 0.0)
+    spoiled = replace(clip, tracks=(replace(clip.tracks[0], keypoints=points),))
+    for shown, words in ((clip, "throughout"), (spoiled, "frames 40-51")):
+        write_clip(tmp_path / "clip.npz", shown)
+        assert main(["info", str(tmp_path / "clip.npz")]) == 0
+        assert words in capsys.readouterr().out.replace("\n", " ")
+
+
+def test_checks_are_in_the_files_and_alarms_are_said_first(
+    run_folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    document = json.loads((run_folder / "scenes.json").read_text())
+    assert [c["name"] for c in document["checks"]] == [
+        "upright", "height", "slope", "camera", "resemblance", "prediction", "elsewhere",
+    ]  # fmt: skip
+    assert document["alarms"] == [c["sentence"] for c in document["checks"] if c["alarmed"]]
+    assert list(document).index("alarms") < list(document).index("scenes")
+    told = {**document["checks"][0], "alarmed": True, "sentence": "It [/red] cannot be."}
+    from imapper_prob.results import tree
+
+    attributes = {**tree.read_attributes(run_folder / "posterior.nc"), "checks": json.dumps([told])}
+    monkeypatch.setattr(tree, "read_attributes", lambda path: attributes)
+    capsys.readouterr()
+    assert main(["info", str(run_folder)]) == 0
+    text = capsys.readouterr().out
+    assert 0 < text.index("It [/red] cannot be.") < text.index("Scenes")
+    assert "Checks" in text

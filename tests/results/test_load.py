@@ -80,6 +80,8 @@ def test_what_is_said_of_the_draws_is_the_same(opened: Posterior) -> None:
     for one, other in zip(mine.probabilities, theirs.probabilities, strict=True):
         assert_array_equal(one, other)
     assert mine.verdict == theirs.verdict
+    assert [c.sentence for c in opened.checks] == [c.sentence for c in posterior().checks]
+    assert opened.verdict == posterior().verdict
     assert mine.ladders == theirs.ladders
     assert mine.acceptance == theirs.acceptance
     assert mine.finished is theirs.finished

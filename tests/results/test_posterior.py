@@ -13,6 +13,7 @@ from rich.console import Console
 
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.posterior import swapped
+from imapper_prob.results.checks import Check, from_json
 from imapper_prob.results.posterior import Posterior
 from imapper_prob.results.summary import distances_to_truth, object_table, scene_table
 from imapper_prob.results.tree import read_attributes, write_tree
@@ -104,6 +105,20 @@ def test_distances_pair_seats_with_seats() -> None:
     np.testing.assert_allclose(distances[:2], [np.hypot(3, 0.3), 0.4])
     assert np.isnan(distances[2])
     assert np.isnan(distances_to_truth(found, [])).all()
+
+
+def test_the_verdict_says_first_what_speaks_against_the_whole() -> None:
+    run = posterior()
+    assert [check.name for check in run.checks] == [
+        "upright", "height", "slope", "camera", "resemblance", "prediction", "elsewhere",
+    ]  # fmt: skip
+    assert run.verdict == run.chain_verdict
+    wrong = replace(run)
+    alarm = Check("height", 1.0, 0.2, True, "People float.")
+    wrong.__dict__["checks"] = (*run.checks, alarm)
+    assert wrong.verdict == f"People float. {run.chain_verdict}"
+    assert from_json(wrong.data.attrs["checks"])[-1] == alarm
+    assert wrong.data["motion"]["best_fit"].sizes == {"frame": run.clip.n_frames}
 
 
 def test_the_verdict_says_which_scenes_its_layouts_are() -> None:

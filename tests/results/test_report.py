@@ -16,6 +16,7 @@ from PIL import Image
 
 from imapper_prob.cli import main
 from imapper_prob.models.scene import MEASURED_FOCAL, Clip
+from imapper_prob.results.checks import Check
 from imapper_prob.results.report.page import table
 from imapper_prob.results.report.words import answer, listed, runner_up, sides, warnings_of
 from imapper_prob.results.report.write import report
@@ -95,6 +96,13 @@ def test_the_page_says_what_the_posterior_says(text: str) -> None:
     assert "seed 3" in said
 
 
+def test_the_page_says_alarms_before_its_answer() -> None:
+    run = replace(posterior())
+    run.__dict__["checks"] = (Check("height", 1.0, 0.2, True, "People float."),)
+    said = " ".join(Page(report(run)).said)
+    assert said.index("People float.") < said.index(answer(run.scenes()))
+
+
 def test_names_cannot_break_the_page() -> None:
     run = posterior()
     clip = replace(run.clip, name="</main><script>&")
@@ -167,6 +175,10 @@ def test_it_warns_where_it_should_and_nowhere_else() -> None:
     unseen[: len(unseen) // 2] = 0
     lost = replace(clip, tracks=(replace(person, confidences=unseen),))
     assert "lost the person in 5" in said(clip=lost)
+    points = np.array(person.keypoints)
+    points[40:75] += (-700.0, 0.0)
+    away = replace(clip, tracks=(replace(person, keypoints=points),))
+    assert "lost the person in" in said(clip=away)
 
 
 def test_the_report_is_written_again_from_the_folder(

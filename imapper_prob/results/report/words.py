@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from imapper_prob.models.scene import Clip, SceneObject
 from imapper_prob.people import everybody
+from imapper_prob.results.checks import elsewhere_frames, named
 from imapper_prob.results.scenes import WeightedScene
 from imapper_prob.sampling.sample import Samples
 
@@ -27,7 +28,7 @@ _SHORT: Final = 5.0
 _SWAPPED: Final = 0.5
 """Probability from which sides count as exchanged."""
 _LOST: Final = 0.2
-"""Part of the frames without any detection."""
+"""Part of the frames without any detection of the person."""
 
 
 def answer(scenes: Sequence[WeightedScene]) -> str:
@@ -108,7 +109,8 @@ def warnings_of(
             f"Few frames: {clip.n_frames} of them, {seconds:.1f} s. People tell of furniture by "
             "using it, and that takes time."
         )
-    lost = 1 - float(np.mean((everybody(clip).confidences > 0).any(1)))
+    away = np.concatenate(elsewhere_frames(clip))
+    lost = 1 - float(np.mean((everybody(clip).confidences > 0).any(1) & ~away))
     if lost > _LOST:
         whom = "the person" if len(clip.tracks) == 1 else "people"
         said.append(f"The detector lost {whom} in {100 * lost:.0f} % of the frames.")
@@ -130,10 +132,8 @@ def sides(swapped: NDArray[np.float64], frame_ids: NDArray[np.int64], *, of: str
     frames = frame_ids[swapped > _SWAPPED]
     if not len(frames):
         return f"The detector took left for right{whose} in no frame."
-    runs = np.split(frames, np.flatnonzero(np.diff(frames) > 1) + 1)
-    named = [f"{run[0]}-{run[-1]}" if len(run) > 1 else f"{run[0]}" for run in runs]
     word = "frame" if len(frames) == 1 else "frames"
-    return f"The detector probably took left for right{whose} in {word} {', '.join(named)}."
+    return f"The detector probably took left for right{whose} in {word} {named(frames)}."
 
 
 def _share(weighted: WeightedScene) -> str:

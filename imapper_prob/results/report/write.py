@@ -10,6 +10,7 @@ from imapper_prob.files import written_whole
 from imapper_prob.people import by_person, own_part
 from imapper_prob.recording.caption import TITLES
 from imapper_prob.recording.certainty import HIDDEN
+from imapper_prob.results.checks import alarms
 from imapper_prob.results.posterior import Posterior
 from imapper_prob.results.provenance import seconds_of
 from imapper_prob.results.report.page import (
@@ -47,18 +48,21 @@ def report(posterior: Posterior) -> str:
     """The page as text: pictures inside, no script, nothing to fetch."""
     clip, samples, scenes = posterior.clip, posterior.samples, posterior.scenes()
     floor = Floor.of(clip, scenes)
-    verdict = "verdict" if samples.verdict.good else "verdict doubt"
+    wrong = alarms(posterior.checks)
+    verdict = "verdict" if samples.verdict.good and not wrong else "verdict doubt"
     return page(
         f"{clip.name}: furniture behind a motion",
         [
             heading(_title(posterior)),
+            notes(wrong),
             paragraph(answer(scenes), style="answer"),
             paragraph(runner_up(scenes)),
-            paragraph(posterior.verdict, style=verdict),
+            paragraph(posterior.chain_verdict, style=verdict),
             notes(warnings_of(clip, samples, scenes, disputed=posterior.disputed)),
             _scenes(posterior, floor),
             _objects(posterior, floor),
             _person(posterior),
+            _checks(posterior),
             _diagnostics(posterior),
             _provenance(posterior),
         ],
@@ -207,6 +211,18 @@ def _parameter_row(one: Nuisance) -> list[str]:
     ]
 
 
+def _checks(posterior: Posterior) -> str:
+    rows = [
+        [check.name, "yes" if check.alarmed else "no", check.sentence] for check in posterior.checks
+    ]
+    return section(
+        "Does it go together",
+        table(["", "alarmed", "what was found"], rows, words=3),
+        hint="Chains agree as well on nonsense. Of clips that are as the model says, each of the "
+        "first six is alarmed by one in a hundred.",
+    )
+
+
 def _diagnostics(posterior: Posterior) -> str:
     samples = posterior.samples
     table_of_moves = [
@@ -229,7 +245,7 @@ def _diagnostics(posterior: Posterior) -> str:
     ]
     return section(
         "How far to trust the chains",
-        paragraph(posterior.verdict),
+        paragraph(posterior.chain_verdict),
         paragraph(describe_agreement(samples.agreements)),
         figure(
             trace_picture(samples.traces, burn_in=posterior.config.sample.burn_in),
