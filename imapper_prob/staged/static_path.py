@@ -42,7 +42,7 @@ _JURY = 4
 """Number of confident joints that may do so."""
 _DEPTHS = (0.5, 30.0)
 """Metres between which a first guess of depth is believed."""
-_NOBODY = 0.9
+_NOBODY = 0.5
 """Part of the frames in which detections contradict any body, from which on they are nobody's. On
 i3DB it is at most .02, of simulated clips .14."""
 
