@@ -48,7 +48,7 @@ SHARED_TYPES = {
     ),
 }
 """Result types that the floors which fill them may name."""
-LONGEST_MODULE = 450
+LONGEST_MODULE = 600
 HEAVY = {"torch", "numba", "rerun", "matplotlib", "emcee", "xarray", "arviz_base", "trimesh"}
 LONGEST_IMPORT = 1.0
 """Seconds for `import imapper_prob` in a fresh interpreter."""

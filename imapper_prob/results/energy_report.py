@@ -29,16 +29,16 @@ VERSION: Final = 1
 
 _HEADS: Final = {
     "layout": "lay-\nout",
-    "placement": "place-\nment",
-    "detections": "detec-\ntions",
+    "placement": "pla-\nce-\nment",
+    "detections": "de-\ntec-\ntions",
     "free_pose": "free\npose",
-    "smoothness": "smooth-\nness",
-    "collision": "colli-\nsion",
+    "smoothness": "smo-\noth-\nness",
+    "collision": "col-\nli-\nsion",
     "motion": "mo-\ntion",
     "ground": "floor",
     "support": "sup-\nport",
 }
-"""Heads in two lines, for terminals of eighty columns."""
+"""Heads in a few lines, for terminals of eighty columns."""
 _SHOWN: Final = 0.05
 """Nats below which a cell of a table stays empty: it would round to 0.0."""
 

@@ -53,6 +53,9 @@ def packed(scenelets: Library) -> Problem:
         keypoints=keypoints,
         used=used,
         free_cost=rng.uniform(0, 30, made.n_frames),
+        # The couch holds one of two stays, nothing the other.
+        stays=np.array([[2.0, 8.0, 4.0], [32.0, 38.0, 3.0]]),
+        lowered=np.tile(np.array([[1, 4]]), (len(made.lengths), 1)),
         frame_weight=1 / 12,  # Ten frames must be enough to tell which side is which.
     )
 
@@ -94,7 +97,7 @@ def test_terms_add_up_to_the_log_posterior(made: Problem, explained: Explanation
 
 
 def test_frames_add_up_to_their_terms(explained: Explanation) -> None:
-    names = ("detections", "free_pose", "smoothness", "motion", "ground")
+    names = ("detections", "free_pose", "smoothness", "motion", "ground", "support")
     for name in names:
         assert_allclose(explained.frames.terms[name].sum(), explained.terms[name], rtol=1e-10)
         assert_allclose(
@@ -157,6 +160,8 @@ def test_the_worth_of_an_object_is_what_is_lost_in_a_library_without_it(
             keypoints=made.keypoints,
             used=made.used,
             free_cost=made.free_cost,
+            stays=made.stays,
+            lowered=made.lowered,
             frame_weight=made.frame_weight,
         )
         (worth,) = [w for w in explained.objects if w.name == label]

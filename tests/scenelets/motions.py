@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from imapper_prob.models.scene import Cuboid, Placement, SceneObject
 from imapper_prob.models.skeleton import (
+    BONE_LENGTHS,
     HEAD,
     LANK,
     LELB,
@@ -32,18 +33,26 @@ __all__ = ["box", "standing"]
 def standing(n_frames: int = 17) -> NDArray[np.float64]:
     """(n, 16, 3) somebody who stands upright with hanging arms and does not move."""
     pose = np.zeros((N_JOINTS, 3))
+    knee_height = 0.08 + BONE_LENGTHS[RANK, RKNE]
+    hips = knee_height + BONE_LENGTHS[RKNE, RHIP]
+    chest = hips + BONE_LENGTHS[PELV, THRX]
+    crown = chest + BONE_LENGTHS[THRX, HEAD]
     pose[PELV], pose[THRX], pose[NECK], pose[HEAD] = (
-        (0, 0, 0.90), (0, 0, 1.39), (0, 0, 1.50), (0, 0, 1.63)
+        (0, 0, hips), (0, 0, chest), (0, 0, (chest + crown) / 2), (0, 0, crown)
     )  # fmt: skip
+    beside, shoulders = BONE_LENGTHS[RHIP, LHIP] / 2, BONE_LENGTHS[RSHO, LSHO] / 2
+    elbows = chest - BONE_LENGTHS[RSHO, RELB]
+    wrists = elbows - BONE_LENGTHS[RELB, RWRI]
     for side, hip, knee, ankle, shoulder, elbow, wrist in (
         (1, RHIP, RKNE, RANK, RSHO, RELB, RWRI),
         (-1, LHIP, LKNE, LANK, LSHO, LELB, LWRI),
     ):
         pose[hip], pose[knee], pose[ankle] = (
-            (0.12 * side, 0, 0.90), (0.12 * side, 0, 0.48), (0.12 * side, 0, 0.08)
+            (beside * side, 0, hips), (beside * side, 0, knee_height), (beside * side, 0, 0.08)
         )  # fmt: skip
         pose[shoulder], pose[elbow], pose[wrist] = (
-            (0.16 * side, 0, 1.39), (0.16 * side, 0, 1.10), (0.16 * side, 0, 0.85)
+            (shoulders * side, 0, chest), (shoulders * side, 0, elbows),
+            (shoulders * side, 0, wrists),
         )  # fmt: skip
     return np.repeat(pose[None], n_frames, axis=0)
 

@@ -260,8 +260,8 @@ def test_the_benchmark_gives_seated_scenelets_with_seats() -> None:
     captures = captures_from("i3db", CORPUS)
     library, report = build_library_from(captures, name="i3db", settings=BuildSettings())
     assert report.skipped == {}
-    # The actors are adults.
-    assert all(0.95 < scale < 1.05 for scale in report.scales.values())
+    # The actors are adults, and skeletons differ in where hips and shoulders are.
+    assert all(0.9 < scale < 1.1 for scale in report.scales.values())
     for scene in report.n_scenelets:
         seated = [s for s in library if s.action == "sit" and s.name.startswith(scene)]
         assert len(seated) >= 4

@@ -236,7 +236,7 @@ def kneel_on_one(rng: np.random.Generator) -> SeatedPose:
 
 def _thigh_rise(rng: np.random.Generator, *, on_heels: bool) -> float:
     """Elevation of the thigh over the floor, radians."""
-    return float(np.deg2rad(rng.uniform(33, 40) if on_heels else rng.uniform(76, 88)))
+    return float(np.deg2rad(rng.uniform(39, 45) if on_heels else rng.uniform(76, 88)))
 
 
 def _foot_behind(rng: np.random.Generator) -> float:
