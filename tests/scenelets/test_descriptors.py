@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 
 from imapper_prob.models.scene import Placement
-from imapper_prob.models.skeleton import LWRI, RELB, RWRI
+from imapper_prob.models.skeleton import LWRI, PELV, RELB, RSHO, RWRI
 from imapper_prob.scenelets.descriptors import (
     FROM_LINES,
     FROM_VERTICAL,
@@ -42,12 +42,13 @@ def test_there_are_fourteen_features_at_fifteen_moments() -> None:
 
 def test_distances_of_a_known_pose() -> None:
     pose = standing()[0]
-    pose[RWRI] = (0.3, 0.4, 0.90)  # at hip height, half a metre from the pelvis
-    pose[RELB] = (0.16 + 0.1, 0, 1.39)
+    shoulder = pose[RSHO].copy()
+    pose[RWRI] = (0.3, 0.4, pose[PELV, 2])  # at hip height, half a metre from the pelvis
+    pose[RELB] = shoulder + (0.1, 0, 0)
     distances = joint_line_distances(pose)
     assert distances[WRIST_FROM_VERTICAL] == pytest.approx(0.5)
     assert distances[WRIST_FROM_HIPS] == pytest.approx(0.4)
-    arm = pose[RWRI] - (0.16, 0, 1.39)
+    arm = pose[RWRI] - shoulder
     expected = np.linalg.norm(np.cross(arm, (0.1, 0, 0))) / np.linalg.norm(arm)
     assert distances[ELBOW] == pytest.approx(expected)
 
