@@ -44,7 +44,7 @@ def test_distances_of_a_known_pose() -> None:
     pose = standing()[0]
     shoulder = pose[RSHO].copy()
     pose[RWRI] = (0.3, 0.4, pose[PELV, 2])  # at hip height, half a metre from the pelvis
-    pose[RELB] = shoulder + (0.1, 0, 0)
+    pose[RELB] = shoulder + np.array([0.1, 0.0, 0.0])
     distances = joint_line_distances(pose)
     assert distances[WRIST_FROM_VERTICAL] == pytest.approx(0.5)
     assert distances[WRIST_FROM_HIPS] == pytest.approx(0.4)
