@@ -187,6 +187,25 @@ def test_frames_on_chairs_and_wrong_feet_do_not_lift_the_floor() -> None:
     assert abs(wrong.mean[1] - right.mean[1]) < right.standard_deviations[1] / 2
 
 
+def test_feet_on_a_bed_for_most_of_a_clip_are_not_taken_for_the_floor() -> None:
+    """Three quarters of the frames: both feet .45 m up and level with the pelvis.
+
+    The pelvis stays where it is; ankles come up to it from .8 m beneath.
+    """
+    clip, path = feet(np.random.default_rng(7), pitch=CAMERA.pitch, elevation=1.4, spread=0.02)
+    right = estimate_camera(clip, path)
+    lying = np.arange(N_FRAMES) >= N_FRAMES // 4
+    up = clip.camera.rotation[2]
+    poses = path.poses.copy()
+    poses[lying, RANK] = poses[lying, LANK] = 0.0
+    pelvis = path.pelvis
+    pelvis[lying] -= 0.35 * up  # ankles from .09 to .54 m above the floor
+    place = np.stack([pelvis[:, 0] / pelvis[:, 1], np.log(pelvis[:, 1])], -1)
+    moved = replace(path, estimate=place, lift=pelvis[:, 2] / pelvis[:, 1], poses=poses)
+    bed = estimate_camera(clip, moved)
+    assert abs(bed.mean[1] - right.mean[1]) < right.standard_deviations[1]
+
+
 def test_a_path_of_another_clip_is_an_error() -> None:
     clip, path = feet(np.random.default_rng(7), pitch=0.0, elevation=1.0)
     half = replace(
