@@ -3,16 +3,14 @@
 ``python -m benchmarks.elsewhere [--scenes ../shared/i3db] [--draws 5]`` puts stretches elsewhere
 into the i3DB scenes, as `benchmarks.spoilings` does, and prints Markdown: how many of the frames
 put in, and of their stretches, are found, and false alarms in the other frames and in the scenes
-as they are. What looks for them is ``elsewhere(track, fps) -> (T,) bool`` of
-`imapper_prob.staged.elsewhere`.
+as they are. What looks for them is `imapper_prob.staged.elsewhere.frames_elsewhere`.
 """
 
 from __future__ import annotations
 
 import argparse
-import importlib
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -25,15 +23,12 @@ from benchmarks.spoilings import SPOILINGS
 from imapper_prob.evaluate.scenes import scenes_with_truth
 from imapper_prob.evaluate.tables import markdown_table
 from imapper_prob.inputs import load_clip
-from imapper_prob.models.scene import Clip, Track
+from imapper_prob.models.scene import Clip
+from imapper_prob.staged.elsewhere import frames_elsewhere
 
-__all__ = ["Counts", "Finder", "count", "finder"]
+__all__ = ["Counts", "count"]
 
 Flags = NDArray[np.bool_]
-Finder = Callable[[Track, float], Flags]
-"""Takes a track and its frames a second; flags frames in which the detector was elsewhere."""
-
-MODULE: Final = "imapper_prob.staged.elsewhere"
 KINDS: Final = tuple(s.name for s in SPOILINGS if s.apart)
 
 
@@ -67,17 +62,6 @@ class Counts:
         return self.inserted, self.found, self.stretches, self.noticed, self.others, self.false
 
 
-def finder() -> Finder | None:
-    """What the program has to find such frames; nothing if it has nothing."""
-    try:
-        module = importlib.import_module(MODULE)
-    except ModuleNotFoundError as error:
-        if error.name != MODULE:
-            raise
-        return None
-    return getattr(module, "elsewhere", None)
-
-
 def count(flagged: Flags, affected: Flags) -> Counts:
     """Flags (T,) against the frames (T,) that were put elsewhere."""
     edges = np.flatnonzero(np.diff(affected.astype(int), prepend=0, append=0))
@@ -92,30 +76,27 @@ def count(flagged: Flags, affected: Flags) -> Counts:
     )
 
 
-def total(clips: Sequence[Clip], kind: str, draws: int, find: Finder) -> Counts:
+def total(clips: Sequence[Clip], kind: str, draws: int) -> Counts:
     """Over clips and draws of one kind of stretches, or over the clips as they are."""
     result = Counts()
     for clip in clips:
         for seed in range(draws if kind != UNSPOILED else 1):
             changed, affected = spoil(clip, kind, seed)
-            result += count(find(changed.tracks[0], changed.fps), affected)
+            flagged = frames_elsewhere(changed.tracks[0], camera=changed.camera, fps=changed.fps)
+            result += count(flagged, affected)
     return result
 
 
-def main() -> int:
+def main() -> None:
     """Print a row a kind of stretches."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--scenes", type=Path, default=Path("../shared/i3db"))
     parser.add_argument("--draws", type=int, default=5, help="of stretches in each scene")
     options = parser.parse_args()
-    find = finder()
-    if find is None:
-        sys.stderr.write(f"{MODULE} has no elsewhere(track, fps): nothing to judge\n")
-        return 1
     clips = [load_clip(scene) for scene in scenes_with_truth(options.scenes)]
     rows: list[tuple[str, ...]] = [("", "frames found", "stretches noticed", "false alarms")]
     for kind in (UNSPOILED, *KINDS):
-        found = total(clips, kind, options.draws, find)
+        found = total(clips, kind, options.draws)
         cells = ("–", "–")
         if found.inserted:
             cells = (
@@ -123,8 +104,7 @@ def main() -> int:
             )  # fmt: skip
         rows.append((kind, *cells, f"{found.false} of {found.others}"))
     sys.stdout.write(markdown_table(rows) + "\n")
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()
