@@ -60,10 +60,12 @@ def remove_unused(base: Path) -> None:
 
 _CACHE = _cache_folder()
 
-_LIBERTIES = {"contract", "nsz"}
-"""What the compiler may do to arithmetic: round once where it multiplies and adds, and take
--0 for 0. Sums keep their order, and what is not finite stays so. Nor does it look out for
-divisions by zero, as Python would; they give infinities."""
+_LIBERTIES = {"nsz"}
+"""What the compiler may do to arithmetic: take -0 for 0. Sums keep their order, products are
+rounded before they are added, and what is not finite stays so. With fused products the last bits
+would depend on what is inlined, which is more in a process that compiles than in one that loads
+compiled kernels, and with the bits the draws of a seed. Nor does it look out for divisions by zero,
+as Python would; they give infinities."""
 
 
 def compiled(function: Function, *, inline: bool = False) -> Dispatcher[Function]:
