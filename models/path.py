@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from imapper_prob.models.brief import brief
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.scene import read_only
 from imapper_prob.models.skeleton import N_JOINTS
@@ -50,6 +51,8 @@ class StaticPath:
     poses: Array
     posed: NDArray[np.bool_]
 
+    __repr__ = brief
+
     def __post_init__(self) -> None:
         n = len(self.lift)
         for name, shape in (
@@ -87,6 +90,8 @@ class CameraPrior:
 
     mean: Array
     covariance: Array
+
+    __repr__ = brief
 
     def __post_init__(self) -> None:
         mean = read_only(self.mean, shape=(5,), name="camera prior mean")

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from imapper_prob.models.brief import brief
 from imapper_prob.models.camera import Camera
 from imapper_prob.models.compiled import TERMS, evaluate
 from imapper_prob.models.compiled_paper import PAPER_TERMS, evaluate_paper
@@ -57,6 +58,8 @@ class State:
     placements: Array
     sizes: Array
     latent: Array
+
+    __repr__ = brief
 
     def __post_init__(self) -> None:
         # All states alike, wherever their arrays come from: the compiler makes a kernel for each

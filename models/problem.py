@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from imapper_prob.models.brief import brief
 from imapper_prob.models.camera import Camera
 from imapper_prob.models.energy.detections import DetectionModel, student_t
 from imapper_prob.models.energy.paper import PaperWeights
@@ -91,6 +92,9 @@ class Problem(NamedTuple):
     merge_angle: float
     likelihood: float
     paper_nats: Array  # (5,) nats a unit of each term of the published energy; 0 by default
+
+    def __repr__(self) -> str:
+        return brief(self)
 
     @property
     def of_paper(self) -> bool:

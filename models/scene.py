@@ -13,6 +13,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from imapper_prob.models.brief import brief
 from imapper_prob.models.camera import Camera
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.skeleton import JOINTS, N_JOINTS
@@ -130,6 +131,8 @@ class SceneObject:
     placement: Placement
     cuboids: tuple[Cuboid, ...]
 
+    __repr__ = brief
+
     def __post_init__(self) -> None:
         object.__setattr__(self, "cuboids", tuple(self.cuboids))
         if not self.label:
@@ -192,6 +195,8 @@ class Track:
     confidences: Array
     poses: Array
     interpolated: NDArray[np.bool_]
+
+    __repr__ = brief
 
     def __post_init__(self) -> None:
         keypoints = read_only(self.keypoints, shape=(None, N_JOINTS, 2), name="keypoints")
@@ -262,6 +267,8 @@ class Truth:
     hidden: NDArray[np.bool_]
     actions: tuple[str, ...] = ()
 
+    __repr__ = brief
+
     def __post_init__(self) -> None:
         object.__setattr__(self, "objects", tuple(self.objects))
         joints = read_only(self.joints, shape=(None, N_JOINTS, 3), name="true joints")
@@ -299,6 +306,8 @@ class Clip:
     tracks: tuple[Track, ...]
     focal_spread: float = 0.05
     truth: Truth | None = field(default=None, compare=False)
+
+    __repr__ = brief
 
     def __post_init__(self) -> None:
         ids = np.array(self.frame_ids, dtype=np.int64)
@@ -356,6 +365,8 @@ class Scene:
     joints: Array
     layout: tuple[tuple[str, int], ...]
     log_posterior: float
+
+    __repr__ = brief
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "objects", tuple(self.objects))

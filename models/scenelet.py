@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from imapper_prob.models.brief import brief
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.scene import SceneObject, read_only
 from imapper_prob.models.skeleton import N_JOINTS
@@ -50,6 +51,8 @@ class Scenelet:
     fps: float = 10.0
     weight: float = 1.0
 
+    __repr__ = brief
+
     def __post_init__(self) -> None:
         joints = read_only(self.joints, shape=(None, N_JOINTS, 3), name=f"scenelet {self.name}")
         if len(joints) < 2:
@@ -81,6 +84,8 @@ class Library(Sequence[Scenelet]):
 
     name: str
     scenelets: tuple[Scenelet, ...]
+
+    __repr__ = brief
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "scenelets", tuple(self.scenelets))

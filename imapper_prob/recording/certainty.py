@@ -13,6 +13,7 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from imapper_prob.colours import category_colour
+from imapper_prob.models.brief import brief
 from imapper_prob.models.scene import Clip
 from imapper_prob.models.skeleton import PELV
 from imapper_prob.people import at_one_time, by_person, own_part
@@ -54,6 +55,8 @@ class Certainty:
     hidden: HiddenJoints
     joints: JointSummary
     nuisances: Mapping[str, Nuisance]
+
+    __repr__ = brief
 
     @property
     def clusters(self) -> tuple[ObjectCluster, ...]:

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.config import Config
+from imapper_prob.models.brief import brief
 from imapper_prob.models.camera import Camera
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.posterior import camera_at, motion
@@ -80,6 +81,8 @@ class Posterior:
     config: Config
     seconds: Mapping[str, float] = field(default_factory=dict, repr=False)
     stored: xarray.DataTree | None = field(default=None, repr=False)
+
+    __repr__ = brief
 
     @property
     def clip(self) -> Clip:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from imapper_prob.models.brief import brief
 from imapper_prob.models.scene import Scene
 
 __all__ = ["Explains", "WeightedScene"]
@@ -88,3 +89,5 @@ class WeightedScene:
     explains: Explains | None = None
     difference: str = ""
     draw: int = -1
+
+    __repr__ = brief

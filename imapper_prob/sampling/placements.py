@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.config import SampleSettings
+from imapper_prob.models.brief import brief
 from imapper_prob.models.posterior import State, log_posterior
 from imapper_prob.models.problem import Problem
 from imapper_prob.samplers.diagnostics import rhat_nested
@@ -57,6 +58,8 @@ class PlacementDraws:
     sizes: Array
     rhat: Array
     acceptance: dict[str, float]
+
+    __repr__ = brief
 
 
 def to_theta(state: State) -> Array:

@@ -21,6 +21,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from imapper_prob.models.brief import brief
 from imapper_prob.models.kernels.support import log_size_density
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.scene import read_only
@@ -64,6 +65,8 @@ class Candidates:
     placements: Array
     sizes: Array
     weights: Array
+
+    __repr__ = brief
 
     def __post_init__(self) -> None:
         centres = np.array(self.centres, dtype=np.int64)

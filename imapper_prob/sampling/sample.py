@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.config import SampleSettings
+from imapper_prob.models.brief import brief
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.posterior import State
 from imapper_prob.models.problem import Problem
@@ -96,6 +97,8 @@ class Samples:
     ladders: tuple[LadderSummary, ...]
     verdict: Verdict
     finished: bool
+
+    __repr__ = brief
 
     @property
     def shape(self) -> tuple[int, int]:

@@ -16,6 +16,7 @@ from itertools import islice
 import numpy as np
 from numpy.typing import NDArray
 
+from imapper_prob.models.brief import brief
 from imapper_prob.models.posterior import State, empty_state, log_posterior
 from imapper_prob.models.problem import Problem
 from imapper_prob.staged.candidates import Candidate, apart_from_stays, assigned, refine
@@ -95,6 +96,8 @@ class Combinations:
     left: float
     exchanges: tuple[Exchange, ...]
     states: tuple[State, ...]
+
+    __repr__ = brief
 
     @property
     def complete(self) -> bool:

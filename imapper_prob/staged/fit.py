@@ -17,6 +17,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from imapper_prob.models.brief import brief
 from imapper_prob.models.camera import Camera
 from imapper_prob.models.path import StaticPath
 from imapper_prob.models.pose import facing
@@ -73,6 +74,8 @@ class Fits:
     centres: Ints
     placements: Array
     cost: Array
+
+    __repr__ = brief
 
 
 def fit_windows(

@@ -14,6 +14,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from imapper_prob.models.brief import brief
 from imapper_prob.models.energy.detections import DetectionModel
 from imapper_prob.models.path import CameraPrior, StaticPath
 from imapper_prob.models.posterior import State
@@ -86,6 +87,8 @@ class Solution:
     distances: NDArray[np.float64] = field(repr=False)
     fits: Fits = field(repr=False)
 
+    __repr__ = brief
+
     @property
     def states(self) -> tuple[State, ...]:
         """The best scene, then diverse alternatives."""
@@ -148,6 +151,8 @@ class Fitted:
     fits: Fits
     charness: NDArray[np.float64]
     distances: NDArray[np.float64]
+
+    __repr__ = brief
 
 
 def fit_clip(

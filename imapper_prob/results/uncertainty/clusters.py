@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
+from imapper_prob.models.brief import brief
 from imapper_prob.models.scene import FRONTLESS, SceneObject
 from imapper_prob.results.uncertainty.regions import Region, region_of
 from imapper_prob.samplers.diagnostics import ShortChainWarning, mean_error
@@ -73,6 +74,8 @@ class ObjectCluster:
     yaw_spread: float
     members: Ints
     typical: SceneObject
+
+    __repr__ = brief
 
     @property
     def label(self) -> str:

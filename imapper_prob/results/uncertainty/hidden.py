@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from imapper_prob.models.brief import brief
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.geometry import pack_boxes
 from imapper_prob.models.scene import SceneObject
@@ -42,6 +43,8 @@ class HiddenJoints:
     clusters: tuple[ObjectCluster, ...]
     probability: Array
     by_object: Array
+
+    __repr__ = brief
 
     def behind(self, what: str | int, *, least: float = 0.5) -> dict[str, int]:
         """What is behind an object: joints by name, and in how many frames each is.

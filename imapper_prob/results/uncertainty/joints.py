@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from imapper_prob.models.brief import brief
 from imapper_prob.models.problem import Problem
 from imapper_prob.results.drawn_motion import height_deviation
 from imapper_prob.results.limbs import Limbs
@@ -35,6 +36,8 @@ class JointSummary:
 
     mean: Array
     covariance: Array
+
+    __repr__ = brief
 
     @property
     def standard_deviation(self) -> Array:

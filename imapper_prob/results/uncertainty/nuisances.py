@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from imapper_prob.models.brief import brief
 from imapper_prob.models.path import CAMERA
 
 __all__ = ["UNITS", "Nuisance", "nuisances"]
@@ -44,6 +45,8 @@ class Nuisance:
     prior_mean: float
     prior_standard_deviation: float
     draws: Array
+
+    __repr__ = brief
 
     @property
     def mean(self) -> float:

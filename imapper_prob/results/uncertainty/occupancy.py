@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from imapper_prob.models.brief import brief
 from imapper_prob.models.scene import SceneObject
 
 __all__ = ["Occupancy", "occupancy"]
@@ -45,6 +46,8 @@ class Occupancy:
     categories: tuple[str, ...]
     by_category: Array
     anything: Array
+
+    __repr__ = brief
 
     def at(self, x: float, y: float) -> dict[str, float]:
         """Probability of each category at a place in metres, most probable first.
