@@ -2,7 +2,7 @@
 
 >>> import imapper_prob as im  # doctest: +SKIP
 >>> clip = im.load_clip("Scene04")  # doctest: +SKIP
->>> posterior = im.sample(clip, im.load_library(), rng=0)  # doctest: +SKIP
+>>> posterior = im.sample(clip, rng=0)  # doctest: +SKIP
 >>> posterior.scenes(5)  # doctest: +SKIP
 """
 

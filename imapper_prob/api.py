@@ -19,6 +19,7 @@ from imapper_prob.results.posterior import Posterior
 from imapper_prob.sampling.cast import cast_of
 from imapper_prob.sampling.cluster import Cluster
 from imapper_prob.sampling.sample import sample_scenes
+from imapper_prob.scenelets.library import load_library
 from imapper_prob.staged.actors import solve_actors
 from imapper_prob.staged.solver import Solution
 from imapper_prob.staged.solver import solve as solve_staged
@@ -48,7 +49,7 @@ def load_clip(path: str | Path, *, options: ClipOptions | None = None) -> Clip:
 
 def solve(
     clip: Clip,
-    library: Library,
+    library: Library | None = None,
     *,
     config: Config | None = None,
     progress: Progress | None = None,
@@ -59,20 +60,21 @@ def solve(
     ----------
     clip : Clip
         What was seen, see `load_clip`; of several people the first is solved.
-    library : Library
-        What people do near furniture, see `load_library`.
+    library : Library, optional
+        What people do near furniture, see `load_library`; the built-in one if not given.
     config : Config, optional
     progress : callable, optional
         Called with the name of a stage and the part of it that is done.
     """
     settings = config.settings if config is not None else None
     first = clip if len(clip.tracks) == 1 else replace(clip, tracks=clip.tracks[:1])
-    return solve_staged(first, library, settings=settings, progress=progress)
+    known = load_library() if library is None else library
+    return solve_staged(first, known, settings=settings, progress=progress)
 
 
 def sample(
     clip: Clip,
-    library: Library,
+    library: Library | None = None,
     *,
     start: Solution | Sequence[Solution] | None = None,
     rng: int | None = None,
@@ -114,7 +116,8 @@ def sample(
     )
     begun = time.perf_counter()
     if start is None:
-        solutions = solve_actors(clip, library, settings=config.settings, progress=progress)
+        known = load_library() if library is None else library
+        solutions = solve_actors(clip, known, settings=config.settings, progress=progress)
     else:
         solutions = (start,) if isinstance(start, Solution) else tuple(start)
     source = solutions[0] if len(solutions) == 1 else cast_of(solutions)

@@ -6,6 +6,7 @@ import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -128,6 +129,11 @@ class Posterior:
         pair = self.samples.verdict.disagreement or ()
         ranks = self.scene_probabilities.layouts.tolist()
         return tuple(sorted({1 + ranks.index(self._scene_of_layout[n - 1]) for n in pair}))
+
+    @property
+    def converged(self) -> bool:
+        """Whether the chains agree as well as they must, and nothing speaks against the result."""
+        return self.samples.verdict.good and not alarms(self.checks)
 
     @property
     def verdict(self) -> str:
@@ -262,6 +268,53 @@ class Posterior:
             log_posterior=float(self.samples.log_posterior.flat[number]),
         )
 
+    def summary(self) -> xarray.Dataset:
+        """What stands where over all draws: :meth:`clusters` as a table.
+
+        Returns
+        -------
+        Dataset
+            Along ``object``, the most probable first: ``label`` with its ``label_probability`` if
+            it is there, ``presence`` and its ``presence_error``, ``x`` and ``y`` in the world with
+            standard deviations ``x_sd`` and ``y_sd``, ``yaw`` and ``yaw_sd``; units are in the
+            attributes. ``to_dataframe()`` makes it a table of pandas.
+        """
+        from xarray import Dataset
+
+        found = self.clusters()
+        spread = np.array([np.sqrt(np.diag(c.covariance)) for c in found]).reshape(-1, 2)
+        mean = np.array([c.mean for c in found]).reshape(-1, 2)
+        columns = {
+            "label": ([c.label for c in found], ""),
+            "label_probability": ([c.labels[c.label] for c in found], "1"),
+            "presence": ([c.presence for c in found], "1"),
+            "presence_error": ([c.presence_error for c in found], "1"),
+            "x": (mean[:, 0], "m"),
+            "x_sd": (spread[:, 0], "m"),
+            "y": (mean[:, 1], "m"),
+            "y_sd": (spread[:, 1], "m"),
+            "yaw": ([c.yaw for c in found], "rad"),
+            "yaw_sd": ([c.yaw_spread for c in found], "rad"),
+        }
+        return Dataset(
+            {
+                name: ("object", np.asarray(values), {"units": unit} if unit else {})
+                for name, (values, unit) in columns.items()
+            },
+            coords={"object": np.arange(1, len(found) + 1)},
+        )
+
+    def _repr_html_(self) -> str:
+        """The scenes from above with their probabilities, and the verdict, for a notebook."""
+        from io import StringIO
+
+        from imapper_prob.results.figures import scenes_figure
+
+        drawn = StringIO()
+        scenes_figure(self).savefig(drawn, format="svg")
+        picture = drawn.getvalue()
+        return f"<p>{escape(self.verdict)}</p>{picture[picture.index('<svg') :]}"
+
     @cached_property
     def data(self) -> xarray.DataTree:
         """Draws and diagnostics with names, as ArviZ expects them."""
@@ -292,14 +345,21 @@ class Posterior:
         """Objects matched across all draws, most probable first, down to a probability."""
         from imapper_prob.results.uncertainty.clusters import object_clusters
 
-        return object_clusters(
-            self.samples.objects,
-            self.samples.log_posterior,
-            radius=self.config.sample.layout_radius,
-            least=least,
-            standing=self.furniture,
-            seen=self._seen,
-        )
+        if least not in self._clusters:
+            self._clusters[least] = object_clusters(
+                self.samples.objects,
+                self.samples.log_posterior,
+                radius=self.config.sample.layout_radius,
+                least=least,
+                standing=self.furniture,
+                seen=self._seen,
+            )
+        return self._clusters[least]
+
+    @cached_property
+    def _clusters(self) -> dict[float, tuple[ObjectCluster, ...]]:
+        """Those that somebody has asked for, by the least probability."""
+        return {}
 
     def joints(self) -> JointSummary:
         """Mean and covariance of every joint in every frame, of several people in a row."""
@@ -312,6 +372,10 @@ class Posterior:
 
         Of several people the frames of each follow those of the one before.
         """
+        return self._hidden
+
+    @cached_property
+    def _hidden(self) -> HiddenJoints:
         from imapper_prob.results.uncertainty.hidden import hidden_joints
 
         elevations = [float(state.camera[1]) for state in self.samples.states]

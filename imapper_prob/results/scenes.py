@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.models.brief import brief
-from imapper_prob.models.scene import Scene
+from imapper_prob.models.scene import Scene, SceneObject
 
 __all__ = ["Explains", "WeightedScene"]
 
@@ -91,3 +91,8 @@ class WeightedScene:
     draw: int = -1
 
     __repr__ = brief
+
+    @property
+    def objects(self) -> tuple[SceneObject, ...]:
+        """The furniture of the representative draw, in its world."""
+        return self.scene.objects

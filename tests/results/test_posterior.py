@@ -142,3 +142,36 @@ def test_the_verdict_says_which_scenes_its_layouts_are() -> None:
     assert about(1, last).disputed == expected
     if len(expected) == 2:
         assert about(1, last).verdict.endswith(f"scenes {expected[0]} and {expected[1]}.")
+
+
+def test_the_summary_says_of_each_object_what_the_clusters_say() -> None:
+    run = posterior()
+    table, clusters = run.summary(), run.clusters()
+    assert table.sizes["object"] == len(clusters) > 0
+    for row, found in enumerate(clusters):
+        own = table.isel(object=row)
+        assert str(own["label"].item()) == found.label
+        assert own["presence"].item() == found.presence
+        assert (own["x"].item(), own["y"].item()) == tuple(found.mean)
+        assert own["x_sd"].item() ** 2 == pytest.approx(found.covariance[0, 0])
+    assert table["x"].attrs["units"] == "m"
+    assert run.clusters() is clusters
+
+
+def test_a_notebook_shows_scenes_and_verdict(monkeypatch: pytest.MonkeyPatch) -> None:
+    run = posterior()
+    page = run._repr_html_()
+    assert page.count("<svg") == 1
+    assert page.startswith("<p>")
+    assert "<script" not in page
+    monkeypatch.setattr(Posterior, "verdict", "<b>no</b>")
+    assert "&lt;b&gt;no&lt;/b&gt;" in run._repr_html_()
+
+
+def test_what_people_type_first_is_short_and_quick() -> None:
+    run = posterior()
+    best = run.scenes(1)[0]
+    for shown in (run, run.clip, run.solution, run.samples, best, best.scene, run.occupancy(),
+                  run.clusters()[0], run.hidden(), run.joints(), run.certainty):  # fmt: skip
+        assert len(repr(shown)) < 2000
+    assert best.objects is best.scene.objects
