@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given, settings
 from shapely import Polygon
 
+from imapper_prob.models import simulate
 from imapper_prob.models.energy.detections import DetectionModel
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.geometry import pack_boxes, sight_clearance
@@ -371,7 +372,10 @@ def test_the_gait_closes() -> None:
         ({"n_frames": 30}, "more frames or fewer interactions"),
     ],
 )
-def test_what_cannot_be_simulated_is_said(options: dict[str, object], message: str) -> None:
+def test_what_cannot_be_simulated_is_said(
+    options: dict[str, object], message: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(simulate, "_ROOMS", 10)
     with pytest.raises(InputError, match=message):
         simulate_clip(np.random.default_rng(0), built_in_library(), **options)  # type: ignore[arg-type]
 
