@@ -56,8 +56,6 @@ def kept(name: str, make: Callable[[], Library], *, folder: Path | None = None) 
             if path == _path(folder, stem, library):
                 os.utime(path)
                 return library
-        with suppress(OSError):
-            path.unlink()
     library = make()
     with suppress(OSError):
         folder.mkdir(parents=True, exist_ok=True)
