@@ -26,9 +26,9 @@ bench: $(STAMP)
 beforehand: $(STAMP)
 	$(MAKE) --no-print-directory --jobs=2 lint kernels
 
-# What most tests need, compiled while lint runs; tests/conftest.py sees to the other kernels.
+# What most tests need, compiled while lint runs.
 kernels: $(STAMP)
-	$(PY) -m pytest --quiet tests/models/test_posterior.py
+	$(PY) -m pytest --quiet tests/models/test_posterior.py tests/models/test_incremental.py
 
 lint: $(STAMP)
 	$(VENV)/bin/ruff check

@@ -27,7 +27,7 @@ from imapper_prob.models.energy.intersection import (
 from imapper_prob.models.energy.smoothness import pose_jump
 from imapper_prob.models.energy.support import unsupported
 from imapper_prob.models.energy.swaps import summed_over_swaps
-from imapper_prob.models.jit import compiled, inlined
+from imapper_prob.models.jit import compiled, inner, inner_inlined
 from imapper_prob.models.kernels.frame import (
     CHANCES,
     DESK,
@@ -127,7 +127,7 @@ def evaluate(
     return terms
 
 
-@inlined
+@inner_inlined
 def _watched(problem: Problem, t: int) -> bool:
     """Whether anything of the frame was detected."""
     watched = False
@@ -136,7 +136,7 @@ def _watched(problem: Problem, t: int) -> bool:
     return watched
 
 
-@compiled
+@inner
 def _collisions(problem: Problem, overlaps: Array) -> float:
     """E_c of furniture of two items that is in each other by ``overlaps`` (k, k) metres."""
     total, sums = 0.0, np.empty(N_DISPLACED)
@@ -148,7 +148,7 @@ def _collisions(problem: Problem, overlaps: Array) -> float:
     return total
 
 
-@compiled
+@inner
 def _motion(problem: Problem, weight: float, depths: Array) -> float:
     """E_m of a body that stands in the furniture of each item by ``depths`` (k, T) metres."""
     total, sums = 0.0, np.empty(N_DISPLACED)
@@ -161,7 +161,7 @@ def _motion(problem: Problem, weight: float, depths: Array) -> float:
     return total
 
 
-@compiled
+@inner
 def _weigh_frames(
     problem: Problem,
     camera: Array,
@@ -193,7 +193,7 @@ def _weigh_frames(
         by_frame[t, 0], by_frame[t, 1] = logs[0, t], logs[1, t]
 
 
-@compiled
+@inner
 def _smoothness(problem: Problem, camera: Array, item_of: Ints, joints: Array) -> float:
     """E_s: what it costs that the pose jumps where a scenelet begins or ends."""
     total, scale = 0.0, problem.joint_step * math.exp(camera[3])

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.models.energy.paper import occlusion_cost
-from imapper_prob.models.jit import compiled
+from imapper_prob.models.jit import compiled, inner
 from imapper_prob.models.kernels.room import (
     collision_depths,
     find_clearances,
@@ -41,7 +41,7 @@ PAPER_TERMS = (
 _DETECTED = np.array(DETECTED)
 
 
-@compiled
+@inner
 def _reproject(problem: Problem, camera: Array, joints: Array, by_frame: Array) -> None:
     """c |Pi q - u|^2 over the joints of each frame, normalised image coordinates."""
     cp, sp, elevation = math.cos(camera[0]), math.sin(camera[0]), camera[1]

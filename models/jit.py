@@ -17,13 +17,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numba
+from numba.core.registry import CPUDispatcher
 
 from imapper_prob.models.kernel_sources import digest
 
 if TYPE_CHECKING:
     from numba.core.dispatcher import Dispatcher
 
-__all__ = ["compiled", "inlined", "remove_unused"]
+__all__ = ["compiled", "inlined", "inner", "inner_inlined", "remove_unused"]
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -68,11 +69,48 @@ compiled kernels, and with the bits the draws of a seed. Nor does it look out fo
 as Python would; they give infinities."""
 
 
-def compiled(function: Function, *, inline: bool = False) -> Dispatcher[Function]:
+class _Inner(CPUDispatcher):
+    """A kernel that only kernels can call: there is nothing that would take Python's objects."""
+
+    def __call__(self, *_: object, **__: object) -> None:
+        name = self.py_func.__name__
+        raise TypeError(f"{name} is for other kernels; to call it from Python, use compiled")
+
+
+def compiled(function: Function) -> Dispatcher[Function]:
     """``function`` compiled by numba on its first call, and remembered for the next process."""
+    return _compiled(function)
+
+
+def inlined(function: Function) -> Dispatcher[Function]:
+    """As :func:`compiled`, and made part of whatever compiled function calls it.
+
+    For what is called once a frame or a box: to hand over a few arrays, of ten numbers each,
+    takes longer than the arithmetic on a row of joints.
+    """
+    return _compiled(function, inline=True)
+
+
+def inner(function: Function) -> Dispatcher[Function]:
+    """As :func:`compiled`, for kernels alone.
+
+    To take the seventy arrays of a problem from Python is more work for the compiler than most
+    kernels are.
+    """
+    return _compiled(function, alone=True)
+
+
+def inner_inlined(function: Function) -> Dispatcher[Function]:
+    """As :func:`inlined`, for kernels alone; see :func:`inner`."""
+    return _compiled(function, inline=True, alone=True)
+
+
+def _compiled(
+    function: Function, *, inline: bool = False, alone: bool = False
+) -> Dispatcher[Function]:
     before = _NUMBA.CACHE_DIR
     # Nobody calls kernels by their address; to make that possible is a fourth of the work. The
-    # published types leave the option out.
+    # published types leave the options out.
     njit: Any = numba.njit
     try:
         _NUMBA.CACHE_DIR = _CACHE or before
@@ -82,16 +120,11 @@ def compiled(function: Function, *, inline: bool = False) -> Dispatcher[Function
             fastmath=_LIBERTIES,
             forceinline=inline,
             no_cfunc_wrapper=True,
+            no_cpython_wrapper=alone,
         )(function)
-        return dispatcher
     finally:
         _NUMBA.CACHE_DIR = before
-
-
-def inlined(function: Function) -> Dispatcher[Function]:
-    """As :func:`compiled`, and made part of whatever compiled function calls it.
-
-    For what is called once a frame or a box: to hand over a few arrays, of ten numbers each,
-    takes longer than the arithmetic on a row of joints.
-    """
-    return compiled(function, inline=True)
+    if alone:
+        # A call from Python would go to an address where there is nothing.
+        dispatcher.__class__ = _Inner  # type: ignore[assignment]
+    return dispatcher

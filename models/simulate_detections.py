@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -74,7 +75,7 @@ class Experiment:
                 "between poses cost nothing and frames have weight 1"
             )
 
-    @property
+    @cached_property
     def problem(self) -> Problem:
         """The problem with the detections that the clip has."""
         return pack_problem(

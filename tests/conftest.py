@@ -55,7 +55,6 @@ DEMO = "the demo, solved and sampled"
 APART = {"tests/calibrate/test_simulated.py"}
 """Files whose tests take minutes each and share little."""
 FIRST = (
-    "tests/models/test_incremental.py",  # compiles kernels, while those of samplers need none
     "tests/samplers/",
     "tests/calibrate/",
     "notebooks/",

@@ -167,6 +167,14 @@ def test_a_process_of_chains_loads_nothing_but_their_compiler() -> None:
     assert set(done.stdout.split()) & HEAVY == {"numba"}
 
 
+def test_who_samples_or_reads_a_run_loads_no_torch() -> None:
+    program = "import sys, imapper_prob.api; sys.stdout.write(' '.join(sys.modules))"
+    done = subprocess.run(
+        [sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=True
+    )
+    assert "torch" not in done.stdout.split()
+
+
 def test_importing_is_quick_and_light() -> None:
     program = "import sys, imapper_prob; sys.stdout.write(' '.join(sys.modules))"
 

@@ -10,6 +10,7 @@ from typing import Final
 
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.scenelet import Library
+from imapper_prob.scenelets.library_cache import kept
 from imapper_prob.scenelets.library_file import read_library, save_library
 from imapper_prob.scenelets.procedural.catalogue import build_library
 
@@ -20,8 +21,8 @@ BUILT_IN: Final = "built-in"
 
 @cache
 def built_in_library(seed: int = 0) -> Library:
-    """The library made by the project's own code; made once a process."""
-    return build_library(seed)
+    """The library made by the project's own code; made once a machine, read once a process."""
+    return kept(f"library-{seed}", lambda: build_library(seed))
 
 
 def load_library(source: str | Path = BUILT_IN) -> Library:

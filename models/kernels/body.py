@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.models.energy.intersection import column_depth
-from imapper_prob.models.jit import compiled, inlined
+from imapper_prob.models.jit import inlined, inner, inner_inlined
 from imapper_prob.models.skeleton import HEAD, LANK, LHIP, LKNE, PELV, RANK, RHIP, RKNE
 
 __all__ = ["apart", "depth_in_box", "set_columns", "set_footprint"]
@@ -24,7 +24,7 @@ _REACH = 1.0
 """Metres a column may be from the pelvis."""
 
 
-@compiled
+@inner
 def set_footprint(box: Array, turn: Array, footprint: Array) -> None:
     """Least and greatest x, least and greatest y of a box (7,), metres, into (4,)."""
     c, s = abs(turn[0]), abs(turn[1])
@@ -33,7 +33,7 @@ def set_footprint(box: Array, turn: Array, footprint: Array) -> None:
     footprint[2], footprint[3] = box[1] - y, box[1] + y
 
 
-@inlined
+@inner_inlined
 def _set_column(
     joints: Array, row: int, upper: int, lower: int, columns: Array, to: int, k: int
 ) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.models.energy.support import unsupported
-from imapper_prob.models.jit import compiled, inlined
+from imapper_prob.models.jit import compiled, inner_inlined
 from imapper_prob.models.kernels.meeting import find_changed, meet_frames, sum_meetings
 from imapper_prob.models.kernels.memory import ADDED, KEPT, REMOVED, UNUSED, Memory
 from imapper_prob.models.kernels.path import find_path
@@ -95,13 +95,13 @@ def change(
     return prior, costs + sum_votes(problem, memory)
 
 
-@inlined
+@inner_inlined
 def _length(problem: Problem, scenelet: int) -> int:
     length: int = problem.joint_first[scenelet + 1] - problem.joint_first[scenelet]
     return length
 
 
-@inlined
+@inner_inlined
 def _in_order(problem: Problem, items: Ints) -> bool:
     """Whether scenelets lie in the clip, one after the other, each in the film of one person."""
     end = 0
@@ -117,7 +117,7 @@ def _in_order(problem: Problem, items: Ints) -> bool:
     return True
 
 
-@inlined
+@inner_inlined
 def _find_slots(
     memory: Memory, n_old: int, items: Ints, placements: Array, sizes: Array, anew: bool
 ) -> None:

@@ -17,7 +17,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from imapper_prob.models.jit import compiled, inlined
+from imapper_prob.models.jit import inner, inner_inlined
 from imapper_prob.models.kernels.sight import Singles
 from imapper_prob.models.limits import NEAREST
 from imapper_prob.models.problem import Problem
@@ -80,7 +80,7 @@ _FAR = np.float32(30.0)
 """Widths of the step of visibility; farther from it the probability is what it is there."""
 
 
-@compiled
+@inner
 def lens_of(problem: Problem, camera: Array) -> Lens:
     """What projection needs of a camera (5,)."""
     focal = math.exp(camera[2])
@@ -92,7 +92,7 @@ def lens_of(problem: Problem, camera: Array) -> Lens:
     )  # fmt: skip
 
 
-@inlined
+@inner_inlined
 def _project(lens: Lens, body: float, joints: Array, row: int, desk: Array) -> None:
     """Pixels of the joints ``joints[row]``, and how loosely a scenelet's pose holds there."""
     fx, fy, cx, cy, doubt, cp, sp, elevation, cr, sr = lens
@@ -107,7 +107,7 @@ def _project(lens: Lens, body: float, joints: Array, row: int, desk: Array) -> N
         desk[_LOOSE + j] = (doubt * nearness) * (doubt * nearness)
 
 
-@inlined
+@inner_inlined
 def set_detections(problem: Problem, t: int, places: Array, facts: Singles, row: int) -> None:
     """The detections of frame t, side by side in the joints' places.
 
@@ -130,7 +130,7 @@ def set_detections(problem: Problem, t: int, places: Array, facts: Singles, row:
             facts[row, 1, i, j] = facts[row, 0, i, _OTHER[j]]
 
 
-@inlined
+@inner_inlined
 def _measure(places: Array, facts: Singles, row: int, desk: Array, bench: Singles) -> None:
     """Misfit of detections, by the errors of hidden and of seen joints."""
     for j in range(16):
@@ -146,7 +146,7 @@ def _measure(places: Array, facts: Singles, row: int, desk: Array, bench: Single
                 bench[_POWER + to] = -_E2 * dof - _E1
 
 
-@inlined
+@inner_inlined
 def _raise(bench: Singles) -> None:
     """Every ratio to its power: the fraction p and the exponent n of p 2^n."""
     for j in range(64):
@@ -169,7 +169,7 @@ def _raise(bench: Singles) -> None:
         bench[_EXPONENT + j] = shifted
 
 
-@inlined
+@inner_inlined
 def set_chances(
     lens: Lens,
     body: float,
@@ -210,7 +210,7 @@ def set_chances(
             chances[to, 32 * side + 16 + j] = seen - hidden if used else 0.0
 
 
-@inlined
+@inner_inlined
 def set_own_chances(problem: Problem, t: int, desk: Array, chances: Array, to: int) -> None:
     """Chances of frame t in its own pose, which no camera changes, into ``chances[to]`` (64,)."""
     static, used = problem.static_density, problem.used
@@ -226,7 +226,7 @@ def set_own_chances(problem: Problem, t: int, desk: Array, chances: Array, to: i
         chances[to, 48 + j] = desk[_DENSITY + 48 + _OTHER[j]]
 
 
-@compiled
+@inner
 def find_seen(seen: Singles, n: int, width: float, surprise: float) -> None:
     """Probability of being seen: :func:`imapper_prob.models.energy.occlusion.p_seen`.
 
@@ -251,7 +251,7 @@ def find_seen(seen: Singles, n: int, width: float, surprise: float) -> None:
             seen[i, j] = least + span / (_E1 + p * scale)
 
 
-@inlined
+@inner_inlined
 def weigh(chances: Array, row: int, seen: Singles, at: int, desk: Array, logs: Array) -> None:
     """p(u, c | q, m) of a frame: as it is, and with sides swapped.
 
@@ -292,7 +292,7 @@ def weigh(chances: Array, row: int, seen: Singles, at: int, desk: Array, logs: A
     logs[0, at], logs[1, at], logs[2, at], logs[3, at] = right, wrong, twos_right, twos_wrong
 
 
-@compiled
+@inner
 def take_logs(logs: Array, n: int) -> None:
     """log p(u, c | q, m) of frames, nats, into the first two rows of ``logs`` (4, n or more).
 

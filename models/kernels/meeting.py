@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.models.energy.intersection import displaced_cost, give_way
-from imapper_prob.models.jit import inlined
+from imapper_prob.models.jit import inner_inlined
 from imapper_prob.models.kernels.body import apart, depth_in_box
 from imapper_prob.models.kernels.memory import ADDED, REMOVED, Memory
 from imapper_prob.models.kernels.sight import GAP, clear, may_hide, open_view
@@ -17,7 +17,7 @@ __all__ = ["find_changed", "meet_frames", "sum_meetings"]
 Ints = NDArray[np.int64]
 
 
-@inlined
+@inner_inlined
 def meet_frames(memory: Memory, n: int, n_moved: int) -> None:
     """Let all ``n`` scenelets meet the frames that moved, and new ones every frame."""
     for i in range(n):
@@ -27,7 +27,7 @@ def meet_frames(memory: Memory, n: int, n_moved: int) -> None:
         _meet(memory, slot, frames, len(frames) if fresh else n_moved)
 
 
-@inlined
+@inner_inlined
 def _meet(memory: Memory, slot: int, frames: Ints, n: int) -> None:
     """Clearance of lines of sight from the boxes in ``slot``, and how deep the body is in them.
 
@@ -57,7 +57,7 @@ def _meet(memory: Memory, slot: int, frames: Ints, n: int) -> None:
         memory.depths[slot, row] = depth
 
 
-@inlined
+@inner_inlined
 def find_changed(memory: Memory, n: int, n_old: int) -> None:
     """Frames whose vote can differ: they moved, or boxes that came or went may hide something."""
     n_frames = len(memory.changed)
@@ -77,7 +77,7 @@ def find_changed(memory: Memory, n: int, n_old: int) -> None:
         memory.sum_row[t] = 2 * t + n_frames - now if changed[t] else now
 
 
-@inlined
+@inner_inlined
 def sum_meetings(problem: Problem, memory: Memory, n: int) -> float:
     """E_m: what it costs that the body stands in furniture not the frame's own, nats."""
     total, unit = 0.0, problem.frame_weight * problem.likelihood * problem.motion_cost

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from imapper_prob.models.jit import inlined
+from imapper_prob.models.jit import inner_inlined
 from imapper_prob.models.kernels.memory import ADDED, Memory
 from imapper_prob.models.problem import Problem
 
@@ -22,7 +22,7 @@ worked out counts as where it was. That is a few nanometres, a hundredth of what
 in single precision can tell; the sum changes by less than 1e-6 nats."""
 
 
-@inlined
+@inner_inlined
 def _segment(
     problem: Problem,
     memory: Memory,
@@ -86,7 +86,7 @@ def _segment(
     return evidence
 
 
-@inlined
+@inner_inlined
 def find_path(
     problem: Problem,
     memory: Memory,

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from imapper_prob.models.energy.intersection import depth_below_floor
 from imapper_prob.models.energy.smoothness import pose_jump
-from imapper_prob.models.jit import inlined
+from imapper_prob.models.jit import inner_inlined
 from imapper_prob.models.kernels.body import set_columns
 from imapper_prob.models.kernels.frame import lens_of, set_chances
 from imapper_prob.models.kernels.memory import ADDED, Memory
@@ -21,7 +21,7 @@ __all__ = ["list_moved", "pose_frames", "sum_jumps"]
 Array = NDArray[np.float64]
 
 
-@inlined
+@inner_inlined
 def list_moved(memory: Memory) -> int:
     """Put the frames that moved into ``memory.frames``; returns how many there are."""
     n = 0
@@ -31,7 +31,7 @@ def list_moved(memory: Memory) -> int:
     return n
 
 
-@inlined
+@inner_inlined
 def pose_frames(problem: Problem, memory: Memory, n: int, n_moved: int, camera: Array) -> None:
     """Everything that follows from the pose of a frame that moved, with ``n`` scenelets."""
     for i in range(n):
@@ -53,7 +53,7 @@ def pose_frames(problem: Problem, memory: Memory, n: int, n_moved: int, camera: 
         sunk[row] = depth_below_floor(joints, row)
 
 
-@inlined
+@inner_inlined
 def _pose_covered_frames(problem: Problem, memory: Memory, slot: int) -> None:
     """World joints of the scenelet in ``slot`` in all its frames, metres."""
     px, py, yaw = memory.placements[slot]
@@ -71,7 +71,7 @@ def _pose_covered_frames(problem: Problem, memory: Memory, slot: int) -> None:
             joints[row, 2, j] = body * library[offset + t, j, 2]
 
 
-@inlined
+@inner_inlined
 def _find_chances(problem: Problem, memory: Memory, camera: Array, slot: int) -> None:
     """How likely the detections are, of joints hidden and seen, in all frames of ``slot``."""
     lens, body = lens_of(problem, camera), memory.bodies[slot]
@@ -82,7 +82,7 @@ def _find_chances(problem: Problem, memory: Memory, camera: Array, slot: int) ->
         set_chances(lens, body, joints, row, places, facts, t, desk, bench, chances, row)
 
 
-@inlined
+@inner_inlined
 def _pose_free_frames(problem: Problem, memory: Memory, n_moved: int, camera: Array) -> None:
     """World joints of every free frame that moved: its own pose where the path goes, metres."""
     cp, sp = math.cos(camera[0]), math.sin(camera[0])
@@ -106,7 +106,7 @@ def _pose_free_frames(problem: Problem, memory: Memory, n_moved: int, camera: Ar
                 joints[row, 2, j] = sp * y + cp * z + elevation
 
 
-@inlined
+@inner_inlined
 def sum_jumps(problem: Problem, memory: Memory, n: int, camera: Array) -> float:
     """What it costs that the pose jumps where a scenelet begins or ends, nats."""
     total, scale = 0.0, problem.joint_step * math.exp(camera[3])

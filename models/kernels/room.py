@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.models.energy.intersection import overlap_depth
-from imapper_prob.models.jit import compiled
+from imapper_prob.models.jit import inner
 from imapper_prob.models.kernels.body import apart, depth_in_box, set_columns, set_footprint
 from imapper_prob.models.kernels.sight import (
     BENCH,
@@ -31,7 +31,7 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 
-@compiled
+@inner
 def find_clearances(elevation: float, joints: Array, boxes: Array, turns: Array) -> Singles:
     """(T, 16) clearance of the line of sight to every joint from all boxes, metres."""
     outlooks = np.empty((len(boxes), OUTLOOK), np.float32)
@@ -52,7 +52,7 @@ def find_clearances(elevation: float, joints: Array, boxes: Array, turns: Array)
     return gaps
 
 
-@compiled
+@inner
 def find_footprints(boxes: Array, turns: Array) -> Array:
     """(K, 4) least and greatest x, least and greatest y of every box, metres."""
     footprints = np.empty((len(boxes), 4))
@@ -61,7 +61,7 @@ def find_footprints(boxes: Array, turns: Array) -> Array:
     return footprints
 
 
-@compiled
+@inner
 def collision_depths(
     problem: Problem,
     n_items: int,
@@ -87,7 +87,7 @@ def collision_depths(
     return total
 
 
-@compiled
+@inner
 def motion_depths(
     n_items: int,
     item_of: Ints,

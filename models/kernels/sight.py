@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from imapper_prob.models.energy.occlusion import set_window
 from imapper_prob.models.geometry import NOTHING_IN_SIGHT, OPAQUE
-from imapper_prob.models.jit import inlined
+from imapper_prob.models.jit import inlined, inner_inlined
 from imapper_prob.models.limits import NEAR_SIGHT
 
 __all__ = [
@@ -135,7 +135,7 @@ def open_view(bench: Singles) -> None:
         bench[GAP + j] = _CAP
 
 
-@inlined
+@inner_inlined
 def may_hide(windows: Singles, k: int, views: Singles, row: int) -> bool:
     """Whether a box in ``windows[k]`` can come near a line of sight in ``views[row]``."""
     # All five are asked at once: which of them says no cannot be foreseen.
@@ -174,7 +174,7 @@ def clear(
     return turned >= 0
 
 
-@inlined
+@inner_inlined
 def _turn(c: float, s: float, lines: Singles, row: int, bench: Singles) -> None:
     """The lines of sight in the axes of boxes whose yaw has cosine ``c`` and sine ``s``."""
     for j in range(16):
@@ -196,7 +196,7 @@ def _turn(c: float, s: float, lines: Singles, row: int, bench: Singles) -> None:
         bench[_SECOND + 32 + j] = math.copysign(_ONE - share, v * w)
 
 
-@inlined
+@inner_inlined
 def _pass_by(outlooks: Singles, k: int, bench: Singles) -> None:
     """Lower every joint's clearance to that of box ``k``, in whose axes the lines are."""
     p0, p1, p2 = outlooks[k, 7], outlooks[k, 8], outlooks[k, 9]

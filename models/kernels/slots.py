@@ -13,7 +13,7 @@ from imapper_prob.models.energy.intersection import (
     give_way,
     overlap_depth,
 )
-from imapper_prob.models.jit import inlined
+from imapper_prob.models.jit import inner_inlined
 from imapper_prob.models.kernels.body import apart, set_footprint
 from imapper_prob.models.kernels.facing import log_yaw_density
 from imapper_prob.models.kernels.memory import ADDED, Memory
@@ -28,7 +28,7 @@ __all__ = ["fill_slot", "sum_pairs"]
 Array = NDArray[np.float64]
 
 
-@inlined
+@inner_inlined
 def fill_slot(problem: Problem, memory: Memory, camera: Array, slot: int) -> None:
     """Everything of ``slot`` that follows from its item and placement."""
     memory.bodies[slot] = math.exp(camera[3] + memory.sizes[slot])
@@ -46,7 +46,7 @@ def fill_slot(problem: Problem, memory: Memory, camera: Array, slot: int) -> Non
     memory.placed[slot] += log_size_density(memory.sizes[slot], problem.size_spread)
 
 
-@inlined
+@inner_inlined
 def _pelvis(
     problem: Problem, memory: Memory, camera: Array, slot: int, frame: int, to: int
 ) -> float:
@@ -66,7 +66,7 @@ def _pelvis(
     return depth
 
 
-@inlined
+@inner_inlined
 def _place_boxes(problem: Problem, memory: Memory, camera: Array, slot: int) -> None:
     scenelet = memory.items[slot, 0]
     px, py, yaw = memory.placements[slot]
@@ -100,7 +100,7 @@ def _place_boxes(problem: Problem, memory: Memory, camera: Array, slot: int) -> 
         hull[4] = min(hull[4], memory.outlooks[k, 4])
 
 
-@inlined
+@inner_inlined
 def _collide(problem: Problem, memory: Memory, one: int, other: int) -> float:
     """What it costs that objects in two slots are in each other, unless they are one, nats (15)."""
     if apart(memory.floors, one, memory.floors, other):
@@ -124,7 +124,7 @@ def _collide(problem: Problem, memory: Memory, one: int, other: int) -> float:
     return displaced_cost(sums, problem.collision_cost)
 
 
-@inlined
+@inner_inlined
 def sum_pairs(problem: Problem, memory: Memory, n: int) -> float:
     """What it costs that objects of the ``n`` proposed scenelets are in each other, nats."""
     cost = 0.0

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.models.geometry import NOTHING_IN_SIGHT
-from imapper_prob.models.jit import compiled, inlined
+from imapper_prob.models.jit import compiled, inner_inlined
 from imapper_prob.models.kernels.frame import (
     find_seen,
     set_detections,
@@ -29,7 +29,7 @@ _TINY = 1e-100
 """Products of densities are rescaled below this."""
 
 
-@inlined
+@inner_inlined
 def _set_vote(right: float, wrong: float, weight: float, votes: Array, row: int) -> None:
     """Of a frame: the greater log-density of two, weighted, and both densities over it.
 
@@ -57,7 +57,7 @@ def prepare(problem: Problem, memory: Memory) -> None:
     memory.clearance[:] = np.nan
 
 
-@inlined
+@inner_inlined
 def _differ(clearance: Singles, one: int, other: int) -> bool:
     different = False
     for j in range(clearance.shape[1]):
@@ -65,7 +65,7 @@ def _differ(clearance: Singles, one: int, other: int) -> bool:
     return different
 
 
-@inlined
+@inner_inlined
 def vote(problem: Problem, memory: Memory, n: int) -> None:
     """Votes of the changed frames with all ``n`` scenelets."""
     n_weighed = _recall_votes(memory, n)
@@ -84,7 +84,7 @@ def vote(problem: Problem, memory: Memory, n: int) -> None:
         _set_vote(logs[0, i], logs[1, i], weight, memory.votes, weighed[i])
 
 
-@inlined
+@inner_inlined
 def _recall_votes(memory: Memory, n: int) -> int:
     """Clearance of the changed frames, and votes of those that were cast before.
 
@@ -127,7 +127,7 @@ def _recall_votes(memory: Memory, n: int) -> int:
     return n_weighed
 
 
-@inlined
+@inner_inlined
 def sum_votes(problem: Problem, memory: Memory) -> float:
     """Detections of all frames, whichever are swapped, cost of free poses, and of sunken ones.
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.models.chain import chain, find_known
-from imapper_prob.models.jit import compiled
+from imapper_prob.models.jit import compiled, inner
 from imapper_prob.models.kernels.facing import log_yaw_density
 from imapper_prob.models.kernels.support import in_support, log_size_density
 from imapper_prob.models.limits import NEAREST
@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 
-@compiled
+@inner
 def weigh_priors(
     problem: Problem,
     camera: Array,
@@ -73,7 +73,7 @@ def weigh_priors(
     return True
 
 
-@compiled
+@inner
 def _place_scenelets(
     problem: Problem,
     camera: Array,
@@ -112,7 +112,7 @@ def _place_scenelets(
     return True
 
 
-@compiled
+@inner
 def _path(
     problem: Problem, camera: Array, item_of: Ints, latent: Array, joints: Array
 ) -> tuple[float, float]:

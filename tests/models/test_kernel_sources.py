@@ -9,6 +9,7 @@ import time
 from functools import cache
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from imapper_prob.models import jit
@@ -124,3 +125,11 @@ def test_kernels_in_use_are_kept_under_their_digest() -> None:
 
     folder = Path(kernels.evaluate.stats.cache_path)
     assert f"kernels-{present()}" in folder.parts
+
+
+def test_a_kernel_for_kernels_alone_says_so() -> None:
+    """There is no code in it that takes Python's objects: to run it would end the process."""
+    from imapper_prob.models.kernels.body import set_footprint
+
+    with pytest.raises(TypeError, match="set_footprint is for other kernels"):
+        set_footprint(np.zeros(8), np.zeros(4), np.zeros(8))

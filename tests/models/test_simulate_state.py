@@ -49,6 +49,7 @@ def apart(problem: Problem, state: State, index: int) -> float:
     return float(np.angle(np.exp(1j * state.placements[index, 2]) / mean))
 
 
+@cache
 def onwards(axis: int, frames: int) -> tuple[np.ndarray, float]:
     """Weights of the last two errors in one so many frames later, and what it deviates by.
 

@@ -111,10 +111,10 @@ def scores(
 ) -> dict[str, float]:
     """How many standard errors each quantity has changed by, on average over pairs."""
     given = given or poor_data()
+    source = given if drawn_with is None else replace(given, detections=drawn_with)
     differences: dict[str, list[float]] = {}
     for rng in np.random.default_rng(seed).spawn(n_pairs):
         state = draw_state(rng, given.problem)
-        source = given if drawn_with is None else replace(given, detections=drawn_with)
         seen = replace(source.observed(rng, state), detections=given.detections)
         problem = seen.problem
         mixture = change(scene_moves(setup(problem, fitted=fitted)))
