@@ -95,7 +95,8 @@ def evaluate_paper(
     problem, camera, items, placements, sizes, latent, joints
         See :func:`imapper_prob.models.compiled.evaluate`.
     by_frame : (T, 4) float
-        Out: reprojection, occlusion, smoothness and motion of each frame, unweighted.
+        Out: reprojection, occlusion, smoothness and motion of each frame, unweighted; no
+        occlusion where that has no weight.
 
     Returns
     -------
@@ -110,15 +111,17 @@ def evaluate_paper(
         return terms
     boxes, turns, owner, yaws = place_boxes(problem, camera, items, placements, sizes)
     by_frame[:] = 0.0
+    nats = problem.paper_nats
     _reprojection(problem, camera, joints, by_frame[:, 0])
-    _occlusion(problem, camera, joints, boxes, turns, by_frame[:, 1])
+    if nats[1] > 0.0:
+        _occlusion(problem, camera, joints, boxes, turns, by_frame[:, 1])
     _smoothness(problem, joints, by_frame[:, 2])
     for t in range(len(joints)):
         by_frame[t, 3] = depth_of_motion(joints, t, boxes, turns)
-    nats = problem.paper_nats
     for t in range(len(joints)):
         for i in range(3):
             terms[4 + i] -= nats[i] * by_frame[t, i]
         terms[8] -= nats[4] * by_frame[t, 3]
-    terms[7] = -nats[3] * overlaps(boxes, turns, owner, yaws, problem.merge_angle)
+    if nats[3] > 0.0:
+        terms[7] = -nats[3] * overlaps(boxes, turns, owner, yaws, problem.merge_angle)
     return terms

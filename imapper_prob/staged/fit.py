@@ -2,7 +2,8 @@
 
 The paper's first stage (Monszpart et al. 2019, section 5): the placement of one scenelet
 that best reprojects onto the detections of one window, nothing else considered. Here by
-batched Gauss-Newton on bearing, log depth and yaw with Student-t weights, from four yaws.
+batched Gauss-Newton on bearing, log depth and yaw with Student-t weights, from four yaws; or,
+with the published energy, with squared residuals times confidence, its L_r.
 """
 
 from __future__ import annotations
@@ -33,6 +34,10 @@ clip where all 1,814 at once take 8)."""
 
 _SYMMETRIC: Final = [[0, 1, 2], [1, 3, 4], [2, 4, 5]]
 """Where the upper triangle's entries stand in a symmetric matrix."""
+
+
+_USUAL_ERROR: Final = 15 / 1955
+"""Of a detection in normalised image coordinates: 15 px at i3DB's focal length."""
 
 
 @dataclass(frozen=True)
@@ -67,7 +72,8 @@ class Fits:
         x, y in metres, yaw in radians.
     cost : (W, L) float
         Negative log-likelihood per confident joint, nats; infinite where the scenelet does
-        not fit into the clip or nothing was detected.
+        not fit into the clip or nothing was detected. With the published energy L_r over the
+        sum of confidences, in units of twice the square of a detection's usual error.
     """
 
     centres: Ints
@@ -105,19 +111,23 @@ def _fit_windows(
     n_frames = problem.n_frames
     centres = np.arange(0, n_frames, max(1, round(settings.stride * fps)))
     lengths = problem.lengths
-    screening = _Fitter(problem, settings.screening_frame_step)
-    fitting = _Fitter(problem, settings.frame_step)
+    fitter = _SquaredFitter if problem.of_paper else _Fitter
+    screening = fitter(problem, settings.screening_frame_step)
+    fitting = fitter(problem, settings.frame_step)
     world = static_world(problem, path)
     placements = np.zeros((len(centres), len(lengths), 3))
     cost = np.full((len(centres), len(lengths)), np.inf)
     for w, centre in enumerate(centres.tolist()):
         starts = centre - lengths // 2
         inside = (starts >= 0) & (starts + lengths <= n_frames)
-        if not inside.any() or not problem.used[starts[inside].min() : centre + 1].any():
-            continue
         pelvis = world[centre, 6]
         yaw = float(np.median(np.unwrap(facing(world[max(0, centre - 2) : centre + 3]))))
         index = np.flatnonzero(inside)
+        if not inside.any() or not problem.used[starts[inside].min() : centre + 1].any():
+            if problem.of_paper:
+                # Nothing but the path says where it is; its smoothness is judged later.
+                placements[w, index] = *pelvis[:2], yaw
+            continue
         # Local pelvis at the centre is at the origin: the placement starts below the path's.
         depth = max(pelvis[1], 0.3)
         theta = np.tile([pelvis[0] / depth, np.log(depth), yaw], (4, len(index), 1))
@@ -187,7 +197,7 @@ class _Fitter:
         """
         problem = self.problem
         frames = np.clip(centre + self.offsets, 0, problem.n_frames - 1)
-        confident = problem.used[frames] * problem.confidence_density[frames].argmax(-1)
+        confident = problem.used[frames] * self._confidence(frames)
         weight = torch.from_numpy(confident.astype(np.float32))[None] * self.present[index, :, None]
         target = torch.from_numpy(self.keypoints[frames].astype(np.float32))
         scale = torch.from_numpy(problem.error_scale[frames, :, 1].astype(np.float32))
@@ -228,10 +238,7 @@ class _Fitter:
         up = -sp * y + cp * lz
         du = problem.cx + fx * x / depth - target[..., 0]
         dv = problem.cy - fy * up / depth - target[..., 1]
-        variance = scale**2 + (fx * problem.pose_tolerance / depth) ** 2
-        squared = (du**2 + dv**2) / variance
-        cost = ((dof / 2 + 1) * (squared / dof).log1p() + variance.log()) * weight
-        irls = weight * (dof + 2) / (dof + squared) / variance
+        cost, irls = self._loss(du, dv, fx / depth, scale, dof, weight)
         gradient, normal = [], []
         # Movement of (x, y) on the floor with bearing, log depth and yaw.
         moves = ((distance, 0.0), (bearing * distance, distance), (-turned_y, turned_x))
@@ -250,3 +257,31 @@ class _Fitter:
         step = torch.linalg.solve(matrix, torch.stack(gradient, -1))
         limit = torch.tensor([0.1, 0.3, 0.6])
         return theta - step.clamp(-limit, limit), cost.sum((-1, -2))
+
+    def _confidence(self, frames: Ints) -> Array:
+        """(F, 16) weight of the detections of some frames."""
+        sure: Array = self.problem.confidence_density[frames].argmax(-1)
+        return sure
+
+    def _loss(
+        self, du: Tensor, dv: Tensor, metre: Tensor, scale: Tensor, dof: Tensor, weight: Tensor
+    ) -> tuple[Tensor, Tensor]:
+        """Cost of residuals in pixels, and their weights; a ``metre`` there is so many pixels."""
+        variance = scale**2 + (metre * self.problem.pose_tolerance) ** 2
+        squared = (du**2 + dv**2) / variance
+        cost = ((dof / 2 + 1) * (squared / dof).log1p() + variance.log()) * weight
+        return cost, weight * (dof + 2) / (dof + squared) / variance
+
+
+class _SquaredFitter(_Fitter):
+    """Of the published energy: L_r = sum c |Pi q - u|^2 over the frames compared."""
+
+    def _confidence(self, frames: Ints) -> Array:
+        return self.problem.confidences[frames]
+
+    def _loss(
+        self, du: Tensor, dv: Tensor, metre: Tensor, scale: Tensor, dof: Tensor, weight: Tensor
+    ) -> tuple[Tensor, Tensor]:
+        del metre, scale, dof
+        unit = _USUAL_ERROR * self.problem.fx
+        return weight * (du**2 + dv**2) / (2 * unit**2), weight / unit**2
