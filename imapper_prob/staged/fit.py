@@ -238,7 +238,7 @@ class _Fitter:
         up = -sp * y + cp * lz
         du = problem.cx + fx * x / depth - target[..., 0]
         dv = problem.cy - fy * up / depth - target[..., 1]
-        cost, irls = self._loss(du, dv, fx / depth, scale, dof, weight)
+        cost, irls = self._loss(du, dv, depth, scale, dof, weight)
         gradient, normal = [], []
         # Movement of (x, y) on the floor with bearing, log depth and yaw.
         moves = ((distance, 0.0), (bearing * distance, distance), (-turned_y, turned_x))
@@ -264,10 +264,11 @@ class _Fitter:
         return sure
 
     def _loss(
-        self, du: Tensor, dv: Tensor, metre: Tensor, scale: Tensor, dof: Tensor, weight: Tensor
+        self, du: Tensor, dv: Tensor, depth: Tensor, scale: Tensor, dof: Tensor, weight: Tensor
     ) -> tuple[Tensor, Tensor]:
-        """Cost of residuals in pixels, and their weights; a ``metre`` there is so many pixels."""
-        variance = scale**2 + (metre * self.problem.pose_tolerance) ** 2
+        """Cost of residuals in pixels at a depth in metres, and their weights."""
+        fx = self.problem.fx * self.focal
+        variance = scale**2 + (fx * self.problem.pose_tolerance / depth) ** 2
         squared = (du**2 + dv**2) / variance
         cost = ((dof / 2 + 1) * (squared / dof).log1p() + variance.log()) * weight
         return cost, weight * (dof + 2) / (dof + squared) / variance
@@ -280,8 +281,8 @@ class _SquaredFitter(_Fitter):
         return self.problem.confidences[frames]
 
     def _loss(
-        self, du: Tensor, dv: Tensor, metre: Tensor, scale: Tensor, dof: Tensor, weight: Tensor
+        self, du: Tensor, dv: Tensor, depth: Tensor, scale: Tensor, dof: Tensor, weight: Tensor
     ) -> tuple[Tensor, Tensor]:
-        del metre, scale, dof
+        del depth, scale, dof
         unit = _USUAL_ERROR * self.problem.fx
         return weight * (du**2 + dv**2) / (2 * unit**2), weight / unit**2
