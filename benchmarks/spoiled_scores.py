@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.spoilings import SPOILINGS, Spoiled
-from imapper_prob.api import sample, solve
+from imapper_prob.api import sample
 from imapper_prob.config import Config, SampleSettings
 from imapper_prob.evaluate.baselines import static_path
 from imapper_prob.evaluate.draws import Draws, draws_of
@@ -32,6 +32,7 @@ from imapper_prob.inputs import load_clip
 from imapper_prob.models.scene import Clip
 from imapper_prob.models.skeleton import SCORED
 from imapper_prob.scenelets.library import load_library
+from imapper_prob.staged.actors import solve_actors
 
 __all__ = ["UNSPOILED", "Task", "at_times", "score_task", "spoil"]
 
@@ -103,7 +104,7 @@ def _sampled(clip: Clip, truth: TruthInView, affected: Flags, steps: int) -> dic
     """The static path, the answer of least expected loss, its furniture, and the regions."""
     config = Config(sample=settings(steps))
     library = load_library(config.library)
-    solution = solve(clip, library, config=config)
+    (solution,) = solve_actors(clip, library, settings=config.settings)
     posterior = sample(clip, library, start=solution, config=config)
     joints = solution.path.joints
     path = Prediction("static path", joints, clip.camera.project_camera(joints), ())

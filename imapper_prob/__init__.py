@@ -21,6 +21,7 @@ _HOMES = {
     "Library": "imapper_prob.models.scenelet",
     "Posterior": "imapper_prob.results.posterior",
     "Solution": "imapper_prob.staged.solver",
+    "Solved": "imapper_prob.results.solved",
     "demo_clip": "imapper_prob.demo",
     "load_clip": "imapper_prob.api",
     "load_library": "imapper_prob.scenelets.library",

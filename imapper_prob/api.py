@@ -16,13 +16,13 @@ from imapper_prob.lifting import lift_clip
 from imapper_prob.models.scene import Clip
 from imapper_prob.models.scenelet import Library
 from imapper_prob.results.posterior import Posterior
+from imapper_prob.results.solved import Solved, solved
 from imapper_prob.sampling.cast import cast_of
 from imapper_prob.sampling.cluster import Cluster
 from imapper_prob.sampling.sample import sample_scenes
 from imapper_prob.scenelets.library import load_library
 from imapper_prob.staged.actors import solve_actors
 from imapper_prob.staged.solver import Solution
-from imapper_prob.staged.solver import solve as solve_staged
 
 __all__ = ["load_clip", "sample", "solve"]
 
@@ -52,31 +52,39 @@ def solve(
     library: Library | None = None,
     *,
     config: Config | None = None,
+    scenes: int = 5,
     progress: Progress | None = None,
-) -> Solution:
-    """The best scene and diverse alternatives, by the deterministic staged solver.
+) -> Solved:
+    """The best scenes of a clip with everybody in it, by the deterministic staged solver.
 
     Parameters
     ----------
     clip : Clip
-        What was seen, see `load_clip`; of several people the first is solved.
+        What was seen, see `load_clip`.
     library : Library, optional
         What people do near furniture, see `load_library`; the built-in one if not given.
     config : Config, optional
+    scenes : int
+        How many, of which no two have the same scenelet at nearby times.
     progress : callable, optional
         Called with the name of a stage and the part of it that is done.
+
+    Returns
+    -------
+    Solved
+        ``scenes``, the best first, and by person (``actors``) what the solver found on the way.
     """
     settings = config.settings if config is not None else None
-    first = clip if len(clip.tracks) == 1 else replace(clip, tracks=clip.tracks[:1])
     known = load_library() if library is None else library
-    return solve_staged(first, known, settings=settings, progress=progress)
+    actors = solve_actors(clip, known, settings=settings, progress=progress)
+    return solved(clip, actors, count=scenes)
 
 
 def sample(
     clip: Clip,
     library: Library | None = None,
     *,
-    start: Solution | Sequence[Solution] | None = None,
+    start: Solved | Solution | Sequence[Solution] | None = None,
     rng: int | None = None,
     chains: int | None = None,
     workers: int = 1,
@@ -91,8 +99,9 @@ def sample(
     ----------
     clip, library
         See `solve`.
-    start : Solution or sequence of Solution, optional
-        Where to start from, by actor; all of them are solved first if not given.
+    start : Solved, Solution or sequence of Solution, optional
+        Where to start from: what `solve` returns, or the solutions by actor. All actors are
+        solved first if not given.
     rng : int, optional
         Seed; all randomness comes from it. That of ``config`` if not given.
     chains : int, optional
@@ -118,10 +127,12 @@ def sample(
     if start is None:
         known = load_library() if library is None else library
         solutions = solve_actors(clip, known, settings=config.settings, progress=progress)
+    elif isinstance(start, Solved):
+        solutions = start.actors
     else:
         solutions = (start,) if isinstance(start, Solution) else tuple(start)
     source = solutions[0] if len(solutions) == 1 else cast_of(solutions)
-    solved = time.perf_counter()
+    ready = time.perf_counter()
     samples = sample_scenes(
         source,
         config.sample,
@@ -131,5 +142,5 @@ def sample(
         checkpoints=None if checkpoints is None else Path(checkpoints),
         progress=progress,
     )
-    seconds = {"solving": solved - begun, "sampling": time.perf_counter() - solved}
+    seconds = {"solving": ready - begun, "sampling": time.perf_counter() - ready}
     return Posterior(source, samples, config, seconds=seconds)

@@ -4,7 +4,7 @@
                 - w_r L_r - w_o L_o - w_s L_s - w_c L_c - w_m L_m
 
 with the priors of :mod:`imapper_prob.models.compiled`, and the terms of
-:mod:`imapper_prob.models.energy.paper`, which says what they are.
+:mod:`imapper_prob.models.energy.paper`, which says what they are. L_r and L_s are here.
 """
 
 from __future__ import annotations
@@ -14,14 +14,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from imapper_prob.models.energy.paper import occlusion_cost
+from imapper_prob.models.energy.paper_intersection import depth_of_motion, overlaps
+from imapper_prob.models.energy.paper_occlusion import hidden_distance, occlusion_cost
 from imapper_prob.models.jit import compiled, inner
-from imapper_prob.models.kernels.room import (
-    collision_depths,
-    find_clearances,
-    find_footprints,
-    motion_depths,
-)
 from imapper_prob.models.kernels.world import place_boxes, weigh_priors
 from imapper_prob.models.limits import NEAREST
 from imapper_prob.models.problem import Problem
@@ -42,8 +37,8 @@ _DETECTED = np.array(DETECTED)
 
 
 @inner
-def _reproject(problem: Problem, camera: Array, joints: Array, by_frame: Array) -> None:
-    """c |Pi q - u|^2 over the joints of each frame, normalised image coordinates."""
+def _reprojection(problem: Problem, camera: Array, joints: Array, by_frame: Array) -> None:
+    """L_r: c |Pi q - u|^2 over the joints of each frame, normalised image coordinates."""
     cp, sp, elevation = math.cos(camera[0]), math.sin(camera[0]), camera[1]
     cr, sr, focal = math.cos(camera[4]), math.sin(camera[4]), math.exp(camera[2])
     for t in range(len(joints)):
@@ -55,7 +50,31 @@ def _reproject(problem: Problem, camera: Array, joints: Array, by_frame: Array) 
             du = u - (problem.keypoints[t, j, 0] - problem.cx) / problem.fx
             dv = v - (problem.keypoints[t, j, 1] - problem.cy) / problem.fy
             if problem.used[t, j]:
-                by_frame[t, 0] += problem.confidences[t, j] * (du * du + dv * dv)
+                by_frame[t] += problem.confidences[t, j] * (du * du + dv * dv)
+
+
+@inner
+def _occlusion(
+    problem: Problem, camera: Array, joints: Array, boxes: Array, turns: Array, by_frame: Array
+) -> None:
+    """L_o: F(v, c) over the joints of each frame. What a detector lost has c = 0."""
+    room = np.empty(9)
+    for t in range(len(joints)):
+        for j in _DETECTED:
+            confidence = problem.confidences[t, j] if problem.used[t, j] else 0.0
+            if confidence < 0.5:
+                x, y, z = joints[t, 0, j], joints[t, 1, j], joints[t, 2, j]
+                distance = hidden_distance(camera[1], x, y, z, boxes, turns, room)
+                by_frame[t] += occlusion_cost(distance, confidence)
+
+
+@inner
+def _smoothness(problem: Problem, joints: Array, by_frame: Array) -> None:
+    """L_s: |p_t - p_(t-1)|^2 of the pelvis, square metres."""
+    for t in range(1, len(joints)):
+        if not problem.path_starts[t]:
+            for axis in range(3):
+                by_frame[t] += (joints[t, axis, PELV] - joints[t - 1, axis, PELV]) ** 2
 
 
 @compiled
@@ -76,7 +95,8 @@ def evaluate_paper(
     problem, camera, items, placements, sizes, latent, joints
         See :func:`imapper_prob.models.compiled.evaluate`.
     by_frame : (T, 4) float
-        Out: reprojection, occlusion, smoothness and motion of each frame, unweighted.
+        Out: reprojection, occlusion, smoothness and motion of each frame, unweighted; no
+        occlusion where that has no weight.
 
     Returns
     -------
@@ -90,26 +110,18 @@ def evaluate_paper(
     ) or problem.likelihood == 0.0:  # fmt: skip
         return terms
     boxes, turns, owner, yaws = place_boxes(problem, camera, items, placements, sizes)
-    footprints = find_footprints(boxes, turns)
-    gaps = find_clearances(camera[1], joints, boxes, turns)
-    depths = motion_depths(len(items), item_of, joints, boxes, turns, footprints, owner)
     by_frame[:] = 0.0
-    _reproject(problem, camera, joints, by_frame)
-    for t in range(len(joints)):
-        for j in _DETECTED:
-            # What a detector lost counts as unsure.
-            confidence = problem.confidences[t, j] if problem.used[t, j] else 0.0
-            by_frame[t, 1] += occlusion_cost(gaps[t, j], confidence)
-        for c in range(3):
-            if not problem.path_starts[t]:
-                by_frame[t, 2] += (joints[t, c, PELV] - joints[t - 1, c, PELV]) ** 2
-        for i in range(len(items)):
-            by_frame[t, 3] += depths[i, t]
     nats = problem.paper_nats
+    _reprojection(problem, camera, joints, by_frame[:, 0])
+    if nats[1] > 0.0:
+        _occlusion(problem, camera, joints, boxes, turns, by_frame[:, 1])
+    _smoothness(problem, joints, by_frame[:, 2])
+    for t in range(len(joints)):
+        by_frame[t, 3] = depth_of_motion(joints, t, boxes, turns)
     for t in range(len(joints)):
         for i in range(3):
             terms[4 + i] -= nats[i] * by_frame[t, i]
         terms[8] -= nats[4] * by_frame[t, 3]
-    overlaps = collision_depths(problem, len(items), boxes, turns, footprints, owner, yaws)
-    terms[7] = -nats[3] * overlaps.sum()
+    if nats[3] > 0.0:
+        terms[7] = -nats[3] * overlaps(boxes, turns, owner, yaws, problem.merge_angle)
     return terms

@@ -106,8 +106,8 @@ class ModelSettings:
     paper_nats : float
         Nats a unit of the published energy, which comes without any. 700 would make a joint
         15 px off (the scale of i3DB's errors, at its focal length of 1955) cost what a normal
-        error of that size does, .5 would make a hidden one speak as loudly as in the default
-        energy: no number does both, and this is between them.
+        error of that size does, .3 would make a joint that is lost and a metre in the open speak
+        as loudly as in the default energy: no number does both, and this is between them.
     """
 
     frame_weight: float = from_data("scores.repeat_time", _share)

@@ -42,6 +42,13 @@ def clip_parser(*, files: bool = True) -> argparse.ArgumentParser:
         add("--size", type=size_of, metavar="WxH", help="of the image in pixels")
         add("--people", type=int, metavar="N", help="actors, where files do not say")
         add("--marks", type=Path, metavar="FILE", help="who is who in some frames, JSON")
+        choices = ("default", "paper")
+        add(
+            "--tracker",
+            choices=choices,
+            default="default",
+            help="costs by which people are told apart",
+        )
     return parser
 
 
@@ -70,6 +77,7 @@ def clip_options(options: argparse.Namespace) -> ClipOptions:
         confidence=options.confidence_map,
         people=getattr(options, "people", None),
         marks=None if marks is None else read_marks(marks),
+        tracker=getattr(options, "tracker", "default"),
     )
 
 

@@ -63,6 +63,18 @@ def add_evaluate_command(
         metavar="DIR",
         help="prediction files of other methods, one folder a scene",
     )
+    suite.add_argument(
+        "--detections",
+        type=Path,
+        metavar="DIR",
+        help="COCO results of region detectors (NAME.json), one folder a scene",
+    )
+    suite.add_argument(
+        "--depths",
+        type=Path,
+        metavar="DIR",
+        help="depth maps of monocular estimators (NAME.npz), one folder a scene",
+    )
     suite.add_argument("--workers", type=int, default=os.cpu_count() or 1, help="processes")
     suite.add_argument("--cluster", metavar="ADDRESS", help="workers of a dask scheduler instead")
     command.set_defaults(execute=_evaluate)

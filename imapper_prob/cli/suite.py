@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from imapper_prob.cli.progress import progress_bars
 from imapper_prob.config import Config, read_config
@@ -26,6 +27,13 @@ from imapper_prob.evaluate.posterior_score import (
 from imapper_prob.evaluate.prediction import Prediction
 from imapper_prob.evaluate.prediction_file import read_prediction
 from imapper_prob.evaluate.provenance import made_by
+from imapper_prob.evaluate.published import OnClip
+from imapper_prob.evaluate.regions import (
+    count_detected,
+    depth_errors,
+    read_depths,
+    read_regions,
+)
 from imapper_prob.evaluate.report import Exploration, benchmark_page, write_page
 from imapper_prob.evaluate.scenes import KnownScene, known_scene, scenes_with_truth
 from imapper_prob.evaluate.suite import (
@@ -55,6 +63,8 @@ class SuiteResult:
         Names of methods.
     figures : dict of str to Figure
         By the name of their file.
+    clips : dict of str to OnClip
+        For the paper's tables.
     explored : list of Exploration
     """
 
@@ -63,6 +73,7 @@ class SuiteResult:
     theirs: list[str]
     figures: dict[str, Figure]
     explored: list[Exploration]
+    clips: dict[str, OnClip]
 
     def write_page(self, folder: Path, command: str) -> None:
         """Write ``benchmark.md`` beside the figures."""
@@ -71,6 +82,7 @@ class SuiteResult:
             ours=self.ours,
             theirs=self.theirs,
             made_by=made_by(command),
+            clips=self.clips,
             explored=self.explored,
             pictures=list(self.figures),
         )
@@ -100,7 +112,7 @@ def run_suite(options: argparse.Namespace) -> SuiteResult:
         ):
             raise InputError("interrupted: what there is was kept, the same command goes on")
     known = {scene.name: known_scene(scene) for scene in scenes}
-    return _scored(tasks, known, parts, options.predictions)
+    return _scored(tasks, known, parts, options)
 
 
 @contextmanager
@@ -119,7 +131,7 @@ def _scored(
     tasks: Sequence[Task],
     known: dict[str, KnownScene],
     parts: Sequence[float],
-    predictions: Path | None,
+    options: argparse.Namespace,
 ) -> SuiteResult:
     explored = []
     for part in parts:
@@ -133,14 +145,41 @@ def _scored(
     # The last part is the whole: others have results for that alone.
     ours = list(dict.fromkeys(p.name for _, found in answers for p in found))
     whole = [
-        (truth, (*found, *_others(known[truth.name], predictions))) for truth, found in answers
+        (truth, (*found, *_others(known[truth.name], options.predictions)))
+        for truth, found in answers
     ]
     evaluation = evaluate(whole, posteriors)
     figures = {f"{truth.name}.png": top_view_figure(truth, found) for truth, found in whole}
     if posteriors:
         figures["coverage.png"] = coverage_figure(posteriors)
     theirs = [name for name in evaluation.scores if name not in ours]
-    return SuiteResult(evaluation, ours, theirs, figures, explored if len(parts) > 1 else [])
+    clips = {
+        truth.name: OnClip(
+            truth,
+            {name: s for name, found in evaluation.scores.items() for s in found
+             if s.clip == truth.name},
+            *_in_the_image(known[truth.name], options),
+        )
+        for truth, _ in whole
+    }  # fmt: skip
+    explored = explored if len(parts) > 1 else []
+    return SuiteResult(evaluation, ours, theirs, figures, explored, clips)
+
+
+def _in_the_image(
+    known: KnownScene, options: argparse.Namespace
+) -> tuple[dict[str, int], dict[str, NDArray[np.float64]]]:
+    """What region detectors and depth estimators left in files, one folder a scene."""
+    camera, name = known.clip.camera, known.clip.name
+    regions, depths = {}, {}
+    if options.detections is not None:
+        for path in sorted((options.detections / name).glob("*.json")):
+            found = read_regions(path, known.clip)
+            regions[path.stem] = count_detected(found, known.truth, camera)
+    if options.depths is not None:
+        for path in sorted((options.depths / name).glob("*.npz")):
+            depths[path.stem] = depth_errors(read_depths(path, known.clip), known.truth, camera)
+    return regions, depths
 
 
 def _answers(

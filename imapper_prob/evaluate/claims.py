@@ -58,7 +58,8 @@ class Claim:
         best = min(alike, key=lambda m: float(np.linalg.norm(m.centre - middle)))
         x, y = middle - best.centre
         moved = translate(best.hull, float(x), float(y))
-        return Outline(best.label, middle, best.yaw, best.has_front, moved)
+        corners = best.corners + np.array([x, y, 0.0])
+        return Outline(best.label, middle, best.yaw, best.has_front, moved, corners)
 
 
 def claims_of(posterior: Posterior) -> tuple[Claim, ...]:

@@ -59,9 +59,11 @@ class Evaluation:
         ]
 
     def differences(self, ours: Iterable[str], theirs: Iterable[str]) -> list[Difference]:
-        """Each of our methods less each of theirs, object by object."""
+        """Each of our methods less each of theirs that claims furniture, object by object."""
         rng = np.random.default_rng(_BOOTSTRAP_SEED)
-        others = [name for name in theirs if name in self.scores]
+        others = [
+            name for name in theirs if any(s.objects.predicted for s in self.scores.get(name, []))
+        ]
         return [
             paired_difference(self.scores[one], self.scores[other], rng)
             for one in ours

@@ -50,6 +50,11 @@ class Pair:
     yaw: float
 
     @property
+    def apart(self) -> float:
+        """Between centres in space, metres."""
+        return float(np.linalg.norm(self.truth.middle - self.found.middle))
+
+    @property
     def near(self) -> bool:
         """Whether this counts as found."""
         return self.distance < FOUND

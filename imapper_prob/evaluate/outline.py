@@ -53,6 +53,8 @@ class Outline:
         Whether front and back can be told apart; otherwise ``yaw`` is known up to half a turn.
     hull : shapely.Polygon
         Convex outline of all boxes, metres.
+    corners : (N, 3) float
+        Of all boxes, camera axes, metres.
     """
 
     label: str
@@ -60,11 +62,18 @@ class Outline:
     yaw: float
     has_front: bool
     hull: Polygon
+    corners: Array
 
     @property
     def group(self) -> str:
         """What it may be taken for."""
         return GROUPS.get(self.label, self.label)
+
+    @property
+    def middle(self) -> Array:
+        """(3,) centre in space: that in top view, and half the height, metres."""
+        low, high = self.corners[:, 2].min(), self.corners[:, 2].max()
+        return np.array([*self.centre, (low + high) / 2])
 
     @classmethod
     def of_corners(
@@ -83,10 +92,11 @@ class Outline:
             front, at a right angle to it, does not depend on the tilt.
         has_front : bool
         """
-        points = np.asarray(corners, float)[:, :2]
+        whole = np.asarray(corners, float)
+        points = whole[:, :2]
         right = np.asarray(sideways, float)[:2]
         length = np.linalg.norm(right)
-        if not np.isfinite(points).all() or not length > 0:
+        if not np.isfinite(whole).all() or not length > 0:
             raise InputError(f"{label}: corners must be finite and its sideways axis level")
         right = right / length
         front = np.array([-right[1], right[0]])
@@ -94,7 +104,7 @@ class Outline:
         along = points @ axes.T
         centre = (along.min(0) + along.max(0)) / 2 @ axes
         yaw = float(np.arctan2(-front[0], front[1]))
-        return cls(label, centre, yaw, has_front, convex_hull(MultiPoint(points)))
+        return cls(label, centre, yaw, has_front, convex_hull(MultiPoint(points)), whole)
 
 
 def box_corners(centre: ArrayLike, axes: ArrayLike, size: ArrayLike) -> Array:

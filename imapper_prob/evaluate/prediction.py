@@ -12,10 +12,12 @@ from imapper_prob.models.posterior import State, state_camera
 from imapper_prob.models.scene import Scene
 from imapper_prob.results.limbs import limbs_of
 from imapper_prob.results.selected import selected_objects
+from imapper_prob.results.solved import Solved
 from imapper_prob.results.stored_input import Source
 
 __all__ = [
-    "Prediction", "between_frames", "prediction_of_scene", "prediction_of_state",
+    "Prediction", "between_frames", "prediction_of_scene", "prediction_of_solved",
+    "prediction_of_state",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
@@ -85,3 +87,13 @@ def prediction_of_state(source: Source, state: State, *, name: str) -> Predictio
     joints = limbs_of(source.problem, state, camera).joints
     objects = selected_objects(source.problem, source.library, state)
     return prediction_of_scene(Scene(camera, objects, joints, (), 0.0), name=name)
+
+
+def prediction_of_solved(solved: Solved, *, name: str) -> Prediction:
+    """The staged solver's best scene: everybody's furniture, and the motion of the first actor.
+
+    Of several people in a clip the truth knows one, the first.
+    """
+    best = solved.scenes[0]
+    scene = Scene(best.camera, best.objects, best.motions[0], (), best.log_posterior)
+    return prediction_of_scene(scene, name=name)

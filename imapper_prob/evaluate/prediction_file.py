@@ -27,7 +27,6 @@ from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
-from shapely import get_coordinates
 
 from imapper_prob.evaluate.outline import Outline
 from imapper_prob.evaluate.prediction import Prediction, between_frames
@@ -151,11 +150,9 @@ def _frames(values: Array, clip: Clip) -> dict[str, Any]:
 
 
 def _from_outline(item: Outline) -> dict[str, Any]:
-    """Top view is all that an outline has: its points lie in the plane of the optical axis."""
-    corners = get_coordinates(item.hull)
     return {
         "label": item.label,
-        "points": [[x, y, 0.0] for x, y in corners.tolist()],
+        "points": item.corners.tolist(),
         "sideways": [float(np.cos(item.yaw)), float(np.sin(item.yaw)), 0.0],
         "has_front": item.has_front,
     }

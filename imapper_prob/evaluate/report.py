@@ -10,11 +10,11 @@ from imapper_prob.evaluate.evaluation import Evaluation, posterior_coverage
 from imapper_prob.evaluate.pose import SUBSETS
 from imapper_prob.evaluate.posterior_score import LIKELY
 from imapper_prob.evaluate.published import (
-    WITHOUT_OUTPUT,
+    OnClip,
     published_object_rows,
     published_pose_rows,
 )
-from imapper_prob.evaluate.score import Summary, summarise
+from imapper_prob.evaluate.score import Summary
 from imapper_prob.evaluate.tables import (
     Rows,
     coverage_rows,
@@ -83,6 +83,7 @@ def benchmark_page(
     ours: Sequence[str],
     theirs: Sequence[str],
     made_by: Mapping[str, str],
+    clips: Mapping[str, OnClip],
     explored: Sequence[Exploration] = (),
     pictures: Sequence[str] = (),
 ) -> str:
@@ -95,16 +96,13 @@ def benchmark_page(
         Names of methods, whose differences are taken.
     made_by : mapping
         Program, commit and command.
+    clips : mapping of str to OnClip
+        By the name of the clip, for the paper's tables.
     explored : sequence of Exploration
         Shorter clips.
     pictures : sequence of str
         Paths of figures, as the page sees them.
     """
-    names = list(evaluation.scores)
-    missing = [name for name in WITHOUT_OUTPUT if name not in names]
-    width = len(object_rows([])[0])
-    none = [(name, "no public output", *("–",) * (width - 2)) for name in missing]
-    authors = {s.clip: summarise([s]) for s in evaluation.scores.get(AUTHORS, [])}
     first = [s for name in ours for s in evaluation.scores[name]]
     sections = [
         "# Benchmark\n",
@@ -114,7 +112,7 @@ def benchmark_page(
         "solved and sampled with constants that were estimated without it "
         "([calibration](calibration.md)).\n",
         "## Furniture\n",
-        markdown_table([*object_rows(evaluation.summaries), *none]),
+        markdown_table(object_rows(evaluation.summaries)),
         "\nScene by scene:\n",
         markdown_table(object_rows(evaluation.one_by_one)),
         "\n## Joints\n",
@@ -139,16 +137,19 @@ def benchmark_page(
         ]
     if explored:
         sections += ["\n## The longer the clip\n", markdown_table(exploration_rows(explored))]
-    if authors:
-        sections += [
-            "\n## The paper's tables\n",
-            "Published numbers beside the authors' public files under our code. Objects (table "
-            "1): no scene is reproduced by the public files, so the two columns are not to be "
-            "compared with each other.\n",
-            markdown_table(published_object_rows(authors)),
-            "\nPoses (table 2), world cm / local cm / pixels:\n",
-            markdown_table(published_pose_rows(authors)),
-        ]
+    sections += [
+        "\n## The paper's tables\n",
+        "Every printed figure; behind a slash, and in columns of their own, what this program says "
+        "of the clips at hand. Objects (table 1), mean (standard deviation). The paper's distance "
+        "of centroids can be read in top view or in space; no scene of it is reproduced by the "
+        "authors' public files either way, so the printed column is not to be compared with the "
+        "others. Mask-RCNN and MonoDepth are filled in from files (`--detections`, `--depths`).\n",
+        markdown_table(published_object_rows(clips, ours, AUTHORS)),
+        "\nPoses (table 2), world cm / local cm / pixels, frames with three hidden joints or more. "
+        "The lifter's file is the input that the authors published, put into the world by them "
+        "frame by frame.\n",
+        markdown_table(published_pose_rows(clips, ours, AUTHORS)),
+    ]
     sections += ["\n## Objects one by one\n", markdown_table(pair_rows(first))]
     sections += [f"\n![{Path(name).stem}]({name})" for name in pictures]
     return "\n".join(sections) + "\n"

@@ -51,9 +51,10 @@ def known_scene(path: str | Path) -> KnownScene:
         raise InputError(f"{path}: has no gt/, so nobody knows its truth; name another scene")
     truth = read_truth_in_view(path, clip)
     published = (read_authors(path, clip),) if (path / "iMapper").is_dir() else ()
-    paths = (read_input_path(path, clip), static_path(clip))
+    lifted = read_input_path(path, clip)
+    paths = (lifted, static_path(clip))
     return KnownScene(
-        clip, truth, (*published, *(couch_where_sat(p, truth.actions) for p in paths))
+        clip, truth, (*published, lifted, *(couch_where_sat(p, truth.actions) for p in paths))
     )
 
 

@@ -15,7 +15,7 @@ from typing import Final
 from imapper_prob.api import sample
 from imapper_prob.config import Config, to_toml
 from imapper_prob.evaluate.parts import first_part
-from imapper_prob.evaluate.prediction import Prediction, prediction_of_state
+from imapper_prob.evaluate.prediction import Prediction, prediction_of_solved
 from imapper_prob.evaluate.prediction_file import read_prediction, write_prediction
 from imapper_prob.evaluate.provenance import commit
 from imapper_prob.evaluate.solution_folder import SOLVER
@@ -29,10 +29,11 @@ from imapper_prob.models.scenelet import Library
 from imapper_prob.output import CHECKPOINTS, write_run
 from imapper_prob.results.load import load_posterior
 from imapper_prob.results.posterior import Posterior
+from imapper_prob.results.solved import solved as put_together
 from imapper_prob.sampling.cluster import Cluster
 from imapper_prob.scenelets.build import build_library_from
 from imapper_prob.scenelets.library import joined, load_library
-from imapper_prob.staged.solver import solve
+from imapper_prob.staged.actors import solve_actors
 
 __all__ = [
     "Task", "library_of", "prepare_suite", "sample_all", "sampled", "solve_all",
@@ -212,8 +213,8 @@ def sampled(tasks: Sequence[Task]) -> Iterator[tuple[Task, Posterior]]:
 
 def _solve(task: Task) -> None:
     clip = task.clip
-    solution = solve(clip, library_of(task), settings=task.config.settings)
-    prediction = prediction_of_state(solution, solution.states[0], name=SOLVER)
+    actors = solve_actors(clip, library_of(task), settings=task.config.settings)
+    prediction = prediction_of_solved(put_together(clip, actors, count=1), name=SOLVER)
     task.output.mkdir(parents=True, exist_ok=True)
     write_prediction(task.solution, prediction, clip)
 

@@ -55,7 +55,7 @@ def assemble(sightings: Sightings, options: ClipOptions) -> Clip:
     first, last = sightings.span
     if sightings.poses is not None and sightings.along_ray:
         sightings = replace(sightings, poses=_turned_back(camera, keypoints, sightings.poses))
-    rows = _rows_of_tracks(sightings, keypoints, confidences, options)
+    rows = _rows_of_tracks(sightings, keypoints, confidences, options, size)
     if sightings.missing:
         _log.info("%s: these files never have %s", name, ", ".join(sightings.missing))
     return Clip(
@@ -126,14 +126,25 @@ def _turned_back(camera: Camera, keypoints: Array, poses: Array) -> Array:
 
 
 def _rows_of_tracks(
-    sightings: Sightings, keypoints: Array, confidences: Array, options: ClipOptions
+    sightings: Sightings,
+    keypoints: Array,
+    confidences: Array,
+    options: ClipOptions,
+    size: tuple[int, int],
 ) -> dict[str, NDArray[np.intp]]:
     """The rows of each track by its name, in order of frames."""
+    half_diagonal = float(np.hypot(*size)) / 2 if options.tracker == "paper" else None
     if options.marks is not None:
-        return _marked(sightings, keypoints, confidences, options.marks)
+        return _marked(sightings, keypoints, confidences, options.marks, half_diagonal)
     if sightings.identities:
         return _named(sightings, options.people)
-    actors = associate(sightings.frames, keypoints, confidences, people=options.people)
+    actors = associate(
+        sightings.frames,
+        keypoints,
+        confidences,
+        people=options.people,
+        half_diagonal=half_diagonal,
+    )
     if len(actors) == 1:
         return {sightings.name: actors[0]}
     return {f"{sightings.name}-{a}": rows for a, rows in enumerate(actors)}
@@ -148,13 +159,22 @@ def _named(sightings: Sightings, people: int | None) -> dict[str, NDArray[np.int
 
 
 def _marked(
-    sightings: Sightings, keypoints: Array, confidences: Array, marks: Marks
+    sightings: Sightings,
+    keypoints: Array,
+    confidences: Array,
+    marks: Marks,
+    half_diagonal: float | None,
 ) -> dict[str, NDArray[np.intp]]:
     """As the user says, and what follows from that."""
     try:
         rows = rows_of_marks(marks, sightings.frames, keypoints)
         actors = associate(
-            sightings.frames, keypoints, confidences, people=len(marks.actors), marks=rows
+            sightings.frames,
+            keypoints,
+            confidences,
+            people=len(marks.actors),
+            marks=rows,
+            half_diagonal=half_diagonal,
         )
     except InputError as error:
         raise InputError(f"{sightings.name}: {error}") from error

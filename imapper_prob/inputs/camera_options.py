@@ -113,6 +113,8 @@ class ClipOptions:
         How many actors there are, where the files do not tell them apart.
     marks : Marks, optional
         Who is who in some frames. Track numbers of the files are then forgotten.
+    tracker : str
+        By what costs people are told apart: ``"default"``, or ``"paper"`` for the printed ones.
     """
 
     format: str | None = None
@@ -126,8 +128,11 @@ class ClipOptions:
     confidence: str | None = None
     people: int | None = None
     marks: Marks | None = None
+    tracker: str = "default"
 
     def __post_init__(self) -> None:
+        if self.tracker not in ("default", "paper"):
+            raise InputError(f"tracker {self.tracker!r} must be default or paper")
         for name in ("focal", "height", "fps"):
             value = getattr(self, name)
             if value is not None and not (np.isfinite(value) and value > 0):

@@ -14,6 +14,7 @@ from imapper_prob.inputs.joints_in_space import is_joints, read_joints, read_trc
 from imapper_prob.inputs.json_fields import load_json
 from imapper_prob.inputs.mediapipe_landmarks import is_mediapipe, read_mediapipe
 from imapper_prob.inputs.openpose import ORDERS, is_openpose, read_openpose
+from imapper_prob.inputs.proposals import is_proposals, read_proposals
 from imapper_prob.inputs.result_lists import SETS, is_result_list, read_result_list
 from imapper_prob.inputs.sightings import Sightings
 from imapper_prob.inputs.trc import MAGIC
@@ -32,6 +33,7 @@ FORMATS: Final = (
     "openpose",
     "results",
     "mediapipe",
+    "proposals",
 )
 """Names that ``--format`` takes; ``openpose`` and ``results`` leave the joint order open."""
 
@@ -58,8 +60,8 @@ def format_of(path: Path) -> str:
             return found
     raise InputError(
         f"{path}: not a known clip; expected an i3DB scene folder (with {DETECTIONS}), a folder of "
-        "OpenPose files, a result list of MMPose or AlphaPose, a MediaPipe dump, a TRC file, or an "
-        ".npz file; see docs/inputs.md"
+        "OpenPose files, a result list of MMPose or AlphaPose, a MediaPipe dump, pose proposals, a "
+        "TRC file, or an .npz file; see docs/inputs.md"
     )
 
 
@@ -83,6 +85,8 @@ def _format_of_file(path: Path) -> str | None:
             return "results"
         if is_mediapipe(data):
             return "mediapipe"
+        if is_proposals(data):
+            return "proposals"
     return None
 
 
@@ -152,6 +156,8 @@ def _read(path: Path, form: str, options: ClipOptions) -> tuple[Sightings, ClipO
         return read_trc(path, options), options
     if form == "mediapipe":
         return read_mediapipe(path), options
+    if form == "proposals":
+        return read_proposals(path), options
     if form in ("openpose", *ORDERS):
         return read_openpose(path, order=None if form == "openpose" else form), options
     return read_result_list(path, keypoint_set=None if form == "results" else form), options

@@ -2,25 +2,34 @@
 
 A scenelet brings along all that stood near somebody who once moved like this: the couch they
 sat on, and a shelf beside it. The couch is what the motion tells of. The shelf may as well not
-be there, unless it hides what the detector does not see.
+be there, unless it hides what the detector does not see. With the published energy all of it
+stays, but of two that are compatible and in each other the one that costs more.
 """
 
 from __future__ import annotations
 
+from itertools import combinations
+
 import numpy as np
 from numpy.typing import NDArray
+from shapely import Polygon
 
+from imapper_prob.models.energy.paper import PaperWeights
+from imapper_prob.models.paper_energy import paper_energy
 from imapper_prob.models.posterior import State, log_posterior
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.scene import SceneObject
 from imapper_prob.models.scenelet import Library
 from imapper_prob.models.skeleton import LKNE, LWRI, PELV, RKNE, RWRI
+from imapper_prob.results.own_scenelets import of_scenelets
 from imapper_prob.sampling.layouts import placed_objects, representatives, same_objects
 
 __all__ = ["selected_objects", "used_objects"]
 
 Array = NDArray[np.float64]
 
+_NOWHERE = 1e6
+"""Metres from anybody."""
 _TOUCHING = [PELV, RKNE, LKNE, RWRI, LWRI]
 _REACH = 0.25
 """Metres between such a joint and an object that is used; joints lie inside the body."""
@@ -35,6 +44,8 @@ def selected_objects(problem: Problem, library: Library, state: State) -> tuple[
 
     In the state's world, objects that are one merged.
     """
+    if problem.of_paper:
+        return _published_selection(problem, library, state)
     placed = placed_objects(state, library)
     used = [flag for scenelet in state.items[:, 0] for flag in used_objects(problem, scenelet)]
     value = log_posterior(problem, state)
@@ -46,6 +57,40 @@ def selected_objects(problem: Problem, library: Library, state: State) -> tuple[
         if worth:
             kept += representatives(problem, state, placed, [group])
     return tuple(placed[k][1] for k in sorted(kept))
+
+
+def _published_selection(
+    problem: Problem, library: Library, state: State
+) -> tuple[SceneObject, ...]:
+    """Objects of all scenelets; of two alike in each other, the one with the scene of less energy.
+
+    For every pair of the same label and orientation whose footprints meet, the object goes that
+    leaves the scene of higher energy behind when the other goes (Monszpart et al. 2019, section 6).
+    """
+    placed = placed_objects(state, library)
+    own = of_scenelets(problem, state.items[:, 0])
+    items = np.stack([np.arange(state.n_scenelets), state.items[:, 1]], -1)
+    own_state = State(state.camera, items, state.placements, state.sizes, state.latent)
+    weights = PaperWeights(*problem.paper_nats.tolist())
+    left = list(range(len(placed)))
+
+    def energy(without: int) -> float:
+        gone = [k for k in range(len(placed)) if k not in left or k == without]
+        bare = _without(own, own_state, placed, gone)
+        return paper_energy(bare, own_state, weights=weights).total
+
+    for a, b in combinations(range(len(placed)), 2):
+        if a in left and b in left and _compatible(placed[a][1], placed[b][1], problem.merge_angle):
+            left.remove(a if energy(without=a) <= energy(without=b) else b)
+    return tuple(placed[k][1] for k in left)
+
+
+def _compatible(one: SceneObject, other: SceneObject, angle: float) -> bool:
+    """Whether two objects have the same label and orientation, and meet on the floor."""
+    turned = np.cos(one.placement.yaw - other.placement.yaw) <= np.cos(angle)
+    if one.label != other.label or turned:
+        return False
+    return bool(Polygon(one.footprint).intersects(Polygon(other.footprint)))
 
 
 def used_objects(problem: Problem, scenelet: int) -> list[bool]:
@@ -81,5 +126,8 @@ def _without(
         scenelet = state.items[index, 0]
         own = np.arange(*problem.box_first[scenelet : scenelet + 2])
         gone = own[problem.box_object[own] == k - first[index]]
-        boxes[gone, 2] = -1e3
+        if problem.of_paper:  # which asks where things are on the floor, not how high
+            boxes[gone, :2] = _NOWHERE
+        else:
+            boxes[gone, 2] = -1e3
     return problem._replace(boxes=boxes)

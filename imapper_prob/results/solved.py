@@ -81,7 +81,8 @@ class Solved:
     actors : tuple of Solution
         In the order of the tracks, in one world.
     scenes : tuple of SolvedScene
-        The best, then others of which no two have the same scenelet at nearby times.
+        The best, then others of which no two have the same scenelet at nearby times. By
+        log-posterior, or with the published energy by that, without the priors.
     """
 
     clip: Clip
@@ -103,7 +104,10 @@ def solved(clip: Clip, actors: Sequence[Solution], *, count: int = 5) -> Solved:
     # Polishing moves the camera, and several have to agree on it.
     finish = refine if len(actors) > 1 else _polished
     by_actor = [
-        diverse_scenes(
+        # The published method lists diverse scenes itself.
+        a.states[:count]
+        if a.problem.of_paper
+        else diverse_scenes(
             a.problem, a.candidates, a.curve, first, finish=finish, fps=clip.fps, count=count
         )
         for a, first in zip(actors, _best_together(actors), strict=True)
@@ -113,7 +117,8 @@ def solved(clip: Clip, actors: Sequence[Solution], *, count: int = 5) -> Solved:
         _scene(clip, actors, [states[min(rank, len(states) - 1)] for states in by_actor])
         for rank in ranks
     ]
-    scenes.sort(key=lambda scene: -scene.log_posterior)
+    if not actors[0].problem.of_paper:  # whose order is that of its energy, without any prior
+        scenes.sort(key=lambda scene: -scene.log_posterior)
     return Solved(clip, tuple(actors), tuple(scenes))
 
 

@@ -48,7 +48,9 @@ def solve_actors(
     own = [
         estimate_camera(
             own_detections(c),
-            estimate_static_path(c, settings=settings.path),
+            estimate_static_path(
+                c, settings=settings.path, published=settings.model.energy == "paper"
+            ),
             settings=settings.camera,
             detector=settings.detector,
         )

@@ -2,7 +2,8 @@
 
 The paper's first stage (Monszpart et al. 2019, section 5): the placement of one scenelet
 that best reprojects onto the detections of one window, nothing else considered. Here by
-batched Gauss-Newton on bearing, log depth and yaw with Student-t weights, from four yaws.
+batched Gauss-Newton on bearing, log depth and yaw with Student-t weights, from four yaws; or,
+with the published energy, with squared residuals times confidence, its L_r.
 """
 
 from __future__ import annotations
@@ -61,7 +62,8 @@ class Fits:
         x, y in metres, yaw in radians.
     cost : (W, L) float
         Negative log-likelihood per confident joint, nats; infinite where the scenelet does
-        not fit into the clip or nothing was detected.
+        not fit into the clip or nothing was detected. With the published energy L_r over the
+        sum of confidences, in units of twice the square of a detection's usual error.
     """
 
     centres: Ints
@@ -84,12 +86,13 @@ def fit_windows(
     Runs on one thread: a window is too small for more, and sums keep their order.
     """
     # Torch takes seconds to load, and who reads a run or samples has no use for it.
-    from imapper_prob.staged.window_fitter import WindowFitter, one_thread
+    from imapper_prob.staged.window_fitter import SquaredWindowFitter, WindowFitter, one_thread
 
     settings = settings or FitSettings()
     with one_thread():
-        screening = WindowFitter(problem, settings.screening_frame_step)
-        fitting = WindowFitter(problem, settings.frame_step)
+        fitter = SquaredWindowFitter if problem.of_paper else WindowFitter
+        screening = fitter(problem, settings.screening_frame_step)
+        fitting = fitter(problem, settings.frame_step)
         return _fit_windows(problem, path, fps, settings, screening, fitting, progress)
 
 
@@ -111,11 +114,14 @@ def _fit_windows(
     for w, centre in enumerate(centres.tolist()):
         starts = centre - lengths // 2
         inside = (starts >= 0) & (starts + lengths <= n_frames)
-        if not inside.any() or not problem.used[starts[inside].min() : centre + 1].any():
-            continue
         pelvis = world[centre, 6]
         yaw = float(np.median(np.unwrap(facing(world[max(0, centre - 2) : centre + 3]))))
         index = np.flatnonzero(inside)
+        if not inside.any() or not problem.used[starts[inside].min() : centre + 1].any():
+            if problem.of_paper:
+                # Nothing but the path says where it is; its smoothness is judged later.
+                placements[w, index] = *pelvis[:2], yaw
+            continue
         # Local pelvis at the centre is at the origin: the placement starts below the path's.
         depth = max(pelvis[1], 0.3)
         theta = np.tile([pelvis[0] / depth, np.log(depth), yaw], (4, len(index), 1))

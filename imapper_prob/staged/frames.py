@@ -22,6 +22,7 @@ class PoseSource(StrEnum):
     IMPLAUSIBLE = "implausible pose"
     CONTRADICTED = "bad pose"
     ELSEWHERE = "detector elsewhere"
+    FAST = "joints too fast"
 
 
 @dataclass(frozen=True)

@@ -88,9 +88,26 @@ class CharnessCurve:
 
 
 def charness_curve(
-    fits: Fits, charness: Array, *, fps: float, settings: MaximaSettings | None = None
+    fits: Fits,
+    charness: Array,
+    *,
+    fps: float,
+    settings: MaximaSettings | None = None,
+    bare: NDArray[np.bool_] | None = None,
 ) -> CharnessCurve:
-    """Charness of the best fits weighted by match quality, smoothed, maxima thinned out."""
+    """Charness of the best fits weighted by match quality, smoothed, maxima thinned out.
+
+    Parameters
+    ----------
+    fits : Fits
+    charness : (L,) float
+        Of the library's scenelets.
+    fps : float
+    settings : MaximaSettings, optional
+    bare : (T,) bool, optional
+        Frames without a static skeleton. Windows about these are maxima, too, whatever their
+        charness, where no maximum is near: the set T' of the paper. None if not given.
+    """
     settings = settings or MaximaSettings()
     known: NDArray[np.bool_] = np.any(np.isfinite(fits.cost), axis=1)
     raw = np.full(len(fits.centres), np.nan)
@@ -120,6 +137,14 @@ def charness_curve(
             dropped[w] = f"{settings.most} maxima are higher"
         else:
             chosen.append(w)
+    if bare is not None:
+        # Windows that are long enough for some scenelet, whether or not anything was detected.
+        forced = bare[fits.centres] & (fits.placements[..., 1] > 0).any(1)
+        for w in np.argsort(-values, kind="stable").tolist():
+            near = np.abs(fits.centres[w] - fits.centres[chosen]) < settings.apart * fps
+            if forced[w] and not near.any() and len(chosen) < settings.most:
+                chosen.append(w)
+                dropped.pop(w, None)
     peaks = tuple(
         Peak(w, float(values[w]), dropped.get(w, ""))
         for w in range(len(values))

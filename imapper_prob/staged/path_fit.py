@@ -35,6 +35,7 @@ __all__ = [
     "fit_motion",
     "length_terms",
     "pixel_residuals",
+    "solve_chain",
 ]
 
 Array = NDArray[np.float64]
@@ -235,7 +236,7 @@ def _cost(
     return settings.frame_weight(observations.fps) * data + prior
 
 
-def _solve_chain(information: Array, pull: Array, walk: Array) -> Array:
+def solve_chain(information: Array, pull: Array, walk: Array) -> Array:
     """Solve the block-tridiagonal normal equations whose off-diagonal blocks are -diag(walk)."""
     n_frames, n = pull.shape
     banded = np.zeros((n + 1, n_frames, n))
@@ -294,7 +295,7 @@ def fit_motion(
         # Keeps a clip with a joint or two solvable; far below what any detection weighs.
         diagonal = np.arange(pull.shape[1])
         information[:, diagonal, diagonal] += 1e-6
-        step = _solve_chain(information, pull, walk)
+        step = solve_chain(information, pull, walk)
 
         def cost(m: Motion, scale: float = scale) -> float:
             return _cost(observations, m, settings, pixel_scale=scale, free_bones=free_bones)

@@ -1,8 +1,9 @@
 """The staged solver: deterministic, from a clip to its best scene and alternatives.
 
 Static path and camera, independent fits, charness over time, candidates, combinations,
-refinement: the stages of the paper (Monszpart et al. 2019, section 5) in their order. The
-result stands by itself and is where the sampler starts.
+refinement: the stages of the paper (Monszpart et al. 2019, section 6) in their order. The
+result stands by itself and is where the sampler starts. With the published energy the stages are
+the paper's own (`paper_path`, `paper_method`).
 """
 
 from __future__ import annotations
@@ -30,7 +31,8 @@ from imapper_prob.staged.elsewhere import own_detections
 from imapper_prob.staged.fit import Fits, fit_windows
 from imapper_prob.staged.frames import FrameTable
 from imapper_prob.staged.free_poses import free_pose_cost
-from imapper_prob.staged.maxima import CharnessCurve, charness_curve
+from imapper_prob.staged.maxima import CharnessCurve, MaximaSettings, charness_curve
+from imapper_prob.staged.paper_method import combine_published, filter_published
 from imapper_prob.staged.resemblance import best_fits
 from imapper_prob.staged.shortlist import MaximumTable, shortlist
 from imapper_prob.staged.static_path import examine_frames
@@ -40,6 +42,8 @@ __all__ = ["Fitted", "Solution", "fit_clip", "solve", "solve_fitted"]
 
 Progress = Callable[[str, float], None]
 
+_PUBLISHED = MaximaSettings(most=5)
+"""The paper's clips have five maxima of charness at most."""
 _LEAST_CHARNESS = 0.01
 """Added to charness where it weighs scenelets: none is impossible beforehand."""
 
@@ -165,7 +169,8 @@ def fit_clip(
 ) -> Fitted:
     """The first stages: static path, camera, independent fits; parameters as of :func:`solve`."""
     settings = settings or Settings()
-    path, frames = examine_frames(clip, settings=settings.path)
+    published = settings.model.energy == "paper"
+    path, frames = examine_frames(clip, settings=settings.path, published=published)
     own = own_detections(clip)
     camera = camera or estimate_camera(
         own, path, settings=settings.camera, detector=settings.detector
@@ -200,9 +205,17 @@ def solve_fitted(
 ) -> Solution:
     """The stages after the fits: charness, candidates, combinations, refinement."""
     problem, fits = fitted.problem, fitted.fits
-    curve = charness_curve(fits, fitted.charness, fps=clip.fps)
     candidates = screen(problem, fits, progress=progress)
-    combinations = combine(problem, candidates, curve, progress=progress)
+    if problem.of_paper:
+        curve = charness_curve(
+            fits, fitted.charness, fps=clip.fps, settings=_PUBLISHED, bare=~fitted.path.posed
+        )
+        tables = filter_published(problem, fits, curve, progress=progress)
+        combinations = combine_published(problem, tables, fps=clip.fps, progress=progress)
+    else:
+        curve = charness_curve(fits, fitted.charness, fps=clip.fps)
+        combinations = combine(problem, candidates, curve, progress=progress)
+        tables = shortlist(problem, fits, candidates, curve, combinations.pool)
     return Solution(
         clip,
         library,
@@ -212,7 +225,7 @@ def solve_fitted(
         problem,
         curve,
         candidates,
-        shortlist(problem, fits, candidates, curve, combinations.pool),
+        tables,
         combinations,
         fitted.distances,
         fits,

@@ -24,6 +24,7 @@ from imapper_prob.staged.elsewhere import frames_elsewhere, own_detections
 from imapper_prob.staged.frames import FrameTable, PoseSource
 from imapper_prob.staged.gaps import through_gaps
 from imapper_prob.staged.lifted_poses import LiftedBody, lifted_body
+from imapper_prob.staged.paper_path import fast_frames, place_skeletons
 from imapper_prob.staged.path_fit import (
     Motion,
     Observations,
@@ -48,7 +49,11 @@ i3DB it is at most .02, of simulated clips .14."""
 
 
 def estimate_static_path(
-    clip: Clip, *, track: int = 0, settings: StaticPathSettings | None = None
+    clip: Clip,
+    *,
+    track: int = 0,
+    settings: StaticPathSettings | None = None,
+    published: bool = False,
 ) -> StaticPath:
     """Maximum a posteriori path and poses of one person, and how far off it may be.
 
@@ -66,6 +71,8 @@ def estimate_static_path(
     track : int
         Which person.
     settings : StaticPathSettings, optional
+    published : bool
+        Whether skeletons are placed as in the paper (:mod:`imapper_prob.staged.paper_path`).
 
     Returns
     -------
@@ -77,11 +84,15 @@ def estimate_static_path(
     InputError
         If the person is detected in no frame, or no body has the joints that are detected.
     """
-    return examine_frames(clip, track=track, settings=settings)[0]
+    return examine_frames(clip, track=track, settings=settings, published=published)[0]
 
 
 def examine_frames(
-    clip: Clip, *, track: int = 0, settings: StaticPathSettings | None = None
+    clip: Clip,
+    *,
+    track: int = 0,
+    settings: StaticPathSettings | None = None,
+    published: bool = False,
 ) -> tuple[StaticPath, FrameTable]:
     """The static path, and what became of each frame; parameters as above."""
     settings = settings or StaticPathSettings()
@@ -100,24 +111,30 @@ def examine_frames(
         return Observations(clip.camera, pixels, confidences, body, clip.fps)
 
     trusted = person.has_pose & ~person.interpolated & ~implausible_poses(person)
-    observations = observe(lifted_body(person, trusted))
-    motion = _place(observations, settings)
-    believed = trusted & ~_contradicted(observations, motion, settings)
-    if not np.array_equal(believed, trusted):
-        observations = observe(lifted_body(person, believed))
+    fast = fast_frames(pixels, confidences) if published else np.zeros(clip.n_frames, bool)
+    observations = observe(lifted_body(person, trusted & ~fast))
+    if published:
+        believed = observations.body.known
+        motion = place_skeletons(observations, _first_guess(observations))
+    else:
         motion = _place(observations, settings)
-    motion = fit_motion(observations, motion, settings, free_bones=True, annealing=(4.0, 2.0))
+        believed = trusted & ~_contradicted(observations, motion, settings)
+        if not np.array_equal(believed, trusted):
+            observations = observe(lifted_body(person, believed))
+            motion = _place(observations, settings)
+        motion = fit_motion(observations, motion, settings, free_bones=True, annealing=(4.0, 2.0))
     seen = np.asarray((confidences > 0).any(1))
     place, unknown = through_gaps(motion.place, seen, settings=settings, fps=clip.fps)
-    motion = replace(motion, place=place)
+    if not published:
+        motion = replace(motion, place=place)
     path = StaticPath(
-        estimate=place[:, [0, 2]],
-        lift=place[:, 1],
-        deviation=np.hypot(_bias(place[:, 2], settings), unknown),
+        estimate=motion.place[:, [0, 2]],
+        lift=motion.place[:, 1],
+        deviation=np.hypot(_bias(motion.place[:, 2], settings), unknown),
         poses=joints_of(motion.bones),
         posed=observations.body.known,
     )
-    frames = _frame_table(observations, motion, settings, person, believed, away)
+    frames = _frame_table(observations, motion, settings, person, believed, away, fast)
     _require_a_person(clip, person, observations, frames)
     return path, frames
 
@@ -151,10 +168,12 @@ def _frame_table(
     person: Track,
     believed: NDArray[np.bool_],
     away: NDArray[np.bool_],
+    fast: NDArray[np.bool_],
 ) -> FrameTable:
     """Why poses were not believed, and how far detections are from the fitted person."""
     pose = [PoseSource.OWN if own else PoseSource.CONTRADICTED for own in believed]
     for source, frames in (
+        (PoseSource.FAST, fast),
         (PoseSource.IMPLAUSIBLE, implausible_poses(person)),
         (PoseSource.INTERPOLATED, person.interpolated),
         (PoseSource.MISSING, ~person.has_pose),

@@ -1,6 +1,7 @@
 """All scenelets fitted to one window at once, by torch.
 
-Batched Gauss-Newton with Student-t weights, for :mod:`imapper_prob.staged.fit`.
+Batched Gauss-Newton with Student-t weights, or with the squared residuals of the published energy,
+for :mod:`imapper_prob.staged.fit`.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from torch import Tensor
 
 from imapper_prob.models.problem import Problem
 
-__all__ = ["WindowFitter", "one_thread"]
+__all__ = ["SquaredWindowFitter", "WindowFitter", "one_thread"]
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -28,6 +29,9 @@ clip where all 1,814 at once take 8)."""
 
 _SYMMETRIC: Final = [[0, 1, 2], [1, 3, 4], [2, 4, 5]]
 """Where the upper triangle's entries stand in a symmetric matrix."""
+
+_USUAL_ERROR: Final = 15 / 1955
+"""Of a detection in normalised image coordinates: 15 px at i3DB's focal length."""
 
 
 @contextmanager
@@ -89,7 +93,7 @@ class WindowFitter:
         """
         problem = self.problem
         frames = np.clip(centre + self.offsets, 0, problem.n_frames - 1)
-        confident = problem.used[frames] * problem.confidence_density[frames].argmax(-1)
+        confident = problem.used[frames] * self._confidence(frames)
         weight = torch.from_numpy(confident.astype(np.float32))[None] * self.present[index, :, None]
         target = torch.from_numpy(self.keypoints[frames].astype(np.float32))
         scale = torch.from_numpy(problem.error_scale[frames, :, 1].astype(np.float32))
@@ -130,10 +134,7 @@ class WindowFitter:
         up = -sp * y + cp * lz
         du = problem.cx + fx * x / depth - target[..., 0]
         dv = problem.cy - fy * up / depth - target[..., 1]
-        variance = scale**2 + (fx * problem.pose_tolerance / depth) ** 2
-        squared = (du**2 + dv**2) / variance
-        cost = ((dof / 2 + 1) * (squared / dof).log1p() + variance.log()) * weight
-        irls = weight * (dof + 2) / (dof + squared) / variance
+        cost, irls = self._loss(du, dv, depth, scale, dof, weight)
         gradient, normal = [], []
         # Movement of (x, y) on the floor with bearing, log depth and yaw.
         moves = ((distance, 0.0), (bearing * distance, distance), (-turned_y, turned_x))
@@ -152,3 +153,32 @@ class WindowFitter:
         step = torch.linalg.solve(matrix, torch.stack(gradient, -1))
         limit = torch.tensor([0.1, 0.3, 0.6])
         return theta - step.clamp(-limit, limit), cost.sum((-1, -2))
+
+    def _confidence(self, frames: Ints) -> Array:
+        """(F, 16) weight of the detections of some frames."""
+        sure: Array = self.problem.confidence_density[frames].argmax(-1)
+        return sure
+
+    def _loss(
+        self, du: Tensor, dv: Tensor, depth: Tensor, scale: Tensor, dof: Tensor, weight: Tensor
+    ) -> tuple[Tensor, Tensor]:
+        """Cost of residuals in pixels at a depth in metres, and their weights."""
+        fx = self.problem.fx * self.focal
+        variance = scale**2 + (fx * self.problem.pose_tolerance / depth) ** 2
+        squared = (du**2 + dv**2) / variance
+        cost = ((dof / 2 + 1) * (squared / dof).log1p() + variance.log()) * weight
+        return cost, weight * (dof + 2) / (dof + squared) / variance
+
+
+class SquaredWindowFitter(WindowFitter):
+    """Of the published energy: L_r = sum c |Pi q - u|^2 over the frames compared."""
+
+    def _confidence(self, frames: Ints) -> Array:
+        return self.problem.confidences[frames]
+
+    def _loss(
+        self, du: Tensor, dv: Tensor, depth: Tensor, scale: Tensor, dof: Tensor, weight: Tensor
+    ) -> tuple[Tensor, Tensor]:
+        del depth, scale, dof
+        unit = _USUAL_ERROR * self.problem.fx
+        return weight * (du**2 + dv**2) / (2 * unit**2), weight / unit**2

@@ -9,7 +9,8 @@ actors are chosen to minimise
     sum over skeletons (1 - c)  +  sum over successions d  +  ABSENT x frames without skeleton.
 
 An actor is a path through time, so this is a flow of least cost, and its optimum is found. A
-succession may leave out frames: whoever comes back is recognised by where they were.
+succession may leave out frames: whoever comes back is recognised by where they were. The costs that
+the paper prints are in :mod:`imapper_prob.tracking.paper_costs`.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from numpy.typing import NDArray
 from imapper_prob.models.errors import InputError
 from imapper_prob.tracking.distances import distances
 from imapper_prob.tracking.flow import Network, cheapest_paths
+from imapper_prob.tracking.paper_costs import published_network
 
 __all__ = ["ABSENT", "associate", "people_in"]
 
@@ -56,6 +58,7 @@ def associate(
     *,
     people: int | None = None,
     marks: Mapping[int, int] | None = None,
+    half_diagonal: float | None = None,
 ) -> list[Ints]:
     """The rows of each actor.
 
@@ -71,6 +74,9 @@ def associate(
         Number of actors; :func:`people_in` if not given, and not fewer than are marked.
     marks : mapping of int to int, optional
         Rows that are known to be of a certain actor.
+    half_diagonal : float, optional
+        Of the image, pixels. If given, costs are those that the paper prints
+        (:mod:`imapper_prob.tracking.paper_costs`).
 
     Returns
     -------
@@ -100,6 +106,7 @@ def associate(
         confidences[order],
         actors,
         {int(place[row]): actor for row, actor in marks.items()},
+        half_diagonal,
     )
     rows = [order[own] for own in found]
     if marks:
@@ -117,9 +124,24 @@ def _check(frames: Ints, marks: Mapping[int, int]) -> None:
 
 
 def _solve(
-    frames: Ints, keypoints: Array, confidences: Array, actors: int, marks: Mapping[int, int]
+    frames: Ints,
+    keypoints: Array,
+    confidences: Array,
+    actors: int,
+    marks: Mapping[int, int],
+    half_diagonal: float | None,
 ) -> list[Ints]:
     """Rows, sorted by frame, of each actor."""
+    network = (
+        _network(frames, keypoints, confidences)
+        if half_diagonal is None
+        else published_network(frames, keypoints, confidences, half_diagonal=half_diagonal)
+    )
+    return cheapest_paths(network, actors, passing=marks)
+
+
+def _network(frames: Ints, keypoints: Array, confidences: Array) -> Network:
+    """Our costs; rows are sorted by frame."""
     n, first, last = len(frames), frames[0], frames[-1]
     before, after = _links(frames)
     gap = frames[after] - frames[before]
@@ -146,8 +168,7 @@ def _solve(
         (np.array([begin]), np.array([end]), np.array([ABSENT * times])),
     ]
     tail, head, cost = (np.concatenate(part) for part in zip(*edges, strict=True))
-    network = Network(tail=tail, head=head, cost=cost, begin=int(begin), end=int(end), single=n)
-    return cheapest_paths(network, actors, passing=marks)
+    return Network(tail=tail, head=head, cost=cost, begin=int(begin), end=int(end), single=n)
 
 
 def _links(frames: Ints) -> tuple[Ints, Ints]:

@@ -135,15 +135,25 @@ def test_the_page_has_every_table(suite: Path, capsys: pytest.CaptureFixture[str
         made = json.loads((suite / scene.name / "solver.json").read_text())
         (others / scene.name / "depth.json").write_text(json.dumps(made | {"method": "VNect"}))
     arguments = ["evaluate", "--suite", str(CORPUS), "--solver-only", "-o", str(suite)]
-    assert main([*arguments, "--workers", "1", "--predictions", str(others)]) == 0
+    regions = suite.parent / "regions"
+    (regions / "Scene04").mkdir(parents=True)
+    # The whole picture is couch: of couch and table one is found.
+    seen = [
+        {"image_id": f, "category_id": 63, "bbox": [0, 0, 1920, 1080], "score": 0.9}
+        for f in range(1, 116)
+    ]
+    (regions / "Scene04" / "mask-rcnn.json").write_text(json.dumps(seen))
+    arguments += ["--detections", str(regions), "--predictions", str(others)]
+    assert main([*arguments, "--workers", "1"]) == 0
     assert "Differences object by object" in capsys.readouterr().out
     page = (suite / "benchmark.md").read_text()
     row = "| authors' output | 4 clips | 53 (27) | 46 | 56 | 15 of 17 | 6.9 | 9 | 18 | 19 | 0.27 |"
     assert row in page
     assert row.replace("authors' output", "VNect") in page
-    assert "| Tome3D | no public output |" in page
-    assert "| VNect | no public output |" not in page
-    assert "| Scene4 | Scene04 | 61.8 / 13.6 / 46.3 | 61.8 / 13.6 / 46.3 | yes |" in page
+    row = "| Scene4 | Scene04 | – / 25.1 / 91.6 | – / 20.7 / 104.1 | – | 61.8 / 13.6 / 46.3 |"
+    assert row in page
+    assert "| 61.8 / 13.6 / 46.3 | yes |" in page
+    assert "| Scene4 | Scene04 | 115 / 115 | 0.77 / 0.70 | 2 / 2 | 2 / 1 (mask-rcnn) |" in page
     assert "| authors' output | couch on static path |" not in page
     document = json.loads((suite / "evaluation.json").read_text())
     (authors,) = [m for m in document["methods"] if m["name"] == "VNect"]

@@ -1,0 +1,273 @@
+"""Candidates and combinations as the paper has them (Monszpart et al. 2019, section 6).
+
+At every window of T' – maxima of charness, and frames without a static skeleton – all fitted
+scenelets are put one at a time into the scene of static skeletons, and
+
+1. the 200 of least w_r L_r + w_s L_s are kept,
+2. placed anew with w_m L_m added,
+3. judged once by w_o L_o as well, and the best 3 are kept.
+
+One of the three at every window: all combinations, at most 3^5, are placed under the whole energy
+and sorted by it. Nothing here asks the priors, nor has a scenelet another size than the body.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import product
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize
+
+from imapper_prob.models.energy.paper import PaperWeights
+from imapper_prob.models.paper_energy import paper_energy
+from imapper_prob.models.posterior import State, empty_state
+from imapper_prob.models.problem import Problem
+from imapper_prob.staged.candidates import Candidate, assigned
+from imapper_prob.staged.combine import Combination, Combinations
+from imapper_prob.staged.fit import Fits
+from imapper_prob.staged.kinds import furniture_kinds
+from imapper_prob.staged.maxima import CharnessCurve
+from imapper_prob.staged.shortlist import Fate, MaximumTable, Shortlisted
+
+__all__ = ["PublishedSettings", "combine_published", "filter_published"]
+
+Array = NDArray[np.float64]
+Progress = Callable[[str, float], None]
+
+_UNITS: Final = np.array([0.02, 0.05, 0.15])
+"""Of bearing, log depth and yaw (rad): first steps of a search."""
+_STEP: Final = 0.01
+"""Of differences, in these units."""
+_NEARBY: Final = 1.6
+"""Seconds between the starts of what counts as nearby, about the length of a scenelet."""
+
+
+@dataclass(frozen=True)
+class PublishedSettings:
+    """Parameters
+    ----------
+    fitted : int
+        Scenelets kept a window by L_r and L_s alone.
+    kept : int
+        Of these, once L_m and L_o have spoken.
+    scenes : int
+        Scenes listed, the best first.
+    evaluations : int
+        Of the energy, to place one scenelet.
+    iterations : int
+        Of L-BFGS, to place all scenelets of a combination; as in the released command files.
+    """
+
+    fitted: int = 200
+    kept: int = 3
+    scenes: int = 5
+    evaluations: int = 60
+    iterations: int = 15
+
+
+def filter_published(
+    problem: Problem,
+    fits: Fits,
+    curve: CharnessCurve,
+    *,
+    settings: PublishedSettings | None = None,
+    progress: Progress | None = None,
+) -> tuple[MaximumTable, ...]:
+    """The three scenelets of every window of T', with what became of the others.
+
+    In order of time; ``fit`` of a row is what L_r and L_s lose by the scenelet before it is placed
+    anew, ``motion`` what L_m costs and placing it anew brings, ``occlusion`` what L_o gains: nats,
+    at ``Problem.paper_nats``. Rows of fate ``FIT`` would not have been kept by L_r and L_s either.
+    """
+    settings = settings or PublishedSettings()
+    tables = []
+    windows = sorted(curve.maxima.tolist())
+    for n, window in enumerate(windows):
+        tables.append(_filtered(problem, fits, window, settings))
+        if progress is not None:
+            progress("filtering candidates", (n + 1) / len(windows))
+    return tuple(tables)
+
+
+def _filtered(
+    problem: Problem, fits: Fits, window: int, settings: PublishedSettings
+) -> MaximumTable:
+    reprojected, walked, seen = (_weighted(problem, n) for n in (("L_r", "L_s"), _WALKED, _SEEN))
+    empty, kinds = empty_state(problem), furniture_kinds(problem)
+    bare = [_energy(p, empty) for p in (reprojected, walked, seen)]
+    found = []
+    for scenelet in np.flatnonzero(fits.placements[window, :, 1] > 0).tolist():
+        start = int(fits.centres[window]) - int(problem.lengths[scenelet]) // 2
+        state = empty.with_item(scenelet, start, fits.placements[window, scenelet])
+        value = _energy(reprojected, state)
+        if np.isfinite(value):
+            found.append((value, scenelet, state))
+    found.sort(key=lambda entry: entry[:2])
+    rows = []
+    for value, scenelet, state in found[: settings.fitted]:
+        placed = _placed_one(walked, state, settings.evaluations)
+        fit = bare[0] - value
+        motion = bare[1] - _energy(walked, placed) - fit
+        occlusion = bare[2] - _energy(seen, placed) - fit - motion
+        gain = fit + motion + occlusion
+        candidate = Candidate(
+            scenelet, int(placed.items[0, 1]), placed.placements[0], 0.0, gain, kinds[scenelet],
+            window,
+        )  # fmt: skip
+        rows.append(Shortlisted(candidate, fit, motion, occlusion, Fate.KEPT))
+    rows.sort(key=lambda row: -row.candidate.gain)
+    enough = rows[: settings.kept][-1].candidate.gain if rows else 0.0
+    judged = tuple(
+        Shortlisted(
+            row.candidate, row.fit, row.motion, row.occlusion,
+            Fate.KEPT if k < settings.kept else _fate(row, enough, rows, settings.kept),
+        )
+        for k, row in enumerate(rows)
+    )  # fmt: skip
+    return MaximumTable(window, len(found), judged)
+
+
+_WALKED: Final = ("L_r", "L_s", "L_m")
+_SEEN: Final = ("L_r", "L_s", "L_m", "L_o")
+_ORDER: Final = ("L_r", "L_o", "L_s", "L_c", "L_m")
+"""The terms, in the order of ``Problem.paper_nats``."""
+
+
+def _weighted(problem: Problem, names: Sequence[str]) -> Problem:
+    """The problem with some of the terms only."""
+    return problem._replace(paper_nats=problem.paper_nats * np.isin(_ORDER, names))
+
+
+def _energy(problem: Problem, state: State) -> float:
+    """Weighted terms of the energy, in nats; infinite where scenelets overlap or stick out."""
+    return paper_energy(problem, state, weights=PaperWeights(*problem.paper_nats.tolist())).total
+
+
+def _fate(row: Shortlisted, enough: float, rows: Sequence[Shortlisted], kept: int) -> Fate:
+    """After which of the three steps a scenelet was out of the first few."""
+    if sum(r.fit > row.fit for r in rows) >= kept and row.motion >= 0 and row.occlusion >= 0:
+        return Fate.FIT
+    missing = enough - row.candidate.gain
+    if -row.motion >= missing:
+        return Fate.MOTION
+    return Fate.OCCLUSION if -row.occlusion >= missing else Fate.FIT
+
+
+def _placed_one(problem: Problem, state: State, evaluations: int) -> State:
+    """The only scenelet where the energy is least, by Nelder and Mead."""
+    x, y, yaw = state.placements[0]
+    home = np.array([x / y, np.log(y), yaw])
+
+    def moved(theta: Array) -> State:
+        depth = np.exp(theta[1])
+        return state.with_placement(0, np.array([theta[0] * depth, depth, theta[2]]))
+
+    simplex = home + np.vstack([np.zeros(3), np.diag(_UNITS)])
+    found = minimize(
+        lambda theta: _energy(problem, moved(theta)),
+        home,
+        method="Nelder-Mead",
+        options={"maxfev": evaluations, "initial_simplex": simplex},
+    )
+    return moved(found.x)
+
+
+def combine_published(
+    problem: Problem,
+    tables: Sequence[MaximumTable],
+    *,
+    fps: float,
+    settings: PublishedSettings | None = None,
+    progress: Progress | None = None,
+) -> Combinations:
+    """All combinations of those kept, each placed under the whole energy.
+
+    Of members that overlap in time the one of the window with the better candidate stays, for a
+    frame has one scenelet at most.
+    """
+    settings = settings or PublishedSettings()
+    groups = [[row.candidate for row in table.rows if row.fate is Fate.KEPT] for table in tables]
+    groups = [group for group in groups if group]
+    pool = tuple(c for group in groups for c in group)
+    first = np.concatenate([[0], np.cumsum([len(group) for group in groups])]).astype(int)
+    chosen = {
+        _apart(problem, pool, [int(first[g]) + k for g, k in enumerate(ranks)])
+        for ranks in product(*(range(len(group)) for group in groups))
+    }
+    nothing = _energy(problem, empty_state(problem))
+    tried, states = [], {}
+    for n, members in enumerate(sorted(chosen)):
+        state = assigned(empty_state(problem), [pool[k] for k in members])
+        before = nothing - _energy(problem, state)
+        states[members] = _placed_all(problem, state, settings.iterations)
+        tried.append(Combination(members, before, nothing - _energy(problem, states[members])))
+        if progress is not None:
+            progress("combining", (n + 1) / len(chosen))
+    tried.sort(key=lambda c: (-c.gain, c.members))
+    ranked = [states[c.members] for c in tried]
+    best = _diverse(ranked, _NEARBY * fps, settings.scenes)
+    return Combinations(pool, tuple(tried), -np.inf, (), tuple(best))
+
+
+def _apart(problem: Problem, pool: Sequence[Candidate], members: list[int]) -> tuple[int, ...]:
+    """Members without those that overlap a better one, in order of time."""
+    taken: list[int] = []
+    for k in sorted(members, key=lambda k: -pool[k].gain):
+        begin, end = pool[k].start, pool[k].start + problem.lengths[pool[k].scenelet]
+        if all(
+            end <= pool[other].start
+            or begin >= pool[other].start + problem.lengths[pool[other].scenelet]
+            for other in taken
+        ):
+            taken.append(k)
+    return tuple(sorted(taken, key=lambda k: pool[k].start))
+
+
+def _placed_all(problem: Problem, state: State, iterations: int) -> State:
+    """All scenelets where the whole energy is least, by L-BFGS."""
+    if not state.n_scenelets:
+        return state
+    x, y, yaw = state.placements.T
+    home = np.stack([x / y, np.log(y), yaw], -1)
+
+    def scene(theta: Array) -> State:
+        bearing, log_depth, turn = (home + theta.reshape(-1, 3) * _UNITS).T
+        depth = np.exp(log_depth)
+        placements = np.stack([bearing * depth, depth, turn], -1)
+        return State(state.camera, state.items, placements, state.sizes, state.latent)
+
+    def cost(theta: Array) -> float:
+        return _energy(problem, scene(theta))
+
+    def slope(theta: Array) -> Array:
+        here = cost(theta)
+        slopes: Array = np.array([cost(theta + d) - here for d in _STEP * np.eye(len(theta))])
+        return slopes / _STEP
+
+    start = np.zeros(home.size)
+    found = minimize(cost, start, jac=slope, method="L-BFGS-B", options={"maxiter": iterations})
+    return scene(found.x) if found.fun < cost(start) else state
+
+
+def _diverse(ranked: Sequence[State], frames: float, count: int) -> list[State]:
+    """The best scene, then the best that share no scenelet at nearby times with those before.
+
+    Where there are no more such scenes, those that share fewest.
+    """
+    chosen: list[State] = list(ranked[:1])
+    left = list(ranked[1:])
+    while left and len(chosen) < count:
+        shared = [sum(_shared(state, other, frames) for other in chosen) for state in left]
+        chosen.append(left.pop(int(np.argmin(shared))))
+    return chosen
+
+
+def _shared(one: State, other: State, frames: float) -> int:
+    """Scenelets of one scene that are in the other at a nearby time."""
+    same = one.items[:, None, 0] == other.items[None, :, 0]
+    near = np.abs(one.items[:, None, 1] - other.items[None, :, 1]) < frames
+    return int((same & near).any(1).sum())
