@@ -222,10 +222,8 @@ def _to_scene(values: Mapping[str, Any], actors: _Actors) -> WeightedScene:
     )
     listed = np.array([o["position_covariance"] for o in entries], dtype=float)
     covariances = listed.reshape(len(entries), 2, 2)
-    if (
-        not (np.abs(covariances) < _LARGEST).all()
-        or (np.diagonal(covariances, axis1=1, axis2=2) < 0).any()
-    ):
+    variances = np.diagonal(covariances, axis1=1, axis2=2)
+    if (np.abs(covariances) > _LARGEST).any() or (variances < 0).any():
         raise InputError("position_covariance is no covariance")
     return WeightedScene(
         scene=scene,
