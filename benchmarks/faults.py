@@ -25,11 +25,13 @@ import time
 import traceback
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+
+from benchmarks.robustness_page import write_section
 
 __all__ = ["KINDS", "Tally", "compiler", "inject", "preload"]
 
@@ -39,6 +41,10 @@ _PATIENCE: Final = 300
 """Seconds until a run counts as hanging; the machine may be busy."""
 _SHIM: Final = "IMAPPER_PROB_FAULTS"
 """Environment variable with the path of the compiled ``faults.c``."""
+_CALLS: Final = {
+    "m": "folders made", "o": "files opened", "r": "renamings", "s": "flushes", "u": "removals",
+    "w": "writes",
+}  # fmt: skip
 _REFUSED, _UNEXPECTED = 3, 4
 """Exit codes of a run that ended in a sentence, and in a traceback."""
 
@@ -104,8 +110,7 @@ def inject(faults: int, base: Path) -> Tally:
         if resumed != "done" or found != sound:
             tally.wrong.append(f"{place}: gone on with: {resumed}, {_differences(found, sound)}")
         shutil.rmtree(folder, ignore_errors=True)
-        if sys.stderr.isatty() or case % 20 == 19:
-            print(f"{case + 1} faults, {len(tally.wrong)} wrong", file=sys.stderr, flush=True)
+        print(f"{case + 1} {place}: {ended}, {len(tally.wrong)} wrong", file=sys.stderr, flush=True)
     return tally
 
 
@@ -217,26 +222,34 @@ def _main(faults: int) -> None:
     if _SHIM in os.environ:
         with tempfile.TemporaryDirectory() as base:
             tally = inject(faults, Path(base))
-        report = replace(tally)
-        print(
-            json.dumps(
-                {
-                    "calls": report.calls,
-                    "outcomes": [[*key, n] for key, n in report.outcomes.items()],
-                    "wrong": report.wrong,
-                }
-            )
-        )
+        outcomes = [[*key, n] for key, n in tally.outcomes.items()]
+        print(json.dumps({"calls": tally.calls, "outcomes": outcomes, "wrong": tally.wrong}))
         return
     with tempfile.TemporaryDirectory() as folder:
         done = preload([str(faults)], Path(folder))
     told = json.loads(done.stdout.splitlines()[-1])
-    print(f"calls of an undisturbed run: {told['calls']}")
-    for kind, ended, count in sorted(told["outcomes"]):
-        print(f"{kind}: {ended}: {count}")
-    print(f"{faults} faults, {len(told['wrong'])} wrong")
     for case in told["wrong"]:
         print(case)
+    write_section("Faults of the disk", _section(faults, told))
+
+
+def _section(faults: int, told: dict[str, Any]) -> str:
+    rows = "\n".join(f"| {kind} | {ended} | {n} |" for kind, ended, n in sorted(told["outcomes"]))
+    calls = ", ".join(f"{n} {_CALLS[letter]}" for letter, n in sorted(told["calls"].items()))
+    return f"""`python -m benchmarks.faults {faults}` writes this section.
+
+An undisturbed small run changes files in its folder by {sum(told["calls"].values())} calls:
+{calls}. {faults} faults are spread evenly over them. After each the same run is started again
+without a fault, and must leave the draws, scenes and files of the undisturbed one, bit by bit.
+
+| fault | the run with it | cases |
+|---|---|---|
+{rows}
+
+{faults} faults, {len(told["wrong"])} of which ended otherwise than in a sentence or by the kill, or
+went on to something else. A refused call that is done without (a lock's name, a removal) lets the
+run end well.
+"""
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""How the readers take damaged and hostile inputs; writes ``docs/robustness.md``.
+"""How the readers take damaged and hostile inputs; writes a section of ``docs/robustness.md``.
 
 ``python -m benchmarks.robustness [INPUTS_A_KIND]``: for every reader and every kind of damage so
 many inputs, 200 if not given. Each must be read or refused with an `InputError`, within ten
@@ -29,11 +29,11 @@ import numpy as np
 
 from benchmarks.hostile_inputs import READERS, Damage, Reader, kinds_of
 from benchmarks.hostile_runs import RUN_READERS
+from benchmarks.robustness_page import write_section
 from imapper_prob.models.errors import InputError
 
 __all__ = ["Outcomes", "attack"]
 
-DOCUMENT: Final = Path(__file__).parents[1] / "docs" / "robustness.md"
 _INPUTS: Final = 200
 _SLOW: Final = frozenset({"a million frames", "hostile archive", "nested deeply"})
 """Kinds whose inputs are large: a tenth as many are tried."""
@@ -41,9 +41,7 @@ _PATIENCE: Final = 5
 """Seconds of processor time until an input counts as a hang."""
 _SILENCE: Final = 120.0
 """Seconds by the clock until a process counts as hanging that compiled code keeps."""
-_INTRODUCTION: Final = """# Damaged and hostile inputs
-
-Written by `python -m benchmarks.robustness {count}`; do not edit.
+_INTRODUCTION: Final = """`python -m benchmarks.robustness {count}` writes this section.
 
 Every reader is given sound inputs that were then damaged, drawn from fixed seeds. An input must be
 *read* (the damage was harmless) or *refused* with one sentence; anything else is a *fault*: a
@@ -241,25 +239,9 @@ def main() -> int:
         f"\n\n{counts.total()} inputs: {counts['read']} read, {counts['refused']} refused, "
         f"{counts['fault']} faults. No process took more than {peak:.0f} MB of memory.\n"
     )
-    DOCUMENT.write_text(text + _LIMITS, encoding="utf-8")
+    write_section("Damaged files", text)
     return os.EX_OK if not counts["fault"] else 1
 
-
-_LIMITS: Final = """
-## Limits
-
-| what | at most | why |
-|---|---|---|
-| a JSON or TRC file | 128 MB | an hour of one person at 30 frames a second |
-| an `.npz`, unpacked | 512 MB | a hundred times the longest clip |
-| frames of a clip | 36,000 | twenty minutes at 30 a second; more is a damaged number |
-| frames of a capture | 432,000 | an hour at 120 a second |
-| people in a frame | 64 | a crowd |
-| a video frame | 8,192 pixels a side | a damaged header |
-
-Archives are never unpickled and never unpacked to disk; their members' sizes and the shapes that
-arrays claim are looked at before anything is read.
-"""
 
 if __name__ == "__main__":
     sys.exit(main())

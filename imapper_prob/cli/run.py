@@ -207,6 +207,8 @@ def _show_run(options: argparse.Namespace) -> None:
 
     folder = options.folder
     scenes = read_scenes(folder / "scenes.json")
+    if not scenes:
+        raise InputError(f"{folder / 'scenes.json'}: holds no scene")
     attributes = read_attributes(folder / "posterior.nc")
     out = console()
     checks = from_json(str(attributes.get("checks", "[]")))

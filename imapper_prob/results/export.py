@@ -124,10 +124,7 @@ def read_scenes(path: str | os.PathLike[str]) -> tuple[WeightedScene, ...]:
         actors = _Actors(**document.get("actors", {}))
     except TypeError as error:
         raise InputError(f"{path}: actors: {error}") from error
-    scenes = _each(document.get("scenes"), lambda s: _to_scene(s, actors), f"{path}: scene")
-    if not scenes:
-        raise InputError(f"{path}: holds no scene")
-    return scenes
+    return _each(document.get("scenes"), lambda s: _to_scene(s, actors), f"{path}: scene")
 
 
 @dataclass(frozen=True)

@@ -160,7 +160,10 @@ def posterior_tree(
 
 
 def write_tree(path: Path, tree: xr.DataTree) -> None:
-    """Write the tree as netCDF, its numbers compressed without loss."""
+    """Write the tree as netCDF, its numbers compressed without loss.
+
+    It is made in memory: HDF5 does not say in one error what a disk refuses it.
+    """
     encoding = {
         group: {
             str(name): {"zlib": True, "shuffle": True, "complevel": 4}
@@ -169,7 +172,8 @@ def write_tree(path: Path, tree: xr.DataTree) -> None:
         }
         for group in tree.groups
     }
-    tree.to_netcdf(path, engine="h5netcdf", encoding=encoding)
+    content: Any = tree.to_netcdf(None, engine="h5netcdf", encoding=encoding)
+    path.write_bytes(content)
 
 
 def _labelled(variables: Mapping[str, Variable]) -> dict[str, Any]:
