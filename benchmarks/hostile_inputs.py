@@ -17,6 +17,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Final
 
+import h5py
 import numpy as np
 
 from imapper_prob.detect import detect
@@ -37,6 +38,7 @@ from tests.inputs.pigraphs_folder import PigraphsFolder
 __all__ = ["KINDS", "READERS", "Reader", "kinds_of"]
 
 Generator = np.random.Generator
+Damage = Callable[[bytes, Generator], bytes]
 
 _OPTIONS: Final = ClipOptions(size=bodies.SIZE, focal=1000.0, fps=25.0)
 _CAMERA: Final = CameraFile(
@@ -277,6 +279,9 @@ def _array_types(content: bytes, rng: Generator) -> bytes:
     arrays = _entries(content)
     key = str(rng.choice(list(arrays)))
     old = arrays[key]
+    if key == "values.json":  # of a checkpoint
+        arrays[key] = np.frombuffer(_types(old.tobytes(), rng), np.uint8)
+        return _saved(arrays)
     choices: list[Any] = [
         old.astype(np.str_), np.zeros(0), np.zeros((3, 3)), old[None], np.array("x"),
         old.ravel()[:1],
@@ -285,6 +290,87 @@ def _array_types(content: bytes, rng: Generator) -> bytes:
     ]  # fmt: skip
     arrays[key] = choices[rng.integers(len(choices))]
     return _saved(arrays)
+
+
+def _in_netcdf(change: Callable[[Any, list[str], Generator], None]) -> Damage:
+    """Something done to a variable of a netCDF file, drawn from all of them."""
+
+    def spoil(content: bytes, rng: Generator) -> bytes:
+        file = io.BytesIO(content)
+        with h5py.File(file, "r+") as tree:
+            names: list[str] = []
+            tree.visititems(
+                lambda name, item: names.append(name) if isinstance(item, h5py.Dataset) else None
+            )
+            change(tree, names, rng)
+        return file.getvalue()
+
+    return spoil
+
+
+def _put(tree: Any, name: str, values: Any) -> None:
+    """Another variable in the place of one, with its dimensions where they still fit."""
+    attributes = dict(tree[name].attrs)
+    del tree[name]
+    made = tree.create_dataset(name, data=values)
+    for key, value in attributes.items():
+        if key not in ("DIMENSION_LIST", "REFERENCE_LIST"):
+            made.attrs[key] = value
+
+
+def _netcdf_types(tree: Any, names: list[str], rng: Generator) -> None:
+    name = names[rng.integers(len(names))]
+    old = tree[name][()]
+    numeric = isinstance(old, np.ndarray) and old.dtype.kind in "fiu"
+    choices: list[Any] = [
+        np.zeros(0), np.zeros((3, 3)), b"x", 7,
+        old.astype(np.complex128) if numeric else np.zeros(2),
+        old[:-1] if isinstance(old, np.ndarray) and old.ndim else 3.0,
+        old[None] if isinstance(old, np.ndarray) else -1,
+    ]  # fmt: skip
+    if rng.random() < 0.2:
+        key = list(tree.attrs)[rng.integers(len(tree.attrs))]
+        tree.attrs[key] = ("x", "", 7, -1.5, "[{}]", [1, 2, 3], "[" * 5000)[rng.integers(7)]
+    else:
+        _put(tree, name, choices[rng.integers(len(choices))])
+
+
+def _netcdf_missing(tree: Any, names: list[str], rng: Generator) -> None:
+    if rng.random() < 0.2:
+        del tree.attrs[list(tree.attrs)[rng.integers(len(tree.attrs))]]
+    else:
+        del tree[names[rng.integers(len(names))]]
+
+
+def _netcdf_values(values: tuple[float, ...]) -> Callable[[Any, list[str], Generator], None]:
+    def change(tree: Any, names: list[str], rng: Generator) -> None:
+        while True:
+            name = names[rng.integers(len(names))]
+            old = tree[name]
+            if old.size and old.dtype.kind in "fiu" and "CLASS" not in old.attrs:
+                break
+        array = old[()] if old.ndim else np.array(old[()])
+        new = np.array(rng.choice(values))
+        if array.dtype.kind in "iu":
+            new = np.clip(np.nan_to_num(new), -(2.0**62), 2.0**62)
+        whole = rng.random() < 0.3
+        with np.errstate(all="ignore"):
+            if whole or array.ndim == 0:
+                array[...] = new.astype(array.dtype)
+            else:
+                array.reshape(-1)[rng.integers(array.size)] = new.astype(array.dtype)
+        old[...] = array
+
+    return change
+
+
+def _netcdf_order(tree: Any, names: list[str], rng: Generator) -> None:
+    while True:
+        name = names[rng.integers(len(names))]
+        old = tree[name]
+        if old.ndim and len(old) > 1 and "CLASS" not in old.attrs:
+            break
+    old[...] = old[()][rng.permutation(len(old))]
 
 
 def _array_missing(content: bytes, rng: Generator) -> bytes:
@@ -297,8 +383,14 @@ def _array_values(values: tuple[float, ...]) -> Callable[[bytes, Generator], byt
     def spoil(content: bytes, rng: Generator) -> bytes:
         arrays = _entries(content)
         key = str(rng.choice([k for k, v in arrays.items() if v.dtype.kind in "fiu" and v.size]))
-        array = arrays[key].astype(np.float64)
-        array.reshape(-1)[rng.integers(array.size)] = rng.choice(values)
+        if key == "values.json":  # of a checkpoint
+            spoiled = _number(_HUGE)(arrays[key].tobytes(), rng)
+            arrays[key] = np.frombuffer(spoiled, np.uint8)
+            return _saved(arrays)
+        array, new = arrays[key].astype(np.float64), rng.choice(values)
+        if arrays[key].dtype.kind in "iu" and np.isfinite(new):
+            array, new = arrays[key].astype(np.int64), np.clip(new, -(2**40), 2**40)
+        array.reshape(-1)[rng.integers(array.size)] = new
         arrays[key] = array
         return _saved(arrays)
 
@@ -307,7 +399,8 @@ def _array_values(values: tuple[float, ...]) -> Callable[[bytes, Generator], byt
 
 def _array_million(content: bytes, rng: Generator) -> bytes:
     arrays = _entries(content)
-    key = "joints" if "joints" in arrays else "frame_ids"
+    rows = [k for k, v in arrays.items() if v.ndim]
+    key = next((k for k in ("joints", "frame_ids") if k in arrays), rows[0])
     arrays[key] = np.zeros((1_000_000, *arrays[key].shape[1:]), np.float32)
     return _saved(arrays)
 
@@ -339,25 +432,30 @@ def _archive(content: bytes, rng: Generator) -> bytes:
     return file.getvalue()
 
 
-Damage = Callable[[bytes, Generator], bytes]
-
 KINDS: Final[dict[str, dict[str, Damage]]] = {
     "cut off": {"": _cut},
     "bytes changed": {"": _bytes},
-    "wrong types": {".json": _types, ".npz": _array_types},
-    "something missing": {".json": _missing, ".npz": _array_missing},
+    "wrong types": {".json": _types, ".npz": _array_types, ".nc": _in_netcdf(_netcdf_types)},
+    "something missing": {
+        ".json": _missing, ".npz": _array_missing, ".nc": _in_netcdf(_netcdf_missing),
+    },
     "not finite": {
         ".json": _number(_NOT_FINITE), ".trc": _number(("nan", "inf", "-inf")),
         ".toml": _number(("nan", "inf")), ".npz": _array_values((np.nan, np.inf, -np.inf)),
         ".txt": _number(("nan", "inf")),
+        ".nc": _in_netcdf(_netcdf_values((np.nan, np.inf, -np.inf))),
     },
     "huge": {
         ".json": _number(_HUGE), ".trc": _number(_HUGE), ".toml": _number(_HUGE),
         ".npz": _array_values((1e308, -1e300, 1e30)), ".txt": _number(_HUGE),
+        ".nc": _in_netcdf(_netcdf_values((1e9, 1e30, -1e9, -1e300, -1.0, 1e5))),
     },
     "nested deeply": {".json": _deep, ".toml": _deep},
     "nobody": {".json": _nobody},
-    "out of order": {".json": _order, ".trc": _order, ".toml": _order, ".txt": _order},
+    "out of order": {
+        ".json": _order, ".trc": _order, ".toml": _order, ".txt": _order,
+        ".nc": _in_netcdf(_netcdf_order),
+    },
     "a million frames": {".json": _million, ".trc": _million, ".npz": _array_million},
     "hostile archive": {".npz": _archive},
 }  # fmt: skip

@@ -91,6 +91,7 @@ def sample(
     cluster: Cluster | None = None,
     config: Config | None = None,
     checkpoints: str | Path | None = None,
+    anew: bool = False,
     progress: Progress | None = None,
 ) -> Posterior:
     """Sample scenes from the posterior of a clip, with everybody in it.
@@ -114,6 +115,8 @@ def sample(
     checkpoints : path, optional
         Folder in which the chains leave what they have every few seconds. The same call goes
         on from there after a kill, to the same draws. It stays when the run is done.
+    anew : bool
+        Delete checkpoints of another run, or damaged ones, instead of refusing them.
     progress : callable, optional
         See `solve`.
     """
@@ -140,6 +143,7 @@ def sample(
         workers=workers,
         cluster=cluster,
         checkpoints=None if checkpoints is None else Path(checkpoints),
+        anew=anew,
         progress=progress,
     )
     seconds = {"solving": ready - begun, "sampling": time.perf_counter() - ready}

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import tomllib
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from imapper_prob.models.energy.detections import DetectorSettings
 from imapper_prob.models.errors import InputError
@@ -18,6 +19,10 @@ from imapper_prob.models.settings import (
 )
 
 __all__ = ["Config", "SampleSettings", "from_toml", "read_config", "to_toml"]
+
+
+_LARGEST: Final = 2**63
+"""Of any setting: seeds of 63 bits."""
 
 
 @dataclass(frozen=True)
@@ -119,6 +124,16 @@ class Config:
     detector: DetectorSettings = field(default_factory=DetectorSettings)
     sample: SampleSettings = field(default_factory=SampleSettings)
 
+    def __post_init__(self) -> None:
+        if self.seed < 0:
+            raise InputError(f"seed = {self.seed} must not be negative")
+        try:
+            self.library.encode()
+        except UnicodeEncodeError as error:
+            raise InputError(
+                f"library {self.library}: its name is no UTF-8, and no file can say it; rename it"
+            ) from error
+
     @property
     def settings(self) -> Settings:
         """The constants of the model and of the stages before it."""
@@ -137,8 +152,8 @@ def to_toml(config: Config) -> str:
 
     def line(name: str, value: Any) -> str:
         if isinstance(value, str):
-            escaped = value.replace("\\", "\\\\").replace('"', '\\"')
-            return f'{name} = "{escaped}"'
+            # JSON escapes as TOML does, but for one character.
+            return f"{name} = {json.dumps(value, ensure_ascii=False)}".replace("\x7f", "\\u007f")
         if isinstance(value, tuple):
             return f"{name} = [{', '.join(map(repr, value))}]"
         return f"{name} = {str(value).lower() if isinstance(value, bool) else repr(value)}"
@@ -175,6 +190,8 @@ def _build(cls: type, values: dict[str, Any], where: str) -> Any:
             number or isinstance(value, type(wanted))
         ):
             raise InputError(f"{where}: {name} = {value!r} must be of type {type(wanted).__name__}")
+        if isinstance(value, int | float) and not abs(value) <= _LARGEST:
+            raise InputError(f"{where}: {name} = {value!r:.40} is too large to be true")
         arguments[name] = float(value) if number else value
     return cls(**arguments)
 
@@ -183,7 +200,7 @@ def _row(value: Any, what: str) -> tuple[float, ...]:
     numbers = isinstance(value, list) and all(
         isinstance(v, (int, float)) and not isinstance(v, bool) for v in value
     )
-    if not numbers:
+    if not numbers or not all(abs(v) <= _LARGEST for v in value):
         raise InputError(f"{what} = {value!r} must be a list of numbers")
     return tuple(float(v) for v in value)
 
@@ -216,7 +233,7 @@ def from_toml(text: str, *, where: str) -> Config:
     """
     try:
         values = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+    except (ValueError, RecursionError) as error:  # not only TOML: also numbers of 5,000 digits
         raise InputError(f"{where}: not a TOML file ({error})") from error
     config: Config = _build(Config, values, where)
     return config

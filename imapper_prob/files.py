@@ -1,16 +1,61 @@
-"""Files and folders that are there whole or not at all."""
+"""Files and folders that are there whole or not at all.
+
+A folder is published file by file, so that it may be a mount point, or lie on a network drive,
+and so that nothing of an earlier result goes before its successor lies beside it:
+
+1. all files are written into ``.partial`` inside the folder, each flushed to the disk;
+2. ``.partial/manifest.json``, their sizes and checksums, says that they are complete;
+3. each is renamed to its place, then what the earlier result had and this has not is removed;
+4. the manifest follows as the last file.
+
+A process that ends before 2 leaves the earlier result as it was. One that ends after it leaves
+files whose renaming the next one who holds the folder finishes.
+"""
 
 from __future__ import annotations
 
+import errno
+import getpass
+import hashlib
+import json
 import os
 import shutil
-from collections.abc import Iterator
-from contextlib import contextmanager
+import socket
+import time
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from fnmatch import fnmatchcase
 from pathlib import Path
+from typing import Any, Final
+from uuid import uuid4
 
 from imapper_prob.models.errors import InputError
+from imapper_prob.models.text import readable
 
-__all__ = ["folder_written_whole", "require_writable", "written_whole"]
+try:
+    import fcntl
+except ImportError:  # where the system has no such locks, nobody is kept out
+    fcntl = None  # type: ignore[assignment]
+
+__all__ = [
+    "folder_held", "folder_published", "is_hidden", "require_intact", "require_writable",
+    "written_whole",
+]  # fmt: skip
+
+_MANIFEST: Final = "manifest.json"
+_FORMAT: Final = "imapper-prob manifest 1"
+_STAGE: Final = ".partial"
+_LOCK: Final = ".lock"
+_LEFT_BY_A_KILL: Final = (".*.partial-*", ".problem-*")
+"""Patterns of temporary files, of :func:`written_whole` and of processes of chains."""
+_LONGEST_NAME: Final = 100
+"""Characters of a name that a temporary file keeps: file systems allow 255 bytes."""
+_NO_RENAME: Final = (errno.EXDEV, errno.EBUSY)
+"""Errors where a file is a mount point of its own: its content can be replaced, it cannot."""
+_NO_LOCKS: Final = (errno.ENOLCK, errno.ENOTSUP, errno.ENOSYS, errno.EINVAL)
+"""Errors of network drives that have no locks: nobody is kept out there."""
+_NO_FLUSH: Final = (errno.EINVAL, errno.ENOTSUP, errno.EACCES, errno.EBADF)
+"""Errors of file systems that cannot flush folders."""
 
 
 @contextmanager
@@ -18,49 +63,343 @@ def written_whole(path: Path) -> Iterator[Path]:
     """A path beside ``path`` to write to, renamed to it if nothing went wrong.
 
     Until then a file in the way stays as it was; afterwards nothing else is left. The name
-    ends as that of ``path`` does, for writers that go by it.
+    ends as that of ``path`` does, for writers that go by it. A manifest that lists the file is
+    brought up to date.
     """
-    beside = path.with_name(f".{path.stem}.partial-{os.getpid()}{path.suffix}")
+    stem = path.stem[:_LONGEST_NAME]
+    beside = path.with_name(f".{stem}.partial-{uuid4().hex}{path.suffix}")
     try:
         yield beside
-        os.replace(beside, path)
+        _flush(beside)
+        _replace(beside, path)
+        _flush_folder(path.parent)
     finally:
         beside.unlink(missing_ok=True)
+    _note(path)
 
 
 @contextmanager
-def folder_written_whole(folder: Path) -> Iterator[Path]:
-    """A new folder beside ``folder`` that takes its place if nothing went wrong.
+def folder_held(folder: Path) -> Iterator[Path]:
+    """Hold a folder, made if need be, so that no other process writes to it.
+
+    What a process left that was killed here is finished or cleaned. A folder that was made for
+    this and stayed empty is removed. Yields the folder with all links resolved.
 
     Raises
     ------
     InputError
-        If the disk refuses.
+        Another process holds it, or the disk refuses.
     """
-    folder = folder.resolve()  # a link stays, and what it points to is replaced
-    beside = folder.with_name(f".{folder.name}.partial-{os.getpid()}")
+    with _told(folder):
+        folder = _resolved(folder)
+        made = _make(folder)
     try:
-        beside.mkdir(parents=True)
-        yield beside
-        if folder.exists():
-            shutil.rmtree(folder)
-        os.replace(beside, folder)
-    except OSError as error:
-        raise InputError(f"{folder}: cannot be written ({error.strerror or error})") from error
+        with _told(folder):
+            descriptor = _lock(folder)
+        try:
+            with _told(folder):
+                _settle(folder)
+            yield folder
+        finally:
+            with suppress(OSError):
+                (folder / _LOCK).unlink(missing_ok=True)
+            os.close(descriptor)
     finally:
-        shutil.rmtree(beside, ignore_errors=True)
+        _unmake(made)
+
+
+@contextmanager
+def folder_published(folder: Path, *, names: Collection[str]) -> Iterator[Path]:
+    """A place inside ``folder`` to write to, whose files take theirs if nothing went wrong.
+
+    Parameters
+    ----------
+    folder : Path
+        Held by this process, see :func:`folder_held`, or not there yet.
+    names : collection of str
+        All that results of this kind may have in their folder: what the new one lacks of them
+        is removed once the new one is in place.
+
+    Raises
+    ------
+    InputError
+        If the disk refuses; the folder is as it was, or the next who holds it completes it.
+    """
+    with _told(folder):
+        folder = _resolved(folder)
+        made = _make(folder)
+        stage = folder / _STAGE
+        shutil.rmtree(stage, ignore_errors=True)
+        stage.mkdir()
+        try:
+            yield stage
+            files = {name: _entry(stage / name) for name in _files(stage)}
+            for name in files:
+                _flush(stage / name)
+            old = _stale(folder, files, names)
+            document = {"format": _FORMAT, "files": files, "stale": old}
+            with written_whole(stage / _MANIFEST) as beside:
+                beside.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
+        finally:
+            if not (stage / _MANIFEST).is_file():
+                shutil.rmtree(stage, ignore_errors=True)
+                _unmake(made)
+        _roll_forward(folder)
+
+
+def is_hidden(name: str) -> bool:
+    """Whether a name in a folder is of its keeping, not of its result."""
+    temporary = any(fnmatchcase(name, pattern) for pattern in _LEFT_BY_A_KILL)
+    return name in (_LOCK, _MANIFEST, _STAGE) or temporary
+
+
+def require_intact(path: Path) -> None:
+    """Refuse a file that is not what its folder's manifest says was written.
+
+    A file without a manifest beside it, or that the manifest does not list, is not looked at.
+
+    Raises
+    ------
+    InputError
+        The file changed, or was being replaced when a process was killed.
+    """
+    folder = path.parent
+    if (folder / _STAGE / _MANIFEST).is_file():
+        raise InputError(
+            f"{folder}: its files were being put in place when that was interrupted; the command "
+            "that wrote them completes it"
+        )
+    listed = _listed(folder).get(path.name)
+    if listed is None:
+        return
+    try:
+        found = _entry(path)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror or error})") from error
+    if found != listed:
+        raise InputError(
+            f"{path}: is not the file that was written, its checksum differs from that in "
+            f"{_MANIFEST}; copy it again, or delete {_MANIFEST} if it was changed on purpose"
+        )
 
 
 def require_writable(folder: Path) -> None:
-    """Refuse a folder that could not be made.
+    """Refuse a folder that could not be made or written to.
 
     Raises
     ------
     InputError
-        If the nearest folder above that exists cannot be written to.
+        If the folder, or the nearest above it that exists, cannot be written to.
     """
-    parent = folder.resolve().parent
-    while not parent.exists():
-        parent = parent.parent
-    if not os.access(parent, os.W_OK):
-        raise InputError(f"{folder}: {parent} is not writable; name another folder")
+    with _told(folder):
+        there = _resolved(folder)
+        while not there.exists():
+            there = there.parent
+    if not there.is_dir():
+        raise InputError(f"{folder}: {there} is a file; name another folder")
+    if not os.access(there, os.W_OK):
+        raise InputError(f"{folder}: {there} is not writable; name another folder")
+
+
+@contextmanager
+def _told(folder: Path) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be written ({error.strerror or error})") from error
+
+
+def _resolved(folder: Path) -> Path:
+    """Where a folder is: a link to it stays, what it points to is written to."""
+    try:
+        return folder.resolve()
+    except RuntimeError as error:  # what Python 3.11 and 3.12 say of links in a circle
+        raise OSError(errno.ELOOP, os.strerror(errno.ELOOP)) from error
+
+
+def _make(folder: Path) -> list[Path]:
+    """Make a folder; those that were not there before, the innermost first."""
+    made = []
+    above = folder
+    while not above.exists():
+        made.append(above)
+        above = above.parent
+    folder.mkdir(parents=True, exist_ok=True)
+    return made
+
+
+def _unmake(made: list[Path]) -> None:
+    """Remove those of them that are empty."""
+    for empty in made:
+        with suppress(OSError):
+            empty.rmdir()
+
+
+def _lock(folder: Path) -> int:
+    """A lock that the system drops when this process ends, however it ends."""
+    path = folder / _LOCK
+    while True:
+        descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
+        try:
+            if fcntl is not None:
+                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            holder = readable(os.read(descriptor, 200).decode(errors="replace"))
+            os.close(descriptor)
+            raise InputError(
+                f"{folder}: {holder or 'another process'} is writing here; wait for it, or name "
+                "another folder"
+            ) from None
+        except OSError as error:
+            if error.errno not in _NO_LOCKS:
+                os.close(descriptor)
+                raise
+        if _is_open(path, descriptor):
+            with suppress(OSError):  # a full disk keeps the name, not the lock
+                os.ftruncate(descriptor, 0)
+                os.write(descriptor, _own_name().encode())
+            return descriptor
+        os.close(descriptor)  # its holder has removed it just now
+
+
+def _is_open(path: Path, descriptor: int) -> bool:
+    try:
+        return os.path.samestat(path.stat(), os.fstat(descriptor))
+    except FileNotFoundError:
+        return False
+
+
+def _own_name() -> str:
+    try:
+        user = getpass.getuser()
+    except (KeyError, OSError):  # containers run as users without a name
+        user = str(os.getuid())
+    since = time.strftime("%Y-%m-%d %H:%M:%S")
+    return f"process {os.getpid()} of {user} on {socket.gethostname()}, since {since},"
+
+
+def _settle(folder: Path) -> None:
+    """Finish or drop what a process left that was killed here."""
+    if (folder / _STAGE / _MANIFEST).is_file():
+        _roll_forward(folder)
+    shutil.rmtree(folder / _STAGE, ignore_errors=True)
+    for pattern in _LEFT_BY_A_KILL:
+        for path in [*folder.glob(pattern), *folder.glob(f"*/{pattern}")]:
+            if path.is_dir():
+                shutil.rmtree(path, ignore_errors=True)
+            else:
+                path.unlink(missing_ok=True)
+
+
+def _roll_forward(folder: Path) -> None:
+    """Put the files of a complete stage in their places; may be done again after any failure."""
+    stage = folder / _STAGE
+    document = _read(stage / _MANIFEST)
+    for name, listed in document["files"].items():
+        if not (stage / name).is_file():
+            if (folder / name).is_file() and _entry(folder / name) == listed:
+                continue  # by the process that was interrupted
+            raise InputError(f"{folder}: {name} is lost from {stage}; delete that, and run again")
+        target = folder / name
+        target.parent.mkdir(parents=True, exist_ok=True)
+        _replace(stage / name, target)
+    for name in document["stale"]:
+        (folder / name).unlink(missing_ok=True)
+    for below in {(folder / name).parent for name in [*document["files"], *document["stale"]]}:
+        if below != folder and below.is_dir():
+            with suppress(OSError):  # where others are in it
+                below.rmdir()
+            if below.is_dir():
+                _flush_folder(below)
+    _flush_folder(folder)
+    _replace(stage / _MANIFEST, folder / _MANIFEST)
+    _flush_folder(folder)
+    shutil.rmtree(stage, ignore_errors=True)
+
+
+def _stale(folder: Path, new: Collection[str], names: Collection[str]) -> list[str]:
+    """Files of an earlier result that the new one lacks."""
+    there = [name for name in _files(folder) if name.split("/")[0] in names]
+    return [name for name in there if name not in new]
+
+
+def _files(folder: Path) -> list[str]:
+    """Files below a folder, by their paths from there; temporary ones left out."""
+    paths = sorted(path for path in folder.rglob("*") if path.is_file())
+    names = [path.relative_to(folder).as_posix() for path in paths]
+    return [name for name in names if not name.startswith(".") and name != _MANIFEST]
+
+
+def _entry(path: Path) -> dict[str, Any]:
+    """What a manifest says of a file."""
+    with path.open("rb") as file:
+        digest = hashlib.file_digest(file, "sha256").hexdigest()
+        size = file.tell()
+    return {"size": size, "sha256": digest}
+
+
+def _listed(folder: Path) -> Mapping[str, Any]:
+    path = folder / _MANIFEST
+    files: Mapping[str, Any] = _read(path)["files"] if path.is_file() else {}
+    return files
+
+
+def _read(path: Path) -> dict[str, Any]:
+    try:
+        document = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError) as error:
+        raise InputError(f"{path}: damaged ({error}); delete it") from error
+    if not isinstance(document, dict) or document.get("format") != _FORMAT:
+        raise InputError(f"{path}: is no manifest of this version; delete it")
+    files, stale = document.get("files"), document.get("stale")
+    if not isinstance(files, dict) or not isinstance(stale, list):
+        raise InputError(f"{path}: lists no files; delete it")
+    if not all(_inside(name) for name in (*files, *stale)):
+        raise InputError(f"{path}: names a file elsewhere; delete it")
+    return document
+
+
+def _inside(name: Any) -> bool:
+    """Whether a name is of a file below the folder that names it."""
+    parts = Path(name).parts if isinstance(name, str) else ()
+    return bool(parts) and not Path(name).is_absolute() and ".." not in parts
+
+
+def _note(path: Path) -> None:
+    """Bring the manifest beside a file that was replaced up to date."""
+    manifest = path.parent / _MANIFEST
+    if path == manifest or not manifest.is_file():
+        return
+    with suppress(InputError):  # a damaged one is spoken of when something is read
+        document = _read(manifest)
+        if path.name in document["files"]:
+            document["files"][path.name] = _entry(path)
+            with written_whole(manifest) as beside:
+                beside.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
+
+
+def _replace(new: Path, old: Path) -> None:
+    try:
+        os.replace(new, old)
+    except OSError as error:
+        if error.errno not in _NO_RENAME:
+            raise
+        shutil.copyfile(new, old)
+        _flush(old)
+        new.unlink()
+
+
+def _flush(path: Path) -> None:
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def _flush_folder(folder: Path) -> None:
+    try:
+        _flush(folder)
+    except OSError as error:
+        if error.errno not in _NO_FLUSH:
+            raise

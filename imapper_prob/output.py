@@ -1,13 +1,14 @@
-"""The folder of a run: all of it or nothing."""
+"""The folder of a run."""
 
 from __future__ import annotations
 
-import os
 import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from imapper_prob.config import to_toml
-from imapper_prob.files import folder_written_whole, require_writable
+from imapper_prob.files import folder_held, folder_published, is_hidden, require_writable
 from imapper_prob.models.errors import InputError
 from imapper_prob.results.export import write_scenes
 from imapper_prob.results.export_glb import write_glb
@@ -15,7 +16,7 @@ from imapper_prob.results.posterior import Posterior
 from imapper_prob.results.report.write import write_report
 from imapper_prob.results.tree import write_tree
 
-__all__ = ["CHECKPOINTS", "prepare_folder", "write_run"]
+__all__ = ["CHECKPOINTS", "run_folder", "write_run"]
 
 CHECKPOINTS = "checkpoints"
 """Folder in a run's folder that is there while the run is not finished."""
@@ -26,51 +27,54 @@ _FILES = (
 )  # fmt: skip
 
 
-def prepare_folder(folder: Path, *, overwrite: bool) -> None:
-    """Refuse early what would fail or destroy something after minutes of work.
+@contextmanager
+def run_folder(folder: Path, *, overwrite: bool) -> Iterator[None]:
+    """Hold the folder of a run until it is written, and refuse early what would fail then.
 
-    An unfinished run goes on; with ``overwrite`` its checkpoints are deleted.
+    Nothing in it is touched yet, its checkpoints least of all.
 
     Raises
     ------
     InputError
         If the folder holds something (a finished run is replaced with ``overwrite``, other
-        files never are), is no folder, or cannot be made.
+        files never are), is no folder, cannot be made, or another process writes to it.
     """
     _check_folder(folder, overwrite=overwrite)
-    if overwrite:
-        shutil.rmtree(folder / CHECKPOINTS, ignore_errors=True)
+    with folder_held(folder):
+        _check_folder(folder, overwrite=overwrite)
+        yield
 
 
 def _check_folder(folder: Path, *, overwrite: bool) -> None:
+    require_writable(folder)
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{folder}: is a file; name a folder for the output")
     present = sorted(p.name for p in folder.iterdir()) if folder.exists() else []
-    strange = [name for name in present if name not in (*_FILES, CHECKPOINTS)]
+    strange = [n for n in present if n not in (*_FILES, CHECKPOINTS) and not is_hidden(n)]
     if strange:
         raise InputError(
             f"{folder}: holds {strange[0]}, which is not of a run; name another folder"
         )
-    if present and CHECKPOINTS not in present and not overwrite:
+    finished = any(name in _FILES for name in present) and CHECKPOINTS not in present
+    if finished and not overwrite:
         raise InputError(f"{folder}: holds an earlier run; name another folder or add --overwrite")
-    require_writable(folder)
 
 
 def write_run(
     folder: Path, posterior: Posterior, *, overwrite: bool, video: Path | None = None
 ) -> None:
-    """Write all files beside, then put the folder in its place.
+    """Write all files of a run, see :func:`imapper_prob.files.folder_published`.
 
-    Checkpoints are dropped, unless the run was interrupted and can go on. The pictures of
-    ``video``, if given, are shown in the recording.
+    Checkpoints are dropped once they are in place, unless the run was interrupted and can go
+    on. The pictures of ``video``, if given, are shown in the recording.
 
     Raises
     ------
     InputError
-        As :func:`prepare_folder`, or if the disk refuses.
+        As :func:`run_folder`, or if the disk refuses.
     """
     _check_folder(folder, overwrite=overwrite)
-    with folder_written_whole(folder) as beside:
+    with folder_published(folder, names=_FILES) as beside:
         (beside / "config.toml").write_text(to_toml(posterior.config), encoding="utf-8")
         write_scenes(
             beside / "scenes.json",
@@ -82,8 +86,8 @@ def write_run(
         write_tree(beside / "posterior.nc", posterior.data)
         posterior.record(beside / "recording.rrd", video=video)
         write_report(beside / "report.html", posterior)
-        if not posterior.samples.finished and (folder / CHECKPOINTS).exists():
-            os.replace(folder / CHECKPOINTS, beside / CHECKPOINTS)
+    if posterior.samples.finished:
+        shutil.rmtree(folder / CHECKPOINTS, ignore_errors=True)
 
 
 def _write_models(folder: Path, posterior: Posterior) -> None:

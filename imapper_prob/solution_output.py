@@ -1,15 +1,18 @@
-"""The folder of a staged solution: all of it or nothing."""
+"""The folder of a staged solution."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from imapper_prob.config import Config, to_toml
-from imapper_prob.files import folder_written_whole, require_writable
+from imapper_prob.figure_file import save_figure
+from imapper_prob.files import folder_held, folder_published, is_hidden, require_writable
 from imapper_prob.models.errors import InputError
 from imapper_prob.results.solved import Solved
 
-__all__ = ["prepare_solution_folder", "write_solution_folder"]
+__all__ = ["solution_folder", "write_solution_folder"]
 
 _FILES = (
     "candidates.png", "charness.png", "config.toml", "evaluation.json", "evaluation.png",
@@ -18,18 +21,28 @@ _FILES = (
 _DOTS_PER_INCH = 120
 
 
-def prepare_solution_folder(folder: Path, *, overwrite: bool) -> None:
-    """Refuse early what would fail or destroy something after the work is done.
+@contextmanager
+def solution_folder(folder: Path, *, overwrite: bool) -> Iterator[None]:
+    """Hold the folder of a solution until it is written, and refuse early what would fail then.
 
     Raises
     ------
     InputError
         If the folder holds something (an earlier solution is replaced with ``overwrite``, other
-        files never are), is no folder, or cannot be made.
+        files never are), is no folder, cannot be made, or another process writes to it.
     """
+    _check_folder(folder, overwrite=overwrite)
+    with folder_held(folder):
+        _check_folder(folder, overwrite=overwrite)
+        yield
+
+
+def _check_folder(folder: Path, *, overwrite: bool) -> None:
+    require_writable(folder)
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{folder}: is a file; name a folder for the output")
-    present = sorted(p.name for p in folder.iterdir()) if folder.exists() else []
+    found = sorted(p.name for p in folder.iterdir()) if folder.exists() else []
+    present = [name for name in found if not is_hidden(name)]
     strange = [name for name in present if name not in _FILES]
     if strange:
         raise InputError(
@@ -39,28 +52,27 @@ def prepare_solution_folder(folder: Path, *, overwrite: bool) -> None:
         raise InputError(
             f"{folder}: holds an earlier solution; name another folder or add --overwrite"
         )
-    require_writable(folder)
 
 
 def write_solution_folder(folder: Path, solved: Solved, config: Config, *, overwrite: bool) -> None:
-    """Write all files beside, then put the folder in its place.
+    """Write all files of a solution, see :func:`imapper_prob.files.folder_published`.
 
     Raises
     ------
     InputError
-        As :func:`prepare_solution_folder`, or if the disk refuses.
+        As :func:`solution_folder`, or if the disk refuses.
     """
     from imapper_prob.recording.stages import write_stages
     from imapper_prob.results.solution_figure import candidate_figure, charness_figure
     from imapper_prob.results.solution_file import write_solution
     from imapper_prob.results.solution_stages import charness_curves, stage_views
 
-    prepare_solution_folder(folder, overwrite=overwrite)
-    with folder_written_whole(folder) as beside:
+    _check_folder(folder, overwrite=overwrite)
+    with folder_published(folder, names=_FILES) as beside:
         (beside / "config.toml").write_text(to_toml(config), encoding="utf-8")
         write_solution(beside, solved)
-        charness_figure(solved).savefig(beside / "charness.png", dpi=_DOTS_PER_INCH)
-        candidate_figure(solved).savefig(beside / "candidates.png", dpi=_DOTS_PER_INCH)
+        save_figure(charness_figure(solved), beside / "charness.png", dpi=_DOTS_PER_INCH)
+        save_figure(candidate_figure(solved), beside / "candidates.png", dpi=_DOTS_PER_INCH)
         write_stages(
             beside / "stages.rrd",
             clip=solved.clip,

@@ -16,7 +16,21 @@ from numpy.typing import ArrayLike, NDArray
 from imapper_prob.models.brief import brief
 from imapper_prob.models.camera import Camera
 from imapper_prob.models.errors import InputError
+from imapper_prob.models.limits import (
+    FARTHEST_KEYPOINT,
+    HIGHEST_CAMERA,
+    LARGEST_IMAGE,
+    LONGEST_CLIP,
+    LONGEST_FOCAL,
+    LOWEST_CAMERA,
+    MOST_PEOPLE,
+    QUICKEST_FILM,
+    SHORTEST_FOCAL,
+    SLOWEST_FILM,
+    STEEPEST_CAMERA,
+)
 from imapper_prob.models.skeleton import JOINTS, N_JOINTS
+from imapper_prob.models.text import readable
 
 __all__ = [
     "FRONTLESS", "MEASURED_FOCAL", "Clip", "Cuboid", "Placement", "Scene", "SceneObject", "Track",
@@ -30,6 +44,17 @@ MEASURED_FOCAL: Final = 0.005
 FRONTLESS: Final = frozenset({"desk", "table"})
 """Categories that are the same from all sides: who sits opposite has the table turned by half. A
 stool is too, but its scenelets turn it as their person sits, who turns on it less than one may."""
+
+
+_LARGEST_BODY: Final = 10.0
+"""Metres of a joint from the pelvis: four tall people."""
+
+
+def _word(text: object, what: str) -> str:
+    """A name that others wrote, without anything that a terminal or a file would trip over."""
+    if not isinstance(text, str):
+        raise InputError(f"{what} must be text, not {text!r:.40}")
+    return readable(text)
 
 
 def read_only(values: ArrayLike, *, shape: Sequence[int | None], name: str) -> Array:
@@ -108,6 +133,7 @@ class Cuboid:
         size = read_only(self.size, shape=(3,), name=f"cuboid {self.part} size")
         if not np.all(np.isfinite(centre)) or not np.all(np.isfinite(size)) or np.any(size <= 0):
             raise InputError(f"cuboid {self.part}: centre and size must be finite, size positive")
+        object.__setattr__(self, "part", _word(self.part, "the part of a cuboid"))
         object.__setattr__(self, "centre", centre)
         object.__setattr__(self, "size", size)
 
@@ -134,6 +160,7 @@ class SceneObject:
     __repr__ = brief
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "label", _word(self.label, "the label of an object"))
         object.__setattr__(self, "cuboids", tuple(self.cuboids))
         if not self.label:
             raise InputError("an object needs a label")
@@ -199,6 +226,7 @@ class Track:
     __repr__ = brief
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "name", _word(self.name, "the name of a track"))
         keypoints = read_only(self.keypoints, shape=(None, N_JOINTS, 2), name="keypoints")
         n_frames = len(keypoints)
         confidences = read_only(
@@ -221,6 +249,12 @@ class Track:
             raise InputError(
                 f"track {self.name}, frame {t}, joint {JOINTS[j]}: a confidence but no finite "
                 "position; give a missing joint confidence 0"
+            )
+        there = np.isfinite(poses)
+        if there.any() and np.abs(poses[there]).max() > _LARGEST_BODY:
+            raise InputError(
+                f"track {self.name}: a pose has a joint {np.abs(poses[there]).max():g} m from the "
+                "pelvis; poses are in metres"
             )
         partial = np.isfinite(poses).all((1, 2)) != np.isfinite(poses).any((1, 2))
         if partial.any():
@@ -310,6 +344,7 @@ class Clip:
     __repr__ = brief
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "name", _word(self.name, "the name of a clip"))
         ids = np.array(self.frame_ids, dtype=np.int64)
         if ids.ndim != 1 or (len(ids) > 1 and np.any(np.diff(ids) != 1)):
             raise InputError(f"clip {self.name}: frame ids must be consecutive integers")
@@ -318,6 +353,7 @@ class Clip:
             raise InputError(f"clip {self.name}: no person in it")
         if not (np.isfinite(self.fps) and self.fps > 0):
             raise InputError(f"clip {self.name}: frame rate {self.fps} must be positive")
+        self._check_size(len(ids))
         if not 0 < self.focal_spread < 1:
             raise InputError(
                 f"clip {self.name}: the focal length's spread {self.focal_spread} is no part of it"
@@ -330,6 +366,58 @@ class Clip:
                 )
         ids.setflags(write=False)
         object.__setattr__(self, "frame_ids", ids)
+
+    def _check_size(self, n_frames: int) -> None:
+        """Whether it is of a size that there is, before anything is made of that size."""
+        camera, name = self.camera, self.name
+        if not SLOWEST_FILM <= self.fps <= QUICKEST_FILM:
+            raise InputError(
+                f"clip {name}: {self.fps:g} frames a second; films have {SLOWEST_FILM:g} to "
+                f"{QUICKEST_FILM:g}"
+            )
+        if n_frames > LONGEST_CLIP:
+            raise InputError(
+                f"clip {name}: {n_frames} frames, more than {LONGEST_CLIP}; cut it in parts"
+            )
+        if len(self.tracks) > MOST_PEOPLE:
+            raise InputError(f"clip {name}: {len(self.tracks)} people, more than {MOST_PEOPLE}")
+        self._check_camera(max(camera.width, camera.height))
+        if not max(abs(camera.pitch), abs(camera.roll)) <= STEEPEST_CAMERA:
+            pitch, roll = np.degrees([camera.pitch, camera.roll])
+            raise InputError(
+                f"clip {name}: a camera of pitch {pitch:.0f} and roll {roll:.0f} degrees; either "
+                f"may be {np.degrees(STEEPEST_CAMERA):.0f} at most"
+            )
+        if not LOWEST_CAMERA <= camera.elevation <= HIGHEST_CAMERA:
+            raise InputError(
+                f"clip {name}: a camera {camera.elevation:g} m above the floor; it may be "
+                f"{LOWEST_CAMERA:g} to {HIGHEST_CAMERA:g}"
+            )
+        farthest = FARTHEST_KEYPOINT * max(camera.width, camera.height)
+        for track in self.tracks:
+            seen = np.abs(track.keypoints[track.confidences > 0])
+            if seen.size and seen.max() > farthest:
+                raise InputError(
+                    f"clip {name}, track {track.name}: a joint at {seen.max():g} pixels in an "
+                    f"image of {camera.width} x {camera.height}"
+                )
+
+    def _check_camera(self, longer: int) -> None:
+        camera, name = self.camera, self.name
+        size = f"{camera.width} x {camera.height}"
+        if longer > LARGEST_IMAGE:
+            raise InputError(f"clip {name}: images of {size}; {LARGEST_IMAGE} a side at most")
+        shortest, longest = SHORTEST_FOCAL * longer, LONGEST_FOCAL * longer
+        for axis in ("fx", "fy"):
+            if not shortest <= getattr(camera, axis) <= longest:
+                raise InputError(
+                    f"clip {name}: focal length {axis} = {getattr(camera, axis):g} pixels; cameras "
+                    f"with images of {size} have {shortest:g} to {longest:g}"
+                )
+        if not max(abs(camera.cx), abs(camera.cy)) <= FARTHEST_KEYPOINT * longer:
+            raise InputError(
+                f"clip {name}: principal point ({camera.cx:g}, {camera.cy:g}) in images of {size}"
+            )
 
     @property
     def n_frames(self) -> int:

@@ -5,18 +5,24 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.models.brief import brief
 from imapper_prob.models.errors import InputError
+from imapper_prob.models.limits import QUICKEST_FILM, SLOWEST_FILM
 from imapper_prob.models.scene import SceneObject, read_only
 from imapper_prob.models.skeleton import N_JOINTS
+from imapper_prob.models.text import readable
 
 __all__ = ["Library", "Scenelet"]
 
 Array = NDArray[np.float64]
+
+_FARTHEST: Final = 100.0
+"""Metres from the person at the centre frame, of joints and of furniture within reach."""
 
 
 @dataclass(frozen=True)
@@ -54,14 +60,25 @@ class Scenelet:
     __repr__ = brief
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "name", readable(self.name))
+        object.__setattr__(self, "action", readable(self.action))
         joints = read_only(self.joints, shape=(None, N_JOINTS, 3), name=f"scenelet {self.name}")
         if len(joints) < 2:
             raise InputError(f"scenelet {self.name}: needs at least 2 frames, has {len(joints)}")
         if not np.isfinite(joints).all():
             t, j = np.argwhere(~np.isfinite(joints).all(-1))[0]
             raise InputError(f"scenelet {self.name}, frame {t}, joint {j}: not finite")
-        if not (np.isfinite(self.fps) and self.fps > 0):
-            raise InputError(f"scenelet {self.name}: frame rate {self.fps} must be positive")
+        if np.abs(joints).max() > _FARTHEST:
+            raise InputError(f"scenelet {self.name}: a joint {np.abs(joints).max():g} m away")
+        for o in self.objects:
+            bounds = np.abs([o.bounds.ravel().tolist(), [o.placement.x, o.placement.y, 0, 0, 0, 0]])
+            if bounds.max() > _FARTHEST:
+                raise InputError(f"scenelet {self.name}: its {o.label} is {bounds.max():g} m away")
+        if not (np.isfinite(self.fps) and SLOWEST_FILM <= self.fps <= QUICKEST_FILM):
+            raise InputError(
+                f"scenelet {self.name}: {self.fps:g} frames a second; films have "
+                f"{SLOWEST_FILM:g} to {QUICKEST_FILM:g}"
+            )
         if not (np.isfinite(self.weight) and self.weight > 0):
             raise InputError(f"scenelet {self.name}: weight {self.weight} must be positive")
         object.__setattr__(self, "joints", joints)
@@ -88,6 +105,7 @@ class Library(Sequence[Scenelet]):
     __repr__ = brief
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "name", readable(self.name))
         object.__setattr__(self, "scenelets", tuple(self.scenelets))
         if not self.scenelets:
             raise InputError(f"library {self.name} is empty")

@@ -25,7 +25,8 @@ from concurrent.futures import (
     ProcessPoolExecutor,
     wait,
 )
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
+from functools import partial
 from multiprocessing.process import BaseProcess
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -113,6 +114,7 @@ def run_chains(
     workers: int = 1,
     executor: Executor | None = None,
     on_progress: OnProgress | None = None,
+    scratch: Path | None = None,
 ) -> list[R]:
     """Run one chain from each start.
 
@@ -143,6 +145,9 @@ def run_chains(
     on_progress : callable, optional
         ``on_progress(chain, progress)``, called here with what tasks report; returning
         False asks all chains to stop.
+    scratch : Path, optional
+        Folder for the file through which processes are sent the problem, ``.problem-`` and more;
+        a process that is killed leaves it there. That of the system if not given.
 
     Returns
     -------
@@ -173,7 +178,8 @@ def run_chains(
         return _run_elsewhere(task, problem, jobs, executor)
     if min(workers, len(jobs)) <= 1:
         return _run_here(task, problem, jobs, on_progress)
-    return _run_in_processes(task, problem, jobs, min(workers, len(jobs)), on_progress)
+    parcel = partial(_parcel, (task, problem), scratch)
+    return _run_in_processes(parcel, jobs, min(workers, len(jobs)), on_progress)
 
 
 def _run(task: Task[P, X, R], problem: P, job: _Job, report: Report) -> R:
@@ -232,12 +238,11 @@ def _run_here(
 
 
 def _run_in_processes(
-    task: Task[P, X, R],
-    problem: P,
+    make_parcel: Callable[[], AbstractContextManager[Path]],
     jobs: Sequence[_Job],
     workers: int,
     on_progress: OnProgress | None,
-) -> list[R]:
+) -> list[Any]:
     context = multiprocessing.get_context("spawn")
     shared = _Shared(
         stop=context.RawValue(ctypes.c_bool, False),
@@ -247,13 +252,13 @@ def _run_in_processes(
     strangers = set(multiprocessing.active_children())
     with (
         _first_interrupt_sets(shared.stop),
-        _parcel((task, problem)) as parcel,
+        make_parcel() as parcel,
         ProcessPoolExecutor(
             workers, context, initializer=_initialise, initargs=(parcel, shared)
         ) as pool,
     ):
         with _environment(_ONE_THREAD):
-            futures: list[Future[R]] = [pool.submit(_run_in_worker, job) for job in jobs]
+            futures: list[Future[Any]] = [pool.submit(_run_in_worker, job) for job in jobs]
         processes = set(multiprocessing.active_children()) - strangers
         try:
             _await(futures, shared, on_progress)
@@ -269,13 +274,13 @@ def _run_in_processes(
 
 
 @contextmanager
-def _parcel(contents: object) -> Iterator[Path]:
+def _parcel(contents: object, scratch: Path | None) -> Iterator[Path]:
     """A file from which each process fetches what is too large to be handed to it.
 
     What a process is started with has to pass through a pipe, and the next one is not started
     before the last has imported all it needs and read it.
     """
-    with TemporaryDirectory(prefix="chains-") as folder:
+    with TemporaryDirectory(prefix=".problem-", dir=scratch) as folder:
         path = Path(folder) / "problem"
         with path.open("wb") as file:
             pickle.dump(contents, file, protocol=pickle.HIGHEST_PROTOCOL)

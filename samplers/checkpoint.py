@@ -38,6 +38,8 @@ AnyArray = NDArray[Any]
 # The entry that holds the plain values; no array can have this name.
 _VALUES = "values.json"
 _FORMAT = "samplers checkpoint 1"
+# Numbers in the pool of a seed sequence; numpy makes them of 4.
+_LARGEST_POOL = 64
 
 
 class CheckpointError(RuntimeError):
@@ -140,7 +142,15 @@ def pack_rng(rng: np.random.Generator) -> dict[str, Any]:
 
 
 def unpack_rng(values: Mapping[str, Any]) -> np.random.Generator:
-    """The generator that `pack_rng` was given, which draws on from there."""
+    """The generator that `pack_rng` was given, which draws on from there.
+
+    Raises
+    ------
+    ValueError, TypeError, LookupError
+        The values are of none.
+    """
+    if values["pool_size"] not in range(_LARGEST_POOL + 1):
+        raise ValueError(f"pool_size = {values['pool_size']}")
     seeds = {name: value for name, value in values.items() if name != "state"}
     bits = np.random.PCG64(np.random.SeedSequence(**seeds))
     bits.state = values["state"]

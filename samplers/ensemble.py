@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -91,6 +92,7 @@ def run_ensembles(
     settings: EnsembleSettings | None = None,
     workers: int = 1,
     on_progress: OnProgress | None = None,
+    scratch: Path | None = None,
 ) -> EnsembleDraws:
     """Run independent ensembles; at least four let nested R-hat judge them.
 
@@ -104,7 +106,7 @@ def run_ensembles(
         Starts of ``z``; Z may be 0.
     seed : int or numpy.random.SeedSequence
     settings : EnsembleSettings, optional
-    workers, on_progress
+    workers, on_progress, scratch
         See `imapper_prob.samplers.chains.run_chains`; progress is (steps done, steps).
 
     Raises
@@ -132,6 +134,7 @@ def run_ensembles(
         seed=seed,
         workers=workers,
         on_progress=on_progress,
+        scratch=scratch,
     )
     n = min(len(run.log_density) for run in runs)
     return EnsembleDraws(

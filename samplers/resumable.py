@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import shutil
 from collections.abc import Sequence
 from concurrent.futures import Executor
 from copy import deepcopy
@@ -13,7 +14,7 @@ from typing import Generic, Protocol, TypeVar
 import numpy as np
 
 from imapper_prob.samplers.chains import ChainError, OnProgress, Report, run_chains
-from imapper_prob.samplers.checkpoint import Keeper
+from imapper_prob.samplers.checkpoint import CheckpointError, Keeper, load
 
 __all__ = ["ResumableTask", "run_resumable_chains"]
 
@@ -76,6 +77,7 @@ def run_resumable_chains(
     workers: int = 1,
     executor: Executor | None = None,
     on_progress: OnProgress | None = None,
+    anew: bool = False,
 ) -> list[R]:
     """Run one chain from each start; killed at any moment and run again, the draws are the same.
 
@@ -96,6 +98,8 @@ def run_resumable_chains(
         Least time between two checkpoints of a chain.
     restarts : int
         How often the run goes on by itself, from the checkpoints, after a worker died.
+    anew : bool
+        Delete checkpoints that are damaged or of another run, instead of refusing them.
 
     Returns
     -------
@@ -105,7 +109,7 @@ def run_resumable_chains(
     Raises
     ------
     CheckpointError
-        A checkpoint is damaged or of another run.
+        A checkpoint is damaged or of another run, unless ``anew``.
     ChainError
         Workers died more often than ``restarts``.
     Exception
@@ -114,6 +118,11 @@ def run_resumable_chains(
     folder.mkdir(parents=True, exist_ok=True)
     for left_by_a_kill in folder.glob(".chain-*.partial"):
         left_by_a_kill.unlink()
+    for left_by_a_kill in folder.glob(".problem-*"):
+        shutil.rmtree(left_by_a_kill)
+    if anew:
+        for path in folder.glob("chain-*.npz"):
+            _drop_unless_of(identity, path)
     kept = _WithKeeper(task, identity, every_seconds)
     placed = [(folder / f"chain-{chain}.npz", start) for chain, start in enumerate(starts)]
     # Spawning changes a sequence: each attempt spawns from a copy, the caller's just once.
@@ -130,6 +139,7 @@ def run_resumable_chains(
                 workers=workers,
                 executor=executor,
                 on_progress=on_progress,
+                scratch=folder,
             )
         except ChainError as error:
             if restarts == 0:
@@ -139,3 +149,11 @@ def run_resumable_chains(
                 ) from error
             restarts -= 1
             _LOG.warning("%s; going on from the checkpoints in %s", error, folder)
+
+
+def _drop_unless_of(identity: str, path: Path) -> None:
+    try:
+        load(path, identity=identity)
+    except CheckpointError as error:
+        _LOG.info("%s", error)
+        path.unlink()

@@ -26,7 +26,7 @@ SOURCES = sorted(
 )
 FLOORS = [
     {"models", "samplers"},
-    {"colours", "config", "files", "people", "tracking"},
+    {"colours", "config", "figure_file", "files", "people", "tracking"},
     {"inputs", "detect"},
     {"scenelets"},
     {"staged"},

@@ -36,8 +36,7 @@ def add_detect_command(
 
 
 def _detect(options: argparse.Namespace) -> None:
-    from rich.console import Console
-
+    from imapper_prob.cli.console import console
     from imapper_prob.detect import detect
     from imapper_prob.inputs import write_clip
     from imapper_prob.inputs.describe import clip_table
@@ -59,9 +58,9 @@ def _detect(options: argparse.Namespace) -> None:
             _draw(options, clip)
     except OSError as error:
         raise InputError(f"{output}: cannot be written ({error.strerror or error})") from error
-    console = Console()
-    console.print(clip_table(clip))
-    console.print(f"Written to {output}; go on with: imapper-prob run {output} -o DIR")
+    out = console()
+    out.print(clip_table(clip))
+    out.print(f"Written to {output}; go on with: imapper-prob run {output} -o DIR")
 
 
 def _draw(options: argparse.Namespace, clip: Clip) -> None:

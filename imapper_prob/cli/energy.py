@@ -19,8 +19,8 @@ def show_energy(folder: Path) -> None:
     InputError
         If there is no run in the folder, or the disk refuses.
     """
-    from rich.console import Console
-
+    from imapper_prob.cli.console import console
+    from imapper_prob.figure_file import save_figure
     from imapper_prob.files import written_whole
     from imapper_prob.people import in_a_row
     from imapper_prob.results.energy import explain
@@ -37,15 +37,15 @@ def show_energy(folder: Path) -> None:
     clip, source = posterior.clip, posterior.solution
     state = posterior.samples.states[posterior.scenes(1)[0].draw]
     explanation = explain(source.problem, state, source.library, frame_ids=in_a_row(clip))
-    console = Console(highlight=False)
+    out = console()
     for table in (term_table, scenelet_table, object_worth_table):
-        console.print(table(explanation))
+        out.print(table(explanation))
     digest = posterior.data.attrs["library_digest"]
     figure, document = folder / "energy.png", folder / "energy.json"
     try:
         with written_whole(figure) as beside:
-            energy_figure(explanation, title=clip.name).savefig(beside, dpi=_DOTS_PER_INCH)
+            save_figure(energy_figure(explanation, title=clip.name), beside, dpi=_DOTS_PER_INCH)
         write_energy(document, explanation, clip=clip.name, library_digest=digest)
     except OSError as error:
         raise InputError(f"{folder}: cannot be written ({error.strerror or error})") from error
-    console.print(f"Written: {figure}, {document}")
+    out.print(f"Written: {figure}, {document}")

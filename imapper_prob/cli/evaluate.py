@@ -161,8 +161,7 @@ def _command() -> str:
 
 
 def _show(evaluation: Evaluation, ours: list[str], theirs: list[str]) -> None:
-    from rich.console import Console
-
+    from imapper_prob.cli.console import console
     from imapper_prob.evaluate.evaluation import posterior_coverage
     from imapper_prob.evaluate.tables import (
         coverage_rows,
@@ -173,24 +172,24 @@ def _show(evaluation: Evaluation, ours: list[str], theirs: list[str]) -> None:
         screen_table,
     )
 
-    console = Console()
+    out = console()
     single = len(evaluation.one_by_one) == len(evaluation.summaries)
     for title, summaries in (
         ("", evaluation.summaries),
         (", scene by scene", [] if single else evaluation.one_by_one),
     ):
         if summaries:
-            console.print(screen_table(object_rows(summaries), title=f"Furniture{title}"))
+            out.print(screen_table(object_rows(summaries), title=f"Furniture{title}"))
             poses = f"Joints{title}: world cm / local cm / pixels"
-            console.print(screen_table(pose_rows(summaries), title=poses))
+            out.print(screen_table(pose_rows(summaries), title=poses))
     differences = evaluation.differences(ours, theirs)
     if differences:
         title = "Differences object by object, a miss counting as a metre"
-        console.print(screen_table(difference_rows(differences), title=title))
+        out.print(screen_table(difference_rows(differences), title=title))
     if evaluation.posteriors:
-        console.print(screen_table(posterior_rows(evaluation.posteriors), title="Posterior"))
+        out.print(screen_table(posterior_rows(evaluation.posteriors), title="Posterior"))
         found = coverage_rows(posterior_coverage(evaluation.posteriors))
-        console.print(screen_table(found, title="Do regions hold the truth?"))
+        out.print(screen_table(found, title="Do regions hold the truth?"))
 
 
 def _write(
@@ -202,6 +201,7 @@ def _write(
 ) -> None:
     from imapper_prob.evaluate.evaluation import write_evaluation
     from imapper_prob.evaluate.provenance import made_by
+    from imapper_prob.figure_file import save_figure
     from imapper_prob.files import written_whole
 
     try:
@@ -211,6 +211,6 @@ def _write(
         write_evaluation(folder / "evaluation.json", evaluation, differences, made)
         for name, figure in figures.items():
             with written_whole(folder / name) as beside:
-                figure.savefig(beside, dpi=_DOTS_PER_INCH)
+                save_figure(figure, beside, dpi=_DOTS_PER_INCH)
     except OSError as error:
         raise InputError(f"{folder}: cannot be written ({error.strerror or error})") from error

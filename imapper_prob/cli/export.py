@@ -54,8 +54,7 @@ def add_export_commands(
 
 
 def _export(options: argparse.Namespace) -> None:
-    from rich.console import Console
-
+    from imapper_prob.cli.console import console
     from imapper_prob.results.export_glb import write_glb
     from imapper_prob.results.export_i3db import write_i3db
     from imapper_prob.results.export_json import write_json
@@ -78,12 +77,11 @@ def _export(options: argparse.Namespace) -> None:
             write_i3db(out, scene, posterior.clip)
     except OSError as error:
         raise InputError(f"{out}: cannot be written ({error.strerror or error})") from error
-    Console().print(f"Written: {out}", highlight=False)
+    console().print(f"Written: {out}")
 
 
 def _report(options: argparse.Namespace) -> None:
-    from rich.console import Console
-
+    from imapper_prob.cli.console import console
     from imapper_prob.results.load import load_posterior
     from imapper_prob.results.report.write import write_report
 
@@ -93,4 +91,4 @@ def _report(options: argparse.Namespace) -> None:
         write_report(path, posterior)
     except OSError as error:
         raise InputError(f"{path}: cannot be written ({error.strerror or error})") from error
-    Console().print(f"Written: {path}", highlight=False)
+    console().print(f"Written: {path}")

@@ -7,15 +7,18 @@ import sys
 from collections.abc import Sequence
 
 import imapper_prob
+from imapper_prob.cli.console import told
 from imapper_prob.cli.detect import add_detect_command
 from imapper_prob.cli.evaluate import add_evaluate_command
 from imapper_prob.cli.export import add_export_commands
+from imapper_prob.cli.interruption import last_words, stoppable
 from imapper_prob.cli.recordings import add_recording_commands
 from imapper_prob.cli.run import add_run_commands
 from imapper_prob.cli.scenelets import add_scenelet_commands
 from imapper_prob.cli.solve import add_solve_command
 from imapper_prob.cli.track import add_track_command
 from imapper_prob.models.errors import InputError
+from imapper_prob.models.text import readable
 
 __all__ = ["main"]
 
@@ -26,19 +29,23 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Returns
     -------
     int
-        0; 2 where the input or the arguments cannot be used; 130 after Ctrl-C.
+        0; 2 where the input or the arguments cannot be used; 130 after Ctrl-C, 143 after
+        SIGTERM.
     """
     options = _parser().parse_args(arguments)
-    try:
-        options.execute(options)
-    except InputError as error:
-        if options.debug:
-            raise
-        sys.stderr.write(f"imapper-prob: {error}\n")
-        return 2
-    except KeyboardInterrupt:
-        sys.stderr.write("imapper-prob: interrupted; nothing was written\n")
-        return 130
+    with told():
+        try:
+            with stoppable():
+                options.execute(options)
+        except InputError as error:
+            if options.debug:
+                raise
+            sys.stderr.write(f"imapper-prob: {readable(str(error))}\n")
+            return 2
+        except KeyboardInterrupt as error:
+            words, code = last_words(error, options)
+            sys.stderr.write(f"imapper-prob: {words}\n")
+            return code
     return 0
 
 

@@ -11,7 +11,6 @@ __all__ = ["progress_bars"]
 @contextmanager
 def progress_bars() -> Iterator[Callable[[str, float], None]]:
     """One line a stage: what, how much of it, how long it took and will take."""
-    from rich.console import Console
     from rich.progress import (
         BarColumn,
         Progress,
@@ -21,13 +20,15 @@ def progress_bars() -> Iterator[Callable[[str, float], None]]:
         TimeRemainingColumn,
     )
 
+    from imapper_prob.cli.console import console
+
     bars = Progress(
-        TextColumn("{task.description:<24}"),
+        TextColumn("{task.description:<24}", markup=False),
         BarColumn(),
-        TextColumn("{task.percentage:>3.0f}%"),
+        TextColumn("{task.percentage:>3.0f}%", markup=False),
         TimeElapsedColumn(),
         TimeRemainingColumn(),
-        console=Console(stderr=True),
+        console=console(stderr=True),
     )
     tasks: dict[str, TaskID] = {}
 

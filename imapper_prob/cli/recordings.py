@@ -6,6 +6,7 @@ import argparse
 import os
 import subprocess
 import sys
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,10 @@ from imapper_prob.models.errors import InputError
 __all__ = ["add_recording_commands", "open_viewer"]
 
 _NAME = "recording.rrd"
+_OWN_MACHINE = "127.0.0.1"
+"""Address on which the viewer listens for more to show: from nowhere else."""
+_PATIENCE = 3.0
+"""Seconds within which a viewer ends that finds no screen."""
 _RUN = "import sys; from rerun_cli.__main__ import main; sys.exit(main())"
 """The viewer that came with the package, whether or not ``rerun`` is on the path."""
 
@@ -43,11 +48,11 @@ def add_recording_commands(
 
 
 def _record(options: argparse.Namespace) -> None:
-    from rich.console import Console
+    from imapper_prob.cli.console import console
 
     output = options.output or options.folder / _NAME
     _write(options.folder, output, options.video)
-    Console(highlight=False).print(f"Written: {output}")
+    console().print(f"Written: {output}")
 
 
 def _write(folder: Path, output: Path, video: Path | None) -> None:
@@ -77,7 +82,7 @@ def open_viewer(recording: Path) -> None:
     Raises
     ------
     InputError
-        If there is no screen to open it on.
+        If there is no screen to open it on, or the viewer ends at once.
     """
     displays = ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET")
     if sys.platform.startswith("linux") and not any(os.environ.get(d) for d in displays):
@@ -85,9 +90,15 @@ def open_viewer(recording: Path) -> None:
             f"{recording}: there is no screen here to show it on; copy the file to a machine with "
             "one, and open it there with: rerun recording.rrd"
         )
-    subprocess.Popen(
-        [sys.executable, "-c", _RUN, str(recording)],
+    viewer = subprocess.Popen(
+        [sys.executable, "-c", _RUN, "--bind", _OWN_MACHINE, str(recording.absolute())],
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
         start_new_session=True,
     )
+    with suppress(subprocess.TimeoutExpired):
+        if viewer.wait(_PATIENCE) != 0:
+            raise InputError(
+                f"{recording}: the viewer cannot show it on this screen; open it with: rerun "
+                f"{recording}"
+            )

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from imapper_prob.cli.clip_options import clip_from, clip_parser, is_clip, is_video
 from imapper_prob.cli.energy import show_energy
+from imapper_prob.cli.interruption import Stopped
 from imapper_prob.cli.progress import progress_bars
 from imapper_prob.models.errors import InputError
 
@@ -106,18 +107,18 @@ def _config(options: argparse.Namespace, *, steps: int | None = None) -> Config:
 
 def _demo(options: argparse.Namespace) -> None:
     from imapper_prob.demo import demo_clip
-    from imapper_prob.output import prepare_folder
+    from imapper_prob.output import run_folder
 
-    prepare_folder(options.output, overwrite=options.overwrite)
-    _sample(options, demo_clip(), _config(options, steps=_DEMO_STEPS))
+    with run_folder(options.output, overwrite=options.overwrite):
+        _sample(options, demo_clip(), _config(options, steps=_DEMO_STEPS))
 
 
 def _run(options: argparse.Namespace) -> None:
-    from imapper_prob.output import prepare_folder
+    from imapper_prob.output import run_folder
 
-    prepare_folder(options.output, overwrite=options.overwrite)
     video = options.clip if is_video(options.clip) else None
-    _sample(options, clip_from(options.clip, options), _config(options), video=video)
+    with run_folder(options.output, overwrite=options.overwrite):
+        _sample(options, clip_from(options.clip, options), _config(options), video=video)
 
 
 def _sample(
@@ -139,43 +140,45 @@ def _sample(
             workers=options.workers,
             cluster=cluster,
             checkpoints=options.output / CHECKPOINTS,
+            anew=options.overwrite,
             progress=progress,
         )
         progress("writing", 0.0)
         write_run(options.output, posterior, overwrite=options.overwrite, video=video)
         progress("writing", 1.0)
     _show(posterior, options.output)
+    if not posterior.samples.finished:
+        raise Stopped
 
 
 def _show(posterior: Posterior, folder: Path) -> None:
-    from rich.console import Console
-
-    from imapper_prob.results.report.words import sides
+    from imapper_prob.cli.console import console
+    from imapper_prob.results.report.words import sides_of
     from imapper_prob.results.summary import check_table, object_table, scene_table
     from imapper_prob.sampling.agreement import describe_agreement
 
-    console = Console()
+    out = console()
     scenes = posterior.scenes()
     _show_alarms(posterior.checks)
-    console.print(scene_table(scenes))
-    console.print(object_table(scenes[0], posterior.clip.truth))
-    console.print(check_table(posterior.checks))
-    console.print(sides(posterior.sides_swapped, posterior.clip.frame_ids))
-    console.print(posterior.chain_verdict)
-    console.print(describe_agreement(posterior.samples.agreements))
+    out.print(scene_table(scenes))
+    out.print(object_table(scenes[0], posterior.clip.truth))
+    out.print(check_table(posterior.checks))
+    for sentence in sides_of(posterior.clip, posterior.sides_swapped):
+        out.print(sentence)
+    out.print(posterior.chain_verdict)
+    out.print(describe_agreement(posterior.samples.agreements))
     if not posterior.samples.finished:
-        console.print("Interrupted: these are the draws that there were. The same command goes on.")
-    console.print(f"Written to {folder}; look at it with: imapper-prob view {folder}")
+        out.print("Interrupted: these are the draws that there were.")
+    out.print(f"Written to {folder}; look at it with: imapper-prob view {folder}")
 
 
 def _show_alarms(checks: Iterable[Check]) -> None:
     """What speaks against the whole result, before anything else is said of it."""
-    from rich.console import Console
-
+    from imapper_prob.cli.console import console
     from imapper_prob.results.checks import alarms
 
     for sentence in alarms(checks):
-        Console().print(sentence, style="bold red", markup=False, highlight=False)
+        console().print(sentence, style="bold red")
 
 
 def _info(options: argparse.Namespace) -> None:
@@ -186,19 +189,17 @@ def _info(options: argparse.Namespace) -> None:
 
 
 def _show_clip(options: argparse.Namespace) -> None:
-    from rich.console import Console
-
+    from imapper_prob.cli.console import console
     from imapper_prob.inputs.describe import clip_table
     from imapper_prob.results.checks import elsewhere
 
     clip = clip_from(options.folder, options)
-    Console().print(clip_table(clip))
-    Console().print(elsewhere(clip).sentence, markup=False, highlight=False)
+    console().print(clip_table(clip))
+    console().print(elsewhere(clip).sentence)
 
 
 def _show_run(options: argparse.Namespace) -> None:
-    from rich.console import Console
-
+    from imapper_prob.cli.console import console
     from imapper_prob.results.checks import from_json
     from imapper_prob.results.export import read_scenes
     from imapper_prob.results.summary import check_table, object_table, scene_table
@@ -206,15 +207,17 @@ def _show_run(options: argparse.Namespace) -> None:
 
     folder = options.folder
     scenes = read_scenes(folder / "scenes.json")
+    if not scenes:
+        raise InputError(f"{folder / 'scenes.json'}: holds no scene")
     attributes = read_attributes(folder / "posterior.nc")
-    console = Console()
+    out = console()
     checks = from_json(str(attributes.get("checks", "[]")))
-    console.print(f"{attributes['clip']} ({attributes['program']})")
+    out.print(f"{attributes['clip']} ({attributes['program']})")
     _show_alarms(checks)
-    console.print(scene_table(scenes))
-    console.print(object_table(scenes[0]))
-    console.print(check_table(checks))
-    console.print(attributes["verdict"])
-    console.print(attributes["agreement"])
+    out.print(scene_table(scenes))
+    out.print(object_table(scenes[0]))
+    out.print(check_table(checks))
+    out.print(attributes["verdict"])
+    out.print(attributes["agreement"])
     if options.energy:
         show_energy(folder)

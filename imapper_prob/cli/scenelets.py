@@ -63,8 +63,7 @@ def add_scenelet_commands(
 
 
 def _build(options: argparse.Namespace) -> None:
-    from rich.console import Console
-
+    from imapper_prob.cli.console import console
     from imapper_prob.scenelets.build import build_library_from
     from imapper_prob.scenelets.library import save_library
 
@@ -73,9 +72,9 @@ def _build(options: argparse.Namespace) -> None:
     library, report = build_library_from(captures, name=options.output.stem)
     with _written(options.output):
         save_library(library, options.output)
-    Console(highlight=False).print(str(report))
+    console().print(str(report))
     _describe(library)
-    Console().print(
+    console().print(
         f"Written to {options.output}; use it with: --library built-in,{options.output}"
     )
 
@@ -87,8 +86,8 @@ def _info(options: argparse.Namespace) -> None:
 
 
 def _plot(options: argparse.Namespace) -> None:
-    from rich.console import Console
-
+    from imapper_prob.cli.console import console
+    from imapper_prob.figure_file import save_figure
     from imapper_prob.files import written_whole
     from imapper_prob.scenelets.charness import charness, motion_distances
     from imapper_prob.scenelets.figures import charness_figure, embedding_figure, furniture_figure
@@ -106,13 +105,12 @@ def _plot(options: argparse.Namespace) -> None:
     )
     for path, figure in zip(paths, figures, strict=True):
         with _written(path), written_whole(path) as beside:
-            figure.savefig(beside, dpi=_DOTS_PER_INCH)
-        Console().print(f"Written: {path}")
+            save_figure(figure, beside, dpi=_DOTS_PER_INCH)
+        console().print(f"Written: {path}")
 
 
 def _record(options: argparse.Namespace) -> None:
-    from rich.console import Console
-
+    from imapper_prob.cli.console import console
     from imapper_prob.recording.sheet import write_sheet
     from imapper_prob.scenelets.charness import charness, motion_distances
     from imapper_prob.scenelets.library import load_library
@@ -122,23 +120,22 @@ def _record(options: argparse.Namespace) -> None:
     values = charness(library, motion_distances(library))
     with _written(options.output):
         write_sheet(options.output, library, values)
-    Console().print(f"Written to {options.output}; look at it with: rerun {options.output}")
+    console().print(f"Written to {options.output}; look at it with: rerun {options.output}")
 
 
 def _describe(library: Library) -> None:
-    from rich.console import Console
-
     import imapper_prob
+    from imapper_prob.cli.console import console
     from imapper_prob.scenelets.charness import charness, motion_distances
     from imapper_prob.scenelets.summary import action_table, furniture_table
 
-    console = Console(highlight=False)
-    console.print(
+    out = console()
+    out.print(
         f"{library.name}: {len(library)} scenelets, digest {library.digest[:12]}, "
         f"imapper-prob {imapper_prob.__version__}"
     )
-    console.print(action_table(library, charness(library, motion_distances(library))))
-    console.print(furniture_table(library))
+    out.print(action_table(library, charness(library, motion_distances(library))))
+    out.print(furniture_table(library))
 
 
 def _check(paths: Iterable[Path], *, suffix: str, overwrite: bool) -> None:

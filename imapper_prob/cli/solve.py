@@ -67,8 +67,7 @@ class StageClock:
 def _solve(options: argparse.Namespace) -> None:
     from dataclasses import replace
 
-    from rich.console import Console
-
+    from imapper_prob.cli.console import console
     from imapper_prob.config import Config, read_config
     from imapper_prob.results.solution_tables import (
         furniture_table,
@@ -78,28 +77,28 @@ def _solve(options: argparse.Namespace) -> None:
     )
     from imapper_prob.results.solved import solved
     from imapper_prob.scenelets.library import load_library
-    from imapper_prob.solution_output import prepare_solution_folder, write_solution_folder
+    from imapper_prob.solution_output import solution_folder, write_solution_folder
     from imapper_prob.staged.actors import solve_actors
 
-    prepare_solution_folder(options.output, overwrite=options.overwrite)
     config = Config() if options.config is None else read_config(options.config)
     if options.library is not None:
         config = replace(config, library=options.library)
     if options.preset is not None:
         config = replace(config, model=replace(config.model, energy=options.preset))
-    clip = clip_from(options.clip, options)
-    with progress_bars() as progress:
-        clock = StageClock(progress)
-        library = load_library(config.library)
-        clock("library", 1.0)
-        actors = solve_actors(clip, library, settings=config.settings, progress=clock)
-        solution = solved(clip, actors)
-        clock("diverse scenes", 1.0)
-        write_solution_folder(options.output, solution, config, overwrite=options.overwrite)
-        clock("writing", 1.0)
-    console = Console()
-    console.print(stage_table(solution, clock.times))
-    console.print(maxima_table(solution))
-    console.print(scenes_table(solution))
-    console.print(furniture_table(solution))
-    console.print(f"Written to {options.output}; the stages: rerun {options.output}/stages.rrd")
+    with solution_folder(options.output, overwrite=options.overwrite):
+        clip = clip_from(options.clip, options)
+        with progress_bars() as progress:
+            clock = StageClock(progress)
+            library = load_library(config.library)
+            clock("library", 1.0)
+            actors = solve_actors(clip, library, settings=config.settings, progress=clock)
+            solution = solved(clip, actors)
+            clock("diverse scenes", 1.0)
+            write_solution_folder(options.output, solution, config, overwrite=options.overwrite)
+            clock("writing", 1.0)
+    out = console()
+    out.print(stage_table(solution, clock.times))
+    out.print(maxima_table(solution))
+    out.print(scenes_table(solution))
+    out.print(furniture_table(solution))
+    out.print(f"Written to {options.output}; the stages: rerun {options.output}/stages.rrd")

@@ -47,7 +47,7 @@ from imapper_prob.evaluate.suite import (
 )
 from imapper_prob.evaluate.truth import TruthInView
 from imapper_prob.models.errors import InputError
-from imapper_prob.sampling.cluster import Cluster, connected
+from imapper_prob.sampling.cluster import Cluster, connected, executor_of
 
 __all__ = ["SuiteResult", "run_suite"]
 
@@ -117,14 +117,15 @@ def run_suite(options: argparse.Namespace) -> SuiteResult:
 
 @contextmanager
 def _executor(cluster: Cluster | None, workers: int) -> Iterator[Executor]:
-    if cluster is not None:
-        yield cluster.get_executor()
-        return
     if workers < 1:
         raise InputError(f"--workers {workers}: at least 1 is needed")
-    spawned = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(workers, mp_context=spawned) as executor:
-        yield executor
+    with executor_of(cluster) as elsewhere:
+        if elsewhere is not None:
+            yield elsewhere
+            return
+        spawned = multiprocessing.get_context("spawn")
+        with ProcessPoolExecutor(workers, mp_context=spawned) as executor:
+            yield executor
 
 
 def _scored(

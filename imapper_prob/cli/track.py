@@ -29,8 +29,8 @@ def add_track_command(
 
 
 def _track(options: argparse.Namespace) -> None:
-    from rich.console import Console
-
+    from imapper_prob.cli.console import console
+    from imapper_prob.figure_file import save_figure
     from imapper_prob.files import written_whole
     from imapper_prob.inputs import write_clip
     from imapper_prob.inputs.describe import clip_table
@@ -43,9 +43,9 @@ def _track(options: argparse.Namespace) -> None:
             from imapper_prob.inputs.track_figure import track_figure
 
             with written_whole(options.picture) as beside:
-                track_figure(clip).savefig(beside, dpi=_DOTS_PER_INCH)
+                save_figure(track_figure(clip), beside, dpi=_DOTS_PER_INCH)
     except OSError as error:
         raise InputError(
             f"{options.output}: cannot be written ({error.strerror or error})"
         ) from error
-    Console().print(clip_table(clip))
+    console().print(clip_table(clip))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import zipfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -10,7 +9,9 @@ from typing import Any
 import numpy as np
 
 from imapper_prob.evaluate.prediction import Prediction, prediction_of_scene
+from imapper_prob.inputs.archives import load_archive
 from imapper_prob.inputs.json_fields import field, load_json
+from imapper_prob.inputs.sightings import FARTHEST
 from imapper_prob.models.camera import Camera
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.scene import Clip, Cuboid, Placement, Scene, SceneObject
@@ -47,12 +48,13 @@ def read_solution_folder(folder: Path, clip: Clip) -> Prediction:
         raise InputError(f"{path}: is of the clip {data.get('clip')!r}, not of {clip.name}")
     scenes = field(path, data, "scenes")
     try:
-        with np.load(folder / "solution.npz", allow_pickle=False) as arrays:
-            joints = arrays["actor0/joints"][0]
+        joints = load_archive(folder / "solution.npz", what="solution")["actor0/joints"][0]
+        if np.isinf(joints).any() or (np.abs(joints) > FARTHEST).any():
+            raise ValueError("joints are no metres")
         best = scenes[0]
         objects = tuple(_object(o) for o in best["objects"])
         scene = Scene(Camera(**best["camera"]), objects, joints, (), float(best["log_posterior"]))
-    except (KeyError, IndexError, TypeError, ValueError, OSError, zipfile.BadZipFile) as error:
+    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
         raise InputError(f"{folder}: damaged solution ({error}); solve the clip again") from error
     return prediction_of_scene(scene, name=SOLVER)
 

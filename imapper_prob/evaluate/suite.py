@@ -26,7 +26,7 @@ from imapper_prob.inputs.load_captures import captures_from
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.scene import Clip
 from imapper_prob.models.scenelet import Library
-from imapper_prob.output import CHECKPOINTS, write_run
+from imapper_prob.output import CHECKPOINTS, run_folder, write_run
 from imapper_prob.results.load import load_posterior
 from imapper_prob.results.posterior import Posterior
 from imapper_prob.results.solved import solved as put_together
@@ -189,16 +189,17 @@ def sample_all(
     for task in tasks:
         if task.is_sampled:
             continue
-        posterior = sample(
-            task.clip,
-            library_of(task),
-            config=task.config,
-            workers=workers,
-            cluster=cluster,
-            checkpoints=task.run / CHECKPOINTS,
-            progress=_named(task, progress),
-        )
-        write_run(task.run, posterior, overwrite=False)
+        with run_folder(task.run, overwrite=False):
+            posterior = sample(
+                task.clip,
+                library_of(task),
+                config=task.config,
+                workers=workers,
+                cluster=cluster,
+                checkpoints=task.run / CHECKPOINTS,
+                progress=_named(task, progress),
+            )
+            write_run(task.run, posterior, overwrite=False)
         if not posterior.samples.finished:
             return False
     return True

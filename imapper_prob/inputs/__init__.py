@@ -6,12 +6,15 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Final
 
+import numpy as np
+from numpy.typing import NDArray
+
 from imapper_prob.inputs.camera_options import ClipOptions, read_camera
 from imapper_prob.inputs.clip_file import read_clip, write_clip
 from imapper_prob.inputs.formats import read_whatever
 from imapper_prob.inputs.marks import read_marks
 from imapper_prob.models.errors import InputError
-from imapper_prob.models.scene import Clip
+from imapper_prob.models.scene import Clip, Track
 
 __all__ = [
     "SHORTEST_CLIP",
@@ -23,6 +26,8 @@ __all__ = [
     "write_clip",
 ]
 
+_SMALLEST: Final = 4.0
+"""Pixels, height or width of a person: detectors place joints no better than that."""
 SHORTEST_CLIP: Final = 8
 """Frames; in less than a second nobody does anything that furniture explains."""
 
@@ -70,4 +75,19 @@ def load_clip(
                 f"{path}: track {track.name} has no frame with both a detected joint and a "
                 "lifted pose"
             )
+        if _extent(track) < _SMALLEST:
+            raise InputError(
+                f"{path}: track {track.name} is {_extent(track):.1f} pixels high and wide; these "
+                "are no joints of a person"
+            )
     return clip
+
+
+def _extent(track: Track) -> float:
+    """Pixels, the larger of height and width of all joints in the median frame."""
+    seen = np.where((track.confidences > 0)[..., None], track.keypoints, np.nan)
+    there: NDArray[np.bool_] = np.isfinite(seen).all(-1).sum(1) > 1
+    if not there.any():
+        return 0.0
+    size = np.nanmax(seen[there], axis=1) - np.nanmin(seen[there], axis=1)
+    return float(np.median(size.max(1)))

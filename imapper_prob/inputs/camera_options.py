@@ -15,6 +15,7 @@ from imapper_prob.inputs.json_fields import load_json, numbers
 from imapper_prob.inputs.marks import Marks
 from imapper_prob.models.camera import Camera
 from imapper_prob.models.errors import InputError
+from imapper_prob.models.limits import MOST_PEOPLE
 from imapper_prob.models.scene import MEASURED_FOCAL
 
 __all__ = [
@@ -143,8 +144,8 @@ class ClipOptions:
             raise InputError(f"pitch = {self.pitch} must be between -90 and 90 degrees")
         if self.size is not None and min(self.size) < 1:
             raise InputError(f"image size {self.size[0]} x {self.size[1]} must be positive")
-        if self.people is not None and self.people < 1:
-            raise InputError(f"people = {self.people}: at least one is needed")
+        if self.people is not None and not 1 <= self.people <= MOST_PEOPLE:
+            raise InputError(f"people = {self.people}: it may be 1 to {MOST_PEOPLE}")
         if self.camera is not None and self.focal is not None:
             raise InputError("give a camera file or a focal length, not both")
 

@@ -30,6 +30,7 @@ from imapper_prob.inputs.json_fields import (
 from imapper_prob.inputs.upright import MeasuredBox, upright_object
 from imapper_prob.models.camera import Camera
 from imapper_prob.models.errors import InputError
+from imapper_prob.models.limits import LONGEST_CLIP
 from imapper_prob.models.scene import Clip, SceneObject, Track, Truth
 from imapper_prob.models.skeleton import (
     DETECTED,
@@ -68,8 +69,6 @@ _RAW_CONFIDENCE_LIMIT: Final = 0.05
 _RAW_CONFIDENCE_GAIN: Final = 5000.0
 _RAW_CONFIDENCE_OFFSET: Final = -9.5
 """Logistic map that takes heat values of convolutional pose machines to confidences."""
-_LONGEST_CLIP: Final = 36_000
-"""Frames: one hour. A longer span means a damaged frame number, not a clip."""
 
 
 def read_i3db(folder: str | Path) -> Clip:
@@ -97,10 +96,10 @@ def read_i3db(folder: str | Path) -> Clip:
     detections = load_json(detections_path)
     pixels = frames_of_joints(detections_path, detections)
     first, last = min(pixels), max(pixels)
-    if last - first >= _LONGEST_CLIP:
+    if last - first >= LONGEST_CLIP:
         raise InputError(
             f"{detections_path}: frames run from {first} to {last}, more than the "
-            f"{_LONGEST_CLIP} of an hour; check the frame numbers"
+            f"{LONGEST_CLIP} of an hour; check the frame numbers"
         )
     frame_ids = np.arange(first, last + 1)
     keypoints = np.full((len(frame_ids), N_JOINTS, 2), np.nan)
@@ -284,12 +283,13 @@ def _parts_by_object(path: Path, data: Any) -> list[list[_Part]]:
         raise InputError(f"{path}: 'scenelets.obbs' lists no objects")
     objects: dict[str, list[_Part]] = defaultdict(list)
     for name in listed:
-        file = (path.parent / str(name)).with_suffix(".json")
-        match = re.fullmatch(r"(\d+)_([a-z]+)_([a-z]+)(-\d+)?", file.stem)
-        if match is None:
+        below = Path(str(name))
+        match = re.fullmatch(r"(\d+)_([a-z]+)_([a-z]+)(-\d+)?", below.stem)
+        if match is None or below.is_absolute() or ".." in below.parts:
             raise InputError(
                 f"{path}: object {name!r} is not named <id>_<category>_<part>[-<number>]"
             )
+        file = (path.parent / below).with_suffix(".json")
         box = load_json(file)
         centre = numbers(field(file, box, "centroid"), shape=(3, 1), place=f"{file}: centroid")
         axes = numbers(field(file, box, "axes"), shape=(3, 3), place=f"{file}: axes")

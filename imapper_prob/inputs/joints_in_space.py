@@ -38,9 +38,10 @@ from imapper_prob.inputs.camera_options import (
     check_rotation,
 )
 from imapper_prob.inputs.joint_names import joints_by_name
-from imapper_prob.inputs.sightings import FARTHEST, LONGEST_CLIP, Sightings
+from imapper_prob.inputs.sightings import FARTHEST, Sightings
 from imapper_prob.inputs.trc import read_trc_table
 from imapper_prob.models.errors import InputError
+from imapper_prob.models.limits import LONGEST_CLIP
 from imapper_prob.models.skeleton import JOINTS, PELV
 
 __all__ = ["is_joints", "read_joints", "read_trc"]

@@ -25,8 +25,9 @@ from numpy.typing import NDArray
 
 from imapper_prob.inputs.json_fields import load_json
 from imapper_prob.inputs.keypoint_sets import KEYPOINT_SETS, not_reported, sixteen
-from imapper_prob.inputs.sightings import LONGEST_CLIP, MOST_PEOPLE, Sightings
+from imapper_prob.inputs.sightings import Sightings
 from imapper_prob.models.errors import InputError
+from imapper_prob.models.limits import LONGEST_CLIP, MOST_PEOPLE
 from imapper_prob.models.skeleton import PELV
 
 __all__ = ["Landmarks", "is_mediapipe", "read_mediapipe", "sightings_of_landmarks"]

@@ -17,8 +17,9 @@ from numpy.typing import NDArray
 
 from imapper_prob.inputs.json_fields import load_json
 from imapper_prob.inputs.keypoint_sets import KEYPOINT_SETS, not_reported, sixteen
-from imapper_prob.inputs.sightings import FARTHEST, LONGEST_CLIP, MOST_PEOPLE, Sightings
+from imapper_prob.inputs.sightings import FARTHEST, Sightings
 from imapper_prob.models.errors import InputError
+from imapper_prob.models.limits import LONGEST_CLIP, MOST_PEOPLE
 
 __all__ = ["SETS", "is_result_list", "read_result_list"]
 

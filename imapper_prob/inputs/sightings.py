@@ -9,19 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.models.errors import InputError
+from imapper_prob.models.limits import LONGEST_CLIP, MOST_PEOPLE
 from imapper_prob.models.skeleton import N_JOINTS
 
-__all__ = ["FARTHEST", "LONGEST_CLIP", "MOST_PEOPLE", "Sightings"]
+__all__ = ["FARTHEST", "Sightings"]
 
 Array = NDArray[np.float64]
 
-LONGEST_CLIP: Final = 36_000
-"""Frames: twenty minutes at 30 a second. A longer span is a damaged frame number, or a film
-that should be cut or thinned out first."""
 FARTHEST: Final = 1e6
 """Pixels or metres beyond which a coordinate is damage: its square must still be a number."""
-MOST_PEOPLE: Final = 64
-"""In one frame; more are a crowd, in which nobody's furniture can be told."""
 
 
 @dataclass(frozen=True)

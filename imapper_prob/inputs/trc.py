@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.inputs.json_fields import load_lines
-from imapper_prob.inputs.sightings import FARTHEST, LONGEST_CLIP
+from imapper_prob.inputs.sightings import FARTHEST
 from imapper_prob.models.errors import InputError
+from imapper_prob.models.limits import LONGEST_CLIP
 
 __all__ = ["MAGIC", "TrcTable", "read_trc_table"]
 

@@ -32,7 +32,6 @@ import numpy as np
 import rerun as rr
 from numpy.typing import ArrayLike, NDArray
 
-from imapper_prob.files import written_whole
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.scene import Clip, SceneObject, Truth
 from imapper_prob.models.skeleton import PELV
@@ -59,6 +58,7 @@ from imapper_prob.recording.entities import (
 )
 from imapper_prob.recording.glyphs import drawable
 from imapper_prob.recording.image import image_camera, log_image
+from imapper_prob.recording.saving import saved
 from imapper_prob.recording.video import Video
 from imapper_prob.results.scenes import WeightedScene
 
@@ -146,9 +146,7 @@ def write_recording(
         chains=len(draws),
         moves=bool(acceptance),
     )
-    # Leaving the recording writes its footer: only then may the file take its name.
-    with written_whole(path) as beside, recording:
-        recording.save(beside, default_blueprint=blueprint)
+    with saved(recording, path, blueprint):
         _log_all(recording, told)
         for entity, text in texts.items():
             if text:

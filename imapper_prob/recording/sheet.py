@@ -28,11 +28,11 @@ import rerun.blueprint as rrb
 from numpy.typing import ArrayLike, NDArray
 
 from imapper_prob.colours import Colour
-from imapper_prob.files import written_whole
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.scenelet import Library, Scenelet
 from imapper_prob.recording import palette, shapes
 from imapper_prob.recording.entities import log_person, log_static
+from imapper_prob.recording.saving import saved
 
 __all__ = ["kinds", "write_sheet"]
 
@@ -128,9 +128,7 @@ def write_sheet(path: str | os.PathLike[str], library: Library, charness: ArrayL
         # The start time is a property; without it, equal sheets make equal recordings.
         send_properties=False,
     )
-    # Leaving the recording writes its footer: only then may the file take its name.
-    with written_whole(path) as beside, recording:
-        recording.save(beside, default_blueprint=_blueprint(by_action))
+    with saved(recording, Path(path), _blueprint(by_action)):
         _log(recording, by_action)
 
 

@@ -25,13 +25,13 @@ import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
 from imapper_prob.colours import Colour
-from imapper_prob.files import written_whole
 from imapper_prob.models.camera import Camera
 from imapper_prob.models.geometry import pack_boxes
 from imapper_prob.models.scene import Clip, SceneObject
 from imapper_prob.models.skeleton import PELV
 from imapper_prob.recording import palette, shapes
 from imapper_prob.recording.entities import PATH_RADIUS, log_moving, log_static
+from imapper_prob.recording.saving import saved
 
 __all__ = ["StageView", "write_stages"]
 
@@ -94,8 +94,7 @@ def write_stages(
         # The start time is a property; without it, equal solutions make equal recordings.
         send_properties=False,
     )
-    with written_whole(path) as beside, recording:
-        recording.save(beside, default_blueprint=_blueprint())
+    with saved(recording, path, _blueprint()):
         _log_all(recording, clip, camera, stages, charness)
 
 

@@ -18,17 +18,19 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.stats import binom
 
+from imapper_prob.models.errors import InputError
 from imapper_prob.models.posterior import State
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.scene import Clip
+from imapper_prob.models.text import readable
 from imapper_prob.people import own_part
 from imapper_prob.results.camera_checks import camera, height, slope, upright
 from imapper_prob.results.check import RATE, Check
@@ -98,16 +100,31 @@ def to_json(checks: Iterable[Check]) -> str:
 
 
 def from_json(text: str) -> tuple[Check, ...]:
-    """What :func:`to_json` wrote."""
+    """What :func:`to_json` wrote.
+
+    Raises
+    ------
+    InputError
+        If it wrote something else.
+    """
+    try:
+        return _from_rows(json.loads(text))
+    except (AttributeError, LookupError, OverflowError, RecursionError, TypeError) as error:
+        raise InputError(f"checks are not as they were written ({error})") from error
+    except ValueError as error:
+        raise InputError(f"checks are no JSON ({error})") from error
+
+
+def _from_rows(rows: Iterable[Mapping[str, Any]]) -> tuple[Check, ...]:
     return tuple(
         Check(
             str(row["name"]),
             math.nan if row["value"] is None else float(row["value"]),
             math.nan if row["limit"] is None else float(row["limit"]),
             bool(row["alarmed"]),
-            str(row["sentence"]),
+            readable(str(row["sentence"])),
         )
-        for row in json.loads(text)
+        for row in rows
     )
 
 

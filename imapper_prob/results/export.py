@@ -19,11 +19,12 @@ from typing import Any, Final, TypeVar
 
 import numpy as np
 
-from imapper_prob.files import written_whole
+from imapper_prob.files import require_intact, written_whole
 from imapper_prob.models.camera import Camera
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.scene import Clip, Cuboid, Placement, Scene, SceneObject
 from imapper_prob.models.skeleton import N_JOINTS
+from imapper_prob.models.text import readable
 from imapper_prob.results.checks import Check, alarms
 from imapper_prob.results.scenes import Explains, WeightedScene
 
@@ -40,6 +41,9 @@ _FRAMES: Final = {
     "object": "placed in the world by position and yaw (counter-clockwise about z); y is the "
     "object's front, z the height above the floor; cuboids are in it",
 }
+
+_LARGEST: Final = 1e12
+"""Square metres of a covariance."""
 
 Item = TypeVar("Item")
 
@@ -103,11 +107,12 @@ def read_scenes(path: str | os.PathLike[str]) -> tuple[WeightedScene, ...]:
         something.
     """
     path = Path(path)
+    require_intact(path)
     try:
-        document = json.loads(path.read_text(encoding="utf-8"))
+        document = json.loads(path.read_text(encoding="utf-8"), parse_constant=_refused)
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror})") from error
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise InputError(f"{path}: is not JSON ({error})") from error
     if not isinstance(document, dict) or document.get("format") != FORMAT:
         raise InputError(f"{path}: is not a file of scenes; expected format {FORMAT!r}")
@@ -207,19 +212,25 @@ def _to_scene(values: Mapping[str, Any], actors: _Actors) -> WeightedScene:
         camera=Camera(**values["camera"]),
         objects=_each(entries, _to_object, "object"),
         joints=np.empty((0, N_JOINTS, 3)),
-        layout=tuple((str(part["scenelet"]), actors.row(part)) for part in values["layout"]),
+        layout=tuple(
+            (readable(str(part["scenelet"])), actors.row(part)) for part in values["layout"]
+        ),
         log_posterior=_number(values["log_posterior"]),
     )
-    covariances = [np.array(o["position_covariance"], dtype=float) for o in entries]
+    listed = np.array([o["position_covariance"] for o in entries], dtype=float)
+    covariances = listed.reshape(len(entries), 2, 2)
+    variances = np.diagonal(covariances, axis1=1, axis2=2)
+    if (np.abs(covariances) > _LARGEST).any() or (variances < 0).any():
+        raise InputError("position_covariance is no covariance")
     return WeightedScene(
         scene=scene,
         probability=_number(values["probability"]),
         error=_number(values["error"]),
-        covariances=np.reshape(covariances, (len(entries), 2, 2)),
+        covariances=covariances,
         ghosts=np.empty((0, 0, N_JOINTS, 3)),
         layouts=tuple(int(number) for number in values["layouts"]),
         explains=None if values["explains"] is None else _to_explains(values["explains"]),
-        difference=str(values["difference"]),
+        difference=readable(str(values["difference"])),
         draw=int(values["draw"]),
     )
 
@@ -240,13 +251,21 @@ def _each(entries: Any, read: Callable[[Mapping[str, Any]], Item], what: str) ->
             items.append(read(entry))
         except KeyError as error:
             raise InputError(f"{what} {number} lacks {error}") from error
-        except (TypeError, ValueError, AttributeError) as error:
+        except (ArithmeticError, AttributeError, IndexError, TypeError, ValueError) as error:
             raise InputError(f"{what} {number}: {error}") from error
     return tuple(items)
 
 
 def _number(value: float | None) -> float:
-    return math.nan if value is None else float(value)
+    number = math.nan if value is None else float(value)
+    if math.isinf(number):
+        raise InputError(f"{value!r:.40} is too large to be true")
+    return number
+
+
+def _refused(name: str) -> float:
+    """What JSON has no word for."""
+    raise ValueError(f"{name} is no number")
 
 
 def _without_nan(value: Any) -> Any:

@@ -7,7 +7,9 @@ from pathlib import Path
 import xarray as xr
 
 from imapper_prob.config import from_toml
+from imapper_prob.files import require_intact
 from imapper_prob.models.errors import InputError
+from imapper_prob.results.checks import from_json
 from imapper_prob.results.posterior import Posterior
 from imapper_prob.results.provenance import seconds_of
 from imapper_prob.results.stored_input import read_source
@@ -15,6 +17,12 @@ from imapper_prob.results.stored_samples import read_samples
 from imapper_prob.results.tree import FORMAT
 
 __all__ = ["load_posterior"]
+
+_SAID = (
+    "agreement", "clip", "clip_digest", "config", "config_digest", "library", "library_digest",
+    "program", "seed", "verdict",
+)  # fmt: skip
+"""Attributes that reports quote."""
 
 
 def load_posterior(folder: str | Path) -> Posterior:
@@ -42,6 +50,7 @@ def load_posterior(folder: str | Path) -> Posterior:
     path = Path(folder) / "posterior.nc"
     if not path.is_file():
         raise InputError(f"{path}: no such file; name the folder of a finished run")
+    require_intact(path)
     try:
         with xr.open_datatree(path, engine="h5netcdf") as opened:
             tree = opened.load()
@@ -52,8 +61,10 @@ def load_posterior(folder: str | Path) -> Posterior:
     groups = tree.to_dict()
     try:
         source = read_source(path, groups)
-        samples = read_samples(groups, source.library)
-    except (KeyError, IndexError, TypeError, ValueError) as error:
-        raise InputError(f"{path}: lacks something of a run ({error}); run it again") from error
-    config = from_toml(tree.attrs["config"], where=str(path))
-    return Posterior(source, samples, config, seconds=seconds_of(tree.attrs), stored=tree)
+        samples = read_samples(groups, source)
+        seconds, said = seconds_of(tree.attrs), {name: str(tree.attrs[name]) for name in _SAID}
+        from_json(str(tree.attrs.get("checks", "[]")))
+    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
+        raise InputError(f"{path}: is not what a run wrote ({error}); run it again") from error
+    config = from_toml(said["config"], where=str(path))
+    return Posterior(source, samples, config, seconds=seconds, stored=tree)

@@ -24,7 +24,9 @@ from imapper_prob.inputs.clip_file import clip_of, pack_clip
 from imapper_prob.models.problem import Problem, resample
 from imapper_prob.models.scene import Clip
 from imapper_prob.models.scenelet import Library
+from imapper_prob.models.valid import check_problem
 from imapper_prob.results.own_scenelets import of_scenelets
+from imapper_prob.results.valid_samples import require
 from imapper_prob.scenelets.library_file import library_of, pack_library
 
 __all__ = ["Source", "StoredSource", "read_source", "source_groups"]
@@ -110,9 +112,14 @@ def read_source(path: Path, groups: Mapping[str, xr.Dataset]) -> StoredSource:
     motions = [resample(s.joints, fps=s.fps, to_fps=clip.fps) for s in library]
     fields[_FROM_LIBRARY] = np.concatenate(motions)
     problem, motion = Problem(**fields), groups["/motion"]
+    check_problem(problem)
+    require(len(problem.log_rate) == len(library), "problem and library have other scenelets")
+    everybody = clip.n_frames * len(clip.tracks)
+    require(problem.n_frames == everybody, "problem and clip have other frames")
     fits = (
         motion["best_fit"].to_numpy() if "best_fit" in motion else np.full(problem.n_frames, np.nan)
     )
+    require(fits.shape == (everybody,), "best_fit is not of the clip's frames")
     return StoredSource(clip, library, problem, fits.astype(np.float64))
 
 

@@ -23,6 +23,9 @@ from imapper_prob.models.path import CAMERA
 from imapper_prob.models.posterior import State
 from imapper_prob.models.scene import SceneObject
 from imapper_prob.models.scenelet import Library
+from imapper_prob.models.valid import check_state
+from imapper_prob.results.stored_input import Source
+from imapper_prob.results.valid_samples import check_origins, check_samples, require
 from imapper_prob.samplers.diagnostics import LayoutProbabilities
 from imapper_prob.samplers.ladder import LadderSummary
 from imapper_prob.samplers.reversible_jump import AcceptanceTable
@@ -126,12 +129,25 @@ def object_origins(
     return result
 
 
-def read_samples(groups: Groups, library: Library) -> Samples:
-    """The samples that a run wrote, with ``library`` of the scenelets that the draws have."""
+def read_samples(groups: Groups, source: Source) -> Samples:
+    """The samples that a run wrote of a source, whose library has their scenelets only.
+
+    Raises
+    ------
+    InputError
+        If they contradict each other, or their source.
+    LookupError, TypeError, ValueError
+        If something is missing.
+    """
+    library = source.library
     chosen = groups["/constant_data"]["drawn"].to_numpy()
     draws, stats = groups["/draws"], groups["/sample_stats"]
     values = stats["log_posterior"].to_numpy().astype(np.float64)
+    require(len(chosen) == len(library), "draws and library have other scenelets")
+    require((np.diff(chosen) > 0).all(), "scenelets of the draws are not in order")
     states = _states(groups, chosen)
+    for state in states:
+        check_state(source.problem, state)
     origins = np.stack([_flat(draws, "object_slot"), _flat(draws, "object_number")], -1)
     objects = tuple(
         _objects(library, state, rows[rows[:, 0] >= 0])
@@ -142,7 +158,10 @@ def read_samples(groups: Groups, library: Library) -> Samples:
     disagreement = tuple(int(n) for n in np.atleast_1d(said["verdict_disagreement"]))
     layouts, moves = groups["/layouts"], groups["/moves"]
     names = moves["move"].to_numpy().astype(str).tolist()
-    return Samples(
+    swapped = groups["/motion"]["sides_swapped"].to_numpy()
+    require(swapped.shape == (*values.shape, source.problem.n_frames), "sides are not of the draws")
+    require(((swapped >= 0) & (swapped <= 1)).all(), "sides_swapped are no probabilities")
+    samples = Samples(
         states=states,
         log_posterior=values,
         traces=groups["/traces"]["log_posterior"].to_numpy(),
@@ -176,6 +195,8 @@ def read_samples(groups: Groups, library: Library) -> Samples:
         ),
         finished=bool(said["finished"]),
     )
+    check_samples(source.problem, samples)
+    return samples
 
 
 def _flat(group: xr.Dataset, name: str) -> NDArray[Any]:
@@ -193,7 +214,7 @@ def _states(groups: Groups, chosen: Ints) -> tuple[State, ...]:
     states = []
     for n in range(len(camera)):
         used = scenelets[n] >= 0
-        items = np.stack([np.searchsorted(chosen, scenelets[n][used]), starts[n][used]], -1)
+        items = np.stack([_own(chosen, scenelets[n][used]), starts[n][used]], -1)
         states.append(
             State(
                 camera=camera[n].copy(),
@@ -206,8 +227,18 @@ def _states(groups: Groups, chosen: Ints) -> tuple[State, ...]:
     return tuple(states)
 
 
+def _own(chosen: Ints, scenelets: Ints) -> Ints:
+    """Scenelets by their numbers in the library of those that are ``chosen``."""
+    own = np.searchsorted(chosen, scenelets)
+    there = own < len(chosen)
+    require(there.all() and (chosen[own] == scenelets).all(), "a draw has an unknown scenelet")
+    return own.astype(np.int64)
+
+
 def _objects(library: Library, state: State, origins: Ints) -> tuple[SceneObject, ...]:
     placed = placed_objects(state, library)
+    counts = np.array([len(library[s].objects) for s in state.items[:, 0]], np.int64)
+    check_origins(origins, len(state.items), counts)
     first: dict[int, int] = {}
     for index, (slot, _) in enumerate(placed):
         first.setdefault(slot, index)
@@ -235,7 +266,7 @@ def _read_ensembles(
         items = group["items"].to_numpy()
         placements.append(
             PlacementDraws(
-                items=np.stack([np.searchsorted(chosen, items[:, 0]), items[:, 1]], -1),
+                items=np.stack([_own(chosen, items[:, 0]), items[:, 1]], -1),
                 camera=group["camera"].to_numpy(),
                 placements=group["placements"].to_numpy(),
                 sizes=group["sizes"].to_numpy(),

@@ -32,6 +32,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from imapper_prob.config import Config
+from imapper_prob.files import require_intact
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.path import CAMERA
 from imapper_prob.models.posterior import motion, swapped
@@ -48,6 +49,9 @@ __all__ = ["FORMAT", "posterior_tree", "read_attributes", "write_tree"]
 
 FORMAT: Final = "imapper-prob posterior 5"
 """Attribute of the file; the number rises when a reader of old files would go wrong."""
+
+_SAID: Final = ("agreement", "clip", "program", "verdict")
+"""Attributes that are shown without the draws."""
 
 Variable = tuple[tuple[str, ...], NDArray[Any]]
 """Names of the dimensions, and values."""
@@ -156,7 +160,10 @@ def posterior_tree(
 
 
 def write_tree(path: Path, tree: xr.DataTree) -> None:
-    """Write the tree as netCDF, its numbers compressed without loss."""
+    """Write the tree as netCDF, its numbers compressed without loss.
+
+    It is made in memory: HDF5 does not say in one error what a disk refuses it.
+    """
     encoding = {
         group: {
             str(name): {"zlib": True, "shuffle": True, "complevel": 4}
@@ -165,7 +172,8 @@ def write_tree(path: Path, tree: xr.DataTree) -> None:
         }
         for group in tree.groups
     }
-    tree.to_netcdf(path, engine="h5netcdf", encoding=encoding)
+    content: Any = tree.to_netcdf(None, engine="h5netcdf", encoding=encoding)
+    path.write_bytes(content)
 
 
 def _labelled(variables: Mapping[str, Variable]) -> dict[str, Any]:
@@ -264,11 +272,13 @@ def read_attributes(path: str | Path) -> dict[str, Any]:
     InputError
         If the file is missing or no netCDF file of a run.
     """
+    require_intact(Path(path))
     try:
         with xr.open_dataset(path, engine="h5netcdf") as root:
             attributes = dict(root.attrs)
-    except (OSError, ValueError, KeyError) as error:
+    except Exception as error:  # xarray, h5netcdf and h5py each have their own way to fail
         raise InputError(f"{path}: not the posterior of a run ({error})") from error
-    if "verdict" not in attributes:
-        raise InputError(f"{path}: not the posterior of a run (no verdict in it)")
-    return attributes
+    missing = [name for name in _SAID if name not in attributes]
+    if missing:
+        raise InputError(f"{path}: not the posterior of a run (no {missing[0]} in it)")
+    return attributes | {name: str(attributes[name]) for name in _SAID}

@@ -14,13 +14,13 @@ from imapper_prob.config import SampleSettings
 from imapper_prob.models.posterior import State
 from imapper_prob.models.problem import Problem
 from imapper_prob.samplers.chains import Report
-from imapper_prob.samplers.checkpoint import Keeper
+from imapper_prob.samplers.checkpoint import CheckpointError, Keeper
 from imapper_prob.samplers.kernel import Mixture, step
 from imapper_prob.samplers.ladder import LadderSummary, power_ladder
 from imapper_prob.samplers.reversible_jump import AcceptanceTable
 from imapper_prob.samplers.tempering import start, temper
 from imapper_prob.sampling.camera_moves import CameraCarry, CameraWalk, DepthScale, FocalScale
-from imapper_prob.sampling.checkpoints import Progress
+from imapper_prob.sampling.checkpoints import Progress, kept_rounds, marked_rounds
 from imapper_prob.sampling.crossover import TimeCrossover
 from imapper_prob.sampling.moves import (
     Birth,
@@ -141,19 +141,16 @@ def run_chain(
     settings = setup.settings
     rounds = settings.rounds
     burn_in = int(rounds * settings.burn_in)
-    keep = set(np.linspace(burn_in, rounds - 1, settings.draws).round().astype(int))
-    mark = set(np.linspace(0, rounds - 1, settings.draws).round().astype(int))
+    keep, mark = kept_rounds(settings), marked_rounds(settings)
     target = partial(split, setup.problem)
-    saved = keeper.load() if keeper is not None else None
-    if saved is None:
+    done = None if keeper is None else _resumed(keeper, setup)
+    if done is None:
         betas: tuple[float, ...] = (1.0,)
         if settings.temperatures > 1:
             betas = power_ladder(settings.temperatures, hottest=settings.hottest)
         coldest_first = [starts[min(k, len(starts) - 1)] for k in range(len(betas))]
         position = start(coldest_first[::-1], target=target, betas=betas)
         done = Progress.begin(rng.spawn(len(betas) + 1), position)
-    else:
-        done = Progress.of(saved)
     advance = partial(
         temper,
         done.rngs,
@@ -197,3 +194,18 @@ def run_chain(
         done.table.summary(),
         finished,
     )
+
+
+def _resumed(keeper: Keeper, setup: Setup) -> Progress | None:
+    """What a chain has left, or None where it has not begun."""
+    saved = keeper.load()
+    if saved is None:
+        return None
+    try:
+        done = Progress.of(saved)
+        done.check(setup.problem, setup.settings)
+    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
+        raise CheckpointError(
+            f"{keeper.path} is damaged ({error}): delete it, and its chain begins anew"
+        ) from error
+    return done

@@ -12,8 +12,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from imapper_prob.config import SampleSettings
+from imapper_prob.models.errors import InputError
 from imapper_prob.models.posterior import State
 from imapper_prob.models.problem import Problem
+from imapper_prob.models.valid import check_state
 from imapper_prob.samplers.checkpoint import Snapshot, pack, pack_rng, unpack, unpack_rng
 from imapper_prob.samplers.kernel import ChainState
 from imapper_prob.samplers.ladder import SwapTable
@@ -21,8 +24,10 @@ from imapper_prob.samplers.reversible_jump import AcceptanceTable
 from imapper_prob.samplers.tempering import Position, Round
 from imapper_prob.sampling.proposals import Candidates
 
-__all__ = ["Progress", "identity_of"]
+__all__ = ["Progress", "identity_of", "kept_rounds", "marked_rounds"]
 
+_LARGEST = 1e12
+"""Of any number that a chain keeps; log-posteriors are nats."""
 _FIELDS = tuple(entry.name for entry in dataclasses.fields(State))
 
 
@@ -114,6 +119,64 @@ class Progress:
             trace=arrays["trace"].tolist(),
             acceptance=AcceptanceTable(Counter(values["proposed"]), Counter(values["accepted"])),
         )
+
+    def check(self, problem: Problem, settings: SampleSettings) -> None:
+        """Refuse what no chain of these settings can have left.
+
+        Raises
+        ------
+        InputError
+            With what is wrong.
+        """
+        position, table = self.position, self.table
+        rungs, rounds, gaps = settings.temperatures, settings.rounds, settings.temperatures - 1
+        keep, mark = kept_rounds(settings), marked_rounds(settings)
+        now = position.rounds
+        numbers = [chain.log_density for chain in position.chains]
+        numbers += [*position.log_likelihoods, *self.values, *self.trace, *table.swaps]
+        for what, holds in {
+            "rounds": isinstance(now, int) and 0 <= now <= rounds,
+            "generators": len(self.rngs) == rungs + 1,
+            "rungs": len(position.chains) == len(position.log_likelihoods) == rungs,
+            "replicas": sorted(position.replicas) == list(range(rungs)),
+            "temperatures": all(_ascends(betas, rungs) for betas in (position.betas, table.betas)),
+            "numbers": all(isinstance(x, float) and abs(x) < _LARGEST for x in numbers),
+            "draws": len(self.states) == len(self.values) == sum(at < now for at in keep),
+            "trace": len(self.trace) == sum(at < now for at in mark),
+            "swaps": len(table.swaps) == gaps and isinstance(table.rounds, int)
+            and 0 <= table.rounds <= rounds,
+            "ends": len(table.last_end) == rungs and {*table.last_end} <= {-1, 0, 1},
+            "crossings": len(table.crossings) == rungs
+            and all(isinstance(n, int) and 0 <= n <= rounds for n in table.crossings),
+            "moves": all(
+                isinstance(n, int) and 0 <= self.acceptance.accepted[move] <= n
+                for move, n in self.acceptance.proposed.items()
+            ) and {*self.acceptance.accepted} <= {*self.acceptance.proposed},
+        }.items():  # fmt: skip
+            if not holds:
+                raise InputError(f"{what} are of no chain of this run")
+        for state in [*(chain.state for chain in position.chains), *self.states]:
+            check_state(problem, state)
+
+
+def kept_rounds(settings: SampleSettings) -> frozenset[int]:
+    """Rounds after which a draw is kept."""
+    last = settings.rounds - 1
+    return _evenly(int(settings.rounds * settings.burn_in), last, settings.draws)
+
+
+def marked_rounds(settings: SampleSettings) -> frozenset[int]:
+    """Rounds after which the log-posterior is noted, burn-in included."""
+    return _evenly(0, settings.rounds - 1, settings.draws)
+
+
+def _evenly(first: int, last: int, count: int) -> frozenset[int]:
+    return frozenset(np.linspace(first, last, count).round().astype(int).tolist())
+
+
+def _ascends(betas: Sequence[float], count: int) -> bool:
+    numbers = all(isinstance(beta, float) and 0 <= beta <= 1 for beta in betas)
+    return len(betas) == count and numbers and list(betas) == sorted(betas) and betas[-1] == 1
 
 
 def _arrays(state: State) -> dict[str, NDArray[Any]]:

@@ -9,7 +9,7 @@ from typing import Any, Protocol
 
 from imapper_prob.models.errors import InputError
 
-__all__ = ["Cluster", "connected"]
+__all__ = ["Cluster", "connected", "executor_of"]
 
 _PATIENCE = "10s"
 """How long a scheduler may take to answer."""
@@ -50,3 +50,20 @@ def connected(address: str | None) -> Iterator[Cluster | None]:
         raise InputError(f"{address}: no dask scheduler answers there") from error
     with client:
         yield client
+
+
+@contextmanager
+def executor_of(cluster: Cluster | None) -> Iterator[Executor | None]:
+    """Where tasks run on a cluster; None without one.
+
+    Left by an error or an interrupt, it does not wait for tasks: those of workers that are gone
+    never end.
+    """
+    if cluster is None:
+        yield None
+        return
+    executor = cluster.get_executor()
+    try:
+        yield executor
+    finally:
+        executor.shutdown(wait=False)

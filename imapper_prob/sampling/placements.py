@@ -8,6 +8,7 @@ depth, yaw, log size), where the posterior is nearly Gaussian; the density carri
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +20,7 @@ from imapper_prob.models.problem import Problem
 from imapper_prob.samplers.diagnostics import rhat_nested
 from imapper_prob.samplers.ensemble import EnsembleSettings, run_ensembles
 
-__all__ = ["PlacementDraws", "from_theta", "sample_placements", "to_theta"]
+__all__ = ["PlacementDraws", "from_theta", "is_complete", "sample_placements", "to_theta"]
 
 Array = NDArray[np.float64]
 
@@ -99,6 +100,18 @@ class _Target:
         return density
 
 
+def _schedule(settings: SampleSettings) -> tuple[int, int]:
+    """Steps that are thrown away, as many of which draws are kept, and steps between draws."""
+    half = settings.ensemble_steps // 2
+    return half, max(1, half // _KEPT)
+
+
+def is_complete(draws: PlacementDraws, settings: SampleSettings) -> bool:
+    """Whether the ensembles walked to their end."""
+    half, thin_by = _schedule(settings)
+    return int(draws.camera.shape[1]) == half // thin_by
+
+
 def sample_placements(
     problem: Problem,
     state: State,
@@ -106,8 +119,12 @@ def sample_placements(
     *,
     seed: np.random.SeedSequence,
     workers: int = 1,
+    scratch: Path | None = None,
 ) -> PlacementDraws:
-    """Ensembles around ``state``, its assignment held fixed."""
+    """Ensembles around ``state``, its assignment held fixed.
+
+    Interrupted, they have fewer draws, see `is_complete`.
+    """
     start_seed, run_seed = seed.spawn(2)
     rng = np.random.default_rng(start_seed)
     centre = to_theta(state)
@@ -118,8 +135,7 @@ def sample_placements(
     shape = (settings.ensembles, walkers)
     theta = centre + spread * rng.standard_normal((*shape, len(centre)))
     latent = rng.standard_normal((*shape, 2 * problem.n_frames))
-    half = settings.ensemble_steps // 2
-    thin_by = max(1, half // _KEPT)
+    half, thin_by = _schedule(settings)
     draws = run_ensembles(
         _Target(problem, state.items),
         theta,
@@ -129,6 +145,7 @@ def sample_placements(
             burn_in=half, n_draws=half // thin_by, thin_by=thin_by, keep_latent=False
         ),
         workers=workers,
+        scratch=scratch,
     )
     camera, placements, sizes = from_theta(draws.theta)
     return PlacementDraws(

@@ -5,7 +5,6 @@ from __future__ import annotations
 import warnings
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Executor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -35,14 +34,14 @@ from imapper_prob.sampling.agreement import Agreement, compare
 from imapper_prob.sampling.cast import Cast, cast_of
 from imapper_prob.sampling.chain import Setup, run_chain
 from imapper_prob.sampling.checkpoints import identity_of
-from imapper_prob.sampling.cluster import Cluster
+from imapper_prob.sampling.cluster import Cluster, executor_of
 from imapper_prob.sampling.layouts import (
     Layouts,
     group_layouts,
     merged_objects,
     through_one_lens,
 )
-from imapper_prob.sampling.placements import PlacementDraws, sample_placements
+from imapper_prob.sampling.placements import PlacementDraws, is_complete, sample_placements
 from imapper_prob.sampling.starts import starts_of
 from imapper_prob.scenelets.charness import similarity
 from imapper_prob.staged.solver import Solution
@@ -82,7 +81,7 @@ class Samples:
         Temperatures of each chain, and how its states travelled between them.
     verdict : Verdict
     finished : bool
-        Whether every chain ran all its steps.
+        Whether every chain and every ensemble ran all its steps.
     """
 
     states: tuple[State, ...]
@@ -115,12 +114,13 @@ def sample_scenes(
     workers: int = 1,
     cluster: Cluster | None = None,
     checkpoints: Path | None = None,
+    anew: bool = False,
     progress: Progress | None = None,
 ) -> Samples:
     """Sample from where the staged solver arrived, with one actor or with a cast.
 
     The result depends on ``seed`` but not on ``workers`` or ``cluster``. An interrupt (Ctrl-C)
-    ends the chains early; what they have is used.
+    ends chains or ensembles early; what they have is used.
 
     Parameters
     ----------
@@ -131,6 +131,8 @@ def sample_scenes(
     checkpoints : Path, optional
         Folder in which the chains leave what they have every few seconds, and from which
         they go on: run again after a kill, the draws are the same.
+    anew : bool
+        Delete checkpoints that are damaged or of another run, instead of refusing them.
     progress : callable, optional
         Called with the name of the stage and the part of it that is done.
 
@@ -152,7 +154,7 @@ def sample_scenes(
 
     starts = starts_of(cast, settings.chains)
     shared = setup if cluster is None else cluster.scatter(setup, broadcast=True)
-    with _told_plainly(checkpoints), _executor_of(cluster) as executor:
+    with _told_plainly(checkpoints), executor_of(cluster) as executor:
         options: dict[str, Any] = {
             "seed": chain_seed,
             "workers": workers,
@@ -168,6 +170,7 @@ def sample_scenes(
                 starts,
                 folder=checkpoints.resolve(),
                 identity=identity_of(problem, setup.candidates, starts, settings, chain_seed),
+                anew=anew,
                 **options,
             )
     n = min(len(chain.states) for chain in chains)
@@ -184,9 +187,11 @@ def sample_scenes(
         )
         ladders = tuple(chain.ladder for chain in chains)
         verdict = judge(probabilities, _functionals(values, states, objects), ladders=ladders)
-        placements = _ensembles(
-            problem, states, values.ravel(), layouts, settings, ensemble_seed, workers, progress
-        )
+        with _told_plainly(checkpoints):
+            placements = _ensembles(
+                problem, states, values.ravel(), layouts, settings, ensemble_seed, workers,
+                checkpoints, progress,
+            )  # fmt: skip
     return Samples(
         states=states,
         log_posterior=values,
@@ -199,17 +204,10 @@ def sample_scenes(
         acceptance=sum((chain.acceptance for chain in chains), AcceptanceTable()),
         ladders=ladders,
         verdict=verdict,
-        finished=all(chain.finished for chain in chains),
+        finished=all(chain.finished for chain in chains)
+        and len(placements) == min(settings.ensemble_layouts, len(layouts.leaders))
+        and all(is_complete(draws, settings) for draws in placements),
     )
-
-
-@contextmanager
-def _executor_of(cluster: Cluster | None) -> Iterator[Executor | None]:
-    if cluster is None:
-        yield None
-        return
-    with cluster.get_executor() as executor:
-        yield executor
 
 
 @contextmanager
@@ -249,9 +247,13 @@ def _ensembles(
     settings: SampleSettings,
     seed: np.random.SeedSequence,
     workers: int,
+    scratch: Path | None,
     progress: Progress | None,
 ) -> tuple[PlacementDraws, ...]:
-    """Ensembles on the most visited assignment of each of the most probable layouts."""
+    """Ensembles on the most visited assignment of each of the most probable layouts.
+
+    None follow upon those that were interrupted.
+    """
     count = min(settings.ensemble_layouts, len(layouts.leaders))
     results = []
     for layout, child in enumerate(seed.spawn(count)):
@@ -260,7 +262,11 @@ def _ensembles(
         common = Counter(keys).most_common(1)[0][0]
         own = [m for m, key in zip(members, keys, strict=True) if key == common]
         best = states[max(own, key=lambda m: values[m])]
-        results.append(sample_placements(problem, best, settings, seed=child, workers=workers))
+        results.append(
+            sample_placements(problem, best, settings, seed=child, workers=workers, scratch=scratch)
+        )
+        if not is_complete(results[-1], settings):
+            break
         if progress is not None:
             progress("walking placements", (layout + 1) / count)
     return tuple(results)

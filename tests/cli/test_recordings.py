@@ -59,24 +59,36 @@ def test_view_opens_the_recording_and_makes_it_if_need_be(
     assert opened == [made, made]
 
 
-def test_view_starts_the_viewer_where_there_is_a_screen(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    recording = tmp_path / "run.rrd"
-    recording.write_bytes(b"")
-    started: list[list[str]] = []
-    monkeypatch.setattr(
-        recordings.subprocess, "Popen", lambda command, **_: started.append(command)
-    )
+@pytest.fixture
+def recording(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A recording, where there seems to be a screen."""
     monkeypatch.setattr(recordings.sys, "platform", "linux")
     monkeypatch.setenv("DISPLAY", ":0")
+    path = tmp_path / "run.rrd"
+    path.write_bytes(b"")
+    return path
+
+
+def test_view_starts_a_viewer_that_listens_to_this_machine_only(
+    recording: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    arguments = recording.with_name("arguments")
+    program = f"import sys; open({str(arguments)!r}, 'w').write(chr(10).join(sys.argv[1:]))"
+    monkeypatch.setattr(recordings, "_RUN", program)
     assert main(["view", str(recording)]) == 0
-    assert started[0][-1] == str(recording)
+    assert arguments.read_text().split("\n") == ["--bind", "127.0.0.1", str(recording)]
+
+
+def test_a_viewer_that_finds_no_screen_is_spoken_of(
+    recording: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(recordings, "_RUN", "import sys; sys.exit(1)")
+    assert main(["view", str(recording)]) == 2
+    assert "the viewer cannot show it on this screen" in capsys.readouterr().err
     for display in ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET"):
         monkeypatch.delenv(display, raising=False)
     assert main(["view", str(recording)]) == 2
     assert "no screen here" in capsys.readouterr().err
-    assert len(started) == 1
 
 
 def test_what_is_not_there_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

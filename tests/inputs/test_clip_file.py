@@ -18,14 +18,15 @@ from imapper_prob.inputs.i3db import read_i3db, read_i3db_truth
 from imapper_prob.models.camera import Camera
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.scene import Clip, Cuboid, Placement, SceneObject, Track, Truth
+from imapper_prob.models.text import readable
 from tests.inputs.i3db_folder import I3dbFolder
 
 Arrays = dict[str, Any]
 number = st.floats(-1e6, 1e6)
 positive = st.floats(1e-3, 1e6)
 word = st.text(
-    st.characters(exclude_categories=["Cs"], exclude_characters="\0"), min_size=1, max_size=12
-)
+    st.characters(exclude_categories=["Cs", "Cc", "Zl", "Zp"]), min_size=1, max_size=12
+).filter(lambda text: readable(text) == text)
 
 
 def same(a: Any, b: Any) -> bool:
@@ -48,6 +49,18 @@ def cameras(draw: st.DrawFn) -> Camera:
         draw(st.integers(1, 10_000)),
         *(draw(positive) for _ in range(2)),
         *(draw(number) for _ in range(5)),
+    )
+
+
+@st.composite
+def clip_cameras(draw: st.DrawFn) -> Camera:
+    """Such as people are filmed with."""
+    width, height = draw(st.integers(600, 10_000)), draw(st.integers(1, 10_000))
+    longer, near, tilt = max(width, height), st.floats(-1.0, 2.0), st.floats(-1.0, 1.0)
+    focal = [longer * draw(st.floats(0.01, 50.0)) for _ in range(2)]
+    centre = [longer * draw(near) for _ in range(2)]
+    return Camera(
+        width, height, *focal, *centre, draw(tilt), draw(tilt), draw(st.floats(0.2, 100.0))
     )
 
 
@@ -87,8 +100,8 @@ def clips(draw: st.DrawFn) -> Clip:
         )
     return Clip(
         name=draw(word),
-        camera=draw(cameras()),
-        fps=draw(positive),
+        camera=draw(clip_cameras()),
+        fps=draw(st.floats(0.1, 1000.0)),
         frame_ids=np.arange(n_frames) + draw(st.integers(-5, 10**9)),
         tracks=tuple(track(n) for n in draw(st.lists(word, min_size=1, max_size=3))),
         focal_spread=draw(st.floats(0.001, 0.9)),

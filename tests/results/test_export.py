@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from imapper_prob.models.camera import Camera
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.scene import Cuboid, Placement, Scene, SceneObject
+from imapper_prob.models.text import readable
 from imapper_prob.results import export
 from imapper_prob.results.export import read_scenes, write_scenes
 from imapper_prob.results.scenes import Explains, WeightedScene
@@ -22,6 +23,9 @@ SIZES = st.floats(1e-3, 10)
 COUNTS = st.integers(0, 999)
 SPANS = st.lists(st.tuples(COUNTS, COUNTS), max_size=2).map(tuple)
 POINTS = st.tuples(LENGTHS, LENGTHS, LENGTHS)
+
+
+TEXT = st.text(max_size=5).map(readable)
 
 
 @st.composite
@@ -34,7 +38,7 @@ def weighted_scenes(draw: st.DrawFn) -> WeightedScene:
     objects = draw(st.lists(item, max_size=3))
     angle = st.floats(-1, 1)
     camera = Camera(640, 480, 500.0, 510.0, 320.0, 240.0, draw(angle), draw(angle), 1.4)
-    layout = draw(st.lists(st.tuples(st.text(max_size=5), st.integers(0, 999)), max_size=3))
+    layout = draw(st.lists(st.tuples(TEXT, st.integers(0, 999)), max_size=3))
     spread = np.random.default_rng(len(objects)).normal(size=(len(objects), 2, 2))
     return WeightedScene(
         Scene(camera, objects, np.zeros((3, 16, 3)), layout, draw(st.floats(-1e6, 1e6))),
@@ -44,7 +48,7 @@ def weighted_scenes(draw: st.DrawFn) -> WeightedScene:
         np.zeros((2, 3, 16, 3)),
         layouts=tuple(draw(st.lists(st.integers(1, 99), max_size=3))),
         explains=draw(st.none() | st.builds(Explains, SPANS, COUNTS, COUNTS, COUNTS, COUNTS)),
-        difference=draw(st.text(max_size=5)),
+        difference=draw(TEXT),
         draw=draw(COUNTS),
     )
 

@@ -12,13 +12,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from PIL import Image
 
 from imapper_prob.cli import main
+from imapper_prob.demo import demo_clip
+from imapper_prob.evaluate.parts import first_part
 from imapper_prob.models.scene import MEASURED_FOCAL, Clip
 from imapper_prob.results.checks import Check
 from imapper_prob.results.report.page import table
-from imapper_prob.results.report.words import answer, listed, runner_up, sides, warnings_of
+from imapper_prob.results.report.words import answer, listed, runner_up, sides_of, warnings_of
 from imapper_prob.results.report.write import report
 from imapper_prob.samplers.verdict import Verdict
 from tests.results.test_scenes import item
@@ -129,14 +132,25 @@ def test_rooms_in_words() -> None:
     assert "unlike the first: no table" in runner_up([chair, other])
 
 
-def test_frames_with_sides_exchanged_are_named_in_runs() -> None:
-    ids = np.arange(28, 40)
-    swapped = np.where((ids >= 31) & (ids <= 35), 0.9, 0.5)
-    assert sides(swapped, ids).endswith("left for right in frames 31-35.")
+def test_frames_with_sides_exchanged_are_named_in_runs_and_by_person() -> None:
+    clip = first_part(demo_clip(), 12 / 130)
+    ids = clip.frame_ids
+
+    def sides(swapped: NDArray[np.float64]) -> str:
+        (sentence,) = sides_of(clip, swapped)
+        return sentence
+
+    swapped = np.where((ids >= 3) & (ids <= 7), 0.9, 0.5)
+    assert sides(swapped).endswith("left for right in frames 3-7.")
     swapped[[0, -1]] = 0.6
-    assert sides(swapped, ids).endswith("in frames 28, 31-35, 39.")
-    assert sides(np.where(ids == 30, 1.0, 0.0), ids).endswith("in frame 30.")
-    assert "in no frame" in sides(np.zeros(12), ids)
+    assert sides(swapped).endswith("in frames 0, 3-7, 11.")
+    assert sides(np.where(ids == 2, 1.0, 0.0)).endswith("in frame 2.")
+    assert "in no frame" in sides(np.zeros(12))
+    (alone,) = clip.tracks
+    two = replace(clip, tracks=(replace(alone, name="a"), replace(alone, name="b")))
+    first, second = sides_of(two, np.concatenate([np.zeros(12), np.ones(12)]))
+    assert first.endswith("right of a in no frame.")
+    assert second.endswith("right of b in frames 0-11.")
 
 
 def surely(clip: Clip) -> Clip:

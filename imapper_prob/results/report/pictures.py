@@ -18,6 +18,7 @@ from matplotlib.patches import Ellipse, Polygon
 from numpy.typing import NDArray
 
 from imapper_prob.colours import category_colour
+from imapper_prob.figure_file import save_figure
 from imapper_prob.models.scene import Clip, SceneObject, Truth
 from imapper_prob.models.skeleton import PELV
 from imapper_prob.people import by_person
@@ -219,6 +220,8 @@ def _as_png(figure: Figure) -> str:
     """The figure as the address of an image that lies in the page itself."""
     file = io.BytesIO()
     # Without the name of its maker, the same figure is the same file everywhere.
-    figure.savefig(file, format="png", dpi=_DOTS_PER_INCH, bbox_inches="tight", pad_inches=0.05,
-                   metadata={"Software": None})  # fmt: skip
+    save_figure(
+        figure, file, dpi=_DOTS_PER_INCH, format="png", bbox_inches="tight", pad_inches=0.05,
+        metadata={"Software": None},
+    )  # fmt: skip
     return "data:image/png;base64," + base64.b64encode(file.getvalue()).decode()

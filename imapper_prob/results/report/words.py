@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.models.scene import Clip, SceneObject
-from imapper_prob.people import everybody
+from imapper_prob.people import by_person, everybody, own_part
 from imapper_prob.results.checks import elsewhere_frames, named
 from imapper_prob.results.scenes import WeightedScene
 from imapper_prob.sampling.sample import Samples
 
-__all__ = ["answer", "listed", "runner_up", "sides", "warnings_of"]
+__all__ = ["answer", "listed", "runner_up", "sides_of", "warnings_of"]
 
 _NUMBERS: Final = (
     "no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten",
@@ -117,17 +117,23 @@ def warnings_of(
     return tuple(said)
 
 
-def sides(swapped: NDArray[np.float64], frame_ids: NDArray[np.int64], *, of: str = "") -> str:
-    """In which frames the detector took left for right, more probably than not.
+def sides_of(clip: Clip, swapped: NDArray[np.float64]) -> tuple[str, ...]:
+    """In which frames the detector took left for right, more probably than not, by person.
 
     Parameters
     ----------
-    swapped : (T,) float
-        Probability of that by frame.
-    frame_ids : (T,) int
-    of : str
-        Whose sides, with a blank before it, where there are several people.
+    clip : Clip
+        Of K people.
+    swapped : (K T,) float
+        Probability of that by frame, of several people in a row.
     """
+    return tuple(
+        _sides(own, clip.frame_ids, of=own_part(clip, person))
+        for person, own in enumerate(by_person(clip, swapped))
+    )
+
+
+def _sides(swapped: NDArray[np.float64], frame_ids: NDArray[np.int64], *, of: str) -> str:
     whose = f" of{of}" if of else ""
     frames = frame_ids[swapped > _SWAPPED]
     if not len(frames):

@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 
 from imapper_prob.files import written_whole
-from imapper_prob.people import by_person, own_part
 from imapper_prob.recording.caption import TITLES
 from imapper_prob.recording.certainty import HIDDEN
 from imapper_prob.results.checks import alarms
@@ -29,7 +28,7 @@ from imapper_prob.results.report.pictures import (
     scene_picture,
     trace_picture,
 )
-from imapper_prob.results.report.words import answer, listed, runner_up, sides, warnings_of
+from imapper_prob.results.report.words import answer, listed, runner_up, sides_of, warnings_of
 from imapper_prob.results.scenes import WeightedScene
 from imapper_prob.results.uncertainty.clusters import ObjectCluster
 from imapper_prob.results.uncertainty.nuisances import Nuisance
@@ -183,10 +182,7 @@ def _person(posterior: Posterior) -> str:
             f"Joints are known to {pelvis[0]:.0f} cm across the view, {pelvis[1]:.0f} cm in depth "
             f"and {pelvis[2]:.0f} cm in height (standard deviation, mean over joints and frames)."
         ),
-        *(
-            paragraph(sides(swapped, clip.frame_ids, of=own_part(clip, person)))
-            for person, swapped in enumerate(by_person(clip, posterior.sides_swapped))
-        ),
+        *map(paragraph, sides_of(clip, posterior.sides_swapped)),
         table(
             ["", "before the clip", "after it", "learned"],
             rows,

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,10 @@ from imapper_prob.models.scene import SceneObject
 __all__ = ["Occupancy", "occupancy"]
 
 Array = NDArray[np.float64]
+
+_REACH: Final = 500
+"""Cells to each side of the middle: 50 m at the usual size, a hall. A draw that has furniture
+further away would make a grid that no memory holds."""
 
 
 @dataclass(frozen=True)
@@ -71,7 +76,7 @@ def occupancy(draws: Sequence[Sequence[SceneObject]], *, cell: float = 0.1) -> O
         The furniture of each draw, in the world; at least one draw.
     cell : float
         Side of a cell, metres. The grid has centres at whole multiples and holds every
-        footprint.
+        footprint, those left out that are out of reach of 500 cells from the middle one.
     """
     if not draws or cell <= 0:
         raise ValueError("occupancy needs a draw and cells of a positive size")
@@ -81,8 +86,11 @@ def occupancy(draws: Sequence[Sequence[SceneObject]], *, cell: float = 0.1) -> O
         nothing = np.zeros((0, 0))
         return Occupancy(np.zeros(0), np.zeros(0), cell, (), np.zeros((0, 0, 0)), nothing)
     corners = np.concatenate(footprints)
-    first = np.floor(corners.min(0) / cell).astype(int)
-    last = np.ceil(corners.max(0) / cell).astype(int)
+    middle = np.median(corners, axis=0)
+    low = np.maximum(corners.min(0), middle - _REACH * cell)
+    high = np.minimum(corners.max(0), middle + _REACH * cell)
+    first = np.floor(low / cell).astype(int)
+    last = np.ceil(high / cell).astype(int)
     x, y = (cell * np.arange(a, b + 1) for a, b in zip(first, last, strict=True))
     counts = np.zeros((len(categories), len(y), len(x)))
     total = np.zeros((len(y), len(x)))

@@ -1,0 +1,155 @@
+"""Whether what was read from a file can be handed to compiled code, which looks at nothing.
+
+Indices must be inside of what they index, shapes agree, numbers be finite and of a size that
+there is. Whatever is read passes here first: the posterior of a run, and checkpoints.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imapper_prob.models.errors import InputError
+from imapper_prob.models.posterior import State
+from imapper_prob.models.problem import Problem
+from imapper_prob.models.skeleton import N_JOINTS
+
+__all__ = ["check_problem", "check_state"]
+
+Array = NDArray[np.float64]
+
+_LARGEST: Final = 1e9
+"""Of any number in a problem: pixels, metres and nats are less."""
+_FARTHEST: Final = 1e4
+"""Metres of a scenelet from the camera."""
+_LARGEST_LOG: Final = 5.0
+"""Of log sizes and scales: a hundredfold."""
+_LARGEST_LATENT: Final = 100.0
+"""Standard deviations of a normal number."""
+
+_SHAPES: Final[Mapping[str, tuple[str | int, ...]]] = {
+    "keypoints": ("T", N_JOINTS, 2), "used": ("T", N_JOINTS), "confidences": ("T", N_JOINTS),
+    "confidence_density": ("T", N_JOINTS, 2), "error_scale": ("T", N_JOINTS, 2),
+    "error_dof": ("T", N_JOINTS, 2), "path_centre": ("T", 2), "path_scale": ("T", 2),
+    "path_starts": ("T",), "path_mean": (2, "P+1", 2), "path_draw": (2, "P+1", 3, 3),
+    "lift": ("T",), "poses": ("T", N_JOINTS, 3), "path_facing": ("T", 2),
+    "static_density": (2, "T", N_JOINTS, 2), "free_cost": ("T",), "joints": ("N", N_JOINTS, 3),
+    "joint_facing": ("N", 2), "joint_first": ("L+1",), "boxes": ("B", 7), "box_first": ("L+1",),
+    "box_object": ("B",), "box_label": ("B",), "box_yaw": ("B",), "label_front": ("C",),
+    "stays": ("K", 3), "lowered": ("L", 2), "log_rate": ("L",), "camera_mean": (5,),
+    "camera_precision": (5, 5), "start_mean": (2,), "start_variance": (2,), "paper_nats": (5,),
+}  # fmt: skip
+"""Fields of a problem that are arrays: of T frames of which at most P are of one person, N frames
+and B boxes of L scenelets, C categories and K stays."""
+_INDICES: Final = ("joint_first", "box_first", "box_object", "box_label", "lowered")
+_FLAGS: Final = ("used", "path_starts", "label_front")
+_POSITIVE: Final = (
+    "fx", "fy", "error_scale", "error_dof", "path_scale", "start_variance", "size_spread",
+    "facing_spread", "pose_tolerance", "sight_width", "joint_step", "merge_angle",
+)  # fmt: skip
+
+
+def check_problem(problem: Problem) -> None:
+    """Refuse a problem on which compiled code would leave its arrays.
+
+    Raises
+    ------
+    InputError
+        With the name of the field.
+    """
+    lengths: dict[str, int] = {}
+    for name, values in problem._asdict().items():
+        shape, array = _SHAPES.get(name, ()), np.asarray(values)
+        kinds = "iu" if name in _INDICES else "b" if name in _FLAGS else "f"
+        if array.dtype.kind not in kinds or array.ndim != len(shape):
+            raise InputError(f"{name} has shape {array.shape} and type {array.dtype}")
+        for wanted, there in zip(shape, array.shape, strict=True):
+            if isinstance(wanted, str):
+                letter, _, more = wanted.partition("+")
+                own = there - int(more or 0)
+                agrees = lengths.setdefault(letter, own) == own >= 0
+            else:
+                agrees = wanted == there
+            if not agrees:
+                raise InputError(f"{name} has shape {array.shape}, unlike the others")
+        _check_numbers(name, array)
+    if min(lengths["T"], lengths["L"]) < 1:
+        raise InputError("no frame, or no scenelet")
+    begins = np.append(np.flatnonzero(problem.path_starts), lengths["T"])
+    if begins[0] != 0 or np.diff(begins).max() > lengths["P"]:
+        raise InputError("path_starts does not fit the tables of the path")
+    _check_pointers(problem, lengths)
+    precision = problem.camera_precision
+    if not np.allclose(precision, precision.T) or np.linalg.eigvalsh(precision)[0] <= 0:
+        raise InputError("camera_precision is no precision")
+
+
+def _check_numbers(name: str, array: NDArray[np.generic]) -> None:
+    if array.dtype.kind != "f":
+        return
+    numbers = array.astype(np.float64)
+    if not (np.isfinite(numbers).all() and (np.abs(numbers) <= _LARGEST).all()):
+        raise InputError(f"{name} has a number that is not finite, or too large to be true")
+    if name in _POSITIVE and not (numbers > 0).all():
+        raise InputError(f"{name} must be positive")
+
+
+def _check_pointers(problem: Problem, lengths: Mapping[str, int]) -> None:
+    for name, end, least in (("joint_first", "N", 2), ("box_first", "B", 0)):
+        first = getattr(problem, name)
+        if first[0] != 0 or first[-1] != lengths[end] or (np.diff(first) < least).any():
+            raise InputError(f"{name} does not fit what it points at")
+    boxes_of = np.diff(problem.box_first)
+    owner = np.repeat(np.arange(lengths["L"]), boxes_of)
+    for name, limit in (("box_object", boxes_of[owner]), ("box_label", lengths["C"])):
+        index = getattr(problem, name)
+        if not ((index >= 0) & (index < limit)).all():
+            raise InputError(f"{name} points at nothing")
+    begin, end_ = problem.lowered.T
+    if not ((begin >= 0) & (begin <= end_) & (end_ <= problem.lengths)).all():
+        raise InputError("lowered names frames that are not there")
+    if not ((problem.stays[:, :2] >= 0) & (problem.stays[:, :2] <= lengths["T"])).all():
+        raise InputError("stays name frames that are not there")
+
+
+def check_state(problem: Problem, state: State) -> None:
+    """Refuse a state that is none of a problem.
+
+    Raises
+    ------
+    InputError
+        With what is wrong.
+    """
+    count = len(state.items)
+    arrays = (
+        ("camera", state.camera, (5,), _FARTHEST),
+        ("placements", state.placements, (count, 3), _FARTHEST),
+        ("sizes", state.sizes, (count,), _LARGEST_LOG),
+        ("latent", state.latent, (problem.n_frames, 2), _LARGEST_LATENT),
+    )
+    for name, array, shape, most in arrays:
+        if array.shape != shape or array.dtype != np.float64:
+            raise InputError(f"{name} of a state has shape {array.shape} and type {array.dtype}")
+        if not (np.abs(array) <= most).all():
+            raise InputError(f"{name} of a state is not finite, or too large to be true")
+    if not (np.abs(state.camera[2:4]) <= _LARGEST_LOG).all():
+        raise InputError("camera of a state is of no size that there is")
+    if state.items.shape != (count, 2) or state.items.dtype != np.int64:
+        raise InputError("items of a state are no scenelets with start frames")
+    _check_items(problem, state.items)
+
+
+def _check_items(problem: Problem, items: NDArray[np.int64]) -> None:
+    scenelets, starts = items.T
+    if not ((scenelets >= 0) & (scenelets < len(problem.log_rate))).all():
+        raise InputError("a state has a scenelet that is not there")
+    ends = starts + problem.lengths[scenelets]
+    inside = (starts >= 0).all() and (ends <= problem.n_frames).all()
+    if not inside or (ends[:-1] > starts[1:]).any():
+        raise InputError("scenelets of a state overlap, or stick out of the clip")
+    for start, end in zip(starts.tolist(), ends.tolist(), strict=True):
+        if problem.path_starts[start + 1 : end].any():
+            raise InputError("a scenelet of a state goes on where somebody else begins")

@@ -1,0 +1,251 @@
+"""The command line under interrupts, strange names, and folders that hold something."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+from argparse import Namespace
+from contextlib import redirect_stderr, redirect_stdout
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import imapper_prob
+from imapper_prob.cli import main
+from imapper_prob.cli.console import console, printable
+from imapper_prob.cli.interruption import Stopped, Terminated, last_words, stoppable
+from imapper_prob.cli.run import _show
+from imapper_prob.config import SampleSettings
+from imapper_prob.demo import demo_clip
+from imapper_prob.evaluate.parts import first_part
+from imapper_prob.inputs import write_clip
+from imapper_prob.models.scene import SceneObject
+from imapper_prob.models.scenelet import Library
+from imapper_prob.sampling import placements
+from imapper_prob.sampling.sample import sample_scenes
+from imapper_prob.scenelets.library import load_library
+from imapper_prob.scenelets.library_file import save_library
+from tests.runs import SHORT, posterior, solution
+from tests.sampling.test_cast import posterior as posterior_of_two
+
+TINY = (
+    "[sample]\nsteps = 60\ndraws = 5\ntemperatures = 2\nchains = 2\n"
+    "ensemble_layouts = 1\nensembles = 2\nensemble_steps = 2\n"
+)
+HOSTILE = "a[/red]\x1b[31m$\\frac{$\n<script>\udce8"
+"""Markup of rich, an order to the terminal, half a formula, HTML, and a byte of Latin-1."""
+
+
+def renamed(o: SceneObject) -> SceneObject:
+    return replace(o, label="$\\frac{$[/b]" if o.label == "couch" else o.label)
+
+
+@pytest.fixture(scope="module")
+def hostile_run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str, str]:
+    """A run with such names wherever a user can put one, its output and its errors."""
+    base = tmp_path_factory.mktemp("hostile")
+    (base / "tiny.toml").write_text(TINY)
+    clip = first_part(demo_clip(), 0.5)
+    track = replace(clip.tracks[0], name=HOSTILE)
+    write_clip(base / "clip.npz", replace(clip, name=HOSTILE, tracks=(track,)))
+    scenelets = [s for s in load_library() if s.name.startswith(("sit-couch", "walk"))][::4]
+    spoiled = [replace(s, objects=tuple(map(renamed, s.objects))) for s in scenelets]
+    library = base / "part\nof\x1b[31mit.npz"
+    save_library(Library(HOSTILE, tuple(spoiled)), library)
+    out = base / "[/red]$\\frac{$\x1b[31mout"
+    arguments = ["run", str(base / "clip.npz"), "-o", str(out), "--workers", "1"]
+    arguments += ["--library", str(library), "--config", str(base / "tiny.toml")]
+    with (
+        (base / "stdout").open("w", encoding="utf-8") as stdout,
+        (base / "stderr").open("w", encoding="utf-8") as stderr,
+        redirect_stdout(stdout),
+        redirect_stderr(stderr),
+    ):
+        assert main(arguments) == 0
+        for command in (["info"], ["info", "--energy"], ["report"], ["record"]):
+            assert main([*command, str(out)]) == 0
+    return out, (base / "stdout").read_text(), (base / "stderr").read_text()
+
+
+def test_names_of_others_pass_through_every_output(hostile_run: tuple[Path, str, str]) -> None:
+    out, printed, said = hostile_run
+    assert "\x1b" not in printed + said
+    assert "a[/red]\ufffd[31m$\\frac{$ <script>è" in printed
+    assert "Traceback" not in said
+    page = (out / "report.html").read_text()
+    assert "<script>" not in page
+    assert "&lt;script&gt;" in page
+    opened = imapper_prob.load_posterior(out)
+    assert opened.clip.name == "a[/red]\ufffd[31m$\\frac{$ <script>è"
+    assert opened.config.library.endswith("part\nof\x1b[31mit.npz")
+    json.loads((out / "scenes.json").read_text())
+
+
+def test_a_refusal_names_what_it_is_about_on_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["run", f"{tmp_path}/\x1b[31m\nclip", "-o", str(tmp_path / "out")]) == 2
+    error = capsys.readouterr().err
+    assert "\x1b" not in error
+    assert error.count("\n") == 1
+    assert not (tmp_path / "out").exists()
+
+
+def test_what_is_printed_is_what_is_written(capsys: pytest.CaptureFixture[str]) -> None:
+    console().print("[bold]x[/red] :smile: \x1b]0;title\x07")
+    assert capsys.readouterr().out == "[bold]x[/red] :smile: \ufffd]0;title\ufffd\n"
+    assert printable("one\n\u202etwo") == "one\n\ufffdtwo"
+
+
+def test_several_people_are_shown(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    _show(posterior_of_two(), tmp_path)
+    shown = capsys.readouterr().out
+    for track in posterior_of_two().clip.tracks:
+        assert f"left for right of {track.name} in" in shown.replace("\n", " ")
+
+
+def interrupted_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Ctrl-C when walkers have begun to walk."""
+    log_posterior, calls = placements.log_posterior, []
+
+    def called(*arguments: object) -> float:
+        calls.append(None)
+        if len(calls) == 100:
+            os.kill(os.getpid(), signal.SIGINT)
+        return log_posterior(*arguments)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(placements, "log_posterior", called)
+
+
+def test_ensembles_that_were_interrupted_are_not_finished_and_go_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    settings = SampleSettings(
+        steps=60, draws=5, temperatures=2, chains=2, ensemble_layouts=2, ensembles=2,
+        ensemble_steps=8,
+    )  # fmt: skip
+    seed = np.random.SeedSequence(1)
+    with monkeypatch.context() as patch:
+        interrupted_once(patch)
+        part = sample_scenes(solution(), settings, seed=seed, checkpoints=tmp_path)
+    assert not part.finished
+    assert len(part.placements) == 1
+    seed = np.random.SeedSequence(1)
+    whole = sample_scenes(solution(), settings, seed=seed, checkpoints=tmp_path)
+    assert whole.finished
+    undisturbed = sample_scenes(solution(), settings, seed=np.random.SeedSequence(1))
+    for one, other in zip(whole.placements, undisturbed.placements, strict=True):
+        np.testing.assert_array_equal(one.camera, other.camera)
+
+
+def test_an_interrupted_run_is_written_and_says_so(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run, out = posterior(), tmp_path / "out"
+    samples = replace(run.samples, finished=False)
+
+    def sample(*_: object, checkpoints: Path, **__: object) -> object:
+        checkpoints.mkdir(exist_ok=True)
+        (checkpoints / "chain-0.npz").touch()
+        return replace(run, samples=samples)
+
+    monkeypatch.setattr(imapper_prob, "sample", sample)
+    arguments = ["demo", "-o", str(out), "--workers", "1"]
+    assert main(arguments) == 130
+    assert "the same command goes on" in capsys.readouterr().err
+    assert (out / "checkpoints" / "chain-0.npz").exists()
+    samples = replace(samples, finished=True)
+    assert main(arguments) == 0
+    assert not (out / "checkpoints").exists()
+    assert main(arguments) == 2
+
+
+@pytest.mark.parametrize("stage", ["sample", "write_run"])
+def test_an_interrupt_at_any_other_time_keeps_the_checkpoints(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], stage: str
+) -> None:
+    out = tmp_path / "out"
+    (out / "checkpoints").mkdir(parents=True)
+    (out / "checkpoints" / "chain-0.npz").touch()
+
+    def sample(*_: object, **__: object) -> object:
+        if stage == "sample":
+            os.kill(os.getpid(), signal.SIGINT)
+        return posterior()
+
+    def record(*_: object, **__: object) -> None:
+        os.kill(os.getpid(), signal.SIGTERM)
+
+    monkeypatch.setattr(imapper_prob, "sample", sample)
+    monkeypatch.setattr("imapper_prob.results.posterior.Posterior.record", record)
+    code = 130 if stage == "sample" else 143
+    assert main(["demo", "-o", str(out), "--workers", "1"]) == code
+    assert "what there is was kept, the same command goes on" in capsys.readouterr().err
+    assert sorted(p.name for p in out.rglob("*")) == ["chain-0.npz", "checkpoints"]
+
+
+def test_sigterm_is_heard_and_forgotten() -> None:
+    before = signal.getsignal(signal.SIGTERM)
+    with pytest.raises(Terminated), stoppable():
+        os.kill(os.getpid(), signal.SIGTERM)
+    assert signal.getsignal(signal.SIGTERM) is before
+    assert last_words(Terminated(), Namespace()) == ("interrupted; nothing was written", 143)
+    assert last_words(Stopped(), Namespace()) == ("interrupted; the same command goes on", 130)
+
+
+def test_overwrite_deletes_nothing_before_there_is_something_else(
+    run_of_demo: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    shutil.copytree(run_of_demo, out)
+    (out / "checkpoints").mkdir()
+    (out / "checkpoints" / "chain-0.npz").write_bytes(b"hours of work")
+    before = sorted(out.rglob("*"))
+    for arguments in (["no-such-clip.npz"], ["--seed", "-1", str(tmp_path)]):
+        assert main(["run", *arguments, "-o", str(out), "--overwrite"]) == 2
+        assert sorted(out.rglob("*")) == before
+
+
+def test_overwrite_goes_on_with_its_own_checkpoints_and_drops_those_of_others(
+    tmp_path: Path,
+) -> None:
+    brief = replace(SHORT.sample, steps=60, draws=5, chains=2, ensembles=2, ensemble_steps=2)
+    for seed in (1, 2):
+        sample_scenes(
+            solution(), brief, seed=np.random.SeedSequence(seed), checkpoints=tmp_path, anew=True
+        )
+    before = (tmp_path / "chain-0.npz").stat().st_ino
+    (tmp_path / "chain-1.npz").write_bytes(b"cut short")
+    sample_scenes(
+        solution(), brief, seed=np.random.SeedSequence(2), checkpoints=tmp_path, anew=True
+    )
+    assert (tmp_path / "chain-1.npz").stat().st_size > 1000
+    assert (tmp_path / "chain-0.npz").stat().st_ino != before  # a chain saves when it ends
+
+
+@pytest.mark.parametrize(
+    ("option", "words"),
+    [
+        (["--seed", "-1"], "seed = -1 must not be negative"),
+        (["--pitch", "89"], "a camera of pitch 89"),
+        (["--camera-height", "1e9"], "m above the floor"),
+        (["--focal", "1e12"], "focal length fx"),
+        (["--focal", "1e-6"], "focal length fx"),
+        (["--fps", "1e12"], "frames a second"),
+        (["--people", "1000000000"], "people = 1000000000"),
+    ],
+)
+def test_what_cannot_be_is_refused_before_the_work(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], option: list[str], words: str
+) -> None:
+    landmarks = [{"x": 0.3 + 0.01 * j, "y": 0.2 + 0.02 * j, "visibility": 0.9} for j in range(33)]
+    frames = [{"frame": t, "landmarks": landmarks} for t in range(20)]
+    (tmp_path / "clip.json").write_text(json.dumps(frames))
+    arguments = ["run", str(tmp_path / "clip.json"), "--size", "1920x1080"]
+    assert main([*arguments, *option, "-o", str(tmp_path / "out")]) == 2
+    assert words in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
