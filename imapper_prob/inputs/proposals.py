@@ -22,8 +22,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from imapper_prob.inputs.joint_names import joints_by_name
 from imapper_prob.inputs.json_fields import field, frame_number, load_json, numbers
-from imapper_prob.inputs.sightings import FARTHEST, LONGEST_CLIP, MOST_PEOPLE, Sightings
+from imapper_prob.inputs.sightings import FARTHEST, Sightings
 from imapper_prob.models.errors import InputError
+from imapper_prob.models.limits import LONGEST_CLIP, MOST_PEOPLE
 from imapper_prob.models.skeleton import DETECTED, JOINTS, PELV
 
 __all__ = ["is_proposals", "proposal_confidence", "proposal_variance", "read_proposals"]
