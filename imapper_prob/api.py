@@ -13,6 +13,7 @@ from imapper_prob import inputs
 from imapper_prob.config import Config
 from imapper_prob.inputs import ClipOptions
 from imapper_prob.lifting import lift_clip
+from imapper_prob.memory import require_memory
 from imapper_prob.models.scene import Clip
 from imapper_prob.models.scenelet import Library
 from imapper_prob.results.posterior import Posterior
@@ -119,6 +120,11 @@ def sample(
         Delete checkpoints of another run, or damaged ones, instead of refusing them.
     progress : callable, optional
         See `solve`.
+
+    Raises
+    ------
+    InputError
+        The clip does not fit into the memory that there is, or what it holds cannot be used.
     """
     config = config or Config()
     config = replace(
@@ -126,6 +132,7 @@ def sample(
         seed=config.seed if rng is None else rng,
         sample=replace(config.sample, chains=chains or config.sample.chains),
     )
+    require_memory(clip, library, config.sample)
     begun = time.perf_counter()
     if start is None:
         known = load_library() if library is None else library

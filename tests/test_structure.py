@@ -26,7 +26,7 @@ SOURCES = sorted(
 )
 FLOORS = [
     {"models", "samplers"},
-    {"colours", "config", "figure_file", "files", "people", "tracking"},
+    {"colours", "config", "figure_file", "files", "memory", "people", "tracking"},
     {"inputs", "detect"},
     {"scenelets"},
     {"staged"},

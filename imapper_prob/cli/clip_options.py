@@ -41,6 +41,7 @@ def clip_parser(*, files: bool = True) -> argparse.ArgumentParser:
         add("--format", help="such as body_25, halpe_26, mediapipe; by content if left out")
         add("--size", type=size_of, metavar="WxH", help="of the image in pixels")
         add("--people", type=int, metavar="N", help="actors, where files do not say")
+        add("--frames", type=_span, metavar="FIRST:LAST", help="these alone, by their numbers")
         add("--marks", type=Path, metavar="FILE", help="who is who in some frames, JSON")
         choices = ("default", "paper")
         add(
@@ -57,6 +58,14 @@ def size_of(text: str) -> tuple[int, int]:
     match = re.fullmatch(r"(\d{1,5})[x×](\d{1,5})", text)
     if match is None:
         raise argparse.ArgumentTypeError(f"{text!r} is no size such as 1920x1080")
+    return int(match[1]), int(match[2])
+
+
+def _span(text: str) -> tuple[int, int]:
+    """First and last frame out of ``100:350``."""
+    match = re.fullmatch(r"(-?\d{1,15}):(-?\d{1,15})", text)
+    if match is None:
+        raise argparse.ArgumentTypeError(f"{text!r} are no frames such as 100:350")
     return int(match[1]), int(match[2])
 
 
@@ -116,10 +125,12 @@ def clip_from(path: Path, options: argparse.Namespace) -> Clip:
     said = clip_options(options)
     if is_video(path):
         from imapper_prob.detect import detect
+        from imapper_prob.inputs.window import window
 
         with progress_bars() as progress:
-            return detect(path, options=said, progress=progress)
+            clip = detect(path, options=said, progress=progress)
+        return clip if options.frames is None else window(clip, *options.frames)
     from imapper_prob.inputs import load_clip
     from imapper_prob.lifting import lift_clip
 
-    return load_clip(path, options=said, lift=lift_clip)
+    return load_clip(path, options=said, lift=lift_clip, frames=options.frames)

@@ -69,6 +69,7 @@ def _solve(options: argparse.Namespace) -> None:
 
     from imapper_prob.cli.console import console
     from imapper_prob.config import Config, read_config
+    from imapper_prob.memory import require_memory
     from imapper_prob.results.solution_tables import (
         furniture_table,
         maxima_table,
@@ -91,6 +92,7 @@ def _solve(options: argparse.Namespace) -> None:
             clock = StageClock(progress)
             library = load_library(config.library)
             clock("library", 1.0)
+            require_memory(clip, library)
             actors = solve_actors(clip, library, settings=config.settings, progress=clock)
             solution = solved(clip, actors)
             clock("diverse scenes", 1.0)

@@ -6,7 +6,8 @@ from dataclasses import replace
 from typing import Final
 
 from imapper_prob.evaluate.truth import TruthInView
-from imapper_prob.models.scene import Clip, Track
+from imapper_prob.inputs.window import window
+from imapper_prob.models.scene import Clip
 
 __all__ = ["PARTS", "first_part", "truth_of_part"]
 
@@ -19,17 +20,8 @@ def first_part(clip: Clip, part: float) -> Clip:
     if part == 1:
         return clip
     count = _count(clip.n_frames, part)
-    tracks = tuple(
-        Track(
-            name=t.name,
-            keypoints=t.keypoints[:count],
-            confidences=t.confidences[:count],
-            poses=t.poses[:count],
-            interpolated=t.interpolated[:count],
-        )
-        for t in clip.tracks
-    )
-    return replace(clip, frame_ids=clip.frame_ids[:count], tracks=tracks, truth=None)
+    first = int(clip.frame_ids[0])
+    return window(clip, first, first + count - 1)
 
 
 def truth_of_part(truth: TruthInView, part: float) -> TruthInView:

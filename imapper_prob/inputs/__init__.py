@@ -13,6 +13,7 @@ from imapper_prob.inputs.camera_options import ClipOptions, read_camera
 from imapper_prob.inputs.clip_file import read_clip, write_clip
 from imapper_prob.inputs.formats import read_whatever
 from imapper_prob.inputs.marks import read_marks
+from imapper_prob.inputs.window import window
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.scene import Clip, Track
 
@@ -37,6 +38,7 @@ def load_clip(
     *,
     options: ClipOptions | None = None,
     lift: Callable[[Clip], Clip] | None = None,
+    frames: tuple[int, int] | None = None,
 ) -> Clip:
     """Read a clip, whatever its format.
 
@@ -49,6 +51,8 @@ def load_clip(
         What the files do not say: camera, image size, frame rate.
     lift : callable, optional
         Gives poses to the tracks of a clip that have none; such clips are refused without.
+    frames : (int, int), optional
+        First and last frame to take, by the clip's own numbers; all if not given.
 
     Returns
     -------
@@ -63,6 +67,8 @@ def load_clip(
     """
     path = Path(path)
     clip = read_whatever(path, options or ClipOptions())
+    if frames is not None:
+        clip = window(clip, *frames)
     if clip.n_frames < SHORTEST_CLIP:
         raise InputError(
             f"{path}: a clip of {clip.n_frames} frames; at least {SHORTEST_CLIP} are needed"

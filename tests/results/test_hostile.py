@@ -108,7 +108,7 @@ def test_what_was_packed_and_drawn_is_valid() -> None:
     check_problem(run.solution.problem)
     for state in run.samples.states:
         check_state(run.solution.problem, state)
-    with pytest.raises(InputError, match="keypoints has shape"):
+    with pytest.raises(InputError, match="used has shape"):
         check_problem(run.solution.problem._replace(keypoints=np.zeros((3, 16, 2))))
 
 

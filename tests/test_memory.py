@@ -1,0 +1,78 @@
+"""Long clips and the memory that there is."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from imapper_prob import memory
+from imapper_prob.cli import main
+from imapper_prob.config import SampleSettings
+from imapper_prob.demo import demo_clip
+from imapper_prob.inputs import load_clip, write_clip
+from imapper_prob.models.errors import InputError
+from imapper_prob.models.scene import Clip
+from imapper_prob.scenelets.library import load_library
+
+
+def long_clip(n_frames: int) -> Clip:
+    """Somebody who does the same again and again."""
+    clip = demo_clip()
+    (track,) = clip.tracks
+    again = np.arange(n_frames) % clip.n_frames
+    long = replace(
+        track,
+        keypoints=track.keypoints[again],
+        confidences=track.confidences[again],
+        poses=track.poses[again],
+        interpolated=track.interpolated[again],
+    )
+    return replace(clip, frame_ids=np.arange(n_frames), tracks=(long,), truth=None)
+
+
+def test_a_clip_that_does_not_fit_is_refused_before_the_work(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(memory, "memory_there", lambda: 16e9)
+    clip = long_clip(20_000)
+    write_clip(tmp_path / "clip.npz", clip)
+    arguments = ["run", str(tmp_path / "clip.npz"), "-o", str(tmp_path / "out")]
+    assert main(arguments) == 2
+    said = capsys.readouterr().err
+    assert "20000 frames of 1 need about" in said
+    assert "16.0 GB are there; take parts of up to" in said
+    assert not (tmp_path / "out").exists()
+    last = int(said.split("--frames 0:")[1].split(",")[0])
+    part = load_clip(tmp_path / "clip.npz", frames=(0, last))
+    assert part.n_frames == last + 1 > 1000
+    memory.require_memory(part, load_library(), SampleSettings())
+    with pytest.raises(InputError, match="GB of memory"):
+        memory.require_memory(load_clip(tmp_path / "clip.npz"), load_library(), SampleSettings())
+
+
+def test_frames_that_are_not_there_are_refused(tmp_path: Path) -> None:
+    write_clip(tmp_path / "clip.npz", demo_clip())
+    assert load_clip(tmp_path / "clip.npz", frames=(20, 49)).frame_ids[[0, -1]].tolist() == [20, 49]
+    with pytest.raises(InputError, match="no frames 100 to 130; it has 0 to 129"):
+        load_clip(tmp_path / "clip.npz", frames=(100, 130))
+    with pytest.raises(InputError, match="a clip of 3 frames"):
+        load_clip(tmp_path / "clip.npz", frames=(100, 102))
+
+
+def test_memory_there_is_of_the_machine_or_of_its_container(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    there, limit, used = tmp_path / "meminfo", tmp_path / "max", tmp_path / "current"
+    there.write_text("MemTotal: 9000 kB\nMemAvailable: 4000 kB\n")
+    monkeypatch.setattr(memory, "_AVAILABLE", there)
+    monkeypatch.setattr(memory, "_GROUPS", ((limit, used),))
+    assert memory.memory_there() == 4000 * 1024
+    limit.write_text("3000000\n")
+    used.write_text("1000000\n")
+    assert memory.memory_there() == 2e6
+    limit.write_text("max\n")
+    there.write_text("nothing\n")
+    assert memory.memory_there() == float("inf")
