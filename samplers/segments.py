@@ -1,9 +1,9 @@
 """Sums over all ways to cut a stretch of time into segments, and draws from them, compiled.
 
 A segment begins at one time and ends at another; between two of them there may be free time. The
-weight of a sequence is a product: of each segment's own weight, of one factor for each two that
-follow one another, and of one factor each for the first and the last. Where a segment begins as
-the one before it ends the factor is of that very pair; after a gap it is of the kinds of the two.
+weight of a sequence is a product: of each segment's own weight, of one factor each for the first
+and the last, and of one by the kinds of each two that follow one another. Where a segment begins as
+the one before it ends there is one more, of that very pair.
 That is a semi-Markov chain: forward sums give the sum over all sequences, and drawn backwards a
 sequence has just the probability that its weight says (Murphy 2002, *Hidden semi-Markov models*;
 Scott 2002, JASA 97, 337).
@@ -53,9 +53,8 @@ class Segments(NamedTuple):
     starting, ending : (T + 2,) int
         Where the segments of each start begin, and in ``by_end`` those of each end.
     log_weight : (N,) float
-    gap : (C, C) float
-        Factor of two that follow one another with a gap, by the kinds of the earlier and of the
-        later one.
+    follow : (C, C) float
+        Factor of two that follow one another, by the kinds of the earlier and of the later one.
     pairs : (T + 2,) int
         Where the factors of each time begin in ``flush``.
     flush : (P,) single
@@ -69,7 +68,7 @@ class Segments(NamedTuple):
     starting: Ints
     ending: Ints
     log_weight: Array
-    gap: Array
+    follow: Array
     pairs: Ints
     flush: Singles
 
@@ -101,7 +100,7 @@ class Sums(NamedTuple):
 
 def new_sums(table: Segments) -> Sums:
     """Room for the sums over a table."""
-    n, times, kinds = len(table.start), len(table.starting) - 1, len(table.gap)
+    n, times, kinds = len(table.start), len(table.starting) - 1, len(table.follow)
     return Sums(
         np.empty(n), np.empty((times, kinds)), np.empty((times, kinds)), np.empty(times),
         np.empty(n + 1),
@@ -134,13 +133,14 @@ def forward(
     sums : Sums
         Out.
     """
-    log_sum, scale, kinds = sums.log_sum, sums.scale, len(table.gap)
+    log_sum, scale, kinds = sums.log_sum, sums.scale, len(table.follow)
     low, high = table.starting[begin], table.starting[max(begin, finish)]
     unit = nothing
     for b in range(low, high):
         unit = max(unit, left[b])
     open_ = np.zeros(kinds)
     ended = np.empty(len(table.start))
+    joined = np.empty((kinds, len(table.start)))
     for t in range(begin, finish + 1):
         first, last = table.ending[t], table.ending[t + 1]
         raised = unit
@@ -161,15 +161,19 @@ def forward(
         for c in range(kinds):
             total = 0.0
             for h in range(kinds):
-                total += open_[h] * table.gap[h, c]
+                total += open_[h] * table.follow[h, c]
             sums.before[t, c] = total
             sums.closed[t, c] = 0.0
+            for j in range(first, last):
+                joined[c, j - first] = (
+                    ended[j - first] * table.follow[table.kind[table.by_end[j]], c]
+                )
         if t < finish:
             row = table.pairs[t]
             for b in range(table.starting[t], table.starting[t + 1]):
                 if table.end[b] <= finish:
                     total = math.exp(left[b] - unit) + sums.before[t, table.kind[b]]
-                    total += _dot(table.flush, row, ended, last - first)
+                    total += _dot(table.flush, row, joined[table.kind[b]], last - first)
                     log_sum[b] = table.log_weight[b] + unit + math.log(total)
                 row += last - first
         for j in range(first, last):
@@ -247,14 +251,14 @@ def _before_gap(table: Segments, begin: int, t: int, c: int, sums: Sums, uniform
     chosen = -1
     for e in range(t - 1, begin, -1):
         unit = math.exp(sums.scale[e] - sums.scale[t])
-        for h in range(len(table.gap)):
-            part = sums.closed[e, h] * table.gap[h, c] * unit
+        for h in range(len(table.follow)):
+            part = sums.closed[e, h] * table.follow[h, c] * unit
             if part <= 0.0:
                 continue
             if goal >= part:
                 goal -= part
                 continue
-            factor = table.gap[h, c] * unit
+            factor = table.follow[h, c] * unit
             for j in range(table.ending[e], table.ending[e + 1]):
                 a = table.by_end[j]
                 if table.start[a] >= begin and table.kind[a] == h:
@@ -275,7 +279,7 @@ def _flush_before(table: Segments, begin: int, b: int, sums: Sums, goal: float) 
     row = table.pairs[t] + (b - table.starting[t]) * (last - first)
     for j in range(first, last):
         a = table.by_end[j]
-        factor = table.flush[row + j - first]
+        factor = table.flush[row + j - first] * table.follow[table.kind[a], table.kind[b]]
         if table.start[a] >= begin and factor > 0.0:
             chosen = int(a)
             goal -= factor * math.exp(sums.log_sum[a] - sums.scale[t])
@@ -299,8 +303,8 @@ def sequence_weight(
         if k == 0:
             continue
         a, t = sequence[k - 1], table.start[b]
+        total += math.log(table.follow[table.kind[a], table.kind[b]])
         if table.end[a] < t:
-            total += math.log(table.gap[table.kind[a], table.kind[b]])
             continue
         first, last = table.ending[t], table.ending[t + 1]
         row = table.pairs[t] + (b - table.starting[t]) * (last - first)

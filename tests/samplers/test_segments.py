@@ -59,8 +59,8 @@ def weight(given: Segments, found: tuple[int, ...], left: np.ndarray, right: np.
     total = float(left[found[0]] + right[found[-1]] + given.log_weight[list(found)].sum())
     for a, b in pairwise(found):
         t = given.start[b]
+        total += math.log(given.follow[given.kind[a], given.kind[b]])
         if given.end[a] < t:
-            total += math.log(given.gap[given.kind[a], given.kind[b]])
             continue
         ends = given.by_end[given.ending[t] : given.ending[t + 1]].tolist()
         at = given.pairs[t] + (b - given.starting[t]) * len(ends) + ends.index(a)
