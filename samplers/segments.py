@@ -55,6 +55,8 @@ class Segments(NamedTuple):
     log_weight : (N,) float
     follow : (C, C) float
         Factor of two that follow one another, by the kinds of the earlier and of the later one.
+    gap : float
+        One more factor of two that follow one another with a gap.
     pairs : (T + 2,) int
         Where the factors of each time begin in ``flush``.
     flush : (P,) single
@@ -69,6 +71,7 @@ class Segments(NamedTuple):
     ending: Ints
     log_weight: Array
     follow: Array
+    gap: float
     pairs: Ints
     flush: Singles
 
@@ -162,7 +165,7 @@ def forward(
             total = 0.0
             for h in range(kinds):
                 total += open_[h] * table.follow[h, c]
-            sums.before[t, c] = total
+            sums.before[t, c] = table.gap * total
             sums.closed[t, c] = 0.0
             for j in range(first, last):
                 joined[c, j - first] = (
@@ -252,13 +255,13 @@ def _before_gap(table: Segments, begin: int, t: int, c: int, sums: Sums, uniform
     for e in range(t - 1, begin, -1):
         unit = math.exp(sums.scale[e] - sums.scale[t])
         for h in range(len(table.follow)):
-            part = sums.closed[e, h] * table.follow[h, c] * unit
+            part = sums.closed[e, h] * table.follow[h, c] * table.gap * unit
             if part <= 0.0:
                 continue
             if goal >= part:
                 goal -= part
                 continue
-            factor = table.follow[h, c] * unit
+            factor = table.follow[h, c] * table.gap * unit
             for j in range(table.ending[e], table.ending[e + 1]):
                 a = table.by_end[j]
                 if table.start[a] >= begin and table.kind[a] == h:
@@ -305,6 +308,7 @@ def sequence_weight(
         a, t = sequence[k - 1], table.start[b]
         total += math.log(table.follow[table.kind[a], table.kind[b]])
         if table.end[a] < t:
+            total += math.log(table.gap)
             continue
         first, last = table.ending[t], table.ending[t + 1]
         row = table.pairs[t] + (b - table.starting[t]) * (last - first)

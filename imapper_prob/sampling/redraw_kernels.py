@@ -499,5 +499,5 @@ def _following(table: Segments, follow: Array) -> Segments:
     """The table with other factors of kinds."""
     return Segments(
         table.start, table.end, table.kind, table.by_end, table.starting, table.ending,
-        table.log_weight, follow, table.pairs, table.flush,
+        table.log_weight, follow, table.gap, table.pairs, table.flush,
     )  # fmt: skip

@@ -34,7 +34,7 @@ def table(rng: np.random.Generator, n: int = 14) -> Segments:
     count = np.diff(starting) * np.diff(ending)
     return Segments(
         start, end, rng.integers(0, KINDS, n), by_end, starting, ending, rng.normal(0, 3, n),
-        np.exp(rng.normal(0, 1, (KINDS, KINDS))), np.concatenate([[0], np.cumsum(count)]),
+        np.exp(rng.normal(0, 1, (KINDS, KINDS))), 0.6, np.concatenate([[0], np.cumsum(count)]),
         np.exp(rng.normal(0, 2, count.sum())).astype(np.float32),
     )  # fmt: skip
 
@@ -61,6 +61,7 @@ def weight(given: Segments, found: tuple[int, ...], left: np.ndarray, right: np.
         t = given.start[b]
         total += math.log(given.follow[given.kind[a], given.kind[b]])
         if given.end[a] < t:
+            total += math.log(given.gap)
             continue
         ends = given.by_end[given.ending[t] : given.ending[t + 1]].tolist()
         at = given.pairs[t] + (b - given.starting[t]) * len(ends) + ends.index(a)
