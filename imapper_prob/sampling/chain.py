@@ -48,8 +48,8 @@ _BLOCK = 200
 """Steps between two progress reports and chances of a checkpoint; a fraction of a second."""
 
 
-_REDRAWN = 0.07
-"""How often a stretch is drawn anew: two fifths of the time of a chain, for it takes ten times as
+_REDRAWN = 0.12
+"""How often a stretch is drawn anew: two fifths of the time of a chain, for it takes five times as
 long as another move."""
 
 

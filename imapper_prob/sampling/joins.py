@@ -158,7 +158,9 @@ def tables_of(problem: Problem, nodes: Nodes, powers: tuple[float, ...]) -> Tabl
         )
         gaussians.append(table)
         segments.append(
-            frame._replace(log_weight=weight, gap=math.exp(-_GAP * power), flush=factors)
+            frame._replace(
+                log_weight=weight, gap=math.exp(-_GAP * power * problem.likelihood), flush=factors
+            )
         )
     return Tables(common, tuple(gaussians), tuple(segments))
 

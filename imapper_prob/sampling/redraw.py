@@ -34,8 +34,8 @@ POWERS = tuple(0.76**k for k in range(8))
 makes no difference to how well draws fit."""
 _FLATTER = 2
 """How many powers further the flat table of a sharp one is: half the power, .58."""
-_STRETCHES = (1.3, 2.0, 3.0, 4.5)
-"""Lengths of stretches, in those of the usual scenelet: room for one to four."""
+_STRETCHES = (1.5, 2.5, 4.5)
+"""Lengths of stretches, in those of the usual scenelet: room for one, two, and three or four."""
 
 
 @dataclass(frozen=True)
@@ -78,8 +78,7 @@ class StretchRedraw(Redraw[State]):
     ) -> Drawn[State] | None:
         """Draws of a stretch chosen by chance; None where a scenelet in it is not a node."""
         length = self._lengths[int(rng.integers(len(self._lengths)))]
-        # Edges of the clip are as often inside of a stretch as any other frame.
-        begin = int(rng.integers(1 - length, self.problem.n_frames))
+        begin = int(rng.integers(self.problem.n_frames)) - length // 2
         return self.beside(rng, state, begin, begin + length, power=power)
 
     def beside(
