@@ -132,10 +132,10 @@ def sample(
         seed=config.seed if rng is None else rng,
         sample=replace(config.sample, chains=chains or config.sample.chains),
     )
-    require_memory(clip, library, config.sample)
+    known = load_library() if library is None else library
+    require_memory(clip, known, config.sample)
     begun = time.perf_counter()
     if start is None:
-        known = load_library() if library is None else library
         solutions = solve_actors(clip, known, settings=config.settings, progress=progress)
     elif isinstance(start, Solved):
         solutions = start.actors

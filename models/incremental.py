@@ -13,7 +13,7 @@ from functools import partial
 
 from imapper_prob.models.kernels.change import change, settle
 from imapper_prob.models.kernels.memory import new_memory
-from imapper_prob.models.kernels.session import open_session
+from imapper_prob.models.kernels.session import Session, open_session
 from imapper_prob.models.kernels.votes import prepare
 from imapper_prob.models.posterior import State, log_posterior
 from imapper_prob.models.problem import Problem
@@ -49,6 +49,11 @@ class Incremental:
     def state(self) -> State:
         """The current state."""
         return self._state
+
+    @property
+    def session(self) -> Session:
+        """What compiled code is handed to evaluate proposals by itself."""
+        return self._session
 
     @property
     def parts(self) -> tuple[float, float]:
@@ -93,7 +98,7 @@ class Incremental:
         self._capacity = max(room, state.n_scenelets)
         memory = new_memory(self._problem, self._capacity)
         prepare(self._problem, memory)
-        self._session = open_session(self._problem, memory)
+        self._session: Session = open_session(self._problem, memory)
         parts: tuple[float, float] = change(
             self._session, -1, state.camera, state.latent,
             state.camera, state.items, state.placements, state.sizes, state.latent,

@@ -7,12 +7,14 @@ cache under a digest of all that kernels are made of makes that impossible.
 
 from __future__ import annotations
 
+import hashlib
 import os
 import re
 import shutil
 import time
 from collections.abc import Callable
 from contextlib import suppress
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -36,12 +38,17 @@ _UNUSED_AFTER = 24 * 3600.0
 """Seconds after which a cache of other kernels is taken for one that nobody needs."""
 
 
-def _cache_folder() -> str:
+@cache
+def _cache_folder(beside: tuple[Path, ...] = ()) -> str:
     """Beside the sources, or where the user keeps numba's cache; its time is that of last use."""
+    made_of = digest(_HERE)
+    if beside:
+        texts = [made_of, *(path.read_text(encoding="utf-8") for path in beside)]
+        made_of = hashlib.sha256("\n".join(texts).encode()).hexdigest()[:16]
     base = _NUMBA.CACHE_DIR or str(_HERE / "__pycache__")
     if not os.access(base if os.path.isdir(base) else _HERE, os.W_OK):
         return ""
-    folder = os.path.join(base, f"kernels-{digest(_HERE)}")
+    folder = os.path.join(base, f"kernels-{made_of}")
     if os.path.isdir(folder):
         with suppress(OSError):  # of another user, who says so himself
             os.utime(folder)
@@ -59,8 +66,6 @@ def remove_unused(base: Path) -> None:
                     shutil.rmtree(folder, ignore_errors=True)
 
 
-_CACHE = _cache_folder()
-
 _LIBERTIES = {"nsz"}
 """What the compiler may do to arithmetic: take -0 for 0. Sums keep their order, products are
 rounded before they are added, and what is not finite stays so. With fused products the last bits
@@ -77,9 +82,12 @@ class _Inner(CPUDispatcher):
         raise TypeError(f"{name} is for other kernels; to call it from Python, use compiled")
 
 
-def compiled(function: Function) -> Dispatcher[Function]:
-    """``function`` compiled by numba on its first call, and remembered for the next process."""
-    return _compiled(function)
+def compiled(function: Function, *, beside: tuple[Path, ...] = ()) -> Dispatcher[Function]:
+    """``function`` compiled by numba on its first call, and remembered for the next process.
+
+    ``beside`` are modules outside of the model whose kernels it calls.
+    """
+    return _compiled(function, beside=beside)
 
 
 def inlined(function: Function) -> Dispatcher[Function]:
@@ -106,14 +114,18 @@ def inner_inlined(function: Function) -> Dispatcher[Function]:
 
 
 def _compiled(
-    function: Function, *, inline: bool = False, alone: bool = False
+    function: Function,
+    *,
+    inline: bool = False,
+    alone: bool = False,
+    beside: tuple[Path, ...] = (),
 ) -> Dispatcher[Function]:
     before = _NUMBA.CACHE_DIR
     # Nobody calls kernels by their address; to make that possible is a fourth of the work. The
     # published types leave the options out.
     njit: Any = numba.njit
     try:
-        _NUMBA.CACHE_DIR = _CACHE or before
+        _NUMBA.CACHE_DIR = _cache_folder(beside) or before
         dispatcher: Dispatcher[Function] = njit(
             cache=True,
             error_model="numpy",

@@ -19,6 +19,8 @@ from typing import Generic, NamedTuple, Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 
+from imapper_prob.samplers.resampling import Redraw, choice_probabilities
+
 __all__ = [
     "ChainState",
     "ExplainableMove",
@@ -94,7 +96,7 @@ class Mixture(Generic[S]):
 
     Parameters
     ----------
-    moves : sequence of Move
+    moves : sequence of Move or Redraw
         Every move's reverse must be among them and name it back.
     weights : sequence of float
         Positive; scaled to sum to one.
@@ -105,9 +107,9 @@ class Mixture(Generic[S]):
         The moves cannot undo one another, or a weight is not positive.
     """
 
-    moves: Sequence[Move[S]]
+    moves: Sequence[Move[S] | Redraw[S]]
     weights: Sequence[float]
-    _by_name: dict[str, Move[S]] = field(init=False, repr=False)
+    _by_name: dict[str, Move[S] | Redraw[S]] = field(init=False, repr=False)
     _cumulative: list[float] = field(init=False, repr=False)
     _log_choice_ratio: dict[str, float] = field(init=False, repr=False)
 
@@ -137,11 +139,11 @@ class Mixture(Generic[S]):
         object.__setattr__(self, "_cumulative", cumulative)
         object.__setattr__(self, "_log_choice_ratio", ratios)
 
-    def choose(self, rng: np.random.Generator) -> Move[S]:
+    def choose(self, rng: np.random.Generator) -> Move[S] | Redraw[S]:
         """A move drawn by weight."""
         return self.moves[bisect_right(self._cumulative, rng.random())]
 
-    def reverse_of(self, move: Move[S]) -> Move[S]:
+    def reverse_of(self, move: Move[S]) -> Move[S] | Redraw[S]:
         """The move that undoes ``move``."""
         return self._by_name[move.reverse]
 
@@ -212,6 +214,8 @@ def step(
     check : bool
         Ask moves that can explain themselves for both directions of every proposal.
 
+    A move that draws anew is told the power of the likelihood, where the density has one.
+
     Raises
     ------
     FloatingPointError
@@ -220,6 +224,8 @@ def step(
         ``check`` found a ratio that does not hold.
     """
     move = mixture.choose(rng)
+    if isinstance(move, Redraw):
+        return _redraw(rng, chain_state, move, log_density_fn)
     proposal = move.propose(rng, chain_state.state)
     if proposal is None:
         return chain_state, StepInfo(move.name, False, -math.inf)
@@ -242,7 +248,32 @@ def step(
     return (proposed if accepted else chain_state), info
 
 
-def _check_round_trip(move: Move[S], reverse: Move[S], old: S, proposal: Proposal[S]) -> None:
+def _redraw(
+    rng: np.random.Generator,
+    chain_state: ChainState[S],
+    move: Redraw[S],
+    log_density_fn: Callable[[S], float],
+) -> tuple[ChainState[S], StepInfo]:
+    """One of several draws, or what is there."""
+    power = float(getattr(log_density_fn, "beta", 1.0))
+    drawn = move.draw(rng, chain_state.state, power=power)
+    if drawn is None or not drawn.others:
+        return chain_state, StepInfo(move.name, False, -math.inf)
+    try:
+        chances, values = choice_probabilities(chain_state.log_density, drawn, log_density_fn)
+    except FloatingPointError as error:
+        raise FloatingPointError(f"move '{move.name}': {error}") from error
+    kept = min(int(np.searchsorted(chances.cumsum(), rng.random(), "right")), len(values))
+    leaves = float(chances[1:].sum())
+    info = StepInfo(move.name, kept > 0, math.log(leaves) if leaves > 0 else -math.inf)
+    if kept == 0:
+        return chain_state, info
+    return ChainState(drawn.others[kept - 1][0], values[kept - 1]), info
+
+
+def _check_round_trip(
+    move: Move[S], reverse: Move[S] | Redraw[S], old: S, proposal: Proposal[S]
+) -> None:
     if not (isinstance(move, ExplainableMove) and isinstance(reverse, ExplainableMove)):
         return
     forward = move.explain(old, proposal.state)

@@ -42,7 +42,8 @@ class Verdict(NamedTuple):
     disagreement : (int, int), optional
         Two layouts, each the favourite of a chain that hardly knows the other's.
     text : str
-        One sentence for a person.
+        For a person: first whether probabilities can be used and how far they are off, one
+        standard error of the layout that is known worst, then why.
     """
 
     good: bool
@@ -80,8 +81,8 @@ def judge(
             more_draws=0,
             disagreement=disagreement,
             text=(
-                f"Chains disagree on layouts {first} and {second}: "
-                "their probabilities cannot be trusted, nor can their order."
+                f"Not converged: chains disagree on layouts {first} and {second}, and "
+                "probabilities cannot be trusted, nor can their order."
                 f"{_tempering(ladders)}"
             ),
         )
@@ -103,13 +104,24 @@ def judge(
         worst, name = max(rhats)
         parts.append(f"R-hat {worst:.3f} of {name}")
     state = " and ".join(parts) or "one certain layout"
+    # What another run would differ by, of the layout that is known worst; rounded up.
+    off = _rounded_up(float(np.max(layouts.standard_error)))
     if fewest >= _DRAWS_GOAL and worst <= _RHAT_LIMIT:
-        return Verdict(True, 0, None, f"Good: at worst {state}.{_tempering(ladders)}")
+        text = f"Converged: probabilities of layouts are good to ± {off:.2f}."
+        return Verdict(True, 0, None, f"{text} There are at worst {state}.{_tempering(ladders)}")
     # Effective draws grow with the draws; where R-hat alone is too large, twice as many may do.
     factor = max(2.0, _MARGIN * _DRAWS_GOAL / max(fewest, 1.0))
     more = _two_digits(layouts.n_draws * (factor - 1))
-    text = f"Needs about {more} more draws a chain: {state}.{_tempering(ladders)}"
-    return Verdict(False, more, None, text)
+    text = f"Not converged: probabilities of layouts may be off by {off:.2f}."
+    if math.isnan(off):
+        text = "Not converged: too few draws to say how far probabilities of layouts are off."
+    text = f"{text} About {more} more draws a chain are needed, for there are {state}."
+    return Verdict(False, more, None, text + _tempering(ladders))
+
+
+def _rounded_up(error: float) -> float:
+    """To hundredths; NaN where it is not known."""
+    return error if math.isnan(error) else math.ceil(100 * error) / 100
 
 
 def _known(value: ArrayLike, worst: float) -> float:

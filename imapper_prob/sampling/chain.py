@@ -15,8 +15,9 @@ from imapper_prob.models.posterior import State
 from imapper_prob.models.problem import Problem
 from imapper_prob.samplers.chains import Report
 from imapper_prob.samplers.checkpoint import CheckpointError, Keeper
-from imapper_prob.samplers.kernel import Mixture, step
+from imapper_prob.samplers.kernel import Mixture, Move, step
 from imapper_prob.samplers.ladder import LadderSummary, power_ladder
+from imapper_prob.samplers.resampling import Redraw
 from imapper_prob.samplers.reversible_jump import AcceptanceTable
 from imapper_prob.samplers.tempering import start, temper
 from imapper_prob.sampling.camera_moves import CameraCarry, CameraWalk, DepthScale, FocalScale
@@ -31,7 +32,9 @@ from imapper_prob.sampling.moves import (
     Shift,
     Swap,
 )
+from imapper_prob.sampling.nodes import Nodes
 from imapper_prob.sampling.proposals import Candidates, Proposals
+from imapper_prob.sampling.redraw import StretchRedraw
 from imapper_prob.sampling.refurnish import Refurnish
 from imapper_prob.sampling.replace import Replace, Retime
 from imapper_prob.sampling.tracker import SceneTracker, split
@@ -43,6 +46,11 @@ Array = NDArray[np.float64]
 
 _BLOCK = 200
 """Steps between two progress reports and chances of a checkpoint; a fraction of a second."""
+
+
+_REDRAWN = 0.12
+"""How often a stretch is drawn anew: two fifths of the time of a chain, for it takes five times as
+long as another move."""
 
 
 @dataclass(frozen=True)
@@ -57,12 +65,15 @@ class Setup:
     similarity : (L, L) float
         Probabilities of exchanging one scenelet for another.
     settings : SampleSettings
+    nodes : Nodes, optional
+        What stretches are drawn anew from; none with the published energy.
     """
 
     problem: Problem
     candidates: Candidates
     similarity: Array
     settings: SampleSettings
+    nodes: Nodes | None = None
 
 
 @dataclass(frozen=True)
@@ -103,7 +114,7 @@ def scene_moves(setup: Setup) -> Mixture[State]:
     proposals = Proposals(problem, setup.candidates)
     factor = np.linalg.cholesky(np.linalg.inv(problem.camera_precision))
     kinds = furniture_kinds(problem)
-    weighted = (
+    weighted: list[tuple[Move[State] | Redraw[State], float]] = [
         (Birth(proposals), 0.09),
         (Death(proposals), 0.09),
         (Swap(proposals), 0.04),
@@ -118,7 +129,9 @@ def scene_moves(setup: Setup) -> Mixture[State]:
         (DepthScale(), 0.06),
         (FocalScale(float(np.linalg.norm(factor[2]))), 0.04),
         (PathRefresh(), 0.05),
-    )
+    ]
+    if setup.nodes is not None and len(setup.nodes.items):
+        weighted.append((StretchRedraw(problem, setup.nodes), _REDRAWN))
     return Mixture([move for move, _ in weighted], [weight for _, weight in weighted])
 
 

@@ -41,6 +41,7 @@ from imapper_prob.sampling.layouts import (
     merged_objects,
     through_one_lens,
 )
+from imapper_prob.sampling.nodes import find_nodes
 from imapper_prob.sampling.placements import PlacementDraws, is_complete, sample_placements
 from imapper_prob.sampling.starts import starts_of
 from imapper_prob.scenelets.charness import similarity
@@ -225,7 +226,8 @@ def _told_plainly(checkpoints: Path | None) -> Iterator[None]:
 def setup_of(solution: Solution | Cast, settings: SampleSettings) -> Setup:
     """What the chains need of a solved clip."""
     cast = solution if isinstance(solution, Cast) else cast_of([solution])
-    return Setup(cast.problem, cast.candidates, similarity(cast.distances), settings)
+    nodes = None if cast.problem.of_paper else find_nodes(cast.problem, cast.candidates)
+    return Setup(cast.problem, cast.candidates, similarity(cast.distances), settings, nodes)
 
 
 def _functionals(

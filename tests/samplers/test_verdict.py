@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 
@@ -24,7 +26,7 @@ def test_a_long_run_is_good(rng):
     assert verdict.good
     assert verdict.more_draws == 0
     assert verdict.disagreement is None
-    assert verdict.text.startswith("Good: at worst ")
+    assert re.match(r"Converged: probabilities of layouts are good to ± 0\.0\d\. ", verdict.text)
     assert "of log posterior" in verdict.text
 
 
@@ -42,7 +44,13 @@ def test_a_short_run_says_how_many_more(rng):
     assert not verdict.good
     assert n < verdict.more_draws < 12 * n
     assert verdict.more_draws % 100 == 0
-    assert f"about {verdict.more_draws} more draws" in verdict.text
+    assert f"About {verdict.more_draws} more draws" in verdict.text
+    # One standard error: sqrt(.25 / 81).
+    off = re.match(
+        r"Not converged: probabilities of layouts may be off by (0\.\d\d)\.", verdict.text
+    )
+    assert off is not None
+    assert 0.03 < float(off[1]) < 0.12
     assert "of layout 1" in verdict.text
 
 

@@ -26,6 +26,7 @@ from imapper_prob.sampling.camera_moves import FocalScale
 from imapper_prob.sampling.chain import Setup, scene_moves
 from imapper_prob.sampling.looks import View
 from imapper_prob.sampling.moves import Birth, Death, PlacementWalk, Shift, Swap
+from imapper_prob.sampling.nodes import find_nodes
 from imapper_prob.sampling.proposals import Candidates, Proposals, log_wrapped_normal
 from imapper_prob.sampling.refurnish import Refurnish
 from imapper_prob.sampling.replace import Replace, Retime, log_choice, window_of
@@ -59,7 +60,8 @@ def even_candidates() -> Candidates:
 
 def setup(problem: Problem) -> Setup:
     even = (np.ones((3, 3)) - np.eye(3)) / 2
-    return Setup(problem, candidates(), even, SampleSettings())
+    nodes = find_nodes(problem, candidates())
+    return Setup(problem, candidates(), even, SampleSettings(), nodes)
 
 
 def random_state(problem: Problem, seed: int) -> State:

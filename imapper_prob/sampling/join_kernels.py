@@ -1,0 +1,259 @@
+"""How nodes go on in one another: errors of the path, jumps of the pose, furniture, compiled."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imapper_prob.models.energy.intersection import (
+    BOTH,
+    N_DISPLACED,
+    displaced_cost,
+    give_way,
+    overlap_depth,
+)
+from imapper_prob.models.energy.smoothness import pose_jump
+from imapper_prob.models.limits import NEAREST
+from imapper_prob.models.problem import Problem
+from imapper_prob.models.skeleton import PELV
+from imapper_prob.samplers.segments import Segments
+from imapper_prob.sampling.jit import compiled
+
+__all__ = ["loose_jumps", "pair_costs", "pair_factors", "path_errors", "set_pose"]
+
+Array = NDArray[np.float64]
+Singles = NDArray[np.float32]
+Ints = NDArray[np.int64]
+
+
+@compiled
+def path_errors(problem: Problem, camera: Array, items: Ints, where: Array, errors: Array) -> None:
+    """Deviations from the static path, in its own units, of each scenelet's first and last frames.
+
+    Parameters
+    ----------
+    problem : Problem
+    camera : (5,) float
+    items : (n, 2) int
+    where : (n, 4) float
+        Bearing (tangent), log depth (log m), yaw (radians) and log size.
+    errors : (n, 6) float
+        Out: across and along the view, of the first frame, of the last and of the one before.
+    """
+    cp, sp = math.cos(camera[0]), math.sin(camera[0])
+    cr, sr = math.cos(camera[4]), math.sin(camera[4])
+    shrunk, offset = math.exp(-camera[2]), camera[2] + camera[3]
+    for i in range(len(items)):
+        first = problem.joint_first[items[i, 0]]
+        length = problem.joint_first[items[i, 0] + 1] - first
+        body = math.exp(camera[3] + where[i, 3])
+        c, s = body * math.cos(where[i, 2]), body * math.sin(where[i, 2])
+        y0 = math.exp(where[i, 1])
+        x0 = where[i, 0] * y0
+        for of in range(3):
+            n = 0 if of == 0 else length - of
+            x, y = problem.joints[first + n, PELV, 0], problem.joints[first + n, PELV, 1]
+            height = body * problem.joints[first + n, PELV, 2] - camera[1]
+            forward = s * x + c * y + y0
+            depth = max(cp * forward + sp * height, NEAREST)
+            right = cr * (c * x - s * y + x0) + sr * (cp * height - sp * forward)
+            t = items[i, 1] + n
+            centre, scale = problem.path_centre, problem.path_scale
+            errors[i, 2 * of] = (right / depth / shrunk - centre[t, 0]) / scale[t, 0]
+            errors[i, 2 * of + 1] = (math.log(depth) - offset - centre[t, 1]) / scale[t, 1]
+
+
+@compiled
+def set_pose(problem: Problem, row: int, body: float, yaw: float, joints: Array, to: int) -> None:
+    """A frame of the library, of a body so large, turned, into ``joints[to]`` (3, 16)."""
+    c, s = body * math.cos(yaw), body * math.sin(yaw)
+    for j in range(16):
+        x, y = problem.joints[row, j, 0], problem.joints[row, j, 1]
+        joints[to, 0, j] = c * x - s * y
+        joints[to, 1, j] = s * x + c * y
+        joints[to, 2, j] = body * problem.joints[row, j, 2]
+
+
+@compiled
+def loose_jumps(
+    problem: Problem,
+    film: Ints,
+    items: Ints,
+    where: Array,
+    loose: Array,
+    joints: Array,
+    jumps: Array,
+) -> None:
+    """What it costs that the pose jumps between free frames and scenelets, in the mean camera.
+
+    Parameters
+    ----------
+    problem, film, items, where, loose
+        See :func:`pair_costs`.
+    joints : (2 n, 3, 16) float
+        Out: joints of the first and the last frame of each, metres.
+    jumps : (n, 2) float
+        Out: where it begins and where it ends, units of the smoothness cost; 0 at a film's edges.
+    """
+    scale, both = problem.joint_step * math.exp(problem.camera_mean[3]), np.empty((2, 3, 16))
+    for i in range(len(items)):
+        body = math.exp(problem.camera_mean[3] + where[i, 3])
+        row, last = problem.joint_first[items[i, 0]], problem.joint_first[items[i, 0] + 1] - 1
+        start = items[i, 1]
+        end = start + last + 1 - row
+        set_pose(problem, row, body, where[i, 2], joints, 2 * i)
+        set_pose(problem, last, body, where[i, 2], joints, 2 * i + 1)
+        jumps[i] = 0.0
+        if start > 0 and film[start - 1] == film[start]:
+            both[0], both[1] = loose[start - 1], joints[2 * i]
+            jumps[i, 0] = pose_jump(both, 0, 1, scale)
+        if end < len(film) and film[end - 1] == film[end]:
+            both[0], both[1] = joints[2 * i + 1], loose[end]
+            jumps[i, 1] = pose_jump(both, 0, 1, scale)
+
+
+@compiled
+def pair_costs(
+    problem: Problem,
+    film: Ints,
+    frame: Segments,
+    items: Ints,
+    where: Array,
+    loose: Array,
+    first_box: Ints,
+    boxes: Array,
+    turns: Array,
+    labels: Ints,
+    yaws: Array,
+    credit: Array,
+    out: Singles,
+) -> None:
+    """Nats that two nodes which join gain over both alone, by what tempering flattens.
+
+    Parameters
+    ----------
+    problem : Problem
+    film : (T,) int
+        Which film a frame is of; those of two films do not join.
+    frame : Segments
+        The nodes as segments.
+    items, where : (N, 2), (N, 4)
+        The nodes.
+    loose : (T, 3, 16) float
+        Joints of free frames, metres.
+    first_box : (N + 1,) int
+        Where each node's boxes begin.
+    boxes, turns, labels, yaws
+        Of all nodes, see :func:`imapper_prob.models.kernels.world.place_boxes`.
+    credit : (N, 2, REACH + 1) float
+        See :class:`~imapper_prob.sampling.joins.Common`.
+    out : (P,) single
+        Out, as ``flush`` of :class:`~imapper_prob.samplers.segments.Segments`.
+    """
+    times, n = len(loose), len(items)
+    joints, alone = np.empty((2 * n, 3, 16)), np.empty((n, 2))
+    loose_jumps(problem, film, items, where, loose, joints, alone)
+    scale = problem.joint_step * math.exp(problem.camera_mean[3])
+    at = 0
+    for t in range(times + 1):
+        for b in range(frame.starting[t], frame.starting[t + 1]):
+            for j in range(frame.ending[t], frame.ending[t + 1]):
+                a = frame.by_end[j]
+                cost = 0.0
+                if film[t - 1] == film[t]:
+                    jump = pose_jump(joints, 2 * a + 1, 2 * b, scale)
+                    cost = problem.smoothness_cost * (jump - alone[a, 1] - alone[b, 0])
+                cost += _collision(problem, first_box, boxes, turns, labels, yaws, a, b)
+                # What each alone gains in frames that are the other's.
+                furthest = credit.shape[2] - 1
+                twice = credit[a, 1, min(frame.end[b] - t, furthest)]
+                twice += credit[b, 0, min(t - frame.start[a], furthest)]
+                out[at] = -problem.likelihood * cost - twice
+                at += 1
+
+
+@compiled
+def _collision(
+    problem: Problem,
+    first_box: Ints,
+    boxes: Array,
+    turns: Array,
+    labels: Ints,
+    yaws: Array,
+    one: int,
+    other: int,
+) -> float:
+    """What it costs that furniture of two nodes is in each other, unless it is the same, nats."""
+    merges, total = math.cos(problem.merge_angle), 0.0
+    for i in range(first_box[one], first_box[one + 1]):
+        for k in range(first_box[other], first_box[other + 1]):
+            if labels[i] == labels[k]:
+                front = problem.label_front[labels[i]]
+                if not front or math.cos(yaws[i] - yaws[k]) > merges:
+                    continue
+            reach = turns[i, 2] + turns[k, 2]
+            if (boxes[i, 0] - boxes[k, 0]) ** 2 + (boxes[i, 1] - boxes[k, 1]) ** 2 < reach * reach:
+                total += overlap_depth(boxes[i], turns[i], boxes[k], turns[k])
+    if total <= 0.0:
+        return 0.0
+    sums = np.zeros(N_DISPLACED)
+    give_way(total, BOTH * problem.furniture_spread, sums)
+    cost: float = displaced_cost(sums, problem.collision_cost)
+    return cost
+
+
+@compiled
+def pair_factors(
+    problem: Problem,
+    film: Ints,
+    frame: Segments,
+    first: Array,
+    last: Array,
+    power: float,
+    costs: Singles,
+    least: float,
+    out: Singles,
+) -> None:
+    """Factors of nodes that join, over both alone, at a power.
+
+    Parameters
+    ----------
+    problem, film, frame
+        See :func:`pair_costs`.
+    first, last : (N, 2, 2), (N, 2, 5) float
+        See :class:`~imapper_prob.sampling.joins.Table`.
+    power : float
+    costs : (P,) single
+        Of :func:`pair_costs`.
+    least : float
+        No log factor is less.
+    out : (P,) single
+        Out.
+    """
+    n = len(frame.start)
+    alone, mean, variance = np.zeros(n), np.empty((n, 2)), np.empty((n, 2))
+    for i in range(n):
+        for axis in range(2):
+            m, v = first[i, axis, 0], 1.0 + first[i, axis, 1]
+            alone[i] -= 0.5 * (math.log(v) + m * m / v)
+            one, two = problem.path_mean[axis, 1, 0], problem.path_mean[axis, 1, 1]
+            of = last[i, axis]
+            mean[i, axis] = one * of[0] + two * of[1]
+            variance[i, axis] = one * one * of[2] + two * two * of[3] + 2.0 * one * two * of[4]
+            variance[i, axis] += problem.path_draw[axis, 1, 0, 2] ** 2
+    at = 0
+    for t in range(len(film) + 1):
+        for b in range(frame.starting[t], frame.starting[t + 1]):
+            for j in range(frame.ending[t], frame.ending[t + 1]):
+                a = frame.by_end[j]
+                value = power * costs[at]
+                if film[t - 1] == film[t]:
+                    value -= alone[b]
+                    for axis in range(2):
+                        v = variance[a, axis] + first[b, axis, 1]
+                        off = first[b, axis, 0] - mean[a, axis]
+                        value -= 0.5 * (math.log(v) + off * off / v)
+                out[at] = math.exp(max(value, least))
+                at += 1

@@ -1,0 +1,172 @@
+"""One scenelet alone in the scene: what it is worth, and how that changes around it, compiled.
+
+Where it stands is (4,): bearing (tangent), log depth (log m), yaw (radians) and log size.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imapper_prob.models.jit import compiled, inlined
+from imapper_prob.models.kernels.change import change
+from imapper_prob.models.kernels.session import Session
+
+__all__ = ["expand_alone", "judge_alone"]
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+_FURTHEST = 2.0
+"""Steps at once; beyond, a parabola is not trusted."""
+
+
+@inlined
+def _judge(
+    session: Session, camera: Array, latent: Array, item: Ints, where: Array, placed: Array
+) -> tuple[float, float]:
+    """Nats kept and flattened by tempering, the first by bearing and log depth; -inf outside."""
+    depth = math.exp(where[1])
+    placed[0, 0], placed[0, 1], placed[0, 2] = where[0] * depth, depth, where[2]
+    prior, rest = change(
+        session, 0, camera, latent, camera, item, placed[:, :3], where[3:4], latent
+    )
+    odds = session.problem.log_rate[item[0, 0]]
+    # |d(x, y) / d(bearing, log depth)| = depth^2
+    return prior - odds + 2.0 * where[1], rest + odds
+
+
+@compiled
+def judge_alone(
+    session: Session,
+    camera: Array,
+    latent: Array,
+    items: Ints,
+    where: Array,
+    values: Array,
+    beside: Array,
+) -> None:
+    """What scenelets are worth where they stand.
+
+    Parameters
+    ----------
+    session : Session
+        Of a scene without scenelets.
+    camera, latent : (5,), (T, 2) float
+        Of that scene.
+    items : (n, 2) int
+        Scenelets and their starts.
+    where : (n, 4) float
+    values : (n, 2) float
+        Out, see :func:`expand_alone`.
+    beside : (n, 2, R) float
+        Out: nats of what is in ``values`` that frames outside are worth, backwards from the first
+        frame and onwards from the last: what is behind the scenelet's furniture there.
+    """
+    placed = np.empty((1, 3))
+    for i in range(len(items)):
+        values[i, 0], values[i, 1] = _judge(
+            session, camera, latent, items[i : i + 1], where[i], placed
+        )
+        _look_beside(session, items[i, 0], items[i, 1], beside[i])
+
+
+@inlined
+def _look_beside(session: Session, scenelet: int, start: int, beside: Array) -> None:
+    """What the scene last judged is worth in the frames before and after its scenelet."""
+    problem, memory = session.problem, session.memory
+    end = start + problem.joint_first[scenelet + 1] - problem.joint_first[scenelet]
+    rows, votes, bare = memory.sum_row, memory.votes, memory.bare
+    for r in range(beside.shape[1]):
+        beside[0, r] = beside[1, r] = 0.0
+        if start - 1 - r >= 0:
+            beside[0, r] = votes[rows[start - 1 - r], 0] - bare[start - 1 - r, 0]
+        if end + r < len(bare):
+            beside[1, r] = votes[rows[end + r], 0] - bare[end + r, 0]
+
+
+@compiled
+def expand_alone(
+    session: Session,
+    camera: Array,
+    latent: Array,
+    items: Ints,
+    steps: Array,
+    rounds: int,
+    where: Array,
+    values: Array,
+    gradients: Array,
+    hessians: Array,
+    beside: Array,
+) -> None:
+    """Move scenelets to where they are worth most, and expand what they are worth from there.
+
+    Parameters
+    ----------
+    session, camera, latent, items
+        See :func:`judge_alone`.
+    steps : (4, 4) float
+        Rows are the unit steps of the expansion.
+    rounds : int
+        Times that each direction is followed by a parabola.
+    where : (n, 4) float
+        In and out.
+    values : (n, 2) float
+        Out: log density of bearing, log depth, yaw and log size, nats; first what tempering
+        keeps, camera, path and placement, and then what it flattens. The first is -inf where the
+        scenelet, or one step from it, is outside the support.
+    gradients, hessians : (n, 2, 4), (n, 2, 4, 4) float
+        Out: derivatives of both, a unit step each.
+    beside : (n, 2, R) float
+        Out, see :func:`judge_alone`.
+    """
+    placed, there = np.empty((1, 3)), np.empty(4)
+    near = np.empty((2, 4, 2))
+    for i in range(len(items)):
+        item = items[i : i + 1]
+        kept, rest = _judge(session, camera, latent, item, where[i], placed)
+        for n in range(4 * rounds):
+            step = steps[n % 4]
+            for side in range(2):
+                there[:] = where[i] + (2 * side - 1) * step
+                a, b = _judge(session, camera, latent, item, there, placed)
+                near[side, 0, 0] = a + b
+            less, more = near[0, 0, 0], near[1, 0, 0]
+            bend = 2.0 * (kept + rest) - less - more
+            if not math.isfinite(bend):
+                continue
+            by = 0.5 * (more - less) / bend if bend > 0.0 else math.copysign(1.0, more - less)
+            there[:] = where[i] + min(max(by, -_FURTHEST), _FURTHEST) * step
+            a, b = _judge(session, camera, latent, item, there, placed)
+            if a + b > kept + rest:
+                where[i] = there
+                kept, rest = a, b
+        for k in range(4):
+            for side in range(2):
+                there[:] = where[i] + (2 * side - 1) * steps[k]
+                a, b = _judge(session, camera, latent, item, there, placed)
+                near[side, k, 0], near[side, k, 1] = a, b
+        for k in range(4):
+            gradients[i, 0, k] = 0.5 * (near[1, k, 0] - near[0, k, 0])
+            gradients[i, 1, k] = 0.5 * (near[1, k, 1] - near[0, k, 1])
+            hessians[i, 0, k, k] = near[1, k, 0] + near[0, k, 0] - 2.0 * kept
+            hessians[i, 1, k, k] = near[1, k, 1] + near[0, k, 1] - 2.0 * rest
+            for m in range(k):
+                there[:] = where[i] + steps[k] + steps[m]
+                a, b = _judge(session, camera, latent, item, there, placed)
+                there[:] = where[i] - steps[k] - steps[m]
+                c, d = _judge(session, camera, latent, item, there, placed)
+                for of in range(2):
+                    both = a + c + 2.0 * kept if of == 0 else b + d + 2.0 * rest
+                    one = near[0, k, of] + near[1, k, of] + near[0, m, of] + near[1, m, of]
+                    hessians[i, of, k, m] = hessians[i, of, m, k] = 0.5 * (both - one)
+        sound = math.isfinite(kept) and math.isfinite(rest)
+        for k in range(4):
+            for m in range(4):
+                sound = sound and math.isfinite(hessians[i, 0, k, m] + hessians[i, 1, k, m])
+        values[i, 0], values[i, 1] = (kept if sound else -math.inf), rest
+        if sound:
+            _judge(session, camera, latent, item, where[i], placed)
+            _look_beside(session, items[i, 0], items[i, 1], beside[i])
