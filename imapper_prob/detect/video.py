@@ -124,7 +124,8 @@ def needs(name: str) -> Any:
         return import_module(name)
     except ImportError as error:
         raise InputError(
-            f"videos need {name}: pip install -c constraints.txt 'imapper-prob[video]' ({error})"
+            f"videos need {name}: pip install -c constraints.txt -e '.[video]' in the clone "
+            f"({error})"
         ) from error
 
 

@@ -41,7 +41,7 @@ def recording_widget(recording: str | Path, *, width: int = 1200, height: int = 
     except ImportError as error:
         raise InputError(
             "a recording inside a notebook needs rerun-notebook; "
-            "install it with: pip install 'imapper-prob[notebook]'"
+            "install it with: pip install -c constraints.txt -e '.[notebook]' in the clone"
         ) from error
     viewer = Viewer(width=width, height=height)
     viewer.send_rrd(recording.read_bytes())

@@ -24,8 +24,8 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 _BATCH: Final = 512
-"""Scenelets at once: what is worked out of them stays in a processor's cache, which all of a library
-does not."""
+"""Scenelets at once: what is worked out of them stays in a processor's cache, as it does not of all
+of a library."""
 
 _SYMMETRIC: Final = [[0, 1, 2], [1, 3, 4], [2, 4, 5]]
 """Where the upper triangle's entries stand in a symmetric matrix."""
