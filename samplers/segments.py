@@ -140,7 +140,8 @@ def forward(
     low, high = table.starting[begin], table.starting[max(begin, finish)]
     unit = nothing
     for b in range(low, high):
-        unit = max(unit, left[b])
+        if table.end[b] <= finish:
+            unit = max(unit, left[b])
     open_ = np.zeros(kinds)
     ended = np.empty(len(table.start))
     joined = np.empty((kinds, len(table.start)))

@@ -464,8 +464,11 @@ def redraw(
                 continue
             sequence[:count] = drawn[:count]
         # The one that draws comes first: it says where the nodes stand.
+        parts[:] = -math.inf
         for turn in range(2):
             table = turn if of <= 0 else 1 - turn
+            if turn == 1 and of >= 0 and parts[of] == -math.inf:
+                break  # it stands nowhere
             stretch = 0.0
             if turn == 0 and of == 0:
                 stretch = 1.0

@@ -22,7 +22,7 @@ from imapper_prob.sampling.redraw import StretchRedraw
 from tests.models import worlds
 from tests.sampling.test_enumeration import candidates as of_every_start
 from tests.sampling.test_enumeration import check, tiny
-from tests.sampling.test_moves import chain_error, exact_counts, prior_problem
+from tests.sampling.test_moves import chain_error, exact_counts
 
 FRAMES = 40
 WALK = PlacementWalk(turn_about=0.2, yaw=0.3)
@@ -157,7 +157,11 @@ def test_the_prior_of_the_number_of_scenelets_comes_back(off: float) -> None:
                 return None
             return drawn._replace(log_present=drawn.log_present + off * state.n_scenelets)
 
-    problem = prior_problem()
+    # Depths and bearings as narrow as nodes are where something was seen.
+    settings = ModelSettings(
+        likelihood=0.0, scenelet_rate=0.3, start_bearing=0.02, start_log_depth=0.1
+    )
+    problem = worlds.problem(20, settings=settings)
     nodes = find_nodes(problem, candidates(problem))
     assert len(nodes.items) == len(node_of(nodes)) == 3 * 15
     chain = sample(
