@@ -37,7 +37,7 @@ from imapper_prob.staged.shortlist import MaximumTable, shortlist
 from imapper_prob.staged.static_path import examine_frames
 from imapper_prob.staged.stays import find_stays
 
-__all__ = ["Fitted", "Solution", "fit_clip", "solve", "solve_fitted"]
+__all__ = ["Fitted", "Solution", "fit_clip", "solve", "solve_fitted", "solve_published"]
 
 Progress = Callable[[str, float], None]
 
@@ -202,11 +202,7 @@ def solve_fitted(
     problem, fits = fitted.problem, fitted.fits
     candidates = screen(problem, fits, progress=progress)
     if problem.of_paper:
-        curve = charness_curve(
-            fits, fitted.charness, fps=clip.fps, settings=_PUBLISHED, bare=~fitted.path.posed
-        )
-        tables = filter_published(problem, fits, curve, progress=progress)
-        combinations = combine_published(problem, tables, fps=clip.fps, progress=progress)
+        curve, tables, combinations = solve_published(clip, fitted, progress=progress)
     else:
         curve = charness_curve(fits, fitted.charness, fps=clip.fps)
         combinations = combine(problem, candidates, curve, progress=progress)
@@ -225,3 +221,16 @@ def solve_fitted(
         fitted.distances,
         fits,
     )
+
+
+def solve_published(
+    clip: Clip, fitted: Fitted, *, progress: Progress | None = None
+) -> tuple[CharnessCurve, tuple[MaximumTable, ...], Combinations]:
+    """The stages after the fits as the paper has them: T', the filter, all combinations."""
+    problem = fitted.problem
+    bare = ~fitted.path.posed
+    curve = charness_curve(
+        fitted.fits, fitted.charness, fps=clip.fps, settings=_PUBLISHED, bare=bare
+    )
+    tables = filter_published(problem, fitted.fits, curve, progress=progress)
+    return curve, tables, combine_published(problem, tables, fps=clip.fps, progress=progress)
