@@ -104,6 +104,8 @@ class Config:
         All randomness of a run comes from it.
     library : str
         ``"built-in"`` or the path of a library file.
+    device : str
+        Of torch, on which scenelets are fitted to windows: ``cpu``, ``cuda``, ``mps``.
     model : ModelSettings
     path : StaticPathSettings
     camera : CameraSettings
@@ -113,6 +115,7 @@ class Config:
 
     seed: int = 0
     library: str = "built-in"
+    device: str = "cpu"
     model: ModelSettings = field(default_factory=ModelSettings)
     path: StaticPathSettings = field(default_factory=StaticPathSettings)
     camera: CameraSettings = field(default_factory=CameraSettings)
@@ -122,7 +125,7 @@ class Config:
     @property
     def settings(self) -> Settings:
         """The constants of the model and of the stages before it."""
-        return Settings(self.model, self.path, self.camera, self.detector)
+        return Settings(self.model, self.path, self.camera, self.detector, self.device)
 
     def without(self, scene: str) -> Config:
         """The same with constants estimated without one scene of i3DB (`Settings.without`)."""

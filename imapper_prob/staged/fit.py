@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from imapper_prob.models.camera import Camera
+from imapper_prob.models.errors import InputError
 from imapper_prob.models.path import StaticPath
 from imapper_prob.models.pose import facing
 from imapper_prob.models.problem import Problem
@@ -51,6 +52,9 @@ class FitSettings:
         neighbours say the same.
     screening_steps, steps : int
         Gauss-Newton steps from every yaw, and then from the best one.
+    device : str
+        Of torch: ``cpu``, ``cuda``, ``cuda:1``, ``mps``. Results on a CPU are the same in every
+        run; elsewhere sums may be taken in another order.
     """
 
     stride: float = 0.4
@@ -58,6 +62,7 @@ class FitSettings:
     screening_frame_step: int = 4
     screening_steps: int = 3
     steps: int = 6
+    device: str = "cpu"
 
 
 @dataclass(frozen=True)
@@ -91,12 +96,23 @@ def fit_windows(
 ) -> Fits:
     """Fit all scenelets to all windows at the mean of the camera prior.
 
-    Runs on one thread: a window is too small for more, and sums keep their order.
+    On a CPU it runs on one thread: a window is too small for more, and sums keep their order.
+
+    Raises
+    ------
+    InputError
+        If torch has no such device.
     """
+    settings = settings or FitSettings()
+    try:
+        torch.empty(1, device=settings.device)
+    except (RuntimeError, AssertionError) as error:  # what torch raises where there is none
+        reason = str(error).splitlines()[0]
+        raise InputError(f"device {settings.device!r}: not here ({reason}); use cpu") from error
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
     try:
-        return _fit_windows(problem, path, fps, settings or FitSettings(), progress)
+        return _fit_windows(problem, path, fps, settings, progress)
     finally:
         torch.set_num_threads(threads)
 
@@ -112,8 +128,8 @@ def _fit_windows(
     centres = np.arange(0, n_frames, max(1, round(settings.stride * fps)))
     lengths = problem.lengths
     fitter = _SquaredFitter if problem.of_paper else _Fitter
-    screening = fitter(problem, settings.screening_frame_step)
-    fitting = fitter(problem, settings.frame_step)
+    screening = fitter(problem, settings.screening_frame_step, settings.device)
+    fitting = fitter(problem, settings.frame_step, settings.device)
     world = static_world(problem, path)
     placements = np.zeros((len(centres), len(lengths), 3))
     cost = np.full((len(centres), len(lengths)), np.inf)
@@ -169,7 +185,8 @@ def _level(problem: Problem) -> Array:
 class _Fitter:
     """The tensors that all windows share."""
 
-    def __init__(self, problem: Problem, frame_step: int) -> None:
+    def __init__(self, problem: Problem, frame_step: int, device: str) -> None:
+        self.device = torch.device(device)
         lengths = problem.lengths
         longest = int(lengths.max())
         # Frames are counted from the centre, so that all scenelets of a window line up.
@@ -183,8 +200,8 @@ class _Fitter:
             present[index] = (own >= 0) & (own < n)
             first = problem.joint_first[index]
             joints[index, present[index]] = body * problem.joints[first + own[present[index]]]
-        self.joints = torch.from_numpy(joints)
-        self.present = torch.from_numpy(present)
+        self.joints = torch.from_numpy(joints).to(self.device)
+        self.present = torch.from_numpy(present).to(self.device)
         self.problem = problem
         self.keypoints = _level(problem)
         self.focal = float(np.exp(problem.camera_mean[2]))
@@ -198,21 +215,25 @@ class _Fitter:
         problem = self.problem
         frames = np.clip(centre + self.offsets, 0, problem.n_frames - 1)
         confident = problem.used[frames] * self._confidence(frames)
-        weight = torch.from_numpy(confident.astype(np.float32))[None] * self.present[index, :, None]
-        target = torch.from_numpy(self.keypoints[frames].astype(np.float32))
-        scale = torch.from_numpy(problem.error_scale[frames, :, 1].astype(np.float32))
-        dof = torch.from_numpy(problem.error_dof[frames, :, 1].astype(np.float32))
-        theta = torch.from_numpy(start.astype(np.float32))
+        weight = self._tensor(confident)[None] * self.present[index, :, None]
+        target = self._tensor(self.keypoints[frames])
+        scale = self._tensor(problem.error_scale[frames, :, 1])
+        dof = self._tensor(problem.error_dof[frames, :, 1])
+        theta = self._tensor(start)
         cost = theta.new_zeros(theta.shape[:2])
         for first in range(0, len(index), _BATCH):
             batch = slice(first, first + _BATCH)
             args = (self.joints[index[batch]], target, scale, dof, weight[batch])
             for _ in range(steps):
                 theta[:, batch], cost[:, batch] = self._step(theta[:, batch], *args)
-        joint_count = weight.sum((1, 2)).double().numpy()
-        fitted = cost.double().numpy() / np.maximum(joint_count, 1.0)
+        joint_count = weight.sum((1, 2)).cpu().double().numpy()
+        fitted = cost.cpu().double().numpy() / np.maximum(joint_count, 1.0)
         fitted[:, joint_count == 0] = np.inf
-        return theta.double().numpy(), fitted
+        return theta.cpu().double().numpy(), fitted
+
+    def _tensor(self, values: Array) -> Tensor:
+        """In single precision, where the fits are done."""
+        return torch.from_numpy(values.astype(np.float32)).to(self.device)
 
     def _step(
         self,
@@ -253,9 +274,9 @@ class _Fitter:
             normal.append((irls * (au * bu + av * bv)).sum((-1, -2)))
         matrix = torch.stack(normal, -1)[..., _SYMMETRIC]
         # The prior keeps a window of few joints near the path: .1 rad, .2 log m, 1 rad.
-        matrix = matrix + torch.diag(torch.tensor([100.0, 25.0, 1.0]))
+        matrix = matrix + torch.diag(torch.tensor([100.0, 25.0, 1.0], device=self.device))
         step = torch.linalg.solve(matrix, torch.stack(gradient, -1))
-        limit = torch.tensor([0.1, 0.3, 0.6])
+        limit = torch.tensor([0.1, 0.3, 0.6], device=self.device)
         return theta - step.clamp(-limit, limit), cost.sum((-1, -2))
 
     def _confidence(self, frames: Ints) -> Array:

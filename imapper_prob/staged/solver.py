@@ -27,7 +27,7 @@ from imapper_prob.staged.calibration import estimate_camera
 from imapper_prob.staged.candidates import Candidate, screen
 from imapper_prob.staged.combine import Combinations, combine
 from imapper_prob.staged.elsewhere import own_detections
-from imapper_prob.staged.fit import Fits, fit_windows
+from imapper_prob.staged.fit import Fits, FitSettings, fit_windows
 from imapper_prob.staged.frames import FrameTable
 from imapper_prob.staged.free_poses import free_pose_cost
 from imapper_prob.staged.maxima import CharnessCurve, MaximaSettings, charness_curve
@@ -188,7 +188,13 @@ def fit_clip(
     )
     stays = find_stays(own.tracks[0], path, camera, fps=clip.fps, settings=settings.model)
     problem = problem._replace(stays=stays)
-    fits = fit_windows(problem, path, fps=clip.fps, progress=progress)
+    fits = fit_windows(
+        problem,
+        path,
+        fps=clip.fps,
+        settings=FitSettings(device=settings.device),
+        progress=progress,
+    )
     problem = problem._replace(free_cost=free_pose_cost(problem, fits))
     if progress is not None:
         progress("judging free poses", 1.0)
