@@ -109,6 +109,8 @@ class Config:
         All randomness of a run comes from it.
     library : str
         ``"built-in"`` or the path of a library file.
+    device : str
+        Of torch, on which scenelets are fitted to windows: ``cpu``, ``cuda``, ``mps``.
     model : ModelSettings
     path : StaticPathSettings
     camera : CameraSettings
@@ -118,6 +120,7 @@ class Config:
 
     seed: int = 0
     library: str = "built-in"
+    device: str = "cpu"
     model: ModelSettings = field(default_factory=ModelSettings)
     path: StaticPathSettings = field(default_factory=StaticPathSettings)
     camera: CameraSettings = field(default_factory=CameraSettings)
@@ -137,7 +140,7 @@ class Config:
     @property
     def settings(self) -> Settings:
         """The constants of the model and of the stages before it."""
-        return Settings(self.model, self.path, self.camera, self.detector)
+        return Settings(self.model, self.path, self.camera, self.detector, self.device)
 
     def without(self, scene: str) -> Config:
         """The same with constants estimated without one scene of i3DB (`Settings.without`)."""

@@ -262,12 +262,15 @@ class Settings:
     path : StaticPathSettings
     camera : CameraSettings
     detector : DetectorSettings
+    device : str
+        Of torch, on which scenelets are fitted to windows.
     """
 
     model: ModelSettings = field(default_factory=ModelSettings)
     path: StaticPathSettings = field(default_factory=StaticPathSettings)
     camera: CameraSettings = field(default_factory=CameraSettings)
     detector: DetectorSettings = field(default_factory=DetectorSettings)
+    device: str = "cpu"
 
     def without(self, scene: str) -> Settings:
         """The same with all that is estimated from data as it would be without one scene.
@@ -280,4 +283,5 @@ class Settings:
             path=with_values(self.path, values),
             camera=with_values(self.camera, values),
             detector=with_values(self.detector, values),
+            device=self.device,
         )

@@ -148,7 +148,7 @@ def resemblance(best: Array, *, frame_weight: float) -> Check:
     independent = max(1, round(len(judged) * min(1.0, frame_weight)))
     limit = float(binom.isf(RATE, independent, _UNLIKE_PART)) / independent
     if not len(judged):
-        return Check("resemblance", math.nan, limit, False, "No scenelet was fitted.")
+        return Check("resemblance", math.nan, limit, False, "Nothing says how well scenelets fit.")
     value = float(np.mean(judged > _UNLIKE))
     told = f"No scenelet of the library resembles {100 * value:.0f} % of the clip"
     if not value > limit:

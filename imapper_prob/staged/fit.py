@@ -41,6 +41,9 @@ class FitSettings:
         neighbours say the same.
     screening_steps, steps : int
         Gauss-Newton steps from every yaw, and then from the best one.
+    device : str
+        Of torch: ``cpu``, ``cuda``, ``cuda:1``, ``mps``. Results on a CPU are the same in every
+        run; elsewhere sums may be taken in another order.
     """
 
     stride: float = 0.4
@@ -48,6 +51,7 @@ class FitSettings:
     screening_frame_step: int = 4
     screening_steps: int = 3
     steps: int = 6
+    device: str = "cpu"
 
 
 @dataclass(frozen=True)
@@ -83,16 +87,27 @@ def fit_windows(
 ) -> Fits:
     """Fit all scenelets to all windows at the mean of the camera prior.
 
-    Runs on one thread: a window is too small for more, and sums keep their order.
+    On a CPU it runs on one thread: a window is too small for more, and sums keep their order.
+
+    Raises
+    ------
+    InputError
+        If torch has no such device.
     """
     # Torch takes seconds to load, and who reads a run or samples has no use for it.
-    from imapper_prob.staged.window_fitter import SquaredWindowFitter, WindowFitter, one_thread
+    from imapper_prob.staged.window_fitter import (
+        SquaredWindowFitter,
+        WindowFitter,
+        device_named,
+        one_thread,
+    )
 
     settings = settings or FitSettings()
+    device = device_named(settings.device)
     with one_thread():
         fitter = SquaredWindowFitter if problem.of_paper else WindowFitter
-        screening = fitter(problem, settings.screening_frame_step)
-        fitting = fitter(problem, settings.frame_step)
+        screening = fitter(problem, settings.screening_frame_step, device)
+        fitting = fitter(problem, settings.frame_step, device)
         return _fit_windows(problem, path, fps, settings, screening, fitting, progress)
 
 

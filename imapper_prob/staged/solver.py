@@ -28,7 +28,7 @@ from imapper_prob.staged.calibration import estimate_camera
 from imapper_prob.staged.candidates import Candidate, screen
 from imapper_prob.staged.combine import Combinations, combine
 from imapper_prob.staged.elsewhere import own_detections
-from imapper_prob.staged.fit import Fits, fit_windows
+from imapper_prob.staged.fit import Fits, FitSettings, fit_windows
 from imapper_prob.staged.frames import FrameTable
 from imapper_prob.staged.free_poses import free_pose_cost
 from imapper_prob.staged.maxima import CharnessCurve, MaximaSettings, charness_curve
@@ -38,7 +38,7 @@ from imapper_prob.staged.shortlist import MaximumTable, shortlist
 from imapper_prob.staged.static_path import examine_frames
 from imapper_prob.staged.stays import find_stays
 
-__all__ = ["Fitted", "Solution", "fit_clip", "solve", "solve_fitted"]
+__all__ = ["Fitted", "Solution", "fit_clip", "solve", "solve_fitted", "solve_published"]
 
 Progress = Callable[[str, float], None]
 
@@ -193,7 +193,13 @@ def fit_clip(
     )
     stays = find_stays(own.tracks[0], path, camera, fps=clip.fps, settings=settings.model)
     problem = problem._replace(stays=stays)
-    fits = fit_windows(problem, path, fps=clip.fps, progress=progress)
+    fits = fit_windows(
+        problem,
+        path,
+        fps=clip.fps,
+        settings=FitSettings(device=settings.device),
+        progress=progress,
+    )
     problem = problem._replace(free_cost=free_pose_cost(problem, fits))
     if progress is not None:
         progress("judging free poses", 1.0)
@@ -207,11 +213,7 @@ def solve_fitted(
     problem, fits = fitted.problem, fitted.fits
     candidates = screen(problem, fits, progress=progress)
     if problem.of_paper:
-        curve = charness_curve(
-            fits, fitted.charness, fps=clip.fps, settings=_PUBLISHED, bare=~fitted.path.posed
-        )
-        tables = filter_published(problem, fits, curve, progress=progress)
-        combinations = combine_published(problem, tables, fps=clip.fps, progress=progress)
+        curve, tables, combinations = solve_published(clip, fitted, progress=progress)
     else:
         curve = charness_curve(fits, fitted.charness, fps=clip.fps)
         combinations = combine(problem, candidates, curve, progress=progress)
@@ -230,3 +232,16 @@ def solve_fitted(
         fitted.distances,
         fits,
     )
+
+
+def solve_published(
+    clip: Clip, fitted: Fitted, *, progress: Progress | None = None
+) -> tuple[CharnessCurve, tuple[MaximumTable, ...], Combinations]:
+    """The stages after the fits as the paper has them: T', the filter, all combinations."""
+    problem = fitted.problem
+    bare = ~fitted.path.posed
+    curve = charness_curve(
+        fitted.fits, fitted.charness, fps=clip.fps, settings=_PUBLISHED, bare=bare
+    )
+    tables = filter_published(problem, fitted.fits, curve, progress=progress)
+    return curve, tables, combine_published(problem, tables, fps=clip.fps, progress=progress)

@@ -16,9 +16,10 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from imapper_prob.models.errors import InputError
 from imapper_prob.models.problem import Problem
 
-__all__ = ["SquaredWindowFitter", "WindowFitter", "one_thread"]
+__all__ = ["SquaredWindowFitter", "WindowFitter", "device_named", "one_thread"]
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -45,6 +46,21 @@ def one_thread() -> Iterator[None]:
         torch.set_num_threads(threads)
 
 
+def device_named(name: str) -> torch.device:
+    """A device of torch.
+
+    Raises
+    ------
+    InputError
+        If torch has no such device.
+    """
+    try:
+        return torch.empty(1, device=name).device
+    except (RuntimeError, AssertionError) as error:  # what torch raises where there is none
+        reason = str(error).splitlines()[0]
+        raise InputError(f"device {name!r}: not here ({reason}); use cpu") from error
+
+
 def _level(problem: Problem) -> Array:
     """(T, 16, 2) the detections as the mean camera would see them without its roll, pixels."""
     roll, centre = problem.camera_mean[4], np.array([problem.cx, problem.cy])
@@ -63,9 +79,12 @@ class WindowFitter:
     problem : Problem
     frame_step : int
         Every how manyeth frame of a scenelet is compared.
+    device : torch.device
+        Where the fits are done.
     """
 
-    def __init__(self, problem: Problem, frame_step: int) -> None:
+    def __init__(self, problem: Problem, frame_step: int, device: torch.device) -> None:
+        self.device = device
         lengths = problem.lengths
         longest = int(lengths.max())
         # Frames are counted from the centre, so that all scenelets of a window line up.
@@ -79,8 +98,8 @@ class WindowFitter:
             present[index] = (own >= 0) & (own < n)
             first = problem.joint_first[index]
             joints[index, present[index]] = body * problem.joints[first + own[present[index]]]
-        self.joints = torch.from_numpy(joints)
-        self.present = torch.from_numpy(present)
+        self.joints = torch.from_numpy(joints).to(device)
+        self.present = torch.from_numpy(present).to(device)
         self.problem = problem
         self.keypoints = _level(problem)
         self.focal = float(np.exp(problem.camera_mean[2]))
@@ -94,21 +113,25 @@ class WindowFitter:
         problem = self.problem
         frames = np.clip(centre + self.offsets, 0, problem.n_frames - 1)
         confident = problem.used[frames] * self._confidence(frames)
-        weight = torch.from_numpy(confident.astype(np.float32))[None] * self.present[index, :, None]
-        target = torch.from_numpy(self.keypoints[frames].astype(np.float32))
-        scale = torch.from_numpy(problem.error_scale[frames, :, 1].astype(np.float32))
-        dof = torch.from_numpy(problem.error_dof[frames, :, 1].astype(np.float32))
-        theta = torch.from_numpy(start.astype(np.float32))
+        weight = self._tensor(confident)[None] * self.present[index, :, None]
+        target = self._tensor(self.keypoints[frames])
+        scale = self._tensor(problem.error_scale[frames, :, 1])
+        dof = self._tensor(problem.error_dof[frames, :, 1])
+        theta = self._tensor(start)
         cost = theta.new_zeros(theta.shape[:2])
         for first in range(0, len(index), _BATCH):
             batch = slice(first, first + _BATCH)
             args = (self.joints[index[batch]], target, scale, dof, weight[batch])
             for _ in range(steps):
                 theta[:, batch], cost[:, batch] = self._step(theta[:, batch], *args)
-        joint_count = weight.sum((1, 2)).double().numpy()
-        fitted = cost.double().numpy() / np.maximum(joint_count, 1.0)
+        joint_count = weight.sum((1, 2)).cpu().double().numpy()
+        fitted = cost.cpu().double().numpy() / np.maximum(joint_count, 1.0)
         fitted[:, joint_count == 0] = np.inf
-        return theta.double().numpy(), fitted
+        return theta.cpu().double().numpy(), fitted
+
+    def _tensor(self, values: Array) -> Tensor:
+        """In single precision, where the fits are done."""
+        return torch.from_numpy(values.astype(np.float32)).to(self.device)
 
     def _step(
         self,
@@ -149,9 +172,9 @@ class WindowFitter:
             normal.append((irls * (au * bu + av * bv)).sum((-1, -2)))
         matrix = torch.stack(normal, -1)[..., _SYMMETRIC]
         # The prior keeps a window of few joints near the path: .1 rad, .2 log m, 1 rad.
-        matrix = matrix + torch.diag(torch.tensor([100.0, 25.0, 1.0]))
+        matrix = matrix + torch.diag(torch.tensor([100.0, 25.0, 1.0], device=self.device))
         step = torch.linalg.solve(matrix, torch.stack(gradient, -1))
-        limit = torch.tensor([0.1, 0.3, 0.6])
+        limit = torch.tensor([0.1, 0.3, 0.6], device=self.device)
         return theta - step.clamp(-limit, limit), cost.sum((-1, -2))
 
     def _confidence(self, frames: Ints) -> Array:

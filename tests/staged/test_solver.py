@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import torch
 
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.path import StaticPath
@@ -15,13 +16,14 @@ from imapper_prob.models.scenelet import Library
 from imapper_prob.scenelets.library import load_library
 from imapper_prob.staged.candidates import refine, screen
 from imapper_prob.staged.combine import combine
-from imapper_prob.staged.fit import Fits, fit_windows
+from imapper_prob.staged.fit import Fits, FitSettings, fit_windows
 from imapper_prob.staged.free_poses import free_pose_cost
 from imapper_prob.staged.kinds import furniture_kinds
 from imapper_prob.staged.maxima import charness_curve
 from tests.models import worlds
 from tests.runs import solution
 
+_HERE = ["cpu", *(["cuda"] if torch.cuda.is_available() else [])]
 PLACE = np.array([0.4, 3.6, 0.9])
 
 
@@ -48,6 +50,15 @@ def test_a_fit_finds_where_the_scenelet_was_performed() -> None:
     x, y, yaw = fits.placements[w, 0]
     assert np.hypot(x - PLACE[0], y - PLACE[1]) < 0.1
     assert abs((yaw - PLACE[2] + np.pi) % (2 * np.pi) - np.pi) < 0.1
+
+
+def test_a_device_that_is_not_there_is_refused_by_name() -> None:
+    problem, path, _ = performed()
+    with pytest.raises(InputError, match="device 'cuda:99': not here"):
+        fit_windows(problem, path, fps=10.0, settings=FitSettings(device="cuda:99"))
+    here = [fit_windows(problem, path, fps=10.0, settings=FitSettings(device=d)) for d in _HERE]
+    for other in here[1:]:
+        np.testing.assert_allclose(here[0].placements, other.placements, atol=0.02)
 
 
 def test_refinement_does_not_lower_the_posterior() -> None:
