@@ -6,6 +6,7 @@ holds one of these may rely on it.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Final
@@ -383,10 +384,10 @@ class Clip:
             raise InputError(f"clip {name}: {len(self.tracks)} people, more than {MOST_PEOPLE}")
         self._check_camera(max(camera.width, camera.height))
         if not max(abs(camera.pitch), abs(camera.roll)) <= STEEPEST_CAMERA:
-            pitch, roll = np.degrees([camera.pitch, camera.roll])
             raise InputError(
-                f"clip {name}: a camera of pitch {pitch:.0f} and roll {roll:.0f} degrees; either "
-                f"may be {np.degrees(STEEPEST_CAMERA):.0f} at most"
+                f"clip {name}: a camera of pitch {math.degrees(camera.pitch):.3g} and roll "
+                f"{math.degrees(camera.roll):.3g} degrees; either may be "
+                f"{math.degrees(STEEPEST_CAMERA):.0f} at most"
             )
         if not LOWEST_CAMERA <= camera.elevation <= HIGHEST_CAMERA:
             raise InputError(

@@ -11,9 +11,7 @@ second axis of a part points to the back of its object and the third up.
 from __future__ import annotations
 
 import json
-import os
 import re
-import shutil
 from collections import Counter
 from pathlib import Path
 from typing import Any, Final
@@ -21,6 +19,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from imapper_prob.files import folder_held, folder_published
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.geometry import pack_boxes, sight_clearance
 from imapper_prob.models.scene import Clip, Scene
@@ -53,19 +52,13 @@ def write_i3db(folder: Path, scene: Scene, clip: Clip) -> None:
             zip(by_person(clip, joints), by_person(clip, hidden), strict=True), 1
         )
     }
-    beside = folder.resolve().with_name(f".{folder.name}.partial-{os.getpid()}")
-    try:
+    with folder_held(folder), folder_published(folder, names=()) as beside:
         objects = beside / f"{_STEM}_objects"
-        objects.mkdir(parents=True)
+        objects.mkdir()
         for name, document in documents.items():
             (beside / f"{name}.json").write_text(json.dumps(document), encoding="utf-8")
         for name, part in parts.items():
             (objects / f"{name}.json").write_text(json.dumps(part), encoding="utf-8")
-        if folder.exists():
-            folder.rmdir()
-        os.replace(beside, folder)
-    finally:
-        shutil.rmtree(beside, ignore_errors=True)
 
 
 def _skeleton(

@@ -23,7 +23,9 @@ and those of :mod:`imapper_prob.results.stored_samples` and
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterable, Mapping
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any, Final
 
@@ -172,7 +174,10 @@ def write_tree(path: Path, tree: xr.DataTree) -> None:
         }
         for group in tree.groups
     }
-    content: Any = tree.to_netcdf(None, engine="h5netcdf", encoding=encoding)
+    # Who uses a cluster has imported dask; its lock across machines is none for memory.
+    dask = sys.modules.get("dask")
+    with nullcontext() if dask is None else dask.config.set(scheduler="single-threaded"):
+        content: Any = tree.to_netcdf(None, engine="h5netcdf", encoding=encoding)
     path.write_bytes(content)
 
 
