@@ -65,10 +65,6 @@ def test_what_is_no_part_of_a_kernel_leaves_it(
         pytest.param("kernels/sight.py", r"\Z", "\nLAST = 1\n", id="module of kernels"),
         pytest.param("limits.py", r"^NEAREST: Final = ", "NEAREST: Final = 1 + ", id="constant"),
         pytest.param("skeleton.py", r'"RANK", "RKNE"', '"RKNE", "RANK"', id="what it is made of"),
-        pytest.param(
-            "energy/detections.py", r"^class DetectionModel:", "class DetectionModel:\n    x = 1",
-            id="class whose table becomes a constant",
-        ),
         pytest.param("calibrated.py", r"^    value = constants", "    v = 1\n    value = constants",
                      id="function that reads constants"),
         pytest.param("calibrated.toml", r"^value = ", "value = 1", id="calibrated constant"),
