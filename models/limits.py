@@ -35,8 +35,9 @@ SHORTEST_FOCAL: Final = 0.005
 LONGEST_FOCAL: Final = 100.0
 """Longer sides of the image: fields of view of 179 degrees, and of half a degree."""
 
-FARTHEST_KEYPOINT: Final = 100.0
-"""Longer sides of the image from its corner: detectors place joints a little outside of it."""
+FARTHEST_KEYPOINT: Final = 1e4
+"""Longer sides of the image from its corner: detectors place joints a little outside of it, and
+draws of the detection model, whose tails have two degrees of freedom, some hundred of them away."""
 
 SLOWEST_FILM: Final = 0.1
 QUICKEST_FILM: Final = 1_000.0

@@ -84,10 +84,6 @@ def estimate_camera(
             f"clip {clip.name} has {clip.n_frames} frames, the static path {len(path.lift)}; "
             "estimate the path from this clip"
         )
-    if clip.camera.elevation <= 0:
-        raise InputError(
-            f"clip {clip.name}: camera elevation {clip.camera.elevation} m must be above the floor"
-        )
     feet = _feet(clip, path, track, settings, DetectionModel.of(detector or DetectorSettings()))
     mode = _mode(feet)
     # The robust weights that find the mode average 1 / spread^2, but a Student-t observation

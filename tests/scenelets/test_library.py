@@ -180,7 +180,7 @@ def altered(path: Path, **changes: object) -> None:
         ({"first_frame": np.array([0, 9, 3, 40, 60, 80])}, "first_frame does not fit"),
         ({"name": None}, "entry name is missing"),
         ({"fps": np.array(["quick"] * 5)}, "expected number"),
-        ({"fps": np.full(5, np.nan)}, "frame rate"),
+        ({"fps": np.full(5, np.nan)}, "nan frames a second"),
         ({"weights": None}, "entry weights is missing"),
         ({"weights": np.zeros(5)}, "weight 0.0 must be positive"),
         ({"names": np.array(["same"] * 5)}, "same occurs twice"),
