@@ -38,7 +38,7 @@ except ImportError:  # where the system has no such locks, nobody is kept out
     fcntl = None  # type: ignore[assignment]
 
 __all__ = [
-    "folder_held", "folder_published", "is_hidden", "require_intact", "require_writable",
+    "folder_held", "folder_published", "require_intact", "require_own", "require_writable",
     "written_whole",
 ]  # fmt: skip
 
@@ -147,7 +147,45 @@ def folder_published(folder: Path, *, names: Collection[str]) -> Iterator[Path]:
         _roll_forward(folder)
 
 
-def is_hidden(name: str) -> bool:
+def require_own(
+    folder: Path, files: Collection[str], *, what: str, overwrite: bool, unfinished: str = ""
+) -> None:
+    """Refuse a folder that cannot be written to, or holds what is not to be replaced.
+
+    Parameters
+    ----------
+    folder : Path
+    files : collection of str
+        Names that a result of this kind has.
+    what : str
+        The kind: ``run`` or ``solution``.
+    overwrite : bool
+        Whether an earlier result may be replaced; other files never are.
+    unfinished : str
+        Name that is there while a result is not finished and can be gone on with.
+
+    Raises
+    ------
+    InputError
+        It is a file, holds another's files or an earlier result, or cannot be written to.
+    """
+    require_writable(folder)
+    if folder.exists() and not folder.is_dir():
+        raise InputError(f"{folder}: is a file; name a folder for the output")
+    found = sorted(p.name for p in folder.iterdir()) if folder.exists() else []
+    strange = [n for n in found if n not in files and n != unfinished and not _is_hidden(n)]
+    if strange:
+        raise InputError(
+            f"{folder}: holds {strange[0]}, which is not of a {what}; name another folder"
+        )
+    finished = any(name in files for name in found) and unfinished not in found
+    if finished and not overwrite:
+        raise InputError(
+            f"{folder}: holds an earlier {what}; name another folder or add --overwrite"
+        )
+
+
+def _is_hidden(name: str) -> bool:
     """Whether a name in a folder is of its keeping, not of its result."""
     temporary = any(fnmatchcase(name, pattern) for pattern in _LEFT_BY_A_KILL)
     return name in (_LOCK, _MANIFEST, _STAGE) or temporary

@@ -14,7 +14,7 @@ __all__ = ["memory_needed", "memory_there", "require_memory"]
 
 _GIGABYTE: Final = 1e9
 _PROGRAM: Final = 1.0 * _GIGABYTE
-"""Bytes of the program with its libraries and compiled kernels, measured."""
+"""Bytes of the program with its libraries and compiled kernels, a little more than they take."""
 _EACH_PLACEMENT: Final = 100
 """Bytes for a scenelet at a frame while the solver looks for candidates: three coordinates, a cost
 and what these are made of."""

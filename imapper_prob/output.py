@@ -8,8 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from imapper_prob.config import to_toml
-from imapper_prob.files import folder_held, folder_published, is_hidden, require_writable
-from imapper_prob.models.errors import InputError
+from imapper_prob.files import folder_held, folder_published, require_own
 from imapper_prob.results.export import write_scenes
 from imapper_prob.results.export_glb import write_glb
 from imapper_prob.results.posterior import Posterior
@@ -46,18 +45,7 @@ def run_folder(folder: Path, *, overwrite: bool) -> Iterator[None]:
 
 
 def _check_folder(folder: Path, *, overwrite: bool) -> None:
-    require_writable(folder)
-    if folder.exists() and not folder.is_dir():
-        raise InputError(f"{folder}: is a file; name a folder for the output")
-    present = sorted(p.name for p in folder.iterdir()) if folder.exists() else []
-    strange = [n for n in present if n not in (*_FILES, CHECKPOINTS) and not is_hidden(n)]
-    if strange:
-        raise InputError(
-            f"{folder}: holds {strange[0]}, which is not of a run; name another folder"
-        )
-    finished = any(name in _FILES for name in present) and CHECKPOINTS not in present
-    if finished and not overwrite:
-        raise InputError(f"{folder}: holds an earlier run; name another folder or add --overwrite")
+    require_own(folder, _FILES, what="run", overwrite=overwrite, unfinished=CHECKPOINTS)
 
 
 def write_run(

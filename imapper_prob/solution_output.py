@@ -8,8 +8,7 @@ from pathlib import Path
 
 from imapper_prob.config import Config, to_toml
 from imapper_prob.figure_file import save_figure
-from imapper_prob.files import folder_held, folder_published, is_hidden, require_writable
-from imapper_prob.models.errors import InputError
+from imapper_prob.files import folder_held, folder_published, require_own
 from imapper_prob.results.solved import Solved
 
 __all__ = ["solution_folder", "write_solution_folder"]
@@ -38,20 +37,7 @@ def solution_folder(folder: Path, *, overwrite: bool) -> Iterator[None]:
 
 
 def _check_folder(folder: Path, *, overwrite: bool) -> None:
-    require_writable(folder)
-    if folder.exists() and not folder.is_dir():
-        raise InputError(f"{folder}: is a file; name a folder for the output")
-    found = sorted(p.name for p in folder.iterdir()) if folder.exists() else []
-    present = [name for name in found if not is_hidden(name)]
-    strange = [name for name in present if name not in _FILES]
-    if strange:
-        raise InputError(
-            f"{folder}: holds {strange[0]}, which is not of a solution; name another folder"
-        )
-    if present and not overwrite:
-        raise InputError(
-            f"{folder}: holds an earlier solution; name another folder or add --overwrite"
-        )
+    require_own(folder, _FILES, what="solution", overwrite=overwrite)
 
 
 def write_solution_folder(folder: Path, solved: Solved, config: Config, *, overwrite: bool) -> None:

@@ -54,15 +54,14 @@ def _told(value: Any) -> str:
 
 def _sequence(value: Any) -> str:
     """A text, mapping or sequence: as it is if that is short, else how many of what."""
-    if len(value) <= _FEW or isinstance(value, str | bytes):
-        plain = str | bytes | int | float | bool | None
-        inside = value.values() if isinstance(value, Mapping) else value
-        if isinstance(value, str | bytes) or all(isinstance(v, plain) for v in inside):
-            text = repr(value)
-            if len(text) <= _SHORT:
-                return text
-    if isinstance(value, str | bytes):
+    text = isinstance(value, str | bytes)
+    inside = [value] if text else list(value.values() if isinstance(value, Mapping) else value)
+    plain = str | bytes | int | float | bool | None
+    if len(inside) <= _FEW and all(isinstance(v, plain) for v in inside):
+        whole = repr(value)
+        if len(whole) <= _SHORT:
+            return whole
+    if text:
         return f"{value[:_SHORT]!r}..."
-    inside = value.values() if isinstance(value, Mapping) else value
     kinds = sorted({type(v).__name__ for v in inside})
-    return f"{len(value)} x {kinds[0] if len(kinds) == 1 else 'values'}" if kinds else "none"
+    return f"{len(inside)} x {kinds[0] if len(kinds) == 1 else 'values'}"

@@ -306,13 +306,14 @@ class Posterior:
 
     def _repr_html_(self) -> str:
         """The scenes from above with their probabilities, and the verdict, for a notebook."""
-        from io import StringIO
+        from io import BytesIO
 
+        from imapper_prob.figure_file import save_figure
         from imapper_prob.results.figures import scenes_figure
 
-        drawn = StringIO()
-        scenes_figure(self).savefig(drawn, format="svg")
-        picture = drawn.getvalue()
+        drawn = BytesIO()
+        save_figure(scenes_figure(self), drawn, dpi=100, format="svg")
+        picture = drawn.getvalue().decode()
         return f"<p>{escape(self.verdict)}</p>{picture[picture.index('<svg') :]}"
 
     @cached_property

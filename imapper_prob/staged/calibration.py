@@ -37,6 +37,8 @@ _EITHER: Final = 0.5
 """Probability that somebody so low is on furniture: .57 of such frames of the built-in library."""
 _HIGHEST: Final = 1.0
 """Metres above the floor below which feet on furniture are: above any seat, bed or table."""
+_SOME: Final = 0.1
+"""Probability of being on furniture from which on there is a second mode to look for."""
 _STARTS: Final = (0.05, 0.5, 0.95)
 """Quantiles of the heights of ankles, each taken for the floor's in one search of the mode."""
 
@@ -197,7 +199,7 @@ def _mode(feet: _Feet) -> Array:
     """
     upward = feet.settings.ankle - np.exp(feet.prior_mean[1]) - feet.errors(feet.prior_mean)
     starts = [feet.prior_mean]
-    heights = feet.settings.ankle - np.quantile(upward, _STARTS if feet.held.max() > 0.1 else ())
+    heights = feet.settings.ankle - np.quantile(upward, _STARTS if feet.held.max() > _SOME else ())
     for height in heights[heights > 0]:
         start = feet.prior_mean.copy()
         start[1] = np.log(height)

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import xarray as xr
+from matplotlib.text import Text
 from rich.console import Console
 
 from imapper_prob.models.errors import InputError
@@ -164,6 +165,11 @@ def test_a_notebook_shows_scenes_and_verdict(monkeypatch: pytest.MonkeyPatch) ->
     assert page.count("<svg") == 1
     assert page.startswith("<p>")
     assert "<script" not in page
+    parsed = []
+    monkeypatch.setattr(Text, "set_parse_math", lambda _, parse: parsed.append(parse))
+    run._repr_html_()
+    assert parsed
+    assert not any(parsed)  # names between dollar signs are no formulas
     monkeypatch.setattr(Posterior, "verdict", "<b>no</b>")
     assert "&lt;b&gt;no&lt;/b&gt;" in run._repr_html_()
 
