@@ -24,7 +24,6 @@ from numpy.typing import NDArray
 from imapper_prob.models.geometry import NOTHING_IN_SIGHT, OPAQUE, pack_boxes, sight_clearance
 from imapper_prob.models.incremental import Incremental
 from imapper_prob.models.jit import compiled
-from imapper_prob.models.kernels.memory import new_memory
 from imapper_prob.models.kernels.sight import (
     BENCH,
     GAP,
@@ -265,7 +264,6 @@ def figures() -> dict[str, float]:
     world, rng = make_world(), np.random.default_rng(0)
     full = per_second(lambda: log_posterior(world.problem, world.state))
     bare = per_second(bare_kernel(world))
-    memory = new_memory(world.problem, world.state.n_scenelets)
     return {
         "full_evaluations_per_second": full,
         "incremental_moves_per_second": moves_per_second(world, mixed(rng, world, 32)),
@@ -277,7 +275,6 @@ def figures() -> dict[str, float]:
         "incremental_cameras_per_second": moves_per_second(world, cameras(rng, world, 16)),
         "bare_kernel_evaluations_per_second": bare,
         "full_evaluation_over_bare_kernel": bare / full,
-        "incremental_memory_mib": sum(array.nbytes for array in memory) / 2**20,
         "torch_eager_evaluations_per_second": per_second(torch_kernel(world)),
         "numpy_evaluations_per_second": per_second(numpy_kernel(world)),
     }

@@ -29,7 +29,6 @@ from rich.table import Table
 from scipy.optimize import minimize
 
 from imapper_prob.inputs.i3db import read_i3db, read_i3db_truth
-from imapper_prob.models.compiled import TERMS
 from imapper_prob.models.energy.paper import PaperWeights
 from imapper_prob.models.posterior import State, empty_state, log_posterior, terms
 from imapper_prob.models.problem import Problem
@@ -37,6 +36,7 @@ from imapper_prob.models.scene import Placement, SceneObject, Truth
 from imapper_prob.models.scenelet import Library
 from imapper_prob.models.settings import ModelSettings
 from imapper_prob.models.skeleton import PELV
+from imapper_prob.models.terms import TERMS
 from imapper_prob.scenelets.library import load_library
 from imapper_prob.staged.candidates import refine
 from imapper_prob.staged.solver import Solution, solve

@@ -17,10 +17,14 @@ from numpy.typing import NDArray
 from imapper_prob.models.energy.paper_intersection import depth_of_motion, overlaps
 from imapper_prob.models.energy.paper_occlusion import hidden_distance, occlusion_cost
 from imapper_prob.models.jit import compiled, inner
-from imapper_prob.models.kernels.world import place_boxes, weigh_priors
+from imapper_prob.models.kernels.change import place
+from imapper_prob.models.kernels.posing import copy_joints, list_moved, pose_joints
+from imapper_prob.models.kernels.session import open_session
+from imapper_prob.models.kernels.world import place_boxes
 from imapper_prob.models.limits import NEAREST
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.skeleton import DETECTED, PELV
+from imapper_prob.models.terms import CAMERA, LAYOUT, PATH, PLACEMENT, TERMS
 
 __all__ = ["PAPER_TERMS", "evaluate_paper"]
 
@@ -28,8 +32,7 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 PAPER_TERMS = (
-    "camera", "layout", "placement", "path", "reprojection", "occlusion", "smoothness",
-    "collision", "motion",
+    *TERMS[: PATH + 1], "reprojection", "occlusion", "smoothness", "collision", "motion"
 )  # fmt: skip
 """What :func:`evaluate_paper` returns, in order; the log-posterior is their sum."""
 
@@ -103,11 +106,20 @@ def evaluate_paper(
     (9,) float
         Values of ``PAPER_TERMS``, nats; the first is -inf outside the support.
     """
-    terms = np.zeros(9)
-    item_of = np.full(problem.lift.shape[0], -1, dtype=np.int64)
-    if not weigh_priors(
-        problem, camera, items, placements, sizes, latent, item_of, joints, terms
-    ) or problem.likelihood == 0.0:  # fmt: skip
+    terms = np.zeros(len(PAPER_TERMS))
+    session = open_session(problem, len(items))
+    memory = session.memory
+    prior = place(
+        problem, memory, -1, camera, latent, camera, items, placements, sizes, latent
+    )  # fmt: skip
+    if prior == -math.inf:
+        terms[CAMERA] = prior
+        return terms
+    for i in (CAMERA, LAYOUT, PLACEMENT, PATH):
+        terms[i] = memory.terms[i]
+    pose_joints(problem, memory, len(items), list_moved(memory), camera)
+    copy_joints(memory, joints)
+    if problem.likelihood == 0.0:
         return terms
     boxes, turns, owner, yaws = place_boxes(problem, camera, items, placements, sizes)
     by_frame[:] = 0.0

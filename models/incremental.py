@@ -12,10 +12,8 @@ from collections.abc import Callable
 from functools import partial
 
 from imapper_prob.models.kernels.change import change, settle
-from imapper_prob.models.kernels.memory import new_memory
 from imapper_prob.models.kernels.session import Session, open_session
-from imapper_prob.models.kernels.votes import prepare
-from imapper_prob.models.posterior import State, log_posterior
+from imapper_prob.models.posterior import State, log_posterior, target_of
 from imapper_prob.models.problem import Problem
 
 __all__ = ["Incremental", "log_posterior_near"]
@@ -92,13 +90,11 @@ class Incremental:
 
     def _start(self, room: int) -> None:
         """Remember nothing but the current state, with room for so many scenelets."""
-        if self._problem.of_paper:
+        if not target_of(self._problem).incremental:
             raise ValueError("the published energy has no incremental evaluation")
         state = self._state
         self._capacity = max(room, state.n_scenelets)
-        memory = new_memory(self._problem, self._capacity)
-        prepare(self._problem, memory)
-        self._session: Session = open_session(self._problem, memory)
+        self._session: Session = open_session(self._problem, self._capacity)
         parts: tuple[float, float] = change(
             self._session, -1, state.camera, state.latent,
             state.camera, state.items, state.placements, state.sizes, state.latent,
@@ -117,7 +113,7 @@ def log_posterior_near(problem: Problem, state: State) -> Callable[[State], floa
     about states outside the support.
     """
     whole = partial(log_posterior, problem)
-    if problem.of_paper or whole(state) == -math.inf:
+    if not target_of(problem).incremental or whole(state) == -math.inf:
         return whole
     incremental = Incremental(problem, state)
     return lambda other: sum(incremental.propose(other))

@@ -2,21 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.models.brief import brief
 from imapper_prob.models.camera import Camera
-from imapper_prob.models.compiled import TERMS, evaluate
+from imapper_prob.models.compiled import evaluate
 from imapper_prob.models.compiled_paper import PAPER_TERMS, evaluate_paper
 from imapper_prob.models.energy.swaps import swap_probabilities
 from imapper_prob.models.problem import Problem
+from imapper_prob.models.terms import TERMS
 
 __all__ = [
     "State",
+    "Target",
     "camera_at",
     "empty_state",
     "frame_log_likelihood",
@@ -24,6 +27,7 @@ __all__ = [
     "motion",
     "state_camera",
     "swapped",
+    "target_of",
     "term_names",
     "terms",
 ]
@@ -138,24 +142,25 @@ def camera_at(nominal: Camera, phi: Array) -> Camera:
     )
 
 
-def term_names(problem: Problem) -> tuple[str, ...]:
-    """What the log-posterior is the sum of."""
-    return PAPER_TERMS if problem.of_paper else TERMS
-
-
 def _evaluate(problem: Problem, state: State) -> tuple[Array, Array, Array]:
     joints = np.empty((problem.n_frames, 3, 16))
     by_frame = np.zeros((problem.n_frames, 2))
-    values = evaluate(
+    return _evaluate_into(problem, state, joints, by_frame), joints, by_frame
+
+
+def _evaluate_into(problem: Problem, state: State, joints: Array, by_frame: Array) -> Array:
+    values: Array = evaluate(
         problem, state.camera, state.items, state.placements, state.sizes, state.latent,
         joints, by_frame,
     )  # fmt: skip
-    return values, joints, by_frame
+    return values
 
 
-def _terms(problem: Problem, state: State) -> Array:
-    if not problem.of_paper:
-        return _evaluate(problem, state)[0]
+def _evaluate_terms(problem: Problem, state: State) -> Array:
+    return _evaluate_into(problem, state, np.empty((0, 3, 16)), np.empty((0, 2)))
+
+
+def _evaluate_published(problem: Problem, state: State) -> Array:
     joints, by_frame = np.empty((problem.n_frames, 3, 16)), np.empty((problem.n_frames, 4))
     values: Array = evaluate_paper(
         problem, state.camera, state.items, state.placements, state.sizes, state.latent,
@@ -164,17 +169,53 @@ def _terms(problem: Problem, state: State) -> Array:
     return values
 
 
+class Target(NamedTuple):
+    """A log-posterior of the states of a problem.
+
+    Parameters
+    ----------
+    names : tuple of str
+        Of its summands.
+    evaluate : callable
+        Their values, nats, of a problem and a state.
+    incremental : bool
+        Whether :class:`imapper_prob.models.incremental.Incremental` evaluates changes of it.
+    """
+
+    names: tuple[str, ...]
+    evaluate: Callable[[Problem, State], Array]
+    incremental: bool
+
+
+_DEFAULT: Final = Target(TERMS, _evaluate_terms, True)
+_PUBLISHED: Final = Target(PAPER_TERMS, _evaluate_published, False)
+
+
+def target_of(problem: Problem) -> Target:
+    """The log-posterior that the problem was packed for: the default one, or the published energy.
+
+    All that asks for a log-posterior asks here, and nowhere else, which it is.
+    """
+    return _PUBLISHED if problem.of_paper else _DEFAULT
+
+
+def term_names(problem: Problem) -> tuple[str, ...]:
+    """What the log-posterior is the sum of."""
+    return target_of(problem).names
+
+
 def log_posterior(problem: Problem, state: State) -> float:
     """log pi(phi, X, P | z) up to the constant of the clip, -inf outside the support.
 
     The normal density of the latent numbers is not included: it is their reference measure.
     """
-    return float(_terms(problem, state).sum())
+    return float(target_of(problem).evaluate(problem, state).sum())
 
 
 def terms(problem: Problem, state: State) -> dict[str, float]:
     """The log-posterior term by term, in nats."""
-    return dict(zip(term_names(problem), _terms(problem, state).tolist(), strict=True))
+    target = target_of(problem)
+    return dict(zip(target.names, target.evaluate(problem, state).tolist(), strict=True))
 
 
 def swapped(problem: Problem, state: State) -> Array:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.models.camera import Camera
-from imapper_prob.models.chain import chain
+from imapper_prob.models.kernels.path import draw_segment
 from imapper_prob.models.limits import NEAREST
 from imapper_prob.models.posterior import State
 from imapper_prob.models.problem import Problem
@@ -48,12 +48,13 @@ def height_deviation(problem: Problem, joints: Array) -> Array:
 def _error_as_of_bearing(rng: np.random.Generator, problem: Problem) -> Array:
     """(T,) an error of unit deviation that goes on as the bearing's does."""
     n = problem.n_frames
-    error, free = np.zeros(n), np.full(n, -1)
-    chain(
-        error, free, free, problem.path_starts, np.zeros(n), np.ones(n), rng.standard_normal(n),
-        problem.path_mean[0], problem.path_draw[0],
+    latent, drawn = np.zeros((n, 2)), np.empty((n, 2))
+    latent[:, 0] = rng.standard_normal(n)
+    draw_segment(
+        problem.path_starts, np.zeros((n, 2)), np.ones((n, 2)), problem.path_mean,
+        problem.path_draw, np.zeros(5), latent, 0, n, np.empty((0, 6)), -1, -1, drawn,
     )  # fmt: skip
-    return error
+    return drawn[:, 0]
 
 
 def _chain(rng: np.random.Generator, shape: tuple[int, ...], memory: float) -> Array:

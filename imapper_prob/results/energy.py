@@ -17,7 +17,7 @@ from imapper_prob.models.compiled import evaluate
 from imapper_prob.models.energy.occlusion import p_seen
 from imapper_prob.models.energy.paper import PaperWeights
 from imapper_prob.models.energy.smoothness import pose_jump
-from imapper_prob.models.energy.swaps import summed_over_swaps
+from imapper_prob.models.energy.swaps import filtered
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.geometry import pack_boxes, sight_clearance
 from imapper_prob.models.paper_energy import paper_energy
@@ -201,19 +201,15 @@ def _shares(problem: Problem, state: State) -> dict[str, Array]:
         joints, by_frame,
     )  # fmt: skip
     weight = problem.frame_weight * problem.likelihood
-    # The forward recursion over ever longer clips; what the last frame adds is its share.
-    sums = [
-        summed_over_swaps(
-            by_frame[:n], problem.path_starts[:n], weight, problem.swap_begins, problem.swap_ends
-        )
-        for n in range(n_frames + 1)
-    ]
+    detections, _ = filtered(
+        by_frame, problem.path_starts, weight, problem.swap_begins, problem.swap_ends
+    )
     covered_by = np.full(n_frames, -1)
     for index in range(state.n_scenelets):
         first, last = _span(problem, state, index)
         covered_by[first : last + 1] = index
     return {
-        "detections": np.diff(sums),
+        "detections": detections,
         "free_pose": np.where(covered_by < 0, -weight * problem.free_cost, 0.0),
         "smoothness": _jumps_by_frame(problem, state, covered_by, joints),
         "motion": _motion_by_frame(problem, state),

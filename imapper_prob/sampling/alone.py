@@ -9,9 +9,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from imapper_prob.models.incremental import Incremental
-from imapper_prob.models.posterior import State, empty_state, log_posterior
+from imapper_prob.models.incremental import log_posterior_near
+from imapper_prob.models.posterior import empty_state
 from imapper_prob.models.problem import Problem
+from imapper_prob.models.view import to_floor
 
 __all__ = ["Alone"]
 
@@ -35,15 +36,16 @@ class Alone:
     """
 
     def __init__(self, problem: Problem) -> None:
-        self._problem, self._scene = problem, empty_state(problem)
+        self._scene = empty_state(problem)
         # One scenelet alone is quickly judged where nothing else changes.
-        self._changes = None if problem.of_paper else Incremental(problem, self._scene)
+        self._judge = log_posterior_near(problem, self._scene)
         self._nothing = self._judge(self._scene)
 
     def gain(self, scenelet: int, start: int, where: Array) -> float:
         """Nats over the scene without it."""
-        placement, size = self.placed(where)
-        return self._judge(self._scene.with_item(scenelet, start, placement, size)) - self._nothing
+        placement, size = to_floor(where)
+        there = self._scene.with_item(scenelet, start, placement, float(size))
+        return self._judge(there) - self._nothing
 
     def mended(self, scenelet: int, start: int, where: Array, gain: float) -> tuple[Array, float]:
         """A better place nearby and its gain, by parabolas along one direction after the other."""
@@ -58,21 +60,3 @@ class Alone:
             if found > gain:
                 where, gain = there, found
         return where, gain
-
-    @staticmethod
-    def where(placement: Array, size: float) -> Array:
-        """(4,) of x, y (m) and yaw (radians) on the floor."""
-        x, y, yaw = placement
-        return np.array([x / y, np.log(y), yaw, size])
-
-    @staticmethod
-    def placed(where: Array) -> tuple[Array, float]:
-        """The inverse of :meth:`where`."""
-        bearing, log_depth, yaw, size = where.tolist()
-        depth = float(np.exp(log_depth))
-        return np.array([bearing * depth, depth, yaw]), size
-
-    def _judge(self, state: State) -> float:
-        if self._changes is None:
-            return log_posterior(self._problem, state)
-        return sum(self._changes.propose(state))

@@ -37,7 +37,7 @@ from imapper_prob.sampling.proposals import Candidates, Proposals
 from imapper_prob.sampling.redraw import StretchRedraw
 from imapper_prob.sampling.refurnish import Refurnish
 from imapper_prob.sampling.replace import Replace, Retime
-from imapper_prob.sampling.tracker import SceneTracker, split
+from imapper_prob.sampling.tracker import split, tracker_of
 from imapper_prob.staged.kinds import furniture_kinds
 
 __all__ = ["Chain", "Setup", "run_chain", "scene_moves"]
@@ -171,7 +171,7 @@ def run_chain(
         kernel=partial(step, mixture=scene_moves(setup)),
         steps_per_swap=settings.swap_every,
         crossover=TimeCrossover(setup.problem),
-        track=None if setup.problem.of_paper else partial(SceneTracker, setup.problem),
+        track=tracker_of(setup.problem),
     )
     finished = True
     while done.position.rounds < rounds and finished:

@@ -18,6 +18,7 @@ from imapper_prob.models.energy.smoothness import pose_jump
 from imapper_prob.models.limits import NEAREST
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.skeleton import PELV
+from imapper_prob.models.view import floor_point
 from imapper_prob.samplers.segments import Segments
 from imapper_prob.sampling.jit import compiled
 
@@ -50,8 +51,7 @@ def path_errors(problem: Problem, camera: Array, items: Ints, where: Array, erro
         length = problem.joint_first[items[i, 0] + 1] - first
         body = math.exp(camera[3] + where[i, 3])
         c, s = body * math.cos(where[i, 2]), body * math.sin(where[i, 2])
-        y0 = math.exp(where[i, 1])
-        x0 = where[i, 0] * y0
+        x0, y0 = floor_point(where[i, 0], where[i, 1])
         for of in range(3):
             n = 0 if of == 0 else length - of
             x, y = problem.joints[first + n, PELV, 0], problem.joints[first + n, PELV, 1]

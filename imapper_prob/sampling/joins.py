@@ -21,6 +21,7 @@ from imapper_prob.models.kernels.world import place_boxes
 from imapper_prob.models.posterior import empty_state, motion
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.skeleton import PELV
+from imapper_prob.models.view import to_floor
 from imapper_prob.samplers.segments import Segments
 from imapper_prob.sampling.join_kernels import pair_costs, pair_factors, path_errors
 from imapper_prob.sampling.nodes import Nodes
@@ -194,10 +195,9 @@ def _frame(problem: Problem, items: Ints) -> Segments:
 def _costs(problem: Problem, common: Common, frame: Segments) -> Singles:
     """(P,) nats that two that join gain, over both alone, by poses and furniture."""
     items, where = common.items, common.where
-    depth = np.exp(where[:, 1])
-    placements = np.stack([where[:, 0] * depth, depth, where[:, 2]], -1)
+    placements, sizes = to_floor(where)
     boxes, turns, owner, yaws = place_boxes(
-        problem, np.array(problem.camera_mean), items, placements, np.ascontiguousarray(where[:, 3])
+        problem, np.array(problem.camera_mean), items, placements, np.ascontiguousarray(sizes)
     )
     first = np.searchsorted(owner[:, 0], np.arange(len(items) + 1))
     result = np.empty(int(frame.pairs[-1]), np.float32)

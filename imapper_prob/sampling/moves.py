@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from imapper_prob.models.posterior import State
 from imapper_prob.models.problem import Problem
+from imapper_prob.models.view import floor_point, log_area, seen_point
 from imapper_prob.samplers.kernel import Proposal
 from imapper_prob.sampling.proposals import Proposals
 
@@ -262,14 +263,15 @@ class PlacementWalk:
             return None
         scale = self.scales[int(rng.integers(len(self.scales)))]
         along, across, turn = scale * rng.standard_normal(3)
-        bearing = x / y + self.bearing * across
-        depth = y * math.exp(self.log_depth * along)
+        bearing, log_depth = seen_point(x, y)
+        further = self.log_depth * along
+        new_x, new_y = floor_point(bearing + self.bearing * across, log_depth + further)
         about = math.pi if rng.random() < self.turn_about else 0.0
-        placement = np.array([bearing * depth, depth, yaw + self.yaw * turn + about])
+        placement = np.array([new_x, new_y, yaw + self.yaw * turn + about])
         size = float(state.sizes[index])
         if rng.random() < 0.5:
-            size += self.log_depth * along
-        return Proposal(state.with_placement(index, placement, size), 2 * math.log(depth / y))
+            size += further
+        return Proposal(state.with_placement(index, placement, size), log_area(further))
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from imapper_prob.models.expansion import expand, judge
 from imapper_prob.models.posterior import empty_state, motion
 from imapper_prob.models.problem import Problem
+from imapper_prob.models.view import to_view
 from imapper_prob.sampling.join_kernels import loose_jumps
 from imapper_prob.sampling.proposals import Candidates
 
@@ -96,8 +97,8 @@ def _best_of(
     start = candidates.centres[window] - problem.lengths[fitted] // 2
     items = np.stack([fitted, start], -1)
     items = items[_fits(problem, items)]
-    x, y, yaw = candidates.placements[window, items[:, 0]].T
-    where = np.stack([x / y, np.log(y), yaw, candidates.sizes[window, items[:, 0]]], -1)
+    fitted = items[:, 0]
+    where = to_view(candidates.placements[window, fitted], candidates.sizes[window, fitted])
     jumps = _jumps(problem, items, where, loose)
     best = _ranked(*judge(problem, items, where), jumps)[:_EXPANDED]
     items = items[best]

@@ -15,8 +15,10 @@ from numpy.typing import NDArray
 
 from imapper_prob.config import SampleSettings
 from imapper_prob.models.brief import brief
-from imapper_prob.models.posterior import State, log_posterior
+from imapper_prob.models.incremental import log_posterior_near
+from imapper_prob.models.posterior import State, empty_state
 from imapper_prob.models.problem import Problem
+from imapper_prob.models.view import log_area, to_floor, to_view
 from imapper_prob.samplers.diagnostics import rhat_nested
 from imapper_prob.samplers.ensemble import EnsembleSettings, run_ensembles
 
@@ -65,17 +67,12 @@ class PlacementDraws:
 
 def to_theta(state: State) -> Array:
     """(5 + 4 k,) camera, then bearing, log depth, yaw and log size of each scenelet."""
-    x, y, yaw = state.placements.T
-    polar = np.stack([x / y, np.log(y), yaw, state.sizes], -1)
-    return np.concatenate([state.camera, polar.ravel()])
+    return np.concatenate([state.camera, to_view(state.placements, state.sizes).ravel()])
 
 
 def from_theta(theta: Array) -> tuple[Array, Array, Array]:
     """Camera (..., 5), placements (..., k, 3), sizes (..., k) of ``theta`` (..., 5 + 4 k)."""
-    polar = theta[..., 5:].reshape(*theta.shape[:-1], -1, 4)
-    depth = np.exp(polar[..., 1])
-    placements = np.stack([polar[..., 0] * depth, depth, polar[..., 2]], -1)
-    return theta[..., :5], placements, polar[..., 3]
+    return theta[..., :5], *to_floor(theta[..., 5:].reshape(*theta.shape[:-1], -1, 4))
 
 
 @dataclass(frozen=True)
@@ -89,14 +86,13 @@ class _Target:
         camera, placements, sizes = from_theta(theta)
         shape = (len(theta), self.problem.n_frames, 2)
         path = latent.reshape(shape)
+        # Each walker has a camera of its own, so that nothing is left of the scene gone on from.
+        value = log_posterior_near(self.problem, empty_state(self.problem))
         values = [
-            log_posterior(
-                self.problem, State(camera[w], self.items, placements[w], sizes[w], path[w])
-            )
+            value(State(camera[w], self.items, placements[w], sizes[w], path[w]))
             for w in range(len(theta))
         ]
-        # d(x, y) = depth^2 d(bearing, log depth)
-        density: Array = np.array(values) + 2 * theta[:, 6::4].sum(1)
+        density: Array = np.array(values) + log_area(theta[:, 6::4].sum(1))
         return density
 
 

@@ -25,6 +25,7 @@ from imapper_prob.models.brief import brief
 from imapper_prob.models.kernels.support import log_size_density
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.scene import read_only
+from imapper_prob.models.view import floor_point, log_area, seen_point
 from imapper_prob.sampling.looks import Stand, View, middle_heights
 
 __all__ = ["Candidates", "Proposals", "log_wrapped_normal"]
@@ -249,10 +250,12 @@ class Proposals:
             across, along, around_z = _SPREADS[int(rng.integers(len(_SPREADS)))]
             sized, aside, further, turned = rng.standard_normal(4).tolist()
             size = mean + spread * sized
-            depth = stand.y * math.exp(size - stand.size + along * further)
-            x = (stand.x / stand.y + across * aside) * depth
+            bearing, log_depth = seen_point(stand.x, stand.y)
+            x, y = floor_point(
+                bearing + across * aside, log_depth + size - stand.size + along * further
+            )
             yaw = float(self.candidates.placements[which, scenelet, 2]) + around_z * turned
-            return scenelet, start, np.array([x, depth, yaw]), size
+            return scenelet, start, np.array([x, y, yaw]), size
         scenelet = int(rng.integers(len(self._lengths)))
         first, last = self._starts(scenelet, around, window)
         if last < first:
@@ -260,10 +263,10 @@ class Proposals:
         start = int(rng.integers(first, last + 1))
         spreads = np.sqrt(self.problem.start_variance)
         bearing, log_depth = self.problem.start_mean + spreads * rng.standard_normal(2)
-        depth = math.exp(log_depth)
+        x, y = floor_point(bearing, log_depth)
         turn = rng.uniform(-math.pi, math.pi)
         size = self.problem.size_spread * float(rng.standard_normal())
-        return scenelet, start, np.array([bearing * depth, depth, turn]), size
+        return scenelet, start, np.array([x, y, turn]), size
 
     def log_density(
         self,
@@ -281,7 +284,7 @@ class Proposals:
         x, y, yaw = placement.tolist()
         if y <= 0:
             return -math.inf
-        bearing, log_depth = x / y, math.log(y)
+        bearing, log_depth = seen_point(x, y)
         runs = self._open(others, around, window)
         total = self._weight(runs)
         first, last = self._starts(scenelet, around, window)
@@ -316,13 +319,13 @@ class Proposals:
             share = weight / total * (1 - _ANYWHERE) / len(_SPREADS)
             share *= self.shift_probability(which, scenelet, middle - self._centres[which], others)
             share *= math.exp(log_size_density(size - mean, spread))
-            aside = bearing - stand.x / stand.y
-            further = log_depth - math.log(stand.y) - (size - stand.size)
+            middle_bearing, middle_depth = seen_point(stand.x, stand.y)
+            aside = bearing - middle_bearing
+            further = log_depth - middle_depth - (size - stand.size)
             for across, along, around_z in _SPREADS:
                 exponent = -0.5 * ((aside / across) ** 2 + (further / along) ** 2)
                 exponent += log_wrapped_normal(turned, around_z)
                 density += share * math.exp(exponent) / (2 * math.pi * across * along)
         if density == 0:
             return -math.inf
-        to_floor = -2 * log_depth  # |d(bearing, log depth) / d(x, y)| = 1 / y^2
-        return to_floor + math.log(density)
+        return math.log(density) - log_area(log_depth)

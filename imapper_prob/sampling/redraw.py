@@ -18,6 +18,7 @@ from imapper_prob.models.incremental import Incremental
 from imapper_prob.models.kernels.session import Session
 from imapper_prob.models.posterior import State, empty_state
 from imapper_prob.models.problem import Problem
+from imapper_prob.models.view import to_floor, to_view
 from imapper_prob.samplers.resampling import Drawn, Redraw
 from imapper_prob.samplers.segments import new_sums
 from imapper_prob.sampling.joins import Tables, tables_of
@@ -147,22 +148,23 @@ class StretchRedraw(Redraw[State]):
     def _with(self, state: State, first: int, last: int, nodes: Ints, where: Array) -> State:
         """A state with nodes in place of some of its scenelets."""
         where = where[: len(nodes)]
-        depth = np.exp(where[:, 1])
-        placements = np.stack([where[:, 0] * depth, depth, where[:, 2]], -1)
+        placements, own_sizes = to_floor(where)
         items, own, sizes = state.items, state.placements, state.sizes
         return State(
             state.camera,
             np.concatenate([items[:first], self.nodes.items[nodes], items[last:]]),
             np.concatenate([own[:first], placements, own[last:]]),
-            np.concatenate([sizes[:first], where[:, 3], sizes[last:]]),
+            np.concatenate([sizes[:first], own_sizes, sizes[last:]]),
             state.latent,
         )
 
 
 def _where(state: State, index: int) -> Array:
-    """Bearing, log depth, yaw and log size of a scenelet of a state."""
-    x, y, yaw = state.placements[index].tolist()
-    return np.array([x / y, math.log(y) if y > 0 else math.nan, yaw, float(state.sizes[index])])
+    """Bearing, log depth, yaw and log size of a scenelet of a state; NaN behind the camera."""
+    placement = state.placements[index]
+    if placement[1] <= 0:
+        return np.full(4, np.nan)
+    return to_view(placement, state.sizes[index])
 
 
 def _nearest(power: float) -> int:

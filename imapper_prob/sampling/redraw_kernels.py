@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from imapper_prob.models.energy.smoothness import pose_jump
 from imapper_prob.models.kernels.session import Session
+from imapper_prob.models.view import floor_point, log_area
 from imapper_prob.samplers.segments import (
     Segments,
     Sums,
@@ -60,8 +61,7 @@ def _stands(heights: Array, node: int, where: Array, before: Array, after: Array
     See :mod:`imapper_prob.sampling.looks`.
     """
     height = heights[node]
-    y = math.exp(where[1])
-    x = where[0] * y
+    x, y = floor_point(where[0], where[1])
     gone = np.empty(4)
     gone[:] = math.nan
     cp, sp, cr, sr = (
@@ -223,7 +223,7 @@ def _density_of_places(
         # Nobody is told apart who turned once around: one image of each yaw is drawn.
         if abs(where[k, 2] - common.where[sequence[k], 2]) > math.pi:
             return -math.inf
-        result -= math.log(volume) + 2.0 * where[k, 1]
+        result -= math.log(volume) + log_area(where[k, 1])
     return result
 
 

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.models.posterior import State
+from imapper_prob.models.view import floor_point, log_area, seen_point
 from imapper_prob.samplers.kernel import Proposal
 from imapper_prob.sampling.looks import View
 from imapper_prob.sampling.moves import flush_run, in_order
@@ -86,13 +87,13 @@ def replaced(
         return None
     before, after = fits[0][0], fits[1][0]
     yaws = proposals.candidates.placements[..., 2]
-    depth = y * after.y / before.y
-    bearing = x / y + after.x / after.y - before.x / before.y
+    apart = np.subtract(seen_point(after.x, after.y), seen_point(before.x, before.y))
+    new_x, new_y = floor_point(*np.add(seen_point(x, y), apart).tolist())
     if shift is None:
         shift = proposals.middle(old, start) - int(centres[window])
     items, placements, sizes = state.items.copy(), state.placements.copy(), state.sizes.copy()
     items[index] = (new, int(centres[other]) + shift - proposals.middle(new, 0))
-    placements[index] = (bearing * depth, depth, yaw + yaws[other, new] - yaws[window, old])
+    placements[index] = (new_x, new_y, yaw + yaws[other, new] - yaws[window, old])
     sizes[index] += after.size - before.size
     changed = replace(state, items=items, placements=placements, sizes=sizes)
     return changed if window_of(proposals, changed, index) == other else None
@@ -142,9 +143,9 @@ class Replace:
         )
         if not same:
             return -math.inf
-        # Given in (bearing, log depth): on the floor that is 1 / y'^2.
-        to_floor = -2 * math.log(after.placements[k, 1])
-        return self._log_chosen(after, k) - math.log(before.n_scenelets) + to_floor
+        # Given in (bearing, log depth).
+        area = log_area(math.log(after.placements[k, 1]))
+        return self._log_chosen(after, k) - math.log(before.n_scenelets) - area
 
     def _log_chosen(self, state: State, index: int) -> float:
         """Log probability of a scenelet and its start, given the window."""

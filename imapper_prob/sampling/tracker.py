@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from functools import partial
 
 from imapper_prob.models.incremental import Incremental
-from imapper_prob.models.posterior import State, terms
+from imapper_prob.models.posterior import State, target_of, terms
 from imapper_prob.models.problem import Problem
 from imapper_prob.samplers.tempering import Parts
 
-__all__ = ["SceneTracker", "split"]
+__all__ = ["SceneTracker", "split", "tracker_of"]
 
 
 def split(problem: Problem, state: State) -> Parts:
@@ -64,3 +66,8 @@ class SceneTracker:
     def _split(self, state: State, log_prior: float, log_likelihood: float) -> Parts:
         odds = float(self._log_rate[state.items[:, 0]].sum())
         return Parts(log_prior - odds, log_likelihood + odds)
+
+
+def tracker_of(problem: Problem) -> Callable[[State], SceneTracker] | None:
+    """What makes trackers of chains; None where every state is evaluated as a whole."""
+    return partial(SceneTracker, problem) if target_of(problem).incremental else None

@@ -13,6 +13,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from imapper_prob.models.view import to_floor, to_view
 from imapper_prob.sampling.alone import Alone
 from imapper_prob.sampling.proposals import Candidates
 from imapper_prob.staged.candidates import Candidate, along_the_ray
@@ -48,14 +49,14 @@ def weighted_candidates(solution: Solution) -> Candidates:
         judged = {}
         for scenelet in order[np.isfinite(guesses[order])].tolist():
             start = centre - int(half[scenelet])
-            where = alone.where(*along_the_ray(problem, centre, placements[window, scenelet]))
+            where = to_view(*along_the_ray(problem, centre, placements[window, scenelet]))
             judged[scenelet] = start, where, alone.gain(scenelet, start, where)
         best = sorted(judged, key=lambda scenelet: -judged[scenelet][2])[:_MENDED]
         gains = np.full(len(guesses), -np.inf)
         for scenelet, (start, where, gain) in judged.items():
             if scenelet in best and np.isfinite(gain):
                 where, gain = alone.mended(scenelet, start, where, gain)
-            placements[window, scenelet], sizes[window, scenelet] = alone.placed(where)
+            placements[window, scenelet], sizes[window, scenelet] = to_floor(where)
             gains[scenelet] = gain
         known = np.isfinite(gains)
         if not known.any():

@@ -19,6 +19,7 @@ from imapper_prob.models.energy.support import unsupported
 from imapper_prob.models.incremental import log_posterior_near
 from imapper_prob.models.posterior import State, empty_state, log_posterior
 from imapper_prob.models.problem import Problem
+from imapper_prob.models.view import to_floor, to_view
 from imapper_prob.staged.fit import Fits
 from imapper_prob.staged.kinds import furniture_kinds
 
@@ -198,13 +199,12 @@ def refine(problem: Problem, state: State, *, only: Iterable[int] | None = None)
     step = np.array([0.02, 0.05, 0.15, 0.05])
     for index in range(state.n_scenelets) if only is None else only:
         value = log_posterior_near(problem, state)
-        x, y, yaw = state.placements[index]
-        start = np.array([x / y, np.log(y), yaw, state.sizes[index] - np.log(y)])
+        start = to_view(state.placements[index], state.sizes[index])
+        start[3] -= start[1]
 
         def placed(theta: Array, index: int = index, state: State = state) -> State:
-            depth = np.exp(theta[1])
-            placement = np.array([theta[0] * depth, depth, theta[2]])
-            return state.with_placement(index, placement, theta[3] + theta[1])
+            placement, size = to_floor(theta + np.array([0.0, 0.0, 0.0, theta[1]]))
+            return state.with_placement(index, placement, float(size))
 
         simplex = start + np.vstack([np.zeros(4), np.diag(step)])
         result = minimize(

@@ -20,6 +20,7 @@ from imapper_prob.models.camera import Camera
 from imapper_prob.models.path import StaticPath
 from imapper_prob.models.pose import facing
 from imapper_prob.models.problem import Problem
+from imapper_prob.models.view import to_floor
 
 if TYPE_CHECKING:
     from imapper_prob.staged.window_fitter import WindowFitter
@@ -145,9 +146,7 @@ def _fit_windows(
         best = rough.argmin(0)
         theta = theta[best, np.arange(len(index))]
         theta, fitted = fitting(centre, index, theta[None], settings.steps)
-        bearing, log_depth, turn = theta[0].T
-        floor = np.stack([bearing, np.ones_like(bearing)], -1) * np.exp(log_depth)[:, None]
-        placements[w, index] = np.concatenate([floor, turn[:, None]], -1)
+        placements[w, index], _ = to_floor(np.pad(theta[0], ((0, 0), (0, 1))))
         cost[w, index] = fitted[0]
         if progress is not None:
             progress("fitting scenelets", (w + 1) / len(centres))

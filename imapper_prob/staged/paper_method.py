@@ -26,6 +26,7 @@ from imapper_prob.models.energy.paper import PaperWeights
 from imapper_prob.models.paper_energy import paper_energy
 from imapper_prob.models.posterior import State, empty_state
 from imapper_prob.models.problem import Problem
+from imapper_prob.models.view import to_floor, to_view
 from imapper_prob.staged.candidates import Candidate, assigned
 from imapper_prob.staged.combine import Combination, Combinations
 from imapper_prob.staged.fit import Fits
@@ -159,12 +160,10 @@ def _fate(row: Shortlisted, enough: float, rows: Sequence[Shortlisted], kept: in
 
 def _placed_one(problem: Problem, state: State, evaluations: int) -> State:
     """The only scenelet where the energy is least, by Nelder and Mead."""
-    x, y, yaw = state.placements[0]
-    home = np.array([x / y, np.log(y), yaw])
+    home = to_view(state.placements[0], 0.0)[:3]
 
     def moved(theta: Array) -> State:
-        depth = np.exp(theta[1])
-        return state.with_placement(0, np.array([theta[0] * depth, depth, theta[2]]))
+        return state.with_placement(0, to_floor(np.append(theta, 0.0))[0])
 
     simplex = home + np.vstack([np.zeros(3), np.diag(_UNITS)])
     found = minimize(
@@ -231,13 +230,12 @@ def _placed_all(problem: Problem, state: State, iterations: int) -> State:
     """All scenelets where the whole energy is least, by L-BFGS."""
     if not state.n_scenelets:
         return state
-    x, y, yaw = state.placements.T
-    home = np.stack([x / y, np.log(y), yaw], -1)
+    home = to_view(state.placements, state.sizes)
 
     def scene(theta: Array) -> State:
-        bearing, log_depth, turn = (home + theta.reshape(-1, 3) * _UNITS).T
-        depth = np.exp(log_depth)
-        placements = np.stack([bearing * depth, depth, turn], -1)
+        where = home.copy()
+        where[:, :3] += theta.reshape(-1, 3) * _UNITS
+        placements, _ = to_floor(where)
         return State(state.camera, state.items, placements, state.sizes, state.latent)
 
     def cost(theta: Array) -> float:

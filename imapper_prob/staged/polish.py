@@ -14,6 +14,7 @@ from scipy.optimize import minimize
 
 from imapper_prob.models.posterior import State, log_posterior
 from imapper_prob.models.problem import Problem
+from imapper_prob.models.view import to_floor, to_view
 
 __all__ = ["polish"]
 
@@ -36,10 +37,10 @@ def polish(problem: Problem, state: State) -> State:
 
     def scene(theta: Array) -> State:
         camera: Array = state.camera + spread * theta[:5]
-        bearing, log_depth, yaw, look = (home + theta[5:].reshape(-1, 4) * _UNITS).T
-        depth = np.exp(np.minimum(log_depth, _FAR))
-        placements = np.stack([bearing * depth, depth, yaw], -1)
-        return State(camera, state.items, placements, look + log_depth, state.latent)
+        where = home + theta[5:].reshape(-1, 4) * _UNITS
+        where[:, 3] += where[:, 1]
+        where[:, 1] = np.minimum(where[:, 1], _FAR)
+        return State(camera, state.items, *to_floor(where), state.latent)
 
     def cost(theta: Array) -> float:
         return -max(log_posterior(problem, scene(theta)), -_NOWHERE)
@@ -51,8 +52,8 @@ def polish(problem: Problem, state: State) -> State:
         slopes: Array = (ahead - behind) / (2 * _STEP)
         return slopes
 
-    x, y, yaw = state.placements.T
-    home = np.stack([x / y, np.log(y), yaw, state.sizes - np.log(y)], -1)
+    home = to_view(state.placements, state.sizes)
+    home[:, 3] -= home[:, 1]
     start = np.zeros(5 + home.size)
     found = minimize(cost, start, jac=slope, method="L-BFGS-B", options={"maxiter": _ITERATIONS})
     return scene(found.x) if found.fun < cost(start) else state

@@ -7,7 +7,9 @@ it is the forward recursion of a hidden Markov model (Rabiner 1989), exact and l
 
     log p(u, c | q) = log sum over s of p(s) prod_t p(u_t, c_t | q_t, s_t)^w
 
-with the frame weight w that stands for the correlation of neighbouring frames.
+with the frame weight w that stands for the correlation of neighbouring frames. The sum itself is
+part of every evaluation (:func:`imapper_prob.models.kernels.votes.sum_votes`); here is what each
+frame adds to it, and which frames are swapped.
 """
 
 from __future__ import annotations
@@ -19,17 +21,17 @@ from numpy.typing import NDArray
 
 from imapper_prob.models.jit import compiled
 
-__all__ = ["draw_swaps", "summed_over_swaps", "swap_probabilities"]
+__all__ = ["draw_swaps", "filtered", "swap_probabilities"]
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 
 @compiled
-def summed_over_swaps(
+def filtered(
     by_frame: Array, starts: Flags, weight: float, begins: float, ends: float
-) -> float:
-    """Log-likelihood of all frames, whichever of them are swapped.
+) -> tuple[Array, Array]:
+    """What each frame adds to the log-likelihood, and whether it is swapped, given earlier frames.
 
     Parameters
     ----------
@@ -45,35 +47,13 @@ def summed_over_swaps(
 
     Returns
     -------
-    float
-        Nats.
+    shares : (T,) float
+        log p(u_t, c_t | all earlier frames), nats; their sum is that of all frames.
+    swapped : (T,) float
+        Probability that a frame is swapped, given the frames up to it.
     """
-    total, usual = 0.0, begins / (begins + ends)
-    swapped = usual
-    for t in range(len(by_frame)):
-        if starts[t]:
-            swapped = usual
-        right, wrong = weight * by_frame[t, 0], weight * by_frame[t, 1]
-        top = max(right, wrong)
-        stays = (1.0 - swapped) * math.exp(right - top)
-        turned = swapped * math.exp(wrong - top)
-        both = stays + turned
-        total += top + math.log(both)
-        swapped = (stays * begins + turned * (1.0 - ends)) / both
-    return total
-
-
-@compiled
-def swap_probabilities(
-    by_frame: Array, starts: Flags, weight: float, begins: float, ends: float
-) -> Array:
-    """(T,) probability that each frame is swapped, given all frames (forward-backward).
-
-    Parameters as for :func:`summed_over_swaps`.
-    """
-    n = len(by_frame)
-    forward = np.empty(n)
-    usual = begins / (begins + ends)
+    n, usual = len(by_frame), begins / (begins + ends)
+    shares, swapped = np.empty(n), np.empty(n)
     predicted = usual
     for t in range(n):
         if starts[t]:
@@ -82,8 +62,22 @@ def swap_probabilities(
         top = max(right, wrong)
         stays = (1.0 - predicted) * math.exp(right - top)
         turned = predicted * math.exp(wrong - top)
-        forward[t] = turned / (stays + turned)
-        predicted = (stays * begins + turned * (1.0 - ends)) / (stays + turned)
+        both = stays + turned
+        shares[t] = top + math.log(both)
+        swapped[t] = turned / both
+        predicted = (stays * begins + turned * (1.0 - ends)) / both
+    return shares, swapped
+
+
+@compiled
+def swap_probabilities(
+    by_frame: Array, starts: Flags, weight: float, begins: float, ends: float
+) -> Array:
+    """(T,) probability that each frame is swapped, given all frames (forward-backward).
+
+    Parameters as for :func:`filtered`.
+    """
+    n, forward = len(by_frame), filtered(by_frame, starts, weight, begins, ends)[1]
     result = forward.copy()
     for t in range(n - 2, -1, -1):
         if starts[t + 1]:

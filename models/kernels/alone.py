@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from imapper_prob.models.jit import compiled, inlined
 from imapper_prob.models.kernels.change import change
 from imapper_prob.models.kernels.session import Session
+from imapper_prob.models.view import floor_point, log_area
 
 __all__ = ["expand_alone", "judge_alone"]
 
@@ -28,14 +29,13 @@ def _judge(
     session: Session, camera: Array, latent: Array, item: Ints, where: Array, placed: Array
 ) -> tuple[float, float]:
     """Nats kept and flattened by tempering, the first by bearing and log depth; -inf outside."""
-    depth = math.exp(where[1])
-    placed[0, 0], placed[0, 1], placed[0, 2] = where[0] * depth, depth, where[2]
+    placed[0, 0], placed[0, 1] = floor_point(where[0], where[1])
+    placed[0, 2] = where[2]
     prior, rest = change(
         session, 0, camera, latent, camera, item, placed[:, :3], where[3:4], latent
     )
     odds = session.problem.log_rate[item[0, 0]]
-    # |d(x, y) / d(bearing, log depth)| = depth^2
-    return prior - odds + 2.0 * where[1], rest + odds
+    return prior - odds + log_area(where[1]), rest + odds
 
 
 @compiled

@@ -16,14 +16,24 @@ from imapper_prob.models.jit import compiled, inner_inlined
 from imapper_prob.models.kernels.meeting import find_changed, meet_frames, sum_meetings
 from imapper_prob.models.kernels.memory import ADDED, KEPT, REMOVED, UNUSED, Memory
 from imapper_prob.models.kernels.path import find_path
-from imapper_prob.models.kernels.posing import list_moved, pose_frames, sum_jumps
+from imapper_prob.models.kernels.posing import list_moved, pose_frames, pose_joints, sum_jumps
 from imapper_prob.models.kernels.session import Session
 from imapper_prob.models.kernels.slots import fill_slot, sum_pairs
 from imapper_prob.models.kernels.support import in_support
 from imapper_prob.models.kernels.votes import sum_votes, vote
 from imapper_prob.models.problem import Problem
+from imapper_prob.models.terms import (
+    CAMERA,
+    COLLISION,
+    LAYOUT,
+    MOTION,
+    PATH,
+    PLACEMENT,
+    SMOOTHNESS,
+    SUPPORT,
+)
 
-__all__ = ["change", "settle"]
+__all__ = ["change", "place", "settle"]
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -61,9 +71,49 @@ def change(
         motion, ground and missing support are in the second.
     """
     problem, memory = session.problem, session.memory
-    n, n_old = len(items), max(n_before, 0)
+    prior = place(
+        problem, memory, n_before, camera_before, latent_before,
+        camera, items, placements, sizes, latent,
+    )  # fmt: skip
+    if prior == -math.inf or problem.likelihood == 0.0:
+        return prior, 0.0
+    n, terms = len(items), memory.terms
+    n_moved = list_moved(memory)
+    pose_joints(problem, memory, n, n_moved, camera)
+    pose_frames(problem, memory, n, n_moved, camera)
+    meet_frames(memory, n, n_moved)
+    find_changed(memory, n, max(n_before, 0))
+    vote(problem, memory, n)
+    terms[SMOOTHNESS] = sum_jumps(problem, memory, n, camera)
+    terms[COLLISION] = sum_pairs(problem, memory, n)
+    terms[MOTION] = sum_meetings(problem, memory, n)
+    terms[SUPPORT] = -problem.likelihood * unsupported(problem.stays, problem.lowered, items)
+    costs = terms[SMOOTHNESS] + terms[COLLISION] + terms[MOTION] + terms[SUPPORT]
+    return prior, costs + sum_votes(problem, memory)
+
+
+@inner_inlined
+def place(
+    problem: Problem,
+    memory: Memory,
+    n_before: int,
+    camera_before: Array,
+    latent_before: Array,
+    camera: Array,
+    items: Ints,
+    placements: Array,
+    sizes: Array,
+    latent: Array,
+) -> float:
+    """Place scenelets and path, and what the priors say of them, nats; -inf outside the support.
+
+    Parameters as for :func:`change`. The terms of the priors are put into the memory, and 0 for
+    all others.
+    """
     if not in_support(camera) or not _in_order(problem, items):
-        return -math.inf, 0.0
+        return -math.inf
+    n, n_old, terms = len(items), max(n_before, 0), memory.terms
+    terms[:] = 0.0
     anew = n_before < 0
     for a in range(5):
         anew = anew or camera[a] != camera_before[a]
@@ -75,24 +125,17 @@ def change(
             prior -= (
                 0.5 * (camera[a] - problem.camera_mean[a]) * problem.camera_precision[a, b] * offset
             )
+    terms[CAMERA] = prior
     for i in range(n):
         slot = memory.slots[1, i]
         if memory.role[slot] == ADDED:
             memory.items[slot, 2] = items[i, 1] + _length(problem, items[i, 0])
             fill_slot(problem, memory, camera, slot)
+        terms[LAYOUT] += problem.log_rate[items[i, 0]]
+        terms[PLACEMENT] += memory.placed[slot]
         prior += problem.log_rate[items[i, 0]] + memory.placed[slot]
-    prior += find_path(problem, memory, n, n_old, camera, latent, latent_before, anew)
-    if problem.likelihood == 0.0:
-        return prior, 0.0
-    n_moved = list_moved(memory)
-    pose_frames(problem, memory, n, n_moved, camera)
-    meet_frames(memory, n, n_moved)
-    find_changed(memory, n, n_old)
-    vote(problem, memory, n)
-    costs = sum_jumps(problem, memory, n, camera) + sum_pairs(problem, memory, n)
-    costs += sum_meetings(problem, memory, n)
-    costs -= problem.likelihood * unsupported(problem.stays, problem.lowered, items)
-    return prior, costs + sum_votes(problem, memory)
+    terms[PATH] = find_path(problem, memory, n, n_old, camera, latent, latent_before, anew)
+    return prior + terms[PATH]  # type: ignore[no-any-return]
 
 
 @inner_inlined

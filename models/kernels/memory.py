@@ -1,4 +1,4 @@
-"""What an incremental evaluation remembers, in flat arrays.
+"""What an evaluation works with and remembers, in flat arrays, compiled.
 
 Scenelets live in slots: one keeps its slot for as long as nothing about it changes. What
 depends on a frame has two rows, one that holds for the current state and one to write a
@@ -7,22 +7,29 @@ proposal into; to accept is to say of some frames that the other row now holds.
 
 from __future__ import annotations
 
-import math
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.models.energy.intersection import N_DISPLACED
+from imapper_prob.models.jit import inner, inner_inlined
 from imapper_prob.models.kernels.frame import CHANCES, DESK, FACTS
 from imapper_prob.models.kernels.sight import BENCH, LINE, OUTLOOK, VIEW, Singles
 from imapper_prob.models.problem import Problem
+from imapper_prob.models.terms import TERMS
 
-__all__ = ["ADDED", "KEPT", "REMOVED", "UNUSED", "Memory", "new_memory"]
-
-_Number = TypeVar("_Number", np.float32, np.float64)
+__all__ = [
+    "ADDED", "KEPT", "REMOVED", "RIGHT", "UNUSED", "VOTE", "WRONG", "Memory", "new_memory",
+]  # fmt: skip
 
 UNUSED, KEPT, ADDED, REMOVED = range(4)
+
+VOTE = 5
+"""Numbers of a frame's vote: the greater log-density of two, weighted, and both densities over it;
+and, unweighted, its log-likelihood as it is and with sides swapped, nats."""
+RIGHT, WRONG = 3, 4
+"""Which of them are the latter."""
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -77,13 +84,15 @@ class Memory(NamedTuple):
     changed: Flags  # (T,) whether the proposal wrote the other
     sum_row: Ints  # (T,) the row that holds in the proposal
     clearance: Singles  # (2 T, 16) of the joints from all boxes, metres
-    votes: Array  # (2 T, 3) see vote
+    votes: Array  # (2 T, 5) see VOTE
 
     poses: Array  # (T, 3, 16) of the problem, with the joints side by side
     places: Array  # (T, 2, 2, 16) see set_detections
     facts: Singles  # (T, 2, 7, 16) see set_detections
+    told: Flags  # (T,) whether these two are there
     own: Array  # (T, 64) CHANCES of a free frame
-    bare: Array  # (T, 3) votes of a free frame with nothing in sight
+    own_told: Flags  # (T,) whether they are there
+    bare: Array  # (T, 5) votes of a free frame with nothing in sight; NaN where not asked yet
     watched: Flags  # (T,) whether anything of the frame was detected
     every: Ints  # (T,) all frames
     frames: Ints  # (T,) those that moved, then those to weigh: workspace, as is what follows
@@ -94,94 +103,122 @@ class Memory(NamedTuple):
     desk: Array  # (DESK,)
     drawn: Array  # (T, 2)
     displaced: Array  # (5,) see give_way
+    terms: Array  # (11,) of the proposal, nats, see TERMS
 
 
 _CACHE_LINE = 64
 """Bytes. Sixteen numbers that begin elsewhere than a line of the cache does are in two."""
+_PIECES = 15
+"""Arrays that are parts of the pool."""
 
 
-def _zeros(shape: tuple[int, ...], dtype: type[_Number]) -> NDArray[_Number]:
-    """Zeros that begin where a line of the cache does."""
-    size = math.prod(shape) * np.dtype(dtype).itemsize
-    room = np.zeros(size + _CACHE_LINE, np.uint8)
-    first = -room.ctypes.data % _CACHE_LINE
-    return room[first : first + size].view(dtype).reshape(shape)
+@inner_inlined
+def _taken(pool: NDArray[np.uint8], at: Ints, size: int) -> NDArray[np.uint8]:
+    """The next ``size`` bytes of the pool, from the beginning of a line of the cache on.
+
+    ``at`` (1,) is how many are taken.
+    """
+    first = at[0]
+    at[0] = first + (size + _CACHE_LINE - 1) // _CACHE_LINE * _CACHE_LINE
+    if at[0] > len(pool):
+        raise MemoryError("the pool is too small")
+    return pool[first : first + size]
 
 
+@inner_inlined
+def _doubles(pool: NDArray[np.uint8], at: Ints, size: int) -> Array:
+    return _taken(pool, at, 8 * size).view(np.float64)
+
+
+@inner_inlined
+def _singles(pool: NDArray[np.uint8], at: Ints, size: int) -> Singles:
+    return _taken(pool, at, 4 * size).view(np.float32)
+
+
+@inner
 def new_memory(problem: Problem, capacity: int) -> Memory:
-    """Memory for states of up to ``capacity`` scenelets and proposals of as many."""
-    n_frames, n_slots = problem.n_frames, 2 * capacity
-    n_boxes = max(1, int(np.diff(problem.box_first).max()))
-    rows, all_boxes = 2 * n_frames, n_slots * n_boxes
+    """Memory of nothing yet, for states of up to ``capacity`` scenelets and proposals of as many.
 
-    poses = _zeros((n_frames, 3, 16), np.float64)
-    poses[:] = problem.poses.transpose(0, 2, 1)
+    What is read before it is written is set here. The larger arrays are parts of one: many pieces
+    of that size would go back to the system, and come from it anew page by page, at every
+    evaluation of a whole state.
+    """
+    n, n_slots, n_boxes = len(problem.lift), 2 * capacity, 1
+    for k in range(len(problem.box_first) - 1):
+        n_boxes = max(n_boxes, problem.box_first[k + 1] - problem.box_first[k])
+    rows, all_boxes = 2 * n, n_slots * n_boxes
 
-    def zeros(*shape: int) -> Array:
-        return _zeros(shape, np.float64)
-
-    def singles(*shape: int) -> Singles:
-        return _zeros(shape, np.float32)
-
-    def ints(*shape: int) -> Ints:
-        return np.zeros(shape, np.int64)
-
-    def flags(*shape: int) -> Flags:
-        return np.zeros(shape, np.uint8)
+    doubles = rows * (48 + 20 + CHANCES + VOTE + n_slots) + n * (48 + 64 + CHANCES) + DESK
+    singles = rows * (LINE + 16 + 16 * n_slots) + n * (2 * FACTS * 16 + 16) + BENCH
+    pool = np.empty(8 * doubles + 4 * singles + (_PIECES + 1) * _CACHE_LINE, np.uint8)
+    at = np.empty(1, np.int64)
+    at[0] = (_CACHE_LINE - np.int64(pool.ctypes.data) % _CACHE_LINE) % _CACHE_LINE
+    poses, watched = _doubles(pool, at, n * 48).reshape((n, 3, 16)), np.zeros(n, np.uint8)
+    for t in range(n):
+        for axis in range(3):
+            for j in range(16):
+                poses[t, axis, j] = problem.poses[t, j, axis]
+        for j in range(16):
+            watched[t] |= problem.used[t, j]
 
     return Memory(
-        slots=ints(2, n_slots + 1),
-        role=ints(n_slots),
-        cover=ints(2, n_frames),
-        evidence=zeros(2, n_slots + 1),
-        items=ints(n_slots, 3),
-        placements=zeros(n_slots, 3),
-        sizes=zeros(n_slots),
-        bodies=zeros(n_slots),
-        pelvis=zeros(n_slots, 6),
-        placed=zeros(n_slots),
-        pairs=zeros(n_slots, n_slots),
-        counts=ints(n_slots),
-        boxes=zeros(all_boxes, 7),
-        turns=zeros(all_boxes, 3),
-        outlooks=singles(all_boxes, OUTLOOK),
-        footprints=zeros(all_boxes, 4),
-        hulls=singles(n_slots, VIEW),
-        floors=zeros(n_slots, 4),
-        labels=ints(all_boxes),
-        yaws=zeros(all_boxes),
-        pose_at=flags(n_frames),
-        moved=flags(n_frames),
-        pose_row=ints(n_frames),
-        path=zeros(rows, 2),
-        joints=zeros(rows, 3, 16),
-        lines=singles(rows, LINE),
-        views=singles(rows, VIEW),
-        columns=zeros(rows, 5, 4),
-        ground=zeros(rows, 4),
-        sunk=zeros(rows),
-        chances=zeros(rows, CHANCES),
-        gaps=singles(n_slots, rows, 16),
-        near=flags(n_slots, rows),
-        depths=zeros(n_slots, rows),
-        sum_at=flags(n_frames),
-        changed=flags(n_frames),
-        sum_row=ints(n_frames),
-        clearance=singles(rows, 16),
-        votes=zeros(rows, 3),
+        slots=np.zeros((2, n_slots + 1), np.int64),
+        role=np.zeros(n_slots, np.int64),
+        # At first every frame counts as covered by something else.
+        cover=np.zeros((2, n), np.int64),
+        evidence=np.zeros((2, n_slots + 1)),
+        items=np.empty((n_slots, 3), np.int64),
+        placements=np.empty((n_slots, 3)),
+        sizes=np.empty(n_slots),
+        bodies=np.empty(n_slots),
+        pelvis=np.empty((n_slots, 6)),
+        placed=np.empty(n_slots),
+        pairs=np.empty((n_slots, n_slots)),
+        counts=np.zeros(n_slots, np.int64),
+        boxes=np.empty((all_boxes, 7)),
+        turns=np.empty((all_boxes, 3)),
+        outlooks=np.empty((all_boxes, OUTLOOK), np.float32),
+        footprints=np.empty((all_boxes, 4)),
+        hulls=np.empty((n_slots, VIEW), np.float32),
+        floors=np.empty((n_slots, 4)),
+        labels=np.empty(all_boxes, np.int64),
+        yaws=np.empty(all_boxes),
+        pose_at=np.zeros(n, np.uint8),
+        moved=np.zeros(n, np.uint8),
+        pose_row=np.zeros(n, np.int64),
+        path=np.empty((rows, 2)),
+        joints=_doubles(pool, at, rows * 48).reshape((rows, 3, 16)),
+        lines=_singles(pool, at, rows * LINE).reshape((rows, LINE)),
+        views=np.empty((rows, VIEW), np.float32),
+        columns=_doubles(pool, at, rows * 20).reshape((rows, 5, 4)),
+        ground=np.empty((rows, 4)),
+        sunk=np.empty(rows),
+        chances=_doubles(pool, at, rows * CHANCES).reshape((rows, CHANCES)),
+        gaps=_singles(pool, at, n_slots * rows * 16).reshape((n_slots, rows, 16)),
+        # A slot that goes is asked about rows in which it never was.
+        near=np.zeros((n_slots, rows), np.uint8),
+        depths=_doubles(pool, at, n_slots * rows).reshape((n_slots, rows)),
+        sum_at=np.zeros(n, np.uint8),
+        changed=np.zeros(n, np.uint8),
+        sum_row=np.zeros(n, np.int64),
+        clearance=_singles(pool, at, rows * 16).reshape((rows, 16)),
+        votes=_doubles(pool, at, rows * VOTE).reshape((rows, VOTE)),
         poses=poses,
-        places=zeros(n_frames, 2, 2, 16),
-        facts=singles(n_frames, 2, FACTS, 16),
-        own=zeros(n_frames, CHANCES),
-        bare=zeros(n_frames, 3),
-        watched=np.asarray(problem.used.any(axis=1), np.uint8),
-        every=np.arange(n_frames),
-        frames=ints(n_frames),
-        weighed=ints(n_frames),
-        seen=singles(n_frames, 16),
-        logs=zeros(4, n_frames),
-        bench=singles(BENCH),
-        desk=zeros(DESK),
-        drawn=zeros(n_frames, 2),
-        displaced=zeros(N_DISPLACED),
+        places=_doubles(pool, at, n * 64).reshape((n, 2, 2, 16)),
+        facts=_singles(pool, at, n * 2 * FACTS * 16).reshape((n, 2, FACTS, 16)),
+        told=np.zeros(n, np.uint8),
+        own=_doubles(pool, at, n * CHANCES).reshape((n, CHANCES)),
+        own_told=np.zeros(n, np.uint8),
+        bare=np.full((n, VOTE), np.nan),
+        watched=watched,
+        every=np.arange(n),
+        frames=np.empty(n, np.int64),
+        weighed=np.empty(n, np.int64),
+        seen=_singles(pool, at, n * 16).reshape((n, 16)),
+        logs=np.empty((4, n)),
+        bench=_singles(pool, at, BENCH),
+        desk=_doubles(pool, at, DESK),
+        drawn=np.empty((n, 2)),
+        displaced=np.empty(N_DISPLACED),
+        terms=np.zeros(len(TERMS)),
     )

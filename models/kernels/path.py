@@ -1,4 +1,16 @@
-"""The path between two scenelets, again, where one of them or its latent numbers changed."""
+"""The pelvis path as a Gaussian chain, collapsed and drawn, from scenelet to scenelet, compiled.
+
+The static path is an estimate whose error is slow: for seconds it is too near or too far by the
+same share. In units of its stated deviation, e_t = (g_t - centre_t) / scale_t, that error is the
+stationary chain of second order of :mod:`imapper_prob.models.path_error`, in which frames under a
+scenelet have a fixed value and the others are free. Steps inside a scenelet are left out, for its
+motion is not random: its first frame is one more step, and the chain goes on from its last two.
+Where the film of somebody begins, nothing is known.
+
+What comes out is the log of the chain with all free frames integrated out, and a path drawn from
+what was integrated, as a function of standard normal numbers: holding those while the scenelets
+move keeps the path where it can stay.
+"""
 
 from __future__ import annotations
 
@@ -7,13 +19,14 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from imapper_prob.models.jit import inner_inlined
+from imapper_prob.models.jit import inlined, inner_inlined
 from imapper_prob.models.kernels.memory import ADDED, Memory
 from imapper_prob.models.problem import Problem
 
-__all__ = ["find_path"]
+__all__ = ["draw_segment", "find_path"]
 
 Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
 
 _LOG_2PI = math.log(2 * math.pi)
 _STILL = 1e-9
@@ -22,25 +35,46 @@ worked out counts as where it was. That is a few nanometres, a hundredth of what
 in single precision can tell; the sum changes by less than 1e-6 nats."""
 
 
-@inner_inlined
-def _segment(
-    problem: Problem,
-    memory: Memory,
+@inlined
+def draw_segment(
+    starts: Flags,
+    centres: Array,
+    scales: Array,
+    means: Array,
+    draws: Array,
     camera: Array,
     latent: Array,
     first: int,
     last: int,
+    pelvis: Array,
     left: int,
     right: int,
+    drawn: Array,
 ) -> float:
-    """Evidence and draw of frames ``first`` to ``last - 1`` between two slots, -1 for none.
+    """The path between two scenelets, its free frames integrated out, and one drawn of those.
 
-    The chain of :mod:`imapper_prob.models.chain` from the last two frames of ``left`` up to and
-    with the first of ``right``. The path drawn is left in ``memory.drawn``. Returns nats.
+    Parameters
+    ----------
+    starts, centres, scales, means, draws
+        ``path_starts``, ``path_centre``, ``path_scale``, ``path_mean`` and ``path_draw`` of a
+        problem.
+    camera : (5,) float
+    latent : (T, 2) float
+        Standard normal numbers of the draw.
+    first, last : int
+        The free frames: from ``first`` to ``last - 1``.
+    pelvis : (S, 6) float
+        Bearing and log depth in the first frame of a scenelet, and in its last two.
+    left, right : int
+        Rows of the scenelets before and after; -1 for none.
+    drawn : (T, 2) float
+        Out: bearing and log depth in the free frames.
+
+    Returns
+    -------
+    float
+        Log density of the first frame of ``right`` given what was before, nats.
     """
-    drawn, pelvis, starts = memory.drawn, memory.pelvis, problem.path_starts
-    centres, scales = problem.path_centre, problem.path_scale
-    means, draws = problem.path_mean, problem.path_draw
     # The same pixels under another focal length and body size.
     shrunk, offset = math.exp(-camera[2]), camera[2] + camera[3]
     bearing, bearing_before, depth, depth_before = 0.0, 0.0, 0.0, 0.0
@@ -122,9 +156,10 @@ def find_path(
         if old >= 0:
             memory.evidence[1, i] = memory.evidence[0, old]
         else:
-            memory.evidence[1, i] = _segment(
-                problem, memory, camera, latent, first, last, left, right
-            )
+            memory.evidence[1, i] = draw_segment(
+                problem.path_starts, problem.path_centre, problem.path_scale, problem.path_mean,
+                problem.path_draw, camera, latent, first, last, memory.pelvis, left, right, drawn,
+            )  # fmt: skip
             for t in range(first, last):
                 now = rows[t]
                 x, y = drawn[t, 0], drawn[t, 1]

@@ -11,12 +11,12 @@ from imapper_prob.models.energy.intersection import depth_below_floor
 from imapper_prob.models.energy.smoothness import pose_jump
 from imapper_prob.models.jit import inner_inlined
 from imapper_prob.models.kernels.body import set_columns
-from imapper_prob.models.kernels.frame import lens_of, set_chances
+from imapper_prob.models.kernels.frame import lens_of, set_chances, set_detections
 from imapper_prob.models.kernels.memory import ADDED, Memory
 from imapper_prob.models.kernels.sight import aim, look
 from imapper_prob.models.problem import Problem
 
-__all__ = ["list_moved", "pose_frames", "sum_jumps"]
+__all__ = ["copy_joints", "list_moved", "pose_frames", "pose_joints", "sum_jumps"]
 
 Array = NDArray[np.float64]
 
@@ -32,14 +32,32 @@ def list_moved(memory: Memory) -> int:
 
 
 @inner_inlined
-def pose_frames(problem: Problem, memory: Memory, n: int, n_moved: int, camera: Array) -> None:
-    """Everything that follows from the pose of a frame that moved, with ``n`` scenelets."""
+def pose_joints(problem: Problem, memory: Memory, n: int, n_moved: int, camera: Array) -> None:
+    """World joints of the frames that moved, with ``n`` scenelets, metres."""
     for i in range(n):
         slot = memory.slots[1, i]
         if memory.role[slot] == ADDED:
             _pose_covered_frames(problem, memory, slot)
-            _find_chances(problem, memory, camera, slot)
     _pose_free_frames(problem, memory, n_moved, camera)
+
+
+@inner_inlined
+def copy_joints(memory: Memory, joints: Array) -> None:
+    """World joints of the proposal into ``joints`` (T, 3, 16), metres."""
+    rows = memory.pose_row
+    for t in range(len(joints)):
+        for axis in range(3):
+            for j in range(joints.shape[2]):
+                joints[t, axis, j] = memory.joints[rows[t], axis, j]
+
+
+@inner_inlined
+def pose_frames(problem: Problem, memory: Memory, n: int, n_moved: int, camera: Array) -> None:
+    """Everything that follows from the joints of a frame that moved, with ``n`` scenelets."""
+    for i in range(n):
+        slot = memory.slots[1, i]
+        if memory.role[slot] == ADDED:
+            _find_chances(problem, memory, camera, slot)
     rows, joints, lines, views = memory.pose_row, memory.joints, memory.lines, memory.views
     columns, ground, sunk = memory.columns, memory.ground, memory.sunk
     # All frames are aimed at first: a row just stored in parts cannot be read again at once.
@@ -77,8 +95,12 @@ def _find_chances(problem: Problem, memory: Memory, camera: Array, slot: int) ->
     lens, body = lens_of(problem, camera), memory.bodies[slot]
     joints, rows, chances = memory.joints, memory.pose_row, memory.chances
     places, facts, desk, bench = memory.places, memory.facts, memory.desk, memory.bench
+    told = memory.told
     for t in range(memory.items[slot, 1], memory.items[slot, 2]):
         row = rows[t]
+        if not told[t]:
+            set_detections(problem, t, places, facts, t)
+            told[t] = 1
         set_chances(lens, body, joints, row, places, facts, t, desk, bench, chances, row)
 
 

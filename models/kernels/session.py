@@ -12,7 +12,7 @@ from numba import types
 from numba.experimental import structref
 
 from imapper_prob.models.jit import compiled
-from imapper_prob.models.kernels.memory import Memory
+from imapper_prob.models.kernels.memory import Memory, new_memory
 from imapper_prob.models.problem import Problem
 
 __all__ = ["Session", "open_session"]
@@ -38,6 +38,6 @@ _structref.define_constructor(Session, _SessionType, ["problem", "memory"])
 
 
 @compiled
-def open_session(problem: Problem, memory: Memory) -> Session:
-    """The session of ``problem`` and ``memory``; both keep their arrays."""
-    return Session(problem, memory)  # type: ignore[no-untyped-call]
+def open_session(problem: Problem, capacity: int) -> Session:
+    """A session of ``problem``, whose arrays it keeps, with memory for ``capacity`` scenelets."""
+    return Session(problem, new_memory(problem, max(capacity, 1)))  # type: ignore[no-untyped-call]

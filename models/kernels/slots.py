@@ -19,6 +19,7 @@ from imapper_prob.models.kernels.facing import log_yaw_density
 from imapper_prob.models.kernels.memory import ADDED, Memory
 from imapper_prob.models.kernels.sight import set_outlook
 from imapper_prob.models.kernels.support import log_size_density
+from imapper_prob.models.kernels.world import place_box
 from imapper_prob.models.limits import NEAREST
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.skeleton import PELV
@@ -71,7 +72,6 @@ def _place_boxes(problem: Problem, memory: Memory, camera: Array, slot: int) -> 
     scenelet = memory.items[slot, 0]
     px, py, yaw = memory.placements[slot]
     body = memory.bodies[slot]
-    c, s = body * math.cos(yaw), body * math.sin(yaw)
     size = len(memory.boxes) // len(memory.counts)
     hull, floor = memory.hulls[slot], memory.floors[slot]
     hull[:] = (math.inf, -math.inf, math.inf, -math.inf, math.inf)
@@ -80,14 +80,8 @@ def _place_boxes(problem: Problem, memory: Memory, camera: Array, slot: int) -> 
     memory.counts[slot] = last - first
     for b in range(first, last):
         k = slot * size + b - first
-        local, box, turn = problem.boxes[b], memory.boxes[k], memory.turns[k]
-        box[0] = c * local[0] - s * local[1] + px
-        box[1] = s * local[0] + c * local[1] + py
-        for axis in range(2, 6):
-            box[axis] = body * local[axis]
-        box[6] = local[6] + yaw
-        turn[0], turn[1] = math.cos(box[6]), math.sin(box[6])
-        turn[2] = body * math.sqrt(local[3] ** 2 + local[4] ** 2 + local[5] ** 2)
+        box, turn = memory.boxes[k], memory.turns[k]
+        place_box(problem.boxes, b, body, px, py, yaw, box, turn)
         memory.labels[k] = problem.box_label[b]
         memory.yaws[k] = problem.box_yaw[b] + yaw
         set_outlook(camera[1], box, turn, memory.outlooks[k])

@@ -8,19 +8,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.models.geometry import NOTHING_IN_SIGHT
-from imapper_prob.models.jit import compiled, inner_inlined
+from imapper_prob.models.jit import inner_inlined
 from imapper_prob.models.kernels.frame import (
     find_seen,
-    set_detections,
     set_own_chances,
     take_logs,
     weigh,
 )
-from imapper_prob.models.kernels.memory import Memory
+from imapper_prob.models.kernels.memory import RIGHT, VOTE, WRONG, Memory
 from imapper_prob.models.kernels.sight import GAP, Singles, open_view
 from imapper_prob.models.problem import Problem
+from imapper_prob.models.terms import DETECTIONS, FREE_POSE, GROUND
 
-__all__ = ["prepare", "sum_votes", "vote"]
+__all__ = ["sum_votes", "vote"]
 
 Array = NDArray[np.float64]
 
@@ -31,30 +31,11 @@ _TINY = 1e-100
 
 @inner_inlined
 def _set_vote(right: float, wrong: float, weight: float, votes: Array, row: int) -> None:
-    """Of a frame: the greater log-density of two, weighted, and both densities over it.
-
-    ``right`` and ``wrong`` are its log-likelihood as it is and with sides swapped, nats.
-    """
+    """Of a frame whose log-likelihood is ``right`` as it is, ``wrong`` with sides swapped, nats."""
     votes[row, 0] = weight * max(right, wrong)
     less = math.exp(-weight * abs(right - wrong))
     votes[row, 1], votes[row, 2] = (1.0, less) if right > wrong else (less, 1.0)
-
-
-@compiled
-def prepare(problem: Problem, memory: Memory) -> None:
-    """What is known of every frame beforehand, and its vote with nothing in sight."""
-    weight, logs = problem.frame_weight * problem.likelihood, memory.logs
-    memory.seen[:] = _CAP
-    find_seen(memory.seen, len(memory.seen), problem.sight_width, problem.surprise)
-    for t in range(len(memory.bare)):
-        set_detections(problem, t, memory.places, memory.facts, t)
-        set_own_chances(problem, t, memory.desk, memory.own, t)
-        weigh(memory.own, t, memory.seen, t, memory.desk, logs)
-    take_logs(logs, len(memory.bare))
-    for t in range(len(memory.bare)):
-        _set_vote(logs[0, t], logs[1, t], weight, memory.bare, t)
-    # No clearance is as before where there is none yet.
-    memory.clearance[:] = np.nan
+    votes[row, RIGHT], votes[row, WRONG] = right, wrong
 
 
 @inner_inlined
@@ -66,11 +47,20 @@ def _differ(clearance: Singles, one: int, other: int) -> bool:
 
 
 @inner_inlined
+def _nothing_near(clearance: Singles, row: int) -> bool:
+    nothing = True
+    for j in range(clearance.shape[1]):
+        nothing &= clearance[row, j] == _CAP
+    return nothing
+
+
+@inner_inlined
 def vote(problem: Problem, memory: Memory, n: int) -> None:
     """Votes of the changed frames with all ``n`` scenelets."""
     n_weighed = _recall_votes(memory, n)
     cover, frames, weighed, rows = memory.cover, memory.frames, memory.weighed, memory.pose_row
     own, chances, seen, desk = memory.own, memory.chances, memory.seen, memory.desk
+    votes, bare, clearance = memory.votes, memory.bare, memory.clearance
     weight, logs = problem.frame_weight * problem.likelihood, memory.logs
     find_seen(seen, n_weighed, problem.sight_width, problem.surprise)
     for i in range(n_weighed):
@@ -78,10 +68,17 @@ def vote(problem: Problem, memory: Memory, n: int) -> None:
         if cover[1, t] >= 0:
             weigh(chances, rows[t], seen, i, desk, logs)
         else:
+            if not memory.own_told[t]:
+                set_own_chances(problem, t, desk, own, t)
+                memory.own_told[t] = 1
             weigh(own, t, seen, i, desk, logs)
     take_logs(logs, n_weighed)
     for i in range(n_weighed):
-        _set_vote(logs[0, i], logs[1, i], weight, memory.votes, weighed[i])
+        t, to = frames[i], weighed[i]
+        _set_vote(logs[0, i], logs[1, i], weight, votes, to)
+        if cover[1, t] < 0 and math.isnan(bare[t, 0]) and _nothing_near(clearance, to):
+            for k in range(VOTE):
+                bare[t, k] = votes[to, k]
 
 
 @inner_inlined
@@ -114,15 +111,15 @@ def _recall_votes(memory: Memory, n: int) -> int:
         covered = cover[1, t] >= 0
         posed = moved[t] and (covered or cover[0, t] >= 0)
         if not posed and not _differ(clearance, before, to):
-            for k in range(3):
+            for k in range(VOTE):
                 votes[to, k] = votes[before, k]
-        elif covered or bounded:
+        elif covered or bounded or math.isnan(bare[t, 0]):
             memory.frames[n_weighed], memory.weighed[n_weighed] = t, to
             for j in range(seen.shape[1]):
                 seen[n_weighed, j] = bench[GAP + j]
             n_weighed += 1
         else:
-            for k in range(3):
+            for k in range(VOTE):
                 votes[to, k] = bare[t, k]
     return n_weighed
 
@@ -131,8 +128,8 @@ def _recall_votes(memory: Memory, n: int) -> int:
 def sum_votes(problem: Problem, memory: Memory) -> float:
     """Detections of all frames, whichever are swapped, cost of free poses, and of sunken ones.
 
-    The recursion is that of :func:`imapper_prob.models.energy.swaps.summed_over_swaps`, on
-    densities that are rescaled now and then in place of probabilities.
+    Of the first, the log of equation (12) by its forward recursion, on densities that are rescaled
+    now and then in place of probabilities.
     """
     begins, ends = problem.swap_begins, problem.swap_ends
     usual = begins / (begins + ends)
@@ -162,5 +159,8 @@ def sum_votes(problem: Problem, memory: Memory) -> float:
         if cover[1, t] < 0:
             free += free_cost[t]
     total += math.log(stays + turned)
-    weight = problem.frame_weight * problem.likelihood
+    weight, terms = problem.frame_weight * problem.likelihood, memory.terms
+    terms[DETECTIONS] = total
+    terms[FREE_POSE] = -weight * free
+    terms[GROUND] = -weight * problem.motion_cost * below
     return total - weight * (free + problem.motion_cost * below)

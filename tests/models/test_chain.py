@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.stats import multivariate_normal
+from scipy.stats import multivariate_normal, norm
 
-from imapper_prob.models.chain import chain, find_known
+from imapper_prob.models.kernels.path import draw_segment
 from imapper_prob.models.path_error import autocorrelation, path_tables, remembered
 
 RATES = [(0.85, 0.0), (0.85, 0.85), (0.9, 0.4), (0.998, 0.0)]
@@ -93,11 +93,29 @@ def run(
     item: np.ndarray, starts: np.ndarray, value: np.ndarray, centre: np.ndarray,
     scale: np.ndarray, latent: np.ndarray, rates: tuple[float, float],
 ) -> tuple[float, np.ndarray]:  # fmt: skip
-    drawn, known = value.copy(), np.empty(len(item), np.int64)
-    mean, draw = path_tables(np.array([rates]), len(item))
-    find_known(item, starts, known)
-    evidence = chain(drawn, item, known, starts, centre, scale, latent, mean[0], draw[0])
-    return evidence, drawn
+    """Evidence and path of one coordinate; the other has nothing to say."""
+    n, evidence, path = len(item), 0.0, value.copy()
+    mean, draw = path_tables(np.array([rates, (0.5, 0.0)]), n)
+    beside, one = np.zeros(n), np.ones(n)
+    begin = np.flatnonzero((item >= 0) & (np.diff(item, prepend=-1) != 0))
+    end = np.flatnonzero((item >= 0) & (np.diff(item, append=-1) != 0)) + 1
+    pelvis = np.zeros((len(begin), 6))
+    pelvis[:, 0], pelvis[:, 2], pelvis[:, 4] = value[begin], value[end - 2], value[end - 1]
+    drawn = np.empty((n, 2))
+    for k in range(len(begin) + 1):
+        first, last = end[k - 1] if k else 0, begin[k] if k < len(begin) else n
+        right = k if k < len(begin) else -1
+        evidence += draw_segment(
+            starts, np.stack([centre, beside], -1), np.stack([scale, one], -1), mean, draw,
+            np.zeros(5), np.stack([latent, beside], -1), first, last, pelvis, k - 1, right, drawn,
+        )  # fmt: skip
+        path[first:last] = drawn[first:last, 0]
+        if right >= 0:
+            # The other coordinate's step of a chain that is 0 all along; it forgets by halves.
+            known = k > 0 and not starts[first : last + 1].any()
+            variance = 1.0 - 0.25 ** (last - first + 1) if known else 1.0
+            evidence -= norm.logpdf(0.0, 0.0, np.sqrt(variance))
+    return evidence, path
 
 
 @settings(max_examples=100, deadline=None)

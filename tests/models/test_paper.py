@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 
-from imapper_prob.models.batched.tensors import to_tensors
 from imapper_prob.models.energy.paper import PaperWeights
 from imapper_prob.models.energy.paper_intersection import depth_of_motion, overlaps, signed_distance
 from imapper_prob.models.energy.paper_occlusion import FARTHEST, hidden_distance, occlusion_cost
@@ -474,11 +473,9 @@ def test_it_can_be_sampled_from() -> None:
     assert published.terms == paper_energy(default, state).terms
 
 
-def test_the_preset_has_one_executor_and_a_name() -> None:
+def test_the_preset_has_one_evaluation_and_a_name() -> None:
     problem = worlds.problem(settings=ModelSettings(energy="paper"))
     with pytest.raises(ValueError, match="no incremental"):
         Incremental(problem, empty_state(problem))
-    with pytest.raises(ValueError, match="no batched"):
-        to_tensors(problem)
     with pytest.raises(InputError, match="default or paper"):
         ModelSettings(energy="papers")

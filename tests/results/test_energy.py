@@ -14,7 +14,6 @@ from numpy.testing import assert_allclose
 from PIL import Image
 from rich.console import Console
 
-from imapper_prob.models.compiled import TERMS
 from imapper_prob.models.energy.occlusion import p_seen
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.geometry import NOTHING_IN_SIGHT
@@ -22,6 +21,7 @@ from imapper_prob.models.posterior import State, empty_state, log_posterior, swa
 from imapper_prob.models.problem import Problem, pack_problem
 from imapper_prob.models.scenelet import Library, Scenelet
 from imapper_prob.models.skeleton import MIRROR
+from imapper_prob.models.terms import TERMS
 from imapper_prob.results.energy import Explanation, explain
 from imapper_prob.results.energy_figure import energy_figure
 from imapper_prob.results.energy_report import (

@@ -7,6 +7,7 @@ import pytest
 
 from imapper_prob.models.posterior import empty_state, log_posterior
 from imapper_prob.models.settings import ModelSettings
+from imapper_prob.models.view import to_floor
 from imapper_prob.sampling.alone import Alone
 from tests.models import worlds
 
@@ -17,13 +18,9 @@ WHERE = np.array([0.02, np.log(4.0), 0.4, 0.03])
 def test_a_gain_is_a_difference_of_log_posteriors(energy: str) -> None:
     problem = worlds.problem(20, settings=ModelSettings(energy=energy))
     alone, empty = Alone(problem), empty_state(problem)
-    state = empty.with_item(1, 5, *alone.placed(WHERE))
+    state = empty.with_item(1, 5, *to_floor(WHERE))
     expected = log_posterior(problem, state) - log_posterior(problem, empty)
     assert alone.gain(1, 5, WHERE) == pytest.approx(expected, abs=1e-5)
-
-
-def test_a_place_on_the_floor_comes_back() -> None:
-    np.testing.assert_allclose(Alone.where(*Alone.placed(WHERE)), WHERE)
 
 
 def test_mending_gains_and_stays_nearby() -> None:

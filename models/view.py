@@ -1,0 +1,69 @@
+"""Where a scenelet stands, on the floor and as the camera sees it: one map, its inverse, its area.
+
+On the floor a scenelet stands at (x, y, yaw) and its person has a log size. As the camera sees it,
+it stands at (bearing, log depth, yaw, log size), *where* for short, with
+
+    bearing = x / y,   log depth = log y,   |d(x, y) / d(bearing, log depth)| = y^2.
+
+Nearly all doubt about a place lies along the viewing ray and is relative: in these four numbers
+fits, steps and Gaussians are alike near and far. Only what is ahead of the camera, y > 0, has a
+bearing and a log depth; they are of the floor, so that no pitch or height comes in.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from imapper_prob.models.jit import inlined
+
+__all__ = ["floor_point", "log_area", "seen_point", "to_floor", "to_view"]
+
+Array = NDArray[np.float64]
+
+
+@inlined
+def seen_point(x: float, y: float) -> tuple[float, float]:
+    """Bearing (tangent) and log depth (log m) of a point on the floor, metres, compiled."""
+    return x / y, math.log(y)
+
+
+@inlined
+def floor_point(bearing: float, log_depth: float) -> tuple[float, float]:
+    """The inverse of :func:`seen_point`, compiled."""
+    y = math.exp(log_depth)
+    return bearing * y, y
+
+
+@inlined
+def log_area(log_depth: float) -> float:
+    """log |d(x, y) / d(bearing, log depth)|, of square metres, compiled."""
+    return 2.0 * log_depth
+
+
+def to_view(placements: ArrayLike, sizes: ArrayLike) -> Array:
+    """Where scenelets stand as the camera sees them.
+
+    Parameters
+    ----------
+    placements : (..., 3) float
+        x, y in metres and yaw in radians; y > 0, else the result is not a number.
+    sizes : (...) float
+        Log sizes.
+
+    Returns
+    -------
+    (..., 4) float
+        Bearing (tangent), log depth (log m), yaw (radians) and log size.
+    """
+    x, y, yaw = np.moveaxis(np.asarray(placements, float), -1, 0)
+    return np.stack([x / y, np.log(y), yaw, np.asarray(sizes, float)], -1)
+
+
+def to_floor(where: ArrayLike) -> tuple[Array, Array]:
+    """Placements (..., 3) and log sizes (...) of ``where`` (..., 4): the inverse of to_view."""
+    bearing, log_depth, yaw, size = np.moveaxis(np.asarray(where, float), -1, 0)
+    y = np.exp(log_depth)
+    return np.stack([bearing * y, y, yaw], -1), size
