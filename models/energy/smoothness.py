@@ -1,6 +1,6 @@
 """A motion does not jump: the paper's L_s for every joint, compiled.
 
-The pelvis walks from frame to frame (:mod:`imapper_prob.models.chain`). The other joints are
+The pelvis walks from frame to frame (:mod:`imapper_prob.models.kernels.path`). The other joints are
 held where motions of different origin meet, a frame's own pose and a scenelet or two
 scenelets: between frames of one scenelet, or of one track, how they move is given.
 """

@@ -108,7 +108,7 @@ def compare(whole: Problem, scene: State) -> bool:
     joints = scene_of(whole, scene, item_of)[0].joints
     np.testing.assert_allclose(motion(whole, scene), joints, rtol=NEAR, atol=NEAR)
     for name, value in expected.items():
-        near = rounding(whole, joints) if name == "detections" else NEAR
+        near = NEAR + (rounding(whole, joints) if name == "detections" else 0.0)
         assert found[name] == pytest.approx(value, rel=NEAR, abs=near), name
     return True
 
