@@ -34,7 +34,6 @@ FLOORS = [
     {"sampling"},
     {"recording"},
     {"results"},
-    {"calibrate"},
     {"api", "demo", "output", "solution_output"},
     {"evaluate"},
     {"cli", "__init__", "__main__"},
@@ -113,7 +112,7 @@ def test_models_and_samplers_know_nothing_of_each_other(ground: str) -> None:
 
 
 def test_root_folders_are_reached_through_the_package_only() -> None:
-    others = [p for folder in ("tests", "benchmarks") for p in (ROOT / folder).rglob("*.py")]
+    others = [p for folder in ("tests", "lab") for p in (ROOT / folder).rglob("*.py")]
     for path in [*SOURCES, *others]:
         direct = {n for n in imports(path) if n.split(".")[0] in ("models", "samplers")}
         assert not direct, f"{path} imports {direct}"
