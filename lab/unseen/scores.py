@@ -158,7 +158,7 @@ def outcome_of(family: str, index: int, *, unseen: bool, seed: int = 0) -> Outco
     """Simulate, solve, sample and score one clip."""
     performance = simulate_performance(family, index, seed=seed)
     library = searched_library(seed, family if unseen else None)
-    solution = imapper_prob.solve(performance.clip, library)
+    solution = imapper_prob.solve(performance.clip, library).actors[0]  # there is one person
     posterior = imapper_prob.sample(
         performance.clip, library, start=solution, config=Config(seed=seed, sample=SETTINGS)
     )
