@@ -21,7 +21,7 @@ test-all: beforehand
 	$(PY) -m pytest -n 2 --nbmake notebooks tests
 
 bench: $(STAMP)
-	$(PY) benchmarks/run.py
+	$(PY) -m lab.speed
 
 beforehand: $(STAMP)
 	$(MAKE) --no-print-directory --jobs=2 lint kernels

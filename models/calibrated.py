@@ -1,6 +1,6 @@
 """The constants that were estimated from data, read from the file that states their source.
 
-``calibrated.toml`` beside this module is written by ``benchmarks/calibrate.py``. Each constant
+``calibrated.toml`` beside this module is written by ``python -m lab.calibrate``. Each constant
 has a table there: the value in use, its unit, where it comes from, what was measured, and how
 far that moves when a scene is left out.
 """

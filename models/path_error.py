@@ -18,7 +18,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["autocorrelation", "path_tables", "remembered"]
+__all__ = ["path_tables", "remembered"]
 
 Array = NDArray[np.float64]
 
@@ -39,19 +39,6 @@ def remembered(seconds: Array, ease: Array, fps: float) -> Array:
     with np.errstate(divide="ignore"):
         result: Array = np.stack([np.exp(-1.0 / slow), np.exp(-1.0 / fast)], -1)
     return result
-
-
-def autocorrelation(rates: Array, n: int) -> Array:
-    """(n,) correlation of one coordinate's errors 0, 1, … n - 1 frames apart.
-
-    ``rates`` (2,) are r and s of the chain.
-    """
-    first, second = rates.sum(), -rates.prod()
-    result = np.ones(max(n, 2))
-    result[1] = first / (1.0 - second)
-    for k in range(2, n):
-        result[k] = first * result[k - 1] + second * result[k - 2]
-    return result[:n]
 
 
 def path_tables(rates: Array, n_frames: int) -> tuple[Array, Array]:

@@ -331,7 +331,7 @@ class Clip:
         Standard deviation of the log focal length: by what part the camera's may be wrong.
         A careful guess, as i3DB's, is good to .05.
     truth : Truth, optional
-        For simulated clips and benchmarks. Inference never reads it.
+        For simulated clips and the laboratory. Inference never reads it.
     """
 
     name: str

@@ -3,7 +3,7 @@
 Demo and tests of calibration use this. The camera, the body and the detector are drawn from the
 priors of the model itself, and drawn again until the person is in view; the room and the walk
 through it are plausible, not a draw of p(X): for that see
-:mod:`imapper_prob.models.simulate_state`.
+``lab/prior.py``.
 """
 
 from __future__ import annotations

@@ -52,11 +52,11 @@ def i3db_scene(request: pytest.FixtureRequest) -> Path:
 
 
 DEMO = "the demo, solved and sampled"
-APART = {"tests/calibrate/test_simulated.py"}
+APART = {"tests/lab/test_sbc.py"}
 """Files whose tests take minutes each and share little."""
 FIRST = (
     "tests/samplers/",
-    "tests/calibrate/",
+    "tests/lab/",
     "notebooks/",
     DEMO,
     "tests/cli/",

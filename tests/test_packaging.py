@@ -42,7 +42,7 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
     checkout.mkdir()
     for name in ("pyproject.toml", "README.md", "LICENSE"):
         shutil.copy(ROOT / name, checkout)
-    for name in ("imapper_prob", "models", "samplers"):
+    for name in ("imapper_prob", "lab", "models", "samplers"):
         shutil.copytree(ROOT / name, checkout / name, symlinks=True)
     build = (
         "import os, sys, setuptools.build_meta as build;"

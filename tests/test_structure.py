@@ -34,7 +34,6 @@ FLOORS = [
     {"sampling"},
     {"recording"},
     {"results"},
-    {"calibrate"},
     {"api", "demo", "output", "solution_output"},
     {"evaluate"},
     {"cli", "__init__", "__main__"},
@@ -113,10 +112,16 @@ def test_models_and_samplers_know_nothing_of_each_other(ground: str) -> None:
 
 
 def test_root_folders_are_reached_through_the_package_only() -> None:
-    others = [p for folder in ("tests", "benchmarks") for p in (ROOT / folder).rglob("*.py")]
+    others = [p for folder in ("tests", "lab") for p in (ROOT / folder).rglob("*.py")]
     for path in [*SOURCES, *others]:
         direct = {n for n in imports(path) if n.split(".")[0] in ("models", "samplers")}
         assert not direct, f"{path} imports {direct}"
+
+
+def test_the_program_knows_nothing_of_the_laboratory() -> None:
+    for path in SOURCES:
+        strangers = {n for n in imports(path) if n.split(".")[0] in ("lab", "tests")}
+        assert not strangers, f"{module_name(path)} imports {strangers}"
 
 
 def test_links_are_relative() -> None:
@@ -127,7 +132,8 @@ def test_links_are_relative() -> None:
 
 
 def test_modules_are_short() -> None:
-    lengths = {module_name(p): len(p.read_text(encoding="utf-8").splitlines()) for p in SOURCES}
+    paths = [*SOURCES, *(ROOT / "lab").rglob("*.py")]
+    lengths = {module_name(p): len(p.read_text(encoding="utf-8").splitlines()) for p in paths}
     assert {m: n for m, n in lengths.items() if n > LONGEST_MODULE} == {}
 
 

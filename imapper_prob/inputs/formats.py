@@ -21,7 +21,7 @@ from imapper_prob.inputs.trc import MAGIC
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.scene import Clip
 
-__all__ = ["FORMATS", "format_of", "read_sightings", "read_whatever"]
+__all__ = ["FORMATS", "format_of", "read_whatever"]
 
 FORMATS: Final = (
     "i3db",
@@ -120,20 +120,6 @@ def read_whatever(path: Path, options: ClipOptions) -> Clip:
         return read_i3db(path) if form == "i3db" else read_clip(path)
     sightings, options = _read(path, form, options)
     return assemble(sightings, options)
-
-
-def read_sightings(path: Path, options: ClipOptions) -> tuple[Sightings, ClipOptions]:
-    """People as they are in the files, before anybody knows who is who.
-
-    Raises
-    ------
-    InputError
-        It is no such file, or one whose people are told apart already.
-    """
-    form = _chosen(path, options)
-    if form in _WHOLE:
-        raise InputError(f"{path}: a clip of format {form} has its tracks already")
-    return _read(path, form, options)
 
 
 def _chosen(path: Path, options: ClipOptions) -> str:

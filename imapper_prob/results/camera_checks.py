@@ -35,7 +35,7 @@ _UPRIGHT_PART: Final = 0.25
 """Part of those frames that must be upright; in the others one may lie, lean or reach."""
 _LEAN: Final = math.radians(6.3)
 """Deviation over clips, either way, of how the most upright of that part leans and of what a lifter
-makes of it: simulated clips of ``benchmarks.alarms``. On i3DB they lean by 3 to 7 degrees."""
+makes of it: simulated clips of ``python -m lab.alarms``. On i3DB they lean by 3 to 7 degrees."""
 _OVERTURNED: Final = 60.0
 """Degrees from which on no pitch is to blame: who films so steeply says so."""
 _LEAST_SECONDS: Final = 1.2

@@ -130,7 +130,7 @@ def _from_rows(rows: Iterable[Mapping[str, Any]]) -> tuple[Check, ...]:
 
 _UNLIKE: Final = 0.64
 """Nats per confident joint from which a best fit is worse than right scenelets reach in 95 % of the
-frames of simulated clips (``python -m benchmarks.alarms --threshold``)."""
+frames of simulated clips (``python -m lab.alarms --threshold``)."""
 _UNLIKE_PART: Final = 0.05
 
 

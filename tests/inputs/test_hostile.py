@@ -9,15 +9,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from benchmarks.hostile_inputs import READERS
-from benchmarks.robustness import attack
 from imapper_prob.inputs import ClipOptions, load_clip
 from imapper_prob.inputs.formats import read_whatever
 from imapper_prob.models.errors import InputError
+from lab.robustness.attack import attack
+from lab.robustness.inputs import READERS
 from tests.inputs import bodies
 
 INPUTS = 12
-"""Of each kind; ``python -m benchmarks.robustness`` tries more."""
+"""Of each kind; ``python -m lab.robustness`` tries more."""
 
 
 @pytest.mark.parametrize("name", READERS)

@@ -13,8 +13,8 @@ from imapper_prob.models.problem import Problem, pack_problem
 from imapper_prob.models.scene import Clip, Cuboid, Placement, SceneObject, Track
 from imapper_prob.models.scenelet import Library, Scenelet
 from imapper_prob.models.settings import ModelSettings
-from imapper_prob.models.simulate_detections import Experiment
 from imapper_prob.models.skeleton import DETECTED, N_JOINTS, PELV
+from lab.prior import Experiment
 
 CAMERA = Camera(1920, 1080, 1955.0, 1955.0, 960.0, 540.0, pitch=np.radians(-4), elevation=1.5)
 POSE = np.zeros((N_JOINTS, 3))

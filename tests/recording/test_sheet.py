@@ -12,8 +12,8 @@ from imapper_prob.models.errors import InputError
 from imapper_prob.models.geometry import pack_boxes
 from imapper_prob.models.scenelet import Library, Scenelet
 from imapper_prob.recording import sheet
-from imapper_prob.recording.picture import PictureUnavailable, render_recording
 from imapper_prob.recording.sheet import kinds, write_sheet
+from lab.picture import PictureUnavailable, render_recording
 from tests.recording.reading import Columns, read
 from tests.scenelets.motions import box, standing
 

@@ -10,7 +10,6 @@ import pytest
 
 from imapper_prob.models.problem import Problem, pack_problem
 from imapper_prob.models.scene import Clip
-from imapper_prob.models.simulate_state import draw_state
 from imapper_prob.models.skeleton import LKNE, PELV, RKNE, THRX
 from imapper_prob.results.camera_checks import camera, height, slope, upright
 from imapper_prob.results.check import Check
@@ -27,6 +26,7 @@ from imapper_prob.results.predictive import prediction
 from imapper_prob.results.summary import check_table, describe
 from imapper_prob.staged.fit import Fits
 from imapper_prob.staged.resemblance import best_fits
+from lab.prior import draw_state
 from tests.models import worlds
 from tests.models.worlds import CAMERA
 

@@ -12,17 +12,17 @@ import h5py
 import numpy as np
 import pytest
 
-from benchmarks.hostile_runs import RUN_READERS
-from benchmarks.robustness import attack
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.text import readable
 from imapper_prob.models.valid import check_problem, check_state
 from imapper_prob.results.export import read_scenes
 from imapper_prob.results.load import load_posterior
+from lab.robustness.attack import attack
+from lab.robustness.runs import RUN_READERS
 from tests.runs import posterior
 
 INPUTS = 3
-"""Of each kind; ``python -m benchmarks.robustness`` tries more."""
+"""Of each kind; ``python -m lab.robustness`` tries more."""
 _LONG = ("posterior.nc", "posterior.nc, reported", "checkpoint")
 
 

@@ -39,8 +39,8 @@ from imapper_prob.sampling.sample import sample_scenes
 from imapper_prob.sampling.weights import weighted_candidates
 from imapper_prob.staged.actors import solve_actors
 from imapper_prob.staged.solver import Solution
+from lab.couple import N_FRAMES, chairs_and_tables, couple_at_one_table
 from tests.recording.reading import read
-from tests.staged.couples import N_FRAMES, chairs_and_tables, couple_at_one_table
 
 SHORT = SampleSettings(
     chains=2, steps=1500, draws=100, temperatures=3, ensemble_layouts=1, ensemble_steps=8

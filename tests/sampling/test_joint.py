@@ -21,8 +21,6 @@ from imapper_prob.models.energy.detections import DetectionModel
 from imapper_prob.models.posterior import State, log_posterior, motion, terms
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.settings import ModelSettings
-from imapper_prob.models.simulate_detections import Experiment
-from imapper_prob.models.simulate_state import draw_state
 from imapper_prob.models.skeleton import PELV
 from imapper_prob.samplers.kernel import Mixture, Proposal, init, step
 from imapper_prob.sampling import moves
@@ -33,6 +31,7 @@ from imapper_prob.sampling.proposals import Candidates, Proposals
 from imapper_prob.sampling.redraw import StretchRedraw
 from imapper_prob.sampling.refurnish import Refurnish
 from imapper_prob.sampling.replace import Retime
+from lab.prior import Experiment, draw_state
 from tests.models import worlds
 
 N_FRAMES = 20

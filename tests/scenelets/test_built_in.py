@@ -21,7 +21,6 @@ from imapper_prob.models.skeleton import (
     RWRI,
     THRX,
 )
-from imapper_prob.scenelets.families import family_of
 from imapper_prob.scenelets.library import built_in_library
 from imapper_prob.scenelets.plausibility import faults
 from imapper_prob.scenelets.procedural import catalogue
@@ -31,6 +30,7 @@ from imapper_prob.scenelets.procedural.noise import TRACKER_ERROR
 from imapper_prob.scenelets.procedural.person import STATURE_RANGE, Person
 from imapper_prob.scenelets.procedural.recipes.drawn import Drawn
 from imapper_prob.scenelets.procedural.recipes.walking import idle
+from lab.unseen.families import family_of
 
 SEATS = ("chair", "couch", "stool", "bench", "bed")
 LOW_DOWN = ("floor-sit", "floor-lie", "squat", "kneel", "bend")

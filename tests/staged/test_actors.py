@@ -15,8 +15,8 @@ from imapper_prob.models.skeleton import PELV
 from imapper_prob.results.solved import Part, Solved, shared_furniture, solved
 from imapper_prob.results.summary import distances_to_truth
 from imapper_prob.staged.actors import share_camera, solve_actors
+from lab.couple import CAMERA, N_FRAMES, at_one_table, chairs_and_tables
 from tests.models.worlds import couch
-from tests.staged.couples import CAMERA, N_FRAMES, at_one_table, chairs_and_tables
 
 FOCAL_SPREAD = 0.05
 

@@ -12,7 +12,7 @@ from imapper_prob.models.errors import InputError
 from imapper_prob.tracking import associate as module
 from imapper_prob.tracking.associate import associate, people_in
 from imapper_prob.tracking.distances import distances
-from tests.tracking.crossings import simulate_crossing
+from lab.crossings import simulate_crossing
 
 Array = NDArray[np.float64]
 

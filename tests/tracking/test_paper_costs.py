@@ -13,7 +13,7 @@ from imapper_prob.models.errors import InputError
 from imapper_prob.models.skeleton import DETECTED
 from imapper_prob.tracking.associate import associate
 from imapper_prob.tracking.paper_costs import PAIRWISE, step_cost
-from tests.tracking.crossings import simulate_crossing
+from lab.crossings import simulate_crossing
 from tests.tracking.test_associate import figures, labels
 
 Array = NDArray[np.float64]

@@ -1,0 +1,1 @@
+"""What only measures and tests the program: a question, a file, a command. See ``README.md``."""

@@ -1,0 +1,214 @@
+"""What does each term of the model do for the best scene, and each part of the path for joints?
+
+    python -m lab.ablation I3DB_FOLDER
+    python -m lab.ablation I3DB_FOLDER --path
+
+The first solves each scene as it is and with one term at a time switched off, and prints the scores
+of ``docs/metrics.md``; then the same for the five terms of the published energy, by the published
+method. With ``--path`` the static path of every scene is fitted as the solver does, then with one
+part at a time switched off, and a Markdown table is printed: root mean square errors in camera axes
+over annotated frames, the mean over scenes. That takes 20 s of processor time.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import fields, replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+
+from imapper_prob.evaluate.pose import SUBSETS, pose_scores
+from imapper_prob.evaluate.prediction import Prediction, prediction_of_state
+from imapper_prob.evaluate.scenes import known_scene, scenes_with_truth
+from imapper_prob.evaluate.score import Score, score, summarise
+from imapper_prob.evaluate.tables import object_rows, pose_rows, screen_table
+from imapper_prob.evaluate.truth import TruthInView
+from imapper_prob.models.energy.occlusion import p_seen
+from imapper_prob.models.energy.paper import PaperWeights
+from imapper_prob.models.geometry import NOTHING_IN_SIGHT
+from imapper_prob.models.path import StaticPath
+from imapper_prob.models.problem import Problem
+from imapper_prob.models.scene import Clip
+from imapper_prob.models.settings import CameraSettings, ModelSettings, Settings, StaticPathSettings
+from imapper_prob.models.skeleton import BONE_LENGTHS, PELV
+from imapper_prob.results.stored_input import StoredSource
+from imapper_prob.scenelets.library import load_library
+from imapper_prob.staged.calibration import estimate_camera
+from imapper_prob.staged.candidates import screen
+from imapper_prob.staged.combine import combine
+from imapper_prob.staged.maxima import charness_curve
+from imapper_prob.staged.resemblance import best_fits
+from imapper_prob.staged.solver import fit_clip, solve_published
+from imapper_prob.staged.static_path import estimate_static_path
+
+
+def without_sight(problem: Problem) -> Problem:
+    """Nothing hides anything: every joint is seen as often as where no furniture is.
+
+    An infinite width makes the step of visibility one half everywhere; what the densities of
+    hidden and seen are multiplied by makes up for it.
+    """
+    seen = p_seen(NOTHING_IN_SIGHT, problem.sight_width, problem.surprise)
+    share = 2 * np.array([1 - seen, seen])
+    return problem._replace(
+        sight_width=np.inf,
+        confidence_density=problem.confidence_density * share,
+        static_density=problem.static_density * share,
+    )
+
+
+def variants(problem: Problem) -> dict[str, Problem]:
+    """The log-posterior whole, and with one term switched off."""
+    even = np.log(np.exp(problem.log_rate).mean())
+    return {
+        "all terms": problem,
+        "no sight lines": without_sight(problem),
+        "no free-pose cost": problem._replace(free_cost=np.zeros(problem.n_frames)),
+        "no collision": problem._replace(collision_cost=0.0),
+        "no smoothness": problem._replace(smoothness_cost=0.0),
+        "no motion, no ground": problem._replace(motion_cost=0.0),
+        "equal weights": problem._replace(log_rate=np.full_like(problem.log_rate, even)),
+        "frames independent": problem._replace(frame_weight=1.0),
+    }
+
+
+def published_variants(problem: Problem) -> dict[str, Problem]:
+    """The published energy whole, and without each of its terms."""
+    names = [f.name for f in fields(PaperWeights)]
+    found = {"the published energy": problem}
+    for k, name in enumerate(names):
+        rest = problem.paper_nats * (np.arange(len(names)) != k)
+        found[f"published, no {name}"] = problem._replace(paper_nats=rest)
+    return found
+
+
+def scores(folder: Path) -> dict[str, Score]:
+    """Each variant's best scene against the truth. Windows are fitted once: no term changes it."""
+    known, library = known_scene(folder), load_library()
+    fitted = fit_clip(known.clip, library)
+    curve = charness_curve(fitted.fits, fitted.charness, fps=known.clip.fps)
+    result = {}
+    for name, variant in variants(fitted.problem).items():
+        best = combine(variant, screen(variant, fitted.fits), curve).states[0]
+        source = StoredSource(known.clip, library, variant, best_fits(variant, fitted.fits))
+        result[name] = score(prediction_of_state(source, best, name=name), known.truth)
+    settings = Settings(model=ModelSettings(energy="paper"))
+    fitted = fit_clip(known.clip, library, settings=settings)
+    for name, variant in published_variants(fitted.problem).items():
+        best = solve_published(known.clip, replace(fitted, problem=variant))[2].states[0]
+        source = StoredSource(known.clip, library, variant, best_fits(variant, fitted.fits))
+        result[name] = score(prediction_of_state(source, best, name=name), known.truth)
+    return result
+
+
+def print_terms(folder: Path) -> None:
+    """A row a variant: all scenes together, then scene by scene."""
+    by_scene = [scores(scene) for scene in scenes_with_truth(folder)]
+    together = [summarise([found[name] for found in by_scene]) for name in by_scene[0]]
+    console = Console(width=170)
+    console.print(screen_table(object_rows(together), title="Furniture, one term off"))
+    poses = "Joints, one term off: world cm / local cm / pixels"
+    console.print(screen_table(pose_rows(together), title=poses))
+    for found in by_scene:
+        summaries = [summarise([s]) for s in found.values()]
+        console.print(screen_table(object_rows(summaries), title=summaries[0].clips[0]))
+
+
+Variant = Callable[[Clip], Prediction]
+
+_NOTHING = 1e3
+"""Times its unit: the deviation of what is no longer held."""
+_EXACTLY = 1e-3
+"""Radians, or log metres: the deviation of what is taken for known."""
+
+
+def reference_body(
+    clip: Clip, *, settings: StaticPathSettings | None = None, scale: float = 1.0
+) -> Prediction:
+    """The static path of a body of 1.70 m, or of ``scale`` times that; feet are not asked."""
+    return _prediction(clip, estimate_static_path(clip, settings=settings), scale, 1.0)
+
+
+def with_feet(clip: Clip, *, settings: CameraSettings | None = None) -> Prediction:
+    """The static path at the body scale and focal length that its feet ask for."""
+    path = estimate_static_path(clip)
+    _, _, log_focal, log_body, _ = estimate_camera(clip, path, settings=settings).mean
+    return _prediction(clip, path, float(np.exp(log_body)), float(np.exp(log_focal)))
+
+
+def lifters_body(clip: Clip) -> Prediction:
+    """The static path of a body as large as the lifter has it."""
+    person = clip.tracks[0]
+    poses = person.poses[person.has_pose]
+    legs = [(p, c) for p, c in BONE_LENGTHS if PELV not in (p, c)][:4]
+    lifted = sum(np.median(np.linalg.norm(poses[:, p] - poses[:, c], axis=-1)) for p, c in legs)
+    return reference_body(clip, scale=float(lifted / sum(BONE_LENGTHS[bone] for bone in legs)))
+
+
+def _prediction(clip: Clip, path: StaticPath, scale: float, focal: float) -> Prediction:
+    """A path carried along to another body and focal length: pixels stay as they are."""
+    joints = scale * path.joints * (1.0, focal, 1.0)
+    return Prediction("static path", joints, clip.camera.project_camera(path.joints), ())
+
+
+def path_variants() -> dict[str, Variant]:
+    """The static path as the solver uses it, then with one part at a time switched off."""
+    path, camera = StaticPathSettings(), CameraSettings()
+
+    def changed(**values: float) -> Variant:
+        return partial(reference_body, settings=replace(path, **values))
+
+    return {
+        "static path": reference_body,
+        "body scale: the lifter's": lifters_body,
+        "no prior on bone lengths": changed(length_tolerance=_NOTHING),
+        "no smoothing of log depth": changed(walk_log_depth=_NOTHING),
+        "no smoothing at all": changed(
+            walk_log_depth=_NOTHING, walk_bearing=_NOTHING, walk_bone=_NOTHING
+        ),
+        "squared pixel errors": changed(dof=_NOTHING),
+        "frames independent": changed(correlation_time=0.1),
+        "with the floor under the feet": with_feet,
+        "the same, pitch known": partial(with_feet, settings=replace(camera, pitch=_EXACTLY)),
+        "the same, pitch unknown": partial(with_feet, settings=replace(camera, pitch=_NOTHING)),
+    }
+
+
+def errors(prediction: Prediction, truth: TruthInView) -> tuple[float, ...]:
+    """Centimetres: pelvis in top view, joints in the world by subset, joints about the pelvis."""
+    gap = prediction.joints[truth.known, PELV, :2] - truth.joints[truth.known, PELV, :2]
+    pelvis = 100 * float(np.sqrt((gap**2).sum(-1).mean()))
+    scores = pose_scores(prediction, truth)
+    return (pelvis, *(scores[name].world for name in SUBSETS), scores[SUBSETS[0]].local)
+
+
+def print_path(folder: Path) -> None:
+    """A row a variant of the static path."""
+    known = [known_scene(scene) for scene in scenes_with_truth(folder)]
+    out = sys.stdout.write
+    out("| | pelvis, top view | joints, all frames | occluded joints | occ3 | about the pelvis |\n")
+    out("|---|---:|---:|---:|---:|---:|\n")
+    for name, variant in path_variants().items():
+        found = np.array([errors(variant(scene.clip), scene.truth) for scene in known])
+        cells = " | ".join(f"{value:.1f}" for value in found.mean(0))
+        out(f"| {name} | {cells} |\n")
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Print the tables of terms, or that of the path."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("scenes", type=Path, help="folder of i3DB scenes with their truth")
+    parser.add_argument("--path", action="store_true", help="parts of the static path instead")
+    options = parser.parse_args(arguments)
+    (print_path if options.path else print_terms)(options.scenes)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,273 @@
+"""What the constants of the model are estimated with: arrays in, numbers out.
+
+Nothing here knows of scenes or files, so that each can be tried on numbers drawn from a
+known distribution.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.linalg import cho_factor, cho_solve, toeplitz
+from scipy.optimize import minimize, minimize_scalar
+from scipy.special import expit, gammaln
+
+from imapper_prob.models.path_error import remembered
+
+__all__ = [
+    "autocorrelation",
+    "balanced_logistic_fit",
+    "between_groups",
+    "change_time",
+    "correlation_length",
+    "jackknife_error",
+    "predictive_spread",
+    "root_mean_square",
+    "shares",
+    "sight_width_fit",
+    "student_t_fit",
+    "student_t_score",
+    "wrapped_cauchy_fit",
+]
+
+Array = NDArray[np.float64]
+
+_PSEUDO_COUNT = 0.5
+"""A bin nobody fell into is rare, not impossible (Jeffreys' prior of a multinomial)."""
+_DOF = (0.5, 50.0)
+"""Degrees of freedom that are told apart: heavier tails have no scale, lighter are normal."""
+_LOG_SCALES = (-7.0, 2.0)
+"""Angles that are nearer than a twentieth of a degree, or as good as uniform, have no scale."""
+_LOG_WIDTHS = (-7.0, 1.0)
+"""A millimetre to metres."""
+_FEWEST = 20
+"""Observations without which a Student-t is not fitted."""
+
+
+def shares(values: ArrayLike, edges: ArrayLike) -> Array:
+    """Probability of each bin of ``edges`` (B + 1,): (B,), half a pseudo-count in each."""
+    counts = np.histogram(np.asarray(values, float), np.asarray(edges, float))[0] + _PSEUDO_COUNT
+    result: Array = counts / counts.sum()
+    return result
+
+
+def sight_width_fit(clearance: ArrayLike, hidden: ArrayLike, *, surprise: float) -> float:
+    """Most likely width, metres, of the step from hidden to seen.
+
+    Parameters
+    ----------
+    clearance : (n,) float
+        Of lines of sight, metres; negative where something is in the way.
+    hidden : (n,) bool
+    surprise : float
+        Probability at either end of the step that it is the other way round.
+    """
+    clearance, hidden = np.asarray(clearance, float), np.asarray(hidden, bool)
+
+    def cost(log_width: float) -> float:
+        seen = surprise + (1 - 2 * surprise) * expit(clearance * np.exp(-log_width))
+        return float(-np.log(np.where(hidden, 1 - seen, seen)).mean())
+
+    return float(np.exp(minimize_scalar(cost, bounds=_LOG_WIDTHS, method="bounded").x))
+
+
+def student_t_fit(errors: ArrayLike) -> tuple[float, float]:
+    """Scale and degrees of freedom of isotropic errors (n, d) about zero, most likely ones.
+
+    Raises
+    ------
+    ValueError
+        If there are fewer than twenty errors.
+    """
+    errors = np.asarray(errors, float)
+    n, d = errors.shape
+    if n < _FEWEST:
+        raise ValueError(f"{n} errors are too few for a Student-t")
+    squared = (errors**2).sum(-1)
+
+    def cost(theta: Array) -> float:
+        scale, dof = np.exp(theta)
+        inside = gammaln((dof + d) / 2) - gammaln(dof / 2) - d / 2 * np.log(dof * np.pi)
+        tails = (dof + d) / 2 * np.log1p(squared / (dof * scale**2)).mean()
+        return float(d * np.log(scale) + tails - inside)
+
+    typical = np.sqrt(np.median(squared) / d)
+    bounds = [(np.log(typical) - 5, np.log(typical) + 5), tuple(np.log(_DOF))]
+    found = minimize(cost, [np.log(typical), np.log(4.0)], method="L-BFGS-B", bounds=bounds)
+    scale, dof = np.exp(found.x)
+    return float(scale), float(dof)
+
+
+def wrapped_cauchy_fit(angles: ArrayLike) -> float:
+    """Most likely scale, radians, of angles (n,) that are wrapped Cauchy about zero."""
+    cosine = np.cos(np.asarray(angles, float))
+
+    def cost(log_scale: float) -> float:
+        near = np.exp(-np.exp(log_scale))
+        apart = np.log1p(near**2 - 2 * near * cosine).mean()
+        return float(apart - np.log1p(-(near**2)))
+
+    return float(np.exp(minimize_scalar(cost, bounds=_LOG_SCALES, method="bounded").x))
+
+
+def student_t_score(errors: ArrayLike, scale: ArrayLike, dof: ArrayLike) -> Array:
+    """Errors (..., d) as a Student-t listens to them: gross ones hardly count.
+
+    The derivative of the log-density by the centre, up to a constant factor of each class
+    that makes small errors come out in units of their scale.
+    """
+    errors = np.asarray(errors, float)
+    scale, dof = (np.asarray(a, float)[..., None] for a in (scale, dof))
+    unit = errors / scale
+    result: Array = unit / (1 + (unit**2).sum(-1, keepdims=True) / dof)
+    return result
+
+
+def correlation_length(series: Sequence[ArrayLike]) -> float:
+    """How many neighbours share one error: the integrated autocorrelation of several series.
+
+    Parameters
+    ----------
+    series : sequence of (T, K) float
+        K signals a series, NaN where there is none. Their means are taken off; the
+        autocovariances of all are pooled and summed up to the first that is not positive,
+        behind which there is only noise (Geyer 1992).
+
+    Returns
+    -------
+    float
+        1 + 2 sum of the autocorrelations, in steps of a series; 1 for white noise.
+    """
+    centred = []
+    for signals in series:
+        signals = np.asarray(signals, float)
+        known = np.isfinite(signals)
+        mean = np.where(known, signals, 0.0).sum(0) / np.maximum(known.sum(0), 1)
+        centred.append((np.where(known, signals - mean, 0.0), known))
+
+    def covariance(lag: int) -> float:
+        total, pairs = 0.0, 0
+        for values, known in centred:
+            n = len(values) - lag
+            if n > 0:
+                total += float((values[:n] * values[lag:]).sum())
+                pairs += int((known[:n] & known[lag:]).sum())
+        return total / max(pairs, 1)
+
+    variance, length = covariance(0), 1.0
+    for lag in range(1, max(len(values) for values, _ in centred)):
+        correlation = covariance(lag) / variance
+        if correlation <= 0:
+            break
+        length += 2 * correlation
+    return length
+
+
+def change_time(
+    series: Sequence[ArrayLike], *, spread: float, seconds: float, fps: float, gap: int
+) -> float:
+    """In how much of its correlation time a slow error changes its course, the most likely.
+
+    Parameters
+    ----------
+    series : sequence of (T,) float
+        Errors about zero, chains as in :mod:`imapper_prob.models.path_error`.
+    spread : float
+        Standard deviation of all.
+    seconds : float
+        Half their integrated autocorrelation.
+    fps : float
+        Frames a second of the chains.
+    gap : int
+        Frames from one error to the next.
+
+    Returns
+    -------
+    float
+        Seconds: 0 if they are rough from frame to frame, ``seconds / 2`` if as smooth as can be.
+    """
+    errors = [np.asarray(one, float) / spread for one in series]
+
+    def cost(ease: float) -> float:
+        rates = remembered(np.array([seconds]), np.array([ease]), fps)[0]
+        total = 0.0
+        for one in errors:
+            correlation = autocorrelation(rates, gap * len(one))[::gap]
+            factor = cho_factor(toeplitz(correlation), lower=True)
+            total += np.log(np.diag(factor[0])).sum() + 0.5 * one @ cho_solve(factor, one)
+        return float(total)
+
+    inside = minimize_scalar(cost, bounds=(0.0, seconds / 2), options={"xatol": 1e-4 * seconds})
+    return min((0.0, float(inside.x), seconds / 2), key=cost)
+
+
+def root_mean_square(values: ArrayLike) -> float:
+    """Spread about zero."""
+    return float(np.sqrt(np.mean(np.square(np.asarray(values, float)))))
+
+
+def predictive_spread(values: ArrayLike) -> float:
+    """Standard deviation of the next of a few values, their own mean being doubtful, too."""
+    values = np.asarray(values, float)
+    return float(values.std(ddof=1) * np.sqrt(1 + 1 / len(values)))
+
+
+def between_groups(groups: Sequence[ArrayLike]) -> float:
+    """Standard deviation of the means of groups, weighted by what they are made of."""
+    means = np.array([np.asarray(group, float).mean() for group in groups])
+    sizes = np.array([np.size(group) for group in groups], float)
+    centre = np.average(means, weights=sizes)
+    return float(np.sqrt(np.average((means - centre) ** 2, weights=sizes)))
+
+
+def balanced_logistic_fit(
+    values: ArrayLike, trust: ArrayLike, flags: ArrayLike
+) -> tuple[float, float]:
+    """Level and slope of log odds ``trust * slope * (value - level)``, both classes weighed alike.
+
+    Parameters
+    ----------
+    values, trust : (n,) float
+        The sign, and how far it counts.
+    flags : (n,) bool
+        The class; both must occur.
+    """
+    values, trust = np.asarray(values, float), np.asarray(trust, float)
+    flags = np.asarray(flags, bool)
+    weights = np.where(flags, 0.5 / flags.sum(), 0.5 / (~flags).sum())
+    side = np.where(flags, 1.0, -1.0)
+
+    def loss(parameters: Array) -> float:
+        level, log_slope = parameters
+        odds = trust * np.exp(log_slope) * (values - level)
+        return float((weights * np.logaddexp(0.0, -side * odds)).sum())
+
+    start = np.array([values.mean(), np.log(1.0 / values.std())])
+    found = minimize(loss, start, method="Nelder-Mead", options={"xatol": 1e-6, "fatol": 1e-9})
+    level, log_slope = found.x
+    return float(level), float(np.exp(log_slope))
+
+
+def jackknife_error(without: ArrayLike) -> Array:
+    """Standard error of an estimate, from the estimates (n, ...) with one scene left out."""
+    estimates: Array = np.asarray(without, float)
+    n = len(estimates)
+    estimates = estimates - estimates[0]  # scenes that agree leave no rounding behind
+    spread = ((estimates - estimates.mean(0)) ** 2).sum(0)
+    result: Array = np.sqrt((n - 1) / n * spread)
+    return result
+
+
+def autocorrelation(rates: Array, n: int) -> Array:
+    """(n,) correlation of one coordinate's errors 0, 1, … n - 1 frames apart.
+
+    ``rates`` (2,) are r and s of the chain of :mod:`imapper_prob.models.path_error`.
+    """
+    first, second = rates.sum(), -rates.prod()
+    result = np.ones(max(n, 2))
+    result[1] = first / (1.0 - second)
+    for k in range(2, n):
+        result[k] = first * result[k - 1] + second * result[k - 2]
+    return result[:n]

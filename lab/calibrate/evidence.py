@@ -1,0 +1,444 @@
+"""All that one clip with its truth says of the constants, gathered in three steps.
+
+The first needs the truth alone; the second a static path, made with what the first step has
+estimated; the third the solver's fits, made with what the first two have. So nothing depends
+on the constants in use, and estimating again gives the same numbers.
+
+The scenelet nearest to the true motion is the one that ought to be found; how far it still is
+from the truth, and from the free frames beside it, no model should be surprised by. How the
+scenelets that *are* found differ in size is asked of the solver's own fits.
+
+How often do detections say the same thing of which scenelet it is? The model adds up the
+log-densities of joints and frames as if none knew of another. But a motion that is not quite this
+person's is wrong in many joints at once and for as long as it lasts. How much such a sum
+exaggerates is seen between the scenelet nearest to the truth and those next to it: along the way
+from one to another the score, which would have the expected information for its variance, is larger
+by the number of detections that count as one. To divide by that number is the magnitude adjustment
+of a composite likelihood (Pauli, Racugno and Ventura, Bayesian composite marginal likelihoods,
+Statistica Sinica 21, 2011).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imapper_prob.models.calibrated import Number, with_values
+from imapper_prob.models.energy.detections import DetectionModel, DetectorSettings
+from imapper_prob.models.path import StaticPath
+from imapper_prob.models.pose import facing, turned
+from imapper_prob.models.problem import Problem, pack_problem, resample
+from imapper_prob.models.scene import Clip, Placement, Truth
+from imapper_prob.models.scenelet import Library
+from imapper_prob.models.settings import CameraSettings, ModelSettings, StaticPathSettings
+from imapper_prob.models.skeleton import DETECTED, PELV
+from imapper_prob.staged.calibration import estimate_camera
+from imapper_prob.staged.elsewhere import own_detections
+from imapper_prob.staged.fit import Fits, fit_windows
+from imapper_prob.staged.free_poses import free_pose_cost
+from imapper_prob.staged.path_fit import REFERENCE_RATE
+from imapper_prob.staged.static_path import estimate_static_path
+from lab.calibrate.observations import (
+    Detections,
+    Lifted,
+    Motion,
+    PathErrors,
+    Thighs,
+    furniture_errors,
+    observe_detections,
+    observe_lifted,
+    observe_motion,
+    observe_path,
+    observe_thighs,
+    sights_past,
+    stretches,
+)
+
+__all__ = [
+    "FitErrors",
+    "Fitted",
+    "Nearest",
+    "Neighbours",
+    "Placed",
+    "Seen",
+    "detection_model",
+    "fit_library",
+    "look",
+    "nearest_scenelets",
+    "neighbours",
+    "observe_fits",
+    "path_settings",
+    "place",
+    "repeats",
+]
+
+
+Array = NDArray[np.float64]
+Values = Mapping[str, Number]
+
+
+@dataclass(frozen=True)
+class Seen:
+    """A clip and its truth, and what follows from these two."""
+
+    clip: Clip
+    truth: Truth
+    detections: Detections
+    motion: Motion
+    lifted: Lifted
+
+
+@dataclass(frozen=True)
+class Placed(Seen):
+    """With a static path, and the scenelets nearest to the truth."""
+
+    static: StaticPath
+    path: PathErrors
+    thighs: Thighs
+    nearest: Nearest
+
+
+@dataclass(frozen=True)
+class Fitted(Placed):
+    """With the library fitted to the detections.
+
+    Parameters
+    ----------
+    repeats : (n,) float
+        How often detections repeat each other about which scenelet it is
+        (:func:`repeats`).
+    """
+
+    fits: FitErrors
+    repeats: Array
+
+
+def _members(evidence: Seen) -> dict[str, Any]:
+    return {f.name: getattr(evidence, f.name) for f in fields(evidence)}
+
+
+def look(clip: Clip, truth: Truth) -> Seen:
+    """The first step: clip and truth."""
+    clip = own_detections(clip)
+    return Seen(
+        clip,
+        truth,
+        observe_detections(clip, truth),
+        observe_motion(truth),
+        observe_lifted(clip, truth),
+    )
+
+
+def place(seen: Seen, library: Library, values: Values) -> Placed:
+    """The second step: a static path by the first step's constants, held against the truth."""
+    static = estimate_static_path(seen.clip, settings=path_settings(values))
+    return Placed(
+        **_members(seen),
+        static=static,
+        path=observe_path(seen.truth, static),
+        thighs=observe_thighs(seen.clip, seen.truth, static, estimate_camera(seen.clip, static)),
+        nearest=nearest_scenelets(seen.clip, seen.truth, static, library),
+    )
+
+
+def fit_library(placed: Placed, library: Library, values: Values) -> Fitted:
+    """The third step: every scenelet in every window, by the first two steps' constants."""
+    clip = placed.clip
+    camera = with_values(CameraSettings(), values)
+    detections = detection_model(values)
+    settings = replace(
+        with_values(ModelSettings(), values),
+        frame_weight=path_settings(values).frame_weight(REFERENCE_RATE),
+    )
+    problem = pack_problem(
+        clip,
+        placed.static,
+        estimate_camera(clip, placed.static, settings=camera),
+        library,
+        settings=settings,
+        detections=detections,
+    )
+    fits = fit_windows(problem, placed.static, fps=clip.fps)
+    problem = problem._replace(free_cost=free_pose_cost(problem, fits))
+    told = [
+        repeats(one, clip, placed.truth, detections=detections, tolerance=settings.pose_tolerance)
+        for one in placed.nearest.beside
+    ]
+    return Fitted(
+        **_members(placed),
+        fits=observe_fits(clip, placed.truth, problem, fits),
+        repeats=np.concatenate(told),
+    )
+
+
+def path_settings(values: Values) -> StaticPathSettings:
+    """The static path's settings with some constants' values."""
+    return with_values(StaticPathSettings(), values)
+
+
+def detection_model(values: Values) -> DetectionModel:
+    """The detector's tables with some constants' values."""
+    return DetectionModel.of(with_values(DetectorSettings(), values))
+
+
+_EVERY = 0.6
+"""Seconds between the windows that are matched with the truth."""
+_FEWEST_KNOWN = 1 / 3
+"""Part of a scenelet's frames that must be annotated."""
+_BEST = 10
+"""Fits of a window whose depths are averaged, and neighbours that are compared with the scenelet
+nearest to the truth: the library holds many alike."""
+
+
+@dataclass(frozen=True)
+class Nearest:
+    """The scenelets nearest to the true motion.
+
+    Parameters
+    ----------
+    across : (n, 2) float
+        Metres across the viewing ray, right and up, by which true joints differ from theirs
+        when they are placed and turned as well as can be.
+    jumps : (m, 16, 3) float
+        Their first and last pose minus the static pose of the frame next to it, both
+        relative to the pelvis, world axes, metres.
+    turns : (n,) float
+        Radians by which they are turned, when they are placed so, from where they would face as
+        the static path does, both averaged over their frames.
+    clearance, hidden : (j,) float, (j,) bool
+        Of true joints of somebody who stays put: how far the furniture of a scenelet is from
+        cutting their line of sight, metres, and whether the true pieces that it stands for do.
+        Joints that something else hides are left out.
+    furniture : (k, 2) float
+        How far true furniture stands from where they say
+        (:func:`lab.calibrate.observations.furniture_errors`).
+    beside : tuple of Neighbours
+        Each with the ten that come next.
+    """
+
+    across: Array
+    jumps: Array
+    turns: Array
+    clearance: Array
+    hidden: NDArray[np.bool_]
+    furniture: Array
+    beside: tuple[Neighbours, ...]
+
+
+def nearest_scenelets(clip: Clip, truth: Truth, path: StaticPath, library: Library) -> Nearest:
+    """Find the scenelet nearest to the truth in regularly spaced windows."""
+    joints = truth.joints - truth.joints[:, [PELV]]
+    known: NDArray[np.bool_] = np.all(np.isfinite(joints), axis=(1, 2))
+    static = truth.camera.to_world(path.joints)
+    faces = np.exp(1j * facing(static))
+    static = static - static[:, [PELV]]
+    motions = [resample(s.joints, fps=s.fps, to_fps=clip.fps) for s in library]
+    travels = [m[:, PELV] for m in motions]
+    own_faces = [np.exp(1j * facing(m)) for m in motions]
+    motions = [m - m[:, [PELV]] for m in motions]
+    stays = {t for s in stretches(truth, clip.fps) for t in range(s.start, s.stop)}
+    across, jumps, turns, placed, sights, beside = [], [], [], [], [], []
+    for centre in range(0, clip.n_frames, round(_EVERY * clip.fps)):
+        candidates = []
+        for number, motion in enumerate(motions):
+            first = centre - len(motion) // 2
+            if first < 1 or first + len(motion) >= clip.n_frames:
+                continue
+            own = np.flatnonzero(known[first : first + len(motion)])
+            if len(own) < _FEWEST_KNOWN * len(motion):
+                continue
+            yaw, gap = _turn(motion[own], joints[first + own])
+            candidates.append((gap, number, first, yaw))
+        if not candidates:
+            continue
+        candidates.sort()
+        near = [
+            (first, turned(motions[n], np.full(len(motions[n]), yaw)))
+            for _, n, first, yaw in candidates[: _BEST + 1]
+        ]
+        beside.append(neighbours(truth, near))
+        _, number, start, yaw = candidates[0]
+        best = near[0][1]
+        end = start + len(best)
+        own = np.flatnonzero(known[start:end])
+        apart = joints[start + own] - best[own]
+        apart = (apart - apart.mean((0, 1))) @ truth.camera.rotation
+        across.append(apart[..., [0, 2]].reshape(-1, 2))
+        jumps += [best[0] - static[start - 1], best[-1] - static[end]]
+        expected = (faces[start:end] * own_faces[number].conj()).mean()
+        turns.append(np.angle(np.exp(1j * yaw) * expected.conj()))
+        if centre in stays:
+            for _, number, first, yaw in candidates[:_BEST]:
+                own = np.flatnonzero(known[first : first + len(travels[number])])
+                middle = truth.joints[first + own, PELV].mean(0)
+                laid = _laid_upon(middle, yaw, travels[number][own])
+                placed.append((library[number], laid))
+                sights.append(sights_past(truth, library[number], laid, first + own))
+    clearance, hidden = np.concatenate(sights, axis=1)
+    return Nearest(
+        np.concatenate(across),
+        np.stack(jumps),
+        np.array(turns),
+        clearance,
+        hidden.astype(bool),
+        furniture_errors(truth, placed),
+        tuple(beside),
+    )
+
+
+def _turn(motion: Array, joints: Array) -> tuple[float, float]:
+    """Yaw that brings a motion (n, 16, 3) nearest to another, and the mean square gap left."""
+    along = float((motion[..., :2] * joints[..., :2]).sum())
+    aside = float((motion[..., 0] * joints[..., 1] - motion[..., 1] * joints[..., 0]).sum())
+    level = float((motion[..., 2] * joints[..., 2]).sum())
+    squares = float((motion**2).sum() + (joints**2).sum())
+    return np.arctan2(aside, along), (squares - 2 * (np.hypot(along, aside) + level)) / len(motion)
+
+
+def _laid_upon(middle: Array, yaw: float, travel: Array) -> Placement:
+    """The placement that brings a travelling pelvis (n, 3), turned, to a mean place (3,)."""
+    turned_only = Placement(0.0, 0.0, yaw).apply(travel.mean(0))
+    x, y = (middle - turned_only)[:2].tolist()
+    return Placement(x, y, yaw)
+
+
+@dataclass(frozen=True)
+class FitErrors:
+    """The solver's independent fits held against the truth.
+
+    Parameters
+    ----------
+    sizes : tuple of (k,) float
+        Log of fitted over true depth in each stretch in which somebody stays put: what the
+        size of the scenelet's person would have to make up for. The scene's median, which is
+        the camera's and the body's business, is taken off.
+    free_cost : (T,) float
+        Nats a free frame pays for its pose.
+    """
+
+    sizes: tuple[Array, ...]
+    free_cost: Array
+
+
+def observe_fits(clip: Clip, truth: Truth, problem: Problem, fits: Fits) -> FitErrors:
+    """Hold the best fits of every window against the truth; the free cost is the problem's."""
+    frames = np.arange(clip.n_frames)
+    known = np.isfinite(truth.joints).all((1, 2))
+    depth = truth.camera.to_camera(truth.joints[known])[:, PELV, 1]
+    true = np.interp(frames, frames[known], depth)[fits.centres]
+    pitch, elevation, _, body = problem.camera_mean[:4]
+    middles = problem.joint_first[:-1] + problem.lengths // 2
+    height = np.exp(body) * problem.joints[middles, PELV, 2] - elevation
+    fitted = np.cos(pitch) * fits.placements[..., 1] + np.sin(pitch) * height
+    order = np.argsort(fits.cost, axis=1, kind="stable")[:, :_BEST]
+    usable = np.isfinite(np.take_along_axis(fits.cost, order, 1)).all(1)
+    ratio = np.log(np.take_along_axis(fitted, order, 1).clip(0.1) / true[:, None]).mean(1)
+    ratio -= np.median(ratio[usable])
+    sizes = []
+    for stretch in stretches(truth, clip.fps):
+        inside = usable & (fits.centres >= stretch.start) & (fits.centres < stretch.stop)
+        if inside.any():
+            sizes.append(ratio[inside])
+    return FitErrors(tuple(sizes), problem.free_cost)
+
+
+@dataclass(frozen=True)
+class Neighbours:
+    """The scenelet nearest to a stretch of the true motion, and others, as the camera sees them.
+
+    Parameters
+    ----------
+    frames : (m,) int
+        Annotated ones that the nearest covers.
+    pixels : (m, 14, 2) float
+        Where its joints are seen.
+    per_metre : (m, 14) float
+        Pixels that a metre across the viewing ray is there.
+    apart : (k, m, 14, 2) float
+        Pixels from its joints to those of the others; NaN where another does not cover a frame.
+    """
+
+    frames: NDArray[np.intp]
+    pixels: Array
+    per_metre: Array
+    apart: Array
+
+
+def neighbours(truth: Truth, poses: Sequence[tuple[int, Array]]) -> Neighbours:
+    """Lay scenelets upon the true motion and look at them.
+
+    Parameters
+    ----------
+    truth : Truth
+    poses : sequence of (int, (n, 16, 3) float)
+        First frame, and joints relative to the pelvis, turned as the person is, in metres; the
+        nearest scenelet first.
+    """
+    known: NDArray[np.bool_] = np.all(np.isfinite(truth.joints), axis=(1, 2))
+    looks = []
+    for first, pose in poses:
+        frames = first + np.flatnonzero(known[first : first + len(pose)])
+        joints, own = truth.joints[frames], pose[frames - first]
+        pelvis = joints[:, [PELV]]
+        laid = own + pelvis + (joints - own - pelvis).mean((0, 1))
+        looks.append((frames, laid[:, list(DETECTED)]))
+    frames, nearest = looks[0]
+    pixels = truth.camera.project(nearest)
+    others = np.full((len(looks) - 1, *pixels.shape), np.nan)
+    for other, (covered, laid) in zip(others, looks[1:], strict=True):
+        _, here, there = np.intersect1d(frames, covered, return_indices=True)
+        other[here] = truth.camera.project(laid[there])
+    depth = truth.camera.to_camera(nearest)[..., 1]
+    return Neighbours(frames, pixels, truth.camera.fx / depth, others - pixels)
+
+
+def repeats(
+    beside: Neighbours,
+    clip: Clip,
+    truth: Truth,
+    *,
+    detections: DetectionModel,
+    tolerance: float,
+    track: int = 0,
+) -> Array:
+    """Squared scores over what independent detections would have, from one scenelet to others.
+
+    Parameters
+    ----------
+    beside : Neighbours
+    clip : Clip
+    truth : Truth
+        Says which joints are hidden.
+    detections : DetectionModel
+    tolerance : float
+        Metres an axis by which a pose differs from its scenelet's.
+
+    Returns
+    -------
+    (at most k,) float
+        Of the scenelets that some detection tells from the nearest one; with a mean of one if no
+        two detections knew of each other.
+    """
+    joints = list(DETECTED)
+    confidence = clip.tracks[track].confidences[beside.frames][:, joints]
+    error = clip.tracks[track].keypoints[beside.frames][:, joints] - beside.pixels
+    seen = np.where(np.asarray(truth.hidden)[beside.frames][:, joints], 0, 1)[..., None]
+    scale, dof = (
+        np.take_along_axis(table, seen, -1)[..., 0]
+        for table in detections.error_tables(confidence, image_height=clip.camera.height)
+    )
+    used = (confidence > 0) & np.isfinite(error).all(-1)
+    error = np.where(used[..., None], error, 0.0)
+    variance = scale**2 + (tolerance * beside.per_metre) ** 2
+    listened = (dof + 2) / (dof * variance + (error**2).sum(-1))
+    score = listened[..., None] * error
+    information = np.where(used, (dof + 2) / ((dof + 4) * variance), 0.0)
+    along = np.nan_to_num(beside.apart)
+    total = (score * along).sum((1, 2, 3))
+    expected = (information * (along**2).sum(-1)).sum((1, 2))
+    result: Array = total[expected > 0] ** 2 / expected[expected > 0]
+    return result

@@ -1,0 +1,348 @@
+"""What one clip with its truth says of the constants, as plain arrays.
+
+The truth of i3DB is annotated in every second frame, that of the simulator in every one;
+``gap`` is how many frames lie between two that are known. Furniture is held against what a scenelet
+says of such a motion: where it stands about the person, and what it hides.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterable
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imapper_prob.models.geometry import pack_boxes, sight_clearance
+from imapper_prob.models.path import CameraPrior, StaticPath
+from imapper_prob.models.scene import Clip, Placement, SceneObject, Truth
+from imapper_prob.models.scenelet import Scenelet
+from imapper_prob.models.skeleton import DETECTED, LANK, MIRROR, PELV, RANK
+from imapper_prob.results.scene_distance import group_of
+from imapper_prob.staged.bones import bones_of
+from imapper_prob.staged.lifted_poses import lifted_body
+from imapper_prob.staged.stays import thigh_signs
+
+__all__ = [
+    "Detections",
+    "Lifted",
+    "Motion",
+    "PathErrors",
+    "Thighs",
+    "furniture_errors",
+    "observe_detections",
+    "observe_lifted",
+    "observe_motion",
+    "observe_path",
+    "observe_thighs",
+    "sights_past",
+    "stretches",
+]
+
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+_LINES = 1080.0
+"""Lines of the image in whose pixels errors are given."""
+_SWAP_SCALE = 20.0
+_SWAP_MARGIN = 5.0
+"""Pixels, and nats of a Student-t of four degrees: a frame this much likelier with sides
+exchanged is taken for one in which the detector exchanged them."""
+_STRETCH = 2.0
+"""Seconds into which a longer stay is divided: about what a scenelet covers."""
+_STAYS = frozenset({"sitting", "standing", "reaching", "lying"})
+
+
+@dataclass(frozen=True)
+class Detections:
+    """Detections held against projected true joints, in the K frames that are known.
+
+    Parameters
+    ----------
+    confidence : (K, 14) float
+        0 where there is no detection.
+    hidden : (K, 14) bool
+    error : (K, 14, 2) float
+        Pixels at 1080 lines; NaN where there is no detection, or sides are swapped.
+    swapped : (K,) bool
+        Frames in which the detector took left for right.
+    gap : int
+    """
+
+    confidence: Array
+    hidden: Flags
+    error: Array
+    swapped: Flags
+    gap: int
+
+    @property
+    def used(self) -> Flags:
+        """(K, 14) bool."""
+        return np.asarray(np.isfinite(self.error).all(-1))
+
+
+@dataclass(frozen=True)
+class Motion:
+    """How the true person moves, from one known frame to the next.
+
+    Parameters
+    ----------
+    bearing, lift, log_depth : (n,) float
+        Steps of the pelvis in the camera's own terms, over ``gap`` frames.
+    bones : (n, 14, 3) float
+        Change of the bone vectors, camera axes, metres.
+    joints : (n, 16, 3) float
+        Change of joints relative to the pelvis, metres.
+    gap : int
+    """
+
+    bearing: Array
+    lift: Array
+    log_depth: Array
+    bones: Array
+    joints: Array
+    gap: int
+
+
+@dataclass(frozen=True)
+class PathErrors:
+    """The static path held against the truth.
+
+    Parameters
+    ----------
+    log_depth : (K,) float
+        Log of the estimated depth of the pelvis over the true one.
+    across : (K, 2) float
+        Metres by which the pelvis is off across the viewing ray.
+    ankle : (T,) float
+        Metres of the lower ankle above the floor, the true camera being known.
+    """
+
+    log_depth: Array
+    across: Array
+    ankle: Array
+
+
+@dataclass(frozen=True)
+class Thighs:
+    """Thighs of the static path in frames of which it is known what the person does.
+
+    Parameters
+    ----------
+    angle : (n,) float
+        Radians from the vertical (:mod:`imapper_prob.staged.stays`).
+    seen : (n,) float
+        How far legs are seen.
+    carried : (n,) bool
+        Whether the person sits.
+    """
+
+    angle: Array
+    seen: Array
+    carried: Flags
+
+
+@dataclass(frozen=True)
+class Lifted:
+    """The lifter's bones held against the true ones.
+
+    Parameters
+    ----------
+    errors : (m, 14, 3) float
+        Lifted minus true bones over their length, camera axes, in frames that have a pose of
+        their own.
+    """
+
+    errors: Array
+
+
+def _known(truth: Truth) -> tuple[NDArray[np.intp], int]:
+    frames = np.flatnonzero(np.isfinite(truth.joints).all((1, 2)))
+    return frames, int(np.diff(frames).min())
+
+
+def observe_detections(clip: Clip, truth: Truth, *, track: int = 0) -> Detections:
+    """Hold the detections of one person against the truth."""
+    frames, gap = _known(truth)
+    joints = list(DETECTED)
+    person = clip.tracks[track]
+    unit = clip.camera.height / _LINES
+    true = truth.camera.project(truth.joints[frames])
+    confidence = person.confidences[frames][:, joints]
+    error = (person.keypoints[frames] - true)[:, joints] / unit
+    mirrored = (person.keypoints[frames] - true[:, list(MIRROR)])[:, joints] / unit
+    seen = (confidence > 0) & np.isfinite(error).all(-1) & np.isfinite(mirrored).all(-1)
+
+    def misfit(errors: Array) -> Array:
+        squared = (errors**2).sum(-1) / (4 * _SWAP_SCALE**2)
+        loss: Array = np.where(seen, 3 * np.log1p(np.where(seen, squared, 0.0)), 0.0).sum(-1)
+        return loss
+
+    swapped = misfit(error) - misfit(mirrored) > _SWAP_MARGIN
+    usable = seen & ~swapped[:, None]
+    return Detections(
+        confidence,
+        np.asarray(truth.hidden)[frames][:, joints],
+        np.where(usable[..., None], error, np.nan),
+        swapped,
+        gap,
+    )
+
+
+def observe_motion(truth: Truth) -> Motion:
+    """Steps of the true motion between known frames that are next to each other."""
+    frames, gap = _known(truth)
+    first = frames[:-1][np.diff(frames) == gap]
+    joints = truth.camera.to_camera(truth.joints)
+    pelvis = joints[:, PELV]
+    x, depth, z = pelvis.T
+    bones = bones_of(joints)
+
+    def step(values: Array) -> Array:
+        return np.asarray(values[first + gap] - values[first])
+
+    return Motion(
+        step(x / depth),
+        step(z / depth),
+        step(np.log(depth)),
+        step(bones),
+        step(joints - pelvis[:, None]),
+        gap,
+    )
+
+
+def observe_path(truth: Truth, path: StaticPath) -> PathErrors:
+    """Hold a static path against the truth."""
+    frames, _ = _known(truth)
+    true = truth.camera.to_camera(truth.joints)
+    found = path.joints
+    log_depth = np.log(found[:, PELV, 1] / true[:, PELV, 1])
+    x, depth, z = np.moveaxis(true[frames, PELV], -1, 0)
+    rays = np.stack([x / depth, z / depth], -1)
+    own = np.stack([path.estimate[frames, 0], path.lift[frames]], -1)
+    world = truth.camera.to_world(found)
+    return PathErrors(
+        log_depth[frames], (own - rays) * depth[:, None], world[:, [RANK, LANK], 2].min(1)
+    )
+
+
+def observe_lifted(clip: Clip, truth: Truth, *, track: int = 0) -> Lifted:
+    """Hold the lifter's bones, at the reference stature, against the truth."""
+    frames, _ = _known(truth)
+    person = clip.tracks[track]
+    body = lifted_body(person, person.has_pose & ~person.interpolated)
+    bones = bones_of(truth.camera.to_camera(truth.joints))
+    own = frames[body.known[frames]]
+    return Lifted((body.bones - bones)[own] / body.lengths[:, None])
+
+
+def observe_thighs(
+    clip: Clip, truth: Truth, path: StaticPath, camera: CameraPrior, *, track: int = 0
+) -> Thighs:
+    """Hold the thighs of a static path against what the person does."""
+    angle, seen = thigh_signs(clip.tracks[track], path, camera, fps=clip.fps)
+    actions = np.array(truth.actions[: len(angle)])
+    angle, seen = angle[: len(actions)], seen[: len(actions)]
+    return Thighs(angle, seen, actions == "sitting")
+
+
+def stretches(truth: Truth, fps: float) -> list[slice]:
+    """Stretches of at most about two seconds of one action that is done in one place."""
+    actions = truth.actions
+    cuts = [0, *(t for t in range(1, len(actions)) if actions[t] != actions[t - 1]), len(actions)]
+    found = []
+    for begin, end in pairwise(cuts):
+        if actions and actions[begin] in _STAYS:
+            pieces = max(1, round((end - begin) / (_STRETCH * fps)))
+            edges = np.linspace(begin, end, pieces + 1).astype(int).tolist()
+            found += [slice(a, b) for a, b in pairwise(edges)]
+    return [s for s in found if s.stop - s.start >= _STRETCH * fps / 2]
+
+
+_NEAR = 1.0
+"""Metres within which a true piece is the one that a scenelet speaks of, as scenes are scored."""
+
+
+def furniture_errors(truth: Truth, placed: Iterable[tuple[Scenelet, Placement]]) -> Array:
+    """Errors of the places that scenelets give to furniture when they stand where they should.
+
+    Parameters
+    ----------
+    truth : Truth
+    placed : iterable of (Scenelet, Placement)
+        Scenelets nearest to the true motion, laid upon it in the world of the truth.
+
+    Returns
+    -------
+    (n, 2) float
+        One row for each true piece that somebody used: the mean over scenelets of how far it
+        stands from where they say, along its own axes: sideways as a share of its width, and
+        ahead in metres.
+    """
+    errors: dict[int, list[Array]] = defaultdict(list)
+    for scenelet, placement in placed:
+        for said in (o.moved(placement) for o in scenelet.objects):
+            near = [
+                (float(np.linalg.norm(o.centre[:2] - said.centre[:2])), k)
+                for k, o in enumerate(truth.objects)
+                if group_of(o.label) == group_of(said.label)
+            ]
+            distance, k = min(near, default=(np.inf, -1))
+            if distance <= _NEAR:
+                errors[k].append(_along_axes(truth.objects[k], said))
+    return np.array([np.mean(own, axis=0) for own in errors.values()]).reshape(-1, 2)
+
+
+def _along_axes(o: SceneObject, said: SceneObject) -> Array:
+    low, high = o.bounds
+    offset = o.placement.rotation.T @ (o.centre - said.centre)[:2]
+    result: Array = offset / (high[0] - low[0], 1.0)
+    return result
+
+
+Ints = NDArray[np.intp]
+
+_STANDS_FOR = 1.0
+"""Metres from a true piece within which a scenelet's may be meant for it."""
+
+
+def sights_past(truth: Truth, scenelet: Scenelet, place: Placement, frames: Ints) -> Array:
+    """Lines of sight to true joints, past a scenelet's furniture and past the true one.
+
+    Every piece of the scenelet is meant for the true piece that is nearest. Joints that
+    something else hides are left out.
+
+    Parameters
+    ----------
+    truth : Truth
+    scenelet : Scenelet
+    place : Placement
+        Where it is laid upon the true motion.
+    frames : (m,) int
+        Annotated frames that it covers.
+
+    Returns
+    -------
+    (2, n) float
+        Clearance of the line of sight from the scenelet's furniture, metres, and 1 where the
+        true pieces hide the joint, else 0. No joint if a piece is a metre from any true one.
+    """
+    claimed = [o.moved(place) for o in scenelet.objects]
+    meant = [min(truth.objects, key=lambda t: _between(t, o), default=o) for o in claimed]
+    if not claimed or max(map(_between, meant, claimed)) > _STANDS_FOR:
+        return np.empty((2, 0))
+    joints = truth.joints[frames][:, list(DETECTED)]
+    camera = truth.camera.to_world(np.zeros(3))
+    clearance, real = (
+        sight_clearance(camera, joints, pack_boxes(pieces)) for pieces in (claimed, meant)
+    )
+    elsewhere = np.asarray(truth.hidden)[frames][:, list(DETECTED)] & (real >= 0)
+    return np.stack([clearance, real < 0])[:, ~elsewhere]
+
+
+def _between(one: SceneObject, other: SceneObject) -> float:
+    """Metres on the floor."""
+    return float(np.linalg.norm((one.centre - other.centre)[:2]))

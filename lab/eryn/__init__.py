@@ -1,0 +1,1 @@
+"""Eryn beside the project's sampler, on the same targets."""

@@ -1,0 +1,71 @@
+"""What passes between the processes of the benchmark, as plain arrays in files."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from time import process_time
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imapper_prob.models.problem import Problem
+from imapper_prob.sampling.proposals import Candidates
+from lab.eryn.leaves import LeafDensity
+
+__all__ = ["during", "load_problem", "load_runs", "save_problem", "save_runs"]
+
+Arrays = dict[str, NDArray[Any]]
+T = TypeVar("T")
+
+
+def save_problem(path: Path, problem: Problem, candidates: Candidates) -> None:
+    """The log-posterior, and where births look: the scenelets of every window, one by one."""
+    fields = {f"problem {name}": value for name, value in problem._asdict().items()}
+    windows, scenelets = np.nonzero(candidates.weights)
+    starts = candidates.centres[windows] - problem.lengths[scenelets] // 2
+    placements = candidates.placements[windows, scenelets].copy()
+    # Somebody of the usual size looks as large where a larger one stands further away.
+    placements[:, :2] *= np.exp(-candidates.sizes[windows, scenelets])[:, None]
+    np.savez(
+        path,
+        items=np.stack([scenelets, starts], -1),
+        placements=placements,
+        weights=candidates.weights[windows, scenelets],
+        **fields,
+    )
+
+
+def load_problem(path: Path) -> tuple[Problem, LeafDensity]:
+    """The log-posterior, and the density of leaves around the candidates."""
+    with np.load(path, allow_pickle=False) as file:
+        arrays = {name: file[name] for name in file.files}
+    values = [arrays[f"problem {name}"] for name in Problem._fields]
+    problem = Problem(*(value if value.ndim else value.item() for value in values))
+    density = LeafDensity.of(problem, arrays["items"], arrays["placements"], arrays["weights"])
+    return problem, density
+
+
+def save_runs(path: Path, runs: Sequence[Arrays]) -> None:
+    """Arrays (N, ...) of each run, as (R, N, ...) with the N of the shortest."""
+    shortest = min(len(array) for run in runs for array in run.values())
+    stacked = {name: np.stack([run[name][-shortest:] for run in runs]) for name in runs[0]}
+    np.savez(path, allow_pickle=False, **stacked)
+
+
+def load_runs(path: Path) -> Arrays:
+    """What :func:`save_runs` wrote."""
+    with np.load(path, allow_pickle=False) as file:
+        return {name: file[name] for name in file.files}
+
+
+def during(chain: Iterator[T], burn_in: float, seconds: float) -> Iterator[T]:
+    """What a sampler yields after ``burn_in`` and for ``seconds`` of processor time."""
+    begin = process_time()
+    for item in chain:
+        spent = process_time() - begin
+        if spent > burn_in:
+            yield item
+        if spent > burn_in + seconds:
+            return

@@ -1,0 +1,158 @@
+"""The project's own sampler on both targets.
+
+``python -m lab.eryn.ours TARGET OUT RUNS BURN_IN SECONDS FIRST_SEED``
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import islice
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imapper_prob.config import SampleSettings
+from imapper_prob.models.posterior import State, empty_state
+from imapper_prob.samplers.kernel import Mixture, Proposal, step
+from imapper_prob.samplers.ladder import power_ladder
+from imapper_prob.samplers.reversible_jump import sample
+from imapper_prob.samplers.tempering import start, temper
+from imapper_prob.sampling.chain import Setup, scene_moves
+from imapper_prob.sampling.crossover import TimeCrossover
+from imapper_prob.sampling.sample import setup_of
+from imapper_prob.sampling.tracker import SceneTracker, split
+from lab.eryn import gaussian
+from lab.eryn.exchange import during, save_runs
+from lab.eryn.leaves import to_leaves
+from lab.eryn.scene import solve_scene
+
+Array = NDArray[np.float64]
+
+EVERY = 20
+"""Steps between two draws that are kept; indicators are correlated over thousands."""
+RUNGS, HOTTEST, STEPS_PER_SWAP = 4, 0.15, 5
+"""Temperatures: at one alone three of four chains never find the two scenelets without a gap that
+are the most probable scene."""
+
+
+@dataclass(frozen=True)
+class Birth:
+    """One signal more, drawn from the prior and put anywhere among the others."""
+
+    name: str = "birth"
+    reverse: str = "death"
+
+    def propose(self, rng: np.random.Generator, signals: Array) -> Proposal[Array] | None:
+        """Impossible where there are as many as can be."""
+        if len(signals) == gaussian.MOST:
+            return None
+        new = rng.standard_normal(gaussian.DIMENSION)
+        at = int(rng.integers(len(signals) + 1))
+        return Proposal(np.insert(signals, at, new, axis=0), -float(gaussian.log_prior(new)))
+
+
+@dataclass(frozen=True)
+class Death:
+    """One signal less, any of them."""
+
+    name: str = "death"
+    reverse: str = "birth"
+
+    def propose(self, rng: np.random.Generator, signals: Array) -> Proposal[Array] | None:
+        """Impossible where there is none."""
+        if len(signals) == 0:
+            return None
+        at = int(rng.integers(len(signals)))
+        log_ratio = float(gaussian.log_prior(signals[at]))
+        return Proposal(np.delete(signals, at, axis=0), log_ratio)
+
+
+@dataclass(frozen=True)
+class Walk:
+    """One signal, a normal step."""
+
+    scale: float = 0.5
+    name: str = "walk"
+    reverse: str = "walk"
+
+    def propose(self, rng: np.random.Generator, signals: Array) -> Proposal[Array] | None:
+        """Symmetric."""
+        if len(signals) == 0:
+            return None
+        walked = signals.copy()
+        step = self.scale * rng.standard_normal(gaussian.DIMENSION)
+        walked[int(rng.integers(len(signals)))] += step
+        return Proposal(walked, 0.0)
+
+
+def gaussian_chain(seed: int) -> Iterator[Array]:
+    """Signals, step by step."""
+    chain = sample(
+        np.random.default_rng(seed),
+        np.empty((0, gaussian.DIMENSION)),
+        log_density_fn=lambda signals: float(
+            gaussian.log_prior(signals).sum() + gaussian.log_likelihood(signals.sum(0))
+        ),
+        mixture=Mixture((Birth(), Death(), Walk()), (0.3, 0.3, 0.4)),
+    )
+    return (at.state for at, _ in chain)
+
+
+def scene_chain(setup: Setup, first: State, seed: int) -> Iterator[State]:
+    """Every twentieth state, by the moves of the project without that of the path."""
+    moves = scene_moves(setup)
+    kept = [
+        (move, weight)
+        for move, weight in zip(moves.moves, moves.weights, strict=True)
+        if move.name != "path"
+    ]
+    target, betas = partial(split, setup.problem), power_ladder(RUNGS, hottest=HOTTEST)
+    chain = temper(
+        np.random.default_rng(seed).spawn(RUNGS + 1),
+        start([first] * RUNGS, target=target, betas=betas),
+        target=target,
+        kernel=partial(step, mixture=Mixture(*zip(*kept, strict=True))),
+        steps_per_swap=STEPS_PER_SWAP,
+        crossover=TimeCrossover(setup.problem),
+        track=partial(SceneTracker, setup.problem),
+    )
+    every = islice(chain, 0, None, EVERY // STEPS_PER_SWAP)
+    return (at.position.chains[-1].state for at in every)
+
+
+def padded(states: list[State], most: int) -> dict[str, Array]:
+    """States as Eryn would have them: up to ``most`` leaves, one walker."""
+    leaves = [to_leaves(state) for state in states]
+    filled = np.array([np.pad(own, ((0, most - len(own)), (0, 0))) for own in leaves])
+    alive = np.arange(most) < np.array([len(own) for own in leaves])[:, None]
+    cameras = np.array([state.camera for state in states])
+    return {"leaves": filled[:, None], "alive": alive[:, None], "cameras": cameras[:, None]}
+
+
+def main(target: str, path: str, runs: int, burn_in: float, seconds: float, first: int) -> None:
+    """Run a target ``runs`` times from different seeds and store what the runs drew."""
+    results: list[dict[str, Array]] = []
+    if target == "gaussian":
+        for seed in range(first, first + runs):
+            kept = during(gaussian_chain(seed), burn_in, seconds)
+            results.append({"count": np.array([len(signals) for signals in kept])[:, None]})
+    else:
+        solution = solve_scene()
+        problem = solution.problem
+        most = problem.n_frames // int(problem.lengths.min())
+        setup = setup_of(solution, SampleSettings())
+        still = np.zeros_like(solution.states[0].latent)
+        starts = [replace(solution.states[0], latent=still), empty_state(problem)]
+        for seed in range(first, first + runs):
+            chain = scene_chain(setup, starts[seed % 2], seed)
+            results.append(padded(list(during(chain, burn_in, seconds)), most))
+    save_runs(Path(path), results)
+
+
+if __name__ == "__main__":
+    target, path, runs, burn_in, seconds, first = sys.argv[1:]
+    main(target, path, int(runs), float(burn_in), float(seconds), int(first))

@@ -1,0 +1,243 @@
+"""How does a recording look? A PNG of it, drawn by the viewer itself without a screen.
+
+    python -m lab.picture RECORDING PNG [--frame N] [--width 1600] [--height 1000]
+
+makes the pictures of recordings in ``docs/``, in some seconds each. What the viewer complains of is
+printed, and the exit code is 1; it is 2 where the viewer cannot draw.
+"""
+
+from __future__ import annotations
+
+import argparse
+import io
+import os
+import re
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import IO, TYPE_CHECKING
+
+from imapper_prob.files import written_whole
+from imapper_prob.models.errors import InputError
+
+if TYPE_CHECKING:
+    from rerun.experimental import ViewerClient
+
+__all__ = ["PictureUnavailable", "ViewerCrash", "main", "render_recording"]
+
+_START_SECONDS = 60.0
+"""Patience with a viewer that starts, or loads, on a busy machine without a graphics card."""
+_ANSWER_SECONDS = 5.0
+_POLL_SECONDS = 0.2
+_STILL = 2
+"""Equal screenshots in a row after which the viewer counts as settled."""
+_LARGEST = 500_000
+"""Bytes a picture may have: what is pleasant to keep in a repository."""
+_COLOURS = (256, 128, 64, 32)
+_RUN = "import sys; from rerun_cli.__main__ import main; sys.exit(main())"
+"""``python -m rerun_cli`` would lose the exit code, and ``rerun`` need not be on the path."""
+_NO_GRAPHICS = "Failed to get render context"
+"""What the viewer dies with where there is no graphics driver."""
+
+
+class PictureUnavailable(RuntimeError):
+    """The viewer cannot draw here, for instance for want of a Vulkan driver."""
+
+
+class ViewerCrash(RuntimeError):
+    """The viewer could draw here but died over this recording."""
+
+
+def render_recording(
+    recording_path: str | os.PathLike[str],
+    png_path: str | os.PathLike[str],
+    *,
+    width: int = 1600,
+    height: int = 1000,
+    frame: int | None = None,
+) -> list[str]:
+    """Open a recording in a viewer without a window and write what it shows.
+
+    Parameters
+    ----------
+    recording_path : path
+        An ``.rrd`` file with its blueprint inside.
+    png_path : path
+        Written beside and renamed; at most 500 kB.
+    width, height : int
+        Size in pixels.
+    frame : int, optional
+        Where on the timeline `frame` to stand; three quarters through by default, when the
+        person has met the furniture.
+
+    Returns
+    -------
+    list of str
+        Errors and warnings that the viewer's views reported; empty if all is well.
+
+    Raises
+    ------
+    InputError
+        If there is no such recording.
+    PictureUnavailable
+        If the viewer does not start or does not load the recording.
+    ViewerCrash
+        If the viewer dies over the recording.
+    """
+    recording_path, png_path = Path(recording_path).resolve(), Path(png_path)
+    if not recording_path.is_file():
+        raise InputError(f"{recording_path}: no such recording")
+    with _viewer(width, height) as client:
+        client.open(str(recording_path))
+        _go_to(client, frame)
+        picture = _settled_screenshot(client)
+        reports = [
+            f"{view.name}: {report.severity}: {report.summary}"
+            for view in client.get_state().views
+            for report in view.reports
+        ]
+    with written_whole(png_path) as beside:
+        beside.write_bytes(_compressed(picture))
+    return reports
+
+
+@contextmanager
+def _viewer(width: int, height: int) -> Iterator[ViewerClient]:
+    """A viewer of a given size; rerun's own ``spawn`` cannot choose one."""
+    from rerun.experimental import ViewerClient
+
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    command = [sys.executable, "-c", _RUN, "--headless", "--bind", "127.0.0.1"]
+    command += ["--port", str(port), "--window-size", f"{width}x{height}", "--hide-welcome-screen"]
+    with tempfile.TemporaryFile() as said:
+        process = subprocess.Popen(
+            command,
+            stdout=subprocess.DEVNULL,
+            stderr=said,
+            # As rerun's own spawn does: no questions about analytics.
+            env={**os.environ, "RERUN_APP_ONLY": "true"},
+            # The command is a shim around the viewer: a group of their own ends both.
+            start_new_session=True,
+        )
+        try:
+            yield _connected(ViewerClient, process, port, said)
+        except ConnectionError as error:
+            # The port opens before the graphics do, so a viewer may die after the first answer.
+            raise _ended(process, said) from error
+        finally:
+            with suppress(ProcessLookupError):
+                os.killpg(process.pid, signal.SIGTERM)
+            process.wait()
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Command line: ``RECORDING PNG [--frame N] [--width W] [--height H]``."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("recording", type=Path)
+    parser.add_argument("png", type=Path)
+    parser.add_argument("--frame", type=int)
+    parser.add_argument("--width", type=int, default=1600)
+    parser.add_argument("--height", type=int, default=1000)
+    chosen = parser.parse_args(arguments)
+    try:
+        reports = render_recording(
+            chosen.recording,
+            chosen.png,
+            width=chosen.width,
+            height=chosen.height,
+            frame=chosen.frame,
+        )
+    except (InputError, PictureUnavailable, ViewerCrash) as error:
+        parser.exit(2, f"error: {error}\n")
+    if reports:
+        parser.exit(1, "\n".join(reports) + "\n")
+
+
+def _connected(
+    kind: type[ViewerClient], process: subprocess.Popen[bytes], port: int, said: IO[bytes]
+) -> ViewerClient:
+    deadline = time.monotonic() + _START_SECONDS
+    while True:
+        if process.poll() is not None:
+            raise _ended(process, said)
+        try:
+            with socket.create_connection(("127.0.0.1", port), timeout=1):
+                pass
+            client = kind.connect(f"rerun+http://127.0.0.1:{port}/proxy")
+            client.get_state()
+            return client
+        except (OSError, RuntimeError, ValueError) as error:
+            if time.monotonic() > deadline:
+                raise PictureUnavailable("the viewer started but does not answer") from error
+            time.sleep(_POLL_SECONDS)
+
+
+def _ended(process: subprocess.Popen[bytes], said: IO[bytes]) -> RuntimeError:
+    """Why the viewer is no longer there, from what it ``said`` to its standard error."""
+    try:
+        code = process.wait(_ANSWER_SECONDS)
+    except subprocess.TimeoutExpired:
+        return PictureUnavailable("the viewer runs but has stopped answering")
+    said.seek(0)
+    panic = re.search(r"panicked at '(.*)'", said.read().decode(errors="replace"))
+    if panic is not None and panic[1] != _NO_GRAPHICS:
+        return ViewerCrash(f"the viewer crashed: {panic[1]}")
+    if panic is not None:
+        return PictureUnavailable(
+            "the viewer found no graphics driver; on Debian, install mesa-vulkan-drivers"
+        )
+    return PictureUnavailable(f"the viewer ended with exit code {code}")
+
+
+def _go_to(client: ViewerClient, frame: int | None) -> None:
+    """Wait until the recording is loaded, then stand still on a frame."""
+    deadline = time.monotonic() + _START_SECONDS
+    while time.monotonic() < deadline:
+        state = client.get_state()
+        timelines = {t.name: t for r in state.recordings for t in r.timelines}
+        if not state.loading and "frame" in timelines:
+            start, end = timelines["frame"].start or 0, timelines["frame"].end or 0
+            chosen = frame if frame is not None else start + 3 * (end - start) // 4
+            client.set_time("frame", sequence=chosen, play_state="paused")
+            return
+        time.sleep(_POLL_SECONDS)
+    raise PictureUnavailable("the viewer did not load the recording")
+
+
+def _settled_screenshot(client: ViewerClient) -> bytes:
+    """The picture once layout, textures and notes on the screen have come to rest."""
+    deadline = time.monotonic() + _START_SECONDS
+    same, last = 0, b""
+    while same < _STILL and time.monotonic() < deadline:
+        time.sleep(_POLL_SECONDS)
+        picture = client.take_screenshot()
+        same = same + 1 if picture == last else 0
+        last = picture
+    return last
+
+
+def _compressed(png: bytes) -> bytes:
+    """The same picture with as few colours as it takes to stay small."""
+    from PIL import Image
+
+    image = Image.open(io.BytesIO(png)).convert("RGB")
+    for colours in _COLOURS:
+        out = io.BytesIO()
+        image.quantize(colours, dither=Image.Dither.NONE).save(out, "PNG", optimize=True)
+        if out.tell() <= _LARGEST:
+            break
+    return out.getvalue()
+
+
+if __name__ == "__main__":
+    main()

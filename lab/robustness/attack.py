@@ -1,0 +1,195 @@
+"""Sound inputs damaged again and again, and read in processes of their own."""
+
+from __future__ import annotations
+
+import json
+import os
+import select
+import signal
+import sys
+import tempfile
+import time
+import warnings
+from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from imapper_prob.models.errors import InputError
+from lab.robustness.inputs import Damage, Reader, kinds_of
+
+__all__ = ["PATIENCE", "Outcomes", "attack"]
+
+_SLOW: Final = frozenset({"a million frames", "hostile archive", "nested deeply"})
+"""Kinds whose inputs are large: a tenth as many are tried."""
+PATIENCE: Final = 5
+"""Seconds of processor time until an input counts as a hang."""
+_SILENCE: Final = 120.0
+"""Seconds by the clock until a process counts as hanging that compiled code keeps."""
+
+
+class _Hang(BaseException):
+    """An input took too long. No reader may catch this as one of its own errors."""
+
+
+@dataclass
+class Outcomes:
+    """What became of the inputs of one reader and kind.
+
+    Parameters
+    ----------
+    counts : Counter
+        ``read``, ``refused`` and ``fault``.
+    faults : list of str
+        Seed and error of each.
+    slowest : float
+        Seconds.
+    """
+
+    counts: Counter[str] = field(default_factory=Counter)
+    faults: list[str] = field(default_factory=list)
+    slowest: float = 0.0
+
+    def __str__(self) -> str:
+        text = f"{self.counts['read']} + {self.counts['refused']}"
+        return f"{text}, **{self.counts['fault']} faults**" if self.counts["fault"] else text
+
+
+Spoiled = Callable[[int], AbstractContextManager[str]]
+
+
+def attack(reader: Reader, *, inputs: int, only: str | None = None) -> dict[str, Outcomes]:
+    """Damage a sound input again and again, and read it in a process of its own.
+
+    Parameters
+    ----------
+    reader : Reader
+    inputs : int
+        How many of each kind of damage.
+    only : str, optional
+        One kind.
+    """
+    with tempfile.TemporaryDirectory() as base:
+        room = Path(base) / "deep" / "inside" / "input"
+        room.mkdir(parents=True)
+        path = reader.write(room)
+        reader.read(path)  # sound inputs are read
+        sound = {file: file.read_bytes() for file in room.rglob("*") if file.is_file()}
+        before = set(Path(base).rglob("*"))
+        result = {}
+        for kind, choices in kinds_of(room).items():
+            if only is not None and kind != only:
+                continue
+            count = max(1, inputs // 10) if kind in _SLOW else inputs
+            result[kind] = _outcomes(reader, path, count, partial(_spoiled, choices, sound))
+            for file, content in sound.items():  # a child may have ended with one spoiled
+                file.write_bytes(content)
+            if set(Path(base).rglob("*")) != before:
+                result[kind].counts["fault"] += 1
+                result[kind].faults.append("left files behind")
+    return result
+
+
+@contextmanager
+def _spoiled(
+    choices: list[tuple[Path, Damage]], sound: dict[Path, bytes], seed: int
+) -> Iterator[str]:
+    """Damage one file for a while; its name."""
+    rng = np.random.default_rng(seed)
+    file, damage = choices[rng.integers(len(choices))]
+    file.write_bytes(damage(sound[file], rng))
+    yield file.name
+    file.write_bytes(sound[file])
+
+
+def _outcomes(reader: Reader, path: Path, count: int, spoiled: Spoiled) -> Outcomes:
+    """Of seeds from 0, read one after the other by a child; another goes on where one dies."""
+    found = Outcomes()
+    done = 0
+    while done < count:
+        lines, end = _children_lines(reader, path, range(done, count), spoiled)
+        for line in lines:
+            outcome, seconds, words = line
+            found.counts[outcome] += 1
+            found.slowest = max(found.slowest, seconds)
+            if outcome == "fault":
+                found.faults.append(words)
+        done += len(lines)
+        if done < count:
+            found.counts["fault"] += 1
+            found.faults.append(f"seed {done}: the process {end}")
+            done += 1
+    return found
+
+
+def _children_lines(
+    reader: Reader, path: Path, seeds: range, spoiled: Spoiled
+) -> tuple[list[Any], str]:
+    """What a child says of each seed, and how it ended."""
+    source, sink = os.pipe()
+    sys.stdout.flush()
+    sys.stderr.flush()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)  # of forks beside threads that wait
+        child = os.fork()
+    if child == 0:
+        os.close(source)
+        with os.fdopen(sink, "w") as file:
+            for seed in seeds:
+                with spoiled(seed) as name:
+                    told = _read(reader, path, f"seed {seed}, {name}")
+                file.write(json.dumps(told) + "\n")
+                file.flush()
+        os._exit(0)
+    os.close(sink)
+    received = b""
+    end = "ended early"
+    while ready := select.select([source], [], [], _SILENCE)[0]:
+        chunk = os.read(ready[0], 1 << 16)
+        if not chunk:
+            break
+        received += chunk
+    else:
+        os.kill(child, signal.SIGKILL)
+        end = "hangs"
+    os.close(source)
+    status = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+    if status < 0 and end != "hangs":
+        end = f"crashed by signal {-status}"
+    complete = received[: received.rfind(b"\n") + 1]
+    return [json.loads(line) for line in complete.splitlines()], end
+
+
+def _read(reader: Reader, path: Path, place: str) -> tuple[str, float, str]:
+    """Outcome, seconds of processor time, and the error of a fault."""
+    start, words = time.process_time(), ""
+    try:
+        with _patience(), warnings.catch_warnings():
+            warnings.simplefilter("error")
+            reader.read(path)
+        outcome = "read"
+    except InputError:
+        outcome = "refused"
+    except (Exception, _Hang) as error:
+        outcome, words = "fault", f"{place}: {error!r:.300}"
+    return outcome, time.process_time() - start, words
+
+
+@contextmanager
+def _patience() -> Iterator[None]:
+    def ring(number: int, frame: Any) -> None:
+        raise _Hang
+
+    # Processor time: other programs may keep the machine busy.
+    earlier = signal.signal(signal.SIGPROF, ring)
+    signal.setitimer(signal.ITIMER_PROF, PATIENCE)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_PROF, 0)
+        signal.signal(signal.SIGPROF, earlier)

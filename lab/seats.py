@@ -1,0 +1,111 @@
+"""What does the person sit on at the end of finished runs, how surely, and how far away?
+
+    python -m lab.seats RUN [RUN ...] [-o PNG]
+
+takes folders that ``imapper-prob run`` wrote, of clips that end with somebody seated, and prints a
+line for each in seconds; with ``-o`` it draws maps of the runs side by side.
+"""
+
+from __future__ import annotations
+
+import argparse
+import base64
+import io
+import sys
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from imapper_prob.models.scene import SceneObject
+from imapper_prob.results.load import load_posterior
+from imapper_prob.results.posterior import Posterior
+from imapper_prob.results.report.pictures import Floor, map_picture
+from imapper_prob.samplers.diagnostics import ess
+
+Array = NDArray[np.float64]
+
+SITTABLE = frozenset({"armchair", "bed", "bench", "chair", "couch", "office-chair", "stool"})
+NEAR = 0.15
+"""Metres between pelvis and footprint: people sit in front of the middle, on the edge at most."""
+LAST = 1.0
+"""Seconds at the end of the clip over which the pelvis is averaged."""
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Print a line for each run."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("runs", type=Path, nargs="+")
+    parser.add_argument("-o", "--picture", type=Path, help="maps of the runs side by side (PNG)")
+    said = parser.parse_args(arguments)
+    posteriors = [load_posterior(run) for run in said.runs]
+    for run, posterior in zip(said.runs, posteriors, strict=True):
+        sys.stdout.write(f"{run.name}: {describe(posterior)}\n")
+    if said.picture is not None:
+        side_by_side([floor_map(posterior) for posterior in posteriors]).save(said.picture)
+
+
+def floor_map(posterior: Posterior) -> Image.Image:
+    """Where furniture stands over all draws, from above."""
+    floor = Floor.of(posterior.clip, posterior.scenes())
+    address = map_picture(floor, posterior.occupancy(), posterior.clusters(), width=3.6)
+    return Image.open(io.BytesIO(base64.b64decode(address.partition(",")[2]))).convert("RGB")
+
+
+def side_by_side(pictures: Sequence[Image.Image]) -> Image.Image:
+    """Pictures in a row, on white."""
+    size = (sum(p.width for p in pictures), max(p.height for p in pictures))
+    row, left = Image.new("RGB", size, "white"), 0
+    for picture in pictures:
+        row.paste(picture, (left, size[1] - picture.height))
+        left += picture.width
+    return row
+
+
+def describe(posterior: Posterior) -> str:
+    """What is under the person, and what is known of the focal length."""
+    samples, clip = posterior.samples, posterior.clip
+    frames = slice(-max(1, round(LAST * clip.fps)), None)
+    pelvis = posterior.data["motion"]["pelvis"].to_numpy()[:, :, frames, :2].mean(2)
+    seats = [
+        under(objects, where)
+        for objects, where in zip(samples.objects, pelvis.reshape(-1, 2), strict=True)
+    ]
+    found = [seat for seat in seats if seat is not None]
+    shares = ", ".join(
+        f"{label} {count / len(seats):.2f}"
+        for label, count in Counter(s.label for s in found).most_common()
+    )
+    away = np.array([np.hypot(*seat.centre[:2]) for seat in found])
+    focal = np.array([state.camera[2] for state in samples.states]).reshape(samples.shape)
+    far = f"{away.mean():.2f} ± {away.std():.2f} m away" if len(away) else "nowhere"
+    return (
+        f"something to sit on with p = {len(found) / len(seats):.3f} ({shares}), "
+        f"{far}; focal length ± {100 * focal.std():.1f} %, before ± {100 * clip.focal_spread:.1f} "
+        f"%, {float(ess(focal)):.0f} effective draws of it"
+    )
+
+
+def under(objects: Sequence[SceneObject], pelvis: Array) -> SceneObject | None:
+    """The object that somebody whose pelvis is at (2,) metres sits on, if there is one."""
+    seats = [(gap(o, pelvis), o) for o in objects if o.label in SITTABLE]
+    nearest = min(seats, key=lambda pair: pair[0], default=None)
+    return None if nearest is None or nearest[0] > NEAR else nearest[1]
+
+
+def gap(thing: SceneObject, point: Array) -> float:
+    """Metres from a point (2,) on the floor to the box around an object; 0 inside."""
+    here = thing.placement
+    c, s = np.cos(here.yaw), np.sin(here.yaw)
+    local = np.array([[c, s], [-s, c]]) @ (point - (here.x, here.y))
+    low, high = (corner[:2] for corner in thing.bounds)
+    return float(np.linalg.norm(np.maximum(0.0, np.maximum(low - local, local - high))))
+
+
+if __name__ == "__main__":
+    main()

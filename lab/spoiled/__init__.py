@@ -1,0 +1,1 @@
+"""Clips spoiled as lifters, detectors and cameras spoil them, and what that costs."""

@@ -1,0 +1,205 @@
+"""One i3DB scene, spoiled in one way: its errors and coverage, for `lab.spoiled`.
+
+Answers to a spoiled clip are brought back to the times of the frames that are annotated, by
+straight lines between its frames, and held against the truth of the clip as it was.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Final
+from zlib import crc32
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imapper_prob.api import sample
+from imapper_prob.config import Config, SampleSettings
+from imapper_prob.evaluate.baselines import static_path
+from imapper_prob.evaluate.draws import Draws, draws_of
+from imapper_prob.evaluate.i3db import read_truth_in_view
+from imapper_prob.evaluate.pose import SUBSETS, pose_scores
+from imapper_prob.evaluate.prediction import Prediction, prediction_of_scene
+from imapper_prob.evaluate.score import score, summarise
+from imapper_prob.evaluate.spread import coverage, joint_ranks
+from imapper_prob.evaluate.truth import TruthInView
+from imapper_prob.files import written_whole
+from imapper_prob.inputs import load_clip
+from imapper_prob.models.scene import Clip
+from imapper_prob.models.skeleton import SCORED
+from imapper_prob.scenelets.library import load_library
+from imapper_prob.staged.actors import solve_actors
+from lab.spoiled.spoilings import SPOILINGS, Spoiled
+
+__all__ = ["UNSPOILED", "Task", "at_times", "score_task", "spoil"]
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+UNSPOILED: Final = "unspoiled"
+"""Stands for no spoiling."""
+_RATE: Final = 10.0
+"""Frames a second of i3DB's clips and annotations."""
+
+
+@dataclass(frozen=True)
+class Task:
+    """What is to be scored, and where the result goes.
+
+    Parameters
+    ----------
+    scene : Path
+        Folder of an i3DB scene with its ``gt/``.
+    spoiling : str
+        Its name, or :data:`UNSPOILED`.
+    steps : int, optional
+        Of each chain; without chains only the static path is scored.
+    seed : int
+        Of spoilings.
+    path : Path
+        File of the result.
+    """
+
+    scene: Path
+    spoiling: str
+    steps: int | None
+    seed: int
+    path: Path
+
+
+def spoil(clip: Clip, name: str, seed: int) -> Spoiled:
+    """A clip spoiled in the way of that name; the draw depends on both names and the seed."""
+    if name == UNSPOILED:
+        return Spoiled(clip, np.zeros(clip.n_frames, bool))
+    found = next(s for s in SPOILINGS if s.name == name)
+    words = (clip.name, name)
+    return found.apply(clip, np.random.default_rng([seed, *(crc32(w.encode()) for w in words)]))
+
+
+def score_task(task: Task) -> None:
+    """Score one spoiling of one scene; the file is there whole or not at all."""
+    clip = load_clip(task.scene)
+    truth = read_truth_in_view(task.scene, clip)
+    spoiled = spoil(clip, task.spoiling, task.seed)
+    affected = _nearest(spoiled, clip)
+    begun = time.perf_counter()
+    document: dict[str, Any] = {
+        "scene": task.scene.name,
+        "spoiling": task.spoiling,
+        "affected": affected[truth.known].tolist(),
+    }
+    if task.steps is None:
+        document["static"] = errors(static_path(spoiled.clip), spoiled.clip, truth)
+    else:
+        document |= _sampled(spoiled.clip, truth, affected, task.steps)
+    document["seconds"] = round(time.perf_counter() - begun, 1)
+    with written_whole(task.path) as beside:
+        beside.write_text(json.dumps(document), encoding="utf-8")
+
+
+def _sampled(clip: Clip, truth: TruthInView, affected: Flags, steps: int) -> dict[str, Any]:
+    """The static path, the answer of least expected loss, its furniture, and the regions."""
+    config = Config(sample=settings(steps))
+    library = load_library(config.library)
+    (solution,) = solve_actors(clip, library, settings=config.settings)
+    posterior = sample(clip, library, start=solution, config=config)
+    joints = solution.path.joints
+    path = Prediction("static path", joints, clip.camera.project_camera(joints), ())
+    answer = prediction_of_scene(posterior.estimate, name="answer")
+    draws = draws_of(posterior)
+    draws = replace(
+        draws,
+        joints=at_times(len(truth.joints), clip, draws.joints, axis=1),
+        pixels=at_times(len(truth.joints), clip, draws.pixels, axis=1),
+    )
+    furniture = summarise([score(_brought_back(answer, clip, truth), truth)])
+    return {
+        "static": errors(path, clip, truth),
+        "answer": errors(answer, clip, truth),
+        "regions": {
+            "all": _shares(draws, truth),
+            "hidden": _shares(draws, truth, hidden=True),
+            "affected": _shares(draws, _only(truth, affected)),
+        },
+        "objects": {
+            "error": furniture.error,
+            "loss": furniture.loss,
+            "found": furniture.found,
+            "true": furniture.true,
+            "spurious": furniture.spurious,
+        },
+    }
+
+
+def settings(steps: int) -> SampleSettings:
+    """The default settings with fewer steps, and without ensembles, which are not scored."""
+    usual = SampleSettings()
+    short = replace(usual, steps=steps, draws=1, ensemble_layouts=0)
+    return replace(short, draws=min(usual.draws, short.most_draws))
+
+
+def errors(prediction: Prediction, clip: Clip, truth: TruthInView) -> dict[str, Any]:
+    """World cm, local cm and pixels by subset, and each frame's mean squared world error, cm²."""
+    prediction = _brought_back(prediction, clip, truth)
+    scores = pose_scores(prediction, truth)
+    gap = 100 * (prediction.joints - truth.joints)[truth.known][:, list(SCORED)]
+    return {
+        **{n: [scores[n].world, scores[n].local, scores[n].pixels] for n in SUBSETS},
+        "squares": np.round((gap**2).sum(-1).mean(-1), 2).tolist(),
+    }
+
+
+def at_times(count: int, clip: Clip, values: Array, *, axis: int = 0) -> Array:
+    """What was found at a clip's frames, at the times of frames that are annotated.
+
+    Parameters
+    ----------
+    count : int
+        Frames of the truth, the first of which is the clip's first; after the clip's last one
+        its last values are taken.
+    clip : Clip
+        At any rate.
+    values : array
+        Whose axis ``axis`` is frames of the clip.
+    """
+    where = _where(clip, count)
+    first = np.floor(where).astype(int)
+    second = np.minimum(first + 1, clip.n_frames - 1)
+    shape = [1] * values.ndim
+    shape[axis] = len(where)
+    weight = (where - first).reshape(shape)
+    result: Array = (1 - weight) * values.take(first, axis) + weight * values.take(second, axis)
+    return result
+
+
+def _where(clip: Clip, count: int) -> Array:
+    """(count,) frames of the clip, in fractions, at the times of as many frames of the truth."""
+    return np.minimum(np.round(np.arange(count) * clip.fps / _RATE, 9), clip.n_frames - 1)
+
+
+def _brought_back(prediction: Prediction, clip: Clip, truth: TruthInView) -> Prediction:
+    return replace(
+        prediction,
+        joints=at_times(len(truth.joints), clip, prediction.joints),
+        pixels=at_times(len(truth.joints), clip, prediction.pixels),
+    )
+
+
+def _nearest(spoiled: Spoiled, clip: Clip) -> Flags:
+    """(T,) whether the nearest frame of the spoiled clip is affected, by frame of the clip."""
+    nearest = np.round(_where(spoiled.clip, clip.n_frames)).astype(int)
+    flags: Flags = spoiled.affected[nearest]
+    return flags
+
+
+def _only(truth: TruthInView, frames: Flags) -> TruthInView:
+    """The truth of some frames alone."""
+    return replace(truth, joints=np.where(frames[:, None, None], truth.joints, np.nan))
+
+
+def _shares(draws: Draws, truth: TruthInView, *, hidden: bool = False) -> list[float]:
+    """Of scored joints in regions of 50 and 90 %."""
+    return [c.share for c in coverage(joint_ranks(draws, truth, hidden=hidden))]

@@ -1,0 +1,1 @@
+"""People who sit as the library does not know."""
