@@ -25,6 +25,7 @@ from imapper_prob.models.problem import Problem
 from imapper_prob.models.scene import SceneObject
 from imapper_prob.models.skeleton import PELV
 from imapper_prob.sampling.layouts import merged_objects
+from imapper_prob.staged.actors import solve_actors
 from imapper_prob.staged.candidates import Candidate, assigned, refine
 from imapper_prob.staged.polish import polish
 from imapper_prob.staged.sequences import best_sequences
@@ -158,7 +159,7 @@ def outcome_of(family: str, index: int, *, unseen: bool, seed: int = 0) -> Outco
     """Simulate, solve, sample and score one clip."""
     performance = simulate_performance(family, index, seed=seed)
     library = searched_library(seed, family if unseen else None)
-    solution = imapper_prob.solve(performance.clip, library)
+    (solution,) = solve_actors(performance.clip, library)
     posterior = imapper_prob.sample(
         performance.clip, library, start=solution, config=Config(seed=seed, sample=SETTINGS)
     )
