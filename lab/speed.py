@@ -45,7 +45,6 @@ from imapper_prob.inputs.captures import Capture
 from imapper_prob.models.geometry import NOTHING_IN_SIGHT, OPAQUE, pack_boxes, sight_clearance
 from imapper_prob.models.incremental import Incremental
 from imapper_prob.models.jit import compiled
-from imapper_prob.models.kernels.memory import new_memory
 from imapper_prob.models.kernels.sight import (
     BENCH,
     GAP,
@@ -291,7 +290,6 @@ def evaluation_figures(seconds: float) -> dict[str, float]:
     moves = partial(moves_per_second, world, seconds=seconds)
     full = rate(lambda: log_posterior(world.problem, world.state))
     bare = rate(bare_kernel(world))
-    memory = new_memory(world.problem, world.state.n_scenelets)
     return {
         "full_evaluations_per_second": full,
         "incremental_moves_per_second": moves(mixed(rng, world, 32)),
@@ -301,7 +299,6 @@ def evaluation_figures(seconds: float) -> dict[str, float]:
         "incremental_cameras_per_second": moves(cameras(rng, world, 16)),
         "bare_kernel_evaluations_per_second": bare,
         "full_evaluation_over_bare_kernel": bare / full,
-        "incremental_memory_mib": sum(array.nbytes for array in memory) / 2**20,
         "torch_eager_evaluations_per_second": rate(torch_kernel(world)),
         "numpy_evaluations_per_second": rate(numpy_kernel(world)),
     }

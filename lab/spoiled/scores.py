@@ -1,5 +1,7 @@
 """One i3DB scene, spoiled in one way: its errors and coverage, for `lab.spoiled`.
 
+Constants are those estimated without the scene.
+
 Answers to a spoiled clip are brought back to the times of the frames that are annotated, by
 straight lines between its frames, and held against the truth of the clip as it was.
 """
@@ -102,7 +104,7 @@ def score_task(task: Task) -> None:
 
 def _sampled(clip: Clip, truth: TruthInView, affected: Flags, steps: int) -> dict[str, Any]:
     """The static path, the answer of least expected loss, its furniture, and the regions."""
-    config = Config(sample=settings(steps))
+    config = Config(sample=settings(steps)).without(clip.name)
     library = load_library(config.library)
     (solution,) = solve_actors(clip, library, settings=config.settings)
     posterior = sample(clip, library, start=solution, config=config)
