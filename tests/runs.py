@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import cache
+
+import numpy as np
 
 from imapper_prob.config import Config, SampleSettings
 from imapper_prob.demo import demo_clip
@@ -13,8 +14,12 @@ from imapper_prob.scenelets.library import load_library
 from imapper_prob.staged.solver import Solution, solve
 
 SHORT = Config(
-    sample=SampleSettings(steps=400, draws=40, temperatures=3, ensemble_layouts=1, ensemble_steps=8)
-)
+    seed=3,
+    sample=SampleSettings(
+        chains=2, steps=400, draws=40, temperatures=3, ensemble_layouts=1, ensembles=2,
+        ensemble_steps=8,
+    ),
+)  # fmt: skip
 """Far too short to be good, long enough for every file to have something in it."""
 
 
@@ -25,12 +30,7 @@ def solution() -> Solution:
 
 
 @cache
-def posterior(*, workers: int = 1, seed: int = 3) -> Posterior:
+def posterior() -> Posterior:
     """A short posterior of the demo clip."""
-    import numpy as np
-
-    config = replace(SHORT, seed=seed)
-    samples = sample_scenes(
-        solution(), config.sample, seed=np.random.SeedSequence(seed), workers=workers
-    )
-    return Posterior(solution(), samples, config)
+    samples = sample_scenes(solution(), SHORT.sample, seed=np.random.SeedSequence(SHORT.seed))
+    return Posterior(solution(), samples, SHORT)

@@ -35,6 +35,11 @@ def setup() -> Setup:
     return setup_of(solution(), SETTINGS)
 
 
+@pytest.fixture(scope="module")
+def undisturbed(setup: Setup) -> Chain:
+    return run(setup, None)
+
+
 def run(setup: Setup, path: Path | None, *, stop_at: float = 2.0) -> Chain:
     """One chain, asked to stop once a part ``stop_at`` of it is done."""
     keeper = None if path is None else Keeper(path, identity="test", every_seconds=0.0)
@@ -58,9 +63,8 @@ def assert_same(one: Chain, other: Chain) -> None:
 # While the temperatures adapt, in the last round of that, and after it.
 @pytest.mark.parametrize("stop_at", [0.2, 0.4, 0.7])
 def test_an_interrupted_chain_goes_on_to_the_same_draws(
-    setup: Setup, tmp_path: Path, stop_at: float
+    setup: Setup, undisturbed: Chain, tmp_path: Path, stop_at: float
 ) -> None:
-    undisturbed = run(setup, None)
     part = run(setup, tmp_path / "chain.npz", stop_at=stop_at)
     assert not part.finished
     resumed = run(setup, tmp_path / "chain.npz")
