@@ -29,7 +29,7 @@ from imapper_prob.sampling import placements
 from imapper_prob.sampling.sample import sample_scenes
 from imapper_prob.scenelets.library import load_library
 from imapper_prob.scenelets.library_file import save_library
-from tests.runs import SHORT, posterior, solution
+from tests.runs import SHORT, posterior, small_solution
 from tests.sampling.test_cast import posterior as posterior_of_two
 
 TINY = (
@@ -131,13 +131,13 @@ def test_ensembles_that_were_interrupted_are_not_finished_and_go_on(
     seed = np.random.SeedSequence(1)
     with monkeypatch.context() as patch:
         interrupted_once(patch)
-        part = sample_scenes(solution(), settings, seed=seed, checkpoints=tmp_path)
+        part = sample_scenes(small_solution(), settings, seed=seed, checkpoints=tmp_path)
     assert not part.finished
     assert len(part.placements) == 1
     seed = np.random.SeedSequence(1)
-    whole = sample_scenes(solution(), settings, seed=seed, checkpoints=tmp_path)
+    whole = sample_scenes(small_solution(), settings, seed=seed, checkpoints=tmp_path)
     assert whole.finished
-    undisturbed = sample_scenes(solution(), settings, seed=np.random.SeedSequence(1))
+    undisturbed = sample_scenes(small_solution(), settings, seed=np.random.SeedSequence(1))
     for one, other in zip(whole.placements, undisturbed.placements, strict=True):
         np.testing.assert_array_equal(one.camera, other.camera)
 
@@ -216,12 +216,16 @@ def test_overwrite_goes_on_with_its_own_checkpoints_and_drops_those_of_others(
     brief = replace(SHORT.sample, steps=60, draws=5, chains=2, ensembles=2, ensemble_steps=2)
     for seed in (1, 2):
         sample_scenes(
-            solution(), brief, seed=np.random.SeedSequence(seed), checkpoints=tmp_path, anew=True
+            small_solution(),
+            brief,
+            seed=np.random.SeedSequence(seed),
+            checkpoints=tmp_path,
+            anew=True,
         )
     before = (tmp_path / "chain-0.npz").stat().st_ino
     (tmp_path / "chain-1.npz").write_bytes(b"cut short")
     sample_scenes(
-        solution(), brief, seed=np.random.SeedSequence(2), checkpoints=tmp_path, anew=True
+        small_solution(), brief, seed=np.random.SeedSequence(2), checkpoints=tmp_path, anew=True
     )
     assert (tmp_path / "chain-1.npz").stat().st_size > 1000
     assert (tmp_path / "chain-0.npz").stat().st_ino != before  # a chain saves when it ends

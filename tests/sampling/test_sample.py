@@ -10,7 +10,7 @@ import pytest
 
 from imapper_prob.models.posterior import log_posterior
 from imapper_prob.sampling.sample import Samples, sample_scenes
-from tests.runs import SHORT, posterior, solution
+from tests.runs import SHORT, posterior, small_solution, solution
 
 BRIEF = replace(SHORT.sample, steps=150, draws=15, ensemble_steps=4)
 """For what holds from the first draw to the last."""
@@ -19,7 +19,7 @@ BRIEF = replace(SHORT.sample, steps=150, draws=15, ensemble_steps=4)
 @cache
 def samples(*, seed: int, workers: int) -> Samples:
     sequence = np.random.SeedSequence(seed)
-    return sample_scenes(solution(), BRIEF, seed=sequence, workers=workers)
+    return sample_scenes(small_solution(), BRIEF, seed=sequence, workers=workers)
 
 
 def test_draws_do_not_depend_on_the_number_of_workers() -> None:
