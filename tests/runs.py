@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -23,6 +24,8 @@ SHORT = Config(
     ),
 )  # fmt: skip
 """Far too short to be good, long enough for every file to have something in it."""
+BRIEF = replace(SHORT, sample=replace(SHORT.sample, steps=150, draws=15, ensemble_steps=4))
+"""Shorter still, for what is so from the first draw to the last."""
 
 
 @cache
@@ -46,3 +49,10 @@ def posterior() -> Posterior:
     """A short posterior of the demo clip."""
     samples = sample_scenes(solution(), SHORT.sample, seed=np.random.SeedSequence(SHORT.seed))
     return Posterior(solution(), samples, SHORT)
+
+
+@cache
+def small_posterior() -> Posterior:
+    """A brief posterior of the small solution."""
+    samples = sample_scenes(small_solution(), BRIEF.sample, seed=np.random.SeedSequence(BRIEF.seed))
+    return Posterior(small_solution(), samples, BRIEF)

@@ -29,7 +29,7 @@ from imapper_prob.sampling import placements
 from imapper_prob.sampling.sample import sample_scenes
 from imapper_prob.scenelets.library import load_library
 from imapper_prob.scenelets.library_file import save_library
-from tests.runs import SHORT, posterior, small_solution
+from tests.runs import SHORT, small_posterior, small_solution
 from tests.sampling.test_cast import posterior as posterior_of_two
 
 TINY = (
@@ -145,7 +145,7 @@ def test_ensembles_that_were_interrupted_are_not_finished_and_go_on(
 def test_an_interrupted_run_is_written_and_says_so(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    run, out = posterior(), tmp_path / "out"
+    run, out = small_posterior(), tmp_path / "out"
     samples = replace(run.samples, finished=False)
 
     def sample(*_: object, checkpoints: Path, **__: object) -> object:
@@ -175,7 +175,7 @@ def test_an_interrupt_at_any_other_time_keeps_the_checkpoints(
     def sample(*_: object, **__: object) -> object:
         if stage == "sample":
             os.kill(os.getpid(), signal.SIGINT)
-        return posterior()
+        return small_posterior()
 
     def record(*_: object, **__: object) -> None:
         os.kill(os.getpid(), signal.SIGTERM)

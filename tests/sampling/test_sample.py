@@ -2,28 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-from functools import cache
-
 import numpy as np
 import pytest
 
 from imapper_prob.models.posterior import log_posterior
 from imapper_prob.sampling.sample import Samples, sample_scenes
-from tests.runs import SHORT, posterior, small_solution, solution
-
-BRIEF = replace(SHORT.sample, steps=150, draws=15, ensemble_steps=4)
-"""For what holds from the first draw to the last."""
+from tests.runs import BRIEF, posterior, small_posterior, small_solution, solution
 
 
-@cache
-def samples(*, seed: int, workers: int) -> Samples:
+def samples(*, seed: int, workers: int = 1) -> Samples:
     sequence = np.random.SeedSequence(seed)
-    return sample_scenes(small_solution(), BRIEF, seed=sequence, workers=workers)
+    return sample_scenes(small_solution(), BRIEF.sample, seed=sequence, workers=workers)
 
 
 def test_draws_do_not_depend_on_the_number_of_workers() -> None:
-    one, two = samples(seed=3, workers=1), samples(seed=3, workers=2)
+    one, two = small_posterior().samples, samples(seed=BRIEF.seed, workers=2)
     np.testing.assert_array_equal(one.log_posterior, two.log_posterior)
     for a, b in zip(one.states, two.states, strict=True):
         np.testing.assert_array_equal(a.items, b.items)
@@ -36,7 +29,7 @@ def test_draws_do_not_depend_on_the_number_of_workers() -> None:
 
 
 def test_another_seed_gives_other_draws() -> None:
-    first, second = samples(seed=3, workers=1), samples(seed=4, workers=1)
+    first, second = small_posterior().samples, samples(seed=BRIEF.seed + 1)
     assert not np.array_equal(first.log_posterior, second.log_posterior)
 
 
