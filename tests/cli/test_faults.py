@@ -18,7 +18,6 @@ import imapper_prob
 from imapper_prob.cli import main
 from imapper_prob.cli.console import console, printable
 from imapper_prob.cli.interruption import Stopped, Terminated, last_words, stoppable
-from imapper_prob.cli.run import _show
 from imapper_prob.config import SampleSettings
 from imapper_prob.demo import demo_clip
 from imapper_prob.evaluate.parts import first_part
@@ -30,7 +29,6 @@ from imapper_prob.sampling.sample import sample_scenes
 from imapper_prob.scenelets.library import load_library
 from imapper_prob.scenelets.library_file import save_library
 from tests.runs import SHORT, small_posterior, small_solution
-from tests.sampling.test_cast import posterior as posterior_of_two
 
 TINY = (
     "[sample]\nsteps = 60\ndraws = 5\ntemperatures = 2\nchains = 2\n"
@@ -99,13 +97,6 @@ def test_what_is_printed_is_what_is_written(capsys: pytest.CaptureFixture[str]) 
     console().print("[bold]x[/red] :smile: \x1b]0;title\x07")
     assert capsys.readouterr().out == "[bold]x[/red] :smile: \ufffd]0;title\ufffd\n"
     assert printable("one\n\u202etwo") == "one\n\ufffdtwo"
-
-
-def test_several_people_are_shown(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    _show(posterior_of_two(), tmp_path)
-    shown = capsys.readouterr().out
-    for track in posterior_of_two().clip.tracks:
-        assert f"left for right of {track.name} in" in shown.replace("\n", " ")
 
 
 def interrupted_once(monkeypatch: pytest.MonkeyPatch) -> None:
