@@ -9,7 +9,7 @@ STAMP  := $(VENV)/.stamp
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := demo
-.PHONY: demo test test-all bench beforehand kernels lint clean
+.PHONY: demo test test-all bench beforehand kernels_of_models kernels_of_moves lint clean
 
 demo: $(STAMP)
 	$(VENV)/bin/imapper-prob demo -o out/demo --overwrite
@@ -24,11 +24,15 @@ bench: $(STAMP)
 	$(PY) -m lab.speed
 
 beforehand: $(STAMP)
-	$(MAKE) --no-print-directory --jobs=2 lint kernels
+	$(MAKE) --no-print-directory --jobs=2 lint kernels_of_models kernels_of_moves
 
-# What most tests need, compiled while lint runs.
-kernels: $(STAMP)
+# What several processes of the tests would otherwise each compile, the longer part beside lint.
+kernels_of_models: $(STAMP)
 	$(PY) -m pytest --quiet tests/models/test_posterior.py tests/models/test_incremental.py
+
+kernels_of_moves: $(STAMP)
+	$(PY) -m pytest --quiet tests/sampling/test_alone.py \
+		tests/sampling/test_redraw.py::test_scenelets_that_are_no_nodes_stay
 
 lint: $(STAMP)
 	$(VENV)/bin/ruff check

@@ -23,8 +23,8 @@ from imapper_prob.scenelets.library_file import save_library
 from tests.inputs.i3db_folder import I3dbFolder
 
 SHORT = (
-    "[sample]\nsteps = 300\ndraws = 30\ntemperatures = 2\n"
-    "ensemble_layouts = 1\nensemble_steps = 8\n"
+    "[sample]\nchains = 2\nsteps = 300\ndraws = 30\ntemperatures = 2\n"
+    "ensemble_layouts = 1\nensembles = 2\nensemble_steps = 8\n"
 )
 
 

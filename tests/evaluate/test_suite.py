@@ -32,7 +32,7 @@ from imapper_prob.results.posterior import Posterior
 from tests.conftest import CORPUS
 from tests.evaluate.scenes import truth
 from tests.evaluate.test_prediction_file import clip
-from tests.runs import posterior
+from tests.runs import small_posterior
 
 corpus = pytest.mark.skipif(not CORPUS.is_dir(), reason=f"the i3DB scenes are not at {CORPUS}")
 
@@ -89,7 +89,7 @@ def test_no_scenes_is_an_error(tmp_path: Path) -> None:
 def test_what_is_sampled_is_not_sampled_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    run, calls = posterior(), []
+    run, calls = small_posterior(), []
 
     def sample(*_: Any, checkpoints: Path, **__: Any) -> Posterior:
         calls.append(checkpoints)

@@ -58,7 +58,7 @@ def test_plots_need_no_help(tree: xr.DataTree, name: str, tmp_path: Path) -> Non
 def test_groups_are_those_of_arviz(tree: xr.DataTree) -> None:
     assert {"posterior", "sample_stats", "observed_data", "constant_data"} <= set(tree.children)
     for name in ("posterior", "counts", "sample_stats", "motion", "draws", "latent"):
-        assert dict(tree[name].sizes)["chain"] == 4
+        assert dict(tree[name].sizes)["chain"] == 2
         assert dict(tree[name].sizes)["draw"] == 40
     for variable in tree["posterior"].data_vars.values():
         assert variable.dims == ("chain", "draw")

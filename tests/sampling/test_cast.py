@@ -12,6 +12,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 import imapper_prob as im
+from imapper_prob.cli.run import _show
 from imapper_prob.config import Config, SampleSettings
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.path import CameraPrior
@@ -235,3 +236,10 @@ def test_who_sits_opposite_has_the_same_table_and_another_chair(label: str, paid
     cost = terms(problem, state)["collision"]
     assert (cost < -1.0) == paid
     assert (cost == 0.0) != paid
+
+
+def test_several_people_are_shown(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    _show(posterior(), tmp_path)
+    shown = capsys.readouterr().out
+    for track in posterior().clip.tracks:
+        assert f"left for right of {track.name} in" in shown.replace("\n", " ")

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from imapper_prob.config import SampleSettings
+from imapper_prob.demo import demo_clip
 from imapper_prob.inputs import write_clip
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.scenelet import Library
@@ -23,7 +24,7 @@ from imapper_prob.sampling.checkpoints import Progress
 from imapper_prob.sampling.sample import sample_scenes, setup_of
 from imapper_prob.scenelets.library import load_library
 from imapper_prob.scenelets.library_file import save_library
-from tests.runs import solution
+from tests.runs import small_solution
 
 SETTINGS = SampleSettings(
     steps=600, draws=40, temperatures=3, ensemble_layouts=1, ensemble_steps=4, chains=2, ensembles=2
@@ -32,7 +33,12 @@ SETTINGS = SampleSettings(
 
 @pytest.fixture(scope="module")
 def setup() -> Setup:
-    return setup_of(solution(), SETTINGS)
+    return setup_of(small_solution(), SETTINGS)
+
+
+@pytest.fixture(scope="module")
+def undisturbed(setup: Setup) -> Chain:
+    return run(setup, None)
 
 
 def run(setup: Setup, path: Path | None, *, stop_at: float = 2.0) -> Chain:
@@ -42,7 +48,7 @@ def run(setup: Setup, path: Path | None, *, stop_at: float = 2.0) -> Chain:
     def report(part: object = None, /) -> bool:
         return not (isinstance(part, float) and part >= stop_at)
 
-    return run_chain(setup, solution().states[:1], np.random.default_rng(5), report, keeper)
+    return run_chain(setup, small_solution().states[:1], np.random.default_rng(5), report, keeper)
 
 
 def assert_same(one: Chain, other: Chain) -> None:
@@ -58,9 +64,8 @@ def assert_same(one: Chain, other: Chain) -> None:
 # While the temperatures adapt, in the last round of that, and after it.
 @pytest.mark.parametrize("stop_at", [0.2, 0.4, 0.7])
 def test_an_interrupted_chain_goes_on_to_the_same_draws(
-    setup: Setup, tmp_path: Path, stop_at: float
+    setup: Setup, undisturbed: Chain, tmp_path: Path, stop_at: float
 ) -> None:
-    undisturbed = run(setup, None)
     part = run(setup, tmp_path / "chain.npz", stop_at=stop_at)
     assert not part.finished
     resumed = run(setup, tmp_path / "chain.npz")
@@ -71,7 +76,7 @@ def test_an_interrupted_chain_goes_on_to_the_same_draws(
 
 
 def test_progress_survives_its_snapshot() -> None:
-    first, other = solution().states[0], solution().states[-1]
+    first, other = small_solution().states[0], small_solution().states[-1]
     position = start([first, other], target=lambda _: Parts(0.0, -2.0), betas=(0.5, 1.0))
     progress = Progress.begin(np.random.default_rng(3).spawn(3), position)
     progress.states.append(other)
@@ -98,17 +103,19 @@ def test_checkpoints_of_another_run_are_refused(tmp_path: Path) -> None:
         ensembles=2,
     )
     for seed in (1, 1):
-        sample_scenes(solution(), brief, seed=np.random.SeedSequence(seed), checkpoints=tmp_path)
+        sample_scenes(
+            small_solution(), brief, seed=np.random.SeedSequence(seed), checkpoints=tmp_path
+        )
     with pytest.raises(InputError, match="belongs to a run with other settings"):
-        sample_scenes(solution(), brief, seed=np.random.SeedSequence(2), checkpoints=tmp_path)
+        sample_scenes(small_solution(), brief, seed=np.random.SeedSequence(2), checkpoints=tmp_path)
     (tmp_path / "chain-1.npz").write_bytes(b"cut short")
     with pytest.raises(InputError, match=r"chain-1\.npz is damaged"):
-        sample_scenes(solution(), brief, seed=np.random.SeedSequence(1), checkpoints=tmp_path)
+        sample_scenes(small_solution(), brief, seed=np.random.SeedSequence(1), checkpoints=tmp_path)
 
 
 @pytest.mark.slow
 def test_a_killed_command_goes_on_to_the_same_scenes(tmp_path: Path) -> None:
-    write_clip(tmp_path / "clip.npz", solution().clip)
+    write_clip(tmp_path / "clip.npz", demo_clip())
     save_library(Library("part", tuple(load_library())[::8]), tmp_path / "part.npz")
     (tmp_path / "short.toml").write_text(
         "[sample]\nsteps = 3000\ndraws = 30\nensemble_layouts = 1\nensemble_steps = 4\n"

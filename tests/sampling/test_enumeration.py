@@ -113,6 +113,22 @@ def test_every_assignment_has_its_exact_probability() -> None:
     check(chain, steps=150_000)
 
 
+@pytest.mark.slow
+def test_every_assignment_has_its_exact_probability_by_the_move_alone() -> None:
+    problem = tiny()
+    nodes = find_nodes(problem, candidates())
+    assert len(nodes.items) == 9
+    chain = sample(
+        np.random.default_rng(8),
+        empty_state(problem),
+        log_density_fn=lambda s: log_posterior(problem, s),
+        mixture=Mixture(
+            (StretchRedraw(problem, nodes), PlacementWalk(turn_about=0.2, yaw=0.3)), (0.3, 0.7)
+        ),
+    )
+    check(chain, steps=60_000)
+
+
 def check(chain: Iterator[tuple[ChainState[State], StepInfo]], *, steps: int) -> None:
     """Assert that a chain is in each assignment as often as it should be."""
     visited = []

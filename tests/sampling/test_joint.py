@@ -59,8 +59,11 @@ def poor_data(rate: float = 0.12, depth: float = 0.1) -> Experiment:
     )
 
 
-def setup(problem: Problem, *, fitted: bool = True) -> Setup:
-    """Candidates that know nothing of the data, which is slow and allowed; or none at all."""
+def setup(problem: Problem, *, fitted: bool = True, redrawn: bool = True) -> Setup:
+    """Candidates that know nothing of the data, which is slow and allowed; or none at all.
+
+    Without what stretches are ``redrawn`` from, which is half of the work for each problem.
+    """
     n = len(problem.lengths)
     centres = np.arange(3, N_FRAMES - 2, 2)
     places = np.tile([0.0, 4.0, 0.0], (len(centres), n, 1))
@@ -68,7 +71,7 @@ def setup(problem: Problem, *, fitted: bool = True) -> Setup:
     similarity = (np.ones((n, n)) - np.eye(n)) / (n - 1)
     weights = fitted * np.linspace(0.5, 1.5, n) * np.ones((len(centres), n))
     candidates = Candidates(centres, places, np.zeros_like(weights), weights)
-    nodes = known_nodes() if fitted else None
+    nodes = known_nodes() if fitted and redrawn else None
     return Setup(problem, candidates, similarity, SampleSettings(), nodes)
 
 
@@ -114,6 +117,7 @@ def scores(
     drawn_with: DetectionModel | None = None,
     given: Experiment | None = None,
     fitted: bool = True,
+    redrawn: bool = True,
     seed: int = 0,
 ) -> dict[str, float]:
     """How many standard errors each quantity has changed by, on average over pairs."""
@@ -124,7 +128,7 @@ def scores(
         state = draw_state(rng, given.problem)
         seen = replace(source.observed(rng, state), detections=given.detections)
         problem = seen.problem
-        mixture = change(scene_moves(setup(problem, fitted=fitted)))
+        mixture = change(scene_moves(setup(problem, fitted=fitted, redrawn=redrawn)))
         density = partial(log_posterior, problem)
         at = init(density, state)
         for _ in range(steps):
@@ -178,7 +182,7 @@ def only(
 def test_a_move_by_itself_leaves_scene_and_data(kind: type) -> None:
     """With so many scenelets that some have no gap to the next."""
     change = only(kind, lambda proposal: proposal)
-    found = scores(400, change=change, given=poor_data(rate=0.3))
+    found = scores(400, change=change, given=poor_data(rate=0.3), redrawn=False)
     assert largest(found) < LIMIT, found
 
 
@@ -195,7 +199,7 @@ def test_stretches_drawn_anew_leave_scene_and_data() -> None:
 
 def test_a_forgotten_look_is_seen() -> None:
     change = only(CameraCarry, lambda p: p._replace(log_ratio=0.0), scales=(1.0,))
-    found = scores(900, change=change, given=poor_data(rate=0.3, depth=0.4))
+    found = scores(900, change=change, given=poor_data(rate=0.3, depth=0.4), redrawn=False)
     assert largest(found) > LIMIT, found
 
 
@@ -206,7 +210,7 @@ def test_a_forgotten_jacobian_is_seen(forgotten: bool) -> None:
         lambda p: p._replace(log_ratio=0.0) if forgotten else p,
         scales=(4.0, 12.0),
     )
-    found = scores(300, change=change, given=poor_data(rate=0.3, depth=0.4))
+    found = scores(300, change=change, given=poor_data(rate=0.3, depth=0.4), redrawn=False)
     assert (largest(found) > LIMIT) == forgotten, found
 
 

@@ -20,8 +20,6 @@ from imapper_prob.sampling.nodes import Nodes, find_nodes
 from imapper_prob.sampling.proposals import Candidates
 from imapper_prob.sampling.redraw import StretchRedraw
 from tests.models import worlds
-from tests.sampling.test_enumeration import candidates as of_every_start
-from tests.sampling.test_enumeration import check, tiny
 from tests.sampling.test_moves import chain_error, exact_counts
 
 FRAMES = 40
@@ -180,17 +178,3 @@ def test_the_prior_of_the_number_of_scenelets_comes_back(off: float) -> None:
     for values, mean in ((sizes, 0.0), (sizes**2, 1.0)):
         scores.append((values.mean() - mean) / chain_error(values))
     assert (np.abs(scores).max() < 4.5) == (off == 0.0), scores
-
-
-@pytest.mark.slow
-def test_every_assignment_has_its_exact_probability_by_the_move_alone() -> None:
-    problem = tiny()
-    nodes = find_nodes(problem, of_every_start())
-    assert len(nodes.items) == 9
-    chain = sample(
-        np.random.default_rng(8),
-        empty_state(problem),
-        log_density_fn=partial(log_posterior, problem),
-        mixture=Mixture((StretchRedraw(problem, nodes), WALK), (0.3, 0.7)),
-    )
-    check(chain, steps=60_000)

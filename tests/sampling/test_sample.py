@@ -6,11 +6,17 @@ import numpy as np
 import pytest
 
 from imapper_prob.models.posterior import log_posterior
-from tests.runs import posterior, solution
+from imapper_prob.sampling.sample import Samples, sample_scenes
+from tests.runs import BRIEF, posterior, small_posterior, small_solution, solution
+
+
+def samples(*, seed: int, workers: int = 1) -> Samples:
+    sequence = np.random.SeedSequence(seed)
+    return sample_scenes(small_solution(), BRIEF.sample, seed=sequence, workers=workers)
 
 
 def test_draws_do_not_depend_on_the_number_of_workers() -> None:
-    one, two = posterior(workers=1).samples, posterior(workers=2).samples
+    one, two = small_posterior().samples, samples(seed=BRIEF.seed, workers=2)
     np.testing.assert_array_equal(one.log_posterior, two.log_posterior)
     for a, b in zip(one.states, two.states, strict=True):
         np.testing.assert_array_equal(a.items, b.items)
@@ -23,16 +29,16 @@ def test_draws_do_not_depend_on_the_number_of_workers() -> None:
 
 
 def test_another_seed_gives_other_draws() -> None:
-    first, second = posterior().samples, posterior(seed=4).samples
+    first, second = small_posterior().samples, samples(seed=BRIEF.seed + 1)
     assert not np.array_equal(first.log_posterior, second.log_posterior)
 
 
 def test_draws_have_the_log_posterior_they_say() -> None:
-    samples = posterior().samples
-    for n in (0, 57, len(samples.states) - 1):
-        value = log_posterior(solution().problem, samples.states[n])
+    drawn = posterior().samples
+    for n in (0, 57, len(drawn.states) - 1):
+        value = log_posterior(solution().problem, drawn.states[n])
         # Lines of sight are in single precision in both, and not worked out in the same order.
-        assert samples.log_posterior.flat[n] == pytest.approx(value, rel=1e-6)
+        assert drawn.log_posterior.flat[n] == pytest.approx(value, rel=1e-6)
 
 
 def test_solver_finds_a_seat_and_the_shelf_of_the_demo() -> None:
