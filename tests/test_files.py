@@ -33,7 +33,7 @@ def contents(folder: Path) -> dict[str, str]:
     """What a user finds there."""
     found = [p.relative_to(folder) for p in folder.rglob("*") if p.is_file()]
     return {
-        p.as_posix(): (folder / p).read_text() for p in found if not files.is_hidden(p.parts[0])
+        p.as_posix(): (folder / p).read_text() for p in found if not files._is_hidden(p.parts[0])
     }
 
 
