@@ -6,11 +6,12 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
 from imapper_prob import inputs
-from imapper_prob.config import Config
+from imapper_prob.config import Config, SampleSettings
 from imapper_prob.inputs import ClipOptions
 from imapper_prob.lifting import lift_clip
 from imapper_prob.memory import require_memory
@@ -18,9 +19,11 @@ from imapper_prob.models.scene import Clip
 from imapper_prob.models.scenelet import Library
 from imapper_prob.results.posterior import Posterior
 from imapper_prob.results.solved import Solved, solved
+from imapper_prob.sampling.blocks import Limits, OnBlock
 from imapper_prob.sampling.cast import cast_of
 from imapper_prob.sampling.cluster import Cluster
 from imapper_prob.sampling.sample import sample_scenes
+from imapper_prob.sampling.schedule import end_of, stopped_at
 from imapper_prob.scenelets.library import load_library
 from imapper_prob.staged.actors import solve_actors
 from imapper_prob.staged.solver import Solution
@@ -93,9 +96,16 @@ def sample(
     config: Config | None = None,
     checkpoints: str | Path | None = None,
     anew: bool = False,
+    minutes: float | None = None,
+    until: Literal["good"] | None = None,
     progress: Progress | None = None,
+    on_block: OnBlock | None = None,
 ) -> Posterior:
     """Sample scenes from the posterior of a clip, with everybody in it.
+
+    With ``minutes`` or ``until`` chains go on in blocks of steps, after each of which they are
+    judged. The clock decides how many blocks there are, and nothing else: the same seed and
+    number of steps give the same draws.
 
     Parameters
     ----------
@@ -115,16 +125,24 @@ def sample(
     config : Config, optional
     checkpoints : path, optional
         Folder in which the chains leave what they have every few seconds. The same call goes
-        on from there after a kill, to the same draws. It stays when the run is done.
+        on from there after a kill, to the same draws. It stays when the run is done, and a call
+        with ``minutes``, ``until`` or a larger ``last_step`` in its settings goes on from the end.
     anew : bool
         Delete checkpoints of another run, or damaged ones, instead of refusing them.
+    minutes : float, optional
+        Of sampling, after solving: no block is begun that would not end in time, but the first.
+    until : "good", optional
+        Stop as soon as the verdict is good; at the latest after ``minutes``, or an hour.
     progress : callable, optional
         See `solve`.
+    on_block : callable, optional
+        Called with what is known after each block.
 
     Raises
     ------
     InputError
-        The clip does not fit into the memory that there is, or what it holds cannot be used.
+        ``minutes`` or ``until`` make no sense, the clip does not fit into the memory that there
+        is, or what it holds cannot be used.
     """
     config = config or Config()
     config = replace(
@@ -132,8 +150,9 @@ def sample(
         seed=config.seed if rng is None else rng,
         sample=replace(config.sample, chains=chains or config.sample.chains),
     )
+    limits = Limits(minutes, until)
     known = load_library() if library is None else library
-    require_memory(clip, known, config.sample)
+    require_memory(clip, known, _most(config.sample) if limits.any else config.sample)
     begun = time.perf_counter()
     if start is None:
         solutions = solve_actors(clip, known, settings=config.settings, progress=progress)
@@ -152,6 +171,16 @@ def sample(
         checkpoints=None if checkpoints is None else Path(checkpoints),
         anew=anew,
         progress=progress,
+        limits=limits,
+        on_block=on_block,
     )
     seconds = {"solving": ready - begun, "sampling": time.perf_counter() - ready}
+    end = samples.end(config.sample)
+    if limits.any or (samples.finished and end > end_of(config.sample)):
+        config = replace(config, sample=stopped_at(config.sample, end))
     return Posterior(source, samples, config, seconds=seconds)
+
+
+def _most(settings: SampleSettings) -> SampleSettings:
+    """Settings under which as many draws are kept as ever are."""
+    return replace(settings, last_step=settings.steps + 1)

@@ -32,7 +32,7 @@ class SampleSettings:
     chains : int
         Independent chains from over-dispersed starts.
     steps : int
-        Steps of each chain at each temperature.
+        Steps of each chain at each temperature. Burn-in and the distance of draws go by it.
     temperatures : int
         Copies of each chain, from a flattened posterior to the posterior itself, that exchange
         their states; only the last one is drawn from. 1 does without.
@@ -45,7 +45,10 @@ class SampleSettings:
     burn_in : float
         Share of the steps that is not kept; the temperatures adapt meanwhile.
     draws : int
-        Draws kept of each chain, evenly spaced.
+        Draws kept of each chain, evenly spaced; up to twice as many of one that goes on.
+    last_step : int
+        Where chains stop in place of ``steps``, earlier or later, rounded up to a whole piece
+        of 200 steps; 0 to stop at ``steps``. A run that was gone on with has it.
     layout_radius : float
         Metres within which objects of two draws count as the same.
     ensemble_layouts : int
@@ -63,6 +66,7 @@ class SampleSettings:
     swap_every: int = 5
     burn_in: float = 0.4
     draws: int = 400
+    last_step: int = 0
     layout_radius: float = 0.8
     ensemble_layouts: int = 2
     ensembles: int = 4
@@ -71,7 +75,7 @@ class SampleSettings:
     def __post_init__(self) -> None:
         least = {
             "chains": 2, "steps": 1, "temperatures": 1, "swap_every": 1, "draws": 1,
-            "ensembles": 2, "ensemble_steps": 2,
+            "last_step": 0, "ensembles": 2, "ensemble_steps": 2,
         }  # fmt: skip
         for name, value in least.items():
             if getattr(self, name) < value:
@@ -88,15 +92,26 @@ class SampleSettings:
                 f"burn-in {self.burn_in} and one draw in {self.swap_every} steps"
             )
 
+        if self.last_step and self.last_step <= self.steps * self.burn_in:
+            raise InputError(
+                f"sample setting last_step = {self.last_step} must be beyond the burn-in, a share "
+                f"of {self.burn_in} of {self.steps} steps"
+            )
+
     @property
     def rounds(self) -> int:
-        """Rounds of steps, each with an exchange."""
+        """Rounds of ``steps``, each with an exchange."""
         return -(-self.steps // self.swap_every)
 
     @property
     def most_draws(self) -> int:
         """How many draws there are to keep of each chain."""
         return self.rounds - int(self.rounds * self.burn_in)
+
+    @property
+    def steps_made(self) -> int:
+        """Steps at which chains stop."""
+        return self.last_step or self.steps
 
 
 @dataclass(frozen=True)

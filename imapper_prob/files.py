@@ -191,23 +191,29 @@ def _is_hidden(name: str) -> bool:
     return name in (_LOCK, _MANIFEST, _STAGE) or temporary
 
 
-def require_intact(path: Path) -> None:
+def require_intact(path: Path, *, below: Path | None = None) -> None:
     """Refuse a file that is not what its folder's manifest says was written.
 
     A file without a manifest beside it, or that the manifest does not list, is not looked at.
+
+    Parameters
+    ----------
+    path : Path
+    below : Path, optional
+        The folder that has the manifest, where it is not the one that the file is in.
 
     Raises
     ------
     InputError
         The file changed, or was being replaced when a process was killed.
     """
-    folder = path.parent
+    folder = path.parent if below is None else below
     if (folder / _STAGE / _MANIFEST).is_file():
         raise InputError(
             f"{folder}: its files were being put in place when that was interrupted; the command "
             "that wrote them completes it"
         )
-    listed = _listed(folder).get(path.name)
+    listed = _listed(folder).get(path.relative_to(folder).as_posix())
     if listed is None:
         return
     try:

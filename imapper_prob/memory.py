@@ -52,7 +52,8 @@ def memory_needed(rows: int, scenelets: int, settings: SampleSettings | None) ->
     needed = _PROGRAM + rows * scenelets * _EACH_PLACEMENT
     if settings is None:
         return needed
-    draws = settings.chains * settings.draws
+    # A chain that goes on keeps up to twice as many draws.
+    draws = settings.chains * settings.draws * (2 if settings.last_step > settings.steps else 1)
     parameters = 5 + 4 * rows / _CLIPS_BETWEEN
     walkers = 2 * parameters + 2
     ensembles = _WALKER_COPIES * settings.ensembles * walkers * 2 * rows * 8

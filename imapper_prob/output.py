@@ -5,29 +5,135 @@ from __future__ import annotations
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
+from importlib.metadata import version
 from pathlib import Path
 
-from imapper_prob.config import to_toml
-from imapper_prob.files import folder_held, folder_published, require_own
+from imapper_prob.config import Config, from_toml, to_toml
+from imapper_prob.files import (
+    folder_held,
+    folder_published,
+    require_intact,
+    require_own,
+    written_whole,
+)
+from imapper_prob.models.errors import InputError
 from imapper_prob.results.export import write_scenes
 from imapper_prob.results.export_glb import write_glb
 from imapper_prob.results.posterior import Posterior
 from imapper_prob.results.report.write import write_report
-from imapper_prob.results.tree import write_tree
+from imapper_prob.results.tree import FORMAT, read_attributes, write_tree
+from imapper_prob.samplers.resumable import checkpoint_of
 
-__all__ = ["CHECKPOINTS", "run_folder", "write_run"]
+__all__ = ["CHECKPOINTS", "Earlier", "earlier_run", "restore_chains", "run_folder", "write_run"]
 
 CHECKPOINTS = "checkpoints"
 """Folder in a run's folder that is there while the run is not finished."""
 
+_CHAINS = "chains"
+"""Folder in the folder of a finished run with what its chains need to go on."""
+
 _FILES = (
-    "config.toml", "coverage.png", "energy.json", "energy.png", "evaluation.json",
+    "chains", "config.toml", "coverage.png", "energy.json", "energy.png", "evaluation.json",
     "evaluation.png", "posterior.nc", "recording.rrd", "report.html", "scenes", "scenes.json",
 )  # fmt: skip
 
 
+@dataclass(frozen=True)
+class Earlier:
+    """A run that is in a folder, finished or interrupted.
+
+    Parameters
+    ----------
+    folder : Path
+    config : Config
+    clip, clip_digest, library_digest : str
+        What it was made of.
+    finished : bool
+        Whether nothing is left to do.
+    good : bool
+        Whether it has converged.
+    verdict : str
+    """
+
+    folder: Path
+    config: Config
+    clip: str
+    clip_digest: str
+    library_digest: str
+    finished: bool
+    good: bool
+    verdict: str
+
+
+def earlier_run(folder: Path) -> Earlier | None:
+    """The run in a folder; None where there is none or nothing of it was written yet.
+
+    Raises
+    ------
+    InputError
+        It is damaged or of another version.
+    """
+    path = folder / "posterior.nc"
+    if not path.is_file():
+        return None
+    said = read_attributes(path)
+    program = f"imapper-prob {version('imapper-prob')}"
+    if said.get("format") != FORMAT or said["program"] != program:
+        raise InputError(
+            f"{folder}: holds a run of {said['program']}, which {program} cannot go on with; name "
+            "another folder or add --overwrite"
+        )
+    try:
+        return Earlier(
+            folder=folder,
+            config=from_toml(str(said["config"]), where=str(path)),
+            clip=said["clip"],
+            clip_digest=str(said["clip_digest"]),
+            library_digest=str(said["library_digest"]),
+            finished=bool(said["finished"]) and not (folder / CHECKPOINTS).is_dir(),
+            good=bool(said["verdict_good"]),
+            verdict=said["verdict"],
+        )
+    except LookupError as error:
+        raise InputError(
+            f"{path}: has no {error}; name another folder or add --overwrite"
+        ) from error
+
+
+def restore_chains(folder: Path, *, chains: int) -> None:
+    """Put what the chains of a finished run left where they go on from.
+
+    Those that have gone on already stay as they are.
+
+    Raises
+    ------
+    InputError
+        One is not there, or not what was written; or the disk refuses.
+    """
+    kept, place = folder / _CHAINS, folder / CHECKPOINTS
+    if not kept.is_dir():
+        return
+    for chain in range(chains):
+        path, target = checkpoint_of(kept, chain), checkpoint_of(place, chain)
+        if target.exists():
+            continue
+        if not path.is_file():
+            raise InputError(
+                f"{path}: is not there, and its chain cannot go on; copy it again, or sample all "
+                "anew with --overwrite"
+            )
+        require_intact(path, below=folder)
+        try:
+            place.mkdir(exist_ok=True)
+            with written_whole(target) as beside:
+                shutil.copyfile(path, beside)
+        except OSError as error:
+            raise InputError(f"{target}: cannot be written ({error.strerror or error})") from error
+
+
 @contextmanager
-def run_folder(folder: Path, *, overwrite: bool) -> Iterator[None]:
+def run_folder(folder: Path, *, overwrite: bool, goes_on: bool = False) -> Iterator[None]:
     """Hold the folder of a run until it is written, and refuse early what would fail then.
 
     Nothing in it is touched yet, its checkpoints least of all.
@@ -35,17 +141,20 @@ def run_folder(folder: Path, *, overwrite: bool) -> Iterator[None]:
     Raises
     ------
     InputError
-        If the folder holds something (a finished run is replaced with ``overwrite``, other
-        files never are), is no folder, cannot be made, or another process writes to it.
+        If the folder holds something (a finished run is replaced with ``overwrite``, and gone on
+        with under ``goes_on`` if it has its chains; other files never are), is no folder, cannot
+        be made, or another process writes to it.
     """
-    _check_folder(folder, overwrite=overwrite)
+    _check_folder(folder, overwrite=overwrite, goes_on=goes_on)
     with folder_held(folder):
-        _check_folder(folder, overwrite=overwrite)
+        _check_folder(folder, overwrite=overwrite, goes_on=goes_on)
         yield
 
 
-def _check_folder(folder: Path, *, overwrite: bool) -> None:
-    require_own(folder, _FILES, what="run", overwrite=overwrite, unfinished=CHECKPOINTS)
+def _check_folder(folder: Path, *, overwrite: bool, goes_on: bool = False) -> None:
+    whole = (folder / _CHAINS).is_dir() and (folder / "posterior.nc").is_file()
+    replaced = overwrite or (goes_on and whole)
+    require_own(folder, _FILES, what="run", overwrite=replaced, unfinished=CHECKPOINTS)
 
 
 def write_run(
@@ -53,8 +162,8 @@ def write_run(
 ) -> None:
     """Write all files of a run, see :func:`imapper_prob.files.folder_published`.
 
-    Checkpoints are dropped once they are in place, unless the run was interrupted and can go
-    on. The pictures of ``video``, if given, are shown in the recording.
+    The checkpoints of a finished run become its chains, from which it can be gone on with; those
+    of an interrupted one stay. The pictures of ``video``, if given, are shown in the recording.
 
     Raises
     ------
@@ -74,8 +183,19 @@ def write_run(
         write_tree(beside / "posterior.nc", posterior.data)
         posterior.record(beside / "recording.rrd", video=video)
         write_report(beside / "report.html", posterior)
+        if posterior.samples.finished:
+            _keep_chains(folder, beside / _CHAINS, chains=posterior.samples.shape[0])
     if posterior.samples.finished:
         shutil.rmtree(folder / CHECKPOINTS, ignore_errors=True)
+
+
+def _keep_chains(folder: Path, kept: Path, *, chains: int) -> None:
+    """What the chains left, if it is all there: a posterior from elsewhere has left nothing."""
+    paths = [checkpoint_of(folder / CHECKPOINTS, chain) for chain in range(chains)]
+    if all(path.is_file() for path in paths):
+        kept.mkdir()
+        for path in paths:
+            shutil.copyfile(path, kept / path.name)
 
 
 def _write_models(folder: Path, posterior: Posterior) -> None:

@@ -112,10 +112,14 @@ def load(path: Path, *, identity: str) -> Snapshot | None:
             f"{path} is damaged or no checkpoint ({type(error).__name__}): delete it, and its "
             "chain begins anew"
         ) from error
-    if kind != _FORMAT or owner != identity:
+    if kind != _FORMAT:
         raise CheckpointError(
-            f"{path} belongs to a run with other settings or data: delete it, or keep this "
-            "run's checkpoints in another folder"
+            f"{path} is a checkpoint of another version: delete it, or go on with that version"
+        )
+    if owner != identity:
+        raise CheckpointError(
+            f"{path} belongs to a run with other settings or data, or of another version: delete "
+            "it, or keep this run's checkpoints in another folder"
         )
     return Snapshot(arrays, values)
 

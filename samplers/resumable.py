@@ -16,7 +16,7 @@ import numpy as np
 from imapper_prob.samplers.chains import ChainError, OnProgress, Report, run_chains
 from imapper_prob.samplers.checkpoint import CheckpointError, Keeper, load
 
-__all__ = ["ResumableTask", "run_resumable_chains"]
+__all__ = ["ResumableTask", "checkpoint_of", "run_resumable_chains"]
 
 P_contra = TypeVar("P_contra", contravariant=True)
 X_contra = TypeVar("X_contra", contravariant=True)
@@ -124,7 +124,7 @@ def run_resumable_chains(
         for path in folder.glob("chain-*.npz"):
             _drop_unless_of(identity, path)
     kept = _WithKeeper(task, identity, every_seconds)
-    placed = [(folder / f"chain-{chain}.npz", start) for chain, start in enumerate(starts)]
+    placed = [(checkpoint_of(folder, chain), start) for chain, start in enumerate(starts)]
     # Spawning changes a sequence: each attempt spawns from a copy, the caller's just once.
     parent = seed if isinstance(seed, np.random.SeedSequence) else np.random.SeedSequence(seed)
     first = deepcopy(parent)
@@ -149,6 +149,11 @@ def run_resumable_chains(
                 ) from error
             restarts -= 1
             _LOG.warning("%s; going on from the checkpoints in %s", error, folder)
+
+
+def checkpoint_of(folder: Path, chain: int) -> Path:
+    """The file in which a chain leaves its checkpoint."""
+    return folder / f"chain-{chain}.npz"
 
 
 def _drop_unless_of(identity: str, path: Path) -> None:

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from imapper_prob.samplers.diagnostics import LayoutProbabilities, ess, rhat
 from imapper_prob.samplers.ladder import LadderSummary
 
-__all__ = ["Verdict", "judge"]
+__all__ = ["Measures", "Verdict", "judge", "measure", "rounded_up"]
 
 # Vehtari et al. 2021 recommend both numbers, the second as 100 for each of four chains.
 _RHAT_LIMIT = 1.01
@@ -43,13 +43,71 @@ class Verdict(NamedTuple):
         Two layouts, each the favourite of a chain that hardly knows the other's.
     text : str
         For a person: first whether probabilities can be used and how far they are off, one
-        standard error of the layout that is known worst, then why.
+        standard error of the layout that is known worst, then one sentence why, then numbers.
     """
 
     good: bool
     more_draws: int
     disagreement: tuple[int, int] | None
     text: str
+
+
+class Measures(NamedTuple):
+    """What a verdict goes by.
+
+    Parameters
+    ----------
+    error : float
+        Standard error of the layout that is known worst; NaN where it is not known.
+    rhat : float
+        The largest R-hat of what all draws have; infinite where chains are too short, 1 where
+        there is nothing to look at.
+    rhat_of : str
+        What has it.
+    effective_draws : float
+        The fewest of what all draws have and of the layouts that are neither excluded nor
+        certain; infinite where there is nothing to look at.
+    effective_draws_of : str
+        What has them.
+    effective_layouts : float
+        The fewest of these layouts alone.
+    """
+
+    error: float
+    rhat: float
+    rhat_of: str
+    effective_draws: float
+    effective_draws_of: str
+    effective_layouts: float
+
+
+def measure(layouts: LayoutProbabilities, functionals: Mapping[str, ArrayLike]) -> Measures:
+    """How far chains agree and how much they know; parameters as of `judge`.
+
+    Warns
+    -----
+    ShortChainWarning
+        Chains are too short for R-hat.
+    """
+    of_layouts = [
+        (_known(draws, 0.0), f"layout {layout}")
+        for layout, share, draws in zip(
+            layouts.layouts, layouts.probability, layouts.effective_draws, strict=True
+        )
+        if _OPEN[0] <= share <= _OPEN[1]
+    ]
+    effective = [(_known(ess(draws), 0.0), name) for name, draws in functionals.items()]
+    rhats = [(_known(rhat(draws), math.inf), name) for name, draws in functionals.items()]
+    worst, worst_of = max(rhats, default=(1.0, ""))
+    fewest, fewest_of = min(effective + of_layouts, default=(math.inf, ""))
+    return Measures(
+        error=float(np.max(layouts.standard_error)),
+        rhat=worst,
+        rhat_of=worst_of,
+        effective_draws=fewest,
+        effective_draws_of=fewest_of,
+        effective_layouts=min(of_layouts, default=(math.inf, ""))[0],
+    )
 
 
 def judge(
@@ -73,53 +131,54 @@ def judge(
     ShortChainWarning
         Chains are too short for R-hat; the verdict then asks for more.
     """
+    found = measure(layouts, functionals)
+    numbers = f"{_numbers(found)}{_tempering(ladders)}"
     disagreement = _disagreement(layouts)
     if disagreement is not None:
         first, second = disagreement
-        return Verdict(
-            good=False,
-            more_draws=0,
-            disagreement=disagreement,
-            text=(
-                f"Not converged: chains disagree on layouts {first} and {second}, and "
-                "probabilities cannot be trusted, nor can their order."
-                f"{_tempering(ladders)}"
-            ),
+        text = (
+            "Not converged: probabilities cannot be trusted, nor can their order. Chains disagree "
+            f"on layouts {first} and {second}: each stays with its own."
         )
-    effective = [(_known(ess(draws), 0.0), name) for name, draws in functionals.items()]
-    effective += [
-        (_known(draws, 0.0), f"layout {layout}")
-        for layout, share, draws in zip(
-            layouts.layouts, layouts.probability, layouts.effective_draws, strict=True
-        )
-        if _OPEN[0] <= share <= _OPEN[1]
-    ]
-    rhats = [(_known(rhat(draws), math.inf), name) for name, draws in functionals.items()]
-    parts = []
-    fewest, worst = _DRAWS_GOAL, 1.0
-    if effective:
-        fewest, name = min(effective)
-        parts.append(f"{fewest:.0f} effective draws of {name}")
-    if rhats:
-        worst, name = max(rhats)
-        parts.append(f"R-hat {worst:.3f} of {name}")
-    state = " and ".join(parts) or "one certain layout"
-    # What another run would differ by, of the layout that is known worst; rounded up.
-    off = _rounded_up(float(np.max(layouts.standard_error)))
+        return Verdict(False, 0, disagreement, f"{text} {numbers}")
+    off = rounded_up(found.error)
+    fewest, worst = found.effective_draws, found.rhat
     if fewest >= _DRAWS_GOAL and worst <= _RHAT_LIMIT:
-        text = f"Converged: probabilities of layouts are good to ± {off:.2f}."
-        return Verdict(True, 0, None, f"{text} There are at worst {state}.{_tempering(ladders)}")
+        text = (
+            f"Converged: probabilities are good to ± {off:.2f}. Chains agree, and each has seen "
+            "enough."
+        )
+        return Verdict(True, 0, None, f"{text} {numbers}")
     # Effective draws grow with the draws; where R-hat alone is too large, twice as many may do.
     factor = max(2.0, _MARGIN * _DRAWS_GOAL / max(fewest, 1.0))
     more = _two_digits(layouts.n_draws * (factor - 1))
-    text = f"Not converged: probabilities of layouts may be off by {off:.2f}."
+    text = f"Not converged: probabilities may be off by {off:.2f}."
     if math.isnan(off):
-        text = "Not converged: too few draws to say how far probabilities of layouts are off."
-    text = f"{text} About {more} more draws a chain are needed, for there are {state}."
-    return Verdict(False, more, None, text + _tempering(ladders))
+        text = "Not converged: too few draws to say how far probabilities are off."
+    if worst <= _RHAT_LIMIT:
+        why = f"Chains agree, but {found.effective_draws_of} changes too seldom to be known well."
+    elif math.isinf(worst):
+        why = "Chains are too short to be compared."
+    else:
+        why = f"Chains do not agree yet on {found.rhat_of}."
+    why = f"{why} About {more} more draws a chain are needed."
+    return Verdict(False, more, None, f"{text} {why} {numbers}")
 
 
-def _rounded_up(error: float) -> float:
+def _numbers(found: Measures) -> str:
+    """Both criteria, each beside its limit; a sentence."""
+    parts = []
+    if found.effective_draws_of:
+        parts.append(
+            f"{found.effective_draws:.0f} effective draws of {found.effective_draws_of} "
+            f"({_DRAWS_GOAL:.0f} wanted)"
+        )
+    if found.rhat_of:
+        parts.append(f"R-hat {found.rhat:.3f} of {found.rhat_of} ({_RHAT_LIMIT} wanted)")
+    return f"At worst: {', '.join(parts)}." if parts else "There is one certain layout."
+
+
+def rounded_up(error: float) -> float:
     """To hundredths; NaN where it is not known."""
     return error if math.isnan(error) else math.ceil(100 * error) / 100
 

@@ -24,7 +24,7 @@ _TERMINATED: Final = 128 + signal.SIGTERM
 
 
 class Stopped(KeyboardInterrupt):
-    """Somebody asked to stop; what there is was written."""
+    """Somebody asked to stop; what there is was written, and the message says what that is."""
 
 
 class Terminated(KeyboardInterrupt):
@@ -55,7 +55,8 @@ def last_words(error: KeyboardInterrupt, options: argparse.Namespace) -> tuple[s
 
     code = _TERMINATED if isinstance(error, Terminated) else _INTERRUPTED
     if isinstance(error, Stopped):
-        return "interrupted; the same command goes on", code
+        held = f"{error}; " if error.args else ""
+        return f"interrupted; {held}the same command goes on", code
     output = getattr(options, "output", None)
     kept = isinstance(output, Path) and (output / CHECKPOINTS).is_dir()
     if kept or getattr(options, "suite", None) is not None:

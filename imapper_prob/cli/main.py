@@ -32,7 +32,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         0; 2 where the input or the arguments cannot be used; 130 after Ctrl-C, 143 after
         SIGTERM.
     """
-    options = _parser().parse_args(arguments)
+    given = list(sys.argv[1:] if arguments is None else arguments)
+    options = _parser().parse_args(given, argparse.Namespace(words=given))
     with told():
         try:
             with stoppable():

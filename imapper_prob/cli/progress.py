@@ -2,19 +2,44 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Any
 
-__all__ = ["progress_bars"]
+__all__ = ["Bars", "progress_bars"]
+
+
+class Bars:
+    """One line a stage, and what is said in between.
+
+    Parameters
+    ----------
+    bars : rich.progress.Progress
+    """
+
+    def __init__(self, bars: Any) -> None:
+        self._bars = bars
+        self._tasks: dict[str, Any] = {}
+
+    def __call__(self, stage: str, part: float) -> None:
+        """So much of a stage is done; those before it are over."""
+        if stage not in self._tasks:
+            for earlier in self._tasks.values():
+                self._bars.update(earlier, completed=1.0)
+            self._tasks[stage] = self._bars.add_task(stage, total=1.0)
+        self._bars.update(self._tasks[stage], completed=part)
+
+    def say(self, text: str) -> None:
+        """A line above the bars."""
+        self._bars.console.print(text, markup=False, highlight=False)
 
 
 @contextmanager
-def progress_bars() -> Iterator[Callable[[str, float], None]]:
+def progress_bars() -> Iterator[Bars]:
     """One line a stage: what, how much of it, how long it took and will take."""
     from rich.progress import (
         BarColumn,
         Progress,
-        TaskID,
         TextColumn,
         TimeElapsedColumn,
         TimeRemainingColumn,
@@ -30,14 +55,5 @@ def progress_bars() -> Iterator[Callable[[str, float], None]]:
         TimeRemainingColumn(),
         console=console(stderr=True),
     )
-    tasks: dict[str, TaskID] = {}
-
-    def report(stage: str, part: float) -> None:
-        if stage not in tasks:
-            for earlier in tasks.values():
-                bars.update(earlier, completed=1.0)
-            tasks[stage] = bars.add_task(stage, total=1.0)
-        bars.update(tasks[stage], completed=part)
-
     with bars:
-        yield report
+        yield Bars(bars)

@@ -14,12 +14,14 @@ from imapper_prob.cli.progress import progress_bars
 from imapper_prob.models.errors import InputError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Callable, Iterable
 
     from imapper_prob.config import Config
     from imapper_prob.models.scene import Clip
+    from imapper_prob.models.scenelet import Library
     from imapper_prob.results.checks import Check
     from imapper_prob.results.posterior import Posterior
+    from imapper_prob.sampling.blocks import Block, Limits
 
 __all__ = ["add_run_commands"]
 
@@ -35,7 +37,23 @@ def add_run_commands(
     sampling = argparse.ArgumentParser(add_help=False)
     sampling.add_argument("-o", "--output", type=Path, required=True, metavar="DIR")
     sampling.add_argument("--seed", type=int, help="all randomness comes from it")
-    sampling.add_argument("--steps", type=int, help="steps of each chain at each temperature")
+    sampling.add_argument(
+        "--steps",
+        type=int,
+        help="steps of each chain at each temperature; more than a finished run in DIR has: go on",
+    )
+    sampling.add_argument(
+        "--minutes",
+        type=float,
+        metavar="M",
+        help="sample for so long, after solving, in blocks of steps; on a finished run in DIR: go "
+        "on for so long",
+    )
+    sampling.add_argument(
+        "--until",
+        choices=("good",),
+        help="sample in blocks until the verdict is good, for an hour or --minutes at most",
+    )
     sampling.add_argument(
         "--preset",
         choices=("default", "paper"),
@@ -84,16 +102,20 @@ def add_run_commands(
     info.set_defaults(execute=_info)
 
 
-def _config(options: argparse.Namespace, *, steps: int | None = None) -> Config:
-    """Defaults, then the file, then what the command line says."""
+def _config(
+    options: argparse.Namespace, base: Config | None = None, *, steps: int | None = None
+) -> Config:
+    """The defaults or ``base``, then the file, then what the command line says."""
     from dataclasses import replace
 
     from imapper_prob.config import Config, read_config
 
-    config = Config() if options.config is None else read_config(options.config)
+    config = base or Config()
+    if options.config is not None:
+        config = read_config(options.config)
     steps = options.steps if options.steps is not None else steps
-    if steps is not None:
-        asked = replace(config.sample, steps=steps, draws=1)
+    if steps is not None and base is None:
+        asked = replace(config.sample, steps=steps, draws=1, last_step=0)
         kept = min(config.sample.draws, asked.most_draws)
         config = replace(config, sample=replace(asked, draws=kept))
     if options.seed is not None:
@@ -107,32 +129,72 @@ def _config(options: argparse.Namespace, *, steps: int | None = None) -> Config:
 
 def _demo(options: argparse.Namespace) -> None:
     from imapper_prob.demo import demo_clip
-    from imapper_prob.output import run_folder
 
-    with run_folder(options.output, overwrite=options.overwrite):
-        _sample(options, demo_clip(), _config(options, steps=_DEMO_STEPS))
+    _begun_or_gone_on_with(options, demo_clip, steps=_DEMO_STEPS)
 
 
 def _run(options: argparse.Namespace) -> None:
-    from imapper_prob.output import run_folder
-
     video = options.clip if is_video(options.clip) else None
-    with run_folder(options.output, overwrite=options.overwrite):
-        _sample(options, clip_from(options.clip, options), _config(options), video=video)
+    _begun_or_gone_on_with(options, lambda: clip_from(options.clip, options), video=video)
 
 
-def _sample(
-    options: argparse.Namespace, clip: Clip, config: Config, *, video: Path | None = None
+def _begun_or_gone_on_with(
+    options: argparse.Namespace,
+    read_clip: Callable[[], Clip],
+    *,
+    steps: int | None = None,
+    video: Path | None = None,
 ) -> None:
-    import imapper_prob
-    from imapper_prob.output import CHECKPOINTS, write_run
-    from imapper_prob.sampling.cluster import connected
+    """Sample a clip into a folder, or go on with the run that is there."""
+    from imapper_prob.cli.going_on import config_to_go_on, nothing_to_do, require_same_input
+    from imapper_prob.output import earlier_run, restore_chains, run_folder
+    from imapper_prob.results.provenance import clip_digest
+    from imapper_prob.sampling.blocks import Limits
     from imapper_prob.scenelets.library import load_library
 
     if options.workers < 1:
         raise InputError(f"--workers {options.workers}: at least 1 is needed")
-    library = load_library(config.library)
+    limits = Limits(options.minutes, options.until)
+    folder = options.output
+    with run_folder(folder, overwrite=options.overwrite, goes_on=True):
+        earlier = None if options.overwrite else earlier_run(folder)
+        if earlier is None:
+            config = _config(options, steps=steps)
+        else:
+            asked = _config(options, earlier.config)
+            config = config_to_go_on(earlier, asked, steps=options.steps, limits=limits)
+            if nothing_to_do(earlier, limits):
+                _print(f"{folder}: {earlier.verdict} Nothing is left to do.")
+                return
+        clip, library = read_clip(), load_library(config.library)
+        if earlier is not None:
+            require_same_input(earlier, clip_digest(clip), library.digest)
+            restore_chains(folder, chains=config.sample.chains)
+        _sample(options, clip, library, config, limits=limits, video=video)
+
+
+def _sample(
+    options: argparse.Namespace,
+    clip: Clip,
+    library: Library,
+    config: Config,
+    *,
+    limits: Limits,
+    video: Path | None,
+) -> None:
+    import imapper_prob
+    from imapper_prob.cli.going_on import how_to_go_on, words_of_block
+    from imapper_prob.output import CHECKPOINTS, write_run
+    from imapper_prob.sampling.cluster import connected
+
+    blocks: list[Block] = []
     with connected(options.cluster) as cluster, progress_bars() as progress:
+
+        def hear(block: Block) -> None:
+            blocks.append(block)
+            if limits.any:
+                progress.say(words_of_block(len(blocks), block))
+
         posterior = imapper_prob.sample(
             clip,
             library,
@@ -141,14 +203,28 @@ def _sample(
             cluster=cluster,
             checkpoints=options.output / CHECKPOINTS,
             anew=options.overwrite,
+            minutes=limits.minutes,
+            until=limits.until,
             progress=progress,
+            on_block=hear,
         )
         progress("writing", 0.0)
         write_run(options.output, posterior, overwrite=options.overwrite, video=video)
         progress("writing", 1.0)
     _show(posterior, options.output)
     if not posterior.samples.finished:
-        raise Stopped
+        chains, draws = posterior.samples.shape
+        raise Stopped(
+            f"{options.output} holds what there is, {draws} draws of each of {chains} chains"
+        )
+    if blocks and not blocks[-1].verdict.good:
+        _print(how_to_go_on(blocks[-1], options))
+
+
+def _print(text: str) -> None:
+    from imapper_prob.cli.console import console
+
+    console().print(text)
 
 
 def _show(posterior: Posterior, folder: Path) -> None:

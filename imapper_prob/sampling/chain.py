@@ -21,7 +21,7 @@ from imapper_prob.samplers.resampling import Redraw
 from imapper_prob.samplers.reversible_jump import AcceptanceTable
 from imapper_prob.samplers.tempering import start, temper
 from imapper_prob.sampling.camera_moves import CameraCarry, CameraWalk, DepthScale, FocalScale
-from imapper_prob.sampling.checkpoints import Progress, kept_rounds, marked_rounds
+from imapper_prob.sampling.checkpoints import Progress
 from imapper_prob.sampling.crossover import TimeCrossover
 from imapper_prob.sampling.moves import (
     Birth,
@@ -37,16 +37,13 @@ from imapper_prob.sampling.proposals import Candidates, Proposals
 from imapper_prob.sampling.redraw import StretchRedraw
 from imapper_prob.sampling.refurnish import Refurnish
 from imapper_prob.sampling.replace import Replace, Retime
+from imapper_prob.sampling.schedule import burn_in_of, draws_of, end_of, piece_of, trace_of
 from imapper_prob.sampling.tracker import split, tracker_of
 from imapper_prob.staged.kinds import furniture_kinds
 
 __all__ = ["Chain", "Setup", "run_chain", "scene_moves"]
 
 Array = NDArray[np.float64]
-
-_BLOCK = 200
-"""Steps between two progress reports and chances of a checkpoint; a fraction of a second."""
-
 
 _REDRAWN = 0.12
 """How often a stretch is drawn anew: two fifths of the time of a chain, for it takes five times as
@@ -141,6 +138,8 @@ def run_chain(
     rng: np.random.Generator,
     report: Report,
     keeper: Keeper | None = None,
+    *,
+    end: int | None = None,
 ) -> Chain:
     """Run a chain; asked to stop, it returns what it has.
 
@@ -149,12 +148,12 @@ def run_chain(
 
     While it burns in, the ladder of temperatures adapts; then it stays. Only draws of the
     posterior itself are kept, and none of the burn-in. With a ``keeper`` the chain goes on from
-    its checkpoint, if there is one.
+    its checkpoint, if there is one, a finished chain's too. It stops after ``end`` rounds, that
+    of the settings if not given; see :mod:`imapper_prob.sampling.schedule` for where it may.
     """
     settings = setup.settings
-    rounds = settings.rounds
-    burn_in = int(rounds * settings.burn_in)
-    keep, mark = kept_rounds(settings), marked_rounds(settings)
+    end = end_of(settings) if end is None else end
+    burn_in, keep, mark = burn_in_of(settings), draws_of(settings), trace_of(settings)
     target = partial(split, setup.problem)
     done = None if keeper is None else _resumed(keeper, setup)
     if done is None:
@@ -174,22 +173,24 @@ def run_chain(
         track=tracker_of(setup.problem),
     )
     finished = True
-    while done.position.rounds < rounds and finished:
+    while done.position.rounds < end and finished:
         now = done.position.rounds
         adapt = now < burn_in
-        # A block begins with new trackers, as a chain does that goes on from a checkpoint.
-        block = min(max(1, _BLOCK // settings.swap_every), (burn_in if adapt else rounds) - now)
-        for at in islice(advance(done.position, adapt=adapt), block):
+        # A piece begins with new trackers, as a chain does that goes on from a checkpoint.
+        last = next(stop for stop in (burn_in, settings.rounds, end) if now < stop)
+        piece = min(piece_of(settings), min(last, end) - now)
+        for at in islice(advance(done.position, adapt=adapt), piece):
             coldest = at.position.chains[-1]
             if not adapt:
                 done.record(at)
-            if done.position.rounds in keep:
+            if keep.has(done.position.rounds):
                 done.states.append(coldest.state)
                 done.values.append(coldest.log_density)
-            if done.position.rounds in mark:
+            if mark.has(done.position.rounds):
                 done.trace.append(coldest.log_density)
+            done.thin(keep.most)
             done.position = at.position
-        finished = report(done.position.rounds / rounds)
+        finished = report(done.position.rounds / end)
         if keeper is not None:
             keeper.offer(done.snapshot)
     if keeper is not None:

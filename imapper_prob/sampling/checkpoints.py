@@ -7,7 +7,9 @@ import hashlib
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, TypeGuard
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,17 +19,28 @@ from imapper_prob.models.errors import InputError
 from imapper_prob.models.posterior import State
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.valid import check_state
-from imapper_prob.samplers.checkpoint import Snapshot, pack, pack_rng, unpack, unpack_rng
+from imapper_prob.samplers.checkpoint import (
+    CheckpointError,
+    Snapshot,
+    load,
+    pack,
+    pack_rng,
+    unpack,
+    unpack_rng,
+)
 from imapper_prob.samplers.kernel import ChainState
 from imapper_prob.samplers.ladder import SwapTable
 from imapper_prob.samplers.reversible_jump import AcceptanceTable
 from imapper_prob.samplers.tempering import Position, Round
 from imapper_prob.sampling.proposals import Candidates
+from imapper_prob.sampling.schedule import draws_of, trace_of
 
-__all__ = ["Progress", "identity_of", "kept_rounds", "marked_rounds"]
+__all__ = ["Progress", "identity_of", "rounds_done"]
 
 _LARGEST = 1e12
 """Of any number that a chain keeps; log-posteriors are nats."""
+_MOST_ROUNDS = 10**9
+"""That a chain has done: years, even of the shortest clip."""
 _FIELDS = tuple(entry.name for entry in dataclasses.fields(State))
 
 
@@ -71,6 +84,13 @@ class Progress:
         self.table = self.table.recorded(at.swap_acceptance, at.position.replicas)
         for info in (*at.steps[-1], *at.crossovers):
             self.acceptance.record(info)
+
+    def thin(self, most: int) -> None:
+        """Drop every second draw, or number of the trace, where there are more than ``most``."""
+        if len(self.states) > most:
+            del self.states[1::2], self.values[1::2]
+        if len(self.trace) > most:
+            del self.trace[1::2]
 
     def snapshot(self) -> Snapshot:
         """All of it as arrays and plain values."""
@@ -129,25 +149,25 @@ class Progress:
             With what is wrong.
         """
         position, table = self.position, self.table
-        rungs, rounds, gaps = settings.temperatures, settings.rounds, settings.temperatures - 1
-        keep, mark = kept_rounds(settings), marked_rounds(settings)
+        rungs, gaps = settings.temperatures, settings.temperatures - 1
         now = position.rounds
+        if not _is_count(now):
+            raise InputError("rounds are of no chain of this run")
         numbers = [chain.log_density for chain in position.chains]
         numbers += [*position.log_likelihoods, *self.values, *self.trace, *table.swaps]
         for what, holds in {
-            "rounds": isinstance(now, int) and 0 <= now <= rounds,
             "generators": len(self.rngs) == rungs + 1,
             "rungs": len(position.chains) == len(position.log_likelihoods) == rungs,
             "replicas": sorted(position.replicas) == list(range(rungs)),
             "temperatures": all(_ascends(betas, rungs) for betas in (position.betas, table.betas)),
             "numbers": all(isinstance(x, float) and abs(x) < _LARGEST for x in numbers),
-            "draws": len(self.states) == len(self.values) == sum(at < now for at in keep),
-            "trace": len(self.trace) == sum(at < now for at in mark),
+            "draws": len(self.states) == len(self.values) == draws_of(settings).kept(now),
+            "trace": len(self.trace) == trace_of(settings).kept(now),
             "swaps": len(table.swaps) == gaps and isinstance(table.rounds, int)
-            and 0 <= table.rounds <= rounds,
+            and 0 <= table.rounds <= now,
             "ends": len(table.last_end) == rungs and {*table.last_end} <= {-1, 0, 1},
             "crossings": len(table.crossings) == rungs
-            and all(isinstance(n, int) and 0 <= n <= rounds for n in table.crossings),
+            and all(isinstance(n, int) and 0 <= n <= now for n in table.crossings),
             "moves": all(
                 isinstance(n, int) and 0 <= self.acceptance.accepted[move] <= n
                 for move, n in self.acceptance.proposed.items()
@@ -159,19 +179,25 @@ class Progress:
             check_state(problem, state)
 
 
-def kept_rounds(settings: SampleSettings) -> frozenset[int]:
-    """Rounds after which a draw is kept."""
-    last = settings.rounds - 1
-    return _evenly(int(settings.rounds * settings.burn_in), last, settings.draws)
+def rounds_done(path: Path, *, identity: str) -> int:
+    """How many rounds a chain has left in its checkpoint; 0 where there is none.
+
+    Raises
+    ------
+    CheckpointError
+        The checkpoint is damaged or of another run.
+    """
+    saved = load(path, identity=identity)
+    if saved is None:
+        return 0
+    rounds = saved.values.get("rounds") if isinstance(saved.values, dict) else None
+    if not _is_count(rounds):
+        raise CheckpointError(f"{path} is damaged (rounds): delete it, and its chain begins anew")
+    return int(rounds)
 
 
-def marked_rounds(settings: SampleSettings) -> frozenset[int]:
-    """Rounds after which the log-posterior is noted, burn-in included."""
-    return _evenly(0, settings.rounds - 1, settings.draws)
-
-
-def _evenly(first: int, last: int, count: int) -> frozenset[int]:
-    return frozenset(np.linspace(first, last, count).round().astype(int).tolist())
+def _is_count(value: object) -> TypeGuard[int]:
+    return isinstance(value, int) and not isinstance(value, bool) and 0 <= value < _MOST_ROUNDS
 
 
 def _ascends(betas: Sequence[float], count: int) -> bool:
@@ -191,11 +217,16 @@ def identity_of(
     problem: Problem,
     candidates: Candidates,
     starts: Sequence[Sequence[State]],
-    settings: object,
+    settings: SampleSettings,
     seed: np.random.SeedSequence,
 ) -> str:
-    """A hash of all that the draws depend on: a checkpoint of anything else is refused."""
-    digest = hashlib.sha256(repr((settings, seed.entropy, seed.spawn_key)).encode())
+    """A hash of all that the draws depend on: a checkpoint of anything else is refused.
+
+    Where chains stop is not in it, for they may go on.
+    """
+    endless = dataclasses.replace(settings, last_step=0)
+    parts = (version("imapper-prob"), endless, seed.entropy, seed.spawn_key)
+    digest = hashlib.sha256(repr(parts).encode())
     arrays = [
         *problem, candidates.centres, candidates.placements, candidates.sizes, candidates.weights,
     ]  # fmt: skip

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Executor
 from contextlib import contextmanager
+from copy import deepcopy
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -27,13 +32,14 @@ from imapper_prob.samplers.diagnostics import (
     layout_probabilities,
 )
 from imapper_prob.samplers.ladder import LadderSummary
-from imapper_prob.samplers.resumable import run_resumable_chains
+from imapper_prob.samplers.resumable import checkpoint_of, run_resumable_chains
 from imapper_prob.samplers.reversible_jump import AcceptanceTable
-from imapper_prob.samplers.verdict import Verdict, judge
+from imapper_prob.samplers.verdict import Measures, Verdict, judge, measure
 from imapper_prob.sampling.agreement import Agreement, compare
+from imapper_prob.sampling.blocks import Block, Clock, Limits, OnBlock
 from imapper_prob.sampling.cast import Cast, cast_of
-from imapper_prob.sampling.chain import Setup, run_chain
-from imapper_prob.sampling.checkpoints import identity_of
+from imapper_prob.sampling.chain import Chain, Setup, run_chain
+from imapper_prob.sampling.checkpoints import identity_of, rounds_done
 from imapper_prob.sampling.cluster import Cluster, executor_of
 from imapper_prob.sampling.layouts import (
     Layouts,
@@ -43,6 +49,7 @@ from imapper_prob.sampling.layouts import (
 )
 from imapper_prob.sampling.nodes import find_nodes
 from imapper_prob.sampling.placements import PlacementDraws, is_complete, sample_placements
+from imapper_prob.sampling.schedule import block_end, burn_in_of, end_of
 from imapper_prob.sampling.starts import starts_of
 from imapper_prob.scenelets.charness import similarity
 from imapper_prob.staged.solver import Solution
@@ -100,6 +107,12 @@ class Samples:
 
     __repr__ = brief
 
+    def end(self, settings: SampleSettings) -> int:
+        """Rounds at which the block of these draws ends; ``settings`` are those of the run."""
+        kept = max(ladder.rounds for ladder in self.ladders)
+        done = burn_in_of(settings) + kept
+        return done if self.finished else block_end(settings, done - 1)
+
     @property
     def shape(self) -> tuple[int, int]:
         """Chains C and draws N of each."""
@@ -117,11 +130,13 @@ def sample_scenes(
     checkpoints: Path | None = None,
     anew: bool = False,
     progress: Progress | None = None,
+    limits: Limits | None = None,
+    on_block: OnBlock | None = None,
 ) -> Samples:
     """Sample from where the staged solver arrived, with one actor or with a cast.
 
-    The result depends on ``seed`` but not on ``workers`` or ``cluster``. An interrupt (Ctrl-C)
-    ends chains or ensembles early; what they have is used.
+    The result depends on ``seed`` and on the number of steps, but not on ``workers`` or
+    ``cluster``. An interrupt (Ctrl-C) ends chains or ensembles early; what they have is used.
 
     Parameters
     ----------
@@ -131,53 +146,220 @@ def sample_scenes(
         no progress from there.
     checkpoints : Path, optional
         Folder in which the chains leave what they have every few seconds, and from which
-        they go on: run again after a kill, the draws are the same.
+        they go on: run again after a kill, the draws are the same. Finished chains go on from
+        there as well, where there is more to do.
     anew : bool
         Delete checkpoints that are damaged or of another run, instead of refusing them.
     progress : callable, optional
         Called with the name of the stage and the part of it that is done.
+    limits : Limits, optional
+        Sample in blocks until they are reached, whatever the settings say about the end.
+    on_block : callable, optional
+        Called with what is known after each block; a run without limits has one.
 
     Raises
     ------
     InputError
-        Checkpoints are damaged, of another run or cannot be written, or processes died.
+        Checkpoints are damaged, of another run or cannot be written, or processes died; or there
+        are limits and a cluster, and no folder that its workers see.
     """
+    limits = limits or Limits()
+    if limits.any and checkpoints is None:
+        if cluster is not None:
+            raise InputError(
+                "a cluster's chains go on in blocks from checkpoints: name a folder for these "
+                "that its workers see"
+            )
+        with TemporaryDirectory(prefix="imapper-prob-") as folder:
+            return sample_scenes(
+                solution, settings, seed=seed, workers=workers, checkpoints=Path(folder),
+                progress=progress, limits=limits, on_block=on_block,
+            )  # fmt: skip
     chain_seed, layout_seed, ensemble_seed = seed.spawn(3)
     cast = solution if isinstance(solution, Cast) else cast_of([solution])
-    problem = cast.problem
     setup = setup_of(cast, settings)
-    done = np.zeros(settings.chains)
-
-    def report(chain: int, part: object) -> None:
-        done[chain] = part if isinstance(part, float) else 0.0
-        if progress is not None:
-            progress("jumping between scenes", float(done.mean()))
-
     starts = starts_of(cast, settings.chains)
     shared = setup if cluster is None else cluster.scatter(setup, broadcast=True)
     with _told_plainly(checkpoints), executor_of(cluster) as executor:
+        run = _ChainRun(
+            shared=shared,
+            starts=starts,
+            seed=chain_seed,
+            workers=workers,
+            executor=executor,
+            folder=None if checkpoints is None else checkpoints.resolve(),
+            identity=identity_of(cast.problem, setup.candidates, starts, settings, chain_seed),
+            anew=anew,
+        )
+        drawn = _in_blocks(run, cast, settings, layout_seed, limits, progress, on_block)
+    with _told_plainly(checkpoints), warnings.catch_warnings():
+        # Short ensembles are compared with the chains, and that is said.
+        warnings.simplefilter("ignore", ShortChainWarning)
+        placements = _ensembles(
+            cast.problem, drawn, settings, ensemble_seed, workers, checkpoints, progress
+        )
+    chains = drawn.chains
+    return Samples(
+        states=drawn.states,
+        log_posterior=drawn.values,
+        traces=_aligned([chain.trace for chain in chains]),
+        objects=drawn.objects,
+        layouts=drawn.layouts,
+        probabilities=drawn.probabilities,
+        placements=placements,
+        agreements=tuple(compare(cast.library, draws, drawn.states) for draws in placements),
+        acceptance=sum((chain.acceptance for chain in chains), AcceptanceTable()),
+        ladders=tuple(chain.ladder for chain in chains),
+        verdict=drawn.verdict,
+        finished=all(chain.finished for chain in chains)
+        and len(placements) == min(settings.ensemble_layouts, len(drawn.layouts.leaders))
+        and all(is_complete(draws, settings) for draws in placements),
+    )
+
+
+@dataclass(frozen=True)
+class _ChainRun:
+    """All chains of a run, which go on to any end."""
+
+    shared: Any
+    starts: Sequence[Sequence[State]]
+    seed: np.random.SeedSequence
+    workers: int
+    executor: Executor | None
+    folder: Path | None
+    identity: str
+    anew: bool
+
+    def rounds(self) -> Array:
+        """(C,) rounds that each chain has done."""
+        done = np.zeros(len(self.starts))
+        for chain in range(len(done) if self.folder is not None else 0):
+            assert self.folder is not None
+            try:
+                done[chain] = rounds_done(checkpoint_of(self.folder, chain), identity=self.identity)
+            except CheckpointError:
+                if not self.anew:
+                    raise
+        return done
+
+    def to(self, end: int, on_progress: Callable[[int, object], None]) -> list[Chain]:
+        """Go on to ``end`` rounds."""
+        # A sequence that has spawned is another one: each block spawns from a copy.
         options: dict[str, Any] = {
-            "seed": chain_seed,
-            "workers": workers,
-            "executor": executor,
-            "on_progress": report if executor is None else None,
+            "seed": deepcopy(self.seed),
+            "workers": self.workers,
+            "executor": self.executor,
+            "on_progress": on_progress if self.executor is None else None,
         }
-        if checkpoints is None:
-            chains = run_chains(run_chain, shared, starts, **options)
-        else:
-            chains = run_resumable_chains(
-                run_chain,
-                shared,
-                starts,
-                folder=checkpoints.resolve(),
-                identity=identity_of(problem, setup.candidates, starts, settings, chain_seed),
-                anew=anew,
-                **options,
-            )
+        task = partial(run_chain, end=end)
+        if self.folder is None:
+            return run_chains(task, self.shared, self.starts, **options)
+        return run_resumable_chains(
+            task,
+            self.shared,
+            self.starts,
+            folder=self.folder,
+            identity=self.identity,
+            anew=self.anew,
+            **options,
+        )
+
+
+@dataclass(frozen=True)
+class _Drawn:
+    """What chains have drawn so far, and what it says of layouts."""
+
+    chains: Sequence[Chain]
+    states: tuple[State, ...]
+    values: Array
+    objects: tuple[tuple[SceneObject, ...], ...]
+    layouts: Layouts
+    probabilities: LayoutProbabilities
+    measures: Measures
+    verdict: Verdict
+
+
+def _in_blocks(
+    run: _ChainRun,
+    cast: Cast,
+    settings: SampleSettings,
+    layout_seed: np.random.SeedSequence,
+    limits: Limits,
+    progress: Progress | None,
+    on_block: OnBlock | None,
+) -> _Drawn:
+    """One block after the other until the limits are reached; a single one without limits.
+
+    Chains that were stopped inside a block, or that have done more than is asked for, first go on
+    to the end of the block that the furthest of them is in.
+    """
+    clock = Clock(limits)
+    begun = run.rounds()
+    furthest = int(begun.max())
+    end = 0 if limits.any else end_of(settings)
+    if limits.any or furthest > end:
+        end = max(end, block_end(settings, furthest - 1))
+    while True:
+        clock.begin()
+        chains = run.to(end, _reporter(progress, clock, limits, begun, end))
+        finished = all(chain.finished for chain in chains)
+        if finished:
+            clock.end(float(np.mean(end - begun)))
+        drawn = _drawn(cast, settings, chains, layout_seed)
+        following = block_end(settings, end)
+        goes_on = finished and clock.allows(following - end, drawn.verdict)
+        if on_block is not None:
+            on_block(_block(settings, drawn, clock, end, goes_on=goes_on))
+        if not goes_on:
+            return drawn
+        begun, end = np.full(len(chains), float(end)), following
+
+
+def _reporter(
+    progress: Progress | None, clock: Clock, limits: Limits, begun: Array, end: int
+) -> Callable[[int, object], None]:
+    """What chains call in a block, which they begin after ``begun`` rounds each."""
+    done = begun.copy()
+
+    def report(chain: int, part: object) -> None:
+        done[chain] = end * part if isinstance(part, float) else 0.0
+        if progress is not None:
+            of_block = float((done - begun).mean() / max(1.0, float((end - begun).mean())))
+            part_done = clock.part(of_block) if limits.any else float(done.mean()) / end
+            progress("jumping between scenes", part_done)
+
+    return report
+
+
+def _block(
+    settings: SampleSettings, drawn: _Drawn, clock: Clock, end: int, *, goes_on: bool
+) -> Block:
+    kept, draws = end - burn_in_of(settings), drawn.values.shape[1]
+    to_good = clock.takes(kept * drawn.verdict.more_draws / draws)
+    if drawn.verdict.good or drawn.verdict.disagreement is not None:
+        to_good = 0.0 if drawn.verdict.good else math.nan
+    return Block(
+        steps=end * settings.swap_every,
+        draws=draws,
+        finished=all(chain.finished for chain in drawn.chains),
+        measures=drawn.measures,
+        verdict=drawn.verdict,
+        seconds=clock.seconds,
+        seconds_to_good=to_good,
+        seconds_left=clock.left(to_good) if goes_on else 0.0,
+    )
+
+
+def _drawn(
+    cast: Cast,
+    settings: SampleSettings,
+    chains: Sequence[Chain],
+    layout_seed: np.random.SeedSequence,
+) -> _Drawn:
     n = min(len(chain.states) for chain in chains)
     states = tuple(state for chain in chains for state in chain.states[-n:])
     values = np.stack([chain.log_posterior[-n:] for chain in chains])
-    objects = tuple(merged_objects(problem, cast.library, state) for state in states)
+    objects = tuple(merged_objects(cast.problem, cast.library, state) for state in states)
     seen = through_one_lens(objects, [state.camera[2] for state in states])
     layouts = group_layouts(seen, values.ravel(), radius=settings.layout_radius)
     with warnings.catch_warnings():
@@ -186,29 +368,13 @@ def sample_scenes(
         probabilities = layout_probabilities(
             1 + layouts.indicator.reshape(values.shape), rng=np.random.default_rng(layout_seed)
         )
+        functionals = _functionals(values, states, objects)
         ladders = tuple(chain.ladder for chain in chains)
-        verdict = judge(probabilities, _functionals(values, states, objects), ladders=ladders)
-        with _told_plainly(checkpoints):
-            placements = _ensembles(
-                problem, states, values.ravel(), layouts, settings, ensemble_seed, workers,
-                checkpoints, progress,
-            )  # fmt: skip
-    return Samples(
-        states=states,
-        log_posterior=values,
-        traces=_aligned([chain.trace for chain in chains]),
-        objects=objects,
-        layouts=layouts,
-        probabilities=probabilities,
-        placements=placements,
-        agreements=tuple(compare(cast.library, draws, states) for draws in placements),
-        acceptance=sum((chain.acceptance for chain in chains), AcceptanceTable()),
-        ladders=ladders,
-        verdict=verdict,
-        finished=all(chain.finished for chain in chains)
-        and len(placements) == min(settings.ensemble_layouts, len(layouts.leaders))
-        and all(is_complete(draws, settings) for draws in placements),
-    )
+        measures = measure(probabilities, functionals)
+        verdict = judge(probabilities, functionals, ladders=ladders)
+    return _Drawn(
+        chains, states, values, objects, layouts, probabilities, measures, verdict
+    )  # fmt: skip
 
 
 @contextmanager
@@ -243,9 +409,7 @@ def _functionals(
 
 def _ensembles(
     problem: Problem,
-    states: Sequence[State],
-    values: Array,
-    layouts: Layouts,
+    drawn: _Drawn,
     settings: SampleSettings,
     seed: np.random.SeedSequence,
     workers: int,
@@ -256,6 +420,7 @@ def _ensembles(
 
     None follow upon those that were interrupted.
     """
+    states, values, layouts = drawn.states, drawn.values.ravel(), drawn.layouts
     count = min(settings.ensemble_layouts, len(layouts.leaders))
     results = []
     for layout, child in enumerate(seed.spawn(count)):

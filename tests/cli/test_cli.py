@@ -44,8 +44,8 @@ def run_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_run_writes_all_its_files(run_folder: Path) -> None:
     names = sorted(p.name for p in run_folder.iterdir())
     assert names == [
-        "config.toml", "manifest.json", "posterior.nc", "recording.rrd", "report.html", "scenes",
-        "scenes.json",
+        "chains", "config.toml", "manifest.json", "posterior.nc", "recording.rrd", "report.html",
+        "scenes", "scenes.json",
     ]  # fmt: skip
     shown = json.loads((run_folder / "scenes.json").read_text())["scenes"]
     models = sorted(p.name for p in (run_folder / "scenes").iterdir())

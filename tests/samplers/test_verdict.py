@@ -9,7 +9,7 @@ import pytest
 
 from imapper_prob.samplers.diagnostics import ShortChainWarning, layout_probabilities
 from imapper_prob.samplers.ladder import LadderSummary
-from imapper_prob.samplers.verdict import judge
+from imapper_prob.samplers.verdict import judge, measure
 from tests.samplers.markov import autoregressive, two_states, two_states_error
 
 LEAVE = (0.1, 0.1)
@@ -26,8 +26,28 @@ def test_a_long_run_is_good(rng):
     assert verdict.good
     assert verdict.more_draws == 0
     assert verdict.disagreement is None
-    assert re.match(r"Converged: probabilities of layouts are good to ± 0\.0\d\. ", verdict.text)
-    assert "of log posterior" in verdict.text
+    assert re.match(r"Converged: probabilities are good to ± 0\.0\d\. ", verdict.text)
+    assert "of log posterior (1.01 wanted)" in verdict.text
+
+
+def test_what_a_verdict_goes_by(rng):
+    n = 2_000
+    found = layouts(rng, n, leave=(0.01, 0.01))
+    shifted = rng.standard_normal((4, n)) + np.array([0.0, 0.0, 0.0, 0.4])[:, None]
+    measures = measure(found, {"near": rng.standard_normal((4, n)), "far": shifted})
+    assert (measures.rhat_of, measures.effective_draws_of[:6]) == ("far", "layout")
+    assert measures.rhat > 1.01
+    assert measures.effective_layouts == measures.effective_draws == found.effective_draws.min()
+    assert measures.error == found.standard_error.max()
+    text = judge(found, {"near": rng.standard_normal((4, n)), "far": shifted}).text
+    assert " Chains do not agree yet on far. " in text
+    alone = judge(found, {"near": rng.standard_normal((4, n))}).text
+    assert re.search(
+        r" Chains agree, but layout 1[01] changes too seldom to be known well\. ", alone
+    )
+    nothing = measure(layout_probabilities(np.ones((4, 9), int), rng=rng), {})
+    assert nothing.effective_draws == nothing.effective_layouts == np.inf
+    assert nothing.rhat == 1.0
 
 
 def test_a_run_without_functionals_is_judged_by_its_layouts(rng):
@@ -46,9 +66,7 @@ def test_a_short_run_says_how_many_more(rng):
     assert verdict.more_draws % 100 == 0
     assert f"About {verdict.more_draws} more draws" in verdict.text
     # One standard error: sqrt(.25 / 81).
-    off = re.match(
-        r"Not converged: probabilities of layouts may be off by (0\.\d\d)\.", verdict.text
-    )
+    off = re.match(r"Not converged: probabilities may be off by (0\.\d\d)\.", verdict.text)
     assert off is not None
     assert 0.03 < float(off[1]) < 0.12
     assert "of layout 1" in verdict.text

@@ -1,0 +1,133 @@
+"""When a chain keeps what, and where it may stop.
+
+All of it follows from the settings and the number of rounds done, so a chain that goes on from
+an earlier end keeps what one run of that length would have kept.
+
+- *Planned rounds* are those of ``steps``. The first ``burn_in`` of them are not kept, however
+  long the chain becomes: temperatures stay from there on.
+- *Marks* are rounds after which a draw is kept. Beyond the planned rounds they go on at the same
+  distance. Whenever there are more than twice as many as planned, every second one is dropped.
+- *Pieces* are the rounds between two chances to stop. A piece begins with new trackers, which
+  sum in another order than old ones: a chain may end where a piece ends, and nowhere else.
+- *Blocks* are some pieces long: a fourth of what is planned after burn-in, and twice as long each
+  time that draws become twice as sparse. The first one holds the burn-in as well.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Final
+
+from imapper_prob.config import SampleSettings
+
+__all__ = [
+    "Marks", "block_end", "burn_in_of", "draws_of", "end_of", "piece_of", "stopped_at", "trace_of",
+]  # fmt: skip
+
+_PIECE: Final = 200
+"""Steps between two progress reports and chances of a checkpoint; a fraction of a second."""
+_BLOCKS: Final = 4
+"""Blocks of a run of ``steps``: each a tenth or more of it, long beside the start of processes."""
+
+
+@dataclass(frozen=True)
+class Marks:
+    """Evenly spaced rounds, of which every second one is dropped whenever there are too many.
+
+    Parameters
+    ----------
+    first : int
+        The first one.
+    spacing : float
+        Rounds from one to the next, at least 1.
+    most : int
+        More are not kept.
+    """
+
+    first: int
+    spacing: float
+    most: int
+
+    def at(self, number: int) -> int:
+        """The round of a mark, counted from 0."""
+        return round(self.first + number * self.spacing)
+
+    def count(self, rounds: int) -> int:
+        """How many there are before ``rounds``, those dropped included."""
+        number = max(0, int((rounds - self.first) / self.spacing) - 1)
+        while self.at(number) < rounds:
+            number += 1
+        return number
+
+    def stride(self, rounds: int) -> int:
+        """Of how many marks one is kept after ``rounds`` rounds."""
+        stride = 1
+        while -(-self.count(rounds) // stride) > self.most:
+            stride *= 2
+        return stride
+
+    def kept(self, rounds: int) -> int:
+        """How many are kept after ``rounds`` rounds."""
+        return -(-self.count(rounds) // self.stride(rounds))
+
+    def has(self, at: int) -> bool:
+        """Whether round ``at`` is one that is kept when it comes."""
+        number = self.count(at)
+        return self.at(number) == at and number % self.stride(at) == 0
+
+
+def burn_in_of(settings: SampleSettings) -> int:
+    """Rounds that are not kept."""
+    return int(settings.rounds * settings.burn_in)
+
+
+def piece_of(settings: SampleSettings) -> int:
+    """Rounds of a piece."""
+    return max(1, _PIECE // settings.swap_every)
+
+
+def draws_of(settings: SampleSettings) -> Marks:
+    """Rounds after which a draw is kept."""
+    return _evenly(burn_in_of(settings), settings)
+
+
+def trace_of(settings: SampleSettings) -> Marks:
+    """Rounds after which the log-posterior is noted, burn-in included."""
+    return _evenly(0, settings)
+
+
+def end_of(settings: SampleSettings) -> int:
+    """Rounds at which chains stop: those planned, or of ``last_step``, rounded up to a piece."""
+    planned = settings.rounds
+    if settings.last_step == 0:
+        return planned
+    asked = -(-settings.last_step // settings.swap_every)
+    begins = burn_in_of(settings) if asked <= planned else planned
+    end = begins + _up(asked - begins, piece_of(settings))
+    return min(end, planned) if asked <= planned else end
+
+
+def block_end(settings: SampleSettings, rounds: int) -> int:
+    """Rounds at the end of the first block that ends after ``rounds``."""
+    planned, burn_in = settings.rounds, burn_in_of(settings)
+    length = _up(-(-(planned - burn_in) // _BLOCKS), piece_of(settings))
+    end, draws = burn_in, draws_of(settings)
+    while end <= max(rounds, burn_in):
+        end = min(end + length, planned) if end < planned else end + length * draws.stride(end)
+    return end
+
+
+def stopped_at(settings: SampleSettings, rounds: int) -> SampleSettings:
+    """The same settings for chains that stop after so many ``rounds``."""
+    last_step = 0 if rounds == settings.rounds else rounds * settings.swap_every
+    return replace(settings, last_step=last_step)
+
+
+def _evenly(first: int, settings: SampleSettings) -> Marks:
+    gaps, last = settings.draws - 1, settings.rounds - 1
+    spacing = (last - first) / gaps if gaps else float(max(1, last + 1 - first))
+    return Marks(first, spacing, 2 * settings.draws)
+
+
+def _up(rounds: int, piece: int) -> int:
+    return -(-rounds // piece) * piece

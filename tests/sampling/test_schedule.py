@@ -1,0 +1,102 @@
+"""When chains keep what, and where they may stop."""
+
+from __future__ import annotations
+
+import hypothesis
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from imapper_prob.config import SampleSettings
+from imapper_prob.models.errors import InputError
+from imapper_prob.sampling.schedule import (
+    block_end,
+    burn_in_of,
+    draws_of,
+    end_of,
+    piece_of,
+    stopped_at,
+    trace_of,
+)
+
+
+@st.composite
+def settings(draw: st.DrawFn) -> SampleSettings:
+    steps = draw(st.integers(1, 1200))
+    swap_every = draw(st.integers(1, 7))
+    burn_in = draw(st.floats(0, 0.9))
+    most = SampleSettings(steps=steps, swap_every=swap_every, burn_in=burn_in, draws=1).most_draws
+    draws = draw(st.integers(1, min(most, 20)))
+    return SampleSettings(steps=steps, swap_every=swap_every, burn_in=burn_in, draws=draws)
+
+
+FEW = hypothesis.settings(max_examples=40)
+
+
+@FEW
+@given(settings())
+def test_a_planned_run_keeps_evenly_spaced_rounds(sample: SampleSettings) -> None:
+    first, last = burn_in_of(sample), sample.rounds - 1
+    for marks, begins in ((draws_of(sample), first), (trace_of(sample), 0)):
+        expected = np.linspace(begins, last, sample.draws).round().astype(int).tolist()
+        assert [at for at in range(sample.rounds) if marks.has(at)] == expected
+        assert marks.kept(sample.rounds) == sample.draws
+
+
+@FEW
+@given(settings(), st.integers(1, 5))
+def test_what_is_kept_does_not_depend_on_when_one_looks(sample: SampleSettings, times: int) -> None:
+    marks = draws_of(sample)
+    kept: list[int] = []
+    for at in range(min(times * sample.rounds, 1500)):
+        if marks.has(at):
+            kept.append(at)
+        if len(kept) > marks.most:
+            del kept[1::2]
+        assert len(kept) == marks.kept(at + 1) <= 2 * sample.draws
+    numbers = range(0, marks.count(at + 1), marks.stride(at + 1))
+    assert kept == [marks.at(number) for number in numbers]
+
+
+@FEW
+@given(settings())
+def test_blocks_end_where_pieces_do_and_one_of_them_where_the_run_was_to_end(
+    sample: SampleSettings,
+) -> None:
+    planned, first, piece = sample.rounds, burn_in_of(sample), piece_of(sample)
+    ends = [block_end(sample, 0)]
+    while len(ends) < 18:
+        ends.append(block_end(sample, ends[-1]))
+        # From anywhere in a block it ends at the same place.
+        assert block_end(sample, ends[-1] - 1) == block_end(sample, ends[-2] + 1) == ends[-1]
+    assert planned in ends
+    assert ends[0] > first
+    for end in ends:
+        if end != planned:
+            assert (end - (first if end < planned else planned)) % piece == 0
+        assert end_of(stopped_at(sample, end)) == end
+    lengths = np.diff([planned, *[end for end in ends if end > planned]])
+    assert (np.diff(lengths) >= 0).all()
+    assert set((lengths / lengths[0]).tolist()) <= {2.0**n for n in range(30)}
+
+
+def test_default_blocks() -> None:
+    sample = SampleSettings()
+    ends = [block_end(sample, 0)]
+    while len(ends) < 14:
+        ends.append(block_end(sample, ends[-1]))
+    steps = [5 * end for end in ends]
+    assert steps[:5] == [16_600, 21_200, 25_800, 30_000, 34_600]
+    kept = [draws_of(sample).kept(end) for end in ends]
+    assert kept[3] == 400
+    assert max(kept) <= 800
+    assert len(set(np.diff(steps[4:]).tolist())) > 1
+
+
+def test_a_last_step_within_burn_in_is_refused() -> None:
+    assert end_of(SampleSettings(last_step=12_001)) == 2400 + 40
+    assert end_of(SampleSettings(last_step=30_001)) == 6000 + 40
+    assert end_of(SampleSettings(last_step=29_999)) == 6000
+    with pytest.raises(InputError, match="last_step = 12000 must be beyond the burn-in"):
+        SampleSettings(last_step=12_000)
