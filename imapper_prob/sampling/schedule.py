@@ -10,7 +10,7 @@ an earlier end keeps what one run of that length would have kept.
 - *Pieces* are the rounds between two chances to stop. A piece begins with new trackers, which
   sum in another order than old ones: a chain may end where a piece ends, and nowhere else.
 - *Blocks* are some pieces long: a fourth of what is planned after burn-in, and twice as long each
-  time that draws become twice as sparse. The first one holds the burn-in as well.
+  time that there are twice as many rounds. The first one holds the burn-in as well.
 """
 
 from __future__ import annotations
@@ -111,9 +111,14 @@ def block_end(settings: SampleSettings, rounds: int) -> int:
     """Rounds at the end of the first block that ends after ``rounds``."""
     planned, burn_in = settings.rounds, burn_in_of(settings)
     length = _up(-(-(planned - burn_in) // _BLOCKS), piece_of(settings))
-    end, draws = burn_in, draws_of(settings)
+    end = burn_in
     while end <= max(rounds, burn_in):
-        end = min(end + length, planned) if end < planned else end + length * draws.stride(end)
+        if end < planned:
+            end = min(end + length, planned)
+            continue
+        while end - burn_in >= 2 * _BLOCKS * length:
+            length *= 2
+        end += length
     return end
 
 
