@@ -15,22 +15,22 @@ __version__ = "0.1.0"
 
 _HOMES = {
     "Clip": "imapper_prob.models.scene",
-    "ClipOptions": "imapper_prob.inputs",
+    "ClipOptions": "imapper_prob.clips.load",
     "Config": "imapper_prob.config",
     "InputError": "imapper_prob.models.errors",
     "Library": "imapper_prob.models.scenelet",
     "Posterior": "imapper_prob.results.posterior",
-    "Solution": "imapper_prob.staged.solver",
-    "Solved": "imapper_prob.results.solved",
-    "demo_clip": "imapper_prob.demo",
+    "Solution": "imapper_prob.solver.solver",
+    "Solved": "imapper_prob.solver.actors",
+    "demo_clip": "imapper_prob.api",
     "load_clip": "imapper_prob.api",
     "load_library": "imapper_prob.scenelets.library",
-    "load_posterior": "imapper_prob.results.load",
-    "read_camera": "imapper_prob.inputs",
+    "load_posterior": "imapper_prob.results.posterior",
+    "read_camera": "imapper_prob.clips.load",
     "read_config": "imapper_prob.config",
     "sample": "imapper_prob.api",
     "solve": "imapper_prob.api",
-    "write_clip": "imapper_prob.inputs",
+    "write_clip": "imapper_prob.clips.load",
 }
 """Where the public names live; they are imported when first asked for, torch and all."""
 

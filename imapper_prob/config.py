@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
-from imapper_prob.models.energy.detections import DetectorSettings
+from imapper_prob.models.detector import DetectorSettings
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.settings import (
     CameraSettings,

@@ -22,29 +22,39 @@ from pathlib import Path
 import numpy as np
 from rich.console import Console
 
-from imapper_prob.evaluate.pose import SUBSETS, pose_scores
 from imapper_prob.evaluate.prediction import Prediction, prediction_of_state
-from imapper_prob.evaluate.scenes import known_scene, scenes_with_truth
-from imapper_prob.evaluate.score import Score, score, summarise
+from imapper_prob.evaluate.score import (
+    SUBSETS,
+    Score,
+    known_scene,
+    pose_scores,
+    scenes_with_truth,
+    score,
+    summarise,
+)
 from imapper_prob.evaluate.tables import object_rows, pose_rows, screen_table
 from imapper_prob.evaluate.truth import TruthInView
-from imapper_prob.models.energy.occlusion import p_seen
-from imapper_prob.models.energy.paper import PaperWeights
 from imapper_prob.models.geometry import NOTHING_IN_SIGHT
-from imapper_prob.models.path import StaticPath
+from imapper_prob.models.kernels.visibility import visibility_probability
+from imapper_prob.models.path_prior import StaticPath
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.scene import Clip
-from imapper_prob.models.settings import CameraSettings, ModelSettings, Settings, StaticPathSettings
+from imapper_prob.models.settings import (
+    CameraSettings,
+    ModelSettings,
+    PaperWeights,
+    Settings,
+    StaticPathSettings,
+)
 from imapper_prob.models.skeleton import BONE_LENGTHS, PELV
-from imapper_prob.results.stored_input import StoredSource
 from imapper_prob.scenelets.library import load_library
-from imapper_prob.staged.calibration import estimate_camera
-from imapper_prob.staged.candidates import screen
-from imapper_prob.staged.combine import combine
-from imapper_prob.staged.maxima import charness_curve
-from imapper_prob.staged.resemblance import best_fits
-from imapper_prob.staged.solver import fit_clip, solve_published
-from imapper_prob.staged.static_path import estimate_static_path
+from imapper_prob.solver.camera_prior import estimate_camera
+from imapper_prob.solver.candidates import charness_curve, screen
+from imapper_prob.solver.combinations import combine
+from imapper_prob.solver.fits import best_fits
+from imapper_prob.solver.solver import fit_clip, solve_published
+from imapper_prob.solver.static_path import estimate_static_path
+from imapper_prob.uncertainty.stored import StoredSource
 
 
 def without_sight(problem: Problem) -> Problem:
@@ -53,7 +63,7 @@ def without_sight(problem: Problem) -> Problem:
     An infinite width makes the step of visibility one half everywhere; what the densities of
     hidden and seen are multiplied by makes up for it.
     """
-    seen = p_seen(NOTHING_IN_SIGHT, problem.sight_width, problem.surprise)
+    seen = visibility_probability(NOTHING_IN_SIGHT, problem.sight_width, problem.surprise)
     share = 2 * np.array([1 - seen, seen])
     return problem._replace(
         sight_width=np.inf,

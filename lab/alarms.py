@@ -29,12 +29,11 @@ from imapper_prob.models.calibrated import calibrated
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.scene import Clip, Track
 from imapper_prob.models.scenelet import Library
-from imapper_prob.models.simulate import simulate_clip
-from imapper_prob.models.simulate_track import simulate_track
 from imapper_prob.models.skeleton import DETECTED, PELV
 from imapper_prob.scenelets.library import load_library
-from imapper_prob.staged.resemblance import best_fits
-from imapper_prob.staged.solver import fit_clip
+from imapper_prob.simulate.clips import simulate_clip, simulate_track
+from imapper_prob.solver.fits import best_fits
+from imapper_prob.solver.solver import fit_clip
 
 __all__ = ["CASES", "shortened", "simulated"]
 

@@ -15,15 +15,13 @@ from pathlib import Path
 
 import numpy as np
 
-from imapper_prob.inputs import write_clip
+from imapper_prob.clips.load import write_clip
 from imapper_prob.models.camera import Camera
 from imapper_prob.models.scene import Clip, Placement, Truth
 from imapper_prob.models.scenelet import Library, Scenelet
-from imapper_prob.models.simulate import NOMINAL_CAMERA
-from imapper_prob.models.simulate_room import hidden_joints
-from imapper_prob.models.simulate_track import simulate_track
-from imapper_prob.scenelets.library import load_library
-from imapper_prob.scenelets.library_file import save_library
+from imapper_prob.scenelets.library import load_library, save_library
+from imapper_prob.simulate.clips import NOMINAL_CAMERA, simulate_track
+from imapper_prob.simulate.scene import hidden_joints
 
 CAMERA: Camera = NOMINAL_CAMERA
 N_FRAMES = 60

@@ -37,22 +37,21 @@ from scipy.stats import binom
 
 import imapper_prob
 from imapper_prob.config import Config, SampleSettings
-from imapper_prob.evaluate.posterior_score import score_posterior
-from imapper_prob.evaluate.spread import elliptic_rank
+from imapper_prob.evaluate.probability import elliptic_rank, score_posterior
 from imapper_prob.evaluate.truth import truth_in_view
 from imapper_prob.files import written_whole
+from imapper_prob.layouts import merged_objects
 from imapper_prob.models.camera import Camera
 from imapper_prob.models.errors import InputError
-from imapper_prob.models.posterior import State, motion, state_camera
+from imapper_prob.models.log_posterior import State, motion, state_camera
 from imapper_prob.models.scene import Clip, SceneObject, Truth
 from imapper_prob.models.scenelet import Library
 from imapper_prob.models.settings import ModelSettings
-from imapper_prob.models.simulate import NOMINAL_CAMERA, draw_camera, simulate_clip
-from imapper_prob.models.simulate_room import hidden_joints
 from imapper_prob.models.skeleton import PELV, SCORED
-from imapper_prob.results.drawn_objects import drawn_objects
-from imapper_prob.sampling.layouts import merged_objects
 from imapper_prob.scenelets.library import built_in_library
+from imapper_prob.simulate.clips import NOMINAL_CAMERA, draw_camera, simulate_clip
+from imapper_prob.simulate.scene import hidden_joints
+from imapper_prob.uncertainty.estimate import drawn_objects
 from lab.kept import digest
 from lab.prior import Experiment
 from lab.sbc import SETTINGS as RANK_SETTINGS

@@ -17,10 +17,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from imapper_prob.clips.tracking import associate
 from imapper_prob.models.camera import Camera
 from imapper_prob.models.skeleton import N_JOINTS, PELV
 from imapper_prob.scenelets.library import built_in_library
-from imapper_prob.tracking.associate import associate
 
 __all__ = ["Crossing", "simulate_crossing"]
 

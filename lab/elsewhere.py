@@ -5,7 +5,7 @@
 puts stretches elsewhere into the i3DB scenes, as `lab.spoiled.spoilings` does, and prints Markdown:
 how many of the frames put in, and of their stretches, are found, and false alarms in the other
 frames and in the scenes as they are. What looks for them is
-`imapper_prob.staged.elsewhere.frames_elsewhere`.
+`imapper_prob.solver.elsewhere.frames_elsewhere`.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from imapper_prob.evaluate.scenes import scenes_with_truth
+from imapper_prob.clips.load import load_clip
+from imapper_prob.evaluate.score import scenes_with_truth
 from imapper_prob.evaluate.tables import markdown_table
-from imapper_prob.inputs import load_clip
 from imapper_prob.models.scene import Clip
-from imapper_prob.staged.elsewhere import frames_elsewhere
+from imapper_prob.solver.elsewhere import frames_elsewhere
 from lab.spoiled.scores import UNSPOILED, spoil
 from lab.spoiled.spoilings import SPOILINGS
 

@@ -131,8 +131,8 @@ def _prepared() -> _Run:
     import rerun  # noqa: F401  here, so that no fork has to load it
 
     from imapper_prob.models.errors import InputError
-    from imapper_prob.output import CHECKPOINTS, run_folder, write_run
-    from imapper_prob.results.load import load_posterior
+    from imapper_prob.results.folders import CHECKPOINTS, run_folder, write_run
+    from imapper_prob.results.posterior import load_posterior
     from lab.robustness.runs import small_posterior, small_solution
 
     small_solution()

@@ -28,12 +28,12 @@ from typing import Final
 import numpy as np
 import xarray as xr
 
+from imapper_prob.api import demo_clip
+from imapper_prob.clips.load import write_clip
 from imapper_prob.config import Config, SampleSettings, to_toml
-from imapper_prob.demo import demo_clip
 from imapper_prob.files import written_whole
-from imapper_prob.inputs import write_clip
-from imapper_prob.output import CHECKPOINTS
-from imapper_prob.scenelets.library_file import save_library
+from imapper_prob.results.folders import CHECKPOINTS
+from imapper_prob.scenelets.library import save_library
 from lab.couple import at_one_table, chairs_and_tables
 
 __all__ = ["differences", "digests"]

@@ -20,12 +20,9 @@ from pathlib import Path
 import numpy as np
 
 from imapper_prob.config import Config
-from imapper_prob.evaluate.evaluation import evaluate
-from imapper_prob.evaluate.pose import SUBSETS
-from imapper_prob.evaluate.scenes import known_scene, scenes_with_truth
-from imapper_prob.evaluate.score import Summary
-from imapper_prob.evaluate.suite import solve_all, solved, tasks_of
-from imapper_prob.scenelets.library_file import save_library
+from imapper_prob.evaluate.score import SUBSETS, Summary, known_scene, scenes_with_truth
+from imapper_prob.evaluate.suite import evaluate, solve_all, solved, tasks_of
+from imapper_prob.scenelets.library import save_library
 from imapper_prob.scenelets.procedural.catalogue import build_library
 
 _COLUMNS = (

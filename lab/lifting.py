@@ -18,12 +18,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from imapper_prob.evaluate.scenes import scenes_with_truth
-from imapper_prob.inputs.i3db import read_i3db, read_i3db_truth
+from imapper_prob.clips.i3db import read_i3db, read_i3db_truth
+from imapper_prob.evaluate.score import scenes_with_truth
 from imapper_prob.lifting import lift_clip
 from imapper_prob.models.scene import Clip
 from imapper_prob.models.skeleton import LHIP, PELV, RHIP, SCORED
-from imapper_prob.staged.static_path import estimate_static_path
+from imapper_prob.solver.static_path import estimate_static_path
 
 Array = NDArray[np.float64]
 

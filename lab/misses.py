@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 from shapely import Polygon, affinity, box, unary_union
 
 from imapper_prob.evaluate.objects import Pair, pair_up
-from imapper_prob.evaluate.outline import Outline
-from imapper_prob.evaluate.prediction_file import read_prediction
-from imapper_prob.evaluate.scenes import known_scene, scenes_with_truth
+from imapper_prob.evaluate.prediction import read_prediction
+from imapper_prob.evaluate.score import known_scene, scenes_with_truth
+from imapper_prob.evaluate.truth import Outline
 
 Array = NDArray[np.float64]
 

@@ -26,10 +26,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from imapper_prob.api import demo_clip
+from imapper_prob.clips.i3db import read_i3db
 from imapper_prob.config import SampleSettings
-from imapper_prob.demo import demo_clip
 from imapper_prob.files import written_whole
-from imapper_prob.inputs.i3db import read_i3db
 from imapper_prob.models.scene import Clip
 from imapper_prob.samplers.chains import run_chains
 from imapper_prob.samplers.diagnostics import ShortChainWarning, ess, rhat
@@ -39,7 +39,7 @@ from imapper_prob.scenelets.library import load_library
 if TYPE_CHECKING:
     # Processes that run chains load this script again, and need no torch.
     from imapper_prob.sampling.sample import Samples
-    from imapper_prob.staged.solver import Solution
+    from imapper_prob.solver.solver import Solution
 
 SCENES = ("Scene04", "Scene10", "Scene13", "Scene14")
 OPEN = (0.05, 0.95)
@@ -95,7 +95,7 @@ def processor_seconds() -> float:
 def compare(clips: Path, folder: Path, scenes: list[str], steps: int, workers: int) -> None:
     """Make the runs that are missing, print the table and note the figures."""
     from imapper_prob.sampling.sample import sample_scenes
-    from imapper_prob.staged.solver import solve
+    from imapper_prob.solver.solver import solve
 
     folder.mkdir(parents=True, exist_ok=True)
     runs: dict[tuple[str, str], dict[str, Any]] = {}
@@ -154,7 +154,7 @@ def table(runs: dict[tuple[str, str], dict[str, Any]]) -> str:
 def scaling(clip: Clip, steps: int) -> None:
     """Time four chains on one worker and on two."""
     from imapper_prob.sampling.sample import setup_of
-    from imapper_prob.staged.solver import solve
+    from imapper_prob.solver.solver import solve
 
     solution = solve(clip, load_library())
     settings = settings_of("tempered", steps)

@@ -33,20 +33,18 @@ from rich.console import Console
 from rich.table import Table
 from scipy.optimize import minimize
 
-from imapper_prob.evaluate.scenes import scenes_with_truth
-from imapper_prob.inputs.i3db import read_i3db, read_i3db_truth
+from imapper_prob.clips.i3db import read_i3db, read_i3db_truth
+from imapper_prob.evaluate.score import scenes_with_truth
 from imapper_prob.models.camera import Camera
-from imapper_prob.models.energy.paper import PaperWeights
-from imapper_prob.models.posterior import State, empty_state, log_posterior, terms
-from imapper_prob.models.problem import Problem
+from imapper_prob.models.log_posterior import State, empty_state, log_posterior, terms
+from imapper_prob.models.problem import TERMS, Problem
 from imapper_prob.models.scene import Cuboid, Placement, SceneObject, Truth
 from imapper_prob.models.scenelet import Library
-from imapper_prob.models.settings import ModelSettings
+from imapper_prob.models.settings import ModelSettings, PaperWeights
 from imapper_prob.models.skeleton import PELV
-from imapper_prob.models.terms import TERMS
 from imapper_prob.scenelets.library import load_library
-from imapper_prob.staged.candidates import refine
-from imapper_prob.staged.solver import Solution, solve
+from imapper_prob.solver.candidates import refine
+from imapper_prob.solver.solver import Solution, solve
 
 __all__ = ["authors_objects"]
 

@@ -21,21 +21,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.models.camera import Camera
-from imapper_prob.models.energy.detections import DetectionModel
-from imapper_prob.models.energy.occlusion import p_seen
-from imapper_prob.models.energy.swaps import draw_swaps
+from imapper_prob.models.detector import DetectionModel
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.geometry import sight_clearance
-from imapper_prob.models.kernels.facing import expected_facing
-from imapper_prob.models.kernels.support import in_support
-from imapper_prob.models.kernels.world import place_boxes
-from imapper_prob.models.limits import NEAREST
-from imapper_prob.models.path import CameraPrior, StaticPath
-from imapper_prob.models.posterior import State, motion, terms
+from imapper_prob.models.kernels.detection import draw_flips
+from imapper_prob.models.kernels.placement import expected_facing, in_support, place_boxes
+from imapper_prob.models.kernels.visibility import visibility_probability
+from imapper_prob.models.log_posterior import State, motion, terms
+from imapper_prob.models.path_prior import CameraPrior, StaticPath
 from imapper_prob.models.problem import Problem, pack_problem
 from imapper_prob.models.scene import Clip
 from imapper_prob.models.scenelet import Library
-from imapper_prob.models.settings import ModelSettings
+from imapper_prob.models.settings import NEAREST, ModelSettings
 from imapper_prob.models.skeleton import MIRROR, PELV
 
 __all__ = ["Experiment", "draw_layout", "draw_state", "path_in_view"]
@@ -251,7 +248,7 @@ class Experiment:
         """The same with detections drawn of a scene, equations (11) and (12)."""
         problem, camera = self.problem, self.clip.camera
         pixels, seen, looseness = _expected(problem, state, self.path, camera)
-        swapped = draw_swaps(
+        swapped = draw_flips(
             rng, problem.n_frames, begins=problem.swap_begins, ends=problem.swap_ends,
             starts=problem.path_starts,
         )  # fmt: skip
@@ -281,7 +278,7 @@ def _expected(
     )  # fmt: skip
     boxes, *_ = place_boxes(problem, state.camera, state.items, state.placements, state.sizes)
     clearance = sight_clearance(camera.centre, joints, boxes)
-    seen = np.vectorize(p_seen)(clearance, problem.sight_width, problem.surprise)
+    seen = np.vectorize(visibility_probability)(clearance, problem.sight_width, problem.surprise)
     pixels, looseness = nominal.project_camera(path.joints), np.zeros(seen.shape)
     for (scenelet, start), size in zip(state.items.tolist(), state.sizes, strict=True):
         own = slice(start, start + int(problem.lengths[scenelet]))

@@ -39,25 +39,24 @@ from scipy.stats import binom
 
 from imapper_prob.config import SampleSettings
 from imapper_prob.files import written_whole
-from imapper_prob.models.energy.detections import DetectionModel
-from imapper_prob.models.path import CameraPrior, StaticPath
-from imapper_prob.models.pose import turned
-from imapper_prob.models.posterior import State, motion, terms
+from imapper_prob.layouts import merged_objects
+from imapper_prob.models.detector import DetectionModel
+from imapper_prob.models.log_posterior import State, motion, terms
+from imapper_prob.models.path_prior import CameraPrior, StaticPath
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.scene import Clip, Track
 from imapper_prob.models.scenelet import Library, Scenelet
 from imapper_prob.models.settings import ModelSettings
-from imapper_prob.models.simulate import NOMINAL_CAMERA
-from imapper_prob.models.skeleton import DETECTED, N_JOINTS, PELV
+from imapper_prob.models.skeleton import DETECTED, N_JOINTS, PELV, turned
 from imapper_prob.samplers.diagnostics import ess
 from imapper_prob.sampling.chain import run_chain
-from imapper_prob.sampling.layouts import merged_objects
 from imapper_prob.sampling.sample import setup_of
 from imapper_prob.scenelets.charness import charness, motion_distances
 from imapper_prob.scenelets.library import built_in_library
-from imapper_prob.staged.fit import fit_windows
-from imapper_prob.staged.frames import FrameTable
-from imapper_prob.staged.solver import Fitted, Solution, solve_fitted
+from imapper_prob.simulate.clips import NOMINAL_CAMERA
+from imapper_prob.solver.fits import fit_windows
+from imapper_prob.solver.poses import FrameTable
+from imapper_prob.solver.solver import Fitted, Solution, solve_fitted
 from lab.kept import digest
 from lab.prior import Experiment, draw_state
 

@@ -26,17 +26,19 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import rankdata
 
-from imapper_prob.inputs.captures import Capture
-from imapper_prob.inputs.load_captures import captures_from
 from imapper_prob.models.scene import SceneObject
 from imapper_prob.models.scenelet import Library, Scenelet
 from imapper_prob.models.skeleton import PELV
-from imapper_prob.scenelets.build import build_library_from
-from imapper_prob.scenelets.charness import charness_maps
-from imapper_prob.scenelets.descriptors import descriptor_distances, motion_descriptors
-from imapper_prob.scenelets.frames import localised
+from imapper_prob.scenelets.build import build_library_from, captures_from, localised
+from imapper_prob.scenelets.captures import Capture
+from imapper_prob.scenelets.charness import (
+    categories,
+    charness_maps,
+    descriptor_distances,
+    motion_descriptors,
+    object_histograms,
+)
 from imapper_prob.scenelets.library import joined, load_library
-from imapper_prob.scenelets.object_histograms import categories, object_histograms
 
 Array = NDArray[np.float64]
 

@@ -21,9 +21,8 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from imapper_prob.models.scene import SceneObject
-from imapper_prob.results.load import load_posterior
-from imapper_prob.results.posterior import Posterior
-from imapper_prob.results.report.pictures import Floor, map_picture
+from imapper_prob.results.posterior import Posterior, load_posterior
+from imapper_prob.results.report_parts import Floor, map_picture
 from imapper_prob.samplers.diagnostics import ess
 
 Array = NDArray[np.float64]

@@ -38,41 +38,43 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 
+from imapper_prob.api import demo_clip
 from imapper_prob.config import SampleSettings
-from imapper_prob.demo import demo_clip
 from imapper_prob.files import written_whole
-from imapper_prob.inputs.captures import Capture
 from imapper_prob.models.geometry import NOTHING_IN_SIGHT, OPAQUE, pack_boxes, sight_clearance
-from imapper_prob.models.incremental import Incremental
 from imapper_prob.models.jit import compiled
-from imapper_prob.models.kernels.sight import (
+from imapper_prob.models.kernels.visibility import (
     BENCH,
     GAP,
     LINE,
     OUTLOOK,
     VIEW,
     Singles,
-    aim,
-    clear,
-    open_view,
-    set_outlook,
+    open_bounds,
+    ray_endpoints,
+    set_occluder,
+    update_clearance,
 )
-from imapper_prob.models.path import CameraPrior, StaticPath
-from imapper_prob.models.posterior import State, empty_state, log_posterior, motion
+from imapper_prob.models.log_posterior import Incremental, State, empty_state, log_posterior, motion
+from imapper_prob.models.path_prior import CameraPrior, StaticPath
 from imapper_prob.models.problem import Problem, pack_problem
 from imapper_prob.models.scene import Clip, Placement, SceneObject
 from imapper_prob.models.scenelet import Library
-from imapper_prob.models.simulate import NOMINAL_CAMERA, simulate_clip
-from imapper_prob.models.simulate_track import simulate_track
 from imapper_prob.models.skeleton import PELV
 from imapper_prob.sampling.chain import run_chain
 from imapper_prob.sampling.sample import setup_of
 from imapper_prob.scenelets.build import build_library_from
-from imapper_prob.scenelets.descriptors import descriptor_distances, motion_descriptors
+from imapper_prob.scenelets.captures import Capture
+from imapper_prob.scenelets.charness import (
+    categories,
+    descriptor_distances,
+    motion_descriptors,
+    object_histograms,
+)
 from imapper_prob.scenelets.library import load_library
-from imapper_prob.scenelets.object_histograms import categories, object_histograms
 from imapper_prob.scenelets.procedural.catalogue import build_library
-from imapper_prob.staged.solver import Solution, solve
+from imapper_prob.simulate.clips import NOMINAL_CAMERA, simulate_clip, simulate_track
+from imapper_prob.solver.solver import Solution, solve
 
 Array = NDArray[np.float64]
 
@@ -146,9 +148,9 @@ def _bare(elevation: float, joints: Array, outlooks: Singles, views: Singles) ->
     total, n = 0.0, len(joints)
     lines, bench = np.empty((n, LINE), np.float32), np.empty(BENCH, np.float32)
     for t in range(n):
-        aim(elevation, joints, lines, t)
-        open_view(bench)
-        clear(outlooks, 0, len(outlooks), lines, views, t, bench)
+        ray_endpoints(elevation, joints, lines, t)
+        open_bounds(bench)
+        update_clearance(outlooks, 0, len(outlooks), lines, views, t, bench)
         for j in range(16):
             total += bench[GAP + j]
     return total
@@ -161,7 +163,7 @@ def bare_kernel(world: World) -> Callable[[], object]:
     outlooks = np.zeros((len(world.boxes), OUTLOOK), np.float32)
     turns = np.stack([np.cos(world.boxes[:, 6]), np.sin(world.boxes[:, 6])], -1)
     for box, turn, outlook in zip(world.boxes, turns, outlooks, strict=True):
-        set_outlook(elevation, box, turn, outlook)
+        set_occluder(elevation, box, turn, outlook)
     outlooks[:, :VIEW] = [-np.inf, np.inf, -np.inf, np.inf, -np.inf]
     everywhere = [-np.inf, np.inf, -np.inf, np.inf, np.inf]
     views = np.tile(np.array(everywhere, np.float32), (len(joints), 1))

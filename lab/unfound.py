@@ -21,17 +21,16 @@ from pathlib import Path
 import numpy as np
 
 from imapper_prob.evaluate.objects import Pair, pair_up
-from imapper_prob.evaluate.outline import Outline, outline_of
 from imapper_prob.evaluate.prediction import prediction_of_state
-from imapper_prob.evaluate.scenes import known_scene, scenes_with_truth
-from imapper_prob.models.posterior import State, log_posterior, state_camera, terms
-from imapper_prob.sampling.layouts import placed_objects
+from imapper_prob.evaluate.score import known_scene, scenes_with_truth
+from imapper_prob.evaluate.truth import Outline, outline_of
+from imapper_prob.layouts import placed_objects
+from imapper_prob.models.log_posterior import State, log_posterior, state_camera, terms
 from imapper_prob.scenelets.library import built_in_library
-from imapper_prob.staged.candidates import Candidate, assigned, refine
-from imapper_prob.staged.combine import state_of
-from imapper_prob.staged.polish import polish
-from imapper_prob.staged.sequences import best_sequences
-from imapper_prob.staged.solver import Solution, solve
+from imapper_prob.solver.candidates import Candidate, assigned, refine
+from imapper_prob.solver.combinations import polish, state_of
+from imapper_prob.solver.sequences import best_sequences
+from imapper_prob.solver.solver import Solution, solve
 
 _NEAR = 0.5
 """Metres from the true centre: half of what counts as found."""

@@ -3,27 +3,53 @@
 from __future__ import annotations
 
 from dataclasses import astuple, fields
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from imapper_prob.models.brief import brief
 from imapper_prob.models.camera import Camera
-from imapper_prob.models.energy.detections import DetectionModel, student_t
-from imapper_prob.models.energy.paper import PaperWeights
-from imapper_prob.models.energy.support import off_feet
+from imapper_prob.models.detector import DetectionModel, student_t
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.geometry import pack_boxes
-from imapper_prob.models.path import CameraPrior, StaticPath
-from imapper_prob.models.path_error import path_tables, remembered
-from imapper_prob.models.pose import facing
+from imapper_prob.models.kernels.stays import off_feet
+from imapper_prob.models.path_prior import CameraPrior, StaticPath, path_tables, remembered
 from imapper_prob.models.scene import FRONTLESS, Clip
 from imapper_prob.models.scenelet import Library
-from imapper_prob.models.settings import ModelSettings
-from imapper_prob.models.skeleton import DETECTED, MIRROR, N_JOINTS
+from imapper_prob.models.settings import ModelSettings, PaperWeights
+from imapper_prob.models.skeleton import DETECTED, MIRROR, N_JOINTS, facing
+from imapper_prob.models.text import brief
 
-__all__ = ["Problem", "pack_problem", "resample"]
+__all__ = [
+    "CAMERA",
+    "COLLISION",
+    "DETECTIONS",
+    "FREE_POSE",
+    "GROUND",
+    "LAYOUT",
+    "MOTION",
+    "PATH",
+    "PLACEMENT",
+    "SMOOTHNESS",
+    "SUPPORT",
+    "TERMS",
+    "Problem",
+    "pack_problem",
+    "resample",
+]
+
+TERMS: Final = (
+    "camera", "layout", "placement", "path", "detections", "free_pose", "smoothness", "collision",
+    "motion", "ground", "support",
+)  # fmt: skip
+"""In the order in which they are evaluated."""
+(
+    CAMERA, LAYOUT, PLACEMENT, PATH, DETECTIONS, FREE_POSE, SMOOTHNESS, COLLISION, MOTION, GROUND,
+    SUPPORT,
+) = range(len(TERMS))  # fmt: skip
+
+# ------------------------------------------------------------------------------------------------
+# Everything the log-posterior of one clip needs, packed into flat arrays.
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -14,10 +14,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from imapper_prob.models.brief import brief
 from imapper_prob.models.camera import Camera
 from imapper_prob.models.errors import InputError
-from imapper_prob.models.limits import (
+from imapper_prob.models.settings import (
     FARTHEST_KEYPOINT,
     HIGHEST_CAMERA,
     LARGEST_IMAGE,
@@ -31,7 +30,7 @@ from imapper_prob.models.limits import (
     STEEPEST_CAMERA,
 )
 from imapper_prob.models.skeleton import JOINTS, N_JOINTS
-from imapper_prob.models.text import readable
+from imapper_prob.models.text import brief, readable
 
 __all__ = [
     "FRONTLESS", "MEASURED_FOCAL", "Clip", "Cuboid", "Placement", "Scene", "SceneObject", "Track",

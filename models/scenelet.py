@@ -10,12 +10,11 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from imapper_prob.models.brief import brief
 from imapper_prob.models.errors import InputError
-from imapper_prob.models.limits import QUICKEST_FILM, SLOWEST_FILM
 from imapper_prob.models.scene import SceneObject, read_only
+from imapper_prob.models.settings import QUICKEST_FILM, SLOWEST_FILM
 from imapper_prob.models.skeleton import N_JOINTS
-from imapper_prob.models.text import readable
+from imapper_prob.models.text import brief, readable
 
 __all__ = ["Library", "Scenelet"]
 

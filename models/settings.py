@@ -1,19 +1,143 @@
-"""The constants of the model, each with its unit and where it comes from.
-
-Those that were estimated from data are read from ``calibrated.toml``, which states the source,
-and the spread, of every one (``docs/calibration.md``); the others are chosen.
-"""
+"""The constants of the model, each with its unit and source, and its bounds and tolerances."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import Final
 
+import numpy as np
+
 from imapper_prob.models.calibrated import Number, from_data, values_without, with_values
-from imapper_prob.models.energy.detections import DetectorSettings
+from imapper_prob.models.detector import DetectorSettings
 from imapper_prob.models.errors import InputError
 
-__all__ = ["ANKLE", "CameraSettings", "ModelSettings", "Settings", "StaticPathSettings"]
+__all__ = [
+    "ANKLE",
+    "FARTHEST_KEYPOINT",
+    "HIGHEST_CAMERA",
+    "LARGEST_IMAGE",
+    "LEVEL",
+    "LONGEST_CLIP",
+    "LONGEST_FOCAL",
+    "LOWEST_CAMERA",
+    "MOST_PEOPLE",
+    "NEAREST",
+    "NEAR_SIGHT",
+    "QUICKEST_FILM",
+    "SHORTEST_FOCAL",
+    "SLOWEST_FILM",
+    "STEEPEST_CAMERA",
+    "CameraSettings",
+    "ModelSettings",
+    "PaperWeights",
+    "Settings",
+    "StaticPathSettings",
+]
+
+NEAREST: Final = 0.1
+"""Metres; depth at which a point counts that is nearer to the camera or behind it."""
+NEAR_SIGHT: Final = 0.05
+"""Metres; nearer to the camera than this, bearing and slope of a line of sight say nothing."""
+LEVEL: Final = 0.02
+"""Metres two things may overlap in height before they count as being level."""
+LOWEST_CAMERA: Final = 0.2
+"""Metres above the floor: the support of the camera's elevation begins here."""
+STEEPEST_CAMERA: Final = 1.0
+"""Radians of pitch or roll either way: the support of the camera's pose ends here."""
+HIGHEST_CAMERA: Final = 100.0
+"""Metres above the floor: people are a few pixels high from there."""
+LARGEST_IMAGE: Final = 65_536
+"""Pixels a side: sixteen times that of the largest films."""
+SHORTEST_FOCAL: Final = 0.005
+LONGEST_FOCAL: Final = 100.0
+"""Longer sides of the image: fields of view of 179 degrees, and of half a degree."""
+FARTHEST_KEYPOINT: Final = 1e4
+"""Longer sides of the image from its corner: detectors place joints a little outside of it, and
+draws of the detection model, whose tails have two degrees of freedom, some hundred of them away."""
+SLOWEST_FILM: Final = 0.1
+QUICKEST_FILM: Final = 1_000.0
+"""Frames a second: one in ten seconds, and what laboratories film people with."""
+LONGEST_CLIP: Final = 36_000
+"""Frames: an hour at ten a second. A longer clip is a damaged frame number."""
+MOST_PEOPLE: Final = 64
+"""In one clip: a crowd."""
+
+# ------------------------------------------------------------------------------------------------
+# The energy of the published method, on the states of this model.
+#
+#     L = w_r L_r + w_o L_o + w_s L_s + w_c L_c + w_m L_m         (Monszpart et al. 2019, section 5)
+#
+#     L_r = sum_t sum_k c_tk |Pi q_tk - u_tk|^2                    reprojection
+#     L_o = sum_t sum_k F(v(q_tk, O), c_tk)                        occlusion
+#     L_s = sum_t |p_t - p_(t-1)|^2                                smoothness of the pelvis
+#     L_c = -sum_(i, j) ( int_Li d-_j + int_Lj d-_i )              objects in each other
+#     L_m = -sum_t min(0, max_q min_i d_i(q))                      motion through objects
+#
+# with joints q and pelvis p in metres and detections u of confidence c in normalised image
+# coordinates (pixels from the principal point over the focal length). F and v are in
+# :mod:`imapper_prob.models.published_energy`, L_c and L_m in
+# :mod:`imapper_prob.models.published_energy`, L_r and L_s in
+# :mod:`imapper_prob.models.published_energy`.
+#
+# Misprints, mended:
+#
+# * eta_t, which says whether a scenelet covers frame t, is printed with the upper limit
+#   max(t, n_l) of its sum over starts; it is min(t, n_l). With the maximum a scenelet would
+#   cover every frame after its start.
+# * L_m is printed with the signed distance itself and would reward walking far from things; it
+#   takes the negative part, as L_c does.
+# * L_c is printed over pairs with "b_i != b_j and theta_i != theta_j"; the text spares only pairs
+#   of the same label and the same orientation.
+# * v is undefined where there is no object; the distance to an empty volume is the cap V of
+#   ``paper_occlusion``, and so is every larger one.
+
+
+@dataclass(frozen=True)
+class PaperWeights:
+    """The factors of the five terms.
+
+    The paper prints none. These are those of the command files that the authors released with
+    i3DB, for terms in normalised image coordinates and metres on clips of 10 frames a second. One
+    scene (Scene10) has ``occlusion`` 10, the others 1. The files have one weight for
+    intersections, which the released program halves where joints meet objects.
+
+    Parameters
+    ----------
+    reprojection : float
+        A unit of squared normalised image coordinates.
+    occlusion : float
+        A square metre.
+    smoothness : float
+        A square metre.
+    collision : float
+        A cubic metre: depth in the other object, over the floor.
+    motion : float
+        A metre.
+
+    Raises
+    ------
+    InputError
+        If a weight is negative or not finite.
+    """
+
+    reprojection: float = 1.0
+    occlusion: float = 1.0
+    smoothness: float = 0.05
+    collision: float = 1.0
+    motion: float = 0.5
+
+    def __post_init__(self) -> None:
+        for name in (f.name for f in fields(self)):
+            value = getattr(self, name)
+            if not (np.isfinite(value) and value >= 0):
+                raise InputError(f"weight {name} = {value} must be finite and at least 0")
+
+
+# ------------------------------------------------------------------------------------------------
+# The constants of the model, each with its unit and where it comes from.
+#
+# Those that were estimated from data are read from ``calibrated.toml``, which states the source,
+# and the spread, of every one (``docs/calibration.md``); the others are chosen.
 
 
 ANKLE: Final = 0.09

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.models.errors import InputError
-from imapper_prob.models.posterior import State
+from imapper_prob.models.log_posterior import State
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.skeleton import N_JOINTS
 

@@ -1,19 +1,297 @@
-"""A reversible-jump chain as a generator, so that stopping and thinning are the caller's."""
+"""Reversible-jump MCMC: one step (choose, propose, accept), chains of steps, i-SIR moves."""
 
 from __future__ import annotations
 
+import math
+from abc import ABC, abstractmethod
+from bisect import bisect_right
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TypeVar
+from itertools import accumulate
+from typing import Generic, NamedTuple, Protocol, TypeVar, runtime_checkable
 
 import numpy as np
+from numpy.typing import NDArray
 
-from imapper_prob.samplers.kernel import ChainState, Mixture, StepInfo, init, step
-
-__all__ = ["AcceptanceTable", "sample"]
+__all__ = [
+    "AcceptanceTable",
+    "ChainState",
+    "Drawn",
+    "ExplainableMove",
+    "Mixture",
+    "Move",
+    "Proposal",
+    "Redraw",
+    "RoundTripError",
+    "StepInfo",
+    "choice_probabilities",
+    "init",
+    "sample",
+    "step",
+]
 
 S = TypeVar("S")
+
+# Log densities are sums of up to about 1e5 doubles; 1e-8 is far above their rounding error
+# and far below any factor one could forget.
+_ROUND_TRIP_TOLERANCE = 1e-8
+
+
+class Proposal(NamedTuple, Generic[S]):
+    """Where a move would go.
+
+    Parameters
+    ----------
+    state : S
+        The proposed state.
+    log_ratio : float
+        ``log q(reverse) - log q(forward)``, the log Jacobian included; without the target
+        and without the probability of choosing the move.
+    info : mapping, optional
+        What the move wants remembered of this proposal.
+    """
+
+    state: S
+    log_ratio: float
+    info: Mapping[str, object] | None = None
+
+
+class Move(Protocol[S]):
+    """A way to leave a state."""
+
+    @property
+    def name(self) -> str:
+        """Unique in its mixture."""
+
+    @property
+    def reverse(self) -> str:
+        """Name of the move that undoes this one; its own where it undoes itself."""
+
+    def propose(self, rng: np.random.Generator, state: S, /) -> Proposal[S] | None:
+        """A proposal from ``state``, or None where the move is impossible."""
+
+
+@runtime_checkable
+class ExplainableMove(Move[S], Protocol[S]):
+    """A move that can say with what density it goes from one state to another."""
+
+    def explain(self, old: S, new: S, /) -> float:
+        """Log density of proposing ``new`` from ``old``; -inf where it never would.
+
+        Densities of both directions are taken on the same coordinates of ``old`` and
+        ``new``, so that their difference holds the Jacobian.
+        """
+
+
+class RoundTripError(AssertionError):
+    """A move's ratio is not what the two directions, asked separately, say it is."""
+
+
+@dataclass(frozen=True)
+class Mixture(Generic[S]):
+    """Moves, each chosen with the same probability in every state.
+
+    Parameters
+    ----------
+    moves : sequence of Move or Redraw
+        Every move's reverse must be among them and name it back.
+    weights : sequence of float
+        Positive; scaled to sum to one.
+
+    Raises
+    ------
+    ValueError
+        The moves cannot undo one another, or a weight is not positive.
+    """
+
+    moves: Sequence[Move[S] | Redraw[S]]
+    weights: Sequence[float]
+    _by_name: dict[str, Move[S] | Redraw[S]] = field(init=False, repr=False)
+    _cumulative: list[float] = field(init=False, repr=False)
+    _log_choice_ratio: dict[str, float] = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        if not self.moves or len(self.moves) != len(self.weights):
+            raise ValueError(f"{len(self.moves)} moves with {len(self.weights)} weights")
+        by_name = {move.name: move for move in self.moves}
+        if len(by_name) != len(self.moves):
+            raise ValueError("two moves of the mixture have the same name")
+        weight_of = dict(zip(by_name, self.weights, strict=True))
+        for name, weight in weight_of.items():
+            if not 0 < weight < math.inf:
+                raise ValueError(f"move '{name}': weight {weight} is not positive")
+            reverse = by_name[name].reverse
+            if reverse not in by_name:
+                raise ValueError(f"move '{name}': its reverse '{reverse}' is not in the mixture")
+            if by_name[reverse].reverse != name:
+                raise ValueError(f"move '{name}': its reverse '{reverse}' does not name it back")
+        total = math.fsum(self.weights)
+        cumulative = [value / total for value in accumulate(self.weights)]
+        cumulative[-1] = 1.0
+        ratios = {
+            name: math.log(weight_of[move.reverse]) - math.log(weight_of[name])
+            for name, move in by_name.items()
+        }
+        object.__setattr__(self, "_by_name", by_name)
+        object.__setattr__(self, "_cumulative", cumulative)
+        object.__setattr__(self, "_log_choice_ratio", ratios)
+
+    def choose(self, rng: np.random.Generator) -> Move[S] | Redraw[S]:
+        """A move drawn by weight."""
+        return self.moves[bisect_right(self._cumulative, rng.random())]
+
+    def reverse_of(self, move: Move[S]) -> Move[S] | Redraw[S]:
+        """The move that undoes ``move``."""
+        return self._by_name[move.reverse]
+
+    def log_choice_ratio(self, move: Move[S]) -> float:
+        """log P(reverse is chosen) - log P(move is chosen)."""
+        return self._log_choice_ratio[move.name]
+
+
+class ChainState(NamedTuple, Generic[S]):
+    """Where a chain stands, and the log density there."""
+
+    state: S
+    log_density: float
+
+
+class StepInfo(NamedTuple):
+    """What happened in one step.
+
+    Parameters
+    ----------
+    move : str
+        The move that was chosen.
+    accepted : bool
+        Whether the chain went along.
+    log_acceptance : float
+        Log probability with which it would; -inf where the move was impossible.
+    info : mapping, optional
+        What the move wanted remembered.
+    """
+
+    move: str
+    accepted: bool
+    log_acceptance: float
+    info: Mapping[str, object] | None = None
+
+
+def init(log_density_fn: Callable[[S], float], state: S) -> ChainState[S]:
+    """Start a chain.
+
+    Raises
+    ------
+    FloatingPointError
+        The log density of the start is not finite.
+    """
+    log_density = float(log_density_fn(state))
+    if not math.isfinite(log_density):
+        raise FloatingPointError(f"a chain cannot start where the log density is {log_density}")
+    return ChainState(state, log_density)
+
+
+def step(
+    rng: np.random.Generator,
+    chain_state: ChainState[S],
+    *,
+    log_density_fn: Callable[[S], float],
+    mixture: Mixture[S],
+    check: bool = False,
+) -> tuple[ChainState[S], StepInfo]:
+    """Advance a chain by one proposal.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+    chain_state : ChainState
+    log_density_fn : callable
+        Log density of the target up to a constant; -inf outside its support.
+    mixture : Mixture
+    check : bool
+        Ask moves that can explain themselves for both directions of every proposal.
+
+    A move that draws anew is told the power of the likelihood, where the density has one.
+
+    Raises
+    ------
+    FloatingPointError
+        A log density or ratio is NaN or +inf; the message names the move.
+    RoundTripError
+        ``check`` found a ratio that does not hold.
+    """
+    move = mixture.choose(rng)
+    if isinstance(move, Redraw):
+        return _redraw(rng, chain_state, move, log_density_fn)
+    proposal = move.propose(rng, chain_state.state)
+    if proposal is None:
+        return chain_state, StepInfo(move.name, False, -math.inf)
+    if check:
+        _check_round_trip(move, mixture.reverse_of(move), chain_state.state, proposal)
+    proposed = ChainState(proposal.state, float(log_density_fn(proposal.state)))
+    for what, value in (("log ratio", proposal.log_ratio), ("log density", proposed.log_density)):
+        if math.isnan(value) or value == math.inf:
+            raise FloatingPointError(f"move '{move.name}': the {what} of a proposal is {value}")
+    log_acceptance = min(
+        0.0,
+        proposed.log_density
+        - chain_state.log_density
+        + proposal.log_ratio
+        + mixture.log_choice_ratio(move),
+    )
+    # P(Exponential > -log a) = a: no logarithm of a uniform that may be zero.
+    accepted = bool(rng.standard_exponential() > -log_acceptance)
+    info = StepInfo(move.name, accepted, log_acceptance, proposal.info)
+    return (proposed if accepted else chain_state), info
+
+
+def _redraw(
+    rng: np.random.Generator,
+    chain_state: ChainState[S],
+    move: Redraw[S],
+    log_density_fn: Callable[[S], float],
+) -> tuple[ChainState[S], StepInfo]:
+    """One of several draws, or what is there."""
+    power = float(getattr(log_density_fn, "beta", 1.0))
+    drawn = move.draw(rng, chain_state.state, power=power)
+    if drawn is None or not drawn.others:
+        return chain_state, StepInfo(move.name, False, -math.inf)
+    try:
+        chances, values = choice_probabilities(chain_state.log_density, drawn, log_density_fn)
+    except FloatingPointError as error:
+        raise FloatingPointError(f"move '{move.name}': {error}") from error
+    kept = min(int(np.searchsorted(chances.cumsum(), rng.random(), "right")), len(values))
+    leaves = float(chances[1:].sum())
+    info = StepInfo(move.name, kept > 0, math.log(leaves) if leaves > 0 else -math.inf)
+    if kept == 0:
+        return chain_state, info
+    return ChainState(drawn.others[kept - 1][0], values[kept - 1]), info
+
+
+def _check_round_trip(
+    move: Move[S], reverse: Move[S] | Redraw[S], old: S, proposal: Proposal[S]
+) -> None:
+    if not (isinstance(move, ExplainableMove) and isinstance(reverse, ExplainableMove)):
+        return
+    forward = move.explain(old, proposal.state)
+    backward = reverse.explain(proposal.state, old)
+    # A proposal that was made has positive density; a way back may be missing.
+    if forward == -math.inf or not math.isclose(
+        proposal.log_ratio,
+        backward - forward,
+        rel_tol=_ROUND_TRIP_TOLERANCE,
+        abs_tol=_ROUND_TRIP_TOLERANCE,
+    ):
+        raise RoundTripError(
+            f"move '{move.name}' gives the log ratio {proposal.log_ratio:.12g}, but "
+            f"'{reverse.name}' explains the way back with {backward:.12g} and "
+            f"'{move.name}' the way there with {forward:.12g}"
+        )
+
+
+# ------------------------------------------------------------------------------------------------
+# A reversible-jump chain as a generator, so that stopping and thinning are the caller's.
 
 
 def sample(
@@ -35,7 +313,7 @@ def sample(
         Log density of the target up to a constant; -inf outside its support.
     mixture : Mixture
     check : bool
-        Check every proposal's ratio, see `imapper_prob.samplers.kernel.step`.
+        Check every proposal's ratio, see `imapper_prob.samplers.reversible_jump.step`.
 
     Returns
     -------
@@ -90,3 +368,79 @@ class AcceptanceTable:
 
     def __add__(self, other: AcceptanceTable) -> AcceptanceTable:
         return AcceptanceTable(self.proposed + other.proposed, self.accepted + other.accepted)
+
+
+# ------------------------------------------------------------------------------------------------
+# Part of a state drawn anew several times at once, and one of the draws kept.
+#
+# Iterated sampling importance resampling: beside what is there, n independent draws are made from
+# a density q that depends on nothing of what they would replace. Of all n + 1 one is chosen with
+# probability in proportion to pi / q. What is there counts as one more draw, with its own q; so
+# the target is left as it is for any q and n, and a poor q only wastes draws (Andrieu, Lee &
+# Vihola 2018, Bernoulli 24, 842). Where pi / q is unbounded the chain may stay long: mix q with a
+# flatter density.
+
+
+class Drawn(NamedTuple, Generic[S]):
+    """Draws beside what is there.
+
+    Parameters
+    ----------
+    log_present : float
+        Log density of drawing what is there.
+    others : sequence of (S, float)
+        The states with each draw in place of it, and its log density. A draw that is nowhere in
+        the space of states is left out.
+    """
+
+    log_present: float
+    others: Sequence[tuple[S, float]]
+
+
+class Redraw(ABC, Generic[S]):
+    """A move that draws part of a state anew; it undoes itself."""
+
+    @property
+    @abstractmethod
+    def name(self) -> str:
+        """Unique in its mixture."""
+
+    @property
+    def reverse(self) -> str:
+        """Its own name."""
+        return self.name
+
+    @abstractmethod
+    def draw(self, rng: np.random.Generator, state: S, /, *, power: float) -> Drawn[S] | None:
+        """Draws for a state, or None where what is there is none that would be drawn.
+
+        ``power`` is that of the likelihood in the target, for densities that follow it. All
+        densities are of the same coordinates. Whether there is a None may depend on what is there
+        only in that its density is zero.
+        """
+
+
+def choice_probabilities(
+    log_density: float, drawn: Drawn[S], log_density_fn: Callable[[S], float]
+) -> tuple[NDArray[np.float64], list[float]]:
+    """With what probability each is kept, what is there first; and the log target of the draws.
+
+    Raises
+    ------
+    FloatingPointError
+        A log density is NaN or +inf, or that of what is there is not finite.
+    """
+    if not math.isfinite(drawn.log_present):
+        raise FloatingPointError(f"what is there has the log density {drawn.log_present}")
+    values = [float(log_density_fn(state)) for state, _ in drawn.others]
+    for value, (_, log_q) in zip(values, drawn.others, strict=True):
+        if math.isnan(value) or value == math.inf or not math.isfinite(log_q):
+            raise FloatingPointError(f"a draw has the log densities {value} and {log_q}")
+    log_weights = np.array(
+        [
+            log_density - drawn.log_present,
+            *(value - log_q for value, (_, log_q) in zip(values, drawn.others, strict=True)),
+        ]
+    )
+    weights = np.exp(log_weights - log_weights.max())
+    return weights / weights.sum(), values

@@ -1,24 +1,4 @@
-"""Parallel tempering of any kernel: chains at several temperatures that swap their states.
-
-The target is ``log prior + beta log likelihood``, from the prior (beta = 0) to the posterior
-(beta = 1). A kernel is never told: it is handed an ordinary log density, that of its rung.
-Only swaps need the two parts, of which a swap's ratio keeps nothing but the likelihoods.
-
-Even and odd pairs of neighbours swap in turn. Each pair's swap leaves the joint target alone,
-and the alternation, unlike pairs drawn by chance, carries states on in the direction they came
-from (Syed et al. 2022).
-
-Where states have parts that hardly know of each other, swaps of whole states fail because of
-their sheer number: what is gained in one part is lost in another. A crossover exchanges a part
-only (Liang & Wong 2000), between the pairs that do not swap in that round.
-
-References
-----------
-Geyer 1991, Computing Science and Statistics 23, 156 (parallel tempering).
-Liang & Wong 2000, Statistica Sinica 10, 317 (crossover between temperatures).
-Syed, Bouchard-Côté, Deligiannidis & Doucet 2022, JRSS B 84, 321 (even-odd swaps).
-Vousden, Farr & Mandel 2016, MNRAS 455, 1919 (adaptation towards equal swap rates).
-"""
+"""Parallel tempering of any kernel, and the ladder of inverse temperatures."""
 
 from __future__ import annotations
 
@@ -30,13 +10,193 @@ from typing import Generic, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
-from imapper_prob.samplers.kernel import ChainState, StepInfo, init
-from imapper_prob.samplers.ladder import respaced
+from imapper_prob.samplers.reversible_jump import ChainState, StepInfo, init
 
 __all__ = [
-    "Crossover", "Kernel", "Parts", "Position", "Round", "Tempered", "Tracker", "start", "temper",
-]  # fmt: skip
+    "Crossover",
+    "IncrementalLogDensity",
+    "Kernel",
+    "LadderSummary",
+    "Parts",
+    "SwapTable",
+    "Tempered",
+    "TemperingInfo",
+    "TemperingState",
+    "power_ladder",
+    "respaced",
+    "start",
+    "temper",
+]
 
+
+# The distributions change fastest near the prior. On the scale beta^0.3, on which Xie et al.
+# recommend even steps, they change about evenly.
+_SCALE = 0.3
+
+
+def power_ladder(n_rungs: int, *, hottest: float = 0.0) -> tuple[float, ...]:
+    """Inverse temperatures to start from, even on the scale beta^0.3.
+
+    Parameters
+    ----------
+    n_rungs : int
+        At least 2.
+    hottest : float
+        The first one, in [0, 1); 0 is the prior itself.
+
+    Returns
+    -------
+    tuple of float
+        Ascending from ``hottest`` to 1.
+    """
+    if n_rungs < 2 or not 0 <= hottest < 1:
+        raise ValueError(f"a ladder of {n_rungs} rungs cannot go from {hottest} to 1")
+    betas = np.linspace(hottest**_SCALE, 1, n_rungs) ** (1 / _SCALE)
+    return (hottest, *betas[1:-1].tolist(), 1.0)
+
+
+def respaced(
+    betas: Sequence[float], acceptance: Sequence[float], *, gain: float
+) -> tuple[float, ...]:
+    """Widen the gaps across which swaps succeed more often than on average, narrow the others.
+
+    Gaps are taken on the scale beta^0.3 and multiplied by exp(gain (rate - mean rate)); both
+    ends stay. Repeated with falling gains this is a stochastic approximation whose only
+    fixed point has equal rates.
+
+    Parameters
+    ----------
+    betas : sequence of K float
+        Ascending.
+    acceptance : sequence of K - 1 float
+        Probability of a swap across each gap.
+    gain : float
+        Positive.
+    """
+    if len(betas) <= 2:
+        return tuple(betas)
+    places = np.asarray(betas) ** _SCALE
+    rates = np.asarray(acceptance)
+    gaps = np.diff(places) * np.exp(gain * (rates - rates.mean()))
+    gaps *= (places[-1] - places[0]) / gaps.sum()
+    inner = (places[0] + np.cumsum(gaps[:-1])) ** (1 / _SCALE)
+    return (betas[0], *inner.tolist(), betas[-1])
+
+
+class LadderSummary(NamedTuple):
+    """How well replicas travelled between the prior's end and the posterior's.
+
+    Parameters
+    ----------
+    betas : tuple of K float
+        Inverse temperatures, ascending.
+    swap_rates : tuple of K - 1 float
+        Mean probability of a swap across each gap.
+    round_trips : int
+        Journeys of replicas from one end to the other and back.
+    rounds : int
+        Rounds of swaps that were counted.
+    """
+
+    betas: tuple[float, ...]
+    swap_rates: tuple[float, ...]
+    round_trips: int
+    rounds: int
+
+    @property
+    def barrier(self) -> float:
+        """Sum of the rejection rates; 2 barrier + 1 rungs are about the best number (Syed)."""
+        return float(sum(1 - rate for rate in self.swap_rates))
+
+
+@dataclass(frozen=True)
+class SwapTable:
+    """Counts swaps and journeys while the inverse temperatures of a ladder stay.
+
+    All fields are plain numbers, so that ``dataclasses.asdict`` can go into a checkpoint and
+    ``SwapTable(**values)`` comes back.
+
+    Parameters
+    ----------
+    betas : sequence of K float
+    rounds : int
+        Rounds so far.
+    swaps : sequence of K - 1 float
+        Sums of swap probabilities, by gap.
+    last_end : sequence of K int
+        By replica, the end where it was last: -1 the hottest, 1 the coldest, 0 none yet.
+    crossings : sequence of K int
+        By replica, how often it went from one end to the other.
+    """
+
+    betas: Sequence[float]
+    rounds: int
+    swaps: Sequence[float]
+    last_end: Sequence[int]
+    crossings: Sequence[int]
+
+    @classmethod
+    def empty(cls, betas: Sequence[float]) -> SwapTable:
+        """Nothing counted yet."""
+        n = len(betas)
+        return cls(tuple(betas), 0, (0.0,) * (n - 1), (0,) * n, (0,) * n)
+
+    def recorded(self, acceptance: Sequence[float], replicas: Sequence[int]) -> SwapTable:
+        """The table with one round more.
+
+        Parameters
+        ----------
+        acceptance : sequence of K - 1 float
+            Probability of a swap across each gap.
+        replicas : sequence of K int
+            The replica on each rung afterwards.
+        """
+        last_end, crossings = list(self.last_end), list(self.crossings)
+        if len(replicas) > 1:
+            for replica, end in ((replicas[0], -1), (replicas[-1], 1)):
+                crossings[replica] += last_end[replica] == -end
+                last_end[replica] = end
+        return SwapTable(
+            betas=self.betas,
+            rounds=self.rounds + 1,
+            swaps=tuple(a + b for a, b in zip(self.swaps, acceptance, strict=True)),
+            last_end=tuple(last_end),
+            crossings=tuple(crossings),
+        )
+
+    def summary(self) -> LadderSummary:
+        """What to tell a person; rates are NaN before the first round."""
+        return LadderSummary(
+            betas=tuple(self.betas),
+            swap_rates=tuple(s / self.rounds if self.rounds else float("nan") for s in self.swaps),
+            round_trips=sum(count // 2 for count in self.crossings),
+            rounds=self.rounds,
+        )
+
+
+# ------------------------------------------------------------------------------------------------
+# Parallel tempering of any kernel: chains at several temperatures that swap their states.
+#
+# The target is ``log prior + beta log likelihood``, from the prior (beta = 0) to the posterior
+# (beta = 1). A kernel is never told: it is handed an ordinary log density, that of its rung.
+# Only swaps need the two parts, of which a swap's ratio keeps nothing but the likelihoods.
+#
+# Even and odd pairs of neighbours swap in turn. Each pair's swap leaves the joint target alone,
+# and the alternation, unlike pairs drawn by chance, carries states on in the direction they came
+# from (Syed et al. 2022).
+#
+# Where states have parts that hardly know of each other, swaps of whole states fail because of
+# their sheer number: what is gained in one part is lost in another. A crossover exchanges a part
+# only (Liang & Wong 2000), between the pairs that do not swap in that round.
+#
+# References
+# ----------
+# Geyer 1991, Computing Science and Statistics 23, 156 (parallel tempering).
+# Liang & Wong 2000, Statistica Sinica 10, 317 (crossover between temperatures).
+# Syed, Bouchard-Côté, Deligiannidis & Doucet 2022, JRSS B 84, 321 (even-odd swaps).
+# Vousden, Farr & Mandel 2016, MNRAS 455, 1919 (adaptation towards equal swap rates).
+
+pass
 S = TypeVar("S")
 S_contra = TypeVar("S_contra", contravariant=True)
 
@@ -68,7 +228,7 @@ class Parts(NamedTuple):
 Target = Callable[[S], Parts]
 
 
-class Tracker(Protocol[S_contra]):
+class IncrementalLogDensity(Protocol[S_contra]):
     """A target that knows where its chain stands, so that a proposal costs what it changes."""
 
     def __call__(self, state: S_contra, /) -> Parts:
@@ -93,7 +253,7 @@ class Tempered(Generic[S]):
 class Kernel(Protocol[S]):
     """What advances a chain at one temperature.
 
-    Such as ``functools.partial(imapper_prob.samplers.kernel.step, mixture=mixture)``.
+    Such as ``functools.partial(imapper_prob.samplers.reversible_jump.step, mixture=mixture)``.
     """
 
     def __call__(
@@ -118,7 +278,7 @@ class Crossover(Protocol[S]):
         """
 
 
-class Position(NamedTuple, Generic[S]):
+class TemperingState(NamedTuple, Generic[S]):
     """Where the chains of a ladder stand: all that a checkpoint needs beside the generators.
 
     Parameters
@@ -142,7 +302,7 @@ class Position(NamedTuple, Generic[S]):
     rounds: int
 
 
-class Round(NamedTuple, Generic[S]):
+class TemperingInfo(NamedTuple, Generic[S]):
     """One round: steps on every rung, then swaps.
 
     Parameters
@@ -157,13 +317,13 @@ class Round(NamedTuple, Generic[S]):
         Of the gaps whose turn it was, from hot to cold; none without a crossover.
     """
 
-    position: Position[S]
+    position: TemperingState[S]
     steps: tuple[tuple[StepInfo, ...], ...]
     swap_acceptance: tuple[float, ...]
     crossovers: tuple[StepInfo, ...] = ()
 
 
-def start(states: Sequence[S], *, target: Target[S], betas: Sequence[float]) -> Position[S]:
+def start(states: Sequence[S], *, target: Target[S], betas: Sequence[float]) -> TemperingState[S]:
     """Put one state on each rung.
 
     Raises
@@ -183,20 +343,20 @@ def start(states: Sequence[S], *, target: Target[S], betas: Sequence[float]) -> 
         init(Tempered(target, beta), state) for state, beta in zip(states, betas, strict=True)
     )
     likelihoods = tuple(target(state).log_likelihood for state in states)
-    return Position(betas, chains, likelihoods, tuple(range(len(betas))), 0)
+    return TemperingState(betas, chains, likelihoods, tuple(range(len(betas))), 0)
 
 
 def temper(
     rngs: Sequence[np.random.Generator],
-    position: Position[S],
+    position: TemperingState[S],
     *,
     target: Target[S],
     kernel: Kernel[S],
     steps_per_swap: int,
     adapt: bool = False,
     crossover: Crossover[S] | None = None,
-    track: Callable[[S], Tracker[S]] | None = None,
-) -> Iterator[Round[S]]:
+    track: Callable[[S], IncrementalLogDensity[S]] | None = None,
+) -> Iterator[TemperingInfo[S]]:
     """An endless tempered chain, one item a round.
 
     Parameters
@@ -257,13 +417,13 @@ class _Memoryless(Generic[S]):
 
 def _rounds(
     rngs: Sequence[np.random.Generator],
-    position: Position[S],
-    trackers: list[Tracker[S]],
+    position: TemperingState[S],
+    trackers: list[IncrementalLogDensity[S]],
     kernel: Kernel[S],
     steps_per_swap: int,
     adapt: bool,
     crossover: Crossover[S] | None,
-) -> Iterator[Round[S]]:
+) -> Iterator[TemperingInfo[S]]:
     *rung_rngs, swap_rng = rngs
     while True:
         chains, steps = [], []
@@ -299,7 +459,7 @@ def _rounds(
         if adapt:
             gain = (position.rounds + 1) ** -_ADAPTATION_DECAY
             betas = respaced(betas, acceptance, gain=gain)
-        position = Position(
+        position = TemperingState(
             betas=betas,
             chains=tuple(
                 ChainState(chains[i].state, parts[i].at(beta))
@@ -309,13 +469,13 @@ def _rounds(
             replicas=tuple(position.replicas[i] for i in order),
             rounds=position.rounds + 1,
         )
-        yield Round(position, tuple(steps), acceptance, tuple(crossed))
+        yield TemperingInfo(position, tuple(steps), acceptance, tuple(crossed))
 
 
 def _crossed(
     rng: np.random.Generator,
     pair: Sequence[ChainState[S]],
-    trackers: Sequence[Tracker[S]],
+    trackers: Sequence[IncrementalLogDensity[S]],
     betas: Sequence[float],
     crossover: Crossover[S],
 ) -> tuple[list[ChainState[S]], StepInfo]:

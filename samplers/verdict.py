@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from imapper_prob.samplers.diagnostics import LayoutProbabilities, ess, rhat
-from imapper_prob.samplers.ladder import LadderSummary
+from imapper_prob.samplers.tempering import LadderSummary
 
 __all__ = ["Measures", "Verdict", "judge", "measure", "rounded_up"]
 

@@ -34,7 +34,7 @@ def rng() -> np.random.Generator:
 @pytest.fixture(scope="session")
 def run_of_demo(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of the short run in :mod:`tests.runs`, of which tests take a copy."""
-    from imapper_prob.output import write_run
+    from imapper_prob.results.folders import write_run
     from tests.runs import posterior
 
     folder = tmp_path_factory.mktemp("demo") / "run"
@@ -61,7 +61,7 @@ FIRST = (
     DEMO,
     "tests/cli/",
     "tests/sampling/",
-    "tests/staged/",
+    "tests/solver/",
 )
 """What takes long, so that no process is left with it in the end."""
 

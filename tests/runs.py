@@ -7,14 +7,14 @@ from functools import cache
 
 import numpy as np
 
+from imapper_prob.api import demo_clip
 from imapper_prob.config import Config, SampleSettings
-from imapper_prob.demo import demo_clip
-from imapper_prob.evaluate.parts import first_part
+from imapper_prob.evaluate.suite import first_part
 from imapper_prob.models.scenelet import Library
 from imapper_prob.results.posterior import Posterior
 from imapper_prob.sampling.sample import sample_scenes
 from imapper_prob.scenelets.library import load_library
-from imapper_prob.staged.solver import Solution, solve
+from imapper_prob.solver.solver import Solution, solve
 
 SHORT = Config(
     seed=3,

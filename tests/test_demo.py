@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from imapper_prob.demo import demo_clip
+from imapper_prob.api import demo_clip
 from imapper_prob.models.skeleton import DETECTED, LANK, RANK
 
 

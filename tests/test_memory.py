@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from imapper_prob import memory
+from imapper_prob.api import demo_clip
 from imapper_prob.cli import main
+from imapper_prob.clips.load import load_clip, write_clip
 from imapper_prob.config import SampleSettings
-from imapper_prob.demo import demo_clip
-from imapper_prob.inputs import load_clip, write_clip
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.scene import Clip
 from imapper_prob.scenelets.library import load_library

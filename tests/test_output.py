@@ -7,7 +7,7 @@ from pathlib import Path
 
 from PIL import Image
 
-from imapper_prob.output import write_run
+from imapper_prob.results.folders import write_run
 from tests.recording.reading import read
 from tests.runs import posterior
 

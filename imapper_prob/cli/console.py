@@ -1,16 +1,30 @@
-"""All that is printed: names in it are of others, who may have put anything in them."""
+"""What the command line prints, how it shows progress, and what an interruption does."""
 
 from __future__ import annotations
 
+import argparse
 import logging
+import signal
 import sys
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
+from pathlib import Path
+from typing import Any, Final
 
 from imapper_prob.models.text import readable
 
-__all__ = ["console", "printable", "told"]
+__all__ = [
+    "Bars",
+    "Stopped",
+    "Terminated",
+    "console",
+    "last_words",
+    "printable",
+    "progress_bars",
+    "stoppable",
+    "told",
+]
 
 
 def printable(text: str) -> str:
@@ -50,3 +64,109 @@ def told() -> Iterator[None]:
 class _Plain(logging.Formatter):
     def format(self, record: logging.LogRecord) -> str:
         return printable(super().format(record))
+
+
+# ------------------------------------------------------------------------------------------------
+# How far a run is.
+
+
+class Bars:
+    """One line a stage, and what is said in between.
+
+    Parameters
+    ----------
+    bars : rich.progress.Progress
+    """
+
+    def __init__(self, bars: Any) -> None:
+        self._bars = bars
+        self._tasks: dict[str, Any] = {}
+
+    def __call__(self, stage: str, part: float) -> None:
+        """So much of a stage is done; those before it are over."""
+        if stage not in self._tasks:
+            for earlier in self._tasks.values():
+                self._bars.update(earlier, completed=1.0)
+            self._tasks[stage] = self._bars.add_task(stage, total=1.0)
+        self._bars.update(self._tasks[stage], completed=part)
+
+    def say(self, text: str) -> None:
+        """A line above the bars."""
+        self._bars.console.print(text, markup=False, highlight=False)
+
+
+@contextmanager
+def progress_bars() -> Iterator[Bars]:
+    """One line a stage: what, how much of it, how long it took and will take."""
+    from rich.progress import (
+        BarColumn,
+        Progress,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
+
+    bars = Progress(
+        TextColumn("{task.description:<24}", markup=False),
+        BarColumn(),
+        TextColumn("{task.percentage:>3.0f}%", markup=False),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+        console=console(stderr=True),
+    )
+    with bars:
+        yield Bars(bars)
+
+
+# ------------------------------------------------------------------------------------------------
+# What becomes of a command that somebody stops, from its first stage to its last byte.
+#
+# Chains and ensembles hear of the first Ctrl-C and return what they have, see
+# :mod:`imapper_prob.samplers.chains`; what follows is written and the command ends as interrupted.
+# At any other time Ctrl-C, and SIGTERM at all times, end the command where it is: files that are
+# not complete are removed, those that a run goes on from stay.
+
+_INTERRUPTED: Final = 128 + signal.SIGINT
+_TERMINATED: Final = 128 + signal.SIGTERM
+"""Exit codes, as shells have them."""
+
+
+class Stopped(KeyboardInterrupt):
+    """Somebody asked to stop; what there is was written, and the message says what that is."""
+
+
+class Terminated(KeyboardInterrupt):
+    """Somebody sent SIGTERM."""
+
+
+@contextmanager
+def stoppable() -> Iterator[None]:
+    """Let SIGTERM end a command as Ctrl-C does, so that it leaves nothing behind."""
+    if threading.current_thread() is not threading.main_thread():
+        # Python hands signals to the main thread alone.
+        yield
+        return
+
+    def handle(number: int, frame: object) -> None:
+        raise Terminated
+
+    previous = signal.signal(signal.SIGTERM, handle)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, previous)
+
+
+def last_words(error: KeyboardInterrupt, options: argparse.Namespace) -> tuple[str, int]:
+    """What is said of it, and the exit code."""
+    from imapper_prob.results.folders import CHECKPOINTS
+
+    code = _TERMINATED if isinstance(error, Terminated) else _INTERRUPTED
+    if isinstance(error, Stopped):
+        held = f"{error}; " if error.args else ""
+        return f"interrupted; {held}the same command goes on", code
+    output = getattr(options, "output", None)
+    kept = isinstance(output, Path) and (output / CHECKPOINTS).is_dir()
+    if kept or getattr(options, "suite", None) is not None:
+        return "interrupted; what there is was kept, the same command goes on", code
+    return "interrupted; nothing was written", code

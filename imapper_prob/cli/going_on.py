@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from imapper_prob.config import Config
-    from imapper_prob.output import Earlier
+    from imapper_prob.results.folders import Earlier
     from imapper_prob.sampling.blocks import Block, Limits
 
 __all__ = [

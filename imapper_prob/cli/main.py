@@ -7,16 +7,13 @@ import sys
 from collections.abc import Sequence
 
 import imapper_prob
-from imapper_prob.cli.console import told
-from imapper_prob.cli.detect import add_detect_command
+from imapper_prob.cli.clips import add_detect_command, add_track_command
+from imapper_prob.cli.console import last_words, stoppable, told
 from imapper_prob.cli.evaluate import add_evaluate_command
-from imapper_prob.cli.export import add_export_commands
-from imapper_prob.cli.interruption import last_words, stoppable
-from imapper_prob.cli.recordings import add_recording_commands
+from imapper_prob.cli.export import add_export_commands, add_recording_commands
 from imapper_prob.cli.run import add_run_commands
 from imapper_prob.cli.scenelets import add_scenelet_commands
 from imapper_prob.cli.solve import add_solve_command
-from imapper_prob.cli.track import add_track_command
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.text import readable
 

@@ -7,10 +7,8 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from imapper_prob.cli.clip_options import clip_from, clip_parser, is_clip, is_video
-from imapper_prob.cli.energy import show_energy
-from imapper_prob.cli.interruption import Stopped
-from imapper_prob.cli.progress import progress_bars
+from imapper_prob.cli.clips import clip_from, clip_parser, is_clip, is_video
+from imapper_prob.cli.console import Stopped, progress_bars
 from imapper_prob.models.errors import InputError
 
 if TYPE_CHECKING:
@@ -19,11 +17,57 @@ if TYPE_CHECKING:
     from imapper_prob.config import Config
     from imapper_prob.models.scene import Clip
     from imapper_prob.models.scenelet import Library
-    from imapper_prob.results.checks import Check
     from imapper_prob.results.posterior import Posterior
     from imapper_prob.sampling.blocks import Block, Limits
+    from imapper_prob.uncertainty.checks import Check
 
-__all__ = ["add_run_commands"]
+__all__ = ["add_run_commands", "show_energy"]
+
+_DOTS_PER_INCH = 120
+
+
+def show_energy(folder: Path) -> None:
+    """Print what the first scene of a run costs; write ``energy.png`` and ``energy.json``.
+
+    Raises
+    ------
+    InputError
+        If there is no run in the folder, or the disk refuses.
+    """
+    from imapper_prob.cli.console import console
+    from imapper_prob.files import written_whole
+    from imapper_prob.people import in_a_row
+    from imapper_prob.plotting import save_figure
+    from imapper_prob.results.figures import energy_figure
+    from imapper_prob.results.posterior import load_posterior
+    from imapper_prob.uncertainty.energy import (
+        explain,
+        object_worth_table,
+        scenelet_table,
+        term_table,
+        write_energy,
+    )
+
+    posterior = load_posterior(folder)
+    clip, source = posterior.clip, posterior.solution
+    state = posterior.samples.states[posterior.scenes(1)[0].draw]
+    explanation = explain(source.problem, state, source.library, frame_ids=in_a_row(clip))
+    out = console()
+    for table in (term_table, scenelet_table, object_worth_table):
+        out.print(table(explanation))
+    digest = posterior.data.attrs["library_digest"]
+    figure, document = folder / "energy.png", folder / "energy.json"
+    try:
+        with written_whole(figure) as beside:
+            save_figure(energy_figure(explanation, title=clip.name), beside, dpi=_DOTS_PER_INCH)
+        write_energy(document, explanation, clip=clip.name, library_digest=digest)
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be written ({error.strerror or error})") from error
+    out.print(f"Written: {figure}, {document}")
+
+
+# ------------------------------------------------------------------------------------------------
+# ``demo``, ``run`` and ``info``: scenes of a clip, sampled, written and shown again.
 
 _DEMO_STEPS = 6000
 """Steps of a demo chain at each temperature: what fits, with all else, within a minute on two
@@ -128,7 +172,7 @@ def _config(
 
 
 def _demo(options: argparse.Namespace) -> None:
-    from imapper_prob.demo import demo_clip
+    from imapper_prob.api import demo_clip
 
     _begun_or_gone_on_with(options, demo_clip, steps=_DEMO_STEPS)
 
@@ -147,10 +191,10 @@ def _begun_or_gone_on_with(
 ) -> None:
     """Sample a clip into a folder, or go on with the run that is there."""
     from imapper_prob.cli.going_on import config_to_go_on, nothing_to_do, require_same_input
-    from imapper_prob.output import earlier_run, restore_chains, run_folder
-    from imapper_prob.results.provenance import clip_digest
+    from imapper_prob.results.folders import earlier_run, restore_chains, run_folder
     from imapper_prob.sampling.blocks import Limits
     from imapper_prob.scenelets.library import load_library
+    from imapper_prob.uncertainty.tree import clip_digest
 
     if options.workers < 1:
         raise InputError(f"--workers {options.workers}: at least 1 is needed")
@@ -184,8 +228,8 @@ def _sample(
 ) -> None:
     import imapper_prob
     from imapper_prob.cli.going_on import how_to_go_on, words_of_block
-    from imapper_prob.output import CHECKPOINTS, write_run
-    from imapper_prob.sampling.cluster import connected
+    from imapper_prob.results.folders import CHECKPOINTS, write_run
+    from imapper_prob.sampling.sample import connected
 
     blocks: list[Block] = []
     with connected(options.cluster) as cluster, progress_bars() as progress:
@@ -229,9 +273,9 @@ def _print(text: str) -> None:
 
 def _show(posterior: Posterior, folder: Path) -> None:
     from imapper_prob.cli.console import console
-    from imapper_prob.results.report.words import sides_of
-    from imapper_prob.results.summary import check_table, object_table, scene_table
-    from imapper_prob.sampling.agreement import describe_agreement
+    from imapper_prob.results.report import sides_of
+    from imapper_prob.sampling.placements import describe_agreement
+    from imapper_prob.uncertainty.summary import check_table, object_table, scene_table
 
     out = console()
     scenes = posterior.scenes()
@@ -251,7 +295,7 @@ def _show(posterior: Posterior, folder: Path) -> None:
 def _show_alarms(checks: Iterable[Check]) -> None:
     """What speaks against the whole result, before anything else is said of it."""
     from imapper_prob.cli.console import console
-    from imapper_prob.results.checks import alarms
+    from imapper_prob.uncertainty.checks import alarms
 
     for sentence in alarms(checks):
         console().print(sentence, style="bold red")
@@ -266,8 +310,8 @@ def _info(options: argparse.Namespace) -> None:
 
 def _show_clip(options: argparse.Namespace) -> None:
     from imapper_prob.cli.console import console
-    from imapper_prob.inputs.describe import clip_table
-    from imapper_prob.results.checks import elsewhere
+    from imapper_prob.clips.load import clip_table
+    from imapper_prob.uncertainty.checks import elsewhere
 
     clip = clip_from(options.folder, options)
     console().print(clip_table(clip))
@@ -276,10 +320,10 @@ def _show_clip(options: argparse.Namespace) -> None:
 
 def _show_run(options: argparse.Namespace) -> None:
     from imapper_prob.cli.console import console
-    from imapper_prob.results.checks import from_json
-    from imapper_prob.results.export import read_scenes
-    from imapper_prob.results.summary import check_table, object_table, scene_table
-    from imapper_prob.results.tree import read_attributes
+    from imapper_prob.results.scenes_file import read_scenes
+    from imapper_prob.uncertainty.checks import from_json
+    from imapper_prob.uncertainty.summary import check_table, object_table, scene_table
+    from imapper_prob.uncertainty.tree import read_attributes
 
     folder = options.folder
     scenes = read_scenes(folder / "scenes.json")

@@ -8,8 +8,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from imapper_prob.inputs.load_captures import SOURCES, captures_from
 from imapper_prob.models.errors import InputError
+from imapper_prob.scenelets.build import SOURCES, captures_from
 
 if TYPE_CHECKING:
     from imapper_prob.models.scenelet import Library
@@ -87,8 +87,8 @@ def _info(options: argparse.Namespace) -> None:
 
 def _plot(options: argparse.Namespace) -> None:
     from imapper_prob.cli.console import console
-    from imapper_prob.figure_file import save_figure
     from imapper_prob.files import written_whole
+    from imapper_prob.plotting import save_figure
     from imapper_prob.scenelets.charness import charness, motion_distances
     from imapper_prob.scenelets.figures import charness_figure, embedding_figure, furniture_figure
     from imapper_prob.scenelets.library import load_library
@@ -127,7 +127,7 @@ def _describe(library: Library) -> None:
     import imapper_prob
     from imapper_prob.cli.console import console
     from imapper_prob.scenelets.charness import charness, motion_distances
-    from imapper_prob.scenelets.summary import action_table, furniture_table
+    from imapper_prob.scenelets.figures import action_table, furniture_table
 
     out = console()
     out.print(

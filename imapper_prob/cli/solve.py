@@ -8,8 +8,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from imapper_prob.cli.clip_options import clip_from, clip_parser
-from imapper_prob.cli.progress import progress_bars
+from imapper_prob.cli.clips import clip_from, clip_parser
+from imapper_prob.cli.console import progress_bars
 
 __all__ = ["StageClock", "add_solve_command"]
 
@@ -70,16 +70,15 @@ def _solve(options: argparse.Namespace) -> None:
     from imapper_prob.cli.console import console
     from imapper_prob.config import Config, read_config
     from imapper_prob.memory import require_memory
-    from imapper_prob.results.solution_tables import (
+    from imapper_prob.results.folders import solution_folder, write_solution_folder
+    from imapper_prob.results.solution import (
         furniture_table,
         maxima_table,
         scenes_table,
         stage_table,
     )
-    from imapper_prob.results.solved import solved
     from imapper_prob.scenelets.library import load_library
-    from imapper_prob.solution_output import solution_folder, write_solution_folder
-    from imapper_prob.staged.actors import solve_actors
+    from imapper_prob.solver.actors import solve_actors, solved
 
     config = Config() if options.config is None else read_config(options.config)
     if options.library is not None:

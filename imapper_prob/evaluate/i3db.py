@@ -16,11 +16,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from imapper_prob.evaluate.outline import Outline, box_corners
+from imapper_prob.clips.i3db import read_i3db, read_i3db_truth
+from imapper_prob.clips.parsing import field, frames_of_joints, load_json, numbers
 from imapper_prob.evaluate.prediction import Prediction, between_frames
-from imapper_prob.evaluate.truth import TruthInView, used_objects
-from imapper_prob.inputs.i3db import read_i3db, read_i3db_truth
-from imapper_prob.inputs.json_fields import field, frames_of_joints, load_json, numbers
+from imapper_prob.evaluate.truth import Outline, TruthInView, box_corners, used_objects
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.scene import Clip
 from imapper_prob.models.skeleton import N_JOINTS

@@ -1,4 +1,4 @@
-"""How far furniture is from where it was: the scores of the paper's table 1 and more."""
+"""How far furniture is from the truth: the scores of the paper's table 1 and more."""
 
 from __future__ import annotations
 
@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 from shapely import MultiPoint, Polygon, unary_union
 
-from imapper_prob.evaluate.outline import Outline
-from imapper_prob.evaluate.truth import TruthInView
+from imapper_prob.evaluate.truth import Outline, TruthInView
 from imapper_prob.models.skeleton import PELV
 
 __all__ = ["FOUND", "ObjectScore", "Pair", "object_scores", "pair_up", "yaw_error"]

@@ -6,15 +6,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from imapper_prob.evaluate.evaluation import Evaluation, posterior_coverage
-from imapper_prob.evaluate.pose import SUBSETS
-from imapper_prob.evaluate.posterior_score import LIKELY
+from imapper_prob.evaluate.probability import LIKELY
 from imapper_prob.evaluate.published import (
     OnClip,
     published_object_rows,
     published_pose_rows,
 )
-from imapper_prob.evaluate.score import Summary
+from imapper_prob.evaluate.score import SUBSETS, Summary
+from imapper_prob.evaluate.suite import Evaluation, posterior_coverage
 from imapper_prob.evaluate.tables import (
     Rows,
     coverage_rows,

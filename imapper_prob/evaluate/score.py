@@ -1,18 +1,227 @@
-"""One prediction against one truth, and several clips together."""
+"""One prediction against one truth: joints, objects, baselines, and paired differences."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
+from imapper_prob.clips.i3db import DETECTIONS
+from imapper_prob.clips.load import load_clip
+from imapper_prob.evaluate.i3db import read_authors, read_input_path, read_truth_in_view
 from imapper_prob.evaluate.objects import ObjectScore, object_scores
-from imapper_prob.evaluate.pose import SUBSETS, PoseScore, pose_scores
 from imapper_prob.evaluate.prediction import Prediction
-from imapper_prob.evaluate.truth import TruthInView
+from imapper_prob.evaluate.truth import Outline, TruthInView, box_corners, segments, truth_in_view
+from imapper_prob.models.errors import InputError
+from imapper_prob.models.scene import Clip
+from imapper_prob.models.settings import Settings
+from imapper_prob.models.skeleton import LHIP, PELV, RHIP, SCORED
+from imapper_prob.scenelets.captures import i3db_folders
+from imapper_prob.solver.static_path import estimate_static_path
 
-__all__ = ["Score", "Summary", "score", "summarise"]
+__all__ = [
+    "SUBSETS",
+    "Difference",
+    "KnownScene",
+    "PoseScore",
+    "Score",
+    "Summary",
+    "couch_where_sat",
+    "known_clip",
+    "known_scene",
+    "paired_difference",
+    "pose_scores",
+    "scenes_with_truth",
+    "score",
+    "static_path",
+    "summarise",
+]
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+SUBSETS: Final = ("all frames", "occluded joints", "occ3")
+"""All annotated frames; only joints behind furniture; all joints of frames in which at least
+three of the sixteen are, which is what the paper's table 2 scores."""
+_MANY_HIDDEN: Final = 3
+
+
+@dataclass(frozen=True)
+class PoseScore:
+    """Root mean square errors over joints and frames.
+
+    Parameters
+    ----------
+    world : float
+        In the axes of the camera, cm.
+    local : float
+        Relative to the pelvis, cm.
+    pixels : float
+        In the image.
+    joints : int
+        Joints in frames that were scored. 0 where there are none; the errors are then NaN.
+    left_out : int
+        Joints in frames that are known but about which the prediction says nothing.
+    """
+
+    world: float
+    local: float
+    pixels: float
+    joints: int
+    left_out: int
+
+
+def pose_scores(prediction: Prediction, truth: TruthInView) -> dict[str, PoseScore]:
+    """Errors of the fourteen scored joints by :data:`SUBSETS`.
+
+    Raises
+    ------
+    InputError
+        If the numbers of frames differ.
+    """
+    if len(prediction.joints) != len(truth.joints):
+        raise InputError(
+            f"{prediction.name}: has {len(prediction.joints)} frames, the truth of {truth.name} "
+            f"has {len(truth.joints)}; the frames of a result must be those of its clip"
+        )
+    scored = list(SCORED)
+    known = np.repeat(truth.known[:, None], len(scored), 1)
+    hidden = truth.hidden[:, scored]
+    many = (truth.hidden.sum(1) >= _MANY_HIDDEN)[:, None]
+    squares = [
+        ((a - b) ** 2).sum(-1)[:, scored]
+        for a, b in (
+            (prediction.joints, truth.joints),
+            (_about_pelvis(prediction.joints), _about_pelvis(truth.joints)),
+            (prediction.pixels, truth.pixels),
+        )
+    ]
+    subsets = (known, known & hidden, known & many)
+    return {name: _score(squares, s) for name, s in zip(SUBSETS, subsets, strict=True)}
+
+
+def _about_pelvis(joints: Array) -> Array:
+    """Relative to the pelvis, or to the middle of the hips where a joint set has none."""
+    pelvis = joints[:, PELV]
+    middle = joints[:, (RHIP, LHIP)].mean(1)
+    return joints - np.where(np.isfinite(pelvis), pelvis, middle)[:, None]
+
+
+def _score(squares: list[Array], wanted: Flags) -> PoseScore:
+    there = wanted & np.isfinite(squares[0])
+    world, local, pixels = (_root_mean(s[there & np.isfinite(s)]) for s in squares)
+    count = int(there.sum())
+    return PoseScore(100 * world, 100 * local, pixels, count, int(wanted.sum()) - count)
+
+
+def _root_mean(squares: Array) -> float:
+    return float(np.sqrt(squares.mean())) if squares.size else float("nan")
+
+
+# ------------------------------------------------------------------------------------------------
+# Is one method better than another? Differences object by object.
+
+_RESAMPLES: Final = 4000
+_INTERVAL: Final = (0.05, 0.95)
+"""Quantiles of the bootstrap that bound the interval of 90 %."""
+
+
+@dataclass(frozen=True)
+class Difference:
+    """One method less another, over the same true objects.
+
+    Parameters
+    ----------
+    name, other : str
+        Of the methods.
+    mean : float
+        Of the differences of losses, cm; negative where the first is nearer.
+    low, high : float
+        Bootstrap interval of 90 % over objects.
+    objects : int
+        True objects.
+    """
+
+    name: str
+    other: str
+    mean: float
+    low: float
+    high: float
+    objects: int
+
+
+def paired_difference(
+    ours: Sequence[Score], theirs: Sequence[Score], rng: np.random.Generator
+) -> Difference:
+    """The mean difference of losses between two methods on the same clips.
+
+    Losses are those of :attr:`imapper_prob.evaluate.objects.ObjectScore.losses`.
+
+    Whole objects are drawn with replacement, as many as there are; that two objects of one
+    clip share its camera is left out, so intervals are rather too short.
+    """
+    both = {s.clip: s for s in theirs}
+    pairs = [(s, both[s.clip]) for s in ours if s.clip in both]
+    gaps = [a.objects.losses - b.objects.losses for a, b in pairs]
+    gap = 100 * np.concatenate([np.empty(0), *gaps])
+    if not len(gap):
+        nothing = float("nan")
+        return Difference(ours[0].name, theirs[0].name, nothing, nothing, nothing, 0)
+    means = rng.choice(gap, (_RESAMPLES, len(gap))).mean(1)
+    low, high = np.quantile(means, _INTERVAL)
+    return Difference(
+        ours[0].name, theirs[0].name, float(gap.mean()), float(low), float(high), len(gap)
+    )
+
+
+# ------------------------------------------------------------------------------------------------
+# Answers that take no thought. What does not beat them has added nothing.
+
+_COUCH: Final = (2.4, 0.8, 0.45)
+"""Metres of width, depth and height: the usual couch of i3DB."""
+
+
+def couch_where_sat(path: Prediction, actions: tuple[str, ...]) -> Prediction:
+    """A couch around the median pelvis of each stay on a seat, facing as the hips do.
+
+    Parameters
+    ----------
+    path : Prediction
+        Whose joints are used, and kept; its furniture is not.
+    actions : tuple of str
+        When somebody sits. It is told the truth about that, which nothing else is.
+    """
+    couches = []
+    for action, frames in segments(actions):
+        body = path.joints[frames]
+        body = body[np.isfinite(body).all((1, 2))]
+        if action == "sitting" and len(body):
+            sideways = np.median(body[:, RHIP] - body[:, LHIP], axis=0) * (1, 1, 0)
+            couches.append(_couch(np.median(body[:, PELV], axis=0), sideways))
+    return Prediction(f"couch on {path.name}", path.joints, path.pixels, tuple(couches))
+
+
+def static_path(clip: Clip) -> Prediction:
+    """The smooth path through the detections that the solver starts from, without furniture.
+
+    With constants estimated without a scene of that name.
+    """
+    joints = estimate_static_path(clip, settings=Settings().without(clip.name).path).joints
+    return Prediction("static path", joints, clip.camera.project_camera(joints), ())
+
+
+def _couch(centre: Array, sideways: Array) -> Outline:
+    right = sideways / np.linalg.norm(sideways)
+    up = np.array([0.0, 0.0, 1.0])
+    axes = np.stack([right, np.cross(up, right), up], 1)
+    return Outline.of_corners("couch", box_corners(centre, axes, _COUCH), right, has_front=True)
+
+
+# ------------------------------------------------------------------------------------------------
+# One prediction against one truth, and several clips together.
 
 _CHANCE_SEED = 20190708
 """Chance levels are thrown with the same numbers in every table."""
@@ -29,7 +238,7 @@ class Score:
     clip : str
     objects : ObjectScore
     pose : dict of str to PoseScore
-        By :data:`imapper_prob.evaluate.pose.SUBSETS`.
+        By :data:`imapper_prob.evaluate.score.SUBSETS`.
     """
 
     name: str
@@ -142,3 +351,73 @@ def _mean(values: np.ndarray) -> float:
 
 def _median(values: np.ndarray) -> float:
     return float(np.median(values)) if len(values) else float("nan")
+
+
+# ------------------------------------------------------------------------------------------------
+# Where a truth comes from, and what a result is always held beside.
+
+
+@dataclass(frozen=True, eq=False)
+class KnownScene:
+    """A clip whose truth is known.
+
+    Parameters
+    ----------
+    clip : Clip
+    truth : TruthInView
+    others : tuple of Prediction
+        The authors' output where it is public, and answers that take no thought.
+    """
+
+    clip: Clip
+    truth: TruthInView
+    others: tuple[Prediction, ...]
+
+
+def known_scene(path: str | Path) -> KnownScene:
+    """An i3DB scene with its ``gt/``, or a clip file that carries its truth.
+
+    Raises
+    ------
+    InputError
+        If there is no truth, or a file is damaged.
+    """
+    path = Path(path)
+    clip = load_clip(path)
+    if not (path.is_dir() and any(path.glob(DETECTIONS))):
+        return known_clip(clip)
+    if not (path / "gt").is_dir():
+        raise InputError(f"{path}: has no gt/, so nobody knows its truth; name another scene")
+    truth = read_truth_in_view(path, clip)
+    published = (read_authors(path, clip),) if (path / "iMapper").is_dir() else ()
+    lifted = read_input_path(path, clip)
+    paths = (lifted, static_path(clip))
+    return KnownScene(
+        clip, truth, (*published, lifted, *(couch_where_sat(p, truth.actions) for p in paths))
+    )
+
+
+def known_clip(clip: Clip) -> KnownScene:
+    """A clip that carries its truth, as simulated ones do.
+
+    Raises
+    ------
+    InputError
+        If it does not.
+    """
+    truth = truth_in_view(clip)
+    return KnownScene(clip, truth, (couch_where_sat(static_path(clip), truth.actions),))
+
+
+def scenes_with_truth(folder: str | Path) -> list[Path]:
+    """The scenes of a folder of i3DB that have a truth.
+
+    Raises
+    ------
+    InputError
+        If there are none.
+    """
+    found = [path for path in i3db_folders(folder) if (path / "gt").is_dir()]
+    if not found:
+        raise InputError(f"{folder}: no scene there has a gt/; nothing to hold results to")
+    return found

@@ -1,47 +1,222 @@
-"""The whole benchmark: every scene solved and sampled once, whatever interrupts it.
-
-What is done lies in the suite's folder, one folder a scene; what is there is not done again.
-"""
+"""The benchmark: every scene solved, sampled and scored once; interrupted runs go on."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Executor, as_completed
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
+
+import numpy as np
 
 from imapper_prob.api import sample
+from imapper_prob.clips.load import load_clip, window
+from imapper_prob.clips.parsing import load_json
 from imapper_prob.config import Config, to_toml
-from imapper_prob.evaluate.parts import first_part
-from imapper_prob.evaluate.prediction import Prediction, prediction_of_solved
-from imapper_prob.evaluate.prediction_file import read_prediction, write_prediction
-from imapper_prob.evaluate.provenance import commit
-from imapper_prob.evaluate.solution_folder import SOLVER
+from imapper_prob.evaluate.prediction import (
+    SOLVER,
+    Prediction,
+    prediction_of_solved,
+    read_prediction,
+    write_prediction,
+)
+from imapper_prob.evaluate.probability import Coverage, PosteriorScore, coverage
+from imapper_prob.evaluate.score import (
+    Difference,
+    Score,
+    Summary,
+    paired_difference,
+    score,
+    summarise,
+)
+from imapper_prob.evaluate.tables import as_json, commit, without_nan
+from imapper_prob.evaluate.truth import TruthInView
 from imapper_prob.files import written_whole
-from imapper_prob.inputs import load_clip
-from imapper_prob.inputs.json_fields import load_json
-from imapper_prob.inputs.load_captures import captures_from
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.scene import Clip
 from imapper_prob.models.scenelet import Library
-from imapper_prob.output import CHECKPOINTS, run_folder, write_run
-from imapper_prob.results.load import load_posterior
-from imapper_prob.results.posterior import Posterior
-from imapper_prob.results.solved import solved as put_together
-from imapper_prob.sampling.cluster import Cluster
-from imapper_prob.scenelets.build import build_library_from
+from imapper_prob.results.folders import CHECKPOINTS, run_folder, write_run
+from imapper_prob.results.posterior import Posterior, load_posterior
+from imapper_prob.sampling.sample import Cluster
+from imapper_prob.scenelets.build import build_library_from, captures_from
 from imapper_prob.scenelets.library import joined, load_library
-from imapper_prob.staged.actors import solve_actors
+from imapper_prob.solver.actors import solve_actors
+from imapper_prob.solver.actors import solved as put_together
 
 __all__ = [
-    "Task", "library_of", "prepare_suite", "sample_all", "sampled", "solve_all",
-    "solved", "tasks_of",
-]  # fmt: skip
+    "PARTS",
+    "Evaluation",
+    "Task",
+    "evaluate",
+    "first_part",
+    "library_of",
+    "posterior_coverage",
+    "prepare_suite",
+    "sample_all",
+    "sampled",
+    "solve_all",
+    "solved",
+    "tasks_of",
+    "truth_of_part",
+    "write_evaluation",
+]
+
+PARTS: Final = (0.25, 0.5, 0.75, 1.0)
+"""Of a clip's frames."""
+
+
+def first_part(clip: Clip, part: float) -> Clip:
+    """The clip's first frames; without its truth, which is cut by :func:`truth_of_part`."""
+    if part == 1:
+        return clip
+    count = _count(clip.n_frames, part)
+    first = int(clip.frame_ids[0])
+    return window(clip, first, first + count - 1)
+
+
+def truth_of_part(truth: TruthInView, part: float) -> TruthInView:
+    """The truth of the first frames; all objects of the whole clip are still to be found."""
+    count = _count(len(truth.joints), part)
+    return replace(
+        truth,
+        frame_ids=truth.frame_ids[:count],
+        joints=truth.joints[:count],
+        pixels=truth.pixels[:count],
+        hidden=truth.hidden[:count],
+        actions=truth.actions[:count],
+    )
+
+
+def _count(frames: int, part: float) -> int:
+    return max(1, round(part * frames))
+
+
+# ------------------------------------------------------------------------------------------------
+# All scores of several methods on one or more clips, and what is written of them.
+
+_BOOTSTRAP_SEED: Final = 8
+_FORMAT: Final = "imapper-prob evaluation"
+_VERSION: Final = 1
+
+
+@dataclass(frozen=True, eq=False)
+class Evaluation:
+    """Scores by method, ours first.
+
+    Parameters
+    ----------
+    scores : dict of str to list of Score
+        Of each method one a clip.
+    posteriors : list of PosteriorScore
+        One for each run that was sampled.
+    """
+
+    scores: dict[str, list[Score]]
+    posteriors: list[PosteriorScore]
+
+    @property
+    def summaries(self) -> list[Summary]:
+        """Each method over all its clips."""
+        return [summarise(found) for found in self.scores.values()]
+
+    @property
+    def one_by_one(self) -> list[Summary]:
+        """Each method on each clip."""
+        clips = dict.fromkeys(s.clip for found in self.scores.values() for s in found)
+        return [
+            summarise([s])
+            for clip in clips
+            for found in self.scores.values()
+            for s in found
+            if s.clip == clip
+        ]
+
+    def differences(self, ours: Iterable[str], theirs: Iterable[str]) -> list[Difference]:
+        """Each of our methods less each of theirs that claims furniture, object by object."""
+        rng = np.random.default_rng(_BOOTSTRAP_SEED)
+        others = [
+            name for name in theirs if any(s.objects.predicted for s in self.scores.get(name, []))
+        ]
+        return [
+            paired_difference(self.scores[one], self.scores[other], rng)
+            for one in ours
+            for other in others
+            if one != other
+        ]
+
+
+def evaluate(
+    answers: Iterable[tuple[TruthInView, Sequence[Prediction]]],
+    posteriors: Iterable[PosteriorScore] = (),
+) -> Evaluation:
+    """Score every prediction on every clip.
+
+    Raises
+    ------
+    InputError
+        If a prediction is of other frames than the truth.
+    """
+    scores: dict[str, list[Score]] = {}
+    for truth, predictions in answers:
+        for prediction in predictions:
+            scores.setdefault(prediction.name, []).append(score(prediction, truth))
+    return Evaluation(scores, list(posteriors))
+
+
+def posterior_coverage(posteriors: Sequence[PosteriorScore]) -> dict[str, tuple[Coverage, ...]]:
+    """Coverage of objects, pelvis, joints and hidden joints, pooled over clips."""
+    return {
+        name: coverage(np.concatenate([getattr(p, ranks) for p in posteriors]))
+        for name, ranks in (
+            ("object centres", "object_ranks"),
+            ("pelvis", "pelvis_ranks"),
+            ("joints", "joint_ranks"),
+            ("hidden joints", "hidden_ranks"),
+        )
+    }
+
+
+def write_evaluation(
+    path: Path, evaluation: Evaluation, differences: Sequence[Difference], made_by: dict[str, str]
+) -> None:
+    """Write ``evaluation.json``; ``made_by`` says with what: commit, command, settings."""
+    document: dict[str, Any] = {
+        "format": _FORMAT,
+        "version": _VERSION,
+        **made_by,
+        "methods": [as_json(found, summarise(found)) for found in evaluation.scores.values()],
+        "scene_by_scene": [asdict(s) for s in evaluation.one_by_one],
+        "differences_cm": [asdict(d) for d in differences],
+        "posteriors": [_plain(p) for p in evaluation.posteriors],
+    }
+    if evaluation.posteriors:
+        document["coverage"] = {
+            name: [asdict(c) for c in found]
+            for name, found in posterior_coverage(evaluation.posteriors).items()
+        }
+    text = json.dumps(without_nan(document), indent=1, allow_nan=False, ensure_ascii=False)
+    with written_whole(path) as beside:
+        beside.write_text(text + "\n", encoding="utf-8")
+
+
+def _plain(posterior: PosteriorScore) -> dict[str, Any]:
+    """Ranks of objects one by one, those of joints as a histogram of ten bins."""
+    values = dict(vars(posterior))
+    values["object_ranks"] = posterior.object_ranks.tolist()
+    for name in ("pelvis_ranks", "joint_ranks", "hidden_ranks", "distance_ranks"):
+        counts, _ = np.histogram(values[name], bins=10, range=(0, 1))
+        values[name] = counts.tolist()
+    return values
+
+
+# ------------------------------------------------------------------------------------------------
+# The whole benchmark: every scene solved and sampled once, whatever interrupts it.
+#
+# What is done lies in the suite's folder, one folder a scene; what is there is not done again.
 
 Progress = Callable[[str, float], None]
-
 _IDENTITY: Final = "suite.json"
 """File that says what the suite's results were made with."""
 

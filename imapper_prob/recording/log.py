@@ -1,70 +1,181 @@
-"""Everything a run found, in one recording for the rerun viewer.
-
-Entities, in metres in the world frame (z up, floor at z = 0)::
-
-    description, certainty, moves     what one sees, how sure it is, how often moves were accepted
-    world/floor, world/camera         the ground, and the camera of the best scene
-    world/camera/image/...            pictures, detections, reprojected and hidden joints, pixels
-    world/occupancy, world/all_draws  the floor and the objects over all draws
-    world/scene_1 … scene_K/...     furniture, names, positions, person, path, ghosts
-    world/truth/...                   what really was there, where somebody knows
-    world/by_scene/..., summary      the scenes one after the other, on timeline `scene`
-    world/draws/chain_1 …             draws one after the other, on timeline `draw`
-    fit/..., sure/...                 curves over frames
-    traces/...                        curves over the draws of the chains
-
-Of several people the person, limbs, path and curves of each have entities of their own, named
-after their tracks.
-
-Timelines are `frame` (the input's own numbers), `scene` (from 1) and `draw`. Nothing is
-stamped with the time of day, so the same run makes the same recording. ``docs/recording.md``
-says what each panel is for.
-"""
+"""Everything a run found, in one recording for the rerun viewer."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import rerun as rr
+import rerun.blueprint as rrb
 from numpy.typing import ArrayLike, NDArray
 
+from imapper_prob.files import written_whole
+from imapper_prob.models.camera import Camera
 from imapper_prob.models.errors import InputError
-from imapper_prob.models.scene import Clip, SceneObject, Truth
+from imapper_prob.models.scene import Clip, Scene, SceneObject, Truth
 from imapper_prob.models.skeleton import PELV
-from imapper_prob.people import by_person
+from imapper_prob.people import at_one_time, by_person, everybody
 from imapper_prob.recording import palette, shapes
-from imapper_prob.recording.blueprint import make_blueprint
-from imapper_prob.recording.caption import (
+from imapper_prob.recording.blueprint import (
     caption,
     certainty_text,
     contents,
+    make_blueprint,
     moves_text,
     scene_name,
 )
-from imapper_prob.recording.certainty import Certainty, log_certainty, log_hidden_joints
-from imapper_prob.recording.curves import log_fit, log_traces
-from imapper_prob.recording.digest import digest
-from imapper_prob.recording.draws import DrawnChain, log_draws
-from imapper_prob.recording.entities import (
+from imapper_prob.recording.palette import digest, drawable
+from imapper_prob.recording.posterior import (
+    Certainty,
+    DrawnChain,
+    log_certainty,
+    log_draws,
+    log_fit,
+    log_hidden_joints,
+    log_traces,
+)
+from imapper_prob.recording.shapes import (
     PATH_RADIUS,
     log_moving,
     log_person,
     log_static,
     own_entity,
 )
-from imapper_prob.recording.glyphs import drawable
-from imapper_prob.recording.image import image_camera, log_image
-from imapper_prob.recording.saving import saved
 from imapper_prob.recording.video import Video
-from imapper_prob.results.scenes import WeightedScene
+from imapper_prob.uncertainty.scenes import WeightedScene
 
-__all__ = ["write_recording"]
+__all__ = ["image_camera", "log_image", "saved", "write_recording"]
+
+
+@contextmanager
+def saved(recording: rr.RecordingStream, path: Path, blueprint: rrb.Blueprint) -> Iterator[None]:
+    """What is logged meanwhile is the file's content.
+
+    It is gathered in memory: the thread of the library that writes to files waits for ever where
+    the disk is full from the beginning.
+    """
+    memory = recording.memory_recording()
+    with recording:
+        recording.send_blueprint(blueprint, make_active=False, make_default=True)
+        yield
+    content = memory.drain_as_bytes()
+    with written_whole(path) as beside:
+        beside.write_bytes(content)
+
+
+# ------------------------------------------------------------------------------------------------
+# What the camera saw, and the person projected back into it.
 
 Array = NDArray[np.float64]
+
+
+def image_camera(camera: Camera, video: Video | None) -> Camera:
+    """The camera at the size of the recorded pictures: points and pictures share their pixels."""
+    if video is None:
+        return camera
+    scale = video.width / camera.width
+    return replace(
+        camera,
+        width=video.width,
+        height=video.height,
+        fx=scale * camera.fx,
+        fy=scale * camera.fy,
+        cx=scale * camera.cx,
+        cy=scale * camera.cy,
+    )
+
+
+def log_image(
+    recording: rr.RecordingStream,
+    clip: Clip,
+    best: Scene,
+    frames: rr.TimeColumn,
+    video: Video | None,
+) -> Array:
+    """Log camera, pictures, detections and reprojection.
+
+    Returns
+    -------
+    (K T, 16, 2) float
+        The K people of the scene in recorded pixels.
+    """
+    camera = image_camera(best.camera, video)
+    scale = camera.width / best.camera.width
+    log_static(recording, "world/camera", shapes.camera_pose(camera))
+    log_static(recording, "world/camera/image", shapes.pinhole(camera))
+    border = rr.Boxes2D(mins=[(0, 0)], sizes=[(camera.width, camera.height)], colors=(90, 95, 105))
+    log_static(recording, "world/camera/image/border", border)
+    if video is not None:
+        _log_video(recording, video)
+    everyone = everybody(clip)
+    keypoints = at_one_time(clip, everyone.keypoints)
+    confidences = at_one_time(clip, everyone.confidences)
+    seen = np.isfinite(keypoints).all(-1) & (confidences > 0)
+    log_moving(
+        recording,
+        "world/camera/image/detections",
+        frames,
+        rr.Points2D.columns(
+            positions=scale * keypoints[seen],
+            colors=palette.confidence_colours(confidences[seen]),
+        ).partition(seen.sum(1)),
+        style=rr.Points2D.from_fields(radii=rr.Radius.ui_points(4.0), draw_order=20.0),
+    )
+    pixels = camera.project(best.joints)
+    for person, own in enumerate(by_person(clip, pixels)):
+        drawn = np.isfinite(own).all(-1)
+        log_moving(
+            recording,
+            own_entity(clip, "world/camera/image/reprojection", person),
+            frames,
+            rr.Points2D.columns(positions=own[drawn], keypoint_ids=np.nonzero(drawn)[1]).partition(
+                drawn.sum(1)
+            ),
+            style=rr.Points2D.from_fields(
+                class_ids=palette.REPROJECTION, radii=rr.Radius.ui_points(2.0), show_labels=False
+            ),
+        )
+    return pixels
+
+
+def _log_video(recording: rr.RecordingStream, video: Video) -> None:
+    log_moving(
+        recording,
+        "world/camera/image/video",
+        rr.TimeColumn("frame", sequence=video.frame_ids),
+        rr.EncodedImage.columns(
+            blob=list(video.pictures), media_type=["image/jpeg"] * len(video.pictures)
+        ),
+        style=rr.EncodedImage.from_fields(draw_order=-20.0),
+    )
+
+
+# ------------------------------------------------------------------------------------------------
+# Everything a run found, in one recording for the rerun viewer.
+#
+# Entities, in metres in the world frame (z up, floor at z = 0)::
+#
+#     description, certainty, moves     what one sees, how sure it is, how often moves were accepted
+#     world/floor, world/camera         the ground, and the camera of the best scene
+#     world/camera/image/...            pictures, detections, reprojected and hidden joints, pixels
+#     world/occupancy, world/all_draws  the floor and the objects over all draws
+#     world/scene_1 … scene_K/...     furniture, names, positions, person, path, ghosts
+#     world/truth/...                   what really was there, where somebody knows
+#     world/by_scene/..., summary      the scenes one after the other, on timeline `scene`
+#     world/draws/chain_1 …             draws one after the other, on timeline `draw`
+#     fit/..., sure/...                 curves over frames
+#     traces/...                        curves over the draws of the chains
+#
+# Of several people the person, limbs, path and curves of each have entities of their own, named
+# after their tracks.
+#
+# Timelines are `frame` (the input's own numbers), `scene` (from 1) and `draw`. Nothing is
+# stamped with the time of day, so the same run makes the same recording. ``docs/recording.md``
+# says what each panel is for.
 
 _GHOSTS = 8
 """Most doubles drawn of a scene's person: more hide the person and swell the file."""
@@ -124,7 +235,9 @@ def write_recording(
     scenes = tuple(scenes)
     curves = {name: np.asarray(values, float) for name, values in traces.items()}
     _check(path, clip, scenes, curves, truth)
-    told = _Told(clip, scenes, curves, truth, description, certainty, tuple(draws), video)
+    told = _RecordingContent(
+        clip, scenes, curves, truth, description, certainty, tuple(draws), video
+    )
     texts = {
         "description": caption(description, scenes),
         "certainty": "" if certainty is None else certainty_text(certainty),
@@ -155,7 +268,7 @@ def write_recording(
 
 
 @dataclass(frozen=True)
-class _Told:
+class _RecordingContent:
     """All that a recording is made of, but for its texts."""
 
     clip: Clip
@@ -194,7 +307,7 @@ def _check(
             raise InputError(f"{path}: trace {name} has shape {values.shape}, not (chains, draws)")
 
 
-def _log_all(recording: rr.RecordingStream, told: _Told) -> None:
+def _log_all(recording: rr.RecordingStream, told: _RecordingContent) -> None:
     clip, scenes, truth = told.clip, told.scenes, told.truth
     everything = [o for s in scenes for o in s.scene.objects]
     everything += truth.objects if truth is not None else ()

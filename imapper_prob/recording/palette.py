@@ -1,21 +1,18 @@
-"""Which colour and which class number everything in a recording has.
-
-Objects have the hues of :mod:`imapper_prob.colours`; people and their doubles take the light
-tones that are left.
-"""
+"""Colours, class numbers, names and text in a recording."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from typing import Final
+import hashlib
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import fields, is_dataclass
+from typing import Any, Final
 
 import numpy as np
 import rerun as rr
 from numpy.typing import ArrayLike, NDArray
 
-from imapper_prob.colours import Colour, category_colour
 from imapper_prob.models.skeleton import BONES, JOINTS
-from imapper_prob.recording.glyphs import drawable
+from imapper_prob.plotting import Colour, category_colour
 
 __all__ = [
     "ALTERNATIVE",
@@ -31,8 +28,76 @@ __all__ = [
     "annotation_context",
     "category_ids",
     "confidence_colours",
+    "digest",
+    "drawable",
 ]
 
+_LENGTH = 32
+"""Hexadecimal digits: 128 bits, no two recordings will ever share a name."""
+
+
+def digest(*contents: Any) -> str:
+    """A name that depends on nothing but contents: arrays, dataclasses, collections, scalars."""
+    state = hashlib.sha256()
+    for part in _parts(contents):
+        state.update(part)
+    return state.hexdigest()[:_LENGTH]
+
+
+def _parts(value: Any) -> Iterator[bytes]:
+    if isinstance(value, np.ndarray):
+        yield repr((value.shape, value.dtype.str)).encode()
+        yield np.ascontiguousarray(value).tobytes()
+    elif is_dataclass(value) and not isinstance(value, type):
+        yield type(value).__name__.encode()
+        for field in fields(value):
+            yield from _parts(getattr(value, field.name))
+    elif isinstance(value, Mapping):
+        for key, item in value.items():
+            yield from _parts(key)
+            yield from _parts(item)
+    elif isinstance(value, list | tuple):
+        yield f"{len(value)} items".encode()
+        for item in value:
+            yield from _parts(item)
+    else:
+        yield repr(value).encode()
+
+
+# ------------------------------------------------------------------------------------------------
+# Text that the viewer can draw.
+#
+# Its one font has Latin, Greek and Cyrillic letters. At any other sign, of a clip's name or an
+# object's label, the viewer does not draw a box but ends, and takes all other views with it.
+
+_RANGES = (
+    (0x20, 0x7E),
+    (0xA0, 0x148),
+    (0x14A, 0x1C3),
+    (0x1C5, 0x24F),
+    (0x386, 0x3E1),
+    (0x400, 0x45F),
+)
+"""Tried one by one in the viewer of rerun 0.41."""
+_SIGNS = frozenset("\n–—‘’“”…→×≈≤≥•−√∞€")
+
+
+def drawable(text: str) -> str:
+    """The same text with a question mark for every sign that the viewer has no picture of."""
+    return "".join(c if c in _SIGNS or _has(ord(c)) else "?" for c in text)
+
+
+def _has(code: int) -> bool:
+    return any(first <= code <= last for first, last in _RANGES)
+
+
+# ------------------------------------------------------------------------------------------------
+# Which colour and which class number everything in a recording has.
+#
+# Objects have the hues of :mod:`imapper_prob.plotting`; people and their doubles take the light
+# tones that are left.
+
+pass
 ESTIMATE: Final = 1
 """Class of the person in the most probable scene."""
 ALTERNATIVE: Final = 2
@@ -42,13 +107,11 @@ TRUTH: Final = 3
 REPROJECTION: Final = 4
 """Class of the best scene's joints in the image."""
 _FIRST_CATEGORY: Final = 10
-
 FLOOR: Final = (30, 33, 40)
 FLOOR_LINE: Final = (58, 63, 74)
 TRUE_COLOUR: Final = (190, 190, 190)
 UNCLAIMED: Final = (150, 155, 165)
 """Of what is hidden by nothing in particular."""
-
 SCENE_COLOURS: Final[tuple[Colour, ...]] = (
     (255, 214, 102),
     (134, 188, 240),
@@ -57,14 +120,12 @@ SCENE_COLOURS: Final[tuple[Colour, ...]] = (
     (200, 170, 235),
 )
 """Curves of scenes 1, 2, … in plots; the first is also the person's colour."""
-
 GHOSTS: Final[dict[int, Colour]] = {
     ESTIMATE: (128, 108, 56),
     ALTERNATIVE: (70, 97, 124),
 }
 """The person's colour at half the light: rerun draws lines opaque, and other draws must not
 outshine the one they surround."""
-
 _PEOPLE: Final[dict[int, tuple[str, Colour]]] = {
     ESTIMATE: ("estimate", SCENE_COLOURS[0]),
     ALTERNATIVE: ("alternative", SCENE_COLOURS[1]),

@@ -27,12 +27,12 @@ import rerun as rr
 import rerun.blueprint as rrb
 from numpy.typing import ArrayLike, NDArray
 
-from imapper_prob.colours import Colour
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.scenelet import Library, Scenelet
+from imapper_prob.plotting import Colour
 from imapper_prob.recording import palette, shapes
-from imapper_prob.recording.entities import log_person, log_static
-from imapper_prob.recording.saving import saved
+from imapper_prob.recording.log import saved
+from imapper_prob.recording.shapes import log_person, log_static
 
 __all__ = ["kinds", "write_sheet"]
 

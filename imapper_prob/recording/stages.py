@@ -1,16 +1,4 @@
-"""The stages of the solver one after the other, for the rerun viewer.
-
-Entities, in metres in the world frame (z up, floor at z = 0)::
-
-    world/floor, world/camera    the ground and the camera
-    world/furniture              boxes, on timeline `stage`
-    world/path/...               everybody's way, on timeline `stage`
-    world/truth/...              what really was there, where somebody knows
-    summary                      what the stage did, on timeline `stage`
-    charness/...                 bars over frames, by actor; the same at every stage
-
-The timeline is `stage`, from 1.
-"""
+"""The stages of the solver one after the other, for the rerun viewer."""
 
 from __future__ import annotations
 
@@ -24,21 +12,27 @@ import rerun as rr
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
-from imapper_prob.colours import Colour
+from imapper_prob.layouts import placed_objects
 from imapper_prob.models.camera import Camera
 from imapper_prob.models.geometry import pack_boxes
+from imapper_prob.models.log_posterior import State, empty_state, state_camera
 from imapper_prob.models.scene import Clip, SceneObject
 from imapper_prob.models.skeleton import PELV
+from imapper_prob.plotting import Colour
 from imapper_prob.recording import palette, shapes
-from imapper_prob.recording.entities import PATH_RADIUS, log_moving, log_static
-from imapper_prob.recording.saving import saved
+from imapper_prob.recording.log import saved
+from imapper_prob.recording.shapes import PATH_RADIUS, log_moving, log_static
+from imapper_prob.solver.actors import Solved
+from imapper_prob.solver.candidates import Candidate
+from imapper_prob.solver.combinations import state_of
+from imapper_prob.solver.limbs import limbs_of
+from imapper_prob.solver.solver import Solution
 
-__all__ = ["StageView", "write_stages"]
+__all__ = ["StageView", "charness_curves", "stage_views", "write_stages"]
 
 Array = NDArray[np.float64]
 Curve = tuple[NDArray[np.int64], Array]
 """Frames and values."""
-
 _BACKGROUND = (18, 20, 25)
 _AIR = 0.5
 """Metres of floor shown around what is on it."""
@@ -188,3 +182,126 @@ def _blueprint() -> rrb.Blueprint:
         rrb.BlueprintPanel(state="hidden"),
         rrb.SelectionPanel(state="hidden"),
     )
+
+
+# ------------------------------------------------------------------------------------------------
+# What every stage of the solver had on the floor, for a recording.
+
+
+def stage_views(solved: Solved) -> tuple[StageView, ...]:
+    """Static path, candidates judged, candidates kept, best combination, scenes."""
+    actors = solved.actors
+    empty = [empty_state(a.problem) for a in actors]
+    alone = _motions(actors, empty)
+    judged = [[r.candidate for t in a.shortlists for r in t.rows] for a in actors]
+    best_of_kind = [_best_of_kind(candidates) for candidates in judged]
+    kept = [a.combinations.pool for a in actors]
+    together = [
+        state_of(a.problem, [a.combinations.pool[k] for k in a.combinations.tried[0].members])
+        for a in actors
+    ]
+    views = [
+        StageView("Static path", _frames(solved), (), alone),
+        StageView(
+            "Candidates judged",
+            f"{sum(map(len, judged))} fits at {sum(len(a.shortlists) for a in actors)} maxima of "
+            "charness, judged by the full log-posterior. Shown is the best of each kind of "
+            "furniture.",
+            _furniture(actors, best_of_kind),
+            alone,
+        ),
+        StageView(
+            "Candidates kept",
+            f"{sum(map(len, kept))} fits, at most three a maximum, each with other furniture.",
+            _furniture(actors, kept),
+            alone,
+        ),
+        StageView(
+            "Best combination",
+            _combinations(actors),
+            tuple(
+                o
+                for a, s in zip(actors, together, strict=True)
+                for _, o in placed_objects(s, a.library)
+            ),
+            _motions(actors, together),
+        ),
+    ]
+    views += [_exchanged(actors, together)] if any(a.combinations.exchanges for a in actors) else []
+    for number, scene in enumerate(solved.scenes, 1):
+        name = "Best scene, refined" if number == 1 else f"Diverse scene {number}"
+        text = f"Log-posterior {scene.log_posterior:.1f} nat. " + ", ".join(
+            o.label for o in scene.objects
+        )
+        views.append(StageView(name, text, scene.objects, scene.motions))
+    return tuple(views)
+
+
+def _exchanged(actors: Sequence[Solution], together: Sequence[State]) -> StageView:
+    """The best combination of each actor after its exchanges."""
+    after = [
+        a.combinations.exchanges[-1].state if a.combinations.exchanges else state
+        for a, state in zip(actors, together, strict=True)
+    ]
+    rows = [
+        f"- **{a.clip.tracks[0].name}**: {len(a.combinations.exchanges)} stays exchanged for "
+        f"others, {sum(e.gain for e in a.combinations.exchanges):.1f} nat gained"
+        for a in actors
+    ]
+    furniture = tuple(
+        o for a, s in zip(actors, after, strict=True) for _, o in placed_objects(s, a.library)
+    )
+    return StageView("Exchanges", "\n".join(rows), furniture, _motions(actors, after))
+
+
+def charness_curves(solved: Solved) -> dict[str, Curve]:
+    """By name of the actor, charness over the clip's frames."""
+    ids = solved.clip.frame_ids
+    return {a.clip.tracks[0].name: (ids[a.curve.centres], a.curve.values) for a in solved.actors}
+
+
+def _motions(actors: Sequence[Solution], states: Sequence[State]) -> tuple[Array, ...]:
+    return tuple(
+        limbs_of(a.problem, s, state_camera(a.clip.camera, s)).joints
+        for a, s in zip(actors, states, strict=True)
+    )
+
+
+def _best_of_kind(candidates: Sequence[Candidate]) -> list[Candidate]:
+    best: dict[tuple[int, tuple[int, ...]], Candidate] = {}
+    for c in candidates:
+        key = (c.window, c.kind)
+        if key not in best or c.gain > best[key].gain:
+            best[key] = c
+    return list(best.values())
+
+
+def _furniture(
+    actors: Sequence[Solution], candidates: Sequence[Sequence[Candidate]]
+) -> tuple[SceneObject, ...]:
+    return tuple(
+        o
+        for actor, own in zip(actors, candidates, strict=True)
+        for c in own
+        for _, o in placed_objects(state_of(actor.problem, [c]), actor.library)
+    )
+
+
+def _frames(solved: Solved) -> str:
+    rows = []
+    for actor in solved.actors:
+        counts = ", ".join(f"{n} {what}" for what, n in actor.frames.counts().items() if n)
+        rows.append(f"- **{actor.clip.tracks[0].name}**, frames: {counts}")
+    return "\n".join(rows)
+
+
+def _combinations(actors: Sequence[Solution]) -> str:
+    rows = []
+    for actor in actors:
+        found = actor.combinations
+        extent = "all there are" if found.complete else "the best by score, the others pruned"
+        rows.append(
+            f"- **{actor.clip.tracks[0].name}**: {len(found.tried)} tried ({extent}); the best "
+            f"gains {found.tried[0].gain:.1f} nat"
+        )
+    return "\n".join(rows)

@@ -1,17 +1,14 @@
-"""The pictures of a clip, small enough to keep in its recording.
-
-A clip has no pictures, only what was detected in them. Who still has them can have them drawn
-behind the detections: a folder of pictures, or a video file.
-"""
+"""The pictures of a clip inside its recording, and a recording inside a notebook."""
 
 from __future__ import annotations
 
 import io
+import os
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +16,10 @@ from numpy.typing import NDArray
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.scene import Clip
 
-__all__ = ["WIDTH", "Video", "read_video"]
+if TYPE_CHECKING:
+    from rerun_notebook import Viewer
+
+__all__ = ["WIDTH", "Video", "read_video", "recording_widget"]
 
 WIDTH = 640
 """Pixels across of a recorded picture: the panel it is shown in is about that wide."""
@@ -157,3 +157,41 @@ def _encoded(picture: Any, quality: int) -> bytes:
     out = io.BytesIO()
     picture.save(out, "JPEG", quality=quality, optimize=True)
     return out.getvalue()
+
+
+# ------------------------------------------------------------------------------------------------
+# A recording inside a notebook, without a network.
+
+_ASSET = "RERUN_NOTEBOOK_ASSET"
+
+
+def recording_widget(recording: str | Path, *, width: int = 1200, height: int = 750) -> Viewer:
+    """The viewer as a notebook's output, with a recording in it.
+
+    Parameters
+    ----------
+    recording : path
+        An ``.rrd`` file.
+    width, height : int
+        Pixels.
+
+    Raises
+    ------
+    InputError
+        If there is no such recording, or rerun's notebook package is not installed.
+    """
+    recording = Path(recording)
+    if not recording.is_file():
+        raise InputError(f"{recording}: no such recording")
+    # Read when the package is imported; otherwise the viewer comes over the network.
+    os.environ.setdefault(_ASSET, "serve-local")
+    try:
+        from rerun_notebook import Viewer
+    except ImportError as error:
+        raise InputError(
+            "a recording inside a notebook needs rerun-notebook; "
+            "install it with: pip install -c constraints.txt -e '.[notebook]' in the clone"
+        ) from error
+    viewer = Viewer(width=width, height=height)
+    viewer.send_rrd(recording.read_bytes())
+    return viewer

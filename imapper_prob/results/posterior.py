@@ -11,50 +11,55 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+import xarray as xr
 from numpy.typing import NDArray
 
-from imapper_prob.config import Config
-from imapper_prob.models.brief import brief
+from imapper_prob.config import Config, from_toml
+from imapper_prob.files import require_intact
+from imapper_prob.layouts import through_one_lens
 from imapper_prob.models.camera import Camera
 from imapper_prob.models.errors import InputError
-from imapper_prob.models.posterior import camera_at, motion
+from imapper_prob.models.log_posterior import camera_at, motion
 from imapper_prob.models.scene import Clip, Scene, SceneObject
 from imapper_prob.models.skeleton import PELV
+from imapper_prob.models.text import brief
 from imapper_prob.people import by_person
-from imapper_prob.results.checks import Check, alarms, checks_of, from_json
-from imapper_prob.results.differences import describe_difference
-from imapper_prob.results.diverse import group_scenes
-from imapper_prob.results.drawn_objects import drawn_objects
-from imapper_prob.results.explained import explained_by
-from imapper_prob.results.limbs import Limbs, limbs_of
-from imapper_prob.results.representatives import Representative, representative
-from imapper_prob.results.scenes import WeightedScene
 from imapper_prob.samplers.diagnostics import (
     LayoutProbabilities,
     ShortChainWarning,
     layout_probabilities,
 )
-from imapper_prob.sampling.layouts import through_one_lens
 from imapper_prob.sampling.sample import Samples
+from imapper_prob.solver.limbs import Limbs, limbs_of
+from imapper_prob.uncertainty.checks import Check, alarms, checks_of, from_json
+from imapper_prob.uncertainty.estimate import drawn_objects
+from imapper_prob.uncertainty.scenes import (
+    Representative,
+    WeightedScene,
+    describe_difference,
+    explained_by,
+    group_scenes,
+    representative,
+)
+from imapper_prob.uncertainty.stored import read_samples, read_source
+from imapper_prob.uncertainty.tree import FORMAT, seconds_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     import xarray
 
-    from imapper_prob.recording.certainty import Certainty
-    from imapper_prob.recording.draws import DrawnChain
-    from imapper_prob.results.stored_input import Source
-    from imapper_prob.results.uncertainty.clusters import ObjectCluster
-    from imapper_prob.results.uncertainty.hidden import HiddenJoints
-    from imapper_prob.results.uncertainty.joints import JointSummary
-    from imapper_prob.results.uncertainty.nuisances import Nuisance
-    from imapper_prob.results.uncertainty.occupancy import Occupancy
+    from imapper_prob.recording.posterior import Certainty, DrawnChain
+    from imapper_prob.uncertainty.clusters import ObjectCluster
+    from imapper_prob.uncertainty.hidden import HiddenJoints
+    from imapper_prob.uncertainty.motion import JointSummary
+    from imapper_prob.uncertainty.occupancy import Occupancy
+    from imapper_prob.uncertainty.parameters import Nuisance
+    from imapper_prob.uncertainty.stored import Source
 
-__all__ = ["Posterior"]
+__all__ = ["Posterior", "load_posterior"]
 
 Array = NDArray[np.float64]
-
 _GHOSTS = 6
 """Draws of the motion shown beside the representative one."""
 
@@ -96,7 +101,7 @@ class Posterior:
         Parameters
         ----------
         count : int
-            At most so many. How far apart they are says :mod:`imapper_prob.results.diverse`.
+            At most so many. How far apart they are says :mod:`imapper_prob.uncertainty.scenes`.
         """
         number = len(self.scene_probabilities.layouts)
         return tuple(self._scene_at(rank) for rank in range(min(count, number)))
@@ -245,7 +250,7 @@ class Posterior:
     @cached_property
     def estimate(self) -> Scene:
         """The scene of least expected loss: one answer for those who can use only one."""
-        from imapper_prob.results.estimate import expected_scene
+        from imapper_prob.uncertainty.estimate import expected_scene
 
         states = self.samples.states
         mean = np.mean([state.camera for state in states], axis=0)
@@ -308,7 +313,7 @@ class Posterior:
         """The scenes from above with their probabilities, and the verdict, for a notebook."""
         from io import BytesIO
 
-        from imapper_prob.figure_file import save_figure
+        from imapper_prob.plotting import save_figure
         from imapper_prob.results.figures import scenes_figure
 
         drawn = BytesIO()
@@ -319,7 +324,7 @@ class Posterior:
     @cached_property
     def data(self) -> xarray.DataTree:
         """Draws and diagnostics with names, as ArviZ expects them."""
-        from imapper_prob.results.tree import posterior_tree
+        from imapper_prob.uncertainty.tree import posterior_tree
 
         if self.stored is not None:
             return self.stored
@@ -338,13 +343,13 @@ class Posterior:
 
     def occupancy(self, *, cell: float = 0.1) -> Occupancy:
         """Probability by category that a place on the floor is covered, cells in metres."""
-        from imapper_prob.results.uncertainty.occupancy import occupancy
+        from imapper_prob.uncertainty.occupancy import occupancy
 
         return occupancy(self.furniture, cell=cell)
 
     def clusters(self, *, least: float = 0.05) -> tuple[ObjectCluster, ...]:
         """Objects matched across all draws, most probable first, down to a probability."""
-        from imapper_prob.results.uncertainty.clusters import object_clusters
+        from imapper_prob.uncertainty.clusters import object_clusters
 
         if least not in self._clusters:
             self._clusters[least] = object_clusters(
@@ -364,7 +369,7 @@ class Posterior:
 
     def joints(self) -> JointSummary:
         """Mean and covariance of every joint in every frame, of several people in a row."""
-        from imapper_prob.results.uncertainty.joints import joint_summary
+        from imapper_prob.uncertainty.motion import joint_summary
 
         return joint_summary(self._limbs(), problem=self.solution.problem)
 
@@ -377,7 +382,7 @@ class Posterior:
 
     @cached_property
     def _hidden(self) -> HiddenJoints:
-        from imapper_prob.results.uncertainty.hidden import hidden_joints
+        from imapper_prob.uncertainty.hidden import hidden_joints
 
         elevations = [float(state.camera[1]) for state in self.samples.states]
         return hidden_joints(self.samples.objects, self._motions(), elevations, self.clusters())
@@ -390,7 +395,7 @@ class Posterior:
 
     def nuisances(self) -> dict[str, Nuisance]:
         """Prior against posterior of camera and body, by name."""
-        from imapper_prob.results.uncertainty.nuisances import nuisances
+        from imapper_prob.uncertainty.parameters import nuisances
 
         problem, shape = self.solution.problem, self.samples.shape
         draws = np.array([state.camera for state in self.samples.states]).reshape(*shape, -1)
@@ -418,7 +423,7 @@ class Posterior:
         """
         from imapper_prob.recording.log import write_recording
         from imapper_prob.recording.video import read_video
-        from imapper_prob.results.summary import describe
+        from imapper_prob.uncertainty.summary import describe
 
         write_recording(
             path,
@@ -438,13 +443,13 @@ class Posterior:
     @cached_property
     def certainty(self) -> Certainty:
         """All that is said over all draws at once: occupancy, objects, joints, camera."""
-        from imapper_prob.recording.certainty import Certainty
+        from imapper_prob.recording.posterior import Certainty
 
         return Certainty(self.occupancy(), self.hidden(), self.joints(), self.nuisances())
 
     def _drawn_chains(self) -> tuple[DrawnChain, ...]:
         """Draws of each chain, evenly spread, as many as a recording may hold."""
-        from imapper_prob.recording.draws import MOST, DrawnChain
+        from imapper_prob.recording.posterior import MOST, DrawnChain
 
         samples, problem = self.samples, self.solution.problem
         chains, draws = samples.shape
@@ -471,3 +476,58 @@ class Posterior:
                 float
             ),
         }
+
+
+# ------------------------------------------------------------------------------------------------
+# A finished run, opened again from its folder alone.
+
+_SAID = (
+    "agreement", "clip", "clip_digest", "config", "config_digest", "library", "library_digest",
+    "program", "seed", "verdict",
+)  # fmt: skip
+"""Attributes that reports quote."""
+
+
+def load_posterior(folder: str | Path) -> Posterior:
+    """Open the run in a folder: its draws, scenes, clip and recording.
+
+    Nothing is solved or sampled again, and neither clip nor library need be there any more.
+    The normal numbers that the paths were drawn with are kept in single precision; so are the
+    motions.
+
+    Parameters
+    ----------
+    folder : path
+        Of ``imapper-prob run``, with its ``posterior.nc``.
+
+    Raises
+    ------
+    InputError
+        If the file is missing, damaged, of another program or an earlier version.
+
+    Examples
+    --------
+    >>> import imapper_prob as im
+    >>> im.load_posterior("out").scenes(3)  # doctest: +SKIP
+    """
+    path = Path(folder) / "posterior.nc"
+    if not path.is_file():
+        raise InputError(f"{path}: no such file; name the folder of a finished run")
+    require_intact(path)
+    try:
+        with xr.open_datatree(path, engine="h5netcdf") as opened:
+            tree = opened.load()
+    except Exception as error:  # xarray, h5netcdf and h5py each have their own way to fail
+        raise InputError(f"{path}: damaged, or not the posterior of a run; run it again") from error
+    if tree.attrs.get("format") != FORMAT:
+        raise InputError(f"{path}: not the posterior of a run of this version; run the clip again")
+    groups = tree.to_dict()
+    try:
+        source = read_source(path, groups)
+        samples = read_samples(groups, source)
+        seconds, said = seconds_of(tree.attrs), {name: str(tree.attrs[name]) for name in _SAID}
+        from_json(str(tree.attrs.get("checks", "[]")))
+    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
+        raise InputError(f"{path}: is not what a run wrote ({error}); run it again") from error
+    config = from_toml(said["config"], where=str(path))
+    return Posterior(source, samples, config, seconds=seconds, stored=tree)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import islice
@@ -11,40 +12,129 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.config import SampleSettings
-from imapper_prob.models.posterior import State
+from imapper_prob.layouts import furniture_kinds
+from imapper_prob.models.log_posterior import Incremental, State, empty_state, target_of, terms
 from imapper_prob.models.problem import Problem
 from imapper_prob.samplers.chains import Report
-from imapper_prob.samplers.checkpoint import CheckpointError, Keeper
-from imapper_prob.samplers.kernel import Mixture, Move, step
-from imapper_prob.samplers.ladder import LadderSummary, power_ladder
-from imapper_prob.samplers.resampling import Redraw
-from imapper_prob.samplers.reversible_jump import AcceptanceTable
-from imapper_prob.samplers.tempering import start, temper
-from imapper_prob.sampling.camera_moves import CameraCarry, CameraWalk, DepthScale, FocalScale
+from imapper_prob.samplers.checkpoint import Checkpointer, CheckpointError
+from imapper_prob.samplers.reversible_jump import AcceptanceTable, Mixture, Move, Redraw, step
+from imapper_prob.samplers.tempering import LadderSummary, Parts, power_ladder, start, temper
+from imapper_prob.sampling.actors import JointProblem
+from imapper_prob.sampling.camera_moves import (
+    CameraWalk,
+    CompensatedCameraWalk,
+    DepthScale,
+    FocalScale,
+)
 from imapper_prob.sampling.checkpoints import Progress
-from imapper_prob.sampling.crossover import TimeCrossover
 from imapper_prob.sampling.moves import (
     Birth,
     Death,
-    Exchange,
     PathRefresh,
     PlacementWalk,
+    ReplaceNearby,
+    ReplaceSimilar,
     Shift,
-    Swap,
+    TimeCrossover,
 )
 from imapper_prob.sampling.nodes import Nodes
 from imapper_prob.sampling.proposals import Candidates, Proposals
 from imapper_prob.sampling.redraw import StretchRedraw
-from imapper_prob.sampling.refurnish import Refurnish
-from imapper_prob.sampling.replace import Replace, Retime
+from imapper_prob.sampling.replace_moves import Refurnish, Replace, ReplaceAndShift
 from imapper_prob.sampling.schedule import burn_in_of, draws_of, end_of, piece_of, trace_of
-from imapper_prob.sampling.tracker import split, tracker_of
-from imapper_prob.staged.kinds import furniture_kinds
 
-__all__ = ["Chain", "Setup", "run_chain", "scene_moves"]
+__all__ = [
+    "Chain",
+    "SceneTracker",
+    "Setup",
+    "run_chain",
+    "scene_moves",
+    "starts_of",
+    "tempering_split",
+    "tracker_of",
+]
+
+
+def tempering_split(problem: Problem, state: State) -> Parts:
+    """The log-posterior in what stays as it is and what the other temperatures flatten.
+
+    They flatten the prior odds of scenelets, one in ten thousand, as they flatten what a
+    scenelet gains by explaining the clip: otherwise the hot scenes would be empty, and what
+    comes from there to the cold ones would know nothing of them. Placements, camera and path
+    are left alone, lest hot scenes fill up with scenelets that stand anywhere.
+    """
+    nats = terms(problem, state)
+    kept = nats["camera"] + nats["placement"] + nats["path"]
+    return Parts(kept, sum(nats.values()) - kept if math.isfinite(kept) else 0.0)
+
+
+class SceneTracker:
+    """What :func:`split` says, worked out from where a chain stands.
+
+    Values depend by some 1e-6 nats on how the chain came to where it is, because what moves by
+    nanometres is not looked at again. Chains that are to be repeated exactly from the middle
+    begin with a new tracker there.
+
+    Parameters
+    ----------
+    problem : Problem
+        Not with the published energy, which has no incremental evaluation.
+    state : State
+        Where the chain stands.
+    """
+
+    def __init__(self, problem: Problem, state: State) -> None:
+        self._incremental = Incremental(problem, state)
+        self._log_rate = problem.log_rate
+        self._last: State | None = None
+
+    def __call__(self, state: State) -> Parts:
+        """The parts of ``state``; the chain stays where it is."""
+        if state is self._incremental.state:
+            return self._split(state, *self._incremental.parts)
+        self._last = state
+        return self._split(state, *self._incremental.propose(state))
+
+    def move(self, state: State) -> None:
+        """The chain has gone to ``state``."""
+        if state is self._incremental.state:
+            return
+        if state is not self._last:
+            self._incremental.propose(state)
+        self._incremental.accept()
+        self._last = None
+
+    def _split(self, state: State, log_prior: float, log_likelihood: float) -> Parts:
+        odds = float(self._log_rate[state.items[:, 0]].sum())
+        return Parts(log_prior - odds, log_likelihood + odds)
+
+
+def tracker_of(problem: Problem) -> Callable[[State], SceneTracker] | None:
+    """What makes trackers of chains; None where every state is evaluated as a whole."""
+    return partial(SceneTracker, problem) if target_of(problem).incremental else None
+
+
+# ------------------------------------------------------------------------------------------------
+# Where chains start, and each of their temperatures.
+
+
+def starts_of(cast: JointProblem, count: int) -> list[tuple[State, ...]]:
+    """By chain where its temperatures start, from the posterior itself to the hottest.
+
+    The coldest are far apart on purpose: the best scene, none at all, and the alternatives, worst
+    first. The hotter ones are at all that the solver found, the better the colder, so that what is
+    worth more than where the coldest started can come to it, stretch by stretch.
+    """
+    others = list(cast.states[:0:-1]) or [cast.states[0]]
+    pool = [cast.states[0], empty_state(cast.problem), *others]
+    coldest = [pool[i % len(pool)] for i in range(count)]
+    return [(own, *(s for s in cast.states if s is not own)) for own in coldest]
+
+
+# ------------------------------------------------------------------------------------------------
+# One tempered reversible-jump chain over scenes, as a task that any process can run.
 
 Array = NDArray[np.float64]
-
 _REDRAWN = 0.12
 """How often a stretch is drawn anew: two fifths of the time of a chain, for it takes five times as
 long as another move."""
@@ -114,15 +204,15 @@ def scene_moves(setup: Setup) -> Mixture[State]:
     weighted: list[tuple[Move[State] | Redraw[State], float]] = [
         (Birth(proposals), 0.09),
         (Death(proposals), 0.09),
-        (Swap(proposals), 0.04),
+        (ReplaceNearby(proposals), 0.04),
         (Replace(proposals), 0.10),
-        (Retime(proposals), 0.05),
-        (Exchange(problem, setup.similarity), 0.06),
+        (ReplaceAndShift(proposals), 0.05),
+        (ReplaceSimilar(problem, setup.similarity), 0.06),
         (Refurnish(proposals, kinds), 0.08),
         (Shift(problem), 0.06),
         (PlacementWalk(), 0.18),
         (CameraWalk(factor), 0.03),
-        (CameraCarry(problem, factor), 0.07),
+        (CompensatedCameraWalk(problem, factor), 0.07),
         (DepthScale(), 0.06),
         (FocalScale(float(np.linalg.norm(factor[2]))), 0.04),
         (PathRefresh(), 0.05),
@@ -137,7 +227,7 @@ def run_chain(
     starts: Sequence[State],
     rng: np.random.Generator,
     report: Report,
-    keeper: Keeper | None = None,
+    keeper: Checkpointer | None = None,
     *,
     end: int | None = None,
 ) -> Chain:
@@ -154,7 +244,7 @@ def run_chain(
     settings = setup.settings
     end = end_of(settings) if end is None else end
     burn_in, keep, mark = burn_in_of(settings), draws_of(settings), trace_of(settings)
-    target = partial(split, setup.problem)
+    target = partial(tempering_split, setup.problem)
     done = None if keeper is None else _resumed(keeper, setup)
     if done is None:
         betas: tuple[float, ...] = (1.0,)
@@ -210,7 +300,7 @@ def run_chain(
     )
 
 
-def _resumed(keeper: Keeper, setup: Setup) -> Progress | None:
+def _resumed(keeper: Checkpointer, setup: Setup) -> Progress | None:
     """What a chain has left, or None where it has not begun."""
     saved = keeper.load()
     if saved is None:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from imapper_prob.config import SampleSettings
 from imapper_prob.models.errors import InputError
-from imapper_prob.models.posterior import State
+from imapper_prob.models.log_posterior import State
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.valid import check_state
 from imapper_prob.samplers.checkpoint import (
@@ -28,10 +28,8 @@ from imapper_prob.samplers.checkpoint import (
     unpack,
     unpack_rng,
 )
-from imapper_prob.samplers.kernel import ChainState
-from imapper_prob.samplers.ladder import SwapTable
-from imapper_prob.samplers.reversible_jump import AcceptanceTable
-from imapper_prob.samplers.tempering import Position, Round
+from imapper_prob.samplers.reversible_jump import AcceptanceTable, ChainState
+from imapper_prob.samplers.tempering import SwapTable, TemperingInfo, TemperingState
 from imapper_prob.sampling.proposals import Candidates
 from imapper_prob.sampling.schedule import draws_of, trace_of
 
@@ -65,7 +63,7 @@ class Progress:
     """
 
     rngs: list[np.random.Generator]
-    position: Position[State]
+    position: TemperingState[State]
     table: SwapTable
     states: list[State] = field(default_factory=list)
     values: list[float] = field(default_factory=list)
@@ -73,11 +71,13 @@ class Progress:
     acceptance: AcceptanceTable = field(default_factory=AcceptanceTable)
 
     @classmethod
-    def begin(cls, rngs: Sequence[np.random.Generator], position: Position[State]) -> Progress:
+    def begin(
+        cls, rngs: Sequence[np.random.Generator], position: TemperingState[State]
+    ) -> Progress:
         """Nothing done yet."""
         return cls(list(rngs), position, SwapTable.empty(position.betas))
 
-    def record(self, at: Round[State]) -> None:
+    def record(self, at: TemperingInfo[State]) -> None:
         """Count a round at fixed temperatures."""
         if self.table.rounds == 0:
             self.table = SwapTable.empty(at.position.betas)
@@ -121,7 +121,7 @@ class Progress:
         arrays, values = snapshot
         return cls(
             rngs=[unpack_rng(kept) for kept in values["rngs"]],
-            position=Position(
+            position=TemperingState(
                 betas=tuple(values["betas"]),
                 chains=tuple(
                     ChainState(state, value)

@@ -7,16 +7,16 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from imapper_prob.models.energy.intersection import (
+from imapper_prob.models.kernels.intersection import (
     BOTH,
     N_DISPLACED,
-    displaced_cost,
-    give_way,
+    add_displaced_depth,
+    marginal_penetration_cost,
     overlap_depth,
 )
-from imapper_prob.models.energy.smoothness import pose_jump
-from imapper_prob.models.limits import NEAREST
+from imapper_prob.models.kernels.path import pose_jump
 from imapper_prob.models.problem import Problem
+from imapper_prob.models.settings import NEAREST
 from imapper_prob.models.skeleton import PELV
 from imapper_prob.models.view import floor_point
 from imapper_prob.samplers.segments import Segments
@@ -146,9 +146,9 @@ def pair_costs(
     first_box : (N + 1,) int
         Where each node's boxes begin.
     boxes, turns, labels, yaws
-        Of all nodes, see :func:`imapper_prob.models.kernels.world.place_boxes`.
+        Of all nodes, see :func:`imapper_prob.models.kernels.placement.place_boxes`.
     credit : (N, 2, REACH + 1) float
-        See :class:`~imapper_prob.sampling.joins.Common`.
+        See :class:`~imapper_prob.sampling.nodes.Common`.
     out : (P,) single
         Out, as ``flush`` of :class:`~imapper_prob.samplers.segments.Segments`.
     """
@@ -199,8 +199,8 @@ def _collision(
     if total <= 0.0:
         return 0.0
     sums = np.zeros(N_DISPLACED)
-    give_way(total, BOTH * problem.furniture_spread, sums)
-    cost: float = displaced_cost(sums, problem.collision_cost)
+    add_displaced_depth(total, BOTH * problem.furniture_spread, sums)
+    cost: float = marginal_penetration_cost(sums, problem.collision_cost)
     return cost
 
 
@@ -223,7 +223,7 @@ def pair_factors(
     problem, film, frame
         See :func:`pair_costs`.
     first, last : (N, 2, 2), (N, 2, 5) float
-        See :class:`~imapper_prob.sampling.joins.Table`.
+        See :class:`~imapper_prob.sampling.nodes.Table`.
     power : float
     costs : (P,) single
         Of :func:`pair_costs`.

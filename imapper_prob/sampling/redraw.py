@@ -14,15 +14,13 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from imapper_prob.models.incremental import Incremental
-from imapper_prob.models.kernels.session import Session
-from imapper_prob.models.posterior import State, empty_state
+from imapper_prob.models.kernels.cache import Evaluator
+from imapper_prob.models.log_posterior import Incremental, State, empty_state
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.view import to_floor, to_view
-from imapper_prob.samplers.resampling import Drawn, Redraw
+from imapper_prob.samplers.reversible_jump import Drawn, Redraw
 from imapper_prob.samplers.segments import new_sums
-from imapper_prob.sampling.joins import Tables, tables_of
-from imapper_prob.sampling.nodes import Nodes
+from imapper_prob.sampling.nodes import Nodes, Tables, tables_of
 from imapper_prob.sampling.redraw_kernels import LONGEST, TAIL, Room, redraw
 
 __all__ = ["StretchRedraw"]
@@ -57,7 +55,7 @@ class StretchRedraw(Redraw[State]):
     tries: int = 8
     name: str = "redraw"
     _tables: Tables = field(init=False, repr=False)
-    _session: Session = field(init=False, repr=False)
+    _session: Evaluator = field(init=False, repr=False)
     _room: Room = field(init=False, repr=False)
     _lengths: tuple[int, ...] = field(init=False, repr=False)
 

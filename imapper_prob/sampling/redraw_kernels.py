@@ -11,8 +11,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from imapper_prob.models.energy.smoothness import pose_jump
-from imapper_prob.models.kernels.session import Session
+from imapper_prob.models.kernels.cache import Evaluator
+from imapper_prob.models.kernels.path import pose_jump
 from imapper_prob.models.view import floor_point, log_area
 from imapper_prob.samplers.segments import (
     Segments,
@@ -23,7 +23,7 @@ from imapper_prob.samplers.segments import (
 )
 from imapper_prob.sampling.jit import compiled
 from imapper_prob.sampling.join_kernels import path_errors, set_pose
-from imapper_prob.sampling.joins import Common, Table
+from imapper_prob.sampling.nodes import Common, Table
 
 __all__ = ["LONGEST", "TAIL", "Room", "redraw"]
 
@@ -58,7 +58,7 @@ class Room(NamedTuple):
 def _stands(heights: Array, node: int, where: Array, before: Array, after: Array) -> Array:
     """By how much a place has to change to look alike through another camera; NaN if nowhere.
 
-    See :mod:`imapper_prob.sampling.looks`.
+    See :mod:`imapper_prob.sampling.camera_moves`.
     """
     height = heights[node]
     x, y = floor_point(where[0], where[1])
@@ -91,7 +91,7 @@ def _stands(heights: Array, node: int, where: Array, before: Array, after: Array
 
 @compiled
 def _density_of_places(
-    session: Session,
+    session: Evaluator,
     common: Common,
     table: Table,
     camera: Array,
@@ -229,7 +229,7 @@ def _density_of_places(
 
 @compiled
 def _sides(
-    session: Session, camera: Array, beside: Ints, beside_where: Array, sides: Array
+    session: Evaluator, camera: Array, beside: Ints, beside_where: Array, sides: Array
 ) -> None:
     """Of the scenelet on the left path errors of its last two frames and its end, of that on the
     right those of its first frame and its start; missing where ``beside`` has no scenelet."""
@@ -253,7 +253,7 @@ def _sides(
 
 @compiled
 def _set_edges(
-    session: Session,
+    session: Evaluator,
     common: Common,
     table: Table,
     segments: Segments,
@@ -353,7 +353,7 @@ def _set_edges(
 
 @compiled
 def redraw(
-    session: Session,
+    session: Evaluator,
     common: Common,
     sharp: Table,
     sharp_segments: Segments,

@@ -13,48 +13,106 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.config import SampleSettings
-from imapper_prob.models.brief import brief
+from imapper_prob.layouts import Layouts, group_layouts, merged_objects, through_one_lens
 from imapper_prob.models.errors import InputError
-from imapper_prob.models.posterior import State
+from imapper_prob.models.log_posterior import State
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.scene import SceneObject
+from imapper_prob.models.text import brief
 from imapper_prob.samplers.chains import ChainError, run_chains
-from imapper_prob.samplers.checkpoint import CheckpointError
+from imapper_prob.samplers.checkpoint import CheckpointError, checkpoint_of, run_resumable_chains
 from imapper_prob.samplers.diagnostics import (
     LayoutProbabilities,
     ShortChainWarning,
     layout_probabilities,
 )
-from imapper_prob.samplers.ladder import LadderSummary
-from imapper_prob.samplers.resumable import checkpoint_of, run_resumable_chains
 from imapper_prob.samplers.reversible_jump import AcceptanceTable
+from imapper_prob.samplers.tempering import LadderSummary
 from imapper_prob.samplers.verdict import Measures, Verdict, judge, measure
-from imapper_prob.sampling.agreement import Agreement, compare
+from imapper_prob.sampling.actors import JointProblem, join_actors
 from imapper_prob.sampling.blocks import Block, Clock, Limits, OnBlock
-from imapper_prob.sampling.cast import Cast, cast_of
-from imapper_prob.sampling.chain import Chain, Setup, run_chain
+from imapper_prob.sampling.chain import Chain, Setup, run_chain, starts_of
 from imapper_prob.sampling.checkpoints import identity_of, rounds_done
-from imapper_prob.sampling.cluster import Cluster, executor_of
-from imapper_prob.sampling.layouts import (
-    Layouts,
-    group_layouts,
-    merged_objects,
-    through_one_lens,
-)
 from imapper_prob.sampling.nodes import find_nodes
-from imapper_prob.sampling.placements import PlacementDraws, is_complete, sample_placements
+from imapper_prob.sampling.placements import (
+    Agreement,
+    PlacementDraws,
+    compare,
+    is_complete,
+    sample_placements,
+)
 from imapper_prob.sampling.schedule import block_end, burn_in_of, end_of
-from imapper_prob.sampling.starts import starts_of
 from imapper_prob.scenelets.charness import similarity
-from imapper_prob.staged.solver import Solution
+from imapper_prob.solver.solver import Solution
 
-__all__ = ["Samples", "sample_scenes", "setup_of"]
+__all__ = ["Cluster", "Samples", "connected", "executor_of", "sample_scenes", "setup_of"]
+
+_PATIENCE = "10s"
+"""How long a scheduler may take to answer."""
+
+
+class Cluster(Protocol):
+    """What is asked of a `distributed.Client`."""
+
+    def get_executor(self) -> Executor:
+        """Runs tasks on the workers."""
+
+    def scatter(self, data: Any, *, broadcast: bool) -> Any:
+        """Send something to every worker once, and stand for it."""
+
+
+@contextmanager
+def connected(address: str | None) -> Iterator[Cluster | None]:
+    """A client of the scheduler at an address such as ``tcp://host:8786``; None without one.
+
+    Raises
+    ------
+    InputError
+        dask is not installed, or nobody answers.
+    """
+    if address is None:
+        yield None
+        return
+    try:
+        from distributed import Client
+    except ImportError as error:
+        raise InputError(
+            "a cluster needs dask's distributed: install the extra, imapper-prob[cluster]"
+        ) from error
+    make_client: Any = Client
+    try:
+        client = make_client(address, timeout=_PATIENCE)
+    except (OSError, ValueError) as error:
+        raise InputError(f"{address}: no dask scheduler answers there") from error
+    with client:
+        yield client
+
+
+@contextmanager
+def executor_of(cluster: Cluster | None) -> Iterator[Executor | None]:
+    """Where tasks run on a cluster; None without one.
+
+    Left by an error or an interrupt, it does not wait for tasks: those of workers that are gone
+    never end.
+    """
+    if cluster is None:
+        yield None
+        return
+    executor = cluster.get_executor()
+    try:
+        yield executor
+    finally:
+        executor.shutdown(wait=False)
+
+
+# ------------------------------------------------------------------------------------------------
+# Sample the posterior of a solved clip: jump chains, layouts, ensembles of placements.
 
 Array = NDArray[np.float64]
 Progress = Callable[[str, float], None]
@@ -121,7 +179,7 @@ class Samples:
 
 
 def sample_scenes(
-    solution: Solution | Cast,
+    solution: Solution | JointProblem,
     settings: SampleSettings,
     *,
     seed: np.random.SeedSequence,
@@ -142,7 +200,7 @@ def sample_scenes(
     ----------
     solution, settings, seed, workers
     cluster : Cluster, optional
-        Where the chains run instead of here, see `imapper_prob.sampling.cluster`. They report
+        Where the chains run instead of here, see `imapper_prob.sampling.sample`. They report
         no progress from there.
     checkpoints : Path, optional
         Folder in which the chains leave what they have every few seconds, and from which
@@ -176,7 +234,7 @@ def sample_scenes(
                 progress=progress, limits=limits, on_block=on_block,
             )  # fmt: skip
     chain_seed, layout_seed, ensemble_seed = seed.spawn(3)
-    cast = solution if isinstance(solution, Cast) else cast_of([solution])
+    cast = solution if isinstance(solution, JointProblem) else join_actors([solution])
     setup = setup_of(cast, settings)
     starts = starts_of(cast, settings.chains)
     shared = setup if cluster is None else cluster.scatter(setup, broadcast=True)
@@ -281,7 +339,7 @@ class _Drawn:
 
 def _in_blocks(
     run: _ChainRun,
-    cast: Cast,
+    cast: JointProblem,
     settings: SampleSettings,
     layout_seed: np.random.SeedSequence,
     limits: Limits,
@@ -351,7 +409,7 @@ def _block(
 
 
 def _drawn(
-    cast: Cast,
+    cast: JointProblem,
     settings: SampleSettings,
     chains: Sequence[Chain],
     layout_seed: np.random.SeedSequence,
@@ -389,9 +447,9 @@ def _told_plainly(checkpoints: Path | None) -> Iterator[None]:
         raise InputError(f"{checkpoints}: checkpoints cannot be written ({reason})") from error
 
 
-def setup_of(solution: Solution | Cast, settings: SampleSettings) -> Setup:
+def setup_of(solution: Solution | JointProblem, settings: SampleSettings) -> Setup:
     """What the chains need of a solved clip."""
-    cast = solution if isinstance(solution, Cast) else cast_of([solution])
+    cast = solution if isinstance(solution, JointProblem) else join_actors([solution])
     nodes = None if cast.problem.of_paper else find_nodes(cast.problem, cast.candidates)
     return Setup(cast.problem, cast.candidates, similarity(cast.distances), settings, nodes)
 

@@ -1,27 +1,21 @@
-"""Scenelets from recordings of people among furniture.
-
-The construction of Monszpart et al. (2019, section 4): motion is cut into clips
-(:mod:`imapper_prob.scenelets.cutting`), each with the objects within a metre of the person in
-top view, in the frame of the pelvis in the middle of the clip. Three things are added. All
-motion is brought to one frame rate and one stature, because a library knows one of each;
-furniture keeps its size. And each scenelet has a weight, one over the number of those that
-begin near it in the same room.
-"""
+"""Scenelets from captures: recordings are cut, put into local frames and given their objects."""
 
 from __future__ import annotations
 
+import logging
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
+from pathlib import Path
 from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.distance import cdist
 
-from imapper_prob.inputs.captures import Capture
-from imapper_prob.inputs.timeline import joints_at
 from imapper_prob.models.errors import InputError
+from imapper_prob.models.scene import Cuboid, Placement, SceneObject
 from imapper_prob.models.scenelet import Library, Scenelet
 from imapper_prob.models.skeleton import (
     BONE_LENGTHS,
@@ -30,6 +24,7 @@ from imapper_prob.models.skeleton import (
     LHIP,
     LKNE,
     LSHO,
+    MIRROR,
     PELV,
     RANK,
     REFERENCE_STATURE,
@@ -37,29 +32,229 @@ from imapper_prob.models.skeleton import (
     RKNE,
     RSHO,
     THRX,
+    facing,
 )
-from imapper_prob.scenelets.cutting import CutSettings, cut, stretches
-from imapper_prob.scenelets.frames import localised
+from imapper_prob.scenelets.captures import (
+    Capture,
+    i3db_folders,
+    joints_at,
+    read_capture,
+    read_i3db_capture,
+)
+from imapper_prob.scenelets.pigraphs import pigraphs_recordings, read_pigraphs
 
-__all__ = ["BuildReport", "BuildSettings", "body_scale", "build_library_from", "weights_by_density"]
+__all__ = [
+    "REACH",
+    "SOURCES",
+    "BuildReport",
+    "BuildSettings",
+    "CutSettings",
+    "body_scale",
+    "build_library_from",
+    "captures_from",
+    "cut",
+    "localised",
+    "mirrored",
+    "resized",
+    "smooth_path",
+    "stretches",
+    "weights_by_density",
+]
 
 Array = NDArray[np.float64]
+REACH = 1.0
+"""Metres in top view within which an object belongs to a motion (Monszpart et al. 2019)."""
+_FLIP = np.array([-1.0, 1.0, 1.0])
 
+
+def localised(
+    name: str, action: str, joints: ArrayLike, objects: Iterable[SceneObject], *, fps: float = 10.0
+) -> Scenelet:
+    """A scenelet from a motion (n, 16, 3) and furniture in any common frame with the floor at 0.
+
+    The origin goes below the pelvis at frame ``n // 2`` and +y to where the person faces
+    then; objects farther than ``REACH`` from every joint in every frame are left out.
+    """
+    joints = np.asarray(joints, float)
+    middle = joints[len(joints) // 2]
+    yaw = float(facing(middle))
+    c, s = np.cos(yaw), np.sin(yaw)
+    x, y = middle[PELV, :2]
+    into = Placement(float(-c * x - s * y), float(s * x - c * y), -yaw)
+    moved = [o.moved(into) for o in objects]
+    joints = into.apply(joints)
+    near = tuple(o for o in moved if _distance(o, joints) <= REACH)
+    return Scenelet(name, action, joints, near, fps)
+
+
+def _distance(piece: SceneObject, joints: Array) -> float:
+    """Smallest distance in metres, top view, of any joint from the piece's bounding box."""
+    offset = joints[..., :2] - (piece.placement.x, piece.placement.y)
+    local = offset @ piece.placement.rotation
+    low, high = piece.bounds[:, :2]
+    outside = np.maximum(np.maximum(low - local, local - high), 0.0)
+    return float(np.linalg.norm(outside, axis=-1).min())
+
+
+def mirrored(scenelet: Scenelet, name: str) -> Scenelet:
+    """The same scenelet done by somebody left-handed: x changes sign, left and right swap."""
+    joints = scenelet.joints[:, list(MIRROR)] * _FLIP
+    objects = tuple(
+        SceneObject(
+            o.label,
+            Placement(-o.placement.x, o.placement.y, -o.placement.yaw),
+            tuple(Cuboid(c.part, c.centre * _FLIP, c.size) for c in o.cuboids),
+        )
+        for o in scenelet.objects
+    )
+    return Scenelet(name, scenelet.action, joints, objects, scenelet.fps, scenelet.weight)
+
+
+def resized(piece: SceneObject, factor: float) -> SceneObject:
+    """A piece and its placement larger by ``factor``, about the origin of the parent frame."""
+    at = piece.placement
+    return SceneObject(
+        piece.label,
+        Placement(at.x * factor, at.y * factor, at.yaw),
+        tuple(Cuboid(c.part, c.centre * factor, c.size * factor) for c in piece.cuboids),
+    )
+
+
+# ------------------------------------------------------------------------------------------------
+# Where to cut a long motion: clips of equal way, closer together where somebody stays.
+#
+# Monszpart et al. (2019, section 4) cut where the pelvis has gone a constant way in top view,
+# after smoothing away what a standing person sways. Of the length of the way and of the
+# distance between clips the paper says nothing. Taken literally, the rule passes over people
+# who stay: in the truth of four i3DB scenes a metre of way takes 13 to 16 frames (1.5 s) of
+# walking, as published, but 29 to 42 (3 to 4 s) of sitting, all of a stay with the ways
+# to it and from it. So a clip ends after a second on either side even if the way is shorter, and
+# clips are centred at least every second. Several clips of one stay then count as one by their
+# weights.
+
+Ints = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class CutSettings:
+    """How motion is cut.
+
+    Parameters
+    ----------
+    way : float
+        Metres of pelvis path in a clip. In i3DB 1 m gives the 14-20 frames that the paper's
+        clips have.
+    way_between : float
+        Metres between the centres of clips: four clips share each place of a walk.
+    longest : float
+        Seconds a clip lasts at most, which is what the longest of the paper's do.
+    time_between : float
+        Most seconds between the centres of clips.
+    shortest : float
+        Seconds a clip lasts at least; a metre of quick walking. What is shorter was cut off
+        by the end of the tracking, or is a jump of the tracker.
+    smoothing_radius : float
+        Metres of way on either side over which a point of the path is averaged (paper).
+    smoothing_passes : int
+        Times it is averaged (paper).
+    """
+
+    way: float = 1.0
+    way_between: float = 0.25
+    longest: float = 2.0
+    time_between: float = 1.0
+    shortest: float = 0.6
+    smoothing_radius: float = 0.01
+    smoothing_passes: int = 10
+
+
+def smooth_path(path: ArrayLike, *, radius: float, passes: int) -> Array:
+    """A path (n, 2) averaged over the points within ``radius`` of way, ``passes`` times.
+
+    Steps longer than the radius stay as they are, and the trembling of somebody who stands
+    is averaged away.
+    """
+    smooth: Array = np.asarray(path, float)
+    for _ in range(passes):
+        way = _way(smooth)
+        first = np.searchsorted(way, way - radius, "left")
+        last = np.searchsorted(way, way + radius, "right")
+        sums = np.concatenate([np.zeros((1, 2)), np.cumsum(smooth, 0)])
+        smooth = (sums[last] - sums[first]) / (last - first)[:, None]
+    return smooth
+
+
+def cut(path: ArrayLike, *, fps: float, settings: CutSettings) -> Ints:
+    """Clips of one uninterrupted motion.
+
+    Parameters
+    ----------
+    path : (n, 2) float
+        Pelvis in top view, metres, regular frames.
+    fps : float
+        Frames a second.
+    settings : CutSettings
+
+    Returns
+    -------
+    (C, 2) int
+        First frame of each clip and the one after its last, in order, each clip once; none
+        if the motion is too short.
+    """
+    path = np.asarray(path, float)
+    if len(path) < 2:
+        return np.empty((0, 2), dtype=np.int64)
+    way = _way(
+        smooth_path(path, radius=settings.smoothing_radius, passes=settings.smoothing_passes)
+    )
+    # A centre wherever the next step of way or of time is done, whichever comes first.
+    hurry = np.maximum(np.diff(way) / settings.way_between, 1.0 / fps / settings.time_between)
+    progress = np.concatenate([[0.0], np.cumsum(hurry)])
+    # Sums of tenths are a hair off: a centre due in a frame is not to slip into the next.
+    centres = np.searchsorted(progress + 1e-9, np.arange(0.5, progress[-1]))
+    half = round(settings.longest / 2 * fps)
+    first = np.searchsorted(way, way[centres] - settings.way / 2 - 1e-9, "left")
+    end = np.searchsorted(way, way[centres] + settings.way / 2 + 1e-9, "right")
+    clips = np.stack([np.maximum(first, centres - half), np.minimum(end, centres + half + 1)], 1)
+    lasting = clips[:, 1] - clips[:, 0] > settings.shortest * fps - 1e-9
+    unique: Ints = np.unique(clips[lasting], axis=0)
+    return unique
+
+
+def stretches(there: ArrayLike) -> Ints:
+    """(S, 2) first index and the one after the last of each run of true values (n,)."""
+    flags = np.concatenate([[False], np.asarray(there, bool), [False]])
+    edges: Ints = np.flatnonzero(flags[1:] != flags[:-1]).reshape(-1, 2)
+    return edges
+
+
+def _way(path: Array) -> Array:
+    """(n,) way gone until each point, metres."""
+    return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
+
+
+# ------------------------------------------------------------------------------------------------
+# Scenelets from recordings of people among furniture.
+#
+# The construction of Monszpart et al. (2019, section 4): motion is cut into clips
+# (:mod:`imapper_prob.scenelets.build`), each with the objects within a metre of the person in
+# top view, in the frame of the pelvis in the middle of the clip. Three things are added. All
+# motion is brought to one frame rate and one stature, because a library knows one of each;
+# furniture keeps its size. And each scenelet has a weight, one over the number of those that
+# begin near it in the same room.
+
+pass
 UNKNOWN_ACTION: Final = "motion"
 """What is done in a clip whose frames have no word."""
-
 _STEADY_BONES: Final = ((PELV, THRX), (RKNE, RHIP), (LKNE, LHIP), (RHIP, LHIP), (RSHO, LSHO))
 """Segments on whose ends recordings agree. Where wrists, ankles and the head end they do not:
 shins of the i3DB truth have .83-.90 of the reference length and forearms .73-.86, thighs,
 trunk and girdles .94-1.08."""
-
 _STATURES: Final = (1.0, 2.4)
 """Metres; beyond is a child or a wrong unit."""
-
 _CELLS: Final = 20
 """Cells of the floor in a kernel's width. Scenelets of one cell are counted together, so that
 the cost grows with the floor that is walked on and not with how long."""
-
 _ROWS_AT_ONCE: Final = 1000
 """Rows of the matrix of distances between cells of one room that are held at once."""
 
@@ -306,3 +501,97 @@ def _usual(words: Sequence[str]) -> str:
 
 def _lost(joints: Array) -> int:
     return int((~np.isfinite(joints[:, PELV, 0])).sum())
+
+
+# ------------------------------------------------------------------------------------------------
+# Captures of whatever format, by the name of the format.
+
+_log = logging.getLogger(__name__)
+_TOLD: Final = 5
+"""Recordings left out that are named; the others are counted."""
+SOURCES: Final = ("i3db", "pigraphs", "npz")
+"""Formats of captures."""
+
+
+def captures_from(source: str, path: str | Path, *, leave_out: str | None = None) -> list[Capture]:
+    """All captures of a folder, or those of one file.
+
+    Parameters
+    ----------
+    source : str
+        One of :data:`SOURCES`: scene folders of the i3DB benchmark, recordings of PiGraphs,
+        or capture files (:mod:`imapper_prob.scenelets.captures`).
+    path : path
+        File or folder.
+    leave_out : str, optional
+        A room none of whose captures are wanted, because it is going to be inferred.
+
+    Returns
+    -------
+    list of Capture
+        At least one. Of several files those that cannot be used are left out with a warning.
+
+    Raises
+    ------
+    InputError
+        There is nothing of this format, no room is called ``leave_out``, or no capture is
+        left or can be used.
+    """
+    path = Path(path)
+    if not path.exists():
+        raise InputError(f"{path}: no such file or folder")
+    places, read = _places_and_reader(source, path)
+    captures: list[Capture] = []
+    refused: list[str] = []
+    for place in places:
+        try:
+            captures += read(place)
+        except InputError as error:
+            if len(places) == 1:
+                raise
+            refused.append(str(error))
+    if not captures:
+        raise InputError(
+            f"{path}: none of {len(places)} files is a usable recording of {source}; "
+            f"the first: {refused[0]}"
+        )
+    for reason in refused[:_TOLD]:
+        _log.warning("left out: %s", reason)
+    if len(refused) > _TOLD:
+        _log.warning("left out: %d more", len(refused) - _TOLD)
+    if leave_out is None:
+        return captures
+    scenes = sorted({c.scene for c in captures})
+    if leave_out not in scenes:
+        raise InputError(
+            f"{path}: no scene {leave_out!r} to leave out; there are {', '.join(scenes)}"
+        )
+    kept = [c for c in captures if c.scene != leave_out]
+    if not kept:
+        raise InputError(f"{path}: nothing is left without {leave_out}, the only scene there")
+    return kept
+
+
+def _places_and_reader(
+    source: str, path: Path
+) -> tuple[list[Path], Callable[[Path], list[Capture]]]:
+    """Files or folders of one recording each, and what reads them."""
+    if source == "i3db":
+        return i3db_folders(path), _i3db_scene
+    if source == "pigraphs":
+        folder = path.parent if path.is_file() else path
+        return pigraphs_recordings(path), partial(read_pigraphs, folder=folder)
+    if source == "npz":
+        files = [path] if path.is_file() else sorted(path.glob("*.npz"))
+        if not files:
+            raise InputError(f"{path}: no capture file (.npz) there")
+        return files, _capture_file
+    raise InputError(f"unknown format of captures {source!r}; there are {', '.join(SOURCES)}")
+
+
+def _i3db_scene(folder: Path) -> list[Capture]:
+    return [read_i3db_capture(folder)]
+
+
+def _capture_file(path: Path) -> list[Capture]:
+    return [read_capture(path)]

@@ -1,8 +1,4 @@
-"""Pictures of a library, as in the paper: motions in a plane, furniture around people, charness.
-
-Each function returns a ``Figure`` that saves or shows itself; matplotlib's current figure is
-left alone. After Monszpart et al. (2019), figures 4 and 5.
-"""
+"""A library in tables and pictures: motions in a plane, furniture around people, charness."""
 
 from __future__ import annotations
 
@@ -15,17 +11,157 @@ from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 from numpy.typing import NDArray
+from rich.box import SIMPLE_HEAD
+from rich.table import Table
+from scipy.linalg import eigh
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import minimum_spanning_tree, shortest_path
 
-from imapper_prob.colours import Colour, action_colour, category_colour
 from imapper_prob.models.scenelet import Library, Scenelet
 from imapper_prob.models.skeleton import HEAD, LELB, LSHO, LWRI, PELV, RELB, RSHO, RWRI
-from imapper_prob.scenelets.charness import charness_maps
-from imapper_prob.scenelets.embedding import embed
-from imapper_prob.scenelets.object_histograms import CELL, EDGES, categories, object_histograms
+from imapper_prob.plotting import Colour, action_colour, category_colour
+from imapper_prob.scenelets.charness import (
+    CELL,
+    EDGES,
+    categories,
+    charness_maps,
+    object_histograms,
+)
 
-__all__ = ["charness_figure", "draw_from_above", "embedding_figure", "furniture_figure", "typical"]
+__all__ = [
+    "action_table",
+    "charness_figure",
+    "draw_from_above",
+    "embed",
+    "embedding_figure",
+    "furniture_figure",
+    "furniture_table",
+    "typical",
+]
 
 Array = NDArray[np.float64]
+_NEIGHBOURS: Final = 15
+"""Similar motions each is linked with; from 10 to 20 the picture is the same."""
+_CLOSEST: Final = 1e-9
+"""Metres: equal motions are linked too, where a graph would take 0 for no link."""
+
+
+def embed(distances: Array) -> Array:
+    """Points of a plane.
+
+    Parameters
+    ----------
+    distances : (L, L) float
+        Between motions, metres; see
+        :func:`~imapper_prob.scenelets.charness.motion_distances`.
+
+    Returns
+    -------
+    (L, 2) float
+        Metres along chains of similar motions, centred; the first axis is the longer. The
+        same distances give the same points: the farthest one on each axis is positive.
+    """
+    n = len(distances)
+    if n < 3:
+        # Nothing can be bent: one motion, or two at their distance.
+        first = np.arange(n) * distances[0, -1]
+        return np.column_stack([first - first.mean(), np.zeros(n)])
+    squared = _along_chains(distances) ** 2
+    inner = -0.5 * (squared - squared.mean(0) - squared.mean(1)[:, None] + squared.mean())
+    values, vectors = eigh(inner, subset_by_index=[n - 2, n - 1])
+    points = (vectors * np.sqrt(np.maximum(values, 0.0)))[:, ::-1]
+    farthest = points[np.abs(points).argmax(0), [0, 1]]
+    oriented: Array = points * np.where(farthest < 0, -1.0, 1.0)
+    return oriented
+
+
+def _along_chains(distances: Array) -> Array:
+    """(L, L) metres along the shortest chains of neighbours."""
+    n = len(distances)
+    lengths = np.maximum(distances, _CLOSEST)
+    np.fill_diagonal(lengths, 0.0)
+    # The spanning tree links what neighbours alone would leave in pieces.
+    links = minimum_spanning_tree(csr_array(lengths)).toarray()
+    nearest = np.argsort(distances, axis=1, kind="stable")[:, : _NEIGHBOURS + 1]
+    rows = np.arange(n)[:, None]
+    links[rows, nearest] = lengths[rows, nearest]
+    chains: Array = shortest_path(csr_array(np.maximum(links, links.T)), directed=False)
+    return chains
+
+
+# ------------------------------------------------------------------------------------------------
+# A library in tables.
+
+
+def action_table(library: Library, charness: Array) -> Table:
+    """What people do: how many scenelets, how long they are, how characteristic.
+
+    Parameters
+    ----------
+    library : Library
+    charness : (L,) float
+        Of :func:`~imapper_prob.scenelets.charness.charness`.
+    """
+    table = _table("What people do")
+    table.add_column("action")
+    for name in ("scenelets", "with furniture", "length [s]", "charness", "middle 80 %"):
+        table.add_column(name, justify="right")
+    seconds = np.array([(s.n_frames - 1) / s.fps for s in library])
+    furnished = np.array([bool(s.objects) for s in library])
+    actions = np.array([s.action for s in library])
+    for action in (*_by_count(actions), None):
+        chosen = actions == action if action is not None else np.full(len(library), True)
+        if action is None:
+            table.add_section()
+        low, middle, high = np.quantile(charness[chosen], (0.1, 0.5, 0.9))
+        table.add_row(
+            action if action is not None else "all",
+            str(chosen.sum()),
+            str(furnished[chosen].sum()),
+            _span(seconds[chosen]),
+            f"{middle:.2f}",
+            f"{low:.2f} to {high:.2f}",
+        )
+    return table
+
+
+def furniture_table(library: Library) -> Table:
+    """In how many scenelets of each action each category of furniture stands."""
+    actions = _by_count(np.array([s.action for s in library if s.objects], dtype=np.str_))
+    table = _table("Scenelets with furniture")
+    table.add_column("category")
+    for action in (*actions, "all"):
+        table.add_column(action, justify="right")
+    for label in categories(library):
+        at = [s.action for s in library if label in s.labels]
+        counts = [at.count(action) for action in actions]
+        table.add_row(label, *(str(n) if n else "·" for n in counts), str(len(at)))
+    return table
+
+
+def _table(title: str) -> Table:
+    """Narrow enough for a terminal of eighty columns."""
+    return Table(
+        title=title, title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False
+    )
+
+
+def _by_count(words: NDArray[np.str_]) -> list[str]:
+    """Distinct words, the most frequent first."""
+    names, counts = np.unique(words, return_counts=True)
+    return [str(n) for n in names[np.argsort(-counts, kind="stable")]]
+
+
+def _span(values: Array) -> str:
+    low, high = f"{values.min():.1f}", f"{values.max():.1f}"
+    return low if low == high else f"{low} to {high}"
+
+
+# ------------------------------------------------------------------------------------------------
+# Pictures of a library, as in the paper: motions in a plane, furniture around people, charness.
+#
+# Each function returns a ``Figure`` that saves or shows itself; matplotlib's current figure is
+# left alone. After Monszpart et al. (2019), figures 4 and 5.
 
 _INK: Final = "#2b2f36"
 _QUIET: Final = "#7d848f"
@@ -217,12 +353,6 @@ def _draw_cells(axes: Axes, own: Array, around: Array, colour: Colour) -> None:
 
 def _headline(figure: Figure, text: str) -> None:
     figure.suptitle(text, color=_INK, fontsize=12)
-
-
-def _by_count(words: NDArray[np.str_]) -> list[str]:
-    """Distinct words, the most frequent first."""
-    names, counts = np.unique(words, return_counts=True)
-    return [str(n) for n in names[np.argsort(-counts, kind="stable")]]
 
 
 def _rgb(colour: Colour) -> tuple[float, float, float]:

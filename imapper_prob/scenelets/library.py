@@ -1,20 +1,219 @@
-"""Libraries of scenelets by name: the built-in one, files, and several joined."""
+"""Libraries of scenelets: by name, in files, in a cache on disk, and without some families."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import hashlib
+import os
+import platform
+import time
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from functools import cache
+from importlib.util import cache_from_source
 from pathlib import Path
 from typing import Final
 
+import numpy as np
+
+from imapper_prob.clips.furniture import (
+    FURNITURE_SHAPES,
+    check_owners,
+    pack_furniture,
+    unpack_furniture,
+)
+from imapper_prob.clips.parsing import Arrays, Shapes, check_shapes, load_archive
+from imapper_prob.files import written_whole
+from imapper_prob.models import scenelet
 from imapper_prob.models.errors import InputError
-from imapper_prob.models.scenelet import Library
-from imapper_prob.scenelets.library_cache import kept
-from imapper_prob.scenelets.library_file import read_library, save_library
+from imapper_prob.models.scenelet import Library, Scenelet
+from imapper_prob.models.skeleton import N_JOINTS
 from imapper_prob.scenelets.procedural.catalogue import build_library
 
-__all__ = ["BUILT_IN", "built_in_library", "joined", "load_library", "save_library"]
+__all__ = [
+    "BUILT_IN",
+    "built_in_library",
+    "joined",
+    "kept",
+    "library_of",
+    "load_library",
+    "pack_library",
+    "read_library",
+    "save_library",
+    "sources_digest",
+]
+
+_FORMAT: Final = "imapper-prob scenelet library 2"
+_SHAPES: Final[Shapes] = {
+    "name": ("text",),
+    "names": ("text", None),
+    "actions": ("text", "names"),
+    "fps": ("number", "names"),
+    "weights": ("number", "names"),
+    "first_frame": ("index", None),
+    "joints": ("number", None, N_JOINTS, 3),
+    "object_scenelet": ("index", "object_label"),
+    **FURNITURE_SHAPES,
+}
+
+
+def pack_library(library: Library) -> Arrays:
+    """A library as the arrays of the module's description, ``format`` left out."""
+    return {
+        "name": np.array(library.name),
+        "names": np.array([s.name for s in library]),
+        "actions": np.array([s.action for s in library]),
+        "fps": np.array([s.fps for s in library]),
+        "weights": np.array([s.weight for s in library]),
+        "first_frame": np.cumsum([0, *(s.n_frames for s in library)]),
+        "joints": np.concatenate([s.joints for s in library]),
+        "object_scenelet": np.repeat(np.arange(len(library)), [len(s.objects) for s in library]),
+        **pack_furniture([o for s in library for o in s.objects]),
+    }
+
+
+def save_library(library: Library, path: str | Path) -> None:
+    """Write a library to an ``.npz`` file, whole or not at all."""
+    path = Path(path)
+    arrays = {"format": np.array(_FORMAT), **pack_library(library)}
+    with written_whole(path) as beside, beside.open("wb") as file:
+        np.savez_compressed(file, allow_pickle=False, **arrays)
+
+
+def read_library(path: str | Path) -> Library:
+    """A library from a file of :func:`save_library`.
+
+    Raises
+    ------
+    InputError
+        If the file is missing, is no library, or contradicts itself.
+    """
+    path = Path(path)
+    arrays = load_archive(path, what="library")
+    if str(arrays.get("format")) != _FORMAT:
+        raise InputError(f"library {path}: not a scenelet library of this version; make it again")
+    try:
+        return library_of(arrays)
+    except InputError as error:
+        raise InputError(f"library {path}: {error}") from error
+
+
+def library_of(arrays: Arrays) -> Library:
+    """A library again, from the arrays of :func:`pack_library`.
+
+    Raises
+    ------
+    InputError
+        If they contradict each other. It does not say where they are from.
+    """
+    _require_library(arrays)
+    return _unpacked(arrays)
+
+
+def _require_library(arrays: Arrays) -> None:
+    """Whether all parts are there, of sizes that agree, and point at things that exist."""
+    check_shapes(arrays, _SHAPES)
+    check_owners(arrays, "object_scenelet", "names")
+    first = arrays["first_frame"]
+    steps = np.diff(first, prepend=0, append=len(arrays["joints"]))
+    if len(first) != len(arrays["names"]) + 1 or (steps < 0).any() or steps[-1] or steps[0]:
+        raise InputError("first_frame does not fit the scenelets and their joints")
+
+
+def _unpacked(arrays: Arrays) -> Library:
+    objects = unpack_furniture(arrays)
+    count = len(arrays["names"])
+    owned = np.searchsorted(arrays["object_scenelet"], np.arange(count + 1))
+    first, joints = arrays["first_frame"], arrays["joints"]
+    scenelets = tuple(
+        Scenelet(
+            name=str(arrays["names"][i]),
+            action=str(arrays["actions"][i]),
+            joints=joints[first[i] : first[i + 1]],
+            objects=tuple(objects[owned[i] : owned[i + 1]]),
+            fps=float(arrays["fps"][i]),
+            weight=float(arrays["weights"][i]),
+        )
+        for i in range(count)
+    )
+    return Library(str(arrays["name"]), scenelets)
+
+
+# ------------------------------------------------------------------------------------------------
+# Libraries that were made before, kept on disk beside the sources.
+#
+# The built-in library takes seconds to make and a tenth of that to read. A file is named by the
+# sources that it was made by and the machine it was made on, and by what is in it; one that does
+# not hold what its name says is made again. Who may not write there makes the library each time.
+
+pass
+_ROOMS: Final = (Path(__file__).parent, Path(scenelet.__file__).parent)
+"""Where everything is that a library is made of."""
+_UNUSED_AFTER: Final = 24 * 3600.0
+"""Seconds after which a library of other sources is taken for one that nobody needs."""
+_DIGITS: Final = 16
+"""Hexadecimal digits of each digest in a name."""
+
+
+def kept(name: str, make: Callable[[], Library], *, folder: Path | None = None) -> Library:
+    """What ``make`` gives, or gave an earlier process with the same sources.
+
+    Parameters
+    ----------
+    name : str
+        Tells what is made from other libraries of the same sources.
+    make : callable
+        Gives the library; called where no file holds it.
+    folder : Path, optional
+        Where the files are; beside the compiled sources of this module, if not given.
+    """
+    folder = Path(cache_from_source(__file__)).parent if folder is None else folder
+    stem = f"{name}-{sources_digest(_ROOMS)}"
+    for path in folder.glob(f"{stem}-*.npz"):
+        with suppress(InputError, OSError):
+            library = read_library(path)
+            if path == _path(folder, stem, library):
+                os.utime(path)
+                return library
+    library = make()
+    with suppress(OSError):
+        folder.mkdir(parents=True, exist_ok=True)
+        save_library(library, _path(folder, stem, library))
+        _remove_unused(folder, name)
+    return library
+
+
+def sources_digest(rooms: tuple[Path, ...]) -> str:
+    """Sixteen hexadecimal digits for all that decides the numbers of a library.
+
+    These are the texts in ``rooms``, and what does the arithmetic: numpy chooses its loops by
+    the processor, and they round each in its own way.
+    """
+    state = hashlib.sha256()
+    processor = np.show_config(mode="dicts")["SIMD Extensions"]["found"]
+    state.update(f"{np.__version__} {platform.platform()} {platform.machine()}".encode())
+    state.update(" ".join(processor).encode())
+    for room in rooms:
+        paths = (p for kind in ("*.py", "*.toml") for p in room.rglob(kind))
+        for path in sorted(paths):
+            state.update(f"\n{path.relative_to(room.parent)}\n".encode() + path.read_bytes())
+    return state.hexdigest()[:_DIGITS]
+
+
+def _path(folder: Path, stem: str, library: Library) -> Path:
+    return folder / f"{stem}-{library.digest[:_DIGITS]}.npz"
+
+
+def _remove_unused(folder: Path, name: str) -> None:
+    """Remove the files of other sources that no process has read for a day."""
+    for path in folder.glob(f"{name}-{'[0-9a-f]' * _DIGITS}-{'[0-9a-f]' * _DIGITS}.npz"):
+        with suppress(OSError):  # somebody else removes it, too
+            if path.stat().st_mtime < time.time() - _UNUSED_AFTER:
+                path.unlink()
+
+
+# ------------------------------------------------------------------------------------------------
+# Libraries of scenelets by name: the built-in one, files, and several joined.
 
 BUILT_IN: Final = "built-in"
 

@@ -18,13 +18,13 @@ from pathlib import Path
 
 import numpy as np
 
+from imapper_prob.clips.i3db import read_i3db, read_i3db_truth
 from imapper_prob.files import written_whole
-from imapper_prob.inputs.i3db import read_i3db, read_i3db_truth
 from imapper_prob.models.calibrated import FOLDS, PATH, Number
 from imapper_prob.models.scene import Clip, Truth
 from imapper_prob.models.skeleton import PELV, SCORED
 from imapper_prob.scenelets.library import load_library
-from imapper_prob.staged.static_path import estimate_static_path
+from imapper_prob.solver.static_path import estimate_static_path
 from lab.calibrate import as_markdown, as_toml, calibrate, in_use, recover, without
 from lab.calibrate.evidence import path_settings
 from lab.calibrate.procedure import rounded

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.models.calibrated import Number
-from imapper_prob.models.energy.detections import CONFIDENCE_EDGES, ERROR_EDGES, LOST_ERROR
+from imapper_prob.models.detector import CONFIDENCE_EDGES, ERROR_EDGES, LOST_ERROR
 from imapper_prob.models.settings import ANKLE, ModelSettings
 from imapper_prob.models.skeleton import SCORED
-from imapper_prob.staged.path_fit import REFERENCE_RATE
+from imapper_prob.solver.path_fit import REFERENCE_RATE
 from lab.calibrate.estimators import (
     balanced_logistic_fit,
     between_groups,

@@ -14,7 +14,7 @@ from scipy.linalg import cho_factor, cho_solve, toeplitz
 from scipy.optimize import minimize, minimize_scalar
 from scipy.special import expit, gammaln
 
-from imapper_prob.models.path_error import remembered
+from imapper_prob.models.path_prior import remembered
 
 __all__ = [
     "autocorrelation",
@@ -173,7 +173,7 @@ def change_time(
     Parameters
     ----------
     series : sequence of (T,) float
-        Errors about zero, chains as in :mod:`imapper_prob.models.path_error`.
+        Errors about zero, chains as in :mod:`imapper_prob.models.path_prior`.
     spread : float
         Standard deviation of all.
     seconds : float
@@ -263,7 +263,7 @@ def jackknife_error(without: ArrayLike) -> Array:
 def autocorrelation(rates: Array, n: int) -> Array:
     """(n,) correlation of one coordinate's errors 0, 1, … n - 1 frames apart.
 
-    ``rates`` (2,) are r and s of the chain of :mod:`imapper_prob.models.path_error`.
+    ``rates`` (2,) are r and s of the chain of :mod:`imapper_prob.models.path_prior`.
     """
     first, second = rates.sum(), -rates.prod()
     result = np.ones(max(n, 2))

@@ -28,20 +28,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.models.calibrated import Number, with_values
-from imapper_prob.models.energy.detections import DetectionModel, DetectorSettings
-from imapper_prob.models.path import StaticPath
-from imapper_prob.models.pose import facing, turned
+from imapper_prob.models.detector import DetectionModel, DetectorSettings
+from imapper_prob.models.path_prior import StaticPath
 from imapper_prob.models.problem import Problem, pack_problem, resample
 from imapper_prob.models.scene import Clip, Placement, Truth
 from imapper_prob.models.scenelet import Library
 from imapper_prob.models.settings import CameraSettings, ModelSettings, StaticPathSettings
-from imapper_prob.models.skeleton import DETECTED, PELV
-from imapper_prob.staged.calibration import estimate_camera
-from imapper_prob.staged.elsewhere import own_detections
-from imapper_prob.staged.fit import Fits, fit_windows
-from imapper_prob.staged.free_poses import free_pose_cost
-from imapper_prob.staged.path_fit import REFERENCE_RATE
-from imapper_prob.staged.static_path import estimate_static_path
+from imapper_prob.models.skeleton import DETECTED, PELV, facing, turned
+from imapper_prob.solver.camera_prior import estimate_camera
+from imapper_prob.solver.elsewhere import own_detections
+from imapper_prob.solver.fits import Fits, fit_windows, free_pose_cost
+from imapper_prob.solver.path_fit import REFERENCE_RATE
+from imapper_prob.solver.static_path import estimate_static_path
 from lab.calibrate.observations import (
     Detections,
     Lifted,

@@ -15,15 +15,14 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from imapper_prob.layouts import group_of
 from imapper_prob.models.geometry import pack_boxes, sight_clearance
-from imapper_prob.models.path import CameraPrior, StaticPath
+from imapper_prob.models.path_prior import CameraPrior, StaticPath
 from imapper_prob.models.scene import Clip, Placement, SceneObject, Truth
 from imapper_prob.models.scenelet import Scenelet
 from imapper_prob.models.skeleton import DETECTED, LANK, MIRROR, PELV, RANK
-from imapper_prob.results.scene_distance import group_of
-from imapper_prob.staged.bones import bones_of
-from imapper_prob.staged.lifted_poses import lifted_body
-from imapper_prob.staged.stays import thigh_signs
+from imapper_prob.solver.camera_prior import thigh_signs
+from imapper_prob.solver.poses import bones_of, lifted_body
 
 __all__ = [
     "Detections",
@@ -133,7 +132,7 @@ class Thighs:
     Parameters
     ----------
     angle : (n,) float
-        Radians from the vertical (:mod:`imapper_prob.staged.stays`).
+        Radians from the vertical (:mod:`imapper_prob.solver.camera_prior`).
     seen : (n,) float
         How far legs are seen.
     carried : (n,) bool

@@ -16,8 +16,7 @@ from imapper_prob.models.calibrated import Constant, Number
 from imapper_prob.models.scene import Clip, Truth
 from imapper_prob.models.scenelet import Library
 from imapper_prob.models.settings import ModelSettings
-from imapper_prob.models.simulate import PITCH_SPREAD, simulate_clip
-from imapper_prob.models.simulate_track import simulate_track
+from imapper_prob.simulate.clips import PITCH_SPREAD, simulate_clip, simulate_track
 from lab.calibrate.constants import (
     FROM_FITS,
     FROM_PATH,

@@ -28,7 +28,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import brentq
 from scipy.special import expit, logsumexp
 
-from imapper_prob.models.posterior import State, log_posterior
+from imapper_prob.models.log_posterior import State, log_posterior
 from imapper_prob.models.problem import Problem
 from imapper_prob.samplers.diagnostics import mean_error
 from lab.eryn.__main__ import LONG

@@ -21,9 +21,9 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from imapper_prob.models.compiled import evaluate
 from imapper_prob.models.jit import compiled
-from imapper_prob.models.posterior import State, empty_state
+from imapper_prob.models.kernels.incremental import evaluate
+from imapper_prob.models.log_posterior import State, empty_state
 from imapper_prob.models.problem import Problem
 
 __all__ = [

@@ -16,15 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.config import SampleSettings
-from imapper_prob.models.posterior import State, empty_state
-from imapper_prob.samplers.kernel import Mixture, Proposal, step
-from imapper_prob.samplers.ladder import power_ladder
-from imapper_prob.samplers.reversible_jump import sample
-from imapper_prob.samplers.tempering import start, temper
-from imapper_prob.sampling.chain import Setup, scene_moves
-from imapper_prob.sampling.crossover import TimeCrossover
+from imapper_prob.models.log_posterior import State, empty_state
+from imapper_prob.samplers.reversible_jump import Mixture, Proposal, sample, step
+from imapper_prob.samplers.tempering import power_ladder, start, temper
+from imapper_prob.sampling.chain import SceneTracker, Setup, scene_moves, tempering_split
+from imapper_prob.sampling.moves import TimeCrossover
 from imapper_prob.sampling.sample import setup_of
-from imapper_prob.sampling.tracker import SceneTracker, split
 from lab.eryn import gaussian
 from lab.eryn.exchange import during, save_runs
 from lab.eryn.leaves import to_leaves
@@ -110,7 +107,7 @@ def scene_chain(setup: Setup, first: State, seed: int) -> Iterator[State]:
         for move, weight in zip(moves.moves, moves.weights, strict=True)
         if move.name != "path"
     ]
-    target, betas = partial(split, setup.problem), power_ladder(RUNGS, hottest=HOTTEST)
+    target, betas = partial(tempering_split, setup.problem), power_ladder(RUNGS, hottest=HOTTEST)
     chain = temper(
         np.random.default_rng(seed).spawn(RUNGS + 1),
         start([first] * RUNGS, target=target, betas=betas),

@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from imapper_prob.layouts import merged_objects
 from imapper_prob.models.scenelet import Library
-from imapper_prob.models.simulate import simulate_clip
-from imapper_prob.sampling.layouts import merged_objects
 from imapper_prob.scenelets.library import load_library
-from imapper_prob.staged.solver import Solution, solve
+from imapper_prob.simulate.clips import simulate_clip
+from imapper_prob.solver.solver import Solution, solve
 from lab.eryn.leaves import to_state
 
 __all__ = ["layouts_of", "solve_scene"]

@@ -20,20 +20,18 @@ from typing import Any, Final
 import h5py
 import numpy as np
 
-from imapper_prob.detect import detect
-from imapper_prob.inputs import ClipOptions, read_camera, write_clip
-from imapper_prob.inputs.camera_options import CameraFile
-from imapper_prob.inputs.capture_file import read_capture, write_capture
-from imapper_prob.inputs.captures import Capture
-from imapper_prob.inputs.clip_file import read_clip
-from imapper_prob.inputs.formats import read_whatever
-from imapper_prob.inputs.i3db import read_i3db
-from imapper_prob.inputs.pigraphs import read_pigraphs
+from imapper_prob.clips.clip_file import read_clip
+from imapper_prob.clips.detect import detect
+from imapper_prob.clips.i3db import read_i3db
+from imapper_prob.clips.load import ClipOptions, read_camera, read_whatever, write_clip
+from imapper_prob.clips.options import CameraFile
 from imapper_prob.models.skeleton import JOINTS, N_JOINTS
-from tests.detect.films import dark_figure, film, write_film
-from tests.inputs import bodies
-from tests.inputs.i3db_folder import I3dbFolder
-from tests.inputs.pigraphs_folder import PigraphsFolder
+from imapper_prob.scenelets.captures import Capture, read_capture, write_capture
+from imapper_prob.scenelets.pigraphs import read_pigraphs
+from tests.clips import bodies
+from tests.clips.films import dark_figure, film, write_film
+from tests.clips.i3db_folder import I3dbFolder
+from tests.clips.pigraphs_folder import PigraphsFolder
 
 __all__ = ["KINDS", "READERS", "Reader", "kinds_of"]
 

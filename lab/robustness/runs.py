@@ -18,32 +18,32 @@ from typing import Any, Final
 
 import numpy as np
 
+from imapper_prob.api import demo_clip
 from imapper_prob.cli import main
+from imapper_prob.clips.load import read_marks
 from imapper_prob.config import Config, SampleSettings, read_config, to_toml
-from imapper_prob.demo import demo_clip
-from imapper_prob.evaluate.parts import first_part
-from imapper_prob.evaluate.prediction import prediction_of_state
-from imapper_prob.evaluate.prediction_file import read_prediction, write_prediction
-from imapper_prob.evaluate.solution_folder import SOLVER, read_solution_folder
-from imapper_prob.inputs import read_marks
+from imapper_prob.evaluate.prediction import (
+    SOLVER,
+    prediction_of_state,
+    read_prediction,
+    read_solution_folder,
+    write_prediction,
+)
+from imapper_prob.evaluate.suite import first_part
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.scenelet import Library
-from imapper_prob.output import write_run
-from imapper_prob.results.load import load_posterior
-from imapper_prob.results.posterior import Posterior
-from imapper_prob.results.report.write import report
-from imapper_prob.results.solved import solved
-from imapper_prob.samplers.checkpoint import CheckpointError, Keeper
-from imapper_prob.sampling.chain import run_chain
+from imapper_prob.results.folders import write_run, write_solution_folder
+from imapper_prob.results.posterior import Posterior, load_posterior
+from imapper_prob.results.report import report
+from imapper_prob.samplers.checkpoint import Checkpointer, CheckpointError
+from imapper_prob.sampling.chain import run_chain, starts_of
 from imapper_prob.sampling.checkpoints import identity_of
 from imapper_prob.sampling.sample import sample_scenes, setup_of
-from imapper_prob.sampling.starts import starts_of
-from imapper_prob.scenelets.library import load_library
-from imapper_prob.scenelets.library_file import read_library, save_library
-from imapper_prob.solution_output import write_solution_folder
-from imapper_prob.staged.solver import Solution, solve
+from imapper_prob.scenelets.library import load_library, read_library, save_library
+from imapper_prob.solver.actors import solved
+from imapper_prob.solver.solver import Solution, solve
 from lab.robustness.inputs import Reader
-from tests.inputs import bodies
+from tests.clips import bodies
 
 __all__ = [
     "CONFIG",
@@ -148,7 +148,7 @@ def _chain(path: Path) -> Any:
     identity = identity_of(
         setup.problem, setup.candidates, starts, settings, np.random.SeedSequence(1)
     )
-    keeper = Keeper(path, identity=identity, every_seconds=0.0)
+    keeper = Checkpointer(path, identity=identity, every_seconds=0.0)
     stop_at = 0.5 if not path.exists() else 2.0
 
     def unfinished(part: object = None, /) -> bool:
@@ -162,9 +162,9 @@ def _chain(path: Path) -> Any:
 
 @cache
 def _starts() -> Any:
-    from imapper_prob.sampling.cast import cast_of
+    from imapper_prob.sampling.actors import join_actors
 
-    return starts_of(cast_of([small_solution()]), CONFIG.sample.chains)
+    return starts_of(join_actors([small_solution()]), CONFIG.sample.chains)
 
 
 def _checkpoint(folder: Path) -> Path:

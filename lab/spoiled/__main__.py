@@ -26,8 +26,7 @@ import numpy as np
 import torch
 
 from imapper_prob.config import SampleSettings
-from imapper_prob.evaluate.pose import SUBSETS
-from imapper_prob.evaluate.scenes import scenes_with_truth
+from imapper_prob.evaluate.score import SUBSETS, scenes_with_truth
 from imapper_prob.evaluate.tables import markdown_table, number
 from lab.kept import digest
 from lab.spoiled.scores import UNSPOILED, Task, score_task

@@ -19,21 +19,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.api import sample
+from imapper_prob.clips.load import load_clip
 from imapper_prob.config import Config, SampleSettings
-from imapper_prob.evaluate.baselines import static_path
-from imapper_prob.evaluate.draws import Draws, draws_of
 from imapper_prob.evaluate.i3db import read_truth_in_view
-from imapper_prob.evaluate.pose import SUBSETS, pose_scores
 from imapper_prob.evaluate.prediction import Prediction, prediction_of_scene
-from imapper_prob.evaluate.score import score, summarise
-from imapper_prob.evaluate.spread import coverage, joint_ranks
+from imapper_prob.evaluate.probability import Draws, coverage, draws_of, joint_ranks
+from imapper_prob.evaluate.score import SUBSETS, pose_scores, score, static_path, summarise
 from imapper_prob.evaluate.truth import TruthInView
 from imapper_prob.files import written_whole
-from imapper_prob.inputs import load_clip
 from imapper_prob.models.scene import Clip
 from imapper_prob.models.skeleton import SCORED
 from imapper_prob.scenelets.library import load_library
-from imapper_prob.staged.actors import solve_actors
+from imapper_prob.solver.actors import solve_actors
 from lab.spoiled.spoilings import SPOILINGS, Spoiled
 
 __all__ = ["UNSPOILED", "Task", "at_times", "score_task", "spoil"]

@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.models.camera import Camera
-from imapper_prob.models.pose import blend_poses
 from imapper_prob.models.scene import Clip, Track
 from imapper_prob.models.skeleton import (
     BONES,
@@ -38,6 +37,7 @@ from imapper_prob.models.skeleton import (
     RSHO,
     RWRI,
     THRX,
+    blend_poses,
 )
 
 __all__ = [

@@ -18,22 +18,28 @@ from numpy.typing import NDArray
 
 from imapper_prob.models.camera import Camera
 from imapper_prob.models.errors import InputError
-from imapper_prob.models.pose import facing
 from imapper_prob.models.scene import Clip, Placement, Truth
 from imapper_prob.models.scenelet import Library, Scenelet
-from imapper_prob.models.simulate import FEWEST_IN_IMAGE, SCALE_SPREAD, SHORTEST_STAY, draw_camera
-from imapper_prob.models.simulate_motion import Gait, Stay, walk_between
-from imapper_prob.models.simulate_room import (
+from imapper_prob.models.skeleton import DETECTED, PELV, facing
+from imapper_prob.scenelets.library import built_in_library
+from imapper_prob.simulate.clips import (
+    FEWEST_IN_IMAGE,
+    SCALE_SPREAD,
+    SHORTEST_STAY,
+    draw_camera,
+    simulate_track,
+)
+from imapper_prob.simulate.scene import (
     FEWEST_SEEN,
+    Gait,
+    Stay,
     draw_entry,
     draw_stay,
     find_route,
     hidden_joints,
     in_image,
+    walk_between,
 )
-from imapper_prob.models.simulate_track import simulate_track
-from imapper_prob.models.skeleton import DETECTED, PELV
-from imapper_prob.scenelets.library import built_in_library
 from lab.seats import NEAR, SITTABLE, gap
 from lab.unseen.families import only_family, without_family
 
@@ -154,7 +160,7 @@ def simulate_performance(family: str, index: int, *, seed: int = 0) -> Performan
 
     The camera is turned and raised, and the body as large, as the model has them; where the person
     is and which side is seen is uniform among places from which enough is seen. Detections and
-    lifted poses are drawn by :func:`~imapper_prob.models.simulate_track.simulate_track`.
+    lifted poses are drawn by :func:`~imapper_prob.simulate.clips.simulate_track`.
 
     Raises
     ------

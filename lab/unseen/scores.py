@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 import imapper_prob
 from imapper_prob.config import Config, SampleSettings
-from imapper_prob.models.posterior import (
+from imapper_prob.layouts import merged_objects
+from imapper_prob.models.log_posterior import (
     State,
     camera_at,
     empty_state,
@@ -22,11 +23,10 @@ from imapper_prob.models.posterior import (
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.scene import SceneObject
 from imapper_prob.models.skeleton import PELV
-from imapper_prob.sampling.layouts import merged_objects
-from imapper_prob.staged.candidates import Candidate, assigned, refine
-from imapper_prob.staged.polish import polish
-from imapper_prob.staged.sequences import best_sequences
-from imapper_prob.staged.solver import Solution
+from imapper_prob.solver.candidates import Candidate, assigned, refine
+from imapper_prob.solver.combinations import polish
+from imapper_prob.solver.sequences import best_sequences
+from imapper_prob.solver.solver import Solution
 from lab.seats import NEAR, SITTABLE, gap
 from lab.unseen.clips import CARRIED, Performance, searched_library, simulate_performance
 

@@ -1,14 +1,4 @@
-"""The log-likelihood of a frame, its sixteen joints side by side, compiled.
-
-What is computed is equation (11) of ``docs/model.md``, in two steps. The chances of a frame,
-how likely its detections are if a joint is hidden and if it is seen, follow from the pose and
-the camera; weighing them needs how visible the joints are. Furniture that moves changes but
-the second.
-
-Exponentials and logarithms are written out (Cody and Waite 1980: reduce, then a polynomial),
-for a call of the library's would keep the compiler from working on many joints in one
-instruction; they are as exact as their precision.
-"""
+"""The log-likelihood of a frame: its joints projected, and weighed as seen or hidden."""
 
 from __future__ import annotations
 
@@ -18,14 +8,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.models.jit import inner, inner_inlined
-from imapper_prob.models.kernels.sight import Singles
-from imapper_prob.models.limits import NEAREST
+from imapper_prob.models.kernels.visibility import Singles
 from imapper_prob.models.problem import Problem
+from imapper_prob.models.settings import NEAREST
 from imapper_prob.models.skeleton import MIRROR
 
 __all__ = [
-    "CHANCES", "DESK", "FACTS", "Lens", "find_seen", "lens_of", "set_chances", "set_detections",
-    "set_own_chances", "take_logs", "weigh",
+    "CHANCES",
+    "DESK",
+    "FACTS",
+    "Lens",
+    "lens_of",
+    "mix_likelihoods",
+    "set_detections",
+    "set_own_likelihoods",
+    "set_visibility_likelihoods",
+    "take_logs",
+    "visibility_probabilities",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
@@ -170,7 +169,7 @@ def _raise(bench: Singles) -> None:
 
 
 @inner_inlined
-def set_chances(
+def set_visibility_likelihoods(
     lens: Lens,
     body: float,
     joints: Array,
@@ -211,7 +210,7 @@ def set_chances(
 
 
 @inner_inlined
-def set_own_chances(problem: Problem, t: int, desk: Array, chances: Array, to: int) -> None:
+def set_own_likelihoods(problem: Problem, t: int, desk: Array, chances: Array, to: int) -> None:
     """Chances of frame t in its own pose, which no camera changes, into ``chances[to]`` (64,)."""
     static, used = problem.static_density, problem.used
     for j in range(16):
@@ -227,8 +226,8 @@ def set_own_chances(problem: Problem, t: int, desk: Array, chances: Array, to: i
 
 
 @inner
-def find_seen(seen: Singles, n: int, width: float, surprise: float) -> None:
-    """Probability of being seen: :func:`imapper_prob.models.energy.occlusion.p_seen`.
+def visibility_probabilities(seen: Singles, n: int, width: float, surprise: float) -> None:
+    """Probability of being seen: :func:`imapper_prob.models.kernels.visibility.p_seen`.
 
     Parameters
     ----------
@@ -252,7 +251,9 @@ def find_seen(seen: Singles, n: int, width: float, surprise: float) -> None:
 
 
 @inner_inlined
-def weigh(chances: Array, row: int, seen: Singles, at: int, desk: Array, logs: Array) -> None:
+def mix_likelihoods(
+    chances: Array, row: int, seen: Singles, at: int, desk: Array, logs: Array
+) -> None:
     """p(u, c | q, m) of a frame: as it is, and with sides swapped.
 
     Parameters

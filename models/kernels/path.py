@@ -1,33 +1,24 @@
-"""The pelvis path as a Gaussian chain, collapsed and drawn, from scenelet to scenelet, compiled.
-
-The static path is an estimate whose error is slow: for seconds it is too near or too far by the
-same share. In units of its stated deviation, e_t = (g_t - centre_t) / scale_t, that error is the
-stationary chain of second order of :mod:`imapper_prob.models.path_error`, in which frames under a
-scenelet have a fixed value and the others are free. Steps inside a scenelet are left out, for its
-motion is not random: its first frame is one more step, and the chain goes on from its last two.
-Where the film of somebody begins, nothing is known.
-
-What comes out is the log of the chain with all free frames integrated out, and a path drawn from
-what was integrated, as a function of standard normal numbers: holding those while the scenelets
-move keeps the path where it can stay.
-"""
+"""The pelvis path, collapsed and drawn, and jumps of the pose (docs/model.md 6 to 8, 14)."""
 
 from __future__ import annotations
 
 import math
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import digamma
 
+from imapper_prob.models.calibrated import calibrated
 from imapper_prob.models.jit import inlined, inner_inlined
-from imapper_prob.models.kernels.memory import ADDED, Memory
+from imapper_prob.models.kernels.cache import ADDED, Cache
 from imapper_prob.models.problem import Problem
+from imapper_prob.models.skeleton import N_JOINTS, PELV
 
-__all__ = ["draw_segment", "find_path"]
+__all__ = ["DOF", "USUAL_JUMP", "draw_segment", "find_path", "pose_jump"]
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
-
 _LOG_2PI = math.log(2 * math.pi)
 _STILL = 1e-9
 """A pelvis whose bearing and log depth changed by less than this since its frame was last
@@ -123,7 +114,7 @@ def draw_segment(
 @inner_inlined
 def find_path(
     problem: Problem,
-    memory: Memory,
+    memory: Cache,
     n: int,
     n_old: int,
     camera: Array,
@@ -180,3 +171,50 @@ def find_path(
                     moved[t] = 1
                     rows[t] = 2 * t + n_frames - rows[t]
     return evidence
+
+
+# ------------------------------------------------------------------------------------------------
+# A motion does not jump: the paper's L_s for every joint, compiled.
+#
+# The pelvis walks from frame to frame (:mod:`imapper_prob.models.kernels.path`). The other joints
+# are held where motions of different origin meet, a frame's own pose and a scenelet or two
+# scenelets: between frames of one scenelet, or of one track, how they move is given.
+
+DOF: Final = calibrated("joints.jump_dof")
+"""Degrees of freedom of a joint's step, from a frame's own pose to a scenelet and back."""
+USUAL_JUMP: Final = float(
+    (N_JOINTS - 1) * (DOF + 3) / 2 * (digamma((DOF + 3) / 2) - digamma(DOF / 2))
+)
+"""Nats that all joints but the pelvis cost on average when their steps are as they should be,
+so that a scenelet that joins the motion as true ones do neither gains nor loses by that."""
+
+
+@inlined
+def pose_jump(joints: NDArray[np.float64], one: int, other: int, scale: float) -> float:
+    """What the change of pose between two frames costs, nats of independent joints.
+
+    Minus the log of a trivariate Student-t density of every joint's step relative to the
+    pelvis, less what it is on average.
+
+    Parameters
+    ----------
+    joints : (R, 3, 16) float
+        World, metres.
+    one, other : int
+        Rows of the two frames.
+    scale : float
+        Metres an axis, of a body as large as the person's: were it not to grow with the body, a
+        smaller one would seem to move more smoothly.
+    """
+    x = joints[other, 0, PELV] - joints[one, 0, PELV]
+    y = joints[other, 1, PELV] - joints[one, 1, PELV]
+    z = joints[other, 2, PELV] - joints[one, 2, PELV]
+    sharpness = 1.0 / (DOF * scale * scale)
+    product = 1.0
+    for j in range(16):
+        dx = joints[other, 0, j] - joints[one, 0, j] - x
+        dy = joints[other, 1, j] - joints[one, 1, j] - y
+        dz = joints[other, 2, j] - joints[one, 2, j] - z
+        # Far from overflow: a body of ten metres makes each of the sixteen 10^4.
+        product *= 1.0 + (dx * dx + dy * dy + dz * dz) * sharpness
+    return 0.5 * (DOF + 3.0) * math.log(product) - USUAL_JUMP

@@ -11,16 +11,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from imapper_prob.api import demo_clip
 from imapper_prob.cli import main
-from imapper_prob.demo import demo_clip
-from imapper_prob.evaluate.parts import first_part
-from imapper_prob.inputs import write_clip
+from imapper_prob.clips.load import write_clip
+from imapper_prob.evaluate.suite import first_part
 from imapper_prob.models.scene import Clip
 from imapper_prob.models.scenelet import Library
 from imapper_prob.models.skeleton import DETECTED
-from imapper_prob.scenelets.library import load_library
-from imapper_prob.scenelets.library_file import save_library
-from tests.inputs.i3db_folder import I3dbFolder
+from imapper_prob.scenelets.library import load_library, save_library
+from tests.clips.i3db_folder import I3dbFolder
 
 SHORT = (
     "[sample]\nchains = 2\nsteps = 300\ndraws = 30\ntemperatures = 2\n"
@@ -217,7 +216,7 @@ def test_checks_are_in_the_files_and_alarms_are_said_first(
     assert document["alarms"] == [c["sentence"] for c in document["checks"] if c["alarmed"]]
     assert list(document).index("alarms") < list(document).index("scenes")
     told = {**document["checks"][0], "alarmed": True, "sentence": "It [/red] cannot be."}
-    from imapper_prob.results import tree
+    from imapper_prob.uncertainty import tree
 
     attributes = {**tree.read_attributes(run_folder / "posterior.nc"), "checks": json.dumps([told])}
     monkeypatch.setattr(tree, "read_attributes", lambda path: attributes)

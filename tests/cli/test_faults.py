@@ -15,19 +15,17 @@ import numpy as np
 import pytest
 
 import imapper_prob
+from imapper_prob.api import demo_clip
 from imapper_prob.cli import main
-from imapper_prob.cli.console import console, printable
-from imapper_prob.cli.interruption import Stopped, Terminated, last_words, stoppable
+from imapper_prob.cli.console import Stopped, Terminated, console, last_words, printable, stoppable
+from imapper_prob.clips.load import write_clip
 from imapper_prob.config import SampleSettings
-from imapper_prob.demo import demo_clip
-from imapper_prob.evaluate.parts import first_part
-from imapper_prob.inputs import write_clip
+from imapper_prob.evaluate.suite import first_part
 from imapper_prob.models.scene import SceneObject
 from imapper_prob.models.scenelet import Library
 from imapper_prob.sampling import placements
 from imapper_prob.sampling.sample import sample_scenes
-from imapper_prob.scenelets.library import load_library
-from imapper_prob.scenelets.library_file import save_library
+from imapper_prob.scenelets.library import load_library, save_library
 from tests.runs import SHORT, small_posterior, small_solution
 
 TINY = (

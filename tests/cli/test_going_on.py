@@ -11,17 +11,16 @@ import numpy as np
 import pytest
 
 import imapper_prob
+from imapper_prob.api import demo_clip
 from imapper_prob.cli import main
 from imapper_prob.cli.going_on import how_to_go_on, words_of_block
+from imapper_prob.clips.load import write_clip
 from imapper_prob.config import read_config
-from imapper_prob.demo import demo_clip
-from imapper_prob.evaluate.parts import first_part
-from imapper_prob.inputs import write_clip
+from imapper_prob.evaluate.suite import first_part
 from imapper_prob.models.scenelet import Library
 from imapper_prob.samplers.verdict import Measures, Verdict
 from imapper_prob.sampling.blocks import Block
-from imapper_prob.scenelets.library import load_library
-from imapper_prob.scenelets.library_file import save_library
+from imapper_prob.scenelets.library import load_library, save_library
 
 BRIEF = (
     "seed = 4\n[sample]\nsteps = 300\ndraws = 6\nchains = 2\ntemperatures = 2\n"
@@ -100,13 +99,13 @@ def test_what_cannot_be_gone_on_with_is_refused_and_left_alone(
 def test_a_good_run_has_nothing_left_to_do(
     base: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from imapper_prob import output
+    from imapper_prob.results import folders
 
-    earlier = output.earlier_run(base / "out")
+    earlier = folders.earlier_run(base / "out")
     assert earlier is not None
     assert not earlier.good
     good = replace(earlier, good=True, verdict="Converged: so it is.")
-    monkeypatch.setattr(output, "earlier_run", lambda _: good)
+    monkeypatch.setattr(folders, "earlier_run", lambda _: good)
     monkeypatch.setattr(imapper_prob, "sample", None)
     assert main(command(base, base / "out", "--until", "good")) == 0
     said = " ".join(capsys.readouterr().out.split())
@@ -143,7 +142,7 @@ def test_chains_that_are_not_what_was_written_are_refused(
 def test_a_run_of_another_version_is_refused(
     base: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("imapper_prob.output.version", lambda _: "9.9")
+    monkeypatch.setattr("imapper_prob.results.folders.version", lambda _: "9.9")
     assert main(command(base, base / "out", "--minutes", "1")) == 2
     assert "which imapper-prob 9.9 cannot go on with" in capsys.readouterr().err
 

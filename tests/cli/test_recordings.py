@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
-from imapper_prob.cli import main, recordings
-from imapper_prob.results.tree import write_tree
+from imapper_prob.cli import export, main
+from imapper_prob.uncertainty.tree import write_tree
 from tests.recording.reading import read
 from tests.runs import posterior
 
@@ -50,7 +50,7 @@ def test_view_opens_the_recording_and_makes_it_if_need_be(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     opened: list[Path] = []
-    monkeypatch.setattr(recordings, "open_viewer", opened.append)
+    monkeypatch.setattr(export, "open_viewer", opened.append)
     assert main(["view", str(folder)]) == 0
     made = folder / "recording.rrd"
     assert opened == [made]
@@ -62,7 +62,7 @@ def test_view_opens_the_recording_and_makes_it_if_need_be(
 @pytest.fixture
 def recording(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A recording, where there seems to be a screen."""
-    monkeypatch.setattr(recordings.sys, "platform", "linux")
+    monkeypatch.setattr(export.sys, "platform", "linux")
     monkeypatch.setenv("DISPLAY", ":0")
     path = tmp_path / "run.rrd"
     path.write_bytes(b"")
@@ -74,7 +74,7 @@ def test_view_starts_a_viewer_that_listens_to_this_machine_only(
 ) -> None:
     arguments = recording.with_name("arguments")
     program = f"import sys; open({str(arguments)!r}, 'w').write(chr(10).join(sys.argv[1:]))"
-    monkeypatch.setattr(recordings, "_RUN", program)
+    monkeypatch.setattr(export, "_RUN", program)
     assert main(["view", str(recording)]) == 0
     assert arguments.read_text().split("\n") == ["--bind", "127.0.0.1", str(recording)]
 
@@ -82,7 +82,7 @@ def test_view_starts_a_viewer_that_listens_to_this_machine_only(
 def test_a_viewer_that_finds_no_screen_is_spoken_of(
     recording: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(recordings, "_RUN", "import sys; sys.exit(1)")
+    monkeypatch.setattr(export, "_RUN", "import sys; sys.exit(1)")
     assert main(["view", str(recording)]) == 2
     assert "the viewer cannot show it on this screen" in capsys.readouterr().err
     for display in ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET"):

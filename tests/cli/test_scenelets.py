@@ -9,9 +9,8 @@ import pytest
 from PIL import Image
 
 from imapper_prob.cli import main
-from imapper_prob.inputs.capture_file import write_capture
-from imapper_prob.inputs.captures import Capture
 from imapper_prob.models.scenelet import Library
+from imapper_prob.scenelets.captures import Capture, write_capture
 from imapper_prob.scenelets.library import built_in_library, load_library, save_library
 from tests.scenelets.motions import box, standing
 

@@ -12,14 +12,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from imapper_prob.api import demo_clip
 from imapper_prob.cli import main
 from imapper_prob.cli.solve import StageClock
-from imapper_prob.demo import demo_clip
-from imapper_prob.evaluate.parts import first_part
-from imapper_prob.inputs import write_clip
+from imapper_prob.clips.load import write_clip
+from imapper_prob.evaluate.suite import first_part
 from imapper_prob.models.scenelet import Library
-from imapper_prob.scenelets.library import load_library
-from imapper_prob.scenelets.library_file import save_library
+from imapper_prob.scenelets.library import load_library, save_library
 
 FILES = ["candidates.png", "charness.png", "config.toml", "manifest.json", "solution.json",
          "solution.npz", "stages.rrd"]  # fmt: skip

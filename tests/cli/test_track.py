@@ -9,9 +9,9 @@ import pytest
 from PIL import Image
 
 from imapper_prob.cli import main
-from imapper_prob.inputs import read_clip
-from tests.inputs.bodies import write_openpose
-from tests.inputs.test_marks import marks
+from imapper_prob.clips.load import read_clip
+from tests.clips.bodies import write_openpose
+from tests.clips.test_marks import marks
 
 CAMERA = ["--size", "1280x720", "--focal", "1000", "--fps", "10"]
 

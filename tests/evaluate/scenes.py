@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from imapper_prob.evaluate.outline import Outline, box_corners
 from imapper_prob.evaluate.prediction import Prediction
-from imapper_prob.evaluate.truth import TruthInView, used_objects
+from imapper_prob.evaluate.truth import Outline, TruthInView, box_corners, used_objects
 from imapper_prob.models.camera import Camera
 from imapper_prob.models.skeleton import N_JOINTS
 

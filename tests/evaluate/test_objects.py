@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from imapper_prob.evaluate.objects import object_scores, pair_up, yaw_error
-from imapper_prob.evaluate.outline import outline_of
 from imapper_prob.evaluate.score import score, summarise
+from imapper_prob.evaluate.truth import outline_of
 from imapper_prob.models.scene import Cuboid, Placement, SceneObject
 from tests.evaluate.scenes import CAMERA, furniture, piece, prediction, truth, walk
 

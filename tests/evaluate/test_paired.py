@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from imapper_prob.evaluate.objects import ObjectScore, pair_up
-from imapper_prob.evaluate.paired import paired_difference
-from imapper_prob.evaluate.score import Score
+from imapper_prob.evaluate.score import Score, paired_difference
 from tests.evaluate.scenes import piece
 
 TRUE = (piece("chair", 0.0, 4.0), piece("shelf", 3.0, 4.0))

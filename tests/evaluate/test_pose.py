@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from imapper_prob.evaluate.pose import pose_scores
 from imapper_prob.evaluate.prediction import between_frames
+from imapper_prob.evaluate.score import pose_scores
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.skeleton import NECK, PELV, SCORED
 from tests.evaluate.scenes import CAMERA, N_FRAMES, prediction, truth, walk

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from imapper_prob.evaluate.prediction_file import FORMAT, read_prediction, write_prediction
+from imapper_prob.evaluate.prediction import PREDICTION_FORMAT, read_prediction, write_prediction
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.scene import Clip, Track
 from imapper_prob.models.skeleton import N_JOINTS
@@ -25,7 +25,7 @@ def clip() -> Clip:
 
 def document() -> dict[str, Any]:
     return {
-        "format": FORMAT,
+        "format": PREDICTION_FORMAT,
         "version": 1,
         "method": "monocular depth",
         "clip": "made up",

@@ -9,10 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from imapper_prob.evaluate.claims import Claim
-from imapper_prob.evaluate.draws import Draws
-from imapper_prob.evaluate.outline import Outline
-from imapper_prob.evaluate.proper import (
+from imapper_prob.evaluate.probability import (
+    Claim,
+    Draws,
     brier,
     count_scores,
     energy_score,
@@ -20,6 +19,7 @@ from imapper_prob.evaluate.proper import (
     presence_scores,
     scene_distance,
 )
+from imapper_prob.evaluate.truth import Outline
 from tests.evaluate.scenes import CAMERA, piece, truth, walk
 
 places = st.lists(

@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from imapper_prob.clips.i3db import read_i3db
 from imapper_prob.evaluate.i3db import read_authors, read_truth_in_view
 from imapper_prob.evaluate.prediction import Prediction
 from imapper_prob.evaluate.score import Summary, score, summarise
-from imapper_prob.inputs.i3db import read_i3db
 from tests.conftest import CORPUS, SCENES
 
 pytestmark = pytest.mark.corpus

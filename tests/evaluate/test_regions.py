@@ -11,22 +11,19 @@ from typing import Any
 import numpy as np
 import pytest
 
-from imapper_prob.evaluate.pose import SUBSETS
 from imapper_prob.evaluate.published import (
     OBJECTS,
     POSES,
     OnClip,
-    published_object_rows,
-    published_pose_rows,
-)
-from imapper_prob.evaluate.regions import (
     count_detected,
     depth_errors,
+    published_object_rows,
+    published_pose_rows,
     read_depths,
     read_regions,
     region_of,
 )
-from imapper_prob.evaluate.score import score
+from imapper_prob.evaluate.score import SUBSETS, score
 from imapper_prob.evaluate.truth import TruthInView
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.scene import Clip, Track

@@ -11,21 +11,24 @@ import numpy as np
 import pytest
 
 from imapper_prob.cli import main
-from imapper_prob.evaluate.claims import claims_of
-from imapper_prob.evaluate.draws import draws_of
-from imapper_prob.evaluate.posterior_score import (
+from imapper_prob.evaluate.prediction import (
+    SOLVER,
+    prediction_of_state,
+    read_solution_folder,
+    write_prediction,
+)
+from imapper_prob.evaluate.probability import (
     LIKELY,
     MOST_PROBABLE,
+    claims_of,
+    draws_of,
     posterior_predictions,
     score_posterior,
 )
-from imapper_prob.evaluate.prediction import prediction_of_state
-from imapper_prob.evaluate.prediction_file import write_prediction
-from imapper_prob.evaluate.scenes import known_clip
-from imapper_prob.evaluate.solution_folder import SOLVER, read_solution_folder
+from imapper_prob.evaluate.score import known_clip
 from imapper_prob.models.errors import InputError
-from imapper_prob.results.solution_file import write_solution
-from imapper_prob.results.solved import solved
+from imapper_prob.results.solution import write_solution
+from imapper_prob.solver.actors import solved
 from tests.runs import posterior
 from tests.runs import solution as solve_one
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.stats import kstest
 
-from imapper_prob.evaluate.claims import Claim
-from imapper_prob.evaluate.draws import Draws
-from imapper_prob.evaluate.spread import (
+from imapper_prob.evaluate.probability import (
+    Claim,
+    Draws,
     coverage,
     distance_ranks,
     elliptic_rank,

@@ -12,21 +12,21 @@ import numpy as np
 import pytest
 
 from imapper_prob.cli import main
+from imapper_prob.clips.load import load_clip, write_clip
 from imapper_prob.config import Config, SampleSettings
 from imapper_prob.evaluate.i3db import read_authors
-from imapper_prob.evaluate.parts import first_part, truth_of_part
-from imapper_prob.evaluate.prediction_file import write_prediction
-from imapper_prob.evaluate.scenes import scenes_with_truth
-from imapper_prob.evaluate.solution_folder import SOLVER
+from imapper_prob.evaluate.prediction import SOLVER, write_prediction
+from imapper_prob.evaluate.score import scenes_with_truth
 from imapper_prob.evaluate.suite import (
+    first_part,
     library_of,
     prepare_suite,
     sample_all,
     sampled,
     solve_all,
     tasks_of,
+    truth_of_part,
 )
-from imapper_prob.inputs import load_clip, write_clip
 from imapper_prob.models.errors import InputError
 from imapper_prob.results.posterior import Posterior
 from tests.conftest import CORPUS

@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from imapper_prob.clips.load import load_clip
 from imapper_prob.evaluate.i3db import read_authors
-from imapper_prob.evaluate.prediction_file import write_prediction
+from imapper_prob.evaluate.prediction import write_prediction
 from imapper_prob.files import written_whole
-from imapper_prob.inputs import load_clip
 from tests.conftest import CORPUS, ROOT
 
 LAB = ROOT / "lab"

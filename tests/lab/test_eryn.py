@@ -10,7 +10,7 @@ import pytest
 from scipy.integrate import quad
 from scipy.stats import norm
 
-from imapper_prob.models.posterior import State, empty_state, log_posterior, terms
+from imapper_prob.models.log_posterior import State, empty_state, log_posterior, terms
 from lab.eryn import gaussian
 from lab.eryn.leaves import (
     ANYWHERE,

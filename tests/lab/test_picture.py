@@ -11,7 +11,7 @@ from PIL import Image
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.scene import Scene
 from imapper_prob.recording.log import write_recording
-from imapper_prob.results.scenes import WeightedScene
+from imapper_prob.uncertainty.scenes import WeightedScene
 from lab.picture import PictureUnavailable, main, render_recording
 from tests.recording.room import make_certainty, make_chains, make_room, make_traces
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from imapper_prob.models.posterior import empty_state, terms
+from imapper_prob.models.log_posterior import empty_state, terms
 from imapper_prob.models.problem import Problem
 from lab.preference import around
 from tests.models import worlds

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 from scipy.stats import chisquare, kstest, norm
 
-from imapper_prob.models.energy.swaps import draw_swaps
 from imapper_prob.models.errors import InputError
-from imapper_prob.models.path_error import path_tables
-from imapper_prob.models.posterior import State, log_posterior, motion, terms
+from imapper_prob.models.kernels.detection import draw_flips
+from imapper_prob.models.log_posterior import State, log_posterior, motion, terms
+from imapper_prob.models.path_prior import path_tables
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.settings import ModelSettings
 from imapper_prob.models.skeleton import PELV
@@ -333,12 +333,12 @@ def test_data_are_as_probable_under_the_truth_as_on_average_with_other_eyes() ->
 
 
 def test_swaps_last_as_long_as_they_should() -> None:
-    swapped = draw_swaps(np.random.default_rng(0), 200_000, begins=0.02, ends=0.1)
+    swapped = draw_flips(np.random.default_rng(0), 200_000, begins=0.02, ends=0.1)
     begins = swapped[1:] & ~swapped[:-1]
     ends = ~swapped[1:] & swapped[:-1]
     assert begins.sum() / (~swapped[:-1]).sum() == pytest.approx(0.02, rel=5 / np.sqrt(3300))
     assert ends.sum() / swapped[:-1].sum() == pytest.approx(0.1, rel=5 / np.sqrt(3300))
-    first = [draw_swaps(np.random.default_rng(k), 1, begins=0.2, ends=0.2)[0] for k in range(400)]
+    first = [draw_flips(np.random.default_rng(k), 1, begins=0.2, ends=0.2)[0] for k in range(400)]
     assert np.mean(first) == pytest.approx(0.5, abs=5 * 0.5 / 20)
 
 

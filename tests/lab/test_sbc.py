@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from imapper_prob.models.energy.detections import DetectionModel
-from imapper_prob.models.posterior import empty_state
+from imapper_prob.models.detector import DetectionModel
+from imapper_prob.models.log_posterior import empty_state
 from imapper_prob.sampling.proposals import Proposals
 from imapper_prob.scenelets.library import built_in_library
 from lab.prior import Experiment, draw_state

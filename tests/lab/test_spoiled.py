@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from imapper_prob.evaluate.pose import SUBSETS
+from imapper_prob.evaluate.score import SUBSETS
 from imapper_prob.models.camera import Camera
 from imapper_prob.models.scene import Clip, Track
 from imapper_prob.models.skeleton import N_JOINTS

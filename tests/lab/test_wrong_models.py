@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from imapper_prob.models.errors import InputError
-from imapper_prob.models.simulate import NOMINAL_CAMERA
 from imapper_prob.models.skeleton import DETECTED
+from imapper_prob.simulate.clips import NOMINAL_CAMERA
 from lab.coverage import MODELS, simulated
 
 

@@ -8,11 +8,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from imapper_prob.inputs.i3db import read_i3db, read_i3db_truth
-from imapper_prob.lifting import lift_clip
-from imapper_prob.lifting.lift import lift_keypoints
-from imapper_prob.lifting.poses import distinct_poses
-from imapper_prob.lifting.views import views_of
+from imapper_prob.clips.i3db import read_i3db, read_i3db_truth
+from imapper_prob.lifting import distinct_poses, lift_clip, lift_keypoints, views_of
 from imapper_prob.models.camera import Camera
 from imapper_prob.models.scene import Clip, Track
 from imapper_prob.models.scenelet import Library

@@ -1,7 +1,7 @@
 """The published energy written down once more: plain numpy, as slow and as obvious as can be.
 
 Distances are searched on grids, integrals summed over points of the floor, objects asked one by
-one: nothing here is how :mod:`imapper_prob.models.compiled_paper` computes it.
+one: nothing here is how :mod:`imapper_prob.models.published_energy` computes it.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from itertools import combinations
 import numpy as np
 
 from imapper_prob.models.camera import Camera
-from imapper_prob.models.posterior import State, motion
+from imapper_prob.models.log_posterior import State, motion
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.scenelet import Library
 from imapper_prob.models.skeleton import DETECTED, LKNE, PELV, RKNE

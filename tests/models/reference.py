@@ -13,14 +13,13 @@ import numpy as np
 from scipy.special import digamma, expit
 from scipy.stats import multivariate_normal, norm
 
-from imapper_prob.models.energy.intersection import DISPLACED, PROBABILITIES
-from imapper_prob.models.energy.smoothness import DOF
 from imapper_prob.models.geometry import NOTHING_IN_SIGHT, OPAQUE
-from imapper_prob.models.limits import LEVEL, LOWEST_CAMERA, NEAREST, STEEPEST_CAMERA
-from imapper_prob.models.posterior import State
-from imapper_prob.models.problem import Problem
+from imapper_prob.models.kernels.intersection import DISPLACED, PROBABILITIES
+from imapper_prob.models.kernels.path import DOF
+from imapper_prob.models.log_posterior import State
+from imapper_prob.models.problem import TERMS, Problem
+from imapper_prob.models.settings import LEVEL, LOWEST_CAMERA, NEAREST, STEEPEST_CAMERA
 from imapper_prob.models.skeleton import HEAD, LANK, LHIP, LKNE, MIRROR, PELV, RANK, RHIP, RKNE
-from imapper_prob.models.terms import TERMS
 
 Array = np.ndarray
 Box = namedtuple("Box", ("centre", "half", "yaw", "item", "label", "facing"))

@@ -6,9 +6,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 
-from imapper_prob.demo import demo_clip
-from imapper_prob.models.brief import brief
-from imapper_prob.models.path import CameraPrior
+from imapper_prob.api import demo_clip
+from imapper_prob.models.path_prior import CameraPrior
+from imapper_prob.models.text import brief
 from imapper_prob.scenelets.library import load_library
 
 

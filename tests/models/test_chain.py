@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.stats import multivariate_normal, norm
 
 from imapper_prob.models.kernels.path import draw_segment
-from imapper_prob.models.path_error import path_tables, remembered
+from imapper_prob.models.path_prior import path_tables, remembered
 from lab.calibrate.estimators import autocorrelation
 
 RATES = [(0.85, 0.0), (0.85, 0.85), (0.9, 0.4), (0.998, 0.0)]

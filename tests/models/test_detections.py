@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from imapper_prob.models.energy.detections import DetectionModel, student_t
+from imapper_prob.models.detector import DetectionModel, student_t
 
 
 def test_confidence_densities_integrate_to_one() -> None:

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from imapper_prob.models.expansion import REACH, STEPS, expand, judge
-from imapper_prob.models.posterior import State, empty_state, terms
+from imapper_prob.models.log_posterior import State, empty_state, terms
 from imapper_prob.models.problem import Problem
+from imapper_prob.models.single_scenelet import REACH, STEPS, expand, judge
 from tests.models import worlds
 
 PROBLEM = worlds.problem(30, scenelets=worlds.mixed_library())._replace(

@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from imapper_prob.models.kernels.facing import expected_facing, log_yaw_density
-from imapper_prob.models.path import StaticPath
-from imapper_prob.models.pose import turned
+from imapper_prob.models.kernels.placement import expected_facing, log_yaw_density
+from imapper_prob.models.path_prior import StaticPath
 from imapper_prob.models.problem import Problem, pack_problem
 from imapper_prob.models.settings import ModelSettings
+from imapper_prob.models.skeleton import turned
 from tests.models import worlds
 
 TURN = 0.7

@@ -9,26 +9,26 @@ from hypothesis import strategies as st
 from scipy.stats import norm
 from shapely import Point, Polygon
 
-from imapper_prob.models.energy.intersection import (
-    N_DISPLACED,
-    column_depth,
-    displaced_cost,
-    footprint_depth,
-    give_way,
-)
-from imapper_prob.models.energy.occlusion import p_seen
 from imapper_prob.models.geometry import NOTHING_IN_SIGHT, OPAQUE, pack_boxes, sight_clearance
-from imapper_prob.models.kernels.sight import (
+from imapper_prob.models.kernels.intersection import (
+    N_DISPLACED,
+    add_displaced_depth,
+    column_depth,
+    footprint_depth,
+    marginal_penetration_cost,
+)
+from imapper_prob.models.kernels.visibility import (
     BENCH,
     GAP,
     LINE,
     OUTLOOK,
     VIEW,
-    aim,
-    clear,
-    look,
-    open_view,
-    set_outlook,
+    open_bounds,
+    ray_bounds,
+    ray_endpoints,
+    set_occluder,
+    update_clearance,
+    visibility_probability,
 )
 from tests.models.worlds import couch
 
@@ -50,13 +50,13 @@ def compiled_clearance(elevation: float, joints: np.ndarray, boxes: np.ndarray) 
     """Clearance of the lines of sight to sixteen joints, by the kernel of the chains."""
     outlooks, turns = np.empty((len(boxes), OUTLOOK), np.float32), turns_of(boxes)
     for box, turn, outlook in zip(boxes, turns, outlooks, strict=True):
-        set_outlook(elevation, box, turn, outlook)
+        set_occluder(elevation, box, turn, outlook)
     bench, lines = np.empty(BENCH, np.float32), np.empty((1, LINE), np.float32)
     views = np.empty((1, VIEW), np.float32)
-    aim(elevation, np.ascontiguousarray(joints.T)[None], lines, 0)
-    look(lines, 0, bench, views)
-    open_view(bench)
-    clear(outlooks, 0, len(boxes), lines, views, 0, bench)
+    ray_endpoints(elevation, np.ascontiguousarray(joints.T)[None], lines, 0)
+    ray_bounds(lines, 0, bench, views)
+    open_bounds(bench)
+    update_clearance(outlooks, 0, len(boxes), lines, views, 0, bench)
     return bench[GAP : GAP + 16]
 
 
@@ -105,7 +105,7 @@ def test_a_thin_board_hides_what_is_behind_it() -> None:
     board = np.array([[0.0, 2.0, 1.0, 0.6, 0.01, 0.4, 0.0]])
     through = sight_clearance([0, 0, 1.5], [[0.0, 4.0, 0.5]], board)[0]
     assert through == pytest.approx(-OPAQUE)
-    assert p_seen(through, 0.04, 0.02) < 0.1
+    assert visibility_probability(through, 0.04, 0.02) < 0.1
 
 
 def test_without_furniture_clearance_is_capped() -> None:
@@ -116,7 +116,7 @@ def test_without_furniture_clearance_is_capped() -> None:
 
 
 def test_p_seen_is_a_step_that_never_reaches_0_or_1() -> None:
-    values = [p_seen(v, 0.04, 0.02) for v in (-10.0, -0.04, 0.0, 0.04, 10.0)]
+    values = [visibility_probability(v, 0.04, 0.02) for v in (-10.0, -0.04, 0.0, 0.04, 10.0)]
     assert values == sorted(values)
     assert values[0] == pytest.approx(0.02)
     assert values[2] == pytest.approx(0.5)
@@ -182,8 +182,8 @@ def test_who_sits_too_low_is_as_deep_in_any_seat(width: float, sunk: float) -> N
 def cost_of_crossing(depths: list[float], *, spread: float, unit: float) -> float:
     sums = np.zeros(N_DISPLACED)
     for depth in depths:
-        give_way(depth, spread, sums)
-    return displaced_cost(sums, unit)
+        add_displaced_depth(depth, spread, sums)
+    return marginal_penetration_cost(sums, unit)
 
 
 @settings(max_examples=60, deadline=None)

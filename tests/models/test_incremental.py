@@ -13,14 +13,19 @@ from hypothesis import strategies as st
 from numba.core.runtime import rtsys
 from numba.core.runtime._nrt_python import memsys_disable_stats, memsys_enable_stats
 
-from imapper_prob.demo import demo_clip
-from imapper_prob.models.incremental import Incremental, log_posterior_near
-from imapper_prob.models.posterior import State, empty_state, log_posterior
+from imapper_prob.api import demo_clip
+from imapper_prob.models.log_posterior import (
+    Incremental,
+    State,
+    empty_state,
+    log_posterior,
+    log_posterior_near,
+)
 from imapper_prob.models.problem import Problem, pack_problem
 from imapper_prob.models.settings import ModelSettings
 from imapper_prob.scenelets.library import load_library
-from imapper_prob.staged.calibration import estimate_camera
-from imapper_prob.staged.static_path import estimate_static_path
+from imapper_prob.solver.camera_prior import estimate_camera
+from imapper_prob.solver.static_path import estimate_static_path
 from tests.models import worlds
 
 Move = Callable[[np.random.Generator, Problem, State], State]

@@ -44,11 +44,11 @@ def changed(folder: Path, name: str, pattern: str, replacement: str) -> str:
 @pytest.mark.parametrize(
     ("name", "pattern", "replacement"),
     [
-        pytest.param("kernels/sight.py", r"^def ", "# Note\ndef ", id="comment"),
-        pytest.param("kernels/sight.py", r'^"""', '"""Note: ', id="docstring"),
-        pytest.param("energy/smoothness.py", r'^    """', '    """Note: ', id="of a function"),
-        pytest.param("limits.py", r'^"""Metres;', '"""In metres;', id="of a constant"),
-        pytest.param("simulate.py", r"\Z", "\nLAST = 1\n", id="simulator"),
+        pytest.param("kernels/visibility.py", r"^def ", "# Note\ndef ", id="comment"),
+        pytest.param("kernels/visibility.py", r'^"""', '"""Note: ', id="docstring"),
+        pytest.param("kernels/path.py", r'^    """', '    """Note: ', id="of a function"),
+        pytest.param("settings.py", r'^"""Metres;', '"""In metres;', id="of a constant"),
+        pytest.param("scene.py", r"\Z", "\nLAST = 1\n", id="scenes"),
         pytest.param("problem.py", r"\Z", "\nLAST = 1\n", id="what no kernel names"),
         pytest.param("settings.py", r"\Z", "\nLAST = 1\n", id="settings"),
         pytest.param("calibrated.toml", r"^error = ", "error = 1", id="error of a constant"),
@@ -63,15 +63,15 @@ def test_what_is_no_part_of_a_kernel_leaves_it(
 @pytest.mark.parametrize(
     ("name", "pattern", "replacement"),
     [
-        pytest.param("kernels/sight.py", r"\Z", "\nLAST = 1\n", id="module of kernels"),
-        pytest.param("limits.py", r"^NEAREST: Final = ", "NEAREST: Final = 1 + ", id="constant"),
+        pytest.param("kernels/visibility.py", r"\Z", "\nLAST = 1\n", id="module of kernels"),
+        pytest.param("settings.py", r"^NEAREST: Final = ", "NEAREST: Final = 1 + ", id="constant"),
         pytest.param("skeleton.py", r'"RANK", "RKNE"', '"RKNE", "RANK"', id="what it is made of"),
         pytest.param("calibrated.py", r"^    value = constants", "    v = 1\n    value = constants",
                      id="function that reads constants"),
         pytest.param("calibrated.toml", r"^value = ", "value = 1", id="calibrated constant"),
         pytest.param("problem.py", r"^    fx: float\n    fy: float",
                      "    fy: float\n    fx: float", id="order of what kernels are handed"),
-        pytest.param("limits.py", r"\Z", "\nglobals().update(LEVEL=1.0)\n", id="in passing"),
+        pytest.param("settings.py", r"\Z", "\nglobals().update(LEVEL=1.0)\n", id="in passing"),
         pytest.param("jit.py", r'{"nsz"}', '{"contract", "nsz"}', id="liberties of the compiler"),
     ],
 )  # fmt: skip
@@ -82,10 +82,12 @@ def test_what_kernels_are_made_of_makes_others(
 
 
 def test_what_only_a_type_checker_reads_is_no_part(models: Path) -> None:
-    changed(models, "kernels/sight.py", r"^import ", "from typing import TYPE_CHECKING\nimport ")
+    changed(
+        models, "kernels/visibility.py", r"^import ", "from typing import TYPE_CHECKING\nimport "
+    )
     before = digest(models)
     later = "if TYPE_CHECKING:\n    from imapper_prob.models.scene import Clip\n\nimport "
-    assert changed(models, "kernels/sight.py", r"^import ", later) == before
+    assert changed(models, "kernels/visibility.py", r"^import ", later) == before
 
 
 @pytest.mark.parametrize(
@@ -95,11 +97,11 @@ def test_what_only_a_type_checker_reads_is_no_part(models: Path) -> None:
         ("import imapper_prob.models.scene as other", "scene.py"),
         ("from imapper_prob.models.scene import *", "scene.py"),
         ("from imapper_prob.models.scene import Clip as Other", "scene.py"),
-        ("from imapper_prob.models.energy import paper", "energy/paper.py"),
+        ("from imapper_prob.models import detector", "detector.py"),
     ],
 )
 def test_all_ways_to_import_count(models: Path, line: str, name: str) -> None:
-    before = changed(models, "kernels/sight.py", r"^import ", f"{line}\nimport ")
+    before = changed(models, "kernels/visibility.py", r"^import ", f"{line}\nimport ")
     later = changed(models, name, r"^class (\w+)(.*):$", r"class \1\2:\n    x = 1")
     assert before != later
 
@@ -117,7 +119,7 @@ def test_caches_that_nobody_opened_for_a_day_are_removed(tmp_path: Path) -> None
 
 
 def test_kernels_in_use_are_kept_under_their_digest() -> None:
-    import imapper_prob.models.compiled as kernels
+    import imapper_prob.models.kernels.incremental as kernels
 
     folder = Path(kernels.evaluate.stats.cache_path)
     assert f"kernels-{present()}" in folder.parts
@@ -125,7 +127,7 @@ def test_kernels_in_use_are_kept_under_their_digest() -> None:
 
 def test_a_kernel_for_kernels_alone_says_so() -> None:
     """There is no code in it that takes Python's objects: to run it would end the process."""
-    from imapper_prob.models.kernels.body import set_footprint
+    from imapper_prob.models.kernels.intersection import set_footprint
 
     with pytest.raises(TypeError, match="set_footprint is for other kernels"):
         set_footprint(np.zeros(8), np.zeros(4), np.zeros(8))

@@ -9,14 +9,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 
-from imapper_prob.models.energy.paper import PaperWeights
-from imapper_prob.models.energy.paper_intersection import depth_of_motion, overlaps, signed_distance
-from imapper_prob.models.energy.paper_occlusion import FARTHEST, hidden_distance, occlusion_cost
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.geometry import sight_clearance
-from imapper_prob.models.incremental import Incremental
-from imapper_prob.models.paper_energy import PaperEnergy, paper_energy
-from imapper_prob.models.posterior import (
+from imapper_prob.models.log_posterior import (
+    Incremental,
     State,
     empty_state,
     log_posterior,
@@ -25,9 +21,18 @@ from imapper_prob.models.posterior import (
     terms,
 )
 from imapper_prob.models.problem import Problem
+from imapper_prob.models.published_energy import (
+    FARTHEST,
+    depth_of_motion,
+    hidden_distance,
+    occlusion_cost,
+    overlaps,
+    signed_distance,
+)
+from imapper_prob.models.published_terms import PaperEnergy, paper_energy
 from imapper_prob.models.scene import SceneObject
 from imapper_prob.models.scenelet import Library, Scenelet
-from imapper_prob.models.settings import ModelSettings
+from imapper_prob.models.settings import ModelSettings, PaperWeights
 from imapper_prob.models.skeleton import DETECTED, LANK, LKNE, LWRI, NECK, PELV, RANK, RKNE
 from tests.models import paper_reference, worlds
 

@@ -9,8 +9,18 @@ from hypothesis import given
 from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 
-from imapper_prob.models.pose import blend_poses, facing, turned
-from imapper_prob.models.skeleton import BONES, LHIP, LSHO, N_JOINTS, PELV, RHIP, RSHO
+from imapper_prob.models.skeleton import (
+    BONES,
+    LHIP,
+    LSHO,
+    N_JOINTS,
+    PELV,
+    RHIP,
+    RSHO,
+    blend_poses,
+    facing,
+    turned,
+)
 
 poses = arrays(float, (N_JOINTS, 3), elements=st.floats(-1, 1))
 

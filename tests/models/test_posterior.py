@@ -10,7 +10,7 @@ from scipy.integrate import dblquad
 from scipy.stats import norm
 
 from imapper_prob.models.errors import InputError
-from imapper_prob.models.posterior import State, empty_state, log_posterior, motion, terms
+from imapper_prob.models.log_posterior import State, empty_state, log_posterior, motion, terms
 from imapper_prob.models.settings import ModelSettings
 from tests.models import worlds
 

@@ -11,9 +11,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from imapper_prob.models.energy.smoothness import pose_jump
 from imapper_prob.models.geometry import NOTHING_IN_SIGHT
-from imapper_prob.models.posterior import State, empty_state, terms
+from imapper_prob.models.kernels.path import pose_jump
+from imapper_prob.models.log_posterior import State, empty_state, terms
 from imapper_prob.models.problem import Problem
 from tests.models import worlds
 

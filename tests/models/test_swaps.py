@@ -10,12 +10,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis.extra.numpy import arrays
 
-from imapper_prob.models.energy.swaps import filtered, swap_probabilities
-from imapper_prob.models.posterior import empty_state, log_posterior, swapped
+from imapper_prob.models.kernels.detection import flip_probabilities, forward_filter
+from imapper_prob.models.log_posterior import empty_state, log_posterior, side_flips
 from imapper_prob.models.problem import pack_problem
 from imapper_prob.models.scene import Clip, Track
-from imapper_prob.models.simulate_track import simulate_track
 from imapper_prob.models.skeleton import MIRROR
+from imapper_prob.simulate.clips import simulate_track
 from tests.models import worlds
 
 RUN = slice(6, 14)
@@ -53,17 +53,17 @@ def test_the_recursion_adds_up_all_sequences(
 ) -> None:
     expected, turned = enumerated(by_frame, starts, weight, begins, ends)
     starts[0] = True
-    shares, _ = filtered(by_frame, starts, weight, begins, ends)
+    shares, _ = forward_filter(by_frame, starts, weight, begins, ends)
     assert shares.sum() == pytest.approx(expected)
-    found = swap_probabilities(by_frame, starts, weight, begins, ends)
+    found = flip_probabilities(by_frame, starts, weight, begins, ends)
     np.testing.assert_allclose(found, turned, atol=1e-9)
 
 
 def test_nothing_seen_says_nothing() -> None:
     starts = np.arange(50) == 0
-    shares, _ = filtered(np.zeros((50, 2)), starts, 0.1, 0.002, 0.1)
+    shares, _ = forward_filter(np.zeros((50, 2)), starts, 0.1, 0.002, 0.1)
     np.testing.assert_allclose(shares, 0.0, atol=1e-12)
-    found = swap_probabilities(np.zeros((50, 2)), starts, 0.1, 0.002, 0.1)
+    found = flip_probabilities(np.zeros((50, 2)), starts, 0.1, 0.002, 0.1)
     np.testing.assert_allclose(found, 0.002 / 0.102)
 
 
@@ -88,7 +88,7 @@ def test_a_run_of_swapped_frames_is_found_and_costs_little() -> None:
         problem = pack_problem(seen, worlds.path_of(joints), worlds.camera_prior(), library)
         state = empty_state(problem).with_item(0, 0, np.array([*joints[10, 6, :2], 0.0]))
         values[name] = log_posterior(problem, state)
-        wrong = swapped(problem, state)
+        wrong = side_flips(problem, state)
         inside = np.zeros(20, bool)
         inside[RUN] = name == "swapped"
         assert wrong[inside].min(initial=1.0) > 0.7

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from imapper_prob.models.camera import Camera
-from imapper_prob.models.energy.detections import DetectionModel
-from imapper_prob.models.path import CameraPrior, StaticPath
+from imapper_prob.models.detector import DetectionModel
+from imapper_prob.models.path_prior import CameraPrior, StaticPath
 from imapper_prob.models.problem import Problem, pack_problem
 from imapper_prob.models.scene import Clip, Cuboid, Placement, SceneObject, Track
 from imapper_prob.models.scenelet import Library, Scenelet

@@ -15,15 +15,14 @@ from imapper_prob.models.scene import (
     Truth,
 )
 from imapper_prob.models.skeleton import DETECTED, PELV
-from imapper_prob.recording.certainty import Certainty
-from imapper_prob.recording.draws import DrawnChain
-from imapper_prob.results.scenes import WeightedScene
-from imapper_prob.results.uncertainty.clusters import object_clusters
-from imapper_prob.results.uncertainty.hidden import hidden_joints
-from imapper_prob.results.uncertainty.joints import joint_summary
-from imapper_prob.results.uncertainty.nuisances import nuisances
-from imapper_prob.results.uncertainty.occupancy import occupancy
-from tests.results.motions import exactly
+from imapper_prob.recording.posterior import Certainty, DrawnChain
+from imapper_prob.uncertainty.clusters import object_clusters
+from imapper_prob.uncertainty.hidden import hidden_joints
+from imapper_prob.uncertainty.motion import joint_summary
+from imapper_prob.uncertainty.occupancy import occupancy
+from imapper_prob.uncertainty.parameters import nuisances
+from imapper_prob.uncertainty.scenes import WeightedScene
+from tests.uncertainty.motions import exactly
 
 # Right ankle … left wrist, in the order of JOINTS: x right, y forward, z up, metres.
 STANDING = np.array([

@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from imapper_prob.colours import category_colour
 from imapper_prob.models.skeleton import PELV
-from imapper_prob.recording.caption import certainty_text, moves_text
-from imapper_prob.recording.certainty import HIDDEN, Certainty, hidden_colours
+from imapper_prob.plotting import category_colour
+from imapper_prob.recording.blueprint import certainty_text, moves_text
 from imapper_prob.recording.log import write_recording
 from imapper_prob.recording.palette import FLOOR, UNCLAIMED
-from imapper_prob.results.scenes import WeightedScene
+from imapper_prob.recording.posterior import HIDDEN, Certainty, hidden_colours
+from imapper_prob.uncertainty.scenes import WeightedScene
 from tests.recording.reading import Columns, read
 from tests.recording.room import make_certainty, make_chains, make_room
 

@@ -6,8 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from imapper_prob.recording.digest import digest
-from imapper_prob.recording.glyphs import drawable
+from imapper_prob.recording.palette import digest, drawable
 from tests.recording.room import make_room
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from imapper_prob.models.geometry import pack_boxes
-from imapper_prob.models.posterior import motion
+from imapper_prob.models.log_posterior import motion
 from imapper_prob.models.skeleton import PELV
 from tests.recording.reading import Columns, read
 from tests.runs import posterior
@@ -52,7 +52,7 @@ def test_scenes_and_traces_are_the_posterior_s(columns: Columns) -> None:
 
 
 def test_many_draws_are_thinned_evenly(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    from imapper_prob.recording import draws as module
+    from imapper_prob.recording import posterior as module
 
     monkeypatch.setattr(module, "MOST", 12)
     run = posterior()

@@ -18,7 +18,7 @@ from imapper_prob.models.scene import Clip, Scene, Truth
 from imapper_prob.models.skeleton import PELV
 from imapper_prob.recording import log
 from imapper_prob.recording.log import write_recording
-from imapper_prob.results.scenes import WeightedScene
+from imapper_prob.uncertainty.scenes import WeightedScene
 from tests.recording.reading import Columns, read
 from tests.recording.room import make_certainty, make_chains, make_room, make_traces
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from imapper_prob.models.errors import InputError
-from imapper_prob.recording.widget import recording_widget
+from imapper_prob.recording.video import recording_widget
 
 
 def test_the_widget_needs_no_network(tmp_path: Path) -> None:
@@ -19,7 +19,7 @@ def test_the_widget_needs_no_network(tmp_path: Path) -> None:
     recording.write_bytes(b"RRF2")
     # In a process of its own: where the viewer comes from is settled at the first import.
     program = (
-        "import sys; from imapper_prob.recording.widget import recording_widget;"
+        "import sys; from imapper_prob.recording.video import recording_widget;"
         "viewer = recording_widget(sys.argv[1]);"
         "import urllib.request;"
         "assert '://localhost:' in viewer._esm, viewer._esm;"

@@ -13,11 +13,10 @@ import xarray as xr
 from matplotlib import pyplot
 
 import imapper_prob as im
-from imapper_prob.models.path import CAMERA
-from imapper_prob.models.posterior import motion
+from imapper_prob.models.log_posterior import motion
+from imapper_prob.models.path_prior import CAMERA
 from imapper_prob.models.skeleton import PELV
-from imapper_prob.results.provenance import clip_digest, seconds_of
-from imapper_prob.results.tree import read_attributes, write_tree
+from imapper_prob.uncertainty.tree import clip_digest, read_attributes, seconds_of, write_tree
 from tests.runs import posterior
 
 

@@ -14,9 +14,9 @@ from imapper_prob.models.camera import Camera
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.scene import Cuboid, Placement, Scene, SceneObject
 from imapper_prob.models.text import readable
-from imapper_prob.results import export
-from imapper_prob.results.export import read_scenes, write_scenes
-from imapper_prob.results.scenes import Explains, WeightedScene
+from imapper_prob.results import scenes_file
+from imapper_prob.results.scenes_file import read_scenes, write_scenes
+from imapper_prob.uncertainty.scenes import Explains, WeightedScene
 
 LENGTHS = st.floats(-1e3, 1e3)
 SIZES = st.floats(1e-3, 10)
@@ -160,7 +160,7 @@ def test_a_failed_write_leaves_the_old_file_and_nothing_else(
     def full(*_: object) -> None:
         raise OSError("no space left")
 
-    monkeypatch.setattr(export.os, "replace", full)
+    monkeypatch.setattr(scenes_file.os, "replace", full)
     with pytest.raises(OSError, match="no space"):
         write_scenes(path, [])
     assert path.read_bytes() == before

@@ -13,18 +13,23 @@ import trimesh
 from numpy.testing import assert_allclose
 
 from imapper_prob.cli import main
-from imapper_prob.inputs.i3db import read_i3db_truth
+from imapper_prob.clips.i3db import read_i3db_truth
 from imapper_prob.models.camera import Camera
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.geometry import pack_boxes, sight_clearance
 from imapper_prob.models.scene import Cuboid, Placement, SceneObject
 from imapper_prob.models.skeleton import PELV
-from imapper_prob.results.benchmark_axes import intrinsics, to_benchmark, yaw_in_camera
-from imapper_prob.results.export_glb import write_glb
-from imapper_prob.results.export_i3db import write_i3db
-from imapper_prob.results.export_json import evenly_spaced, scene_document
-from tests.results.rooms import CAMERA, FRAME_IDS, clip_of_scene, couch_and_table
+from imapper_prob.results.exports import (
+    evenly_spaced,
+    intrinsics,
+    scene_document,
+    to_benchmark,
+    write_glb,
+    write_i3db,
+    yaw_in_camera,
+)
 from tests.runs import posterior
+from tests.uncertainty.rooms import CAMERA, FRAME_IDS, clip_of_scene, couch_and_table
 
 CORNERS = np.stack(np.meshgrid([-0.5, 0.5], [-0.5, 0.5], [-0.5, 0.5]), -1).reshape(-1, 3)
 

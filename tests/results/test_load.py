@@ -11,11 +11,11 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 import imapper_prob as im
 from imapper_prob.models.errors import InputError
-from imapper_prob.models.posterior import log_posterior, motion
+from imapper_prob.models.log_posterior import log_posterior, motion
 from imapper_prob.models.scene import SceneObject
-from imapper_prob.output import write_run
-from imapper_prob.results.own_scenelets import of_scenelets
+from imapper_prob.results.folders import write_run
 from imapper_prob.results.posterior import Posterior
+from imapper_prob.solver.selection import of_scenelets
 from tests.runs import posterior
 
 SINGLE = 1e-5

@@ -13,12 +13,12 @@ from matplotlib.text import Text
 from rich.console import Console
 
 from imapper_prob.models.errors import InputError
-from imapper_prob.models.posterior import swapped
-from imapper_prob.results.checks import Check, from_json
+from imapper_prob.models.log_posterior import side_flips
 from imapper_prob.results.posterior import Posterior
-from imapper_prob.results.summary import distances_to_truth, object_table, scene_table
-from imapper_prob.results.tree import read_attributes, write_tree
 from imapper_prob.samplers.verdict import Verdict
+from imapper_prob.uncertainty.checks import Check, from_json
+from imapper_prob.uncertainty.summary import distances_to_truth, object_table, scene_table
+from imapper_prob.uncertainty.tree import read_attributes, write_tree
 from tests.models.worlds import couch
 from tests.runs import posterior
 
@@ -65,7 +65,7 @@ def test_the_tree_holds_the_draws_and_survives_the_disk(tmp_path: Path) -> None:
         state = run.samples.states[draws + 5]
         np.testing.assert_allclose(
             tree["motion"]["sides_swapped"][1, 5],
-            swapped(run.solution.problem, state),
+            side_flips(run.solution.problem, state),
             rtol=1e-6,
         )
         items = tree["draws"]["scenelet"][1, 5].values

@@ -15,17 +15,16 @@ import pytest
 from numpy.typing import NDArray
 from PIL import Image
 
+from imapper_prob.api import demo_clip
 from imapper_prob.cli import main
-from imapper_prob.demo import demo_clip
-from imapper_prob.evaluate.parts import first_part
+from imapper_prob.evaluate.suite import first_part
 from imapper_prob.models.scene import MEASURED_FOCAL, Clip
-from imapper_prob.results.checks import Check
-from imapper_prob.results.report.page import table
-from imapper_prob.results.report.words import answer, listed, runner_up, sides_of, warnings_of
-from imapper_prob.results.report.write import report
+from imapper_prob.results.report import answer, listed, report, runner_up, sides_of, warnings_of
+from imapper_prob.results.report_parts import table
 from imapper_prob.samplers.verdict import Verdict
-from tests.results.test_scenes import item
+from imapper_prob.uncertainty.checks import Check
 from tests.runs import posterior
+from tests.uncertainty.test_scenes import item
 
 VOID = {"meta", "img", "br"}
 

@@ -12,8 +12,7 @@ from itertools import combinations, islice
 
 import numpy as np
 
-from imapper_prob.samplers.kernel import Mixture, Proposal
-from imapper_prob.samplers.reversible_jump import sample
+from imapper_prob.samplers.reversible_jump import Mixture, Proposal, sample
 from tests.samplers.frequencies import chi_square
 
 Interval = tuple[int, int]

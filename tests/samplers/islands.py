@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.integrate import quad
 
-from imapper_prob.samplers.kernel import Mixture, Proposal
+from imapper_prob.samplers.reversible_jump import Mixture, Proposal
 from imapper_prob.samplers.tempering import Parts
 
 State = tuple[int, float]

@@ -17,11 +17,17 @@ from pathlib import Path
 
 import numpy as np
 
-from imapper_prob.samplers.checkpoint import Snapshot, pack, pack_rng, save, unpack, unpack_rng
-from imapper_prob.samplers.kernel import ChainState, step
-from imapper_prob.samplers.ladder import SwapTable, power_ladder
-from imapper_prob.samplers.resumable import run_resumable_chains
-from imapper_prob.samplers.tempering import Position, start, temper
+from imapper_prob.samplers.checkpoint import (
+    Snapshot,
+    pack,
+    pack_rng,
+    run_resumable_chains,
+    save,
+    unpack,
+    unpack_rng,
+)
+from imapper_prob.samplers.reversible_jump import ChainState, step
+from imapper_prob.samplers.tempering import SwapTable, TemperingState, power_ladder, start, temper
 from tests.samplers import polynomials
 
 BETAS = power_ladder(4)
@@ -39,11 +45,11 @@ def unpack_state(arrays: dict[str, np.ndarray]) -> np.ndarray:
     return arrays["theta"]
 
 
-def pack_position(position: Position) -> dict[str, np.ndarray]:
+def pack_position(position: TemperingState) -> dict[str, np.ndarray]:
     return pack("rungs", [pack_state(chain.state) for chain in position.chains])
 
 
-def position_values(position: Position) -> dict[str, object]:
+def position_values(position: TemperingState) -> dict[str, object]:
     return {
         "betas": position.betas,
         "log_densities": [chain.log_density for chain in position.chains],
@@ -53,10 +59,10 @@ def position_values(position: Position) -> dict[str, object]:
     }
 
 
-def unpack_position(snapshot: Snapshot) -> Position:
+def unpack_position(snapshot: Snapshot) -> TemperingState:
     values = snapshot.values["position"]
     states = [unpack_state(item) for item in unpack("rungs", snapshot.arrays)]
-    return Position(
+    return TemperingState(
         betas=tuple(values["betas"]),
         chains=tuple(map(ChainState, states, values["log_densities"])),
         log_likelihoods=tuple(values["log_likelihoods"]),

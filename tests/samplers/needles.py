@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import i0
 
-from imapper_prob.samplers.kernel import Mixture, Proposal
+from imapper_prob.samplers.reversible_jump import Mixture, Proposal
 from imapper_prob.samplers.tempering import Parts
 
 K_MAX, MEAN, KAPPA = 4, 1.8, 1.5

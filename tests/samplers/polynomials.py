@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
-from imapper_prob.samplers.kernel import Mixture, Proposal
+from imapper_prob.samplers.reversible_jump import Mixture, Proposal
 from imapper_prob.samplers.tempering import Parts
 
 K_MAX, NOISE, PRIOR = 3, 0.5, 1.5

@@ -9,8 +9,7 @@ import pytest
 from scipy import stats
 
 from imapper_prob.samplers.diagnostics import layout_probabilities
-from imapper_prob.samplers.kernel import Mixture, RoundTripError
-from imapper_prob.samplers.reversible_jump import sample
+from imapper_prob.samplers.reversible_jump import Mixture, RoundTripError, sample
 from tests.samplers.polynomials import exact, log_density, mixture
 from tests.samplers.rounds import check_rounds
 

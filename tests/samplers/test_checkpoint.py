@@ -12,8 +12,8 @@ from hypothesis.extra import numpy as hnp
 
 from imapper_prob.samplers import checkpoint
 from imapper_prob.samplers.checkpoint import (
+    Checkpointer,
     CheckpointError,
-    Keeper,
     Snapshot,
     fingerprint,
     load,
@@ -168,7 +168,7 @@ def test_states_of_any_size_are_packed_and_unpacked(items):
 def test_a_keeper_writes_when_it_is_due(tmp_path, monkeypatch):
     clock = iter((100.0, 101.0, 104.9, 105.0, 105.1, 109.9, 112.0, 112.1))
     monkeypatch.setattr(checkpoint.time, "monotonic", clock.__next__)
-    keeper = Keeper(tmp_path / "chain-0.npz", identity="a", every_seconds=5.0)
+    keeper = Checkpointer(tmp_path / "chain-0.npz", identity="a", every_seconds=5.0)
     taken = []
 
     def snapshot() -> Snapshot:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from imapper_prob.samplers.chains import ChainError, run_chains
-from imapper_prob.samplers.resumable import run_resumable_chains
+from imapper_prob.samplers.checkpoint import run_resumable_chains
 from tests.samplers import kept, tasks
 
 distributed = pytest.importorskip(

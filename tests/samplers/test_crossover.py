@@ -9,7 +9,7 @@ from itertools import islice, product
 import numpy as np
 import pytest
 
-from imapper_prob.samplers.kernel import Mixture, Proposal, StepInfo, step
+from imapper_prob.samplers.reversible_jump import Mixture, Proposal, StepInfo, step
 from imapper_prob.samplers.tempering import Parts, start, temper
 from tests.samplers.frequencies import chi_square
 

@@ -7,8 +7,13 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from imapper_prob.samplers.ensemble import EnsembleSettings, run_ensembles
-from imapper_prob.samplers.ensemble_moves import CrankNicolson, DifferentialEvolution, Snooker
+from imapper_prob.samplers.ensemble import (
+    CrankNicolson,
+    DifferentialEvolution,
+    EnsembleSettings,
+    Snooker,
+    run_ensembles,
+)
 
 D, Z, NOISE = 4, 20, 0.5
 _ROOT = np.random.default_rng(0).normal(size=(D, D)) + np.eye(D)

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from imapper_prob.samplers.ensemble_moves import CrankNicolson, DifferentialEvolution, Snooker
+from imapper_prob.samplers.ensemble import CrankNicolson, DifferentialEvolution, Snooker
 
 N_OTHERS = 5
 numbers = st.floats(-10, 10).map(lambda x: round(x, 3))

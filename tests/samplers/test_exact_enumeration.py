@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from imapper_prob.samplers.kernel import RoundTripError
+from imapper_prob.samplers.reversible_jump import RoundTripError
 from tests.samplers.intervals import (
     K_MAX,
     STATES,

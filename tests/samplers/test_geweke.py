@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 import pytest
 
-from imapper_prob.samplers.kernel import Mixture, init, step
+from imapper_prob.samplers.reversible_jump import Mixture, init, step
 from tests.samplers import geweke, intervals, needles, polynomials
 
 # A right move falls below by chance once in a thousand seeds; wrong ones are far below.

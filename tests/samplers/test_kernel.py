@@ -10,8 +10,14 @@ from itertools import islice
 import numpy as np
 import pytest
 
-from imapper_prob.samplers.kernel import Mixture, Proposal, init, step
-from imapper_prob.samplers.reversible_jump import AcceptanceTable, sample
+from imapper_prob.samplers.reversible_jump import (
+    AcceptanceTable,
+    Mixture,
+    Proposal,
+    init,
+    sample,
+    step,
+)
 
 
 @dataclass(frozen=True)

@@ -11,8 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
-from imapper_prob.samplers.kernel import RoundTripError, step
-from imapper_prob.samplers.reversible_jump import sample
+from imapper_prob.samplers.reversible_jump import RoundTripError, sample, step
 from imapper_prob.samplers.tempering import start, temper
 from tests.samplers import needles
 from tests.samplers.frequencies import chi_square

@@ -8,8 +8,14 @@ import math
 import numpy as np
 import pytest
 
-from imapper_prob.samplers.kernel import Mixture, init, step
-from imapper_prob.samplers.resampling import Drawn, Redraw, choice_probabilities
+from imapper_prob.samplers.reversible_jump import (
+    Drawn,
+    Mixture,
+    Redraw,
+    choice_probabilities,
+    init,
+    step,
+)
 
 TARGET = np.array([0.5, 0.3, 0.15, 0.05])
 TABLE = np.array([0.1, 0.2, 0.3, 0.4])

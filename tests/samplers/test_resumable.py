@@ -11,8 +11,7 @@ import numpy as np
 import pytest
 
 from imapper_prob.samplers.chains import ChainError
-from imapper_prob.samplers.checkpoint import CheckpointError, Snapshot, load
-from imapper_prob.samplers.resumable import run_resumable_chains
+from imapper_prob.samplers.checkpoint import CheckpointError, Snapshot, load, run_resumable_chains
 from tests.samplers import kept
 
 ROOT = Path(__file__).parents[2]

@@ -10,10 +10,8 @@ import numpy as np
 import pytest
 
 from imapper_prob.samplers import tempering
-from imapper_prob.samplers.kernel import Mixture, Proposal, StepInfo, step
-from imapper_prob.samplers.ladder import SwapTable, power_ladder
-from imapper_prob.samplers.reversible_jump import sample
-from imapper_prob.samplers.tempering import Parts, Tempered, start, temper
+from imapper_prob.samplers.reversible_jump import Mixture, Proposal, StepInfo, sample, step
+from imapper_prob.samplers.tempering import Parts, SwapTable, Tempered, power_ladder, start, temper
 from tests.samplers import islands
 from tests.samplers.frequencies import chi_square
 from tests.samplers.rounds import check_rounds

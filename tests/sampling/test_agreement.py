@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from imapper_prob.models.posterior import empty_state
-from imapper_prob.sampling.agreement import compare, describe_agreement
-from imapper_prob.sampling.placements import PlacementDraws
+from imapper_prob.models.log_posterior import empty_state
+from imapper_prob.sampling.placements import PlacementDraws, compare, describe_agreement
 from tests.models import worlds
 
 PROBLEM, LIBRARY = worlds.problem(20), worlds.library()

@@ -11,8 +11,8 @@ from typing import Protocol, cast
 import numpy as np
 import pytest
 
-from imapper_prob.models.posterior import State, empty_state
-from imapper_prob.samplers.kernel import Proposal
+from imapper_prob.models.log_posterior import State, empty_state
+from imapper_prob.samplers.reversible_jump import Proposal
 from imapper_prob.sampling.moves import Shift, flush_run, in_order
 from tests.models import worlds
 

@@ -14,9 +14,9 @@ from numpy.testing import assert_allclose, assert_array_equal
 import imapper_prob as im
 from imapper_prob.cli.run import _show
 from imapper_prob.config import Config, SampleSettings
+from imapper_prob.layouts import merged_objects
 from imapper_prob.models.errors import InputError
-from imapper_prob.models.path import CameraPrior
-from imapper_prob.models.posterior import (
+from imapper_prob.models.log_posterior import (
     State,
     empty_state,
     frame_log_likelihood,
@@ -24,22 +24,20 @@ from imapper_prob.models.posterior import (
     motion,
     terms,
 )
+from imapper_prob.models.path_prior import CameraPrior
 from imapper_prob.models.scene import Placement
 from imapper_prob.models.skeleton import PELV
-from imapper_prob.output import write_run
 from imapper_prob.people import by_person
-from imapper_prob.results.benchmark_axes import to_benchmark
-from imapper_prob.results.export import read_scenes
-from imapper_prob.results.export_i3db import write_i3db
-from imapper_prob.results.export_json import scene_document
+from imapper_prob.results.exports import scene_document, to_benchmark, write_i3db
+from imapper_prob.results.folders import write_run
 from imapper_prob.results.posterior import Posterior
-from imapper_prob.results.summary import distances_to_truth
-from imapper_prob.sampling.cast import Cast, cast_of
-from imapper_prob.sampling.layouts import merged_objects
+from imapper_prob.results.scenes_file import read_scenes
+from imapper_prob.sampling.actors import JointProblem, join_actors
+from imapper_prob.sampling.proposals import weighted_candidates
 from imapper_prob.sampling.sample import sample_scenes
-from imapper_prob.sampling.weights import weighted_candidates
-from imapper_prob.staged.actors import solve_actors
-from imapper_prob.staged.solver import Solution
+from imapper_prob.solver.actors import solve_actors
+from imapper_prob.solver.solver import Solution
+from imapper_prob.uncertainty.summary import distances_to_truth
 from lab.couple import N_FRAMES, chairs_and_tables, couple_at_one_table
 from tests.recording.reading import read
 
@@ -54,8 +52,8 @@ def solutions() -> tuple[Solution, ...]:
 
 
 @cache
-def cast() -> Cast:
-    return cast_of(solutions())
+def cast() -> JointProblem:
+    return join_actors(solutions())
 
 
 @cache
@@ -84,7 +82,7 @@ def taller(solution: Solution, by: float) -> Solution:
 
 def test_one_actor_stays_as_it_was() -> None:
     one = solutions()[0]
-    alone, before = cast_of([one]), weighted_candidates(one)
+    alone, before = join_actors([one]), weighted_candidates(one)
     assert alone.problem is one.problem
     assert alone.states is one.states
     assert alone.clip is one.clip
@@ -112,7 +110,7 @@ def test_frames_follow_each_other_and_the_camera_counts_once() -> None:
 
 def test_everybody_keeps_their_stature_and_place() -> None:
     large, small = taller(solutions()[0], 0.06), taller(solutions()[1], -0.04)
-    together = cast_of([large, small])
+    together = join_actors([large, small])
     assert together.problem.camera_mean[3] == pytest.approx(
         (large.camera.mean[3] + small.camera.mean[3]) / 2
     )
@@ -135,7 +133,7 @@ def test_actors_of_other_worlds_are_refused() -> None:
     mean[1] += 0.2
     stranger = replace(second, camera=CameraPrior(mean, second.camera.covariance))
     with pytest.raises(InputError, match="solve them together"):
-        cast_of([first, stranger])
+        join_actors([first, stranger])
 
 
 def test_no_scenelet_reaches_from_one_actor_to_the_next() -> None:

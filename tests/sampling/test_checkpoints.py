@@ -12,18 +12,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from imapper_prob.api import demo_clip
+from imapper_prob.clips.load import write_clip
 from imapper_prob.config import SampleSettings
-from imapper_prob.demo import demo_clip
-from imapper_prob.inputs import write_clip
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.scenelet import Library
-from imapper_prob.samplers.checkpoint import Keeper
+from imapper_prob.samplers.checkpoint import Checkpointer
 from imapper_prob.samplers.tempering import Parts, start
 from imapper_prob.sampling.chain import Chain, Setup, run_chain
 from imapper_prob.sampling.checkpoints import Progress
 from imapper_prob.sampling.sample import sample_scenes, setup_of
-from imapper_prob.scenelets.library import load_library
-from imapper_prob.scenelets.library_file import save_library
+from imapper_prob.scenelets.library import load_library, save_library
 from tests.runs import small_solution
 
 SETTINGS = SampleSettings(
@@ -43,7 +42,7 @@ def undisturbed(setup: Setup) -> Chain:
 
 def run(setup: Setup, path: Path | None, *, stop_at: float = 2.0) -> Chain:
     """One chain, asked to stop once a part ``stop_at`` of it is done."""
-    keeper = None if path is None else Keeper(path, identity="test", every_seconds=0.0)
+    keeper = None if path is None else Checkpointer(path, identity="test", every_seconds=0.0)
 
     def report(part: object = None, /) -> bool:
         return not (isinstance(part, float) and part >= stop_at)

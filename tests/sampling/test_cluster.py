@@ -7,12 +7,11 @@ from pathlib import Path
 
 import pytest
 
+from imapper_prob.api import demo_clip
 from imapper_prob.cli.main import main
-from imapper_prob.demo import demo_clip
-from imapper_prob.inputs import write_clip
+from imapper_prob.clips.load import write_clip
 from imapper_prob.models.scenelet import Library
-from imapper_prob.scenelets.library import load_library
-from imapper_prob.scenelets.library_file import save_library
+from imapper_prob.scenelets.library import load_library, save_library
 
 distributed = pytest.importorskip(
     "distributed", reason="dask's distributed is not installed: install the extra `cluster`"
@@ -51,7 +50,7 @@ def test_a_run_on_a_cluster_draws_what_a_run_here_does(tmp_path: Path) -> None:
 def test_nobody_at_the_address_is_said_plainly(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("imapper_prob.sampling.cluster._PATIENCE", "200ms")
+    monkeypatch.setattr("imapper_prob.sampling.sample._PATIENCE", "200ms")
     write_clip(tmp_path / "clip.npz", demo_clip())
     arguments = ["run", str(tmp_path / "clip.npz"), "-o", str(tmp_path / "out")]
     assert main([*arguments, "--cluster", "tcp://127.0.0.1:9"]) == 2

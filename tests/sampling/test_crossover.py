@@ -10,10 +10,9 @@ from hypothesis import given
 from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 
-from imapper_prob.models.posterior import State
-from imapper_prob.sampling.crossover import TimeCrossover
-from imapper_prob.sampling.looks import View, middle_heights
-from imapper_prob.sampling.moves import in_order
+from imapper_prob.models.log_posterior import State
+from imapper_prob.sampling.camera_moves import CameraFrame, middle_heights
+from imapper_prob.sampling.moves import TimeCrossover, in_order
 from tests.sampling.test_moves import PROBLEM, random_state
 
 CROSS = TimeCrossover(PROBLEM)
@@ -79,7 +78,7 @@ def test_what_is_exchanged_looks_the_same_afterwards() -> None:
     assert found is not None
 
     def looks(state: State) -> list[tuple[float, ...]]:
-        view = View(state.camera)
+        view = CameraFrame(state.camera)
         seen = []
         for (scenelet, _), (x, y, _), size in zip(
             state.items.tolist(), state.placements.tolist(), state.sizes.tolist(), strict=True

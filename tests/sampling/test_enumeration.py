@@ -15,24 +15,23 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from imapper_prob.models.posterior import State, empty_state, log_posterior
+from imapper_prob.models.log_posterior import State, empty_state, log_posterior
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.settings import ModelSettings
-from imapper_prob.samplers.kernel import ChainState, Mixture, StepInfo
-from imapper_prob.samplers.reversible_jump import sample
+from imapper_prob.samplers.reversible_jump import ChainState, Mixture, StepInfo, sample
 from imapper_prob.sampling.moves import (
     Birth,
     Death,
-    Exchange,
     PathRefresh,
     PlacementWalk,
+    ReplaceNearby,
+    ReplaceSimilar,
     Shift,
-    Swap,
 )
 from imapper_prob.sampling.nodes import find_nodes
 from imapper_prob.sampling.proposals import Candidates, Proposals
 from imapper_prob.sampling.redraw import StretchRedraw
-from imapper_prob.sampling.replace import Replace, Retime
+from imapper_prob.sampling.replace_moves import Replace, ReplaceAndShift
 from tests.models import worlds
 from tests.sampling.test_moves import chain_error
 
@@ -95,10 +94,10 @@ def test_every_assignment_has_its_exact_probability() -> None:
     moves = (
         Birth(proposals),
         Death(proposals),
-        Swap(proposals),
+        ReplaceNearby(proposals),
         Replace(proposals),
-        Retime(proposals, reach=1),
-        Exchange(problem, even),
+        ReplaceAndShift(proposals, reach=1),
+        ReplaceSimilar(problem, even),
         Shift(problem),
         PlacementWalk(),
         PathRefresh(),

@@ -17,20 +17,19 @@ import numpy as np
 import pytest
 
 from imapper_prob.config import SampleSettings
-from imapper_prob.models.energy.detections import DetectionModel
-from imapper_prob.models.posterior import State, log_posterior, motion, terms
+from imapper_prob.models.detector import DetectionModel
+from imapper_prob.models.log_posterior import State, log_posterior, motion, terms
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.settings import ModelSettings
 from imapper_prob.models.skeleton import PELV
-from imapper_prob.samplers.kernel import Mixture, Proposal, init, step
+from imapper_prob.samplers.reversible_jump import Mixture, Proposal, init, step
 from imapper_prob.sampling import moves
-from imapper_prob.sampling.camera_moves import CameraCarry
+from imapper_prob.sampling.camera_moves import CompensatedCameraWalk
 from imapper_prob.sampling.chain import Setup, scene_moves
 from imapper_prob.sampling.nodes import Nodes, find_nodes
 from imapper_prob.sampling.proposals import Candidates, Proposals
 from imapper_prob.sampling.redraw import StretchRedraw
-from imapper_prob.sampling.refurnish import Refurnish
-from imapper_prob.sampling.replace import Retime
+from imapper_prob.sampling.replace_moves import Refurnish, ReplaceAndShift
 from lab.prior import Experiment, draw_state
 from tests.models import worlds
 
@@ -178,7 +177,7 @@ def only(
     return change
 
 
-@pytest.mark.parametrize("kind", [moves.Shift, Retime, Refurnish, CameraCarry])
+@pytest.mark.parametrize("kind", [moves.Shift, ReplaceAndShift, Refurnish, CompensatedCameraWalk])
 def test_a_move_by_itself_leaves_scene_and_data(kind: type) -> None:
     """With so many scenelets that some have no gap to the next."""
     change = only(kind, lambda proposal: proposal)
@@ -198,7 +197,7 @@ def test_stretches_drawn_anew_leave_scene_and_data() -> None:
 
 
 def test_a_forgotten_look_is_seen() -> None:
-    change = only(CameraCarry, lambda p: p._replace(log_ratio=0.0), scales=(1.0,))
+    change = only(CompensatedCameraWalk, lambda p: p._replace(log_ratio=0.0), scales=(1.0,))
     found = scores(900, change=change, given=poor_data(rate=0.3, depth=0.4), redrawn=False)
     assert largest(found) > LIMIT, found
 

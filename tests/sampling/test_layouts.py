@@ -6,9 +6,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from imapper_prob.models.posterior import empty_state
-from imapper_prob.models.scene import SceneObject
-from imapper_prob.sampling.layouts import (
+from imapper_prob.layouts import (
     group_layouts,
     match_objects,
     merged_objects,
@@ -16,6 +14,8 @@ from imapper_prob.sampling.layouts import (
     same_objects,
     through_one_lens,
 )
+from imapper_prob.models.log_posterior import empty_state
+from imapper_prob.models.scene import SceneObject
 from tests.models import worlds
 from tests.models.worlds import couch
 

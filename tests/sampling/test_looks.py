@@ -9,9 +9,8 @@ from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 
 from imapper_prob.models.camera import Camera
-from imapper_prob.models.posterior import State, empty_state
-from imapper_prob.sampling.camera_moves import CameraCarry
-from imapper_prob.sampling.looks import View, middle_heights
+from imapper_prob.models.log_posterior import State, empty_state
+from imapper_prob.sampling.camera_moves import CameraFrame, CompensatedCameraWalk, middle_heights
 from tests.models import worlds
 
 PROBLEM = worlds.problem(20)
@@ -36,7 +35,7 @@ def state_of(seed: int) -> State:
 @given(seed=st.integers(0, 10**6))
 def test_who_looks_so_stands_there(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    view, height = View(camera_of(seed)), rng.uniform(0.2, 1.0)
+    view, height = CameraFrame(camera_of(seed)), rng.uniform(0.2, 1.0)
     x, y, size = rng.normal((0, 4, 0), (0.5, 0.5, 0.1))
     stand = view.stand(view.look(x, y, size, height), height)
     np.testing.assert_allclose(stand, (x, y, size), rtol=1e-9, atol=1e-9)
@@ -49,7 +48,7 @@ def test_a_look_is_what_the_camera_sees() -> None:
         1920, 1080, np.exp(focal), np.exp(focal), 0.0, 0.0,
         pitch=pitch, roll=roll, elevation=elevation,
     )  # fmt: skip
-    look = View(camera).look(0.4, 3.5, 0.07, height)
+    look = CameraFrame(camera).look(0.4, 3.5, 0.07, height)
     pelvis = np.array([0.4, 3.5, np.exp(body + 0.07) * height])
     np.testing.assert_allclose(seen.project(pelvis), (look.right, -look.up))
     depth = seen.to_camera(pelvis)[1]
@@ -60,7 +59,7 @@ def test_a_look_is_what_the_camera_sees() -> None:
 @given(seed=st.integers(0, 10**6))
 def test_volume_of_looks_is_their_derivative(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    view, height = View(camera_of(seed)), rng.uniform(0.2, 1.0)
+    view, height = CameraFrame(camera_of(seed)), rng.uniform(0.2, 1.0)
     where = rng.normal((0, 4, 0), (0.5, 0.5, 0.1))
 
     def seen(at: np.ndarray) -> np.ndarray:
@@ -74,7 +73,7 @@ def test_volume_of_looks_is_their_derivative(seed: int) -> None:
 
 
 def test_nobody_stands_above_the_horizon_or_behind_the_camera() -> None:
-    view = View(np.array([0.0, 1.5, 0.0, 0.0, 0.0]))
+    view = CameraFrame(np.array([0.0, 1.5, 0.0, 0.0, 0.0]))
     assert view.look(0.0, -2.0, 0.0, 0.5) is None
     look = view.look(0.0, 4.0, 0.0, 0.5)
     assert view.stand(look._replace(up=0.5), 0.5) is None
@@ -84,18 +83,18 @@ def test_nobody_stands_above_the_horizon_or_behind_the_camera() -> None:
 @given(seed=st.integers(0, 10**6))
 def test_whoever_is_carried_along_looks_the_same(seed: int) -> None:
     state = state_of(seed)
-    proposal = CameraCarry(PROBLEM, FACTOR).propose(np.random.default_rng(seed), state)
+    proposal = CompensatedCameraWalk(PROBLEM, FACTOR).propose(np.random.default_rng(seed), state)
     if proposal is None:
         return
     heights = middle_heights(PROBLEM)[state.items[:, 0]]
     looks = [
-        [View(s.camera).look(x, y, size, h) for (x, y, _), size, h in rows(s, heights)]
+        [CameraFrame(s.camera).look(x, y, size, h) for (x, y, _), size, h in rows(s, heights)]
         for s in (state, proposal.state)
     ]
     np.testing.assert_allclose(looks[1], looks[0], rtol=1e-8, atol=1e-10)
     np.testing.assert_array_equal(proposal.state.placements[:, 2], state.placements[:, 2])
     volumes = [
-        sum(View(s.camera).log_volume(k, size) for k, size in zip(own, s.sizes, strict=True))
+        sum(CameraFrame(s.camera).log_volume(k, size) for k, size in zip(own, s.sizes, strict=True))
         for s, own in zip((state, proposal.state), looks, strict=True)
     ]
     assert proposal.log_ratio == pytest.approx(volumes[0] - volumes[1], abs=1e-8)

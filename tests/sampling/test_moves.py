@@ -15,22 +15,25 @@ from scipy.integrate import quad
 from scipy.stats import norm
 
 from imapper_prob.config import SampleSettings
+from imapper_prob.layouts import furniture_kinds
 from imapper_prob.models.camera import Camera
-from imapper_prob.models.posterior import State, empty_state, log_posterior, motion
+from imapper_prob.models.log_posterior import State, empty_state, log_posterior, motion
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.scenelet import Library
 from imapper_prob.models.settings import ModelSettings
-from imapper_prob.samplers.kernel import Mixture
-from imapper_prob.samplers.reversible_jump import sample
-from imapper_prob.sampling.camera_moves import FocalScale
+from imapper_prob.samplers.reversible_jump import Mixture, sample
+from imapper_prob.sampling.camera_moves import CameraFrame, FocalScale
 from imapper_prob.sampling.chain import Setup, scene_moves
-from imapper_prob.sampling.looks import View
-from imapper_prob.sampling.moves import Birth, Death, PlacementWalk, Shift, Swap
+from imapper_prob.sampling.moves import Birth, Death, PlacementWalk, ReplaceNearby, Shift
 from imapper_prob.sampling.nodes import find_nodes
 from imapper_prob.sampling.proposals import Candidates, Proposals, log_wrapped_normal
-from imapper_prob.sampling.refurnish import Refurnish
-from imapper_prob.sampling.replace import Replace, Retime, log_choice, window_of
-from imapper_prob.staged.kinds import furniture_kinds
+from imapper_prob.sampling.replace_moves import (
+    Refurnish,
+    Replace,
+    ReplaceAndShift,
+    log_choice,
+    window_of,
+)
 from tests.models import worlds
 
 N_FRAMES = 20
@@ -82,7 +85,7 @@ PROBLEM = worlds.problem(N_FRAMES)
 @given(seed=st.integers(0, 10**6))
 def test_ratios_of_jumps_are_explained_by_both_directions(seed: int) -> None:
     proposals = Proposals(PROBLEM, candidates())
-    birth, death, swap = Birth(proposals), Death(proposals), Swap(proposals)
+    birth, death, swap = Birth(proposals), Death(proposals), ReplaceNearby(proposals)
     replacing = Replace(proposals)
     state = random_state(PROBLEM, seed)
     rng = np.random.default_rng(seed)
@@ -110,7 +113,7 @@ def test_proposals_are_a_density(where: str, around: int | None, crowded: bool, 
     # A body 3 % larger, a shorter lens, and another pitch, roll and elevation than was fitted with.
     camera = PROBLEM.camera_mean + np.array([0.01, 0.05, -0.02, 0.03, 0.02])
     if where == "candidate":
-        found = proposals.carried(View(camera), window, scenelet_of_h)
+        found = proposals.carried(CameraFrame(camera), window, scenelet_of_h)
         assert found is not None
         stand, usual, deviation = found
         yaw = proposals.candidates.placements[window, scenelet_of_h, 2]
@@ -392,7 +395,7 @@ def test_what_is_flush_stays_so_when_one_of_it_comes_at_another_time() -> None:
     for scenelet, at in ((0, 2), (1, 8)):
         state = state.with_item(scenelet, at, np.array([0.1, 4.0, 0.2]))
     rng = np.random.default_rng(1)
-    tried = (Retime(proposals, reach=1).propose(rng, state) for _ in range(400))
+    tried = (ReplaceAndShift(proposals, reach=1).propose(rng, state) for _ in range(400))
     found = [p for p in tried if p is not None]
     assert len({tuple(p.state.items.ravel().tolist()) for p in found}) > 3
     for log_ratio, after in ((p.log_ratio, p.state) for p in found):

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from imapper_prob.models.expansion import judge
+from imapper_prob.models.single_scenelet import judge
 from imapper_prob.sampling.nodes import find_nodes
 from tests.sampling.test_redraw import candidates, crowded
 

@@ -9,12 +9,10 @@ from itertools import islice
 import numpy as np
 import pytest
 
-from imapper_prob.models.posterior import State, empty_state, log_posterior
+from imapper_prob.models.log_posterior import State, empty_state, log_posterior
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.settings import ModelSettings
-from imapper_prob.samplers.kernel import Mixture
-from imapper_prob.samplers.resampling import Drawn
-from imapper_prob.samplers.reversible_jump import sample
+from imapper_prob.samplers.reversible_jump import Drawn, Mixture, sample
 from imapper_prob.sampling.moves import PlacementWalk
 from imapper_prob.sampling.nodes import Nodes, find_nodes
 from imapper_prob.sampling.proposals import Candidates

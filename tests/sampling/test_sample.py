@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from imapper_prob.models.posterior import log_posterior
+from imapper_prob.models.log_posterior import log_posterior
 from imapper_prob.sampling.sample import Samples, sample_scenes
 from tests.runs import BRIEF, posterior, small_posterior, small_solution, solution
 
@@ -50,9 +50,9 @@ def test_solver_finds_a_seat_and_the_shelf_of_the_demo() -> None:
 
 @pytest.mark.slow
 def test_solving_twice_gives_the_same_bits() -> None:
-    from imapper_prob.demo import demo_clip
+    from imapper_prob.api import demo_clip
     from imapper_prob.scenelets.library import load_library
-    from imapper_prob.staged.solver import solve
+    from imapper_prob.solver.solver import solve
 
     again = solve(demo_clip(), load_library())
     for a, b in zip(solution().states, again.states, strict=True):

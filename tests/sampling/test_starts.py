@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from imapper_prob.models.posterior import log_posterior
-from imapper_prob.sampling.cast import cast_of
-from imapper_prob.sampling.starts import starts_of
+from imapper_prob.models.log_posterior import log_posterior
+from imapper_prob.sampling.actors import join_actors
+from imapper_prob.sampling.chain import starts_of
 from tests.runs import solution
 
 
 def test_chains_start_far_apart_and_their_hot_ends_at_all_that_is_known() -> None:
-    cast = cast_of([solution()])
+    cast = join_actors([solution()])
     starts = starts_of(cast, 4)
     best, *others = cast.states
     assert starts[0][0] is best

@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from imapper_prob.models.posterior import empty_state, log_posterior
-from imapper_prob.samplers.resampling import Redraw
-from imapper_prob.sampling.chain import scene_moves
-from imapper_prob.sampling.tracker import SceneTracker, split
+from imapper_prob.models.log_posterior import empty_state, log_posterior
+from imapper_prob.samplers.reversible_jump import Redraw
+from imapper_prob.sampling.chain import SceneTracker, scene_moves, tempering_split
 from tests.models import worlds
 from tests.sampling.test_moves import setup
 
@@ -26,7 +25,7 @@ def test_both_ways_say_the_same_of_every_proposal() -> None:
         proposal = move.propose(rng, state)
         if proposal is None:
             continue
-        told, known = tracker(proposal.state), split(PROBLEM, proposal.state)
+        told, known = tracker(proposal.state), tempering_split(PROBLEM, proposal.state)
         assert told.log_prior == pytest.approx(known.log_prior, abs=1e-4)
         assert told.log_likelihood == pytest.approx(known.log_likelihood, abs=1e-4)
         if np.isfinite(known.log_prior) and rng.random() < 0.3:
@@ -39,10 +38,10 @@ def test_both_ways_say_the_same_of_every_proposal() -> None:
 def test_parts_add_up_to_the_log_posterior_and_odds_are_flattened() -> None:
     empty = empty_state(PROBLEM)
     state = empty.with_item(1, 4, np.array([0.1, 4.0, 0.3]))
-    parts = split(PROBLEM, state)
+    parts = tempering_split(PROBLEM, state)
     assert parts.at(1.0) == pytest.approx(log_posterior(PROBLEM, state), rel=1e-12)
     other = PROBLEM._replace(log_rate=PROBLEM.log_rate - 5.0)
-    assert split(other, state).log_prior == parts.log_prior
-    assert split(other, state).at(0.2) - parts.at(0.2) == pytest.approx(-1.0)
+    assert tempering_split(other, state).log_prior == parts.log_prior
+    assert tempering_split(other, state).at(0.2) - parts.at(0.2) == pytest.approx(-1.0)
     tracked = SceneTracker(other, state)(state)
     assert tracked.at(0.2) - parts.at(0.2) == pytest.approx(-1.0, abs=1e-4)

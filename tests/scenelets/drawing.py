@@ -16,8 +16,7 @@ from imapper_prob.models.skeleton import (
     RKNE,
     THRX,
 )
-from imapper_prob.scenelets.procedural.person import Person, draw_person
-from imapper_prob.scenelets.procedural.recipes.drawn import Drawn, Recipe
+from imapper_prob.scenelets.procedural.body import Drawn, Person, Recipe, draw_person
 
 __all__ = ["draws", "knee_flexion", "legs_apart", "spine_from_vertical", "surface", "within"]
 

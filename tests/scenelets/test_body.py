@@ -8,9 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis.extra.numpy import arrays
 
-from imapper_prob.models.pose import facing
 from imapper_prob.models.scene import Placement
-from imapper_prob.models.skeleton import LANK, PELV, RANK
+from imapper_prob.models.skeleton import LANK, PELV, RANK, facing
 from imapper_prob.scenelets.procedural.body import ANKLE_HEIGHT, Trunk, pose_body, two_bones
 from imapper_prob.scenelets.procedural.gait import (
     GATHER,

@@ -14,20 +14,19 @@ import pytest
 from hypothesis import given
 from numpy.typing import NDArray
 
-from imapper_prob.inputs.captures import Capture
-from imapper_prob.inputs.load_captures import captures_from
 from imapper_prob.models.errors import InputError
-from imapper_prob.models.pose import facing, turned
 from imapper_prob.models.scene import Placement
-from imapper_prob.models.skeleton import BONE_LENGTHS, PELV
+from imapper_prob.models.skeleton import BONE_LENGTHS, PELV, facing, turned
 from imapper_prob.scenelets.build import (
+    REACH,
     UNKNOWN_ACTION,
     BuildSettings,
     body_scale,
     build_library_from,
+    captures_from,
     weights_by_density,
 )
-from imapper_prob.scenelets.frames import REACH
+from imapper_prob.scenelets.captures import Capture
 from imapper_prob.scenelets.library import load_library, save_library
 from tests.conftest import CORPUS
 from tests.scenelets.motions import box, standing

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from imapper_prob.models.pose import facing
 from imapper_prob.models.scenelet import Library, Scenelet
 from imapper_prob.models.skeleton import (
     BONE_LENGTHS,
@@ -20,16 +19,20 @@ from imapper_prob.models.skeleton import (
     RANK,
     RWRI,
     THRX,
+    facing,
 )
 from imapper_prob.scenelets.library import built_in_library
 from imapper_prob.scenelets.plausibility import faults
 from imapper_prob.scenelets.procedural import catalogue
-from imapper_prob.scenelets.procedural.body import ANKLE_HEIGHT
+from imapper_prob.scenelets.procedural.body import (
+    ANKLE_HEIGHT,
+    STATURE_RANGE,
+    TRACKER_ERROR,
+    Drawn,
+    Person,
+)
 from imapper_prob.scenelets.procedural.catalogue import CATALOGUE, Entry, build_library
-from imapper_prob.scenelets.procedural.noise import TRACKER_ERROR
-from imapper_prob.scenelets.procedural.person import STATURE_RANGE, Person
-from imapper_prob.scenelets.procedural.recipes.drawn import Drawn
-from imapper_prob.scenelets.procedural.recipes.walking import idle
+from imapper_prob.scenelets.procedural.on_foot import idle
 from lab.unseen.families import family_of
 
 SEATS = ("chair", "couch", "stool", "bench", "bed")

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from numpy.typing import NDArray
 
-from imapper_prob.scenelets.cutting import CutSettings, cut, smooth_path, stretches
+from imapper_prob.scenelets.build import CutSettings, cut, smooth_path, stretches
 
 FPS = 10.0
 SETTINGS = CutSettings()

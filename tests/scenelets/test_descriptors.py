@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from imapper_prob.models.scene import Placement
 from imapper_prob.models.skeleton import LWRI, PELV, RELB, RSHO, RWRI
-from imapper_prob.scenelets.descriptors import (
+from imapper_prob.scenelets.charness import (
     FROM_LINES,
     FROM_VERTICAL,
     N_FEATURES,

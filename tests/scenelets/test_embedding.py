@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose
 from scipy.spatial.distance import cdist
 
 from imapper_prob.scenelets.charness import motion_distances
-from imapper_prob.scenelets.embedding import embed
+from imapper_prob.scenelets.figures import embed
 from imapper_prob.scenelets.library import built_in_library
 
 WORDS = ("sit", "stand", "walk", "reach")

@@ -13,15 +13,19 @@ from PIL import Image
 
 from imapper_prob.models.scenelet import Library, Scenelet
 from imapper_prob.models.skeleton import THRX
-from imapper_prob.scenelets.charness import charness, charness_maps, motion_distances
-from imapper_prob.scenelets.embedding import embed
+from imapper_prob.scenelets.charness import (
+    charness,
+    charness_maps,
+    motion_distances,
+    object_histograms,
+)
 from imapper_prob.scenelets.figures import (
     charness_figure,
+    embed,
     embedding_figure,
     furniture_figure,
     typical,
 )
-from imapper_prob.scenelets.object_histograms import object_histograms
 from tests.scenelets.motions import box, standing
 
 

@@ -17,9 +17,8 @@ from imapper_prob.models.skeleton import (
     RKNE,
 )
 from imapper_prob.scenelets.plausibility import faults
-from imapper_prob.scenelets.procedural.body import ANKLE_HEIGHT
-from imapper_prob.scenelets.procedural.recipes import folded
-from imapper_prob.scenelets.procedural.recipes.drawn import Recipe
+from imapper_prob.scenelets.procedural import folded
+from imapper_prob.scenelets.procedural.body import ANKLE_HEIGHT, Recipe
 from imapper_prob.scenelets.procedural.seated import HIP_ABOVE_SEAT
 from tests.scenelets.drawing import draws, knee_flexion, legs_apart, surface, within
 

@@ -9,7 +9,7 @@ import pytest
 
 from imapper_prob.models.scene import Cuboid, Placement, SceneObject
 from imapper_prob.scenelets.procedural import furniture
-from imapper_prob.scenelets.procedural.person import Person
+from imapper_prob.scenelets.procedural.body import Person
 
 Draw = Callable[[np.random.Generator], SceneObject]
 Range = tuple[float, float]

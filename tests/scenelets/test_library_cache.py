@@ -11,13 +11,12 @@ import numpy as np
 import pytest
 
 from imapper_prob.models.scenelet import Library
-from imapper_prob.scenelets import library_cache
-from imapper_prob.scenelets.library import built_in_library, save_library
-from imapper_prob.scenelets.library_cache import kept, sources_digest
+from imapper_prob.scenelets import library
+from imapper_prob.scenelets.library import built_in_library, kept, save_library, sources_digest
 from imapper_prob.scenelets.procedural.catalogue import build_library
 from tests.test_structure import imports
 
-ROOMS = library_cache._ROOMS
+ROOMS = library._ROOMS
 
 
 class Maker:
@@ -81,7 +80,7 @@ def test_who_may_not_write_makes_it_each_time(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     "name",
-    ["scenelets/procedural/gait.py", "scenelets/procedural/recipes/low.py", "models/skeleton.py",
+    ["scenelets/procedural/gait.py", "scenelets/procedural/low.py", "models/skeleton.py",
      "models/calibrated.toml"],
 )  # fmt: skip
 def test_other_sources_are_another_library(tmp_path: Path, name: str) -> None:
@@ -109,7 +108,7 @@ def test_another_processor_is_another_library(monkeypatch: pytest.MonkeyPatch) -
 
 def test_all_that_makes_the_library_is_in_the_digest() -> None:
     """What the catalogue is made of, as it says itself by what it imports."""
-    found, asked = set(), [Path(library_cache.__file__).parent / "procedural" / "catalogue.py"]
+    found, asked = set(), [Path(library.__file__).parent / "procedural" / "catalogue.py"]
     package = asked[0].parents[2]
     while asked:
         path = asked.pop()

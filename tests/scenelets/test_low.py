@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from imapper_prob.models.pose import facing
 from imapper_prob.models.skeleton import (
     BONE_LENGTHS,
     HEAD,
@@ -21,13 +20,12 @@ from imapper_prob.models.skeleton import (
     RSHO,
     RWRI,
     THRX,
+    facing,
 )
 from imapper_prob.scenelets.plausibility import faults, floor_faults
-from imapper_prob.scenelets.procedural.body import ANKLE_HEIGHT, HIP_HEIGHT, THIGH
+from imapper_prob.scenelets.procedural import low
+from imapper_prob.scenelets.procedural.body import ANKLE_HEIGHT, HIP_HEIGHT, THIGH, Person, Recipe
 from imapper_prob.scenelets.procedural.low import KNEE_ON_FLOOR
-from imapper_prob.scenelets.procedural.person import Person
-from imapper_prob.scenelets.procedural.recipes import low
-from imapper_prob.scenelets.procedural.recipes.drawn import Recipe
 from imapper_prob.scenelets.procedural.seated import HIP_ABOVE_SEAT
 from tests.scenelets.drawing import draws, knee_flexion, legs_apart, spine_from_vertical
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from imapper_prob.scenelets.procedural.noise import TRACKER_ERROR, TRACKER_MEMORY, as_tracked
+from imapper_prob.scenelets.procedural.body import TRACKER_ERROR, TRACKER_MEMORY, as_tracked
 
 FPS = 10.0
 N_CLIPS, N_FRAMES = 300, 20

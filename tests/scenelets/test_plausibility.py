@@ -12,7 +12,6 @@ from hypothesis import given
 from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 
-from imapper_prob.models.pose import turned
 from imapper_prob.models.scene import Cuboid, Placement, SceneObject
 from imapper_prob.models.skeleton import (
     BONES,
@@ -31,6 +30,7 @@ from imapper_prob.models.skeleton import (
     RSHO,
     RWRI,
     THRX,
+    turned,
 )
 from imapper_prob.scenelets.plausibility import (
     depth_inside,

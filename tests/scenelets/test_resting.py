@@ -19,9 +19,8 @@ from imapper_prob.models.skeleton import (
     THRX,
 )
 from imapper_prob.scenelets.plausibility import faults
-from imapper_prob.scenelets.procedural.body import ANKLE_HEIGHT, TRUNK
-from imapper_prob.scenelets.procedural.recipes import resting
-from imapper_prob.scenelets.procedural.recipes.drawn import Recipe
+from imapper_prob.scenelets.procedural import resting
+from imapper_prob.scenelets.procedural.body import ANKLE_HEIGHT, TRUNK, Recipe
 from imapper_prob.scenelets.procedural.seated import HIP_ABOVE_SEAT
 from tests.scenelets.drawing import draws, knee_flexion, surface, within
 

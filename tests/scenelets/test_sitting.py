@@ -10,7 +10,6 @@ import pytest
 from hypothesis import given
 from numpy.typing import NDArray
 
-from imapper_prob.models.pose import facing
 from imapper_prob.models.scene import Placement
 from imapper_prob.models.skeleton import (
     BONE_LENGTHS,
@@ -27,19 +26,17 @@ from imapper_prob.models.skeleton import (
     RSHO,
     RWRI,
     THRX,
+    facing,
 )
 from imapper_prob.scenelets.plausibility import faults
-from imapper_prob.scenelets.procedural import furniture
-from imapper_prob.scenelets.procedural.body import Trunk
-from imapper_prob.scenelets.procedural.person import Person
-from imapper_prob.scenelets.procedural.recipes import lying, sitting
-from imapper_prob.scenelets.procedural.recipes.drawn import Recipe
-from imapper_prob.scenelets.procedural.seat import seat_of
+from imapper_prob.scenelets.procedural import furniture, lying, sitting
+from imapper_prob.scenelets.procedural.body import Person, Recipe, Trunk
 from imapper_prob.scenelets.procedural.seated import (
     HIP_ABOVE_SEAT,
     SeatedPose,
     at_table,
     draw_seated,
+    seat_of,
 )
 from imapper_prob.scenelets.procedural.sitting import approach, sit_down, sit_still
 from tests.scenelets.drawing import draws, legs_apart, surface, within

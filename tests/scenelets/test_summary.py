@@ -6,7 +6,7 @@ import numpy as np
 from rich.table import Table
 
 from imapper_prob.models.scenelet import Library, Scenelet
-from imapper_prob.scenelets.summary import action_table, furniture_table
+from imapper_prob.scenelets.figures import action_table, furniture_table
 from tests.scenelets.motions import box, standing
 
 

@@ -1,19 +1,16 @@
-"""A body of the reference stature: from trunk, ankles and wrists to sixteen joints.
-
-The trunk is posed directly; arms and legs follow by two-bone inverse kinematics, so every
-bone keeps the length of :data:`~imapper_prob.models.skeleton.BONE_LENGTHS` in every frame.
-Metres, radians, z up; n frames; sides are ordered (right, left).
-"""
+"""The body that performs recipes: sixteen joints from trunk, ankles and wrists, and noise."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from imapper_prob.models.scene import SceneObject
 from imapper_prob.models.skeleton import (
     BONE_LENGTHS,
     HEAD,
@@ -27,6 +24,7 @@ from imapper_prob.models.skeleton import (
     NECK,
     PELV,
     RANK,
+    REFERENCE_STATURE,
     RELB,
     RHIP,
     RKNE,
@@ -34,20 +32,109 @@ from imapper_prob.models.skeleton import (
     RWRI,
     THRX,
 )
+from imapper_prob.scenelets.build import resized
 
 __all__ = [
     "ANKLE_HEIGHT",
     "ELBOWS",
+    "FACING_BACK",
+    "FRAMES_PER_SECOND",
     "HIP_HEIGHT",
     "SIDES",
+    "TRACKER_ERROR",
+    "TRACKER_MEMORY",
+    "Drawn",
+    "Person",
+    "Recipe",
     "Trunk",
+    "as_tracked",
+    "draw_person",
     "hanging_wrists",
+    "moments",
     "pose_body",
     "reachable_height",
     "two_bones",
 ]
 
 Array = NDArray[np.float64]
+TRACKER_ERROR: Final = 0.008
+"""Metres, root mean square of a joint's error in space: between markers on the skin (a few
+millimetres) and depth cameras (a few centimetres)."""
+TRACKER_MEMORY: Final = 0.3
+"""Seconds over which an error is forgotten: skin and clothes move with the limb."""
+
+
+def as_tracked(rng: np.random.Generator, joints: ArrayLike, *, fps: float) -> Array:
+    """Joints with smooth errors, independent between joints and axes.
+
+    The errors are a Gaussian process with the Matérn covariance of smoothness 3/2, which moves
+    without jerks but is not as stiff as a sine.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+    joints : (n, 16, 3) float
+        Metres.
+    fps : float
+        Frames a second.
+
+    Returns
+    -------
+    (n, 16, 3) float
+        Metres.
+    """
+    joints = np.asarray(joints, float)
+    n_frames, *rest = joints.shape
+    frames = np.arange(n_frames)
+    lag = np.sqrt(3) * np.abs(frames[:, None] - frames) / (fps * TRACKER_MEMORY)
+    spread = np.linalg.cholesky((1 + lag) * np.exp(-lag))
+    errors = spread @ rng.standard_normal((n_frames, int(np.prod(rest))))
+    noisy: Array = joints + TRACKER_ERROR / np.sqrt(3) * errors.reshape(joints.shape)
+    return noisy
+
+
+# ------------------------------------------------------------------------------------------------
+# Who performs a recipe: a stature, and furniture as seen from it.
+#
+# Segment lengths are fixed parts of stature (Drillis and Contini 1966), so a person of any
+# stature is the reference body in a room that has shrunk or grown. Recipes therefore pose the
+# reference body only, among furniture that :meth:`Person.sees`; the catalogue undoes the
+# scaling of the furniture afterwards. Motions of the library are thus all of the reference
+# body, while how high a seat is for whoever sits there varies as it does among people.
+
+STATURE: Final = (1.70, 0.07)
+"""Mean and standard deviation in metres over adults of both sexes (Pheasant and Haslegrave,
+*Bodyspace*, 2005)."""
+STATURE_RANGE: Final = (1.55, 1.85)
+"""Shortest and tallest performer, metres; beyond, furniture of usual sizes no longer fits."""
+
+
+@dataclass(frozen=True)
+class Person:
+    """Somebody of a stature in metres."""
+
+    stature: float
+
+    def sees(self, piece: SceneObject) -> SceneObject:
+        """Furniture in units in which this person is of the reference stature."""
+        return resized(piece, REFERENCE_STATURE / self.stature)
+
+    def returns(self, piece: SceneObject) -> SceneObject:
+        """Furniture in metres again."""
+        return resized(piece, self.stature / REFERENCE_STATURE)
+
+
+def draw_person(rng: np.random.Generator) -> Person:
+    """An adult."""
+    return Person(float(np.clip(rng.normal(*STATURE), *STATURE_RANGE)))
+
+
+# ------------------------------------------------------------------------------------------------
+# A body of the reference stature: from trunk, ankles and wrists to sixteen joints.
+#
+# The trunk is posed directly; arms and legs follow by two-bone inverse kinematics, so every
+# bone keeps the length of :data:`~imapper_prob.models.skeleton.BONE_LENGTHS` in every frame.
+# Metres, radians, z up; n frames; sides are ordered (right, left).
 
 SHIN: Final = BONE_LENGTHS[RANK, RKNE]
 THIGH: Final = BONE_LENGTHS[RKNE, RHIP]
@@ -56,27 +143,20 @@ FOREARM: Final = BONE_LENGTHS[RELB, RWRI]
 TRUNK: Final = BONE_LENGTHS[PELV, THRX]
 NECK_AND_HEAD: Final = BONE_LENGTHS[THRX, HEAD]
 HALF_HIPS: Final = BONE_LENGTHS[RHIP, LHIP] / 2
-
 ANKLE_HEIGHT: Final = 0.085
 """Ankle joint above the floor of a flat foot, metres: .039 H of a shod 1.70 m adult plus
 the sole (Winter, *Biomechanics and Motor Control of Human Movement*, fig. 4.1)."""
-
 STRAIGHTEST: Final = 0.995
 """Longest reach of a limb as part of its length: people do not lock knees and elbows."""
-
 HIP_HEIGHT: Final = ANKLE_HEIGHT + STRAIGHTEST * (SHIN + THIGH) - 0.01
 """Hip joints above the floor of somebody who stands, metres; the last centimetre is what
 standing with the feet apart costs."""
-
 LARGEST_FLEXION: Final = np.deg2rad(150.0)
 """Knees and elbows bend no further (American Academy of Orthopaedic Surgeons, 1965)."""
-
 ELBOWS: Final = (0.5, -0.7, -0.5)
 """Where the elbows of arms at work point: outward, forward (they point back) and up."""
-
 SIDES: Final = np.array([1.0, -1.0])
 """Sign of the sideways coordinate of the right and the left limb."""
-
 _UP: Final = np.array([0.0, 0.0, 1.0])
 
 
@@ -295,3 +375,29 @@ def pose_body(
     ):
         joints[:, pair] = positions
     return joints
+
+
+# ------------------------------------------------------------------------------------------------
+# What a recipe makes, and how long it may last.
+
+pass
+FRAMES_PER_SECOND: Final = 10.0
+"""Of i3DB, and fast enough for everything people do in a room."""
+FACING_BACK: Final = float(np.pi)
+"""Yaw in radians of a piece that faces the person who faces it."""
+
+
+class Drawn(NamedTuple):
+    """One motion (n, 16, 3) and its furniture, in a common frame and in the units of a person."""
+
+    joints: Array
+    objects: tuple[SceneObject, ...]
+
+
+Recipe = Callable[[np.random.Generator, Person], Drawn]
+"""Draws a motion of the reference body among furniture as the person sees it."""
+
+
+def moments(rng: np.random.Generator, fewest: int, most: int) -> Array:
+    """(n,) times in seconds of a clip of ``fewest`` to ``most`` frames."""
+    return np.arange(int(rng.integers(fewest, most + 1))) / FRAMES_PER_SECOND

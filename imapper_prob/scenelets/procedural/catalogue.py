@@ -15,21 +15,23 @@ from zlib import crc32
 import numpy as np
 
 from imapper_prob.models.scenelet import Library, Scenelet
-from imapper_prob.scenelets.frames import localised, mirrored
+from imapper_prob.scenelets.build import localised, mirrored
 from imapper_prob.scenelets.plausibility import faults
-from imapper_prob.scenelets.procedural.noise import as_tracked
-from imapper_prob.scenelets.procedural.person import draw_person
-from imapper_prob.scenelets.procedural.recipes import (
+from imapper_prob.scenelets.procedural import (
     folded,
     low,
     lying,
+    on_foot,
     reaching,
     resting,
     sitting,
-    standing,
-    walking,
 )
-from imapper_prob.scenelets.procedural.recipes.drawn import FRAMES_PER_SECOND, Recipe
+from imapper_prob.scenelets.procedural.body import (
+    FRAMES_PER_SECOND,
+    Recipe,
+    as_tracked,
+    draw_person,
+)
 
 __all__ = ["CATALOGUE", "VERSION", "Entry", "build_library"]
 
@@ -70,14 +72,14 @@ class Entry:
 
 CATALOGUE: Final = (
     # On one's feet with nothing near: 18 of 100.
-    Entry("walk", "walk", 160, walking.walk),
-    Entry("walk-shuffle", "walk", 24, walking.shuffle),
-    Entry("walk-start", "walk", 32, walking.start_walking),
-    Entry("walk-stop", "walk", 32, walking.stop_walking),
-    Entry("walk-turn", "walk", 32, walking.turn_on_spot),
-    Entry("walk-side-step", "walk", 20, walking.side_step),
-    Entry("walk-carry", "walk", 36, walking.carry),
-    Entry("stand-idle", "stand", 60, walking.idle),
+    Entry("walk", "walk", 160, on_foot.walk),
+    Entry("walk-shuffle", "walk", 24, on_foot.shuffle),
+    Entry("walk-start", "walk", 32, on_foot.start_walking),
+    Entry("walk-stop", "walk", 32, on_foot.stop_walking),
+    Entry("walk-turn", "walk", 32, on_foot.turn_on_spot),
+    Entry("walk-side-step", "walk", 20, on_foot.side_step),
+    Entry("walk-carry", "walk", 36, on_foot.carry),
+    Entry("stand-idle", "stand", 60, on_foot.idle),
     # Seats: 41 of 100, and another 11 below. On chairs (and some benches, at tables),
     Entry("sit-chair", "sit", 84, sitting.sit("chair")),
     Entry("sit-office-chair", "sit", 40, sitting.sit("office-chair")),
@@ -106,18 +108,18 @@ CATALOGUE: Final = (
     Entry("stand-up-bench", "stand-up", 8, sitting.sit_down_on("bench", backwards=True)),
     Entry("sit-bed", "sit", 12, sitting.sit("bed")),
     # Tables and counters: 10 of 100.
-    Entry("stand-table", "stand", 40, standing.stand_at("table")),
-    Entry("stand-counter", "stand", 36, standing.stand_at("counter")),
-    Entry("lean-on-table", "stand", 16, standing.lean_on_top("table")),
-    Entry("lean-on-counter", "stand", 16, standing.lean_on_top("counter")),
-    Entry("lean-against-table", "stand", 12, standing.lean_back_against("table")),
-    Entry("lean-against-counter", "stand", 16, standing.lean_back_against("counter")),
-    Entry("pick-up-table", "pick-up", 20, standing.pick_up("table")),
-    Entry("put-down-table", "put-down", 16, standing.pick_up("table", backwards=True)),
-    Entry("pick-up-low-table", "pick-up", 14, standing.pick_up("low table")),
-    Entry("put-down-low-table", "put-down", 10, standing.pick_up("low table", backwards=True)),
-    Entry("pick-up-counter", "pick-up", 12, standing.pick_up("counter")),
-    Entry("put-down-counter", "put-down", 8, standing.pick_up("counter", backwards=True)),
+    Entry("stand-table", "stand", 40, on_foot.stand_at("table")),
+    Entry("stand-counter", "stand", 36, on_foot.stand_at("counter")),
+    Entry("lean-on-table", "stand", 16, on_foot.lean_on_top("table")),
+    Entry("lean-on-counter", "stand", 16, on_foot.lean_on_top("counter")),
+    Entry("lean-against-table", "stand", 12, on_foot.lean_back_against("table")),
+    Entry("lean-against-counter", "stand", 16, on_foot.lean_back_against("counter")),
+    Entry("pick-up-table", "pick-up", 20, on_foot.pick_up("table")),
+    Entry("put-down-table", "put-down", 16, on_foot.pick_up("table", backwards=True)),
+    Entry("pick-up-low-table", "pick-up", 14, on_foot.pick_up("low table")),
+    Entry("put-down-low-table", "put-down", 10, on_foot.pick_up("low table", backwards=True)),
+    Entry("pick-up-counter", "pick-up", 12, on_foot.pick_up("counter")),
+    Entry("put-down-counter", "put-down", 8, on_foot.pick_up("counter", backwards=True)),
     # Shelves: 11 of 100.
     Entry("reach-shelf", "reach", 140, reaching.reach_shelf),
     Entry("reach-shelf-coming", "reach", 40, reaching.step_to_shelf(backwards=False)),

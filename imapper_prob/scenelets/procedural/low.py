@@ -1,14 +1,8 @@
-"""Sitting on the floor, squatting and kneeling: low down, with nothing but the floor.
-
-Each function returns somebody near the origin who faces +y, on a floor at z = 0. Metres, radians;
-offsets are right, forward and up of the pelvis. The right leg is the one of which one knee or foot
-does something else. Hips bend by 125 degrees and the spine above them by 40, knees by 150 (American
-Academy of Orthopaedic Surgeons, *Joint Motion*, 1965); ankles under the weight of a squatting
-body by some 35 (Hemmerich et al. 2006).
-"""
+"""Sitting on the floor, squatting, kneeling, bending down: motions and recipes."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Final
 
@@ -23,22 +17,34 @@ from imapper_prob.scenelets.procedural.body import (
     SIDES,
     THIGH,
     TRUNK,
+    Drawn,
+    Person,
+    Recipe,
     Trunk,
     hanging_wrists,
+    moments,
     pose_body,
     reachable_height,
     two_bones,
 )
 from imapper_prob.scenelets.procedural.folded import SHIN_DEPTH, THIGH_DEPTH, tailor_fashion
 from imapper_prob.scenelets.procedural.gait import minimum_jerk
+from imapper_prob.scenelets.procedural.lying import lie_still
+from imapper_prob.scenelets.procedural.reaching import DEEPEST_CROUCH, TRAVEL, extent, reach
 from imapper_prob.scenelets.procedural.resting import prop_up_behind
-from imapper_prob.scenelets.procedural.seat import open_seat
-from imapper_prob.scenelets.procedural.seated import SeatedPose, draw_seated
+from imapper_prob.scenelets.procedural.seated import SeatedPose, draw_seated, open_seat
+from imapper_prob.scenelets.procedural.sitting import sit_still
+from imapper_prob.scenelets.procedural.standing import HELD, draw_pastime, stand
 
 __all__ = [
     "KNEE_ON_FLOOR",
+    "bend_over",
+    "go_into_squat",
     "kneel_on_both",
     "kneel_on_one",
+    "lie_on_floor",
+    "low_down",
+    "pick_up_from_floor",
     "sit_cross_legged",
     "sit_knees_up",
     "sit_legs_out",
@@ -47,19 +53,15 @@ __all__ = [
 ]
 
 Array = NDArray[np.float64]
-
 KNEE_ON_FLOOR: Final = 0.05
 """Knee joint above the floor it kneels on, metres: half of the depth of a bent knee's front
 (*Bodyspace*)."""
-
 HEEL_ON_FLOOR: Final = 0.06
 """Ankle joint above the floor of a leg that lies on its heel, metres (*Bodyspace*)."""
-
 INSTEP_ON_FLOOR, TOES_ON_FLOOR = 0.05, 0.12
 """Ankle joint above the floor of a foot that lies on its instep, and of one that is on bent toes,
 metres: half of the height of the instep, and the ball of the foot, .15 H of foot length from the
 ankle, below a heel that is up (*Bodyspace*)."""
-
 _KNEES_UP: Final = np.array([[0.15, 1.0, 1.0], [-0.15, 1.0, 1.0]])
 
 
@@ -310,3 +312,118 @@ def _knees(ankles: Array, directions: Array) -> Array:
     hips = HALF_HIPS * np.stack([SIDES, np.zeros(2), np.zeros(2)], -1)
     knees, _ = two_bones(hips, ankles, directions, upper=THIGH, lower=SHIN)
     return knees
+
+
+# ------------------------------------------------------------------------------------------------
+# Low down with no furniture: on the floor, squatting, kneeling, and bending down to the floor.
+
+FROM_ABOVE: Final = (0.0, -0.04, 0.20)
+"""Metres from a thing on the floor to where the hand is just before."""
+KNUCKLES: Final = 0.09
+"""Wrist above what the hand holds, fingers down, metres (*Bodyspace*)."""
+SLOW: Final = 1.25
+"""Times that a hand's way takes when the whole body goes along."""
+STOOP: Final = (1.05, 1.4, 0.36)
+SQUAT: Final = (0.55, 1.0, DEEPEST_CROUCH)
+"""Least and greatest bend of the trunk, radians, and most that the knees lower the pelvis, metres,
+of the two ways down: hips bend too far in both at once (lifting styles: Burgess-Limerick 2003)."""
+_WAYS: Final[dict[str, Callable[[np.random.Generator], SeatedPose]]] = {
+    "cross-legged": sit_cross_legged,
+    "legs out": sit_legs_out,
+    "knees up": sit_knees_up,
+    "squat": squat,
+    "both knees": kneel_on_both,
+    "one knee": kneel_on_one,
+}
+
+
+def low_down(way: str) -> Recipe:
+    """Staying so: cross-legged, legs out, knees up, squat, both knees, one knee."""
+    draw_pose = _WAYS[way]
+
+    def draw(rng: np.random.Generator, person: Person) -> Drawn:
+        return Drawn(sit_still(rng, draw_pose(rng), moments(rng, 15, 20)), ())
+
+    return draw
+
+
+def lie_on_floor(rng: np.random.Generator, person: Person) -> Drawn:
+    """On the back or on the side, with nothing below the head."""
+    on_side = bool(rng.random() < 0.4)
+    times = moments(rng, 15, 20)
+    return Drawn(lie_still(rng, times, on_side=on_side, room=np.inf, pillow=0.08), ())
+
+
+def go_into_squat(*, backwards: bool) -> Recipe:
+    """Squatting down on the spot; backwards, standing up."""
+
+    def draw(rng: np.random.Generator, person: Person) -> Drawn:
+        times = moments(rng, 17, 20)
+        duration = rng.uniform(1.0, 1.3)
+        start = rng.uniform(0.0, times[-1] - duration)
+        pose = squat(rng, flat=True)
+        joints = squat_down(rng, pose, times, start=start, duration=duration)
+        return Drawn(joints[::-1] if backwards else joints, ())
+
+    return draw
+
+
+def _floor_target(rng: np.random.Generator, hands: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """(2, 3) wrists at something on the floor before the feet, or beside them, metres."""
+    middle = np.array([rng.uniform(-0.05, 0.20), rng.uniform(0.20, 0.42)])
+    apart = np.array([0.13, -0.13]) * hands.all()
+    height = KNUCKLES + rng.uniform(0.0, 0.16)
+    return np.stack([middle[0] + apart, np.full(2, middle[1]), np.full(2, height)], -1)
+
+
+def pick_up_from_floor(*, backwards: bool) -> Recipe:
+    """Bending down, taking something from the floor and coming up; backwards, putting it down.
+
+    Some stoop over knees that are a little bent, and some bend their knees far.
+    """
+
+    def draw(rng: np.random.Generator, person: Person) -> Drawn:
+        times = moments(rng, 18, 20)
+        load = draw_pastime(rng, {name: HELD[name] for name in ("box", "cup", "book", "bag")})
+        hands = ~np.isnan(load.hands[:, 0])
+        start = rng.uniform(-0.35, 0.1)
+        least, most, deepest = STOOP if rng.random() < 0.55 else SQUAT
+        joints = reach(
+            stand(rng, times),
+            targets=_floor_target(rng, hands),
+            hands=hands,
+            part=extent(times, start=start, finish=start + SLOW * TRAVEL, travel=SLOW * TRAVEL),
+            via=FROM_ABOVE,
+            leans=(rng.uniform(least, most - 0.1), most),
+            deepest=deepest,
+            after=load,
+        )
+        return Drawn(joints[::-1] if backwards else joints, ())
+
+    return draw
+
+
+def bend_over(rng: np.random.Generator, person: Person) -> Drawn:
+    """Bent down with the hands at the feet or the floor, at work there, as on a shoe."""
+    times = moments(rng, 15, 20)
+    hands = np.array([True, bool(rng.random() < 0.6)])
+    targets = _floor_target(rng, hands)
+    targets[:, 2] += rng.uniform(0.0, 0.15)
+    work = 0.02 * np.sin(2 * np.pi * times / rng.uniform(1.2, 2.5))
+    stays = rng.random() < 0.6
+    least, most, deepest = STOOP if rng.random() < 0.55 else SQUAT
+    joints = reach(
+        stand(rng, times),
+        targets=targets + work[:, None, None] * (1.0, 0.3, 0.5),
+        hands=hands,
+        part=extent(
+            times,
+            start=-2.0 if stays else rng.uniform(-0.2, 0.2),
+            finish=np.inf,
+            travel=SLOW * TRAVEL,
+        ),
+        via=FROM_ABOVE,
+        leans=(rng.uniform(least, most - 0.1), most),
+        deepest=deepest,
+    )
+    return Drawn(joints, ())

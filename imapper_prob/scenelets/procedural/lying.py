@@ -1,10 +1,4 @@
-"""Lying on the back or on the side.
-
-A lying body is an upright one turned over: the trunk is posed along +z, limbs reach for
-where they rest on the mattress, and the whole is turned about the pelvis. The sleeper's
-frame has the pelvis above its origin, the head towards -y, the feet towards +y, and z as
-height above the mattress; metres, radians; sides are (right, left).
-"""
+"""Lying on the back or on the side: motions and recipes."""
 
 from __future__ import annotations
 
@@ -13,6 +7,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from imapper_prob.models.scene import Cuboid, Placement
 from imapper_prob.models.skeleton import (
     BONE_LENGTHS,
     LELB,
@@ -20,38 +15,36 @@ from imapper_prob.models.skeleton import (
     RELB,
     RSHO,
 )
+from imapper_prob.scenelets.procedural import furniture
 from imapper_prob.scenelets.procedural.body import (
     FOREARM,
     NECK_AND_HEAD,
     SIDES,
     TRUNK,
     UPPER_ARM,
+    Drawn,
+    Person,
     Trunk,
+    moments,
     pose_body,
     two_bones,
 )
 
-__all__ = ["HEAD_AT", "LIMBS_END", "lie_still"]
+__all__ = ["HEAD_AT", "LIMBS_END", "lie_on_bed", "lie_on_couch", "lie_still"]
 
 Array = NDArray[np.float64]
-
 HEAD_AT: Final = TRUNK + NECK_AND_HEAD
 """How far the head is from the pelvis, metres."""
-
 LIMBS_END: Final = 0.12
 """From the middle of the head to its crown and from ankle to sole, metres: half the height
 of a head, and half the length of a foot (*Bodyspace*)."""
-
 BACK_DEPTH: Final = 0.10
 """From the line of the joints to the back of the trunk, metres (Pheasant and Haslegrave,
 *Bodyspace*, 2005): how high the trunk is above what one lies on."""
-
 LIMB_DEPTH: Final = 0.05
 """From the line of the joints to the skin of arms and shins, metres (*Bodyspace*)."""
-
 PILLOW: Final = 0.25
 """Radians that the head is bent forward by a pillow of some 8 cm."""
-
 _ELBOWS_ON_BACK: Final = np.array([[1.0, 0.3, 0.1], [-1.0, 0.3, 0.1]])
 _ELBOWS_ON_SIDE: Final = np.array([[0.3, 1.0, 0.2], [0.0, 0.3, 1.0]])
 """Directions in the frame of the sleeper to which the right and the left elbow bend."""
@@ -137,3 +130,54 @@ def lie_still(
     joints[:, [RELB, LELB]] = elbows
     lying: Array = joints @ body + pelvis
     return lying
+
+
+# ------------------------------------------------------------------------------------------------
+# Lying on a bed or couch.
+
+
+def lie_on_bed(rng: np.random.Generator, person: Person) -> Drawn:
+    """On the back or side, the head at the headboard."""
+    bed = person.sees(furniture.bed(rng))
+    seat = next(c for c in bed.cuboids if c.part == "seat")
+    width, length, _ = seat.size
+    aside = max(width / 2 - 0.40, 0.0)  # both arms stay on the mattress
+    head = LIMBS_END + rng.uniform(0.03, 0.15)
+    at = Placement(
+        float(rng.uniform(-aside, aside)),
+        float(seat.centre[1] - length / 2 + head + HEAD_AT),
+        float(rng.normal(0.0, 0.05)),
+    )
+    joints = lie_still(
+        rng,
+        moments(rng, 15, 20),
+        on_side=bool(rng.random() < 0.5),
+        room=float(length - head - HEAD_AT - LIMBS_END),
+    )
+    return Drawn(at.apply(joints + _surface(seat)), (bed,))
+
+
+def lie_on_couch(rng: np.random.Generator, person: Person) -> Drawn:
+    """Along a couch of three seats, on the back, or on the side and looking into the room."""
+    couch = person.sees(furniture.couch(rng, seats=3))
+    seat = next(c for c in couch.cuboids if c.part == "seat")
+    width = seat.size[0]
+    head = LIMBS_END + rng.uniform(0.02, 0.06)
+    on_side = bool(rng.random() < 0.5)
+    # The right side down, one looks into the room with the head at the end of +x.
+    end = 1 if on_side else int(rng.choice([-1, 1]))
+    at = Placement(
+        float(end * (width / 2 - head - HEAD_AT)), float(seat.centre[1] + 0.04), end * np.pi / 2
+    )
+    joints = lie_still(
+        rng,
+        moments(rng, 15, 20),
+        on_side=on_side,
+        room=float(width - head - HEAD_AT - LIMBS_END),
+    )
+    return Drawn(at.apply(joints + _surface(seat)), (couch,))
+
+
+def _surface(seat: Cuboid) -> NDArray[np.float64]:
+    """(3,) from the floor up to what one lies on, metres."""
+    return np.array([0.0, 0.0, seat.centre[2] + seat.size[2] / 2])

@@ -1,8 +1,4 @@
-"""Ways to sit: where the pelvis is, what the trunk leans on, where feet and hands are.
-
-A pose is drawn in that order, each step a function of the seat and of the pose so far. Metres,
-radians; the frame is that of the seat, with its front towards +y. Sides are (right, left).
-"""
+"""Seated poses: where pelvis, trunk, feet and hands are on a given seat."""
 
 from __future__ import annotations
 
@@ -13,6 +9,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from imapper_prob.models.scene import SceneObject
 from imapper_prob.models.skeleton import BONE_LENGTHS, LHIP, RHIP
 from imapper_prob.scenelets.procedural.body import (
     ANKLE_HEIGHT,
@@ -22,38 +19,114 @@ from imapper_prob.scenelets.procedural.body import (
     THIGH,
     TRUNK,
 )
-from imapper_prob.scenelets.procedural.seat import Seat
 
 __all__ = [
     "BUTTOCK",
     "CHEST_HALF_DEPTH",
     "HIP_ABOVE_SEAT",
+    "Seat",
     "SeatedPose",
     "at_table",
     "draw_hands",
     "draw_seated",
+    "open_seat",
+    "seat_of",
 ]
 
-Array = NDArray[np.float64]
 
+@dataclass(frozen=True)
+class Seat:
+    """What somebody who sits feels of a piece of furniture.
+
+    Parameters
+    ----------
+    height : float
+        Of the surface, metres.
+    front, back : float
+        The y of the front edge and of the face of the backrest (-inf without one), metres.
+    closed : bool
+        Whether feet cannot go below.
+    deep : bool
+        Whether one sinks into it, as into a couch.
+    arms : tuple of (float, float, float)
+        The x of each armrest's middle, the y of its front, and the height of its top.
+    """
+
+    height: float
+    front: float
+    back: float
+    closed: bool
+    deep: bool
+    arms: tuple[tuple[float, float, float], ...]
+
+
+def seat_of(piece: SceneObject, *, edge: float | None = None) -> Seat:
+    """The seat of a piece that stands at the origin.
+
+    Parameters
+    ----------
+    piece : SceneObject
+        With a part ``seat``.
+    edge : float, optional
+        The y in metres of the edge to sit on, where it is not the piece's own front, as of a
+        bed: one sits with one's back to the rest of it, and leans on nothing.
+    """
+    seat = next(c for c in piece.cuboids if c.part == "seat")
+    low, high = seat.centre - seat.size / 2, seat.centre + seat.size / 2
+    backs = [c.centre[1] + c.size[1] / 2 for c in piece.cuboids if c.part == "back"]
+    arms = tuple(
+        (
+            float(c.centre[0]),
+            float(c.centre[1] + c.size[1] / 2),
+            float(c.centre[2] + c.size[2] / 2),
+        )
+        for c in piece.cuboids
+        if c.part == "arm"
+    )
+    return Seat(
+        height=float(high[2]),
+        front=float(high[1]) if edge is None else edge,
+        back=float(backs[0]) if backs and edge is None else -np.inf,
+        closed=bool(low[2] < 0.3),
+        deep=piece.label == "couch",
+        arms=arms,
+    )
+
+
+def open_seat(height: float, *, front: float) -> Seat:
+    """A surface without a back or arms, as of a floor or of the middle of a bed.
+
+    Parameters
+    ----------
+    height : float
+        Metres.
+    front : float
+        The y in metres of where whoever sits there ends.
+    """
+    return Seat(height=height, front=front, back=-np.inf, closed=False, deep=False, arms=())
+
+
+# ------------------------------------------------------------------------------------------------
+# Ways to sit: where the pelvis is, what the trunk leans on, where feet and hands are.
+#
+# A pose is drawn in that order, each step a function of the seat and of the pose so far. Metres,
+# radians; the frame is that of the seat, with its front towards +y. Sides are (right, left).
+
+pass
+Array = NDArray[np.float64]
 HIP_ABOVE_SEAT: Final = 0.095
 """Hip joint above the surface one sits on, metres (trochanter height, sitting: Pheasant and
 Haslegrave, *Bodyspace*, 2005)."""
-
 CHEST_HALF_DEPTH: Final = 0.10
 """From the line of the spine joints to the back of the body, metres (*Bodyspace*)."""
-
 BUTTOCK: Final = 0.13
 """From the hip joint back to where the body ends, metres (*Bodyspace*)."""
-
 FURTHEST_LEAN: Final = 0.58
 """Radians; more would bend the hips beyond the 125 degrees of which they are capable
 (American Academy of Orthopaedic Surgeons, 1965), thighs being level."""
-
 SQUARE: Final = 0.09
 """Standard deviation in radians of where people face against their seat: half of them are
 within 4 degrees and 90 % within 11, as measured on i3DB."""
-
 _ARM_REACH: Final = 0.46
 """Metres sideways from the pelvis within which one rests an arm."""
 

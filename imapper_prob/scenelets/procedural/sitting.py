@@ -1,35 +1,59 @@
-"""Sitting still, sitting down and standing up."""
+"""Sitting still, sitting down and standing up: motions and recipes."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from imapper_prob.models.scene import Placement
+from imapper_prob.models.scene import Placement, SceneObject
+from imapper_prob.scenelets.procedural import furniture
 from imapper_prob.scenelets.procedural.body import (
     ANKLE_HEIGHT,
     ELBOWS,
+    FACING_BACK,
+    Drawn,
+    Person,
+    Recipe,
     Trunk,
+    moments,
     pose_body,
     reachable_height,
 )
 from imapper_prob.scenelets.procedural.gait import SWING_LIFT, Route, minimum_jerk, walk_along
-from imapper_prob.scenelets.procedural.seated import SeatedPose
+from imapper_prob.scenelets.procedural.seated import (
+    Seat,
+    SeatedPose,
+    at_table,
+    draw_seated,
+    seat_of,
+)
 
-__all__ = ["approach", "sit_down", "sit_still"]
+__all__ = [
+    "approach",
+    "sit",
+    "sit_at_desk",
+    "sit_at_low_table",
+    "sit_at_table",
+    "sit_beside_shelf",
+    "sit_down",
+    "sit_down_at_table",
+    "sit_down_on",
+    "sit_still",
+    "sit_turned",
+    "take_seat",
+    "with_room",
+]
 
 Array = NDArray[np.float64]
-
 BOW: Final = 0.50
 """Radians that the trunk bends forward, beyond where it ends, half-way down: with the lean
 of the end 35 to 45 degrees (Schenkman et al. 1990)."""
-
 STEP: Final = 0.44
 """Time of a step as part of the time to arrive: the last swing of each foot then ends where it
 is to stand, and none has to be moved by a few centimetres more."""
-
 OVERLAP: Final = 0.15
 """Seconds by which the hips set off before the feet have arrived."""
 
@@ -131,3 +155,203 @@ def sit_down(
     wrists = walk.wrists + (trunk.shoulders - walk.trunk.shoulders)
     wrists = wrists + down[:, None, None] * (trunk.at_pelvis(pose.hands) - wrists)
     return pose_body(trunk, ankles=ankles, wrists=wrists)
+
+
+# ------------------------------------------------------------------------------------------------
+# Sitting, sitting down and standing up, and what stands beside a seat.
+
+pass
+_PLACES: Final[dict[int, Sequence[tuple[float, float]]]] = {
+    1: ((0.0, 1.0),),
+    2: ((-0.25, 0.25), (0.0, 0.5), (0.25, 0.25)),
+    3: ((-0.33, 0.12), (0.0, 0.76), (0.33, 0.12)),
+}
+"""Where one sits on a couch, by its number of seats: parts of the seat's width from its
+middle, and how often. On i3DB people sit 28 cm (r.m.s., six sittings) from the middle of a
+couch, so the outer places are the rarer ones."""
+Taken = tuple[SceneObject, Seat, float]
+"""A piece, the seat it offers in the frame of the scenelet, and the x of the place taken."""
+
+
+def take_seat(rng: np.random.Generator, person: Person, kind: str) -> Taken:
+    """Something to sit on, facing +y."""
+    if kind == "bed":
+        return _bedside(rng, person)
+    if kind in ("couch", "armchair"):
+        seats = 1 if kind == "armchair" else int(rng.choice([1, 2, 3], p=[0.2, 0.4, 0.4]))
+        piece = person.sees(furniture.couch(rng, seats=seats))
+        return piece, seat_of(piece), _place_on(rng, piece, seats)
+    if kind == "bench":
+        piece = person.sees(furniture.bench(rng))
+        return piece, seat_of(piece), _place_on(rng, piece, 2)
+    if kind == "stool":
+        piece = person.sees(furniture.stool(rng))
+    elif kind == "office-chair":
+        piece = person.sees(furniture.office_chair(rng))
+    else:
+        piece = person.sees(furniture.chair(rng, arms=bool(rng.random() < 0.35)))
+    return piece, seat_of(piece), float(rng.normal(0.0, 0.02))
+
+
+def _place_on(rng: np.random.Generator, piece: SceneObject, seats: int) -> float:
+    places, shares = np.array(_PLACES[seats]).T
+    width = next(c.size[0] for c in piece.cuboids if c.part == "seat")
+    # The hips, .2 to either side, stay clear of the arms.
+    most = max(width / 2 - 0.24, 0.0)
+    place = rng.choice(places, p=shares) * width + rng.normal(0.0, 0.05 * seats)
+    return float(np.clip(place, -most, most))
+
+
+def _bedside(rng: np.random.Generator, person: Person) -> Taken:
+    """The edge of a bed, which lies behind who sits there, its head to the left or right."""
+    bed = person.sees(furniture.bed(rng))
+    edge, half = 0.20, float(bed.bounds[1, 0])
+    along = float(np.clip(rng.normal(0.0, 0.3), 0.4 - bed.bounds[1, 1], bed.bounds[1, 1] - 0.4))
+    at = Placement(along, edge - half, float(rng.choice([-1, 1])) * np.pi / 2)
+    return bed.moved(at), seat_of(bed, edge=edge), 0.0
+
+
+def with_room(bed: SceneObject, *, right: float, left: float) -> SceneObject:
+    """A bed below somebody who sits on its edge at x = 0, with so much of it to both sides.
+
+    It is moved along its edge by as little as it takes; ``right`` and ``left`` are in metres.
+    """
+    seat = next(c for c in bed.cuboids if c.part == "seat")
+    half = np.array([0.0, seat.size[1] / 2, 0.0])
+    ends = bed.placement.apply(seat.centre + np.stack([-half, half]))[:, 0]
+    shift = max(right - ends.max(), 0.0) - max(left + ends.min(), 0.0)
+    return bed.moved(Placement(float(shift), 0.0, 0.0))
+
+
+def sit(kind: str) -> Recipe:
+    """Sitting on a chair, office-chair, armchair, couch, stool, bench or the edge of a bed."""
+
+    def draw(rng: np.random.Generator, person: Person) -> Drawn:
+        piece, seat, place = take_seat(rng, person, kind)
+        pose = draw_seated(rng, seat, sideways=place)
+        return Drawn(sit_still(rng, pose, moments(rng, 15, 20)), (piece,))
+
+    return draw
+
+
+def sit_turned(kind: str) -> Recipe:
+    """Sitting with the whole body turned to one side, towards company."""
+
+    def draw(rng: np.random.Generator, person: Person) -> Drawn:
+        piece, seat, place = take_seat(rng, person, kind)
+        # From an outer place one turns to the middle; the other way there is an arm.
+        side = np.sign(place) if abs(place) > 0.1 else rng.choice([-1, 1])
+        # Knees between the arms of a narrow seat leave little room to turn.
+        most = 0.35 if seat.arms and abs(seat.arms[0][0] - seat.arms[1][0]) < 0.9 else 0.70
+        yaw = float(side * rng.uniform(0.2, most))
+        pose = draw_seated(rng, seat, sideways=place, yaw=yaw)
+        return Drawn(sit_still(rng, pose, moments(rng, 15, 20)), (piece,))
+
+    return draw
+
+
+def sit_at_low_table(rng: np.random.Generator, person: Person) -> Drawn:
+    """On a couch with a coffee table before the knees."""
+    piece, seat, place = take_seat(rng, person, "couch")
+    pose = draw_seated(rng, seat, sideways=place)
+    table = person.sees(furniture.low_table(rng))
+    knees = max(float(pose.ankles[:, 1].max()), pose.pelvis[1] + 0.42)
+    y = knees + rng.uniform(0.15, 0.30) + table.bounds[1, 1]
+    low = table.moved(Placement(place + rng.uniform(-0.2, 0.2), float(y), FACING_BACK))
+    return Drawn(sit_still(rng, pose, moments(rng, 15, 20)), (piece, low))
+
+
+def _at(rng: np.random.Generator, person: Person, kind: str, table: SceneObject) -> Drawn:
+    """Somebody on a chair at a table or desk, knees in its widest gap."""
+    piece, seat, place = take_seat(rng, person, kind)
+    pose = draw_seated(rng, seat, sideways=place, upright=True)
+    rests = max((front for _, front, _ in seat.arms), default=-np.inf)
+    edge = max(float(pose.pelvis[1]) + rng.uniform(0.20, 0.30), rests + 0.02)
+    pose = at_table(rng, pose, edge=edge, top=float(table.bounds[1, 2]))
+    low, high = furniture.knee_room(table)
+    middle, half = (low + high) / 2, max((high - low) / 2 - 0.30, 0.0)
+    at = Placement(
+        place + middle + rng.uniform(-half, half), edge + table.bounds[1, 1], FACING_BACK
+    )
+    return Drawn(sit_still(rng, pose, moments(rng, 15, 20)), (piece, table.moved(at)))
+
+
+def sit_at_table(rng: np.random.Generator, person: Person) -> Drawn:
+    """On a chair at a table, hands on the top."""
+    kind = "chair" if rng.random() < 0.85 else "bench"
+    return _at(rng, person, kind, person.sees(furniture.table(rng)))
+
+
+def sit_at_desk(rng: np.random.Generator, person: Person) -> Drawn:
+    """Typing, writing or thinking at a desk, on an office chair or another one."""
+    kind = "office-chair" if rng.random() < 0.7 else "chair"
+    return _at(rng, person, kind, person.sees(furniture.desk(rng)))
+
+
+def sit_beside_shelf(kind: str) -> Recipe:
+    """Sitting with a shelf at one side, against the same wall or facing the seat."""
+
+    def draw(rng: np.random.Generator, person: Person) -> Drawn:
+        piece, seat, place = take_seat(rng, person, kind)
+        side, half = (1 if place > 0 else -1), float(piece.bounds[1, 0])
+        # On a long couch the place beside the shelf, or it would be out of reach.
+        place = side * max(abs(place), half - 0.65)
+        pose = draw_seated(rng, seat, sideways=place)
+        shelf = person.sees(furniture.shelf(rng))
+        edge = side * (half + rng.uniform(0.15, 0.35))
+        half_width, half_depth = shelf.bounds[1, :2]
+        if rng.random() < 0.5:
+            wall = float(piece.bounds[0, 1])
+            at = Placement(edge + side * half_width, wall + half_depth, 0.0)
+        else:
+            beside = float(rng.uniform(-0.2, 0.4))
+            at = Placement(edge + side * half_depth, beside, side * np.pi / 2)
+        return Drawn(sit_still(rng, pose, moments(rng, 15, 20)), (piece, shelf.moved(at)))
+
+    return draw
+
+
+def _way_to(
+    rng: np.random.Generator, pose: SeatedPose, *, bearings: tuple[float, float], furthest: float
+) -> Array:
+    """Somebody who walks to the seat in a step or two, or is there already, and sits down."""
+    feet = pose.ankles[:, :2].mean(0)
+    end = Placement(float(feet[0]), float(feet[1]), pose.yaw)
+    if rng.random() < 0.25:
+        times, arrival, distance, bearing = moments(rng, 15, 17), 0.1, 0.0, np.pi
+    else:
+        times, distance = moments(rng, 19, 20), rng.uniform(0.15, furthest)
+        arrival = rng.uniform(0.8, 0.95)
+        bearing = float(rng.choice([-1, 1]) * rng.uniform(*bearings))
+    route = approach(end, distance=distance, bearing=bearing, arrival=arrival)
+    return sit_down(rng, pose, times, route=route, arrival=arrival)
+
+
+def sit_down_on(kind: str, *, backwards: bool) -> Recipe:
+    """Walking to a seat, turning and sitting down; backwards, standing up and leaving."""
+
+    def draw(rng: np.random.Generator, person: Person) -> Drawn:
+        piece, seat, place = take_seat(rng, person, kind)
+        pose = draw_seated(rng, seat, sideways=place, upright=True)
+        # Along the front of a couch there is no room for the feet of who comes from the side.
+        bearings = (0.5, 1.1) if seat.closed else (0.7, 1.4)
+        joints = _way_to(rng, pose, bearings=bearings, furthest=0.5)
+        return Drawn(joints[::-1] if backwards else joints, (piece,))
+
+    return draw
+
+
+def sit_down_at_table(*, backwards: bool) -> Recipe:
+    """Sitting down from the side on a chair that is drawn back from a table, or getting up."""
+
+    def draw(rng: np.random.Generator, person: Person) -> Drawn:
+        piece, seat, place = take_seat(rng, person, "chair")
+        pose = draw_seated(rng, seat, sideways=place, upright=True)
+        joints = _way_to(rng, pose, bearings=(1.3, 1.57), furthest=0.4)
+        table = person.sees(furniture.table(rng))
+        edge = float(pose.ankles[:, 1].max()) + rng.uniform(0.20, 0.30)
+        half = table.bounds[1, 0] - 0.35
+        at = Placement(rng.uniform(-half, half), edge + table.bounds[1, 1], FACING_BACK)
+        return Drawn(joints[::-1] if backwards else joints, (piece, table.moved(at)))
+
+    return draw

@@ -10,7 +10,7 @@ from scipy.signal import lfilter
 from scipy.stats import multivariate_t
 from scipy.stats import t as student
 
-from imapper_prob.models.path_error import remembered
+from imapper_prob.models.path_prior import remembered
 from lab.calibrate.estimators import (
     between_groups,
     change_time,

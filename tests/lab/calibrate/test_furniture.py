@@ -9,7 +9,7 @@ import numpy as np
 from imapper_prob.models.scene import Placement, Truth
 from imapper_prob.models.scenelet import Scenelet
 from lab.calibrate.observations import furniture_errors
-from tests.results.rooms import couch_and_table
+from tests.uncertainty.rooms import couch_and_table
 
 SCENE = couch_and_table()
 COUCH, TABLE = SCENE.objects

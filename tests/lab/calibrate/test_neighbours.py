@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from imapper_prob.models.energy.detections import DetectionModel
+from imapper_prob.models.detector import DetectionModel
 from imapper_prob.models.scene import Truth
 from imapper_prob.models.skeleton import DETECTED, PELV
 from lab.calibrate.evidence import Neighbours, neighbours, repeats

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from imapper_prob.inputs.i3db import read_i3db, read_i3db_truth
+from imapper_prob.clips.i3db import read_i3db, read_i3db_truth
 from imapper_prob.models.calibrated import PATH, calibrated, constants, parsed, table
-from imapper_prob.models.energy.detections import DetectionModel
+from imapper_prob.models.detector import DetectionModel
 from imapper_prob.models.scene import Clip, Truth
 from imapper_prob.models.settings import CameraSettings, ModelSettings, StaticPathSettings
 from imapper_prob.scenelets.library import built_in_library

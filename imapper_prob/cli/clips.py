@@ -1,0 +1,248 @@
+"""``detect`` and ``track``, and the options that describe a clip."""
+
+from __future__ import annotations
+
+import argparse
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from imapper_prob.cli.console import progress_bars
+from imapper_prob.models.errors import InputError
+
+if TYPE_CHECKING:
+    from imapper_prob.clips.load import ClipOptions
+    from imapper_prob.models.scene import Clip
+
+__all__ = [
+    "add_detect_command",
+    "add_track_command",
+    "clip_from",
+    "clip_options",
+    "clip_parser",
+    "is_clip",
+    "is_video",
+    "refuse_to_replace",
+    "size_of",
+]
+
+_VIDEOS = (".avi", ".m4v", ".mkv", ".mov", ".mp4", ".mpg", ".webm")
+
+
+def clip_parser(*, files: bool = True) -> argparse.ArgumentParser:
+    """A parent parser with the options that say what keypoint files leave open.
+
+    Without ``files``, those that a video answers itself are left out.
+    """
+    parser = argparse.ArgumentParser(add_help=False)
+    group = parser.add_argument_group("what the files of a clip do not say")
+    add = group.add_argument
+    add("--camera", type=Path, metavar="FILE", help="intrinsics, TOML or JSON")
+    add("--focal", type=float, metavar="PIXELS", help="focal length")
+    add("--focal-spread", type=float, metavar="PART", help="of it that it may be wrong by")
+    add("--pitch", type=float, metavar="DEGREES", help="of the camera; down is negative")
+    add("--camera-height", type=float, metavar="METRES", help="above the floor")
+    add("--confidence-map", metavar="MAP", help="its name, or knots such as 0:0,0.3:0.5,1:1")
+    add("--fps", type=float, help="frames a second")
+    if files:
+        add("--format", help="such as body_25, halpe_26, mediapipe; by content if left out")
+        add("--size", type=size_of, metavar="WxH", help="of the image in pixels")
+        add("--people", type=int, metavar="N", help="actors, where files do not say")
+        add("--frames", type=_span, metavar="FIRST:LAST", help="these alone, by their numbers")
+        add("--marks", type=Path, metavar="FILE", help="who is who in some frames, JSON")
+        choices = ("default", "paper")
+        add(
+            "--tracker",
+            choices=choices,
+            default="default",
+            help="costs by which people are told apart",
+        )
+    return parser
+
+
+def size_of(text: str) -> tuple[int, int]:
+    """Width and height out of ``1920x1080``."""
+    match = re.fullmatch(r"(\d{1,5})[x×](\d{1,5})", text)
+    if match is None:
+        raise argparse.ArgumentTypeError(f"{text!r} is no size such as 1920x1080")
+    return int(match[1]), int(match[2])
+
+
+def _span(text: str) -> tuple[int, int]:
+    """First and last frame out of ``100:350``."""
+    match = re.fullmatch(r"(-?\d{1,15}):(-?\d{1,15})", text)
+    if match is None:
+        raise argparse.ArgumentTypeError(f"{text!r} are no frames such as 100:350")
+    return int(match[1]), int(match[2])
+
+
+def clip_options(options: argparse.Namespace) -> ClipOptions:
+    """What was said."""
+    from imapper_prob.clips.load import ClipOptions, read_camera, read_marks
+
+    marks = getattr(options, "marks", None)
+    return ClipOptions(
+        format=getattr(options, "format", None),
+        camera=None if options.camera is None else read_camera(options.camera),
+        focal=options.focal,
+        focal_spread=options.focal_spread,
+        pitch=options.pitch,
+        height=options.camera_height,
+        size=getattr(options, "size", None),
+        fps=options.fps,
+        confidence=options.confidence_map,
+        people=getattr(options, "people", None),
+        marks=None if marks is None else read_marks(marks),
+        tracker=getattr(options, "tracker", "default"),
+    )
+
+
+def refuse_to_replace(output: Path, *, overwrite: bool) -> None:
+    """Whether a clip file may be written there, before anything is computed for it.
+
+    Raises
+    ------
+    InputError
+        It is none by its name, or there is one already.
+    """
+    if output.suffix != ".npz":
+        raise InputError(f"{output}: a clip file's name ends in .npz")
+    if output.exists() and not overwrite:
+        raise InputError(f"{output} exists; name another file, or say --overwrite")
+    if not output.parent.is_dir():
+        raise InputError(f"{output}: there is no folder {output.parent}")
+
+
+def is_clip(path: Path) -> bool:
+    """Whether a path is a clip rather than the folder of a run: a file, or keypoints."""
+    return path.is_file() or (path.is_dir() and any(path.glob("*.json")) and not _is_run(path))
+
+
+def _is_run(path: Path) -> bool:
+    return (path / "scenes.json").exists() or (path / "posterior.nc").exists()
+
+
+def is_video(path: Path) -> bool:
+    """Whether a path is a video by its name."""
+    return path.suffix.lower() in _VIDEOS
+
+
+def clip_from(path: Path, options: argparse.Namespace) -> Clip:
+    """The clip at ``path``, read as the options say; in a video its joints are found first."""
+    said = clip_options(options)
+    if is_video(path):
+        from imapper_prob.clips.detect import detect
+        from imapper_prob.clips.load import window
+
+        with progress_bars() as progress:
+            clip = detect(path, options=said, progress=progress)
+        return clip if options.frames is None else window(clip, *options.frames)
+    from imapper_prob.clips.load import load_clip
+    from imapper_prob.lifting import lift_clip
+
+    return load_clip(path, options=said, lift=lift_clip, frames=options.frames)
+
+
+# ------------------------------------------------------------------------------------------------
+# ``detect``: joints of the person in a video, as a clip file.
+
+
+def add_detect_command(
+    commands: argparse._SubParsersAction[Any], shared: argparse.ArgumentParser
+) -> None:
+    """Add the command to a parser; ``shared`` holds options that all commands have."""
+    detect = commands.add_parser(
+        "detect",
+        parents=[shared, clip_parser(files=False)],
+        help="find the joints of the person in a video",
+    )
+    detect.add_argument("video", type=Path)
+    detect.add_argument("-o", "--output", type=Path, required=True, metavar="CLIP.npz")
+    detect.add_argument("--start", type=float, default=0.0, metavar="SECONDS")
+    detect.add_argument("--end", type=float, metavar="SECONDS")
+    detect.add_argument("--step", type=int, help="take every n-th frame; ten a second if left out")
+    detect.add_argument("--picture", type=Path, metavar="PNG", help="frames with their joints")
+    detect.add_argument("--overwrite", action="store_true", help="replace an earlier clip file")
+    detect.set_defaults(execute=_detect)
+
+
+def _detect(options: argparse.Namespace) -> None:
+    from imapper_prob.cli.console import console
+    from imapper_prob.clips.detect import detect
+    from imapper_prob.clips.load import clip_table, write_clip
+
+    output: Path = options.output
+    refuse_to_replace(output, overwrite=options.overwrite)
+    with progress_bars() as progress:
+        clip = detect(
+            options.video,
+            options=clip_options(options),
+            start=options.start,
+            end=options.end,
+            step=options.step,
+            progress=progress,
+        )
+    try:
+        write_clip(output, clip)
+        if options.picture is not None:
+            _draw(options, clip)
+    except OSError as error:
+        raise InputError(f"{output}: cannot be written ({error.strerror or error})") from error
+    out = console()
+    out.print(clip_table(clip))
+    out.print(f"Written to {output}; go on with: imapper-prob run {output} -o DIR")
+
+
+def _draw(options: argparse.Namespace, clip: Clip) -> None:
+    from imapper_prob.clips.detect import contact_sheet, usual_step
+    from imapper_prob.clips.video import open_video
+    from imapper_prob.files import written_whole
+
+    video = open_video(options.video)
+    fps = options.fps or video.fps
+    step = options.step or usual_step(fps)
+    sheet = contact_sheet(video, clip, first=round(options.start * fps), step=step)
+    with written_whole(options.picture) as beside:
+        sheet.save(beside)
+
+
+# ------------------------------------------------------------------------------------------------
+# ``track``: who is who among people that a detector saw frame by frame.
+
+_DOTS_PER_INCH = 120
+
+
+def add_track_command(
+    commands: argparse._SubParsersAction[Any], shared: argparse.ArgumentParser
+) -> None:
+    """Add the command to a parser; ``shared`` holds options that all commands have."""
+    track = commands.add_parser(
+        "track", parents=[shared, clip_parser()], help="tell people apart, and write the clip"
+    )
+    track.add_argument("clip", type=Path, help="keypoints of several people, in any format")
+    track.add_argument("-o", "--output", type=Path, required=True, metavar="CLIP.npz")
+    track.add_argument("--picture", type=Path, metavar="PNG", help="draw the tracks")
+    track.add_argument("--overwrite", action="store_true", help="replace an earlier clip file")
+    track.set_defaults(execute=_track)
+
+
+def _track(options: argparse.Namespace) -> None:
+    from imapper_prob.cli.console import console
+    from imapper_prob.clips.load import clip_table, write_clip
+    from imapper_prob.files import written_whole
+    from imapper_prob.plotting import save_figure
+
+    refuse_to_replace(options.output, overwrite=options.overwrite)
+    clip = clip_from(options.clip, options)
+    try:
+        write_clip(options.output, clip)
+        if options.picture is not None:
+            from imapper_prob.clips.identity import track_figure
+
+            with written_whole(options.picture) as beside:
+                save_figure(track_figure(clip), beside, dpi=_DOTS_PER_INCH)
+    except OSError as error:
+        raise InputError(
+            f"{options.output}: cannot be written ({error.strerror or error})"
+        ) from error
+    console().print(clip_table(clip))

@@ -1,0 +1,1 @@
+"""Clips: what detectors, lifters and benchmarks leave in files, read into one type."""

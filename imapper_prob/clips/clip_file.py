@@ -1,0 +1,232 @@
+"""The clip file of this program: one ``.npz`` that holds everything a clip holds."""
+
+from __future__ import annotations
+
+import zipfile
+import zlib
+from dataclasses import astuple
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imapper_prob.clips.parsing import Arrays, refuse_bombs
+from imapper_prob.files import written_whole
+from imapper_prob.models.camera import Camera
+from imapper_prob.models.errors import InputError
+from imapper_prob.models.scene import (
+    MEASURED_FOCAL,
+    Clip,
+    Cuboid,
+    Placement,
+    SceneObject,
+    Track,
+    Truth,
+)
+
+__all__ = ["FORMAT", "clip_of", "pack_clip", "read_clip", "write_clip"]
+
+
+FORMAT: Final = "imapper-prob clip 1"
+"""First entry of the file; the number rises when a reader of old files would go wrong."""
+
+_DAMAGE: Final = (
+    OSError,
+    ValueError,
+    TypeError,
+    EOFError,
+    RuntimeError,
+    zipfile.BadZipFile,
+    zlib.error,
+)
+"""What numpy and zipfile raise on damaged archives, by trial."""
+
+
+def write_clip(path: str | Path, clip: Clip) -> None:
+    """Write a clip beside its place and move it there, so that no half file is ever seen.
+
+    Parameters
+    ----------
+    path : path
+        Ends in ``.npz``.
+    clip : Clip
+        Its truth is written too where it has one.
+    """
+    path = Path(path)
+    if path.suffix != ".npz":
+        raise InputError(f"{path}: a clip file's name ends in .npz")
+    arrays = pack_clip(clip)
+    with written_whole(path) as beside, beside.open("wb") as file:
+        np.savez_compressed(file, allow_pickle=False, **arrays)
+
+
+def pack_clip(clip: Clip) -> Arrays:
+    """A clip as the arrays of the module's description."""
+    arrays: Arrays = {
+        "format": np.array(FORMAT),
+        "name": np.array(clip.name),
+        "fps": np.array(clip.fps),
+        "focal_spread": np.array(clip.focal_spread),
+        "camera": np.array(astuple(clip.camera)),
+        "frame_ids": clip.frame_ids,
+        "track_names": np.array([t.name for t in clip.tracks], dtype=np.str_),
+        "keypoints": np.stack([t.keypoints for t in clip.tracks]),
+        "confidences": np.stack([t.confidences for t in clip.tracks]),
+        "poses": np.stack([t.poses for t in clip.tracks]),
+        "interpolated": np.stack([t.interpolated for t in clip.tracks]),
+    }
+    if clip.truth is not None:
+        arrays |= _truth_arrays(clip.truth)
+    return arrays
+
+
+def read_clip(path: str | Path) -> Clip:
+    """Read a clip that :func:`write_clip`, or any tool that keeps to the format, wrote.
+
+    Raises
+    ------
+    InputError
+        The file is missing, damaged, of another version, or its content is no clip.
+    """
+    path = Path(path)
+    return clip_of(_load(path), path)
+
+
+def clip_of(arrays: Arrays, path: Path) -> Clip:
+    """A clip again, from the arrays of :func:`pack_clip`; ``path`` is for messages.
+
+    Raises
+    ------
+    InputError
+        As :func:`read_clip`.
+    """
+    form = str(_entry(path, arrays, "format", (), "U"))
+    if form != FORMAT:
+        raise InputError(f"{path}: format {form!r}, this version reads {FORMAT!r}")
+    n_frames = len(_entry(path, arrays, "frame_ids", (None,), "i"))
+    names = _entry(path, arrays, "track_names", (None,), "U")
+    per_frame = (len(names), n_frames)
+    keypoints = _entry(path, arrays, "keypoints", (*per_frame, 16, 2), "f")
+    confidences = _entry(path, arrays, "confidences", (*per_frame, 16), "f")
+    poses = _entry(path, arrays, "poses", (*per_frame, 16, 3), "f")
+    interpolated = _entry(path, arrays, "interpolated", per_frame, "b")
+    try:
+        return Clip(
+            name=str(_entry(path, arrays, "name", (), "U")),
+            camera=_camera(_entry(path, arrays, "camera", (9,), "f")),
+            fps=float(_entry(path, arrays, "fps", (), "f")),
+            frame_ids=arrays["frame_ids"],
+            tracks=tuple(
+                Track(str(name), keypoints[a], confidences[a], poses[a], interpolated[a])
+                for a, name in enumerate(names)
+            ),
+            focal_spread=_focal_spread(path, arrays),
+            truth=_truth(path, arrays, n_frames) if "truth_joints" in arrays else None,
+        )
+    except InputError as error:
+        message = str(error)
+        raise InputError(message if str(path) in message else f"{path}: {message}") from error
+
+
+def _load(path: Path) -> Arrays:
+    """All entries of the archive; none is ever unpickled."""
+    try:
+        with path.open("rb") as file:
+            refuse_bombs(file)
+            with np.load(file, allow_pickle=False) as archive:
+                return {name: archive[name] for name in archive.files}
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such file") from None
+    except _DAMAGE as error:
+        raise InputError(f"{path}: not a readable .npz archive ({error})") from error
+
+
+def _entry(
+    path: Path,
+    arrays: Arrays,
+    name: str,
+    shape: tuple[int | None, ...],
+    kind: str,
+) -> NDArray[Any]:
+    """One entry after checking its shape (``None``: any length) and kind of dtype."""
+    if name not in arrays:
+        raise InputError(f"{path}: no entry {name!r}; see the description of the format")
+    array = arrays[name]
+    fits = array.ndim == len(shape) and all(
+        e is None or e == n for e, n in zip(shape, array.shape, strict=True)
+    )
+    accepted = {"f": "fiu", "i": "iu"}.get(kind, kind)
+    if not fits or array.dtype.kind not in accepted:
+        raise InputError(
+            f"{path}: entry {name!r} has shape {array.shape} and type {array.dtype}, "
+            f"expected shape {shape} of kind {kind!r}"
+        )
+    return array
+
+
+def _focal_spread(path: Path, arrays: Arrays) -> float:
+    """As it is, or as older versions took it, which wrote only whether f was measured."""
+    if "focal_spread" in arrays:
+        return float(_entry(path, arrays, "focal_spread", (), "f"))
+    return MEASURED_FOCAL if bool(_entry(path, arrays, "focal_known", (), "b")) else 0.05
+
+
+def _camera(values: NDArray[Any]) -> Camera:
+    width, height, *rest = (float(v) for v in values)
+    if not (width.is_integer() and height.is_integer()):
+        raise InputError(f"image size {width} x {height} must be whole numbers of pixels")
+    return Camera(int(width), int(height), *rest)
+
+
+def _truth_arrays(truth: Truth) -> Arrays:
+    cuboids = [(k, c) for k, o in enumerate(truth.objects) for c in o.cuboids]
+    return {
+        "truth_camera": np.array(astuple(truth.camera)),
+        "truth_joints": truth.joints,
+        "truth_hidden": np.asarray(truth.hidden, bool),
+        "truth_actions": np.array(truth.actions, dtype=np.str_),
+        "object_labels": np.array([o.label for o in truth.objects], dtype=np.str_),
+        "object_placements": np.array(
+            [astuple(o.placement) for o in truth.objects], dtype=np.float64
+        ).reshape(-1, 3),
+        "cuboid_owners": np.array([k for k, _ in cuboids], dtype=np.int64),
+        "cuboid_parts": np.array([c.part for _, c in cuboids], dtype=np.str_),
+        "cuboid_boxes": np.array(
+            [np.concatenate([c.centre, c.size]) for _, c in cuboids], dtype=np.float64
+        ).reshape(-1, 6),
+    }
+
+
+def _truth(path: Path, arrays: Arrays, n_frames: int) -> Truth:
+    labels = _entry(path, arrays, "object_labels", (None,), "U")
+    placements = _entry(path, arrays, "object_placements", (len(labels), 3), "f")
+    owners = _entry(path, arrays, "cuboid_owners", (None,), "i")
+    parts = _entry(path, arrays, "cuboid_parts", owners.shape, "U")
+    boxes = _entry(path, arrays, "cuboid_boxes", (len(owners), 6), "f")
+    actions = _entry(path, arrays, "truth_actions", (None,), "U")
+    if len(actions) not in (0, n_frames):
+        raise InputError(f"{path}: {len(actions)} actions for {n_frames} frames")
+    if len(owners) and not (owners.min() >= 0 and owners.max() < len(labels)):
+        raise InputError(f"{path}: a cuboid belongs to an object that is not there")
+    objects = [
+        SceneObject(
+            label=str(label),
+            placement=Placement(*(float(v) for v in placement)),
+            cuboids=tuple(
+                Cuboid(str(part), box[:3], box[3:])
+                for part, box, owner in zip(parts, boxes, owners, strict=True)
+                if owner == k
+            ),
+        )
+        for k, (label, placement) in enumerate(zip(labels, placements, strict=True))
+    ]
+    return Truth(
+        camera=_camera(_entry(path, arrays, "truth_camera", (9,), "f")),
+        objects=tuple(objects),
+        joints=_entry(path, arrays, "truth_joints", (n_frames, 16, 3), "f"),
+        hidden=_entry(path, arrays, "truth_hidden", (n_frames, 16), "b"),
+        actions=tuple(str(a) for a in actions),
+    )

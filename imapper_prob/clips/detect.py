@@ -1,0 +1,259 @@
+"""From a video to a clip: joints found by MediaPipe with the weights in its wheel."""
+
+from __future__ import annotations
+
+import logging
+import os
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Final, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, ImageDraw
+
+from imapper_prob.clips.assemble import assemble
+from imapper_prob.clips.mediapipe import Landmarks, sightings_of_landmarks
+from imapper_prob.clips.options import ClipOptions
+from imapper_prob.clips.video import Video, grey_thumbnail, needs, open_video, stillness
+from imapper_prob.models.errors import InputError
+from imapper_prob.models.scene import Clip, Track
+from imapper_prob.models.skeleton import BONES, JOINTS
+
+__all__ = ["Detector", "contact_sheet", "detect", "pose_landmarker", "usual_step"]
+
+
+class Detector(Protocol):
+    """Whatever finds somebody in an image."""
+
+    def __call__(self, frame: int, image: NDArray[np.uint8]) -> Landmarks | None:
+        """The person in an (H, W, 3) RGB image, if there is one."""
+
+
+@contextmanager
+def pose_landmarker() -> Iterator[Detector]:
+    """A detector that follows the person from frame to frame.
+
+    Raises
+    ------
+    InputError
+        MediaPipe is not installed.
+    """
+    os.environ.setdefault("GLOG_minloglevel", "2")  # its own reports on threads and delegates
+    solution = needs("mediapipe").solutions.pose.Pose(
+        static_image_mode=False,
+        model_complexity=1,  # the one whose weights are in the wheel
+        smooth_landmarks=True,
+    )
+
+    def detect(frame: int, image: NDArray[np.uint8]) -> Landmarks | None:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # its messages to protobuf are old-fashioned
+            found = solution.process(image)
+        if found.pose_landmarks is None:
+            return None
+        image_points = found.pose_landmarks.landmark
+        return Landmarks(
+            frame=frame,
+            image=np.array([[p.x, p.y] for p in image_points]),
+            visibility=np.array([p.visibility for p in image_points]),
+            world=_world(found.pose_world_landmarks),
+        )
+
+    with solution:
+        yield detect
+
+
+def _world(found: Any) -> NDArray[np.float64] | None:
+    return None if found is None else np.array([[p.x, p.y, p.z] for p in found.landmark])
+
+
+# ------------------------------------------------------------------------------------------------
+# Frames of a video with the joints that were found in them, to look at.
+
+_ACROSS: Final = 3
+_DOWN: Final = 2
+_WIDTH: Final = 640
+"""Pixels of a frame on the sheet."""
+_COLOURS: Final = {"R": (242, 142, 43), "L": (78, 121, 167)}
+"""Orange for the right side of the body, blue for the left; red and green look alike to many."""
+_MIDDLE: Final = (186, 176, 172)
+_DOUBTFUL: Final = 0.5
+"""Confidence below which a bone is drawn thin."""
+
+
+def contact_sheet(video: Video, clip: Clip, *, first: int, step: int) -> Image.Image:
+    """Six frames, evenly over the clip.
+
+    Parameters
+    ----------
+    video : Video
+    clip : Clip
+        What was found in it.
+    first, step : int
+        Frame of the video that is the first of the clip, and from one to the next.
+    """
+    wanted = np.linspace(0, clip.n_frames - 1, _ACROSS * _DOWN).astype(int)
+    height = round(_WIDTH * video.height / video.width)
+    sheet = Image.new("RGB", (_ACROSS * _WIDTH, _DOWN * height))
+    end = first + int(wanted[-1]) * step + 1
+    frames = video.frames(start=first, end=end, step=step)
+    for index, (_, image) in enumerate(frames):
+        for place in np.flatnonzero(wanted == index):
+            picture = Image.fromarray(image)
+            for track in clip.tracks:
+                _draw(picture, track, index)
+            row, column = divmod(int(place), _ACROSS)
+            sheet.paste(picture.resize((_WIDTH, height)), (column * _WIDTH, row * height))
+    return sheet
+
+
+def _draw(picture: Image.Image, track: Track, frame: int) -> None:
+    pen = ImageDraw.Draw(picture)
+    thick = max(2, picture.width // 200)
+    for far, near in BONES:
+        ends = track.keypoints[frame, [far, near]]
+        if np.isfinite(ends).all():
+            sure = track.confidences[frame, far] >= _DOUBTFUL
+            colour = _COLOURS.get(JOINTS[far][0], _MIDDLE)
+            pen.line([*ends[0], *ends[1]], fill=colour, width=thick if sure else thick // 2)
+
+
+# ------------------------------------------------------------------------------------------------
+# From a video to a clip.
+
+Progress = Callable[[str, float], None]
+_log = logging.getLogger(__name__)
+_RATE: Final = 10.0
+"""Frames a second that are enough: the constants of the model were measured at ten."""
+_LOOKS: Final = 12
+"""Frames at which the background is compared."""
+_OUTSIDE: Final = 0.02
+"""Share of the image beyond its edge where a joint is not in the picture, whatever is said."""
+
+
+def usual_step(fps: float) -> int:
+    """Every how many frames there are ten a second, or a few more."""
+    return max(1, int(fps / _RATE + 0.05))
+
+
+def detect(
+    path: str | Path,
+    *,
+    options: ClipOptions | None = None,
+    start: float = 0.0,
+    end: float | None = None,
+    step: int | None = None,
+    detector: Detector | None = None,
+    progress: Progress | None = None,
+) -> Clip:
+    """Find the joints of the person in a video.
+
+    Parameters
+    ----------
+    path : path
+        Any video that FFmpeg reads, of a fixed camera and one person.
+    options : ClipOptions, optional
+        Camera; without, the focal length is assumed.
+    start, end : float
+        Seconds between which to look; to the end if not given.
+    step : int, optional
+        Take every n-th frame; :func:`usual_step` if not given.
+    detector : Detector, optional
+        MediaPipe if not given.
+    progress : callable, optional
+        Called with what is done and the part of it that is.
+
+    Returns
+    -------
+    Clip
+        With the lifted poses of the detector.
+
+    Raises
+    ------
+    InputError
+        It is no video, the camera moved, or nobody was found.
+    """
+    options = options or ClipOptions()
+    video = open_video(path)
+    if options.fps is not None:
+        video = replace(video, fps=options.fps)
+    step = usual_step(video.fps) if step is None else step
+    if step < 1:
+        raise InputError(f"step {step}: at least 1")
+    first = round(start * video.fps)
+    after = None if end is None else round(end * video.fps)
+    if first < 0 or (after is not None and after <= first):
+        raise InputError(
+            f"start {start} and end {end}: the end must be after the start, in seconds"
+        )
+    if detector is None:
+        with pose_landmarker() as own:
+            found, last, thumbnails = _look(video, own, first, after, step, progress)
+    else:
+        found, last, thumbnails = _look(video, detector, first, after, step, progress)
+    _refuse_moving(video, thumbnails)
+    sightings = sightings_of_landmarks(
+        video.path.stem,
+        found,
+        span=(0, last),
+        size=(video.width, video.height),
+        fps=video.fps / step,
+        likely_focal=video.likely_focal,
+    )
+    clip = assemble(sightings, replace(options, fps=video.fps / step))
+    missed = last + 1 - len(found)
+    if missed:
+        _log.info("%s: nobody found in %d of %d frames", clip.name, missed, last + 1)
+    return clip
+
+
+def _look(
+    video: Video,
+    detector: Detector,
+    first: int,
+    after: int | None,
+    step: int,
+    progress: Progress | None,
+) -> tuple[list[Landmarks], int, list[NDArray[np.float64]]]:
+    """People found, the number of the last frame looked at, and thumbnails over the clip."""
+    total = max(1, (min(after or video.n_frames, video.n_frames) - first) // step)
+    every = max(1, total // _LOOKS)
+    found: list[Landmarks] = []
+    thumbnails = []
+    index = -1
+    frames = video.frames(start=first, end=after, step=step)
+    for index, (_, image) in enumerate(frames):
+        if index % every == 0:
+            thumbnails.append(grey_thumbnail(image))
+        person = detector(index, image)
+        if person is not None:
+            found.append(_within(person))
+        if progress is not None:
+            progress("detecting joints", min(1.0, (index + 1) / total))
+    if index < 0:
+        raise InputError(f"{video.path}: no frame after {first / video.fps:.1f} s")
+    return found, index, thumbnails
+
+
+def _within(person: Landmarks) -> Landmarks:
+    """Landmarks outside of the picture are guesses, however visible they are said to be."""
+    inside = ((person.image >= -_OUTSIDE) & (person.image <= 1 + _OUTSIDE)).all(-1)
+    return replace(person, visibility=np.where(inside, person.visibility, 0.0))
+
+
+def _refuse_moving(video: Video, thumbnails: list[NDArray[np.float64]]) -> None:
+    found = stillness(thumbnails)
+    if found.cut:
+        raise InputError(
+            f"{video.path}: the camera moves, or several shots are put together: the background is "
+            "another one at other times; cut out one shot with --start and --end"
+        )
+    if found.moving:
+        raise InputError(
+            f"{video.path}: the camera moves (the background shifts by {found.shift:.1%} of the "
+            "image's width); only fixed cameras are understood"
+        )

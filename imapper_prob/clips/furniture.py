@@ -1,0 +1,190 @@
+"""Furniture in files of others: labels, boxes that were measured one by one, flat arrays."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imapper_prob.clips.parsing import Arrays, Shapes
+from imapper_prob.models.errors import InputError
+from imapper_prob.models.scene import Cuboid, Placement, SceneObject
+
+__all__ = [
+    "FURNITURE_SHAPES",
+    "MeasuredBox",
+    "category",
+    "check_owners",
+    "left_out",
+    "pack_furniture",
+    "unpack_furniture",
+    "upright_object",
+]
+
+_SYNONYMS: Final = {
+    "sofa": "couch", "loveseat": "couch", "settee": "couch", "sofa chair": "chair",
+    "armchair": "chair", "office chair": "chair", "swivel chair": "chair",
+    "dining chair": "chair", "seat": "chair", "footstool": "stool", "ottoman": "stool",
+    "barstool": "stool", "desk": "table", "coffee table": "table", "dining table": "table",
+    "side table": "table", "end table": "table", "bookshelf": "shelf", "bookcase": "shelf",
+    "shelves": "shelf", "shelving": "shelf", "countertop": "counter",
+    "kitchen counter": "counter",
+}  # fmt: skip
+_NO_FURNITURE: Final = frozenset({
+    "", "unknown", "unlabeled", "unlabelled", "unannotated", "none", "other", "remove",
+    "floor", "wall", "ceiling", "room", "door", "window", "pillar", "beam", "stairs", "person",
+})  # fmt: skip
+"""Labels of scans that say nothing, or that mean the room itself."""
+
+
+def category(label: str) -> str | None:
+    """Our word for a label; ``None`` where it is no furniture.
+
+    Case, underscores and hyphens do not matter; a word that is not known stays what it is.
+    """
+    words = " ".join(label.lower().replace("_", " ").replace("-", " ").split())
+    if words in _NO_FURNITURE:
+        return None
+    return _SYNONYMS.get(words, words)
+
+
+def left_out(labels: Iterable[str]) -> str:
+    """Half a sentence that counts what was left out, by label."""
+    counts = Counter(label or "without a label" for label in labels)
+    listed = ", ".join(f"{n} {label}" for label, n in counts.most_common())
+    return f"left out what is no furniture ({listed})"
+
+
+# ------------------------------------------------------------------------------------------------
+# Furniture from boxes that were measured one by one.
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class MeasuredBox:
+    """A box with vertical sides in the world.
+
+    Parameters
+    ----------
+    part : str
+        What it is of its object.
+    centre : (3,) float
+        World, metres, floor at z = 0.
+    size : (3,) float
+        Full side lengths in metres along its own x, y and z axes.
+    yaw : float
+        Direction of its own x axis, radians.
+    """
+
+    part: str
+    centre: Array
+    size: Array
+    yaw: float
+
+    @property
+    def footprint_area(self) -> float:
+        """Square metres."""
+        return float(self.size[0] * self.size[1])
+
+
+def upright_object(label: str, boxes: Sequence[MeasuredBox], yaw: float) -> SceneObject:
+    """One piece of furniture whose local +y axis, its front, points along ``yaw``.
+
+    Boxes keep their size and place. They are turned by the few degrees that part them from
+    the nearest multiple of a right angle, because all boxes of an object share its axes.
+    """
+    centres = Placement(0.0, 0.0, -yaw).apply([box.centre for box in boxes])
+    sizes = []
+    for box in boxes:
+        lengthwise = abs(np.cos(box.yaw - yaw)) >= abs(np.sin(box.yaw - yaw))
+        sizes.append(box.size if lengthwise else box.size[[1, 0, 2]])
+    low = np.min(centres - np.array(sizes) / 2, axis=0)
+    high = np.max(centres + np.array(sizes) / 2, axis=0)
+    middle = (low + high) / 2 * (1, 1, 0)
+    x, y, _ = Placement(0.0, 0.0, yaw).apply(middle)
+    return SceneObject(
+        label=label,
+        placement=Placement(float(x), float(y), yaw),
+        cuboids=tuple(
+            Cuboid(box.part, centre - middle, size)
+            for box, centre, size in zip(boxes, centres, sizes, strict=True)
+        ),
+    )
+
+
+# ------------------------------------------------------------------------------------------------
+# Furniture as flat arrays, the same in every file that holds some.
+#
+# ====================  =============  ========================================================
+# ``object_label``      (O,) text      category
+# ``object_placement``  (O, 3) number  x, y in metres, yaw in radians (+y is the front)
+# ``cuboid_object``     (K,) index     which object a cuboid belongs to, ascending
+# ``cuboid_part``       (K,) text      what it is of the object
+# ``cuboid_centre``     (K, 3) number  metres, frame of the object
+# ``cuboid_size``       (K, 3) number  full side lengths, metres
+# ====================  =============  ========================================================
+
+FURNITURE_SHAPES: Final[Shapes] = {
+    "object_label": ("text", None),
+    "object_placement": ("number", "object_label", 3),
+    "cuboid_object": ("index", None),
+    "cuboid_part": ("text", "cuboid_object"),
+    "cuboid_centre": ("number", "cuboid_object", 3),
+    "cuboid_size": ("number", "cuboid_object", 3),
+}
+"""For :func:`~imapper_prob.clips.parsing.check_shapes`."""
+
+
+def pack_furniture(objects: Sequence[SceneObject]) -> Arrays:
+    """Objects as the arrays of the module's description."""
+    cuboids = [(i, c) for i, o in enumerate(objects) for c in o.cuboids]
+    places = [(o.placement.x, o.placement.y, o.placement.yaw) for o in objects]
+    return {
+        "object_label": np.array([o.label for o in objects], dtype=np.str_),
+        "object_placement": np.array(places, dtype=np.float64).reshape(-1, 3),
+        "cuboid_object": np.array([i for i, _ in cuboids], dtype=np.int64),
+        "cuboid_part": np.array([c.part for _, c in cuboids], dtype=np.str_),
+        "cuboid_centre": np.array([c.centre for _, c in cuboids]).reshape(-1, 3),
+        "cuboid_size": np.array([c.size for _, c in cuboids]).reshape(-1, 3),
+    }
+
+
+def unpack_furniture(arrays: Arrays) -> list[SceneObject]:
+    """Objects again, from arrays whose shapes were checked.
+
+    Raises
+    ------
+    InputError
+        A cuboid belongs to no object, or an object is none.
+    """
+    labels, owners = arrays["object_label"], arrays["cuboid_object"]
+    check_owners(arrays, "cuboid_object", "object_label")
+    first = np.searchsorted(owners, np.arange(len(labels) + 1))
+    cuboids = [
+        Cuboid(str(part), centre, size)
+        for part, centre, size in zip(
+            arrays["cuboid_part"], arrays["cuboid_centre"], arrays["cuboid_size"], strict=True
+        )
+    ]
+    return [
+        SceneObject(
+            str(label),
+            Placement(*map(float, place)),
+            tuple(cuboids[first[index] : first[index + 1]]),
+        )
+        for index, (label, place) in enumerate(zip(labels, arrays["object_placement"], strict=True))
+    ]
+
+
+def check_owners(arrays: Arrays, key: str, owners: str) -> None:
+    """Whether the indices ``key`` point at entries of ``owners``, in ascending order."""
+    index = arrays[key]
+    if ((index < 0) | (index >= len(arrays[owners]))).any():
+        raise InputError(f"{key} names one that does not exist")
+    if (np.diff(index) < 0).any():
+        raise InputError(f"{key} must be in ascending order")

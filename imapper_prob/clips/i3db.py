@@ -1,0 +1,366 @@
+"""Clips of the i3DB benchmark (Monszpart et al. 2019), as its files lie on disk.
+
+A scene is a folder with ``intrinsics.json``, ``skel_<name>_2d_00.json`` (detections),
+``skel_<name>_unannot.json`` (lifted poses) and, for evaluation only, ``gt/``.  The files
+have x right, y down, z forward; their frame numbers are the keys of ``3d`` (the
+``frame_ids`` lists follow three other conventions).  :func:`read_i3db` never opens ``gt/``,
+so that inference on these scenes is blind.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import defaultdict
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from imapper_prob.clips.furniture import MeasuredBox, upright_object
+from imapper_prob.clips.parsing import (
+    field,
+    frame_number,
+    frames_of_joints,
+    load_json,
+    load_lines,
+    numbers,
+)
+from imapper_prob.models.camera import Camera
+from imapper_prob.models.errors import InputError
+from imapper_prob.models.scene import Clip, SceneObject, Track, Truth
+from imapper_prob.models.settings import LONGEST_CLIP
+from imapper_prob.models.skeleton import (
+    DETECTED,
+    HEAD,
+    JOINTS,
+    LHIP,
+    N_JOINTS,
+    NECK,
+    PELV,
+    RHIP,
+    THRX,
+)
+
+__all__ = ["ACTIONS", "DETECTIONS", "action_words", "read_i3db", "read_i3db_truth"]
+
+Array = NDArray[np.float64]
+
+DETECTIONS: Final = "skel_*_2d_00.json"
+"""Pattern of the file by which a folder is known to be of this format."""
+
+ACTIONS: Final = "actions.txt"
+"""File in ``gt/`` that says what is done in each frame."""
+
+_IMAGE_SIZE: Final = (1920, 1080)
+"""Width and height in pixels of every i3DB video; no file states them."""
+_DETECTION_LINES: Final = 368
+"""Lines of the shrunken image (654 x 368) that the 2D detector saw."""
+_FRAME_RATE: Final = 10.0
+"""Frames a second, where ``video_params.json`` does not say."""
+_NOMINAL_PITCH: Final = np.deg2rad(-4.0)
+"""Mean tilt of the benchmark's cameras in radians; its ``ground_rot`` is 0 and wrong."""
+_NOMINAL_ELEVATION: Final = 1.5
+"""Metres; a camera on a tripod or held at chest height."""
+_RAW_CONFIDENCE_LIMIT: Final = 0.05
+"""A file whose largest confidence is below this holds raw heat values; its own flag lies."""
+_RAW_CONFIDENCE_GAIN: Final = 5000.0
+_RAW_CONFIDENCE_OFFSET: Final = -9.5
+"""Logistic map that takes heat values of convolutional pose machines to confidences."""
+
+
+def read_i3db(folder: str | Path) -> Clip:
+    """Read the detections and lifted poses of one scene.
+
+    Parameters
+    ----------
+    folder : path
+        ``Scene04`` and the like.
+
+    Returns
+    -------
+    Clip
+        Frames from the first to the last detection; frames the detector lost have NaN
+        keypoints and confidence 0, frames without a lifted pose have NaN poses.
+
+    Raises
+    ------
+    InputError
+        A file is missing, damaged, or holds something other than the format says.
+    """
+    folder = Path(folder)
+    detections_path = _only(folder, DETECTIONS)
+    stem = detections_path.name.removesuffix("_2d_00.json")
+    detections = load_json(detections_path)
+    pixels = frames_of_joints(detections_path, detections)
+    first, last = min(pixels), max(pixels)
+    if last - first >= LONGEST_CLIP:
+        raise InputError(
+            f"{detections_path}: frames run from {first} to {last}, more than the "
+            f"{LONGEST_CLIP} of an hour; check the frame numbers"
+        )
+    frame_ids = np.arange(first, last + 1)
+    keypoints = np.full((len(frame_ids), N_JOINTS, 2), np.nan)
+    for frame, joints in pixels.items():
+        keypoints[frame - first] = joints[:, :2] * (_IMAGE_SIZE[1] / _DETECTION_LINES)
+    keypoints[:, PELV] = (keypoints[:, RHIP] + keypoints[:, LHIP]) / 2
+    keypoints[:, NECK] = (keypoints[:, THRX] + keypoints[:, HEAD]) / 2
+
+    confidences = np.zeros((len(frame_ids), N_JOINTS))
+    for frame, values in _confidences(detections_path, detections, list(pixels)).items():
+        confidences[frame - first] = values
+
+    poses_path = folder / f"{stem}_unannot.json"
+    lifted = load_json(poses_path)
+    poses = np.full((len(frame_ids), N_JOINTS, 3), np.nan)
+    for frame, joints in frames_of_joints(poses_path, lifted).items():
+        if first <= frame <= last:
+            poses[frame - first] = _camera_axes(joints - joints[PELV])
+    filled_in = lifted.get("frame_ids_filled_in") or []
+    if not isinstance(filled_in, list):
+        raise InputError(f"{poses_path}: 'frame_ids_filled_in' must be a list of frame numbers")
+    filled = [frame_number(poses_path, f) for f in filled_in]
+
+    track = Track(
+        name=stem.removeprefix("skel_"),
+        keypoints=keypoints,
+        confidences=confidences,
+        poses=poses,
+        interpolated=np.isin(frame_ids, filled),
+    )
+    return Clip(
+        name=folder.resolve().name,
+        camera=_camera(folder / "intrinsics.json"),
+        fps=_frame_rate(folder / "video_params.json"),
+        frame_ids=frame_ids,
+        tracks=(track,),
+    )
+
+
+def read_i3db_truth(folder: str | Path, clip: Clip) -> Truth:
+    """Read what the benchmark knows about a scene. For evaluation, never for inference.
+
+    Parameters
+    ----------
+    folder : path
+        The scene's folder; the files lie in its ``gt/``.
+    clip : Clip
+        What :func:`read_i3db` made of the same folder.
+
+    Returns
+    -------
+    Truth
+        In a world of its own: pitch and roll of the camera are those that make the
+        annotated furniture stand upright, and its elevation puts the median piece on the
+        floor.  Joints are NaN and ``hidden`` false on odd frames, which nobody annotated.
+        Frames without an action have an empty word.
+    """
+    truth_folder = Path(folder) / "gt"
+    path = _only(truth_folder, "skel_*_GT.json")
+    data = load_json(path)
+    objects = _parts_by_object(path, data)
+    camera = _upright_camera(clip.camera, objects)
+    joints = np.full((clip.n_frames, N_JOINTS, 3), np.nan)
+    hidden = np.zeros((clip.n_frames, N_JOINTS), bool)
+    occluded = field(path, data, "occluded")
+    if not isinstance(occluded, Mapping):
+        raise InputError(f"{path}: 'occluded' must map frame numbers to flags")
+    flags = {frame_number(path, key): values for key, values in occluded.items()}
+    first = int(clip.frame_ids[0])
+    for frame, positions in frames_of_joints(path, data).items():
+        if frame % 2 == 0 and frame in clip.frame_ids:
+            joints[frame - first] = camera.to_world(_camera_axes(positions))
+            place = f"{path}, frame {frame}, occlusion flags"
+            hidden[frame - first] = numbers(flags.get(frame), shape=(N_JOINTS,), place=place) > 0
+    return Truth(
+        camera=camera,
+        objects=tuple(_object(parts, camera) for parts in objects),
+        joints=joints,
+        hidden=hidden,
+        # The remark in brackets is not the action.
+        actions=tuple(
+            word.partition("(")[0].strip()
+            for word in action_words(truth_folder / ACTIONS, clip.n_frames)
+        ),
+    )
+
+
+@dataclass(frozen=True)
+class _Part:
+    """One annotated box, camera axes: centre (3,), unit axes in columns (3, 3), size (3,)."""
+
+    label: str
+    part: str
+    centre: Array
+    axes: Array
+    size: Array
+
+
+def _camera_axes(points: ArrayLike) -> Array:
+    """The files' x right, y down, z forward to our x right, y forward, z up: (..., 3)."""
+    x, y, z = np.moveaxis(np.asarray(points, float), -1, 0)
+    return np.stack([x, z, -y], -1)
+
+
+def _only(folder: Path, pattern: str) -> Path:
+    """The one file of ``folder`` that matches ``pattern``."""
+    if not folder.is_dir():
+        raise InputError(f"{folder}: no such folder")
+    found = sorted(folder.glob(pattern))
+    if not found:
+        raise InputError(f"{folder}: no file {pattern}; is this an i3DB scene?")
+    if len(found) > 1:
+        names = ", ".join(p.name for p in found)
+        raise InputError(f"{folder}: more than one file {pattern} ({names}); keep one")
+    return found[0]
+
+
+def _camera(path: Path) -> Camera:
+    matrix = numbers(load_json(path), shape=(3, 3), place=f"{path}: intrinsic matrix")
+    width, height = _IMAGE_SIZE
+    try:
+        return Camera(
+            width=width,
+            height=height,
+            fx=float(matrix[0, 0]),
+            fy=float(matrix[1, 1]),
+            cx=float(matrix[0, 2]),
+            cy=float(matrix[1, 2]),
+            pitch=float(_NOMINAL_PITCH),
+            elevation=_NOMINAL_ELEVATION,
+        )
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
+
+
+def _frame_rate(path: Path) -> float:
+    if not path.exists():
+        return _FRAME_RATE
+    value = field(path, load_json(path), "rate-avconv")
+    rate = float(numbers(value, shape=(), place=f"{path}: rate-avconv"))
+    if rate <= 0:
+        raise InputError(f"{path}: frame rate {rate} must be positive")
+    return rate
+
+
+def _confidences(path: Path, data: Any, frames: list[int]) -> dict[int, Array]:
+    """(16,) confidences in [0, 1] by frame; PELV and NECK, which nobody detected, have 0."""
+    values = field(path, data, "confidence", "values")
+    if not isinstance(values, list) or len(values) != len(frames):
+        count = len(values) if isinstance(values, list) else "no list of"
+        raise InputError(f"{path}: {count} confidences for {len(frames)} frames of joints")
+    listed = data["confidence"].get("frame_ids")
+    if isinstance(listed, list) and all(isinstance(f, int) for f in listed):
+        frames = listed if sorted(listed) == frames else frames
+    table = np.zeros((len(frames), N_JOINTS))
+    for row, frame, entry in zip(table, frames, values, strict=True):
+        for joint in DETECTED:
+            place = f"{path}, frame {frame}, joint {JOINTS[joint]}, confidence"
+            value = entry.get(str(joint)) if isinstance(entry, Mapping) else None
+            row[joint] = numbers(value, shape=(), place=place)
+    if table.max() <= _RAW_CONFIDENCE_LIMIT:
+        heat = _RAW_CONFIDENCE_GAIN * table + _RAW_CONFIDENCE_OFFSET
+        mapped = 1 / (1 + np.exp(-heat))
+        mapped[table < 0] = 0
+        mapped[:, [j for j in range(N_JOINTS) if j not in DETECTED]] = 0
+        table = mapped
+    outside = (table < 0) | (table > 1)
+    if outside.any():
+        t, j = np.argwhere(outside)[0]
+        raise InputError(
+            f"{path}, frame {frames[t]}, joint {JOINTS[j]}: confidence {table[t, j]} "
+            "is not in [0, 1]"
+        )
+    return dict(zip(frames, table, strict=True))
+
+
+def _parts_by_object(path: Path, data: Any) -> list[list[_Part]]:
+    """The boxes that ``scenelets.obbs`` lists; other files beside them are leftovers."""
+    listed = field(path, data, "scenelets", "obbs")
+    if not isinstance(listed, list) or not listed:
+        raise InputError(f"{path}: 'scenelets.obbs' lists no objects")
+    objects: dict[str, list[_Part]] = defaultdict(list)
+    for name in listed:
+        below = Path(str(name))
+        match = re.fullmatch(r"(\d+)_([a-z]+)_([a-z]+)(-\d+)?", below.stem)
+        if match is None or below.is_absolute() or ".." in below.parts:
+            raise InputError(
+                f"{path}: object {name!r} is not named <id>_<category>_<part>[-<number>]"
+            )
+        file = (path.parent / below).with_suffix(".json")
+        box = load_json(file)
+        centre = numbers(field(file, box, "centroid"), shape=(3, 1), place=f"{file}: centroid")
+        axes = numbers(field(file, box, "axes"), shape=(3, 3), place=f"{file}: axes")
+        size = numbers(field(file, box, "scales"), shape=(3, 1), place=f"{file}: scales")
+        if not np.allclose(np.linalg.norm(axes, axis=0), 1, atol=1e-3):
+            raise InputError(f"{file}: axes must be unit vectors, in columns")
+        if (size <= 0).any():
+            raise InputError(f"{file}: scales must be positive")
+        object_id, label, part, _ = match.groups()
+        objects[object_id].append(
+            _Part(
+                label=label,
+                part=part,
+                centre=_camera_axes(centre[:, 0]),
+                axes=_camera_axes(axes.T).T,
+                size=size[:, 0],
+            )
+        )
+    return list(objects.values())
+
+
+def _upright_camera(camera: Camera, objects: list[list[_Part]]) -> Camera:
+    """The camera in the world where the furniture stands upright on the floor.
+
+    Medians, because some backrests lean and some legs are annotated through the floor.
+    """
+    upward = np.median([part.axes[:, 2] for parts in objects for part in parts], axis=0)
+    right, forward, up = upward / np.linalg.norm(upward)
+    level = replace(
+        camera,
+        pitch=float(np.arcsin(forward)),
+        roll=float(np.arctan2(right, up)),
+        elevation=0.0,
+    )
+    bottoms = [min(level.to_world(p.centre)[2] - p.size[2] / 2 for p in parts) for parts in objects]
+    return replace(level, elevation=-float(np.median(bottoms)))
+
+
+def _object(parts: list[_Part], camera: Camera) -> SceneObject:
+    """Parts of one object as upright boxes.
+
+    The part with the largest footprint (seat, table top, board) says where the front is:
+    its second axis points to the backrest or the wall.
+    """
+    boxes = []
+    for part in parts:
+        sideways = camera.rotation @ part.axes[:, 0]
+        boxes.append(
+            MeasuredBox(
+                part=part.part,
+                centre=camera.to_world(part.centre),
+                size=part.size,
+                yaw=float(np.arctan2(sideways[1], sideways[0])),
+            )
+        )
+    widest = max(range(len(parts)), key=lambda i: boxes[i].footprint_area)
+    back = camera.rotation @ parts[widest].axes[:, 1]
+    return upright_object(parts[widest].label, boxes, float(np.arctan2(back[0], -back[1])))
+
+
+def action_words(path: Path, n_frames: int) -> tuple[str, ...]:
+    """The annotators' words for each frame, as ``"standing(from sitting)"``.
+
+    The file counts frames from its own first number; it may be missing.
+    """
+    if not path.exists():
+        return ()
+    words: dict[int, str] = {}
+    for line in load_lines(path):
+        if line.strip():
+            number, _, word = line.partition("\t")
+            words[frame_number(path, number)] = word.strip()
+    start = min(words, default=0)
+    return tuple(words.get(start + t, "") for t in range(n_frames))

@@ -1,0 +1,325 @@
+"""Read a clip, whatever its format: formats are known by content, and what is read is checked."""
+
+from __future__ import annotations
+
+import zipfile
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imapper_prob.clips.assemble import RawDetections, assemble
+from imapper_prob.clips.clip_file import read_clip, write_clip
+from imapper_prob.clips.i3db import DETECTIONS, read_i3db
+from imapper_prob.clips.identity import read_marks
+from imapper_prob.clips.joints_3d import MAGIC, is_joints, read_joints, read_trc
+from imapper_prob.clips.mediapipe import is_mediapipe, read_mediapipe
+from imapper_prob.clips.openpose import ORDERS, is_openpose, read_openpose
+from imapper_prob.clips.options import ClipOptions, read_camera
+from imapper_prob.clips.parsing import load_json
+from imapper_prob.clips.result_lists import (
+    SETS,
+    is_proposals,
+    is_result_list,
+    read_proposals,
+    read_result_list,
+)
+from imapper_prob.models.errors import InputError
+from imapper_prob.models.scene import Clip, Track
+from imapper_prob.models.skeleton import DETECTED, JOINTS
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+__all__ = [
+    "FORMATS",
+    "SHORTEST_CLIP",
+    "ClipOptions",
+    "clip_table",
+    "format_of",
+    "load_clip",
+    "never_seen",
+    "read_camera",
+    "read_clip",
+    "read_marks",
+    "read_whatever",
+    "window",
+    "write_clip",
+]
+
+
+def never_seen(track: Track) -> tuple[str, ...]:
+    """Joints that no frame of a track has, of those that detectors report."""
+    seen = track.confidences.max(0) > 0
+    return tuple(JOINTS[joint] for joint in DETECTED if not seen[joint])
+
+
+def clip_table(clip: Clip) -> Table:
+    """A row a track, under a line on camera and frames."""
+    from rich.table import Table
+
+    camera = clip.camera
+    doubt = "" if clip.focal_known else f" (assumed, ± {100 * clip.focal_spread:.0f} %)"
+    focal = f"focal length {camera.fx:.0f} px{doubt}"
+    table = Table(
+        title=f"{clip.name}: {clip.n_frames} frames at {clip.fps:g} a second, "
+        f"{camera.width} x {camera.height}, {focal}",
+        title_justify="left",
+    )
+    table.add_column("person")
+    for column in ("frames seen", "joints a frame", "mean confidence", "frames with a pose"):
+        table.add_column(column, justify="right")
+    table.add_column("joints never seen")
+    for track in clip.tracks:
+        there = track.confidences > 0
+        frames = there.any(1)
+        table.add_row(
+            track.name,
+            str(frames.sum()),
+            f"{there.sum() / max(frames.sum(), 1):.1f}",
+            f"{np.mean(track.confidences[there]) if there.any() else 0:.2f}",
+            str(track.has_pose.sum()),
+            ", ".join(never_seen(track)) or "none",
+        )
+    return table
+
+
+# ------------------------------------------------------------------------------------------------
+# A part of a clip.
+
+
+def window(clip: Clip, first: int, last: int) -> Clip:
+    """The frames of a clip from one to another, both included, without its truth.
+
+    Parameters
+    ----------
+    clip : Clip
+    first, last : int
+        The clip's own numbers of frames.
+
+    Raises
+    ------
+    InputError
+        If they are not of the clip.
+    """
+    start, end = int(clip.frame_ids[0]), int(clip.frame_ids[-1])
+    if not start <= first <= last <= end:
+        raise InputError(f"clip {clip.name}: no frames {first} to {last}; it has {start} to {end}")
+    part = slice(first - start, last - start + 1)
+    tracks = tuple(
+        Track(
+            name=t.name,
+            keypoints=t.keypoints[part],
+            confidences=t.confidences[part],
+            poses=t.poses[part],
+            interpolated=t.interpolated[part],
+        )
+        for t in clip.tracks
+    )
+    return replace(clip, frame_ids=clip.frame_ids[part], tracks=tracks, truth=None)
+
+
+# ------------------------------------------------------------------------------------------------
+# Which format it is, by content, and its reader.
+
+FORMATS: Final = (
+    "i3db",
+    "clip",
+    "joints",
+    "trc",
+    *ORDERS,
+    *SETS,
+    "openpose",
+    "results",
+    "mediapipe",
+    "proposals",
+)
+"""Names that ``--format`` takes; ``openpose`` and ``results`` leave the joint order open."""
+_WHOLE: Final = ("i3db", "clip")
+_FOLDERS: Final = ("i3db", "openpose", *ORDERS)
+
+
+def format_of(path: Path) -> str:
+    """One of :data:`FORMATS` by looking into a file or folder.
+
+    Raises
+    ------
+    InputError
+        It is none of them.
+    """
+    if path.is_dir():
+        if any(path.glob(DETECTIONS)):
+            return "i3db"
+        if is_openpose(path):
+            return "openpose"
+    elif path.is_file():
+        found = _format_of_file(path)
+        if found is not None:
+            return found
+    raise InputError(
+        f"{path}: not a known clip; expected an i3DB scene folder (with {DETECTIONS}), a folder of "
+        "OpenPose files, a result list of MMPose or AlphaPose, a MediaPipe dump, pose proposals, a "
+        "TRC file, or an .npz file; see docs/inputs.md"
+    )
+
+
+def _format_of_file(path: Path) -> str | None:
+    with path.open("rb") as file:
+        beginning = file.read(64)
+    if beginning.startswith(b"PK"):
+        try:
+            with zipfile.ZipFile(path) as archive:
+                entries = {name.removesuffix(".npy") for name in archive.namelist()}
+        except (zipfile.BadZipFile, OSError, ValueError, RuntimeError):
+            entries = set()
+        return "joints" if is_joints(entries) else "clip"
+    if path.suffix == ".npz":
+        return "clip"
+    if beginning.startswith(MAGIC.encode()):
+        return "trc"
+    if beginning.lstrip()[:1] in (b"[", b"{"):
+        data = load_json(path)
+        if is_result_list(data):
+            return "results"
+        if is_mediapipe(data):
+            return "mediapipe"
+        if is_proposals(data):
+            return "proposals"
+    return None
+
+
+def read_whatever(path: Path, options: ClipOptions) -> Clip:
+    """Read a clip of any format. Poses are NaN where the format has none.
+
+    Raises
+    ------
+    InputError
+        It is no clip, or an option does not go with its format.
+    """
+    form = _chosen(path, options)
+    if form in _WHOLE:
+        given = [
+            name
+            for name in (
+                "camera",
+                "focal",
+                "focal_spread",
+                "pitch",
+                "height",
+                "size",
+                "fps",
+                "confidence",
+                "people",
+            )
+            if getattr(options, name) is not None
+        ]
+        if given:
+            raise InputError(f"{path}: a clip of format {form} has its own {given[0]}")
+        return read_i3db(path) if form == "i3db" else read_clip(path)
+    sightings, options = _read(path, form, options)
+    return assemble(sightings, options)
+
+
+def _chosen(path: Path, options: ClipOptions) -> str:
+    if not path.exists():
+        raise InputError(f"{path}: no such file or folder")
+    form = options.format
+    if form is None:
+        return format_of(path)
+    if form not in FORMATS:
+        raise InputError(f"format {form!r}: known are {', '.join(FORMATS)}")
+    if path.is_dir() != (form in _FOLDERS):
+        raise InputError(f"{path}: {form} is a {'folder' if form in _FOLDERS else 'file'}")
+    return form
+
+
+def _read(path: Path, form: str, options: ClipOptions) -> tuple[RawDetections, ClipOptions]:
+    if form == "joints":
+        return read_joints(path, options)
+    if form == "trc":
+        return read_trc(path, options), options
+    if form == "mediapipe":
+        return read_mediapipe(path), options
+    if form == "proposals":
+        return read_proposals(path), options
+    if form in ("openpose", *ORDERS):
+        return read_openpose(path, order=None if form == "openpose" else form), options
+    return read_result_list(path, keypoint_set=None if form == "results" else form), options
+
+
+# ------------------------------------------------------------------------------------------------
+# Reading clips: whatever the format, the same type comes out.
+
+_SMALLEST: Final = 4.0
+"""Pixels, height or width of a person: detectors place joints no better than that."""
+SHORTEST_CLIP: Final = 8
+"""Frames; in less than a second nobody does anything that furniture explains."""
+
+
+def load_clip(
+    path: str | Path,
+    *,
+    options: ClipOptions | None = None,
+    lift: Callable[[Clip], Clip] | None = None,
+    frames: tuple[int, int] | None = None,
+) -> Clip:
+    """Read a clip, whatever its format.
+
+    Parameters
+    ----------
+    path : path
+        A scene folder of the i3DB benchmark, an ``.npz`` of our own format
+        (:mod:`imapper_prob.clips.clip_file`), or anything else that ``docs/inputs.md`` lists.
+    options : ClipOptions, optional
+        What the files do not say: camera, image size, frame rate.
+    lift : callable, optional
+        Gives poses to the tracks of a clip that have none; such clips are refused without.
+    frames : (int, int), optional
+        First and last frame to take, by the clip's own numbers; all if not given.
+
+    Returns
+    -------
+    Clip
+        With at least ``SHORTEST_CLIP`` frames, one of which has both a detected joint and
+        a lifted pose.
+
+    Raises
+    ------
+    InputError
+        What is at ``path`` is no clip, or one too short or too empty to say anything.
+    """
+    path = Path(path)
+    clip = read_whatever(path, options or ClipOptions())
+    if frames is not None:
+        clip = window(clip, *frames)
+    if clip.n_frames < SHORTEST_CLIP:
+        raise InputError(
+            f"{path}: a clip of {clip.n_frames} frames; at least {SHORTEST_CLIP} are needed"
+        )
+    if lift is not None and not all(track.has_pose.any() for track in clip.tracks):
+        clip = lift(clip)
+    for track in clip.tracks:
+        if not ((track.confidences > 0).any(1) & track.has_pose).any():
+            raise InputError(
+                f"{path}: track {track.name} has no frame with both a detected joint and a "
+                "lifted pose"
+            )
+        if _extent(track) < _SMALLEST:
+            raise InputError(
+                f"{path}: track {track.name} is {_extent(track):.1f} pixels high and wide; these "
+                "are no joints of a person"
+            )
+    return clip
+
+
+def _extent(track: Track) -> float:
+    """Pixels, the larger of height and width of all joints in the median frame."""
+    seen = np.where((track.confidences > 0)[..., None], track.keypoints, np.nan)
+    there: NDArray[np.bool_] = np.isfinite(seen).all(-1).sum(1) > 1
+    if not there.any():
+        return 0.0
+    size = np.nanmax(seen[there], axis=1) - np.nanmin(seen[there], axis=1)
+    return float(np.median(size.max(1)))

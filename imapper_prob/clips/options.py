@@ -1,0 +1,333 @@
+"""What a user knows of camera and clip that keypoint files do not say."""
+
+from __future__ import annotations
+
+import logging
+import tomllib
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from imapper_prob.clips.identity import Marks
+from imapper_prob.clips.parsing import load_json, numbers
+from imapper_prob.models.camera import Camera
+from imapper_prob.models.errors import InputError
+from imapper_prob.models.scene import MEASURED_FOCAL
+from imapper_prob.models.settings import MOST_PEOPLE
+
+__all__ = [
+    "CameraFile",
+    "ClipOptions",
+    "camera_of",
+    "check_matrix",
+    "check_rotation",
+    "read_camera",
+    "undistorted",
+]
+
+Array = NDArray[np.float64]
+
+_log = logging.getLogger(__name__)
+
+_NOMINAL_ELEVATION: Final = 1.5
+"""Metres; a camera on a tripod, a shelf, or held at chest height."""
+_ASSUMED: Final = 0.2
+"""Standard deviation of the log focal length of a camera nobody knows, taken to be the longer
+side of the image: horizontal fields of view of 44 to 63 degrees. Nine webcams and phones whose
+field of view in videos is published or was measured are off by this (``docs/own_video.md``)."""
+_WRITTEN_DOWN: Final = 0.1
+"""The same of what phones write down: it is their lens's on all of the sensor, of which videos
+leave out up to a fifth to steady the picture."""
+_KEYS: Final = {
+    "size": (2,), "matrix": (3, 3), "distortion": None, "rotation": (3, 3), "translation": (3,),
+    "pitch_degrees": (), "roll_degrees": (), "height": (),
+}  # fmt: skip
+_DISTORTION_LENGTHS: Final = (4, 5, 8)
+_LARGEST: Final = 1e6
+"""Pixels of focal length and principal point, beyond which a number is damage."""
+_STEPS: Final = 50
+"""Iterations; lenses that need more are not settled where it matters either."""
+_STRAIGHT: Final = 1e-6
+"""Tangent, a few thousandths of a pixel: how well an undistorted point must distort back."""
+
+
+@dataclass(frozen=True)
+class CameraFile:
+    """A camera as calibrated by the user.
+
+    Parameters
+    ----------
+    size : (int, int)
+        Width and height in pixels.
+    matrix : (3, 3) float
+        Intrinsics in pixels, OpenCV's convention.
+    distortion : (4,), (5,), (8,) or (0,) float
+        OpenCV's k1 k2 p1 p2 [k3 [k4 k5 k6]]; empty for none.
+    rotation, translation : (3, 3), (3,) float, optional
+        World to camera as OpenCV has it (x right, y down, z forward; metres): of use only
+        for inputs of 3D joints in a world frame.
+    pitch, roll : float, optional
+        Radians, as in :class:`~imapper_prob.models.camera.Camera`.
+    height : float, optional
+        Metres above the floor.
+    """
+
+    size: tuple[int, int]
+    matrix: Array
+    distortion: Array
+    rotation: Array | None = None
+    translation: Array | None = None
+    pitch: float | None = None
+    roll: float | None = None
+    height: float | None = None
+
+
+@dataclass(frozen=True)
+class ClipOptions:
+    """Everything that may be said besides the path of a clip.
+
+    Parameters
+    ----------
+    format : str, optional
+        Which reader, where the content does not say.
+    camera : CameraFile, optional
+    focal : float, optional
+        Focal length in pixels, where there is no camera file.
+    focal_spread : float, optional
+        By what part the focal length may be wrong, one standard deviation; by how the camera
+        came by it if not given.
+    pitch : float, optional
+        Degrees above the horizon; looking down is negative. The middle of what is then
+        believed, not the last word.
+    height : float, optional
+        Metres of the camera above the floor; as ``pitch``.
+    size : (int, int), optional
+        Width and height of the image in pixels.
+    fps : float, optional
+        Frames a second.
+    confidence : str, optional
+        Map of :mod:`imapper_prob.clips.assemble` to use instead of the format's own.
+    people : int, optional
+        How many actors there are, where the files do not tell them apart.
+    marks : Marks, optional
+        Who is who in some frames. Track numbers of the files are then forgotten.
+    tracker : str
+        By what costs people are told apart: ``"default"``, or ``"paper"`` for the printed ones.
+    """
+
+    format: str | None = None
+    camera: CameraFile | None = None
+    focal: float | None = None
+    focal_spread: float | None = None
+    pitch: float | None = None
+    height: float | None = None
+    size: tuple[int, int] | None = None
+    fps: float | None = None
+    confidence: str | None = None
+    people: int | None = None
+    marks: Marks | None = None
+    tracker: str = "default"
+
+    def __post_init__(self) -> None:
+        if self.tracker not in ("default", "paper"):
+            raise InputError(f"tracker {self.tracker!r} must be default or paper")
+        for name in ("focal", "height", "fps"):
+            value = getattr(self, name)
+            if value is not None and not (np.isfinite(value) and value > 0):
+                raise InputError(f"{name} = {value} must be finite and positive")
+        if self.focal_spread is not None and not 0 < self.focal_spread < 1:
+            raise InputError(f"focal spread {self.focal_spread} must be between 0 and 1")
+        if self.pitch is not None and not -90 < self.pitch < 90:
+            raise InputError(f"pitch = {self.pitch} must be between -90 and 90 degrees")
+        if self.size is not None and min(self.size) < 1:
+            raise InputError(f"image size {self.size[0]} x {self.size[1]} must be positive")
+        if self.people is not None and not 1 <= self.people <= MOST_PEOPLE:
+            raise InputError(f"people = {self.people}: it may be 1 to {MOST_PEOPLE}")
+        if self.camera is not None and self.focal is not None:
+            raise InputError("give a camera file or a focal length, not both")
+
+    @property
+    def said(self) -> tuple[str, ...]:
+        """What was said, besides the format."""
+        names = (field.name for field in fields(self) if field.name != "format")
+        return tuple(name for name in names if getattr(self, name) is not None)
+
+
+def read_camera(path: str | Path) -> CameraFile:
+    """Read a camera from TOML or JSON.
+
+    ``size = [width, height]`` and ``matrix`` (3 x 3) are needed; ``distortion``,
+    ``rotation``, ``translation``, ``pitch_degrees``, ``roll_degrees`` and ``height`` are not.
+
+    Raises
+    ------
+    InputError
+        The file is damaged, an entry is missing, unknown, or of the wrong shape.
+    """
+    path = Path(path)
+    data = _toml(path) if path.suffix == ".toml" else load_json(path)
+    if not isinstance(data, dict):
+        raise InputError(f"{path}: expected a table of camera entries")
+    unknown = sorted(set(map(str, data)) - set(_KEYS))
+    if unknown:
+        raise InputError(f"{path}: unknown entry {unknown[0]!r}; known are {', '.join(_KEYS)}")
+    for key in ("size", "matrix"):
+        if key not in data:
+            raise InputError(f"{path}: no entry {key!r}")
+    values = {k: _value(path, k, v) for k, v in data.items()}
+    width, height = values["size"]
+    if not (width.is_integer() and height.is_integer() and min(width, height) >= 1):
+        raise InputError(f"{path}: size must be two whole numbers of pixels")
+    rotation = values.get("rotation")
+    try:
+        check_matrix(values["matrix"])
+        if rotation is not None:
+            check_rotation(rotation)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
+    if (rotation is None) != ("translation" not in values):
+        raise InputError(f"{path}: rotation and translation go together")
+    return CameraFile(
+        size=(int(width), int(height)),
+        matrix=values["matrix"],
+        distortion=values.get("distortion", np.zeros(0)),
+        rotation=rotation,
+        translation=values.get("translation"),
+        pitch=_radians(values.get("pitch_degrees")),
+        roll=_radians(values.get("roll_degrees")),
+        height=None if "height" not in values else float(values["height"]),
+    )
+
+
+def check_matrix(matrix: Array) -> None:
+    """Whether a (3, 3) array can be intrinsics in pixels.
+
+    Raises
+    ------
+    InputError
+        Without the file's name, which the caller knows.
+    """
+    usual = matrix[2].tolist() == [0, 0, 1] and min(matrix[0, 0], matrix[1, 1]) > 0
+    if not (usual and (np.abs(matrix) <= _LARGEST).all()):
+        raise InputError(
+            "matrix must be [[fx, 0, cx], [0, fy, cy], [0, 0, 1]] in pixels, fx and fy positive"
+        )
+
+
+def check_rotation(rotation: Array) -> None:
+    """Whether a (3, 3) array turns without stretching or mirroring.
+
+    Raises
+    ------
+    InputError
+        Without the file's name, which the caller knows.
+    """
+    bounded = (np.abs(rotation) <= 1.01).all()
+    if not (
+        bounded
+        and np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-3)
+        and np.linalg.det(rotation) > 0
+    ):
+        raise InputError("rotation is no rotation matrix")
+
+
+def camera_of(
+    name: str,
+    options: ClipOptions,
+    *,
+    size: tuple[int, int],
+    likely_focal: float | None = None,
+) -> tuple[Camera, float]:
+    """The nominal camera of a clip, and the standard deviation of its log focal length.
+
+    Without any word on it the focal length is ``likely_focal``, or taken to be the longer side
+    of the image: a field of view of 53 degrees.
+    """
+    file, spread = options.camera, MEASURED_FOCAL
+    if file is not None:
+        camera = Camera(
+            *file.size,
+            fx=float(file.matrix[0, 0]),
+            fy=float(file.matrix[1, 1]),
+            cx=float(file.matrix[0, 2]),
+            cy=float(file.matrix[1, 2]),
+            pitch=file.pitch or 0.0,
+            roll=file.roll or 0.0,
+            elevation=file.height or _NOMINAL_ELEVATION,
+        )
+    else:
+        focal = options.focal
+        if focal is None:
+            focal = likely_focal or float(max(size))
+            spread = _WRITTEN_DOWN if likely_focal else _ASSUMED
+            _log.warning(
+                "%s: focal length assumed to be %.0f pixels, give or take %.0f %%; all depths "
+                "scale with it", name, focal, 100 * (options.focal_spread or spread),
+            )  # fmt: skip
+        camera = Camera(
+            *size, fx=focal, fy=focal, cx=size[0] / 2, cy=size[1] / 2, elevation=_NOMINAL_ELEVATION
+        )
+    if options.pitch is not None:
+        camera = replace(camera, pitch=float(np.deg2rad(options.pitch)))
+    if options.height is not None:
+        camera = replace(camera, elevation=options.height)
+    return camera, options.focal_spread or spread
+
+
+def undistorted(pixels: ArrayLike, file: CameraFile) -> Array:
+    """Where a lens without distortion would have put pixels (..., 2).
+
+    The distortion of OpenCV has no inverse in closed form; this is its usual fixed-point
+    iteration. NaN where that does not settle, far outside of the calibrated field of view.
+    """
+    pixels = np.asarray(pixels, float)
+    if not file.distortion.any():
+        return pixels.copy()
+    focal, centre = file.matrix[[0, 1], [0, 1]], file.matrix[:2, 2]
+    seen = (pixels - centre) / focal
+    straight = seen.copy()
+    with np.errstate(all="ignore"):
+        for _ in range(_STEPS):
+            radial, tangential = _distortion(straight, file.distortion)
+            straight = (seen - tangential) / radial
+        radial, tangential = _distortion(straight, file.distortion)
+        settled = np.abs(straight * radial + tangential - seen).max(-1) < _STRAIGHT
+    return np.where((settled & (radial[..., 0] > 0))[..., None], straight * focal + centre, np.nan)
+
+
+def _distortion(points: Array, coefficients: Array) -> tuple[Array, Array]:
+    """Factor (..., 1) and shift (..., 2) of points (..., 2), tangents."""
+    k1, k2, p1, p2, k3, k4, k5, k6 = np.pad(coefficients, (0, 8 - len(coefficients)))
+    x, y = points[..., 0], points[..., 1]
+    r2 = x**2 + y**2
+    radial = (1 + r2 * (k1 + r2 * (k2 + r2 * k3))) / (1 + r2 * (k4 + r2 * (k5 + r2 * k6)))
+    shift = np.stack(
+        [2 * p1 * x * y + p2 * (r2 + 2 * x**2), p1 * (r2 + 2 * y**2) + 2 * p2 * x * y], -1
+    )
+    return radial[..., None], shift
+
+
+def _toml(path: Path) -> Any:
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})") from error
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{path}: not a TOML file ({error})") from error
+
+
+def _value(path: Path, key: str, value: Any) -> Array:
+    shape = _KEYS[key]
+    if shape is None:
+        count = len(value) if isinstance(value, list) else -1
+        if count not in (0, *_DISTORTION_LENGTHS):
+            raise InputError(f"{path}: distortion has 4, 5 or 8 numbers: k1 k2 p1 p2 k3 k4 k5 k6")
+        return numbers(value, shape=(count,), place=f"{path}: {key}") if count else np.zeros(0)
+    return numbers(value, shape=shape, place=f"{path}: {key}")
+
+
+def _radians(degrees: Array | None) -> float | None:
+    return None if degrees is None else float(np.deg2rad(degrees))

@@ -1,0 +1,255 @@
+"""JSON and numpy archives of others: every fault is one sentence that names file and place."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+import zipfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, BinaryIO, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imapper_prob.models.errors import InputError
+from imapper_prob.models.skeleton import JOINTS, N_JOINTS
+
+__all__ = [
+    "LARGEST_JSON",
+    "LARGEST_NUMBER",
+    "Arrays",
+    "Shapes",
+    "check_shapes",
+    "field",
+    "frame_number",
+    "frames_of_joints",
+    "load_archive",
+    "load_json",
+    "load_lines",
+    "numbers",
+    "refuse_bombs",
+]
+
+Array = NDArray[np.float64]
+LARGEST_JSON: Final = 128 << 20
+"""Bytes; an hour of one person at 30 frames a second. In memory it takes twenty times that."""
+
+
+LARGEST_NUMBER: Final = 1e100
+"""Anything that is measured is less, and its square still is a number."""
+
+
+def load_lines(path: Path) -> list[str]:
+    """The lines of a text file of at most :data:`LARGEST_JSON` bytes."""
+    try:
+        size = path.stat().st_size
+        if size > LARGEST_JSON:
+            raise InputError(f"{path}: {size / 2**20:.0f} MB, more than {LARGEST_JSON >> 20}")
+        return path.read_text(encoding="utf-8").splitlines()
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})") from error
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: no text file ({error})") from error
+
+
+def load_json(path: Path) -> Any:
+    """The content of a JSON file of at most :data:`LARGEST_JSON` bytes."""
+    try:
+        size = path.stat().st_size
+        if size > LARGEST_JSON:
+            raise InputError(
+                f"{path}: {size / 2**20:.0f} MB, more than {LARGEST_JSON >> 20}; cut the clip"
+            )
+        return json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such file; a clip of this format needs it") from None
+    except InputError:
+        raise
+    except (ValueError, RecursionError) as error:  # not only JSON: also numbers of 5,000 digits
+        raise InputError(
+            f"{path}: not valid JSON ({error}); it may be cut off, copy it again"
+        ) from error
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})") from error
+
+
+def field(path: Path, data: Any, *keys: str) -> Any:
+    """The value at ``data[keys[0]][keys[1]]…``."""
+    for depth, key in enumerate(keys):
+        if not isinstance(data, Mapping) or key not in data:
+            raise InputError(f"{path}: no entry {'.'.join(keys[: depth + 1])!r}")
+        data = data[key]
+    return data
+
+
+def numbers(values: Any, *, shape: tuple[int, ...], place: str) -> Array:
+    """``values`` as a finite array of this shape; ``place`` names them in messages.
+
+    Strings that look like numbers, truth values and nulls are refused: in a file of
+    coordinates they are a sign that something else is wrong too.
+    """
+    try:
+        array = np.array(values)
+    except (ValueError, OverflowError):
+        array = np.array(None)
+    if array.dtype.kind not in "iuf" or array.shape != shape:
+        expected = " x ".join(map(str, shape)) if shape else "one"
+        raise InputError(f"{place}: expected {expected} numbers, got {_shortened(values)}")
+    if not np.isfinite(array).all():
+        raise InputError(f"{place}: {_shortened(values)} is not finite; remove or correct it")
+    if (np.abs(array) >= LARGEST_NUMBER).any():
+        raise InputError(f"{place}: {_shortened(values)} is too large to be true")
+    return array.astype(np.float64)
+
+
+def frames_of_joints(path: Path, data: Any) -> dict[int, Array]:
+    """The ``3d`` table of an i3DB skeleton file.
+
+    Returns
+    -------
+    dict of int to (16, 3) float
+        Joints by frame number, in the file's own axes and units, in order of frames.
+    """
+    table = field(path, data, "3d")
+    if not isinstance(table, Mapping) or not table:
+        raise InputError(f"{path}: '3d' must map frame numbers to joints and not be empty")
+    frames: dict[int, Array] = {}
+    expected = [str(j) for j in range(N_JOINTS)]
+    for key, joints in table.items():
+        frame = frame_number(path, key)
+        if frame in frames:
+            raise InputError(f"{path}: frame {frame} occurs twice")
+        if not isinstance(joints, Mapping) or set(joints) != set(expected):
+            count = len(joints) if isinstance(joints, Mapping) else 0
+            raise InputError(
+                f"{path}, frame {frame}: expected joints 0 to {N_JOINTS - 1}, got {count} joints"
+            )
+        frames[frame] = np.stack(
+            [
+                numbers(joints[j], shape=(3,), place=f"{path}, frame {frame}, joint {name}")
+                for j, name in zip(expected, JOINTS, strict=True)
+            ]
+        )
+    return dict(sorted(frames.items()))
+
+
+def frame_number(path: Path, key: Any) -> int:
+    """A frame number from a JSON key such as ``"00012"``."""
+    if not re.fullmatch(r"-?\d{1,15}", str(key)):
+        raise InputError(f"{path}: {_shortened(key)} is not a frame number; expected an integer")
+    return int(key)
+
+
+def _shortened(values: Any, *, limit: int = 60) -> str:
+    text = repr(values)
+    return text if len(text) <= limit else text[: limit - 1] + "…"
+
+
+# ------------------------------------------------------------------------------------------------
+# Numpy archives that others wrote: opened without pickle, checked before use.
+
+Arrays = dict[str, NDArray[Any]]
+Shapes = Mapping[str, tuple[str, *tuple["str | int | None", ...]]]
+"""For each entry the kind of its values (``"text"``, ``"number"`` or ``"index"``), then its
+shape: a number, the name of the entry it must be as long as, or ``None`` for any length."""
+_KINDS = {"text": "U", "number": "fiu", "index": "iu"}
+
+
+_LARGEST: Final = 1 << 29
+"""Bytes of an archive once unpacked, half a gigabyte: a hundred times the longest clip."""
+
+
+def refuse_bombs(file: BinaryIO) -> None:
+    """Look at an archive before any of it is unpacked.
+
+    A few kilobytes can claim to hold terabytes, as zip members or as an array's shape. No
+    member is ever written to disk, whatever its name.
+
+    Raises
+    ------
+    InputError
+        It would take more memory than :data:`_LARGEST`, or arrays claim to be larger than
+        what is stored of them.
+    zipfile.BadZipFile, ValueError, OSError
+        It is no archive of arrays.
+    """
+    with zipfile.ZipFile(file) as archive:
+        members = archive.infolist()
+        total = sum(member.file_size for member in members)
+        if total > _LARGEST:
+            raise InputError(
+                f"would take {total / 2**20:.0f} MB of memory, more than {_LARGEST >> 20}; is it "
+                "what you meant?"
+            )
+        for member in members:
+            if not member.filename.endswith(".npy"):
+                continue
+            with archive.open(member) as entry:
+                major, _ = np.lib.format.read_magic(entry)
+                read = {1: np.lib.format.read_array_header_1_0}.get(
+                    major, np.lib.format.read_array_header_2_0
+                )
+                shape, _, dtype = read(entry)
+            if math.prod(shape) * dtype.itemsize > member.file_size:
+                raise InputError(f"entry {member.filename} is cut off")
+    file.seek(0)
+
+
+def load_archive(path: Path, *, what: str) -> Arrays:
+    """All entries of an ``.npz``.
+
+    Parameters
+    ----------
+    path : path
+    what : str
+        What the file is, for messages: ``"library"``, ``"capture"``.
+
+    Raises
+    ------
+    InputError
+        There is no such file, or it is no readable archive of plain arrays.
+    """
+    if not path.is_file():
+        raise InputError(f"{what} {path}: no such file")
+    try:
+        with path.open("rb") as file:
+            refuse_bombs(file)
+            with np.load(file, allow_pickle=False) as archive:
+                return {key: archive[key] for key in archive.files}
+    except InputError as error:
+        raise InputError(f"{what} {path}: {error}") from error
+    except Exception as error:  # numpy, zipfile, zlib and tokenize each have their own way to fail
+        raise InputError(
+            f"{what} {path}: damaged, or no .npz of plain arrays at all; make it again"
+        ) from error
+
+
+def check_shapes(arrays: Arrays, shapes: Shapes) -> None:
+    """Whether all entries are there, of the right kind, and of sizes that agree.
+
+    Raises
+    ------
+    InputError
+        Without the file's name, which the caller knows.
+    """
+    missing = [key for key in shapes if key not in arrays]
+    if missing:
+        raise InputError(f"entry {missing[0]} is missing; see the description of the format")
+    for key, (kind, *expected) in shapes.items():
+        array = arrays[key]
+        empty = array.size == 0 and array.dtype.kind == "f"  # what numpy makes of no values at all
+        if array.dtype.kind not in _KINDS[kind] and not empty:
+            raise InputError(f"{key} holds {array.dtype}, expected {kind}")
+        wanted = tuple(len(np.atleast_1d(arrays[e])) if isinstance(e, str) else e for e in expected)
+        fits = len(wanted) == array.ndim and all(
+            w is None or w == n for w, n in zip(wanted, array.shape, strict=True)
+        )
+        if not fits:
+            raise InputError(f"{key} has shape {array.shape}, expected {_written(wanted)}")
+
+
+def _written(shape: tuple[int | None, ...]) -> str:
+    inner = ", ".join("any" if n is None else str(n) for n in shape)
+    return f"({inner},)" if len(shape) == 1 else f"({inner})"

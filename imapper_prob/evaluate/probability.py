@@ -1,0 +1,479 @@
+"""Are probabilities honest: draws as predictions, proper scores, ranks and regions."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import linear_sum_assignment
+from scipy.stats import beta
+from shapely.affinity import translate
+
+from imapper_prob.evaluate.objects import pair_up
+from imapper_prob.evaluate.prediction import Prediction, prediction_of_scene
+from imapper_prob.evaluate.truth import Outline, TruthInView, outline_of
+from imapper_prob.models.errors import InputError
+from imapper_prob.models.log_posterior import state_camera
+from imapper_prob.models.skeleton import PELV, SCORED
+from imapper_prob.results.posterior import Posterior
+from imapper_prob.uncertainty.motion import drawn_motion
+
+__all__ = [
+    "LIKELY",
+    "MOST_PROBABLE",
+    "REGIONS",
+    "Claim",
+    "Coverage",
+    "Draws",
+    "PosteriorScore",
+    "brier",
+    "claims_of",
+    "count_scores",
+    "coverage",
+    "distance_ranks",
+    "draws_of",
+    "elliptic_rank",
+    "energy_score",
+    "joint_energy_score",
+    "joint_ranks",
+    "object_ranks",
+    "posterior_predictions",
+    "presence_scores",
+    "scene_distance",
+    "score_posterior",
+]
+
+Array = NDArray[np.float64]
+_MOST: Final = 200
+"""Draws that are looked at. Ranks among 200 are good to .035, and neighbours are alike."""
+
+
+@dataclass(frozen=True, eq=False)
+class Draws:
+    """Evenly spaced draws of all chains.
+
+    Parameters
+    ----------
+    joints : (N, T, 16, 3) float
+        In the axes of the camera, metres.
+    pixels : (N, T, 16, 2) float
+        As each draw's own camera sees them.
+    objects : tuple of N tuples of Outline
+    """
+
+    joints: Array
+    pixels: Array
+    objects: tuple[tuple[Outline, ...], ...]
+
+    def __len__(self) -> int:
+        return len(self.objects)
+
+    def prediction(self, draw: int, *, name: str) -> Prediction:
+        """One draw as an answer."""
+        return Prediction(name, self.joints[draw], self.pixels[draw], self.objects[draw])
+
+
+def draws_of(posterior: Posterior) -> Draws:
+    """At most 200 draws of a posterior, evenly spaced over its chains."""
+    samples, source = posterior.samples, posterior.solution
+    count = len(samples.states)
+    chosen = np.unique(np.linspace(0, count - 1, min(count, _MOST)).round().astype(int))
+    joints, pixels, objects = [], [], []
+    rng = np.random.default_rng(posterior.config.seed)
+    for k in chosen.tolist():
+        state = samples.states[k]
+        camera = state_camera(posterior.clip.camera, state)
+        world = drawn_motion(rng, source.problem, state, camera)
+        joints.append(camera.to_camera(world))
+        pixels.append(camera.project(world))
+        objects.append(tuple(outline_of(o, camera) for o in posterior.furniture[k]))
+    return Draws(np.array(joints), np.array(pixels), tuple(objects))
+
+
+# ------------------------------------------------------------------------------------------------
+# What a posterior claims to be there: its clusters of objects, in the axes of the camera.
+
+_LEAST: Final = 0.005
+"""Probability down to which clusters count; two draws of 400."""
+
+
+@dataclass(frozen=True, eq=False)
+class Claim:
+    """One piece of furniture as the draws have it.
+
+    Parameters
+    ----------
+    probability : float
+        That it is there.
+    label : str
+        The most probable one.
+    members : tuple of Outline
+        It, in every draw that has it.
+    """
+
+    probability: float
+    label: str
+    members: tuple[Outline, ...]
+
+    @property
+    def centres(self) -> Array:
+        """(n, 2) metres, top view."""
+        return np.array([m.centre for m in self.members])
+
+    @cached_property
+    def representative(self) -> Outline:
+        """The member of the right label nearest to the mean, moved there.
+
+        The mean is of bearing and log distance, because spread is relative and along the ray.
+        """
+        away = np.linalg.norm(self.centres, axis=1)
+        bearing = np.arctan2(self.centres[:, 0], self.centres[:, 1]).mean()
+        middle = np.exp(np.log(away).mean()) * np.array([np.sin(bearing), np.cos(bearing)])
+        alike = [m for m in self.members if m.label == self.label]
+        best = min(alike, key=lambda m: float(np.linalg.norm(m.centre - middle)))
+        x, y = middle - best.centre
+        moved = translate(best.hull, float(x), float(y))
+        corners = best.corners + np.array([x, y, 0.0])
+        return Outline(best.label, middle, best.yaw, best.has_front, moved, corners)
+
+
+def claims_of(posterior: Posterior) -> tuple[Claim, ...]:
+    """The clusters that a run shows with their ellipses, the most probable first.
+
+    They are made without the truth, by :mod:`imapper_prob.uncertainty.clusters`.
+    """
+    samples = posterior.samples
+    cameras = [state_camera(posterior.clip.camera, state) for state in samples.states]
+    return tuple(
+        Claim(
+            cluster.presence,
+            cluster.label,
+            tuple(outline_of(posterior.furniture[n][k], cameras[n]) for n, k in cluster.members),
+        )
+        for cluster in posterior.clusters(least=_LEAST)
+    )
+
+
+# ------------------------------------------------------------------------------------------------
+# Scores that reward honest probabilities: none can be improved by stating others than one has.
+#
+# Gneiting and Raftery (2007), *Strictly proper scoring rules, prediction, and estimation*.
+
+_MISSED: Final = 0.5
+"""Cost in metres of an object that is missed, and of one too many: together the metre from
+which an object is not found."""
+
+
+def scene_distance(one: Sequence[Outline], other: Sequence[Outline]) -> float:
+    """Metres between two sets of furniture.
+
+    Distances of partners within a metre, and half a metre for each object without one: the
+    generalised optimal sub-pattern assignment metric (Rahmathullah, García-Fernández and
+    Svensson 2017) of order 1, cut off at a metre. Being a metric, it makes
+    :func:`energy_score` proper.
+    """
+    alone = _MISSED * (len(one) + len(other))
+    if not one or not other:
+        return alone
+    gap = np.array([o.centre for o in one])[:, None] - [o.centre for o in other]
+    distance = np.linalg.norm(gap, axis=-1)
+    other_group = np.array([[a.group != b.group for b in other] for a in one])
+    saved = np.where(other_group, 0.0, np.minimum(distance - 2 * _MISSED, 0.0))
+    return float(alone + saved[linear_sum_assignment(saved)].sum())
+
+
+def energy_score(
+    draws: Sequence[Sequence[Outline]], truth: Sequence[Outline]
+) -> tuple[float, float]:
+    """Expected distance to the truth, and the same less half of that between draws; metres.
+
+    The second is the energy score; draws are held against those half the chain away.
+    """
+    expected = float(np.mean([scene_distance(d, truth) for d in draws]))
+    half = len(draws) // 2
+    between = [scene_distance(draws[k], draws[k + half]) for k in range(half)]
+    return expected, expected - 0.5 * float(np.mean(between)) if between else expected
+
+
+def joint_energy_score(draws: Draws, truth: TruthInView) -> tuple[float, float]:
+    """Mean over scored joints and annotated frames of expected error and energy score, metres."""
+    known, scored = truth.known, list(SCORED)
+    found = draws.joints[:, known][:, :, scored]
+    expected = np.linalg.norm(found - truth.joints[known][:, scored], axis=-1).mean()
+    half = len(draws) // 2
+    if not half:
+        return float(expected), float(expected)
+    between = np.linalg.norm(found[:half] - found[half : 2 * half], axis=-1).mean()
+    return float(expected), float(expected - 0.5 * between)
+
+
+def count_scores(
+    draws: Sequence[Sequence[Outline]], truth: Sequence[Outline]
+) -> tuple[float, float]:
+    """Brier and logarithmic score (nats) of how many seats, tables and shelves there are.
+
+    What is judged is the probability of the whole triple. A triple that no draw has counts as
+    half a draw: that it is impossible nobody can know from so many.
+    """
+    counted = Counter(_counts(d) for d in draws)
+    right = _counts(truth)
+    shares = {triple: n / len(draws) for triple, n in counted.items()}
+    own = shares.get(right, 0.0)
+    spread = sum(p**2 for triple, p in shares.items() if triple != right)
+    return spread + (1 - own) ** 2, -float(np.log(max(own, 0.5 / len(draws))))
+
+
+def presence_scores(claims: Sequence[Claim], truth: TruthInView) -> tuple[float, float]:
+    """Brier and logarithmic score (nats) of each object's probability to be there.
+
+    An object that some draw has is there if it finds a true one within a metre; true objects
+    that no draw has count as claimed with probability 0. Means over both.
+    """
+    shown = [c.representative for c in claims]
+    near = {id(p.found) for p in pair_up(truth.used_objects, shown) if p.near}
+    stated = [(c.probability, id(o) in near) for c, o in zip(claims, shown, strict=True)]
+    stated += [(0.0, True)] * (len(truth.used) - len(near))
+    if not stated:
+        return float("nan"), float("nan")
+    probability = np.array([p for p, _ in stated])
+    there = np.array([t for _, t in stated], dtype=float)
+    return brier(probability, there)
+
+
+def brier(probability: Array, happened: Array, *, least: float = 0.0025) -> tuple[float, float]:
+    """Brier and logarithmic score (nats) of stated probabilities of yes-or-no events.
+
+    ``least`` bounds probabilities for the logarithm: half a draw in 200.
+    """
+    square = float(((probability - happened) ** 2).mean())
+    of_what_happened = np.where(happened > 0, probability, 1 - probability)
+    return square, float(-np.log(np.maximum(of_what_happened, least)).mean())
+
+
+def _counts(objects: Sequence[Outline]) -> tuple[int, ...]:
+    return tuple(sum(o.group == group for o in objects) for group in ("seat", "table", "shelf"))
+
+
+# ------------------------------------------------------------------------------------------------
+# Do stated uncertainties hold? Ranks of the truth among the draws.
+#
+# The rank of a point is the share of the draws that lie in a smaller ellipse than it does, around
+# the mean of all of them. Where probabilities are right and draws independent, ranks are uniform:
+# half of them are below .5, however few the draws are (conformal prediction; Vovk, Gammerman and
+# Shafer 2005, section 2.2).
+
+REGIONS: Final = (0.5, 0.9)
+"""Probabilities of the regions that are checked."""
+_FEWEST: Final = 20
+"""Draws that an object must have, below which an ellipse says nothing."""
+_NUGGET: Final = 1e-6
+"""Square metres added to variances: a millimetre, so that draws on one spot have an ellipse."""
+
+
+@dataclass(frozen=True)
+class Coverage:
+    """How often regions of a stated probability hold the truth.
+
+    Parameters
+    ----------
+    region : float
+        Stated probability.
+    share : float
+        Of the truths that lie in it; NaN for none.
+    low, high : float
+        Binomial interval of 90 % around ``share`` (Clopper and Pearson), as if the truths were
+        independent; joints of neighbouring frames are not.
+    count : int
+        Truths.
+    """
+
+    region: float
+    share: float
+    low: float
+    high: float
+    count: int
+
+
+def elliptic_rank(draws: ArrayLike, point: ArrayLike) -> float:
+    """Rank of ``point`` (d,) among ``draws`` (N, d) by distance in the covariance of all N + 1.
+
+    The point is one of those that the ellipse is drawn around: an ellipse around the others
+    would be too small for it, with 100 draws in three dimensions by .03 of a region of .9.
+    """
+    everything = np.concatenate([np.asarray(draws, float), np.asarray(point, float)[None]])
+    off = everything - everything.mean(0)
+    covariance = np.cov(everything.T) + _NUGGET * np.eye(off.shape[1])
+    distances = np.einsum("ni,ij,nj->n", off, np.linalg.inv(covariance), off)
+    # The middle of the step that the point has among N + 1.
+    return float(((distances[:-1] < distances[-1]).sum() + 0.5) / len(distances))
+
+
+def object_ranks(claims: Sequence[Claim], truth: TruthInView) -> Array:
+    """(n,) ranks of true centres in the claims that are taken for them.
+
+    Claims are made without the truth. Those of more than even odds are paired as a scene is;
+    a true object that finds no partner has no rank, and is not counted as covered or missed.
+    """
+    likely = [c for c in claims if c.probability > 0.5 and len(c.members) >= _FEWEST]
+    claim_of = {id(c.representative): c for c in likely}
+    pairs = pair_up(truth.used_objects, [c.representative for c in likely])
+    return np.array([elliptic_rank(claim_of[id(p.found)].centres, p.truth.centre) for p in pairs])
+
+
+def joint_ranks(
+    draws: Draws, truth: TruthInView, *, joints: Sequence[int] = SCORED, hidden: bool = False
+) -> Array:
+    """Ranks of some joints in annotated frames, or of those of them that are hidden."""
+    return np.array(
+        [
+            elliptic_rank(draws.joints[:, t, joint], truth.joints[t, joint])
+            for t in np.flatnonzero(truth.known)
+            for joint in joints
+            if truth.hidden[t, joint] or not hidden
+        ]
+    )
+
+
+def distance_ranks(draws: Draws, truth: TruthInView) -> Array:
+    """Shares of the draws whose pelvis is nearer to the camera than the true one, by frame.
+
+    Uniform where distances are right; heaped at 1 where draws are too near, and at 0 where
+    they are too far.
+    """
+    known = truth.known
+    drawn = np.linalg.norm(draws.joints[:, known, PELV], axis=-1)
+    true = np.linalg.norm(truth.joints[known, PELV], axis=-1)
+    shares: Array = (drawn < true).mean(0)
+    return shares
+
+
+def coverage(ranks: Array) -> tuple[Coverage, ...]:
+    """By :data:`REGIONS`."""
+    count = len(ranks)
+    result = []
+    for region in REGIONS:
+        inside = int((ranks < region).sum())
+        low = beta.ppf(0.05, inside, count - inside + 1) if inside else 0.0
+        high = beta.ppf(0.95, inside + 1, count - inside) if inside < count else 1.0
+        share = inside / count if count else float("nan")
+        result.append(Coverage(region, share, float(low), float(high), count))
+    return tuple(result)
+
+
+# ------------------------------------------------------------------------------------------------
+# A posterior against one truth: its best answers, its errors on average, its honesty.
+
+MOST_PROBABLE: Final = "posterior, most probable scene"
+LIKELY: Final = "posterior, least expected loss"
+_SHOWN: Final = 5
+"""Scenes that a user is shown, of which the best is looked for."""
+
+
+@dataclass(frozen=True, eq=False)
+class PosteriorScore:
+    """How honest a posterior is on one clip. Distances in cm.
+
+    Parameters
+    ----------
+    name, clip : str
+        Of the run and its clip.
+    draws : int
+        That were looked at.
+    first, best : float
+        Distance to the true furniture of the most probable scene, and of the best of the
+        five that are shown (:func:`imapper_prob.evaluate.probability.scene_distance`).
+    expected, energy : float
+        The same distance expected over draws, and its energy score.
+    joint_expected, joint_energy : float
+        Of scored joints in annotated frames.
+    found : float
+        Share of the true objects that have a partner within a metre, mean over draws.
+    claimed, true : int
+        True objects that are paired with one of more than even odds, and how many there are.
+    counts, presence : (float, float)
+        Brier score, and logarithmic score in nats: of how many seats, tables and shelves
+        there are, and of each object's probability.
+    object_ranks, pelvis_ranks, joint_ranks, hidden_ranks : (n,) float
+        Of centres, of the pelvis, of all scored joints and of the hidden ones; see
+        :mod:`imapper_prob.evaluate.probability`.
+    distance_ranks : (n,) float
+        Of the pelvis' distance from the camera.
+    """
+
+    name: str
+    clip: str
+    draws: int
+    first: float
+    best: float
+    expected: float
+    energy: float
+    joint_expected: float
+    joint_energy: float
+    found: float
+    claimed: int
+    true: int
+    counts: tuple[float, float]
+    presence: tuple[float, float]
+    object_ranks: Array
+    pelvis_ranks: Array
+    joint_ranks: Array
+    hidden_ranks: Array
+    distance_ranks: Array
+
+
+def posterior_predictions(posterior: Posterior) -> tuple[Prediction, ...]:
+    """The most probable scene, and the scene of least expected loss."""
+    return (*_shown(posterior, 1), prediction_of_scene(posterior.estimate, name=LIKELY))
+
+
+def score_posterior(posterior: Posterior, truth: TruthInView, *, name: str) -> PosteriorScore:
+    """All that is judged of a posterior beyond its single answers.
+
+    Raises
+    ------
+    InputError
+        If it is of another clip or of several people.
+    """
+    if len(posterior.clip.tracks) > 1:
+        raise InputError(f"the run of {posterior.clip.name} is of several people, its truth of one")
+    if posterior.clip.name != truth.name or posterior.clip.n_frames != len(truth.joints):
+        raise InputError(
+            f"the run is of {posterior.clip.name} with {posterior.clip.n_frames} frames, the "
+            f"truth of {truth.name} with {len(truth.joints)}; name the truth of its clip"
+        )
+    claims, draws, true = claims_of(posterior), draws_of(posterior), truth.used_objects
+    shown = [scene_distance(p.objects, true) for p in _shown(posterior, _SHOWN)]
+    expected, energy = energy_score(draws.objects, true)
+    joints = joint_energy_score(draws, truth)
+    ranks = object_ranks(claims, truth)
+    near = [sum(p.near for p in pair_up(true, objects)) for objects in draws.objects]
+    return PosteriorScore(
+        name=name,
+        clip=truth.name,
+        draws=len(draws),
+        first=100 * shown[0],
+        best=100 * min(shown),
+        expected=100 * expected,
+        energy=100 * energy,
+        joint_expected=100 * joints[0],
+        joint_energy=100 * joints[1],
+        found=float(np.mean(near)) / len(true) if true else float("nan"),
+        claimed=len(ranks),
+        true=len(true),
+        counts=count_scores(draws.objects, true),
+        presence=presence_scores(claims, truth),
+        object_ranks=ranks,
+        pelvis_ranks=joint_ranks(draws, truth, joints=(PELV,)),
+        joint_ranks=joint_ranks(draws, truth),
+        hidden_ranks=joint_ranks(draws, truth, hidden=True),
+        distance_ranks=distance_ranks(draws, truth),
+    )
+
+
+def _shown(posterior: Posterior, count: int) -> Sequence[Prediction]:
+    return [prediction_of_scene(w.scene, name=MOST_PROBABLE) for w in posterior.scenes(count)]

@@ -1,0 +1,416 @@
+"""Lifting: 3D poses for clips with 2D joints only, from the poses of the built-in library.
+
+Each frame is turned so that the camera looks straight at the person, poses of the library are
+matched under scaled orthographic projection, and the sequence that looks right and goes on
+smoothly is found by dynamic programming.
+"""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass, replace
+from functools import cache
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import logsumexp
+
+from imapper_prob.models.camera import Camera
+from imapper_prob.models.scene import Clip, Track
+from imapper_prob.models.scenelet import Library
+from imapper_prob.models.skeleton import MIRROR, N_JOINTS, PELV, facing
+from imapper_prob.scenelets.library import built_in_library
+from imapper_prob.solver.poses import LENGTHS, bones_of, joints_of
+
+__all__ = [
+    "Candidates",
+    "Lifted",
+    "Views",
+    "built_in_poses",
+    "distinct_poses",
+    "lift_clip",
+    "lift_keypoints",
+    "nearest_poses",
+    "views_of",
+]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Views:
+    """Frames of one track, seen along the ray to the person.
+
+    Parameters
+    ----------
+    tangents : (T, 16, 2) float
+        Detections right of and above that ray, tangents; 0 where there is none.
+    weights : (T, 16) float
+        How much each counts: its squared confidence, 0 where there is none.
+    elevation : (T,) float
+        Angle of the ray above the horizon, radians.
+    axes : (T, 3, 3) float
+        From view axes (x right and level, y along the ray's own direction on the floor,
+        z up) to camera axes.
+    """
+
+    tangents: Array
+    weights: Array
+    elevation: Array
+    axes: Array
+
+
+def views_of(camera: Camera, keypoints: Array, confidences: Array) -> Views:
+    """Turn the camera towards the person, frame by frame.
+
+    Parameters
+    ----------
+    camera : Camera
+        Its pitch and roll say where the horizon is.
+    keypoints : (T, 16, 2) float
+        Pixels; NaN where missing.
+    confidences : (T, 16) float
+        0 where missing.
+    """
+    weights = np.where(np.isfinite(keypoints).all(-1), confidences, 0.0) ** 2
+    filled = np.where(weights[..., None] > 0, keypoints, (camera.cx, camera.cy))
+    rays = camera.rays(filled) @ camera.rotation.T
+    total = np.maximum(weights.sum(1), 1e-12)[:, None]
+    forward = (weights[..., None] * rays).sum(1) / total
+    forward = np.where((weights.max(1) > 0)[:, None], forward, camera.rotation[:, 1])
+    forward /= np.linalg.norm(forward, axis=-1, keepdims=True)
+    azimuth = np.arctan2(forward[:, 0], forward[:, 1])
+    elevation = np.arcsin(np.clip(forward[:, 2], -1, 1))
+    cos, sin, zero = np.cos(azimuth), np.sin(azimuth), np.zeros_like(azimuth)
+    right = np.stack([cos, -sin, zero], -1)
+    level = np.stack([sin, cos, zero], -1)
+    up = np.cross(right, forward)
+    depth = np.maximum(np.einsum("tjc,tc->tj", rays, forward), 1e-6)
+    across = np.einsum("tjc,tc->tj", rays, right) / depth
+    above = np.einsum("tjc,tc->tj", rays, up) / depth
+    there = weights > 0
+    vertical = np.broadcast_to([0.0, 0.0, 1.0], right.shape)
+    axes = camera.rotation.T @ np.stack([right, level, vertical], -1)
+    return Views(
+        tangents=np.where(there[..., None], np.stack([across, above], -1), 0.0),
+        weights=weights,
+        elevation=elevation,
+        axes=axes,
+    )
+
+
+# ------------------------------------------------------------------------------------------------
+# The poses of a library, each once, whichever way it faces.
+
+_APART: Final = 0.06
+"""Metres of root-mean-square joint distance below which two poses are one."""
+
+
+@cache
+def built_in_poses() -> Array:
+    """Those of the built-in library; found once a process."""
+    return distinct_poses(built_in_library())
+
+
+def distinct_poses(library: Library, *, apart: float = _APART) -> Array:
+    """Poses that are not too like each other, and their mirror images.
+
+    Parameters
+    ----------
+    library : Library
+    apart : float
+        Root-mean-square joint distance in metres that they keep.
+
+    Returns
+    -------
+    (K, 16, 3) float
+        Joints relative to the pelvis, metres, z up, facing +y; the first half and the second
+        are mirror images of each other.
+    """
+    joints = np.concatenate([scenelet.joints for scenelet in library])
+    poses = joints - joints[:, PELV, None]
+    yaw = facing(poses)
+    cos, sin = np.cos(-yaw), np.sin(-yaw)
+    x, y = poses[..., 0], poses[..., 1]
+    poses[..., 0], poses[..., 1] = (
+        cos[:, None] * x - sin[:, None] * y,
+        sin[:, None] * x + cos[:, None] * y,
+    )
+    # Every pose is its own neighbour at first; whoever is chosen takes its neighbours away.
+    flat = poses.reshape(len(poses), -1)
+    left = np.ones(len(flat), bool)
+    chosen = []
+    for row in range(len(flat)):
+        if left[row]:
+            chosen.append(row)
+            squared = ((flat[left] - flat[row]) ** 2).sum(1)
+            left[np.flatnonzero(left)[squared < 16 * apart**2]] = False
+    kept = poses[chosen]
+    mirrored = kept[:, list(MIRROR)] * (-1, 1, 1)
+    result: Array = np.concatenate([kept, mirrored])
+    return result
+
+
+# ------------------------------------------------------------------------------------------------
+# Which poses of a library look like what was seen: scaled orthographic matching.
+
+YAWS: Final = 36
+"""Directions that each pose is tried in: ten degrees apart."""
+_ELEVATION_STEP: Final = np.deg2rad(6.0)
+"""Frames whose rays are this alike are compared with the same pictures of the poses."""
+_FRAMES_AT_ONCE: Final = 64
+
+
+@dataclass(frozen=True)
+class Candidates:
+    """The poses nearest to each frame, the best first.
+
+    Parameters
+    ----------
+    joints : (T, M, 16, 3) float
+        Relative to the pelvis, metres, camera axes.
+    error : (T, M) float
+        Weighted mean square distance in the image plane, square metres.
+    scale : (T, M) float
+        Tangents a metre: one over the depth.
+    shift : (T, M, 2) float
+        Tangents of the pelvis.
+    """
+
+    joints: Array
+    error: Array
+    scale: Array
+    shift: Array
+
+
+def nearest_poses(views: Views, poses: Array, *, count: int) -> Candidates:
+    """Compare every frame with every pose in every direction.
+
+    For weights w that add up to one, tangents u and projected joints p, both less their
+    weighted means, the best scale is <u, p> / <p, p>, and what is left over, in metres at the
+    person, is <u, u> / scale² - <p, p>.
+
+    Parameters
+    ----------
+    views : Views
+    poses : (K, 16, 3) float
+        Relative to the pelvis, metres, facing +y.
+    count : int
+        How many candidates a frame.
+    """
+    angles = np.arange(YAWS) * (2 * np.pi / YAWS)
+    cos, sin = np.cos(angles)[:, None, None], np.sin(angles)[:, None, None]
+    x, y, z = (poses[None, ..., axis] for axis in range(3))
+    turned = np.stack(
+        [cos * x - sin * y, sin * x + cos * y, np.broadcast_to(z, (cos * x).shape)], -1
+    )
+    turned = turned.reshape(-1, *poses.shape[1:])
+    n_frames = len(views.elevation)
+    shape = (n_frames, min(count, len(turned)))
+    chosen = np.zeros(shape, np.intp)
+    error, scale, shift = np.zeros(shape), np.zeros(shape), np.zeros((*shape, 2))
+    level = np.round(views.elevation / _ELEVATION_STEP)
+    for value in np.unique(level):
+        tilt = value * _ELEVATION_STEP
+        across = turned[..., 0].astype(np.float32)
+        above = (np.cos(tilt) * turned[..., 2] - np.sin(tilt) * turned[..., 1]).astype(np.float32)
+        squares = across**2 + above**2
+        frames = np.flatnonzero(level == value)
+        for start in range(0, len(frames), _FRAMES_AT_ONCE):
+            rows = frames[start : start + _FRAMES_AT_ONCE]
+            weights = views.weights[rows]
+            weights = (weights / np.maximum(weights.sum(1, keepdims=True), 1e-12)).T
+            u, v = views.tangents[rows].T.transpose(0, 1, 2)
+            mean_u, mean_v = (weights * u).sum(0), (weights * v).sum(0)
+            mean_a, mean_b = across @ weights, above @ weights
+            pp = squares @ weights - mean_a**2 - mean_b**2
+            up = across @ (weights * u) + above @ (weights * v) - mean_a * mean_u - mean_b * mean_v
+            uu = (weights * (u**2 + v**2)).sum(0) - mean_u**2 - mean_v**2
+            best_scale = np.maximum(up / np.maximum(pp, 1e-9), 1e-6)
+            left = uu / best_scale**2 - pp
+            best = np.argpartition(left, shape[1] - 1, axis=0)[: shape[1]]
+            best = np.take_along_axis(best, np.argsort(np.take_along_axis(left, best, 0), 0), 0)
+            chosen[rows] = best.T
+            error[rows] = np.maximum(np.take_along_axis(left, best, 0).T, 0.0)
+            scale[rows] = np.take_along_axis(best_scale, best, 0).T
+            for axis, (mean, own) in enumerate(((mean_u, mean_a), (mean_v, mean_b))):
+                at = np.take_along_axis(own, best, 0).T
+                shift[rows, :, axis] = mean[:, None] - scale[rows] * at
+    joints = turned[chosen] @ views.axes.transpose(0, 2, 1)[:, None]
+    return Candidates(joints=joints, error=error, scale=scale, shift=shift)
+
+
+# ------------------------------------------------------------------------------------------------
+# From 2D joints to 3D poses: the library's poses, chosen to look right and to follow on.
+#
+# One picture of a body has many poses: whoever leans forward may as well lean back. The
+# candidates of all frames are therefore weighed together, as a hidden Markov chain whose states
+# are the nearest poses of each frame: what does not go on smoothly falls away. What is left of
+# several explanations is reported, not hidden.
+
+_log = logging.getLogger(__name__)
+_FEWEST: Final = 6
+"""Detected joints without which a frame has no pose: fewer fit nearly any."""
+_CANDIDATES: Final = 60
+"""Poses kept a frame."""
+_LIKENESS: Final = 0.06
+"""Metres, root-mean-square: how well the library's nearest pose matches somebody in the image.
+A frame counts as two joints: what is wrong with one joint is wrong with the others."""
+_STEP: Final = 0.06
+"""Metres, root-mean-square, that joints move about the pelvis in a tenth of a second."""
+_APPROACH: Final = 0.05
+"""Change of log depth in a tenth of a second, steps towards the camera and errors of scale."""
+_FREELY: Final = 0.2
+"""Metres that a detection may carry a joint away from the chosen pose, across the ray."""
+_AMBIGUOUS: Final = 0.15
+"""Metres of root-mean-square spread from which a frame is called ambiguous."""
+
+
+@dataclass(frozen=True)
+class Lifted:
+    """Poses for the frames of one track.
+
+    Parameters
+    ----------
+    poses : (T, 16, 3) float
+        Relative to the pelvis, camera axes, metres at the reference stature; NaN for a whole
+        frame with too few detections.
+    spread : (T,) float
+        Root-mean-square distance in metres of the joints of all explanations, weighed by
+        their probability, from the pose given; NaN where there is none.
+    """
+
+    poses: Array
+    spread: Array
+
+
+def lift_clip(clip: Clip, *, poses: Array | None = None) -> Clip:
+    """Give poses to those tracks of a clip that have none.
+
+    Parameters
+    ----------
+    clip : Clip
+    poses : (K, 16, 3) float, optional
+        See :func:`imapper_prob.lifting.distinct_poses`; the built-in library's if not
+        given.
+
+    Returns
+    -------
+    Clip
+        Tracks that had a pose in any frame are as they were.
+    """
+    poses = built_in_poses() if poses is None else poses
+    return replace(clip, tracks=tuple(_lifted(clip, track, poses) for track in clip.tracks))
+
+
+def _lifted(clip: Clip, track: Track, poses: Array) -> Track:
+    if track.has_pose.any():
+        return track
+    lifted = lift_keypoints(
+        clip.camera, track.keypoints, track.confidences, fps=clip.fps, poses=poses
+    )
+    known = np.isfinite(lifted.spread)
+    if known.any():
+        _log.warning(
+            "%s: poses of %s lifted from 2D in %d of %d frames, %d of them ambiguous",
+            clip.name,
+            track.name,
+            known.sum(),
+            clip.n_frames,
+            (lifted.spread[known] > _AMBIGUOUS).sum(),
+        )
+    return replace(track, poses=lifted.poses)
+
+
+def lift_keypoints(
+    camera: Camera, keypoints: Array, confidences: Array, *, fps: float, poses: Array
+) -> Lifted:
+    """Lift one person.
+
+    Parameters
+    ----------
+    camera : Camera
+        Its nominal pose says where the horizon is.
+    keypoints : (T, 16, 2) float
+        Pixels; NaN where missing.
+    confidences : (T, 16) float
+        In [0, 1], 0 where missing.
+    fps : float
+        Frames a second.
+    poses : (K, 16, 3) float
+        What people look like, facing +y.
+    """
+    usable = np.flatnonzero((confidences > 0).sum(1) >= _FEWEST)
+    result = np.full((len(keypoints), N_JOINTS, 3), np.nan)
+    spread = np.full(len(keypoints), np.nan)
+    if not len(usable):
+        return Lifted(result, spread)
+    views = views_of(camera, keypoints[usable], confidences[usable])
+    candidates = nearest_poses(views, poses, count=_CANDIDATES)
+    gaps = np.diff(usable) * (10.0 / fps)
+    best, marginal = _smoothed(candidates, gaps)
+    rows = np.arange(len(usable))
+    apart = ((candidates.joints - candidates.joints[rows, best][:, None]) ** 2).sum(-1).mean(-1)
+    spread[usable] = np.sqrt((marginal * apart).sum(1))
+    result[usable] = _towards_detections(views, candidates, best)
+    return Lifted(result, spread)
+
+
+def _smoothed(candidates: Candidates, gaps: Array) -> tuple[NDArray[np.intp], Array]:
+    """The most probable sequence of candidates (T,), and each one's probability (T, M).
+
+    ``gaps`` (T - 1,) are tenths of a second between frames.
+    """
+    joints, scale = candidates.joints, np.log(candidates.scale)
+    n_frames, count = scale.shape
+    own = -candidates.error / _LIKENESS**2
+    forward, best = np.zeros((2, n_frames, count))
+    back = np.zeros((n_frames, count), np.intp)
+    forward[0] = best[0] = own[0]
+    steps = np.zeros((n_frames - 1, count, count))
+    for t in range(1, n_frames):
+        before, after = (joints[i].reshape(count, -1) for i in (t - 1, t))
+        square = (before**2).sum(1)[:, None] + (after**2).sum(1) - 2 * before @ after.T
+        moved = square / N_JOINTS / _STEP**2
+        nearer = (scale[t - 1][:, None] - scale[t]) ** 2 / _APPROACH**2
+        steps[t - 1] = -(moved + nearer) / (2 * gaps[t - 1])
+        reached = best[t - 1][:, None] + steps[t - 1]
+        back[t] = reached.argmax(0)
+        best[t] = reached.max(0) + own[t]
+        forward[t] = logsumexp(forward[t - 1][:, None] + steps[t - 1], axis=0) + own[t]
+    path = np.zeros(n_frames, np.intp)
+    path[-1] = best[-1].argmax()
+    backward = np.zeros((n_frames, count))
+    for t in range(n_frames - 2, -1, -1):
+        path[t] = back[t + 1][path[t + 1]]
+        backward[t] = logsumexp(steps[t] + own[t + 1] + backward[t + 1], axis=1)
+    weight = forward + backward
+    return path, np.exp(weight - logsumexp(weight, axis=1, keepdims=True))
+
+
+def _towards_detections(views: Views, candidates: Candidates, best: NDArray[np.intp]) -> Array:
+    """The chosen poses, bent so that joints lie where they were seen, bones as long as before.
+
+    Across the ray the picture knows better than the library, along it only the library knows.
+    """
+    rows = np.arange(len(best))
+    joints = candidates.joints[rows, best]
+    view = joints @ views.axes
+    scale = candidates.scale[rows, best][:, None]
+    tilt = views.elevation[:, None]
+    above = np.cos(tilt) * view[..., 2] - np.sin(tilt) * view[..., 1]
+    seen = (views.tangents - candidates.shift[rows, best][:, None]) / scale[..., None]
+    pull = np.sqrt(views.weights)
+    across = pull * np.clip(seen[..., 0] - view[..., 0], -_FREELY, _FREELY)
+    upward = pull * np.clip(seen[..., 1] - above, -_FREELY, _FREELY)
+    view[..., 0] += across
+    view[..., 1] -= np.sin(tilt) * upward
+    view[..., 2] += np.cos(tilt) * upward
+    bones = bones_of(view @ views.axes.transpose(0, 2, 1))
+    bones *= LENGTHS[:, None] / np.maximum(np.linalg.norm(bones, axis=-1, keepdims=True), 1e-6)
+    return joints_of(bones)
+
+
+# ------------------------------------------------------------------------------------------------
+# 3D poses for clips that have only 2D joints, from the poses of the built-in library.

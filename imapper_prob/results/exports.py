@@ -1,0 +1,392 @@
+"""A scene, or draws, in formats of others: JSON in benchmark axes, binary glTF, i3DB."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections import Counter
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import trimesh as _untyped_trimesh
+from numpy.typing import ArrayLike, NDArray
+
+from imapper_prob.files import folder_held, folder_published, written_whole
+from imapper_prob.models.camera import Camera
+from imapper_prob.models.errors import InputError
+from imapper_prob.models.geometry import pack_boxes, sight_clearance
+from imapper_prob.models.scene import Clip, Scene, SceneObject
+from imapper_prob.models.skeleton import BONES, JOINTS, PELV
+from imapper_prob.people import by_person, own_part
+from imapper_prob.plotting import category_colour
+from imapper_prob.results.posterior import Posterior
+from imapper_prob.uncertainty.motion import drawn_motion
+
+__all__ = [
+    "evenly_spaced",
+    "intrinsics",
+    "object_axes",
+    "scene_document",
+    "to_benchmark",
+    "write_glb",
+    "write_i3db",
+    "write_json",
+    "yaw_in_camera",
+]
+
+Array = NDArray[np.float64]
+
+
+def to_benchmark(camera: Camera, points: ArrayLike) -> Array:
+    """World (..., 3) to the benchmark's axes (..., 3), metres."""
+    x, forward, up = np.moveaxis(camera.to_camera(points), -1, 0)
+    return np.stack([x, -up, forward], -1)
+
+
+def intrinsics(camera: Camera) -> Array:
+    """(3, 3) matrix that takes the benchmark's axes to homogeneous pixels."""
+    return np.array([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1.0]])
+
+
+def object_axes(camera: Camera, o: SceneObject) -> Array:
+    """(3, 3) unit vectors along an object's width, front and up, in rows, benchmark's axes."""
+    c, s = np.cos(o.placement.yaw), np.sin(o.placement.yaw)
+    axes = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+    return to_benchmark(camera, camera.centre + axes)
+
+
+def yaw_in_camera(camera: Camera, o: SceneObject) -> float:
+    """Orientation in the (x, z) plane, radians: width (cos, sin), front (-sin, cos).
+
+    That plane is tilted against the floor by the camera's pitch and roll; the angle is that of
+    the front's direction as it falls on the plane.
+    """
+    front = object_axes(camera, o)[1]
+    return float(np.arctan2(-front[0], front[2]))
+
+
+# ------------------------------------------------------------------------------------------------
+# One JSON of a scene, and of posterior draws, in the camera frame of the benchmark.
+#
+# For programs that know neither our world nor our model: metres, x right, y down, z forward, the
+# camera at the origin. The fields are described in ``docs/results.md``.
+
+_FORMAT: Final = "imapper-prob scene 1"
+_DECIMALS: Final = 5
+"""A hundredth of a millimetre: less than a thousandth of a pixel."""
+
+
+def write_json(
+    path: Path, posterior: Posterior, *, scene: int | None = None, samples: int = 0
+) -> None:
+    """Write a scene, and draws beside it, as one JSON file.
+
+    Parameters
+    ----------
+    path : path
+        Written beside and renamed.
+    posterior : Posterior
+    scene : int, optional
+        Which scene, 1 being the most probable; that of least expected loss if left out.
+    samples : int
+        How many draws, evenly spaced over the chains; their limbs and furniture differ from
+        the scenelets' as far as the model says (:mod:`imapper_prob.uncertainty.motion`,
+        :mod:`imapper_prob.uncertainty.estimate`).
+
+    Raises
+    ------
+    InputError
+        If there are not so many scenes or draws.
+    """
+    document = scene_document(posterior, scene=scene, samples=samples)
+    with written_whole(path) as beside:
+        beside.write_text(json.dumps(document, allow_nan=False) + "\n", encoding="utf-8")
+
+
+def scene_document(
+    posterior: Posterior, *, scene: int | None = None, samples: int = 0
+) -> dict[str, Any]:
+    """What :func:`write_json` writes."""
+    shown = None if scene is None else posterior.scene(scene)
+    clip = posterior.clip
+    document = {
+        "format": _FORMAT,
+        "frame": "camera: metres, x right, y down, z forward, the camera at the origin",
+        "clip": clip.name,
+        "fps": clip.fps,
+        "image_size": [clip.camera.width, clip.camera.height],
+        "joint_names": list(JOINTS),
+        "scene": scene,
+        "probability": None if shown is None else shown.probability,
+        "probability_error": None if shown is None else _known(shown.error),
+        **_scene_content(posterior.estimate if shown is None else shown.scene, clip),
+    }
+    if samples:
+        rng, problem = np.random.default_rng(posterior.config.seed), posterior.solution.problem
+        document["samples"] = [
+            _scene_content(
+                replace(
+                    draw,
+                    objects=posterior.furniture[n],
+                    joints=drawn_motion(rng, problem, posterior.samples.states[n], draw.camera),
+                ),
+                clip,
+            )
+            for n in evenly_spaced(posterior, samples)
+            for draw in [posterior.draw(n)]
+        ]
+    return document
+
+
+def evenly_spaced(posterior: Posterior, count: int) -> list[int]:
+    """Numbers of ``count`` draws, chain by chain as far apart as can be.
+
+    Raises
+    ------
+    InputError
+        If there are not so many.
+    """
+    total = posterior.samples.log_posterior.size
+    if not 1 <= count <= total:
+        raise InputError(f"{count} samples: the run has {total} draws; ask for 1 to {total}")
+    numbers: list[int] = np.floor((np.arange(count) + 0.5) * total / count).astype(int).tolist()
+    return numbers
+
+
+def _scene_content(scene: Scene, clip: Clip) -> dict[str, Any]:
+    """Objects, joints and camera of one draw; of several people the joints of each by name."""
+    camera = scene.camera
+    people = {
+        track.name: {
+            str(frame): _listed(pose)
+            for frame, pose in zip(clip.frame_ids.tolist(), joints, strict=True)
+        }
+        for track, joints in zip(
+            clip.tracks, by_person(clip, to_benchmark(camera, scene.joints)), strict=True
+        )
+    }
+    up = to_benchmark(camera, camera.centre + np.array([0.0, 0.0, 1.0]))
+    return {
+        "log_prob": _known(scene.log_posterior),
+        "camera_matrix": _listed(intrinsics(camera)),
+        "floor": {"up": _listed(up), "camera_height": round(camera.elevation, _DECIMALS)},
+        "objects": [_object(scene, o) for o in scene.objects],
+        "joints3d": people[clip.tracks[0].name],
+        **({"actors": people} if len(people) > 1 else {}),
+    }
+
+
+def _object(scene: Scene, o: SceneObject) -> dict[str, Any]:
+    camera, place = scene.camera, o.placement.apply
+    low, high = o.bounds
+    width, depth, height = (high - low).tolist()
+    return {
+        "label": o.label,
+        "center": _listed(to_benchmark(camera, o.centre)),
+        "size": _listed([width, height, depth]),
+        "yaw": round(yaw_in_camera(camera, o), _DECIMALS),
+        "axes": _listed(object_axes(camera, o)),
+        "parts": [
+            {
+                "part": c.part,
+                "center": _listed(to_benchmark(camera, place(c.centre))),
+                "size": _listed(c.size[[0, 2, 1]]),
+            }
+            for c in o.cuboids
+        ],
+    }
+
+
+def _listed(values: ArrayLike) -> Any:
+    return np.round(np.asarray(values, float), _DECIMALS).tolist()
+
+
+def _known(value: float) -> float | None:
+    """JSON has no NaN."""
+    return float(value) if np.isfinite(value) else None
+
+
+# ------------------------------------------------------------------------------------------------
+# A scene as binary glTF, which Blender, Windows, macOS and browsers open.
+#
+# Metres, y up, the camera at the origin of the floor looking along -z. Nodes, by name::
+#
+#     couch 1                 an object, placed
+#     couch 1 seat            one of its boxes
+#     motion                  the way of the pelvis, a line
+#     person at frame 40      a pose, one bone a rod
+#
+# Of several people ``motion B`` and ``person B at frame 40``, by the names of their tracks.
+
+trimesh: Any = _untyped_trimesh
+_UPRIGHT: Final = np.array(
+    [[1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
+)
+"""Our world (z up) to that of glTF (y up)."""
+_POSES: Final = 6
+"""Poses shown along the way: more stand in each other."""
+_BONE: Final = 0.02
+"""Metres, radius of a bone: thin enough to see what is behind."""
+_PERSON: Final = (235, 200, 70, 255)
+_WAY: Final = (60, 60, 70, 255)
+
+
+def write_glb(path: Path, scene: Scene, clip: Clip) -> None:
+    """Write one scene of a clip."""
+    content = _as_trimesh(scene, clip).export(file_type="glb")
+    with written_whole(path) as beside:
+        beside.write_bytes(content)
+
+
+def _as_trimesh(scene: Scene, clip: Clip) -> Any:
+    """The scene as a trimesh scene graph."""
+    result = trimesh.Scene(base_frame="world")
+    met: Counter[str] = Counter()
+    for o in scene.objects:
+        met[o.label] += 1
+        _add_object(result, o, f"{o.label} {met[o.label]}")
+    for person, joints in enumerate(by_person(clip, scene.joints)):
+        _add_person(result, joints, clip.frame_ids, own_part(clip, person))
+    return result
+
+
+def _add_person(result: Any, joints: Array, frame_ids: NDArray[np.int64], whose: str) -> None:
+    """The way of a person (T, 16, 3), and how they stand at some moments."""
+    known = np.flatnonzero(np.isfinite(joints).all((1, 2)))
+    if len(known) > 1:
+        way = trimesh.load_path(joints[known][:, PELV])
+        way.colors = np.array([_WAY] * len(way.entities), np.uint8)
+        name = f"motion{whose}"
+        result.add_geometry(way, node_name=name, geom_name=name, transform=_UPRIGHT)
+    shown = known[np.linspace(0, len(known) - 1, _POSES).round().astype(int)] if len(known) else []
+    for t in np.unique(shown):
+        name = f"person{whose} at frame {frame_ids[t]}"
+        body = _body_mesh(joints[t])
+        result.add_geometry(body, node_name=name, geom_name=name, transform=_UPRIGHT)
+
+
+def _add_object(result: Any, o: SceneObject, name: str) -> None:
+    placed = np.eye(4)
+    placed[:2, :2] = o.placement.rotation
+    placed[:2, 3] = o.placement.x, o.placement.y
+    result.graph.update(frame_to=name, frame_from="world", matrix=_UPRIGHT @ placed)
+    met: Counter[str] = Counter()
+    parts = [c.part for c in o.cuboids]
+    for c in o.cuboids:
+        met[c.part] += 1
+        part = f"{name} {c.part}" + (f" {met[c.part]}" if parts.count(c.part) > 1 else "")
+        box = trimesh.creation.box(extents=c.size)
+        box.visual = _painted((*category_colour(o.label), 255))
+        at = trimesh.transformations.translation_matrix(c.centre)
+        result.add_geometry(
+            box, node_name=part, geom_name=part, parent_node_name=name, transform=at
+        )
+
+
+def _body_mesh(pose: Array) -> Any:
+    """(16, 3) joints as one mesh of rods."""
+    rods = [
+        trimesh.creation.cylinder(radius=_BONE, segment=pose[list(bone)], sections=8)
+        for bone in BONES
+        if np.linalg.norm(pose[bone[0]] - pose[bone[1]]) > _BONE
+    ]
+    body = trimesh.util.concatenate(rods)
+    body.visual = _painted(_PERSON)
+    return body
+
+
+def _painted(colour: tuple[int, int, int, int]) -> Any:
+    material = trimesh.visual.material.PBRMaterial(
+        baseColorFactor=np.array(colour, np.uint8), metallicFactor=0.0, roughnessFactor=0.9
+    )
+    return trimesh.visual.TextureVisuals(material=material)
+
+
+# ------------------------------------------------------------------------------------------------
+# A scene in the benchmark's own files (Monszpart et al. 2019), as its authors write theirs::
+#
+#     OUT/skel_output.json             joints by frame, hidden joints, and the list of parts
+#     OUT/skel_output_2.json           the same of a second person, and so on
+#     OUT/skel_output_objects/*.json   one box a part: centroid, axes in columns, full side lengths
+#
+# Axes are those of the camera (x right, y down, z forward). As in the benchmark's annotations the
+# second axis of a part points to the back of its object and the third up.
+
+pass
+_STEM: Final = "skel_output"
+
+
+def write_i3db(folder: Path, scene: Scene, clip: Clip) -> None:
+    """Write a scene as the benchmark's files into a new or empty folder.
+
+    Raises
+    ------
+    InputError
+        If something is in the folder already.
+    """
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise InputError(f"{folder}: exists already; name a new or an empty folder")
+    parts = _parts(scene)
+    boxes = pack_boxes(scene.objects)
+    hidden = sight_clearance(scene.camera.centre, scene.joints, boxes) < 0
+    joints = to_benchmark(scene.camera, scene.joints)
+    obbs = [f"{_STEM}_objects/{name}.obj" for name in parts]
+    documents = {
+        _STEM if number == 1 else f"{_STEM}_{number}": _skeleton(clip, motion, behind, obbs)
+        for number, (motion, behind) in enumerate(
+            zip(by_person(clip, joints), by_person(clip, hidden), strict=True), 1
+        )
+    }
+    with folder_held(folder), folder_published(folder, names=()) as beside:
+        objects = beside / f"{_STEM}_objects"
+        objects.mkdir()
+        for name, document in documents.items():
+            (beside / f"{name}.json").write_text(json.dumps(document), encoding="utf-8")
+        for name, part in parts.items():
+            (objects / f"{name}.json").write_text(json.dumps(part), encoding="utf-8")
+
+
+def _skeleton(
+    clip: Clip, joints: NDArray[np.float64], hidden: NDArray[np.bool_], obbs: list[str]
+) -> dict[str, Any]:
+    """One person's file: joints (T, 16, 3) in the camera's axes, and which of them are hidden."""
+    ids = clip.frame_ids.tolist()
+    return {
+        "3d": {
+            f"{frame:05d}": {str(j): point.tolist() for j, point in enumerate(pose)}
+            for frame, pose in zip(ids, joints, strict=True)
+        },
+        "frame_ids": ids,
+        "occluded": {
+            str(frame): flags.astype(int).tolist() for frame, flags in zip(ids, hidden, strict=True)
+        },
+        "scenelets": {"obbs": obbs, "transforms": {}},
+    }
+
+
+def _parts(scene: Scene) -> dict[str, dict[str, Any]]:
+    """Content of each part's file by its name, ``00_couch_arm-1``."""
+    parts = {}
+    for number, o in enumerate(scene.objects):
+        width, front, up = object_axes(scene.camera, o)
+        axes = np.stack([-width, -front, up], 1)  # right-handed
+        names = [_letters(c.part) or "part" for c in o.cuboids]
+        met: Counter[str] = Counter()
+        for name, cuboid in zip(names, o.cuboids, strict=True):
+            twice = f"-{met[name]}" if names.count(name) > 1 else ""
+            met[name] += 1
+            centre = to_benchmark(scene.camera, o.placement.apply(cuboid.centre))
+            parts[f"{number:02d}_{_letters(o.label) or 'object'}_{name}{twice}"] = {
+                "axes": axes.tolist(),
+                "centroid": centre[:, None].tolist(),
+                "scales": cuboid.size[:, None].tolist(),
+                "part_id": sum(met.values()) - 1,
+            }
+    return parts
+
+
+def _letters(word: str) -> str:
+    """A word as the benchmark's file names have them."""
+    return re.sub("[^a-z]", "", word.lower())

@@ -1,0 +1,270 @@
+"""Folders of runs and of staged solutions: checked before the work, published whole."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+
+from imapper_prob.config import Config, from_toml, to_toml
+from imapper_prob.files import (
+    folder_held,
+    folder_published,
+    require_intact,
+    require_own,
+    written_whole,
+)
+from imapper_prob.models.errors import InputError
+from imapper_prob.plotting import save_figure
+from imapper_prob.results.exports import write_glb
+from imapper_prob.results.posterior import Posterior
+from imapper_prob.results.report import write_report
+from imapper_prob.results.scenes_file import write_scenes
+from imapper_prob.samplers.checkpoint import checkpoint_of
+from imapper_prob.solver.actors import Solved
+from imapper_prob.uncertainty.tree import FORMAT, read_attributes, write_tree
+
+__all__ = [
+    "CHECKPOINTS",
+    "Earlier",
+    "earlier_run",
+    "restore_chains",
+    "run_folder",
+    "solution_folder",
+    "write_run",
+    "write_solution_folder",
+]
+
+CHECKPOINTS = "checkpoints"
+"""Folder in a run's folder that is there while the run is not finished."""
+_CHAINS = "chains"
+"""Folder in the folder of a finished run with what its chains need to go on."""
+_RUN_FILES = (
+    "chains", "config.toml", "coverage.png", "energy.json", "energy.png", "evaluation.json",
+    "evaluation.png", "posterior.nc", "recording.rrd", "report.html", "scenes", "scenes.json",
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Earlier:
+    """A run that is in a folder, finished or interrupted.
+
+    Parameters
+    ----------
+    folder : Path
+    config : Config
+    clip, clip_digest, library_digest : str
+        What it was made of.
+    finished : bool
+        Whether nothing is left to do.
+    good : bool
+        Whether it has converged.
+    verdict : str
+    """
+
+    folder: Path
+    config: Config
+    clip: str
+    clip_digest: str
+    library_digest: str
+    finished: bool
+    good: bool
+    verdict: str
+
+
+def earlier_run(folder: Path) -> Earlier | None:
+    """The run in a folder; None where there is none or nothing of it was written yet.
+
+    Raises
+    ------
+    InputError
+        It is damaged or of another version.
+    """
+    path = folder / "posterior.nc"
+    if not path.is_file():
+        return None
+    said = read_attributes(path)
+    program = f"imapper-prob {version('imapper-prob')}"
+    if said.get("format") != FORMAT or said["program"] != program:
+        raise InputError(
+            f"{folder}: holds a run of {said['program']}, which {program} cannot go on with; name "
+            "another folder or add --overwrite"
+        )
+    try:
+        return Earlier(
+            folder=folder,
+            config=from_toml(str(said["config"]), where=str(path)),
+            clip=said["clip"],
+            clip_digest=str(said["clip_digest"]),
+            library_digest=str(said["library_digest"]),
+            finished=bool(said["finished"]) and not (folder / CHECKPOINTS).is_dir(),
+            good=bool(said["verdict_good"]),
+            verdict=said["verdict"],
+        )
+    except LookupError as error:
+        raise InputError(
+            f"{path}: has no {error}; name another folder or add --overwrite"
+        ) from error
+
+
+def restore_chains(folder: Path, *, chains: int) -> None:
+    """Put what the chains of a finished run left where they go on from.
+
+    Those that have gone on already stay as they are.
+
+    Raises
+    ------
+    InputError
+        One is not there, or not what was written; or the disk refuses.
+    """
+    kept, place = folder / _CHAINS, folder / CHECKPOINTS
+    if not kept.is_dir():
+        return
+    for chain in range(chains):
+        path, target = checkpoint_of(kept, chain), checkpoint_of(place, chain)
+        if target.exists():
+            continue
+        if not path.is_file():
+            raise InputError(
+                f"{path}: is not there, and its chain cannot go on; copy it again, or sample all "
+                "anew with --overwrite"
+            )
+        require_intact(path, below=folder)
+        try:
+            place.mkdir(exist_ok=True)
+            with written_whole(target) as beside:
+                shutil.copyfile(path, beside)
+        except OSError as error:
+            raise InputError(f"{target}: cannot be written ({error.strerror or error})") from error
+
+
+@contextmanager
+def run_folder(folder: Path, *, overwrite: bool, goes_on: bool = False) -> Iterator[None]:
+    """Hold the folder of a run until it is written, and refuse early what would fail then.
+
+    Nothing in it is touched yet, its checkpoints least of all.
+
+    Raises
+    ------
+    InputError
+        If the folder holds something (a finished run is replaced with ``overwrite``, and gone on
+        with under ``goes_on`` if it has its chains; other files never are), is no folder, cannot
+        be made, or another process writes to it.
+    """
+    _require_run_folder(folder, overwrite=overwrite, goes_on=goes_on)
+    with folder_held(folder):
+        _require_run_folder(folder, overwrite=overwrite, goes_on=goes_on)
+        yield
+
+
+def _require_run_folder(folder: Path, *, overwrite: bool, goes_on: bool = False) -> None:
+    whole = (folder / _CHAINS).is_dir() and (folder / "posterior.nc").is_file()
+    replaced = overwrite or (goes_on and whole)
+    require_own(folder, _RUN_FILES, what="run", overwrite=replaced, unfinished=CHECKPOINTS)
+
+
+def write_run(
+    folder: Path, posterior: Posterior, *, overwrite: bool, video: Path | None = None
+) -> None:
+    """Write all files of a run, see :func:`imapper_prob.files.folder_published`.
+
+    The checkpoints of a finished run become its chains, from which it can be gone on with; those
+    of an interrupted one stay. The pictures of ``video``, if given, are shown in the recording.
+
+    Raises
+    ------
+    InputError
+        As :func:`run_folder`, or if the disk refuses.
+    """
+    _require_run_folder(folder, overwrite=overwrite)
+    with folder_published(folder, names=_RUN_FILES) as beside:
+        (beside / "config.toml").write_text(to_toml(posterior.config), encoding="utf-8")
+        write_scenes(
+            beside / "scenes.json",
+            posterior.scenes(),
+            clip=posterior.clip,
+            checks=posterior.checks,
+        )
+        _write_models(beside / "scenes", posterior)
+        write_tree(beside / "posterior.nc", posterior.data)
+        posterior.record(beside / "recording.rrd", video=video)
+        write_report(beside / "report.html", posterior)
+        if posterior.samples.finished:
+            _keep_chains(folder, beside / _CHAINS, chains=posterior.samples.shape[0])
+    if posterior.samples.finished:
+        shutil.rmtree(folder / CHECKPOINTS, ignore_errors=True)
+
+
+def _keep_chains(folder: Path, kept: Path, *, chains: int) -> None:
+    """What the chains left, if it is all there: a posterior from elsewhere has left nothing."""
+    paths = [checkpoint_of(folder / CHECKPOINTS, chain) for chain in range(chains)]
+    if all(path.is_file() for path in paths):
+        kept.mkdir()
+        for path in paths:
+            shutil.copyfile(path, kept / path.name)
+
+
+def _write_models(folder: Path, posterior: Posterior) -> None:
+    folder.mkdir()
+    for number, weighted in enumerate(posterior.scenes(), 1):
+        path = folder / f"scene_{number}.glb"
+        write_glb(path, weighted.scene, posterior.clip)
+
+
+# ------------------------------------------------------------------------------------------------
+# The folder of a staged solution.
+
+_SOLUTION_FILES = (
+    "candidates.png", "charness.png", "config.toml", "evaluation.json", "evaluation.png",
+    "solution.json", "solution.npz", "stages.rrd",
+)  # fmt: skip
+_DOTS_PER_INCH = 120
+
+
+@contextmanager
+def solution_folder(folder: Path, *, overwrite: bool) -> Iterator[None]:
+    """Hold the folder of a solution until it is written, and refuse early what would fail then.
+
+    Raises
+    ------
+    InputError
+        If the folder holds something (an earlier solution is replaced with ``overwrite``, other
+        files never are), is no folder, cannot be made, or another process writes to it.
+    """
+    _require_solution_folder(folder, overwrite=overwrite)
+    with folder_held(folder):
+        _require_solution_folder(folder, overwrite=overwrite)
+        yield
+
+
+def _require_solution_folder(folder: Path, *, overwrite: bool) -> None:
+    require_own(folder, _SOLUTION_FILES, what="solution", overwrite=overwrite)
+
+
+def write_solution_folder(folder: Path, solved: Solved, config: Config, *, overwrite: bool) -> None:
+    """Write all files of a solution, see :func:`imapper_prob.files.folder_published`.
+
+    Raises
+    ------
+    InputError
+        As :func:`solution_folder`, or if the disk refuses.
+    """
+    from imapper_prob.recording.stages import charness_curves, stage_views, write_stages
+    from imapper_prob.results.solution import candidate_figure, charness_figure, write_solution
+
+    _require_solution_folder(folder, overwrite=overwrite)
+    with folder_published(folder, names=_SOLUTION_FILES) as beside:
+        (beside / "config.toml").write_text(to_toml(config), encoding="utf-8")
+        write_solution(beside, solved)
+        save_figure(charness_figure(solved), beside / "charness.png", dpi=_DOTS_PER_INCH)
+        save_figure(candidate_figure(solved), beside / "candidates.png", dpi=_DOTS_PER_INCH)
+        write_stages(
+            beside / "stages.rrd",
+            clip=solved.clip,
+            camera=solved.scenes[0].camera,
+            stages=stage_views(solved),
+            charness=charness_curves(solved),
+        )

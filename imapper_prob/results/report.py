@@ -1,0 +1,423 @@
+"""``report.html``: one page with the whole result, which opens offline."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imapper_prob.files import written_whole
+from imapper_prob.models.scene import Clip, SceneObject
+from imapper_prob.people import by_person, everybody, own_part
+from imapper_prob.recording.blueprint import TITLES
+from imapper_prob.recording.posterior import HIDDEN
+from imapper_prob.results.posterior import Posterior
+from imapper_prob.results.report_parts import (
+    Floor,
+    details,
+    figure,
+    heading,
+    map_picture,
+    notes,
+    page,
+    paragraph,
+    scene_picture,
+    section,
+    table,
+    trace_picture,
+)
+from imapper_prob.sampling.placements import describe_agreement
+from imapper_prob.sampling.sample import Samples
+from imapper_prob.uncertainty.checks import alarms, elsewhere_frames, named
+from imapper_prob.uncertainty.clusters import ObjectCluster
+from imapper_prob.uncertainty.parameters import Nuisance
+from imapper_prob.uncertainty.scenes import WeightedScene
+from imapper_prob.uncertainty.tree import seconds_of
+
+__all__ = ["answer", "listed", "report", "runner_up", "sides_of", "warnings_of", "write_report"]
+
+_NUMBERS: Final = (
+    "no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten",
+)  # fmt: skip
+_WEAK: Final = 0.5
+"""A scene less probable than this is not what one would bet on."""
+_VAGUE: Final = 0.1
+"""Monte-Carlo error from which a probability is only an order of magnitude."""
+_SHORT: Final = 5.0
+"""Seconds; shorter than it takes to come in and sit down."""
+_SWAPPED: Final = 0.5
+"""Probability from which sides count as exchanged."""
+_LOST: Final = 0.2
+"""Part of the frames without any detection of the person."""
+
+
+def answer(scenes: Sequence[WeightedScene]) -> str:
+    """What is in the room, in a sentence."""
+    there = listed(scenes[0].scene.objects)
+    verb = "is" if there.startswith(("one ", "no ")) else "are"
+    return f"Most probably ({_share(scenes[0])}) there {verb} {there}."
+
+
+def runner_up(scenes: Sequence[WeightedScene]) -> str:
+    """What there is if that is wrong; empty if there is no other scene."""
+    if len(scenes) < 2:
+        return ""
+    second = scenes[1]
+    there = listed(second.scene.objects)
+    return f"If not, then next ({_share(second)}) {there}; unlike the first: {second.difference}."
+
+
+def listed(objects: Sequence[SceneObject]) -> str:
+    """Objects counted in words: ``"two chairs and one table"``."""
+    labels = [o.label for o in objects]
+    counts = {
+        label: labels.count(label) for label in sorted(labels, key=lambda n: (-labels.count(n), n))
+    }
+    parts = [
+        f"{_NUMBERS[n] if n < len(_NUMBERS) else n} {_plural(label) if n > 1 else label}"
+        for label, n in counts.items()
+    ]
+    if not parts:
+        return "no furniture that the motion tells of"
+    return parts[0] if len(parts) == 1 else f"{', '.join(parts[:-1])} and {parts[-1]}"
+
+
+def warnings_of(
+    clip: Clip,
+    samples: Samples,
+    scenes: Sequence[WeightedScene],
+    *,
+    disputed: Sequence[int] = (),
+) -> tuple[str, ...]:
+    """What makes the result less sure than it looks, one sentence each.
+
+    ``disputed`` are the scenes that show the layouts which chains disagree about.
+    """
+    best, said = scenes[0], []
+    if not samples.finished:
+        said.append("The run was interrupted: these are the draws that there were.")
+    if len(disputed) == 1:
+        said.append(
+            f"The chains disagree about details of scene {disputed[0]}: what differs between them "
+            "has no probability that can be trusted."
+        )
+    elif disputed:
+        said.append(
+            "The chains disagree: each prefers a room of its own, so the probabilities below, and "
+            "their order, cannot be trusted."
+        )
+    elif not samples.verdict.good:
+        said.append("The chains have not converged: probabilities and spreads are preliminary.")
+    if best.probability < _WEAK:
+        said.append(
+            f"Weak evidence: even the most probable scene has a probability of only "
+            f"{best.probability:.2f}. Look at the others too, and at what they have in common."
+        )
+    if best.error > _VAGUE:
+        said.append(
+            f"Its probability is known to ± {best.error:.2f} only, from the draws that there are."
+        )
+    if not clip.focal_known:
+        said.append(
+            f"The focal length was assumed ({clip.camera.fx:.0f} px ± "
+            f"{100 * clip.focal_spread:.0f} %), not measured: all distances may be wrong by that "
+            "factor together."
+        )
+    seconds = clip.n_frames / clip.fps
+    if seconds < _SHORT:
+        said.append(
+            f"Few frames: {clip.n_frames} of them, {seconds:.1f} s. People tell of furniture by "
+            "using it, and that takes time."
+        )
+    away = np.concatenate(elsewhere_frames(clip))
+    lost = 1 - float(np.mean((everybody(clip).confidences > 0).any(1) & ~away))
+    if lost > _LOST:
+        whom = "the person" if len(clip.tracks) == 1 else "people"
+        said.append(f"The detector lost {whom} in {100 * lost:.0f} % of the frames.")
+    return tuple(said)
+
+
+def sides_of(clip: Clip, swapped: NDArray[np.float64]) -> tuple[str, ...]:
+    """In which frames the detector took left for right, more probably than not, by person.
+
+    Parameters
+    ----------
+    clip : Clip
+        Of K people.
+    swapped : (K T,) float
+        Probability of that by frame, of several people in a row.
+    """
+    return tuple(
+        _sides(own, clip.frame_ids, of=own_part(clip, person))
+        for person, own in enumerate(by_person(clip, swapped))
+    )
+
+
+def _sides(swapped: NDArray[np.float64], frame_ids: NDArray[np.int64], *, of: str) -> str:
+    whose = f" of{of}" if of else ""
+    frames = frame_ids[swapped > _SWAPPED]
+    if not len(frames):
+        return f"The detector took left for right{whose} in no frame."
+    word = "frame" if len(frames) == 1 else "frames"
+    return f"The detector probably took left for right{whose} in {word} {named(frames)}."
+
+
+def _share(weighted: WeightedScene) -> str:
+    return f"probability {weighted.probability:.2f} ± {weighted.error:.2f}"
+
+
+def _plural(label: str) -> str:
+    if label.endswith("f"):
+        return f"{label[:-1]}ves"
+    return f"{label}es" if label.endswith(("ch", "sh", "s", "x")) else f"{label}s"
+
+
+# ------------------------------------------------------------------------------------------------
+# The report of a run: one page with all in it, that opens anywhere and asks nobody.
+
+
+def write_report(path: Path, posterior: Posterior) -> None:
+    """Write the report as one HTML file, beside and renamed."""
+    with written_whole(path) as beside:
+        beside.write_text(report(posterior), encoding="utf-8")
+
+
+def report(posterior: Posterior) -> str:
+    """The page as text: pictures inside, no script, nothing to fetch."""
+    clip, samples, scenes = posterior.clip, posterior.samples, posterior.scenes()
+    floor = Floor.of(clip, scenes)
+    wrong = alarms(posterior.checks)
+    verdict = "verdict" if samples.verdict.good and not wrong else "verdict doubt"
+    return page(
+        f"{clip.name}: furniture behind a motion",
+        [
+            heading(_title(posterior)),
+            notes(wrong),
+            paragraph(answer(scenes), style="answer"),
+            paragraph(runner_up(scenes)),
+            paragraph(posterior.chain_verdict, style=verdict),
+            notes(warnings_of(clip, samples, scenes, disputed=posterior.disputed)),
+            _scenes(posterior, floor),
+            _objects(posterior, floor),
+            _person(posterior),
+            _checks(posterior),
+            _diagnostics(posterior),
+            _provenance(posterior),
+        ],
+    )
+
+
+def _title(posterior: Posterior) -> str:
+    """What was looked at, and how long."""
+    clip, (chains, draws) = posterior.clip, posterior.samples.shape
+    people = f"{len(clip.tracks)} people, " if len(clip.tracks) > 1 else ""
+    return (
+        f"{clip.name} · {people}{clip.n_frames} frames, {clip.n_frames / clip.fps:.0f} s · "
+        f"{chains} chains of {draws} draws"
+    )
+
+
+def _scenes(posterior: Posterior, floor: Floor) -> str:
+    scenes, clip = posterior.scenes(), posterior.clip
+    cards = [
+        figure(
+            scene_picture(floor, weighted, clip),
+            alt=f"Scene {number} from above: {listed(weighted.scene.objects)}",
+            title=f"Scene {number}: {weighted.probability:.2f} ± {weighted.error:.2f}",
+            text=_caption(weighted),
+        )
+        for number, weighted in enumerate(scenes, 1)
+    ]
+    rows = [
+        [
+            str(number),
+            listed(weighted.scene.objects),
+            weighted.difference or "the most probable one",
+            f"{weighted.probability:.2f} ± {weighted.error:.2f}",
+            *(f"{share:.2f}" for share in posterior.scene_probabilities.by_chain[:, number - 1]),
+        ]
+        for number, weighted in enumerate(scenes, 1)
+    ]
+    chains = [f"chain {n}" for n in range(1, posterior.samples.shape[0] + 1)]
+    rest = 1 - sum(weighted.probability for weighted in scenes)
+    return section(
+        "Which rooms",
+        f'<div class="scenes">{"".join(cards)}</div>',
+        table(
+            ["scene", "furniture", "unlike the first", "probability", *chains],
+            rows,
+            words=3,
+            caption=f"All other scenes together: {max(rest, 0.0):.2f}. Where chains differ, the "
+            "sampler has not found its way between rooms.",
+        ),
+        hint="From above, the camera below each picture. Arrows point to the front of furniture, "
+        "dotted ellipses hold its position with 90 %; thin lines are other draws of the way, "
+        "dashed outlines what really was there, where somebody knows.",
+    )
+
+
+def _caption(weighted: WeightedScene) -> str:
+    parts = [listed(weighted.scene.objects).capitalize()]
+    if weighted.difference:
+        parts.append(f"Unlike the first: {weighted.difference}")
+    if weighted.explains is not None:
+        parts.append(f"It {weighted.explains.text}")
+    return ". ".join(parts) + "."
+
+
+def _objects(posterior: Posterior, floor: Floor) -> str:
+    certainty = posterior.certainty
+    hidden = certainty.hidden
+    rows = [
+        _object_row(cluster, int((hidden.by_object[k] >= HIDDEN).sum()))
+        for k, cluster in enumerate(certainty.clusters)
+    ]
+    columns = [
+        "object", "what it is called", "there", "right [m]", "away [m]", "facing", "hides joints",
+    ]  # fmt: skip
+    picture = figure(
+        map_picture(floor, certainty.occupancy, certainty.clusters),
+        alt="Map of the floor: probability that furniture stands there",
+        text="Colours mix the categories by their probability; white is free floor. Ellipses hold "
+        "50 % (line) and 90 % (dots) of the position of an object, if it is there.",
+    )
+    return section(
+        "Where things stand, over all draws",
+        picture,
+        table(
+            columns,
+            rows,
+            words=2,
+            caption=f"± are standard deviations. The last column counts joints, over all frames, "
+            f"that the object hides with a probability of at least {HIDDEN:.1f}.",
+        ),
+        hint="Objects matched across all scenes, so that none of this depends on which of them "
+        "is the right one.",
+    )
+
+
+def _object_row(cluster: ObjectCluster, hides: int) -> list[str]:
+    across, away = np.sqrt(np.diag(cluster.covariance))
+    turn = np.degrees(cluster.yaw_spread)
+    labels = ", ".join(f"{name} {share:.2f}" for name, share in cluster.labels.items())
+    return [
+        cluster.label,
+        labels,
+        f"{cluster.presence:.2f} ± {cluster.presence_error:.2f}",
+        f"{cluster.mean[0]:.2f} ± {across:.2f}",
+        f"{cluster.mean[1]:.2f} ± {away:.2f}",
+        f"{np.degrees(cluster.yaw) % 360:.0f}° ± {turn:.0f}°" if turn < 180 else "any",
+        str(hides),
+    ]
+
+
+def _person(posterior: Posterior) -> str:
+    clip, certainty = posterior.clip, posterior.certainty
+    pelvis = 100 * certainty.joints.standard_deviation.mean((0, 1))
+    rows = [_parameter_row(one) for one in certainty.nuisances.values()]
+    return section(
+        "The person and the camera",
+        paragraph(
+            f"Joints are known to {pelvis[0]:.0f} cm across the view, {pelvis[1]:.0f} cm in depth "
+            f"and {pelvis[2]:.0f} cm in height (standard deviation, mean over joints and frames)."
+        ),
+        *map(paragraph, sides_of(clip, posterior.sides_swapped)),
+        table(
+            ["", "before the clip", "after it", "learned"],
+            rows,
+            caption="Learned is how much of the variance is gone; where it is nothing, the number "
+            "is what was assumed.",
+        ),
+    )
+
+
+def _parameter_row(one: Nuisance) -> list[str]:
+    title, unit, scale = TITLES[one.name]
+    digits = 2 if unit == "m" else 1
+
+    def told(mean: float, spread: float) -> str:
+        return f"{scale * mean:.{digits}f} ± {scale * spread:.{digits}f} {unit}"
+
+    return [
+        title,
+        told(one.prior_mean, one.prior_standard_deviation),
+        told(one.mean, one.standard_deviation),
+        f"{100 * one.contraction:.0f} %",
+    ]
+
+
+def _checks(posterior: Posterior) -> str:
+    rows = [
+        [check.name, "yes" if check.alarmed else "no", check.sentence] for check in posterior.checks
+    ]
+    return section(
+        "Does it go together",
+        table(["", "alarmed", "what was found"], rows, words=3),
+        hint="Chains agree as well on nonsense. Of clips that are as the model says, each of the "
+        "first six is alarmed by one in a hundred.",
+    )
+
+
+def _diagnostics(posterior: Posterior) -> str:
+    samples = posterior.samples
+    table_of_moves = [
+        [
+            name,
+            str(samples.acceptance.proposed[name]),
+            str(samples.acceptance.accepted[name]),
+            f"{100 * rate:.1f} %",
+        ]
+        for name, rate in samples.acceptance.rates().items()
+    ]
+    ladders = [
+        [
+            f"chain {number}",
+            str(ladder.round_trips),
+            f"{min(ladder.swap_rates):.2f} to {max(ladder.swap_rates):.2f}",
+        ]
+        for number, ladder in enumerate(samples.ladders, 1)
+        if ladder.swap_rates
+    ]
+    return section(
+        "How far to trust the chains",
+        paragraph(posterior.chain_verdict),
+        paragraph(describe_agreement(samples.agreements)),
+        figure(
+            trace_picture(samples.traces, burn_in=posterior.config.sample.burn_in),
+            alt="Log-posterior of every chain over the run",
+            text="All chains should look alike, and none should drift, after the grey part.",
+        ),
+        table(
+            ["move", "proposed", "accepted", "rate"], table_of_moves, caption="Moves of all chains."
+        ),
+        *(
+            [
+                table(
+                    ["", "round trips", "swap rates"],
+                    ladders,
+                    caption="Tempering: journeys from the hottest to the coldest and back.",
+                )
+            ]
+            if ladders
+            else []
+        ),
+    )
+
+
+def _provenance(posterior: Posterior) -> str:
+    said = posterior.data.attrs
+    rows = [
+        ["program", str(said["program"])],
+        ["clip", f"{said['clip']} (SHA-256 {said['clip_digest'][:16]})"],
+        ["library", f"{said['library']} (SHA-256 {said['library_digest'][:16]})"],
+        ["settings", f"seed {said['seed']} (SHA-256 {said['config_digest'][:16]})"],
+        *([name, f"{value:.1f} s"] for name, value in seconds_of(said).items()),
+    ]
+    return section(
+        "Where this is from",
+        table(["", ""], rows, words=2),
+        details("All settings, to repeat the run", str(said["config"])),
+    )

@@ -1,1 +1,0 @@
-"""``report.html``: the result for people who will not open Python."""

@@ -1,0 +1,272 @@
+"""``scenes.json``: the scenes of a posterior, for people and for other programs."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Final, TypeVar
+
+import numpy as np
+
+from imapper_prob.files import require_intact, written_whole
+from imapper_prob.models.camera import Camera
+from imapper_prob.models.errors import InputError
+from imapper_prob.models.scene import Clip, Cuboid, Placement, Scene, SceneObject
+from imapper_prob.models.skeleton import N_JOINTS
+from imapper_prob.models.text import readable
+from imapper_prob.uncertainty.checks import Check, alarms
+from imapper_prob.uncertainty.scenes import Explains, WeightedScene
+
+__all__ = ["FORMAT", "VERSION", "read_scenes", "write_scenes"]
+
+FORMAT: Final = "imapper-prob scenes"
+VERSION: Final = 2
+"""Raised whenever a reader of an older version would misread the file."""
+
+_UNITS: Final = {"length": "metre", "angle": "radian", "image": "pixel"}
+_FRAMES: Final = {
+    "world": "z up, floor at z = 0, origin on the floor below the camera, y the horizontal "
+    "viewing direction; positions, yaws and covariances are in it",
+    "object": "placed in the world by position and yaw (counter-clockwise about z); y is the "
+    "object's front, z the height above the floor; cuboids are in it",
+}
+
+_LARGEST: Final = 1e12
+"""Square metres of a covariance."""
+
+Item = TypeVar("Item")
+
+
+def write_scenes(
+    path: str | os.PathLike[str],
+    scenes: Sequence[WeightedScene],
+    *,
+    clip: Clip | None = None,
+    checks: Iterable[Check] = (),
+) -> None:
+    """Write ``scenes`` as JSON; a file in the way is replaced.
+
+    Parameters
+    ----------
+    path : path
+        Written beside and renamed, so that it is never half there.
+    scenes : sequence of WeightedScene
+        Most probable first. Joints and ghosts are left out.
+    clip : Clip, optional
+        Says who does what, where there are several people.
+    checks : iterable of Check
+        Of the result as a whole; what is alarmed stands before the scenes, in words.
+
+    Raises
+    ------
+    InputError
+        If the folder does not exist.
+    """
+    path = Path(path)
+    if not path.parent.is_dir():
+        raise InputError(f"{path}: the folder {path.parent} does not exist; make it first")
+    actors, checks = _Actors() if clip is None else _Actors.of(clip), tuple(checks)
+    document = {
+        "format": FORMAT,
+        "version": VERSION,
+        "units": _UNITS,
+        "frames": _FRAMES,
+        "alarms": list(alarms(checks)),
+        "checks": [asdict(check) for check in checks],
+        **({"actors": asdict(actors)} if actors.names else {}),
+        "scenes": [_from_scene(scene, actors) for scene in scenes],
+    }
+    text = json.dumps(_without_nan(document), indent=1, allow_nan=False, ensure_ascii=False)
+    with written_whole(path) as beside:
+        beside.write_text(text + "\n", encoding="utf-8")
+
+
+def read_scenes(path: str | os.PathLike[str]) -> tuple[WeightedScene, ...]:
+    """Read what :func:`write_scenes` wrote.
+
+    Returns
+    -------
+    tuple of WeightedScene
+        In the file's order, with motions and ghosts of zero frames.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, is no ``scenes.json``, is of another version or lacks
+        something.
+    """
+    path = Path(path)
+    require_intact(path)
+    try:
+        document = json.loads(path.read_text(encoding="utf-8"), parse_constant=_refused)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})") from error
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{path}: is not JSON ({error})") from error
+    if not isinstance(document, dict) or document.get("format") != FORMAT:
+        raise InputError(f"{path}: is not a file of scenes; expected format {FORMAT!r}")
+    if document.get("version") != VERSION:
+        raise InputError(
+            f"{path}: has version {document.get('version')!r}, this program reads {VERSION}"
+        )
+    try:
+        actors = _Actors(**document.get("actors", {}))
+    except TypeError as error:
+        raise InputError(f"{path}: actors: {error}") from error
+    return _each(document.get("scenes"), lambda s: _to_scene(s, actors), f"{path}: scene")
+
+
+@dataclass(frozen=True)
+class _Actors:
+    """Names of several people, in the order of their tracks, and the frames of each."""
+
+    names: Sequence[str] = ()
+    n_frames: int = 0
+
+    @classmethod
+    def of(cls, clip: Clip) -> _Actors:
+        """Of a clip; nobody is named who is alone."""
+        names = [track.name for track in clip.tracks]
+        return cls(names, clip.n_frames) if len(names) > 1 else cls()
+
+    def told(self, scenelet: str, row: int) -> dict[str, Any]:
+        """A scenelet with its start frame, and who does it."""
+        if not self.names:
+            return {"scenelet": scenelet, "start": row}
+        actor, start = divmod(row, self.n_frames)
+        return {"scenelet": scenelet, "start": start, "actor": self.names[actor]}
+
+    def row(self, part: Mapping[str, Any]) -> int:
+        """Where a scenelet starts, the frames of all people following each other."""
+        before = list(self.names).index(part["actor"]) if self.names else 0
+        return before * self.n_frames + int(part["start"])
+
+
+def _from_scene(weighted: WeightedScene, actors: _Actors) -> dict[str, Any]:
+    scene = weighted.scene
+    return {
+        "probability": weighted.probability,
+        "error": weighted.error,
+        "layouts": list(weighted.layouts),
+        "difference": weighted.difference,
+        "explains": None if weighted.explains is None else _from_explains(weighted.explains),
+        "draw": weighted.draw,
+        "log_posterior": scene.log_posterior,
+        "layout": [actors.told(name, int(start)) for name, start in scene.layout],
+        "camera": asdict(scene.camera),
+        "objects": [
+            _from_object(item, covariance)
+            for item, covariance in zip(scene.objects, weighted.covariances, strict=True)
+        ],
+    }
+
+
+def _from_explains(explains: Explains) -> dict[str, Any]:
+    return {
+        "frames": [list(span) for span in explains.frames],
+        "covered": explains.covered,
+        "of_frames": explains.n_frames,
+        "unsure": explains.unsure,
+        "unsure_behind": explains.unsure_behind,
+        "sure_behind": explains.sure_behind,
+    }
+
+
+def _to_explains(values: Mapping[str, Any]) -> Explains:
+    return Explains(
+        frames=tuple((int(first), int(last)) for first, last in values["frames"]),
+        n_frames=int(values["of_frames"]),
+        unsure=int(values["unsure"]),
+        unsure_behind=int(values["unsure_behind"]),
+        sure_behind=int(values["sure_behind"]),
+    )
+
+
+def _from_object(item: SceneObject, covariance: np.ndarray) -> dict[str, Any]:
+    return {
+        "label": item.label,
+        "position": [item.placement.x, item.placement.y],
+        "yaw": item.placement.yaw,
+        "position_covariance": np.asarray(covariance).tolist(),
+        "cuboids": [
+            {"part": c.part, "centre": c.centre.tolist(), "size": c.size.tolist()}
+            for c in item.cuboids
+        ],
+    }
+
+
+def _to_scene(values: Mapping[str, Any], actors: _Actors) -> WeightedScene:
+    entries = values["objects"]
+    scene = Scene(
+        camera=Camera(**values["camera"]),
+        objects=_each(entries, _to_object, "object"),
+        joints=np.empty((0, N_JOINTS, 3)),
+        layout=tuple(
+            (readable(str(part["scenelet"])), actors.row(part)) for part in values["layout"]
+        ),
+        log_posterior=_number(values["log_posterior"]),
+    )
+    listed = np.array([o["position_covariance"] for o in entries], dtype=float)
+    covariances = listed.reshape(len(entries), 2, 2)
+    variances = np.diagonal(covariances, axis1=1, axis2=2)
+    if (np.abs(covariances) > _LARGEST).any() or (variances < 0).any():
+        raise InputError("position_covariance is no covariance")
+    return WeightedScene(
+        scene=scene,
+        probability=_number(values["probability"]),
+        error=_number(values["error"]),
+        covariances=covariances,
+        ghosts=np.empty((0, 0, N_JOINTS, 3)),
+        layouts=tuple(int(number) for number in values["layouts"]),
+        explains=None if values["explains"] is None else _to_explains(values["explains"]),
+        difference=readable(str(values["difference"])),
+        draw=int(values["draw"]),
+    )
+
+
+def _to_object(values: Mapping[str, Any]) -> SceneObject:
+    x, y = values["position"]
+    cuboids = tuple(Cuboid(c["part"], c["centre"], c["size"]) for c in values["cuboids"])
+    return SceneObject(values["label"], Placement(x, y, values["yaw"]), cuboids)
+
+
+def _each(entries: Any, read: Callable[[Mapping[str, Any]], Item], what: str) -> tuple[Item, ...]:
+    """Read a list, and say which entry of it is at fault."""
+    if not isinstance(entries, list):
+        raise InputError(f"{what}s are missing")
+    items = []
+    for number, entry in enumerate(entries, 1):
+        try:
+            items.append(read(entry))
+        except KeyError as error:
+            raise InputError(f"{what} {number} lacks {error}") from error
+        except (ArithmeticError, AttributeError, IndexError, TypeError, ValueError) as error:
+            raise InputError(f"{what} {number}: {error}") from error
+    return tuple(items)
+
+
+def _number(value: float | None) -> float:
+    number = math.nan if value is None else float(value)
+    if math.isinf(number):
+        raise InputError(f"{value!r:.40} is too large to be true")
+    return number
+
+
+def _refused(name: str) -> float:
+    """What JSON has no word for."""
+    raise ValueError(f"{name} is no number")
+
+
+def _without_nan(value: Any) -> Any:
+    """The same structure with ``None`` for numbers that JSON does not have."""
+    if isinstance(value, dict):
+        return {key: _without_nan(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_without_nan(item) for item in value]
+    if isinstance(value, float | np.floating):
+        return float(value) if math.isfinite(value) else None
+    return value

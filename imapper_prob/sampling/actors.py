@@ -1,0 +1,192 @@
+"""Everybody in a clip as one log-posterior: the frames of one actor after those of the other."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imapper_prob.models.errors import InputError
+from imapper_prob.models.log_posterior import State
+from imapper_prob.models.path_prior import CameraPrior
+from imapper_prob.models.problem import Problem
+from imapper_prob.models.scene import Clip
+from imapper_prob.models.scenelet import Library
+from imapper_prob.sampling.proposals import Candidates, weighted_candidates
+from imapper_prob.solver.candidates import refine
+from imapper_prob.solver.solver import Solution
+
+__all__ = ["JointProblem", "join_actors"]
+
+Array = NDArray[np.float64]
+
+_BY_FRAME = (
+    "keypoints", "used", "confidences", "confidence_density", "error_scale", "error_dof",
+    "path_centre", "path_scale", "path_starts", "lift", "poses", "path_facing", "free_cost",
+)  # fmt: skip
+"""Fields of a problem that begin with the frames; ``static_density`` has them second."""
+_SHARED, _BODY = [0, 1, 2, 4], 3
+"""Places in a camera prior of what the camera is, and of the body's log scale."""
+
+
+@dataclass(frozen=True)
+class JointProblem:
+    """What is sampled from: all actors of a clip in one world.
+
+    Parameters
+    ----------
+    clip : Clip
+        With the tracks of these actors, T frames each.
+    library : Library
+    problem : Problem
+        Of all actors' frames in the order of their tracks, K T in all for K actors.
+    candidates : Candidates
+        Everybody's, at their frames.
+    distances : (L, L) float
+        Between the motions of scenelets, metres.
+    states : tuple of State
+        Where chains may begin, the best scene first.
+    best_fits : (K T,) float
+        How well the best scenelet over a frame fits, see `imapper_prob.solver.fits`.
+    """
+
+    clip: Clip
+    library: Library
+    problem: Problem
+    candidates: Candidates
+    distances: Array
+    states: tuple[State, ...]
+    best_fits: Array
+
+
+def join_actors(solutions: Sequence[Solution]) -> JointProblem:
+    """Put the solutions of all actors of a clip together; one actor's stays as it is.
+
+    Raises
+    ------
+    InputError
+        If the actors were solved with different cameras or libraries.
+    """
+    first = solutions[0]
+    candidates = [weighted_candidates(solution) for solution in solutions]
+    clip, problem, states = first.clip, first.problem, first.states
+    if len(solutions) > 1:
+        camera = _common_camera(solutions)
+        stature = [float(s.camera.mean[_BODY] - camera.mean[_BODY]) for s in solutions]
+        problem = _one_after_the_other(solutions, camera, stature)
+        candidates = [_in_common_stature(c, by) for c, by in zip(candidates, stature, strict=True)]
+        states = _together(problem, solutions)
+        clip = replace(first.clip, tracks=tuple(s.clip.tracks[0] for s in solutions))
+    firsts = np.flatnonzero(problem.path_starts)
+    return JointProblem(
+        clip,
+        first.library,
+        problem,
+        Candidates(
+            np.concatenate([c.centres + t for c, t in zip(candidates, firsts, strict=True)]),
+            np.concatenate([c.placements for c in candidates]),
+            np.concatenate([c.sizes for c in candidates]),
+            np.concatenate([c.weights for c in candidates]),
+        ),
+        first.distances,
+        states,
+        np.concatenate([s.best_fits for s in solutions]),
+    )
+
+
+def _common_camera(solutions: Sequence[Solution]) -> CameraPrior:
+    """The camera that all share, with the mean of their statures for its one body.
+
+    What sets each of them apart from that mean is taken as known (:func:`_one_after_the_other`);
+    the doubt that is left is one actor's, not that of a mean.
+    """
+    first = solutions[0]
+    for other in solutions[1:]:
+        same = np.allclose(other.camera.mean[_SHARED], first.camera.mean[_SHARED])
+        if not same or other.library.digest != first.library.digest:
+            raise InputError(
+                f"clip {first.clip.name}: its actors were solved with different cameras or "
+                "libraries; solve them together"
+            )
+    agreed = first.camera.covariance[np.ix_(_SHARED, _SHARED)]
+    rows = [s.camera.covariance[_BODY] for s in solutions]
+    gains = [np.linalg.solve(agreed, row[_SHARED]) for row in rows]
+    alone = [row[_BODY] - g @ agreed @ g for row, g in zip(rows, gains, strict=True)]
+    gain = np.mean(gains, axis=0)
+    mean, covariance = np.array(first.camera.mean), np.array(first.camera.covariance)
+    mean[_BODY] = np.mean([s.camera.mean[_BODY] for s in solutions])
+    covariance[_BODY, _SHARED] = covariance[_SHARED, _BODY] = agreed @ gain
+    covariance[_BODY, _BODY] = np.mean(alone) + gain @ agreed @ gain
+    return CameraPrior(mean, covariance)
+
+
+def _one_after_the_other(
+    solutions: Sequence[Solution], camera: CameraPrior, stature: Sequence[float]
+) -> Problem:
+    """One problem of everybody's frames; ``stature`` are log scales over the camera's body.
+
+    Poses and depths of who is taller are larger by that, which is all that a path knows of
+    stature. Scenelets have sizes of their own, wide enough for who performs them.
+    """
+    problems = [
+        s.problem._replace(
+            path_centre=s.problem.path_centre + np.array([0.0, by]),
+            poses=s.problem.poses * math.exp(by),
+        )
+        for s, by in zip(solutions, stature, strict=True)
+    ]
+    frames: dict[str, Any] = {
+        name: np.concatenate([getattr(p, name) for p in problems]) for name in _BY_FRAME
+    }
+    starts = np.cumsum([0, *(p.n_frames for p in problems)])
+    stays = [
+        p.stays + np.array([first, first, 0.0])
+        for p, first in zip(problems, starts[:-1], strict=True)
+    ]
+    return problems[0]._replace(
+        **frames,
+        stays=np.concatenate(stays),
+        static_density=np.concatenate([p.static_density for p in problems], axis=1),
+        camera_mean=np.array(camera.mean),
+        camera_precision=np.linalg.inv(camera.covariance).astype(np.float64),
+        camera_constant=-0.5 * float(np.linalg.slogdet(2 * np.pi * camera.covariance)[1]),
+    )
+
+
+def _in_common_stature(candidates: Candidates, by: float) -> Candidates:
+    """Who is smaller than the actor looks the same nearer to the camera."""
+    nearer = np.array([math.exp(-by), math.exp(-by), 1.0])
+    return replace(candidates, placements=candidates.placements * nearer)
+
+
+def _together(problem: Problem, solutions: Sequence[Solution]) -> tuple[State, ...]:
+    """Everybody's best scenes as one, then their alternatives by rank, in one camera."""
+    ranks = range(max(len(s.states) for s in solutions))
+    return tuple(
+        refine(
+            problem, _joined(problem, [s.states[min(rank, len(s.states) - 1)] for s in solutions])
+        )
+        for rank in ranks
+    )
+
+
+def _joined(problem: Problem, states: Sequence[State]) -> State:
+    """One state of everybody's; people keep their sizes and look the same in the mean camera."""
+    camera = np.array(problem.camera_mean)
+    items, placements, first = [], [], 0
+    for state in states:
+        items.append(state.items + np.array([0, first]))
+        further = math.exp(camera[2] - state.camera[2])
+        placements.append(state.placements * np.array([1.0, further, 1.0]))
+        first += len(state.latent)
+    return State(
+        camera,
+        np.concatenate(items),
+        np.concatenate(placements),
+        np.concatenate([s.sizes + s.camera[_BODY] - camera[_BODY] for s in states]),
+        np.concatenate([s.latent for s in states]),
+    )

@@ -1,1 +1,0 @@
-"""Recipes: each draws one motion with its furniture."""

@@ -1,0 +1,425 @@
+"""A simulated clip: what a camera, a detector and a lifter report of a simulated scene."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Final, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imapper_prob.models.calibrated import calibrated
+from imapper_prob.models.camera import Camera
+from imapper_prob.models.detector import DetectionModel
+from imapper_prob.models.errors import InputError
+from imapper_prob.models.kernels.detection import draw_flips
+from imapper_prob.models.kernels.placement import in_support
+from imapper_prob.models.path_prior import CameraPrior
+from imapper_prob.models.problem import resample
+from imapper_prob.models.scene import Clip, SceneObject, Track, Truth
+from imapper_prob.models.scenelet import Library, Scenelet
+from imapper_prob.models.settings import ModelSettings
+from imapper_prob.models.skeleton import DETECTED, HEAD, LHIP, MIRROR, NECK, PELV, RHIP, THRX
+from imapper_prob.simulate.scene import (
+    Gait,
+    Stay,
+    draw_bystander,
+    draw_entry,
+    draw_stay,
+    find_route,
+    hidden_joints,
+    in_image,
+    low_pieces,
+    walk_between,
+)
+
+__all__ = [
+    "NOMINAL_CAMERA",
+    "draw_camera",
+    "draw_camera_and_body",
+    "simulate_clip",
+    "simulate_track",
+]
+
+Array = NDArray[np.float64]
+LIFT_SCALE: Final = 1 / 1.06
+LIFT_SCALE_SPREAD: Final = 0.03
+"""Lifted skeletons are 6 % too small (measured on i3DB)."""
+LIFT_NOISE_SEEN: Final = 0.04
+LIFT_NOISE_HIDDEN: Final = 0.12
+"""Metres a joint and axis by which a lifter errs: seen joints as MediaPipe's 8 cm in space,
+hidden ones three times that."""
+LIFT_MEMORY: Final = 1.0
+"""Seconds over which a lifter's errors forget themselves (residuals on i3DB: 11-13 frames)."""
+LOSS_STARTS: Final = 0.10
+LOSS_STARTS_HIDDEN: Final = 1.0
+LOSS_ENDS: Final = 3.0
+"""Rates a second at which a detector loses the person in full view, loses somebody of whom
+most joints are hidden, and finds them again."""
+
+
+def simulate_track(
+    rng: np.random.Generator,
+    joints: Array,
+    hidden: NDArray[np.bool_],
+    *,
+    camera: Camera,
+    fps: float,
+    name: str = "actor",
+    detections: DetectionModel | None = None,
+    settings: ModelSettings | None = None,
+) -> Track:
+    """What a detector and a lifter say of a motion.
+
+    Detections are drawn from the detection model where the joint falls into the image;
+    elsewhere there are none. PELV and NECK are synthesised from the detections, with
+    confidence 0. In runs of frames the person is lost altogether, in others left and right
+    are swapped, as the model says.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+    joints : (T, 16, 3) float
+        True joints in the world, metres.
+    hidden : (T, 16) bool
+        Which of them furniture hides.
+    camera : Camera
+        The true one.
+    fps : float
+        Frames a second.
+    name : str
+        Of the track.
+    detections : DetectionModel, optional
+        The tables; those measured on i3DB if not given.
+    settings : ModelSettings, optional
+        How often and how long left and right are swapped.
+    """
+    model = detections or DetectionModel()
+    keypoints, confidences = model.draw(
+        rng, camera.project(joints), hidden, image_height=camera.height
+    )
+    poses = _lifted(rng, joints, hidden, camera=camera, fps=fps)
+    missing = ~in_image(camera, joints)
+    missing[_lost(rng, hidden | missing, fps=fps)] = True
+    missing[:, [PELV, NECK]] = True
+    confidences = np.where(missing, 0.0, confidences)
+    keypoints = np.where(missing[..., None], np.nan, keypoints)
+    keypoints[:, PELV] = (keypoints[:, RHIP] + keypoints[:, LHIP]) / 2
+    keypoints[:, NECK] = (keypoints[:, THRX] + keypoints[:, HEAD]) / 2
+    poses[missing.all(1)] = np.nan
+    constants = settings or ModelSettings()
+    swapped = draw_flips(
+        rng,
+        len(joints),
+        begins=constants.swap_rate / fps,
+        ends=1 / (constants.swap_length * fps),
+    )
+    for values in (keypoints, confidences, poses):
+        values[swapped] = values[swapped][:, list(MIRROR)]
+    return Track(name, keypoints, confidences, poses, np.zeros(len(joints), bool))
+
+
+def _lost(rng: np.random.Generator, hidden: NDArray[np.bool_], *, fps: float) -> NDArray[np.bool_]:
+    """(T,) frames in which the detector has lost the person: a chain of two states."""
+    share = hidden[:, list(DETECTED)].mean(1)
+    starts = (LOSS_STARTS + LOSS_STARTS_HIDDEN * (share > 0.5)) / fps
+    uniform = rng.random(len(hidden))
+    lost = np.zeros(len(hidden), bool)
+    for t in range(1, len(hidden)):
+        lost[t] = uniform[t] < starts[t] or (lost[t - 1] and uniform[t] > LOSS_ENDS / fps)
+    return lost
+
+
+def _lifted(
+    rng: np.random.Generator,
+    joints: Array,
+    hidden: NDArray[np.bool_],
+    *,
+    camera: Camera,
+    fps: float,
+) -> Array:
+    """(T, 16, 3) poses of a lifter: camera axes, about the pelvis, too small, and noisy."""
+    true = camera.to_camera(joints)
+    relative = true - true[:, PELV : PELV + 1]
+    keep = np.exp(-1 / (LIFT_MEMORY * fps))
+    shocks = rng.standard_normal(relative.shape)
+    noise = np.empty_like(shocks)
+    noise[0] = shocks[0]
+    for t in range(1, len(noise)):
+        noise[t] = keep * noise[t - 1] + np.sqrt(1 - keep**2) * shocks[t]
+    spread = np.where(hidden, LIFT_NOISE_HIDDEN, LIFT_NOISE_SEEN)[..., None]
+    poses: Array = LIFT_SCALE * np.exp(rng.normal(0.0, LIFT_SCALE_SPREAD)) * relative
+    poses += spread * noise
+    poses[:, NECK] = (poses[:, THRX] + poses[:, HEAD]) / 2
+    return poses - poses[:, PELV : PELV + 1]
+
+
+# ------------------------------------------------------------------------------------------------
+# A clip as a camera might have taken it: a room, a person in it, and what is seen of it.
+#
+# Demo and tests of calibration use this. The camera, the body and the detector are drawn from the
+# priors of the model itself, and drawn again until the person is in view; the room and the walk
+# through it are plausible, not a draw of p(X): for that see
+# ``lab/prior.py``.
+
+_T = TypeVar("_T")
+NOMINAL_CAMERA: Final = Camera(
+    width=1920, height=1080, fx=1955.0, fy=1955.0, cx=960.0, cy=540.0,
+    pitch=float(np.deg2rad(-4.0)), elevation=1.5,
+)  # fmt: skip
+"""The camera of i3DB, with the mean of the prior on its pose: N(-4, 3) degrees of pitch."""
+PITCH_SPREAD: Final = calibrated("camera.pitch")
+ROLL_SPREAD: Final = calibrated("camera.roll")
+ELEVATIONS: Final = (1.3, 1.7)
+SCALE_SPREAD: Final = 0.05
+"""Standard deviation of log focal length (assumed ones are good to 5 %) and of log body scale
+(statures of adults about 1.70 m)."""
+SHORTEST_STAY: Final = 2.0
+"""Seconds; what takes less is not told from walking past."""
+STAYS_PUT: Final = 0.15
+"""Metres the pelvis may move in a scenelet that can be done for any length of time."""
+_ACTIONS: Final = {
+    "sit": "sitting", "stand": "standing", "reach": "reaching", "walk": "walking", "lie": "lying",
+}  # fmt: skip
+"""Words for what goes on, as i3DB has them."""
+FEWEST_IN_IMAGE: Final = 0.3
+"""Part of the joints that is in the image in every frame; the clip is of a person."""
+_PLACES = 30
+"""Places tried for each piece before another room is drawn."""
+_ROOMS = 200
+"""Rooms tried before giving up; two interactions in 150 frames need fewer than ten."""
+
+
+def draw_camera(rng: np.random.Generator, *, nominal: Camera = NOMINAL_CAMERA) -> Camera:
+    """A camera from the prior: pitch, roll, elevation and focal length about the nominal one."""
+    return nominal.posed(
+        pitch=float(rng.normal(nominal.pitch, PITCH_SPREAD)),
+        roll=float(rng.normal(nominal.roll, ROLL_SPREAD)),
+        elevation=float(rng.uniform(*ELEVATIONS)),
+        focal_scale=float(np.exp(rng.normal(0.0, SCALE_SPREAD))),
+    )
+
+
+def draw_camera_and_body(
+    rng: np.random.Generator, prior: CameraPrior, *, nominal: Camera = NOMINAL_CAMERA
+) -> tuple[Camera, float]:
+    """A camera, and the factor on the reference stature, from the prior of a clip's phi."""
+    while True:
+        phi = rng.multivariate_normal(prior.mean, prior.covariance)
+        if in_support(phi):
+            pitch, elevation, log_focal, log_body, roll = phi.tolist()
+            camera = nominal.posed(
+                pitch=pitch, roll=roll, elevation=elevation, focal_scale=float(np.exp(log_focal))
+            )
+            return camera, float(np.exp(log_body))
+
+
+@dataclass(frozen=True)
+class _Acted:
+    """A furnished room and what the person does in it, frame by frame."""
+
+    objects: tuple[SceneObject, ...]
+    joints: Array
+    actions: tuple[str, ...]
+
+
+def simulate_clip(
+    rng: np.random.Generator,
+    library: Library,
+    *,
+    n_frames: int = 150,
+    n_interactions: int = 2,
+    n_bystanders: int = 1,
+    script: Sequence[str] = (),
+    camera: Camera | None = None,
+    prior: CameraPrior | None = None,
+    walks: Library | None = None,
+    name: str = "simulated",
+) -> Clip:
+    """A clip whose truth is known.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+    library : Library
+        Where interactions, furniture and the frame rate come from, that of its first scenelet;
+        the others are resampled to it.
+    n_frames : int
+        Frames of the clip; walking to an interaction and doing it takes about 60 at 10
+        frames a second.
+    n_interactions : int
+        How many; kinds of furniture are not repeated before all have been used.
+    n_bystanders : int
+        Pieces of furniture nobody uses, before the person; fewer where there is no room.
+    script : sequence of str
+        Names of the scenelets to perform, in order, in place of ``n_interactions`` drawn.
+    camera : Camera, optional
+        The true camera.
+    prior : CameraPrior, optional
+        What camera and body are drawn from where no camera is given. If not given either, pitch,
+        roll, focal length and body are as the model has them, and the height is a tripod's.
+    walks : Library, optional
+        Where the way of walking comes from, if ``library`` has no walk.
+    name : str
+        Of the clip.
+
+    Returns
+    -------
+    Clip
+        One track; ``camera`` is the nominal one and ``truth`` holds the rest.
+
+    Raises
+    ------
+    InputError
+        If the library has no walk or no interaction, a name of the script is unknown, or no
+        room could be found in which there is time for everything.
+    """
+    if not script and n_interactions < 1:
+        raise InputError(f"clip {name}: {n_interactions} interactions; ask for one or more")
+    fps = library[0].fps
+    library = _at_rate(library, fps)
+    gait = Gait.of(library if walks is None else _at_rate(walks, fps))
+    bystanders = low_pieces(library)
+    for _ in range(_ROOMS):
+        scale = None
+        if camera is not None or prior is None:
+            seen_by = camera or draw_camera(rng)
+        else:
+            seen_by, scale = draw_camera_and_body(rng, prior)
+        scenelets = _scripted(library, script) if script else _chosen(rng, library, n_interactions)
+        acted = _act(
+            rng,
+            scenelets,
+            gait=gait,
+            bystanders=bystanders,
+            camera=seen_by,
+            scale=scale or float(np.exp(rng.normal(0.0, SCALE_SPREAD))),
+            n_frames=n_frames,
+            n_bystanders=n_bystanders,
+        )
+        if acted is not None:
+            break
+    else:
+        raise InputError(
+            f"clip {name}: found no room for {len(script) or n_interactions} interactions in "
+            f"{n_frames} frames; ask for more frames or fewer interactions"
+        )
+    hidden = hidden_joints(seen_by, acted.joints, acted.objects)
+    track = simulate_track(rng, acted.joints, hidden, camera=seen_by, fps=fps)
+    nominal = NOMINAL_CAMERA
+    if camera is not None:
+        nominal = camera.posed(pitch=nominal.pitch, roll=nominal.roll, elevation=nominal.elevation)
+    return Clip(
+        name=name,
+        camera=nominal,
+        fps=fps,
+        frame_ids=np.arange(n_frames),
+        tracks=(track,),
+        truth=Truth(seen_by, acted.objects, acted.joints, hidden, acted.actions),
+    )
+
+
+def _at_rate(library: Library, fps: float) -> Library:
+    """The same scenelets, all at one frame rate."""
+    if all(s.fps == fps for s in library):
+        return library
+    changed = (
+        replace(s, joints=resample(s.joints, fps=s.fps, to_fps=fps), fps=fps) for s in library
+    )
+    return Library(library.name, tuple(changed))
+
+
+def _stays_put(scenelet: Scenelet) -> bool:
+    """Whether it is an interaction with furniture that can go on."""
+    moved = np.ptp(scenelet.joints[:, PELV, :2], axis=0).max()
+    return bool(scenelet.objects) and bool(moved < STAYS_PUT)
+
+
+def _chosen(rng: np.random.Generator, library: Library, n: int) -> list[Scenelet]:
+    kinds: dict[tuple[str, ...], list[Scenelet]] = {}
+    for scenelet in filter(_stays_put, library):
+        kinds.setdefault(scenelet.labels, []).append(scenelet)
+    if not kinds:
+        raise InputError(f"library {library.name}: no scenelet stays with an object")
+    groups = list(kinds.values())
+    order = np.concatenate([rng.permutation(len(groups)) for _ in range(-(-n // len(groups)))])
+    return [groups[k][rng.integers(len(groups[k]))] for k in order[:n]]
+
+
+def _scripted(library: Library, script: Sequence[str]) -> list[Scenelet]:
+    by_name = {s.name: s for s in library if _stays_put(s)}
+    for wanted in script:
+        if wanted not in by_name:
+            raise InputError(f"library {library.name}: no scenelet {wanted} that stays put")
+    return [by_name[wanted] for wanted in script]
+
+
+def _first(attempts: Iterable[_T | None]) -> _T | None:
+    """The first attempt that worked."""
+    return next((attempt for attempt in attempts if attempt is not None), None)
+
+
+def _act(
+    rng: np.random.Generator,
+    scenelets: Sequence[Scenelet],
+    *,
+    gait: Gait,
+    bystanders: Sequence[SceneObject],
+    camera: Camera,
+    scale: float,
+    n_frames: int,
+    n_bystanders: int,
+) -> _Acted | None:
+    """One attempt at a room and a motion through it."""
+    fps = scenelets[0].fps
+    furniture: list[SceneObject] = []
+    stays: list[Stay] = []
+    for scenelet in scenelets:
+        stay = _first(
+            draw_stay(rng, scenelet, camera=camera, scale=scale, furniture=furniture)
+            for _ in range(_PLACES)
+        )
+        if stay is None:
+            return None
+        stays.append(stay)
+        furniture += [piece.moved(stay.placement) for piece in scenelet.objects]
+    for k in range(n_bystanders):
+        stay = stays[k % len(stays)]
+        piece = _first(
+            draw_bystander(
+                rng, bystanders, stay=stay, camera=camera, scale=scale, furniture=furniture
+            )
+            for _ in range(_PLACES)
+        )
+        furniture += [piece] if piece is not None else []
+    entry = _first(
+        draw_entry(rng, stays[0], camera=camera, furniture=furniture) for _ in range(_PLACES)
+    )
+    if entry is None:
+        return None
+    points = [entry, *(stay.approach for stay in stays)]
+    routes: list[Array] = []
+    for start, end in pairwise(points):
+        route = find_route(rng, start, end, camera=camera, furniture=furniture)
+        if route is None:
+            return None
+        routes.append(route)
+    motion = walk_between(
+        rng,
+        stays,
+        routes,
+        gait=gait,
+        n_frames=n_frames,
+        scale=scale,
+        fps=fps,
+        shortest_stay=round(SHORTEST_STAY * fps),
+    )
+    if motion is None:
+        return None
+    joints, which = motion
+    if in_image(camera, joints).mean(1).min() < FEWEST_IN_IMAGE:
+        return None
+    actions = [scenelets[k].action if k >= 0 else "walk" for k in which]
+    return _Acted(tuple(furniture), joints, tuple(_ACTIONS.get(a, a) for a in actions))

@@ -1,0 +1,310 @@
+"""The prior of camera and body: a Laplace approximation given the feet of the static path."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import median_filter, uniform_filter1d
+from scipy.special import beta, ndtr
+
+from imapper_prob.models.camera import Camera
+from imapper_prob.models.detector import DetectionModel, DetectorSettings
+from imapper_prob.models.errors import InputError
+from imapper_prob.models.path_prior import CameraPrior, StaticPath
+from imapper_prob.models.scene import Clip, Track
+from imapper_prob.models.settings import CameraSettings, ModelSettings
+from imapper_prob.models.skeleton import LANK, LHIP, LKNE, RANK, RHIP, RKNE, thigh_angle
+
+__all__ = ["estimate_camera", "find_stays", "thigh_signs"]
+
+Array = NDArray[np.float64]
+_SECONDS: Final = 1.0
+"""Over which angles are a running median: people do not get up and sit down within it."""
+_THIGHS: Final = [RHIP, RKNE, LHIP, LKNE]
+
+
+def thigh_signs(
+    track: Track, path: StaticPath, camera: CameraPrior, *, fps: float
+) -> tuple[Array, Array]:
+    """Angle of the thighs, and how far they are seen.
+
+    Returns
+    -------
+    angle : (T,) float
+        Radians from the vertical, in the world of the mean camera.
+    seen : (T,) float
+        Mean confidence of hips and knees, in [0, 1].
+    """
+    pitch, roll = float(camera.mean[0]), float(camera.mean[4])
+    level = Camera(1, 1, 1.0, 1.0, 0.0, 0.0, pitch=pitch, roll=roll)
+    window = 2 * round(_SECONDS * fps / 2) + 1
+    angle = median_filter(thigh_angle(level.to_world(path.poses)), size=window, mode="nearest")
+    seen = uniform_filter1d(track.confidences[:, _THIGHS].mean(1), window, mode="nearest")
+    return angle, np.clip(seen, 0.0, 1.0)
+
+
+def find_stays(
+    track: Track,
+    path: StaticPath,
+    camera: CameraPrior,
+    *,
+    fps: float,
+    settings: ModelSettings | None = None,
+) -> Array:
+    """(K, 3) stays of a person: first frame, frame after the last, and nats that they speak of it.
+
+    See :func:`imapper_prob.models.kernels.stays.unsupported`.
+    """
+    settings = settings or ModelSettings()
+    angle, seen = thigh_signs(track, path, camera, fps=fps)
+    weight = min(1.0, 1.0 / (settings.support_time * fps))
+    nats = weight * seen * settings.support_slope * (angle - settings.support_angle)
+    low = np.concatenate([[False], angle > settings.support_angle, [False]])
+    edges = np.flatnonzero(low[1:] != low[:-1]).reshape(-1, 2)
+    stays = [(first, end, nats[first:end].sum()) for first, end in edges.tolist()]
+    result = np.array([stay for stay in stays if stay[2] > 0.0], dtype=np.float64)
+    return result.reshape(-1, 3)
+
+
+# ------------------------------------------------------------------------------------------------
+# What is known of the camera and the body before any furniture.
+#
+# Five numbers are left open: pitch, roll and height of the camera, and the factors by which
+# focal length and stature differ from what was assumed. The feet of a person who walks about
+# see the floor, and with it the height; they see pitch and roll only through how that height
+# changes with depth and across the view, which is weak and tied to the height.
+
+_LEVEL: Final = 0.175
+"""Metres of a lower ankle beneath the pelvis. In the built-in library who has less lies or sits
+cross-legged (at most .15), and who has more is on their feet, on a seat or on their knees (at least
+.2); on i3DB nobody has less than .33."""
+_LEVEL_ERROR: Final = 0.11
+"""Standard deviation of that in a fitted pose, metres: of two joints, each off by
+``pose.tolerance``."""
+_EITHER: Final = 0.5
+"""Probability that somebody so low is on furniture: .57 of such frames of the built-in library."""
+_HIGHEST: Final = 1.0
+"""Metres above the floor below which feet on furniture are: above any seat, bed or table."""
+_SOME: Final = 0.1
+"""Probability of being on furniture from which on there is a second mode to look for."""
+_STARTS: Final = (0.05, 0.5, 0.95)
+"""Quantiles of the heights of ankles, each taken for the floor's in one search of the mode."""
+
+
+def estimate_camera(
+    clip: Clip,
+    path: StaticPath,
+    *,
+    track: int = 0,
+    settings: CameraSettings | None = None,
+    detector: DetectorSettings | None = None,
+) -> CameraPrior:
+    """Gaussian approximation of the camera's five numbers, given the feet.
+
+    Twice the body at twice the distance, or half as long a lens, look the same. So a focal
+    scale f and a body scale b take a point (x, y, z) of the static path to (b x, f b y, b z),
+    and the lowest ankle of a frame is at height
+
+        elevation + f b sin(pitch) y + b cos(pitch) (sin(roll) x + cos(roll) z),
+
+    which should be that of an ankle above the floor, but for a constant offset. Where both ankles
+    are level with the pelvis somebody lies or sits on the floor or on furniture: such an ankle may
+    as well be anywhere above the floor (a mixture of a Student-t and a uniform density).
+    Gauss-Newton on log elevation, which keeps the camera above the floor, then the Laplace
+    approximation.
+
+    Parameters
+    ----------
+    clip : Clip
+        Its camera's pose is the mean of the prior, and it says how sure its focal length is.
+    path : StaticPath
+        Of the person ``track``.
+    settings : CameraSettings, optional
+    detector : DetectorSettings, optional
+        Says by what confidence a foot is taken for hidden.
+
+    Returns
+    -------
+    CameraPrior
+        With the correlation of pitch and elevation.
+    """
+    settings = settings or CameraSettings()
+    if len(path.lift) != clip.n_frames:
+        raise InputError(
+            f"clip {clip.name} has {clip.n_frames} frames, the static path {len(path.lift)}; "
+            "estimate the path from this clip"
+        )
+    feet = _feet(clip, path, track, settings, DetectionModel.of(detector or DetectorSettings()))
+    mode = _mode(feet)
+    # The robust weights that find the mode average 1 / spread^2, but a Student-t observation
+    # informs of its centre only by (dof + 1) / (dof + 3) of that.
+    told = (settings.ankle_dof + 1) / (settings.ankle_dof + 3)
+    information = told * feet.information(mode) + np.diag(feet.prior_spread**-2)
+    covariance = np.linalg.inv(information)[:5, :5]
+    pitch, log_elevation, log_focal, log_body, roll, _ = mode
+    elevation = np.exp(log_elevation)
+    to_metres = np.diag([1.0, elevation, 1.0, 1.0, 1.0])
+    return CameraPrior(
+        mean=np.array([pitch, elevation, log_focal, log_body, roll]),
+        covariance=to_metres @ covariance @ to_metres,
+    )
+
+
+@dataclass(frozen=True)
+class _Feet:
+    """Posterior of a state (6,): pitch, log elevation, log focal, log body, roll, ankle's offset.
+
+    ``right``, ``depth``, ``up`` (T,) of the lowest ankle in camera axes, metres of the static
+    path, what each frame counts, and the probability that furniture holds the feet.
+    """
+
+    right: Array
+    depth: Array
+    up: Array
+    weight: Array
+    held: Array
+    prior_mean: Array
+    prior_spread: Array
+    settings: CameraSettings
+
+    def errors(self, state: Array) -> Array:
+        """(T,) expected minus seen height, in metres of the reference body.
+
+        The error belongs to what was seen: in metres of the scaled body, a smaller body would
+        make all errors smaller and so seem to explain them better.
+        """
+        pitch, _, log_focal, _, roll, _ = state
+        level = np.sin(roll) * self.right + np.cos(roll) * self.up
+        upward = np.sin(pitch) * np.exp(log_focal) * self.depth + np.cos(pitch) * level
+        result: Array = self._floor(state) - upward
+        return result
+
+    def _floor(self, state: Array) -> float:
+        """Height of a standing ankle above the camera, in metres of the reference body."""
+        _, log_elevation, _, log_body, _, offset = state
+        return float((self.settings.ankle + offset - np.exp(log_elevation)) * np.exp(-log_body))
+
+    def slopes(self, state: Array) -> Array:
+        """(T, 6) derivative of ``errors``."""
+        pitch, log_elevation, log_focal, log_body, roll, _ = state
+        level = np.sin(roll) * self.right + np.cos(roll) * self.up
+        across = np.cos(roll) * self.right - np.sin(roll) * self.up
+        forward = np.exp(log_focal) * self.depth
+        same = np.ones_like(self.depth)
+        columns = (
+            np.sin(pitch) * level - np.cos(pitch) * forward,
+            -np.exp(log_elevation - log_body) * same,
+            -np.sin(pitch) * forward,
+            -self._floor(state) * same,
+            -np.cos(pitch) * across,
+            np.exp(-log_body) * same,
+        )
+        return np.stack(columns, -1)
+
+    def _densities(self, state: Array) -> tuple[Array, Array]:
+        """(T,) densities, 1/m, of the errors of feet on the floor and of feet on furniture."""
+        dof, spread, errors = (
+            self.settings.ankle_dof,
+            self.settings.ankle_spread,
+            self.errors(state),
+        )
+        peak = 1 / (spread * np.sqrt(dof) * beta(dof / 2, 0.5))
+        on_floor = (1 - self.held) * peak * (1 + (errors / spread) ** 2 / dof) ** (-(dof + 1) / 2)
+        on_furniture = self.held * ((errors > -_HIGHEST) & (errors < 0)) / _HIGHEST
+        return on_floor, on_furniture
+
+    def _robust_weights(self, state: Array) -> Array:
+        dof, spread = self.settings.ankle_dof, self.settings.ankle_spread
+        on_floor, on_furniture = self._densities(state)
+        weight = self.weight * on_floor / (on_floor + on_furniture)
+        result: Array = weight * (dof + 1) / (dof * spread**2 + self.errors(state) ** 2)
+        return result
+
+    def cost(self, state: Array) -> float:
+        """Negative log-posterior up to its constant, nats."""
+        on_floor, on_furniture = self._densities(state)
+        prior = ((state - self.prior_mean) / self.prior_spread) ** 2
+        return float(-(self.weight * np.log(on_floor + on_furniture)).sum() + 0.5 * prior.sum())
+
+    def information(self, state: Array) -> Array:
+        """(6, 6) Gauss-Newton Hessian of what the feet say, without the prior."""
+        slopes = self.slopes(state)
+        result: Array = (slopes * self._robust_weights(state)[:, None]).T @ slopes
+        return result
+
+    def step(self, state: Array) -> Array:
+        """(6,) Gauss-Newton step towards the mode."""
+        pull = -self.slopes(state).T @ (self._robust_weights(state) * self.errors(state))
+        pull += (self.prior_mean - state) / self.prior_spread**2
+        hessian = self.information(state) + np.diag(self.prior_spread**-2)
+        return np.asarray(np.linalg.solve(hessian, pull), np.float64)
+
+
+def _mode(feet: _Feet) -> Array:
+    """The best of the modes reached from the prior's mean and from several heights of the floor.
+
+    With feet on furniture there is a second one, in which they are on the floor.
+    """
+    upward = feet.settings.ankle - np.exp(feet.prior_mean[1]) - feet.errors(feet.prior_mean)
+    starts = [feet.prior_mean]
+    heights = feet.settings.ankle - np.quantile(upward, _STARTS if feet.held.max() > _SOME else ())
+    for height in heights[heights > 0]:
+        start = feet.prior_mean.copy()
+        start[1] = np.log(height)
+        starts.append(start)
+    return min((_descend(feet, start) for start in starts), key=feet.cost)
+
+
+def _descend(feet: _Feet, state: Array, *, tolerance: float = 1e-9) -> Array:
+    """Gauss-Newton; steps are halved while they lead uphill."""
+    for _ in range(50):
+        step = feet.step(state)
+        before = feet.cost(state)
+        while np.abs(step).max() > tolerance and feet.cost(state + step) > before:
+            step = step / 2
+        state = state + step
+        if np.abs(step).max() < tolerance:
+            break
+    return state
+
+
+def _feet(
+    clip: Clip,
+    path: StaticPath,
+    track: int,
+    settings: CameraSettings,
+    detections: DetectionModel,
+) -> _Feet:
+    """The lower seen ankle of every frame, as the nominal camera has it, and the prior.
+
+    Of a hidden foot detectors make something up, and the lower of two is then the worse guess:
+    it counts only where no ankle is more probably seen than hidden.
+    """
+    ankles = path.joints[:, [RANK, LANK]]
+    confidences = clip.tracks[track].confidences[:, [RANK, LANK]]
+    height = clip.camera.to_world(ankles)[..., 2]
+    guessed = detections.confidence_density(confidences).argmax(-1) == 0
+    lower = np.where(guessed & ~guessed.all(1, keepdims=True), np.inf, height).argmin(1)
+    frames = np.arange(clip.n_frames)
+    pelvis = clip.camera.to_world(path.pelvis)[:, 2]
+    drop = pelvis - height[frames, lower]
+    right, depth, up = ankles[frames, lower].T
+    confidence = confidences[frames, lower]
+    return _Feet(
+        right=right,
+        depth=depth,
+        up=up,
+        weight=confidence * min(1.0, 1.0 / (settings.correlation_time * clip.fps)),
+        held=_EITHER * ndtr((_LEVEL - drop) / _LEVEL_ERROR),
+        prior_mean=np.array(
+            [clip.camera.pitch, np.log(clip.camera.elevation), 0.0, 0.0, clip.camera.roll, 0.0]
+        ),
+        prior_spread=np.array(
+            [settings.pitch, settings.log_elevation, clip.focal_spread, settings.log_body,
+             settings.roll, settings.ankle_offset]
+        ),
+        settings=settings,
+    )  # fmt: skip

@@ -1,0 +1,521 @@
+"""Candidates: fits at the maxima of charness, judged and refined under the log-posterior."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+from enum import StrEnum
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter1d
+from scipy.optimize import minimize
+
+from imapper_prob.layouts import furniture_kinds
+from imapper_prob.models.kernels.stays import unsupported
+from imapper_prob.models.log_posterior import (
+    State,
+    empty_state,
+    log_posterior,
+    log_posterior_near,
+    terms,
+)
+from imapper_prob.models.problem import Problem
+from imapper_prob.models.view import to_floor, to_view
+from imapper_prob.solver.fits import Fits
+
+__all__ = [
+    "Candidate",
+    "CharnessCurve",
+    "Fate",
+    "MaximaSettings",
+    "MaximumTable",
+    "Peak",
+    "ScreenSettings",
+    "Shortlisted",
+    "along_the_ray",
+    "apart_from_stays",
+    "assigned",
+    "charness_curve",
+    "refine",
+    "screen",
+    "shortlist",
+]
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class MaximaSettings:
+    """Parameters
+    ----------
+    temperature : float
+        Nats per joint; a fit worse than the window's best by this has 1/e of its say.
+    smoothing : float
+        Standard deviation in windows (2.5 in the paper).
+    minimum : float
+        Smallest charness of a maximum: between the medians of walking windows (.09) and of
+        reaching ones (.29) on i3DB. (.3 in the authors' code, with categories of their own.)
+    apart : float
+        Seconds between maxima, about the length of a scenelet.
+    most : int
+        How many maxima to keep (1 to 5 in the paper).
+    """
+
+    temperature: float = 0.1
+    smoothing: float = 2.5
+    minimum: float = 0.2
+    apart: float = 1.6
+    most: int = 12
+
+
+@dataclass(frozen=True)
+class Peak:
+    """A local maximum of charness, and what became of it.
+
+    Parameters
+    ----------
+    window : int
+    charness : float
+    dropped : str
+        Why it is no maximum of the clip; empty if it is one.
+    """
+
+    window: int
+    charness: float
+    dropped: str
+
+
+@dataclass(frozen=True)
+class CharnessCurve:
+    """Charness by window, and the windows that stand out.
+
+    Parameters
+    ----------
+    centres : (W,) int
+        Middle frames of the windows.
+    raw : (W,) float
+        Charness of each window's best fits in [0, 1]; NaN in windows without detections.
+    values : (W,) float
+        The same, bridged where it is unknown, and smoothed.
+    maxima : (M,) int
+        Indices of windows, the most characteristic first.
+    peaks : tuple of Peak
+        All maxima, and the local maxima that suppression dropped, in order of time.
+    """
+
+    centres: Ints
+    raw: Array
+    values: Array
+    maxima: Ints
+    peaks: tuple[Peak, ...]
+
+    @property
+    def step(self) -> int:
+        """Frames from one window to the next; 1 if there is only one."""
+        return int(np.diff(self.centres[:2]).sum()) or 1
+
+
+def charness_curve(
+    fits: Fits,
+    charness: Array,
+    *,
+    fps: float,
+    settings: MaximaSettings | None = None,
+    bare: NDArray[np.bool_] | None = None,
+) -> CharnessCurve:
+    """Charness of the best fits weighted by match quality, smoothed, maxima thinned out.
+
+    Parameters
+    ----------
+    fits : Fits
+    charness : (L,) float
+        Of the library's scenelets.
+    fps : float
+    settings : MaximaSettings, optional
+    bare : (T,) bool, optional
+        Frames without a static skeleton. Windows about these are maxima, too, whatever their
+        charness, where no maximum is near: the set T' of the paper. None if not given.
+    """
+    settings = settings or MaximaSettings()
+    known: NDArray[np.bool_] = np.any(np.isfinite(fits.cost), axis=1)
+    raw = np.full(len(fits.centres), np.nan)
+    for w in np.flatnonzero(known):
+        cost = fits.cost[w]
+        weight = np.exp(-(cost - cost.min()) / settings.temperature)
+        raw[w] = float(weight @ charness / weight.sum())
+    bridged = np.zeros(len(raw))
+    if known.any():
+        # A window without detections takes the charness of those around it.
+        bridged = np.interp(np.arange(len(raw)), np.flatnonzero(known), raw[known])
+    values = gaussian_filter1d(bridged, settings.smoothing, mode="nearest")
+    chosen: list[int] = []
+    dropped: dict[int, str] = {}
+    for w in np.argsort(-values, kind="stable").tolist():
+        if not known[w]:
+            dropped[w] = "no scenelet could be fitted"
+            continue
+        if values[w] < settings.minimum:
+            dropped[w] = f"charness below {settings.minimum:g}"
+            continue
+        near = np.abs(fits.centres[w] - fits.centres[chosen]) < settings.apart * fps
+        if near.any():
+            stronger = fits.centres[chosen[int(near.argmax())]]
+            dropped[w] = f"within {settings.apart:g} s of the maximum at frame {stronger}"
+        elif len(chosen) == settings.most:
+            dropped[w] = f"{settings.most} maxima are higher"
+        else:
+            chosen.append(w)
+    if bare is not None:
+        # Windows that are long enough for some scenelet, whether or not anything was detected.
+        forced = bare[fits.centres] & (fits.placements[..., 1] > 0).any(1)
+        for w in np.argsort(-values, kind="stable").tolist():
+            near = np.abs(fits.centres[w] - fits.centres[chosen]) < settings.apart * fps
+            if forced[w] and not near.any() and len(chosen) < settings.most:
+                chosen.append(w)
+                dropped.pop(w, None)
+    peaks = tuple(
+        Peak(w, float(values[w]), dropped.get(w, ""))
+        for w in range(len(values))
+        if w in chosen or _stands_out(values, w)
+    )
+    return CharnessCurve(fits.centres, raw, values, np.array(chosen, dtype=np.int64), peaks)
+
+
+def _stands_out(values: Array, window: int) -> bool:
+    """Whether a window is above the one before and not below the one after it."""
+    before = values[window - 1] if window > 0 else -np.inf
+    after = values[window + 1] if window + 1 < len(values) else -np.inf
+    return bool(before < values[window] >= after)
+
+
+# ------------------------------------------------------------------------------------------------
+# Candidates: fits judged, and the good ones refined, under the full log-posterior.
+#
+# Reprojection alone cannot tell a chair from a couch. So in every window the best fits of
+# each kind of furniture are kept apart, judged with occlusion and intersections (the paper's
+# 200 per maximum after motion intersection, Monszpart et al. 2019, section 5), and the best
+# of each kind that is still worth it is refined.
+
+Progress = Callable[[str, float], None]
+
+
+@dataclass(frozen=True)
+class ScreenSettings:
+    """Parameters
+    ----------
+    each_kind : int
+        Fits of each kind of furniture that are judged, a window.
+    worth : float
+        Nats by which a kind may be worse than the window's best and still be refined.
+    """
+
+    each_kind: int = 3
+    worth: float = 20.0
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A scenelet fitted to a window.
+
+    Parameters
+    ----------
+    scenelet, start : int
+        Index in the library, and start frame.
+    placement : (3,) float
+        x, y in metres, yaw in radians.
+    size : float
+        Log size of the person.
+    gain : float
+        Nats by which it alone improves on the scene without any scenelet.
+    kind : tuple of int
+        Categories of its objects; scenelets of one kind say the same about the furniture.
+    window : int
+        Index of the window it was fitted to.
+    """
+
+    scenelet: int
+    start: int
+    placement: Array
+    size: float
+    gain: float
+    kind: tuple[int, ...]
+    window: int
+
+
+def screen(
+    problem: Problem,
+    fits: Fits,
+    *,
+    settings: ScreenSettings | None = None,
+    progress: Progress | None = None,
+) -> tuple[Candidate, ...]:
+    """The best fits of every window and kind, with what each gains, in order of time."""
+    settings = settings or ScreenSettings()
+    empty = empty_state(problem)
+    value = log_posterior_near(problem, empty)
+    base = value(empty)
+    kinds = furniture_kinds(problem)
+    found: list[Candidate] = []
+    for w, centre in enumerate(fits.centres.tolist()):
+        judged: dict[tuple[int, ...], list[Candidate]] = {}
+        for scenelet in np.argsort(fits.cost[w], kind="stable").tolist():
+            own = judged.setdefault(kinds[scenelet], [])
+            if len(own) == settings.each_kind or not np.isfinite(fits.cost[w, scenelet]):
+                continue
+            start = centre - int(problem.lengths[scenelet]) // 2
+            placed = along_the_ray(problem, centre, fits.placements[w, scenelet])
+            gain = value(empty.with_item(scenelet, start, *placed)) - base
+            if np.isfinite(gain):
+                own.append(Candidate(scenelet, start, *placed, gain, kinds[scenelet], w))
+        found += _refined(problem, empty, base, judged, settings)
+        if progress is not None:
+            progress("judging candidates", (w + 1) / len(fits.centres))
+    return tuple(found)
+
+
+def _refined(
+    problem: Problem,
+    empty: State,
+    base: float,
+    judged: dict[tuple[int, ...], list[Candidate]],
+    settings: ScreenSettings,
+) -> list[Candidate]:
+    """One window's candidates, the best of each kind with furniture refined where worth it."""
+    everything = [c for own in judged.values() for c in own]
+    if not everything:
+        return []
+    enough = max(0.0, max(c.gain for c in everything)) - settings.worth
+    result = []
+    for kind, own in judged.items():
+        for rank, candidate in enumerate(sorted(own, key=lambda c: -c.gain)):
+            if rank == 0 and kind and candidate.gain > enough:
+                state = refine(problem, assigned(empty, [candidate]))
+                candidate = replace(
+                    candidate,
+                    placement=state.placements[0],
+                    size=float(state.sizes[0]),
+                    gain=log_posterior(problem, state) - base,
+                )
+            result.append(candidate)
+    return result
+
+
+def assigned(state: State, members: Iterable[Candidate]) -> State:
+    """The state with these candidates as well."""
+    for c in members:
+        state = state.with_item(c.scenelet, c.start, c.placement, c.size)
+    return state
+
+
+def apart_from_stays(problem: Problem, context: State) -> Callable[[Sequence[Candidate]], float]:
+    """What candidates gain in a scene, where those of one stay share what it is worth.
+
+    One scenelet holds a whole stay, and the next gains nothing by it: gains of single candidates
+    would not add up. So each has its part of the stay's frames, in which its person is off their
+    feet, and sums over candidates of one stay come to no more than all of it.
+
+    Parameters
+    ----------
+    problem : Problem
+    context : State
+        The scene without them; the gain of none is 0. What it holds already is nobody's gain.
+    """
+    bare = problem._replace(stays=problem.stays[:0])
+    held = [unsupported(stay[None], problem.lowered, context.items) == 0 for stay in problem.stays]
+    stays = problem.stays[~np.array(held, dtype=bool)]
+    value = log_posterior_near(bare, context)
+    base = value(context)
+
+    def share(candidate: Candidate) -> float:
+        first, end = (candidate.start + problem.lowered[candidate.scenelet]).tolist()
+        covered = np.minimum(stays[:, 1], end) - np.maximum(stays[:, 0], first)
+        lasts = stays[:, 1] - stays[:, 0]
+        return float((stays[:, 2] * np.maximum(covered, 0.0) / lasts).sum())
+
+    def gain(members: Sequence[Candidate]) -> float:
+        worth = problem.likelihood * sum(share(c) for c in members)
+        return value(assigned(context, members)) - base + worth
+
+    return gain
+
+
+def along_the_ray(problem: Problem, frame: int, placement: Array) -> tuple[Array, float]:
+    """The most probable of all places that look the same, and the log size it takes.
+
+    A fit knows how large the person looks. How far away they are then depends on how large
+    they are, and on how far the static path has them in that frame; both are normal.
+
+    Parameters
+    ----------
+    placement : (3,) float
+        Of a person of the body's own size: x, y in metres, yaw in radians.
+    """
+    _, _, log_focal, log_body, _ = problem.camera_mean
+    apart = problem.path_centre[frame, 1] + log_focal + log_body - np.log(placement[1])
+    doubt, spread = problem.path_scale[frame, 1] ** 2, problem.size_spread**2
+    size = float(apart * spread / (spread + doubt))
+    return placement * [np.exp(size), np.exp(size), 1.0], size
+
+
+def refine(problem: Problem, state: State, *, only: Iterable[int] | None = None) -> State:
+    """Placements and sizes under the full posterior, one scenelet at a time (Nelder and Mead).
+
+    All of them one after the other, or ``only`` those with these indices.
+    """
+    # Of bearing, log depth, yaw, and of what a person's size leaves to the depth.
+    step = np.array([0.02, 0.05, 0.15, 0.05])
+    for index in range(state.n_scenelets) if only is None else only:
+        value = log_posterior_near(problem, state)
+        start = to_view(state.placements[index], state.sizes[index])
+        start[3] -= start[1]
+
+        def placed(theta: Array, index: int = index, state: State = state) -> State:
+            placement, size = to_floor(theta + np.array([0.0, 0.0, 0.0, theta[1]]))
+            return state.with_placement(index, placement, float(size))
+
+        simplex = start + np.vstack([np.zeros(4), np.diag(step)])
+        result = minimize(
+            lambda theta, placed=placed, value=value: -value(placed(theta)),
+            start,
+            method="Nelder-Mead",
+            options={"maxfev": 90, "initial_simplex": simplex},
+        )
+        state = placed(result.x)
+    return state
+
+
+# ------------------------------------------------------------------------------------------------
+# Who was kept at each maximum of charness, and what spoke against everybody else.
+#
+# The paper takes 200 fits a maximum, drops those that walk through furniture, then those whose
+# furniture hides the wrong joints, and keeps three (Monszpart et al. 2019, section 5). Here one
+# log-posterior judges all of it at once; this table takes its verdicts apart in that order.
+
+pass
+_SOLID = ("motion", "collision", "ground")
+"""Terms that say who stands in what."""
+
+
+class Fate(StrEnum):
+    """What became of a candidate: kept, or what it would have needed to be."""
+
+    FIT = "fit"
+    MOTION = "motion"
+    OCCLUSION = "occlusion"
+    KIND = "same furniture"
+    KEPT = "kept"
+
+
+@dataclass(frozen=True)
+class Shortlisted:
+    """A candidate at a maximum, its gain over no scenelet in three parts, all in nats.
+
+    Parameters
+    ----------
+    candidate : Candidate
+    fit : float
+        All but the other two: detections if nothing hid anything, facing, path, prior.
+    motion : float
+        For people and furniture that stand in each other, at most 0.
+    occlusion : float
+        For what the furniture hides.
+    fate : Fate
+        ``KIND``: another of the same furniture is better. ``MOTION`` and ``OCCLUSION``: would
+        have been kept if it were not for that part. ``FIT``: neither would have helped.
+    """
+
+    candidate: Candidate
+    fit: float
+    motion: float
+    occlusion: float
+    fate: Fate
+
+
+@dataclass(frozen=True)
+class MaximumTable:
+    """One maximum of charness.
+
+    Parameters
+    ----------
+    window : int
+    fitted : int
+        Scenelets fitted there and in the windows beside it.
+    rows : tuple of Shortlisted
+        Those with furniture that were judged, the best first.
+    """
+
+    window: int
+    fitted: int
+    rows: tuple[Shortlisted, ...]
+
+    def counts(self) -> dict[str, int]:
+        """How many are left after each step, from all that were fitted to those kept."""
+        left = {"fitted": self.fitted, "judged": len(self.rows)}
+        remaining = len(self.rows)
+        for fate in (Fate.FIT, Fate.MOTION, Fate.OCCLUSION, Fate.KIND):
+            remaining -= sum(row.fate is fate for row in self.rows)
+            left[f"after {fate}"] = remaining
+        return left
+
+
+def shortlist(
+    problem: Problem,
+    fits: Fits,
+    candidates: Sequence[Candidate],
+    curve: CharnessCurve,
+    kept: Sequence[Candidate],
+) -> tuple[MaximumTable, ...]:
+    """The table of every maximum, in order of time.
+
+    Parameters
+    ----------
+    problem, fits, candidates, curve
+        As of the stages before.
+    kept : sequence of Candidate
+        Those that went on to be combined.
+    """
+    empty = empty_state(problem)
+    bare = _without_furniture(problem)
+    nothing = log_posterior(problem, empty)
+    chosen = {(c.window, c.scenelet) for c in kept}
+    tables = []
+    for window in sorted(curve.maxima.tolist()):
+        near = slice(max(0, window - 1), window + 2)
+        here = [c for c in candidates if abs(c.window - window) <= 1 and c.kind]
+        here.sort(key=lambda c: -c.gain)
+        own = [c for c in here if (c.window, c.scenelet) in chosen]
+        rows = []
+        for c in here:
+            state = assigned(empty, [c])
+            fit = log_posterior(bare, state) - nothing
+            values = terms(problem, state)
+            motion = sum(values.get(name, 0.0) for name in _SOLID)
+            occlusion = c.gain - fit - motion
+            fate = Fate.KEPT if any(c is k for k in own) else _fate(c, own, motion, occlusion)
+            rows.append(Shortlisted(c, fit, motion, occlusion, fate))
+        fitted = int(np.isfinite(fits.cost[near]).sum())
+        tables.append(MaximumTable(window, fitted, tuple(rows)))
+    return tuple(tables)
+
+
+def _fate(candidate: Candidate, kept: Sequence[Candidate], motion: float, occlusion: float) -> Fate:
+    """What spoke against a candidate that was not kept."""
+    if any(candidate.kind == k.kind for k in kept):
+        return Fate.KIND
+    missing = min(k.gain for k in kept) - candidate.gain
+    if -motion >= missing:
+        return Fate.MOTION
+    return Fate.OCCLUSION if -occlusion >= missing else Fate.FIT
+
+
+def _without_furniture(problem: Problem) -> Problem:
+    """The same scenelets with nothing around them."""
+    return problem._replace(
+        boxes=problem.boxes[:0],
+        box_first=np.zeros_like(problem.box_first),
+        box_object=problem.box_object[:0],
+        box_label=problem.box_label[:0],
+        box_yaw=problem.box_yaw[:0],
+    )

@@ -1,0 +1,293 @@
+"""Fits: every scenelet of the library placed in every window, and how well the best ones fit."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imapper_prob.models.camera import Camera
+from imapper_prob.models.errors import InputError
+from imapper_prob.models.log_posterior import empty_state, frame_log_likelihood
+from imapper_prob.models.path_prior import StaticPath
+from imapper_prob.models.problem import Problem
+from imapper_prob.models.settings import NEAREST
+from imapper_prob.models.skeleton import PELV, THRX, facing
+from imapper_prob.models.text import brief
+from imapper_prob.models.view import to_floor
+
+if TYPE_CHECKING:
+    from imapper_prob.solver.window_fits import WindowFitter
+
+__all__ = ["FitSettings", "Fits", "best_fits", "fit_windows", "free_pose_cost", "static_world"]
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class FitSettings:
+    """Parameters
+    ----------
+    stride : float
+        Seconds between the starts of neighbouring windows.
+    frame_step, screening_frame_step : int
+        Every how manyeth frame of a scenelet is compared in the end, and while screening;
+        neighbours say the same.
+    screening_steps, steps : int
+        Gauss-Newton steps from every yaw, and then from the best one.
+    device : str
+        Of torch: ``cpu``, ``cuda``, ``cuda:1``, ``mps``. Results on a CPU are the same in every
+        run; elsewhere sums may be taken in another order.
+    """
+
+    stride: float = 0.4
+    frame_step: int = 2
+    screening_frame_step: int = 4
+    screening_steps: int = 3
+    steps: int = 6
+    device: str = "cpu"
+
+
+@dataclass(frozen=True)
+class Fits:
+    """The best placement of each scenelet in each window.
+
+    Parameters
+    ----------
+    centres : (W,) int
+        Middle frame of each window.
+    placements : (W, L, 3) float
+        x, y in metres, yaw in radians.
+    cost : (W, L) float
+        Negative log-likelihood per confident joint, nats; infinite where the scenelet does
+        not fit into the clip or nothing was detected. With the published energy L_r over the
+        sum of confidences, in units of twice the square of a detection's usual error.
+    """
+
+    centres: Ints
+    placements: Array
+    cost: Array
+
+    __repr__ = brief
+
+
+def fit_windows(
+    problem: Problem,
+    path: StaticPath,
+    *,
+    fps: float,
+    settings: FitSettings | None = None,
+    progress: Callable[[str, float], None] | None = None,
+) -> Fits:
+    """Fit all scenelets to all windows at the mean of the camera prior.
+
+    On a CPU it runs on one thread: a window is too small for more, and sums keep their order.
+
+    Raises
+    ------
+    InputError
+        If torch has no such device.
+    """
+    # Torch takes seconds to load, and who reads a run or samples has no use for it.
+    from imapper_prob.solver.window_fits import (
+        SquaredWindowFitter,
+        WindowFitter,
+        device_named,
+        one_thread,
+    )
+
+    settings = settings or FitSettings()
+    device = device_named(settings.device)
+    with one_thread():
+        fitter = SquaredWindowFitter if problem.of_paper else WindowFitter
+        screening = fitter(problem, settings.screening_frame_step, device)
+        fitting = fitter(problem, settings.frame_step, device)
+        return _fit_windows(problem, path, fps, settings, screening, fitting, progress)
+
+
+def _fit_windows(
+    problem: Problem,
+    path: StaticPath,
+    fps: float,
+    settings: FitSettings,
+    screening: WindowFitter,
+    fitting: WindowFitter,
+    progress: Callable[[str, float], None] | None,
+) -> Fits:
+    n_frames = problem.n_frames
+    centres = np.arange(0, n_frames, max(1, round(settings.stride * fps)))
+    lengths = problem.lengths
+    world = static_world(problem, path)
+    placements = np.zeros((len(centres), len(lengths), 3))
+    cost = np.full((len(centres), len(lengths)), np.inf)
+    for w, centre in enumerate(centres.tolist()):
+        starts = centre - lengths // 2
+        inside = (starts >= 0) & (starts + lengths <= n_frames)
+        pelvis = world[centre, 6]
+        yaw = float(np.median(np.unwrap(facing(world[max(0, centre - 2) : centre + 3]))))
+        index = np.flatnonzero(inside)
+        if not inside.any() or not problem.used[starts[inside].min() : centre + 1].any():
+            if problem.of_paper:
+                # Nothing but the path says where it is; its smoothness is judged later.
+                placements[w, index] = *pelvis[:2], yaw
+            continue
+        # Local pelvis at the centre is at the origin: the placement starts below the path's.
+        depth = max(pelvis[1], 0.3)
+        theta = np.tile([pelvis[0] / depth, np.log(depth), yaw], (4, len(index), 1))
+        theta[..., 2] += np.arange(4)[:, None] * (np.pi / 2)
+        theta, rough = screening(centre, index, theta, settings.screening_steps)
+        best = rough.argmin(0)
+        theta = theta[best, np.arange(len(index))]
+        theta, fitted = fitting(centre, index, theta[None], settings.steps)
+        placements[w, index], _ = to_floor(np.pad(theta[0], ((0, 0), (0, 1))))
+        cost[w, index] = fitted[0]
+        if progress is not None:
+            progress("fitting scenelets", (w + 1) / len(centres))
+    return Fits(centres, placements, cost)
+
+
+def static_world(problem: Problem, path: StaticPath) -> Array:
+    """(T, 16, 3) joints of the static path in the world of the mean camera."""
+    pitch, elevation, focal, body, roll = problem.camera_mean
+    depth = np.exp(path.estimate[:, 1] + focal + body)
+    pelvis = np.stack([path.estimate[:, 0], np.ones_like(depth), path.lift], -1)
+    pelvis[:, ::2] /= np.exp(focal)
+    joints = depth[:, None, None] * pelvis[:, None] + np.exp(body) * path.poses
+    camera = Camera(1, 1, 1.0, 1.0, 0.0, 0.0, pitch=pitch, roll=roll, elevation=elevation)
+    return camera.to_world(joints)
+
+
+# ------------------------------------------------------------------------------------------------
+# What the freedom of a frame without scenelet is worth.
+#
+# The pose of a free frame comes from a lifter that has already seen the frame, so that its
+# small residual is no evidence against a scenelet. A free frame is therefore judged as if the
+# best motion without furniture (somebody walking or standing about) had to explain it: an
+# interaction has to beat that, not the lifter.
+
+pass
+_STANDING = 0.75
+"""Metres above the floor of the middle of the hips of somebody who stands, at least: .85 with the
+legs straight, and bent as far as one walks with."""
+_LEANING = np.radians(30.0)
+"""How far from the vertical the trunk of somebody is who does not bend down."""
+_TRIED = 3
+"""Fits a window that are evaluated exactly; the fit's own cost ranks them well."""
+
+
+def _upright(problem: Problem) -> NDArray[np.bool_]:
+    """(L,) scenelets whose person stands or walks upright for most of it.
+
+    Who kneels, squats, bends down or sits on the floor does so in a scenelet of that, whose prior
+    odds it costs; a frame without any is one of somebody who does nothing of the kind.
+    """
+    trunk = problem.joints[:, THRX] - problem.joints[:, PELV]
+    upright = trunk[:, 2] > np.cos(_LEANING) * np.linalg.norm(trunk, axis=-1)
+    upright &= problem.joints[:, PELV, 2] > _STANDING
+    counts = np.add.reduceat(upright, problem.joint_first[:-1])
+    result: NDArray[np.bool_] = counts > problem.lengths / 2
+    return result
+
+
+def free_pose_cost(problem: Problem, fits: Fits) -> NDArray[np.float64]:
+    """(T,) nats by which each frame's own pose explains it better than a motion nearby.
+
+    Of the scenelets without objects in which somebody is upright the one that explains its window
+    best stands for the frames nearest to the window's centre. Never negative; 0 in frames that
+    none reaches.
+
+    Raises
+    ------
+    InputError
+        If nobody is upright in the scenelets without objects.
+    """
+    bare = np.flatnonzero((np.diff(problem.box_first) == 0) & _upright(problem))
+    if len(bare) == 0:
+        raise InputError(
+            "the library has no scenelet without objects in which somebody stands or walks, to "
+            "compare with"
+        )
+    empty = empty_state(problem)
+    own = frame_log_likelihood(problem, empty)
+    cost = np.zeros(problem.n_frames)
+    fitted = np.flatnonzero(np.isfinite(fits.cost[:, bare]).any(1))
+    if len(fitted) == 0:
+        return cost
+    # At the ends of a clip the nearest window may be one that no scenelet fits into; a frame
+    # there is as free as any other, and its judge the first or last scenelet that reaches it.
+    distance = np.abs(np.arange(problem.n_frames)[:, None] - fits.centres[fitted])
+    nearest = fitted[distance.argmin(1)]
+    for w in fitted.tolist():
+        order = bare[np.argsort(fits.cost[w, bare], kind="stable")[:_TRIED]]
+        best, best_total = own, -np.inf
+        for scenelet in order[np.isfinite(fits.cost[w, order])]:
+            start = int(fits.centres[w] - problem.lengths[scenelet] // 2)
+            state = empty.with_item(int(scenelet), start, fits.placements[w, scenelet])
+            values = frame_log_likelihood(problem, state)
+            total = values[start : start + problem.lengths[scenelet]].sum()
+            if total > best_total:
+                best, best_total = values, total
+        mine = nearest == w
+        cost[mine] = np.maximum(own[mine] - best[mine], 0.0)
+    return cost
+
+
+# ------------------------------------------------------------------------------------------------
+# How well the library knows what is seen: of every frame the best fit of any scenelet.
+#
+# What a fit costs (:mod:`imapper_prob.solver.fits`) depends on how large a pixel is and on which
+# joints a detector is sure of. Less what the right motion would cost on average with the same
+# joints at the same distance it is a pure number: about 0 where some scenelet is right.
+
+pass
+
+
+def best_fits(problem: Problem, fits: Fits) -> Array:
+    """(T,) by how much the best scenelet over a frame fits worse than the right one would.
+
+    Nats per confident joint, on average over the scenelet's frames. NaN in frames without a
+    detection, where no scenelet was fitted, and with the published energy.
+
+    Parameters
+    ----------
+    problem : Problem
+        Of one actor.
+    fits : Fits
+        Of the same.
+    """
+    if problem.of_paper:  # whose squared residuals say nothing of what the right motion costs
+        return np.full(problem.n_frames, np.nan)
+    expected, joints = _right_costs(problem)
+    best = np.full(problem.n_frames, np.inf)
+    lengths = np.unique(problem.lengths)
+    own = [problem.lengths == length for length in lengths]
+    for centre, cost in zip(fits.centres.tolist(), fits.cost, strict=True):
+        for length, these in zip(lengths.tolist(), own, strict=True):
+            start = centre - length // 2
+            least = cost[these].min()
+            if not np.isfinite(least):
+                continue
+            frames = slice(start, start + length)
+            excess = least - expected[frames].sum() / max(joints[frames].sum(), 1.0)
+            best[frames] = np.minimum(best[frames], excess)
+    judged = problem.used.any(1) & np.isfinite(best)
+    return np.where(judged, best, np.nan)
+
+
+def _right_costs(problem: Problem) -> tuple[Array, Array]:
+    """(T,) what the right motion costs in a frame, summed over joints, and how many these are.
+
+    Of a bivariate Student-t error of scale s and nu degrees of freedom, (nu / 2 + 1) log(1 + r^2 /
+    (nu s^2)) is 1 + 2 / nu on average.
+    """
+    weight = problem.used * problem.confidence_density.argmax(-1)
+    focal = problem.fx * np.exp(problem.camera_mean[2])
+    depth = np.exp(problem.path_centre[:, 1] + problem.camera_mean[2] + problem.camera_mean[3])
+    loose = focal * problem.pose_tolerance / np.maximum(depth, NEAREST)
+    variance = problem.error_scale[..., 1] ** 2 + loose[:, None] ** 2
+    cost = np.log(variance) + 1.0 + 2.0 / problem.error_dof[..., 1]
+    return (weight * cost).sum(1), weight.sum(1).astype(np.float64)

@@ -1,0 +1,170 @@
+"""Which of a scene's objects are worth naming."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+from shapely import Polygon
+
+from imapper_prob.layouts import placed_objects, representatives, same_objects
+from imapper_prob.models.log_posterior import State, log_posterior
+from imapper_prob.models.problem import Problem
+from imapper_prob.models.published_terms import paper_energy
+from imapper_prob.models.scene import SceneObject
+from imapper_prob.models.scenelet import Library
+from imapper_prob.models.settings import PaperWeights
+from imapper_prob.models.skeleton import LKNE, LWRI, PELV, RKNE, RWRI
+
+__all__ = ["of_scenelets", "selected_objects", "used_objects"]
+
+Ints = NDArray[np.int64]
+
+
+def of_scenelets(problem: Problem, chosen: Sequence[int] | Ints) -> Problem:
+    """The same problem with a library of exactly ``chosen``, in their order.
+
+    A scenelet may be chosen twice. What it costs to have one is as before: the prior odds of
+    the others are left out, not shared again.
+    """
+    chosen = np.asarray(chosen, np.int64)
+    frames = _ranges(problem.joint_first, chosen)
+    boxes = _ranges(problem.box_first, chosen)
+    return problem._replace(
+        joints=problem.joints[frames],
+        joint_facing=problem.joint_facing[frames],
+        joint_first=_starts(problem.lengths[chosen]),
+        boxes=problem.boxes[boxes],
+        box_first=_starts(np.diff(problem.box_first)[chosen]),
+        box_object=problem.box_object[boxes],
+        box_label=problem.box_label[boxes],
+        box_yaw=problem.box_yaw[boxes],
+        lowered=problem.lowered[chosen],
+        log_rate=problem.log_rate[chosen],
+    )
+
+
+def _ranges(first: Ints, chosen: Ints) -> Ints:
+    """Rows of the chosen entries of a packed array."""
+    rows = [np.arange(first[i], first[i + 1]) for i in chosen]
+    return np.concatenate([np.empty(0, np.int64), *rows])
+
+
+def _starts(counts: Ints) -> Ints:
+    return np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
+
+
+# ------------------------------------------------------------------------------------------------
+# Which of a scene's objects are worth naming.
+#
+# A scenelet brings along all that stood near somebody who once moved like this: the couch they
+# sat on, and a shelf beside it. The couch is what the motion tells of. The shelf may as well not
+# be there, unless it hides what the detector does not see. With the published energy all of it
+# stays, but of two that are compatible and in each other the one that costs more.
+
+Array = NDArray[np.float64]
+_NOWHERE = 1e6
+"""Metres from anybody."""
+_TOUCHING = [PELV, RKNE, LKNE, RWRI, LWRI]
+_REACH = 0.25
+"""Metres between such a joint and an object that is used; joints lie inside the body."""
+_OFTEN = 0.25
+"""Share of a scenelet's frames in which it must be."""
+_EVIDENCE = 3.0
+"""Nats that an object nobody uses must be worth: odds of twenty to one."""
+
+
+def selected_objects(problem: Problem, library: Library, state: State) -> tuple[SceneObject, ...]:
+    """The furniture of a state that somebody uses, or that explains what is seen.
+
+    In the state's world, objects that are one merged.
+    """
+    if problem.of_paper:
+        return _published_selection(problem, library, state)
+    placed = placed_objects(state, library)
+    used = [flag for scenelet in state.items[:, 0] for flag in used_objects(problem, scenelet)]
+    value = log_posterior(problem, state)
+    kept = []
+    for group in same_objects(placed, problem.merge_angle):
+        worth = any(used[k] for k in group) or (
+            value - log_posterior(_without(problem, state, placed, group), state) > _EVIDENCE
+        )
+        if worth:
+            kept += representatives(problem, state, placed, [group])
+    return tuple(placed[k][1] for k in sorted(kept))
+
+
+def _published_selection(
+    problem: Problem, library: Library, state: State
+) -> tuple[SceneObject, ...]:
+    """Objects of all scenelets; of two alike in each other, the one with the scene of less energy.
+
+    For every pair of the same label and orientation whose footprints meet, the object goes that
+    leaves the scene of higher energy behind when the other goes (Monszpart et al. 2019, section 6).
+    """
+    placed = placed_objects(state, library)
+    own = of_scenelets(problem, state.items[:, 0])
+    items = np.stack([np.arange(state.n_scenelets), state.items[:, 1]], -1)
+    own_state = State(state.camera, items, state.placements, state.sizes, state.latent)
+    weights = PaperWeights(*problem.paper_nats.tolist())
+    left = list(range(len(placed)))
+
+    def energy(without: int) -> float:
+        gone = [k for k in range(len(placed)) if k not in left or k == without]
+        bare = _without(own, own_state, placed, gone)
+        return paper_energy(bare, own_state, weights=weights).total
+
+    for a, b in combinations(range(len(placed)), 2):
+        if a in left and b in left and _compatible(placed[a][1], placed[b][1], problem.merge_angle):
+            left.remove(a if energy(without=a) <= energy(without=b) else b)
+    return tuple(placed[k][1] for k in left)
+
+
+def _compatible(one: SceneObject, other: SceneObject, angle: float) -> bool:
+    """Whether two objects have the same label and orientation, and meet on the floor."""
+    turned = np.cos(one.placement.yaw - other.placement.yaw) <= np.cos(angle)
+    if one.label != other.label or turned:
+        return False
+    return bool(Polygon(one.footprint).intersects(Polygon(other.footprint)))
+
+
+def used_objects(problem: Problem, scenelet: int) -> list[bool]:
+    """For each object of a scenelet whether its person sits on it, leans on it or reaches it."""
+    joints = problem.joints[slice(*problem.joint_first[scenelet : scenelet + 2])][:, _TOUCHING]
+    own = slice(*problem.box_first[scenelet : scenelet + 2])
+    objects, boxes = problem.box_object[own], problem.boxes[own]
+    return [
+        bool((_distance(joints, boxes[objects == k]) < _REACH).mean() >= _OFTEN)
+        for k in range(int(objects.max(initial=-1)) + 1)
+    ]
+
+
+def _distance(joints: Array, boxes: Array) -> Array:
+    """(n,) metres from the nearest of the joints (n, J, 3) to the nearest of the boxes (B, 7)."""
+    offset = joints[:, :, None] - boxes[:, :3]
+    c, s = np.cos(boxes[:, 6]), np.sin(boxes[:, 6])
+    x, y, z = np.moveaxis(offset, -1, 0)
+    own = np.stack([c * x + s * y, c * y - s * x, z], -1)
+    outside = np.maximum(np.abs(own) - boxes[:, 3:6], 0.0)
+    distance: Array = np.linalg.norm(outside, axis=-1).min((1, 2))
+    return distance
+
+
+def _without(
+    problem: Problem, state: State, placed: list[tuple[int, SceneObject]], group: list[int]
+) -> Problem:
+    """The problem without the boxes of some objects: they are put where nobody looks."""
+    boxes = problem.boxes.copy()
+    first = {index: k for k, (index, _) in reversed(list(enumerate(placed)))}
+    for k in group:
+        index = placed[k][0]
+        scenelet = state.items[index, 0]
+        own = np.arange(*problem.box_first[scenelet : scenelet + 2])
+        gone = own[problem.box_object[own] == k - first[index]]
+        if problem.of_paper:  # which asks where things are on the floor, not how high
+            boxes[gone, :2] = _NOWHERE
+        else:
+            boxes[gone, 2] = -1e3
+    return problem._replace(boxes=boxes)

@@ -1,0 +1,300 @@
+"""The staged solver: from a clip to its best scene and alternatives."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imapper_prob.models.detector import DetectionModel
+from imapper_prob.models.log_posterior import State
+from imapper_prob.models.path_prior import CameraPrior, StaticPath
+from imapper_prob.models.problem import Problem, pack_problem
+from imapper_prob.models.scene import Clip
+from imapper_prob.models.scenelet import Library
+from imapper_prob.models.settings import Settings
+from imapper_prob.models.text import brief
+from imapper_prob.scenelets.charness import charness, motion_distances
+from imapper_prob.solver.camera_prior import estimate_camera, find_stays
+from imapper_prob.solver.candidates import (
+    Candidate,
+    CharnessCurve,
+    MaximaSettings,
+    MaximumTable,
+    charness_curve,
+    screen,
+    shortlist,
+)
+from imapper_prob.solver.combinations import Combinations, combine, groups_of, search, state_of
+from imapper_prob.solver.elsewhere import own_detections
+from imapper_prob.solver.fits import Fits, FitSettings, best_fits, fit_windows, free_pose_cost
+from imapper_prob.solver.poses import FrameTable
+from imapper_prob.solver.published import combine_published, filter_published
+from imapper_prob.solver.static_path import examine_frames
+
+__all__ = [
+    "Fitted",
+    "Solution",
+    "diverse_scenes",
+    "fit_clip",
+    "solve",
+    "solve_fitted",
+    "solve_published",
+]
+
+_NEARBY = 1.6
+"""Seconds between the starts of what counts as nearby, about the length of a scenelet."""
+_KEPT, _TRIED = 3, 64
+"""Candidates a maximum, and combinations judged: an alternative need not be the very best."""
+
+
+def diverse_scenes(
+    problem: Problem,
+    candidates: Sequence[Candidate],
+    curve: CharnessCurve,
+    first: State,
+    *,
+    finish: Callable[[Problem, State], State],
+    fps: float,
+    count: int,
+) -> tuple[State, ...]:
+    """``first`` and the best scenes without what the ones before have, at most ``count``.
+
+    Fewer where nothing is left that improves on the empty scene. The paper asks the same of
+    its five solutions of a long clip (Monszpart et al. 2019, section 5). Each is what
+    ``finish`` makes of the best combination left.
+    """
+    scenes = [first]
+    while len(scenes) < count:
+        used = np.concatenate([scene.items for scene in scenes])
+        left = [c for c in candidates if not _nearby(c, used, _NEARBY * fps)]
+        groups = groups_of(left, curve, kept=_KEPT)
+        tried, _ = search(problem, groups, tried=_TRIED)
+        if not tried[0].members:
+            break
+        pool = [c for group in groups for c in group]
+        scenes.append(finish(problem, state_of(problem, [pool[k] for k in tried[0].members])))
+    return tuple(scenes)
+
+
+def _nearby(candidate: Candidate, used: np.ndarray, frames: float) -> bool:
+    """Whether its scenelet was used at a start less than so many frames away."""
+    same = used[:, 0] == candidate.scenelet
+    return bool((same & (np.abs(used[:, 1] - candidate.start) < frames)).any())
+
+
+# ------------------------------------------------------------------------------------------------
+# The staged solver: deterministic, from a clip to its best scene and alternatives.
+#
+# Static path and camera, independent fits, charness over time, candidates, combinations,
+# refinement: the stages of the paper (Monszpart et al. 2019, section 6) in their order. The
+# result stands by itself and is where the sampler starts. With the published energy the stages are
+# the paper's own (`paper_path`, `paper_method`).
+
+Progress = Callable[[str, float], None]
+_PUBLISHED = MaximaSettings(most=5)
+"""The paper's clips have five maxima of charness at most."""
+_LEAST_CHARNESS = 0.01
+"""Added to charness where it weighs scenelets: none is impossible beforehand."""
+
+
+@dataclass(frozen=True)
+class Solution:
+    """What the staged solver found, and what it found it with.
+
+    Parameters
+    ----------
+    clip, library
+        The input.
+    path : StaticPath
+        The person without scenelets.
+    frames : FrameTable
+        Which frames have a pose of their own, and why others do not.
+    camera : CameraPrior
+        What is known of pitch, elevation, focal length and body size.
+    problem : Problem
+        The log-posterior, packed.
+    curve : CharnessCurve
+        Charness over time with its maxima, and what suppression dropped.
+    candidates : tuple of Candidate
+        Fits judged by the full posterior, in order of time; births come from them.
+    shortlists : tuple of MaximumTable
+        Per maximum, in order of time: which candidates were kept and what spoke against the rest.
+    combinations : Combinations
+        Which of those kept were put together, and what that is worth.
+    distances : (L, L) float
+        Distance between the motions of scenelets, metres.
+    fits : Fits
+        Every scenelet in every window; the sampler looks there for what else might fit.
+    """
+
+    clip: Clip
+    library: Library
+    path: StaticPath
+    frames: FrameTable = field(repr=False)
+    camera: CameraPrior
+    problem: Problem = field(repr=False)
+    curve: CharnessCurve = field(repr=False)
+    candidates: tuple[Candidate, ...] = field(repr=False)
+    shortlists: tuple[MaximumTable, ...] = field(repr=False)
+    combinations: Combinations = field(repr=False)
+    distances: NDArray[np.float64] = field(repr=False)
+    fits: Fits = field(repr=False)
+
+    __repr__ = brief
+
+    @property
+    def states(self) -> tuple[State, ...]:
+        """The best scene, then diverse alternatives."""
+        return self.combinations.states
+
+    @cached_property
+    def best_fits(self) -> NDArray[np.float64]:
+        """(T,) how well the best scenelet over a frame fits (`imapper_prob.solver.fits`)."""
+        return best_fits(self.problem, self.fits)
+
+
+def solve(
+    clip: Clip,
+    library: Library,
+    *,
+    settings: Settings | None = None,
+    camera: CameraPrior | None = None,
+    progress: Progress | None = None,
+) -> Solution:
+    """Solve a clip of one actor: same input, same output.
+
+    Parameters
+    ----------
+    clip, library
+        What was seen, and what people do.
+    settings : Settings, optional
+        Constants of the model and of the stages.
+    camera : CameraPrior, optional
+        What is known of camera and body; estimated from the actor's feet if not given.
+    progress : callable, optional
+        Called with the name of the stage and the part of it that is done.
+    """
+    fitted = fit_clip(clip, library, settings=settings, camera=camera, progress=progress)
+    return solve_fitted(clip, library, fitted, progress=progress)
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """What is known before any scenelet is chosen.
+
+    Parameters
+    ----------
+    path : StaticPath
+    frames : FrameTable
+    camera : CameraPrior
+    problem : Problem
+        The log-posterior, what the freedom of free frames is worth included.
+    fits : Fits
+        Every scenelet in every window.
+    charness : (L,) float
+        Of the library's scenelets.
+    distances : (L, L) float
+        Between their motions, metres.
+    """
+
+    path: StaticPath
+    frames: FrameTable
+    camera: CameraPrior
+    problem: Problem
+    fits: Fits
+    charness: NDArray[np.float64]
+    distances: NDArray[np.float64]
+
+    __repr__ = brief
+
+
+def fit_clip(
+    clip: Clip,
+    library: Library,
+    *,
+    settings: Settings | None = None,
+    camera: CameraPrior | None = None,
+    progress: Progress | None = None,
+) -> Fitted:
+    """The first stages: static path, camera, independent fits; parameters as of :func:`solve`."""
+    settings = settings or Settings()
+    published = settings.model.energy == "paper"
+    path, frames = examine_frames(clip, settings=settings.path, published=published)
+    own = own_detections(clip)
+    camera = camera or estimate_camera(
+        own, path, settings=settings.camera, detector=settings.detector
+    )
+    if progress is not None:
+        progress("static path", 1.0)
+    distances = motion_distances(library)
+    characteristic = charness(library, distances)
+    if progress is not None:
+        progress("comparing motions", 1.0)
+    weights = characteristic + _LEAST_CHARNESS
+    problem = pack_problem(
+        own,
+        path,
+        camera,
+        library,
+        settings=settings.model,
+        detections=DetectionModel.of(settings.detector),
+        weights=weights,
+    )
+    stays = find_stays(own.tracks[0], path, camera, fps=clip.fps, settings=settings.model)
+    problem = problem._replace(stays=stays)
+    fits = fit_windows(
+        problem,
+        path,
+        fps=clip.fps,
+        settings=FitSettings(device=settings.device),
+        progress=progress,
+    )
+    problem = problem._replace(free_cost=free_pose_cost(problem, fits))
+    if progress is not None:
+        progress("judging free poses", 1.0)
+    return Fitted(path, frames, camera, problem, fits, characteristic, distances)
+
+
+def solve_fitted(
+    clip: Clip, library: Library, fitted: Fitted, *, progress: Progress | None = None
+) -> Solution:
+    """The stages after the fits: charness, candidates, combinations, refinement."""
+    problem, fits = fitted.problem, fitted.fits
+    candidates = screen(problem, fits, progress=progress)
+    if problem.of_paper:
+        curve, tables, combinations = solve_published(clip, fitted, progress=progress)
+    else:
+        curve = charness_curve(fits, fitted.charness, fps=clip.fps)
+        combinations = combine(problem, candidates, curve, progress=progress)
+        tables = shortlist(problem, fits, candidates, curve, combinations.pool)
+    return Solution(
+        clip,
+        library,
+        fitted.path,
+        fitted.frames,
+        fitted.camera,
+        problem,
+        curve,
+        candidates,
+        tables,
+        combinations,
+        fitted.distances,
+        fits,
+    )
+
+
+def solve_published(
+    clip: Clip, fitted: Fitted, *, progress: Progress | None = None
+) -> tuple[CharnessCurve, tuple[MaximumTable, ...], Combinations]:
+    """The stages after the fits as the paper has them: T', the filter, all combinations."""
+    problem = fitted.problem
+    bare = ~fitted.path.posed
+    curve = charness_curve(
+        fitted.fits, fitted.charness, fps=clip.fps, settings=_PUBLISHED, bare=bare
+    )
+    tables = filter_published(problem, fitted.fits, curve, progress=progress)
+    return curve, tables, combine_published(problem, tables, fps=clip.fps, progress=progress)

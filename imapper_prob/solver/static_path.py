@@ -1,0 +1,363 @@
+"""The static path: where each frame alone puts the person, before any scenelet."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import median_filter
+
+from imapper_prob.models.detector import ERROR_EDGES
+from imapper_prob.models.errors import InputError
+from imapper_prob.models.path_prior import StaticPath
+from imapper_prob.models.scene import Clip, Track
+from imapper_prob.models.settings import StaticPathSettings
+from imapper_prob.models.skeleton import DETECTED
+from imapper_prob.solver.elsewhere import frames_elsewhere, own_detections
+from imapper_prob.solver.path_fit import (
+    REFERENCE_RATE,
+    Motion,
+    Observations,
+    fit_motion,
+    pixel_residuals,
+)
+from imapper_prob.solver.poses import (
+    ANCESTORS,
+    FrameTable,
+    LiftedBody,
+    PoseSource,
+    implausible_poses,
+    joints_of,
+    lifted_body,
+)
+from imapper_prob.solver.published import fast_frames, place_skeletons
+
+__all__ = ["estimate_static_path", "examine_frames", "through_gaps"]
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+_MEASURED_OVER = 0.2
+"""Seconds over which the calibrated steps were measured, as if their halves were independent."""
+_ANYWHERE = 2.0
+"""Standard deviation of bearing and log depth of somebody nobody has seen yet."""
+
+
+def through_gaps(
+    place: Array, seen: Flags, *, settings: StaticPathSettings, fps: float
+) -> tuple[Array, Array]:
+    """The path through frames in which nobody is detected.
+
+    Parameters
+    ----------
+    place : (T, 3) float
+        Bearing, lift and log depth of the fitted path.
+    seen : (T,) bool
+        Frames with a detection; the others are filled in.
+    settings : StaticPathSettings
+    fps : float
+        Frames a second.
+
+    Returns
+    -------
+    place : (T, 3) float
+        Height above the optical axis, lift times depth, goes on evenly.
+    deviation : (T, 2) float
+        Of bearing and log depth; 0 where somebody is detected.
+    """
+    filled, deviation = np.array(place), np.zeros((len(place), 2))
+    if seen.all() or not seen.any():
+        return filled, deviation
+    steps = (settings.walk_bearing, settings.walk_log_depth)
+    for k, (column, step) in enumerate(zip((0, 2), steps, strict=True)):
+        mean, spread = _smoothed(
+            place[:, column], seen, speed=_speed(step, settings.walk_time),
+            time=settings.walk_time, noise=step, fps=fps,
+        )  # fmt: skip
+        filled[~seen, column] = mean[~seen]
+        deviation[~seen, k] = spread[~seen]
+    t = np.arange(len(place))
+    height = place[:, 1] * np.exp(place[:, 2])
+    height = np.interp(t, t[seen], height[seen])
+    filled[~seen, 1] = height[~seen] / np.exp(filled[~seen, 2])
+    return filled, deviation
+
+
+def _speed(step: float, time: float) -> float:
+    """Standard deviation of the velocity, units a second, of which a step was measured.
+
+    ``step`` is that of 1 / 10 s if steps forgot each other.
+    """
+    moved = step**2 * _MEASURED_OVER * REFERENCE_RATE
+    return math.sqrt(moved / _displacement(_MEASURED_OVER, time))
+
+
+def _displacement(seconds: float, time: float) -> float:
+    """Variance of the displacement of an Ornstein-Uhlenbeck velocity of unit variance."""
+    return 2 * time * (seconds - time * -math.expm1(-seconds / time))
+
+
+def _smoothed(
+    values: Array, seen: Flags, *, speed: float, time: float, noise: float, fps: float
+) -> tuple[Array, Array]:
+    """(T,) mean and standard deviation of the position, given ``values`` where seen."""
+    h, kept = 1.0 / fps, math.exp(-1.0 / (fps * time))
+    onward = np.array([[1.0, time * (1.0 - kept)], [0.0, kept]])
+    cross = speed**2 * time * (1.0 - kept) ** 2
+    fresh = np.array(
+        [
+            [speed**2 * time * (2 * h - time * (3 - 4 * kept + kept**2)), cross],
+            [cross, speed**2 * (1 - kept**2)],
+        ]
+    )
+    n = len(values)
+    first = values[seen.argmax()]
+    mean, covariance = np.array([first, 0.0]), np.diag([_ANYWHERE**2, speed**2])
+    means, covariances = np.zeros((n, 2)), np.zeros((n, 2, 2))
+    expected, doubted = np.zeros((n, 2)), np.zeros((n, 2, 2))
+    for t in range(n):
+        if t:
+            mean, covariance = onward @ mean, onward @ covariance @ onward.T + fresh
+        expected[t], doubted[t] = mean, covariance
+        if seen[t]:
+            gain = covariance[:, 0] / (covariance[0, 0] + noise**2)
+            mean = mean + gain * (values[t] - mean[0])
+            covariance = covariance - np.outer(gain, covariance[0])
+        means[t], covariances[t] = mean, covariance
+    for t in range(n - 2, -1, -1):
+        back = covariances[t] @ onward.T @ np.linalg.inv(doubted[t + 1])
+        means[t] += back @ (means[t + 1] - expected[t + 1])
+        covariances[t] += back @ (covariances[t + 1] - doubted[t + 1]) @ back.T
+    return means[:, 0], np.sqrt(covariances[:, 0, 0])
+
+
+# ------------------------------------------------------------------------------------------------
+# Where each frame alone puts the person: the path before any scenelet.
+#
+# Lifted poses give the body's shape, detections say where it is and how it is bent, and the
+# length of the reference body turns size in the image into depth. `path_fit` holds the
+# posterior that is maximised here.
+
+_CONFIDENT = 0.5
+"""Confidence from which a detection may testify against a lifted pose."""
+_JURY = 4
+"""Number of confident joints that may do so."""
+_DEPTHS = (0.5, 30.0)
+"""Metres between which a first guess of depth is believed."""
+_NOBODY = 0.5
+"""Part of the frames in which detections contradict any body, from which on they are nobody's. On
+i3DB it is at most .02, of simulated clips .14."""
+
+
+def estimate_static_path(
+    clip: Clip,
+    *,
+    track: int = 0,
+    settings: StaticPathSettings | None = None,
+    published: bool = False,
+) -> StaticPath:
+    """Maximum a posteriori path and poses of one person, and how far off it may be.
+
+    First the lifted bodies are placed as they are; poses that then contradict the confident
+    detections are dropped and filled in from their neighbours. Then bones and place are
+    fitted together.
+
+    What is left are slow errors (``bias_log_depth``, and ``bias_across`` over the depth). Where
+    nobody was detected the person goes on as people do, and may have walked elsewhere:
+    ``deviation`` grows there (:mod:`imapper_prob.solver.static_path`).
+
+    Parameters
+    ----------
+    clip : Clip
+    track : int
+        Which person.
+    settings : StaticPathSettings, optional
+    published : bool
+        Whether skeletons are placed as in the paper (:mod:`imapper_prob.solver.published`).
+
+    Returns
+    -------
+    StaticPath
+        In the camera frame at the clip's nominal focal length and the reference stature.
+
+    Raises
+    ------
+    InputError
+        If the person is detected in no frame, or no body has the joints that are detected.
+    """
+    return examine_frames(clip, track=track, settings=settings, published=published)[0]
+
+
+def examine_frames(
+    clip: Clip,
+    *,
+    track: int = 0,
+    settings: StaticPathSettings | None = None,
+    published: bool = False,
+) -> tuple[StaticPath, FrameTable]:
+    """The static path, and what became of each frame; parameters as above."""
+    settings = settings or StaticPathSettings()
+    away = frames_elsewhere(clip.tracks[track], camera=clip.camera, fps=clip.fps)
+    person = own_detections(clip).tracks[track]
+    confidences = person.confidences[:, list(DETECTED)]
+    confidences = np.where(confidences < ERROR_EDGES[0], 0.0, confidences)
+    if np.max((confidences > 0).sum(1), initial=0) < 3:
+        raise InputError(
+            f"clip {clip.name}, track {person.name}: no frame with three detected joints, so "
+            "nothing says where the person is; leave the track out"
+        )
+    pixels = np.where(confidences[..., None] > 0, person.keypoints[:, list(DETECTED)], 0.0)
+
+    def observe(body: LiftedBody) -> Observations:
+        return Observations(clip.camera, pixels, confidences, body, clip.fps)
+
+    trusted = person.has_pose & ~person.interpolated & ~implausible_poses(person)
+    fast = fast_frames(pixels, confidences) if published else np.zeros(clip.n_frames, bool)
+    observations = observe(lifted_body(person, trusted & ~fast))
+    if published:
+        believed = observations.body.known
+        motion = place_skeletons(observations, _first_guess(observations))
+    else:
+        motion = _place(observations, settings)
+        believed = trusted & ~_contradicted(observations, motion, settings)
+        if not np.array_equal(believed, trusted):
+            observations = observe(lifted_body(person, believed))
+            motion = _place(observations, settings)
+        motion = fit_motion(observations, motion, settings, free_bones=True, annealing=(4.0, 2.0))
+    seen = np.asarray((confidences > 0).any(1))
+    place, unknown = through_gaps(motion.place, seen, settings=settings, fps=clip.fps)
+    if not published:
+        motion = replace(motion, place=place)
+    path = StaticPath(
+        estimate=motion.place[:, [0, 2]],
+        lift=motion.place[:, 1],
+        deviation=np.hypot(_bias(motion.place[:, 2], settings), unknown),
+        poses=joints_of(motion.bones),
+        posed=observations.body.known,
+    )
+    frames = _frame_table(observations, motion, settings, person, believed, away, fast)
+    _require_a_person(clip, person, observations, frames)
+    return path, frames
+
+
+def _require_a_person(
+    clip: Clip, person: Track, observations: Observations, frames: FrameTable
+) -> None:
+    """Refuse detections that no body fits, however it is bent.
+
+    Raises
+    ------
+    InputError
+        Most sure detections are far from the fitted body in nearly all frames that have some.
+    """
+    heard = (observations.confidences >= _CONFIDENT).sum(1) >= _JURY
+    if not frames.outlier.sum() > _NOBODY * heard.sum():
+        return
+    miss = float(np.nanmedian(frames.miss))
+    raise InputError(
+        f"clip {clip.name}, track {person.name}: in {frames.outlier.sum()} of the {heard.sum()} "
+        f"frames with sure detections these are not a person's, {miss:.0f} pixels from the nearest "
+        f"body in the median, first in frame {clip.frame_ids[frames.outlier.argmax()]}; check the "
+        "order of the joints (--format) and the size of the picture, or detect again"
+    )
+
+
+def _frame_table(
+    observations: Observations,
+    motion: Motion,
+    settings: StaticPathSettings,
+    person: Track,
+    believed: NDArray[np.bool_],
+    away: NDArray[np.bool_],
+    fast: NDArray[np.bool_],
+) -> FrameTable:
+    """Why poses were not believed, and how far detections are from the fitted person."""
+    pose = [PoseSource.OWN if own else PoseSource.CONTRADICTED for own in believed]
+    for source, frames in (
+        (PoseSource.FAST, fast),
+        (PoseSource.IMPLAUSIBLE, implausible_poses(person)),
+        (PoseSource.INTERPOLATED, person.interpolated),
+        (PoseSource.MISSING, ~person.has_pose),
+        (PoseSource.ELSEWHERE, away),
+    ):
+        for frame in np.flatnonzero(frames):
+            pose[frame] = source
+    sure = observations.confidences >= _CONFIDENT
+    distance = np.linalg.norm(pixel_residuals(observations, motion), axis=-1)
+    miss = np.full(len(sure), np.nan)
+    for frame in np.flatnonzero(sure.any(1)):
+        miss[frame] = np.median(distance[frame, sure[frame]])
+    return FrameTable(
+        pose=tuple(pose),
+        detected=(observations.confidences > 0).sum(1),
+        miss=miss,
+        outlier=_contradicted(observations, motion, settings),
+    )
+
+
+def _place(observations: Observations, settings: StaticPathSettings) -> Motion:
+    """Stiff bodies where they fit best."""
+    start = Motion(_first_guess(observations), observations.body.bones)
+    return fit_motion(observations, start, settings, free_bones=False, annealing=(8.0, 4.0, 2.0))
+
+
+def _first_guess(observations: Observations) -> Array:
+    """(T, 3) bearing, lift and log depth, frame by frame, then a running median.
+
+    With k = 1/depth a projection x (1 + k Y) = b + k X is linear in bearing and k: biased,
+    but it needs no start of its own. Re-weighted so that a few gross jumps do not count.
+    """
+    camera, confidences = observations.camera, observations.confidences
+    offsets = ANCESTORS[list(DETECTED)] @ observations.body.bones
+    x, z = np.moveaxis(camera.rays(observations.pixels)[..., [0, 2]], -1, 0)
+    n = x.shape[1]
+    design = np.zeros((len(x), 2 * n, 3))
+    design[:, :n, 0] = design[:, n:, 1] = 1.0
+    design[:, :n, 2] = offsets[..., 0] - x * offsets[..., 1]
+    design[:, n:, 2] = offsets[..., 2] - z * offsets[..., 1]
+    target = np.concatenate([x, z], 1)
+    sure = np.concatenate([confidences, confidences], 1) ** 2
+    weights = sure
+    spread = 0.02  # tangent; about 40 pixels of a full-HD camera
+    for _ in range(8):
+        weighted = (design * weights[..., None]).transpose(0, 2, 1)
+        normal = weighted @ design + 1e-9 * np.eye(3)
+        solution = np.linalg.solve(normal, weighted @ target[..., None])[..., 0]
+        residuals = target - (design @ solution[..., None])[..., 0]
+        squared = residuals[:, :n] ** 2 + residuals[:, n:] ** 2
+        weights = sure / (1 + np.concatenate([squared, squared], 1) / spread**2)
+
+    total = confidences.sum(1)
+    depth = 1 / np.maximum(solution[:, 2], 1e-9)
+    usable = (confidences > 0).sum(1) >= 3
+    usable &= total >= 0.5 * np.median(total[usable])
+    usable &= (depth > _DEPTHS[0]) & (depth < _DEPTHS[1])
+    frames = np.flatnonzero(usable)
+    if not len(frames):
+        return np.broadcast_to([0.0, 0.0, np.log(4.0)], (len(x), 3)).copy()
+    place = np.stack([solution[:, 0], solution[:, 1], np.log(depth)], -1)[frames]
+    window = 2 * round(0.5 * observations.fps) + 1
+    place = median_filter(place, size=(window, 1), mode="nearest")
+    t = np.arange(len(x))
+    return np.stack([np.interp(t, frames, column) for column in place.T], -1)
+
+
+def _contradicted(
+    observations: Observations, motion: Motion, settings: StaticPathSettings
+) -> NDArray[np.bool_]:
+    """(T,) frames where most confident detections are far from the lifted pose."""
+    distance = np.linalg.norm(pixel_residuals(observations, motion), axis=-1)
+    sure = observations.confidences >= _CONFIDENT
+    limit = settings.implausible * observations.pixel_unit
+    far = (sure & (distance > limit)).sum(1)
+    jury = sure.sum(1)
+    result: NDArray[np.bool_] = (jury >= _JURY) & (2 * far > jury)
+    return result
+
+
+def _bias(log_depth: Array, settings: StaticPathSettings) -> Array:
+    """(T, 2) by how much bearing and log depth may be off for seconds."""
+    across = settings.bias_across / np.exp(log_depth)
+    result: Array = np.stack([across, np.full_like(across, settings.bias_log_depth)], -1)
+    return result

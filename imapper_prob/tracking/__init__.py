@@ -1,1 +1,0 @@
-"""Who is who: people seen frame by frame, put together into actors."""

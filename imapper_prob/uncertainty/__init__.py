@@ -1,0 +1,1 @@
+"""What the draws of a run say: scenes, objects, motion, visibility, checks."""

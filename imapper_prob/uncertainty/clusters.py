@@ -1,0 +1,377 @@
+"""One object in many draws: clusters, what is sure about each, and regions on the floor."""
+
+from __future__ import annotations
+
+import warnings
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import linear_sum_assignment
+
+from imapper_prob.layouts import SEATS
+from imapper_prob.models.scene import FRONTLESS, SceneObject
+from imapper_prob.models.text import brief
+from imapper_prob.samplers.diagnostics import ShortChainWarning, mean_error
+
+__all__ = ["ObjectCluster", "Region", "circular_mean_and_spread", "object_clusters", "region_of"]
+
+Array = NDArray[np.float64]
+_FINEST = 0.001
+"""Metres; no position is known better, and draws that all agree still have a region."""
+
+
+@dataclass(frozen=True)
+class Region:
+    """An ellipse on the floor.
+
+    Parameters
+    ----------
+    centre : (2,) float
+        Metres.
+    half_axes : (2,) float
+        Metres, the shorter first.
+    angle : float
+        Direction of the first half axis, radians from x towards y.
+    """
+
+    centre: Array
+    half_axes: Array
+    angle: float
+
+    def holds(self, points: ArrayLike) -> NDArray[np.bool_]:
+        """(n,) bool, which of some points (n, 2) lie in it, its edge included."""
+        c, s = np.cos(self.angle), np.sin(self.angle)
+        local = (np.asarray(points, float) - self.centre) @ np.array([[c, -s], [s, c]])
+        inside: NDArray[np.bool_] = ((local / self.half_axes) ** 2).sum(-1) <= 1 + 1e-9
+        return inside
+
+
+def region_of(points: ArrayLike, share: float) -> Region:
+    """The ellipse about the mean, shaped as the covariance, that holds a share of the points.
+
+    Its size is a quantile of the points themselves. The usual chi-square quantile would hold
+    that share of a normal distribution only, and where furniture stands is seldom normal.
+
+    Parameters
+    ----------
+    points : (n, 2) float
+        Metres; at least one.
+    share : float
+        Between 0 and 1.
+    """
+    points = np.asarray(points, float)
+    centre = points.mean(0)
+    offset = points - centre
+    covariance = offset.T @ offset / len(points) + _FINEST**2 * np.eye(2)
+    variances, axes = np.linalg.eigh(covariance)
+    distance = (((offset @ axes) ** 2) / variances).sum(1)
+    reach = max(float(np.quantile(distance, share, method="higher")), 1.0e-6)
+    half_axes = np.maximum(np.sqrt(reach * variances), _FINEST)
+    return Region(centre, half_axes, float(np.arctan2(axes[1, 0], axes[0, 0])))
+
+
+# ------------------------------------------------------------------------------------------------
+# The same object met in many draws: clusters of objects, and what is sure about each.
+#
+# Draws have different numbers of objects with different labels in an order of no meaning. They are
+# matched draw by draw: no draw has two objects in one cluster, an object may be off, along the
+# viewing ray twice as far as across it, and one that is called something else may belong as well
+# if it stands near enough, so that a cluster can say "a chair, or perhaps a stool".
+
+Ints = NDArray[np.int64]
+_OTHER_SEAT, _OTHER_LABEL = 0.25, 0.5
+"""Parts of the radius that another label costs. Motion hardly tells one seat from another; what
+is called something else altogether must stand twice as near to be the same."""
+_ALONG = 2.0
+"""Metres along the viewing ray that count as one across it: nearly all doubt of a place is depth,
+and the draws of one piece of i3DB spread twice as far that way, or more."""
+_TOGETHER = 0.2
+"""Clusters of which a larger part than this is met together in draws are two objects: pieces that
+know nothing of each other are met together as often as the likelier is there."""
+_ROUNDS = 30
+"""Most times the matching is repeated; it usually comes to rest after ten."""
+_APART = 1e6
+
+
+@dataclass(frozen=True)
+class ObjectCluster:
+    """One object of the room, as far as the draws agree on it.
+
+    Parameters
+    ----------
+    presence : float
+        Probability that it is there.
+    presence_error : float
+        Monte-Carlo standard error of it; NaN where there are too few draws to tell.
+    labels : mapping of str to float
+        Probability of each label if it is there, most probable first.
+    positions : (n, 2) float
+        Centre on the floor in every draw that has it, as it may stand, metres.
+    yaw : float
+        Circular mean of its orientation, radians; of its axis where the label has no front.
+    yaw_spread : float
+        Circular standard deviation, radians; infinite where all directions are alike.
+    members : (n, 2) int
+        Number of the draw, and of the object in it.
+    typical : SceneObject
+        The draw of it that is nearest to the mean among those with the most probable label.
+    """
+
+    presence: float
+    presence_error: float
+    labels: Mapping[str, float]
+    positions: Array
+    yaw: float
+    yaw_spread: float
+    members: Ints
+    typical: SceneObject
+
+    __repr__ = brief
+
+    @property
+    def label(self) -> str:
+        """The most probable label."""
+        return next(iter(self.labels))
+
+    @property
+    def mean(self) -> Array:
+        """(2,) metres."""
+        mean: Array = self.positions.mean(0)
+        return mean
+
+    @property
+    def covariance(self) -> Array:
+        """(2, 2) square metres; zero if there is one draw of it."""
+        offset = self.positions - self.mean
+        covariance: Array = offset.T @ offset / max(len(offset) - 1, 1)
+        return covariance
+
+    def region(self, share: float) -> Region:
+        """The ellipse that holds a share of the positions, such as .5 or .9."""
+        return region_of(self.positions, share)
+
+
+def object_clusters(
+    draws: Sequence[Sequence[SceneObject]],
+    log_posterior: Array,
+    *,
+    radius: float,
+    least: float = 0.05,
+    standing: Sequence[Sequence[SceneObject]] | None = None,
+    seen: Sequence[Sequence[SceneObject]] | None = None,
+) -> tuple[ObjectCluster, ...]:
+    """Match the objects of all draws.
+
+    Parameters
+    ----------
+    draws : sequence of C N sequences of SceneObject
+        The furniture of each draw, in the world, chain by chain.
+    log_posterior : (C, N) float
+        Probable draws come first: clusters are founded around them.
+    radius : float
+        Metres across the viewing ray within which an object of the right label is the same one;
+        along the ray, from above the origin, it may be twice as far.
+    least : float
+        Clusters less probable than this are left out.
+    standing : sequence of C N sequences of SceneObject, optional
+        The same furniture, each piece as it may stand
+        (:mod:`imapper_prob.uncertainty.estimate`): what is matched by its scenelets' word is
+        somewhere near it.
+    seen : sequence of C N sequences of SceneObject, optional
+        The same objects where they are to be compared, if that is another place.
+
+    Returns
+    -------
+    tuple of ObjectCluster
+        Most probable first.
+    """
+    everything = [(n, k, o) for n, objects in enumerate(draws) for k, o in enumerate(objects)]
+    if not everything:
+        return ()
+    names = sorted({o.label for _, _, o in everything})
+    members = np.array([(n, k) for n, k, _ in everything])
+    compared = draws if seen is None else seen
+    places = np.array([o.centre[:2] for own in compared for o in own])
+    labels = np.eye(len(names))[[names.index(o.label) for _, _, o in everything]]
+    likely_first = np.argsort(-np.ravel(log_posterior), kind="stable")
+    begins = np.searchsorted(members[:, 0], np.arange(len(draws) + 1))
+    rows = [np.arange(begins[n], begins[n + 1]) for n in likely_first]
+    metric = _Metric(radius, _labels_apart(names))
+    cluster = _matched(rows, members[:, 0], places, labels, metric)
+    standing = draws if standing is None else standing
+    results = [
+        _summary(draws, standing, members[cluster == c], log_posterior.shape)
+        for c in np.unique(cluster)
+    ]
+    kept = [c for c in results if c.presence >= least]
+    return tuple(sorted(kept, key=lambda c: (-c.presence, c.label, *c.mean)))
+
+
+def _matched(
+    rows: Sequence[Ints], draw: Ints, places: Array, labels: Array, metric: _Metric
+) -> Ints:
+    """(M,) cluster of each of M objects.
+
+    As k-means does, with the number of clusters left open: match to the clusters there are,
+    move each to the mean of its members, and again until nothing changes. Then two that are
+    near and hardly ever met together are one that was founded twice, and are united.
+
+    Parameters
+    ----------
+    rows : sequence of (m,) int
+        Objects of each draw, the draws in the order in which they found clusters.
+    draw : (M,) int
+        The draw of each object.
+    places : (M, 2) float
+    labels : (M, L) float
+        1 at the label of the object.
+    metric : _Metric
+        How near is near.
+    """
+    cluster = np.full(len(places), -1)
+    means, shares = np.empty((0, 2)), np.empty((0, labels.shape[1]))
+    for _ in range(_ROUNDS):
+        before, cluster = cluster, np.full(len(places), -1)
+        for own in rows:
+            cluster[own] = _partners(places[own], labels[own], means, shares, metric)
+            for row in own[cluster[own] < 0]:
+                cluster[row] = len(means)
+                means = np.concatenate([means, places[[row]]])
+                shares = np.concatenate([shares, labels[[row]]])
+        cluster = np.unique(cluster, return_inverse=True)[1]
+        if np.array_equal(before, cluster):
+            break
+        means, shares = _means(cluster, places, labels)
+    while True:
+        united = _united(cluster, draw, places, labels, metric)
+        if united is None:
+            return cluster
+        cluster = united
+
+
+def _means(cluster: Ints, places: Array, labels: Array) -> tuple[Array, Array]:
+    """(K, 2) mean place and (K, L) shares of labels of each cluster."""
+    member = np.eye(cluster.max() + 1)[cluster]
+    count = member.sum(0)[:, None]
+    return member.T @ places / count, member.T @ labels / count
+
+
+@dataclass(frozen=True)
+class _Metric:
+    """How badly objects fit clusters.
+
+    Parameters
+    ----------
+    radius : float
+        Metres across the viewing ray beyond which they do not, even with the right label.
+    labels_apart : (L, L) float
+        Part of the radius that being called something else costs.
+    """
+
+    radius: float
+    labels_apart: Array
+
+    def __call__(self, places: Array, labels: Array, means: Array, shares: Array) -> Array:
+        """(m, K) cost of m objects or clusters in K clusters; beyond 1 they do not fit."""
+        away, ray = places[:, None] - means, places[:, None] + means
+        ray /= np.linalg.norm(ray, axis=-1, keepdims=True).clip(min=1e-9)
+        along = (away * ray).sum(-1)
+        across = away[..., 0] * ray[..., 1] - away[..., 1] * ray[..., 0]
+        distance = np.hypot(across, along / _ALONG)
+        cost: Array = distance / self.radius + labels @ self.labels_apart @ shares.T
+        return np.where(cost > 1, _APART, cost)
+
+
+def _labels_apart(names: Sequence[str]) -> Array:
+    """(L, L) what it costs an object to be of a cluster with another label."""
+    cost = np.full((len(names), len(names)), _OTHER_LABEL)
+    seats = np.array([name in SEATS for name in names])
+    cost[np.ix_(seats, seats)] = _OTHER_SEAT
+    np.fill_diagonal(cost, 0.0)
+    return cost
+
+
+def _partners(places: Array, labels: Array, means: Array, shares: Array, metric: _Metric) -> Ints:
+    """(m,) cluster of each object of one draw, -1 where none is near enough."""
+    cost = metric(places, labels, means, shares)
+    found, columns = linear_sum_assignment(cost)
+    near = cost[found, columns] <= 1
+    partners = np.full(len(places), -1)
+    partners[found[near]] = columns[near]
+    return partners
+
+
+def _united(
+    cluster: Ints, draw: Ints, places: Array, labels: Array, metric: _Metric
+) -> Ints | None:
+    """The clusters with the two nearest that are one united; None if there are no such two."""
+    means, shares = _means(cluster, places, labels)
+    there = np.zeros((draw.max() + 1, len(means)))
+    there[draw, cluster] = 1
+    fewer = np.minimum.outer(there.sum(0), there.sum(0))
+    cost = metric(means, shares, means, shares)
+    cost[there.T @ there > _TOGETHER * fewer] = _APART  # each with itself included
+    one, other = np.unravel_index(int(cost.argmin()), cost.shape)
+    if cost[one, other] > 1:
+        return None
+    united = np.where(cluster == other, one, cluster)
+    # The few draws that have both keep the nearer; the rest of them is an object of its own.
+    mean = places[united == one].mean(0)
+    both = np.flatnonzero((there[:, one] > 0) & (there[:, other] > 0))
+    for n in both:
+        pair = np.flatnonzero((draw == n) & (united == one))
+        united[pair[np.linalg.norm(places[pair] - mean, axis=1).argmax()]] = len(means)
+    return np.unique(united, return_inverse=True)[1]
+
+
+def _summary(
+    draws: Sequence[Sequence[SceneObject]],
+    standing: Sequence[Sequence[SceneObject]],
+    members: Ints,
+    shape: tuple[int, ...],
+) -> ObjectCluster:
+    objects = [draws[n][k] for n, k in members.tolist()]
+    counts = Counter(o.label for o in objects)
+    ranked = sorted(counts.items(), key=lambda item: (-item[1], item[0]))
+    labels = {label: count / len(objects) for label, count in ranked}
+    positions = np.array([standing[n][k].centre[:2] for n, k in members.tolist()])
+    yaw, spread = circular_mean_and_spread(
+        np.array([o.placement.yaw for o in objects]), front=ranked[0][0] not in FRONTLESS
+    )
+    there = np.zeros(shape)
+    there.flat[members[:, 0]] = 1
+    with warnings.catch_warnings():
+        # A short run is said to be short by its verdict.
+        warnings.simplefilter("ignore", ShortChainWarning)
+        error = float(mean_error(there))
+    off = [float(np.linalg.norm(o.centre[:2] - positions.mean(0))) for o in objects]
+    typical = min(
+        (i for i, o in enumerate(objects) if o.label == ranked[0][0]), key=off.__getitem__
+    )
+    return ObjectCluster(
+        presence=float(there.mean()),
+        presence_error=error,
+        labels=labels,
+        positions=positions,
+        yaw=yaw,
+        yaw_spread=spread,
+        members=members,
+        typical=objects[typical],
+    )
+
+
+def circular_mean_and_spread(angles: Array, *, front: bool = True) -> tuple[float, float]:
+    """Mean direction and circular standard deviation of (n,) angles, radians.
+
+    The spread is sqrt(-2 log R) with R the length of the mean vector (Mardia & Jupp 2000,
+    section 2.3.4): near the usual standard deviation where it is small. What has no front is of
+    axes, the same after half a turn: half of what doubled angles have.
+    """
+    times = 1 if front else 2
+    vector = np.exp(1j * times * angles).mean()
+    length = min(float(abs(vector)), 1.0)
+    spread = float(np.sqrt(max(-2 * np.log(length), 0.0))) if length > 1e-12 else float("inf")
+    return float(np.angle(vector)) / times, spread / times

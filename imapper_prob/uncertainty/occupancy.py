@@ -1,0 +1,115 @@
+"""Where furniture stands, whatever the layout: probability by category on a floor grid."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imapper_prob.models.scene import SceneObject
+from imapper_prob.models.text import brief
+
+__all__ = ["Occupancy", "occupancy"]
+
+Array = NDArray[np.float64]
+
+_REACH: Final = 500
+"""Cells to each side of the middle: 50 m at the usual size, a hall. A draw that has furniture
+further away would make a grid that no memory holds."""
+
+
+@dataclass(frozen=True)
+class Occupancy:
+    """Probability that a place on the floor is covered.
+
+    Parameters
+    ----------
+    x : (X,) float
+        Centres of the cells, metres.
+    y : (Y,) float
+        Centres of the cells, metres.
+    cell : float
+        Side of a cell, metres.
+    categories : tuple of C str
+        In alphabetical order.
+    by_category : (C, Y, X) float
+        Probability that an object of the category covers the centre of the cell.
+    anything : (Y, X) float
+        Probability that any object does. Not the sum: a chair may stand under a table.
+    """
+
+    x: Array
+    y: Array
+    cell: float
+    categories: tuple[str, ...]
+    by_category: Array
+    anything: Array
+
+    __repr__ = brief
+
+    def at(self, x: float, y: float) -> dict[str, float]:
+        """Probability of each category at a place in metres, most probable first.
+
+        The place is that of the nearest cell centre; outside of the grid nothing stands.
+        """
+        gap_x, gap_y = np.abs(self.x - x), np.abs(self.y - y)
+        if not gap_x.size or max(gap_x.min(), gap_y.min()) > self.cell:
+            return dict.fromkeys(self.categories, 0.0)
+        found = self.by_category[:, gap_y.argmin(), gap_x.argmin()]
+        order = np.argsort(-found, kind="stable")
+        return {self.categories[k]: float(found[k]) for k in order}
+
+
+def occupancy(draws: Sequence[Sequence[SceneObject]], *, cell: float = 0.1) -> Occupancy:
+    """How often each cell of a grid is covered, over draws.
+
+    Parameters
+    ----------
+    draws : sequence of N sequences of SceneObject
+        The furniture of each draw, in the world; at least one draw.
+    cell : float
+        Side of a cell, metres. The grid has centres at whole multiples and holds every
+        footprint, those left out that are out of reach of 500 cells from the middle one.
+    """
+    if not draws or cell <= 0:
+        raise ValueError("occupancy needs a draw and cells of a positive size")
+    categories = tuple(sorted({o.label for objects in draws for o in objects}))
+    footprints = [o.footprint for objects in draws for o in objects]
+    if not footprints:
+        nothing = np.zeros((0, 0))
+        return Occupancy(np.zeros(0), np.zeros(0), cell, (), np.zeros((0, 0, 0)), nothing)
+    corners = np.concatenate(footprints)
+    middle = np.median(corners, axis=0)
+    low = np.maximum(corners.min(0), middle - _REACH * cell)
+    high = np.minimum(corners.max(0), middle + _REACH * cell)
+    first = np.floor(low / cell).astype(int)
+    last = np.ceil(high / cell).astype(int)
+    x, y = (cell * np.arange(a, b + 1) for a, b in zip(first, last, strict=True))
+    counts = np.zeros((len(categories), len(y), len(x)))
+    total = np.zeros((len(y), len(x)))
+    for objects in draws:
+        covered = np.zeros(counts.shape, bool)
+        for o in objects:
+            _cover(covered[categories.index(o.label)], o, x, y)
+        counts += covered
+        total += covered.any(0)
+    n = len(draws)
+    return Occupancy(x, y, cell, categories, counts / n, total / n)
+
+
+def _cover(cells: NDArray[np.bool_], o: SceneObject, x: Array, y: Array) -> None:
+    """Mark the cells (Y, X) whose centres lie in the footprint of an object."""
+    footprint = o.footprint
+    low, high = footprint.min(0), footprint.max(0)
+    columns = slice(*np.searchsorted(x, (low[0], high[0] + 1e-9)))
+    rows = slice(*np.searchsorted(y, (low[1], high[1] + 1e-9)))
+    origin, along, across = footprint[0], footprint[1] - footprint[0], footprint[3] - footprint[0]
+    dx, dy = x[columns] - origin[0], (y[rows] - origin[1])[:, None]
+    inside = np.ones((dy.shape[0], dx.shape[0]), bool)
+    for side in (along, across):
+        share = (dx * side[0] + dy * side[1]) / (side @ side)
+        inside &= (share >= 0) & (share <= 1)
+    cells[rows, columns] |= inside

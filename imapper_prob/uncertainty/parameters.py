@@ -1,0 +1,94 @@
+"""What the clip tells of camera and body: prior against posterior."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imapper_prob.models.path_prior import CAMERA
+from imapper_prob.models.text import brief
+
+__all__ = ["UNITS", "Nuisance", "nuisances"]
+
+Array = NDArray[np.float64]
+
+UNITS: Mapping[str, str] = {
+    "pitch": "rad",
+    "elevation": "m",
+    "log_focal_scale": "1",
+    "log_body_scale": "1",
+    "roll": "rad",
+}
+"""Of every parameter of the camera and the body."""
+
+
+@dataclass(frozen=True)
+class Nuisance:
+    """One parameter that nobody asks for but everything depends on.
+
+    Parameters
+    ----------
+    name : str
+        See `imapper_prob.models.path_prior.CAMERA`.
+    unit : str
+    prior_mean, prior_standard_deviation : float
+        Of its normal prior, in which the height of the feet already is.
+    draws : (C, N) float
+        From the posterior.
+    """
+
+    name: str
+    unit: str
+    prior_mean: float
+    prior_standard_deviation: float
+    draws: Array
+
+    __repr__ = brief
+
+    @property
+    def mean(self) -> float:
+        """Of the posterior."""
+        return float(self.draws.mean())
+
+    @property
+    def standard_deviation(self) -> float:
+        """Of the posterior."""
+        return float(self.draws.std(ddof=1))
+
+    @property
+    def shift(self) -> float:
+        """By how many prior standard deviations the mean has moved."""
+        return (self.mean - self.prior_mean) / self.prior_standard_deviation
+
+    @property
+    def contraction(self) -> float:
+        """1 - posterior variance / prior variance: 0 if nothing was learned, 1 if all was.
+
+        Negative where the posterior is wider than the prior.
+        """
+        return 1.0 - (self.standard_deviation / self.prior_standard_deviation) ** 2
+
+    def interval(self, share: float) -> tuple[float, float]:
+        """The central interval that holds a share of the draws."""
+        low, high = np.quantile(self.draws, ((1 - share) / 2, (1 + share) / 2))
+        return float(low), float(high)
+
+
+def nuisances(draws: Array, *, mean: Array, covariance: Array) -> dict[str, Nuisance]:
+    """All of them by name.
+
+    Parameters
+    ----------
+    draws : (C, N, 5) float
+        In the order of `imapper_prob.models.path_prior.CAMERA`.
+    mean, covariance : (5,), (5, 5) float
+        Of the prior.
+    """
+    spread = np.sqrt(np.diag(covariance))
+    return {
+        name: Nuisance(name, UNITS[name], float(mean[i]), float(spread[i]), draws[..., i])
+        for i, name in enumerate(CAMERA)
+    }

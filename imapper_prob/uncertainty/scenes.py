@@ -1,0 +1,299 @@
+"""Scenes with their probabilities: chosen from layouts, described and compared."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imapper_prob.layouts import match_objects, pair_objects, turn
+from imapper_prob.models.geometry import pack_boxes, sight_clearance
+from imapper_prob.models.log_posterior import State
+from imapper_prob.models.problem import Problem
+from imapper_prob.models.scene import Clip, Scene, SceneObject
+from imapper_prob.models.skeleton import DETECTED
+from imapper_prob.models.text import brief
+from imapper_prob.people import everybody
+from imapper_prob.sampling.sample import Samples
+
+__all__ = [
+    "APART",
+    "SURE",
+    "Explains",
+    "Representative",
+    "WeightedScene",
+    "describe_difference",
+    "explained_by",
+    "group_scenes",
+    "representative",
+    "where",
+]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Explains:
+    """What a scene accounts for.
+
+    Parameters
+    ----------
+    frames : tuple of (int, int)
+        First and last frame of each scenelet, by the clip's own numbers.
+    n_frames : int
+        Frames of the clip, of everybody in it.
+    unsure : int
+        Detections, one a joint and frame, that the detector is not sure of.
+    unsure_behind : int
+        Those of them that the scene has behind furniture: hidden joints that it explains.
+    sure_behind : int
+        Detections behind furniture that the detector is sure of all the same.
+    """
+
+    frames: tuple[tuple[int, int], ...]
+    n_frames: int
+    unsure: int
+    unsure_behind: int
+    sure_behind: int
+
+    @property
+    def covered(self) -> int:
+        """Frames that some scenelet covers."""
+        return sum(last - first + 1 for first, last in self.frames)
+
+    @property
+    def text(self) -> str:
+        """A sentence of it, to follow "it"."""
+        return (
+            f"covers {self.covered} of {self.n_frames} frames with scenelets, and has "
+            f"{self.unsure_behind} of {self.unsure} unsure detections behind furniture "
+            f"({self.sure_behind} sure ones too)"
+        )
+
+
+@dataclass(frozen=True)
+class WeightedScene:
+    """A scene of the posterior, or one layout, by its most representative draw.
+
+    Parameters
+    ----------
+    scene : Scene
+        The representative draw.
+    probability : float
+        Posterior probability.
+    error : float
+        Monte-Carlo standard error of ``probability``.
+    covariances : (n_objects, 2, 2) float
+        Posterior covariance of each object's position on the floor, square metres.
+    ghosts : (n_ghosts, T, 16, 3) float
+        A few more draws of the motion, world frame, metres.
+    layouts : tuple of int
+        Numbers, from 1, of the layouts that it holds, the most probable first.
+    explains : Explains, optional
+        What it accounts for.
+    difference : str
+        How it differs from the best scene; empty for the best.
+    draw : int
+        Number of the representative draw, chain by chain; -1 where nobody says.
+    """
+
+    scene: Scene
+    probability: float
+    error: float
+    covariances: Array
+    ghosts: Array
+    layouts: tuple[int, ...] = ()
+    explains: Explains | None = None
+    difference: str = ""
+    draw: int = -1
+
+    __repr__ = brief
+
+    @property
+    def objects(self) -> tuple[SceneObject, ...]:
+        """The furniture of the representative draw, in its world."""
+        return self.scene.objects
+
+
+# ------------------------------------------------------------------------------------------------
+# The draw that stands for a layout, and how its objects spread about it.
+
+
+@dataclass(frozen=True)
+class Representative:
+    """One draw in place of many.
+
+    Parameters
+    ----------
+    draw : int
+        Its number, chain by chain.
+    objects : tuple of SceneObject
+        Its furniture, in the order of the layout's founder.
+    covariances : (n_objects, 2, 2) float
+        Of each object's position over the draws of the layout, square metres.
+    """
+
+    draw: int
+    objects: tuple[SceneObject, ...]
+    covariances: NDArray[np.float64]
+
+
+def representative(
+    samples: Samples, layout: int, *, seen: Sequence[Sequence[SceneObject]], radius: float
+) -> Representative:
+    """The draw of a layout whose objects are nearest to their mean positions.
+
+    ``seen`` are the objects of all draws and ``radius`` the metres that the layouts were made
+    with.
+    """
+    leader = samples.layouts.leaders[layout]
+    founder = seen[leader]
+    members = np.flatnonzero(samples.layouts.indicator == layout).tolist()
+    partners = {m: match_objects(founder, seen[m], radius=radius) for m in members}
+    matched = [(m, partner) for m, partner in partners.items() if partner is not None]
+    centres = np.array(
+        [[samples.objects[m][k].centre[:2] for k in partner] for m, partner in matched]
+    ).reshape(len(matched), len(founder), 2)
+    offset = centres - centres.mean(0)
+    draw, partner = matched[int((offset**2).sum((1, 2)).argmin())]
+    covariances = np.einsum("nki,nkj->kij", offset, offset) / max(len(matched) - 1, 1)
+    return Representative(draw, tuple(samples.objects[draw][k] for k in partner), covariances)
+
+
+# ------------------------------------------------------------------------------------------------
+# From layouts to scenes that differ enough to be looked at one by one.
+#
+# Layouts are fine: a chair where another has a stool makes a layout of its own, and dozens of them
+# share the probability. A scene is all layouts within a stated distance of its most probable one,
+# and has the sum of their probabilities.
+
+APART: Final = 0.9
+"""Metres, see :mod:`imapper_prob.layouts`: an object more or less (1) is another
+scene; two seats of other labels (0.7) are not."""
+
+
+def group_scenes(layouts: Sequence[Sequence[SceneObject]]) -> NDArray[np.int64]:
+    """Sort layouts into scenes.
+
+    Parameters
+    ----------
+    layouts : sequence of K object sets
+        The most probable first. Each joins the nearest of the scenes founded before it, and
+        founds one itself where none is nearer than :data:`APART`.
+
+    Returns
+    -------
+    (K,) int
+        Scene of each layout, numbered as they are founded.
+    """
+    founders: list[int] = []
+    scene = np.empty(len(layouts), np.int64)
+    for k, objects in enumerate(layouts):
+        distances = [pair_objects(layouts[f], objects).distance for f in founders]
+        nearest = int(np.argmin(distances)) if distances else -1
+        if not distances or distances[nearest] >= APART:
+            nearest = len(founders)
+            founders.append(k)
+        scene[k] = nearest
+    return scene
+
+
+# ------------------------------------------------------------------------------------------------
+# How one scene differs from another, in words.
+
+_MOVED: Final = 0.3
+"""Metres worth a word: about the standard deviation of an object's position."""
+_TURNED: Final = np.radians(30)
+"""Radians worth a word."""
+
+
+def describe_difference(best: Sequence[SceneObject], other: Sequence[SceneObject]) -> str:
+    """What of ``other`` is not as in ``best``, as the camera sees it.
+
+    Where two objects share a label, how far away they are says which one is meant.
+
+    Examples
+    --------
+    ``"a stool instead of the couch, 0.4 m nearer; no table; also a shelf 1.2 m to the right
+    and 4.0 m away"``
+    """
+    found = pair_objects(best, other)
+    labels = [o.label for o in best]
+    names = [
+        o.label if labels.count(o.label) == 1 else f"{o.label} (at {o.centre[1]:.1f} m)"
+        for o in best
+    ]
+    parts = [_change(names[i], best[i], other[j]) for i, j in found.pairs]
+    parts += [f"no {names[i]}" for i in found.only_first]
+    parts += [f"also a {other[j].label} {where(other[j])}" for j in found.only_second]
+    return "; ".join(part for part in parts if part) or "the same furniture, nearly as it stands"
+
+
+def where(o: SceneObject) -> str:
+    """Where an object stands, seen from the camera."""
+    x, y = o.centre[:2]
+    side = "right" if x >= 0 else "left"
+    return f"{abs(x):.1f} m to the {side} and {y:.1f} m away"
+
+
+def _change(name: str, first: SceneObject, second: SceneObject) -> str:
+    """Half a sentence on a pair; empty where nothing is worth a word."""
+    right, away = (second.centre - first.centre)[:2]
+    moves = []
+    if abs(right) > _MOVED:
+        moves.append(f"{abs(right):.1f} m to the {'right' if right > 0 else 'left'}")
+    if abs(away) > _MOVED:
+        moves.append(f"{abs(away):.1f} m {'further away' if away > 0 else 'nearer'}")
+    if not moves and np.hypot(right, away) > _MOVED:
+        moves.append(f"{np.hypot(right, away):.1f} m off")
+    turned = turn(first, second)
+    if turned > _TURNED:
+        moves.append(f"turned by {np.degrees(turned):.0f}°")
+    if first.label != second.label:
+        return ", ".join([f"a {second.label} instead of the {name}", *moves])
+    return f"the {name} {', '.join(moves)}" if moves else ""
+
+
+# ------------------------------------------------------------------------------------------------
+# What a scene explains of what was seen: frames, and joints that the detector lost.
+
+pass
+SURE: Final = 0.5
+"""Confidence from which a detector counts as sure of a joint. On i3DB 28 to 84 % of hidden
+joints are below it."""
+
+
+def explained_by(clip: Clip, problem: Problem, scene: Scene, state: State) -> Explains:
+    """What the furniture and the scenelets of a scene account for.
+
+    A joint is behind furniture where the line of sight from the camera to it meets a box.
+
+    Parameters
+    ----------
+    clip : Clip
+    problem : Problem
+        Its log-posterior, for the length of scenelets.
+    scene : Scene
+    state : State
+        The draw that the scene shows.
+    """
+    ids, last = np.tile(clip.frame_ids, len(clip.tracks)), problem.n_frames - 1
+    lengths = problem.lengths[state.items[:, 0]]
+    spans = tuple(
+        (int(ids[start]), int(ids[min(start + length - 1, last)]))
+        for start, length in zip(state.items[:, 1].tolist(), lengths.tolist(), strict=True)
+    )
+    detected = list(DETECTED)
+    boxes = pack_boxes(scene.objects)
+    behind = sight_clearance(scene.camera.centre, scene.joints[:, detected], boxes) < 0
+    sure = everybody(clip).confidences[:, detected] >= SURE
+    return Explains(
+        frames=spans,
+        n_frames=problem.n_frames,
+        unsure=int(np.sum(~sure)),
+        unsure_behind=int(np.sum(~sure & behind)),
+        sure_behind=int(np.sum(sure & behind)),
+    )

@@ -1,0 +1,509 @@
+"""What ``posterior.nc`` holds: input, draws, and whether they can be trusted when read."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final, Protocol
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from imapper_prob.clips.clip_file import clip_of, pack_clip
+from imapper_prob.layouts import Layouts, placed_objects
+from imapper_prob.models.errors import InputError
+from imapper_prob.models.log_posterior import State
+from imapper_prob.models.path_prior import CAMERA
+from imapper_prob.models.problem import Problem, resample
+from imapper_prob.models.scene import Clip, SceneObject
+from imapper_prob.models.scenelet import Library
+from imapper_prob.models.valid import check_problem, check_state
+from imapper_prob.samplers.diagnostics import LayoutProbabilities
+from imapper_prob.samplers.reversible_jump import AcceptanceTable
+from imapper_prob.samplers.tempering import LadderSummary
+from imapper_prob.samplers.verdict import Verdict
+from imapper_prob.sampling.placements import Agreement, PlacementDraws
+from imapper_prob.sampling.sample import Samples
+from imapper_prob.scenelets.library import library_of, pack_library
+from imapper_prob.solver.selection import of_scenelets
+
+__all__ = [
+    "Source",
+    "StoredSource",
+    "check_origins",
+    "check_samples",
+    "object_origins",
+    "read_samples",
+    "read_source",
+    "require",
+    "sample_attributes",
+    "sample_groups",
+    "source_groups",
+]
+
+_LARGEST = 1e12
+"""Of any log-posterior, in nats."""
+
+
+def require(holds: bool | np.bool_, what: str) -> None:
+    """Raise an `InputError` that says what is wrong unless it ``holds``."""
+    if not holds:
+        raise InputError(what)
+
+
+def check_origins(origins: NDArray[np.int64], slots: int, counts: NDArray[np.int64]) -> None:
+    """Whether objects (n, 2) are of slots that a draw has, whose scenelets have ``counts``."""
+    slot, number = origins.T
+    require(((slot >= 0) & (slot < slots)).all(), "an object of a draw is of no scenelet of it")
+    inside = (number >= 0) & (number < counts[slot])
+    require(inside.all(), "an object of a draw is none of its scenelet")
+
+
+def check_samples(problem: Problem, samples: Samples) -> None:
+    """Refuse samples that contradict each other or their problem.
+
+    Raises
+    ------
+    InputError
+        With what is wrong.
+    """
+    chains, draws = samples.shape
+    count = chains * draws
+    require(count > 0 and len(samples.states) == count, "draws and their log-posterior differ")
+    require(_finite(samples.log_posterior, most=_LARGEST), "log_posterior is not finite")
+    traces = samples.traces
+    require(traces.ndim == 2 and len(traces) == chains, "traces are not those of the chains")
+    require(traces.shape[1] > 0 and not np.isinf(traces).any(), "traces are not finite")
+    for state in samples.states:
+        check_state(problem, state)
+    layouts = samples.layouts
+    number = len(layouts.leaders)
+    require(layouts.indicator.shape == (count,), "layouts are not those of the draws")
+    seen = np.unique(layouts.indicator)
+    require(np.array_equal(seen, np.arange(number)), "layouts and their leaders differ")
+    require(all(0 <= leader < count for leader in layouts.leaders), "a leader is no draw")
+    _check_probabilities(samples.probabilities, chains, number)
+    pair = samples.verdict.disagreement or ()
+    require(all(1 <= layout <= number for layout in pair), "the verdict speaks of no layout")
+    for placements in samples.placements:
+        _check_placements(problem, placements)
+    require(len(samples.ladders) == chains, "ladders are not those of the chains")
+    table = samples.acceptance
+    rates = zip(table.proposed.values(), table.accepted.values(), strict=True)
+    require(all(0 <= a <= p for p, a in rates), "more moves were accepted than proposed")
+
+
+def _check_probabilities(found: LayoutProbabilities, chains: int, number: int) -> None:
+    numbers = np.sort(found.layouts)
+    require(np.array_equal(numbers, 1 + np.arange(number)), "layouts have other numbers")
+    require(found.probability.shape == (number,), "a layout has no probability")
+    require(found.standard_error.shape == (number,), "a layout has no error")
+    require(found.by_chain.shape == (chains, number), "layouts are not by chain")
+    require(found.by_half.shape == (chains, 2, number), "layouts are not by half")
+    for values in (found.probability, found.by_chain, found.by_half):
+        require(_finite(values, most=1 + 1e-9) and (values >= 0).all(), "a probability is none")
+
+
+def _check_placements(problem: Problem, draws: PlacementDraws) -> None:
+    shape, slots = draws.camera.shape[:3], len(draws.items)
+    require(draws.camera.ndim == 4 and draws.camera.shape[3] == 5, "ensembles lack cameras")
+    require(min(shape) > 0, "ensembles have no draws")
+    require(draws.placements.shape == (*shape, slots, 3), "ensembles lack placements")
+    require(draws.sizes.shape == (*shape, slots), "ensembles lack sizes")
+    scenelets = draws.items[:, 0]
+    inside = (scenelets >= 0) & (scenelets < len(problem.log_rate))
+    require(inside.all(), "ensembles have a scenelet that is not there")
+    for values in (draws.camera, draws.placements, draws.sizes):
+        require(_finite(values, most=_LARGEST), "ensembles are not finite")
+
+
+def _finite(values: NDArray[np.float64], *, most: float) -> bool:
+    return bool((np.abs(values) <= most).all())
+
+
+# ------------------------------------------------------------------------------------------------
+# What was sampled from, in ``posterior.nc``: clip, scenelets and the packed log-posterior.
+#
+# With these three a run can be looked at again where its clip and its library are no more, and
+# without the stages that lead to the first draw. Of the library only those scenelets are kept
+# that some draw has. Groups:
+#
+# ``clip``      the arrays of a clip file (:mod:`imapper_prob.clips.clip_file`)
+# ``library``   the arrays of a library file (:mod:`imapper_prob.scenelets.library`)
+# ``problem``   the fields of :class:`imapper_prob.models.problem.Problem`, for these scenelets
+
+Arrays = Mapping[str, NDArray[Any]]
+Ints = NDArray[np.int64]
+_FROM_LIBRARY: Final = "joints"
+"""The largest field of a problem is not stored: it is the library's motions, resampled."""
+_READ_ONLY: Final = "read_only"
+_BY_COLUMN: Final = "by_column"
+"""Attributes of arrays that nobody may write to, and that lie in memory column by column:
+compiled code is made anew for others."""
+
+
+class Source(Protocol):
+    """What draws are draws of; a staged solution is one."""
+
+    @property
+    def clip(self) -> Clip:
+        """The input."""
+
+    @property
+    def library(self) -> Library:
+        """Scenelets that the states refer to."""
+
+    @property
+    def problem(self) -> Problem:
+        """The log-posterior of the clip with that library."""
+
+    @property
+    def best_fits(self) -> NDArray[np.float64]:
+        """(T,) how well the best scenelet over a frame fits."""
+
+
+@dataclass(frozen=True)
+class StoredSource:
+    """A source that was read from a run's folder.
+
+    Parameters
+    ----------
+    clip : Clip
+    library : Library
+        Only the scenelets that some draw has.
+    problem : Problem
+        For these scenelets.
+    best_fits : (T,) float
+        Of all scenelets that there were; NaN where nobody says.
+    """
+
+    clip: Clip
+    library: Library
+    problem: Problem
+    best_fits: NDArray[np.float64]
+
+
+def source_groups(source: Source, chosen: Ints) -> dict[str, xr.Dataset]:
+    """The groups of a source with a library of the scenelets ``chosen``."""
+    library = Library(source.library.name, tuple(source.library[i] for i in chosen))
+    fields = of_scenelets(source.problem, chosen)._asdict()
+    fields.pop(_FROM_LIBRARY)
+    return {
+        "clip": _dataset(pack_clip(source.clip)),
+        "library": _dataset(pack_library(library)),
+        "problem": _dataset(fields),
+    }
+
+
+def read_source(path: Path, groups: Mapping[str, xr.Dataset]) -> StoredSource:
+    """The source that :func:`source_groups` took; ``path`` of the file is for messages."""
+    clip = clip_of(_arrays(groups["/clip"]), path)
+    library = library_of(_arrays(groups["/library"]))
+    fields: dict[str, Any] = _arrays(groups["/problem"])
+    for name, values in fields.items():
+        said = groups["/problem"][name].attrs
+        if values.ndim == 0:
+            fields[name] = values.item()
+            continue
+        if said.get(_BY_COLUMN):
+            fields[name] = values = np.asfortranarray(values)
+        if said.get(_READ_ONLY):
+            values.setflags(write=False)
+    motions = [resample(s.joints, fps=s.fps, to_fps=clip.fps) for s in library]
+    fields[_FROM_LIBRARY] = np.concatenate(motions)
+    problem, motion = Problem(**fields), groups["/motion"]
+    check_problem(problem)
+    require(len(problem.log_rate) == len(library), "problem and library have other scenelets")
+    everybody = clip.n_frames * len(clip.tracks)
+    require(problem.n_frames == everybody, "problem and clip have other frames")
+    fits = (
+        motion["best_fit"].to_numpy() if "best_fit" in motion else np.full(problem.n_frames, np.nan)
+    )
+    require(fits.shape == (everybody,), "best_fit is not of the clip's frames")
+    return StoredSource(clip, library, problem, fits.astype(np.float64))
+
+
+def _dataset(arrays: Mapping[str, Any]) -> xr.Dataset:
+    """Arrays, each with dimensions of its own."""
+    variables = {}
+    for name, values in arrays.items():
+        values = np.asarray(values)
+        dims = [f"{name}_{axis}" for axis in range(values.ndim)]
+        kept = {_READ_ONLY: not values.flags.writeable, _BY_COLUMN: values.flags.fnc}
+        said = {key: 1 for key, holds in kept.items() if holds and values.ndim}
+        variables[name] = (dims, values, said)
+    return xr.Dataset(variables)
+
+
+def _arrays(group: xr.Dataset) -> dict[str, NDArray[Any]]:
+    """The arrays again, text as text and numbers in arrays of their own."""
+    arrays = {}
+    for name, variable in group.data_vars.items():
+        values = variable.to_numpy()
+        arrays[str(name)] = values.astype(str) if values.dtype.kind in "OT" else values.copy()
+    return arrays
+
+
+# ------------------------------------------------------------------------------------------------
+# Draws and what is said of them, in ``posterior.nc``.
+#
+# Groups, besides those that :mod:`imapper_prob.uncertainty.tree` makes for people:
+#
+# ``latent``      normal numbers of each draw's path, single precision
+# ``layouts``     probability, error and founding draw of each layout
+# ``traces``      log-posterior over the whole run, burn-in included
+# ``moves``       how often each move was proposed and accepted
+# ``ensembles``   placements of the most probable layouts, drawn by walkers
+
+Array = NDArray[np.float64]
+Groups = Mapping[str, xr.Dataset]
+"""A tree by the paths of its groups."""
+_ACCEPTANCE = "acceptance_"
+"""Begins the attributes that hold the accepted share of a move of walkers."""
+
+
+def sample_groups(samples: Samples) -> dict[str, xr.Dataset]:
+    """All that the draws' own groups leave out."""
+    found, table = samples.probabilities, samples.acceptance
+    latent = np.array([state.latent for state in samples.states], dtype=np.float32)
+    moves = sorted(table.proposed)
+    groups = {
+        "latent": xr.Dataset(
+            {
+                "latent": (
+                    ("chain", "draw", "frame", "ray"),
+                    latent.reshape(*samples.shape, *latent.shape[1:]),
+                )
+            },
+            {"ray": ["bearing", "log depth"]},
+        ),
+        "layouts": xr.Dataset(
+            {
+                "probability": ("layout", found.probability),
+                "standard_error": ("layout", found.standard_error),
+                "by_chain": (("chain", "layout"), found.by_chain),
+                "by_half": (("chain", "half", "layout"), found.by_half),
+                "leader": ("layout", np.array(samples.layouts.leaders)[found.layouts - 1]),
+            },
+            {"layout": found.layouts},
+        ),
+        "traces": xr.Dataset({"log_posterior": (("chain", "step"), samples.traces)}),
+        "moves": xr.Dataset(
+            {
+                "proposed": ("move", np.array([table.proposed[m] for m in moves], np.int64)),
+                "accepted": ("move", np.array([table.accepted[m] for m in moves], np.int64)),
+            },
+            {"move": np.array(moves, dtype=np.str_)},
+        ),
+    }
+    pairs = zip(samples.placements, samples.agreements, strict=True)
+    for layout, (draws, agreement) in enumerate(pairs):
+        groups[f"ensembles/{layout}"] = _ensemble(draws, agreement)
+    return groups
+
+
+def _ensemble(draws: PlacementDraws, agreement: Agreement) -> xr.Dataset:
+    walked = ("ensemble", "step", "walker")
+    rates = {f"{_ACCEPTANCE}{name}": rate for name, rate in draws.acceptance.items()}
+    return xr.Dataset(
+        {
+            "items": (("slot", "entry"), draws.items),
+            "camera": ((*walked, "parameter"), draws.camera),
+            "placements": ((*walked, "slot", "pose"), draws.placements),
+            "sizes": ((*walked, "slot"), draws.sizes),
+            "rhat": ("number", draws.rhat),
+        },
+        attrs={"draws_of_chains": agreement.draws, **rates},
+    )
+
+
+def sample_attributes(samples: Samples) -> dict[str, Any]:
+    """What is a single number or word."""
+    verdict = samples.verdict
+    return {
+        "verdict": verdict.text,
+        "verdict_good": int(verdict.good),
+        "verdict_more_draws": verdict.more_draws,
+        "verdict_disagreement": list(verdict.disagreement or ()),
+        "finished": int(samples.finished),
+    }
+
+
+def object_origins(
+    library: Library, states: Sequence[State], objects: Sequence[Sequence[SceneObject]]
+) -> list[list[tuple[int, int]]]:
+    """For each object of each draw the slot of its scenelet, and which of its objects it is."""
+    result = []
+    for state, furniture in zip(states, objects, strict=True):
+        placed = placed_objects(state, library)
+        slots = [slot for slot, _ in placed]
+        found = {
+            (o.label, o.placement): (slot, index - slots.index(slot))
+            for index, (slot, o) in reversed(list(enumerate(placed)))
+        }
+        result.append([found[o.label, o.placement] for o in furniture])
+    return result
+
+
+def read_samples(groups: Groups, source: Source) -> Samples:
+    """The samples that a run wrote of a source, whose library has their scenelets only.
+
+    Raises
+    ------
+    InputError
+        If they contradict each other, or their source.
+    LookupError, TypeError, ValueError
+        If something is missing.
+    """
+    library = source.library
+    chosen = groups["/constant_data"]["drawn"].to_numpy()
+    draws, stats = groups["/draws"], groups["/sample_stats"]
+    values = stats["log_posterior"].to_numpy().astype(np.float64)
+    require(len(chosen) == len(library), "draws and library have other scenelets")
+    require((np.diff(chosen) > 0).all(), "scenelets of the draws are not in order")
+    states = _states(groups, chosen)
+    for state in states:
+        check_state(source.problem, state)
+    origins = np.stack([_flat(draws, "object_slot"), _flat(draws, "object_number")], -1)
+    objects = tuple(
+        _objects(library, state, rows[rows[:, 0] >= 0])
+        for state, rows in zip(states, origins, strict=True)
+    )
+    placements, agreements = _read_ensembles(groups, chosen)
+    said = groups["/"].attrs
+    disagreement = tuple(int(n) for n in np.atleast_1d(said["verdict_disagreement"]))
+    layouts, moves = groups["/layouts"], groups["/moves"]
+    names = moves["move"].to_numpy().astype(str).tolist()
+    swapped = groups["/motion"]["sides_swapped"].to_numpy()
+    require(swapped.shape == (*values.shape, source.problem.n_frames), "sides are not of the draws")
+    require(((swapped >= 0) & (swapped <= 1)).all(), "sides_swapped are no probabilities")
+    samples = Samples(
+        states=states,
+        log_posterior=values,
+        traces=groups["/traces"]["log_posterior"].to_numpy(),
+        objects=objects,
+        layouts=Layouts(
+            _flat(groups["/counts"], "layout").astype(np.int64),
+            tuple(layouts["leader"].sortby("layout").to_numpy().tolist()),
+        ),
+        probabilities=_probabilities(layouts, values.shape[1]),
+        placements=placements,
+        agreements=agreements,
+        acceptance=AcceptanceTable(
+            Counter(dict(zip(names, moves["proposed"].to_numpy().tolist(), strict=True))),
+            Counter(dict(zip(names, moves["accepted"].to_numpy().tolist(), strict=True))),
+        ),
+        ladders=tuple(
+            LadderSummary(tuple(powers), tuple(rates), trips, rounds)
+            for powers, rates, trips, rounds in zip(
+                stats["power"].to_numpy().tolist(),
+                stats["swap_rate"].to_numpy().tolist(),
+                stats["round_trips"].to_numpy().tolist(),
+                stats["rounds"].to_numpy().tolist(),
+                strict=True,
+            )
+        ),
+        verdict=Verdict(
+            bool(said["verdict_good"]),
+            int(said["verdict_more_draws"]),
+            (disagreement[0], disagreement[1]) if disagreement else None,
+            str(said["verdict"]),
+        ),
+        finished=bool(said["finished"]),
+    )
+    check_samples(source.problem, samples)
+    return samples
+
+
+def _flat(group: xr.Dataset, name: str) -> NDArray[Any]:
+    """A variable with its draws numbered chain by chain."""
+    values = group[name].to_numpy()
+    return values.reshape(-1, *values.shape[2:])
+
+
+def _states(groups: Groups, chosen: Ints) -> tuple[State, ...]:
+    posterior, draws = groups["/posterior"], groups["/draws"]
+    camera = np.stack([_flat(posterior, name) for name in CAMERA], -1).astype(np.float64)
+    scenelets, starts = _flat(draws, "scenelet"), _flat(draws, "start")
+    placements, sizes = _flat(draws, "scenelet_placement"), _flat(draws, "scenelet_log_size")
+    latent = _flat(groups["/latent"], "latent").astype(np.float64)
+    states = []
+    for n in range(len(camera)):
+        used = scenelets[n] >= 0
+        items = np.stack([_own(chosen, scenelets[n][used]), starts[n][used]], -1)
+        states.append(
+            State(
+                camera=camera[n].copy(),
+                items=items.astype(np.int64),
+                placements=placements[n][used],
+                sizes=sizes[n][used],
+                latent=latent[n],
+            )
+        )
+    return tuple(states)
+
+
+def _own(chosen: Ints, scenelets: Ints) -> Ints:
+    """Scenelets by their numbers in the library of those that are ``chosen``."""
+    own = np.searchsorted(chosen, scenelets)
+    there = own < len(chosen)
+    require(there.all() and (chosen[own] == scenelets).all(), "a draw has an unknown scenelet")
+    return own.astype(np.int64)
+
+
+def _objects(library: Library, state: State, origins: Ints) -> tuple[SceneObject, ...]:
+    placed = placed_objects(state, library)
+    counts = np.array([len(library[s].objects) for s in state.items[:, 0]], np.int64)
+    check_origins(origins, len(state.items), counts)
+    first: dict[int, int] = {}
+    for index, (slot, _) in enumerate(placed):
+        first.setdefault(slot, index)
+    return tuple(placed[first[slot] + number][1] for slot, number in origins.tolist())
+
+
+def _probabilities(group: xr.Dataset, n_draws: int) -> LayoutProbabilities:
+    return LayoutProbabilities(
+        layouts=group["layout"].to_numpy(),
+        probability=group["probability"].to_numpy(),
+        standard_error=group["standard_error"].to_numpy(),
+        by_chain=group["by_chain"].to_numpy(),
+        by_half=group["by_half"].to_numpy(),
+        n_draws=n_draws,
+    )
+
+
+def _read_ensembles(
+    groups: Groups, chosen: Ints
+) -> tuple[tuple[PlacementDraws, ...], tuple[Agreement, ...]]:
+    compared = groups["/agreement"]
+    placements, agreements = [], []
+    for layout in range(sum(name.startswith("/ensembles/") for name in groups)):
+        group = groups[f"/ensembles/{layout}"]
+        items = group["items"].to_numpy()
+        placements.append(
+            PlacementDraws(
+                items=np.stack([_own(chosen, items[:, 0]), items[:, 1]], -1),
+                camera=group["camera"].to_numpy(),
+                placements=group["placements"].to_numpy(),
+                sizes=group["sizes"].to_numpy(),
+                rhat=group["rhat"].to_numpy(),
+                acceptance={
+                    str(name).removeprefix(_ACCEPTANCE): float(rate)
+                    for name, rate in group.attrs.items()
+                    if str(name).startswith(_ACCEPTANCE)
+                },
+            )
+        )
+        own = compared["layout"].to_numpy() == layout
+        agreements.append(
+            Agreement(
+                tuple(compared["label"].to_numpy()[own].astype(str).tolist()),
+                compared["difference"].to_numpy()[own],
+                compared["ratio"].to_numpy()[own],
+                int(group.attrs["draws_of_chains"]),
+            )
+        )
+    return tuple(placements), tuple(agreements)

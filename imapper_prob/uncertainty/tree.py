@@ -1,0 +1,353 @@
+"""Draws as labelled arrays: the xarray tree of ``posterior.nc``, and what it was made with."""
+
+from __future__ import annotations
+
+import hashlib
+import sys
+from collections.abc import Iterable, Mapping
+from contextlib import nullcontext
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from imapper_prob.clips.clip_file import pack_clip
+from imapper_prob.config import Config, to_toml
+from imapper_prob.files import require_intact
+from imapper_prob.models.errors import InputError
+from imapper_prob.models.log_posterior import motion, side_flips
+from imapper_prob.models.path_prior import CAMERA
+from imapper_prob.models.scene import Clip
+from imapper_prob.models.skeleton import JOINTS, PELV
+from imapper_prob.people import everybody, names_of_rows
+from imapper_prob.sampling.placements import describe_agreement
+from imapper_prob.sampling.sample import Samples
+from imapper_prob.uncertainty.checks import Check, to_json
+from imapper_prob.uncertainty.stored import (
+    Source,
+    object_origins,
+    sample_attributes,
+    sample_groups,
+    source_groups,
+)
+
+__all__ = [
+    "FORMAT",
+    "SECONDS",
+    "clip_digest",
+    "posterior_tree",
+    "provenance",
+    "read_attributes",
+    "seconds_of",
+    "write_tree",
+]
+
+SECONDS: Final = "seconds_"
+"""Begins the attributes that say how long a part of the run took."""
+
+
+def provenance(source: Source, config: Config, seconds: Mapping[str, float]) -> dict[str, Any]:
+    """What is said of a run's origin, as attributes of its file.
+
+    Parameters
+    ----------
+    source : Source
+    config : Config
+    seconds : mapping of str to float
+        How long each part took by the clock on the wall.
+    """
+    settings = to_toml(config)
+    return {
+        "program": f"imapper-prob {version('imapper-prob')}",
+        "clip": source.clip.name,
+        "clip_digest": clip_digest(source.clip),
+        "library": source.library.name,
+        "library_digest": source.library.digest,
+        "config": settings,
+        "config_digest": hashlib.sha256(settings.encode()).hexdigest(),
+        "seed": config.seed,
+        **{f"{SECONDS}{name}": float(value) for name, value in seconds.items()},
+    }
+
+
+def seconds_of(attributes: Mapping[Any, Any]) -> dict[str, float]:
+    """How long each part of a run took, from its attributes."""
+    return {
+        str(name).removeprefix(SECONDS): float(value)
+        for name, value in attributes.items()
+        if str(name).startswith(SECONDS)
+    }
+
+
+def clip_digest(clip: Clip) -> str:
+    """SHA-256 of all that a clip holds, its truth left out: inference never reads that."""
+    state = hashlib.sha256()
+    for name, values in pack_clip(clip).items():
+        if not name.startswith(("truth", "object", "cuboid")):
+            state.update(f"{name} {values.shape}".encode())
+            text = values.dtype.kind == "U"
+            state.update(repr(values.tolist()).encode() if text else values.tobytes())
+    return state.hexdigest()
+
+
+# ------------------------------------------------------------------------------------------------
+# Draws as labelled arrays: the xarray tree that ``posterior.nc`` holds.
+#
+# Groups, as ArviZ names them:
+#
+# ``posterior``      camera, body and mean depth of each draw: what every draw has whatever its
+#                    dimension, and can vary freely, as plots of ArviZ want it
+# ``counts``         numbers of scenelets and objects, and the layout; in a good run they may be
+#                    the same in all draws
+# ``motion``         by frame the pelvis, the probability that the detector took left for right,
+#                    and how much worse than the right scenelet the best one fits; of several people
+#                    all frames of the first, then of the next, see ``actor``
+# ``draws``          scenelets and merged objects of each draw, padded, with their numbers
+# ``sample_stats``   log-posterior; temperatures of each chain, rates of exchange between them, and
+#                    round trips of states; in the attributes how often each move was accepted
+# ``agreement``      objects of the assignments whose placements ensembles of walkers drew as well:
+#                    difference of means and ratio of standard deviations, x and y
+# ``observed_data``  detections
+# ``constant_data``  names and numbers that the others refer to
+#
+# and those of :mod:`imapper_prob.uncertainty.stored` and
+# :mod:`imapper_prob.uncertainty.stored`, from which a run is opened again.
+
+FORMAT: Final = "imapper-prob posterior 5"
+"""Attribute of the file; the number rises when a reader of old files would go wrong."""
+_SAID: Final = ("agreement", "clip", "program", "verdict")
+"""Attributes that are shown without the draws."""
+Variable = tuple[tuple[str, ...], NDArray[Any]]
+"""Names of the dimensions, and values."""
+_UNITS = {
+    "pitch": "rad",
+    "elevation": "m",
+    "log_focal_scale": "1",
+    "log_body_scale": "1",
+    "roll": "rad",
+    "mean_depth": "m",
+    "pelvis": "m",
+    "sides_swapped": "1",
+    "best_fit": "nat",
+    "log_posterior": "nat",
+    "keypoints": "px",
+    "scenelet_placement": "m, m, rad",
+    "scenelet_log_size": "1",
+    "object_placement": "m, m, rad",
+}
+
+
+def posterior_tree(
+    source: Source,
+    samples: Samples,
+    config: Config,
+    *,
+    seconds: Mapping[str, float] | None = None,
+    checks: Iterable[Check] = (),
+) -> xr.DataTree:
+    """All that a run sampled, with provenance and checks in the attributes.
+
+    ``seconds`` say how long each part of the run took.
+    """
+    clip, shape = source.clip, samples.shape
+    camera = np.array([state.camera for state in samples.states]).reshape(*shape, -1)
+    pelvis = np.array(
+        [motion(source.problem, state)[:, PELV].astype(np.float32) for state in samples.states]
+    ).reshape(*shape, -1, 3)
+    turned = np.array(
+        [side_flips(source.problem, state).astype(np.float32) for state in samples.states]
+    ).reshape(*shape, -1)
+    per_draw = ("chain", "draw")
+    posterior: dict[str, Variable] = {
+        name: (per_draw, camera[..., i]) for i, name in enumerate(CAMERA)
+    }
+    posterior["mean_depth"] = (per_draw, pelvis[..., 1].mean(-1, dtype=np.float64))
+    counts: dict[str, Variable] = {
+        "n_scenelets": (per_draw, np.reshape([s.n_scenelets for s in samples.states], shape)),
+        "n_objects": (per_draw, np.reshape([len(o) for o in samples.objects], shape)),
+        "layout": (per_draw, samples.layouts.indicator.reshape(shape)),
+    }
+    moved: dict[str, Variable] = {
+        "pelvis": ((*per_draw, "frame", "axis"), pelvis),
+        "sides_swapped": ((*per_draw, "frame"), turned),
+        "best_fit": (("frame",), source.best_fits),
+    }
+    frames = {
+        "frame": np.tile(clip.frame_ids, len(clip.tracks)),
+        "actor": ("frame", names_of_rows(clip)),
+    }
+    seen, chosen = everybody(clip), _drawn_scenelets(samples)
+    groups = {
+        "posterior": xr.Dataset(_labelled(posterior)),
+        "counts": xr.Dataset(_labelled(counts)),
+        "motion": xr.Dataset(_labelled(moved), {**frames, "axis": list("xyz")}),
+        "draws": xr.Dataset(_labelled(_padded(source, samples))),
+        "sample_stats": xr.Dataset(
+            _labelled({"log_posterior": (per_draw, samples.log_posterior)} | _tempering(samples)),
+            attrs={f"acceptance_{k}": v for k, v in samples.acceptance.rates().items()},
+        ),
+        "agreement": xr.Dataset(_agreement(samples), {"axis": list("xy")}),
+        "observed_data": xr.Dataset(
+            _labelled(
+                {
+                    "keypoints": (("frame", "joint", "pixel"), seen.keypoints),
+                    "confidences": (("frame", "joint"), seen.confidences),
+                }
+            ),
+            {**frames, "joint": list(JOINTS), "pixel": ["u", "v"]},
+        ),
+        "constant_data": xr.Dataset(
+            {
+                "scenelet": ("library", [s.name for s in source.library]),
+                "label": ("category", _categories(samples)),
+                "drawn": ("stored", chosen),
+            }
+        ),
+        **sample_groups(samples),
+        **source_groups(source, chosen),
+    }
+    for name in ("posterior", "counts", "motion", "draws", "latent", "sample_stats"):
+        groups[name] = groups[name].assign_coords(
+            chain=np.arange(shape[0]), draw=np.arange(shape[1])
+        )
+    tree: xr.DataTree = xr.DataTree.from_dict(groups)
+    tree.attrs = {
+        "format": FORMAT,
+        **provenance(source, config, seconds or {}),
+        **sample_attributes(samples),
+        "checks": to_json(checks),
+        "agreement": describe_agreement(samples.agreements),
+        "frame": "world: metres, z up, floor at z = 0, camera above the origin, looking along y",
+    }
+    return tree
+
+
+def write_tree(path: Path, tree: xr.DataTree) -> None:
+    """Write the tree as netCDF, its numbers compressed without loss.
+
+    It is made in memory: HDF5 does not say in one error what a disk refuses it.
+    """
+    encoding = {
+        group: {
+            str(name): {"zlib": True, "shuffle": True, "complevel": 4}
+            for name, values in tree[group].data_vars.items()
+            if values.dtype.kind in "fiu" and values.size > 1
+        }
+        for group in tree.groups
+    }
+    # Who uses a cluster has imported dask; its lock across machines is none for memory.
+    dask = sys.modules.get("dask")
+    with nullcontext() if dask is None else dask.config.set(scheduler="single-threaded"):
+        content: Any = tree.to_netcdf(None, engine="h5netcdf", encoding=encoding)
+    path.write_bytes(content)
+
+
+def _labelled(variables: Mapping[str, Variable]) -> dict[str, Any]:
+    """Variables with their units, where they have one."""
+    return {
+        name: (dims, values, {"units": _UNITS[name]} if name in _UNITS else {})
+        for name, (dims, values) in variables.items()
+    }
+
+
+def _tempering(samples: Samples) -> dict[str, Variable]:
+    ladders = samples.ladders
+    return {
+        "power": (("chain", "temperature"), np.array([ladder.betas for ladder in ladders])),
+        "swap_rate": (("chain", "gap"), np.array([ladder.swap_rates for ladder in ladders])),
+        "round_trips": (("chain",), np.array([ladder.round_trips for ladder in ladders])),
+        "rounds": (("chain",), np.array([ladder.rounds for ladder in ladders])),
+    }
+
+
+def _agreement(samples: Samples) -> dict[str, Variable]:
+    """One row for each object of each assignment; layouts are counted from 0, as elsewhere."""
+    found = samples.agreements
+    rows = [(layout, a) for layout, a in enumerate(found) for _ in a.labels]
+    return {
+        "layout": (("row",), np.array([layout for layout, _ in rows], dtype=np.int64)),
+        "label": (("row",), np.array([label for a in found for label in a.labels], dtype=str)),
+        "draws": (("row",), np.array([a.draws for _, a in rows], dtype=np.int64)),
+        **{
+            name: (
+                ("row", "axis"),
+                np.concatenate([np.empty((0, 2)), *(getattr(a, name) for a in found)]),
+            )
+            for name in ("difference", "ratio")
+        },
+    }
+
+
+def _categories(samples: Samples) -> list[str]:
+    return sorted({o.label for objects in samples.objects for o in objects}) or [""]
+
+
+def _drawn_scenelets(samples: Samples) -> NDArray[np.int64]:
+    """Which scenelets some draw has, ascending; one where none has any, for a library needs it."""
+    items = [state.items[:, 0] for state in samples.states]
+    items += [draws.items[:, 0] for draws in samples.placements]
+    drawn = np.unique(np.concatenate(items)).astype(np.int64)
+    return drawn if len(drawn) else np.zeros(1, np.int64)
+
+
+def _padded(source: Source, samples: Samples) -> dict[str, Variable]:
+    """Scenelets and objects of each draw; slots past a draw's number are -1 or NaN."""
+    count = len(samples.states)
+    slots = max(1, *(s.n_scenelets for s in samples.states))
+    scenelets = np.full((count, slots, 2), -1)
+    placed = np.full((count, slots, 3), np.nan)
+    sizes = np.full((count, slots), np.nan)
+    most = max(1, *(len(o) for o in samples.objects))
+    labels = np.full((count, most), -1)
+    objects = np.full((count, most, 3), np.nan)
+    origins = np.full((count, most, 2), -1)
+    where = object_origins(source.library, samples.states, samples.objects)
+    index = {label: i for i, label in enumerate(_categories(samples))}
+    for n, (state, furniture) in enumerate(zip(samples.states, samples.objects, strict=True)):
+        scenelets[n, : state.n_scenelets] = state.items
+        placed[n, : state.n_scenelets] = state.placements
+        sizes[n, : state.n_scenelets] = state.sizes
+        for k, o in enumerate(furniture):
+            labels[n, k] = index[o.label]
+            objects[n, k] = (*o.centre[:2], o.placement.yaw)
+            origins[n, k] = where[n][k]
+    shape = samples.shape
+    return {
+        "scenelet": (("chain", "draw", "slot"), scenelets[..., 0].reshape(*shape, slots)),
+        "start": (("chain", "draw", "slot"), scenelets[..., 1].reshape(*shape, slots)),
+        "scenelet_placement": (
+            ("chain", "draw", "slot", "pose"),
+            placed.reshape(*shape, slots, 3),
+        ),
+        "scenelet_log_size": (("chain", "draw", "slot"), sizes.reshape(*shape, slots)),
+        "object_label": (("chain", "draw", "object"), labels.reshape(*shape, most)),
+        "object_placement": (
+            ("chain", "draw", "object", "pose"),
+            objects.reshape(*shape, most, 3),
+        ),
+        "object_slot": (("chain", "draw", "object"), origins[..., 0].reshape(*shape, most)),
+        "object_number": (("chain", "draw", "object"), origins[..., 1].reshape(*shape, most)),
+    }
+
+
+def read_attributes(path: str | Path) -> dict[str, Any]:
+    """Provenance of a ``posterior.nc``, without reading its draws.
+
+    Raises
+    ------
+    InputError
+        If the file is missing or no netCDF file of a run.
+    """
+    require_intact(Path(path))
+    try:
+        with xr.open_dataset(path, engine="h5netcdf") as root:
+            attributes = dict(root.attrs)
+    except Exception as error:  # xarray, h5netcdf and h5py each have their own way to fail
+        raise InputError(f"{path}: not the posterior of a run ({error})") from error
+    missing = [name for name in _SAID if name not in attributes]
+    if missing:
+        raise InputError(f"{path}: not the posterior of a run (no {missing[0]} in it)")
+    return attributes | {name: str(attributes[name]) for name in _SAID}

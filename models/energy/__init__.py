@@ -1,1 +1,0 @@
-"""The terms of the log-posterior, a file each."""

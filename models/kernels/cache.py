@@ -1,0 +1,260 @@
+"""What an incremental evaluation keeps, in flat arrays, and its handle for compiled code."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import types
+from numba.experimental import structref
+from numpy.typing import NDArray
+
+from imapper_prob.models.jit import compiled, inner, inner_inlined
+from imapper_prob.models.kernels.frame import CHANCES, DESK, FACTS
+from imapper_prob.models.kernels.intersection import N_DISPLACED
+from imapper_prob.models.kernels.visibility import BENCH, LINE, OUTLOOK, VIEW, Singles
+from imapper_prob.models.problem import TERMS, Problem
+
+__all__ = [
+    "ADDED",
+    "KEPT",
+    "REMOVED",
+    "RIGHT",
+    "UNUSED",
+    "VOTE",
+    "WRONG",
+    "Cache",
+    "Evaluator",
+    "new_cache",
+    "open_evaluator",
+]
+
+UNUSED, KEPT, ADDED, REMOVED = range(4)
+VOTE = 5
+"""Numbers of a frame's vote: the greater log-density of two, weighted, and both densities over it;
+and, unweighted, its log-likelihood as it is and with sides swapped, nats."""
+RIGHT, WRONG = 3, 4
+"""Which of them are the latter."""
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Flags = NDArray[np.uint8]
+
+
+class Cache(NamedTuple):
+    """T frames, S slots of up to B boxes; box b of slot s is in row ``s * B + b``.
+
+    Frame t is in row t or T + t of arrays of 2 T rows. Index 0 of ``slots``, ``cover`` and
+    ``evidence`` is the current state and 1 the proposed one.
+    """
+
+    slots: Ints  # (2, S + 1) slot of each scenelet, in order of time
+    role: Ints  # (S,) what becomes of a slot in the proposal: UNUSED, KEPT, ADDED or REMOVED
+    cover: Ints  # (2, T) slot whose scenelet poses the frame, -1 if none
+    evidence: Array  # (2, S + 1) of the path before each scenelet, and after the last
+
+    items: Ints  # (S, 3) scenelet, start frame, frame after its end
+    placements: Array  # (S, 3) x, y (m), yaw (rad)
+    sizes: Array  # (S,) log size of each scenelet, on top of the body scale
+    bodies: Array  # (S,) how large person and furniture are
+    pelvis: Array  # (S, 6) bearing and log depth in the first frame, and in the last two
+    placed: Array  # (S,) log density of placement and size given the pelvis, nats
+    pairs: Array  # (S, S) what it costs that objects of two scenelets are in each other, nats
+    counts: Ints  # (S,) boxes of each
+    boxes: Array  # (S B, 7) in the world
+    turns: Array  # (S B, 3) cosine and sine of the yaw, half a diagonal
+    outlooks: Singles  # (S B, 15) see set_outlook
+    footprints: Array  # (S B, 4) see set_footprint
+    hulls: Singles  # (S, 5) window of all boxes of a slot
+    floors: Array  # (S, 4) footprint of all boxes of a slot
+    labels: Ints  # (S B,) category of the object
+    yaws: Array  # (S B,) of the object, radians
+
+    pose_at: Flags  # (T,) which row of the frame holds, of what follows
+    moved: Flags  # (T,) whether the proposal wrote the other
+    pose_row: Ints  # (T,) the row that holds in the proposal
+    path: Array  # (2 T, 2) bearing and log depth of a free frame
+    joints: Array  # (2 T, 3, 16) in the world, metres
+    lines: Singles  # (2 T, 48) see aim
+    views: Singles  # (2 T, 5) see look
+    columns: Array  # (2 T, 5, 4) see set_columns
+    ground: Array  # (2 T, 4) see set_columns
+    sunk: Array  # (2 T,) how deep the lowest joint is below the floor, metres
+    chances: Array  # (2 T, 64) see CHANCES, of covered frames
+    gaps: Singles  # (S, 2 T, 16) clearance of the joints from a slot's boxes, where near
+    near: Flags  # (S, 2 T) whether any box of the slot can come near a line of sight
+    depths: Array  # (S, 2 T) how deep the body stands in the slot's objects, metres
+
+    sum_at: Flags  # (T,) which row of the frame holds, of what follows
+    changed: Flags  # (T,) whether the proposal wrote the other
+    sum_row: Ints  # (T,) the row that holds in the proposal
+    clearance: Singles  # (2 T, 16) of the joints from all boxes, metres
+    votes: Array  # (2 T, 5) see VOTE
+
+    poses: Array  # (T, 3, 16) of the problem, with the joints side by side
+    places: Array  # (T, 2, 2, 16) see set_detections
+    facts: Singles  # (T, 2, 7, 16) see set_detections
+    told: Flags  # (T,) whether these two are there
+    own: Array  # (T, 64) CHANCES of a free frame
+    own_told: Flags  # (T,) whether they are there
+    bare: Array  # (T, 5) votes of a free frame with nothing in sight; NaN where not asked yet
+    watched: Flags  # (T,) whether anything of the frame was detected
+    every: Ints  # (T,) all frames
+    frames: Ints  # (T,) those that moved, then those to weigh: workspace, as is what follows
+    weighed: Ints  # (T,) rows of the latter
+    seen: Singles  # (T, 16) of theirs, see find_seen
+    logs: Array  # (4, T) see weigh
+    bench: Singles  # (BENCH,)
+    desk: Array  # (DESK,)
+    drawn: Array  # (T, 2)
+    displaced: Array  # (5,) see give_way
+    terms: Array  # (11,) of the proposal, nats, see TERMS
+
+
+_CACHE_LINE = 64
+"""Bytes. Sixteen numbers that begin elsewhere than a line of the cache does are in two."""
+_PIECES = 15
+"""Arrays that are parts of the pool."""
+
+
+@inner_inlined
+def _taken(pool: NDArray[np.uint8], at: Ints, size: int) -> NDArray[np.uint8]:
+    """The next ``size`` bytes of the pool, from the beginning of a line of the cache on.
+
+    ``at`` (1,) is how many are taken.
+    """
+    first = at[0]
+    at[0] = first + (size + _CACHE_LINE - 1) // _CACHE_LINE * _CACHE_LINE
+    if at[0] > len(pool):
+        raise MemoryError("the pool is too small")
+    return pool[first : first + size]
+
+
+@inner_inlined
+def _doubles(pool: NDArray[np.uint8], at: Ints, size: int) -> Array:
+    return _taken(pool, at, 8 * size).view(np.float64)
+
+
+@inner_inlined
+def _singles(pool: NDArray[np.uint8], at: Ints, size: int) -> Singles:
+    return _taken(pool, at, 4 * size).view(np.float32)
+
+
+@inner
+def new_cache(problem: Problem, capacity: int) -> Cache:
+    """Memory of nothing yet, for states of up to ``capacity`` scenelets and proposals of as many.
+
+    What is read before it is written is set here. The larger arrays are parts of one: many pieces
+    of that size would go back to the system, and come from it anew page by page, at every
+    evaluation of a whole state.
+    """
+    n, n_slots, n_boxes = len(problem.lift), 2 * capacity, 1
+    for k in range(len(problem.box_first) - 1):
+        n_boxes = max(n_boxes, problem.box_first[k + 1] - problem.box_first[k])
+    rows, all_boxes = 2 * n, n_slots * n_boxes
+
+    doubles = rows * (48 + 20 + CHANCES + VOTE + n_slots) + n * (48 + 64 + CHANCES) + DESK
+    singles = rows * (LINE + 16 + 16 * n_slots) + n * (2 * FACTS * 16 + 16) + BENCH
+    pool = np.empty(8 * doubles + 4 * singles + (_PIECES + 1) * _CACHE_LINE, np.uint8)
+    at = np.empty(1, np.int64)
+    at[0] = (_CACHE_LINE - np.int64(pool.ctypes.data) % _CACHE_LINE) % _CACHE_LINE
+    poses, watched = _doubles(pool, at, n * 48).reshape((n, 3, 16)), np.zeros(n, np.uint8)
+    for t in range(n):
+        for axis in range(3):
+            for j in range(16):
+                poses[t, axis, j] = problem.poses[t, j, axis]
+        for j in range(16):
+            watched[t] |= problem.used[t, j]
+
+    return Cache(
+        slots=np.zeros((2, n_slots + 1), np.int64),
+        role=np.zeros(n_slots, np.int64),
+        # At first every frame counts as covered by something else.
+        cover=np.zeros((2, n), np.int64),
+        evidence=np.zeros((2, n_slots + 1)),
+        items=np.empty((n_slots, 3), np.int64),
+        placements=np.empty((n_slots, 3)),
+        sizes=np.empty(n_slots),
+        bodies=np.empty(n_slots),
+        pelvis=np.empty((n_slots, 6)),
+        placed=np.empty(n_slots),
+        pairs=np.empty((n_slots, n_slots)),
+        counts=np.zeros(n_slots, np.int64),
+        boxes=np.empty((all_boxes, 7)),
+        turns=np.empty((all_boxes, 3)),
+        outlooks=np.empty((all_boxes, OUTLOOK), np.float32),
+        footprints=np.empty((all_boxes, 4)),
+        hulls=np.empty((n_slots, VIEW), np.float32),
+        floors=np.empty((n_slots, 4)),
+        labels=np.empty(all_boxes, np.int64),
+        yaws=np.empty(all_boxes),
+        pose_at=np.zeros(n, np.uint8),
+        moved=np.zeros(n, np.uint8),
+        pose_row=np.zeros(n, np.int64),
+        path=np.empty((rows, 2)),
+        joints=_doubles(pool, at, rows * 48).reshape((rows, 3, 16)),
+        lines=_singles(pool, at, rows * LINE).reshape((rows, LINE)),
+        views=np.empty((rows, VIEW), np.float32),
+        columns=_doubles(pool, at, rows * 20).reshape((rows, 5, 4)),
+        ground=np.empty((rows, 4)),
+        sunk=np.empty(rows),
+        chances=_doubles(pool, at, rows * CHANCES).reshape((rows, CHANCES)),
+        gaps=_singles(pool, at, n_slots * rows * 16).reshape((n_slots, rows, 16)),
+        # A slot that goes is asked about rows in which it never was.
+        near=np.zeros((n_slots, rows), np.uint8),
+        depths=_doubles(pool, at, n_slots * rows).reshape((n_slots, rows)),
+        sum_at=np.zeros(n, np.uint8),
+        changed=np.zeros(n, np.uint8),
+        sum_row=np.zeros(n, np.int64),
+        clearance=_singles(pool, at, rows * 16).reshape((rows, 16)),
+        votes=_doubles(pool, at, rows * VOTE).reshape((rows, VOTE)),
+        poses=poses,
+        places=_doubles(pool, at, n * 64).reshape((n, 2, 2, 16)),
+        facts=_singles(pool, at, n * 2 * FACTS * 16).reshape((n, 2, FACTS, 16)),
+        told=np.zeros(n, np.uint8),
+        own=_doubles(pool, at, n * CHANCES).reshape((n, CHANCES)),
+        own_told=np.zeros(n, np.uint8),
+        bare=np.full((n, VOTE), np.nan),
+        watched=watched,
+        every=np.arange(n),
+        frames=np.empty(n, np.int64),
+        weighed=np.empty(n, np.int64),
+        seen=_singles(pool, at, n * 16).reshape((n, 16)),
+        logs=np.empty((4, n)),
+        bench=_singles(pool, at, BENCH),
+        desk=_doubles(pool, at, DESK),
+        drawn=np.empty((n, 2)),
+        displaced=np.empty(N_DISPLACED),
+        terms=np.zeros(len(TERMS)),
+    )
+
+
+# ------------------------------------------------------------------------------------------------
+# Problem and memory as one object, which compiled code is handed by its address.
+#
+# A problem and a memory are some ninety arrays. To look at each of them at every call takes
+# longer than all the arithmetic of a small move; so this is done once, when a session is opened.
+
+_structref: Any = structref
+"""numba's records by reference, published without types."""
+
+
+class _EvaluatorType(types.StructRef):
+    """What the compiler calls a session."""
+
+
+class Evaluator(structref.StructRefProxy):
+    """A problem and the memory of its evaluation."""
+
+    problem: Problem
+    memory: Cache
+
+
+_structref.register(_EvaluatorType)
+_structref.define_boxing(_EvaluatorType, Evaluator)
+_structref.define_constructor(Evaluator, _EvaluatorType, ["problem", "memory"])
+
+
+@compiled
+def open_evaluator(problem: Problem, capacity: int) -> Evaluator:
+    """A session of ``problem``, whose arrays it keeps, with memory for ``capacity`` scenelets."""
+    return Evaluator(problem, new_cache(problem, max(capacity, 1)))  # type: ignore[no-untyped-call]

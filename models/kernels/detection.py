@@ -1,0 +1,264 @@
+"""Emissions of every frame, and the sum over frames with sides flipped (docs/model.md 11, 12)."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imapper_prob.models.geometry import NOTHING_IN_SIGHT
+from imapper_prob.models.jit import compiled, inner_inlined
+from imapper_prob.models.kernels.cache import RIGHT, VOTE, WRONG, Cache
+from imapper_prob.models.kernels.frame import (
+    mix_likelihoods,
+    set_own_likelihoods,
+    take_logs,
+    visibility_probabilities,
+)
+from imapper_prob.models.kernels.visibility import GAP, Singles, open_bounds
+from imapper_prob.models.problem import DETECTIONS, FREE_POSE, GROUND, Problem
+
+__all__ = [
+    "draw_flips",
+    "flip_probabilities",
+    "forward_filter",
+    "forward_log_likelihood",
+    "update_emissions",
+]
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+
+@compiled
+def forward_filter(
+    by_frame: Array, starts: Flags, weight: float, begins: float, ends: float
+) -> tuple[Array, Array]:
+    """What each frame adds to the log-likelihood, and whether it is swapped, given earlier frames.
+
+    Parameters
+    ----------
+    by_frame : (T, 2) float
+        Log-likelihood of each frame as it is, and with sides swapped, nats.
+    starts : (T,) bool
+        Frames that follow upon nothing: the chain begins anew there.
+    weight : float
+        Factor on every frame's log-likelihood.
+    begins, ends : float
+        Probability a frame that a swap begins, and that one ends. The first frame, as any
+        start, is swapped as often as any, ``begins / (begins + ends)``.
+
+    Returns
+    -------
+    shares : (T,) float
+        log p(u_t, c_t | all earlier frames), nats; their sum is that of all frames.
+    swapped : (T,) float
+        Probability that a frame is swapped, given the frames up to it.
+    """
+    n, usual = len(by_frame), begins / (begins + ends)
+    shares, swapped = np.empty(n), np.empty(n)
+    predicted = usual
+    for t in range(n):
+        if starts[t]:
+            predicted = usual
+        right, wrong = weight * by_frame[t, 0], weight * by_frame[t, 1]
+        top = max(right, wrong)
+        stays = (1.0 - predicted) * math.exp(right - top)
+        turned = predicted * math.exp(wrong - top)
+        both = stays + turned
+        shares[t] = top + math.log(both)
+        swapped[t] = turned / both
+        predicted = (stays * begins + turned * (1.0 - ends)) / both
+    return shares, swapped
+
+
+@compiled
+def flip_probabilities(
+    by_frame: Array, starts: Flags, weight: float, begins: float, ends: float
+) -> Array:
+    """(T,) probability that each frame is swapped, given all frames (forward-backward).
+
+    Parameters as for :func:`filtered`.
+    """
+    n, forward = len(by_frame), forward_filter(by_frame, starts, weight, begins, ends)[1]
+    result = forward.copy()
+    for t in range(n - 2, -1, -1):
+        if starts[t + 1]:
+            continue
+        # p(s_t | all) = sum over s_{t+1} of p(s_{t+1} | all) p(s_t | s_{t+1}, past).
+        now = forward[t]
+        to_swapped = (1.0 - now) * begins + now * (1.0 - ends)
+        to_right = (1.0 - now) * (1.0 - begins) + now * ends
+        result[t] = (
+            result[t + 1] * now * (1.0 - ends) / to_swapped
+            + (1.0 - result[t + 1]) * now * ends / to_right
+        )
+    return result
+
+
+def draw_flips(
+    rng: np.random.Generator,
+    n_frames: int,
+    *,
+    begins: float,
+    ends: float,
+    starts: Flags | None = None,
+) -> Flags:
+    """(T,) frames in which left is taken for right: a chain of two states in equilibrium.
+
+    ``begins`` and ``ends`` are probabilities a frame; besides the first frame the chain begins
+    anew in ``starts`` (T,).
+    """
+    uniform = rng.random(n_frames)
+    swapped = np.zeros(n_frames, bool)
+    for t in range(n_frames):
+        anew = t == 0 or (starts is not None and starts[t])
+        probability = 1 - ends if swapped[t - 1] else begins
+        swapped[t] = uniform[t] < (begins / (begins + ends) if anew else probability)
+    return swapped
+
+
+# ------------------------------------------------------------------------------------------------
+# What every frame says of a scene, and the sum over which of them have sides swapped, compiled.
+
+_CAP = np.float32(NOTHING_IN_SIGHT)
+_TINY = 1e-100
+"""Products of densities are rescaled below this."""
+
+
+@inner_inlined
+def _set_emission(right: float, wrong: float, weight: float, votes: Array, row: int) -> None:
+    """Of a frame whose log-likelihood is ``right`` as it is, ``wrong`` with sides swapped, nats."""
+    votes[row, 0] = weight * max(right, wrong)
+    less = math.exp(-weight * abs(right - wrong))
+    votes[row, 1], votes[row, 2] = (1.0, less) if right > wrong else (less, 1.0)
+    votes[row, RIGHT], votes[row, WRONG] = right, wrong
+
+
+@inner_inlined
+def _differ(clearance: Singles, one: int, other: int) -> bool:
+    different = False
+    for j in range(clearance.shape[1]):
+        different |= clearance[one, j] != clearance[other, j]
+    return different
+
+
+@inner_inlined
+def _nothing_near(clearance: Singles, row: int) -> bool:
+    nothing = True
+    for j in range(clearance.shape[1]):
+        nothing &= clearance[row, j] == _CAP
+    return nothing
+
+
+@inner_inlined
+def update_emissions(problem: Problem, memory: Cache, n: int) -> None:
+    """Votes of the changed frames with all ``n`` scenelets."""
+    n_weighed = _reuse_emissions(memory, n)
+    cover, frames, weighed, rows = memory.cover, memory.frames, memory.weighed, memory.pose_row
+    own, chances, seen, desk = memory.own, memory.chances, memory.seen, memory.desk
+    votes, bare, clearance = memory.votes, memory.bare, memory.clearance
+    weight, logs = problem.frame_weight * problem.likelihood, memory.logs
+    visibility_probabilities(seen, n_weighed, problem.sight_width, problem.surprise)
+    for i in range(n_weighed):
+        t = frames[i]
+        if cover[1, t] >= 0:
+            mix_likelihoods(chances, rows[t], seen, i, desk, logs)
+        else:
+            if not memory.own_told[t]:
+                set_own_likelihoods(problem, t, desk, own, t)
+                memory.own_told[t] = 1
+            mix_likelihoods(own, t, seen, i, desk, logs)
+    take_logs(logs, n_weighed)
+    for i in range(n_weighed):
+        t, to = frames[i], weighed[i]
+        _set_emission(logs[0, i], logs[1, i], weight, votes, to)
+        if cover[1, t] < 0 and math.isnan(bare[t, 0]) and _nothing_near(clearance, to):
+            for k in range(VOTE):
+                bare[t, k] = votes[to, k]
+
+
+@inner_inlined
+def _reuse_emissions(memory: Cache, n: int) -> int:
+    """Clearance of the changed frames, and votes of those that were cast before.
+
+    The other frames, their rows and clearances are put into ``frames``, ``weighed`` and
+    ``seen``; returns how many.
+    """
+    changed, moved, cover, near = memory.changed, memory.moved, memory.cover, memory.near
+    rows, sum_rows = memory.pose_row, memory.sum_row
+    gaps, clearance, bench, slots = memory.gaps, memory.clearance, memory.bench, memory.slots
+    votes, bare, seen, n_weighed = memory.votes, memory.bare, memory.seen, 0
+    for t in range(len(changed)):
+        if not changed[t]:
+            continue
+        row, to = rows[t], sum_rows[t]
+        before = 2 * t + len(changed) - to
+        bounded = False
+        open_bounds(bench)
+        for i in range(n):
+            slot = slots[1, i]
+            if near[slot, row]:
+                bounded = True
+                for j in range(gaps.shape[2]):
+                    # The cap, which changes nothing, makes it three, as in ``sight``.
+                    bench[GAP + j] = min(min(bench[GAP + j], gaps[slot, row, j]), _CAP)
+        for j in range(clearance.shape[1]):
+            clearance[to, j] = bench[GAP + j]
+        covered = cover[1, t] >= 0
+        posed = moved[t] and (covered or cover[0, t] >= 0)
+        if not posed and not _differ(clearance, before, to):
+            for k in range(VOTE):
+                votes[to, k] = votes[before, k]
+        elif covered or bounded or math.isnan(bare[t, 0]):
+            memory.frames[n_weighed], memory.weighed[n_weighed] = t, to
+            for j in range(seen.shape[1]):
+                seen[n_weighed, j] = bench[GAP + j]
+            n_weighed += 1
+        else:
+            for k in range(VOTE):
+                votes[to, k] = bare[t, k]
+    return n_weighed
+
+
+@inner_inlined
+def forward_log_likelihood(problem: Problem, memory: Cache) -> float:
+    """Detections of all frames, whichever are swapped, cost of free poses, and of sunken ones.
+
+    Of the first, the log of equation (12) by its forward recursion, on densities that are rescaled
+    now and then in place of probabilities.
+    """
+    begins, ends = problem.swap_begins, problem.swap_ends
+    usual = begins / (begins + ends)
+    stays, turned = 1.0 - usual, usual
+    total, free, below = 0.0, 0.0, 0.0
+    rows, votes, poses, sunk = memory.sum_row, memory.votes, memory.pose_row, memory.sunk
+    cover, free_cost, watched = memory.cover, problem.free_cost, memory.watched
+    for t in range(len(rows)):
+        row = rows[t]
+        if problem.path_starts[t]:
+            both = stays + turned
+            stays, turned = (1.0 - usual) * both, usual * both
+        total += votes[row, 0]
+        stays *= votes[row, 1]
+        turned *= votes[row, 2]
+        if stays + turned < _TINY:
+            scale = stays + turned
+            total += math.log(scale)
+            stays /= scale
+            turned /= scale
+        stays, turned = (
+            stays * (1.0 - begins) + turned * ends,
+            stays * begins + turned * (1.0 - ends),
+        )
+        if watched[t]:
+            below += sunk[poses[t]]
+        if cover[1, t] < 0:
+            free += free_cost[t]
+    total += math.log(stays + turned)
+    weight, terms = problem.frame_weight * problem.likelihood, memory.terms
+    terms[DETECTIONS] = total
+    terms[FREE_POSE] = -weight * free
+    terms[GROUND] = -weight * problem.motion_cost * below
+    return total - weight * (free + problem.motion_cost * below)

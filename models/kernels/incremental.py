@@ -1,0 +1,304 @@
+"""The log-posterior of a state that differs little from the one before.
+
+A proposal is evaluated beside what the cache keeps and becomes part of it when it is accepted. A
+whole state is a change from nothing.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imapper_prob.models.jit import compiled, inner_inlined
+from imapper_prob.models.kernels.cache import (
+    ADDED,
+    KEPT,
+    REMOVED,
+    RIGHT,
+    UNUSED,
+    WRONG,
+    Cache,
+    Evaluator,
+    open_evaluator,
+)
+from imapper_prob.models.kernels.detection import forward_log_likelihood, update_emissions
+from imapper_prob.models.kernels.path import find_path
+from imapper_prob.models.kernels.placement import fill_slot, in_support, sum_pairs
+from imapper_prob.models.kernels.posing import (
+    copy_joints,
+    find_changed,
+    find_penetrations,
+    list_moved,
+    pose_frames,
+    pose_joints,
+    sum_jumps,
+    sum_penetrations,
+)
+from imapper_prob.models.kernels.stays import unsupported
+from imapper_prob.models.problem import (
+    CAMERA,
+    COLLISION,
+    LAYOUT,
+    MOTION,
+    PATH,
+    PLACEMENT,
+    SMOOTHNESS,
+    SUPPORT,
+    Problem,
+)
+
+__all__ = ["change", "commit", "evaluate", "place"]
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+@compiled
+def change(
+    session: Evaluator,
+    n_before: int,
+    camera_before: Array,
+    latent_before: Array,
+    camera: Array,
+    items: Ints,
+    placements: Array,
+    sizes: Array,
+    latent: Array,
+) -> tuple[float, float]:
+    """The log-posterior of a proposed state; what differs is worked out, the rest remembered.
+
+    Parameters
+    ----------
+    session : Session
+        Its memory is written only where the current state does not look.
+    n_before : int
+        Scenelets of the current state; -1 where there is none yet to remember.
+    camera_before, latent_before : (5,), (T, 2) float
+        Of the current state.
+    camera, items, placements, sizes, latent
+        Of the proposed state: see :class:`imapper_prob.models.log_posterior.State`.
+
+    Returns
+    -------
+    log_prior, log_likelihood : float
+        Nats; -inf and 0 outside the support. The costs of free poses, jumps, collisions,
+        motion, ground and missing support are in the second.
+    """
+    problem, memory = session.problem, session.memory
+    prior = place(
+        problem, memory, n_before, camera_before, latent_before,
+        camera, items, placements, sizes, latent,
+    )  # fmt: skip
+    if prior == -math.inf or problem.likelihood == 0.0:
+        return prior, 0.0
+    n, terms = len(items), memory.terms
+    n_moved = list_moved(memory)
+    pose_joints(problem, memory, n, n_moved, camera)
+    pose_frames(problem, memory, n, n_moved, camera)
+    find_penetrations(memory, n, n_moved)
+    find_changed(memory, n, max(n_before, 0))
+    update_emissions(problem, memory, n)
+    terms[SMOOTHNESS] = sum_jumps(problem, memory, n, camera)
+    terms[COLLISION] = sum_pairs(problem, memory, n)
+    terms[MOTION] = sum_penetrations(problem, memory, n)
+    terms[SUPPORT] = -problem.likelihood * unsupported(problem.stays, problem.lowered, items)
+    costs = terms[SMOOTHNESS] + terms[COLLISION] + terms[MOTION] + terms[SUPPORT]
+    return prior, costs + forward_log_likelihood(problem, memory)
+
+
+@inner_inlined
+def place(
+    problem: Problem,
+    memory: Cache,
+    n_before: int,
+    camera_before: Array,
+    latent_before: Array,
+    camera: Array,
+    items: Ints,
+    placements: Array,
+    sizes: Array,
+    latent: Array,
+) -> float:
+    """Place scenelets and path, and what the priors say of them, nats; -inf outside the support.
+
+    Parameters as for :func:`change`. The terms of the priors are put into the memory, and 0 for
+    all others.
+    """
+    if not in_support(camera) or not _in_order(problem, items):
+        return -math.inf
+    n, n_old, terms = len(items), max(n_before, 0), memory.terms
+    terms[:] = 0.0
+    anew = n_before < 0
+    for a in range(5):
+        anew = anew or camera[a] != camera_before[a]
+    _find_slots(memory, n_old, items, placements, sizes, anew)
+    prior = problem.camera_constant
+    for a in range(5):
+        for b in range(5):
+            offset = camera[b] - problem.camera_mean[b]
+            prior -= (
+                0.5 * (camera[a] - problem.camera_mean[a]) * problem.camera_precision[a, b] * offset
+            )
+    terms[CAMERA] = prior
+    for i in range(n):
+        slot = memory.slots[1, i]
+        if memory.role[slot] == ADDED:
+            memory.items[slot, 2] = items[i, 1] + _length(problem, items[i, 0])
+            fill_slot(problem, memory, camera, slot)
+        terms[LAYOUT] += problem.log_rate[items[i, 0]]
+        terms[PLACEMENT] += memory.placed[slot]
+        prior += problem.log_rate[items[i, 0]] + memory.placed[slot]
+    terms[PATH] = find_path(problem, memory, n, n_old, camera, latent, latent_before, anew)
+    return prior + terms[PATH]  # type: ignore[no-any-return]
+
+
+@inner_inlined
+def _length(problem: Problem, scenelet: int) -> int:
+    length: int = problem.joint_first[scenelet + 1] - problem.joint_first[scenelet]
+    return length
+
+
+@inner_inlined
+def _in_order(problem: Problem, items: Ints) -> bool:
+    """Whether scenelets lie in the clip, one after the other, each in the film of one person."""
+    end = 0
+    for i in range(len(items)):
+        if items[i, 1] < end:
+            return False
+        end = items[i, 1] + _length(problem, items[i, 0])
+        if end > len(problem.lift):
+            return False
+        for t in range(items[i, 1] + 1, end):
+            if problem.path_starts[t]:
+                return False
+    return True
+
+
+@inner_inlined
+def _find_slots(
+    memory: Cache, n_old: int, items: Ints, placements: Array, sizes: Array, anew: bool
+) -> None:
+    """Give every proposed scenelet its old slot, or a new one if anything about it changed."""
+    before, after, role = memory.slots[0], memory.slots[1], memory.role
+    role[:] = UNUSED
+    for k in range(n_old):
+        role[before[k]] = REMOVED
+    for i in range(len(items)):
+        after[i] = -1
+        for k in range(n_old):
+            slot = before[k]
+            same = (
+                not anew
+                and role[slot] == REMOVED
+                and memory.items[slot, 0] == items[i, 0]
+                and memory.items[slot, 1] == items[i, 1]
+                and memory.placements[slot, 0] == placements[i, 0]
+                and memory.placements[slot, 1] == placements[i, 1]
+                and memory.placements[slot, 2] == placements[i, 2]
+                and memory.sizes[slot] == sizes[i]
+            )
+            if same:
+                after[i] = slot
+                role[slot] = KEPT
+                break
+    fresh = 0
+    for i in range(len(items)):
+        if after[i] < 0:
+            while role[fresh] != UNUSED:
+                fresh += 1
+            after[i] = fresh
+            role[fresh] = ADDED
+            for c in range(2):
+                memory.items[fresh, c] = items[i, c]
+            for c in range(3):
+                memory.placements[fresh, c] = placements[i, c]
+            memory.sizes[fresh] = sizes[i]
+
+
+@compiled
+def commit(session: Evaluator) -> None:
+    """Make what was last proposed the current state."""
+    memory = session.memory
+    for of in (memory.slots, memory.cover):
+        for i in range(of.shape[1]):
+            of[0, i] = of[1, i]
+    for i in range(memory.evidence.shape[1]):
+        memory.evidence[0, i] = memory.evidence[1, i]
+    for t in range(len(memory.moved)):
+        memory.pose_at[t] ^= memory.moved[t]
+        memory.sum_at[t] ^= memory.changed[t]
+
+
+# ------------------------------------------------------------------------------------------------
+# The log-posterior of a scene, compiled.
+#
+#     log pi(s) = log p(phi) + log p(X) + log p(P, G | X) + log p(u, c | s)
+#                 - free poses - E_s - E_c - E_m - E_g - E_u
+#
+# over a state s = (phi, X, P, b, z): camera and body scale phi, the assignment X of scenelets
+# to start frames, their placements P and sizes b, and standard normal numbers z that say which
+# path G is drawn where no scenelet lies (see :mod:`imapper_prob.models.kernels.path`). The density
+# is with respect to d phi dP db and the normal law of z, so that it has the same dimension of z
+# whatever the number of scenelets.
+#
+# An evaluation is a change (:mod:`imapper_prob.models.kernels.incremental`) that has nothing to go
+# on from.
+
+
+@compiled
+def evaluate(
+    problem: Problem,
+    camera: Array,
+    items: Ints,
+    placements: Array,
+    sizes: Array,
+    latent: Array,
+    joints: Array,
+    by_frame: Array,
+) -> Array:
+    """The terms of the log-posterior of one state.
+
+    Parameters
+    ----------
+    problem : Problem
+    camera : (5,) float
+        phi: pitch (rad), elevation (m), log focal scale, log body scale, roll (rad).
+    items : (k, 2) int
+        Scenelet and start frame, sorted by start.
+    placements : (k, 3) float
+        x, y (m), yaw (rad) of each scenelet's local frame in the world.
+    sizes : (k,) float
+        Log size of each scenelet's person, on top of the body scale.
+    latent : (T, 2) float
+        Standard normal numbers of the path.
+    joints : (T, 3, 16) float
+        Out: the motion in the world, metres; left as it is outside the support. Empty where nobody
+        asks for it, as the next.
+    by_frame : (T, 2) float
+        Out: log-likelihood of each frame's detections, as they are and with left and right
+        swapped, nats, unweighted; left as it is outside the support, and where the likelihood is
+        switched off.
+
+    Returns
+    -------
+    (11,) float
+        Values of ``TERMS``; the first is -inf outside the support.
+    """
+    session = open_evaluator(problem, len(items))
+    prior, _ = change(session, -1, camera, latent, camera, items, placements, sizes, latent)
+    memory = session.memory
+    terms = memory.terms
+    if prior == -math.inf:
+        terms[:] = 0.0
+        terms[CAMERA] = -math.inf
+        return terms
+    if problem.likelihood == 0.0:
+        pose_joints(problem, memory, len(items), list_moved(memory), camera)
+    else:
+        votes, rows = memory.votes, memory.sum_row
+        for t in range(len(by_frame)):
+            by_frame[t, 0], by_frame[t, 1] = votes[rows[t], RIGHT], votes[rows[t], WRONG]
+    copy_joints(memory, joints)
+    return terms

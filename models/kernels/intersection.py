@@ -1,0 +1,206 @@
+"""Furniture and bodies in each other or below the floor (docs/model.md 15 to 17)."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imapper_prob.models.jit import compiled, inlined, inner, inner_inlined
+from imapper_prob.models.settings import LEVEL
+from imapper_prob.models.skeleton import HEAD, LANK, LHIP, LKNE, PELV, RANK, RHIP, RKNE
+
+__all__ = [
+    "BOTH",
+    "DISPLACED",
+    "N_DISPLACED",
+    "PROBABILITIES",
+    "aabb_disjoint",
+    "add_displaced_depth",
+    "column_depth",
+    "depth_below_floor",
+    "depth_in_box",
+    "footprint_depth",
+    "marginal_penetration_cost",
+    "overlap_depth",
+    "set_body_columns",
+    "set_footprint",
+]
+
+Array = NDArray[np.float64]
+DISPLACED = (0.0, 0.1573, 0.4888, 0.8871, 1.5341)
+"""Standard deviations by which furniture may really stand out of the way.
+
+The mean of a standard normal number's upper half by four of equal probability, at the quantiles
+9/16, 11/16, 13/16 and 15/16; where it stands the other way it is left where it is."""
+PROBABILITIES = (0.5, 0.125, 0.125, 0.125, 0.125)
+BOTH = math.sqrt(2.0)
+"""Standard deviations by which two things stand apart that each stand off by one."""
+N_DISPLACED = len(DISPLACED)
+
+
+@inlined
+def overlap_depth(a: Array, turn_a: Array, b: Array, turn_b: Array) -> float:
+    """:func:`footprint_depth` of boxes the cosine and sine of whose yaws are known.
+
+    The smallest move along a side of either rectangle that separates them (separating axis
+    theorem); boxes at different heights do not meet.
+    """
+    if min(a[2] + a[5], b[2] + b[5]) - max(a[2] - a[5], b[2] - b[5]) <= LEVEL:
+        return 0.0
+    dx, dy = b[0] - a[0], b[1] - a[1]
+    c = abs(turn_a[0] * turn_b[0] + turn_a[1] * turn_b[1])
+    s = abs(turn_a[0] * turn_b[1] - turn_a[1] * turn_b[0])
+    depth = math.inf
+    for which in range(2):
+        own, other, turn = (a, b, turn_a) if which == 0 else (b, a, turn_b)
+        along = abs(turn[0] * dx + turn[1] * dy)
+        across = abs(turn[0] * dy - turn[1] * dx)
+        depth = min(depth, own[3] + c * other[3] + s * other[4] - along)
+        depth = min(depth, own[4] + s * other[3] + c * other[4] - across)
+    return max(depth, 0.0)
+
+
+@compiled
+def footprint_depth(a: Array, b: Array) -> float:
+    """How deep two boxes (7,) are in each other on the floor, metres; 0 when apart."""
+    turn_a = np.array([math.cos(a[6]), math.sin(a[6])])
+    turn_b = np.array([math.cos(b[6]), math.sin(b[6])])
+    return overlap_depth(a, turn_a, b, turn_b)
+
+
+@inlined
+def column_depth(x: float, y: float, low: float, high: float, box: Array, turn: Array) -> float:
+    """How deep the vertical line at (x, y) from ``low`` to ``high`` stands in a box, metres.
+
+    By how little it would have to move, aside, up or down: who sits a little too low is a little in
+    their seat, however wide that is.
+    """
+    up, down = box[2] + box[5] - low, high - (box[2] - box[5])
+    dx, dy = x - box[0], y - box[1]
+    u = abs(turn[0] * dx + turn[1] * dy)
+    v = abs(-turn[1] * dx + turn[0] * dy)
+    depth: float = min(min(up, down), min(box[3] - u, box[4] - v))
+    return max(depth, 0.0)
+
+
+@inlined
+def add_displaced_depth(depth: float, spread: float, sums: Array) -> None:
+    """Add to ``sums`` (5,) how deep somebody still is in furniture that stands out of the way.
+
+    ``depth`` is how deep they are where the scenelet says that it stands, and ``spread`` the
+    standard deviation of where it really does, both in metres.
+    """
+    for k in range(N_DISPLACED):
+        sums[k] += max(depth - DISPLACED[k] * spread, 0.0)
+
+
+@inlined
+def marginal_penetration_cost(sums: Array, unit: float) -> float:
+    """-log of the mean of exp(-cost) over where furniture may stand, nats (``docs/model.md`` 16).
+
+    ``sums`` (5,) are metres summed over frames, see :func:`give_way`, and a metre costs ``unit``.
+    """
+    least, total = sums[N_DISPLACED - 1], 0.0
+    for k in range(N_DISPLACED):
+        total += PROBABILITIES[k] * math.exp(-unit * (sums[k] - least))
+    cost: float = unit * least - math.log(total)
+    return cost
+
+
+@inlined
+def depth_below_floor(joints: Array, row: int) -> float:
+    """How deep the lowest of ``joints[row]`` (3, 16) is below the floor, metres; 0 above."""
+    lowest = 0.0
+    for j in range(16):
+        lowest = min(lowest, joints[row, 2, j])
+    return -lowest
+
+
+# ------------------------------------------------------------------------------------------------
+# How deep a frame's body stands in boxes, by five columns, compiled.
+#
+# Equation (16) of ``docs/model.md``: trunk, thighs and shins stand in for the body; each is a
+# vertical line on the floor plane from its lowest to its highest joint.
+
+_ABOVE_SEAT = -0.05
+"""Metres from the pelvis to where the trunk starts."""
+_REACH = 1.0
+"""Metres a column may be from the pelvis."""
+
+
+@inner
+def set_footprint(box: Array, turn: Array, footprint: Array) -> None:
+    """Least and greatest x, least and greatest y of a box (7,), metres, into (4,)."""
+    c, s = abs(turn[0]), abs(turn[1])
+    x, y = c * box[3] + s * box[4], s * box[3] + c * box[4]
+    footprint[0], footprint[1] = box[0] - x, box[0] + x
+    footprint[2], footprint[3] = box[1] - y, box[1] + y
+
+
+@inner_inlined
+def _set_column(
+    joints: Array, row: int, upper: int, lower: int, columns: Array, to: int, k: int
+) -> None:
+    columns[to, k, 0] = 0.5 * (joints[row, 0, upper] + joints[row, 0, lower])
+    columns[to, k, 1] = 0.5 * (joints[row, 1, upper] + joints[row, 1, lower])
+    columns[to, k, 2] = min(joints[row, 2, upper], joints[row, 2, lower])
+    columns[to, k, 3] = max(joints[row, 2, upper], joints[row, 2, lower])
+
+
+@inlined
+def set_body_columns(joints: Array, row: int, columns: Array, ground: Array, to: int) -> None:
+    """Trunk, thighs and shins of the body ``joints[row]`` (3, 16).
+
+    Parameters
+    ----------
+    joints : (R, 3, 16) float
+        World, metres.
+    columns : (R, 5, 4) float
+        Out, in row ``to``: x, y, lowest and highest z of each.
+    ground : (R, 4) float
+        Out, in row ``to``: least and greatest x, least and greatest y of all columns.
+    """
+    # The trunk starts above the seat; each thigh and shin is a short column.
+    columns[to, 0, 0], columns[to, 0, 1] = joints[row, 0, PELV], joints[row, 1, PELV]
+    columns[to, 0, 2], columns[to, 0, 3] = joints[row, 2, PELV] + _ABOVE_SEAT, joints[row, 2, HEAD]
+    _set_column(joints, row, RHIP, RKNE, columns, to, 1)
+    _set_column(joints, row, RKNE, RANK, columns, to, 2)
+    _set_column(joints, row, LHIP, LKNE, columns, to, 3)
+    _set_column(joints, row, LKNE, LANK, columns, to, 4)
+    left = right = columns[to, 0, 0]
+    near = far = columns[to, 0, 1]
+    for k in range(1, 5):
+        left, right = min(left, columns[to, k, 0]), max(right, columns[to, k, 0])
+        near, far = min(near, columns[to, k, 1]), max(far, columns[to, k, 1])
+    ground[to, 0], ground[to, 1], ground[to, 2], ground[to, 3] = left, right, near, far
+
+
+@inlined
+def aabb_disjoint(ground: Array, row: int, footprints: Array, k: int) -> bool:
+    """Whether ``ground[row]`` and ``footprints[k]`` (4,), of a body or a box, have no overlap."""
+    return bool(
+        (footprints[k, 0] > ground[row, 1])
+        | (footprints[k, 1] < ground[row, 0])
+        | (footprints[k, 2] > ground[row, 3])
+        | (footprints[k, 3] < ground[row, 2])
+    )
+
+
+@inlined
+def depth_in_box(columns: Array, row: int, boxes: Array, turns: Array, k: int) -> float:
+    """How deep the deepest of ``columns[row]`` (5, 4) stands in box ``k``, metres; 0 outside.
+
+    ``turns`` (K, 3) holds cosine and sine of the yaw of ``boxes`` (K, 7) and half a diagonal.
+    """
+    dx, dy = columns[row, 0, 0] - boxes[k, 0], columns[row, 0, 1] - boxes[k, 1]
+    if dx * dx + dy * dy > (turns[k, 2] + _REACH) ** 2:
+        return 0.0
+    depth = 0.0
+    for i in range(5):
+        x, y, low, high = (
+            columns[row, i, 0], columns[row, i, 1], columns[row, i, 2], columns[row, i, 3],
+        )  # fmt: skip
+        depth = max(depth, column_depth(x, y, low, high, boxes[k], turns[k]))
+    return depth

@@ -1,0 +1,262 @@
+"""Scenelets in place: boxes, first and last pelvis, facing and size (docs/model.md 9, 10)."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imapper_prob.models.jit import compiled, inner_inlined
+from imapper_prob.models.kernels.cache import ADDED, Cache
+from imapper_prob.models.kernels.intersection import (
+    BOTH,
+    aabb_disjoint,
+    add_displaced_depth,
+    marginal_penetration_cost,
+    overlap_depth,
+    set_footprint,
+)
+from imapper_prob.models.kernels.visibility import set_occluder
+from imapper_prob.models.problem import Problem
+from imapper_prob.models.settings import LOWEST_CAMERA, NEAREST, STEEPEST_CAMERA
+from imapper_prob.models.skeleton import PELV
+
+__all__ = [
+    "expected_facing",
+    "fill_slot",
+    "in_support",
+    "log_size_density",
+    "log_yaw_density",
+    "place_box",
+    "place_boxes",
+    "sum_pairs",
+]
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+@inner_inlined
+def place_box(
+    boxes: Array, b: int, body: float, x: float, y: float, yaw: float, box: Array, turn: Array
+) -> None:
+    """Box ``b`` of the library in the world.
+
+    Parameters
+    ----------
+    boxes : (B, 7) float
+        In the frames of their scenelets.
+    b : int
+    body : float
+        How large person and furniture are.
+    x, y, yaw : float
+        Where the scenelet is placed, metres and radians.
+    box : (7,) float
+        Out.
+    turn : (3,) float
+        Out: cosine and sine of its yaw, and half a diagonal (m).
+    """
+    local = boxes[b]
+    c, s = body * math.cos(yaw), body * math.sin(yaw)
+    box[0] = c * local[0] - s * local[1] + x
+    box[1] = s * local[0] + c * local[1] + y
+    for axis in range(2, 6):
+        box[axis] = body * local[axis]
+    box[6] = local[6] + yaw
+    turn[0], turn[1] = math.cos(box[6]), math.sin(box[6])
+    turn[2] = body * math.sqrt(local[3] ** 2 + local[4] ** 2 + local[5] ** 2)
+
+
+@compiled
+def place_boxes(
+    problem: Problem, camera: Array, items: Ints, placements: Array, sizes: Array
+) -> tuple[Array, Array, Ints, Array]:
+    """Boxes in the world (K, 7); cosine, sine, radius (K, 3); item, object, label; object yaw.
+
+    Furniture is as much larger than the library's as the person who uses it.
+    """
+    n = 0
+    for i in range(len(items)):
+        n += problem.box_first[items[i, 0] + 1] - problem.box_first[items[i, 0]]
+    boxes = np.empty((n, 7))
+    turns = np.empty((n, 3))
+    owner = np.empty((n, 3), dtype=np.int64)
+    yaws = np.empty(n)
+    k = 0
+    for i in range(len(items)):
+        yaw = placements[i, 2]
+        body = math.exp(camera[3] + sizes[i])
+        for b in range(problem.box_first[items[i, 0]], problem.box_first[items[i, 0] + 1]):
+            x, y = placements[i, 0], placements[i, 1]
+            place_box(problem.boxes, b, body, x, y, yaw, boxes[k], turns[k])
+            owner[k, 0], owner[k, 1] = i, problem.box_object[b]
+            owner[k, 2] = problem.box_label[b]
+            yaws[k] = problem.box_yaw[b] + yaw
+            k += 1
+    return boxes, turns, owner, yaws
+
+
+# ------------------------------------------------------------------------------------------------
+# What a scenelet in its place brings along: its boxes, and where it starts and ends, compiled.
+
+
+@inner_inlined
+def fill_slot(problem: Problem, memory: Cache, camera: Array, slot: int) -> None:
+    """Everything of ``slot`` that follows from its item and placement."""
+    memory.bodies[slot] = math.exp(camera[3] + memory.sizes[slot])
+    _place_boxes(problem, memory, camera, slot)
+    scenelet = memory.items[slot, 0]
+    first, last = problem.joint_first[scenelet], problem.joint_first[scenelet + 1] - 1
+    _pelvis(problem, memory, camera, slot, last - 1, 2)
+    _pelvis(problem, memory, camera, slot, last, 4)
+    depth = _pelvis(problem, memory, camera, slot, first, 0)
+    # From (bearing, log depth) of the first pelvis to (x, y).
+    cosine = math.cos(camera[0]) * math.cos(camera[4])
+    memory.placed[slot] = math.log(cosine / (depth * depth))
+    start, yaw = memory.items[slot, 1], memory.placements[slot, 2]
+    memory.placed[slot] += log_yaw_density(problem, scenelet, start, yaw)
+    memory.placed[slot] += log_size_density(memory.sizes[slot], problem.size_spread)
+
+
+@inner_inlined
+def _pelvis(
+    problem: Problem, memory: Cache, camera: Array, slot: int, frame: int, to: int
+) -> float:
+    """Bearing and log depth of the pelvis in a frame of the library; returns its depth."""
+    px, py, yaw = memory.placements[slot]
+    body = memory.bodies[slot]
+    c, s = body * math.cos(yaw), body * math.sin(yaw)
+    cp, sp = math.cos(camera[0]), math.sin(camera[0])
+    x, y = problem.joints[frame, PELV, 0], problem.joints[frame, PELV, 1]
+    height = body * problem.joints[frame, PELV, 2] - camera[1]
+    forward = s * x + c * y + py
+    depth: float = max(cp * forward + sp * height, NEAREST)
+    right = math.cos(camera[4]) * (c * x - s * y + px)
+    right += math.sin(camera[4]) * (cp * height - sp * forward)
+    memory.pelvis[slot, to] = right / depth
+    memory.pelvis[slot, to + 1] = math.log(depth)
+    return depth
+
+
+@inner_inlined
+def _place_boxes(problem: Problem, memory: Cache, camera: Array, slot: int) -> None:
+    scenelet = memory.items[slot, 0]
+    px, py, yaw = memory.placements[slot]
+    body = memory.bodies[slot]
+    size = len(memory.boxes) // len(memory.counts)
+    hull, floor = memory.hulls[slot], memory.floors[slot]
+    hull[:] = (math.inf, -math.inf, math.inf, -math.inf, math.inf)
+    floor[:] = (math.inf, -math.inf, math.inf, -math.inf)
+    first, last = problem.box_first[scenelet], problem.box_first[scenelet + 1]
+    memory.counts[slot] = last - first
+    for b in range(first, last):
+        k = slot * size + b - first
+        box, turn = memory.boxes[k], memory.turns[k]
+        place_box(problem.boxes, b, body, px, py, yaw, box, turn)
+        memory.labels[k] = problem.box_label[b]
+        memory.yaws[k] = problem.box_yaw[b] + yaw
+        set_occluder(camera[1], box, turn, memory.outlooks[k])
+        set_footprint(box, turn, memory.footprints[k])
+        for i in (0, 2):
+            hull[i] = min(hull[i], memory.outlooks[k, i])
+            hull[i + 1] = max(hull[i + 1], memory.outlooks[k, i + 1])
+            floor[i] = min(floor[i], memory.footprints[k, i])
+            floor[i + 1] = max(floor[i + 1], memory.footprints[k, i + 1])
+        hull[4] = min(hull[4], memory.outlooks[k, 4])
+
+
+@inner_inlined
+def _collide(problem: Problem, memory: Cache, one: int, other: int) -> float:
+    """What it costs that objects in two slots are in each other, unless they are one, nats (15)."""
+    if aabb_disjoint(memory.floors, one, memory.floors, other):
+        return 0.0
+    size = len(memory.boxes) // len(memory.counts)
+    labels, yaws, boxes, turns = memory.labels, memory.yaws, memory.boxes, memory.turns
+    merges = math.cos(problem.merge_angle)
+    total = 0.0
+    for i in range(one * size, one * size + memory.counts[one]):
+        for k in range(other * size, other * size + memory.counts[other]):
+            if aabb_disjoint(memory.footprints, i, memory.footprints, k):
+                continue
+            if labels[i] == labels[k]:
+                front = problem.label_front[labels[i]]
+                if not front or math.cos(yaws[i] - yaws[k]) > merges:
+                    continue
+            total += overlap_depth(boxes[i], turns[i], boxes[k], turns[k])
+    sums = memory.displaced
+    sums[:] = 0.0
+    add_displaced_depth(total, BOTH * problem.furniture_spread, sums)
+    return marginal_penetration_cost(sums, problem.collision_cost)
+
+
+@inner_inlined
+def sum_pairs(problem: Problem, memory: Cache, n: int) -> float:
+    """What it costs that objects of the ``n`` proposed scenelets are in each other, nats."""
+    cost = 0.0
+    for i in range(n):
+        for k in range(i):
+            one, other = memory.slots[1, i], memory.slots[1, k]
+            if memory.role[one] == ADDED or memory.role[other] == ADDED:
+                memory.pairs[one, other] = _collide(problem, memory, one, other)
+                memory.pairs[other, one] = memory.pairs[one, other]
+            cost += memory.pairs[one, other]
+    return -problem.likelihood * cost
+
+
+# ------------------------------------------------------------------------------------------------
+# Where a scenelet's person faces, given where the lifted poses face, compiled.
+#
+# Detections alone can hardly tell somebody who sits turned half away from somebody who does not: a
+# scenelet that fits them may face 60 degrees off. A lifter sees that. So the yaw of a scenelet is
+# a priori wrapped Cauchy about the one at which it faces, on average over its frames, as the
+# static path does: a density in closed form, with tails for frames in which the lifter is wrong.
+
+_UNKNOWN = 1e-9
+"""A mean of directions that is shorter has none."""
+
+
+@compiled
+def expected_facing(problem: Problem, scenelet: int, start: int) -> tuple[float, float]:
+    """Cosine and sine of the yaw at which a scenelet faces as the static path; 0, 0 if unknown."""
+    first, last = problem.joint_first[scenelet], problem.joint_first[scenelet + 1]
+    along, aside = 0.0, 0.0
+    for n in range(first, last):
+        seen = problem.path_facing[start + n - first]
+        own = problem.joint_facing[n]
+        along += seen[0] * own[0] + seen[1] * own[1]
+        aside += seen[1] * own[0] - seen[0] * own[1]
+    length = math.hypot(along, aside)
+    if length < _UNKNOWN:
+        return 0.0, 0.0
+    return along / length, aside / length
+
+
+@compiled
+def log_yaw_density(problem: Problem, scenelet: int, start: int, yaw: float) -> float:
+    """Log density of a scenelet's yaw, per radian: wrapped Cauchy, or uniform if nobody looked."""
+    along, aside = expected_facing(problem, scenelet, start)
+    if along == 0.0 and aside == 0.0:
+        return -math.log(2 * math.pi)
+    near = math.exp(-problem.facing_spread)
+    cosine = along * math.cos(yaw) + aside * math.sin(yaw)
+    density = (1.0 - near * near) / (2 * math.pi * (1.0 + near * near - 2.0 * near * cosine))
+    return math.log(density)
+
+
+# ------------------------------------------------------------------------------------------------
+# Where the posterior is not zero, and the prior of a person's size, compiled.
+
+
+@compiled
+def in_support(camera: NDArray[np.float64]) -> bool:
+    """Whether the camera is above the floor and neither pitched nor rolled too far."""
+    upright = abs(camera[0]) < STEEPEST_CAMERA and abs(camera[4]) < STEEPEST_CAMERA
+    return bool(upright and camera[1] > LOWEST_CAMERA)
+
+
+@compiled
+def log_size_density(size: float, spread: float) -> float:
+    """log N(size; 0, spread^2): the log size of one scenelet."""
+    ratio = size / spread
+    return -0.5 * (math.log(2 * math.pi) + ratio * ratio) - math.log(spread)

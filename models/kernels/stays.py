@@ -1,0 +1,95 @@
+"""A body holds itself up by its feet, or something carries it.
+
+Furniture that nobody sees is told by who sits on it, before the motion says on what. In a *stay*,
+a run of frames whose fitted pose has the thighs off the vertical, somebody is carried (or squats,
+kneels or sits on the floor: then a scenelet of that explains it). The angle has one density in
+people who are carried and another in people on their feet, and a stay during which the scene has
+nobody off their feet takes the second: it costs the log of their ratio, summed over the stay's
+frames, as far as legs are seen and as often as frames say something new
+(:mod:`imapper_prob.solver.camera_prior`). Normalised: both are densities of the angle, and the
+state only chooses between them.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imapper_prob.models.jit import inlined
+from imapper_prob.models.skeleton import PELV, thigh_angle
+
+__all__ = ["off_feet", "unsupported"]
+
+_BESIDE: Final = 0.1
+"""Metres that the middle of the hips may be outside of what carries it: who perches on an edge."""
+_ABOVE: Final = (-0.15, 0.35)
+"""Metres that it may be above that: joint centres are .09 m above a hard seat, and furniture of
+recorded scenes is not known much better than to .1 m."""
+_FLOOR: Final = 0.55
+"""Metres above the floor below which nothing but the floor carries: who squats or sits there. No
+seat lets the middle of the hips be lower (seats of .40 to .48 m, and .09)."""
+
+
+def off_feet(
+    joints: NDArray[np.float64], boxes: NDArray[np.float64], *, angle: float
+) -> tuple[int, int]:
+    """First frame of a scenelet in which its person is off their feet, and that after the last.
+
+    Off their feet is who has the thighs off the vertical and a box beneath the hips, or hips
+    lower than any seat.
+
+    Parameters
+    ----------
+    joints : (n, 16, 3) float
+        Local frame, metres.
+    boxes : (B, 7) float
+        Centre, half sizes and yaw of the scenelet's boxes.
+    angle : float
+        Radians off the vertical.
+
+    Returns
+    -------
+    first, end : int
+        0 and 0 if there is none.
+    """
+    pelvis = joints[:, PELV]
+    carried = pelvis[:, 2] < _FLOOR
+    for x, y, z, width, depth, height, yaw in boxes:
+        c, s = np.cos(yaw), np.sin(yaw)
+        aside, ahead = pelvis[:, 0] - x, pelvis[:, 1] - y
+        over = np.abs(c * aside + s * ahead) < width + _BESIDE
+        over &= np.abs(c * ahead - s * aside) < depth + _BESIDE
+        above = pelvis[:, 2] - (z + height)
+        carried |= over & (above > _ABOVE[0]) & (above < _ABOVE[1])
+    frames = np.flatnonzero(carried & (thigh_angle(joints) > angle))
+    return (int(frames[0]), int(frames[-1]) + 1) if len(frames) else (0, 0)
+
+
+@inlined
+def unsupported(
+    stays: NDArray[np.float64], lowered: NDArray[np.int64], items: NDArray[np.int64]
+) -> float:
+    """Nats that the stays cost during which no scenelet's person is off their feet.
+
+    Parameters
+    ----------
+    stays : (K, 3) float
+        First frame, frame after the last, and log ratio of densities, nats.
+    lowered : (L, 2) int
+        Of each scenelet the first frame and the one after the last in which its person is off
+        their feet, counted from its start; twice the same if there is none.
+    items : (k, 2) int
+        Scenelet and start frame.
+    """
+    cost = 0.0
+    for k in range(len(stays)):
+        held = False
+        for i in range(len(items)):
+            scenelet, start = items[i, 0], items[i, 1]
+            first, end = lowered[scenelet, 0], lowered[scenelet, 1]
+            held |= first < end and start + first < stays[k, 1] and start + end > stays[k, 0]
+        if not held:
+            cost += stays[k, 2]
+    return cost

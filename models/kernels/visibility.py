@@ -1,0 +1,269 @@
+"""Lines of sight: clearance from boxes, and the probability that a joint is seen."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imapper_prob.models.geometry import NOTHING_IN_SIGHT, OPAQUE
+from imapper_prob.models.jit import compiled, inlined, inner_inlined
+from imapper_prob.models.settings import NEAR_SIGHT
+
+__all__ = [
+    "BENCH",
+    "GAP",
+    "LINE",
+    "OUTLOOK",
+    "VIEW",
+    "Singles",
+    "bounds_overlap",
+    "open_bounds",
+    "ray_bounds",
+    "ray_endpoints",
+    "set_occluder",
+    "set_window",
+    "update_clearance",
+    "visibility_probability",
+]
+
+Array = NDArray[np.float64]
+
+
+@inlined
+def set_window(
+    elevation: float, box: Array, turn: Array, window: Array | NDArray[np.float32]
+) -> None:
+    """Where in the view a box can come near a line of sight, into ``window`` (5,).
+
+    Bounds of bearing x / y, of slope (z - elevation) / y and the smallest y, of the box
+    grown by ``NOTHING_IN_SIGHT`` on every side. A line of sight that stays out of them has
+    no clearance below the cap. A box that reaches behind the camera is always in sight.
+    """
+    left, right, low, high, nearest = math.inf, -math.inf, math.inf, -math.inf, math.inf
+    for corner in range(4):
+        u = (box[3] + NOTHING_IN_SIGHT) * (1.0 if corner & 1 else -1.0)
+        v = (box[4] + NOTHING_IN_SIGHT) * (1.0 if corner & 2 else -1.0)
+        x = box[0] + turn[0] * u - turn[1] * v
+        y = box[1] + turn[1] * u + turn[0] * v
+        nearest = min(nearest, y)
+        if y > NEAR_SIGHT:
+            bottom = box[2] - box[5] - NOTHING_IN_SIGHT - elevation
+            top = box[2] + box[5] + NOTHING_IN_SIGHT - elevation
+            left, right = min(left, x / y), max(right, x / y)
+            low, high = min(low, bottom / y), max(high, top / y)
+    if nearest <= NEAR_SIGHT:
+        left, right, low, high = -math.inf, math.inf, -math.inf, math.inf
+    window[0], window[1], window[2], window[3], window[4] = left, right, low, high, nearest
+
+
+@compiled
+def visibility_probability(distance: float, width: float, surprise: float) -> float:
+    """m(v): a smooth step over the clearance, never quite 0 or 1."""
+    scaled = min(max(distance / width, -30.0), 30.0)
+    return surprise + (1.0 - 2.0 * surprise) / (1.0 + math.exp(-scaled))
+
+
+# ------------------------------------------------------------------------------------------------
+# Lines of sight to the sixteen joints of a frame, side by side, compiled.
+#
+# The clearance of a line of sight is :func:`imapper_prob.models.kernels.visibility.clearance`;
+# here it is worked out for all joints of a frame at once. The bench, one flat array, holds a
+# row of sixteen numbers for every quantity: rows at fixed places in one array are what lets
+# the compiler work on many joints in one instruction. In single precision that is on all
+# sixteen; it is good for a micrometre, where a line has to move by centimetres to be seen.
+#
+# For a line that starts at ``p`` and runs along ``d`` in the axes of a box with half sides
+# ``h``, the least of ``max_i |p_i + s d_i| - h_i`` over s in [0, 1] is the largest of
+#
+#     -h_i,    |p_i + d_i / 2| - |d_i| / 2 - h_i                             for every axis,
+#     (|p_i d_k - p_k d_i| - |d_k| h_i - |d_i| h_k) / (|d_i| + |d_k|)        for every pair:
+#
+# the least of a maximum of straight lines is, by duality, the largest of the leasts of any one
+# or two of them, and these are the separating axes of a segment and a box. Nothing branches.
+
+Singles = NDArray[np.float32]
+_X, _Y, _Z = 0, 16, 32
+"""Where the rows of a line start: to each joint from the camera, in the world, metres."""
+LINE = 48
+"""Numbers of the lines of sight of a frame."""
+VIEW, OUTLOOK = 5, 15
+"""Numbers of a frame's view, and of a box's outlook."""
+
+# Where the rows of the bench start. Half of every line in a box's axes;
+_MIDDLE = 0
+# for the pairs of axes 01, 02, 12 the share of the first in |d_i| + |d_k|, and that of the
+# second, signed as d_i d_k.
+_FIRST, _SECOND = 48, 96
+# When looking, of every joint.
+_BEARING, _SLOPE = 0, 16
+GAP = 144
+"""Row of the bench that holds the clearance of every joint, metres."""
+BENCH = 192
+"""Numbers on the bench."""
+
+# Of single precision too, for one number in double makes double of all it meets.
+_HALF, _ONE, _CAP = np.float32(0.5), np.float32(1.0), np.float32(NOTHING_IN_SIGHT)
+_EVERYWHERE = np.float32(np.inf)
+_LEVEL = np.float32(1e-12)
+"""Metres; a line that runs less than this along an axis is taken to run so much, which moves
+its clearance by no more."""
+
+
+@inlined
+def set_occluder(elevation: float, box: Array, turn: Array, outlook: Singles) -> None:
+    """What :func:`clear` needs of a box, into ``outlook`` (15,).
+
+    Parameters
+    ----------
+    elevation : float
+        Of the camera, metres.
+    box : (7,) float
+        In the world.
+    turn : (2 or more,) float
+        Cosine and sine of its yaw.
+    outlook : (15,) single
+        Out: :func:`imapper_prob.models.kernels.visibility.set_window`; cosine and sine; the
+        camera in the box's axes, half sides, by how much depth counts more because the box
+        is thin, and the least value of its box function.
+    """
+    set_window(elevation, box, turn, outlook)
+    outlook[5], outlook[6] = turn[0], turn[1]
+    x, y = -box[0], -box[1]
+    outlook[7] = turn[0] * x + turn[1] * y
+    outlook[8] = turn[0] * y - turn[1] * x
+    outlook[9] = elevation - box[2]
+    outlook[10], outlook[11], outlook[12] = box[3], box[4], box[5]
+    thinnest = min(box[3], box[4], box[5])
+    outlook[13] = max(1.0, OPAQUE / thinnest)
+    outlook[14] = -thinnest
+
+
+@inlined
+def ray_endpoints(elevation: float, joints: Array, lines: Singles, row: int) -> None:
+    """The lines of sight to ``joints[row]`` (3, 16), into ``lines[row]`` (48,)."""
+    for j in range(joints.shape[2]):
+        lines[row, _X + j] = joints[row, 0, j]
+    for j in range(joints.shape[2]):
+        lines[row, _Y + j] = joints[row, 1, j]
+    for j in range(joints.shape[2]):
+        lines[row, _Z + j] = joints[row, 2, j] - elevation
+
+
+@inlined
+def ray_bounds(lines: Singles, row: int, bench: Singles, views: Singles) -> None:
+    """The part of the view in which the lines of sight lie, into ``views[row]`` (5,).
+
+    Bounds of bearing x / y and of slope z / y, and the largest y. A joint behind the camera
+    may be anywhere.
+    """
+    for j in range(lines.shape[1] // 3):
+        nearness = _ONE / lines[row, _Y + j]
+        bench[_BEARING + j] = lines[row, _X + j] * nearness
+        bench[_SLOPE + j] = lines[row, _Z + j] * nearness
+    nearest = far = lines[row, _Y]
+    left = right = bench[_BEARING]
+    low = high = bench[_SLOPE]
+    for j in range(1, 16):
+        nearest, far = min(nearest, lines[row, _Y + j]), max(far, lines[row, _Y + j])
+        left, right = min(left, bench[_BEARING + j]), max(right, bench[_BEARING + j])
+        low, high = min(low, bench[_SLOPE + j]), max(high, bench[_SLOPE + j])
+    if nearest <= NEAR_SIGHT:
+        left = low = -_EVERYWHERE
+        right = high = far = _EVERYWHERE
+    views[row, 0], views[row, 1], views[row, 2], views[row, 3] = left, right, low, high
+    views[row, 4] = far
+
+
+@inlined
+def open_bounds(bench: Singles) -> None:
+    """Nothing is in the way of any line of sight."""
+    for j in range(16):
+        bench[GAP + j] = _CAP
+
+
+@inner_inlined
+def bounds_overlap(windows: Singles, k: int, views: Singles, row: int) -> bool:
+    """Whether a box in ``windows[k]`` can come near a line of sight in ``views[row]``."""
+    # All five are asked at once: which of them says no cannot be foreseen.
+    return bool(
+        (windows[k, 4] <= views[row, 4])
+        & (windows[k, 0] <= views[row, 1])
+        & (windows[k, 1] >= views[row, 0])
+        & (windows[k, 2] <= views[row, 3])
+        & (windows[k, 3] >= views[row, 2])
+    )
+
+
+@inlined
+def update_clearance(
+    outlooks: Singles,
+    first: int,
+    last: int,
+    lines: Singles,
+    views: Singles,
+    row: int,
+    bench: Singles,
+) -> bool:
+    """Lower the clearance on the bench to that of ``lines[row]`` from some boxes.
+
+    These are ``first`` to ``last - 1`` of ``outlooks`` (K, 15), see :func:`set_outlook`.
+    Returns whether any of them can come near a line of sight.
+    """
+    turned = -1
+    for k in range(first, last):
+        if bounds_overlap(outlooks, k, views, row):
+            c, s = outlooks[k, 5], outlooks[k, 6]
+            if turned < 0 or c != outlooks[turned, 5] or s != outlooks[turned, 6]:
+                _turn(c, s, lines, row, bench)
+                turned = k
+            _pass_by(outlooks, k, bench)
+    return turned >= 0
+
+
+@inner_inlined
+def _turn(c: float, s: float, lines: Singles, row: int, bench: Singles) -> None:
+    """The lines of sight in the axes of boxes whose yaw has cosine ``c`` and sine ``s``."""
+    for j in range(16):
+        u = c * lines[row, _X + j] + s * lines[row, _Y + j]
+        v = c * lines[row, _Y + j] - s * lines[row, _X + j]
+        w = lines[row, _Z + j]
+        bench[_MIDDLE + j] = _HALF * u
+        bench[_MIDDLE + 16 + j] = _HALF * v
+        bench[_MIDDLE + 32 + j] = _HALF * w
+        along, across, up = max(abs(u), _LEVEL), max(abs(v), _LEVEL), max(abs(w), _LEVEL)
+        share = along / (along + across)
+        bench[_FIRST + j] = share
+        bench[_SECOND + j] = math.copysign(_ONE - share, u * v)
+        share = along / (along + up)
+        bench[_FIRST + 16 + j] = share
+        bench[_SECOND + 16 + j] = math.copysign(_ONE - share, u * w)
+        share = across / (across + up)
+        bench[_FIRST + 32 + j] = share
+        bench[_SECOND + 32 + j] = math.copysign(_ONE - share, v * w)
+
+
+@inner_inlined
+def _pass_by(outlooks: Singles, k: int, bench: Singles) -> None:
+    """Lower every joint's clearance to that of box ``k``, in whose axes the lines are."""
+    p0, p1, p2 = outlooks[k, 7], outlooks[k, 8], outlooks[k, 9]
+    h0, h1, h2 = outlooks[k, 10], outlooks[k, 11], outlooks[k, 12]
+    thin, least = outlooks[k, 13], outlooks[k, 14]
+    longer01, longer02, longer12 = h0 - h1, h0 - h2, h1 - h2
+    for j in range(16):
+        half0, half1 = bench[_MIDDLE + j], bench[_MIDDLE + 16 + j]
+        half2 = bench[_MIDDLE + 32 + j]
+        axis0 = abs(p0 + half0) - abs(half0) - h0
+        axis1 = abs(p1 + half1) - abs(half1) - h1
+        axis2 = abs(p2 + half2) - abs(half2) - h2
+        first, second = bench[_FIRST + j], bench[_SECOND + j]
+        pair01 = abs(first * p1 - second * p0) + (first * longer01 - h0)
+        first, second = bench[_FIRST + 16 + j], bench[_SECOND + 16 + j]
+        pair02 = abs(first * p2 - second * p0) + (first * longer02 - h0)
+        first, second = bench[_FIRST + 32 + j], bench[_SECOND + 32 + j]
+        pair12 = abs(first * p2 - second * p1) + (first * longer12 - h1)
+        value = max(max(max(least, axis0), max(axis1, axis2)), max(pair01, max(pair02, pair12)))
+        # The least of three: that of two would be stored only where it is the new one, and a
+        # row stored in part cannot be read again at once.
+        bench[GAP + j] = min(min(bench[GAP + j], value), value * thin)

@@ -1,0 +1,365 @@
+"""The published energy (Monszpart et al. 2019) on the states of this model, term by term.
+
+Sections follow docs/model.md (18 to 24): L_c and L_m, L_o, and the sum as a compiled
+log-posterior.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imapper_prob.models.jit import compiled, inlined, inner
+from imapper_prob.models.kernels.cache import open_evaluator
+from imapper_prob.models.kernels.incremental import place
+from imapper_prob.models.kernels.placement import place_boxes
+from imapper_prob.models.kernels.posing import copy_joints, list_moved, pose_joints
+from imapper_prob.models.problem import CAMERA, LAYOUT, PATH, PLACEMENT, TERMS, Problem
+from imapper_prob.models.settings import NEAREST
+from imapper_prob.models.skeleton import DETECTED, LKNE, PELV, RKNE
+
+__all__ = [
+    "FARTHEST",
+    "MET",
+    "PAPER_TERMS",
+    "depth_of_motion",
+    "evaluate_paper",
+    "hidden_distance",
+    "occlusion_cost",
+    "overlap",
+    "overlaps",
+    "signed_distance",
+]
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+MET: Final = (PELV, LKNE, RKNE)
+"""Joints that L_m asks for."""
+_CELLS: Final = 24
+"""Along each side of a rectangle, for the integral by midpoints: good to half a percent."""
+
+
+@inlined
+def signed_distance(x: float, y: float, box: Array, turn: Array) -> float:
+    """From a point on the floor to a box's footprint, metres, negative inside."""
+    dx, dy = x - box[0], y - box[1]
+    u = abs(turn[0] * dx + turn[1] * dy) - box[3]
+    v = abs(turn[0] * dy - turn[1] * dx) - box[4]
+    outside = math.sqrt(max(u, 0.0) ** 2 + max(v, 0.0) ** 2)
+    distance: float = outside + min(max(u, v), 0.0)
+    return distance
+
+
+@compiled
+def depth_of_motion(joints: Array, row: int, boxes: Array, turns: Array) -> float:
+    """-min(0, max_q min_i d_i(q)) of ``joints[row]`` (3, 16), metres."""
+    farthest = -math.inf
+    for j in MET:
+        nearest = math.inf
+        for k in range(len(boxes)):
+            x, y = joints[row, 0, j], joints[row, 1, j]
+            nearest = min(nearest, signed_distance(x, y, boxes[k], turns[k]))
+        farthest = max(farthest, nearest)
+    return max(0.0, -farthest)
+
+
+@compiled
+def overlap(boxes: Array, turns: Array, one: tuple[int, int], other: tuple[int, int]) -> float:
+    """-int over the footprint of one object of the negative part of d of another, cubic metres.
+
+    Parameters
+    ----------
+    boxes, turns
+        See :func:`overlaps`.
+    one, other : (int, int)
+        First row of an object's boxes, and the row after the last.
+    """
+    total = 0.0
+    for k in range(one[0], one[1]):
+        if not _may_meet(boxes, k, other):
+            continue
+        c, s = turns[k, 0], turns[k, 1]
+        cell = 4.0 * boxes[k, 3] * boxes[k, 4] / (_CELLS * _CELLS)
+        for a in range(_CELLS):
+            u = boxes[k, 3] * ((2.0 * a + 1.0) / _CELLS - 1.0)
+            for b in range(_CELLS):
+                v = boxes[k, 4] * ((2.0 * b + 1.0) / _CELLS - 1.0)
+                x, y = boxes[k, 0] + c * u - s * v, boxes[k, 1] + s * u + c * v
+                counted = False
+                for earlier in range(one[0], k):
+                    counted |= signed_distance(x, y, boxes[earlier], turns[earlier]) <= 0.0
+                if not counted:
+                    depth = 0.0
+                    for m in range(other[0], other[1]):
+                        depth = max(depth, -signed_distance(x, y, boxes[m], turns[m]))
+                    total += depth * cell
+    return total
+
+
+@inlined
+def _may_meet(boxes: Array, k: int, other: tuple[int, int]) -> bool:
+    """Whether the circle around a footprint meets that around any of another object."""
+    near = False
+    for m in range(other[0], other[1]):
+        reach = math.hypot(boxes[k, 3], boxes[k, 4]) + math.hypot(boxes[m, 3], boxes[m, 4])
+        near |= math.hypot(boxes[k, 0] - boxes[m, 0], boxes[k, 1] - boxes[m, 1]) < reach
+    return near
+
+
+@compiled
+def overlaps(boxes: Array, turns: Array, owner: Ints, yaws: Array, same_angle: float) -> float:
+    """L_c, cubic metres.
+
+    Parameters
+    ----------
+    boxes : (K, 7) float
+        In the world, those of an object one after the other.
+    turns : (K, 2 or more) float
+        Cosine and sine of their yaws.
+    owner : (K, 3) int
+        Item, object and label of each box.
+    yaws : (K,) float
+        Of its object, radians.
+    same_angle : float
+        Radians; objects turned by less than this against each other face the same way.
+    """
+    firsts = np.empty(len(boxes) + 1, dtype=np.int64)
+    n = 0
+    for k in range(len(boxes)):
+        if k == 0 or owner[k, 0] != owner[k - 1, 0] or owner[k, 1] != owner[k - 1, 1]:
+            firsts[n] = k
+            n += 1
+    firsts[n] = len(boxes)
+    total, same = 0.0, math.cos(same_angle)
+    for i in range(n):
+        for j in range(i + 1, n):
+            a, b = firsts[i], firsts[j]
+            if owner[a, 2] == owner[b, 2] and math.cos(yaws[a] - yaws[b]) > same:
+                continue
+            one, other = (a, firsts[i + 1]), (b, firsts[j + 1])
+            total += overlap(boxes, turns, one, other) + overlap(boxes, turns, other, one)
+    return total
+
+
+# ------------------------------------------------------------------------------------------------
+# L_o of the published energy, compiled: unsure joints that nothing hides.
+#
+#     F(v, c) = (c - 1/2)^2 v^2   if c < 1/2 and v > 0,   else 0          (Monszpart et al. 2019)
+#
+# v is the signed distance of a joint to the occlusion volume, all that the camera does not see for
+# furniture. F asks for it outside only, where the distance to a union is the least to its parts.
+# What a box [l, h] hides, in its own axes and seen from the origin, is
+#
+#     { s b : s >= 1, l <= b <= h },
+#
+# and the squared distance to a point y is the least over s >= 1 of
+#
+#     sum_i max(0, s l_i - y_i)^2 + max(0, y_i - s h_i)^2,
+#
+# convex in s, with a slope that is linear between the s at which a side of the box passes y.
+
+FARTHEST: Final = 1.0
+"""V, metres: cap of the distance to the occlusion volume, and the distance where there is none. An
+actor's arm's reach, within which a scenelet has its objects (Monszpart et al. 2019, section 3)."""
+
+
+@compiled
+def occlusion_cost(distance: float, confidence: float) -> float:
+    """F(v, c) of a signed distance in metres and a confidence in [0, 1], square metres."""
+    if confidence < 0.5 and distance > 0.0:
+        return (confidence - 0.5) ** 2 * distance**2
+    return 0.0
+
+
+@compiled
+def hidden_distance(
+    elevation: float, x: float, y: float, z: float, boxes: Array, turns: Array, room: Array
+) -> float:
+    """How far a point is from what boxes hide, metres: 0 in it, at most ``FARTHEST``.
+
+    Parameters
+    ----------
+    elevation : float
+        Of the camera, which is above the origin, metres.
+    x, y, z : float
+        The point in the world, metres.
+    boxes : (K, 7) float
+    turns : (K, 2 or more) float
+        Cosine and sine of their yaws.
+    room : (9,) float
+        Scratch.
+    """
+    least = FARTHEST
+    for k in range(len(boxes)):
+        c, s = turns[k, 0], turns[k, 1]
+        across, ahead = boxes[k, 0], boxes[k, 1]
+        room[0] = c * across + s * ahead - boxes[k, 3]
+        room[1] = c * ahead - s * across - boxes[k, 4]
+        room[2] = boxes[k, 2] - elevation - boxes[k, 5]
+        for i in range(3):
+            room[3 + i] = room[i] + 2.0 * boxes[k, 3 + i]
+        room[6], room[7], room[8] = c * x + s * y, c * y - s * x, z - elevation
+        least = min(least, _distance(room))
+    return least
+
+
+@inlined
+def _distance(room: Array) -> float:
+    """From the point ``room[6:]`` to what the box ``room[:3]`` to ``room[3:6]`` hides."""
+    before, slope = 1.0, _slope(room, 1.0)
+    if slope >= 0.0:
+        return _apart(room, 1.0)
+    after, steeper = math.inf, 0.0
+    for i in range(6):
+        if room[i] != 0.0:
+            at = room[6 + i % 3] / room[i]
+            if before < at < after:
+                found = _slope(room, at)
+                if found < 0.0:
+                    before, slope = at, found
+                else:
+                    after, steeper = at, found
+    if after == math.inf:
+        # Sides that go on to infinity: from here on the slope is one straight line.
+        after, steeper = 2.0 * before, _slope(room, 2.0 * before)
+    return _apart(room, before + (after - before) * slope / (slope - steeper))
+
+
+@inlined
+def _slope(room: Array, scale: float) -> float:
+    """Half the derivative of the squared distance by s."""
+    total = 0.0
+    for i in range(3):
+        total += room[i] * max(0.0, scale * room[i] - room[6 + i])
+        total -= room[3 + i] * max(0.0, room[6 + i] - scale * room[3 + i])
+    return total
+
+
+@inlined
+def _apart(room: Array, scale: float) -> float:
+    """From the point to the box ``scale`` times as far away and as large."""
+    total = 0.0
+    for i in range(3):
+        short = max(0.0, scale * room[i] - room[6 + i])
+        long = max(0.0, room[6 + i] - scale * room[3 + i])
+        total += short * short + long * long
+    return math.sqrt(total)
+
+
+# ------------------------------------------------------------------------------------------------
+# The published energy as a log-posterior, compiled: what the preset ``paper`` samples from.
+#
+#     log pi(s) = log p(phi) + log p(X) + log p(P, G | X)
+#                 - w_r L_r - w_o L_o - w_s L_s - w_c L_c - w_m L_m
+#
+# with the priors of :mod:`imapper_prob.models.kernels.incremental`, and the terms of
+# :mod:`imapper_prob.models.settings`, which says what they are. L_r and L_s are here.
+
+PAPER_TERMS = (
+    *TERMS[: PATH + 1], "reprojection", "occlusion", "smoothness", "collision", "motion"
+)  # fmt: skip
+"""What :func:`evaluate_paper` returns, in order; the log-posterior is their sum."""
+_DETECTED = np.array(DETECTED)
+
+
+@inner
+def _reprojection(problem: Problem, camera: Array, joints: Array, by_frame: Array) -> None:
+    """L_r: c |Pi q - u|^2 over the joints of each frame, normalised image coordinates."""
+    cp, sp, elevation = math.cos(camera[0]), math.sin(camera[0]), camera[1]
+    cr, sr, focal = math.cos(camera[4]), math.sin(camera[4]), math.exp(camera[2])
+    for t in range(len(joints)):
+        for j in _DETECTED:
+            x, y, z = joints[t, 0, j], joints[t, 1, j], joints[t, 2, j] - elevation
+            depth, level = max(cp * y + sp * z, NEAREST), cp * z - sp * y
+            u = focal * (cr * x + sr * level) / depth
+            v = focal * (sr * x - cr * level) / depth
+            du = u - (problem.keypoints[t, j, 0] - problem.cx) / problem.fx
+            dv = v - (problem.keypoints[t, j, 1] - problem.cy) / problem.fy
+            if problem.used[t, j]:
+                by_frame[t] += problem.confidences[t, j] * (du * du + dv * dv)
+
+
+@inner
+def _occlusion(
+    problem: Problem, camera: Array, joints: Array, boxes: Array, turns: Array, by_frame: Array
+) -> None:
+    """L_o: F(v, c) over the joints of each frame. What a detector lost has c = 0."""
+    room = np.empty(9)
+    for t in range(len(joints)):
+        for j in _DETECTED:
+            confidence = problem.confidences[t, j] if problem.used[t, j] else 0.0
+            if confidence < 0.5:
+                x, y, z = joints[t, 0, j], joints[t, 1, j], joints[t, 2, j]
+                distance = hidden_distance(camera[1], x, y, z, boxes, turns, room)
+                by_frame[t] += occlusion_cost(distance, confidence)
+
+
+@inner
+def _smoothness(problem: Problem, joints: Array, by_frame: Array) -> None:
+    """L_s: |p_t - p_(t-1)|^2 of the pelvis, square metres."""
+    for t in range(1, len(joints)):
+        if not problem.path_starts[t]:
+            for axis in range(3):
+                by_frame[t] += (joints[t, axis, PELV] - joints[t - 1, axis, PELV]) ** 2
+
+
+@compiled
+def evaluate_paper(
+    problem: Problem,
+    camera: Array,
+    items: Ints,
+    placements: Array,
+    sizes: Array,
+    latent: Array,
+    joints: Array,
+    by_frame: Array,
+) -> Array:
+    """The terms of one state under the published energy.
+
+    Parameters
+    ----------
+    problem, camera, items, placements, sizes, latent, joints
+        See :func:`imapper_prob.models.kernels.incremental.evaluate`.
+    by_frame : (T, 4) float
+        Out: reprojection, occlusion, smoothness and motion of each frame, unweighted; no
+        occlusion where that has no weight.
+
+    Returns
+    -------
+    (9,) float
+        Values of ``PAPER_TERMS``, nats; the first is -inf outside the support.
+    """
+    terms = np.zeros(len(PAPER_TERMS))
+    session = open_evaluator(problem, len(items))
+    memory = session.memory
+    prior = place(
+        problem, memory, -1, camera, latent, camera, items, placements, sizes, latent
+    )  # fmt: skip
+    if prior == -math.inf:
+        terms[CAMERA] = prior
+        return terms
+    for i in (CAMERA, LAYOUT, PLACEMENT, PATH):
+        terms[i] = memory.terms[i]
+    pose_joints(problem, memory, len(items), list_moved(memory), camera)
+    copy_joints(memory, joints)
+    if problem.likelihood == 0.0:
+        return terms
+    boxes, turns, owner, yaws = place_boxes(problem, camera, items, placements, sizes)
+    by_frame[:] = 0.0
+    nats = problem.paper_nats
+    _reprojection(problem, camera, joints, by_frame[:, 0])
+    if nats[1] > 0.0:
+        _occlusion(problem, camera, joints, boxes, turns, by_frame[:, 1])
+    _smoothness(problem, joints, by_frame[:, 2])
+    for t in range(len(joints)):
+        by_frame[t, 3] = depth_of_motion(joints, t, boxes, turns)
+    for t in range(len(joints)):
+        for i in range(3):
+            terms[4 + i] -= nats[i] * by_frame[t, i]
+        terms[8] -= nats[4] * by_frame[t, 3]
+    if nats[3] > 0.0:
+        terms[7] = -nats[3] * overlaps(boxes, turns, owner, yaws, problem.merge_angle)
+    return terms

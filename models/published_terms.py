@@ -1,0 +1,81 @@
+"""The energy of the published method on a state, term by term (see ``energy/paper.py``)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import astuple, dataclass, fields
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imapper_prob.models.log_posterior import State
+from imapper_prob.models.problem import Problem
+from imapper_prob.models.published_energy import PAPER_TERMS, evaluate_paper
+from imapper_prob.models.settings import PaperWeights
+
+__all__ = ["PaperEnergy", "paper_energy"]
+
+Array = NDArray[np.float64]
+
+_PRIORS = 4
+"""Terms of the compiled posterior that are no part of the published energy."""
+
+
+@dataclass(frozen=True, eq=False)
+class PaperEnergy:
+    """What a state costs under the published energy.
+
+    Parameters
+    ----------
+    terms : mapping of str to float
+        Weighted terms, named as the fields of :class:`PaperWeights`; all infinite where the
+        state is impossible.
+    by_frame : mapping of str to (T,) float
+        The same, frame by frame, of all terms but ``collision``, which belongs to no frame.
+        A step of the pelvis counts for the frame it leads to.
+    """
+
+    terms: Mapping[str, float]
+    by_frame: Mapping[str, Array]
+
+    @property
+    def total(self) -> float:
+        """The energy."""
+        return sum(self.terms.values())
+
+    @property
+    def log_density(self) -> float:
+        """Minus the energy: an unnormalised log density, without any prior."""
+        return -self.total
+
+
+def paper_energy(
+    problem: Problem, state: State, *, weights: PaperWeights | None = None
+) -> PaperEnergy:
+    """The published energy of a state of the default posterior.
+
+    Parameters
+    ----------
+    problem : Problem
+        Of either preset.
+    state : State
+    weights : PaperWeights, optional
+    """
+    weights = weights or PaperWeights()
+    names = [f.name for f in fields(weights)]
+    joints, shares = np.empty((problem.n_frames, 3, 16)), np.zeros((problem.n_frames, 4))
+    values = evaluate_paper(
+        problem._replace(paper_nats=np.array(astuple(weights)), likelihood=1.0),
+        state.camera, state.items, state.placements, state.sizes, state.latent, joints, shares,
+    )  # fmt: skip
+    if not np.isfinite(values[0]):
+        # Scenelets that overlap or stick out, or a camera outside its prior: there is no motion.
+        nowhere = np.full(problem.n_frames, np.inf)
+        by_frame = {name: nowhere for name in names if name != "collision"}
+        return PaperEnergy(dict.fromkeys(names, np.inf), by_frame)
+    by_frame = {
+        name: getattr(weights, name) * share
+        for name, share in zip((n for n in names if n != "collision"), shares.T, strict=True)
+    }
+    terms = dict(zip(PAPER_TERMS[_PRIORS:], (-values[_PRIORS:]).tolist(), strict=True))
+    return PaperEnergy(terms, by_frame)

@@ -1,0 +1,93 @@
+"""Whatever is in a file: it is read, or refused with one sentence, and soon."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from imapper_prob.clips.load import ClipOptions, load_clip, read_whatever
+from imapper_prob.models.errors import InputError
+from lab.robustness.attack import attack
+from lab.robustness.inputs import READERS
+from tests.clips import bodies
+
+INPUTS = 12
+"""Of each kind; ``python -m lab.robustness`` tries more."""
+
+
+@pytest.mark.parametrize("name", READERS)
+def test_damaged_inputs_are_read_or_refused(name: str) -> None:
+    outcomes = attack(READERS[name], inputs=INPUTS)
+    assert [fault for row in outcomes.values() for fault in row.faults] == []
+    refused = sum(row.counts["refused"] for row in outcomes.values())
+    assert refused > INPUTS  # the damage was real
+
+
+JSON = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=8),
+    lambda inner: (
+        st.lists(inner, max_size=4)
+        | st.dictionaries(
+            st.sampled_from(
+                ["people", "pose_keypoints_2d", "image_id", "keypoints", "frames", "landmarks",
+                 "frame", "instance_info", "instances", "x", "y", "visibility"]
+            ),
+            inner,
+            max_size=4,
+        )
+    ),
+    max_leaves=12,
+)  # fmt: skip
+
+
+@settings(max_examples=200)
+@given(JSON)
+def test_any_json_is_refused(tmp_path_factory: pytest.TempPathFactory, data: object) -> None:
+    folder = tmp_path_factory.mktemp("any")
+    options = ClipOptions(size=(640, 480), fps=10.0, focal=600.0)
+    for path in (
+        bodies.write_json(folder / "frame_0001_keypoints.json", data).parent,
+        bodies.write_json(folder / "frame_0001_keypoints.json", data),
+    ):
+        with pytest.raises(InputError):
+            load_clip(path, options=options)
+
+
+@settings(max_examples=200)
+@given(st.binary(max_size=200))
+def test_any_bytes_are_refused(tmp_path_factory: pytest.TempPathFactory, content: bytes) -> None:
+    folder = tmp_path_factory.mktemp("any")
+    for name in ("a.json", "a.npz", "a.trc", "a"):
+        (folder / name).write_bytes(content)
+        with pytest.raises(InputError):
+            load_clip(folder / name)
+
+
+def test_a_folder_that_cannot_be_read_as_a_file(tmp_path: Path) -> None:
+    (tmp_path / "a.json").mkdir()
+    with pytest.raises(InputError):
+        load_clip(tmp_path)
+    with pytest.raises(InputError, match="mediapipe is a file"):
+        load_clip(tmp_path, options=ClipOptions("mediapipe"))
+
+
+def test_a_span_of_a_million_frames_is_refused_at_once(tmp_path: Path) -> None:
+    entries = bodies.results("coco_17")
+    entries[3]["image_id"] = 10**6
+    path = bodies.write_json(tmp_path / "results.json", entries)
+    with pytest.raises(InputError, match=r"frames run from 0 to 1000000, more than 36000"):
+        read_whatever(path, ClipOptions(size=(640, 480)))
+
+
+def test_a_long_clip_is_read(tmp_path: Path) -> None:
+    """Three minutes at 10 frames a second, of which a few frames are there."""
+    entries = bodies.results("coco_17")
+    entries[-1]["image_id"] = 1800
+    path = bodies.write_json(tmp_path / "results.json", entries)
+    clip = read_whatever(path, ClipOptions(size=(640, 480), fps=10.0))
+    assert clip.n_frames == 1801
+    assert np.isnan(clip.tracks[0].keypoints[1000]).all()

@@ -1,0 +1,52 @@
+"""The one door: by content, and what is too little to say anything."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from imapper_prob.clips.load import load_clip, write_clip
+from imapper_prob.models.errors import InputError
+from tests.clips.i3db_folder import FRAMES, I3dbFolder
+
+
+def test_folder_and_file_give_the_same_clip(tmp_path: Path) -> None:
+    clip = load_clip(I3dbFolder().write(tmp_path / "Hall"))
+    write_clip(tmp_path / "hall.npz", clip)
+    again = load_clip(str(tmp_path / "hall.npz"))
+    assert again.name == clip.name == "Hall"
+    assert (again.tracks[0].keypoints == clip.tracks[0].keypoints).all()
+
+
+def test_nothing_there(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"absent: no such file or folder"):
+        load_clip(tmp_path / "absent")
+
+
+def test_empty_folder(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"not a known clip; expected an i3DB scene folder"):
+        load_clip(tmp_path)
+
+
+def test_unknown_file(tmp_path: Path) -> None:
+    path = tmp_path / "clip.mp4"
+    path.write_bytes(b"")
+    with pytest.raises(InputError, match=r"clip\.mp4: not a known clip"):
+        load_clip(path)
+
+
+def test_three_frames_are_too_few(tmp_path: Path) -> None:
+    files = I3dbFolder()
+    for frame in FRAMES[3:]:
+        files.drop_detection(frame)
+    with pytest.raises(InputError, match=r"Hall: a clip of 3 frames; at least 8 are needed"):
+        load_clip(files.write(tmp_path / "Hall"))
+
+
+def test_no_frame_with_both_joint_and_pose(tmp_path: Path) -> None:
+    files = I3dbFolder()
+    files.drop_detection(5)
+    files.lifted["3d"] = {"00005": files.lifted["3d"]["00005"]}
+    with pytest.raises(InputError, match=r"Hall: track hall has no frame with both"):
+        load_clip(files.write(tmp_path / "Hall"))
