@@ -6,7 +6,7 @@ draws data sets, samples the posterior of each (about ten seconds) and prints fo
 uniform the ranks are; the exit status says whether all are uniform enough. Each data set leaves a
 file in FOLDER; the same command goes on from there, and begins anew where the program has changed.
 The result depends on the first two options alone: frames from one detection to the next, and data
-sets. Two hundred take twelve minutes on two cores.
+sets.
 
 A scene is drawn from the prior, detections of it, and the chains of
 :mod:`imapper_prob.sampling` are run on these as on any clip: fits and a start by the staged

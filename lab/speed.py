@@ -4,8 +4,8 @@
     python -m lab.speed --solver
 
 The first prints a figure a line and merges them into ``lab/results.json``; of one process and one
-thread, most of the demo's clip. It takes two to four minutes. Kernels that are not compiled yet
-take two more.
+thread, most of the demo's clip. It takes about a minute. Kernels that are not compiled yet take two
+more.
 
 The log-posterior, full and by what changed, stands beside the bare arithmetic in it. The yardstick
 is 400 frames of 16 joints and 20 cuboids: somebody goes round a room once and sits on five couches.
@@ -15,7 +15,7 @@ nothing else; torch and numpy do the same.
 With ``--solver`` a simulated clip of 430 frames is solved twice with 1,500 scenelets. Printed are
 processor seconds by stage (the machine may be busy with other things; torch and numba use one
 thread here, so that this is also the time on an idle one), and whether both runs agree to the last
-bit. Loading the library and compiling are not counted. It takes about a minute.
+bit. Loading the library and compiling are not counted. It takes a minute and a half.
 """
 
 from __future__ import annotations

@@ -9,7 +9,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-import imapper_prob
+from imapper_prob.api import sample, solve
 from imapper_prob.config import Config, SampleSettings
 from imapper_prob.layouts import merged_objects
 from imapper_prob.models.log_posterior import (
@@ -158,8 +158,8 @@ def outcome_of(family: str, index: int, *, unseen: bool, seed: int = 0) -> Outco
     """Simulate, solve, sample and score one clip."""
     performance = simulate_performance(family, index, seed=seed)
     library = searched_library(seed, family if unseen else None)
-    solution = imapper_prob.solve(performance.clip, library).actors[0]  # there is one person
-    posterior = imapper_prob.sample(
+    solution = solve(performance.clip, library).actors[0]  # there is one person
+    posterior = sample(
         performance.clip, library, start=solution, config=Config(seed=seed, sample=SETTINGS)
     )
     samples, best = posterior.samples, solution.states[0]

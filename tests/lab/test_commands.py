@@ -100,7 +100,8 @@ def test_speed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     run("lab.speed", "--seconds", "0.1", "-o", tmp_path / "results.json")
     found = json.loads((tmp_path / "results.json").read_text())
     assert found["demo_chain_steps_per_second"] > 0
-    assert all(name in capsys.readouterr().out for name in found)
+    told = capsys.readouterr().out
+    assert all(name in told for name in found)
     assert found.keys() <= json.loads((LAB / "results.json").read_text()).keys()
 
 
