@@ -44,10 +44,10 @@ from imapper_prob.files import written_whole
 from imapper_prob.models.geometry import NOTHING_IN_SIGHT, OPAQUE, pack_boxes, sight_clearance
 from imapper_prob.models.jit import compiled
 from imapper_prob.models.kernels.visibility import (
-    BENCH,
     GAP,
     LINE,
-    OUTLOOK,
+    OCCLUDER,
+    SCRATCH32,
     VIEW,
     Singles,
     open_bounds,
@@ -143,14 +143,14 @@ def _seated(
 
 
 @compiled
-def _bare(elevation: float, joints: Array, outlooks: Singles, views: Singles) -> float:
+def _bare(elevation: float, joints: Array, occluders: Singles, views: Singles) -> float:
     """Clearance of all lines of sight from all boxes; returns their sum, so that none is idle."""
     total, n = 0.0, len(joints)
-    lines, bench = np.empty((n, LINE), np.float32), np.empty(BENCH, np.float32)
+    lines, bench = np.empty((n, LINE), np.float32), np.empty(SCRATCH32, np.float32)
     for t in range(n):
         ray_endpoints(elevation, joints, lines, t)
         open_bounds(bench)
-        update_clearance(outlooks, 0, len(outlooks), lines, views, t, bench)
+        update_clearance(occluders, 0, len(occluders), lines, views, t, bench)
         for j in range(16):
             total += bench[GAP + j]
     return total
@@ -160,14 +160,14 @@ def bare_kernel(world: World) -> Callable[[], object]:
     """The compiled arithmetic without pruning: every box counts as in sight."""
     joints = np.ascontiguousarray(motion(world.problem, world.state).transpose(0, 2, 1))
     elevation = float(world.state.camera[1])
-    outlooks = np.zeros((len(world.boxes), OUTLOOK), np.float32)
+    occluders = np.zeros((len(world.boxes), OCCLUDER), np.float32)
     turns = np.stack([np.cos(world.boxes[:, 6]), np.sin(world.boxes[:, 6])], -1)
-    for box, turn, outlook in zip(world.boxes, turns, outlooks, strict=True):
+    for box, turn, outlook in zip(world.boxes, turns, occluders, strict=True):
         set_occluder(elevation, box, turn, outlook)
-    outlooks[:, :VIEW] = [-np.inf, np.inf, -np.inf, np.inf, -np.inf]
+    occluders[:, :VIEW] = [-np.inf, np.inf, -np.inf, np.inf, -np.inf]
     everywhere = [-np.inf, np.inf, -np.inf, np.inf, np.inf]
     views = np.tile(np.array(everywhere, np.float32), (len(joints), 1))
-    return lambda: _bare(elevation, joints, outlooks, views)
+    return lambda: _bare(elevation, joints, occluders, views)
 
 
 def numpy_kernel(world: World) -> Callable[[], object]:

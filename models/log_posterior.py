@@ -292,9 +292,9 @@ class Incremental:
         return self._state
 
     @property
-    def session(self) -> Evaluator:
+    def evaluator(self) -> Evaluator:
         """What compiled code is handed to evaluate proposals by itself."""
-        return self._session
+        return self._evaluator
 
     @property
     def parts(self) -> tuple[float, float]:
@@ -311,7 +311,7 @@ class Incremental:
             self._start(2 * state.n_scenelets)
         now = self._state
         parts: tuple[float, float] = change(
-            self._session, now.n_scenelets, now.camera, now.latent,
+            self._evaluator, now.n_scenelets, now.camera, now.latent,
             state.camera, state.items, state.placements, state.sizes, state.latent,
         )  # fmt: skip
         self._proposal = state, parts
@@ -329,7 +329,7 @@ class Incremental:
             raise ValueError("there is no proposal inside the support to accept")
         self._state, self._parts = self._proposal
         self._proposal = None
-        commit(self._session)
+        commit(self._evaluator)
 
     def _start(self, room: int) -> None:
         """Remember nothing but the current state, with room for so many scenelets."""
@@ -337,9 +337,9 @@ class Incremental:
             raise ValueError("the published energy has no incremental evaluation")
         state = self._state
         self._capacity = max(room, state.n_scenelets)
-        self._session: Evaluator = open_evaluator(self._problem, self._capacity)
+        self._evaluator: Evaluator = open_evaluator(self._problem, self._capacity)
         parts: tuple[float, float] = change(
-            self._session, -1, state.camera, state.latent,
+            self._evaluator, -1, state.camera, state.latent,
             state.camera, state.items, state.placements, state.sizes, state.latent,
         )  # fmt: skip
         if parts[0] == -math.inf:

@@ -333,18 +333,18 @@ def evaluate_paper(
         Values of ``PAPER_TERMS``, nats; the first is -inf outside the support.
     """
     terms = np.zeros(len(PAPER_TERMS))
-    session = open_evaluator(problem, len(items))
-    memory = session.memory
+    evaluator = open_evaluator(problem, len(items))
+    cache = evaluator.cache
     prior = place(
-        problem, memory, -1, camera, latent, camera, items, placements, sizes, latent
+        problem, cache, -1, camera, latent, camera, items, placements, sizes, latent
     )  # fmt: skip
     if prior == -math.inf:
         terms[CAMERA] = prior
         return terms
     for i in (CAMERA, LAYOUT, PLACEMENT, PATH):
-        terms[i] = memory.terms[i]
-    pose_joints(problem, memory, len(items), list_moved(memory), camera)
-    copy_joints(memory, joints)
+        terms[i] = cache.terms[i]
+    pose_joints(problem, cache, len(items), list_moved(cache), camera)
+    copy_joints(cache, joints)
     if problem.likelihood == 0.0:
         return terms
     boxes, turns, owner, yaws = place_boxes(problem, camera, items, placements, sizes)

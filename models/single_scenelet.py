@@ -25,21 +25,21 @@ _FURTHEST = 2.0
 
 @inlined
 def _judge(
-    session: Evaluator, camera: Array, latent: Array, item: Ints, where: Array, placed: Array
+    evaluator: Evaluator, camera: Array, latent: Array, item: Ints, where: Array, placed: Array
 ) -> tuple[float, float]:
     """Nats kept and flattened by tempering, the first by bearing and log depth; -inf outside."""
     placed[0, 0], placed[0, 1] = floor_point(where[0], where[1])
     placed[0, 2] = where[2]
     prior, rest = change(
-        session, 0, camera, latent, camera, item, placed[:, :3], where[3:4], latent
+        evaluator, 0, camera, latent, camera, item, placed[:, :3], where[3:4], latent
     )
-    odds = session.problem.log_rate[item[0, 0]]
+    odds = evaluator.problem.log_rate[item[0, 0]]
     return prior - odds + log_area(where[1]), rest + odds
 
 
 @compiled
 def judge_single(
-    session: Evaluator,
+    evaluator: Evaluator,
     camera: Array,
     latent: Array,
     items: Ints,
@@ -51,7 +51,7 @@ def judge_single(
 
     Parameters
     ----------
-    session : Session
+    evaluator : Evaluator
         Of a scene without scenelets.
     camera, latent : (5,), (T, 2) float
         Of that scene.
@@ -59,7 +59,7 @@ def judge_single(
         Scenelets and their starts.
     where : (n, 4) float
     values : (n, 2) float
-        Out, see :func:`expand_alone`.
+        Out, see :func:`expand_single`.
     beside : (n, 2, R) float
         Out: nats of what is in ``values`` that frames outside are worth, backwards from the first
         frame and onwards from the last: what is behind the scenelet's furniture there.
@@ -67,28 +67,28 @@ def judge_single(
     placed = np.empty((1, 3))
     for i in range(len(items)):
         values[i, 0], values[i, 1] = _judge(
-            session, camera, latent, items[i : i + 1], where[i], placed
+            evaluator, camera, latent, items[i : i + 1], where[i], placed
         )
-        _look_beside(session, items[i, 0], items[i, 1], beside[i])
+        _look_beside(evaluator, items[i, 0], items[i, 1], beside[i])
 
 
 @inlined
-def _look_beside(session: Evaluator, scenelet: int, start: int, beside: Array) -> None:
+def _look_beside(evaluator: Evaluator, scenelet: int, start: int, beside: Array) -> None:
     """What the scene last judged is worth in the frames before and after its scenelet."""
-    problem, memory = session.problem, session.memory
+    problem, cache = evaluator.problem, evaluator.cache
     end = start + problem.joint_first[scenelet + 1] - problem.joint_first[scenelet]
-    rows, votes, bare = memory.sum_row, memory.votes, memory.bare
+    rows, emissions, bare = cache.sum_row, cache.emissions, cache.bare
     for r in range(beside.shape[1]):
         beside[0, r] = beside[1, r] = 0.0
         if start - 1 - r >= 0:
-            beside[0, r] = votes[rows[start - 1 - r], 0] - bare[start - 1 - r, 0]
+            beside[0, r] = emissions[rows[start - 1 - r], 0] - bare[start - 1 - r, 0]
         if end + r < len(bare):
-            beside[1, r] = votes[rows[end + r], 0] - bare[end + r, 0]
+            beside[1, r] = emissions[rows[end + r], 0] - bare[end + r, 0]
 
 
 @compiled
 def expand_single(
-    session: Evaluator,
+    evaluator: Evaluator,
     camera: Array,
     latent: Array,
     items: Ints,
@@ -104,8 +104,8 @@ def expand_single(
 
     Parameters
     ----------
-    session, camera, latent, items
-        See :func:`judge_alone`.
+    evaluator, camera, latent, items
+        See :func:`judge_single`.
     steps : (4, 4) float
         Rows are the unit steps of the expansion.
     rounds : int
@@ -119,18 +119,18 @@ def expand_single(
     gradients, hessians : (n, 2, 4), (n, 2, 4, 4) float
         Out: derivatives of both, a unit step each.
     beside : (n, 2, R) float
-        Out, see :func:`judge_alone`.
+        Out, see :func:`judge_single`.
     """
     placed, there = np.empty((1, 3)), np.empty(4)
     near = np.empty((2, 4, 2))
     for i in range(len(items)):
         item = items[i : i + 1]
-        kept, rest = _judge(session, camera, latent, item, where[i], placed)
+        kept, rest = _judge(evaluator, camera, latent, item, where[i], placed)
         for n in range(4 * rounds):
             step = steps[n % 4]
             for side in range(2):
                 there[:] = where[i] + (2 * side - 1) * step
-                a, b = _judge(session, camera, latent, item, there, placed)
+                a, b = _judge(evaluator, camera, latent, item, there, placed)
                 near[side, 0, 0] = a + b
             less, more = near[0, 0, 0], near[1, 0, 0]
             bend = 2.0 * (kept + rest) - less - more
@@ -138,14 +138,14 @@ def expand_single(
                 continue
             by = 0.5 * (more - less) / bend if bend > 0.0 else math.copysign(1.0, more - less)
             there[:] = where[i] + min(max(by, -_FURTHEST), _FURTHEST) * step
-            a, b = _judge(session, camera, latent, item, there, placed)
+            a, b = _judge(evaluator, camera, latent, item, there, placed)
             if a + b > kept + rest:
                 where[i] = there
                 kept, rest = a, b
         for k in range(4):
             for side in range(2):
                 there[:] = where[i] + (2 * side - 1) * steps[k]
-                a, b = _judge(session, camera, latent, item, there, placed)
+                a, b = _judge(evaluator, camera, latent, item, there, placed)
                 near[side, k, 0], near[side, k, 1] = a, b
         for k in range(4):
             gradients[i, 0, k] = 0.5 * (near[1, k, 0] - near[0, k, 0])
@@ -154,9 +154,9 @@ def expand_single(
             hessians[i, 1, k, k] = near[1, k, 1] + near[0, k, 1] - 2.0 * rest
             for m in range(k):
                 there[:] = where[i] + steps[k] + steps[m]
-                a, b = _judge(session, camera, latent, item, there, placed)
+                a, b = _judge(evaluator, camera, latent, item, there, placed)
                 there[:] = where[i] - steps[k] - steps[m]
-                c, d = _judge(session, camera, latent, item, there, placed)
+                c, d = _judge(evaluator, camera, latent, item, there, placed)
                 for of in range(2):
                     both = a + c + 2.0 * kept if of == 0 else b + d + 2.0 * rest
                     one = near[0, k, of] + near[1, k, of] + near[0, m, of] + near[1, m, of]
@@ -167,8 +167,8 @@ def expand_single(
                 sound = sound and math.isfinite(hessians[i, 0, k, m] + hessians[i, 1, k, m])
         values[i, 0], values[i, 1] = (kept if sound else -math.inf), rest
         if sound:
-            _judge(session, camera, latent, item, where[i], placed)
-            _look_beside(session, items[i, 0], items[i, 1], beside[i])
+            _judge(evaluator, camera, latent, item, where[i], placed)
+            _look_beside(evaluator, items[i, 0], items[i, 1], beside[i])
 
 
 # ------------------------------------------------------------------------------------------------
@@ -218,7 +218,7 @@ def judge(problem: Problem, items: Ints, where: Array) -> tuple[Array, Array]:
     """
     scene, alone, nothing = _nothing(problem)
     values, beside = np.empty((len(items), 2)), np.empty((len(items), 2, REACH))
-    judge_single(alone.session, scene.camera, scene.latent, items, where, values, beside)
+    judge_single(alone.evaluator, scene.camera, scene.latent, items, where, values, beside)
     return values - nothing, beside
 
 
@@ -233,7 +233,7 @@ def expand(problem: Problem, items: Ints, where: Array, *, rounds: int = 1) -> E
     values, gradients, hessians = np.empty((n, 2)), np.empty((n, 2, 4)), np.empty((n, 2, 4, 4))
     beside = np.zeros((n, 2, REACH))
     expand_single(
-        alone.session, scene.camera, scene.latent, items, STEPS, rounds,
+        alone.evaluator, scene.camera, scene.latent, items, STEPS, rounds,
         where, values, gradients, hessians, beside,
     )  # fmt: skip
     return Expansions(where, values - nothing, gradients, hessians, beside)

@@ -55,7 +55,7 @@ class StretchRedraw(Redraw[State]):
     tries: int = 8
     name: str = "redraw"
     _tables: Tables = field(init=False, repr=False)
-    _session: Evaluator = field(init=False, repr=False)
+    _evaluator: Evaluator = field(init=False, repr=False)
     _room: Room = field(init=False, repr=False)
     _lengths: tuple[int, ...] = field(init=False, repr=False)
 
@@ -67,7 +67,7 @@ class StretchRedraw(Redraw[State]):
         lengths = tuple(min(round(usual * s), self.problem.n_frames) for s in _STRETCHES)
         object.__setattr__(self, "_tables", tables)
         object.__setattr__(
-            self, "_session", Incremental(self.problem, empty_state(self.problem)).session
+            self, "_evaluator", Incremental(self.problem, empty_state(self.problem)).evaluator
         )
         object.__setattr__(self, "_room", Room(sharp, flat, np.empty((2, n)), np.empty((2, n))))
         object.__setattr__(self, "_lengths", lengths)
@@ -110,7 +110,7 @@ class StretchRedraw(Redraw[State]):
         flat = min(sharp + _FLATTER, len(POWERS) - 1)
         tables = self._tables
         redraw(
-            self._session, tables.common,
+            self._evaluator, tables.common,
             tables.gaussians[sharp], tables.segments[sharp],
             tables.gaussians[flat], tables.segments[flat],
             self._room, state.camera, others, beside, beside_where, begin, finish,

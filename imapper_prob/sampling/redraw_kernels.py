@@ -91,7 +91,7 @@ def _stands(heights: Array, node: int, where: Array, before: Array, after: Array
 
 @compiled
 def _density_of_places(
-    session: Evaluator,
+    evaluator: Evaluator,
     common: Common,
     table: Table,
     camera: Array,
@@ -110,7 +110,7 @@ def _density_of_places(
     ``stretch`` is positive the places are drawn first, of the Gaussian's coordinates times it.
     With ``tail`` degrees of freedom it is Student's t in place of a Gaussian.
     """
-    problem = session.problem
+    problem = evaluator.problem
     size = 4 * count
     matrix, pull, errors = np.zeros((size, size)), np.zeros(size), np.empty((count, 6))
     items = np.empty((1, 2), np.int64)
@@ -229,11 +229,11 @@ def _density_of_places(
 
 @compiled
 def _sides(
-    session: Evaluator, camera: Array, beside: Ints, beside_where: Array, sides: Array
+    evaluator: Evaluator, camera: Array, beside: Ints, beside_where: Array, sides: Array
 ) -> None:
     """Of the scenelet on the left path errors of its last two frames and its end, of that on the
     right those of its first frame and its start; missing where ``beside`` has no scenelet."""
-    problem, errors = session.problem, np.empty((2, 6))
+    problem, errors = evaluator.problem, np.empty((2, 6))
     sides[:] = _MISSING
     for side in range(2):
         if beside[side, 0] < 0:
@@ -253,7 +253,7 @@ def _sides(
 
 @compiled
 def _set_edges(
-    session: Evaluator,
+    evaluator: Evaluator,
     common: Common,
     table: Table,
     segments: Segments,
@@ -268,7 +268,7 @@ def _set_edges(
     right: Array,
 ) -> float:
     """Log factors of a first and of a last node; returns the log weight of no node at all."""
-    problem = session.problem
+    problem = evaluator.problem
     mean, draw, film = problem.path_mean, problem.path_draw, common.film
     start_after, end_before = np.int64(sides[1, 4]), np.int64(sides[0, 4])
     joints = np.empty((4, 3, 16))
@@ -353,7 +353,7 @@ def _set_edges(
 
 @compiled
 def redraw(
-    session: Evaluator,
+    evaluator: Evaluator,
     common: Common,
     sharp: Table,
     sharp_segments: Segments,
@@ -382,7 +382,7 @@ def redraw(
 
     Parameters
     ----------
-    session : Session
+    evaluator : Evaluator
         Of the problem.
     common : Common
     sharp, sharp_segments, flat, flat_segments
@@ -411,9 +411,9 @@ def redraw(
     log_density : (n + 1,) float
         Out: of the draws, on the floor, and of what is there; -inf for draws that are nothing.
     """
-    problem, kinds = session.problem, len(sharp_segments.follow)
+    problem, kinds = evaluator.problem, len(sharp_segments.follow)
     sides = np.empty((2, 5))
-    _sides(session, camera, beside, beside_where, sides)
+    _sides(evaluator, camera, beside, beside_where, sides)
     credit = np.zeros((2, kinds))
     for k in range(kinds - 1):
         held = False
@@ -431,11 +431,11 @@ def redraw(
     two = _following(flat_segments, follow[1])
     nothing = np.empty(2)
     nothing[0] = _set_edges(
-        session, common, sharp, one, camera, beside, beside_where, sides, begin, finish, credit[0],
-        room.left[0], room.right[0],
+        evaluator, common, sharp, one, camera, beside, beside_where, sides, begin, finish,
+        credit[0], room.left[0], room.right[0],
     )  # fmt: skip
     nothing[1] = _set_edges(
-        session, common, flat, two, camera, beside, beside_where, sides, begin, finish, credit[1],
+        evaluator, common, flat, two, camera, beside, beside_where, sides, begin, finish, credit[1],
         room.left[1], room.right[1],
     )  # fmt: skip
     totals = np.empty(2)
@@ -478,14 +478,14 @@ def redraw(
                 parts[0] = sequence_weight(
                     one, sequence, count, room.left[0], room.right[0], nothing[0]
                 ) - totals[0] + _density_of_places(
-                    session, common, sharp, camera, sequence, count, sides, 0.0, normals[i % n],
+                    evaluator, common, sharp, camera, sequence, count, sides, 0.0, normals[i % n],
                     stretch, places,
                 )  # fmt: skip
             else:
                 parts[1] = sequence_weight(
                     two, sequence, count, room.left[1], room.right[1], nothing[1]
                 ) - totals[1] + _density_of_places(
-                    session, common, flat, camera, sequence, count, sides, TAIL, normals[i % n],
+                    evaluator, common, flat, camera, sequence, count, sides, TAIL, normals[i % n],
                     stretch, places,
                 )  # fmt: skip
         highest = max(parts[0], parts[1])

@@ -10,18 +10,18 @@ from numba.experimental import structref
 from numpy.typing import NDArray
 
 from imapper_prob.models.jit import compiled, inner, inner_inlined
-from imapper_prob.models.kernels.frame import CHANCES, DESK, FACTS
+from imapper_prob.models.kernels.frame import LIKELIHOODS, PARAMS, SCRATCH64
 from imapper_prob.models.kernels.intersection import N_DISPLACED
-from imapper_prob.models.kernels.visibility import BENCH, LINE, OUTLOOK, VIEW, Singles
+from imapper_prob.models.kernels.visibility import LINE, OCCLUDER, SCRATCH32, VIEW, Singles
 from imapper_prob.models.problem import TERMS, Problem
 
 __all__ = [
     "ADDED",
+    "EMISSION",
     "KEPT",
     "REMOVED",
     "RIGHT",
     "UNUSED",
-    "VOTE",
     "WRONG",
     "Cache",
     "Evaluator",
@@ -30,7 +30,7 @@ __all__ = [
 ]
 
 UNUSED, KEPT, ADDED, REMOVED = range(4)
-VOTE = 5
+EMISSION = 5
 """Numbers of a frame's vote: the greater log-density of two, weighted, and both densities over it;
 and, unweighted, its log-likelihood as it is and with sides swapped, nats."""
 RIGHT, WRONG = 3, 4
@@ -62,7 +62,7 @@ class Cache(NamedTuple):
     counts: Ints  # (S,) boxes of each
     boxes: Array  # (S B, 7) in the world
     turns: Array  # (S B, 3) cosine and sine of the yaw, half a diagonal
-    outlooks: Singles  # (S B, 15) see set_outlook
+    occluders: Singles  # (S B, 15) see set_outlook
     footprints: Array  # (S B, 4) see set_footprint
     hulls: Singles  # (S, 5) window of all boxes of a slot
     floors: Array  # (S, 4) footprint of all boxes of a slot
@@ -76,10 +76,10 @@ class Cache(NamedTuple):
     joints: Array  # (2 T, 3, 16) in the world, metres
     lines: Singles  # (2 T, 48) see aim
     views: Singles  # (2 T, 5) see look
-    columns: Array  # (2 T, 5, 4) see set_columns
-    ground: Array  # (2 T, 4) see set_columns
+    columns: Array  # (2 T, 5, 4) see set_body_columns
+    ground: Array  # (2 T, 4) see set_body_columns
     sunk: Array  # (2 T,) how deep the lowest joint is below the floor, metres
-    chances: Array  # (2 T, 64) see CHANCES, of covered frames
+    likelihoods: Array  # (2 T, 64) see CHANCES, of covered frames
     gaps: Singles  # (S, 2 T, 16) clearance of the joints from a slot's boxes, where near
     near: Flags  # (S, 2 T) whether any box of the slot can come near a line of sight
     depths: Array  # (S, 2 T) how deep the body stands in the slot's objects, metres
@@ -88,25 +88,25 @@ class Cache(NamedTuple):
     changed: Flags  # (T,) whether the proposal wrote the other
     sum_row: Ints  # (T,) the row that holds in the proposal
     clearance: Singles  # (2 T, 16) of the joints from all boxes, metres
-    votes: Array  # (2 T, 5) see VOTE
+    emissions: Array  # (2 T, 5) see VOTE
 
     poses: Array  # (T, 3, 16) of the problem, with the joints side by side
-    places: Array  # (T, 2, 2, 16) see set_detections
-    facts: Singles  # (T, 2, 7, 16) see set_detections
+    uv: Array  # (T, 2, 2, 16) see set_detections
+    params: Singles  # (T, 2, 7, 16) see set_detections
     told: Flags  # (T,) whether these two are there
     own: Array  # (T, 64) CHANCES of a free frame
     own_told: Flags  # (T,) whether they are there
-    bare: Array  # (T, 5) votes of a free frame with nothing in sight; NaN where not asked yet
+    bare: Array  # (T, 5) emissions of a free frame with nothing in sight; NaN where not asked yet
     watched: Flags  # (T,) whether anything of the frame was detected
     every: Ints  # (T,) all frames
     frames: Ints  # (T,) those that moved, then those to weigh: workspace, as is what follows
     weighed: Ints  # (T,) rows of the latter
-    seen: Singles  # (T, 16) of theirs, see find_seen
-    logs: Array  # (4, T) see weigh
-    bench: Singles  # (BENCH,)
-    desk: Array  # (DESK,)
+    seen: Singles  # (T, 16) of theirs, see visibility_probabilities
+    logs: Array  # (4, T) see mix_likelihoods
+    scratch32: Singles  # (SCRATCH32,)
+    scratch64: Array  # (SCRATCH64,)
     drawn: Array  # (T, 2)
-    displaced: Array  # (5,) see give_way
+    displaced: Array  # (5,) see add_displaced_depth
     terms: Array  # (11,) of the proposal, nats, see TERMS
 
 
@@ -141,7 +141,7 @@ def _singles(pool: NDArray[np.uint8], at: Ints, size: int) -> Singles:
 
 @inner
 def new_cache(problem: Problem, capacity: int) -> Cache:
-    """Memory of nothing yet, for states of up to ``capacity`` scenelets and proposals of as many.
+    """Cache of nothing yet, for states of up to ``capacity`` scenelets and proposals of as many.
 
     What is read before it is written is set here. The larger arrays are parts of one: many pieces
     of that size would go back to the system, and come from it anew page by page, at every
@@ -152,8 +152,12 @@ def new_cache(problem: Problem, capacity: int) -> Cache:
         n_boxes = max(n_boxes, problem.box_first[k + 1] - problem.box_first[k])
     rows, all_boxes = 2 * n, n_slots * n_boxes
 
-    doubles = rows * (48 + 20 + CHANCES + VOTE + n_slots) + n * (48 + 64 + CHANCES) + DESK
-    singles = rows * (LINE + 16 + 16 * n_slots) + n * (2 * FACTS * 16 + 16) + BENCH
+    doubles = (
+        rows * (48 + 20 + LIKELIHOODS + EMISSION + n_slots)
+        + n * (48 + 64 + LIKELIHOODS)
+        + SCRATCH64
+    )
+    singles = rows * (LINE + 16 + 16 * n_slots) + n * (2 * PARAMS * 16 + 16) + SCRATCH32
     pool = np.empty(8 * doubles + 4 * singles + (_PIECES + 1) * _CACHE_LINE, np.uint8)
     at = np.empty(1, np.int64)
     at[0] = (_CACHE_LINE - np.int64(pool.ctypes.data) % _CACHE_LINE) % _CACHE_LINE
@@ -181,7 +185,7 @@ def new_cache(problem: Problem, capacity: int) -> Cache:
         counts=np.zeros(n_slots, np.int64),
         boxes=np.empty((all_boxes, 7)),
         turns=np.empty((all_boxes, 3)),
-        outlooks=np.empty((all_boxes, OUTLOOK), np.float32),
+        occluders=np.empty((all_boxes, OCCLUDER), np.float32),
         footprints=np.empty((all_boxes, 4)),
         hulls=np.empty((n_slots, VIEW), np.float32),
         floors=np.empty((n_slots, 4)),
@@ -197,7 +201,7 @@ def new_cache(problem: Problem, capacity: int) -> Cache:
         columns=_doubles(pool, at, rows * 20).reshape((rows, 5, 4)),
         ground=np.empty((rows, 4)),
         sunk=np.empty(rows),
-        chances=_doubles(pool, at, rows * CHANCES).reshape((rows, CHANCES)),
+        likelihoods=_doubles(pool, at, rows * LIKELIHOODS).reshape((rows, LIKELIHOODS)),
         gaps=_singles(pool, at, n_slots * rows * 16).reshape((n_slots, rows, 16)),
         # A slot that goes is asked about rows in which it never was.
         near=np.zeros((n_slots, rows), np.uint8),
@@ -206,22 +210,22 @@ def new_cache(problem: Problem, capacity: int) -> Cache:
         changed=np.zeros(n, np.uint8),
         sum_row=np.zeros(n, np.int64),
         clearance=_singles(pool, at, rows * 16).reshape((rows, 16)),
-        votes=_doubles(pool, at, rows * VOTE).reshape((rows, VOTE)),
+        emissions=_doubles(pool, at, rows * EMISSION).reshape((rows, EMISSION)),
         poses=poses,
-        places=_doubles(pool, at, n * 64).reshape((n, 2, 2, 16)),
-        facts=_singles(pool, at, n * 2 * FACTS * 16).reshape((n, 2, FACTS, 16)),
+        uv=_doubles(pool, at, n * 64).reshape((n, 2, 2, 16)),
+        params=_singles(pool, at, n * 2 * PARAMS * 16).reshape((n, 2, PARAMS, 16)),
         told=np.zeros(n, np.uint8),
-        own=_doubles(pool, at, n * CHANCES).reshape((n, CHANCES)),
+        own=_doubles(pool, at, n * LIKELIHOODS).reshape((n, LIKELIHOODS)),
         own_told=np.zeros(n, np.uint8),
-        bare=np.full((n, VOTE), np.nan),
+        bare=np.full((n, EMISSION), np.nan),
         watched=watched,
         every=np.arange(n),
         frames=np.empty(n, np.int64),
         weighed=np.empty(n, np.int64),
         seen=_singles(pool, at, n * 16).reshape((n, 16)),
         logs=np.empty((4, n)),
-        bench=_singles(pool, at, BENCH),
-        desk=_doubles(pool, at, DESK),
+        scratch32=_singles(pool, at, SCRATCH32),
+        scratch64=_doubles(pool, at, SCRATCH64),
         drawn=np.empty((n, 2)),
         displaced=np.empty(N_DISPLACED),
         terms=np.zeros(len(TERMS)),
@@ -229,32 +233,32 @@ def new_cache(problem: Problem, capacity: int) -> Cache:
 
 
 # ------------------------------------------------------------------------------------------------
-# Problem and memory as one object, which compiled code is handed by its address.
+# Problem and cache as one object, which compiled code is handed by its address.
 #
-# A problem and a memory are some ninety arrays. To look at each of them at every call takes
-# longer than all the arithmetic of a small move; so this is done once, when a session is opened.
+# A problem and a cache are some ninety arrays. To look at each of them at every call takes
+# longer than all the arithmetic of a small move; so this is done once, when a evaluator is opened.
 
 _structref: Any = structref
 """numba's records by reference, published without types."""
 
 
 class _EvaluatorType(types.StructRef):
-    """What the compiler calls a session."""
+    """What the compiler calls a evaluator."""
 
 
 class Evaluator(structref.StructRefProxy):
-    """A problem and the memory of its evaluation."""
+    """A problem and the cache of its evaluation."""
 
     problem: Problem
-    memory: Cache
+    cache: Cache
 
 
 _structref.register(_EvaluatorType)
 _structref.define_boxing(_EvaluatorType, Evaluator)
-_structref.define_constructor(Evaluator, _EvaluatorType, ["problem", "memory"])
+_structref.define_constructor(Evaluator, _EvaluatorType, ["problem", "cache"])
 
 
 @compiled
 def open_evaluator(problem: Problem, capacity: int) -> Evaluator:
-    """A session of ``problem``, whose arrays it keeps, with memory for ``capacity`` scenelets."""
+    """A evaluator of ``problem``, whose arrays it keeps, with cache for ``capacity`` scenelets."""
     return Evaluator(problem, new_cache(problem, max(capacity, 1)))  # type: ignore[no-untyped-call]

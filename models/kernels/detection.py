@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from imapper_prob.models.geometry import NOTHING_IN_SIGHT
 from imapper_prob.models.jit import compiled, inner_inlined
-from imapper_prob.models.kernels.cache import RIGHT, VOTE, WRONG, Cache
+from imapper_prob.models.kernels.cache import EMISSION, RIGHT, WRONG, Cache
 from imapper_prob.models.kernels.frame import (
     mix_likelihoods,
     set_own_likelihoods,
@@ -128,12 +128,12 @@ _TINY = 1e-100
 
 
 @inner_inlined
-def _set_emission(right: float, wrong: float, weight: float, votes: Array, row: int) -> None:
+def _set_emission(right: float, wrong: float, weight: float, emissions: Array, row: int) -> None:
     """Of a frame whose log-likelihood is ``right`` as it is, ``wrong`` with sides swapped, nats."""
-    votes[row, 0] = weight * max(right, wrong)
+    emissions[row, 0] = weight * max(right, wrong)
     less = math.exp(-weight * abs(right - wrong))
-    votes[row, 1], votes[row, 2] = (1.0, less) if right > wrong else (less, 1.0)
-    votes[row, RIGHT], votes[row, WRONG] = right, wrong
+    emissions[row, 1], emissions[row, 2] = (1.0, less) if right > wrong else (less, 1.0)
+    emissions[row, RIGHT], emissions[row, WRONG] = right, wrong
 
 
 @inner_inlined
@@ -153,77 +153,77 @@ def _nothing_near(clearance: Singles, row: int) -> bool:
 
 
 @inner_inlined
-def update_emissions(problem: Problem, memory: Cache, n: int) -> None:
+def update_emissions(problem: Problem, cache: Cache, n: int) -> None:
     """Votes of the changed frames with all ``n`` scenelets."""
-    n_weighed = _reuse_emissions(memory, n)
-    cover, frames, weighed, rows = memory.cover, memory.frames, memory.weighed, memory.pose_row
-    own, chances, seen, desk = memory.own, memory.chances, memory.seen, memory.desk
-    votes, bare, clearance = memory.votes, memory.bare, memory.clearance
-    weight, logs = problem.frame_weight * problem.likelihood, memory.logs
+    n_weighed = _reuse_emissions(cache, n)
+    cover, frames, weighed, rows = cache.cover, cache.frames, cache.weighed, cache.pose_row
+    own, likelihoods, seen, scratch64 = cache.own, cache.likelihoods, cache.seen, cache.scratch64
+    emissions, bare, clearance = cache.emissions, cache.bare, cache.clearance
+    weight, logs = problem.frame_weight * problem.likelihood, cache.logs
     visibility_probabilities(seen, n_weighed, problem.sight_width, problem.surprise)
     for i in range(n_weighed):
         t = frames[i]
         if cover[1, t] >= 0:
-            mix_likelihoods(chances, rows[t], seen, i, desk, logs)
+            mix_likelihoods(likelihoods, rows[t], seen, i, scratch64, logs)
         else:
-            if not memory.own_told[t]:
-                set_own_likelihoods(problem, t, desk, own, t)
-                memory.own_told[t] = 1
-            mix_likelihoods(own, t, seen, i, desk, logs)
+            if not cache.own_told[t]:
+                set_own_likelihoods(problem, t, scratch64, own, t)
+                cache.own_told[t] = 1
+            mix_likelihoods(own, t, seen, i, scratch64, logs)
     take_logs(logs, n_weighed)
     for i in range(n_weighed):
         t, to = frames[i], weighed[i]
-        _set_emission(logs[0, i], logs[1, i], weight, votes, to)
+        _set_emission(logs[0, i], logs[1, i], weight, emissions, to)
         if cover[1, t] < 0 and math.isnan(bare[t, 0]) and _nothing_near(clearance, to):
-            for k in range(VOTE):
-                bare[t, k] = votes[to, k]
+            for k in range(EMISSION):
+                bare[t, k] = emissions[to, k]
 
 
 @inner_inlined
-def _reuse_emissions(memory: Cache, n: int) -> int:
-    """Clearance of the changed frames, and votes of those that were cast before.
+def _reuse_emissions(cache: Cache, n: int) -> int:
+    """Clearance of the changed frames, and emissions of those that were cast before.
 
     The other frames, their rows and clearances are put into ``frames``, ``weighed`` and
     ``seen``; returns how many.
     """
-    changed, moved, cover, near = memory.changed, memory.moved, memory.cover, memory.near
-    rows, sum_rows = memory.pose_row, memory.sum_row
-    gaps, clearance, bench, slots = memory.gaps, memory.clearance, memory.bench, memory.slots
-    votes, bare, seen, n_weighed = memory.votes, memory.bare, memory.seen, 0
+    changed, moved, cover, near = cache.changed, cache.moved, cache.cover, cache.near
+    rows, sum_rows = cache.pose_row, cache.sum_row
+    gaps, clearance, scratch32, slots = cache.gaps, cache.clearance, cache.scratch32, cache.slots
+    emissions, bare, seen, n_weighed = cache.emissions, cache.bare, cache.seen, 0
     for t in range(len(changed)):
         if not changed[t]:
             continue
         row, to = rows[t], sum_rows[t]
         before = 2 * t + len(changed) - to
         bounded = False
-        open_bounds(bench)
+        open_bounds(scratch32)
         for i in range(n):
             slot = slots[1, i]
             if near[slot, row]:
                 bounded = True
                 for j in range(gaps.shape[2]):
                     # The cap, which changes nothing, makes it three, as in ``sight``.
-                    bench[GAP + j] = min(min(bench[GAP + j], gaps[slot, row, j]), _CAP)
+                    scratch32[GAP + j] = min(min(scratch32[GAP + j], gaps[slot, row, j]), _CAP)
         for j in range(clearance.shape[1]):
-            clearance[to, j] = bench[GAP + j]
+            clearance[to, j] = scratch32[GAP + j]
         covered = cover[1, t] >= 0
         posed = moved[t] and (covered or cover[0, t] >= 0)
         if not posed and not _differ(clearance, before, to):
-            for k in range(VOTE):
-                votes[to, k] = votes[before, k]
+            for k in range(EMISSION):
+                emissions[to, k] = emissions[before, k]
         elif covered or bounded or math.isnan(bare[t, 0]):
-            memory.frames[n_weighed], memory.weighed[n_weighed] = t, to
+            cache.frames[n_weighed], cache.weighed[n_weighed] = t, to
             for j in range(seen.shape[1]):
-                seen[n_weighed, j] = bench[GAP + j]
+                seen[n_weighed, j] = scratch32[GAP + j]
             n_weighed += 1
         else:
-            for k in range(VOTE):
-                votes[to, k] = bare[t, k]
+            for k in range(EMISSION):
+                emissions[to, k] = bare[t, k]
     return n_weighed
 
 
 @inner_inlined
-def forward_log_likelihood(problem: Problem, memory: Cache) -> float:
+def forward_log_likelihood(problem: Problem, cache: Cache) -> float:
     """Detections of all frames, whichever are swapped, cost of free poses, and of sunken ones.
 
     Of the first, the log of equation (12) by its forward recursion, on densities that are rescaled
@@ -233,16 +233,16 @@ def forward_log_likelihood(problem: Problem, memory: Cache) -> float:
     usual = begins / (begins + ends)
     stays, turned = 1.0 - usual, usual
     total, free, below = 0.0, 0.0, 0.0
-    rows, votes, poses, sunk = memory.sum_row, memory.votes, memory.pose_row, memory.sunk
-    cover, free_cost, watched = memory.cover, problem.free_cost, memory.watched
+    rows, emissions, poses, sunk = cache.sum_row, cache.emissions, cache.pose_row, cache.sunk
+    cover, free_cost, watched = cache.cover, problem.free_cost, cache.watched
     for t in range(len(rows)):
         row = rows[t]
         if problem.path_starts[t]:
             both = stays + turned
             stays, turned = (1.0 - usual) * both, usual * both
-        total += votes[row, 0]
-        stays *= votes[row, 1]
-        turned *= votes[row, 2]
+        total += emissions[row, 0]
+        stays *= emissions[row, 1]
+        turned *= emissions[row, 2]
         if stays + turned < _TINY:
             scale = stays + turned
             total += math.log(scale)
@@ -257,7 +257,7 @@ def forward_log_likelihood(problem: Problem, memory: Cache) -> float:
         if cover[1, t] < 0:
             free += free_cost[t]
     total += math.log(stays + turned)
-    weight, terms = problem.frame_weight * problem.likelihood, memory.terms
+    weight, terms = problem.frame_weight * problem.likelihood, cache.terms
     terms[DETECTIONS] = total
     terms[FREE_POSE] = -weight * free
     terms[GROUND] = -weight * problem.motion_cost * below

@@ -14,9 +14,9 @@ from imapper_prob.models.settings import NEAREST
 from imapper_prob.models.skeleton import MIRROR
 
 __all__ = [
-    "CHANCES",
-    "DESK",
-    "FACTS",
+    "LIKELIHOODS",
+    "PARAMS",
+    "SCRATCH64",
     "Lens",
     "lens_of",
     "mix_likelihoods",
@@ -33,7 +33,7 @@ Lens = tuple[float, float, float, float, float, float, float, float, float, floa
 """Both focal lengths, the principal point and the pose's doubt of one metre's depth, in
 pixels; cosine and sine of the camera's pitch, its elevation, cosine and sine of its roll."""
 
-CHANCES = 64
+LIKELIHOODS = 64
 """Of a frame: densities of the detections of hidden joints, and by how much those of seen
 joints are greater; both for sides as they are and then swapped. A joint is in its own place,
 whichever side's detection it answers for: only their product counts."""
@@ -41,16 +41,16 @@ whichever side's detection it answers for: only their product counts."""
 # What is known of the detection that a joint answers for: whether it was used; square scale,
 # degrees of freedom and the confidence's density over 2 pi, of hidden and of seen joints.
 _USED, _SCALE2, _DOF, _CONFIDENCE = 0, 1, 3, 5
-FACTS = 7
-"""How many such facts there are."""
+PARAMS = 7
+"""How many such numbers there are."""
 
-# Where the rows of the desk start: pixels, and square pixels of the pose's doubt; densities:
-# sides as they are, hidden and seen, and sides swapped, hidden and seen.
+# Where the rows of the scratch array start: pixels, and square pixels of the pose's doubt;
+# densities: sides as they are, hidden and seen, and sides swapped, hidden and seen.
 _U, _V, _LOOSE, _DENSITY = 0, 16, 32, 48
-DESK = 112
-"""Numbers on the desk, the workspace."""
-# On the bench, in the order of densities: 1 + r^2 / (dof scale^2) and the power it is raised
-# to, then the density but for its exponent, and that.
+SCRATCH64 = 112
+"""Numbers in the scratch array."""
+# On the scratch array, in the order of densities: 1 + r^2 / (dof scale^2) and the power it is
+# raised to, then the density but for its exponent, and that.
 _RATIO, _POWER, _FRACTION, _EXPONENT = 0, 64, 0, 64
 
 _SMALLEST = float(np.finfo(np.float64).tiny)
@@ -92,7 +92,7 @@ def lens_of(problem: Problem, camera: Array) -> Lens:
 
 
 @inner_inlined
-def _project(lens: Lens, body: float, joints: Array, row: int, desk: Array) -> None:
+def _project(lens: Lens, body: float, joints: Array, row: int, scratch64: Array) -> None:
     """Pixels of the joints ``joints[row]``, and how loosely a scenelet's pose holds there."""
     fx, fy, cx, cy, doubt, cp, sp, elevation, cr, sr = lens
     # A larger body differs by more: else distance alone would seem to fit better.
@@ -101,13 +101,13 @@ def _project(lens: Lens, body: float, joints: Array, row: int, desk: Array) -> N
         x, y, z = joints[row, 0, j], joints[row, 1, j], joints[row, 2, j] - elevation
         nearness = 1.0 / max(cp * y + sp * z, NEAREST)
         up = -sp * y + cp * z
-        desk[_U + j] = cx + fx * (cr * x + sr * up) * nearness
-        desk[_V + j] = cy - fy * (cr * up - sr * x) * nearness
-        desk[_LOOSE + j] = (doubt * nearness) * (doubt * nearness)
+        scratch64[_U + j] = cx + fx * (cr * x + sr * up) * nearness
+        scratch64[_V + j] = cy - fy * (cr * up - sr * x) * nearness
+        scratch64[_LOOSE + j] = (doubt * nearness) * (doubt * nearness)
 
 
 @inner_inlined
-def set_detections(problem: Problem, t: int, places: Array, facts: Singles, row: int) -> None:
+def set_detections(problem: Problem, t: int, uv: Array, params: Singles, row: int) -> None:
     """The detections of frame t, side by side in the joints' places.
 
     Into ``places[row]`` (2, 2, 16), their u and v in pixels, and ``facts[row]`` (2, 7, 16);
@@ -116,56 +116,59 @@ def set_detections(problem: Problem, t: int, places: Array, facts: Singles, row:
     keypoints, used = problem.keypoints, problem.used
     scales, dofs, confidence = problem.error_scale, problem.error_dof, problem.confidence_density
     for j in range(16):
-        places[row, 0, 0, j], places[row, 0, 1, j] = keypoints[t, j, 0], keypoints[t, j, 1]
-        facts[row, 0, _USED, j] = used[t, j]
+        uv[row, 0, 0, j], uv[row, 0, 1, j] = keypoints[t, j, 0], keypoints[t, j, 1]
+        params[row, 0, _USED, j] = used[t, j]
         for visible in range(2):
-            facts[row, 0, _SCALE2 + visible, j] = scales[t, j, visible] * scales[t, j, visible]
-            facts[row, 0, _DOF + visible, j] = dofs[t, j, visible]
-            facts[row, 0, _CONFIDENCE + visible, j] = confidence[t, j, visible] * _PER_TURN
+            params[row, 0, _SCALE2 + visible, j] = scales[t, j, visible] * scales[t, j, visible]
+            params[row, 0, _DOF + visible, j] = dofs[t, j, visible]
+            params[row, 0, _CONFIDENCE + visible, j] = confidence[t, j, visible] * _PER_TURN
     for j in range(16):
         for i in range(2):
-            places[row, 1, i, j] = places[row, 0, i, _OTHER[j]]
-        for i in range(FACTS):
-            facts[row, 1, i, j] = facts[row, 0, i, _OTHER[j]]
+            uv[row, 1, i, j] = uv[row, 0, i, _OTHER[j]]
+        for i in range(PARAMS):
+            params[row, 1, i, j] = params[row, 0, i, _OTHER[j]]
 
 
 @inner_inlined
-def _measure(places: Array, facts: Singles, row: int, desk: Array, bench: Singles) -> None:
+def _measure(uv: Array, params: Singles, row: int, scratch64: Array, scratch32: Singles) -> None:
     """Misfit of detections, by the errors of hidden and of seen joints."""
     for j in range(16):
-        loose = np.float32(desk[_LOOSE + j])
+        loose = np.float32(scratch64[_LOOSE + j])
         for side in range(2):
-            du, dv = desk[_U + j] - places[row, side, 0, j], desk[_V + j] - places[row, side, 1, j]
+            du, dv = (
+                scratch64[_U + j] - uv[row, side, 0, j],
+                scratch64[_V + j] - uv[row, side, 1, j],
+            )
             misfit = np.float32(du * du + dv * dv)
             for visible in range(2):
                 to = 32 * side + 16 * visible + j
-                scale2 = facts[row, side, _SCALE2 + visible, j] + loose
-                dof = facts[row, side, _DOF + visible, j]
-                bench[_RATIO + to] = _E1 + misfit / (dof * scale2)
-                bench[_POWER + to] = -_E2 * dof - _E1
+                scale2 = params[row, side, _SCALE2 + visible, j] + loose
+                dof = params[row, side, _DOF + visible, j]
+                scratch32[_RATIO + to] = _E1 + misfit / (dof * scale2)
+                scratch32[_POWER + to] = -_E2 * dof - _E1
 
 
 @inner_inlined
-def _raise(bench: Singles) -> None:
+def _raise(scratch32: Singles) -> None:
     """Every ratio to its power: the fraction p and the exponent n of p 2^n."""
     for j in range(64):
         # ln x = e ln 2 + 2 artanh((f - 1) / (f + 1)) with f in [sqrt(1/2), sqrt 2).
-        bits = np.float32(bench[_RATIO + j]).view(np.int32)
+        bits = np.float32(scratch32[_RATIO + j]).view(np.int32)
         e = np.int32((bits - _HALF_BITS) >> 23)
         f = np.int32(bits - (e << 23)).view(np.float32)
         s = (f - _E1) / (f + _E1)
         z = s * s
         q = (_L1 + _L3 * z) + z * z * ((_L5 + _L7 * z) + z * z * _L9)
-        x = max(bench[_POWER + j] * (s * q + np.float32(e) * _SINGLE_LN2), _LEAST_POWER)
+        x = max(scratch32[_POWER + j] * (s * q + np.float32(e) * _SINGLE_LN2), _LEAST_POWER)
         # e^x = 2^n e^r with |r| below ln 2 / 2.
         shifted = x * _LOG2E + _ROUND
         n = shifted - _ROUND
         r = (x - n * _LN2_HIGH) - n * _LN2_LOW
         rr = r * r
-        bench[_FRACTION + j] = ((_E1 + r) + rr * (_E2 + _E3 * r)) + rr * rr * (
+        scratch32[_FRACTION + j] = ((_E1 + r) + rr * (_E2 + _E3 * r)) + rr * rr * (
             (_E4 + _E5 * r) + rr * _E6
         )
-        bench[_EXPONENT + j] = shifted
+        scratch32[_EXPONENT + j] = shifted
 
 
 @inner_inlined
@@ -174,60 +177,67 @@ def set_visibility_likelihoods(
     body: float,
     joints: Array,
     row: int,
-    places: Array,
-    facts: Singles,
+    uv: Array,
+    params: Singles,
     of: int,
-    desk: Array,
-    bench: Singles,
-    chances: Array,
+    scratch64: Array,
+    scratch32: Singles,
+    likelihoods: Array,
     to: int,
 ) -> None:
-    """Chances of a frame in which a scenelet poses the body, into ``chances[to]`` (64,).
+    """Chances of a frame in which a scenelet poses the body, into ``likelihoods[to]`` (64,).
 
     ``joints[row]`` (3, 16) in the world, metres; ``body`` is how large the person is;
-    ``places[of]`` and ``facts[of]`` are those of :func:`set_detections`. Desk and bench are
+    ``places[of]`` and ``facts[of]`` are those of :func:`set_detections`. Desk and scratch array are
     workspaces.
     """
-    _project(lens, body, joints, row, desk)
-    _measure(places, facts, of, desk, bench)
-    _raise(bench)
+    _project(lens, body, joints, row, scratch64)
+    _measure(uv, params, of, scratch64, scratch32)
+    _raise(scratch32)
     for side in range(2):
         for visible in range(2):
-            for j in range(facts.shape[3]):
+            for j in range(params.shape[3]):
                 at = 32 * side + 16 * visible + j
-                scale2 = facts[of, side, _SCALE2 + visible, j] + np.float32(desk[_LOOSE + j])
-                part = bench[_FRACTION + at] * facts[of, side, _CONFIDENCE + visible, j] / scale2
+                scale2 = params[of, side, _SCALE2 + visible, j] + np.float32(scratch64[_LOOSE + j])
+                part = (
+                    scratch32[_FRACTION + at] * params[of, side, _CONFIDENCE + visible, j] / scale2
+                )
                 # Single precision ends where detections far off do not yet: so much for 2^n.
-                n = np.int64(np.float32(bench[_EXPONENT + at]).view(np.int32)) - _ROUND_BITS
-                desk[_DENSITY + at] = part * np.int64((n + _BIAS) << 52).view(np.float64)
+                n = np.int64(np.float32(scratch32[_EXPONENT + at]).view(np.int32)) - _ROUND_BITS
+                scratch64[_DENSITY + at] = part * np.int64((n + _BIAS) << 52).view(np.float64)
     for j in range(16):
         for side in range(2):
-            hidden, seen = desk[_DENSITY + 32 * side + j], desk[_DENSITY + 32 * side + 16 + j]
-            used = facts[of, side, _USED, j] > 0
+            hidden, seen = (
+                scratch64[_DENSITY + 32 * side + j],
+                scratch64[_DENSITY + 32 * side + 16 + j],
+            )
+            used = params[of, side, _USED, j] > 0
             # What was not detected says nothing.
-            chances[to, 32 * side + j] = hidden if used else 1.0
-            chances[to, 32 * side + 16 + j] = seen - hidden if used else 0.0
+            likelihoods[to, 32 * side + j] = hidden if used else 1.0
+            likelihoods[to, 32 * side + 16 + j] = seen - hidden if used else 0.0
 
 
 @inner_inlined
-def set_own_likelihoods(problem: Problem, t: int, desk: Array, chances: Array, to: int) -> None:
-    """Chances of frame t in its own pose, which no camera changes, into ``chances[to]`` (64,)."""
+def set_own_likelihoods(
+    problem: Problem, t: int, scratch64: Array, likelihoods: Array, to: int
+) -> None:
+    """Likelihoods of frame t in its own pose, the same for any camera, into ``likelihoods[to]`` (64,)."""
     static, used = problem.static_density, problem.used
     for j in range(16):
         for side in range(2):
             hidden, seen = static[side, t, j, 0], static[side, t, j, 1]
-            desk[_DENSITY + 32 * side + j] = hidden if used[t, j] else 1.0
-            desk[_DENSITY + 32 * side + 16 + j] = seen - hidden if used[t, j] else 0.0
+            scratch64[_DENSITY + 32 * side + j] = hidden if used[t, j] else 1.0
+            scratch64[_DENSITY + 32 * side + 16 + j] = seen - hidden if used[t, j] else 0.0
     for j in range(32):
-        chances[to, j] = desk[_DENSITY + j]
+        likelihoods[to, j] = scratch64[_DENSITY + j]
     for j in range(16):
-        chances[to, 32 + j] = desk[_DENSITY + 32 + _OTHER[j]]
-        chances[to, 48 + j] = desk[_DENSITY + 48 + _OTHER[j]]
+        likelihoods[to, 32 + j] = scratch64[_DENSITY + 32 + _OTHER[j]]
+        likelihoods[to, 48 + j] = scratch64[_DENSITY + 48 + _OTHER[j]]
 
 
 @inner
 def visibility_probabilities(seen: Singles, n: int, width: float, surprise: float) -> None:
-    """Probability of being seen: :func:`imapper_prob.models.kernels.visibility.p_seen`.
+    """Probabilities of being seen, by ``visibility_probability`` of each clearance.
 
     Parameters
     ----------
@@ -252,17 +262,17 @@ def visibility_probabilities(seen: Singles, n: int, width: float, surprise: floa
 
 @inner_inlined
 def mix_likelihoods(
-    chances: Array, row: int, seen: Singles, at: int, desk: Array, logs: Array
+    likelihoods: Array, row: int, seen: Singles, at: int, scratch64: Array, logs: Array
 ) -> None:
     """p(u, c | q, m) of a frame: as it is, and with sides swapped.
 
     Parameters
     ----------
-    chances : (R, 64) float
+    likelihoods : (R, 64) float
         The frame's are in row ``row``.
     seen : (n, 16) single
         Probability of every joint's being seen; the frame's is in row ``at``.
-    desk : (DESK,) float
+    scratch64 : (SCRATCH64,) float
         Workspace.
     logs : (4, n) float
         Out, in column ``at``: of both densities a factor in [1, 2^16), and the powers of two
@@ -270,26 +280,26 @@ def mix_likelihoods(
     """
     for j in range(16):
         share = np.float64(seen[at, j])
-        right = chances[row, j] + share * chances[row, 16 + j]
-        wrong = chances[row, 32 + j] + share * chances[row, 48 + j]
-        desk[j], desk[16 + j] = max(right, _SMALLEST), max(wrong, _SMALLEST)
+        right = likelihoods[row, j] + share * likelihoods[row, 16 + j]
+        wrong = likelihoods[row, 32 + j] + share * likelihoods[row, 48 + j]
+        scratch64[j], scratch64[16 + j] = max(right, _SMALLEST), max(wrong, _SMALLEST)
     # Logarithms are dear: one of the product of all mantissas, which cannot underflow.
     for j in range(32):
-        bits = np.float64(desk[j]).view(np.int64)
-        desk[j] = np.int64((bits & _MANTISSA) | _UNIT).view(np.float64)
-        desk[32 + j] = np.float64((bits >> 52) - _BIAS)
+        bits = np.float64(scratch64[j]).view(np.int64)
+        scratch64[j] = np.int64((bits & _MANTISSA) | _UNIT).view(np.float64)
+        scratch64[32 + j] = np.float64((bits >> 52) - _BIAS)
     # Halves side by side, for one factor after the other would wait for the one before.
     for j in range(8):
-        desk[j] *= desk[8 + j]
-        desk[16 + j] *= desk[24 + j]
-        desk[32 + j] += desk[40 + j]
-        desk[48 + j] += desk[56 + j]
+        scratch64[j] *= scratch64[8 + j]
+        scratch64[16 + j] *= scratch64[24 + j]
+        scratch64[32 + j] += scratch64[40 + j]
+        scratch64[48 + j] += scratch64[56 + j]
     right, wrong, twos_right, twos_wrong = 1.0, 1.0, 0.0, 0.0
     for j in range(8):
-        right *= desk[j]
-        wrong *= desk[16 + j]
-        twos_right += desk[32 + j]
-        twos_wrong += desk[48 + j]
+        right *= scratch64[j]
+        wrong *= scratch64[16 + j]
+        twos_right += scratch64[32 + j]
+        twos_wrong += scratch64[48 + j]
     logs[0, at], logs[1, at], logs[2, at], logs[3, at] = right, wrong, twos_right, twos_wrong
 
 

@@ -57,7 +57,7 @@ Ints = NDArray[np.int64]
 
 @compiled
 def change(
-    session: Evaluator,
+    evaluator: Evaluator,
     n_before: int,
     camera_before: Array,
     latent_before: Array,
@@ -71,8 +71,8 @@ def change(
 
     Parameters
     ----------
-    session : Session
-        Its memory is written only where the current state does not look.
+    evaluator : Evaluator
+        Its cache is written only where the current state does not look.
     n_before : int
         Scenelets of the current state; -1 where there is none yet to remember.
     camera_before, latent_before : (5,), (T, 2) float
@@ -86,32 +86,32 @@ def change(
         Nats; -inf and 0 outside the support. The costs of free poses, jumps, collisions,
         motion, ground and missing support are in the second.
     """
-    problem, memory = session.problem, session.memory
+    problem, cache = evaluator.problem, evaluator.cache
     prior = place(
-        problem, memory, n_before, camera_before, latent_before,
+        problem, cache, n_before, camera_before, latent_before,
         camera, items, placements, sizes, latent,
     )  # fmt: skip
     if prior == -math.inf or problem.likelihood == 0.0:
         return prior, 0.0
-    n, terms = len(items), memory.terms
-    n_moved = list_moved(memory)
-    pose_joints(problem, memory, n, n_moved, camera)
-    pose_frames(problem, memory, n, n_moved, camera)
-    find_penetrations(memory, n, n_moved)
-    find_changed(memory, n, max(n_before, 0))
-    update_emissions(problem, memory, n)
-    terms[SMOOTHNESS] = sum_jumps(problem, memory, n, camera)
-    terms[COLLISION] = sum_pairs(problem, memory, n)
-    terms[MOTION] = sum_penetrations(problem, memory, n)
+    n, terms = len(items), cache.terms
+    n_moved = list_moved(cache)
+    pose_joints(problem, cache, n, n_moved, camera)
+    pose_frames(problem, cache, n, n_moved, camera)
+    find_penetrations(cache, n, n_moved)
+    find_changed(cache, n, max(n_before, 0))
+    update_emissions(problem, cache, n)
+    terms[SMOOTHNESS] = sum_jumps(problem, cache, n, camera)
+    terms[COLLISION] = sum_pairs(problem, cache, n)
+    terms[MOTION] = sum_penetrations(problem, cache, n)
     terms[SUPPORT] = -problem.likelihood * unsupported(problem.stays, problem.lowered, items)
     costs = terms[SMOOTHNESS] + terms[COLLISION] + terms[MOTION] + terms[SUPPORT]
-    return prior, costs + forward_log_likelihood(problem, memory)
+    return prior, costs + forward_log_likelihood(problem, cache)
 
 
 @inner_inlined
 def place(
     problem: Problem,
-    memory: Cache,
+    cache: Cache,
     n_before: int,
     camera_before: Array,
     latent_before: Array,
@@ -123,17 +123,17 @@ def place(
 ) -> float:
     """Place scenelets and path, and what the priors say of them, nats; -inf outside the support.
 
-    Parameters as for :func:`change`. The terms of the priors are put into the memory, and 0 for
+    Parameters as for :func:`change`. The terms of the priors are put into the cache, and 0 for
     all others.
     """
     if not in_support(camera) or not _in_order(problem, items):
         return -math.inf
-    n, n_old, terms = len(items), max(n_before, 0), memory.terms
+    n, n_old, terms = len(items), max(n_before, 0), cache.terms
     terms[:] = 0.0
     anew = n_before < 0
     for a in range(5):
         anew = anew or camera[a] != camera_before[a]
-    _find_slots(memory, n_old, items, placements, sizes, anew)
+    _find_slots(cache, n_old, items, placements, sizes, anew)
     prior = problem.camera_constant
     for a in range(5):
         for b in range(5):
@@ -143,14 +143,14 @@ def place(
             )
     terms[CAMERA] = prior
     for i in range(n):
-        slot = memory.slots[1, i]
-        if memory.role[slot] == ADDED:
-            memory.items[slot, 2] = items[i, 1] + _length(problem, items[i, 0])
-            fill_slot(problem, memory, camera, slot)
+        slot = cache.slots[1, i]
+        if cache.role[slot] == ADDED:
+            cache.items[slot, 2] = items[i, 1] + _length(problem, items[i, 0])
+            fill_slot(problem, cache, camera, slot)
         terms[LAYOUT] += problem.log_rate[items[i, 0]]
-        terms[PLACEMENT] += memory.placed[slot]
-        prior += problem.log_rate[items[i, 0]] + memory.placed[slot]
-    terms[PATH] = find_path(problem, memory, n, n_old, camera, latent, latent_before, anew)
+        terms[PLACEMENT] += cache.placed[slot]
+        prior += problem.log_rate[items[i, 0]] + cache.placed[slot]
+    terms[PATH] = find_path(problem, cache, n, n_old, camera, latent, latent_before, anew)
     return prior + terms[PATH]  # type: ignore[no-any-return]
 
 
@@ -178,10 +178,10 @@ def _in_order(problem: Problem, items: Ints) -> bool:
 
 @inner_inlined
 def _find_slots(
-    memory: Cache, n_old: int, items: Ints, placements: Array, sizes: Array, anew: bool
+    cache: Cache, n_old: int, items: Ints, placements: Array, sizes: Array, anew: bool
 ) -> None:
     """Give every proposed scenelet its old slot, or a new one if anything about it changed."""
-    before, after, role = memory.slots[0], memory.slots[1], memory.role
+    before, after, role = cache.slots[0], cache.slots[1], cache.role
     role[:] = UNUSED
     for k in range(n_old):
         role[before[k]] = REMOVED
@@ -192,12 +192,12 @@ def _find_slots(
             same = (
                 not anew
                 and role[slot] == REMOVED
-                and memory.items[slot, 0] == items[i, 0]
-                and memory.items[slot, 1] == items[i, 1]
-                and memory.placements[slot, 0] == placements[i, 0]
-                and memory.placements[slot, 1] == placements[i, 1]
-                and memory.placements[slot, 2] == placements[i, 2]
-                and memory.sizes[slot] == sizes[i]
+                and cache.items[slot, 0] == items[i, 0]
+                and cache.items[slot, 1] == items[i, 1]
+                and cache.placements[slot, 0] == placements[i, 0]
+                and cache.placements[slot, 1] == placements[i, 1]
+                and cache.placements[slot, 2] == placements[i, 2]
+                and cache.sizes[slot] == sizes[i]
             )
             if same:
                 after[i] = slot
@@ -211,24 +211,24 @@ def _find_slots(
             after[i] = fresh
             role[fresh] = ADDED
             for c in range(2):
-                memory.items[fresh, c] = items[i, c]
+                cache.items[fresh, c] = items[i, c]
             for c in range(3):
-                memory.placements[fresh, c] = placements[i, c]
-            memory.sizes[fresh] = sizes[i]
+                cache.placements[fresh, c] = placements[i, c]
+            cache.sizes[fresh] = sizes[i]
 
 
 @compiled
-def commit(session: Evaluator) -> None:
+def commit(evaluator: Evaluator) -> None:
     """Make what was last proposed the current state."""
-    memory = session.memory
-    for of in (memory.slots, memory.cover):
+    cache = evaluator.cache
+    for of in (cache.slots, cache.cover):
         for i in range(of.shape[1]):
             of[0, i] = of[1, i]
-    for i in range(memory.evidence.shape[1]):
-        memory.evidence[0, i] = memory.evidence[1, i]
-    for t in range(len(memory.moved)):
-        memory.pose_at[t] ^= memory.moved[t]
-        memory.sum_at[t] ^= memory.changed[t]
+    for i in range(cache.evidence.shape[1]):
+        cache.evidence[0, i] = cache.evidence[1, i]
+    for t in range(len(cache.moved)):
+        cache.pose_at[t] ^= cache.moved[t]
+        cache.sum_at[t] ^= cache.changed[t]
 
 
 # ------------------------------------------------------------------------------------------------
@@ -286,19 +286,19 @@ def evaluate(
     (11,) float
         Values of ``TERMS``; the first is -inf outside the support.
     """
-    session = open_evaluator(problem, len(items))
-    prior, _ = change(session, -1, camera, latent, camera, items, placements, sizes, latent)
-    memory = session.memory
-    terms = memory.terms
+    evaluator = open_evaluator(problem, len(items))
+    prior, _ = change(evaluator, -1, camera, latent, camera, items, placements, sizes, latent)
+    cache = evaluator.cache
+    terms = cache.terms
     if prior == -math.inf:
         terms[:] = 0.0
         terms[CAMERA] = -math.inf
         return terms
     if problem.likelihood == 0.0:
-        pose_joints(problem, memory, len(items), list_moved(memory), camera)
+        pose_joints(problem, cache, len(items), list_moved(cache), camera)
     else:
-        votes, rows = memory.votes, memory.sum_row
+        emissions, rows = cache.emissions, cache.sum_row
         for t in range(len(by_frame)):
-            by_frame[t, 0], by_frame[t, 1] = votes[rows[t], RIGHT], votes[rows[t], WRONG]
-    copy_joints(memory, joints)
+            by_frame[t, 0], by_frame[t, 1] = emissions[rows[t], RIGHT], emissions[rows[t], WRONG]
+    copy_joints(cache, joints)
     return terms

@@ -100,7 +100,8 @@ def add_displaced_depth(depth: float, spread: float, sums: Array) -> None:
 def marginal_penetration_cost(sums: Array, unit: float) -> float:
     """-log of the mean of exp(-cost) over where furniture may stand, nats (``docs/model.md`` 16).
 
-    ``sums`` (5,) are metres summed over frames, see :func:`give_way`, and a metre costs ``unit``.
+    ``sums`` (5,) are metres summed over frames, see :func:`add_displaced_depth`; a metre costs
+    ``unit``.
     """
     least, total = sums[N_DISPLACED - 1], 0.0
     for k in range(N_DISPLACED):

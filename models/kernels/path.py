@@ -114,7 +114,7 @@ def draw_segment(
 @inner_inlined
 def find_path(
     problem: Problem,
-    memory: Cache,
+    cache: Cache,
     n: int,
     n_old: int,
     camera: Array,
@@ -124,17 +124,17 @@ def find_path(
 ) -> float:
     """Evidence of the path, nats; says which frames moved, and draws the free ones of them."""
     n_frames = len(problem.lift)
-    before, after, cover, role = memory.slots[0], memory.slots[1], memory.cover, memory.role
-    pose_at, moved, rows = memory.pose_at, memory.moved, memory.pose_row
-    path, drawn = memory.path, memory.drawn
+    before, after, cover, role = cache.slots[0], cache.slots[1], cache.cover, cache.role
+    pose_at, moved, rows = cache.pose_at, cache.moved, cache.pose_row
+    path, drawn = cache.path, cache.drawn
     for t in range(n_frames):
         moved[t] = 0
         rows[t] = t + n_frames * np.int64(pose_at[t])
     evidence = 0.0
     for i in range(n + 1):
         left, right = after[i - 1] if i > 0 else -1, after[i] if i < n else -1
-        first = memory.items[left, 2] if left >= 0 else 0
-        last = memory.items[right, 1] if right >= 0 else n_frames
+        first = cache.items[left, 2] if left >= 0 else 0
+        last = cache.items[right, 1] if right >= 0 else n_frames
         old = -1
         for k in range(n_old + 1):
             old_left, old_right = before[k - 1] if k > 0 else -1, before[k] if k < n_old else -1
@@ -145,11 +145,11 @@ def find_path(
             if latent[t, 0] != latent_before[t, 0] or latent[t, 1] != latent_before[t, 1]:
                 old = -1
         if old >= 0:
-            memory.evidence[1, i] = memory.evidence[0, old]
+            cache.evidence[1, i] = cache.evidence[0, old]
         else:
-            memory.evidence[1, i] = draw_segment(
+            cache.evidence[1, i] = draw_segment(
                 problem.path_starts, problem.path_centre, problem.path_scale, problem.path_mean,
-                problem.path_draw, camera, latent, first, last, memory.pelvis, left, right, drawn,
+                problem.path_draw, camera, latent, first, last, cache.pelvis, left, right, drawn,
             )  # fmt: skip
             for t in range(first, last):
                 now = rows[t]
@@ -163,9 +163,9 @@ def find_path(
                     moved[t] = 1
                     rows[t] = 2 * t + n_frames - now
                     path[rows[t], 0], path[rows[t], 1] = x, y
-        evidence += memory.evidence[1, i]
+        evidence += cache.evidence[1, i]
         if right >= 0:
-            for t in range(last, memory.items[right, 2]):
+            for t in range(last, cache.items[right, 2]):
                 cover[1, t] = right
                 if role[right] == ADDED:
                     moved[t] = 1

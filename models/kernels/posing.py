@@ -44,65 +44,65 @@ Array = NDArray[np.float64]
 
 
 @inner_inlined
-def list_moved(memory: Cache) -> int:
-    """Put the frames that moved into ``memory.frames``; returns how many there are."""
+def list_moved(cache: Cache) -> int:
+    """Put the frames that moved into ``cache.frames``; returns how many there are."""
     n = 0
-    for t in range(len(memory.moved)):
-        memory.frames[n] = t
-        n += memory.moved[t]
+    for t in range(len(cache.moved)):
+        cache.frames[n] = t
+        n += cache.moved[t]
     return n
 
 
 @inner_inlined
-def pose_joints(problem: Problem, memory: Cache, n: int, n_moved: int, camera: Array) -> None:
+def pose_joints(problem: Problem, cache: Cache, n: int, n_moved: int, camera: Array) -> None:
     """World joints of the frames that moved, with ``n`` scenelets, metres."""
     for i in range(n):
-        slot = memory.slots[1, i]
-        if memory.role[slot] == ADDED:
-            _pose_covered_frames(problem, memory, slot)
-    _pose_free_frames(problem, memory, n_moved, camera)
+        slot = cache.slots[1, i]
+        if cache.role[slot] == ADDED:
+            _pose_covered_frames(problem, cache, slot)
+    _pose_free_frames(problem, cache, n_moved, camera)
 
 
 @inner_inlined
-def copy_joints(memory: Cache, joints: Array) -> None:
+def copy_joints(cache: Cache, joints: Array) -> None:
     """World joints of the proposal into ``joints`` (T, 3, 16), metres."""
-    rows = memory.pose_row
+    rows = cache.pose_row
     for t in range(len(joints)):
         for axis in range(3):
             for j in range(joints.shape[2]):
-                joints[t, axis, j] = memory.joints[rows[t], axis, j]
+                joints[t, axis, j] = cache.joints[rows[t], axis, j]
 
 
 @inner_inlined
-def pose_frames(problem: Problem, memory: Cache, n: int, n_moved: int, camera: Array) -> None:
+def pose_frames(problem: Problem, cache: Cache, n: int, n_moved: int, camera: Array) -> None:
     """Everything that follows from the joints of a frame that moved, with ``n`` scenelets."""
     for i in range(n):
-        slot = memory.slots[1, i]
-        if memory.role[slot] == ADDED:
-            _find_likelihoods(problem, memory, camera, slot)
-    rows, joints, lines, views = memory.pose_row, memory.joints, memory.lines, memory.views
-    columns, ground, sunk = memory.columns, memory.ground, memory.sunk
+        slot = cache.slots[1, i]
+        if cache.role[slot] == ADDED:
+            _find_likelihoods(problem, cache, camera, slot)
+    rows, joints, lines, views = cache.pose_row, cache.joints, cache.lines, cache.views
+    columns, ground, sunk = cache.columns, cache.ground, cache.sunk
     # All frames are aimed at first: a row just stored in parts cannot be read again at once.
     for i in range(n_moved):
-        ray_endpoints(camera[1], joints, lines, rows[memory.frames[i]])
+        ray_endpoints(camera[1], joints, lines, rows[cache.frames[i]])
     for i in range(n_moved):
-        ray_bounds(lines, rows[memory.frames[i]], memory.bench, views)
+        ray_bounds(lines, rows[cache.frames[i]], cache.scratch32, views)
     for i in range(n_moved):
-        row = rows[memory.frames[i]]
+        row = rows[cache.frames[i]]
         set_body_columns(joints, row, columns, ground, row)
         sunk[row] = depth_below_floor(joints, row)
 
 
 @inner_inlined
-def _pose_covered_frames(problem: Problem, memory: Cache, slot: int) -> None:
+def _pose_covered_frames(problem: Problem, cache: Cache, slot: int) -> None:
     """World joints of the scenelet in ``slot`` in all its frames, metres."""
-    px, py, yaw = memory.placements[slot]
-    body = memory.bodies[slot]
+    px, py, yaw = cache.placements[slot]
+    body = cache.bodies[slot]
     c, s = body * math.cos(yaw), body * math.sin(yaw)
-    joints, rows, library = memory.joints, memory.pose_row, problem.joints
-    start = memory.items[slot, 1]
-    offset = problem.joint_first[memory.items[slot, 0]] - start
-    for t in range(start, memory.items[slot, 2]):
+    joints, rows, library = cache.joints, cache.pose_row, problem.joints
+    start = cache.items[slot, 1]
+    offset = problem.joint_first[cache.items[slot, 0]] - start
+    for t in range(start, cache.items[slot, 2]):
         row = rows[t]
         for j in range(16):
             x, y = library[offset + t, j, 0], library[offset + t, j, 1]
@@ -112,32 +112,32 @@ def _pose_covered_frames(problem: Problem, memory: Cache, slot: int) -> None:
 
 
 @inner_inlined
-def _find_likelihoods(problem: Problem, memory: Cache, camera: Array, slot: int) -> None:
+def _find_likelihoods(problem: Problem, cache: Cache, camera: Array, slot: int) -> None:
     """How likely the detections are, of joints hidden and seen, in all frames of ``slot``."""
-    lens, body = lens_of(problem, camera), memory.bodies[slot]
-    joints, rows, chances = memory.joints, memory.pose_row, memory.chances
-    places, facts, desk, bench = memory.places, memory.facts, memory.desk, memory.bench
-    told = memory.told
-    for t in range(memory.items[slot, 1], memory.items[slot, 2]):
+    lens, body = lens_of(problem, camera), cache.bodies[slot]
+    joints, rows, likelihoods = cache.joints, cache.pose_row, cache.likelihoods
+    uv, params, scratch64, scratch32 = cache.uv, cache.params, cache.scratch64, cache.scratch32
+    told = cache.told
+    for t in range(cache.items[slot, 1], cache.items[slot, 2]):
         row = rows[t]
         if not told[t]:
-            set_detections(problem, t, places, facts, t)
+            set_detections(problem, t, uv, params, t)
             told[t] = 1
         set_visibility_likelihoods(
-            lens, body, joints, row, places, facts, t, desk, bench, chances, row
+            lens, body, joints, row, uv, params, t, scratch64, scratch32, likelihoods, row
         )
 
 
 @inner_inlined
-def _pose_free_frames(problem: Problem, memory: Cache, n_moved: int, camera: Array) -> None:
+def _pose_free_frames(problem: Problem, cache: Cache, n_moved: int, camera: Array) -> None:
     """World joints of every free frame that moved: its own pose where the path goes, metres."""
     cp, sp = math.cos(camera[0]), math.sin(camera[0])
     cr, sr = math.cos(camera[4]), math.sin(camera[4])
     focal, body, elevation = math.exp(camera[2]), math.exp(camera[3]), camera[1]
-    joints, path, rows, cover = memory.joints, memory.path, memory.pose_row, memory.cover
-    poses, lift = memory.poses, problem.lift
+    joints, path, rows, cover = cache.joints, cache.path, cache.pose_row, cache.cover
+    poses, lift = cache.poses, problem.lift
     for i in range(n_moved):
-        t = memory.frames[i]
+        t = cache.frames[i]
         if cover[1, t] < 0:
             row = rows[t]
             depth = math.exp(path[row, 1])
@@ -153,13 +153,13 @@ def _pose_free_frames(problem: Problem, memory: Cache, n_moved: int, camera: Arr
 
 
 @inner_inlined
-def sum_jumps(problem: Problem, memory: Cache, n: int, camera: Array) -> float:
+def sum_jumps(problem: Problem, cache: Cache, n: int, camera: Array) -> float:
     """What it costs that the pose jumps where a scenelet begins or ends, nats."""
     total, scale = 0.0, problem.joint_step * math.exp(camera[3])
-    joints, rows, cover, items = memory.joints, memory.pose_row, memory.cover, memory.items
+    joints, rows, cover, items = cache.joints, cache.pose_row, cache.cover, cache.items
     starts = problem.path_starts
     for i in range(n):
-        slot = memory.slots[1, i]
+        slot = cache.slots[1, i]
         first, last = items[slot, 1], items[slot, 2]
         if not starts[first]:
             total += pose_jump(joints, rows[first - 1], rows[first], scale)
@@ -175,72 +175,77 @@ Ints = NDArray[np.int64]
 
 
 @inner_inlined
-def find_penetrations(memory: Cache, n: int, n_moved: int) -> None:
+def find_penetrations(cache: Cache, n: int, n_moved: int) -> None:
     """Let all ``n`` scenelets meet the frames that moved, and new ones every frame."""
     for i in range(n):
-        slot = memory.slots[1, i]
-        fresh = memory.role[slot] == ADDED
-        frames = memory.every if fresh else memory.frames
-        _penetration(memory, slot, frames, len(frames) if fresh else n_moved)
+        slot = cache.slots[1, i]
+        fresh = cache.role[slot] == ADDED
+        frames = cache.every if fresh else cache.frames
+        _penetration(cache, slot, frames, len(frames) if fresh else n_moved)
 
 
 @inner_inlined
-def _penetration(memory: Cache, slot: int, frames: Ints, n: int) -> None:
+def _penetration(cache: Cache, slot: int, frames: Ints, n: int) -> None:
     """Clearance of lines of sight from the boxes in ``slot``, and how deep the body is in them.
 
     In the first ``n`` of ``frames``.
     """
-    size = len(memory.boxes) // len(memory.counts)
-    first, last = slot * size, slot * size + memory.counts[slot]
-    rows, cover, watched, lines = memory.pose_row, memory.cover, memory.watched, memory.lines
-    hulls, floors, views, ground = memory.hulls, memory.floors, memory.views, memory.ground
-    bench, outlooks, gaps, columns = memory.bench, memory.outlooks, memory.gaps, memory.columns
-    footprints, boxes, turns = memory.footprints, memory.boxes, memory.turns
+    size = len(cache.boxes) // len(cache.counts)
+    first, last = slot * size, slot * size + cache.counts[slot]
+    rows, cover, watched, lines = cache.pose_row, cache.cover, cache.watched, cache.lines
+    hulls, floors, views, ground = cache.hulls, cache.floors, cache.views, cache.ground
+    scratch32, occluders, gaps, columns = (
+        cache.scratch32,
+        cache.occluders,
+        cache.gaps,
+        cache.columns,
+    )
+    footprints, boxes, turns = cache.footprints, cache.boxes, cache.turns
     for i in range(n):
         t = frames[i]
         row = rows[t]
         near = bounds_overlap(hulls, slot, views, row)
         if near:
-            open_bounds(bench)
-            near = update_clearance(outlooks, first, last, lines, views, row, bench)
+            open_bounds(scratch32)
+            near = update_clearance(occluders, first, last, lines, views, row, scratch32)
             for j in range(gaps.shape[2]):
-                gaps[slot, row, j] = bench[GAP + j]
-        memory.near[slot, row] = near
+                gaps[slot, row, j] = scratch32[GAP + j]
+        cache.near[slot, row] = near
         depth = 0.0
         if watched[t] and cover[1, t] != slot and not aabb_disjoint(ground, row, floors, slot):
             for k in range(first, last):
                 if not aabb_disjoint(ground, row, footprints, k):
                     depth += depth_in_box(columns, row, boxes, turns, k)
-        memory.depths[slot, row] = depth
+        cache.depths[slot, row] = depth
 
 
 @inner_inlined
-def find_changed(memory: Cache, n: int, n_old: int) -> None:
+def find_changed(cache: Cache, n: int, n_old: int) -> None:
     """Frames whose vote can differ: they moved, or boxes that came or went may hide something."""
-    n_frames = len(memory.changed)
-    changed, rows, role = memory.changed, memory.pose_row, memory.role
-    near = memory.near
+    n_frames = len(cache.changed)
+    changed, rows, role = cache.changed, cache.pose_row, cache.role
+    near = cache.near
     for t in range(n_frames):
-        changed[t] = memory.moved[t]
+        changed[t] = cache.moved[t]
     for which in range(2):
         wanted = REMOVED if which == 0 else ADDED
         for i in range(n_old if which == 0 else n):
-            slot = memory.slots[which, i]
+            slot = cache.slots[which, i]
             if role[slot] == wanted:
                 for t in range(n_frames):
                     changed[t] |= near[slot, rows[t]]
     for t in range(n_frames):
-        now = t + n_frames * np.int64(memory.sum_at[t])
-        memory.sum_row[t] = 2 * t + n_frames - now if changed[t] else now
+        now = t + n_frames * np.int64(cache.sum_at[t])
+        cache.sum_row[t] = 2 * t + n_frames - now if changed[t] else now
 
 
 @inner_inlined
-def sum_penetrations(problem: Problem, memory: Cache, n: int) -> float:
+def sum_penetrations(problem: Problem, cache: Cache, n: int) -> float:
     """E_m: what it costs that the body stands in furniture not the frame's own, nats."""
     total, unit = 0.0, problem.frame_weight * problem.likelihood * problem.motion_cost
-    rows, depths, sums = memory.pose_row, memory.depths, memory.displaced
+    rows, depths, sums = cache.pose_row, cache.depths, cache.displaced
     for i in range(n):
-        slot = memory.slots[1, i]
+        slot = cache.slots[1, i]
         sums[:] = 0.0
         for t in range(len(rows)):
             depth = depths[slot, rows[t]]

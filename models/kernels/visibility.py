@@ -12,10 +12,10 @@ from imapper_prob.models.jit import compiled, inlined, inner_inlined
 from imapper_prob.models.settings import NEAR_SIGHT
 
 __all__ = [
-    "BENCH",
     "GAP",
     "LINE",
-    "OUTLOOK",
+    "OCCLUDER",
+    "SCRATCH32",
     "VIEW",
     "Singles",
     "bounds_overlap",
@@ -69,8 +69,8 @@ def visibility_probability(distance: float, width: float, surprise: float) -> fl
 # Lines of sight to the sixteen joints of a frame, side by side, compiled.
 #
 # The clearance of a line of sight is :func:`imapper_prob.models.kernels.visibility.clearance`;
-# here it is worked out for all joints of a frame at once. The bench, one flat array, holds a
-# row of sixteen numbers for every quantity: rows at fixed places in one array are what lets
+# here it is worked out for all joints of a frame at once. The scratch array, which is flat, holds
+# a row of sixteen numbers for every quantity: rows at fixed places in one array are what lets
 # the compiler work on many joints in one instruction. In single precision that is on all
 # sixteen; it is good for a micrometre, where a line has to move by centimetres to be seen.
 #
@@ -88,10 +88,10 @@ _X, _Y, _Z = 0, 16, 32
 """Where the rows of a line start: to each joint from the camera, in the world, metres."""
 LINE = 48
 """Numbers of the lines of sight of a frame."""
-VIEW, OUTLOOK = 5, 15
-"""Numbers of a frame's view, and of a box's outlook."""
+VIEW, OCCLUDER = 5, 15
+"""Numbers of a frame's view, and of a box's occluder."""
 
-# Where the rows of the bench start. Half of every line in a box's axes;
+# Where the rows of the scratch array start. Half of every line in a box's axes;
 _MIDDLE = 0
 # for the pairs of axes 01, 02, 12 the share of the first in |d_i| + |d_k|, and that of the
 # second, signed as d_i d_k.
@@ -99,9 +99,9 @@ _FIRST, _SECOND = 48, 96
 # When looking, of every joint.
 _BEARING, _SLOPE = 0, 16
 GAP = 144
-"""Row of the bench that holds the clearance of every joint, metres."""
-BENCH = 192
-"""Numbers on the bench."""
+"""Row of the scratch array that holds the clearance of every joint, metres."""
+SCRATCH32 = 192
+"""Numbers on the scratch array."""
 
 # Of single precision too, for one number in double makes double of all it meets.
 _HALF, _ONE, _CAP = np.float32(0.5), np.float32(1.0), np.float32(NOTHING_IN_SIGHT)
@@ -112,8 +112,8 @@ its clearance by no more."""
 
 
 @inlined
-def set_occluder(elevation: float, box: Array, turn: Array, outlook: Singles) -> None:
-    """What :func:`clear` needs of a box, into ``outlook`` (15,).
+def set_occluder(elevation: float, box: Array, turn: Array, occluder: Singles) -> None:
+    """What :func:`clear` needs of a box, into ``occluder`` (15,).
 
     Parameters
     ----------
@@ -123,21 +123,21 @@ def set_occluder(elevation: float, box: Array, turn: Array, outlook: Singles) ->
         In the world.
     turn : (2 or more,) float
         Cosine and sine of its yaw.
-    outlook : (15,) single
+    occluder : (15,) single
         Out: :func:`imapper_prob.models.kernels.visibility.set_window`; cosine and sine; the
         camera in the box's axes, half sides, by how much depth counts more because the box
         is thin, and the least value of its box function.
     """
-    set_window(elevation, box, turn, outlook)
-    outlook[5], outlook[6] = turn[0], turn[1]
+    set_window(elevation, box, turn, occluder)
+    occluder[5], occluder[6] = turn[0], turn[1]
     x, y = -box[0], -box[1]
-    outlook[7] = turn[0] * x + turn[1] * y
-    outlook[8] = turn[0] * y - turn[1] * x
-    outlook[9] = elevation - box[2]
-    outlook[10], outlook[11], outlook[12] = box[3], box[4], box[5]
+    occluder[7] = turn[0] * x + turn[1] * y
+    occluder[8] = turn[0] * y - turn[1] * x
+    occluder[9] = elevation - box[2]
+    occluder[10], occluder[11], occluder[12] = box[3], box[4], box[5]
     thinnest = min(box[3], box[4], box[5])
-    outlook[13] = max(1.0, OPAQUE / thinnest)
-    outlook[14] = -thinnest
+    occluder[13] = max(1.0, OPAQUE / thinnest)
+    occluder[14] = -thinnest
 
 
 @inlined
@@ -152,7 +152,7 @@ def ray_endpoints(elevation: float, joints: Array, lines: Singles, row: int) -> 
 
 
 @inlined
-def ray_bounds(lines: Singles, row: int, bench: Singles, views: Singles) -> None:
+def ray_bounds(lines: Singles, row: int, scratch32: Singles, views: Singles) -> None:
     """The part of the view in which the lines of sight lie, into ``views[row]`` (5,).
 
     Bounds of bearing x / y and of slope z / y, and the largest y. A joint behind the camera
@@ -160,15 +160,15 @@ def ray_bounds(lines: Singles, row: int, bench: Singles, views: Singles) -> None
     """
     for j in range(lines.shape[1] // 3):
         nearness = _ONE / lines[row, _Y + j]
-        bench[_BEARING + j] = lines[row, _X + j] * nearness
-        bench[_SLOPE + j] = lines[row, _Z + j] * nearness
+        scratch32[_BEARING + j] = lines[row, _X + j] * nearness
+        scratch32[_SLOPE + j] = lines[row, _Z + j] * nearness
     nearest = far = lines[row, _Y]
-    left = right = bench[_BEARING]
-    low = high = bench[_SLOPE]
+    left = right = scratch32[_BEARING]
+    low = high = scratch32[_SLOPE]
     for j in range(1, 16):
         nearest, far = min(nearest, lines[row, _Y + j]), max(far, lines[row, _Y + j])
-        left, right = min(left, bench[_BEARING + j]), max(right, bench[_BEARING + j])
-        low, high = min(low, bench[_SLOPE + j]), max(high, bench[_SLOPE + j])
+        left, right = min(left, scratch32[_BEARING + j]), max(right, scratch32[_BEARING + j])
+        low, high = min(low, scratch32[_SLOPE + j]), max(high, scratch32[_SLOPE + j])
     if nearest <= NEAR_SIGHT:
         left = low = -_EVERYWHERE
         right = high = far = _EVERYWHERE
@@ -177,10 +177,10 @@ def ray_bounds(lines: Singles, row: int, bench: Singles, views: Singles) -> None
 
 
 @inlined
-def open_bounds(bench: Singles) -> None:
+def open_bounds(scratch32: Singles) -> None:
     """Nothing is in the way of any line of sight."""
     for j in range(16):
-        bench[GAP + j] = _CAP
+        scratch32[GAP + j] = _CAP
 
 
 @inner_inlined
@@ -198,72 +198,72 @@ def bounds_overlap(windows: Singles, k: int, views: Singles, row: int) -> bool:
 
 @inlined
 def update_clearance(
-    outlooks: Singles,
+    occluders: Singles,
     first: int,
     last: int,
     lines: Singles,
     views: Singles,
     row: int,
-    bench: Singles,
+    scratch32: Singles,
 ) -> bool:
-    """Lower the clearance on the bench to that of ``lines[row]`` from some boxes.
+    """Lower the clearance on the scratch array to that of ``lines[row]`` from some boxes.
 
-    These are ``first`` to ``last - 1`` of ``outlooks`` (K, 15), see :func:`set_outlook`.
+    These are ``first`` to ``last - 1`` of ``occluders`` (K, 15), see :func:`set_outlook`.
     Returns whether any of them can come near a line of sight.
     """
     turned = -1
     for k in range(first, last):
-        if bounds_overlap(outlooks, k, views, row):
-            c, s = outlooks[k, 5], outlooks[k, 6]
-            if turned < 0 or c != outlooks[turned, 5] or s != outlooks[turned, 6]:
-                _turn(c, s, lines, row, bench)
+        if bounds_overlap(occluders, k, views, row):
+            c, s = occluders[k, 5], occluders[k, 6]
+            if turned < 0 or c != occluders[turned, 5] or s != occluders[turned, 6]:
+                _turn(c, s, lines, row, scratch32)
                 turned = k
-            _pass_by(outlooks, k, bench)
+            _pass_by(occluders, k, scratch32)
     return turned >= 0
 
 
 @inner_inlined
-def _turn(c: float, s: float, lines: Singles, row: int, bench: Singles) -> None:
+def _turn(c: float, s: float, lines: Singles, row: int, scratch32: Singles) -> None:
     """The lines of sight in the axes of boxes whose yaw has cosine ``c`` and sine ``s``."""
     for j in range(16):
         u = c * lines[row, _X + j] + s * lines[row, _Y + j]
         v = c * lines[row, _Y + j] - s * lines[row, _X + j]
         w = lines[row, _Z + j]
-        bench[_MIDDLE + j] = _HALF * u
-        bench[_MIDDLE + 16 + j] = _HALF * v
-        bench[_MIDDLE + 32 + j] = _HALF * w
+        scratch32[_MIDDLE + j] = _HALF * u
+        scratch32[_MIDDLE + 16 + j] = _HALF * v
+        scratch32[_MIDDLE + 32 + j] = _HALF * w
         along, across, up = max(abs(u), _LEVEL), max(abs(v), _LEVEL), max(abs(w), _LEVEL)
         share = along / (along + across)
-        bench[_FIRST + j] = share
-        bench[_SECOND + j] = math.copysign(_ONE - share, u * v)
+        scratch32[_FIRST + j] = share
+        scratch32[_SECOND + j] = math.copysign(_ONE - share, u * v)
         share = along / (along + up)
-        bench[_FIRST + 16 + j] = share
-        bench[_SECOND + 16 + j] = math.copysign(_ONE - share, u * w)
+        scratch32[_FIRST + 16 + j] = share
+        scratch32[_SECOND + 16 + j] = math.copysign(_ONE - share, u * w)
         share = across / (across + up)
-        bench[_FIRST + 32 + j] = share
-        bench[_SECOND + 32 + j] = math.copysign(_ONE - share, v * w)
+        scratch32[_FIRST + 32 + j] = share
+        scratch32[_SECOND + 32 + j] = math.copysign(_ONE - share, v * w)
 
 
 @inner_inlined
-def _pass_by(outlooks: Singles, k: int, bench: Singles) -> None:
+def _pass_by(occluders: Singles, k: int, scratch32: Singles) -> None:
     """Lower every joint's clearance to that of box ``k``, in whose axes the lines are."""
-    p0, p1, p2 = outlooks[k, 7], outlooks[k, 8], outlooks[k, 9]
-    h0, h1, h2 = outlooks[k, 10], outlooks[k, 11], outlooks[k, 12]
-    thin, least = outlooks[k, 13], outlooks[k, 14]
+    p0, p1, p2 = occluders[k, 7], occluders[k, 8], occluders[k, 9]
+    h0, h1, h2 = occluders[k, 10], occluders[k, 11], occluders[k, 12]
+    thin, least = occluders[k, 13], occluders[k, 14]
     longer01, longer02, longer12 = h0 - h1, h0 - h2, h1 - h2
     for j in range(16):
-        half0, half1 = bench[_MIDDLE + j], bench[_MIDDLE + 16 + j]
-        half2 = bench[_MIDDLE + 32 + j]
+        half0, half1 = scratch32[_MIDDLE + j], scratch32[_MIDDLE + 16 + j]
+        half2 = scratch32[_MIDDLE + 32 + j]
         axis0 = abs(p0 + half0) - abs(half0) - h0
         axis1 = abs(p1 + half1) - abs(half1) - h1
         axis2 = abs(p2 + half2) - abs(half2) - h2
-        first, second = bench[_FIRST + j], bench[_SECOND + j]
+        first, second = scratch32[_FIRST + j], scratch32[_SECOND + j]
         pair01 = abs(first * p1 - second * p0) + (first * longer01 - h0)
-        first, second = bench[_FIRST + 16 + j], bench[_SECOND + 16 + j]
+        first, second = scratch32[_FIRST + 16 + j], scratch32[_SECOND + 16 + j]
         pair02 = abs(first * p2 - second * p0) + (first * longer02 - h0)
-        first, second = bench[_FIRST + 32 + j], bench[_SECOND + 32 + j]
+        first, second = scratch32[_FIRST + 32 + j], scratch32[_SECOND + 32 + j]
         pair12 = abs(first * p2 - second * p1) + (first * longer12 - h1)
         value = max(max(max(least, axis0), max(axis1, axis2)), max(pair01, max(pair02, pair12)))
         # The least of three: that of two would be stored only where it is the new one, and a
         # row stored in part cannot be read again at once.
-        bench[GAP + j] = min(min(bench[GAP + j], value), value * thin)
+        scratch32[GAP + j] = min(min(scratch32[GAP + j], value), value * thin)

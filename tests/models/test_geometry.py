@@ -18,10 +18,10 @@ from imapper_prob.models.kernels.intersection import (
     marginal_penetration_cost,
 )
 from imapper_prob.models.kernels.visibility import (
-    BENCH,
     GAP,
     LINE,
-    OUTLOOK,
+    OCCLUDER,
+    SCRATCH32,
     VIEW,
     open_bounds,
     ray_bounds,
@@ -48,16 +48,16 @@ def turns_of(boxes: np.ndarray) -> np.ndarray:
 
 def compiled_clearance(elevation: float, joints: np.ndarray, boxes: np.ndarray) -> np.ndarray:
     """Clearance of the lines of sight to sixteen joints, by the kernel of the chains."""
-    outlooks, turns = np.empty((len(boxes), OUTLOOK), np.float32), turns_of(boxes)
-    for box, turn, outlook in zip(boxes, turns, outlooks, strict=True):
-        set_occluder(elevation, box, turn, outlook)
-    bench, lines = np.empty(BENCH, np.float32), np.empty((1, LINE), np.float32)
+    occluders, turns = np.empty((len(boxes), OCCLUDER), np.float32), turns_of(boxes)
+    for box, turn, occluder in zip(boxes, turns, occluders, strict=True):
+        set_occluder(elevation, box, turn, occluder)
+    scratch32, lines = np.empty(SCRATCH32, np.float32), np.empty((1, LINE), np.float32)
     views = np.empty((1, VIEW), np.float32)
     ray_endpoints(elevation, np.ascontiguousarray(joints.T)[None], lines, 0)
-    ray_bounds(lines, 0, bench, views)
-    open_bounds(bench)
-    update_clearance(outlooks, 0, len(boxes), lines, views, 0, bench)
-    return bench[GAP : GAP + 16]
+    ray_bounds(lines, 0, scratch32, views)
+    open_bounds(scratch32)
+    update_clearance(occluders, 0, len(boxes), lines, views, 0, scratch32)
+    return scratch32[GAP : GAP + 16]
 
 
 def along_the_ray(origin: np.ndarray, point: np.ndarray, box: np.ndarray) -> float:
