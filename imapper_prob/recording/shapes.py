@@ -332,12 +332,12 @@ def log_person(
         style=rr.Points3D.from_fields(class_ids=number, radii=_JOINT_RADIUS, show_labels=False),
     )
     strips = [limbs(pose) for pose in joints]
-    limbs = rr.LineStrips3D.columns(strips=[s for row in strips for s in row])
+    lines = rr.LineStrips3D.columns(strips=[s for row in strips for s in row])
     log_moving(
         recording,
         f"{entity}/limbs",
         frames,
-        limbs.partition([len(row) for row in strips]),
+        lines.partition([len(row) for row in strips]),
         style=rr.LineStrips3D.from_fields(class_ids=number, radii=_LIMB_RADIUS, show_labels=False),
     )
     path = rr.LineStrips3D(

@@ -221,7 +221,7 @@ def set_visibility_likelihoods(
 def set_own_likelihoods(
     problem: Problem, t: int, scratch64: Array, likelihoods: Array, to: int
 ) -> None:
-    """Likelihoods of frame t in its own pose, the same for any camera, into ``likelihoods[to]`` (64,)."""
+    """Likelihoods of frame t in its own pose, under any camera, into ``likelihoods[to]`` (64,)."""
     static, used = problem.static_density, problem.used
     for j in range(16):
         for side in range(2):

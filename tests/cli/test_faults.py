@@ -7,6 +7,7 @@ import os
 import shutil
 import signal
 from argparse import Namespace
+from collections.abc import Callable
 from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import replace
 from pathlib import Path
@@ -21,6 +22,8 @@ from imapper_prob.cli.console import Stopped, Terminated, console, last_words, p
 from imapper_prob.clips.load import write_clip
 from imapper_prob.config import SampleSettings
 from imapper_prob.evaluate.suite import first_part
+from imapper_prob.models.log_posterior import State
+from imapper_prob.models.problem import Problem
 from imapper_prob.models.scene import SceneObject
 from imapper_prob.models.scenelet import Library
 from imapper_prob.sampling import placements
@@ -99,15 +102,20 @@ def test_what_is_printed_is_what_is_written(capsys: pytest.CaptureFixture[str]) 
 
 def interrupted_once(monkeypatch: pytest.MonkeyPatch) -> None:
     """Ctrl-C when walkers have begun to walk."""
-    log_posterior, calls = placements.log_posterior, []
+    log_posterior_near, calls = placements.log_posterior_near, []
 
-    def called(*arguments: object) -> float:
-        calls.append(None)
-        if len(calls) == 100:
-            os.kill(os.getpid(), signal.SIGINT)
-        return log_posterior(*arguments)  # type: ignore[arg-type]
+    def near(problem: Problem, state: State) -> Callable[[State], float]:
+        value = log_posterior_near(problem, state)
 
-    monkeypatch.setattr(placements, "log_posterior", called)
+        def called(other: State) -> float:
+            calls.append(None)
+            if len(calls) == 100:
+                os.kill(os.getpid(), signal.SIGINT)
+            return value(other)
+
+        return called
+
+    monkeypatch.setattr(placements, "log_posterior_near", near)
 
 
 def test_ensembles_that_were_interrupted_are_not_finished_and_go_on(

@@ -218,7 +218,7 @@ def prior_problem() -> Problem:
     return worlds.problem(N_FRAMES, settings=ModelSettings(likelihood=0.0, scenelet_rate=0.3))
 
 
-@pytest.fixture(scope="module", params=[160_000, pytest.param(400_000, marks=pytest.mark.slow)])
+@pytest.fixture(scope="module", params=[240_000, pytest.param(400_000, marks=pytest.mark.slow)])
 def prior_draws(request: pytest.FixtureRequest) -> list[State]:
     problem = prior_problem()
     moves = scene_moves(setup(problem))
