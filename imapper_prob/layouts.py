@@ -1,4 +1,8 @@
-"""Layouts: which objects a draw has, which draws agree, and how far apart scenes are."""
+"""Layouts: which objects a draw has, which draws agree, and how far apart scenes are.
+
+By itself, because chains ask for it in processes of their own, which start in half the time
+where nothing has to load torch.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,8 @@
-"""Colours of everything, in recordings and figures alike, and figures in files."""
+"""Colours of everything, in recordings and figures alike, and figures in files.
+
+Hues of objects are those of Tableau 10, which stay apart on dark and light ground and for most
+colour-blind eyes; what people do goes from cool to warm.
+"""
 
 from __future__ import annotations
 

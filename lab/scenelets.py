@@ -29,7 +29,7 @@ from scipy.stats import rankdata
 from imapper_prob.models.scene import SceneObject
 from imapper_prob.models.scenelet import Library, Scenelet
 from imapper_prob.models.skeleton import PELV
-from imapper_prob.scenelets.build import build_library_from, captures_from, localised
+from imapper_prob.scenelets.build import build_library_from, captures_from
 from imapper_prob.scenelets.captures import Capture
 from imapper_prob.scenelets.charness import (
     categories,
@@ -38,6 +38,7 @@ from imapper_prob.scenelets.charness import (
     motion_descriptors,
     object_histograms,
 )
+from imapper_prob.scenelets.frames import localised
 from imapper_prob.scenelets.library import joined, load_library
 
 Array = NDArray[np.float64]

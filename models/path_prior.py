@@ -1,4 +1,17 @@
-"""The prior of the pelvis path (docs/model.md 6 to 8), and what is known of path and camera."""
+"""The prior of the pelvis path (docs/model.md 6 to 8), and what is known of path and camera.
+
+In units of its deviation the error of one coordinate is a stationary chain of second order,
+
+    e_t ~ N((r + s) e_(t-1) - r s e_(t-2), q),   q = (1 - r^2) (1 - s^2) (1 - r s) / (1 + r s),
+
+of unit variance: what is forgotten at a rate r is itself an error that is forgotten at a rate
+s. With r = s it is the Matern 3/2 process at equal steps, smooth from frame to frame, and with
+s = 0 the chain of first order, which is rough.
+
+Where frames are fixed, under scenelets, others are free; of those the mean depends on what is
+fixed, but all variances and weights only on how many frames ago the last two were. They
+are tabulated here, so that kernels multiply and add.
+"""
 
 from __future__ import annotations
 

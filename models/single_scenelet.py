@@ -1,4 +1,7 @@
-"""One scenelet alone in the scene: its gain, and a second-order expansion around its best place."""
+"""One scenelet alone in the scene: its gain, and a second-order expansion around its best place.
+
+Where it stands is (4,): bearing (tangent), log depth (log m), yaw (radians) and log size.
+"""
 
 from __future__ import annotations
 
@@ -78,8 +81,10 @@ def _look_beside(evaluator: Evaluator, scenelet: int, start: int, beside: Array)
     problem, cache = evaluator.problem, evaluator.cache
     end = start + problem.joint_first[scenelet + 1] - problem.joint_first[scenelet]
     rows, emissions, bare = cache.sum_row, cache.emissions, cache.bare
+    beside[:] = 0.0
+    if problem.likelihood == 0.0:  # no frame has emissions
+        return
     for r in range(beside.shape[1]):
-        beside[0, r] = beside[1, r] = 0.0
         if start - 1 - r >= 0:
             beside[0, r] = emissions[rows[start - 1 - r], 0] - bare[start - 1 - r, 0]
         if end + r < len(bare):

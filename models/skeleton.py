@@ -1,4 +1,9 @@
-"""The sixteen joints, how they are connected, and poses of them."""
+"""The sixteen joints, how they are connected, and poses of them.
+
+Left and right are the person's own. The order is that of the i3DB benchmark
+(Monszpart et al. 2019), so that its files and scores can be compared directly; code
+should still go through the names.
+"""
 
 from __future__ import annotations
 

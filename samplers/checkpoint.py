@@ -1,4 +1,9 @@
-"""Checkpoints: what a chain needs to go on, and chains that go on after a kill."""
+"""Checkpoints: what a chain needs to go on, and chains that go on after a kill.
+
+A checkpoint is one ``.npz`` file: named arrays, and plain values as JSON among them. It is
+written beside its place and then renamed, so that a killed process leaves the last one whole.
+Nothing is pickled: reading a checkpoint runs no code.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,16 @@
-"""Ensembles of walkers over a few parameters, with many latent normal numbers behind them."""
+"""Ensembles of walkers over a few parameters, with many latent normal numbers behind them.
+
+The target is ``p(theta, z) = pi(theta, z) N(z; 0, I)`` with ``theta`` of perhaps twenty
+dimensions and ``z`` of many hundreds. Walkers learn the shape of ``theta`` from each other
+(differential evolution and snooker moves, which need more walkers than dimensions);
+``z`` moves by the preconditioned Crank-Nicolson proposal, whose acceptance does not
+deteriorate with dimension. Neither kind needs N(z): the first leaves ``z`` alone and the
+second is reversible with respect to it, so that only ``pi`` is ever evaluated.
+
+References
+----------
+Foreman-Mackey, Hogg, Lang & Goodman 2013, PASP 125, 306 (emcee).
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,12 @@
-"""Reversible-jump MCMC: one step (choose, propose, accept), chains of steps, i-SIR moves."""
+"""Reversible-jump MCMC: one step (choose, propose, accept), chains of steps, i-SIR moves.
+
+Green's acceptance probability (Green 1995, Biometrika 82(4), eq. 7) is put together from
+three parts that never meet elsewhere: the target, which knows nothing of moves; a move's
+proposal ratio, which knows nothing of the target; and the probability of choosing the
+move at all, which belongs to the mixture. Choice probabilities are constant and a move
+that is impossible in a state simply stays there, which leaves no factor to forget at the
+edges (a death where nothing lives, a birth where all is full).
+"""
 
 from __future__ import annotations
 

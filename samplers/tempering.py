@@ -1,4 +1,11 @@
-"""Parallel tempering of any kernel, and the ladder of inverse temperatures."""
+"""Parallel tempering of any kernel, and the ladder of inverse temperatures.
+
+References
+----------
+Xie, Lewis, Fan, Kuo & Chen 2011, Syst. Biol. 60, 150 (powers of the likelihood).
+Vousden, Farr & Mandel 2016, MNRAS 455, 1919 (equal swap rates by stochastic approximation).
+Syed, Bouchard-Côté, Deligiannidis & Doucet 2022, JRSS B 84, 321 (barrier, round trips).
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,30 @@
-"""The clip file of this program: one ``.npz`` that holds everything a clip holds."""
+"""The clip file of this program: one ``.npz`` that holds everything a clip holds.
+
+The file is a plain numpy archive, without pickled objects, so any tool can write one:
+
+============================  ==================  =============================================
+entry                         shape               meaning
+============================  ==================  =============================================
+``format``                    ()                  ``"imapper-prob clip 1"``
+``name``                      ()                  text
+``fps``                       ()                  frames a second
+``focal_spread``              ()                  by what part f may be wrong, one standard
+                                                  deviation; older files have ``focal_known``
+``camera``                    (9,)                width, height, fx, fy, cx, cy (pixels),
+                                                  pitch, roll (radians), elevation (metres)
+``frame_ids``                 (T,) int            the input's own frame numbers
+``track_names``               (A,) text           one per actor
+``keypoints``                 (A, T, 16, 2)       pixels; NaN where there is none
+``confidences``               (A, T, 16)          in [0, 1]
+``poses``                     (A, T, 16, 3)       metres, camera axes, relative to the pelvis
+``interpolated``              (A, T) bool         poses that the input had filled in
+============================  ==================  =============================================
+
+A file with truth also has ``truth_camera`` (9,), ``truth_joints`` (T, 16, 3), ``truth_hidden``
+(T, 16), ``truth_actions`` (T or 0,), ``object_labels`` (K,), ``object_placements`` (K, 3), and its
+boxes one after the other: ``cuboid_owners`` (C,) int index of the object, ``cuboid_parts`` (C,),
+``cuboid_boxes`` (C, 6) centre and size.
+"""
 
 from __future__ import annotations
 

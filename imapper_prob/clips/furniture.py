@@ -1,4 +1,8 @@
-"""Furniture in files of others: labels, boxes that were measured one by one, flat arrays."""
+"""Furniture in files of others: labels, boxes that were measured one by one, flat arrays.
+
+Scenelets of several libraries meet in one posterior; a sofa of one and a couch of another
+could not share a place there.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,10 @@
-"""Result lists of MMPose, RTMPose and AlphaPose, and pose proposals of LCR-Net++."""
+"""Result lists of MMPose, RTMPose and AlphaPose, and pose proposals of LCR-Net++.
+
+Two forms are read. The list of COCO results, one entry a person: ``image_id`` (a number, or a
+file's name with one in it), ``keypoints`` (x, y, score for each), and where the program tracks
+people ``idx`` or ``track_id``. And MMPose's own: ``instance_info``, one entry a frame with
+``frame_id`` and ``instances``, each of ``keypoints`` (pairs) and ``keypoint_scores``.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,9 @@
-"""Furniture as scores see it, and the truth of a clip, in the axes of the camera."""
+"""Furniture as scores see it, and the truth of a clip, in the axes of the camera.
+
+Scores are taken in the frame of the files of i3DB, which is that of the camera: what is
+compared is not upright, and the tilt of a camera is part of an answer, not of the frame it is
+judged in. Top view therefore means: without the camera's own up axis.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,16 @@
-"""The stages of the solver one after the other, for the rerun viewer."""
+"""The stages of the solver one after the other, for the rerun viewer.
+
+Entities, in metres in the world frame (z up, floor at z = 0)::
+
+    world/floor, world/camera    the ground and the camera
+    world/furniture              boxes, on timeline `stage`
+    world/path/...               everybody's way, on timeline `stage`
+    world/truth/...              what really was there, where somebody knows
+    summary                      what the stage did, on timeline `stage`
+    charness/...                 bars over frames, by actor; the same at every stage
+
+The timeline is `stage`, from 1.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,8 @@
-"""The pictures of a clip inside its recording, and a recording inside a notebook."""
+"""The pictures of a clip inside its recording, and a recording inside a notebook.
+
+A clip has no pictures, only what was detected in them. Who still has them can have them drawn
+behind the detections: a folder of pictures, or a video file.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,8 @@
-"""A scene, or draws, in formats of others: JSON in benchmark axes, binary glTF, i3DB."""
+"""A scene, or draws, in formats of others: JSON in benchmark axes, binary glTF, i3DB.
+
+Every draw has a camera of its own, with its own pitch, roll, height and focal length: what
+leaves the world must leave it through the camera of its draw.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,9 @@
-"""Figures of a posterior: scenes, certainty, visibility, convergence, energy by term."""
+"""Figures of a posterior: scenes, certainty, visibility, convergence, energy by term.
+
+On the left the clip from its first frame to its last, all panels on one time axis; on the right
+what every scenelet and every object is worth. The figure saves or shows itself; matplotlib's
+current figure is left alone.
+"""
 
 from __future__ import annotations
 

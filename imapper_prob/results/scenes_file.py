@@ -1,4 +1,11 @@
-"""``scenes.json``: the scenes of a posterior, for people and for other programs."""
+"""``scenes.json``: the scenes of a posterior, for people and for other programs.
+
+Positions are metres in the world frame (z up, floor at z = 0, origin on the floor below the
+camera, y the horizontal viewing direction), angles radians. An unknown number is ``null``.
+
+The file has no joints: a motion is hundreds of frames, and ``posterior.nc`` beside it keeps
+every draw of it.
+"""
 
 from __future__ import annotations
 

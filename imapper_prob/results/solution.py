@@ -1,4 +1,10 @@
-"""The staged solution in files, tables and pictures."""
+"""The staged solution in files, tables and pictures.
+
+The JSON holds what one reads: scenes, and by actor the table of every stage. The archive holds
+what one computes with: by actor (``actor0/…``, in the order of the JSON) the frames, the charness
+curve and the joints of every scene. Positions are metres in the world frame, angles radians,
+energies nats; frames have the input's own numbers.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,10 @@
-"""Everybody in a clip as one log-posterior: the frames of one actor after those of the other."""
+"""Everybody in a clip as one log-posterior: the frames of one actor after those of the other.
+
+Camera and furniture are shared, and so each actor's joints may be hidden by what another uses
+and nobody walks through it. A window, a path and a smooth motion belong to one actor: the model's
+chains start anew at the first frame of each, and no scenelet reaches from one actor's frames into
+the next one's (`path_starts` of a problem). Real time plays no part in it: furniture stands still.
+"""
 
 from __future__ import annotations
 

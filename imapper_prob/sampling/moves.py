@@ -1,4 +1,10 @@
-"""Moves between scenes: births, deaths, walks, and stretches of time exchanged between chains."""
+"""Moves between scenes: births, deaths, walks, and stretches of time exchanged between chains.
+
+Each proposes a new state and the log ratio of the reverse to the forward proposal density,
+Jacobians included (Green 1995). Which move is tried, with what probability, and whether it
+is accepted is the sampler's business. ``explain`` gives the log density of a move from one
+state to another, so that the ratio can be checked independently.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,9 @@
-"""Placements of one assignment by emcee ensembles, and how far they agree with the chains."""
+"""Placements of one assignment by emcee ensembles, and how far they agree with the chains.
+
+Given which scenelet starts when, camera, body scale and placements are a few dozen smooth
+dimensions, with the latent numbers of the path behind them. Walkers live in (bearing, log
+depth, yaw, log size), where the posterior is nearly Gaussian; the density carries the Jacobian.
+"""
 
 from __future__ import annotations
 

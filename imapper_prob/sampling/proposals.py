@@ -1,4 +1,8 @@
-"""Proposals of a new scenelet: a normalised mixture over scenelets, windows and placements."""
+"""Proposals of a new scenelet: a normalised mixture over scenelets, windows and placements.
+
+A fit to detections knows nothing of what its furniture hides, nor of path and floor. Moved to
+where the whole log-posterior is highest it is a better place to be born at.
+"""
 
 from __future__ import annotations
 

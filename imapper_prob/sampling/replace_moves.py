@@ -1,4 +1,11 @@
-"""Moves that put another scenelet, or other furniture, in place of one."""
+"""Moves that put another scenelet, or other furniture, in place of one.
+
+Each scenelet has a local frame of its own: put where another one was it stands half a step
+aside and faces elsewhere. Its fit to the same window knows where it belongs, but not what
+the rest of the scene has done since to the one that is there. So the new placement is the
+old one plus the difference of the two fits, as the camera sees them, in bearing, log depth,
+yaw and log size.
+"""
 
 from __future__ import annotations
 

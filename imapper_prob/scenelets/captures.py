@@ -1,4 +1,8 @@
-"""Captures: motion recorded with the furniture around it, from ``.npz`` and i3DB files."""
+"""Captures: motion recorded with the furniture around it, from ``.npz`` and i3DB files.
+
+What scenelets are cut from: motion capture with scanned or measured furniture, or the truth
+of a benchmark. A capture is known, where a clip is only seen.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,9 @@
-"""Recordings of PiGraphs (Savva et al. 2016): tracked people and furniture in scanned rooms."""
+"""Recordings of PiGraphs (Savva et al. 2016): tracked people and furniture in scanned rooms.
+
+``segGroups`` lists labelled parts, ``{"label": "chair/seat", "objectId": 3, "obb": {...}}``,
+each in an oriented box: ``centroid``, ``axesLengths`` (full) and ``normalizedAxes`` (nine
+numbers), metres, z up.
+"""
 
 from __future__ import annotations
 

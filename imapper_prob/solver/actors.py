@@ -1,4 +1,9 @@
-"""Several people before one camera: solved one by one, with one camera and shared furniture."""
+"""Several people before one camera: solved one by one, with one camera and shared furniture.
+
+A window, a path, a smooth motion belong to one actor, so every actor has a log-posterior of
+their own. What they share is the camera: its pose, height and focal length are estimated from
+everybody's feet, so that furniture found by one stands in the world of all.
+"""
 
 from __future__ import annotations
 

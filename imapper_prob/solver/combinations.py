@@ -1,4 +1,30 @@
-"""Combinations of candidates: found best first, judged by the log-posterior, polished."""
+"""Combinations of candidates: found best first, judged by the log-posterior, polished.
+
+A combination S is scored by its members alone and two by two,
+
+    Q(S) = sum_{c in S} gain_c + sum_{pairs in S} together_cd,
+
+with ``together`` what a pair is worth beyond its members (-inf where it cannot be).
+Combinations come out in the order of Q, the best first, and only as many as are asked for are
+ever looked at.
+
+*The bound.* Let the first groups be decided, with members S, and r_c = gain_c + sum_{d in S}
+together_cd what a member c of an open group would add to S. Any completion R has
+
+    Q(S + R) - Q(S) = sum_{c in R} r_c + sum_{pairs in R} together_cd.
+
+Split its pairs into those of neighbouring groups and the others. A pair of the latter kind
+with c in the earlier group is worth no more than max(0, max over the members d of the later
+group of together_cd), and over all later groups these sum to at most o_c, whether R has
+members there or not. So
+
+    Q(S + R) <= Q(S) + max over R of [ sum_{c in R} (r_c + o_c) + sum_{neighbours in R} together ],
+
+and the maximum on the right is over a chain of groups, which dynamic programming finds
+exactly. Nothing is thus ever thrown away that could still be better than what came out: the
+bound (of minus Q, a lower one) is admissible. Once all groups are decided it is Q itself, so
+that whatever is taken from the queue complete is the best of all that is left.
+"""
 
 from __future__ import annotations
 

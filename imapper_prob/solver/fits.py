@@ -1,4 +1,10 @@
-"""Fits: every scenelet of the library placed in every window, and how well the best ones fit."""
+"""Fits: every scenelet of the library placed in every window, and how well the best ones fit.
+
+The paper's first stage (Monszpart et al. 2019, section 5): the placement of one scenelet
+that best reprojects onto the detections of one window, nothing else considered. Here by
+batched Gauss-Newton on bearing, log depth and yaw with Student-t weights, from four yaws; or,
+with the published energy, with squared residuals times confidence, its L_r.
+"""
 
 from __future__ import annotations
 

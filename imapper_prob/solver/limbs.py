@@ -1,4 +1,18 @@
-"""How this person's joints differ from a pose, as far as detections tell."""
+"""How this person's joints differ from a pose, as far as detections tell.
+
+A scenelet says how somebody moves near such furniture, not how this person moved: the posterior
+lets detections scatter about a pose by the pose tolerance sigma (``docs/model.md`` 11). What it
+sums out comes back here. Of a joint at q, at a depth d, under a focal length f, seen at u,
+
+    u = Pi(q + delta) + e,    delta ~ N(0, sigma^2 I),    rho = f sigma / d,
+
+with u - Pi q of variance (s^2 + rho^2) / w, the w of a Student-t variable. So delta is expected at
+lambda (u - Pi q) d / f across the ray, lambda = rho^2 w / (s^2 + rho^2), and known to
+sigma^2 (1 - lambda); along the ray nothing is known of it. w is the one expected of an error so
+large (the E step of Lange, Little and Taylor 1989) and at most 1, and lambda is the mean over the
+joint being seen and hidden, by what confidence and error say of that. The pelvis is the path's,
+which has errors of its own.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Poses of the frames as rotations of bones: implausible ones, and how missing ones are filled."""
+"""Poses of the frames as rotations of bones: implausible ones, and how missing ones are filled.
+
+The neck, which no detector reports, is put half-way between thorax and head.
+"""
 
 from __future__ import annotations
 

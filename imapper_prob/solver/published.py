@@ -1,4 +1,14 @@
-"""The published method (Monszpart et al. 2019, section 6): path, candidates, combinations."""
+"""The published method (Monszpart et al. 2019, section 6): path, candidates, combinations.
+
+In every frame the lifted skeleton a_t is placed at P_t = (x, y, z, theta) so that
+
+    w_r sum_t sum_k c_tk |Pi T(P_t) a_tk - u_tk|^2 + w_s sum_t |p_t - p_(t-1)|^2
+
+is least, p being the pelvis (Monszpart et al. 2019, section 6). Frames without a skeleton that
+can be believed are occluded: those whose pose is missing or impossible, and those whose joints
+move faster than in all but 5 % of the frames, as a Winsorisation would clip them. They have no
+say in the fit, and their joints are interpolated linearly.
+"""
 
 from __future__ import annotations
 
@@ -400,7 +410,7 @@ def _placed_all(problem: Problem, state: State, iterations: int) -> State:
         slopes: Array = np.array([cost(theta + d) - here for d in _STEP * np.eye(len(theta))])
         return slopes / _STEP
 
-    start = np.zeros(home.size)
+    start = np.zeros(3 * len(home))
     found = minimize(cost, start, jac=slope, method="L-BFGS-B", options={"maxiter": iterations})
     return scene(found.x) if found.fun < cost(start) else state
 

@@ -1,4 +1,13 @@
-"""Sequences of scenelets for a stretch of a clip, by dynamic programming, and exchanges."""
+"""Sequences of scenelets for a stretch of a clip, by dynamic programming, and exchanges.
+
+A stay at a seat is longer than a scenelet. What explains it is somebody who sits down, somebody
+who sits and somebody who gets up, and they gain most where one goes on where another ends: the
+step from one to the next is charged like any step, free frames between them like two jumps.
+Candidates come every .4 s, each where it is best by itself, so that hardly two of them join. Here
+each may start up to half that time earlier or later, two that join are brought to one distance
+from the camera, and dynamic programming (Viterbi's, over what each gains alone, and what two
+that join gain or lose together) finds the best sequences. The paper has no such step.
+"""
 
 from __future__ import annotations
 

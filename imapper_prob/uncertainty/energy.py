@@ -1,4 +1,9 @@
-"""Why this scene: its log-posterior by term, frame, scenelet and object, in tables and as JSON."""
+"""Why this scene: its log-posterior by term, frame, scenelet and object, in tables and as JSON.
+
+Everything here is a difference or a share of what :func:`imapper_prob.models.posterior.terms`
+computes; nothing is modelled a second time. Signs are those of the log-posterior: more is
+better, and a cost is negative.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,11 @@
-"""One answer for those who can use only one: the scene of least expected loss."""
+"""One answer for those who can use only one: the scene of least expected loss.
+
+A scenelet says where such furniture stands about somebody who moves like this, not where this
+piece does: people sit at any place of a couch, and farther from a shelf or nearer to it. The
+detections hardly tell (``docs/preference.md``), so that what the posterior knows of a place is
+the scenelet's word, and how far such words are off is measured on scenes whose truth is known
+(``docs/calibration.md``). What is drawn of the scenelets alone leaves that out.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,8 @@
-"""Where furniture stands, whatever the layout: probability by category on a floor grid."""
+"""Where furniture stands, whatever the layout: probability by category on a floor grid.
+
+Objects have no identity across draws, but a place on the floor does. Whether it is covered is
+a question every draw answers with yes or no, and the share of yes is a probability.
+"""
 
 from __future__ import annotations
 

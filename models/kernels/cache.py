@@ -1,4 +1,9 @@
-"""What an incremental evaluation keeps, in flat arrays, and its handle for compiled code."""
+"""What an incremental evaluation keeps, in flat arrays, and its handle for compiled code.
+
+Scenelets live in slots: one keeps its slot for as long as nothing about it changes. What
+depends on a frame has two rows, one that holds for the current state and one to write a
+proposal into; to accept is to say of some frames that the other row now holds.
+"""
 
 from __future__ import annotations
 

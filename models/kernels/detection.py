@@ -1,4 +1,16 @@
-"""Emissions of every frame, and the sum over frames with sides flipped (docs/model.md 11, 12)."""
+"""Emissions of every frame, and the sum over frames with sides flipped (docs/model.md 11, 12).
+
+A detector that sees somebody from behind, or in poor light, can swap all joints of the left
+side with those of the right, for a run of frames and at full confidence. Whether frame t is
+swapped is a chain s_t of two states with persistent values; what it costs to know nothing of
+it is the forward recursion of a hidden Markov model (Rabiner 1989), exact and linear in T:
+
+    log p(u, c | q) = log sum over s of p(s) prod_t p(u_t, c_t | q_t, s_t)^w
+
+with the frame weight w that stands for the correlation of neighbouring frames. The sum itself is
+part of every evaluation (:func:`imapper_prob.models.kernels.votes.sum_votes`); here is what each
+frame adds to it, and which frames are swapped.
+"""
 
 from __future__ import annotations
 

@@ -2,6 +2,9 @@
 
 A proposal is evaluated beside what the cache keeps and becomes part of it when it is accepted. A
 whole state is a change from nothing.
+
+Every function works out what a proposal changed and leaves the rest, in this order:
+scenelets, path, joints and lines of sight, likelihood of frames, sum.
 """
 
 from __future__ import annotations

@@ -1,4 +1,9 @@
-"""Furniture and bodies in each other or below the floor (docs/model.md 15 to 17)."""
+"""Furniture and bodies in each other or below the floor (docs/model.md 15 to 17).
+
+All take the negative part of a signed distance, that of two things on the floor plane, and that of
+somebody in a thing on the floor plane or in height, whichever is less. (The paper prints L_m with
+the positive part, which would reward walking through furniture.)
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,16 @@
-"""The pelvis path, collapsed and drawn, and jumps of the pose (docs/model.md 6 to 8, 14)."""
+"""The pelvis path, collapsed and drawn, and jumps of the pose (docs/model.md 6 to 8, 14).
+
+The static path is an estimate whose error is slow: for seconds it is too near or too far by the
+same share. In units of its stated deviation, e_t = (g_t - centre_t) / scale_t, that error is the
+stationary chain of second order of :mod:`imapper_prob.models.path_prior`, in which frames under a
+scenelet have a fixed value and the others are free. Steps inside a scenelet are left out, for its
+motion is not random: its first frame is one more step, and the chain goes on from its last two.
+Where the film of somebody begins, nothing is known.
+
+What comes out is the log of the chain with all free frames integrated out, and a path drawn from
+what was integrated, as a function of standard normal numbers: holding those while the scenelets
+move keeps the path where it can stay.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,11 @@
-"""Lines of sight: clearance from boxes, and the probability that a joint is seen."""
+"""Lines of sight: clearance from boxes, and the probability that a joint is seen.
+
+The volume hidden by a union of boxes is the set of points whose line of sight cuts a box.
+The clearance of a line of sight (:func:`imapper_prob.models.geometry.sight_clearance` in plain
+numpy, :mod:`imapper_prob.models.kernels.visibility` compiled) is negative exactly in it and grows
+smoothly out of it. Where nothing is near it is capped, which mends the gap in the paper: with
+no object its occlusion distance is undefined (Monszpart et al. 2019, F(v, c)).
+"""
 
 from __future__ import annotations
 

@@ -29,7 +29,7 @@ from imapper_prob.models.scenelet import Library
 from imapper_prob.sampling import placements
 from imapper_prob.sampling.sample import sample_scenes
 from imapper_prob.scenelets.library import load_library, save_library
-from tests.runs import SHORT, small_posterior, small_solution
+from tests.runs import SHORT, posterior, small_posterior, small_solution
 
 TINY = (
     "[sample]\nsteps = 60\ndraws = 5\ntemperatures = 2\nchains = 2\n"
@@ -143,7 +143,7 @@ def test_ensembles_that_were_interrupted_are_not_finished_and_go_on(
 def test_an_interrupted_run_is_written_and_says_so(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    run, out = small_posterior(), tmp_path / "out"
+    run, out = posterior(), tmp_path / "out"
     samples = replace(run.samples, finished=False)
 
     def sample(*_: object, checkpoints: Path, **__: object) -> object:

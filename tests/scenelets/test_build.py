@@ -18,7 +18,6 @@ from imapper_prob.models.errors import InputError
 from imapper_prob.models.scene import Placement
 from imapper_prob.models.skeleton import BONE_LENGTHS, PELV, facing, turned
 from imapper_prob.scenelets.build import (
-    REACH,
     UNKNOWN_ACTION,
     BuildSettings,
     body_scale,
@@ -27,6 +26,7 @@ from imapper_prob.scenelets.build import (
     weights_by_density,
 )
 from imapper_prob.scenelets.captures import Capture
+from imapper_prob.scenelets.frames import REACH
 from imapper_prob.scenelets.library import load_library, save_library
 from tests.conftest import CORPUS
 from tests.scenelets.motions import box, standing

@@ -11,7 +11,7 @@ from hypothesis import given
 
 from imapper_prob.models.scene import Placement
 from imapper_prob.models.skeleton import BONE_LENGTHS, LWRI, MIRROR, PELV, RWRI, facing
-from imapper_prob.scenelets.build import REACH, localised, mirrored
+from imapper_prob.scenelets.frames import REACH, localised, mirrored
 from imapper_prob.scenelets.library import built_in_library
 
 metres = st.floats(-8, 8)

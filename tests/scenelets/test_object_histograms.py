@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from imapper_prob.models.scene import SceneObject
 from imapper_prob.models.scenelet import Scenelet
-from imapper_prob.scenelets.build import mirrored
 from imapper_prob.scenelets.charness import CELL, EDGES, categories, object_histograms
+from imapper_prob.scenelets.frames import mirrored
 from tests.scenelets.motions import box, standing
 
 

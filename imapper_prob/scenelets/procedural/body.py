@@ -32,7 +32,7 @@ from imapper_prob.models.skeleton import (
     RWRI,
     THRX,
 )
-from imapper_prob.scenelets.build import resized
+from imapper_prob.scenelets.frames import resized
 
 __all__ = [
     "ANKLE_HEIGHT",

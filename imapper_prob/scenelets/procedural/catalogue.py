@@ -15,7 +15,7 @@ from zlib import crc32
 import numpy as np
 
 from imapper_prob.models.scenelet import Library, Scenelet
-from imapper_prob.scenelets.build import localised, mirrored
+from imapper_prob.scenelets.frames import localised, mirrored
 from imapper_prob.scenelets.plausibility import faults
 from imapper_prob.scenelets.procedural import (
     folded,

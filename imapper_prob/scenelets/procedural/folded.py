@@ -1,4 +1,11 @@
-"""Sitting with legs crossed or folded: motions and recipes."""
+"""Sitting with legs crossed or folded: motions and recipes.
+
+Each function takes somebody who sits upright and puts the legs, and where need be pelvis and
+hands, elsewhere. The right leg is the one that is folded; metres, radians, offsets are right,
+forward and up of the pelvis as it faces. Angles that no source is named for are within the ranges
+of the American Academy of Orthopaedic Surgeons, *Joint Motion* (1965): hips turn the thigh 45
+degrees outward and 30 inward, knees bend by 150.
+"""
 
 from __future__ import annotations
 

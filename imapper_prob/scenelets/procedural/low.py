@@ -1,4 +1,11 @@
-"""Sitting on the floor, squatting, kneeling, bending down: motions and recipes."""
+"""Sitting on the floor, squatting, kneeling, bending down: motions and recipes.
+
+Each function returns somebody near the origin who faces +y, on a floor at z = 0. Metres, radians;
+offsets are right, forward and up of the pelvis. The right leg is the one of which one knee or foot
+does something else. Hips bend by 125 degrees and the spine above them by 40, knees by 150 (American
+Academy of Orthopaedic Surgeons, *Joint Motion*, 1965); ankles under the weight of a squatting
+body by some 35 (Hemmerich et al. 2006).
+"""
 
 from __future__ import annotations
 

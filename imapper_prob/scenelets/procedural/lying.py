@@ -1,4 +1,10 @@
-"""Lying on the back or on the side: motions and recipes."""
+"""Lying on the back or on the side: motions and recipes.
+
+A lying body is an upright one turned over: the trunk is posed along +z, limbs reach for
+where they rest on the mattress, and the whole is turned about the pelvis. The sleeper's
+frame has the pelvis above its origin, the head towards -y, the feet towards +y, and z as
+height above the mattress; metres, radians; sides are (right, left).
+"""
 
 from __future__ import annotations
 
