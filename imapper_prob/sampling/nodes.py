@@ -2,7 +2,8 @@
 
 A node is a scenelet at a start frame. Alone in the scene, in the mean camera, it is expanded to
 second order around its best place (:mod:`imapper_prob.models.single_scenelet`). What tempering
-keeps is apart from what it flattens, so one expansion gives weight, mean and covariance at any power.
+keeps is apart from what it flattens, so one expansion gives weight, mean and covariance at any
+power.
 """
 
 from __future__ import annotations
