@@ -27,7 +27,8 @@ def motion(seconds: NDArray[np.float64]) -> NDArray[np.float64]:
     body = np.random.default_rng(5).uniform((-0.3, -0.3, 0.1), (0.3, 0.3, 1.7), (N_JOINTS, 3))
     body[JOINTS.index("HEAD")] = (0.0, 0.0, 1.6)
     body[JOINTS.index("PELV")] = (0.0, 0.0, 0.9)
-    return body + seconds[:, None, None] * np.array([0.6, 0.3, 0.0])
+    moved: NDArray[np.float64] = body + seconds[:, None, None] * np.array([0.6, 0.3, 0.0])
+    return moved
 
 
 def camera() -> NDArray[np.float64]:
@@ -107,7 +108,8 @@ class PigraphsFolder:
 
     @property
     def skeletons(self) -> list[dict[str, Any]]:
-        return self.recording["skeletons"]
+        skeletons: list[dict[str, Any]] = self.recording["skeletons"]
+        return skeletons
 
     def write(self, folder: Path) -> Path:
         """Write recording and scan into folders of their own; the recording's path."""
