@@ -145,7 +145,7 @@ _AXES = {"across the view": (134, 188, 240), "depth": (255, 214, 102), "height":
 
 @dataclass(frozen=True)
 class Certainty:
-    """What is known over all draws, see `imapper_prob.results.uncertainty`."""
+    """What is known over all draws, see `imapper_prob.uncertainty`."""
 
     occupancy: Occupancy
     hidden: HiddenJoints

@@ -34,7 +34,7 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 _POSITIONED: Final = 0.02
-"""Confidence above which a detection says where its joint is (`models.energy.detections`)."""
+"""Confidence above which a detection says where its joint is (`models.detector`)."""
 _SIZED: Final = 0.3
 """Confidence from which joints count for the person's height in the picture."""
 _WHOLE: Final = 7

@@ -8,7 +8,7 @@ it is the forward recursion of a hidden Markov model (Rabiner 1989), exact and l
     log p(u, c | q) = log sum over s of p(s) prod_t p(u_t, c_t | q_t, s_t)^w
 
 with the frame weight w that stands for the correlation of neighbouring frames. The sum itself is
-part of every evaluation (:func:`imapper_prob.models.kernels.votes.sum_votes`); here is what each
+part of every evaluation (:func:`forward_log_likelihood`); here is what each
 frame adds to it, and which frames are swapped.
 """
 
