@@ -129,7 +129,7 @@ def around(problem: Problem, first: int, last: int) -> tuple[Problem, int]:
     begin, end = max(0, first - MARGIN), min(problem.n_frames, last + MARGIN + 1)
     by_frame = (
         "keypoints", "used", "confidences", "confidence_density", "error_scale", "error_dof",
-        "path_centre", "path_scale", "lift", "poses", "path_facing", "free_cost",
+        "path_centre", "path_scale", "path_stay", "lift", "poses", "path_facing", "free_cost",
     )  # fmt: skip
     cut = {name: getattr(problem, name)[begin:end] for name in by_frame}
     rows = end - begin + 1

@@ -25,6 +25,7 @@ from imapper_prob.models.detector import DetectionModel
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.geometry import sight_clearance
 from imapper_prob.models.kernels.detection import draw_flips
+from imapper_prob.models.kernels.path import steps_of_depth
 from imapper_prob.models.kernels.placement import expected_facing, in_support, place_boxes
 from imapper_prob.models.kernels.visibility import visibility_probability
 from imapper_prob.models.log_posterior import State, motion, terms
@@ -110,8 +111,11 @@ def _unhindered(rng: np.random.Generator, problem: Problem) -> State:
     error, before, at = np.zeros(2), np.zeros(2), -1
     since = _latest_start(problem)
     for index, (scenelet, start) in enumerate(items.tolist()):
-        row = start - at if at >= since[start] else 0
-        mean, deviation = problem.path_mean[:, row], problem.path_draw[:, row, 0, 2]
+        rows = [0, 0]
+        if at >= since[start]:
+            stay = problem.path_stay
+            rows = [start - at, steps_of_depth(stay, problem.stay_steps, at + 1, start)]
+        mean, deviation = problem.path_mean[[0, 1], rows], problem.path_draw[[0, 1], rows, 0, 2]
         error = mean[:, 0] * error + mean[:, 1] * before
         error = error + deviation * rng.standard_normal(2)
         centre, scale = path_in_view(problem, camera, start)

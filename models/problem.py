@@ -76,6 +76,8 @@ class Problem(NamedTuple):
     path_scale: Array  # (T, 2) by how much it may be off
     path_starts: NDArray[np.bool_]  # (T,) frames that follow upon nothing: the clip's first, and
     # those in which the film of another person begins
+    path_stay: Ints  # (T,) the stay of each frame, -1 for none, see `with_stays`
+    stay_steps: int  # that the path's error along the view makes in a stay
     path_mean: Array  # (2, T + 1, 2) of bearing and log depth, see path_tables
     path_draw: Array  # (2, T + 1, 3, 3)
     lift: Array  # (T,)
@@ -226,6 +228,8 @@ def pack_problem(
         path_centre=centre,
         path_scale=deviation,
         path_starts=begins,
+        path_stay=np.full(clip.n_frames, -1),
+        stay_steps=max(1, round(settings.stay_change * clip.fps)),
         path_mean=mean,
         path_draw=draw,
         lift=path.lift,
@@ -281,6 +285,29 @@ def pack_problem(
         if isinstance(a, np.ndarray)
     }
     return problem._replace(**copies)
+
+
+def with_stays(problem: Problem, stays: Array) -> Problem:
+    """The problem with the stays of its person (docs/model.md 6, 17a).
+
+    Parameters
+    ----------
+    problem : Problem
+        Of one person.
+    stays : (K, 3) float
+        First frame, frame after the last, and nats by which the pose speaks of being carried.
+
+    Returns
+    -------
+    Problem
+        Whether a scenelet holds a stay is asked, and the path's error stands still in it unless
+        the likelihood is switched off.
+    """
+    of_frame = np.full(problem.n_frames, -1)
+    if problem.likelihood > 0:
+        for k, (first, end) in enumerate(stays[:, :2].astype(int).tolist()):
+            of_frame[first:end] = k
+    return problem._replace(stays=stays, path_stay=of_frame)
 
 
 def _start_mean(settings: ModelSettings) -> Array:

@@ -178,6 +178,9 @@ class ModelSettings:
     ease_bearing, ease_depth : float
         Seconds of these in which such an error changes its course, at most half of them: 0 for
         errors that are rough from frame to frame, half for the smoothest.
+    stay_change : float
+        Seconds of a stay in which the error along the view changes as it does elsewhere; after
+        them it stands still.
     walk_bearing, walk_log_depth : float
         Standard deviation of one frame's step of the pelvis at 10 frames a second: tangent
         of the bearing, and log metres. Of a person nobody has looked at yet.
@@ -244,6 +247,7 @@ class ModelSettings:
     memory_depth: float = from_data("bias.time_along")
     ease_bearing: float = from_data("bias.ease_across")
     ease_depth: float = from_data("bias.ease_along")
+    stay_change: float = from_data("bias.stay_change")
     walk_bearing: float = from_data("walk.bearing")
     walk_log_depth: float = from_data("walk.log_depth")
     start_bearing: float = 0.25

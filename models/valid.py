@@ -34,7 +34,8 @@ _SHAPES: Final[Mapping[str, tuple[str | int, ...]]] = {
     "keypoints": ("T", N_JOINTS, 2), "used": ("T", N_JOINTS), "confidences": ("T", N_JOINTS),
     "confidence_density": ("T", N_JOINTS, 2), "error_scale": ("T", N_JOINTS, 2),
     "error_dof": ("T", N_JOINTS, 2), "path_centre": ("T", 2), "path_scale": ("T", 2),
-    "path_starts": ("T",), "path_mean": (2, "P+1", 2), "path_draw": (2, "P+1", 3, 3),
+    "path_starts": ("T",), "path_stay": ("T",), "stay_steps": (),
+    "path_mean": (2, "P+1", 2), "path_draw": (2, "P+1", 3, 3),
     "lift": ("T",), "poses": ("T", N_JOINTS, 3), "path_facing": ("T", 2),
     "static_density": (2, "T", N_JOINTS, 2), "free_cost": ("T",), "joints": ("N", N_JOINTS, 3),
     "joint_facing": ("N", 2), "joint_first": ("L+1",), "boxes": ("B", 7), "box_first": ("L+1",),
@@ -44,7 +45,9 @@ _SHAPES: Final[Mapping[str, tuple[str | int, ...]]] = {
 }  # fmt: skip
 """Fields of a problem that are arrays: of T frames of which at most P are of one person, N frames
 and B boxes of L scenelets, C categories and K stays."""
-_INDICES: Final = ("joint_first", "box_first", "box_object", "box_label", "lowered")
+_INDICES: Final = (
+    "path_stay", "stay_steps", "joint_first", "box_first", "box_object", "box_label", "lowered",
+)  # fmt: skip
 _FLAGS: Final = ("used", "path_starts", "label_front")
 _POSITIVE: Final = (
     "fx", "fy", "error_scale", "error_dof", "path_scale", "start_variance", "size_spread",
@@ -81,6 +84,8 @@ def check_problem(problem: Problem) -> None:
     begins = np.append(np.flatnonzero(problem.path_starts), lengths["T"])
     if begins[0] != 0 or np.diff(begins).max() > lengths["P"]:
         raise InputError("path_starts does not fit the tables of the path")
+    if problem.stay_steps < 1:
+        raise InputError("stay_steps must be positive")
     _check_pointers(problem, lengths)
     precision = problem.camera_precision
     if not np.allclose(precision, precision.T) or np.linalg.eigvalsh(precision)[0] <= 0:

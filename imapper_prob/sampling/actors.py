@@ -32,7 +32,8 @@ Array = NDArray[np.float64]
 
 _BY_FRAME = (
     "keypoints", "used", "confidences", "confidence_density", "error_scale", "error_dof",
-    "path_centre", "path_scale", "path_starts", "lift", "poses", "path_facing", "free_cost",
+    "path_centre", "path_scale", "path_starts", "path_stay", "lift", "poses", "path_facing",
+    "free_cost",
 )  # fmt: skip
 """Fields of a problem that begin with the frames; ``static_density`` has them second."""
 _SHARED, _BODY = [0, 1, 2, 4], 3

@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.models.kernels.cache import Evaluator
-from imapper_prob.models.kernels.path import pose_jump
+from imapper_prob.models.kernels.path import pose_jump, steps_of_depth
+from imapper_prob.models.problem import Problem
 from imapper_prob.models.view import floor_point, log_area
 from imapper_prob.samplers.segments import (
     Segments,
@@ -52,6 +53,14 @@ class Room(NamedTuple):
     flat: Sums
     left: Array
     right: Array
+
+
+@compiled
+def _steps_between(problem: Problem, axis: int, end: int, start: int) -> int:
+    """Steps of one coordinate of the path's error from the frame before ``end`` to ``start``."""
+    if axis == 0:
+        return start - end + 1
+    return steps_of_depth(problem.path_stay, problem.stay_steps, end, start)
 
 
 @compiled
@@ -153,7 +162,7 @@ def _density_of_places(
             if end == _MISSING or common.film[end - 1] != common.film[start]:
                 known = False
             if known:
-                frames = start - end + 1
+                frames = _steps_between(problem, axis, int(end), int(start))
                 one, two = problem.path_mean[axis, frames, 0], problem.path_mean[axis, frames, 1]
                 if k > 0:
                     off -= one * errors[k - 1, 2 + axis] + two * errors[k - 1, 4 + axis]
@@ -291,7 +300,7 @@ def _set_edges(
         for axis in range(2):
             entry = table.first[b, axis]
             if before:
-                frames = start - end_before + 1
+                frames = _steps_between(problem, axis, int(end_before), int(start))
                 expected = mean[axis, frames, 0] * sides[0, axis]
                 expected += mean[axis, frames, 1] * sides[0, 2 + axis]
                 alone = 1.0 + entry[1]
@@ -300,7 +309,8 @@ def _set_edges(
                 left[b] += 0.5 * (math.log(alone / given) + entry[0] * entry[0] / alone)
                 left[b] -= 0.5 * off * off / given
             if after:
-                of, frames = table.last[b, axis], start_after - end + 1
+                of = table.last[b, axis]
+                frames = _steps_between(problem, axis, int(end), int(start_after))
                 one, two = mean[axis, frames, 0], mean[axis, frames, 1]
                 given = one * one * of[2] + two * two * of[3] + 2.0 * one * two * of[4]
                 given += draw[axis, frames, 0, 2] ** 2
@@ -335,10 +345,11 @@ def _set_edges(
                 right[b] += unit * (gain + pose_jump(joints, 3, 1, scale))
     nothing = 0.0
     if start_after != _MISSING:
-        frames = 0
-        if end_before != _MISSING and film[end_before - 1] == film[start_after]:
-            frames = start_after - end_before + 1
+        known = end_before != _MISSING and film[end_before - 1] == film[start_after]
         for axis in range(2):
+            frames = 0
+            if known:
+                frames = _steps_between(problem, axis, int(end_before), int(start_after))
             off, given = sides[1, axis], draw[axis, frames, 0, 2] ** 2
             if frames > 0:
                 off -= mean[axis, frames, 0] * sides[0, axis]

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from imapper_prob.models.detector import DetectionModel
 from imapper_prob.models.log_posterior import State
 from imapper_prob.models.path_prior import CameraPrior, StaticPath
-from imapper_prob.models.problem import Problem, pack_problem
+from imapper_prob.models.problem import Problem, pack_problem, with_stays
 from imapper_prob.models.scene import Clip
 from imapper_prob.models.scenelet import Library
 from imapper_prob.models.settings import Settings
@@ -245,7 +245,7 @@ def fit_clip(
         weights=weights,
     )
     stays = find_stays(own.tracks[0], path, camera, fps=clip.fps, settings=settings.model)
-    problem = problem._replace(stays=stays)
+    problem = with_stays(problem, stays)
     fits = fit_windows(
         problem,
         path,

@@ -55,8 +55,9 @@ def _error_as_of_bearing(rng: np.random.Generator, problem: Problem) -> Array:
     latent, drawn = np.zeros((n, 2)), np.empty((n, 2))
     latent[:, 0] = rng.standard_normal(n)
     draw_segment(
-        problem.path_starts, np.zeros((n, 2)), np.ones((n, 2)), problem.path_mean,
-        problem.path_draw, np.zeros(5), latent, 0, n, np.empty((0, 6)), -1, -1, drawn,
+        problem.path_starts, problem.path_stay, problem.stay_steps, np.zeros((n, 2)),
+        np.ones((n, 2)), problem.path_mean, problem.path_draw, np.zeros(5), latent, 0, n,
+        np.empty((0, 6)), -1, -1, drawn,
     )  # fmt: skip
     return drawn[:, 0]
 

@@ -212,6 +212,8 @@ def read_source(path: Path, groups: Mapping[str, xr.Dataset]) -> StoredSource:
             fields[name] = values = np.asfortranarray(values)
         if said.get(_READ_ONLY):
             values.setflags(write=False)
+    other = set(Problem._fields) ^ {*fields, _FROM_LIBRARY}
+    require(not other, f"another version wrote it, which differs in {', '.join(sorted(other))}")
     motions = [resample(s.joints, fps=s.fps, to_fps=clip.fps) for s in library]
     fields[_FROM_LIBRARY] = np.concatenate(motions)
     problem, motion = Problem(**fields), groups["/motion"]

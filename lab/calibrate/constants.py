@@ -11,13 +11,16 @@ from numpy.typing import NDArray
 
 from imapper_prob.models.calibrated import Number
 from imapper_prob.models.detector import CONFIDENCE_EDGES, ERROR_EDGES, LOST_ERROR
+from imapper_prob.models.path_prior import remembered
 from imapper_prob.models.settings import ANKLE, ModelSettings
 from imapper_prob.models.skeleton import SCORED
 from imapper_prob.solver.path_fit import REFERENCE_RATE
 from lab.calibrate.estimators import (
+    autocorrelation,
     balanced_logistic_fit,
     between_groups,
     change_time,
+    change_within,
     correlation_length,
     predictive_spread,
     root_mean_square,
@@ -124,6 +127,18 @@ def _ease(evidence: Sequence[Placed], errors: Sequence[Array]) -> Number:
         gap=evidence[0].detections.gap,
     )
     return min(found, 0.495 * seconds)
+
+
+def _stay_change(evidence: Sequence[Placed]) -> Number:
+    """Seconds over which the error of depth changes elsewhere as much as within a whole stay."""
+    errors = _centred_depth(evidence)
+    seconds, fps = _memory(evidence, [e.path.log_depth for e in evidence]), evidence[0].clip.fps
+    rates = remembered(np.array([seconds]), np.array([_ease(evidence, errors)]), fps)[0]
+    stays = [own[a:b] for e, own in zip(evidence, errors, strict=True) for a, b in e.path.stays]
+    within = change_within(stays, apart=round(fps / evidence[0].detections.gap))
+    change = 1.0 - autocorrelation(rates, round(10 * fps * seconds))
+    share = within / root_mean_square(np.concatenate(errors)) ** 2
+    return float(np.interp(share, change, np.arange(len(change)))) / fps
 
 
 def _walk_time(evidence: Sequence[Seen]) -> Number:
@@ -374,6 +389,11 @@ FROM_PATH: Final = (
         "bias.ease_across", "s", "part of that time in which the error across changes course",
         "most likely one of a chain of second order with that spread and time",
         lambda evidence: _ease(evidence, [e.path.across[:, 0] for e in evidence]),
+    ),
+    Estimator(
+        "bias.stay_change", "s", "time in a stay after which the error of depth stands still",
+        "over which it changes elsewhere as much as over a second or more of a stay",
+        _stay_change,
     ),
     Estimator(
         "body.log_scale", "log", "spread of stature about the reference body",

@@ -21,6 +21,7 @@ __all__ = [
     "balanced_logistic_fit",
     "between_groups",
     "change_time",
+    "change_within",
     "correlation_length",
     "jackknife_error",
     "predictive_spread",
@@ -201,6 +202,25 @@ def change_time(
 
     inside = minimize_scalar(cost, bounds=(0.0, seconds / 2), options={"xatol": 1e-4 * seconds})
     return min((0.0, float(inside.x), seconds / 2), key=cost)
+
+
+def change_within(series: Sequence[ArrayLike], *, apart: int) -> float:
+    """Half the mean squared difference of values of a series that are far apart in it.
+
+    Parameters
+    ----------
+    series : sequence of (T,) float
+        Each counts the same; one that is too short does not.
+    apart : int
+        Steps of a series that two values are apart at least.
+    """
+    found = []
+    for one in series:
+        values = np.asarray(one, float)
+        first, second = np.triu_indices(len(values), k=apart)
+        if len(first):
+            found.append(0.5 * np.mean((values[first] - values[second]) ** 2))
+    return float(np.mean(found))
 
 
 def root_mean_square(values: ArrayLike) -> float:

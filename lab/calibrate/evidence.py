@@ -134,11 +134,12 @@ def look(clip: Clip, truth: Truth) -> Seen:
 def place(seen: Seen, library: Library, values: Values) -> Placed:
     """The second step: a static path by the first step's constants, held against the truth."""
     static = estimate_static_path(seen.clip, settings=path_settings(values))
+    camera = estimate_camera(seen.clip, static)
     return Placed(
         **_members(seen),
         static=static,
-        path=observe_path(seen.truth, static),
-        thighs=observe_thighs(seen.clip, seen.truth, static, estimate_camera(seen.clip, static)),
+        path=observe_path(seen.clip, seen.truth, static, camera),
+        thighs=observe_thighs(seen.clip, seen.truth, static, camera),
         nearest=nearest_scenelets(seen.clip, seen.truth, static, library),
     )
 

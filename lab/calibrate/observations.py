@@ -21,7 +21,7 @@ from imapper_prob.models.path_prior import CameraPrior, StaticPath
 from imapper_prob.models.scene import Clip, Placement, SceneObject, Truth
 from imapper_prob.models.scenelet import Scenelet
 from imapper_prob.models.skeleton import DETECTED, LANK, MIRROR, PELV, RANK
-from imapper_prob.solver.camera_prior import thigh_signs
+from imapper_prob.solver.camera_prior import find_stays, thigh_signs
 from imapper_prob.solver.poses import bones_of, lifted_body
 
 __all__ = [
@@ -118,11 +118,14 @@ class PathErrors:
         Metres by which the pelvis is off across the viewing ray.
     ankle : (T,) float
         Metres of the lower ankle above the floor, the true camera being known.
+    stays : (n, 2) int
+        The first of the K frames of each stay, and the one after its last.
     """
 
     log_depth: Array
     across: Array
     ankle: Array
+    stays: NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -213,7 +216,9 @@ def observe_motion(truth: Truth) -> Motion:
     )
 
 
-def observe_path(truth: Truth, path: StaticPath) -> PathErrors:
+def observe_path(
+    clip: Clip, truth: Truth, path: StaticPath, camera: CameraPrior, *, track: int = 0
+) -> PathErrors:
     """Hold a static path against the truth."""
     frames, _ = _known(truth)
     true = truth.camera.to_camera(truth.joints)
@@ -223,8 +228,12 @@ def observe_path(truth: Truth, path: StaticPath) -> PathErrors:
     rays = np.stack([x / depth, z / depth], -1)
     own = np.stack([path.estimate[frames, 0], path.lift[frames]], -1)
     world = truth.camera.to_world(found)
+    stays = find_stays(clip.tracks[track], path, camera, fps=clip.fps)[:, :2]
     return PathErrors(
-        log_depth[frames], (own - rays) * depth[:, None], world[:, [RANK, LANK], 2].min(1)
+        log_depth[frames],
+        (own - rays) * depth[:, None],
+        world[:, [RANK, LANK], 2].min(1),
+        np.searchsorted(frames, stays),
     )
 
 

@@ -5,7 +5,9 @@ same share. In units of its stated deviation, e_t = (g_t - centre_t) / scale_t, 
 stationary chain of second order of :mod:`imapper_prob.models.path_prior`, in which frames under a
 scenelet have a fixed value and the others are free. Steps inside a scenelet are left out, for its
 motion is not random: its first frame is one more step, and the chain goes on from its last two.
-Where the film of somebody begins, nothing is known.
+Where the film of somebody begins, nothing is known. In a stay somebody looks the same for long, and
+the error along the view stands still: after :attr:`~imapper_prob.models.problem.Problem.stay_steps`
+frames of a stay the chain makes no further step.
 
 What comes out is the log of the chain with all free frames integrated out, and a path drawn from
 what was integrated, as a function of standard normal numbers: holding those while the scenelets
@@ -27,10 +29,11 @@ from imapper_prob.models.kernels.cache import ADDED, Cache
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.skeleton import N_JOINTS, PELV
 
-__all__ = ["DOF", "USUAL_JUMP", "draw_segment", "find_path", "pose_jump"]
+__all__ = ["DOF", "USUAL_JUMP", "draw_segment", "find_path", "pose_jump", "steps_of_depth"]
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
+Ints = NDArray[np.int64]
 _LOG_2PI = math.log(2 * math.pi)
 _STILL = 1e-9
 """A pelvis whose bearing and log depth changed by less than this since its frame was last
@@ -39,8 +42,31 @@ in single precision can tell; the sum changes by less than 1e-6 nats."""
 
 
 @inlined
+def steps_of_depth(stay: Ints, most: int, first: int, last: int) -> int:
+    """Steps that the error along the view makes from the frame before ``first`` to ``last``.
+
+    Parameters
+    ----------
+    stay : (T,) int
+        The stay of each frame, -1 for none.
+    most : int
+        In one stay.
+    first, last : int
+        Frames, ``last`` not before ``first``.
+    """
+    steps, own = 1, 1
+    for t in range(first + 1, last + 1):
+        own = own + 1 if stay[t] >= 0 and stay[t] == stay[t - 1] else 1
+        if own <= most:
+            steps += 1
+    return steps
+
+
+@inlined
 def draw_segment(
     starts: Flags,
+    stay: Ints,
+    stay_steps: int,
     centres: Array,
     scales: Array,
     means: Array,
@@ -58,9 +84,9 @@ def draw_segment(
 
     Parameters
     ----------
-    starts, centres, scales, means, draws
-        ``path_starts``, ``path_centre``, ``path_scale``, ``path_mean`` and ``path_draw`` of a
-        problem.
+    starts, stay, stay_steps, centres, scales, means, draws
+        ``path_starts``, ``path_stay``, ``stay_steps``, ``path_centre``, ``path_scale``,
+        ``path_mean`` and ``path_draw`` of a problem.
     camera : (5,) float
     latent : (T, 2) float
         Standard normal numbers of the draw.
@@ -93,31 +119,43 @@ def draw_segment(
             cut += 1
     # Deviations of the next two frames from what came before them, and how many there are.
     near, far, depth_near, depth_far = 0.0, 0.0, 0.0, 0.0
-    evidence, ahead = 0.0, 0
+    evidence, ahead, depth_ahead = 0.0, 0, 0
+    steps = np.empty(last - first + 1, np.int64)
+    own = 1
+    for t in range(first, min(last + 1, len(starts))):
+        goes_on = t > first and stay[t] >= 0 and stay[t] == stay[t - 1] and not starts[t]
+        own = own + 1 if goes_on else 1
+        before = steps[t - first - 1] if t > first else 0
+        steps[t - first] = before + 1 if own <= stay_steps else before
     if right >= 0:
         row = last - first + 1 if last < cut else 0
+        depth_row = steps[last - first] if last < cut else 0
         width, depth_width = shrunk * scales[last, 0], scales[last, 1]
         near = (pelvis[right, 0] - shrunk * centres[last, 0]) / width
         near -= means[0, row, 0] * bearing + means[0, row, 1] * bearing_before
         depth_near = (pelvis[right, 1] - offset - centres[last, 1]) / depth_width
-        depth_near -= means[1, row, 0] * depth + means[1, row, 1] * depth_before
-        doubt, depth_doubt = draws[0, row, 0, 2], draws[1, row, 0, 2]
+        depth_near -= means[1, depth_row, 0] * depth + means[1, depth_row, 1] * depth_before
+        doubt, depth_doubt = draws[0, row, 0, 2], draws[1, depth_row, 0, 2]
         evidence -= _LOG_2PI + math.log(doubt * width * depth_doubt * depth_width)
         evidence -= 0.5 * ((near / doubt) ** 2 + (depth_near / depth_doubt) ** 2)
-        ahead = 1
+        ahead, depth_ahead = 1, 1
     for t in range(last - 1, first - 1, -1):
         if t + 1 == len(starts) or starts[t + 1]:
-            ahead = 0
+            ahead, depth_ahead = 0, 0
         row = t - first + 1 if t < cut else 0
+        depth_row = steps[t - first] if t < cut else 0
         error = draws[0, row, ahead, 0] * near + draws[0, row, ahead, 1] * far
         error += draws[0, row, ahead, 2] * latent[t, 0]
         near, far = error, near
         error += means[0, row, 0] * bearing + means[0, row, 1] * bearing_before
         drawn[t, 0] = shrunk * (centres[t, 0] + scales[t, 0] * error)
-        error = draws[1, row, ahead, 0] * depth_near + draws[1, row, ahead, 1] * depth_far
-        error += draws[1, row, ahead, 2] * latent[t, 1]
-        depth_near, depth_far = error, depth_near
-        error += means[1, row, 0] * depth + means[1, row, 1] * depth_before
+        if depth_ahead == 0 or steps[t - first] != steps[t - first + 1]:
+            k = depth_ahead
+            error = draws[1, depth_row, k, 0] * depth_near + draws[1, depth_row, k, 1] * depth_far
+            error += draws[1, depth_row, k, 2] * latent[t, 1]
+            depth_near, depth_far = error, depth_near
+            depth_ahead = min(depth_ahead + 1, 2)
+        error = depth_near + means[1, depth_row, 0] * depth + means[1, depth_row, 1] * depth_before
         drawn[t, 1] = offset + centres[t, 1] + scales[t, 1] * error
         ahead = min(ahead + 1, 2)
     return evidence
@@ -160,8 +198,9 @@ def find_path(
             cache.evidence[1, i] = cache.evidence[0, old]
         else:
             cache.evidence[1, i] = draw_segment(
-                problem.path_starts, problem.path_centre, problem.path_scale, problem.path_mean,
-                problem.path_draw, camera, latent, first, last, cache.pelvis, left, right, drawn,
+                problem.path_starts, problem.path_stay, problem.stay_steps,
+                problem.path_centre, problem.path_scale, problem.path_mean, problem.path_draw,
+                camera, latent, first, last, cache.pelvis, left, right, drawn,
             )  # fmt: skip
             for t in range(first, last):
                 now = rows[t]

@@ -115,10 +115,18 @@ def path_of(problem: Problem, state: State, item_of: Array, known: Array, axis: 
     for row, k in product((psi, stationary), range(2, n + 2)):
         row[k] = total * row[k - 1] + minus_product * row[k - 2]
 
-    def frames_since_known(t: int) -> int | None:
-        begin = max(np.flatnonzero(problem.path_starts[: t + 1]))
-        known = np.flatnonzero(item_of[begin:t] >= 0)
-        return t - begin - max(known) if len(known) else None
+    stay = np.where(axis == 1, problem.path_stay, -1)
+    goes_on = (stay >= 0) & (stay == np.roll(stay, 1)) & ~problem.path_starts
+
+    def steps(known: int, t: int) -> int:
+        """From a frame to a later one; along the view at most `stay_steps` in each stay."""
+        runs = np.split(
+            np.arange(known + 1, t + 1), np.flatnonzero(~goes_on[known + 2 : t + 1]) + 1
+        )
+        return sum(
+            min(len(run), problem.stay_steps) if goes_on[run[1:]].any() else len(run)
+            for run in runs
+        )
 
     def covariance(k: int | None, apart: int) -> float:
         """Of the errors of two frames, the first of which is k frames after what is known."""
@@ -128,24 +136,33 @@ def path_of(problem: Problem, state: State, item_of: Array, known: Array, axis: 
     for t in range(n - 1, -1, -1):
         if item_of[t] >= 0 and t > 0 and item_of[t] == item_of[t - 1]:
             continue
-        k, mean = frames_since_known(t), 0.0
+        begin, a = max(np.flatnonzero(problem.path_starts[: t + 1])), t - 1
+        while a >= 0 and item_of[a] < 0:
+            a -= 1
+        k, mean = (steps(a, t) if a >= begin else None), 0.0
         if k is not None:  # (7)
-            mean = psi[k] * error[t - k] + minus_product * psi[k - 1] * error[t - k - 1]
+            mean = psi[k] * error[a] + minus_product * psi[k - 1] * error[a - 1]
         if item_of[t] >= 0:  # (8)
             delta[t] = error[t] - mean
             evidence += norm.logpdf(delta[t], 0.0, np.sqrt(covariance(k, 0))) - np.log(scale[t])
             continue
-        ahead = [
-            u for u in (t + 1, t + 2) if u < n and not problem.path_starts[t + 1 : u + 1].any()
-        ]
-        ahead = ahead[:1] if ahead and item_of[t + 1] >= 0 else ahead
-        here = np.array([covariance(k, u - t) for u in ahead])
-        there = np.zeros((len(ahead), len(ahead)))
-        for (a, u), (b, v) in product(enumerate(ahead), repeat=2):
-            there[a, b] = covariance(k and k + min(u, v) - t, abs(u - v))
+        # The frames that follow, up to a scenelet's first, by how many steps they are away.
+        ahead: dict[int, int] = {}
+        for u in range(t + 1, n):
+            if problem.path_starts[u] or (u > t + 1 and item_of[u - 1] >= 0):
+                break
+            ahead.setdefault(steps(a, u) - steps(a, t), u)
+        if 0 in ahead:
+            delta[t], path[t] = delta[ahead[0]], centre[t] + scale[t] * (mean + delta[ahead[0]])
+            continue
+        apart = list(ahead)[:2]
+        here = np.array([covariance(k, u) for u in apart])
+        there = np.zeros((len(apart), len(apart)))
+        for (i, u), (j, v) in product(enumerate(apart), repeat=2):
+            there[i, j] = covariance(k and k + min(u, v), abs(u - v))
         weights = np.linalg.solve(there, here)
         noise = np.sqrt(covariance(k, 0) - weights @ here) * state.latent[t, axis]
-        delta[t] = weights @ delta[ahead] + noise
+        delta[t] = weights @ delta[[ahead[u] for u in apart]] + noise
         path[t] = centre[t] + scale[t] * (mean + delta[t])
     return path, evidence
 

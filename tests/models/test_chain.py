@@ -107,8 +107,9 @@ def run(
         first, last = end[k - 1] if k else 0, begin[k] if k < len(begin) else n
         right = k if k < len(begin) else -1
         evidence += draw_segment(
-            starts, np.stack([centre, beside], -1), np.stack([scale, one], -1), mean, draw,
-            np.zeros(5), np.stack([latent, beside], -1), first, last, pelvis, k - 1, right, drawn,
+            starts, np.full(n, -1), 1, np.stack([centre, beside], -1),
+            np.stack([scale, one], -1), mean, draw, np.zeros(5),
+            np.stack([latent, beside], -1), first, last, pelvis, k - 1, right, drawn,
         )  # fmt: skip
         path[first:last] = drawn[first:last, 0]
         if right >= 0:
@@ -134,6 +135,37 @@ def test_evidence_and_mean_equal_a_dense_reference(
     # With all latent numbers zero every draw is its conditional mean, hence the joint mean.
     np.testing.assert_allclose(drawn[item < 0], mean, atol=1e-6)
     np.testing.assert_array_equal(drawn[item >= 0], value[item >= 0])
+
+
+@pytest.mark.parametrize("most", [1, 3])
+def test_in_a_stay_the_error_along_the_view_stands_still(most: int) -> None:
+    """Ten frames between two scenelets, a stay but for the first and the last of them.
+
+    With a step a frame the error goes on; with few steps it is one number from the last of them
+    on, and the frame after the stay is as many steps away.
+    """
+    rng, n, rates = np.random.default_rng(3), 14, (0.85, 0.4)
+    starts, stay = np.arange(n) == 0, np.where((np.arange(n) > 2) & (np.arange(n) < 11), 5, -1)
+    mean, draw = path_tables(np.array([rates, rates]), n)
+    pelvis, latent = rng.normal(size=(2, 6)), rng.normal(size=(n, 2))
+
+    def between(stay: np.ndarray, last: int) -> tuple[float, np.ndarray]:
+        drawn = np.zeros((n, 2))
+        nats = draw_segment(
+            starts, stay, most, np.zeros((n, 2)), np.ones((n, 2)), mean, draw, np.zeros(5),
+            latent, 2, last, pelvis, 0, 1, drawn,
+        )  # fmt: skip
+        return nats, drawn[2:last]
+
+    _, errors = between(stay, 12)
+    assert np.ptp(errors[most:9, 1]) == 0.0
+    assert len(set(errors[:, 0])) == 10
+    assert len(set(errors[:, 1])) == 2 + most
+    # The same without a stay, in as many frames as there were steps.
+    pelvis[:, [0, 2, 4]] = 0.0
+    stretched, shrunk = between(stay, 12)[0], between(np.full(n, -1), 4 + most)[0]
+    one = norm.logpdf(0.0, 0.0, draw[0, [11, 3 + most], 0, 2])
+    assert stretched - one[0] == pytest.approx(shrunk - one[1])
 
 
 @pytest.mark.parametrize("rates", RATES)

@@ -78,7 +78,8 @@ def one_frame(problem: Problem) -> Problem:
     """The problem of the first frame alone; no scenelet fits in it."""
     by_frame = (
         "keypoints", "used", "confidence_density", "error_scale", "error_dof",
-        "path_centre", "path_scale", "path_starts", "lift", "poses", "path_facing", "free_cost",
+        "path_centre", "path_scale", "path_starts", "path_stay", "lift", "poses", "path_facing",
+        "free_cost",
     )  # fmt: skip
     cut = {name: getattr(problem, name)[:1] for name in by_frame}
     density = np.ascontiguousarray(problem.static_density[:, :1])

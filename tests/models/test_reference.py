@@ -50,7 +50,10 @@ def problem(rng: np.random.Generator, *, people: tuple[int, ...], furnished: boo
     lowered[::2] = 1, 4
     return whole._replace(
         used=used, keypoints=keypoints + jumps, free_cost=rng.random(N_FRAMES), lowered=lowered,
-        stays=stays.astype(float), sight_width=float(rng.uniform(0.03, 0.2)),
+        stays=stays.astype(float),
+        path_stay=np.where(rng.random(N_FRAMES) < 0.1, -1, np.arange(N_FRAMES) // 9),
+        stay_steps=int(rng.integers(1, 4)),
+        sight_width=float(rng.uniform(0.03, 0.2)),
         merge_angle=float(rng.uniform(0.3, 1.5)),
         label_front=rng.random(len(whole.label_front)) < 0.5,
         swap_begins=float(rng.uniform(0.001, 0.2)), swap_ends=float(rng.uniform(0.05, 0.4)),
@@ -149,7 +152,8 @@ def test_one_frame_and_a_clip_covered_from_end_to_end() -> None:
     assert compare(whole, bare.with_item(0, 0, np.array([0.1, 4.0, 0.3])))
     per_frame = (
         "keypoints", "used", "confidences", "confidence_density", "error_scale", "error_dof",
-        "path_centre", "path_scale", "path_starts", "path_facing", "lift", "poses", "free_cost",
+        "path_centre", "path_scale", "path_starts", "path_stay", "path_facing", "lift", "poses",
+        "free_cost",
     )  # fmt: skip
     one = whole._replace(
         static_density=whole.static_density[:, :1].copy(),

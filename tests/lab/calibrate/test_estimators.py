@@ -14,6 +14,7 @@ from imapper_prob.models.path_prior import remembered
 from lab.calibrate.estimators import (
     between_groups,
     change_time,
+    change_within,
     correlation_length,
     jackknife_error,
     predictive_spread,
@@ -142,6 +143,11 @@ def test_the_time_of_a_change_of_course_is_found(ease: float) -> None:
     allowed = 5 * error + (0.0 if ease == 0.1 else np.std(estimates, ddof=1)) + 1e-3
     assert np.mean(estimates) == pytest.approx(ease, abs=allowed)
     assert np.std(estimates) < 0.1
+
+
+def test_a_change_within_series_is_that_of_values_far_apart_in_each() -> None:
+    # Of 0, 1, 2 only the ends are two apart; the short series has no pair, the even one no change.
+    assert change_within([[0.0, 1.0, 2.0], [5.0, 9.0], [3.0] * 5], apart=2) == pytest.approx(1.0)
 
 
 def test_root_mean_square_is_about_zero() -> None:
