@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -29,6 +30,35 @@ SCENES = ("Scene04", "Scene10", "Scene13", "Scene14")
 @pytest.fixture
 def rng() -> np.random.Generator:
     return np.random.default_rng(20190708)
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _prepared_once() -> Iterator[None]:
+    """What chains need of a solution takes 8 s of the demo: a process of tests makes it once."""
+    from imapper_prob.sampling import actors, sample
+    from imapper_prob.sampling.proposals import Candidates
+    from imapper_prob.solver.solver import Solution
+
+    candidates: dict[int, tuple[Solution, Any]] = {}
+    nodes: dict[tuple[int, bytes], tuple[Any, Any]] = {}
+    weigh, find = actors.weighted_candidates, sample.find_nodes
+
+    def weighted_candidates(solution: Solution) -> Candidates:
+        if id(solution) not in candidates:
+            candidates[id(solution)] = solution, weigh(solution)
+        return candidates[id(solution)][1]
+
+    def find_nodes(problem: Any, weighted: Candidates) -> Any:
+        # With the object itself, so that no other has its number.
+        key = id(problem), weighted.weights.tobytes()
+        if key not in nodes:
+            nodes[key] = problem, find(problem, weighted)
+        return nodes[key][1]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(actors, "weighted_candidates", weighted_candidates)
+        patch.setattr(sample, "find_nodes", find_nodes)
+        yield
 
 
 @pytest.fixture(scope="session")
