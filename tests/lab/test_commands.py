@@ -264,8 +264,10 @@ def test_spoiled(scenes: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str
 
 @pytest.mark.slow
 @pytest.mark.corpus
-def test_elsewhere(scenes: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    run("lab.elsewhere", "--scenes", scenes, "--draws", "1")
+def test_elsewhere(scenes: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    picture = tmp_path / "paths.png"
+    run("lab.elsewhere", *sorted(scenes.iterdir()), "--draws", "1", "--picture", picture)
+    assert picture.stat().st_size > 10_000
     assert "| unspoiled | " in capsys.readouterr().out
 
 
