@@ -34,30 +34,22 @@ def rng() -> np.random.Generator:
 
 @pytest.fixture(scope="session", autouse=True)
 def _prepared_once() -> Iterator[None]:
-    """What chains need of a solution takes 8 s of the demo: a process of tests makes it once."""
-    from imapper_prob.sampling import actors, sample
+    """What chains need of a solution takes 3 s of the demo: a process of tests makes it once."""
+    from imapper_prob.sampling import actors
     from imapper_prob.sampling.proposals import Candidates
     from imapper_prob.solver.solver import Solution
 
-    candidates: dict[int, tuple[Solution, Any]] = {}
-    nodes: dict[tuple[int, bytes], tuple[Any, Any]] = {}
-    weigh, find = actors.weighted_candidates, sample.find_nodes
+    # With the solution itself, so that no other has its number.
+    made: dict[int, tuple[Solution, Candidates]] = {}
+    weigh = actors.weighted_candidates
 
     def weighted_candidates(solution: Solution) -> Candidates:
-        if id(solution) not in candidates:
-            candidates[id(solution)] = solution, weigh(solution)
-        return candidates[id(solution)][1]
-
-    def find_nodes(problem: Any, weighted: Candidates) -> Any:
-        # With the object itself, so that no other has its number.
-        key = id(problem), weighted.weights.tobytes()
-        if key not in nodes:
-            nodes[key] = problem, find(problem, weighted)
-        return nodes[key][1]
+        if id(solution) not in made:
+            made[id(solution)] = solution, weigh(solution)
+        return made[id(solution)][1]
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(actors, "weighted_candidates", weighted_candidates)
-        patch.setattr(sample, "find_nodes", find_nodes)
         yield
 
 

@@ -37,11 +37,19 @@ from imapper_prob.sampling.moves import (
     Shift,
     TimeCrossover,
 )
-from imapper_prob.sampling.nodes import Nodes
+from imapper_prob.sampling.pool_kernels import Table
 from imapper_prob.sampling.proposals import Candidates, Proposals
 from imapper_prob.sampling.redraw import StretchRedraw
 from imapper_prob.sampling.replace_moves import Refurnish, Replace, ReplaceAndShift
-from imapper_prob.sampling.schedule import burn_in_of, draws_of, end_of, piece_of, trace_of
+from imapper_prob.sampling.schedule import (
+    burn_in_of,
+    draws_of,
+    end_of,
+    learning_of,
+    piece_of,
+    trace_of,
+)
+from imapper_prob.sampling.visits import Visits, table_of
 
 __all__ = [
     "Chain",
@@ -135,9 +143,9 @@ def starts_of(cast: JointProblem, count: int) -> list[tuple[State, ...]]:
 # One tempered reversible-jump chain over scenes, as a task that any process can run.
 
 Array = NDArray[np.float64]
-_REDRAWN = 0.12
-"""How often a stretch is drawn anew: two fifths of the time of a chain, for it takes five times as
-long as another move."""
+_REDRAWN = 0.2
+"""How often a stretch is drawn anew where there is a table: most of the time of a chain, for it
+takes thirty times as long as another move, and most of what changes."""
 
 
 @dataclass(frozen=True)
@@ -152,15 +160,12 @@ class Setup:
     similarity : (L, L) float
         Probabilities of exchanging one scenelet for another.
     settings : SampleSettings
-    nodes : Nodes, optional
-        What stretches are drawn anew from; none with the published energy.
     """
 
     problem: Problem
     candidates: Candidates
     similarity: Array
     settings: SampleSettings
-    nodes: Nodes | None = None
 
 
 @dataclass(frozen=True)
@@ -191,11 +196,12 @@ class Chain:
     finished: bool
 
 
-def scene_moves(setup: Setup) -> Mixture[State]:
+def scene_moves(setup: Setup, table: Table | None = None) -> Mixture[State]:
     """The moves and how often each is tried.
 
     Births and deaths are refused far more often than walks, so they are tried more often
-    than their share of the accepted moves suggests.
+    than their share of the accepted moves suggests. With a ``table`` of what the chain has visited
+    stretches are drawn anew from it.
     """
     problem = setup.problem
     proposals = Proposals(problem, setup.candidates)
@@ -217,8 +223,9 @@ def scene_moves(setup: Setup) -> Mixture[State]:
         (FocalScale(float(np.linalg.norm(factor[2]))), 0.04),
         (PathRefresh(), 0.05),
     ]
-    if setup.nodes is not None and len(setup.nodes.items):
-        weighted.append((StretchRedraw(problem, setup.nodes), _REDRAWN))
+    if table is not None and len(table.items):
+        total = sum(weight for _, weight in weighted)
+        weighted.append((StretchRedraw(problem, table), _REDRAWN / (1 - _REDRAWN) * total))
     return Mixture([move for move, _ in weighted], [weight for _, weight in weighted])
 
 
@@ -236,8 +243,9 @@ def run_chain(
     It starts from the first of ``starts`` at the posterior itself, from the second at the next
     hotter temperature and so on, from the last wherever there are not enough.
 
-    While it burns in, the ladder of temperatures adapts; then it stays. Only draws of the
-    posterior itself are kept, and none of the burn-in. With a ``keeper`` the chain goes on from
+    While it burns in, the ladder of temperatures adapts, and the chain notes what it visits, from
+    which tables of scenelets are made; then both stay. Only draws of the posterior itself are
+    kept, and none of the burn-in. With a ``keeper`` the chain goes on from
     its checkpoint, if there is one, a finished chain's too. It stops after ``end`` rounds, that
     of the settings if not given; see :mod:`imapper_prob.sampling.schedule` for where it may.
     """
@@ -257,19 +265,23 @@ def run_chain(
         temper,
         done.rngs,
         target=target,
-        kernel=partial(step, mixture=scene_moves(setup)),
         steps_per_swap=settings.swap_every,
         crossover=TimeCrossover(setup.problem),
         track=tracker_of(setup.problem),
     )
+    # The published energy has no incremental evaluation, without which pools take too long.
+    learning = learning_of(settings) if target_of(setup.problem).incremental else None
+    mixture = scene_moves(setup, _table(setup, done))
     finished = True
     while done.position.rounds < end and finished:
         now = done.position.rounds
         adapt = now < burn_in
+        marks = () if learning is None else learning.ends
         # A piece begins with new trackers, as a chain does that goes on from a checkpoint.
-        last = next(stop for stop in (burn_in, settings.rounds, end) if now < stop)
+        last = next(stop for stop in (*marks, burn_in, settings.rounds, end) if now < stop)
         piece = min(piece_of(settings), min(last, end) - now)
-        for at in islice(advance(done.position, adapt=adapt), piece):
+        kernel = partial(step, mixture=mixture)
+        for at in islice(advance(done.position, adapt=adapt, kernel=kernel), piece):
             coldest = at.position.chains[-1]
             if not adapt:
                 done.record(at)
@@ -280,6 +292,12 @@ def run_chain(
                 done.trace.append(coldest.log_density)
             done.thin(keep.most)
             done.position = at.position
+            if learning is not None and learning.has(at.position.rounds):
+                for beta, rung in zip(at.position.betas, at.position.chains, strict=True):
+                    done.visits.note(rung.state, beta)
+        if done.position.rounds in marks:
+            done.known, done.visits = done.visits, Visits()
+            mixture = scene_moves(setup, _table(setup, done))
         finished = report(done.position.rounds / end)
         if keeper is not None:
             keeper.offer(done.snapshot)
@@ -298,6 +316,11 @@ def run_chain(
         done.table.summary(),
         finished,
     )
+
+
+def _table(setup: Setup, done: Progress) -> Table | None:
+    """The table of what the chain has learned; None where that is nothing yet."""
+    return table_of(setup.problem, done.known) if done.known.items else None
 
 
 def _resumed(keeper: Checkpointer, setup: Setup) -> Progress | None:

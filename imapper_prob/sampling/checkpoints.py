@@ -32,6 +32,7 @@ from imapper_prob.samplers.reversible_jump import AcceptanceTable, ChainState
 from imapper_prob.samplers.tempering import SwapTable, TemperingInfo, TemperingState
 from imapper_prob.sampling.proposals import Candidates
 from imapper_prob.sampling.schedule import draws_of, trace_of
+from imapper_prob.sampling.visits import Visits
 
 __all__ = ["Progress", "identity_of", "rounds_done"]
 
@@ -60,6 +61,8 @@ class Progress:
         Log-posterior over the whole run.
     acceptance : AcceptanceTable
         At the posterior itself since the temperatures stay.
+    visits, known : Visits
+        What was visited since the last table was made, and what that was made of.
     """
 
     rngs: list[np.random.Generator]
@@ -69,6 +72,8 @@ class Progress:
     values: list[float] = field(default_factory=list)
     trace: list[float] = field(default_factory=list)
     acceptance: AcceptanceTable = field(default_factory=AcceptanceTable)
+    visits: Visits = field(default_factory=Visits)
+    known: Visits = field(default_factory=Visits)
 
     @classmethod
     def begin(
@@ -101,6 +106,7 @@ class Progress:
                 **pack("draws", [_arrays(state) for state in self.states]),
                 "values": np.array(self.values, dtype=np.float64),
                 "trace": np.array(self.trace, dtype=np.float64),
+                **pack("visits", [self.visits.arrays(), self.known.arrays()]),
             },
             {
                 "rngs": [pack_rng(rng) for rng in self.rngs],
@@ -138,6 +144,7 @@ class Progress:
             values=arrays["values"].tolist(),
             trace=arrays["trace"].tolist(),
             acceptance=AcceptanceTable(Counter(values["proposed"]), Counter(values["accepted"])),
+            **dict(zip(("visits", "known"), _visits(snapshot), strict=True)),
         )
 
     def check(self, problem: Problem, settings: SampleSettings) -> None:
@@ -175,6 +182,8 @@ class Progress:
         }.items():  # fmt: skip
             if not holds:
                 raise InputError(f"{what} are of no chain of this run")
+        for visits in (self.visits, self.known):
+            visits.check(problem)
         for state in [*(chain.state for chain in position.chains), *self.states]:
             check_state(problem, state)
 
@@ -211,6 +220,10 @@ def _arrays(state: State) -> dict[str, NDArray[Any]]:
 
 def _states(name: str, snapshot: Snapshot) -> list[State]:
     return [State(**item) for item in unpack(name, snapshot.arrays)]
+
+
+def _visits(snapshot: Snapshot) -> list[Visits]:
+    return [Visits.of(item) for item in unpack("visits", snapshot.arrays)]
 
 
 def identity_of(

@@ -1,4 +1,4 @@
-"""Compilation of the kernels that draw stretches: they call one another from file to file."""
+"""Compilation of the kernels that draw stretches anew: they call one another from file to file."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, Final, TypeVar
 
 from imapper_prob.models import jit
-from imapper_prob.samplers import segments
+from imapper_prob.samplers import pools
 
 __all__ = ["compiled"]
 
@@ -15,9 +15,9 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 
 _HERE: Final = Path(__file__).resolve().parent
 _BESIDE: Final = (
-    Path(segments.__file__).resolve(),
+    Path(pools.__file__).resolve(),
     _HERE / "join_kernels.py",
-    _HERE / "redraw_kernels.py",
+    _HERE / "pool_kernels.py",
 )
 
 

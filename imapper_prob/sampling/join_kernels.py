@@ -19,13 +19,11 @@ from imapper_prob.models.problem import Problem
 from imapper_prob.models.settings import NEAREST
 from imapper_prob.models.skeleton import PELV
 from imapper_prob.models.view import floor_point
-from imapper_prob.samplers.segments import Segments
 from imapper_prob.sampling.jit import compiled
 
-__all__ = ["loose_jumps", "pair_costs", "pair_factors", "path_errors", "set_pose"]
+__all__ = ["collision", "loose_jumps", "path_errors"]
 
 Array = NDArray[np.float64]
-Singles = NDArray[np.float32]
 Ints = NDArray[np.int64]
 
 
@@ -66,7 +64,7 @@ def path_errors(problem: Problem, camera: Array, items: Ints, where: Array, erro
 
 
 @compiled
-def set_pose(problem: Problem, row: int, body: float, yaw: float, joints: Array, to: int) -> None:
+def _set_pose(problem: Problem, row: int, body: float, yaw: float, joints: Array, to: int) -> None:
     """A frame of the library, of a body so large, turned, into ``joints[to]`` (3, 16)."""
     c, s = body * math.cos(yaw), body * math.sin(yaw)
     for j in range(16):
@@ -90,8 +88,13 @@ def loose_jumps(
 
     Parameters
     ----------
-    problem, film, items, where, loose
-        See :func:`pair_costs`.
+    problem : Problem
+    film : (T,) int
+        Which film a frame is of.
+    items, where : (n, 2), (n, 4)
+        See :func:`path_errors`.
+    loose : (T, 3, 16) float
+        Joints of free frames, metres.
     joints : (2 n, 3, 16) float
         Out: joints of the first and the last frame of each, metres.
     jumps : (n, 2) float
@@ -103,8 +106,8 @@ def loose_jumps(
         row, last = problem.joint_first[items[i, 0]], problem.joint_first[items[i, 0] + 1] - 1
         start = items[i, 1]
         end = start + last + 1 - row
-        set_pose(problem, row, body, where[i, 2], joints, 2 * i)
-        set_pose(problem, last, body, where[i, 2], joints, 2 * i + 1)
+        _set_pose(problem, row, body, where[i, 2], joints, 2 * i)
+        _set_pose(problem, last, body, where[i, 2], joints, 2 * i + 1)
         jumps[i] = 0.0
         if start > 0 and film[start - 1] == film[start]:
             both[0], both[1] = loose[start - 1], joints[2 * i]
@@ -115,67 +118,7 @@ def loose_jumps(
 
 
 @compiled
-def pair_costs(
-    problem: Problem,
-    film: Ints,
-    frame: Segments,
-    items: Ints,
-    where: Array,
-    loose: Array,
-    first_box: Ints,
-    boxes: Array,
-    turns: Array,
-    labels: Ints,
-    yaws: Array,
-    credit: Array,
-    out: Singles,
-) -> None:
-    """Nats that two nodes which join gain over both alone, by what tempering flattens.
-
-    Parameters
-    ----------
-    problem : Problem
-    film : (T,) int
-        Which film a frame is of; those of two films do not join.
-    frame : Segments
-        The nodes as segments.
-    items, where : (N, 2), (N, 4)
-        The nodes.
-    loose : (T, 3, 16) float
-        Joints of free frames, metres.
-    first_box : (N + 1,) int
-        Where each node's boxes begin.
-    boxes, turns, labels, yaws
-        Of all nodes, see :func:`imapper_prob.models.kernels.placement.place_boxes`.
-    credit : (N, 2, REACH + 1) float
-        See :class:`~imapper_prob.sampling.nodes.Common`.
-    out : (P,) single
-        Out, as ``flush`` of :class:`~imapper_prob.samplers.segments.Segments`.
-    """
-    times, n = len(loose), len(items)
-    joints, alone = np.empty((2 * n, 3, 16)), np.empty((n, 2))
-    loose_jumps(problem, film, items, where, loose, joints, alone)
-    scale = problem.joint_step * math.exp(problem.camera_mean[3])
-    at = 0
-    for t in range(times + 1):
-        for b in range(frame.starting[t], frame.starting[t + 1]):
-            for j in range(frame.ending[t], frame.ending[t + 1]):
-                a = frame.by_end[j]
-                cost = 0.0
-                if film[t - 1] == film[t]:
-                    jump = pose_jump(joints, 2 * a + 1, 2 * b, scale)
-                    cost = problem.smoothness_cost * (jump - alone[a, 1] - alone[b, 0])
-                cost += _collision(problem, first_box, boxes, turns, labels, yaws, a, b)
-                # What each alone gains in frames that are the other's.
-                furthest = credit.shape[2] - 1
-                twice = credit[a, 1, min(frame.end[b] - t, furthest)]
-                twice += credit[b, 0, min(t - frame.start[a], furthest)]
-                out[at] = -problem.likelihood * cost - twice
-                at += 1
-
-
-@compiled
-def _collision(
+def collision(
     problem: Problem,
     first_box: Ints,
     boxes: Array,
@@ -185,7 +128,17 @@ def _collision(
     one: int,
     other: int,
 ) -> float:
-    """What it costs that furniture of two nodes is in each other, unless it is the same, nats."""
+    """What it costs that furniture of two scenelets is in each other, unless it is the same, nats.
+
+    Parameters
+    ----------
+    problem : Problem
+    first_box : (n + 1,) int
+        Where each scenelet's boxes begin.
+    boxes, turns, labels, yaws
+        Of all scenelets, see :func:`imapper_prob.models.kernels.placement.place_boxes`.
+    one, other : int
+    """
     merges, total = math.cos(problem.merge_angle), 0.0
     for i in range(first_box[one], first_box[one + 1]):
         for k in range(first_box[other], first_box[other + 1]):
@@ -202,58 +155,3 @@ def _collision(
     add_displaced_depth(total, BOTH * problem.furniture_spread, sums)
     cost: float = marginal_penetration_cost(sums, problem.collision_cost)
     return cost
-
-
-@compiled
-def pair_factors(
-    problem: Problem,
-    film: Ints,
-    frame: Segments,
-    first: Array,
-    last: Array,
-    power: float,
-    costs: Singles,
-    least: float,
-    out: Singles,
-) -> None:
-    """Factors of nodes that join, over both alone, at a power.
-
-    Parameters
-    ----------
-    problem, film, frame
-        See :func:`pair_costs`.
-    first, last : (N, 2, 2), (N, 2, 5) float
-        See :class:`~imapper_prob.sampling.nodes.Table`.
-    power : float
-    costs : (P,) single
-        Of :func:`pair_costs`.
-    least : float
-        No log factor is less.
-    out : (P,) single
-        Out.
-    """
-    n = len(frame.start)
-    alone, mean, variance = np.zeros(n), np.empty((n, 2)), np.empty((n, 2))
-    for i in range(n):
-        for axis in range(2):
-            m, v = first[i, axis, 0], 1.0 + first[i, axis, 1]
-            alone[i] -= 0.5 * (math.log(v) + m * m / v)
-            one, two = problem.path_mean[axis, 1, 0], problem.path_mean[axis, 1, 1]
-            of = last[i, axis]
-            mean[i, axis] = one * of[0] + two * of[1]
-            variance[i, axis] = one * one * of[2] + two * two * of[3] + 2.0 * one * two * of[4]
-            variance[i, axis] += problem.path_draw[axis, 1, 0, 2] ** 2
-    at = 0
-    for t in range(len(film) + 1):
-        for b in range(frame.starting[t], frame.starting[t + 1]):
-            for j in range(frame.ending[t], frame.ending[t + 1]):
-                a = frame.by_end[j]
-                value = power * costs[at]
-                if film[t - 1] == film[t]:
-                    value -= alone[b]
-                    for axis in range(2):
-                        v = variance[a, axis] + first[b, axis, 1]
-                        off = first[b, axis, 0] - mean[a, axis]
-                        value -= 0.5 * (math.log(v) + off * off / v)
-                out[at] = math.exp(max(value, least))
-                at += 1

@@ -39,7 +39,6 @@ from imapper_prob.sampling.actors import JointProblem, join_actors
 from imapper_prob.sampling.blocks import Block, Clock, Limits, OnBlock
 from imapper_prob.sampling.chain import Chain, Setup, run_chain, starts_of
 from imapper_prob.sampling.checkpoints import identity_of, rounds_done
-from imapper_prob.sampling.nodes import find_nodes
 from imapper_prob.sampling.placements import (
     Agreement,
     PlacementDraws,
@@ -450,8 +449,7 @@ def _told_plainly(checkpoints: Path | None) -> Iterator[None]:
 def setup_of(solution: Solution | JointProblem, settings: SampleSettings) -> Setup:
     """What the chains need of a solved clip."""
     cast = solution if isinstance(solution, JointProblem) else join_actors([solution])
-    nodes = None if cast.problem.of_paper else find_nodes(cast.problem, cast.candidates)
-    return Setup(cast.problem, cast.candidates, similarity(cast.distances), settings, nodes)
+    return Setup(cast.problem, cast.candidates, similarity(cast.distances), settings)
 
 
 def _functionals(

@@ -9,6 +9,8 @@ an earlier end keeps what one run of that length would have kept.
   distance. Whenever there are more than twice as many as planned, every second one is dropped.
 - *Pieces* are the rounds between two chances to stop. A piece begins with new trackers, which
   sum in another order than old ones: a chain may end where a piece ends, and nowhere else.
+- *Visits* are noted in some rounds of the burn-in (:mod:`imapper_prob.sampling.visits`); of those
+  of each third of it a table is made.
 - *Blocks* are some pieces long: a fourth of what is planned after burn-in, and twice as long each
   time that there are twice as many rounds. The first one holds the burn-in as well.
 """
@@ -21,11 +23,16 @@ from typing import Final
 from imapper_prob.config import SampleSettings
 
 __all__ = [
-    "Marks", "block_end", "burn_in_of", "draws_of", "end_of", "piece_of", "stopped_at", "trace_of",
+    "Learning", "Marks", "block_end", "burn_in_of", "draws_of", "end_of", "learning_of", "piece_of",
+    "stopped_at", "trace_of",
 ]  # fmt: skip
 
 _PIECE: Final = 200
 """Steps between two progress reports and chances of a checkpoint; a fraction of a second."""
+_TABLES: Final = 3
+"""Tables that are made while a chain burns in: what was met with one goes into the next."""
+_NOTED: Final = 300
+"""Rounds of which each of them is made, about: more hardly add a scenelet."""
 _BLOCKS: Final = 4
 """Blocks of a run of ``steps``: each a tenth or more of it, long beside the start of processes."""
 
@@ -79,6 +86,33 @@ class Marks:
 def burn_in_of(settings: SampleSettings) -> int:
     """Rounds that are not kept."""
     return int(settings.rounds * settings.burn_in)
+
+
+@dataclass(frozen=True)
+class Learning:
+    """Rounds of the burn-in in which visits are noted, and after which tables are made of them.
+
+    Parameters
+    ----------
+    ends : tuple of int
+        A table is made after each of these, of what was noted since the one before.
+    spacing : int
+        Rounds from one that is noted to the next.
+    """
+
+    ends: tuple[int, ...]
+    spacing: int
+
+    def has(self, rounds: int) -> bool:
+        """Whether the state after so many rounds is noted."""
+        return bool(self.ends) and rounds <= self.ends[-1] and rounds % self.spacing == 0
+
+
+def learning_of(settings: SampleSettings) -> Learning:
+    """When a chain learns."""
+    burn_in = burn_in_of(settings)
+    ends = {part * burn_in // _TABLES for part in range(1, _TABLES + 1)} - {0}
+    return Learning(tuple(sorted(ends)), max(1, burn_in // (_TABLES * _NOTED)))
 
 
 def piece_of(settings: SampleSettings) -> int:

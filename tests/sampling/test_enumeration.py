@@ -28,11 +28,11 @@ from imapper_prob.sampling.moves import (
     ReplaceSimilar,
     Shift,
 )
-from imapper_prob.sampling.nodes import find_nodes
 from imapper_prob.sampling.proposals import Candidates, Proposals
 from imapper_prob.sampling.redraw import StretchRedraw
 from imapper_prob.sampling.replace_moves import Replace, ReplaceAndShift
 from tests.models import worlds
+from tests.sampling.tables import visited
 from tests.sampling.test_moves import chain_error
 
 N_FRAMES, STARTS = 8, (0, 1, 2)
@@ -101,7 +101,7 @@ def test_every_assignment_has_its_exact_probability() -> None:
         Shift(problem),
         PlacementWalk(),
         PathRefresh(),
-        StretchRedraw(problem, find_nodes(problem, candidates())),
+        StretchRedraw(problem, visited(problem, candidates())),
     )
     chain = sample(
         np.random.default_rng(8),
@@ -115,14 +115,14 @@ def test_every_assignment_has_its_exact_probability() -> None:
 @pytest.mark.slow
 def test_every_assignment_has_its_exact_probability_by_the_move_alone() -> None:
     problem = tiny()
-    nodes = find_nodes(problem, candidates())
-    assert len(nodes.items) == 9
+    table = visited(problem, candidates())
+    assert len(table.items) == 9
     chain = sample(
         np.random.default_rng(8),
         empty_state(problem),
         log_density_fn=lambda s: log_posterior(problem, s),
         mixture=Mixture(
-            (StretchRedraw(problem, nodes), PlacementWalk(turn_about=0.2, yaw=0.3)), (0.3, 0.7)
+            (StretchRedraw(problem, table), PlacementWalk(turn_about=0.2, yaw=0.3)), (0.3, 0.7)
         ),
     )
     check(chain, steps=60_000)

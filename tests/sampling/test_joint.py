@@ -26,12 +26,13 @@ from imapper_prob.samplers.reversible_jump import Mixture, Proposal, init, step
 from imapper_prob.sampling import moves
 from imapper_prob.sampling.camera_moves import CompensatedCameraWalk
 from imapper_prob.sampling.chain import Setup, scene_moves
-from imapper_prob.sampling.nodes import Nodes, find_nodes
+from imapper_prob.sampling.pool_kernels import Table
 from imapper_prob.sampling.proposals import Candidates, Proposals
 from imapper_prob.sampling.redraw import StretchRedraw
 from imapper_prob.sampling.replace_moves import Refurnish, ReplaceAndShift
 from lab.prior import Experiment, draw_state
 from tests.models import worlds
+from tests.sampling.tables import visited
 
 N_FRAMES = 20
 LIMIT = 4.2
@@ -58,11 +59,8 @@ def poor_data(rate: float = 0.12, depth: float = 0.1) -> Experiment:
     )
 
 
-def setup(problem: Problem, *, fitted: bool = True, redrawn: bool = True) -> Setup:
-    """Candidates that know nothing of the data, which is slow and allowed; or none at all.
-
-    Without what stretches are ``redrawn`` from, which is half of the work for each problem.
-    """
+def setup(problem: Problem, *, fitted: bool = True) -> Setup:
+    """Candidates that know nothing of the data, which is slow and allowed; or none at all."""
     n = len(problem.lengths)
     centres = np.arange(3, N_FRAMES - 2, 2)
     places = np.tile([0.0, 4.0, 0.0], (len(centres), n, 1))
@@ -70,17 +68,14 @@ def setup(problem: Problem, *, fitted: bool = True, redrawn: bool = True) -> Set
     similarity = (np.ones((n, n)) - np.eye(n)) / (n - 1)
     weights = fitted * np.linspace(0.5, 1.5, n) * np.ones((len(centres), n))
     candidates = Candidates(centres, places, np.zeros_like(weights), weights)
-    nodes = known_nodes() if fitted and redrawn else None
-    return Setup(problem, candidates, similarity, SampleSettings(), nodes)
+    return Setup(problem, candidates, similarity, SampleSettings())
 
 
 @cache
-def known_nodes() -> Nodes:
-    """Found for some data or other, for all others: draws need not fit to be right."""
+def known_table() -> Table:
+    """One for all data: draws need not fit to be right."""
     problem = poor_data(rate=0.3).problem
-    candidates = setup(problem, fitted=False).candidates
-    found = replace(candidates, weights=np.ones_like(candidates.weights))
-    return find_nodes(problem, found)
+    return visited(problem, setup(problem, fitted=False).candidates, spread=2.0)
 
 
 def asked(problem: Problem, state: State) -> dict[str, float]:
@@ -127,7 +122,8 @@ def scores(
         state = draw_state(rng, given.problem)
         seen = replace(source.observed(rng, state), detections=given.detections)
         problem = seen.problem
-        mixture = change(scene_moves(setup(problem, fitted=fitted, redrawn=redrawn)))
+        table = known_table() if fitted and redrawn else None
+        mixture = change(scene_moves(setup(problem, fitted=fitted), table))
         density = partial(log_posterior, problem)
         at = init(density, state)
         for _ in range(steps):

@@ -25,7 +25,6 @@ from imapper_prob.samplers.reversible_jump import Mixture, sample
 from imapper_prob.sampling.camera_moves import CameraFrame, FocalScale
 from imapper_prob.sampling.chain import Setup, scene_moves
 from imapper_prob.sampling.moves import Birth, Death, PlacementWalk, ReplaceNearby, Shift
-from imapper_prob.sampling.nodes import find_nodes
 from imapper_prob.sampling.proposals import Candidates, Proposals, log_wrapped_normal
 from imapper_prob.sampling.replace_moves import (
     Refurnish,
@@ -35,6 +34,7 @@ from imapper_prob.sampling.replace_moves import (
     window_of,
 )
 from tests.models import worlds
+from tests.sampling.tables import visited
 
 N_FRAMES = 20
 
@@ -63,8 +63,7 @@ def even_candidates() -> Candidates:
 
 def setup(problem: Problem) -> Setup:
     even = (np.ones((3, 3)) - np.eye(3)) / 2
-    nodes = find_nodes(problem, candidates())
-    return Setup(problem, candidates(), even, SampleSettings(), nodes)
+    return Setup(problem, candidates(), even, SampleSettings())
 
 
 def random_state(problem: Problem, seed: int) -> State:
@@ -218,10 +217,10 @@ def prior_problem() -> Problem:
     return worlds.problem(N_FRAMES, settings=ModelSettings(likelihood=0.0, scenelet_rate=0.3))
 
 
-@pytest.fixture(scope="module", params=[240_000, pytest.param(400_000, marks=pytest.mark.slow)])
+@pytest.fixture(scope="module", params=[60_000, pytest.param(200_000, marks=pytest.mark.slow)])
 def prior_draws(request: pytest.FixtureRequest) -> list[State]:
     problem = prior_problem()
-    moves = scene_moves(setup(problem))
+    moves = scene_moves(setup(problem), visited(problem, candidates(), spread=4.0))
     # Under the prior most births are refused: candidates are far too narrow for it.
     often = [
         10 * weight if move.name in ("birth", "death") else weight

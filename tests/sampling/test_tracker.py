@@ -20,8 +20,7 @@ def test_both_ways_say_the_same_of_every_proposal() -> None:
     counts = set()
     for _ in range(400):
         move = mixture.choose(rng)
-        if isinstance(move, Redraw):
-            continue
+        assert not isinstance(move, Redraw)
         proposal = move.propose(rng, state)
         if proposal is None:
             continue
