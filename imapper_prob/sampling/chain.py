@@ -26,7 +26,7 @@ from imapper_prob.sampling.camera_moves import (
     DepthScale,
     FocalScale,
 )
-from imapper_prob.sampling.checkpoints import Progress
+from imapper_prob.sampling.checkpoints import ChainProgress
 from imapper_prob.sampling.moves import (
     Birth,
     Death,
@@ -160,12 +160,16 @@ class Setup:
     similarity : (L, L) float
         Probabilities of exchanging one scenelet for another.
     settings : SampleSettings
+    known : tuple of Visits
+        What all chains have noted for each table that is made while they burn in, as far as they
+        have come. A chain makes the others of what it has noted itself.
     """
 
     problem: Problem
     candidates: Candidates
     similarity: Array
     settings: SampleSettings
+    known: tuple[Visits, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -186,6 +190,8 @@ class Chain:
         Temperatures, and how states travelled between them after burn-in.
     finished : bool
         Whether it ran all its steps.
+    progress : ChainProgress
+        What it goes on from.
     """
 
     states: tuple[State, ...]
@@ -194,6 +200,7 @@ class Chain:
     acceptance: AcceptanceTable
     ladder: LadderSummary
     finished: bool
+    progress: ChainProgress
 
 
 def scene_moves(setup: Setup, table: Table | None = None) -> Mixture[State]:
@@ -231,7 +238,7 @@ def scene_moves(setup: Setup, table: Table | None = None) -> Mixture[State]:
 
 def run_chain(
     setup: Setup,
-    starts: Sequence[State],
+    starts: Sequence[State] | ChainProgress,
     rng: np.random.Generator,
     report: Report,
     keeper: Checkpointer | None = None,
@@ -241,7 +248,8 @@ def run_chain(
     """Run a chain; asked to stop, it returns what it has.
 
     It starts from the first of ``starts`` at the posterior itself, from the second at the next
-    hotter temperature and so on, from the last wherever there are not enough.
+    hotter temperature and so on, from the last wherever there are not enough; or it goes on from
+    what an earlier call has left.
 
     While it burns in, the ladder of temperatures adapts, and the chain notes what it visits, from
     which tables of scenelets are made; then both stay. Only draws of the posterior itself are
@@ -254,13 +262,16 @@ def run_chain(
     burn_in, keep, mark = burn_in_of(settings), draws_of(settings), trace_of(settings)
     target = partial(tempering_split, setup.problem)
     done = None if keeper is None else _resumed(keeper, setup)
+    if done is None and isinstance(starts, ChainProgress):
+        done = starts
     if done is None:
+        assert not isinstance(starts, ChainProgress)
         betas: tuple[float, ...] = (1.0,)
         if settings.temperatures > 1:
             betas = power_ladder(settings.temperatures, hottest=settings.hottest)
         coldest_first = [starts[min(k, len(starts) - 1)] for k in range(len(betas))]
         position = start(coldest_first[::-1], target=target, betas=betas)
-        done = Progress.begin(rng.spawn(len(betas) + 1), position)
+        done = ChainProgress.begin(rng.spawn(len(betas) + 1), position)
     advance = partial(
         temper,
         done.rngs,
@@ -294,9 +305,9 @@ def run_chain(
             done.position = at.position
             if learning is not None and learning.has(at.position.rounds):
                 for beta, rung in zip(at.position.betas, at.position.chains, strict=True):
-                    done.visits.note(rung.state, beta)
+                    done.visits[-1].note(rung.state, beta)
         if done.position.rounds in marks:
-            done.known, done.visits = done.visits, Visits()
+            done.visits.append(Visits())
             mixture = scene_moves(setup, _table(setup, done))
         finished = report(done.position.rounds / end)
         if keeper is not None:
@@ -315,21 +326,26 @@ def run_chain(
         done.acceptance,
         done.table.summary(),
         finished,
+        done,
     )
 
 
-def _table(setup: Setup, done: Progress) -> Table | None:
-    """The table of what the chain has learned; None where that is nothing yet."""
-    return table_of(setup.problem, done.known) if done.known.items else None
+def _table(setup: Setup, done: ChainProgress) -> Table | None:
+    """The table of what the chains have noted, or this one alone; None where that is nothing."""
+    made = len(done.visits) - 1
+    if made == 0:
+        return None
+    visits = setup.known[made - 1] if made <= len(setup.known) else done.visits[made - 1]
+    return table_of(setup.problem, visits) if visits.items else None
 
 
-def _resumed(keeper: Checkpointer, setup: Setup) -> Progress | None:
+def _resumed(keeper: Checkpointer, setup: Setup) -> ChainProgress | None:
     """What a chain has left, or None where it has not begun."""
     saved = keeper.load()
     if saved is None:
         return None
     try:
-        done = Progress.of(saved)
+        done = ChainProgress.of(saved)
         done.check(setup.problem, setup.settings)
     except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
         raise CheckpointError(

@@ -34,7 +34,7 @@ from imapper_prob.sampling.proposals import Candidates
 from imapper_prob.sampling.schedule import draws_of, trace_of
 from imapper_prob.sampling.visits import Visits
 
-__all__ = ["Progress", "identity_of", "rounds_done"]
+__all__ = ["ChainProgress", "identity_of", "rounds_done"]
 
 _LARGEST = 1e12
 """Of any number that a chain keeps; log-posteriors are nats."""
@@ -44,7 +44,7 @@ _FIELDS = tuple(entry.name for entry in dataclasses.fields(State))
 
 
 @dataclass
-class Progress:
+class ChainProgress:
     """How far a chain is: everything that its later draws depend on, and its draws so far.
 
     Parameters
@@ -61,8 +61,8 @@ class Progress:
         Log-posterior over the whole run.
     acceptance : AcceptanceTable
         At the posterior itself since the temperatures stay.
-    visits, known : Visits
-        What was visited since the last table was made, and what that was made of.
+    visits : list of Visits
+        What was noted for each table, the one being noted last.
     """
 
     rngs: list[np.random.Generator]
@@ -72,13 +72,12 @@ class Progress:
     values: list[float] = field(default_factory=list)
     trace: list[float] = field(default_factory=list)
     acceptance: AcceptanceTable = field(default_factory=AcceptanceTable)
-    visits: Visits = field(default_factory=Visits)
-    known: Visits = field(default_factory=Visits)
+    visits: list[Visits] = field(default_factory=lambda: [Visits()])
 
     @classmethod
     def begin(
         cls, rngs: Sequence[np.random.Generator], position: TemperingState[State]
-    ) -> Progress:
+    ) -> ChainProgress:
         """Nothing done yet."""
         return cls(list(rngs), position, SwapTable.empty(position.betas))
 
@@ -106,7 +105,7 @@ class Progress:
                 **pack("draws", [_arrays(state) for state in self.states]),
                 "values": np.array(self.values, dtype=np.float64),
                 "trace": np.array(self.trace, dtype=np.float64),
-                **pack("visits", [self.visits.arrays(), self.known.arrays()]),
+                **pack("visits", [visits.arrays() for visits in self.visits]),
             },
             {
                 "rngs": [pack_rng(rng) for rng in self.rngs],
@@ -122,7 +121,7 @@ class Progress:
         )
 
     @classmethod
-    def of(cls, snapshot: Snapshot) -> Progress:
+    def of(cls, snapshot: Snapshot) -> ChainProgress:
         """The progress that :meth:`snapshot` was taken of."""
         arrays, values = snapshot
         return cls(
@@ -144,7 +143,7 @@ class Progress:
             values=arrays["values"].tolist(),
             trace=arrays["trace"].tolist(),
             acceptance=AcceptanceTable(Counter(values["proposed"]), Counter(values["accepted"])),
-            **dict(zip(("visits", "known"), _visits(snapshot), strict=True)),
+            visits=[Visits.of(item) for item in unpack("visits", arrays)],
         )
 
     def check(self, problem: Problem, settings: SampleSettings) -> None:
@@ -182,7 +181,9 @@ class Progress:
         }.items():  # fmt: skip
             if not holds:
                 raise InputError(f"{what} are of no chain of this run")
-        for visits in (self.visits, self.known):
+        if not self.visits:
+            raise InputError("visits are of no chain of this run")
+        for visits in self.visits:
             visits.check(problem)
         for state in [*(chain.state for chain in position.chains), *self.states]:
             check_state(problem, state)
@@ -220,10 +221,6 @@ def _arrays(state: State) -> dict[str, NDArray[Any]]:
 
 def _states(name: str, snapshot: Snapshot) -> list[State]:
     return [State(**item) for item in unpack(name, snapshot.arrays)]
-
-
-def _visits(snapshot: Snapshot) -> list[Visits]:
-    return [Visits.of(item) for item in unpack("visits", snapshot.arrays)]
 
 
 def identity_of(

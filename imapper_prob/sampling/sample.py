@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor
 from contextlib import contextmanager
 from copy import deepcopy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from imapper_prob.config import SampleSettings
 from imapper_prob.layouts import Layouts, group_layouts, merged_objects, through_one_lens
 from imapper_prob.models.errors import InputError
-from imapper_prob.models.log_posterior import State
+from imapper_prob.models.log_posterior import State, target_of
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.scene import SceneObject
 from imapper_prob.models.text import brief
@@ -38,7 +38,7 @@ from imapper_prob.samplers.verdict import Measures, Verdict, judge, measure
 from imapper_prob.sampling.actors import JointProblem, join_actors
 from imapper_prob.sampling.blocks import Block, Clock, Limits, OnBlock
 from imapper_prob.sampling.chain import Chain, Setup, run_chain, starts_of
-from imapper_prob.sampling.checkpoints import identity_of, rounds_done
+from imapper_prob.sampling.checkpoints import ChainProgress, identity_of, rounds_done
 from imapper_prob.sampling.placements import (
     Agreement,
     PlacementDraws,
@@ -46,7 +46,8 @@ from imapper_prob.sampling.placements import (
     is_complete,
     sample_placements,
 )
-from imapper_prob.sampling.schedule import block_end, burn_in_of, end_of
+from imapper_prob.sampling.schedule import block_end, burn_in_of, end_of, learning_of
+from imapper_prob.sampling.visits import Visits
 from imapper_prob.scenelets.charness import similarity
 from imapper_prob.solver.solver import Solution
 
@@ -236,10 +237,11 @@ def sample_scenes(
     cast = solution if isinstance(solution, JointProblem) else join_actors([solution])
     setup = setup_of(cast, settings)
     starts = starts_of(cast, settings.chains)
-    shared = setup if cluster is None else cluster.scatter(setup, broadcast=True)
+    scatter = None if cluster is None else partial(cluster.scatter, broadcast=True)
     with _told_plainly(checkpoints), executor_of(cluster) as executor:
         run = _ChainRun(
-            shared=shared,
+            setup=setup,
+            scatter=scatter,
             starts=starts,
             seed=chain_seed,
             workers=workers,
@@ -278,7 +280,8 @@ def sample_scenes(
 class _ChainRun:
     """All chains of a run, which go on to any end."""
 
-    shared: Any
+    setup: Setup
+    scatter: Callable[[Setup], Any] | None
     starts: Sequence[Sequence[State]]
     seed: np.random.SeedSequence
     workers: int
@@ -300,7 +303,35 @@ class _ChainRun:
         return done
 
     def to(self, end: int, on_progress: Callable[[int, object], None]) -> list[Chain]:
-        """Go on to ``end`` rounds."""
+        """Go on to ``end`` rounds.
+
+        While chains burn in they wait for one another wherever a table is made, for that is of
+        what all of them have noted.
+        """
+        setup, at = self.setup, list[Sequence[State] | ChainProgress](self.starts)
+        learns = target_of(setup.problem).incremental
+        marks = learning_of(setup.settings).ends if learns else ()
+        for stop in (*(mark for mark in marks if mark < end), end):
+
+            def report(chain: int, part: object, share: float = stop / end) -> None:
+                on_progress(chain, part * share if isinstance(part, float) else part)
+
+            chains = self._all_to(stop, setup, at, report)
+            if not all(chain.finished for chain in chains):
+                break
+            if stop in marks:
+                at = [chain.progress for chain in chains]
+                noted = [chain.progress.visits[len(setup.known)] for chain in chains]
+                setup = replace(setup, known=(*setup.known, Visits.together(noted)))
+        return chains
+
+    def _all_to(
+        self,
+        end: int,
+        setup: Setup,
+        at: Sequence[Sequence[State] | ChainProgress],
+        on_progress: Callable[[int, object], None],
+    ) -> list[Chain]:
         # A sequence that has spawned is another one: each block spawns from a copy.
         options: dict[str, Any] = {
             "seed": deepcopy(self.seed),
@@ -309,16 +340,11 @@ class _ChainRun:
             "on_progress": on_progress if self.executor is None else None,
         }
         task = partial(run_chain, end=end)
+        shared = setup if self.scatter is None else self.scatter(setup)
         if self.folder is None:
-            return run_chains(task, self.shared, self.starts, **options)
+            return run_chains(task, shared, at, **options)
         return run_resumable_chains(
-            task,
-            self.shared,
-            self.starts,
-            folder=self.folder,
-            identity=self.identity,
-            anew=self.anew,
-            **options,
+            task, shared, at, folder=self.folder, identity=self.identity, anew=self.anew, **options
         )
 
 

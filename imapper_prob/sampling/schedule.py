@@ -10,7 +10,7 @@ an earlier end keeps what one run of that length would have kept.
 - *Pieces* are the rounds between two chances to stop. A piece begins with new trackers, which
   sum in another order than old ones: a chain may end where a piece ends, and nowhere else.
 - *Visits* are noted in some rounds of the burn-in (:mod:`imapper_prob.sampling.visits`); of those
-  of each third of it a table is made.
+  of each half of it a table is made.
 - *Blocks* are some pieces long: a fourth of what is planned after burn-in, and twice as long each
   time that there are twice as many rounds. The first one holds the burn-in as well.
 """
@@ -29,7 +29,7 @@ __all__ = [
 
 _PIECE: Final = 200
 """Steps between two progress reports and chances of a checkpoint; a fraction of a second."""
-_TABLES: Final = 3
+_TABLES: Final = 2
 """Tables that are made while a chain burns in: what was met with one goes into the next."""
 _NOTED: Final = 300
 """Rounds of which each of them is made, about: more hardly add a scenelet."""

@@ -13,7 +13,7 @@ camera to another (:mod:`imapper_prob.sampling.camera_moves`).
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final, NamedTuple
 
@@ -72,6 +72,17 @@ class Visits:
             self.where.append(to_view(state.placements, state.sizes))
             self.cameras.append(np.tile(state.camera, (state.n_scenelets, 1)))
             self.powers.append(np.full(state.n_scenelets, power))
+
+    @classmethod
+    def together(cls, several: Iterable[Visits]) -> Visits:
+        """The rows of several chains, one chain after the other."""
+        whole = cls()
+        for visits in several:
+            whole.items += visits.items
+            whole.where += visits.where
+            whole.cameras += visits.cameras
+            whole.powers += visits.powers
+        return whole
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """All rows as arrays."""

@@ -20,7 +20,7 @@ from imapper_prob.models.scenelet import Library
 from imapper_prob.samplers.checkpoint import Checkpointer
 from imapper_prob.samplers.tempering import Parts, start
 from imapper_prob.sampling.chain import Chain, Setup, run_chain
-from imapper_prob.sampling.checkpoints import Progress
+from imapper_prob.sampling.checkpoints import ChainProgress
 from imapper_prob.sampling.sample import sample_scenes, setup_of
 from imapper_prob.scenelets.library import load_library, save_library
 from tests.runs import small_solution
@@ -77,10 +77,10 @@ def test_an_interrupted_chain_goes_on_to_the_same_draws(
 def test_progress_survives_its_snapshot() -> None:
     first, other = small_solution().states[0], small_solution().states[-1]
     position = start([first, other], target=lambda _: Parts(0.0, -2.0), betas=(0.5, 1.0))
-    progress = Progress.begin(np.random.default_rng(3).spawn(3), position)
+    progress = ChainProgress.begin(np.random.default_rng(3).spawn(3), position)
     progress.states.append(other)
     progress.values.append(-1.5)
-    again = Progress.of(progress.snapshot())
+    again = ChainProgress.of(progress.snapshot())
     assert again.position.betas == (0.5, 1.0)
     assert again.position.log_likelihoods == (-2.0, -2.0)
     for one, same in zip(again.rngs, progress.rngs, strict=True):
