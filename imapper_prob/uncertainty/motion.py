@@ -57,7 +57,7 @@ def _error_as_of_bearing(rng: np.random.Generator, problem: Problem) -> Array:
     draw_segment(
         problem.path_starts, problem.path_stay, problem.stay_steps, np.zeros((n, 2)),
         np.ones((n, 2)), problem.path_mean, problem.path_draw, np.zeros(5), latent, 0, n,
-        np.empty((0, 6)), -1, -1, drawn,
+        np.empty((0, 6)), -1, -1, np.empty(n, np.int64), drawn,
     )  # fmt: skip
     return drawn[:, 0]
 

@@ -130,14 +130,20 @@ def _ease(evidence: Sequence[Placed], errors: Sequence[Array]) -> Number:
 
 
 def _stay_change(evidence: Sequence[Placed]) -> Number:
-    """Seconds over which the error of depth changes elsewhere as much as within a whole stay."""
+    """Seconds over which the error of depth changes elsewhere as much as within a whole stay.
+
+    Without a stay of a second or more there is no sign that it stands still.
+    """
     errors = _centred_depth(evidence)
     seconds, fps = _memory(evidence, [e.path.log_depth for e in evidence]), evidence[0].clip.fps
     rates = remembered(np.array([seconds]), np.array([_ease(evidence, errors)]), fps)[0]
     stays = [own[a:b] for e, own in zip(evidence, errors, strict=True) for a, b in e.path.stays]
-    within = change_within(stays, apart=round(fps / evidence[0].detections.gap))
+    apart = round(fps / evidence[0].detections.gap)
     change = 1.0 - autocorrelation(rates, round(10 * fps * seconds))
-    share = within / root_mean_square(np.concatenate(errors)) ** 2
+    share = 1.0
+    if any(len(stay) > apart for stay in stays):
+        within = change_within(stays, apart=apart)
+        share = within / root_mean_square(np.concatenate(errors)) ** 2
     return float(np.interp(share, change, np.arange(len(change)))) / fps
 
 

@@ -78,6 +78,7 @@ def draw_segment(
     pelvis: Array,
     left: int,
     right: int,
+    steps: Ints,
     drawn: Array,
 ) -> float:
     """The path between two scenelets, its free frames integrated out, and one drawn of those.
@@ -96,6 +97,8 @@ def draw_segment(
         Bearing and log depth in the first frame of a scenelet, and in its last two.
     left, right : int
         Rows of the scenelets before and after; -1 for none.
+    steps : (T,) int
+        Workspace.
     drawn : (T, 2) float
         Out: bearing and log depth in the free frames.
 
@@ -120,7 +123,6 @@ def draw_segment(
     # Deviations of the next two frames from what came before them, and how many there are.
     near, far, depth_near, depth_far = 0.0, 0.0, 0.0, 0.0
     evidence, ahead, depth_ahead = 0.0, 0, 0
-    steps = np.empty(last - first + 1, np.int64)
     own = 1
     for t in range(first, min(last + 1, len(starts))):
         goes_on = t > first and stay[t] >= 0 and stay[t] == stay[t - 1] and not starts[t]
@@ -200,7 +202,7 @@ def find_path(
             cache.evidence[1, i] = draw_segment(
                 problem.path_starts, problem.path_stay, problem.stay_steps,
                 problem.path_centre, problem.path_scale, problem.path_mean, problem.path_draw,
-                camera, latent, first, last, cache.pelvis, left, right, drawn,
+                camera, latent, first, last, cache.pelvis, left, right, cache.weighed, drawn,
             )  # fmt: skip
             for t in range(first, last):
                 now = rows[t]

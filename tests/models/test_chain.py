@@ -109,7 +109,8 @@ def run(
         evidence += draw_segment(
             starts, np.full(n, -1), 1, np.stack([centre, beside], -1),
             np.stack([scale, one], -1), mean, draw, np.zeros(5),
-            np.stack([latent, beside], -1), first, last, pelvis, k - 1, right, drawn,
+            np.stack([latent, beside], -1), first, last, pelvis, k - 1, right,
+            np.empty(n, np.int64), drawn,
         )  # fmt: skip
         path[first:last] = drawn[first:last, 0]
         if right >= 0:
@@ -153,7 +154,7 @@ def test_in_a_stay_the_error_along_the_view_stands_still(most: int) -> None:
         drawn = np.zeros((n, 2))
         nats = draw_segment(
             starts, stay, most, np.zeros((n, 2)), np.ones((n, 2)), mean, draw, np.zeros(5),
-            latent, 2, last, pelvis, 0, 1, drawn,
+            latent, 2, last, pelvis, 0, 1, np.empty(n, np.int64), drawn,
         )  # fmt: skip
         return nats, drawn[2:last]
 
