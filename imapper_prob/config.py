@@ -23,6 +23,16 @@ __all__ = ["Config", "SampleSettings", "from_toml", "read_config", "to_toml"]
 
 _LARGEST: Final = 2**63
 """Of any setting: seeds of 63 bits."""
+_RENAMED: Final = {
+    "ease_bearing": "smoothing_time_bearing",
+    "ease_depth": "smoothing_time_depth",
+    "memory_bearing": "correlation_time_bearing",
+    "memory_depth": "correlation_time_depth",
+    "surprise": "visibility_error",
+    "swap_length": "side_flip_length",
+    "swap_rate": "side_flip_rate",
+}
+"""Keys of older files, all of ``[model]``, and what they are called."""
 
 
 @dataclass(frozen=True)
@@ -192,6 +202,8 @@ def _build(cls: type, values: dict[str, Any], where: str) -> Any:
     default = cls()
     arguments = {}
     for name, value in values.items():
+        if _RENAMED.get(name) in known:
+            raise InputError(f"{where}: unknown key {name}; it is called {_RENAMED[name]}")
         if name not in known:
             raise InputError(f"{where}: unknown setting {name!r}; known are {sorted(known)}")
         wanted = getattr(default, name)

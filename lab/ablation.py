@@ -63,7 +63,7 @@ def without_sight(problem: Problem) -> Problem:
     An infinite width makes the step of visibility one half everywhere; what the densities of
     hidden and seen are multiplied by makes up for it.
     """
-    seen = visibility_probability(NOTHING_IN_SIGHT, problem.sight_width, problem.surprise)
+    seen = visibility_probability(NOTHING_IN_SIGHT, problem.sight_width, problem.visibility_error)
     share = 2 * np.array([1 - seen, seen])
     return problem._replace(
         sight_width=np.inf,

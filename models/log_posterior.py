@@ -228,24 +228,24 @@ def side_flips(problem: Problem, state: State) -> Array:
     By the default model of the detector, whichever energy the state was drawn by.
     """
     by_frame = _evaluate(problem, state)[2]
-    return np.asarray(_swap_probabilities(problem, by_frame))
+    return np.asarray(_flip_probabilities(problem, by_frame))
 
 
 def frame_log_likelihood(problem: Problem, state: State) -> Array:
     """(T,) log-likelihood of each frame's detections, nats, before the frame weight.
 
-    The mean over left and right being swapped or not, with their probabilities.
+    The mean over left and right being flipped or not, with their probabilities.
     """
     by_frame = _evaluate(problem, state)[2]
-    wrong = _swap_probabilities(problem, by_frame)
+    wrong = _flip_probabilities(problem, by_frame)
     mean: Array = (1 - wrong) * by_frame[:, 0] + wrong * by_frame[:, 1]
     return mean
 
 
-def _swap_probabilities(problem: Problem, by_frame: Array) -> Array:
+def _flip_probabilities(problem: Problem, by_frame: Array) -> Array:
     weight = problem.frame_weight * problem.likelihood
     return flip_probabilities(
-        by_frame, problem.path_starts, weight, problem.swap_begins, problem.swap_ends
+        by_frame, problem.path_starts, weight, problem.flip_begins, problem.flip_ends
     )
 
 

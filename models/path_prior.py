@@ -31,19 +31,24 @@ __all__ = ["CAMERA", "CameraPrior", "StaticPath", "path_tables", "remembered"]
 Array = NDArray[np.float64]
 
 
-def remembered(seconds: Array, ease: Array, fps: float) -> Array:
-    """The rates (r, s) of each coordinate, (2, 2), from one frame to the next.
+def remembered(seconds: Array, smoothing: Array, fps: float) -> Array:
+    """Decay rates of the path's errors across and along the view, from one frame to the next.
 
     Parameters
     ----------
     seconds : (2,) float
-        In which an error is forgotten: half its integrated autocorrelation.
-    ease : (2,) float
-        Seconds of them in which it changes its course: 0 for a rough one, at most half.
+        Correlation time: half the integrated autocorrelation of an error.
+    smoothing : (2,) float
+        Seconds of it over which the error is smooth: 0 for a rough one, at most half.
     fps : float
         Frames a second.
+
+    Returns
+    -------
+    (2, 2) float
+        Rates (r, s) of each coordinate; the roots of its autoregression of second order.
     """
-    slow, fast = fps * (seconds - ease), fps * ease
+    slow, fast = fps * (seconds - smoothing), fps * smoothing
     with np.errstate(divide="ignore"):
         result: Array = np.stack([np.exp(-1.0 / slow), np.exp(-1.0 / fast)], -1)
     return result

@@ -85,7 +85,7 @@ class Problem(NamedTuple):
     path_facing: Array  # (T, 2) cosine and sine of where they face in the world of the mean
     # camera; zeros where nobody has looked
     static_density: Array  # (2, T, 16, 2) p(u, c | hidden), p(u, c | seen) at the frame's own
-    # fit, as it is and with left and right swapped
+    # fit, as it is and with left and right flipped
     free_cost: Array  # (T,) nats a free frame pays for its pose, before the frame weight
     joints: Array  # (N, 16, 3) scenelet joints, local frame, metres
     joint_facing: Array  # (N, 2) cosine and sine of where its person faces
@@ -107,11 +107,11 @@ class Problem(NamedTuple):
     size_spread: float
     facing_spread: float  # radians between where a scenelet faces and where the path does
     frame_weight: float
-    swap_begins: float  # probability a frame
-    swap_ends: float
+    flip_begins: float  # probability a frame
+    flip_ends: float
     pose_tolerance: float
     sight_width: float
-    surprise: float
+    visibility_error: float
     joint_step: float  # metres between two frames
     smoothness_cost: float
     collision_cost: float
@@ -171,7 +171,7 @@ def pack_problem(
     ``weights`` (L,), positive, say how the prior rate is shared among the scenelets; they
     are normalised, and equal if not given. ``starts`` (T,) bool are the frames that follow upon
     nothing, where a clip is made of the frames of several people, one person after the
-    other: errors of the path and swaps of sides begin anew there, and no scenelet goes on. The
+    other: errors of the path and flips of sides begin anew there, and no scenelet goes on. The
     first frame is one anyway, and the only one if not given.
 
     Raises
@@ -263,11 +263,11 @@ def pack_problem(
         size_spread=settings.size_spread,
         facing_spread=settings.facing_spread,
         frame_weight=settings.frame_weight * 10.0 / clip.fps,
-        swap_begins=min(0.5, settings.swap_rate / clip.fps),
-        swap_ends=min(0.5, 1.0 / (settings.swap_length * clip.fps)),
+        flip_begins=min(0.5, settings.side_flip_rate / clip.fps),
+        flip_ends=min(0.5, 1.0 / (settings.side_flip_length * clip.fps)),
         pose_tolerance=settings.pose_tolerance,
         sight_width=settings.sight_width,
-        surprise=settings.surprise,
+        visibility_error=settings.visibility_error,
         joint_step=settings.joint_step,
         smoothness_cost=settings.smoothness_cost,
         collision_cost=settings.collision_cost,
@@ -324,9 +324,13 @@ def _path_prior(
 ) -> tuple[Array, Array, Array]:
     """Centre (T, 2), scale (T, 2) and rates (2, 2) of the path without scenelets."""
     if settings.likelihood > 0:
-        seconds = np.array([settings.memory_bearing, settings.memory_depth])
-        ease = np.array([settings.ease_bearing, settings.ease_depth])
-        return np.array(path.estimate), np.array(path.deviation), remembered(seconds, ease, fps)
+        seconds = np.array([settings.correlation_time_bearing, settings.correlation_time_depth])
+        smoothing = np.array([settings.smoothing_time_bearing, settings.smoothing_time_depth])
+        return (
+            np.array(path.estimate),
+            np.array(path.deviation),
+            remembered(seconds, smoothing, fps),
+        )
     # Nobody has looked at the clip: somebody strays about in the middle of the room.
     size = (len(path.lift), 1)
     deviation = _start_deviation(settings)

@@ -160,9 +160,9 @@ class ModelSettings:
     frame_weight : float
         Factor on every frame's log-likelihood at 10 frames a second, for joints and frames
         repeat each other's errors: one over the frames in which all of them say one thing.
-    swap_rate : float
+    side_flip_rate : float
         How often a second the detector begins to take left for right.
-    swap_length : float
+    side_flip_length : float
         Seconds that this lasts, on average.
     pose_tolerance : float
         Metres, of a body of the reference stature; standard deviation of a real joint about
@@ -170,14 +170,15 @@ class ModelSettings:
     sight_width : float
         Metres; width of the step from hidden to seen over the clearance of the ray: furniture
         is neither quite of the scenelet's shape nor quite where it says.
-    surprise : float
+    visibility_error : float
         Probability that a joint is hidden although nothing known is in its way, or seen
         although something is.
-    memory_bearing, memory_depth : float
-        Seconds in which the static path's errors across and along the view forget themselves.
-    ease_bearing, ease_depth : float
-        Seconds of these in which such an error changes its course, at most half of them: 0 for
-        errors that are rough from frame to frame, half for the smoothest.
+    correlation_time_bearing, correlation_time_depth : float
+        Seconds; half the integrated autocorrelation of the static path's errors across and along
+        the view.
+    smoothing_time_bearing, smoothing_time_depth : float
+        Seconds of these over which such an error is smooth, at most half of them: 0 for errors
+        that are rough from frame to frame, half for the smoothest.
     stay_change : float
         Seconds of a stay in which the error along the view changes as it does elsewhere; after
         them it stands still.
@@ -238,15 +239,15 @@ class ModelSettings:
     """
 
     frame_weight: float = from_data("scores.repeat_time", _share)
-    swap_rate: float = from_data("swaps.rate")
-    swap_length: float = from_data("swaps.length")
+    side_flip_rate: float = from_data("side_flips.rate")
+    side_flip_length: float = from_data("side_flips.length")
     pose_tolerance: float = from_data("pose.tolerance")
     sight_width: float = from_data("sight.width")
-    surprise: float = 0.02
-    memory_bearing: float = from_data("bias.time_across")
-    memory_depth: float = from_data("bias.time_along")
-    ease_bearing: float = from_data("bias.ease_across")
-    ease_depth: float = from_data("bias.ease_along")
+    visibility_error: float = 0.02
+    correlation_time_bearing: float = from_data("bias.correlation_time_across")
+    correlation_time_depth: float = from_data("bias.correlation_time_along")
+    smoothing_time_bearing: float = from_data("bias.smoothing_time_across")
+    smoothing_time_depth: float = from_data("bias.smoothing_time_along")
     stay_change: float = from_data("bias.stay_change")
     walk_bearing: float = from_data("walk.bearing")
     walk_log_depth: float = from_data("walk.log_depth")
@@ -272,8 +273,8 @@ class ModelSettings:
 
     def __post_init__(self) -> None:
         for name in (
-            "frame_weight", "swap_rate", "swap_length", "pose_tolerance", "sight_width",
-            "walk_bearing", "walk_log_depth", "memory_bearing", "memory_depth",
+            "frame_weight", "side_flip_rate", "side_flip_length", "pose_tolerance", "sight_width",
+            "walk_bearing", "walk_log_depth", "correlation_time_bearing", "correlation_time_depth",
             "start_bearing", "start_log_depth", "start_depth", "scenelet_rate", "size_spread",
             "facing_spread", "joint_step", "paper_nats", "furniture_aside", "furniture_ahead",
             "support_angle", "support_slope", "support_time",
@@ -281,16 +282,19 @@ class ModelSettings:
             if not getattr(self, name) > 0:
                 raise InputError(f"model setting {name} = {getattr(self, name)} must be positive")
         for name in ("bearing", "depth"):
-            ease, seconds = getattr(self, f"ease_{name}"), getattr(self, f"memory_{name}")
-            if not 0 <= ease <= seconds / 2:
+            smoothing = getattr(self, f"smoothing_time_{name}")
+            correlation = getattr(self, f"correlation_time_{name}")
+            if not 0 <= smoothing <= correlation / 2:
                 raise InputError(
-                    f"model setting ease_{name} = {ease} must be from 0 to half of "
-                    f"memory_{name} = {seconds}"
+                    f"model setting smoothing_time_{name} = {smoothing} must be from 0 to half of "
+                    f"correlation_time_{name} = {correlation}"
                 )
         if self.energy not in ("default", "paper"):
             raise InputError(f"model setting energy = {self.energy!r} must be default or paper")
-        if not 0 < self.surprise < 0.5:
-            raise InputError(f"model setting surprise = {self.surprise} must be in (0, 0.5)")
+        if not 0 < self.visibility_error < 0.5:
+            raise InputError(
+                f"model setting visibility_error = {self.visibility_error} must be in (0, 0.5)"
+            )
 
 
 @dataclass(frozen=True)

@@ -145,10 +145,10 @@ def _costs(axes: Axes, explanation: Explanation) -> None:
 
 
 def _probabilities(axes: Axes, explanation: Explanation) -> None:
-    """How much of the person the scene hides, and where sides look swapped."""
+    """How much of the person the scene hides, and where sides look flipped."""
     ids, frames = explanation.frame_ids, explanation.frames
     axes.fill_between(ids, frames.hidden, color="#59a14f", alpha=0.35, lw=0, label="joint hidden")
-    axes.plot(ids, frames.swapped, color=_TERM_COLOURS["motion"], lw=1.4, label="sides swapped")
+    axes.plot(ids, frames.flipped, color=_TERM_COLOURS["motion"], lw=1.4, label="sides flipped")
     axes.set(ylim=(0, 1), yticks=[0, 0.5, 1])
     _title(axes, "probability")
     _legend(axes)

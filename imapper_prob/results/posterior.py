@@ -388,9 +388,9 @@ class Posterior:
         return hidden_joints(self.samples.objects, self._motions(), elevations, self.clusters())
 
     @property
-    def sides_swapped(self) -> Array:
+    def sides_flipped(self) -> Array:
         """(T,) probability that the detector took left for right, by frame."""
-        drawn = self.data["motion"]["sides_swapped"]
+        drawn = self.data["motion"]["sides_flipped"]
         return np.asarray(drawn.mean(("chain", "draw")).to_numpy(), np.float64)
 
     def nuisances(self) -> dict[str, Nuisance]:

@@ -48,7 +48,7 @@ _VAGUE: Final = 0.1
 """Monte-Carlo error from which a probability is only an order of magnitude."""
 _SHORT: Final = 5.0
 """Seconds; shorter than it takes to come in and sit down."""
-_SWAPPED: Final = 0.5
+_FLIPPED: Final = 0.5
 """Probability from which sides count as exchanged."""
 _LOST: Final = 0.2
 """Part of the frames without any detection of the person."""
@@ -140,25 +140,25 @@ def warnings_of(
     return tuple(said)
 
 
-def sides_of(clip: Clip, swapped: NDArray[np.float64]) -> tuple[str, ...]:
+def sides_of(clip: Clip, flipped: NDArray[np.float64]) -> tuple[str, ...]:
     """In which frames the detector took left for right, more probably than not, by person.
 
     Parameters
     ----------
     clip : Clip
         Of K people.
-    swapped : (K T,) float
+    flipped : (K T,) float
         Probability of that by frame, of several people in a row.
     """
     return tuple(
         _sides(own, clip.frame_ids, of=own_part(clip, person))
-        for person, own in enumerate(by_person(clip, swapped))
+        for person, own in enumerate(by_person(clip, flipped))
     )
 
 
-def _sides(swapped: NDArray[np.float64], frame_ids: NDArray[np.int64], *, of: str) -> str:
+def _sides(flipped: NDArray[np.float64], frame_ids: NDArray[np.int64], *, of: str) -> str:
     whose = f" of{of}" if of else ""
-    frames = frame_ids[swapped > _SWAPPED]
+    frames = frame_ids[flipped > _FLIPPED]
     if not len(frames):
         return f"The detector took left for right{whose} in no frame."
     word = "frame" if len(frames) == 1 else "frames"
@@ -324,7 +324,7 @@ def _person(posterior: Posterior) -> str:
             f"Joints are known to {pelvis[0]:.0f} cm across the view, {pelvis[1]:.0f} cm in depth "
             f"and {pelvis[2]:.0f} cm in height (standard deviation, mean over joints and frames)."
         ),
-        *map(paragraph, sides_of(clip, posterior.sides_swapped)),
+        *map(paragraph, sides_of(clip, posterior.sides_flipped)),
         table(
             ["", "before the clip", "after it", "learned"],
             rows,

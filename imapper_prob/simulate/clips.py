@@ -76,7 +76,7 @@ def simulate_track(
     Detections are drawn from the detection model where the joint falls into the image;
     elsewhere there are none. PELV and NECK are synthesised from the detections, with
     confidence 0. In runs of frames the person is lost altogether, in others left and right
-    are swapped, as the model says.
+    are flipped, as the model says.
 
     Parameters
     ----------
@@ -94,7 +94,7 @@ def simulate_track(
     detections : DetectionModel, optional
         The tables; those measured on i3DB if not given.
     settings : ModelSettings, optional
-        How often and how long left and right are swapped.
+        How often and how long left and right are flipped.
     """
     model = detections or DetectionModel()
     keypoints, confidences = model.draw(
@@ -110,14 +110,14 @@ def simulate_track(
     keypoints[:, NECK] = (keypoints[:, THRX] + keypoints[:, HEAD]) / 2
     poses[missing.all(1)] = np.nan
     constants = settings or ModelSettings()
-    swapped = draw_flips(
+    flipped = draw_flips(
         rng,
         len(joints),
-        begins=constants.swap_rate / fps,
-        ends=1 / (constants.swap_length * fps),
+        begins=constants.side_flip_rate / fps,
+        ends=1 / (constants.side_flip_length * fps),
     )
     for values in (keypoints, confidences, poses):
-        values[swapped] = values[swapped][:, list(MIRROR)]
+        values[flipped] = values[flipped][:, list(MIRROR)]
     return Track(name, keypoints, confidences, poses, np.zeros(len(joints), bool))
 
 

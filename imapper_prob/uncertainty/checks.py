@@ -382,7 +382,9 @@ def _tail(problem: Problem, state: State, seen_by: Camera, rng: np.random.Genera
     loose = seen_by.fx * problem.pose_tolerance * np.exp(bodies[frames])[:, None] / depth
     boxes, *_ = place_boxes(problem, state.camera, state.items, state.placements, state.sizes)
     clear = sight_clearance(seen_by.centre, joints, boxes)
-    in_view = np.vectorize(visibility_probability)(clear, problem.sight_width, problem.surprise)
+    in_view = np.vectorize(visibility_probability)(
+        clear, problem.sight_width, problem.visibility_error
+    )
     used = problem.used[of] & np.isfinite(seen_by.project(joints)).all(-1)
     squared = ((seen_by.project(joints) - problem.keypoints[of]) ** 2).sum(-1)[used]
     # Hidden, then seen, as the confidence has it.

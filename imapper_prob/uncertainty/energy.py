@@ -61,8 +61,8 @@ class FrameShares:
     terms : mapping of str to (T,) float
         Nats by frame of the terms that belong to frames, adding up to them exactly. Of
         detections, log p(u_t, c_t | all earlier frames, s) with the frame weight and with
-        left and right swapped or not summed out. A jump counts for the frame it leads to.
-    swapped : (T,) float
+        left and right flipped or not summed out. A jump counts for the frame it leads to.
+    flipped : (T,) float
         Probability that the detector took left for right.
     hidden : (T,) float
         Mean over the fourteen detected joints of the probability that furniture hides them,
@@ -70,7 +70,7 @@ class FrameShares:
     """
 
     terms: Mapping[str, Array]
-    swapped: Array
+    flipped: Array
     hidden: Array
 
     @property
@@ -199,12 +199,12 @@ def frame_shares(problem: Problem, state: State, library: Library) -> FrameShare
     boxes = pack_boxes(o for _, o in placed_objects(state, library))
     clearance = sight_clearance((0, 0, state.camera[1]), joints[:, list(DETECTED)], boxes)
     seen = [
-        visibility_probability(gap, problem.sight_width, problem.surprise)
+        visibility_probability(gap, problem.sight_width, problem.visibility_error)
         for gap in clearance.ravel()
     ]
     return FrameShares(
         terms=_paper_shares(problem, state) if problem.of_paper else _shares(problem, state),
-        swapped=side_flips(problem, state),
+        flipped=side_flips(problem, state),
         hidden=1 - np.reshape(seen, clearance.shape).mean(1),
     )
 
@@ -223,7 +223,7 @@ def _shares(problem: Problem, state: State) -> dict[str, Array]:
     )  # fmt: skip
     weight = problem.frame_weight * problem.likelihood
     detections, _ = forward_filter(
-        by_frame, problem.path_starts, weight, problem.swap_begins, problem.swap_ends
+        by_frame, problem.path_starts, weight, problem.flip_begins, problem.flip_ends
     )
     covered_by = np.full(n_frames, -1)
     for index in range(state.n_scenelets):
@@ -443,4 +443,4 @@ def _worth(worth: Worth, ids: NDArray[np.int64]) -> dict[str, Any]:
 
 def _frames(shares: FrameShares) -> dict[str, list[float]]:
     of_terms = {name: nats.tolist() for name, nats in shares.terms.items()}
-    return of_terms | {"swapped": shares.swapped.tolist(), "hidden": shares.hidden.tolist()}
+    return of_terms | {"flipped": shares.flipped.tolist(), "hidden": shares.hidden.tolist()}

@@ -379,9 +379,9 @@ def read_samples(groups: Groups, source: Source) -> Samples:
     disagreement = tuple(int(n) for n in np.atleast_1d(said["verdict_disagreement"]))
     layouts, moves = groups["/layouts"], groups["/moves"]
     names = moves["move"].to_numpy().astype(str).tolist()
-    swapped = groups["/motion"]["sides_swapped"].to_numpy()
-    require(swapped.shape == (*values.shape, source.problem.n_frames), "sides are not of the draws")
-    require(((swapped >= 0) & (swapped <= 1)).all(), "sides_swapped are no probabilities")
+    flipped = groups["/motion"]["sides_flipped"].to_numpy()
+    require(flipped.shape == (*values.shape, source.problem.n_frames), "sides are not of the draws")
+    require(((flipped >= 0) & (flipped <= 1)).all(), "sides_flipped are no probabilities")
     samples = Samples(
         states=states,
         log_posterior=values,

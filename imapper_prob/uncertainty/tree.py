@@ -130,7 +130,7 @@ _UNITS = {
     "roll": "rad",
     "mean_depth": "m",
     "pelvis": "m",
-    "sides_swapped": "1",
+    "sides_flipped": "1",
     "best_fit": "nat",
     "log_posterior": "nat",
     "keypoints": "px",
@@ -172,7 +172,7 @@ def posterior_tree(
     }
     moved: dict[str, Variable] = {
         "pelvis": ((*per_draw, "frame", "axis"), pelvis),
-        "sides_swapped": ((*per_draw, "frame"), turned),
+        "sides_flipped": ((*per_draw, "frame"), turned),
         "best_fit": (("frame",), source.best_fits),
     }
     frames = {

@@ -37,7 +37,7 @@ __all__ = [
 UNUSED, KEPT, ADDED, REMOVED = range(4)
 EMISSION = 5
 """Numbers of a frame's vote: the greater log-density of two, weighted, and both densities over it;
-and, unweighted, its log-likelihood as it is and with sides swapped, nats."""
+and, unweighted, its log-likelihood as it is and with sides flipped, nats."""
 RIGHT, WRONG = 3, 4
 """Which of them are the latter."""
 Array = NDArray[np.float64]

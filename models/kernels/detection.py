@@ -1,15 +1,15 @@
 """Emissions of every frame, and the sum over frames with sides flipped (docs/model.md 11, 12).
 
-A detector that sees somebody from behind, or in poor light, can swap all joints of the left
+A detector that sees somebody from behind, or in poor light, can flip all joints of the left
 side with those of the right, for a run of frames and at full confidence. Whether frame t is
-swapped is a chain s_t of two states with persistent values; what it costs to know nothing of
+flipped is a chain s_t of two states with persistent values; what it costs to know nothing of
 it is the forward recursion of a hidden Markov model (Rabiner 1989), exact and linear in T:
 
     log p(u, c | q) = log sum over s of p(s) prod_t p(u_t, c_t | q_t, s_t)^w
 
 with the frame weight w that stands for the correlation of neighbouring frames. The sum itself is
 part of every evaluation (:func:`forward_log_likelihood`); here is what each
-frame adds to it, and which frames are swapped.
+frame adds to it, and which frames are flipped.
 """
 
 from __future__ import annotations
@@ -47,29 +47,29 @@ Flags = NDArray[np.bool_]
 def forward_filter(
     by_frame: Array, starts: Flags, weight: float, begins: float, ends: float
 ) -> tuple[Array, Array]:
-    """What each frame adds to the log-likelihood, and whether it is swapped, given earlier frames.
+    """What each frame adds to the log-likelihood, and whether it is flipped, given earlier frames.
 
     Parameters
     ----------
     by_frame : (T, 2) float
-        Log-likelihood of each frame as it is, and with sides swapped, nats.
+        Log-likelihood of each frame as it is, and with sides flipped, nats.
     starts : (T,) bool
         Frames that follow upon nothing: the chain begins anew there.
     weight : float
         Factor on every frame's log-likelihood.
     begins, ends : float
-        Probability a frame that a swap begins, and that one ends. The first frame, as any
-        start, is swapped as often as any, ``begins / (begins + ends)``.
+        Probability a frame that a flip begins, and that one ends. The first frame, as any
+        start, is flipped as often as any, ``begins / (begins + ends)``.
 
     Returns
     -------
     shares : (T,) float
         log p(u_t, c_t | all earlier frames), nats; their sum is that of all frames.
-    swapped : (T,) float
-        Probability that a frame is swapped, given the frames up to it.
+    flipped : (T,) float
+        Probability that a frame is flipped, given the frames up to it.
     """
     n, usual = len(by_frame), begins / (begins + ends)
-    shares, swapped = np.empty(n), np.empty(n)
+    shares, flipped = np.empty(n), np.empty(n)
     predicted = usual
     for t in range(n):
         if starts[t]:
@@ -80,16 +80,16 @@ def forward_filter(
         turned = predicted * math.exp(wrong - top)
         both = stays + turned
         shares[t] = top + math.log(both)
-        swapped[t] = turned / both
+        flipped[t] = turned / both
         predicted = (stays * begins + turned * (1.0 - ends)) / both
-    return shares, swapped
+    return shares, flipped
 
 
 @compiled
 def flip_probabilities(
     by_frame: Array, starts: Flags, weight: float, begins: float, ends: float
 ) -> Array:
-    """(T,) probability that each frame is swapped, given all frames (forward-backward).
+    """(T,) probability that each frame is flipped, given all frames (forward-backward).
 
     Parameters as for :func:`filtered`.
     """
@@ -123,16 +123,16 @@ def draw_flips(
     anew in ``starts`` (T,).
     """
     uniform = rng.random(n_frames)
-    swapped = np.zeros(n_frames, bool)
+    flipped = np.zeros(n_frames, bool)
     for t in range(n_frames):
         anew = t == 0 or (starts is not None and starts[t])
-        probability = 1 - ends if swapped[t - 1] else begins
-        swapped[t] = uniform[t] < (begins / (begins + ends) if anew else probability)
-    return swapped
+        probability = 1 - ends if flipped[t - 1] else begins
+        flipped[t] = uniform[t] < (begins / (begins + ends) if anew else probability)
+    return flipped
 
 
 # ------------------------------------------------------------------------------------------------
-# What every frame says of a scene, and the sum over which of them have sides swapped, compiled.
+# What every frame says of a scene, and the sum over which of them have sides flipped, compiled.
 
 _CAP = np.float32(NOTHING_IN_SIGHT)
 _TINY = 1e-100
@@ -141,7 +141,7 @@ _TINY = 1e-100
 
 @inner_inlined
 def _set_emission(right: float, wrong: float, weight: float, emissions: Array, row: int) -> None:
-    """Of a frame whose log-likelihood is ``right`` as it is, ``wrong`` with sides swapped, nats."""
+    """Of a frame whose log-likelihood is ``right`` as it is, ``wrong`` with sides flipped, nats."""
     emissions[row, 0] = weight * max(right, wrong)
     less = math.exp(-weight * abs(right - wrong))
     emissions[row, 1], emissions[row, 2] = (1.0, less) if right > wrong else (less, 1.0)
@@ -172,7 +172,7 @@ def update_emissions(problem: Problem, cache: Cache, n: int) -> None:
     own, likelihoods, seen, scratch64 = cache.own, cache.likelihoods, cache.seen, cache.scratch64
     emissions, bare, clearance = cache.emissions, cache.bare, cache.clearance
     weight, logs = problem.frame_weight * problem.likelihood, cache.logs
-    visibility_probabilities(seen, n_weighed, problem.sight_width, problem.surprise)
+    visibility_probabilities(seen, n_weighed, problem.sight_width, problem.visibility_error)
     for i in range(n_weighed):
         t = frames[i]
         if cover[1, t] >= 0:
@@ -236,12 +236,12 @@ def _reuse_emissions(cache: Cache, n: int) -> int:
 
 @inner_inlined
 def forward_log_likelihood(problem: Problem, cache: Cache) -> float:
-    """Detections of all frames, whichever are swapped, cost of free poses, and of sunken ones.
+    """Detections of all frames, whichever are flipped, cost of free poses, and of sunken ones.
 
     Of the first, the log of equation (12) by its forward recursion, on densities that are rescaled
     now and then in place of probabilities.
     """
-    begins, ends = problem.swap_begins, problem.swap_ends
+    begins, ends = problem.flip_begins, problem.flip_ends
     usual = begins / (begins + ends)
     stays, turned = 1.0 - usual, usual
     total, free, below = 0.0, 0.0, 0.0

@@ -45,7 +45,7 @@ pixels; cosine and sine of the camera's pitch, its elevation, cosine and sine of
 
 LIKELIHOODS = 64
 """Of a frame: densities of the detections of hidden joints, and by how much those of seen
-joints are greater; both for sides as they are and then swapped. A joint is in its own place,
+joints are greater; both for sides as they are and then flipped. A joint is in its own place,
 whichever side's detection it answers for: only their product counts."""
 
 # What is known of the detection that a joint answers for: whether it was used; square scale,
@@ -55,7 +55,7 @@ PARAMS = 7
 """How many such numbers there are."""
 
 # Where the rows of the scratch array start: pixels, and square pixels of the pose's doubt;
-# densities: sides as they are, hidden and seen, and sides swapped, hidden and seen.
+# densities: sides as they are, hidden and seen, and sides flipped, hidden and seen.
 _U, _V, _LOOSE, _DENSITY = 0, 16, 32, 48
 SCRATCH64 = 112
 """Numbers in the scratch array."""
@@ -246,18 +246,18 @@ def set_own_likelihoods(
 
 
 @inner
-def visibility_probabilities(seen: Singles, n: int, width: float, surprise: float) -> None:
+def visibility_probabilities(seen: Singles, n: int, width: float, visibility_error: float) -> None:
     """Probabilities of being seen, by ``visibility_probability`` of each clearance.
 
     Parameters
     ----------
     seen : (n or more, 16) single
         In: clearance of every joint, metres. Out: its probability, in the first ``n`` rows.
-    width, surprise : float
+    width, visibility_error : float
         Of the step of visibility.
     """
-    sharpness, least = np.float32(1.0 / width), np.float32(surprise)
-    span = np.float32(1.0 - 2.0 * surprise)
+    sharpness, least = np.float32(1.0 / width), np.float32(visibility_error)
+    span = np.float32(1.0 - 2.0 * visibility_error)
     for i in range(n):
         for j in range(16):
             x = -min(max(seen[i, j] * sharpness, -_FAR), _FAR)
@@ -274,7 +274,7 @@ def visibility_probabilities(seen: Singles, n: int, width: float, surprise: floa
 def mix_likelihoods(
     likelihoods: Array, row: int, seen: Singles, at: int, scratch64: Array, logs: Array
 ) -> None:
-    """p(u, c | q, m) of a frame: as it is, and with sides swapped.
+    """p(u, c | q, m) of a frame: as it is, and with sides flipped.
 
     Parameters
     ----------
@@ -317,7 +317,7 @@ def mix_likelihoods(
 def take_logs(logs: Array, n: int) -> None:
     """log p(u, c | q, m) of frames, nats, into the first two rows of ``logs`` (4, n or more).
 
-    See :func:`weigh`; as it is, and with sides swapped.
+    See :func:`weigh`; as it is, and with sides flipped.
     """
     for side in range(2):
         for i in range(n):

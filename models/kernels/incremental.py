@@ -281,7 +281,7 @@ def evaluate(
         asks for it, as the next.
     by_frame : (T, 2) float
         Out: log-likelihood of each frame's detections, as they are and with left and right
-        swapped, nats, unweighted; left as it is outside the support, and where the likelihood is
+        flipped, nats, unweighted; left as it is outside the support, and where the likelihood is
         switched off.
 
     Returns

@@ -66,10 +66,10 @@ def set_window(
 
 
 @compiled
-def visibility_probability(distance: float, width: float, surprise: float) -> float:
+def visibility_probability(distance: float, width: float, visibility_error: float) -> float:
     """m(v): a smooth step over the clearance, never quite 0 or 1."""
     scaled = min(max(distance / width, -30.0), 30.0)
-    return surprise + (1.0 - 2.0 * surprise) / (1.0 + math.exp(-scaled))
+    return visibility_error + (1.0 - 2.0 * visibility_error) / (1.0 + math.exp(-scaled))
 
 
 # ------------------------------------------------------------------------------------------------

@@ -56,7 +56,7 @@ def problem(rng: np.random.Generator, *, people: tuple[int, ...], furnished: boo
         sight_width=float(rng.uniform(0.03, 0.2)),
         merge_angle=float(rng.uniform(0.3, 1.5)),
         label_front=rng.random(len(whole.label_front)) < 0.5,
-        swap_begins=float(rng.uniform(0.001, 0.2)), swap_ends=float(rng.uniform(0.05, 0.4)),
+        flip_begins=float(rng.uniform(0.001, 0.2)), flip_ends=float(rng.uniform(0.05, 0.4)),
     )  # fmt: skip
 
 

@@ -129,9 +129,9 @@ def test_a_frame_without_detections_adds_nothing_of_its_own(explained: Explanati
 
 
 def test_swapped_sides_and_hidden_joints(made: Problem, explained: Explanation) -> None:
-    assert_allclose(explained.frames.swapped, side_flips(made, busy_state(made)))
-    assert explained.frames.swapped[26:30].min() > 0.5
-    free = 1 - visibility_probability(NOTHING_IN_SIGHT, made.sight_width, made.surprise)
+    assert_allclose(explained.frames.flipped, side_flips(made, busy_state(made)))
+    assert explained.frames.flipped[26:30].min() > 0.5
+    free = 1 - visibility_probability(NOTHING_IN_SIGHT, made.sight_width, made.visibility_error)
     assert_allclose(explained.bare_frames.hidden, free)
     assert explained.frames.hidden.max() > free + 0.1
 
