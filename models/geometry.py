@@ -26,7 +26,18 @@ deep in it: a table top hides as well as a chest does."""
 
 
 def pack_boxes(objects: Iterable[SceneObject]) -> Array:
-    """All cuboids of ``objects`` as (K, 7) boxes in their common parent frame."""
+    """All cuboids of ``objects`` as (K, 7) boxes in their common parent frame.
+
+    Parameters
+    ----------
+    objects : iterable of SceneObject
+        In one parent frame.
+
+    Returns
+    -------
+    (K, 7) float
+        See the module.
+    """
     rows = [
         (*o.placement.apply(c.centre), *(c.size / 2), o.placement.yaw)
         for o in objects

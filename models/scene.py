@@ -1,7 +1,7 @@
-"""What goes in (clip) and what comes out (scene).
+"""What goes in, a clip, and what comes out, a scene: the types that everything shares.
 
-All types are frozen; arrays are validated and made read-only at the door, so whatever
-holds one of these may rely on it.
+All are frozen. Arrays are validated and made read-only when an object is made, so whatever holds
+one may rely on it.
 """
 
 from __future__ import annotations
@@ -58,7 +58,25 @@ def _word(text: object, what: str) -> str:
 
 
 def read_only(values: ArrayLike, *, shape: Sequence[int | None], name: str) -> Array:
-    """A read-only float copy of ``values`` after checking its shape (``None``: any length)."""
+    """A read-only copy of an array after checking its shape.
+
+    Parameters
+    ----------
+    values : array_like
+    shape : sequence of int or None
+        ``None`` for any length.
+    name : str
+        For messages.
+
+    Returns
+    -------
+    ndarray of float
+
+    Raises
+    ------
+    InputError
+        If the values are no numbers, or of another shape.
+    """
     try:
         array = np.array(values, dtype=np.float64)
     except (TypeError, ValueError) as error:
@@ -99,13 +117,33 @@ class Placement:
         return np.array([[c, -s], [s, c]])
 
     def apply(self, points: ArrayLike) -> Array:
-        """Local points (..., 3) to the parent frame (..., 3), metres."""
+        """Local points (..., 3) to the parent frame (..., 3), metres.
+
+        Parameters
+        ----------
+        points : (..., 3) float
+
+        Returns
+        -------
+        (..., 3) float
+        """
         points = np.asarray(points, float)
         floor = points[..., :2] @ self.rotation.T + (self.x, self.y)
         return np.concatenate([floor, points[..., 2:]], -1)
 
     def compose(self, inner: Placement) -> Placement:
-        """The placement, in this one's parent frame, of something placed at ``inner``."""
+        """What is placed here, as its parent sees it.
+
+        Parameters
+        ----------
+        inner : Placement
+            In this placement's local frame.
+
+        Returns
+        -------
+        Placement
+            In this placement's parent frame.
+        """
         x, y = self.rotation @ (inner.x, inner.y) + (self.x, self.y)
         return Placement(float(x), float(y), self.yaw + inner.yaw)
 
@@ -187,11 +225,30 @@ class SceneObject:
         return self.placement.apply(corners)[:, :2]
 
     def moved(self, placement: Placement) -> SceneObject:
-        """The object with its parent frame placed at ``placement``."""
+        """The object after its parent frame was placed in another one.
+
+        Parameters
+        ----------
+        placement : Placement
+            Of the parent frame.
+
+        Returns
+        -------
+        SceneObject
+        """
         return SceneObject(self.label, placement.compose(self.placement), self.cuboids)
 
     def scaled(self, factor: float) -> SceneObject:
-        """The object ``factor`` times as large, about the origin of its parent frame."""
+        """The object ``factor`` times as large, about the origin of its parent frame.
+
+        Parameters
+        ----------
+        factor : float
+
+        Returns
+        -------
+        SceneObject
+        """
         x, y = factor * self.placement.x, factor * self.placement.y
         cuboids = (Cuboid(c.part, factor * c.centre, factor * c.size) for c in self.cuboids)
         return SceneObject(self.label, Placement(x, y, self.placement.yaw), tuple(cuboids))

@@ -96,7 +96,14 @@ class Scenelet:
 
 @dataclass(frozen=True)
 class Library(Sequence[Scenelet]):
-    """All scenelets a run may use, in a fixed order."""
+    """All scenelets a run may use, in a fixed order.
+
+    Parameters
+    ----------
+    name : str
+    scenelets : tuple of Scenelet
+        At least one; no two of the same name.
+    """
 
     name: str
     scenelets: tuple[Scenelet, ...]

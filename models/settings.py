@@ -1,4 +1,8 @@
-"""The constants of the model, each with its unit and source, and its bounds and tolerances."""
+"""Bounds of what the program takes, and the constants of the model, each with unit and source.
+
+Constants that were estimated from data are read from ``calibrated.toml``, which states source and
+spread of every one (``docs/calibration.md``); the others are chosen.
+"""
 
 from __future__ import annotations
 
@@ -62,39 +66,10 @@ LONGEST_CLIP: Final = 36_000
 MOST_PEOPLE: Final = 64
 """In one clip: a crowd."""
 
-# ------------------------------------------------------------------------------------------------
-# The energy of the published method, on the states of this model.
-#
-#     L = w_r L_r + w_o L_o + w_s L_s + w_c L_c + w_m L_m         (Monszpart et al. 2019, section 5)
-#
-#     L_r = sum_t sum_k c_tk |Pi q_tk - u_tk|^2                    reprojection
-#     L_o = sum_t sum_k F(v(q_tk, O), c_tk)                        occlusion
-#     L_s = sum_t |p_t - p_(t-1)|^2                                smoothness of the pelvis
-#     L_c = -sum_(i, j) ( int_Li d-_j + int_Lj d-_i )              objects in each other
-#     L_m = -sum_t min(0, max_q min_i d_i(q))                      motion through objects
-#
-# with joints q and pelvis p in metres and detections u of confidence c in normalised image
-# coordinates (pixels from the principal point over the focal length). F and v are in
-# :mod:`imapper_prob.models.published_energy`, L_c and L_m in
-# :mod:`imapper_prob.models.published_energy`, L_r and L_s in
-# :mod:`imapper_prob.models.published_energy`.
-#
-# Misprints, mended:
-#
-# * eta_t, which says whether a scenelet covers frame t, is printed with the upper limit
-#   max(t, n_l) of its sum over starts; it is min(t, n_l). With the maximum a scenelet would
-#   cover every frame after its start.
-# * L_m is printed with the signed distance itself and would reward walking far from things; it
-#   takes the negative part, as L_c does.
-# * L_c is printed over pairs with "b_i != b_j and theta_i != theta_j"; the text spares only pairs
-#   of the same label and the same orientation.
-# * v is undefined where there is no object; the distance to an empty volume is the cap V of
-#   ``paper_occlusion``, and so is every larger one.
-
 
 @dataclass(frozen=True)
 class PaperWeights:
-    """The factors of the five terms.
+    """The factors of the five terms of :mod:`~imapper_prob.models.published_energy`.
 
     The paper prints none. These are those of the command files that the authors released with
     i3DB, for terms in normalised image coordinates and metres on clips of 10 frames a second. One
@@ -131,13 +106,6 @@ class PaperWeights:
             value = getattr(self, name)
             if not (np.isfinite(value) and value >= 0):
                 raise InputError(f"weight {name} = {value} must be finite and at least 0")
-
-
-# ------------------------------------------------------------------------------------------------
-# The constants of the model, each with its unit and where it comes from.
-#
-# Those that were estimated from data are read from ``calibrated.toml``, which states the source,
-# and the spread, of every one (``docs/calibration.md``); the others are chosen.
 
 
 ANKLE: Final = 0.09
@@ -343,7 +311,18 @@ class StaticPathSettings:
     bias_across: float = from_data("bias.across")
 
     def frame_weight(self, fps: float) -> float:
-        """One over the number of frames in a correlation time."""
+        """One over the number of frames in a correlation time.
+
+        Parameters
+        ----------
+        fps : float
+            Frames a second.
+
+        Returns
+        -------
+        float
+            At most 1.
+        """
         return min(1.0, 1.0 / (self.correlation_time * fps))
 
 
@@ -408,6 +387,15 @@ class Settings:
         """The same with all that is estimated from data as it would be without one scene.
 
         The tails of the jumps of joints (``joints.jump_dof``) stay: they are part of compiled code.
+
+        Parameters
+        ----------
+        scene : str
+            Of i3DB, ``"Scene04"``.
+
+        Returns
+        -------
+        Settings
         """
         values = values_without(scene)
         return Settings(

@@ -1,6 +1,7 @@
 """One scenelet alone in the scene: its gain, and a second-order expansion around its best place.
 
-Where it stands is (4,): bearing (tangent), log depth (log m), yaw (radians) and log size.
+A place is four numbers: bearing (tangent), log depth (log m), yaw (radians) and log size, see
+:mod:`imapper_prob.models.view`. The sampler's proposals are made from these expansions.
 """
 
 from __future__ import annotations
@@ -176,9 +177,6 @@ def expand_single(
             _look_beside(evaluator, items[i, 0], items[i, 1], beside[i])
 
 
-# ------------------------------------------------------------------------------------------------
-# What scenelets are worth alone in the scene, to second order around their best place.
-
 STEPS = np.array(
     [[0.004, 0.0, 0.0, 0.0], [0.0, 0.03, 0.0, 0.0], [0.0, 0.0, 0.08, 0.0], [0.0, 0.025, 0.0, 0.025]]
 )
@@ -217,9 +215,22 @@ class Expansions(NamedTuple):
 
 
 def judge(problem: Problem, items: Ints, where: Array) -> tuple[Array, Array]:
-    """Values (n, 2) and ``beside`` of scenelets (n, 2) with their starts where they stand (n, 4).
+    """What scenelets gain alone where they stand.
 
-    As :class:`Expansions` has them; the first value is -inf outside the support.
+    Parameters
+    ----------
+    problem : Problem
+    items : (n, 2) int
+        Scenelets and their start frames.
+    where : (n, 4) float
+        Bearing (tangent), log depth (log m), yaw (radians), log size.
+
+    Returns
+    -------
+    values : (n, 2) float
+        As :class:`Expansions` has them; the first is -inf outside the support.
+    beside : (n, 2, REACH) float
+        As :class:`Expansions` has it.
     """
     scene, alone, nothing = _nothing(problem)
     values, beside = np.empty((len(items), 2)), np.empty((len(items), 2, REACH))
@@ -228,10 +239,22 @@ def judge(problem: Problem, items: Ints, where: Array) -> tuple[Array, Array]:
 
 
 def expand(problem: Problem, items: Ints, where: Array, *, rounds: int = 1) -> Expansions:
-    """Move scenelets (n, 2) from where they stand (n, 4) to where they are worth most, and expand.
+    """Move scenelets to where they gain most alone, and expand the gain around it.
 
-    ``rounds`` is how often each direction is followed. The first value of what is outside the
-    support, or a step from there, is -inf.
+    Parameters
+    ----------
+    problem : Problem
+    items : (n, 2) int
+        Scenelets and their start frames.
+    where : (n, 4) float
+        Bearing (tangent), log depth (log m), yaw (radians), log size: where to begin.
+    rounds : int
+        How often each direction is followed by a parabola.
+
+    Returns
+    -------
+    Expansions
+        The first value of what is outside the support, or a step from there, is -inf.
     """
     scene, alone, nothing = _nothing(problem)
     n, where = len(items), np.array(where)

@@ -1,15 +1,13 @@
 """Emissions of every frame, and the sum over frames with sides flipped (docs/model.md 11, 12).
 
-A detector that sees somebody from behind, or in poor light, can flip all joints of the left
-side with those of the right, for a run of frames and at full confidence. Whether frame t is
-flipped is a chain s_t of two states with persistent values; what it costs to know nothing of
-it is the forward recursion of a hidden Markov model (Rabiner 1989), exact and linear in T:
+A detector that sees somebody from behind, or in poor light, can take the joints of the left side
+for those of the right, for a run of frames and at full confidence. Whether frame t is flipped is
+a Markov chain s_t of two states; it is summed out by the forward recursion of a hidden Markov
+model (Rabiner 1989), exact and linear in T:
 
     log p(u, c | q) = log sum over s of p(s) prod_t p(u_t, c_t | q_t, s_t)^w
 
-with the frame weight w that stands for the correlation of neighbouring frames. The sum itself is
-part of every evaluation (:func:`forward_log_likelihood`); here is what each
-frame adds to it, and which frames are flipped.
+with the frame weight w that stands for the correlation of neighbouring frames.
 """
 
 from __future__ import annotations
@@ -89,9 +87,16 @@ def forward_filter(
 def flip_probabilities(
     by_frame: Array, starts: Flags, weight: float, begins: float, ends: float
 ) -> Array:
-    """(T,) probability that each frame is flipped, given all frames (forward-backward).
+    """Probability that each frame is flipped, given all frames (forward-backward).
 
-    Parameters as for :func:`filtered`.
+    Parameters
+    ----------
+    by_frame, starts, weight, begins, ends
+        See :func:`forward_filter`.
+
+    Returns
+    -------
+    (T,) float
     """
     n, forward = len(by_frame), forward_filter(by_frame, starts, weight, begins, ends)[1]
     result = forward.copy()
@@ -117,10 +122,21 @@ def draw_flips(
     ends: float,
     starts: Flags | None = None,
 ) -> Flags:
-    """(T,) frames in which left is taken for right: a chain of two states in equilibrium.
+    """Draw the frames in which left is taken for right: a chain of two states in equilibrium.
 
-    ``begins`` and ``ends`` are probabilities a frame; besides the first frame the chain begins
-    anew in ``starts`` (T,).
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+    n_frames : int
+        T.
+    begins, ends : float
+        Probability a frame that a flip begins, and that one ends.
+    starts : (T,) bool, optional
+        Frames besides the first at which the chain begins anew.
+
+    Returns
+    -------
+    (T,) bool
     """
     uniform = rng.random(n_frames)
     flipped = np.zeros(n_frames, bool)
@@ -130,9 +146,6 @@ def draw_flips(
         flipped[t] = uniform[t] < (begins / (begins + ends) if anew else probability)
     return flipped
 
-
-# ------------------------------------------------------------------------------------------------
-# What every frame says of a scene, and the sum over which of them have sides flipped, compiled.
 
 _CAP = np.float32(NOTHING_IN_SIGHT)
 _TINY = 1e-100
@@ -166,7 +179,15 @@ def _nothing_near(clearance: Singles, row: int) -> bool:
 
 @inner_inlined
 def update_emissions(problem: Problem, cache: Cache, n: int) -> None:
-    """Votes of the changed frames with all ``n`` scenelets."""
+    """Work out the emissions of the frames that changed.
+
+    Parameters
+    ----------
+    problem : Problem
+    cache : Cache
+    n : int
+        Scenelets of the proposal.
+    """
     n_weighed = _reuse_emissions(cache, n)
     cover, frames, weighed, rows = cache.cover, cache.frames, cache.weighed, cache.pose_row
     own, likelihoods, seen, scratch64 = cache.own, cache.likelihoods, cache.seen, cache.scratch64
@@ -193,7 +214,7 @@ def update_emissions(problem: Problem, cache: Cache, n: int) -> None:
 
 @inner_inlined
 def _reuse_emissions(cache: Cache, n: int) -> int:
-    """Clearance of the changed frames, and emissions of those that were cast before.
+    """Clearance of the changed frames, and emissions of those that have been worked out already.
 
     The other frames, their rows and clearances are put into ``frames``, ``weighed`` and
     ``seen``; returns how many.
@@ -236,10 +257,21 @@ def _reuse_emissions(cache: Cache, n: int) -> int:
 
 @inner_inlined
 def forward_log_likelihood(problem: Problem, cache: Cache) -> float:
-    """Detections of all frames, whichever are flipped, cost of free poses, and of sunken ones.
+    """The terms of detections, free poses and sunken joints of a proposal.
 
-    Of the first, the log of equation (12) by its forward recursion, on densities that are rescaled
-    now and then in place of probabilities.
+    Of the detections, the log of equation (12) by its forward recursion, on densities that are
+    rescaled as needed in place of probabilities.
+
+    Parameters
+    ----------
+    problem : Problem
+    cache : Cache
+        Its three terms are written.
+
+    Returns
+    -------
+    float
+        Their sum, nats.
     """
     begins, ends = problem.flip_begins, problem.flip_ends
     usual = begins / (begins + ends)
