@@ -38,7 +38,23 @@ def demo_clip(seed: int = 4) -> Clip:
 
     The table hides the feet of whoever sits there. The built-in library holds what
     is performed, so the scene can be recovered; camera, body and detections are drawn from
-    the model. The same seed gives the same clip.
+    the model.
+
+    Parameters
+    ----------
+    seed : int
+        The same seed gives the same clip.
+
+    Returns
+    -------
+    Clip
+        With its truth.
+
+    Examples
+    --------
+    >>> clip = im.demo_clip()
+    >>> [o.label for o in clip.truth.objects]
+    ['couch', 'table', 'shelf']
     """
     rng = np.random.default_rng(seed)
     return simulate_clip(
@@ -62,10 +78,20 @@ def load_clip(path: str | Path, *, options: ClipOptions | None = None) -> Clip:
     options : ClipOptions, optional
         Camera, image size, frame rate, and whatever else the files do not say.
 
+    Returns
+    -------
+    Clip
+
     Raises
     ------
     InputError
         What is at ``path`` is no clip, or one too short or too empty to say anything.
+
+    Examples
+    --------
+    >>> im.write_clip("clip.npz", im.demo_clip())
+    >>> im.load_clip("clip.npz").name
+    'demo'
     """
     return load.load_clip(path, options=options, lift=lift_clip)
 
@@ -96,6 +122,12 @@ def solve(
     -------
     Solved
         ``scenes``, the best first, and by person (``actors``) what the solver found on the way.
+
+    Examples
+    --------
+    >>> solved = im.solve(clip, library, scenes=2)
+    >>> [o.label for o in solved.scenes[0].objects]
+    ['couch']
     """
     settings = config.settings if config is not None else None
     known = load_library() if library is None else library
@@ -157,11 +189,21 @@ def sample(
     on_block : callable, optional
         Called with what is known after each block.
 
+    Returns
+    -------
+    Posterior
+
     Raises
     ------
     InputError
         ``minutes`` or ``until`` make no sense, the clip does not fit into the memory that there
         is, or what it holds cannot be used.
+
+    Examples
+    --------
+    >>> posterior = im.sample(clip, library, start=solved, config=config)
+    >>> posterior.samples.shape
+    (2, 10)
     """
     config = config or Config()
     config = replace(

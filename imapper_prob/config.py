@@ -37,7 +37,9 @@ _RENAMED: Final = {
 
 @dataclass(frozen=True)
 class SampleSettings:
-    """Parameters
+    """How chains and ensembles sample.
+
+    Parameters
     ----------
     chains : int
         Independent chains from over-dispersed starts.
@@ -141,6 +143,14 @@ class Config:
     camera : CameraSettings
     detector : DetectorSettings
     sample : SampleSettings
+
+    Examples
+    --------
+    >>> from dataclasses import replace
+    >>> config = im.Config(seed=1)
+    >>> short = replace(config, sample=replace(config.sample, steps=6_000))
+    >>> short.sample.steps, short.sample.chains
+    (6000, 4)
     """
 
     seed: int = 0
@@ -164,11 +174,32 @@ class Config:
 
     @property
     def settings(self) -> Settings:
-        """The constants of the model and of the stages before it."""
+        """The constants of the model and of the stages before it.
+
+        Examples
+        --------
+        >>> im.Config().settings.model == im.Config().model
+        True
+        """
         return Settings(self.model, self.path, self.camera, self.detector, self.device)
 
     def without(self, scene: str) -> Config:
-        """The same with constants estimated without one scene of i3DB (`Settings.without`)."""
+        """The same with constants estimated without one scene of i3DB (`Settings.without`).
+
+        Parameters
+        ----------
+        scene : str
+            ``"Scene04"``.
+
+        Returns
+        -------
+        Config
+
+        Examples
+        --------
+        >>> im.Config().without("Scene04").model == im.Config().model
+        False
+        """
         found = self.settings.without(scene)
         return dataclasses.replace(
             self, model=found.model, path=found.path, camera=found.camera, detector=found.detector
@@ -176,7 +207,16 @@ class Config:
 
 
 def to_toml(config: Config) -> str:
-    """The settings as TOML text; :func:`read_config` reads it back."""
+    """The settings as TOML text; :func:`read_config` reads it back.
+
+    Parameters
+    ----------
+    config : Config
+
+    Returns
+    -------
+    str
+    """
 
     def line(name: str, value: Any) -> str:
         if isinstance(value, str):
@@ -238,10 +278,25 @@ def _row(value: Any, what: str) -> tuple[float, ...]:
 def read_config(path: str | Path) -> Config:
     """Read settings from a TOML file; what it leaves out keeps its default.
 
+    Parameters
+    ----------
+    path : path
+
+    Returns
+    -------
+    Config
+
     Raises
     ------
     InputError
         If the file is missing, no TOML, or names an unknown setting or a wrong type.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> _ = Path("config.toml").write_text("seed = 7")
+    >>> im.read_config("config.toml").seed
+    7
     """
     path = Path(path)
     try:
@@ -254,7 +309,17 @@ def read_config(path: str | Path) -> Config:
 
 
 def from_toml(text: str, *, where: str) -> Config:
-    """Settings from the text of :func:`to_toml`; ``where`` it is from is for messages.
+    """Read settings from the text of :func:`to_toml`.
+
+    Parameters
+    ----------
+    text : str
+    where : str
+        The text is from, for messages.
+
+    Returns
+    -------
+    Config
 
     Raises
     ------

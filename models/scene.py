@@ -388,6 +388,14 @@ class Clip:
         A careful guess, as i3DB's, is good to .05.
     truth : Truth, optional
         For simulated clips and the laboratory. Inference never reads it.
+
+    Examples
+    --------
+    >>> clip = im.demo_clip()
+    >>> clip.name, clip.fps, [track.name for track in clip.tracks]
+    ('demo', 10.0, ['actor'])
+    >>> clip.tracks[0].keypoints.shape
+    (130, 16, 2)
     """
 
     name: str
@@ -478,12 +486,24 @@ class Clip:
 
     @property
     def n_frames(self) -> int:
-        """Number of frames T."""
+        """Number of frames T.
+
+        Examples
+        --------
+        >>> im.demo_clip().n_frames
+        130
+        """
         return len(self.frame_ids)
 
     @property
     def focal_known(self) -> bool:
-        """Whether the focal length was measured, as good as calibrations are."""
+        """Whether the focal length was measured, as good as calibrations are.
+
+        Examples
+        --------
+        >>> im.demo_clip().focal_known
+        False
+        """
         return self.focal_spread <= MEASURED_FOCAL
 
 

@@ -103,6 +103,15 @@ class Library(Sequence[Scenelet]):
     name : str
     scenelets : tuple of Scenelet
         At least one; no two of the same name.
+
+    Examples
+    --------
+    >>> library = im.load_library()
+    >>> few = im.Library("few", tuple(library)[::20])
+    >>> len(few) < len(library)
+    True
+    >>> few[0].joints.shape[1:]
+    (16, 3)
     """
 
     name: str
@@ -131,7 +140,13 @@ class Library(Sequence[Scenelet]):
 
     @property
     def digest(self) -> str:
-        """SHA-256 of names, motions and objects: what a run's provenance records."""
+        """SHA-256 of names, motions and objects: what a run's provenance records.
+
+        Examples
+        --------
+        >>> len(im.load_library().digest)
+        64
+        """
         state = hashlib.sha256()
         for s in self.scenelets:
             state.update(f"{s.name}|{s.action}|{s.fps}|{s.weight}".encode())

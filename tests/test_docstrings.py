@@ -6,6 +6,7 @@ import ast
 import inspect
 import textwrap
 from collections.abc import Iterator
+from functools import cached_property
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -53,7 +54,7 @@ def with_methods(name: str, entry: Any) -> Iterator[tuple[str, Any]]:
     for method, value in vars(entry).items() if inspect.isclass(entry) else ():
         plain = value.__func__ if isinstance(value, classmethod | staticmethod) else value
         if not method.startswith("_") and (
-            inspect.isfunction(plain) or isinstance(plain, property)
+            inspect.isfunction(plain) or isinstance(plain, property | cached_property)
         ):
             yield f"{name}.{method}", plain
 

@@ -70,7 +70,7 @@ _DAMAGE: Final = (
 
 
 def write_clip(path: str | Path, clip: Clip) -> None:
-    """Write a clip beside its place and move it there, so that no half file is ever seen.
+    """Write a clip to a file, whole or not at all.
 
     Parameters
     ----------
@@ -78,6 +78,17 @@ def write_clip(path: str | Path, clip: Clip) -> None:
         Ends in ``.npz``.
     clip : Clip
         Its truth is written too where it has one.
+
+    Raises
+    ------
+    InputError
+        The name of the file does not end in ``.npz``, or it cannot be written.
+
+    Examples
+    --------
+    >>> im.write_clip("clip.npz", im.demo_clip())
+    >>> im.load_clip("clip.npz").n_frames
+    130
     """
     path = Path(path)
     if path.suffix != ".npz":

@@ -238,6 +238,18 @@ def load_library(source: str | Path = BUILT_IN) -> Library:
     ------
     InputError
         If a file is missing, is no library, or contradicts itself, or one is named twice.
+
+    Returns
+    -------
+    Library
+
+    Examples
+    --------
+    >>> library = im.load_library()
+    >>> len(library) > 1000
+    True
+    >>> "walk" in {scenelet.action for scenelet in library}
+    True
     """
     parts = [str(source)] if isinstance(source, Path) else _parts(source)
     twice = next((part for part in parts if parts.count(part) > 1), None)

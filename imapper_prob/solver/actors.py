@@ -215,6 +215,14 @@ class Solved:
     scenes : tuple of SolvedScene
         The best, then others of which no two have the same scenelet at nearby times. By
         log-posterior, or with the published energy by that, without the priors.
+
+    Examples
+    --------
+    >>> best = solved.scenes[0]
+    >>> [o.label for o in best.objects]
+    ['couch']
+    >>> best.motions[0].shape == (clip.n_frames, 16, 3)
+    True
     """
 
     clip: Clip

@@ -129,6 +129,12 @@ class Solution:
         Distance between the motions of scenelets, metres.
     fits : Fits
         Every scenelet in every window; the sampler looks there for what else might fit.
+
+    Examples
+    --------
+    >>> solution = solved.actors[0]
+    >>> len(solution.candidates) > 0
+    True
     """
 
     clip: Clip
@@ -148,12 +154,25 @@ class Solution:
 
     @property
     def states(self) -> tuple[State, ...]:
-        """The best scene, then diverse alternatives."""
+        """The best scene, then diverse alternatives.
+
+        Examples
+        --------
+        >>> best = solved.actors[0].states[0]
+        >>> best.n_scenelets > 0
+        True
+        """
         return self.combinations.states
 
     @cached_property
     def best_fits(self) -> NDArray[np.float64]:
-        """(T,) how well the best scenelet over a frame fits (`imapper_prob.solver.fits`)."""
+        """How well the best scenelet over a frame fits, (T,) (`imapper_prob.solver.fits`).
+
+        Examples
+        --------
+        >>> len(solved.actors[0].best_fits) == clip.n_frames
+        True
+        """
         return best_fits(self.problem, self.fits)
 
 
