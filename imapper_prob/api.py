@@ -27,9 +27,9 @@ from imapper_prob.simulate.clips import simulate_clip
 from imapper_prob.solver.actors import Solved, solve_actors, solved
 from imapper_prob.solver.solver import Solution
 
-__all__ = ["STORY", "demo_clip", "load_clip", "sample", "solve"]
+__all__ = ["demo_clip", "load_clip", "sample", "solve"]
 
-STORY = ("sit-couch-table-003", "reach-shelf-001")
+_STORY = ("sit-couch-table-003", "reach-shelf-001")
 """Scenelets performed: sitting on a couch at a low table, then reaching into a shelf."""
 
 
@@ -58,7 +58,7 @@ def demo_clip(seed: int = 4) -> Clip:
     """
     rng = np.random.default_rng(seed)
     return simulate_clip(
-        rng, load_library(), n_frames=130, script=STORY, n_bystanders=0, name="demo"
+        rng, load_library(), n_frames=130, script=_STORY, n_bystanders=0, name="demo"
     )
 
 

@@ -24,7 +24,6 @@ from imapper_prob.models.scenelet import Library
 __all__ = [
     "SEATS",
     "Layouts",
-    "Pairing",
     "furniture_kinds",
     "group_layouts",
     "group_of",

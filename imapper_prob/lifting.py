@@ -27,11 +27,9 @@ __all__ = [
     "Candidates",
     "Lifted",
     "Views",
-    "built_in_poses",
     "distinct_poses",
     "lift_clip",
     "lift_keypoints",
-    "nearest_poses",
     "views_of",
 ]
 
@@ -108,7 +106,7 @@ _APART: Final = 0.06
 
 
 @cache
-def built_in_poses() -> Array:
+def _built_in_poses() -> Array:
     """Those of the built-in library; found once a process."""
     return distinct_poses(built_in_library())
 
@@ -184,7 +182,7 @@ class Candidates:
     shift: Array
 
 
-def nearest_poses(views: Views, poses: Array, *, count: int) -> Candidates:
+def _nearest_poses(views: Views, poses: Array, *, count: int) -> Candidates:
     """Compare every frame with every pose in every direction.
 
     For weights w that add up to one, tangents u and projected joints p, both less their
@@ -300,7 +298,7 @@ def lift_clip(clip: Clip, *, poses: Array | None = None) -> Clip:
     Clip
         Tracks that had a pose in any frame are as they were.
     """
-    poses = built_in_poses() if poses is None else poses
+    poses = _built_in_poses() if poses is None else poses
     return replace(clip, tracks=tuple(_lifted(clip, track, poses) for track in clip.tracks))
 
 
@@ -347,7 +345,7 @@ def lift_keypoints(
     if not len(usable):
         return Lifted(result, spread)
     views = views_of(camera, keypoints[usable], confidences[usable])
-    candidates = nearest_poses(views, poses, count=_CANDIDATES)
+    candidates = _nearest_poses(views, poses, count=_CANDIDATES)
     gaps = np.diff(usable) * (10.0 / fps)
     best, marginal = _smoothed(candidates, gaps)
     rows = np.arange(len(usable))

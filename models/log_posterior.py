@@ -39,7 +39,6 @@ __all__ = [
     "side_flips",
     "state_camera",
     "target_of",
-    "term_names",
     "terms",
 ]
 
@@ -288,7 +287,7 @@ def target_of(problem: Problem) -> Target:
     return _PUBLISHED if problem.of_paper else _DEFAULT
 
 
-def term_names(problem: Problem) -> tuple[str, ...]:
+def _term_names(problem: Problem) -> tuple[str, ...]:
     """Names of what the log-posterior is the sum of.
 
     Parameters

@@ -45,7 +45,6 @@ from imapper_prob.models.skeleton import DETECTED, LKNE, PELV, RKNE
 
 __all__ = [
     "FARTHEST",
-    "MET",
     "PAPER_TERMS",
     "depth_of_motion",
     "evaluate_paper",
@@ -58,7 +57,7 @@ __all__ = [
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
-MET: Final = (PELV, LKNE, RKNE)
+_MET: Final = (PELV, LKNE, RKNE)
 """Joints that L_m asks for."""
 _CELLS: Final = 24
 """Along each side of a rectangle, for the integral by midpoints: good to half a percent."""
@@ -110,7 +109,7 @@ def depth_of_motion(joints: Array, row: int, boxes: Array, turns: Array) -> floa
         Metres.
     """
     farthest = -math.inf
-    for j in MET:
+    for j in _MET:
         nearest = math.inf
         for k in range(len(boxes)):
             x, y = joints[row, 0, j], joints[row, 1, j]

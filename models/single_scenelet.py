@@ -19,7 +19,7 @@ from imapper_prob.models.log_posterior import Incremental, State, empty_state
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.view import floor_point, log_area
 
-__all__ = ["REACH", "STEPS", "Expansions", "expand", "expand_single", "judge", "judge_single"]
+__all__ = ["REACH", "STEPS", "Expansions", "expand", "judge"]
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -42,7 +42,7 @@ def _judge(
 
 
 @compiled
-def judge_single(
+def _judge_single(
     evaluator: Evaluator,
     camera: Array,
     latent: Array,
@@ -63,7 +63,7 @@ def judge_single(
         Scenelets and their starts.
     where : (n, 4) float
     values : (n, 2) float
-        Out, see :func:`expand_single`.
+        Out, see :func:`_expand_single`.
     beside : (n, 2, R) float
         Out: nats of what is in ``values`` that frames outside are worth, backwards from the first
         frame and onwards from the last: what is behind the scenelet's furniture there.
@@ -93,7 +93,7 @@ def _look_beside(evaluator: Evaluator, scenelet: int, start: int, beside: Array)
 
 
 @compiled
-def expand_single(
+def _expand_single(
     evaluator: Evaluator,
     camera: Array,
     latent: Array,
@@ -111,7 +111,7 @@ def expand_single(
     Parameters
     ----------
     evaluator, camera, latent, items
-        See :func:`judge_single`.
+        See :func:`_judge_single`.
     steps : (4, 4) float
         Rows are the unit steps of the expansion.
     rounds : int
@@ -125,7 +125,7 @@ def expand_single(
     gradients, hessians : (n, 2, 4), (n, 2, 4, 4) float
         Out: derivatives of both, a unit step each.
     beside : (n, 2, R) float
-        Out, see :func:`judge_single`.
+        Out, see :func:`_judge_single`.
     """
     placed, there = np.empty((1, 3)), np.empty(4)
     near = np.empty((2, 4, 2))
@@ -234,7 +234,7 @@ def judge(problem: Problem, items: Ints, where: Array) -> tuple[Array, Array]:
     """
     scene, alone, nothing = _nothing(problem)
     values, beside = np.empty((len(items), 2)), np.empty((len(items), 2, REACH))
-    judge_single(alone.evaluator, scene.camera, scene.latent, items, where, values, beside)
+    _judge_single(alone.evaluator, scene.camera, scene.latent, items, where, values, beside)
     return values - nothing, beside
 
 
@@ -260,7 +260,7 @@ def expand(problem: Problem, items: Ints, where: Array, *, rounds: int = 1) -> E
     n, where = len(items), np.array(where)
     values, gradients, hessians = np.empty((n, 2)), np.empty((n, 2, 4)), np.empty((n, 2, 4, 4))
     beside = np.zeros((n, 2, REACH))
-    expand_single(
+    _expand_single(
         alone.evaluator, scene.camera, scene.latent, items, STEPS, rounds,
         where, values, gradients, hessians, beside,
     )  # fmt: skip

@@ -30,7 +30,6 @@ from imapper_prob.samplers.chains import ChainError, OnProgress, Report, run_cha
 __all__ = [
     "CheckpointError",
     "Checkpointer",
-    "ResumableTask",
     "Snapshot",
     "checkpoint_of",
     "fingerprint",

@@ -31,9 +31,7 @@ from imapper_prob.samplers.chains import OnProgress, Report, run_chains
 __all__ = [
     "CrankNicolson",
     "DifferentialEvolution",
-    "EnsembleDraws",
     "EnsembleSettings",
-    "LogDensity",
     "Snooker",
     "run_ensembles",
 ]

@@ -26,7 +26,6 @@ __all__ = [
     "AcceptanceTable",
     "ChainState",
     "Drawn",
-    "ExplainableMove",
     "Mixture",
     "Move",
     "Proposal",

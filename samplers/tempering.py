@@ -20,9 +20,6 @@ import numpy as np
 from imapper_prob.samplers.reversible_jump import ChainState, StepInfo, init
 
 __all__ = [
-    "Crossover",
-    "IncrementalLogDensity",
-    "Kernel",
     "LadderSummary",
     "Parts",
     "SwapTable",

@@ -18,11 +18,9 @@ __all__ = [
     "add_detect_command",
     "add_track_command",
     "clip_from",
-    "clip_options",
     "clip_parser",
     "is_clip",
     "is_video",
-    "refuse_to_replace",
     "size_of",
 ]
 

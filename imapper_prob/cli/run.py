@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from imapper_prob.sampling.blocks import Block, Limits
     from imapper_prob.uncertainty.checks import Check
 
-__all__ = ["add_run_commands", "show_energy"]
+__all__ = ["add_run_commands"]
 
 _DOTS_PER_INCH = 120
 

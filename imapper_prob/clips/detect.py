@@ -23,7 +23,7 @@ from imapper_prob.models.errors import InputError
 from imapper_prob.models.scene import Clip, Track
 from imapper_prob.models.skeleton import BONES, JOINTS
 
-__all__ = ["Detector", "contact_sheet", "detect", "pose_landmarker", "usual_step"]
+__all__ = ["Detector", "contact_sheet", "detect", "usual_step"]
 
 
 class Detector(Protocol):
@@ -34,7 +34,7 @@ class Detector(Protocol):
 
 
 @contextmanager
-def pose_landmarker() -> Iterator[Detector]:
+def _pose_landmarker() -> Iterator[Detector]:
     """A detector that follows the person from frame to frame.
 
     Raises
@@ -191,7 +191,7 @@ def detect(
             f"start {start} and end {end}: the end must be after the start, in seconds"
         )
     if detector is None:
-        with pose_landmarker() as own:
+        with _pose_landmarker() as own:
             found, last, thumbnails = _look(video, own, first, after, step, progress)
     else:
         found, last, thumbnails = _look(video, detector, first, after, step, progress)

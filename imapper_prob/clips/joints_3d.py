@@ -23,7 +23,7 @@ from imapper_prob.models.errors import InputError
 from imapper_prob.models.settings import LONGEST_CLIP
 from imapper_prob.models.skeleton import JOINTS, PELV
 
-__all__ = ["MAGIC", "TrcTable", "is_joints", "read_joints", "read_trc", "read_trc_table"]
+__all__ = ["MAGIC", "is_joints", "read_joints", "read_trc"]
 
 Array = NDArray[np.float64]
 MAGIC: Final = "PathFileType"
@@ -51,7 +51,7 @@ class TrcTable:
     fps: float
 
 
-def read_trc_table(path: Path) -> TrcTable:
+def _read_trc_table(path: Path) -> TrcTable:
     """Read the table; empty cells and 0, 0, 0 are missing markers.
 
     Raises
@@ -186,7 +186,7 @@ def read_trc(path: Path, options: ClipOptions) -> RawDetections:
     """
     if options.camera is None:
         raise InputError(f"{path}: 3D joints without a camera; name its file with --camera")
-    table = read_trc_table(path)
+    table = _read_trc_table(path)
     try:
         joints = joints_by_name(table.positions, table.names)[None]
         return _projected(

@@ -35,13 +35,10 @@ if TYPE_CHECKING:
     from rich.table import Table
 
 __all__ = [
-    "FORMATS",
-    "SHORTEST_CLIP",
     "ClipOptions",
     "clip_table",
     "format_of",
     "load_clip",
-    "never_seen",
     "read_camera",
     "read_clip",
     "read_marks",
@@ -51,7 +48,7 @@ __all__ = [
 ]
 
 
-def never_seen(track: Track) -> tuple[str, ...]:
+def _never_seen(track: Track) -> tuple[str, ...]:
     """Joints that no frame of a track has, of those that detectors report."""
     seen = track.confidences.max(0) > 0
     return tuple(JOINTS[joint] for joint in DETECTED if not seen[joint])
@@ -82,7 +79,7 @@ def clip_table(clip: Clip) -> Table:
             f"{there.sum() / max(frames.sum(), 1):.1f}",
             f"{np.mean(track.confidences[there]) if there.any() else 0:.2f}",
             str(track.has_pose.sum()),
-            ", ".join(never_seen(track)) or "none",
+            ", ".join(_never_seen(track)) or "none",
         )
     return table
 
@@ -125,7 +122,7 @@ def window(clip: Clip, first: int, last: int) -> Clip:
 # ------------------------------------------------------------------------------------------------
 # Which format it is, by content, and its reader.
 
-FORMATS: Final = (
+_FORMATS: Final = (
     "i3db",
     "clip",
     "joints",
@@ -143,7 +140,7 @@ _FOLDERS: Final = ("i3db", "openpose", *ORDERS)
 
 
 def format_of(path: Path) -> str:
-    """One of :data:`FORMATS` by looking into a file or folder.
+    """One of :data:`_FORMATS` by looking into a file or folder.
 
     Raises
     ------
@@ -229,8 +226,8 @@ def _chosen(path: Path, options: ClipOptions) -> str:
     form = options.format
     if form is None:
         return format_of(path)
-    if form not in FORMATS:
-        raise InputError(f"format {form!r}: known are {', '.join(FORMATS)}")
+    if form not in _FORMATS:
+        raise InputError(f"format {form!r}: known are {', '.join(_FORMATS)}")
     if path.is_dir() != (form in _FOLDERS):
         raise InputError(f"{path}: {form} is a {'folder' if form in _FOLDERS else 'file'}")
     return form
@@ -255,7 +252,7 @@ def _read(path: Path, form: str, options: ClipOptions) -> tuple[RawDetections, C
 
 _SMALLEST: Final = 4.0
 """Pixels, height or width of a person: detectors place joints no better than that."""
-SHORTEST_CLIP: Final = 8
+_SHORTEST_CLIP: Final = 8
 """Frames; in less than a second nobody does anything that furniture explains."""
 
 
@@ -283,7 +280,7 @@ def load_clip(
     Returns
     -------
     Clip
-        With at least ``SHORTEST_CLIP`` frames, one of which has both a detected joint and
+        With at least ``_SHORTEST_CLIP`` frames, one of which has both a detected joint and
         a lifted pose.
 
     Raises
@@ -295,9 +292,9 @@ def load_clip(
     clip = read_whatever(path, options or ClipOptions())
     if frames is not None:
         clip = window(clip, *frames)
-    if clip.n_frames < SHORTEST_CLIP:
+    if clip.n_frames < _SHORTEST_CLIP:
         raise InputError(
-            f"{path}: a clip of {clip.n_frames} frames; at least {SHORTEST_CLIP} are needed"
+            f"{path}: a clip of {clip.n_frames} frames; at least {_SHORTEST_CLIP} are needed"
         )
     if lift is not None and not all(track.has_pose.any() for track in clip.tracks):
         clip = lift(clip)

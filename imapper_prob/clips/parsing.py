@@ -17,7 +17,6 @@ from imapper_prob.models.errors import InputError
 from imapper_prob.models.skeleton import JOINTS, N_JOINTS
 
 __all__ = [
-    "LARGEST_JSON",
     "LARGEST_NUMBER",
     "Arrays",
     "Shapes",
@@ -33,7 +32,7 @@ __all__ = [
 ]
 
 Array = NDArray[np.float64]
-LARGEST_JSON: Final = 128 << 20
+_LARGEST_JSON: Final = 128 << 20
 """Bytes; an hour of one person at 30 frames a second. In memory it takes twenty times that."""
 
 
@@ -42,11 +41,11 @@ LARGEST_NUMBER: Final = 1e100
 
 
 def load_lines(path: Path) -> list[str]:
-    """The lines of a text file of at most :data:`LARGEST_JSON` bytes."""
+    """The lines of a text file of at most :data:`_LARGEST_JSON` bytes."""
     try:
         size = path.stat().st_size
-        if size > LARGEST_JSON:
-            raise InputError(f"{path}: {size / 2**20:.0f} MB, more than {LARGEST_JSON >> 20}")
+        if size > _LARGEST_JSON:
+            raise InputError(f"{path}: {size / 2**20:.0f} MB, more than {_LARGEST_JSON >> 20}")
         return path.read_text(encoding="utf-8").splitlines()
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror})") from error
@@ -55,12 +54,12 @@ def load_lines(path: Path) -> list[str]:
 
 
 def load_json(path: Path) -> Any:
-    """The content of a JSON file of at most :data:`LARGEST_JSON` bytes."""
+    """The content of a JSON file of at most :data:`_LARGEST_JSON` bytes."""
     try:
         size = path.stat().st_size
-        if size > LARGEST_JSON:
+        if size > _LARGEST_JSON:
             raise InputError(
-                f"{path}: {size / 2**20:.0f} MB, more than {LARGEST_JSON >> 20}; cut the clip"
+                f"{path}: {size / 2**20:.0f} MB, more than {_LARGEST_JSON >> 20}; cut the clip"
             )
         return json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:

@@ -15,12 +15,9 @@ from imapper_prob.models.skeleton import DETECTED
 __all__ = [
     "ABSENT",
     "PAIRWISE",
-    "Network",
     "associate",
-    "cheapest_paths",
     "distances",
     "people_in",
-    "published_network",
     "step_cost",
 ]
 
@@ -104,7 +101,7 @@ class Network:
     single: int
 
 
-def cheapest_paths(network: Network, paths: int, *, passing: Mapping[int, int]) -> list[Ints]:
+def _cheapest_paths(network: Network, paths: int, *, passing: Mapping[int, int]) -> list[Ints]:
     """Paths of least cost together.
 
     Parameters
@@ -288,7 +285,7 @@ def step_cost(one: Array, other: Array, c: Array, d: Array, *, half_diagonal: fl
     return cost
 
 
-def published_network(
+def _published_network(
     frames: Ints, keypoints: Array, confidences: Array, *, half_diagonal: float
 ) -> Network:
     """The network whose cheapest paths are the paper's actors; rows sorted by frame.
@@ -455,9 +452,9 @@ def _solve(
     network = (
         _network(frames, keypoints, confidences)
         if half_diagonal is None
-        else published_network(frames, keypoints, confidences, half_diagonal=half_diagonal)
+        else _published_network(frames, keypoints, confidences, half_diagonal=half_diagonal)
     )
-    return cheapest_paths(network, actors, passing=marks)
+    return _cheapest_paths(network, actors, passing=marks)
 
 
 def _network(frames: Ints, keypoints: Array, confidences: Array) -> Network:

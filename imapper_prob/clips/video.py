@@ -14,8 +14,6 @@ from numpy.typing import NDArray
 from imapper_prob.models.errors import InputError
 
 __all__ = [
-    "MOST_SHIFT",
-    "Stillness",
     "Video",
     "grey_thumbnail",
     "needs",
@@ -162,7 +160,7 @@ def _decoded(path: Path) -> Iterator[Any]:
 # is compared with another, tile by tile, by phase correlation.
 
 Array = NDArray[np.float64]
-MOST_SHIFT: Final = 0.015
+_MOST_SHIFT: Final = 0.015
 """Share of the image's width that the room may shift: a tripod that was touched, not a pan.
 At a field of view of 53 degrees it is 0.9 degrees."""
 _WIDTH: Final = 256
@@ -202,7 +200,7 @@ class Stillness:
     @property
     def moving(self) -> bool:
         """Whether the camera moved."""
-        return self.shift > MOST_SHIFT
+        return self.shift > _MOST_SHIFT
 
 
 def grey_thumbnail(image: NDArray[np.uint8]) -> Array:

@@ -28,7 +28,6 @@ from imapper_prob.uncertainty.stored import Source
 
 __all__ = [
     "PREDICTION_FORMAT",
-    "PREDICTION_VERSION",
     "SOLVER",
     "Prediction",
     "between_frames",
@@ -141,7 +140,7 @@ def prediction_of_solved(solved: Solved, *, name: str) -> Prediction:
 # ``objects``: methods that only do one of the two have no scores for the other.
 
 PREDICTION_FORMAT: Final = "imapper-prob prediction"
-PREDICTION_VERSION: Final = 1
+_PREDICTION_VERSION: Final = 1
 
 
 def read_prediction(path: str | Path, clip: Clip) -> Prediction:
@@ -156,9 +155,9 @@ def read_prediction(path: str | Path, clip: Clip) -> Prediction:
     data = load_json(path)
     if not isinstance(data, Mapping) or data.get("format") != PREDICTION_FORMAT:
         raise InputError(f"{path}: is no prediction; expected format {PREDICTION_FORMAT!r}")
-    if data.get("version") != PREDICTION_VERSION:
+    if data.get("version") != _PREDICTION_VERSION:
         raise InputError(
-            f"{path}: has version {data.get('version')!r}, this program reads {PREDICTION_VERSION}"
+            f"{path}: has version {data.get('version')!r}, this program reads {_PREDICTION_VERSION}"
         )
     if data.get("clip") != clip.name:
         raise InputError(f"{path}: is of the clip {data.get('clip')!r}, not of {clip.name}")
@@ -177,7 +176,7 @@ def write_prediction(path: str | Path, prediction: Prediction, clip: Clip) -> No
     """Write what :func:`read_prediction` reads; a file in the way is replaced."""
     document = {
         "format": PREDICTION_FORMAT,
-        "version": PREDICTION_VERSION,
+        "version": _PREDICTION_VERSION,
         "method": prediction.name,
         "clip": clip.name,
         "joints": _frames(prediction.joints, clip),

@@ -26,7 +26,6 @@ from imapper_prob.uncertainty.motion import drawn_motion
 __all__ = [
     "LIKELY",
     "MOST_PROBABLE",
-    "REGIONS",
     "Claim",
     "Coverage",
     "Draws",
@@ -267,7 +266,7 @@ def _counts(objects: Sequence[Outline]) -> tuple[int, ...]:
 # half of them are below .5, however few the draws are (conformal prediction; Vovk, Gammerman and
 # Shafer 2005, section 2.2).
 
-REGIONS: Final = (0.5, 0.9)
+_REGIONS: Final = (0.5, 0.9)
 """Probabilities of the regions that are checked."""
 _FEWEST: Final = 20
 """Draws that an object must have, below which an ellipse says nothing."""
@@ -353,10 +352,10 @@ def distance_ranks(draws: Draws, truth: TruthInView) -> Array:
 
 
 def coverage(ranks: Array) -> tuple[Coverage, ...]:
-    """By :data:`REGIONS`."""
+    """By :data:`_REGIONS`."""
     count = len(ranks)
     result = []
-    for region in REGIONS:
+    for region in _REGIONS:
         inside = int((ranks < region).sum())
         low = beta.ppf(0.05, inside, count - inside + 1) if inside else 0.0
         high = beta.ppf(0.95, inside + 1, count - inside) if inside < count else 1.0

@@ -27,10 +27,8 @@ __all__ = [
     "SUBSETS",
     "Difference",
     "KnownScene",
-    "PoseScore",
     "Score",
     "Summary",
-    "couch_where_sat",
     "known_clip",
     "known_scene",
     "paired_difference",
@@ -184,7 +182,7 @@ _COUCH: Final = (2.4, 0.8, 0.45)
 """Metres of width, depth and height: the usual couch of i3DB."""
 
 
-def couch_where_sat(path: Prediction, actions: tuple[str, ...]) -> Prediction:
+def _couch_where_sat(path: Prediction, actions: tuple[str, ...]) -> Prediction:
     """A couch around the median pelvis of each stay on a seat, facing as the hips do.
 
     Parameters
@@ -393,7 +391,7 @@ def known_scene(path: str | Path) -> KnownScene:
     lifted = read_input_path(path, clip)
     paths = (lifted, static_path(clip))
     return KnownScene(
-        clip, truth, (*published, lifted, *(couch_where_sat(p, truth.actions) for p in paths))
+        clip, truth, (*published, lifted, *(_couch_where_sat(p, truth.actions) for p in paths))
     )
 
 
@@ -406,7 +404,7 @@ def known_clip(clip: Clip) -> KnownScene:
         If it does not.
     """
     truth = truth_in_view(clip)
-    return KnownScene(clip, truth, (couch_where_sat(static_path(clip), truth.actions),))
+    return KnownScene(clip, truth, (_couch_where_sat(static_path(clip), truth.actions),))
 
 
 def scenes_with_truth(folder: str | Path) -> list[Path]:

@@ -48,7 +48,7 @@ from imapper_prob.recording.shapes import (
 from imapper_prob.recording.video import Video
 from imapper_prob.uncertainty.scenes import WeightedScene
 
-__all__ = ["image_camera", "log_image", "saved", "write_recording"]
+__all__ = ["saved", "write_recording"]
 
 
 @contextmanager
@@ -73,7 +73,7 @@ def saved(recording: rr.RecordingStream, path: Path, blueprint: rrb.Blueprint) -
 Array = NDArray[np.float64]
 
 
-def image_camera(camera: Camera, video: Video | None) -> Camera:
+def _image_camera(camera: Camera, video: Video | None) -> Camera:
     """The camera at the size of the recorded pictures: points and pictures share their pixels."""
     if video is None:
         return camera
@@ -89,7 +89,7 @@ def image_camera(camera: Camera, video: Video | None) -> Camera:
     )
 
 
-def log_image(
+def _log_image(
     recording: rr.RecordingStream,
     clip: Clip,
     best: Scene,
@@ -103,7 +103,7 @@ def log_image(
     (K T, 16, 2) float
         The K people of the scene in recorded pixels.
     """
-    camera = image_camera(best.camera, video)
+    camera = _image_camera(best.camera, video)
     scale = camera.width / best.camera.width
     log_static(recording, "world/camera", shapes.camera_pose(camera))
     log_static(recording, "world/camera/image", shapes.pinhole(camera))
@@ -254,7 +254,7 @@ def write_recording(
         traces=tuple(curves),
         truth=truth,
         clip=clip,
-        image=image_camera(scenes[0].scene.camera, video),
+        image=_image_camera(scenes[0].scene.camera, video),
         certainty=certainty,
         chains=len(draws),
         moves=bool(acceptance),
@@ -318,7 +318,7 @@ def _log_all(recording: rr.RecordingStream, told: _RecordingContent) -> None:
     log_static(recording, "/", palette.annotation_context(categories))
     log_static(recording, "world", rr.ViewCoordinates.RIGHT_HAND_Z_UP)
     _log_floor(recording, everything, [s.scene.joints for s in scenes])
-    pixels = log_image(recording, clip, scenes[0].scene, frames, told.video)
+    pixels = _log_image(recording, clip, scenes[0].scene, frames, told.video)
     for i, weighted in enumerate(scenes, 1):
         _log_scene(recording, f"world/scene_{i}", weighted, clip, categories, best=i == 1)
     if truth is not None:
@@ -336,7 +336,7 @@ def _log_all(recording: rr.RecordingStream, told: _RecordingContent) -> None:
             scenes[0].scene.joints,
             pixels,
             frames,
-            image_height=image_camera(scenes[0].scene.camera, told.video).height,
+            image_height=_image_camera(scenes[0].scene.camera, told.video).height,
         )
     _log_by_scene(recording, scenes, clip, categories)
     log_draws(recording, told.draws, categories)

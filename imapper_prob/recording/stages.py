@@ -40,7 +40,7 @@ from imapper_prob.solver.combinations import state_of
 from imapper_prob.solver.limbs import limbs_of
 from imapper_prob.solver.solver import Solution
 
-__all__ = ["StageView", "charness_curves", "stage_views", "write_stages"]
+__all__ = ["charness_curves", "stage_views", "write_stages"]
 
 Array = NDArray[np.float64]
 Curve = tuple[NDArray[np.int64], Array]

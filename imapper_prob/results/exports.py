@@ -31,7 +31,6 @@ from imapper_prob.uncertainty.motion import drawn_motion
 __all__ = [
     "evenly_spaced",
     "intrinsics",
-    "object_axes",
     "scene_document",
     "to_benchmark",
     "write_glb",
@@ -54,7 +53,7 @@ def intrinsics(camera: Camera) -> Array:
     return np.array([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1.0]])
 
 
-def object_axes(camera: Camera, o: SceneObject) -> Array:
+def _object_axes(camera: Camera, o: SceneObject) -> Array:
     """(3, 3) unit vectors along an object's width, front and up, in rows, benchmark's axes."""
     c, s = np.cos(o.placement.yaw), np.sin(o.placement.yaw)
     axes = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
@@ -67,7 +66,7 @@ def yaw_in_camera(camera: Camera, o: SceneObject) -> float:
     That plane is tilted against the floor by the camera's pitch and roll; the angle is that of
     the front's direction as it falls on the plane.
     """
-    front = object_axes(camera, o)[1]
+    front = _object_axes(camera, o)[1]
     return float(np.arctan2(-front[0], front[2]))
 
 
@@ -191,7 +190,7 @@ def _object(scene: Scene, o: SceneObject) -> dict[str, Any]:
         "center": _listed(to_benchmark(camera, o.centre)),
         "size": _listed([width, height, depth]),
         "yaw": round(yaw_in_camera(camera, o), _DECIMALS),
-        "axes": _listed(object_axes(camera, o)),
+        "axes": _listed(_object_axes(camera, o)),
         "parts": [
             {
                 "part": c.part,
@@ -374,7 +373,7 @@ def _parts(scene: Scene) -> dict[str, dict[str, Any]]:
     """Content of each part's file by its name, ``00_couch_arm-1``."""
     parts = {}
     for number, o in enumerate(scene.objects):
-        width, front, up = object_axes(scene.camera, o)
+        width, front, up = _object_axes(scene.camera, o)
         axes = np.stack([-width, -front, up], 1)  # right-handed
         names = [_letters(c.part) or "part" for c in o.cuboids]
         met: Counter[str] = Counter()

@@ -41,7 +41,6 @@ __all__ = [
     "furniture_table",
     "maxima_table",
     "scenes_table",
-    "solution_document",
     "stage_table",
     "write_solution",
 ]
@@ -54,14 +53,14 @@ _COMBINATIONS: Final = 50
 
 def write_solution(folder: Path, solved: Solved) -> None:
     """Write both files into a folder, each beside and then renamed."""
-    text = json.dumps(solution_document(solved), indent=1, allow_nan=False, ensure_ascii=False)
+    text = json.dumps(_solution_document(solved), indent=1, allow_nan=False, ensure_ascii=False)
     with written_whole(folder / "solution.json") as beside:
         beside.write_text(text + "\n", encoding="utf-8")
     with written_whole(folder / "solution.npz") as beside:
         np.savez_compressed(beside, allow_pickle=False, **_arrays(solved))
 
 
-def solution_document(solved: Solved) -> dict[str, Any]:
+def _solution_document(solved: Solved) -> dict[str, Any]:
     """What ``solution.json`` says."""
     library = solved.actors[0].library
     return {

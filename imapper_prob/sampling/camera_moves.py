@@ -28,7 +28,6 @@ __all__ = [
     "DepthScale",
     "FocalScale",
     "GroundPose",
-    "ImagePelvis",
     "middle_heights",
     "reproject",
 ]

@@ -29,10 +29,8 @@ __all__ = [
     "PlacementDraws",
     "compare",
     "describe_agreement",
-    "from_theta",
     "is_complete",
     "sample_placements",
-    "to_theta",
 ]
 
 Array = NDArray[np.float64]

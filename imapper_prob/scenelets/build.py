@@ -43,7 +43,6 @@ from imapper_prob.scenelets.pigraphs import pigraphs_recordings, read_pigraphs
 
 __all__ = [
     "SOURCES",
-    "BuildReport",
     "BuildSettings",
     "CutSettings",
     "body_scale",

@@ -31,7 +31,6 @@ from imapper_prob.models.skeleton import N_JOINTS
 from imapper_prob.scenelets.procedural.catalogue import build_library
 
 __all__ = [
-    "BUILT_IN",
     "built_in_library",
     "joined",
     "kept",
@@ -215,7 +214,7 @@ def _remove_unused(folder: Path, name: str) -> None:
 # ------------------------------------------------------------------------------------------------
 # Libraries of scenelets by name: the built-in one, files, and several joined.
 
-BUILT_IN: Final = "built-in"
+_BUILT_IN: Final = "built-in"
 
 
 @cache
@@ -224,7 +223,7 @@ def built_in_library(seed: int = 0) -> Library:
     return kept(f"library-{seed}", lambda: build_library(seed))
 
 
-def load_library(source: str | Path = BUILT_IN) -> Library:
+def load_library(source: str | Path = _BUILT_IN) -> Library:
     """The built-in library, one from a file, or several joined.
 
     Parameters
@@ -255,7 +254,7 @@ def load_library(source: str | Path = BUILT_IN) -> Library:
     twice = next((part for part in parts if parts.count(part) > 1), None)
     if twice is not None:
         raise InputError(f"library {twice} is named twice in {source}")
-    libraries = [built_in_library() if part == BUILT_IN else _from_file(part) for part in parts]
+    libraries = [built_in_library() if part == _BUILT_IN else _from_file(part) for part in parts]
     return joined(libraries)
 
 
@@ -289,11 +288,11 @@ def _parts(source: str) -> list[str]:
         parts.append(candidates[taken - 1])
         pieces = pieces[taken:]
     if not all(parts):
-        raise InputError(f"library {source!r}: a name is empty; give {BUILT_IN!r} or a path")
+        raise InputError(f"library {source!r}: a name is empty; give {_BUILT_IN!r} or a path")
     return parts
 
 
 def _from_file(path: str) -> Library:
     if not Path(path).is_file():
-        raise InputError(f"library {path}: no such file; give a library's .npz, or {BUILT_IN!r}")
+        raise InputError(f"library {path}: no such file; give a library's .npz, or {_BUILT_IN!r}")
     return read_library(path)

@@ -30,8 +30,6 @@ __all__ = [
     "Fate",
     "MaximaSettings",
     "MaximumTable",
-    "Peak",
-    "ScreenSettings",
     "Shortlisted",
     "along_the_ray",
     "apart_from_stays",

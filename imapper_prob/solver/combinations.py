@@ -54,7 +54,6 @@ from imapper_prob.solver.sequences import Exchange, exchange
 __all__ = [
     "Combination",
     "Combinations",
-    "CombineSettings",
     "best_first",
     "bound",
     "combine",

@@ -28,7 +28,7 @@ from imapper_prob.models.view import to_floor
 if TYPE_CHECKING:
     from imapper_prob.solver.window_fits import WindowFitter
 
-__all__ = ["FitSettings", "Fits", "best_fits", "fit_windows", "free_pose_cost", "static_world"]
+__all__ = ["FitSettings", "Fits", "best_fits", "fit_windows", "free_pose_cost"]
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -127,7 +127,7 @@ def _fit_windows(
     n_frames = problem.n_frames
     centres = np.arange(0, n_frames, max(1, round(settings.stride * fps)))
     lengths = problem.lengths
-    world = static_world(problem, path)
+    world = _static_world(problem, path)
     placements = np.zeros((len(centres), len(lengths), 3))
     cost = np.full((len(centres), len(lengths)), np.inf)
     for w, centre in enumerate(centres.tolist()):
@@ -156,7 +156,7 @@ def _fit_windows(
     return Fits(centres, placements, cost)
 
 
-def static_world(problem: Problem, path: StaticPath) -> Array:
+def _static_world(problem: Problem, path: StaticPath) -> Array:
     """(T, 16, 3) joints of the static path in the world of the mean camera."""
     pitch, elevation, focal, body, roll = problem.camera_mean
     depth = np.exp(path.estimate[:, 1] + focal + body)

@@ -32,7 +32,6 @@ __all__ = [
     "Observations",
     "evidence",
     "fit_motion",
-    "length_terms",
     "pixel_residuals",
     "solve_chain",
 ]
@@ -184,7 +183,7 @@ def _lifted_precision(body: LiftedBody, settings: StaticPathSettings) -> Array:
     return result
 
 
-def length_terms(
+def _length_terms(
     body: LiftedBody, bones: Array, settings: StaticPathSettings
 ) -> tuple[Array, Array]:
     """Information (T, 42, 42) and pull (T, 42) of the prior on bone lengths."""
@@ -285,7 +284,7 @@ def fit_motion(
         )
         information, pull = weight * information, weight * pull
         if free_bones:
-            more, push = length_terms(observations.body, motion.bones, settings)
+            more, push = _length_terms(observations.body, motion.bones, settings)
             information[:, 3:, 3:] += more
             pull[:, 3:] += push
         steps_taken = np.diff(motion.vector(free_bones=free_bones), axis=0) * walk

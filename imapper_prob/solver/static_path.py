@@ -41,7 +41,7 @@ from imapper_prob.solver.poses import (
 )
 from imapper_prob.solver.published import fast_frames, place_skeletons
 
-__all__ = ["estimate_static_path", "examine_frames", "through_gaps"]
+__all__ = ["estimate_static_path", "examine_frames"]
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -51,7 +51,7 @@ _ANYWHERE = 2.0
 """Standard deviation of bearing and log depth of somebody nobody has seen yet."""
 
 
-def through_gaps(
+def _through_gaps(
     place: Array, seen: Flags, *, settings: StaticPathSettings, fps: float
 ) -> tuple[Array, Array]:
     """The path through frames in which nobody is detected.
@@ -233,7 +233,7 @@ def examine_frames(
             motion = _place(observations, settings)
         motion = fit_motion(observations, motion, settings, free_bones=True, annealing=(4.0, 2.0))
     seen = np.asarray((confidences > 0).any(1))
-    place, unknown = through_gaps(motion.place, seen, settings=settings, fps=clip.fps)
+    place, unknown = _through_gaps(motion.place, seen, settings=settings, fps=clip.fps)
     if not published:
         motion = replace(motion, place=place)
     path = StaticPath(

@@ -33,7 +33,6 @@ from imapper_prob.people import everybody, own_part
 from imapper_prob.solver.elsewhere import frames_elsewhere
 
 __all__ = [
-    "RATE",
     "Check",
     "alarms",
     "camera",
@@ -50,7 +49,7 @@ __all__ = [
     "upright",
 ]
 
-RATE: Final = 0.01
+_RATE: Final = 0.01
 """How often each check is alarmed by a clip that is as the model says; six of them, 5 % in all."""
 
 
@@ -86,7 +85,7 @@ class Check:
 
 pass
 Array = NDArray[np.float64]
-_NORMAL: Final = float(norm.isf(RATE / 2))
+_NORMAL: Final = float(norm.isf(_RATE / 2))
 """Standard deviations that a normal number exceeds as rarely, either way."""
 _TRUNK_AND_THIGHS: Final = [THRX, RHIP, LHIP, RKNE, LKNE]
 _STRAIGHT: Final = math.radians(30.0)
@@ -126,7 +125,7 @@ def upright(clip: Clip, problem: Problem, cameras: Array) -> Check:
     straight = own & seen & ((trunk * thighs).sum(1) > math.cos(_STRAIGHT))
     pitch, roll = calibrated("camera.pitch"), calibrated("camera.roll")
     either_way = math.sqrt(_LEAN**2 + (pitch**2 + roll**2) / 2)
-    limit = math.degrees(either_way * math.sqrt(-2.0 * math.log(RATE)))
+    limit = math.degrees(either_way * math.sqrt(-2.0 * math.log(_RATE)))
     if straight.sum() < _LEAST_SECONDS * clip.fps:
         return Check("upright", math.nan, limit, False, "Nobody is seen on their feet for long.")
     axis = _unit(trunk + thighs)[straight]
@@ -250,7 +249,7 @@ def camera(nominal: Camera, cameras: Array) -> Check:
             / float(np.asarray(usual["camera.log_elevation"].measured)),
         ]
     )
-    value, limit = float(np.linalg.norm(apart)), math.sqrt(chi2.isf(RATE, len(apart)))
+    value, limit = float(np.linalg.norm(apart)), math.sqrt(chi2.isf(_RATE, len(apart)))
     found = (
         f"{elevation:.2f} m above the floor at a pitch of {math.degrees(pitch):.0f}° and a roll of "
         f"{math.degrees(roll):.0f}°"
@@ -345,9 +344,9 @@ def prediction(
     on_air = [unsupported(problem.stays, problem.lowered, state.items) for state in states]
     carried = float(np.mean(np.exp(-np.asarray(on_air))))
     value = min(1.0, 2.0 * min(of_detections, carried))
-    if not value < RATE:
+    if not value < _RATE:
         sentence = f"The scenes predict such detections (posterior predictive p = {value:.2f})."
-        return Check("prediction", value, RATE, False, sentence)
+        return Check("prediction", value, _RATE, False, sentence)
     what = (
         f"somebody is off their feet for seconds and the scenes have nothing to carry them "
         f"({np.mean(on_air):.0f} nats against it)"
@@ -358,7 +357,7 @@ def prediction(
         f"The scenes do not explain the clip (posterior predictive p = {value:.4f}): {what}. Do "
         "not believe them; the library lacks what is done here, or camera or joints are wrong."
     )
-    return Check("prediction", value, RATE, True, sentence)
+    return Check("prediction", value, _RATE, True, sentence)
 
 
 _REPEATS: Final = 8
@@ -530,7 +529,7 @@ def resemblance(best: Array, *, frame_weight: float) -> Check:
     """
     judged = best[np.isfinite(best)]
     independent = max(1, round(len(judged) * min(1.0, frame_weight)))
-    limit = float(binom.isf(RATE, independent, _UNLIKE_PART)) / independent
+    limit = float(binom.isf(_RATE, independent, _UNLIKE_PART)) / independent
     if not len(judged):
         return Check("resemblance", math.nan, limit, False, "Nothing says how well scenelets fit.")
     value = float(np.mean(judged > _UNLIKE))

@@ -16,7 +16,7 @@ from imapper_prob.models.scene import FRONTLESS, SceneObject
 from imapper_prob.models.text import brief
 from imapper_prob.samplers.diagnostics import ShortChainWarning, mean_error
 
-__all__ = ["ObjectCluster", "Region", "circular_mean_and_spread", "object_clusters", "region_of"]
+__all__ = ["ObjectCluster", "circular_mean_and_spread", "object_clusters", "region_of"]
 
 Array = NDArray[np.float64]
 _FINEST = 0.001

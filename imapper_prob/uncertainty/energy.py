@@ -38,10 +38,8 @@ __all__ = [
     "FORMAT",
     "VERSION",
     "Explanation",
-    "FrameShares",
     "Worth",
     "explain",
-    "frame_shares",
     "object_worth_table",
     "scenelet_table",
     "term_table",
@@ -186,14 +184,14 @@ def explain(
         frame_ids=ids,
         terms=whole,
         bare_terms=terms(problem, bare),
-        frames=frame_shares(problem, state, library),
-        bare_frames=frame_shares(problem, bare, library),
+        frames=_frame_shares(problem, state, library),
+        bare_frames=_frame_shares(problem, bare, library),
         scenelets=scenelets,
         objects=_worth_of_objects(problem, state, library, whole),
     )
 
 
-def frame_shares(problem: Problem, state: State, library: Library) -> FrameShares:
+def _frame_shares(problem: Problem, state: State, library: Library) -> FrameShares:
     """What each frame adds to the terms of a state."""
     joints = motion(problem, state)
     boxes = pack_boxes(o for _, o in placed_objects(state, library))

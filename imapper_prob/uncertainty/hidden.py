@@ -17,13 +17,13 @@ from imapper_prob.models.skeleton import JOINTS
 from imapper_prob.models.text import brief
 from imapper_prob.uncertainty.clusters import ObjectCluster
 
-__all__ = ["HiddenJoints", "cut_by", "hidden_joints", "lines_cut"]
+__all__ = ["HiddenJoints", "cut_by", "hidden_joints"]
 
 Array = NDArray[np.float64]
 
 
 @compiled
-def lines_cut(elevation: float, joints: Array, boxes: Array) -> NDArray[np.bool_]:
+def _lines_cut(elevation: float, joints: Array, boxes: Array) -> NDArray[np.bool_]:
     """Whether any box cuts the line from the camera to each joint.
 
     The line is inside a box from where it has entered all three slabs between opposite sides
@@ -180,7 +180,7 @@ def cut_by(o: SceneObject, joints: Array, elevation: float) -> NDArray[np.bool_]
     elevation : float
         Height of the camera above the world's origin, metres.
     """
-    cut: NDArray[np.bool_] = lines_cut(
+    cut: NDArray[np.bool_] = _lines_cut(
         float(elevation), np.ascontiguousarray(joints), pack_boxes([o])
     )
     return cut

@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 from imapper_prob.models.path_prior import CAMERA
 from imapper_prob.models.text import brief
 
-__all__ = ["UNITS", "Nuisance", "nuisances"]
+__all__ = ["Nuisance", "nuisances"]
 
 Array = NDArray[np.float64]
 
-UNITS: Mapping[str, str] = {
+_UNITS: Mapping[str, str] = {
     "pitch": "rad",
     "elevation": "m",
     "log_focal_scale": "1",
@@ -89,6 +89,6 @@ def nuisances(draws: Array, *, mean: Array, covariance: Array) -> dict[str, Nuis
     """
     spread = np.sqrt(np.diag(covariance))
     return {
-        name: Nuisance(name, UNITS[name], float(mean[i]), float(spread[i]), draws[..., i])
+        name: Nuisance(name, _UNITS[name], float(mean[i]), float(spread[i]), draws[..., i])
         for i, name in enumerate(CAMERA)
     }

@@ -33,12 +33,9 @@ from imapper_prob.solver.selection import of_scenelets
 __all__ = [
     "Source",
     "StoredSource",
-    "check_origins",
-    "check_samples",
     "object_origins",
     "read_samples",
     "read_source",
-    "require",
     "sample_attributes",
     "sample_groups",
     "source_groups",
@@ -48,21 +45,21 @@ _LARGEST = 1e12
 """Of any log-posterior, in nats."""
 
 
-def require(holds: bool | np.bool_, what: str) -> None:
+def _require(holds: bool | np.bool_, what: str) -> None:
     """Raise an `InputError` that says what is wrong unless it ``holds``."""
     if not holds:
         raise InputError(what)
 
 
-def check_origins(origins: NDArray[np.int64], slots: int, counts: NDArray[np.int64]) -> None:
+def _check_origins(origins: NDArray[np.int64], slots: int, counts: NDArray[np.int64]) -> None:
     """Whether objects (n, 2) are of slots that a draw has, whose scenelets have ``counts``."""
     slot, number = origins.T
-    require(((slot >= 0) & (slot < slots)).all(), "an object of a draw is of no scenelet of it")
+    _require(((slot >= 0) & (slot < slots)).all(), "an object of a draw is of no scenelet of it")
     inside = (number >= 0) & (number < counts[slot])
-    require(inside.all(), "an object of a draw is none of its scenelet")
+    _require(inside.all(), "an object of a draw is none of its scenelet")
 
 
-def check_samples(problem: Problem, samples: Samples) -> None:
+def _check_samples(problem: Problem, samples: Samples) -> None:
     """Refuse samples that contradict each other or their problem.
 
     Raises
@@ -72,52 +69,52 @@ def check_samples(problem: Problem, samples: Samples) -> None:
     """
     chains, draws = samples.shape
     count = chains * draws
-    require(count > 0 and len(samples.states) == count, "draws and their log-posterior differ")
-    require(_finite(samples.log_posterior, most=_LARGEST), "log_posterior is not finite")
+    _require(count > 0 and len(samples.states) == count, "draws and their log-posterior differ")
+    _require(_finite(samples.log_posterior, most=_LARGEST), "log_posterior is not finite")
     traces = samples.traces
-    require(traces.ndim == 2 and len(traces) == chains, "traces are not those of the chains")
-    require(traces.shape[1] > 0 and not np.isinf(traces).any(), "traces are not finite")
+    _require(traces.ndim == 2 and len(traces) == chains, "traces are not those of the chains")
+    _require(traces.shape[1] > 0 and not np.isinf(traces).any(), "traces are not finite")
     for state in samples.states:
         check_state(problem, state)
     layouts = samples.layouts
     number = len(layouts.leaders)
-    require(layouts.indicator.shape == (count,), "layouts are not those of the draws")
+    _require(layouts.indicator.shape == (count,), "layouts are not those of the draws")
     seen = np.unique(layouts.indicator)
-    require(np.array_equal(seen, np.arange(number)), "layouts and their leaders differ")
-    require(all(0 <= leader < count for leader in layouts.leaders), "a leader is no draw")
+    _require(np.array_equal(seen, np.arange(number)), "layouts and their leaders differ")
+    _require(all(0 <= leader < count for leader in layouts.leaders), "a leader is no draw")
     _check_probabilities(samples.probabilities, chains, number)
     pair = samples.verdict.disagreement or ()
-    require(all(1 <= layout <= number for layout in pair), "the verdict speaks of no layout")
+    _require(all(1 <= layout <= number for layout in pair), "the verdict speaks of no layout")
     for placements in samples.placements:
         _check_placements(problem, placements)
-    require(len(samples.ladders) == chains, "ladders are not those of the chains")
+    _require(len(samples.ladders) == chains, "ladders are not those of the chains")
     table = samples.acceptance
     rates = zip(table.proposed.values(), table.accepted.values(), strict=True)
-    require(all(0 <= a <= p for p, a in rates), "more moves were accepted than proposed")
+    _require(all(0 <= a <= p for p, a in rates), "more moves were accepted than proposed")
 
 
 def _check_probabilities(found: LayoutProbabilities, chains: int, number: int) -> None:
     numbers = np.sort(found.layouts)
-    require(np.array_equal(numbers, 1 + np.arange(number)), "layouts have other numbers")
-    require(found.probability.shape == (number,), "a layout has no probability")
-    require(found.standard_error.shape == (number,), "a layout has no error")
-    require(found.by_chain.shape == (chains, number), "layouts are not by chain")
-    require(found.by_half.shape == (chains, 2, number), "layouts are not by half")
+    _require(np.array_equal(numbers, 1 + np.arange(number)), "layouts have other numbers")
+    _require(found.probability.shape == (number,), "a layout has no probability")
+    _require(found.standard_error.shape == (number,), "a layout has no error")
+    _require(found.by_chain.shape == (chains, number), "layouts are not by chain")
+    _require(found.by_half.shape == (chains, 2, number), "layouts are not by half")
     for values in (found.probability, found.by_chain, found.by_half):
-        require(_finite(values, most=1 + 1e-9) and (values >= 0).all(), "a probability is none")
+        _require(_finite(values, most=1 + 1e-9) and (values >= 0).all(), "a probability is none")
 
 
 def _check_placements(problem: Problem, draws: PlacementDraws) -> None:
     shape, slots = draws.camera.shape[:3], len(draws.items)
-    require(draws.camera.ndim == 4 and draws.camera.shape[3] == 5, "ensembles lack cameras")
-    require(min(shape) > 0, "ensembles have no draws")
-    require(draws.placements.shape == (*shape, slots, 3), "ensembles lack placements")
-    require(draws.sizes.shape == (*shape, slots), "ensembles lack sizes")
+    _require(draws.camera.ndim == 4 and draws.camera.shape[3] == 5, "ensembles lack cameras")
+    _require(min(shape) > 0, "ensembles have no draws")
+    _require(draws.placements.shape == (*shape, slots, 3), "ensembles lack placements")
+    _require(draws.sizes.shape == (*shape, slots), "ensembles lack sizes")
     scenelets = draws.items[:, 0]
     inside = (scenelets >= 0) & (scenelets < len(problem.log_rate))
-    require(inside.all(), "ensembles have a scenelet that is not there")
+    _require(inside.all(), "ensembles have a scenelet that is not there")
     for values in (draws.camera, draws.placements, draws.sizes):
-        require(_finite(values, most=_LARGEST), "ensembles are not finite")
+        _require(_finite(values, most=_LARGEST), "ensembles are not finite")
 
 
 def _finite(values: NDArray[np.float64], *, most: float) -> bool:
@@ -213,18 +210,18 @@ def read_source(path: Path, groups: Mapping[str, xr.Dataset]) -> StoredSource:
         if said.get(_READ_ONLY):
             values.setflags(write=False)
     other = set(Problem._fields) ^ {*fields, _FROM_LIBRARY}
-    require(not other, f"another version wrote it, which differs in {', '.join(sorted(other))}")
+    _require(not other, f"another version wrote it, which differs in {', '.join(sorted(other))}")
     motions = [resample(s.joints, fps=s.fps, to_fps=clip.fps) for s in library]
     fields[_FROM_LIBRARY] = np.concatenate(motions)
     problem, motion = Problem(**fields), groups["/motion"]
     check_problem(problem)
-    require(len(problem.log_rate) == len(library), "problem and library have other scenelets")
+    _require(len(problem.log_rate) == len(library), "problem and library have other scenelets")
     everybody = clip.n_frames * len(clip.tracks)
-    require(problem.n_frames == everybody, "problem and clip have other frames")
+    _require(problem.n_frames == everybody, "problem and clip have other frames")
     fits = (
         motion["best_fit"].to_numpy() if "best_fit" in motion else np.full(problem.n_frames, np.nan)
     )
-    require(fits.shape == (everybody,), "best_fit is not of the clip's frames")
+    _require(fits.shape == (everybody,), "best_fit is not of the clip's frames")
     return StoredSource(clip, library, problem, fits.astype(np.float64))
 
 
@@ -364,8 +361,8 @@ def read_samples(groups: Groups, source: Source) -> Samples:
     chosen = groups["/constant_data"]["drawn"].to_numpy()
     draws, stats = groups["/draws"], groups["/sample_stats"]
     values = stats["log_posterior"].to_numpy().astype(np.float64)
-    require(len(chosen) == len(library), "draws and library have other scenelets")
-    require((np.diff(chosen) > 0).all(), "scenelets of the draws are not in order")
+    _require(len(chosen) == len(library), "draws and library have other scenelets")
+    _require((np.diff(chosen) > 0).all(), "scenelets of the draws are not in order")
     states = _states(groups, chosen)
     for state in states:
         check_state(source.problem, state)
@@ -380,8 +377,10 @@ def read_samples(groups: Groups, source: Source) -> Samples:
     layouts, moves = groups["/layouts"], groups["/moves"]
     names = moves["move"].to_numpy().astype(str).tolist()
     flipped = groups["/motion"]["sides_flipped"].to_numpy()
-    require(flipped.shape == (*values.shape, source.problem.n_frames), "sides are not of the draws")
-    require(((flipped >= 0) & (flipped <= 1)).all(), "sides_flipped are no probabilities")
+    _require(
+        flipped.shape == (*values.shape, source.problem.n_frames), "sides are not of the draws"
+    )
+    _require(((flipped >= 0) & (flipped <= 1)).all(), "sides_flipped are no probabilities")
     samples = Samples(
         states=states,
         log_posterior=values,
@@ -416,7 +415,7 @@ def read_samples(groups: Groups, source: Source) -> Samples:
         ),
         finished=bool(said["finished"]),
     )
-    check_samples(source.problem, samples)
+    _check_samples(source.problem, samples)
     return samples
 
 
@@ -452,14 +451,14 @@ def _own(chosen: Ints, scenelets: Ints) -> Ints:
     """Scenelets by their numbers in the library of those that are ``chosen``."""
     own = np.searchsorted(chosen, scenelets)
     there = own < len(chosen)
-    require(there.all() and (chosen[own] == scenelets).all(), "a draw has an unknown scenelet")
+    _require(there.all() and (chosen[own] == scenelets).all(), "a draw has an unknown scenelet")
     return own.astype(np.int64)
 
 
 def _objects(library: Library, state: State, origins: Ints) -> tuple[SceneObject, ...]:
     placed = placed_objects(state, library)
     counts = np.array([len(library[s].objects) for s in state.items[:, 0]], np.int64)
-    check_origins(origins, len(state.items), counts)
+    _check_origins(origins, len(state.items), counts)
     first: dict[int, int] = {}
     for index, (slot, _) in enumerate(placed):
         first.setdefault(slot, index)

@@ -33,7 +33,6 @@ __all__ = [
     "WRONG",
     "Cache",
     "Evaluator",
-    "new_cache",
     "open_evaluator",
 ]
 
@@ -260,7 +259,7 @@ def _singles(pool: NDArray[np.uint8], at: Ints, size: int) -> Singles:
 
 
 @inner
-def new_cache(problem: Problem, capacity: int) -> Cache:
+def _new_cache(problem: Problem, capacity: int) -> Cache:
     """An empty cache.
 
     What is read before it is written is set here. The larger arrays are parts of one: many pieces
@@ -403,4 +402,4 @@ def open_evaluator(problem: Problem, capacity: int) -> Evaluator:
     -------
     Evaluator
     """
-    return Evaluator(problem, new_cache(problem, max(capacity, 1)))  # type: ignore[no-untyped-call]
+    return Evaluator(problem, _new_cache(problem, max(capacity, 1)))  # type: ignore[no-untyped-call]

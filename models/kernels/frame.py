@@ -27,7 +27,6 @@ __all__ = [
     "LIKELIHOODS",
     "PARAMS",
     "SCRATCH64",
-    "Lens",
     "lens_of",
     "mix_likelihoods",
     "set_detections",

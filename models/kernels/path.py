@@ -30,7 +30,7 @@ from imapper_prob.models.kernels.cache import ADDED, Cache
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.skeleton import N_JOINTS, PELV
 
-__all__ = ["DOF", "USUAL_JUMP", "draw_segment", "find_path", "pose_jump", "steps_of_depth"]
+__all__ = ["DOF", "draw_segment", "find_path", "pose_jump", "steps_of_depth"]
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -250,7 +250,7 @@ def find_path(
 
 DOF: Final = calibrated("joints.jump_dof")
 """Degrees of freedom of a joint's step, from a frame's own pose to a scenelet and back."""
-USUAL_JUMP: Final = float(
+_USUAL_JUMP: Final = float(
     (N_JOINTS - 1) * (DOF + 3) / 2 * (digamma((DOF + 3) / 2) - digamma(DOF / 2))
 )
 """Nats that all joints but the pelvis cost on average when their steps are as they should be,
@@ -289,4 +289,4 @@ def pose_jump(joints: NDArray[np.float64], one: int, other: int, scale: float) -
         dz = joints[other, 2, j] - joints[one, 2, j] - z
         # Far from overflow: a body of ten metres makes each of the sixteen 10^4.
         product *= 1.0 + (dx * dx + dy * dy + dz * dz) * sharpness
-    return 0.5 * (DOF + 3.0) * math.log(product) - USUAL_JUMP
+    return 0.5 * (DOF + 3.0) * math.log(product) - _USUAL_JUMP

@@ -34,7 +34,6 @@ __all__ = [
     "in_support",
     "log_size_density",
     "log_yaw_density",
-    "place_box",
     "place_boxes",
     "sum_pairs",
 ]
@@ -44,7 +43,7 @@ Ints = NDArray[np.int64]
 
 
 @inner_inlined
-def place_box(
+def _place_box(
     boxes: Array, b: int, body: float, x: float, y: float, yaw: float, box: Array, turn: Array
 ) -> None:
     """Place a box of the library in the world.
@@ -113,7 +112,7 @@ def place_boxes(
         body = math.exp(camera[3] + sizes[i])
         for b in range(problem.box_first[items[i, 0]], problem.box_first[items[i, 0] + 1]):
             x, y = placements[i, 0], placements[i, 1]
-            place_box(problem.boxes, b, body, x, y, yaw, boxes[k], turns[k])
+            _place_box(problem.boxes, b, body, x, y, yaw, boxes[k], turns[k])
             owner[k, 0], owner[k, 1] = i, problem.box_object[b]
             owner[k, 2] = problem.box_label[b]
             yaws[k] = problem.box_yaw[b] + yaw
@@ -179,7 +178,7 @@ def _place_boxes(problem: Problem, cache: Cache, camera: Array, slot: int) -> No
     for b in range(first, last):
         k = slot * size + b - first
         box, turn = cache.boxes[k], cache.turns[k]
-        place_box(problem.boxes, b, body, px, py, yaw, box, turn)
+        _place_box(problem.boxes, b, body, px, py, yaw, box, turn)
         cache.labels[k] = problem.box_label[b]
         cache.yaws[k] = problem.box_yaw[b] + yaw
         set_occluder(camera[1], box, turn, cache.occluders[k])

@@ -42,7 +42,6 @@ __all__ = [
     "ray_bounds",
     "ray_endpoints",
     "set_occluder",
-    "set_window",
     "update_clearance",
     "visibility_probability",
 ]
@@ -52,7 +51,7 @@ Singles = NDArray[np.float32]
 
 
 @inlined
-def set_window(
+def _set_window(
     elevation: float, box: Array, turn: Array, window: Array | NDArray[np.float32]
 ) -> None:
     """Where in the view a box can come near a line of sight.
@@ -150,10 +149,10 @@ def set_occluder(elevation: float, box: Array, turn: Array, occluder: Singles) -
     turn : (2 or more,) float
         Cosine and sine of its yaw.
     occluder : (15,) single
-        Out: :func:`set_window`; cosine and sine; the camera in the box's axes, half sides, by how
+        Out: :func:`_set_window`; cosine and sine; the camera in the box's axes, half sides, by how
         much depth counts more because the box is thin, and the least value of its box function.
     """
-    set_window(elevation, box, turn, occluder)
+    _set_window(elevation, box, turn, occluder)
     occluder[5], occluder[6] = turn[0], turn[1]
     x, y = -box[0], -box[1]
     occluder[7] = turn[0] * x + turn[1] * y
@@ -241,7 +240,7 @@ def bounds_overlap(windows: Singles, k: int, views: Singles, row: int) -> bool:
     Parameters
     ----------
     windows : (K, 5 or more) single
-        See :func:`set_window`.
+        See :func:`_set_window`.
     k : int
         The box.
     views : (R, 5) single

@@ -9,8 +9,6 @@ import numpy as np
 from imapper_prob.models.scene import Cuboid, Placement, SceneObject
 
 __all__ = [
-    "BOARD",
-    "LEG",
     "ORIGIN",
     "bed",
     "bench",
@@ -19,20 +17,18 @@ __all__ = [
     "couch",
     "counter",
     "desk",
-    "four_legs",
     "knee_room",
     "low_table",
     "office_chair",
     "shelf",
     "stool",
     "table",
-    "top_on",
 ]
 
 ORIGIN: Final = Placement(0.0, 0.0, 0.0)
-LEG: Final = 0.04
+_LEG: Final = 0.04
 """Side in metres of a wooden leg."""
-BOARD: Final = 0.025
+_BOARD: Final = 0.025
 """Thickness in metres of table tops, shelves and panels: the common chipboard."""
 
 
@@ -44,19 +40,19 @@ def box(
     return Cuboid(part, (a + b) / 2, abs(b - a))
 
 
-def four_legs(width: float, depth: float, height: float) -> tuple[Cuboid, ...]:
+def _four_legs(width: float, depth: float, height: float) -> tuple[Cuboid, ...]:
     """Legs at the corners of a rectangle, from the floor up to ``height``."""
     x, y = width / 2, depth / 2
     return tuple(
-        box("leg", (sx * x, sy * y, 0.0), (sx * (x - LEG), sy * (y - LEG), height))
+        box("leg", (sx * x, sy * y, 0.0), (sx * (x - _LEG), sy * (y - _LEG), height))
         for sx in (-1, 1)
         for sy in (-1, 1)
     )
 
 
-def top_on(width: float, depth: float, height: float) -> Cuboid:
+def _top_on(width: float, depth: float, height: float) -> Cuboid:
     """A table top whose upper face is at ``height``."""
-    return box("top", (-width / 2, -depth / 2, height - BOARD), (width / 2, depth / 2, height))
+    return box("top", (-width / 2, -depth / 2, height - _BOARD), (width / 2, depth / 2, height))
 
 
 # ------------------------------------------------------------------------------------------------
@@ -87,12 +83,12 @@ def chair(rng: np.random.Generator, *, arms: bool) -> SceneObject:
     x, y = width / 2, depth / 2
     parts = [
         box("seat", (-x, -y, height - 0.05), (x, y, height)),
-        box("back", (-x, -y, height), (x, -y + LEG, rng.uniform(0.80, 0.95))),
-        *four_legs(width, depth, height - 0.05),
+        box("back", (-x, -y, height), (x, -y + _LEG, rng.uniform(0.80, 0.95))),
+        *_four_legs(width, depth, height - 0.05),
     ]
     if arms:
         rest = height + rng.uniform(0.18, 0.24)
-        parts += _armrests(x, back=-y + LEG, front=0.7 * y, seat=height, rest=rest)
+        parts += _armrests(x, back=-y + _LEG, front=0.7 * y, seat=height, rest=rest)
     return SceneObject("chair", ORIGIN, tuple(parts))
 
 
@@ -122,7 +118,7 @@ def stool(rng: np.random.Generator) -> SceneObject:
     """A square seat on four legs, .43-.50 high (Neufert, *Architects' Data*)."""
     side, height = rng.uniform(0.34, 0.42), rng.uniform(0.43, 0.50)
     seat = box("seat", (-side / 2, -side / 2, height - 0.05), (side / 2, side / 2, height))
-    return SceneObject("stool", ORIGIN, (seat, *four_legs(side, side, height - 0.05)))
+    return SceneObject("stool", ORIGIN, (seat, *_four_legs(side, side, height - 0.05)))
 
 
 def bench(rng: np.random.Generator) -> SceneObject:
@@ -135,14 +131,14 @@ def bench(rng: np.random.Generator) -> SceneObject:
     height = rng.uniform(0.42, 0.47)
     x, y = width / 2, depth / 2
     parts = [
-        box("seat", (-x, -y, height - LEG), (x, y, height)),
+        box("seat", (-x, -y, height - _LEG), (x, y, height)),
         *(
-            box("leg", (side * (x - 0.05), -y, 0.0), (side * (x - 0.05 - LEG), y, height - LEG))
+            box("leg", (side * (x - 0.05), -y, 0.0), (side * (x - 0.05 - _LEG), y, height - _LEG))
             for side in (-1, 1)
         ),
     ]
     if rng.random() < 0.4:
-        parts.append(box("back", (-x, -y, height), (x, -y + BOARD, rng.uniform(0.78, 0.90))))
+        parts.append(box("back", (-x, -y, height), (x, -y + _BOARD, rng.uniform(0.78, 0.90))))
     return SceneObject("bench", ORIGIN, tuple(parts))
 
 
@@ -184,7 +180,7 @@ def bed(rng: np.random.Generator) -> SceneObject:
         seat = box("seat", (-x, -y + board, 0.0), (x, y, height))
         return SceneObject("bed", ORIGIN, (headboard, seat))
     seat = box("seat", (-x, -y + board, height - 0.30), (x, y, height))  # frame and mattress
-    legs = four_legs(width, length + board, height - 0.30)
+    legs = _four_legs(width, length + board, height - 0.30)
     return SceneObject("bed", ORIGIN, (headboard, seat, *legs))
 
 
@@ -203,15 +199,18 @@ def shelf(rng: np.random.Generator) -> SceneObject:
     width, depth = rng.uniform(0.8, 1.2), rng.uniform(0.28, 0.38)
     height = rng.uniform(1.40, 2.25)
     x, y = width / 2, depth / 2
-    levels = np.linspace(BOARD, height, round(height / 0.36) + 1)
+    levels = np.linspace(_BOARD, height, round(height / 0.36) + 1)
     return SceneObject(
         "shelf",
         ORIGIN,
         (
-            box("side", (-x, -y, 0.0), (-x + BOARD, y, height)),
-            box("side", (x - BOARD, -y, 0.0), (x, y, height)),
-            box("back", (-x, -y, 0.0), (x, -y + BOARD, height)),
-            *(box("board", (-x + BOARD, -y + BOARD, z - BOARD), (x - BOARD, y, z)) for z in levels),
+            box("side", (-x, -y, 0.0), (-x + _BOARD, y, height)),
+            box("side", (x - _BOARD, -y, 0.0), (x, y, height)),
+            box("back", (-x, -y, 0.0), (x, -y + _BOARD, height)),
+            *(
+                box("board", (-x + _BOARD, -y + _BOARD, z - _BOARD), (x - _BOARD, y, z))
+                for z in levels
+            ),
         ),
     )
 
@@ -230,7 +229,7 @@ def table(rng: np.random.Generator) -> SceneObject:
     """
     width, depth = rng.uniform(1.0, 1.6), rng.uniform(0.60, 0.80)
     height = rng.uniform(0.72, 0.75)
-    parts = (top_on(width, depth, height), *four_legs(width, depth, height - BOARD))
+    parts = (_top_on(width, depth, height), *_four_legs(width, depth, height - _BOARD))
     return SceneObject("table", ORIGIN, parts)
 
 
@@ -241,11 +240,11 @@ def low_table(rng: np.random.Generator) -> SceneObject:
     """
     width, depth = rng.uniform(0.9, 1.2), rng.uniform(0.5, 0.6)
     height = rng.uniform(0.40, 0.45)
-    top = top_on(width, depth, height)
+    top = _top_on(width, depth, height)
     if rng.random() < 0.5:
-        return SceneObject("table", ORIGIN, (top, *four_legs(width, depth, height - BOARD)))
+        return SceneObject("table", ORIGIN, (top, *_four_legs(width, depth, height - _BOARD)))
     x, y = width / 2 - 0.04, depth / 2 - 0.04
-    base = box("base", (-x, -y, 0.0), (x, y, height - BOARD))
+    base = box("base", (-x, -y, 0.0), (x, y, height - _BOARD))
     return SceneObject("table", ORIGIN, (top, base))
 
 
@@ -256,15 +255,15 @@ def desk(rng: np.random.Generator) -> SceneObject:
     """
     width, depth = rng.uniform(1.20, 1.80), rng.uniform(0.60, 0.80)
     height = rng.uniform(0.72, 0.76)
-    x, y, below = width / 2, depth / 2, height - BOARD
-    top = top_on(width, depth, height)
+    x, y, below = width / 2, depth / 2, height - _BOARD
+    top = _top_on(width, depth, height)
     style = rng.integers(3)
     if style == 0:
-        return SceneObject("table", ORIGIN, (top, *four_legs(width, depth, below)))
+        return SceneObject("table", ORIGIN, (top, *_four_legs(width, depth, below)))
     left, right = (
-        box("side", (side * x, -y, 0.0), (side * (x - BOARD), y, below)) for side in (-1, 1)
+        box("side", (side * x, -y, 0.0), (side * (x - _BOARD), y, below)) for side in (-1, 1)
     )
-    screen = box("back", (BOARD - x, -y, 0.30), (x - BOARD, -y + BOARD, below))
+    screen = box("back", (_BOARD - x, -y, 0.30), (x - _BOARD, -y + _BOARD, below))
     if style == 1:
         return SceneObject("table", ORIGIN, (top, left, right, screen))
     drawers = box("drawers", (x - 0.42, -y + 0.05, 0.0), (x, y, below))

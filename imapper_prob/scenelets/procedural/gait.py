@@ -26,7 +26,6 @@ from imapper_prob.scenelets.procedural.body import (
 
 __all__ = [
     "WALK_RATIO",
-    "Pace",
     "Route",
     "Walk",
     "arc",

@@ -50,14 +50,10 @@ __all__ = [
     "lean_back_on_bed",
     "lean_on_armrest",
     "lean_on_bed",
-    "lean_on_rest",
     "lean_on_table",
     "perch",
-    "perch_high",
     "perch_on",
     "perch_on_table",
-    "prop_head",
-    "prop_on_hand",
     "prop_up_behind",
     "slouch",
     "slouch_on",
@@ -96,7 +92,7 @@ def perch(rng: np.random.Generator, pose: SeatedPose, seat: Seat) -> SeatedPose:
     return draw_hands(rng, pose, replace(seat, back=-np.inf, arms=()))
 
 
-def perch_high(
+def _perch_high(
     rng: np.random.Generator, pose: SeatedPose, *, edge: float, top: float
 ) -> SeatedPose:
     """Half on the edge of a table: one leg, or both, straight on the floor before it.
@@ -145,7 +141,7 @@ def perch_high(
     return draw_hands(rng, pose, open_seat(top, front=edge))
 
 
-def lean_on_rest(
+def _lean_on_rest(
     rng: np.random.Generator, pose: SeatedPose, rest: tuple[float, float, float]
 ) -> SeatedPose:
     """The trunk tilted to the right, that forearm on an armrest.
@@ -171,7 +167,9 @@ def lean_on_rest(
     return _with_arm(pose, shoulders[best], elbow, wrist, pose.hands[1])
 
 
-def prop_head(rng: np.random.Generator, pose: SeatedPose, *, edge: float, top: float) -> SeatedPose:
+def _prop_head(
+    rng: np.random.Generator, pose: SeatedPose, *, edge: float, top: float
+) -> SeatedPose:
     """The right elbow on a table, the hand at the face; the left forearm on the table.
 
     Parameters
@@ -194,7 +192,7 @@ def prop_head(rng: np.random.Generator, pose: SeatedPose, *, edge: float, top: f
     return _propped(pose, shoulders[best], elbows[best], other)
 
 
-def prop_on_hand(rng: np.random.Generator, pose: SeatedPose) -> SeatedPose:
+def _prop_on_hand(rng: np.random.Generator, pose: SeatedPose) -> SeatedPose:
     """The trunk tilted to the right, on a straight arm beside the body or a little behind."""
     tilt, lean = float(rng.uniform(0.15, 0.36)), float(rng.uniform(-0.20, 0.08))
     pose = replace(pose, tilt=tilt, lean=lean, nod=float(rng.uniform(0.0, 0.25) - 0.8 * lean))
@@ -306,7 +304,7 @@ def perch_on_table(rng: np.random.Generator, person: Person) -> Drawn:
     half, edge, top = (float(v) for v in table.bounds[1])
     place = rng.uniform(0.3 - half, half - 0.3)
     pose = draw_seated(rng, open_seat(top, front=edge), sideways=place, upright=True)
-    pose = perch_high(rng, pose, edge=edge, top=top)
+    pose = _perch_high(rng, pose, edge=edge, top=top)
     return Drawn(sit_still(rng, pose, moments(rng, 15, 20)), (table,))
 
 
@@ -325,7 +323,7 @@ def lean_on_armrest(kind: str) -> Recipe:
             rng, seat, sideways=place, yaw=rng.normal(0.0, 0.05), lean=lean, upright=True
         )
         pose = replace(pose, hands=np.array([[0.06, 0.24, 0.11], [-0.12, 0.26, 0.10]]))
-        pose = lean_on_rest(rng, pose, rest)
+        pose = _lean_on_rest(rng, pose, rest)
         return Drawn(sit_still(rng, pose, moments(rng, 15, 20)), (piece,))
 
     return draw
@@ -338,7 +336,7 @@ def lean_on_table(rng: np.random.Generator, person: Person) -> Drawn:
     rests = max((front for _, front, _ in seat.arms), default=-np.inf)
     edge = max(float(pose.pelvis[1]) + rng.uniform(0.18, 0.26), rests + 0.02)
     table = person.sees(furniture.table(rng))
-    pose = prop_head(rng, pose, edge=edge, top=float(table.bounds[1, 2]))
+    pose = _prop_head(rng, pose, edge=edge, top=float(table.bounds[1, 2]))
     low, high = furniture.knee_room(table)
     middle, half = (low + high) / 2, max((high - low) / 2 - 0.30, 0.0)
     at = Placement(
@@ -350,7 +348,7 @@ def lean_on_table(rng: np.random.Generator, person: Person) -> Drawn:
 def lean_on_bed(rng: np.random.Generator, person: Person) -> Drawn:
     """On the edge of a bed, leaning to the side on a straight arm."""
     piece, seat, place = take_seat(rng, person, "bed")
-    pose = prop_on_hand(rng, draw_seated(rng, seat, sideways=place, upright=True))
+    pose = _prop_on_hand(rng, draw_seated(rng, seat, sideways=place, upright=True))
     piece = with_room(piece, right=float(pose.hands[0, 0]) + HAND, left=0.3)
     return Drawn(sit_still(rng, pose, moments(rng, 15, 20)), (piece,))
 

@@ -24,7 +24,6 @@ from imapper_prob.scenelets.procedural.gait import Walk
 
 __all__ = [
     "HELD",
-    "PASTIMES",
     "Pastime",
     "draw_pastime",
     "held",
@@ -66,7 +65,7 @@ class Pastime:
 _HANGS: Final = (np.nan, np.nan, np.nan)
 _OUT, _WIDE, _DOWN = (1.0, -0.7, -0.5), (2.0, -0.7, -0.5), (0.4, 0.2, -1.0)
 
-PASTIMES: Final[dict[str, Pastime]] = {
+_PASTIMES: Final[dict[str, Pastime]] = {
     "arms hanging": Pastime(np.array([_HANGS, _HANGS])),
     "arms crossed": Pastime(np.array([[-0.08, 0.24, 0.26], [0.08, 0.20, 0.22]]), elbows=_OUT),
     "hands on hips": Pastime(np.array([[0.20, 0.02, 0.07], [-0.20, 0.02, 0.07]]), elbows=_WIDE),
@@ -81,10 +80,10 @@ PASTIMES: Final[dict[str, Pastime]] = {
 HELD: Final[dict[str, Pastime]] = {
     "tray": Pastime(np.array([[0.17, 0.30, 0.22], [-0.17, 0.30, 0.22]])),
     "box": Pastime(np.array([[0.15, 0.26, 0.12], [-0.15, 0.26, 0.12]])),
-    "cup": PASTIMES["cup in hand"],
+    "cup": _PASTIMES["cup in hand"],
     "book": Pastime(np.array([[0.14, 0.10, 0.30], _HANGS]), elbows=_OUT),
     "bag": Pastime(np.array([[0.24, 0.02, -0.03], _HANGS])),
-    "phone": PASTIMES["on the phone"],
+    "phone": _PASTIMES["on the phone"],
 }
 """What is carried, by how it is held."""
 
@@ -174,7 +173,7 @@ def upright(
 def stand_idle(rng: np.random.Generator, times: Array) -> Array:
     """(n, 16, 3) joints of somebody who stands and waits, metres."""
     body = stand(rng, times, one_leg=bool(rng.random() < 0.5))
-    pastime = draw_pastime(rng, PASTIMES)
+    pastime = draw_pastime(rng, _PASTIMES)
     trunk = replace(body.trunk, nod=np.full(len(times), pastime.nod))
     wrists = held(pastime, trunk, body.wrists)
     return pose_body(trunk, ankles=body.ankles, wrists=wrists, elbows=pastime.elbows)
@@ -241,7 +240,7 @@ def lean_against(rng: np.random.Generator, times: Array, *, top: float) -> tuple
     trunk = upright(0.4 * sway(rng, times), ankles, yaw=0.0, lean=lean, nod=rng.uniform(0.0, 0.3))
     edge = -rng.uniform(HALF_DEPTH, HALF_DEPTH + 0.04)
     if rng.random() < 0.5:
-        pastime = draw_pastime(rng, PASTIMES)
+        pastime = draw_pastime(rng, _PASTIMES)
     else:  # both hands behind, on the edge
         up = top + 0.05 - float(trunk.pelvis[:, 2].mean())
         beside = SIDES * rng.uniform(0.22, 0.32)
