@@ -1,4 +1,4 @@
-"""The functions most people need."""
+"""The functions most people need: load a clip, solve it, sample it."""
 
 from __future__ import annotations
 
@@ -61,9 +61,6 @@ def demo_clip(seed: int = 4) -> Clip:
         rng, load_library(), n_frames=130, script=_STORY, n_bystanders=0, name="demo"
     )
 
-
-# ------------------------------------------------------------------------------------------------
-# The few functions most people need.
 
 Progress = Callable[[str, float], None]
 

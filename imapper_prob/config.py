@@ -1,4 +1,4 @@
-"""One tree of settings, readable and writable as TOML."""
+"""Everything a run is made with besides its clip, readable and writable as TOML."""
 
 from __future__ import annotations
 

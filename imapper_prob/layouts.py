@@ -1,7 +1,7 @@
 """Layouts: which objects a draw has, which draws agree, and how far apart scenes are.
 
-By itself, because chains ask for it in processes of their own, which start in half the time
-where nothing has to load torch.
+Chains group their draws in processes of their own, which start in half the time where nothing has
+to load torch; so this module imports nothing that does.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ def furniture_kinds(problem: Problem) -> tuple[tuple[int, ...], ...]:
 
 
 # ------------------------------------------------------------------------------------------------
-# From draws to layouts: which objects a draw has, and which draws say the same.
+# From draws to layouts.
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -216,7 +216,7 @@ def group_layouts(
 
 
 # ------------------------------------------------------------------------------------------------
-# How far apart two scenes are: what it costs to turn one set of objects into the other.
+# The distance of two scenes: what it costs to turn one set of objects into the other.
 #
 # Objects are moved, turned or renamed where that is cheap, and taken away or put there where it is
 # not: optimal transport of unit masses with a price for those that are left over, with the optimal

@@ -1,8 +1,10 @@
-"""Lifting: 3D poses for clips with 2D joints only, from the poses of the built-in library.
+"""3D poses for clips with 2D joints only, from the poses of the built-in library.
 
-Each frame is turned so that the camera looks straight at the person, poses of the library are
-matched under scaled orthographic projection, and the sequence that looks right and goes on
-smoothly is found by dynamic programming.
+Each frame is turned so that the camera looks straight at the person, and poses of the library are
+matched under scaled orthographic projection. One picture of a body has many poses: whoever leans
+forward may as well lean back. The candidates of all frames are therefore weighed together, as a
+hidden Markov chain whose states are the nearest poses of each frame. Frames that keep several
+explanations are reported.
 """
 
 from __future__ import annotations
@@ -151,7 +153,7 @@ def distinct_poses(library: Library, *, apart: float = _APART) -> Array:
 
 
 # ------------------------------------------------------------------------------------------------
-# Which poses of a library look like what was seen: scaled orthographic matching.
+# Matching.
 
 YAWS: Final = 36
 """Directions that each pose is tried in: ten degrees apart."""
@@ -240,12 +242,7 @@ def _nearest_poses(views: Views, poses: Array, *, count: int) -> Candidates:
 
 
 # ------------------------------------------------------------------------------------------------
-# From 2D joints to 3D poses: the library's poses, chosen to look right and to follow on.
-#
-# One picture of a body has many poses: whoever leans forward may as well lean back. The
-# candidates of all frames are therefore weighed together, as a hidden Markov chain whose states
-# are the nearest poses of each frame: what does not go on smoothly falls away. What is left of
-# several explanations is reported, not hidden.
+# Choosing.
 
 _log = logging.getLogger(__name__)
 _FEWEST: Final = 6
@@ -408,7 +405,3 @@ def _towards_detections(views: Views, candidates: Candidates, best: NDArray[np.i
     bones = bones_of(view @ views.axes.transpose(0, 2, 1))
     bones *= LENGTHS[:, None] / np.maximum(np.linalg.norm(bones, axis=-1, keepdims=True), 1e-6)
     return joints_of(bones)
-
-
-# ------------------------------------------------------------------------------------------------
-# 3D poses for clips that have only 2D joints, from the poses of the built-in library.

@@ -1,4 +1,4 @@
-"""Whether a clip fits into the memory that there is, said before the work."""
+"""Whether a clip fits into the memory that there is, asked before the work."""
 
 from __future__ import annotations
 

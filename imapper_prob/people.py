@@ -1,7 +1,7 @@
 """Several people's frames one after the other, and how to take them apart again.
 
-Whatever is known by frame of a clip of K people has K T rows: all frames of the first track,
-then all of the next. Of one person's clip these are its frames.
+Whatever is known by frame of a clip of K people has K T rows: all frames of the first track, then
+all of the next.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Colours of everything, in recordings and figures alike, and figures in files.
+"""Colours of objects and actions, in recordings and figures alike, and figures in files.
 
 Hues of objects are those of Tableau 10, which stay apart on dark and light ground and for most
 colour-blind eyes; what people do goes from cool to warm.
@@ -66,10 +66,6 @@ def action_colour(action: str) -> Colour:
 def _other(word: str) -> Colour:
     # A checksum, not hash(): the colour of a rare word must not change between runs.
     return _OTHERS[zlib.crc32(word.encode()) % len(_OTHERS)]
-
-
-# ------------------------------------------------------------------------------------------------
-# Figures in files.
 
 
 def save_figure(figure: Figure, file: Path | IO[bytes], *, dpi: int, **options: Any) -> None:

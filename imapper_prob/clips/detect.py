@@ -1,4 +1,8 @@
-"""From a video to a clip: joints found by MediaPipe with the weights in its wheel."""
+"""From a video to a clip: joints found by MediaPipe with the weights in its wheel.
+
+:func:`detect` decodes the video, checks that its camera stands still, and assembles a clip;
+:func:`contact_sheet` shows what was found.
+"""
 
 from __future__ import annotations
 
@@ -72,7 +76,7 @@ def _world(found: Any) -> NDArray[np.float64] | None:
 
 
 # ------------------------------------------------------------------------------------------------
-# Frames of a video with the joints that were found in them, to look at.
+# Contact sheets.
 
 _ACROSS: Final = 3
 _DOWN: Final = 2
@@ -123,7 +127,7 @@ def _draw(picture: Image.Image, track: Track, frame: int) -> None:
 
 
 # ------------------------------------------------------------------------------------------------
-# From a video to a clip.
+# Detection.
 
 Progress = Callable[[str, float], None]
 _log = logging.getLogger(__name__)

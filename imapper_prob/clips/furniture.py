@@ -1,7 +1,7 @@
-"""Furniture in files of others: labels, boxes that were measured one by one, flat arrays.
+"""Furniture in files of others: category names, measured boxes, and flat arrays.
 
-Scenelets of several libraries meet in one posterior; a sofa of one and a couch of another
-could not share a place there.
+Labels are mapped to the program's own categories, because scenelets of several libraries meet in
+one posterior: a sofa of one and a couch of another could not share a place there.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ def left_out(labels: Iterable[str]) -> str:
 
 
 # ------------------------------------------------------------------------------------------------
-# Furniture from boxes that were measured one by one.
+# Measured boxes.
 
 Array = NDArray[np.float64]
 
@@ -122,7 +122,7 @@ def upright_object(label: str, boxes: Sequence[MeasuredBox], yaw: float) -> Scen
 
 
 # ------------------------------------------------------------------------------------------------
-# Furniture as flat arrays, the same in every file that holds some.
+# Flat arrays, the same in every file that holds furniture.
 #
 # ====================  =============  ========================================================
 # ``object_label``      (O,) text      category

@@ -140,7 +140,7 @@ def _away(joints: Array, at: Array) -> float:
 
 
 # ------------------------------------------------------------------------------------------------
-# A picture of who is who: where everybody went in the image, and when they were seen.
+# Pictures of tracks.
 
 _COLOURS: Final = ("#4e79a7", "#f28e2b", "#59a14f", "#e15759", "#b07aa1", "#76b7b2", "#9c755f")
 """Hues of Tableau 10, which stay apart for most colour-blind eyes."""

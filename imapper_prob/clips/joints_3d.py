@@ -1,4 +1,9 @@
-"""Joints in space from other programs: TRC tables, and ``.npz`` archives with a camera."""
+"""Joints in space from other programs: TRC tables, and ``.npz`` archives with a camera.
+
+Trackers that fit a body model to video, and motion capture, give joints in metres, either in the
+axes of the camera (x right, y down, z forward) or in a world whose ``rotation`` and ``translation``
+to the camera are known. Detections in the image, which the model needs, are their projections.
+"""
 
 from __future__ import annotations
 
@@ -115,19 +120,12 @@ def _number(path: Path, line: int, text: str) -> float:
 
 
 # ------------------------------------------------------------------------------------------------
-# Joints that somebody else put into space: TRC files, and ``.npz`` with a camera.
-#
-# Trackers that fit a body model to video (and motion capture) give joints in metres, either in
-# the axes of the camera (x right, y down, z forward) or in a world whose ``rotation`` and
-# ``translation`` to the camera are known. What the model wants, detections in the image, is got
-# by projecting them.
-#
-# The ``.npz`` is a plain numpy archive:
+# Archives, and clips of either format. An ``.npz`` is a plain numpy archive:
 #
 # ======================  ==========================  ==========================================
 # ``joints``              (T, J, 3) or (A, T, J, 3)   metres; NaN or 0, 0, 0 where missing
-# ``joint_names``         (J,) text                   as in :mod:`.joint_names`; without, they are
-#                                                     the sixteen
+# ``joint_names``         (J,) text                   as in :mod:`imapper_prob.clips.keypoints`;
+#                                                     without, they are the sixteen
 # ``fps``                 () number                   frames a second
 # ``confidences``         (T, J) or (A, T, J)         in [0, 1]; optional
 # ``matrix``, ``size``    (3, 3), (2,)                intrinsics, width and height in pixels;

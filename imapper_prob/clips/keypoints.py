@@ -1,4 +1,8 @@
-"""Joint names and keypoint sets of other programs, and the sixteen joints among them."""
+"""The sixteen joints among those of other programs, by name.
+
+Programs number their keypoints differently; only names are safe. :data:`KEYPOINT_SETS` has the
+names of each set in the order of its files. ``docs/inputs.md`` shows the same table.
+"""
 
 from __future__ import annotations
 
@@ -105,11 +109,7 @@ def _synonyms(joint: str) -> list[str]:
 
 
 # ------------------------------------------------------------------------------------------------
-# The joints that 2D detectors report, by name, and how the sixteen are found among them.
-#
-# Programs number their keypoints differently; only names are safe. :data:`KEYPOINT_SETS` gives
-# each set's names in the order of its files, :data:`_FOUND_AS` says under which of them one of
-# the sixteen is found. ``docs/inputs.md`` shows the same table.
+# Keypoint sets of 2D detectors.
 
 _COCO_17: Final = (
     "nose", "left_eye", "right_eye", "left_ear", "right_ear", "left_shoulder", "right_shoulder",

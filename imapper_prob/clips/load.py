@@ -1,4 +1,8 @@
-"""Read a clip, whatever its format: formats are known by content, and what is read is checked."""
+"""Read a clip, whatever its format.
+
+:func:`format_of` knows a format by its content and :func:`read_whatever` calls its reader;
+:func:`load_clip` cuts out frames and refuses what says too little.
+"""
 
 from __future__ import annotations
 
@@ -85,7 +89,7 @@ def clip_table(clip: Clip) -> Table:
 
 
 # ------------------------------------------------------------------------------------------------
-# A part of a clip.
+# Parts of clips.
 
 
 def window(clip: Clip, first: int, last: int) -> Clip:
@@ -120,7 +124,7 @@ def window(clip: Clip, first: int, last: int) -> Clip:
 
 
 # ------------------------------------------------------------------------------------------------
-# Which format it is, by content, and its reader.
+# Formats.
 
 _FORMATS: Final = (
     "i3db",
@@ -248,7 +252,7 @@ def _read(path: Path, form: str, options: ClipOptions) -> tuple[RawDetections, C
 
 
 # ------------------------------------------------------------------------------------------------
-# Reading clips: whatever the format, the same type comes out.
+# Reading.
 
 _SMALLEST: Final = 4.0
 """Pixels, height or width of a person: detectors place joints no better than that."""

@@ -1,4 +1,7 @@
-"""JSON and numpy archives of others: every fault is one sentence that names file and place."""
+"""JSON files and numpy archives of others: every fault is one sentence that names file and place.
+
+Archives are opened without pickle, and looked at before any of them is unpacked.
+"""
 
 from __future__ import annotations
 
@@ -147,7 +150,7 @@ def _shortened(values: Any, *, limit: int = 60) -> str:
 
 
 # ------------------------------------------------------------------------------------------------
-# Numpy archives that others wrote: opened without pickle, checked before use.
+# Numpy archives.
 
 Arrays = dict[str, NDArray[Any]]
 Shapes = Mapping[str, tuple[str, *tuple["str | int | None", ...]]]

@@ -1,9 +1,9 @@
 """Result lists of MMPose, RTMPose and AlphaPose, and pose proposals of LCR-Net++.
 
-Two forms are read. The list of COCO results, one entry a person: ``image_id`` (a number, or a
-file's name with one in it), ``keypoints`` (x, y, score for each), and where the program tracks
-people ``idx`` or ``track_id``. And MMPose's own: ``instance_info``, one entry a frame with
-``frame_id`` and ``instances``, each of ``keypoints`` (pairs) and ``keypoint_scores``.
+Of result lists two forms are read. The list of COCO results has an entry a person: ``image_id`` (a
+number, or a file's name with one in it), ``keypoints`` (x, y, score for each), and where the
+program tracks people ``idx`` or ``track_id``. MMPose's own has ``instance_info``, an entry a frame
+with ``frame_id`` and ``instances``, each of ``keypoints`` (pairs) and ``keypoint_scores``.
 """
 
 from __future__ import annotations
@@ -176,7 +176,7 @@ def _identity(entry: dict[str, Any]) -> str:
 
 
 # ------------------------------------------------------------------------------------------------
-# Pose proposals of LCR-Net++, and the confidence of its keypoints (appendix B of the paper).
+# Pose proposals of LCR-Net++, and the confidence of their joints.
 #
 # A region detector proposes many poses for one person; those that agree are grouped. Of a group
 # with per-pose score s' (Rogez, Weinzaepfel and Schmid 2018, equation 6) a joint k has

@@ -1,4 +1,15 @@
-"""Tracking: skeletons of single frames are associated with actors by flows of least cost."""
+"""Tracking: skeletons of single frames are given to actors by flows of least cost.
+
+Every actor takes one skeleton or none in each frame, every skeleton belongs to at most one actor.
+An actor is a path through time, so that the optimum is a flow of least cost and is found exactly.
+With ``c`` the mean confidence of a skeleton and ``d`` the distance of two that follow each other,
+:func:`associate` minimises
+
+    sum over skeletons (1 - c)  +  sum over successions d  +  ABSENT x frames without skeleton.
+
+A succession may leave out frames: whoever comes back is recognised by where they were. The costs
+that Monszpart et al. (2019, appendix A) print can be chosen instead.
+"""
 
 from __future__ import annotations
 
@@ -71,7 +82,7 @@ def distances(keypoints: Array, confidences: Array, one: Ints, other: Ints) -> A
 
 
 # ------------------------------------------------------------------------------------------------
-# Several paths through one network, of least cost together.
+# Networks: several paths of least cost together.
 
 _WHOLE: Final = 1e-6
 """How far from a whole number a solver's result may be."""
@@ -240,18 +251,17 @@ def _walks(network: Network, flow: Ints, units: int) -> list[Ints]:
 
 
 # ------------------------------------------------------------------------------------------------
-# The costs of the paper's tracker as a network (Monszpart et al. 2019, appendix A).
+# The costs of the paper's tracker (Monszpart et al. 2019, appendix A).
 #
 #     E = sum_t sum_a E_u(a, s, t) + w_pw sum_t sum_a C(a, s_0, s_1, t)
 #
 #     E_u = -mean_k c_k of the skeleton, or 1 for the dummy
 #     C   = mean_k |u_k - u'_k|^2 / diag^2 c_k c'_k, or 1 where one of the two is the dummy
 #
-# with half the diagonal of the image as unit of length and w_pw = 10^3. Misprints, mended: E_u
-# carries a minus and is subtracted again, which would prefer unsure skeletons; the quantifiers of
-# the two constraints are exchanged – each actor takes one skeleton or the dummy in every frame,
-# each skeleton at most one actor. Steps lead from a frame to the next, and to stay invisible costs
-# 1 + w_pw a frame.
+# with half the diagonal of the image as unit of length and w_pw = 10^3. Two misprints are mended:
+# E_u carries a minus and is subtracted again, which would prefer unsure skeletons; the quantifiers
+# of the two constraints are exchanged. Steps lead from a frame to the next, and to stay invisible
+# costs 1 + w_pw a frame.
 
 pass
 PAIRWISE: Final = 1e3
@@ -333,19 +343,7 @@ def _published_network(
 
 
 # ------------------------------------------------------------------------------------------------
-# The paper's association of skeletons with actors, solved exactly.
-#
-# Every actor takes exactly one skeleton or nothing in each frame, every skeleton belongs to at
-# most one actor (Monszpart et al. 2019 print the two quantifiers the other way round, and
-# subtract a unary term that carries a minus already, which would prefer unsure skeletons). With
-# ``c`` the mean confidence of a skeleton and ``d`` the distance of two that follow each other,
-# actors are chosen to minimise
-#
-#     sum over skeletons (1 - c)  +  sum over successions d  +  ABSENT x frames without skeleton.
-#
-# An actor is a path through time, so this is a flow of least cost, and its optimum is found. A
-# succession may leave out frames: whoever comes back is recognised by where they were. The costs
-# that the paper prints are in :mod:`imapper_prob.clips.tracking`.
+# Association.
 
 pass
 ABSENT: Final = 1.2

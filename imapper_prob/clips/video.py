@@ -1,4 +1,9 @@
-"""Frames of a video, the right way up, and whether its camera stood still."""
+"""Frames of a video, the right way up, and whether its camera stood still.
+
+The model knows only a fixed camera. What moves in front of it is small or gone in other frames,
+what stands still is most of the picture: :func:`stillness` compares distant frames tile by tile, by
+phase correlation.
+"""
 
 from __future__ import annotations
 
@@ -153,11 +158,7 @@ def _decoded(path: Path) -> Iterator[Any]:
 
 
 # ------------------------------------------------------------------------------------------------
-# Whether the camera stood still: distant frames must show the same room in the same place.
-#
-# Nothing but a fixed camera is understood by the model. What moves in front of it is small or is
-# gone in other frames; what stands still is most of the picture. So each of a few distant frames
-# is compared with another, tile by tile, by phase correlation.
+# Stillness.
 
 Array = NDArray[np.float64]
 _MOST_SHIFT: Final = 0.015

@@ -1,7 +1,7 @@
 """Truth and the authors' own result of an i3DB scene, as the benchmark's files have them.
 
-Not by way of upright furniture: the boxes of the files lean by up to six degrees, and so do the
-published scores.
+The files' boxes lean by up to six degrees, and so do the published scores: nothing here makes them
+upright.
 """
 
 from __future__ import annotations

@@ -1,4 +1,8 @@
-"""Results of any method as predictions: from draws, solutions and files."""
+"""Predictions: what a method claims of a clip, in the axes of the camera.
+
+They are made from draws and solutions, and read from files of other methods and from folders of
+``imapper-prob solve``, so that the same code scores all.
+"""
 
 from __future__ import annotations
 
@@ -120,10 +124,8 @@ def prediction_of_solved(solved: Solved, *, name: str) -> Prediction:
 
 
 # ------------------------------------------------------------------------------------------------
-# Results of any method in a file, so that the same code scores them all.
-#
-# JSON, in the axes of the camera: x right, y forward along the optical axis, z up in the image,
-# metres from the optical centre::
+# Files: JSON, x right, y forward along the optical axis, z up in the image, metres from the optical
+# centre::
 #
 #     {"format": "imapper-prob prediction", "version": 1,
 #      "method": "what heads its row", "clip": "Scene04",
@@ -258,7 +260,7 @@ def _from_outline(item: Outline) -> dict[str, Any]:
 
 
 # ------------------------------------------------------------------------------------------------
-# The folder of ``imapper-prob solve`` as a prediction.
+# Folders of staged solutions.
 
 SOLVER = "staged solver"
 """Heads the row of the deterministic solution."""

@@ -1,4 +1,8 @@
-"""Are probabilities honest: draws as predictions, proper scores, ranks and regions."""
+"""Whether stated probabilities hold: proper scores, ranks of the truth, coverage of regions.
+
+Scores are proper: none can be improved by stating other probabilities than one has (Gneiting and
+Raftery 2007, *Strictly proper scoring rules, prediction, and estimation*).
+"""
 
 from __future__ import annotations
 
@@ -95,7 +99,7 @@ def draws_of(posterior: Posterior) -> Draws:
 
 
 # ------------------------------------------------------------------------------------------------
-# What a posterior claims to be there: its clusters of objects, in the axes of the camera.
+# Claims: clusters of objects in the axes of the camera.
 
 _LEAST: Final = 0.005
 """Probability down to which clusters count; two draws of 400."""
@@ -159,9 +163,7 @@ def claims_of(posterior: Posterior) -> tuple[Claim, ...]:
 
 
 # ------------------------------------------------------------------------------------------------
-# Scores that reward honest probabilities: none can be improved by stating others than one has.
-#
-# Gneiting and Raftery (2007), *Strictly proper scoring rules, prediction, and estimation*.
+# Proper scores.
 
 _MISSED: Final = 0.5
 """Cost in metres of an object that is missed, and of one too many: together the metre from
@@ -259,12 +261,11 @@ def _counts(objects: Sequence[Outline]) -> tuple[int, ...]:
 
 
 # ------------------------------------------------------------------------------------------------
-# Do stated uncertainties hold? Ranks of the truth among the draws.
+# Ranks and coverage.
 #
 # The rank of a point is the share of the draws that lie in a smaller ellipse than it does, around
-# the mean of all of them. Where probabilities are right and draws independent, ranks are uniform:
-# half of them are below .5, however few the draws are (conformal prediction; Vovk, Gammerman and
-# Shafer 2005, section 2.2).
+# the mean of all of them. Where probabilities are right and draws independent, ranks are uniform,
+# however few the draws are (conformal prediction; Vovk, Gammerman and Shafer 2005, section 2.2).
 
 _REGIONS: Final = (0.5, 0.9)
 """Probabilities of the regions that are checked."""
@@ -365,7 +366,7 @@ def coverage(ranks: Array) -> tuple[Coverage, ...]:
 
 
 # ------------------------------------------------------------------------------------------------
-# A posterior against one truth: its best answers, its errors on average, its honesty.
+# Everything that is judged of a posterior.
 
 MOST_PROBABLE: Final = "posterior, most probable scene"
 LIKELY: Final = "posterior, least expected loss"

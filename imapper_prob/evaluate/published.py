@@ -1,9 +1,9 @@
-"""Tables 1 and 2 of the paper, printed figures beside ours, with results of others from files.
+"""Tables 1 and 2 of the paper: printed figures beside measured ones, and readers of others' files.
 
-The paper counts an object as found by a region detector if at least half of its region is
-detected under the right label, on average over all frames, and takes as its place in a depth map
-the mean position of the samples in its region (Monszpart et al. 2019, section 7.2). A region is
-here the hull of the true boxes in the image, and that of a detection its box.
+The paper counts an object as found by a region detector if at least half of its region is detected
+under the right label, on average over all frames, and takes as its place in a depth map the mean
+position of the samples in its region (Monszpart et al. 2019, section 7.2). A region is here the
+hull of the true boxes in the image, and that of a detection its box.
 """
 
 from __future__ import annotations
@@ -202,7 +202,7 @@ def depth_errors(depth: Array, truth: TruthInView, camera: Camera) -> Array:
 
 
 # ------------------------------------------------------------------------------------------------
-# Tables 1 and 2 of the paper: every printed figure, and ours where a clip is public.
+# The tables.
 
 NAMES: Final = {
     "Scene04": "Scene4", "Scene10": "Lobby2", "Scene13": "Library1", "Scene14": "Garden",

@@ -1,4 +1,8 @@
-"""One prediction against one truth: joints, objects, baselines, and paired differences."""
+"""One prediction against one truth: joints, objects, baselines, and paired differences.
+
+:func:`score` gives all scores of a prediction on a clip, :func:`summarise` a row of a table over
+several clips, :func:`paired_difference` compares two methods object by object.
+"""
 
 from __future__ import annotations
 
@@ -120,7 +124,7 @@ def _root_mean(squares: Array) -> float:
 
 
 # ------------------------------------------------------------------------------------------------
-# Is one method better than another? Differences object by object.
+# Paired differences.
 
 _RESAMPLES: Final = 4000
 _INTERVAL: Final = (0.05, 0.95)
@@ -176,7 +180,7 @@ def paired_difference(
 
 
 # ------------------------------------------------------------------------------------------------
-# Answers that take no thought. What does not beat them has added nothing.
+# Baselines.
 
 _COUCH: Final = (2.4, 0.8, 0.45)
 """Metres of width, depth and height: the usual couch of i3DB."""
@@ -219,7 +223,7 @@ def _couch(centre: Array, sideways: Array) -> Outline:
 
 
 # ------------------------------------------------------------------------------------------------
-# One prediction against one truth, and several clips together.
+# Scores.
 
 _CHANCE_SEED = 20190708
 """Chance levels are thrown with the same numbers in every table."""
@@ -352,7 +356,7 @@ def _median(values: np.ndarray) -> float:
 
 
 # ------------------------------------------------------------------------------------------------
-# Where a truth comes from, and what a result is always held beside.
+# Clips whose truth is known.
 
 
 @dataclass(frozen=True, eq=False)

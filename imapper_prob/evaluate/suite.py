@@ -1,4 +1,8 @@
-"""The benchmark: every scene solved, sampled and scored once; interrupted runs go on."""
+"""The benchmark: every scene solved, sampled and scored once.
+
+Results lie in the suite's folder, one folder a scene; what is there is not done again, so that an
+interrupted benchmark goes on where it was.
+"""
 
 from __future__ import annotations
 
@@ -94,7 +98,7 @@ def _count(frames: int, part: float) -> int:
 
 
 # ------------------------------------------------------------------------------------------------
-# All scores of several methods on one or more clips, and what is written of them.
+# Evaluations.
 
 _BOOTSTRAP_SEED: Final = 8
 _FORMAT: Final = "imapper-prob evaluation"
@@ -212,9 +216,7 @@ def _plain(posterior: PosteriorScore) -> dict[str, Any]:
 
 
 # ------------------------------------------------------------------------------------------------
-# The whole benchmark: every scene solved and sampled once, whatever interrupts it.
-#
-# What is done lies in the suite's folder, one folder a scene; what is there is not done again.
+# The benchmark.
 
 Progress = Callable[[str, float], None]
 _IDENTITY: Final = "suite.json"

@@ -73,7 +73,7 @@ def _git(folder: Path, *arguments: str) -> str:
 
 
 # ------------------------------------------------------------------------------------------------
-# Scores as rows: on the screen, in Markdown and in JSON.
+# Rows, for the screen, Markdown and JSON.
 
 OBJECT_COLUMNS = (
     "", "clips", "error (sd), cm", "seats, cm", "with misses, cm", "found within 1 m", "by chance",
@@ -238,9 +238,7 @@ def without_nan(value: Any) -> Any:
 
 
 # ------------------------------------------------------------------------------------------------
-# Pictures of results over the truth, and of whether uncertainties hold.
-#
-# Figures save or show themselves; matplotlib's current figure is left alone.
+# Figures. Each function returns one; matplotlib's current figure is left alone.
 
 Array = NDArray[np.float64]
 _INK: Final = "#2b2f36"

@@ -135,7 +135,7 @@ def outline_of(item: SceneObject, camera: Camera) -> Outline:
 
 
 # ------------------------------------------------------------------------------------------------
-# What an answer is held against, in the axes of the camera.
+# Truth.
 
 Flags = NDArray[np.bool_]
 _AT_THE_TABLE: Final = 0.30

@@ -149,7 +149,7 @@ def _bar(share: float) -> str:
 
 
 # ------------------------------------------------------------------------------------------------
-# How the viewer lays a recording out: one large view of the best scene, the rest around it.
+# Layout: one large view of the best scene, the rest around it.
 
 Array = NDArray[np.float64]
 _BACKGROUND = (18, 20, 25)

@@ -1,4 +1,23 @@
-"""Everything a run found, in one recording for the rerun viewer."""
+"""Everything a run found, in one recording.
+
+Entities, in metres in the world frame (z up, floor at z = 0)::
+
+    description, certainty, moves     what one sees, how sure it is, how often moves were accepted
+    world/floor, world/camera         the ground, and the camera of the best scene
+    world/camera/image/...            pictures, detections, reprojected and hidden joints, pixels
+    world/occupancy, world/all_draws  the floor and the objects over all draws
+    world/scene_1 … scene_K/...       furniture, names, positions, person, path, ghosts
+    world/truth/...                   what really was there, where somebody knows
+    world/by_scene/..., summary       the scenes one after the other, on timeline `scene`
+    world/draws/chain_1 …             draws one after the other, on timeline `draw`
+    fit/..., sure/...                 curves over frames
+    traces/...                        curves over the draws of the chains
+
+Of several people the person, limbs, path and curves of each have entities of their own, named after
+their tracks. Timelines are `frame` (the input's own numbers), `scene` (from 1) and `draw`. Nothing
+is stamped with the time of day, so the same run makes the same recording. ``docs/recording.md``
+says what each panel is for.
+"""
 
 from __future__ import annotations
 
@@ -68,7 +87,7 @@ def saved(recording: rr.RecordingStream, path: Path, blueprint: rrb.Blueprint) -
 
 
 # ------------------------------------------------------------------------------------------------
-# What the camera saw, and the person projected back into it.
+# The image.
 
 Array = NDArray[np.float64]
 
@@ -155,27 +174,7 @@ def _log_video(recording: rr.RecordingStream, video: Video) -> None:
 
 
 # ------------------------------------------------------------------------------------------------
-# Everything a run found, in one recording for the rerun viewer.
-#
-# Entities, in metres in the world frame (z up, floor at z = 0)::
-#
-#     description, certainty, moves     what one sees, how sure it is, how often moves were accepted
-#     world/floor, world/camera         the ground, and the camera of the best scene
-#     world/camera/image/...            pictures, detections, reprojected and hidden joints, pixels
-#     world/occupancy, world/all_draws  the floor and the objects over all draws
-#     world/scene_1 … scene_K/...     furniture, names, positions, person, path, ghosts
-#     world/truth/...                   what really was there, where somebody knows
-#     world/by_scene/..., summary      the scenes one after the other, on timeline `scene`
-#     world/draws/chain_1 …             draws one after the other, on timeline `draw`
-#     fit/..., sure/...                 curves over frames
-#     traces/...                        curves over the draws of the chains
-#
-# Of several people the person, limbs, path and curves of each have entities of their own, named
-# after their tracks.
-#
-# Timelines are `frame` (the input's own numbers), `scene` (from 1) and `draw`. Nothing is
-# stamped with the time of day, so the same run makes the same recording. ``docs/recording.md``
-# says what each panel is for.
+# The recording.
 
 _GHOSTS = 8
 """Most doubles drawn of a scene's person: more hide the person and swell the file."""

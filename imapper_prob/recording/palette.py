@@ -1,4 +1,8 @@
-"""Colours, class numbers, names and text in a recording."""
+"""Colours, class numbers and text in a recording.
+
+Objects have the hues of :mod:`imapper_prob.plotting`; people and their doubles take the light tones
+that are left.
+"""
 
 from __future__ import annotations
 
@@ -65,10 +69,8 @@ def _parts(value: Any) -> Iterator[bytes]:
 
 
 # ------------------------------------------------------------------------------------------------
-# Text that the viewer can draw.
-#
-# Its one font has Latin, Greek and Cyrillic letters. At any other sign, of a clip's name or an
-# object's label, the viewer does not draw a box but ends, and takes all other views with it.
+# Text. The viewer's one font has Latin, Greek and Cyrillic letters; at any other sign it ends, and
+# takes all other views with it.
 
 _RANGES = (
     (0x20, 0x7E),
@@ -92,10 +94,7 @@ def _has(code: int) -> bool:
 
 
 # ------------------------------------------------------------------------------------------------
-# Which colour and which class number everything in a recording has.
-#
-# Objects have the hues of :mod:`imapper_prob.plotting`; people and their doubles take the light
-# tones that are left.
+# Classes.
 
 pass
 ESTIMATE: Final = 1

@@ -124,9 +124,7 @@ def curve(
 
 
 # ------------------------------------------------------------------------------------------------
-# How sure the posterior is, drawn: the floor, the objects, and what is hidden.
-#
-# Unlike scenes, all of this is about every draw at once.
+# Certainty over all draws: the floor, the objects, and what is hidden.
 
 HIDDEN = 0.5
 """Probability from which a joint is drawn as hidden."""
@@ -282,7 +280,7 @@ def _log_curves(recording: rr.RecordingStream, certainty: Certainty, clip: Clip)
 
 
 # ------------------------------------------------------------------------------------------------
-# Draws one after the other, chain beside chain: what the sampler really did.
+# Draws one after the other, chain beside chain.
 
 MOST = 400
 """Most draws of all chains together that are kept, evenly spread: a recording stays small."""

@@ -197,7 +197,7 @@ def _blueprint() -> rrb.Blueprint:
 
 
 # ------------------------------------------------------------------------------------------------
-# What every stage of the solver had on the floor, for a recording.
+# What every stage has on the floor.
 
 
 def stage_views(solved: Solved) -> tuple[StageView, ...]:

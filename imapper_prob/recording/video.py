@@ -164,7 +164,7 @@ def _encoded(picture: Any, quality: int) -> bytes:
 
 
 # ------------------------------------------------------------------------------------------------
-# A recording inside a notebook, without a network.
+# Notebooks: a recording without a network.
 
 _ASSET = "RERUN_NOTEBOOK_ASSET"
 

@@ -1,7 +1,7 @@
 """A scene, or draws, in formats of others: JSON in benchmark axes, binary glTF, i3DB.
 
-Every draw has a camera of its own, with its own pitch, roll, height and focal length: what
-leaves the world must leave it through the camera of its draw.
+Every draw has a camera of its own, with its own pitch, roll, height and focal length: what leaves
+the world leaves it through the camera of its draw.
 """
 
 from __future__ import annotations
@@ -71,10 +71,10 @@ def yaw_in_camera(camera: Camera, o: SceneObject) -> float:
 
 
 # ------------------------------------------------------------------------------------------------
-# One JSON of a scene, and of posterior draws, in the camera frame of the benchmark.
+# JSON of a scene, and of posterior draws.
 #
-# For programs that know neither our world nor our model: metres, x right, y down, z forward, the
-# camera at the origin. The fields are described in ``docs/results.md``.
+# For programs that know neither the world frame nor the model: metres, x right, y down, z forward,
+# the camera at the origin. The fields are described in ``docs/results.md``.
 
 _FORMAT: Final = "imapper-prob scene 1"
 _DECIMALS: Final = 5

@@ -1,8 +1,7 @@
 """Figures of a posterior: scenes, certainty, visibility, convergence, energy by term.
 
-On the left the clip from its first frame to its last, all panels on one time axis; on the right
-what every scenelet and every object is worth. The figure saves or shows itself; matplotlib's
-current figure is left alone.
+Each function returns a ``Figure`` that saves or shows itself; matplotlib's current figure is left
+alone. Views from above have the camera at the origin, looking up the page.
 """
 
 from __future__ import annotations
@@ -250,10 +249,7 @@ def _rgb(colour: Colour) -> tuple[float, float, float]:
 
 
 # ------------------------------------------------------------------------------------------------
-# A posterior in pictures: which scenes, how sure, what is hidden, did it converge.
-#
-# Each function returns a ``Figure`` that saves or shows itself; matplotlib's current figure is
-# left alone. Views from above have the camera at the origin, looking up the page.
+# Scenes, certainty and convergence.
 
 _CHAINS: Final = ("#4e79a7", "#f28e2b", "#59a14f", "#b07aa1", "#e15759", "#76b7b2")
 _AXES: Final = {"across the view": "#4e79a7", "depth": "#f28e2b", "height": "#59a14f"}

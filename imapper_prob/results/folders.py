@@ -215,7 +215,7 @@ def _write_models(folder: Path, posterior: Posterior) -> None:
 
 
 # ------------------------------------------------------------------------------------------------
-# The folder of a staged solution.
+# Folders of staged solutions.
 
 _SOLUTION_FILES = (
     "candidates.png", "charness.png", "config.toml", "evaluation.json", "evaluation.png",

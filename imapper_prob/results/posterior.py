@@ -690,7 +690,7 @@ class Posterior:
 
 
 # ------------------------------------------------------------------------------------------------
-# A finished run, opened again from its folder alone.
+# Opening a finished run from its folder.
 
 _SAID = (
     "agreement", "clip", "clip_digest", "config", "config_digest", "library", "library_digest",

@@ -1,4 +1,7 @@
-"""``report.html``: one page with the whole result, which opens offline."""
+"""``report.html``: one page with the whole result, which opens offline.
+
+No script, no font and no picture comes from elsewhere.
+"""
 
 from __future__ import annotations
 
@@ -176,7 +179,7 @@ def _plural(label: str) -> str:
 
 
 # ------------------------------------------------------------------------------------------------
-# The report of a run: one page with all in it, that opens anywhere and asks nobody.
+# The page.
 
 
 def write_report(path: Path, posterior: Posterior) -> None:

@@ -145,9 +145,7 @@ def details(summary: str, text: str) -> str:
 
 
 # ------------------------------------------------------------------------------------------------
-# Pictures of the report, as PNG inside the page.
-#
-# Top views have the camera below the picture and what it sees above, in metres.
+# Pictures. Top views have the camera below and what it sees above, in metres.
 
 Array = NDArray[np.float64]
 _INK: Final = "#2b2f36"

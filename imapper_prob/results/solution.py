@@ -191,7 +191,7 @@ def _arrays(solved: Solved) -> dict[str, np.ndarray]:
 
 
 # ------------------------------------------------------------------------------------------------
-# The staged solution in tables for the terminal.
+# Tables for the terminal.
 
 
 def stage_table(solved: Solved, times: Sequence[tuple[str, float]]) -> Table:
@@ -310,9 +310,7 @@ def furniture_table(solved: Solved) -> Table:
 
 
 # ------------------------------------------------------------------------------------------------
-# Pictures of the staged solution: charness over time, and the candidates at its maxima.
-#
-# The figures save or show themselves; matplotlib's current figure is left alone.
+# Figures. Each function returns one; matplotlib's current figure is left alone.
 
 Array = NDArray[np.float64]
 _INK: Final = "#2b2f36"

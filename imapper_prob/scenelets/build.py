@@ -1,4 +1,9 @@
-"""Scenelets from captures: recordings are cut, put into local frames and given their objects."""
+"""Libraries from captures: motion is cut, put into local frames and given its objects.
+
+The construction of Monszpart et al. (2019, section 4), with three additions. All motion is brought
+to one frame rate and one stature, because a library knows one of each; furniture keeps its size.
+Each scenelet has a weight, one over the number of those that begin near it in the same room.
+"""
 
 from __future__ import annotations
 
@@ -56,15 +61,14 @@ __all__ = [
 
 Array = NDArray[np.float64]
 # ------------------------------------------------------------------------------------------------
-# Where to cut a long motion: clips of equal way, closer together where somebody stays.
+# Cutting.
 #
-# Monszpart et al. (2019, section 4) cut where the pelvis has gone a constant way in top view,
-# after smoothing away what a standing person sways. Of the length of the way and of the
-# distance between clips the paper says nothing. Taken literally, the rule passes over people
-# who stay: in the truth of four i3DB scenes a metre of way takes 13 to 16 frames (1.5 s) of
-# walking, as published, but 29 to 42 (3 to 4 s) of sitting, all of a stay with the ways
-# to it and from it. So a clip ends after a second on either side even if the way is shorter, and
-# clips are centred at least every second. Several clips of one stay then count as one by their
+# Monszpart et al. (2019, section 4) cut where the pelvis has gone a constant way in top view, after
+# smoothing away what a standing person sways. The paper states neither the length of the way nor
+# the distance between clips. Taken literally, the rule passes over people who stay: in the truth of
+# four i3DB scenes a metre of way takes 13 to 16 frames (1.5 s) of walking, as published, but 29 to
+# 42 (3 to 4 s) of sitting. So a clip ends after a second on either side even if the way is shorter,
+# and clips are centred at least every second. Several clips of one stay count as one by their
 # weights.
 
 Ints = NDArray[np.int64]
@@ -169,14 +173,7 @@ def _way(path: Array) -> Array:
 
 
 # ------------------------------------------------------------------------------------------------
-# Scenelets from recordings of people among furniture.
-#
-# The construction of Monszpart et al. (2019, section 4): motion is cut into clips
-# (:mod:`imapper_prob.scenelets.build`), each with the objects within a metre of the person in
-# top view, in the frame of the pelvis in the middle of the clip. Three things are added. All
-# motion is brought to one frame rate and one stature, because a library knows one of each;
-# furniture keeps its size. And each scenelet has a weight, one over the number of those that
-# begin near it in the same room.
+# Building.
 
 pass
 UNKNOWN_ACTION: Final = "motion"
@@ -439,7 +436,7 @@ def _lost(joints: Array) -> int:
 
 
 # ------------------------------------------------------------------------------------------------
-# Captures of whatever format, by the name of the format.
+# Captures by the name of their format.
 
 _log = logging.getLogger(__name__)
 _TOLD: Final = 5

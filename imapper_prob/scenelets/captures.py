@@ -1,7 +1,7 @@
 """Captures: motion recorded with the furniture around it, from ``.npz`` and i3DB files.
 
-What scenelets are cut from: motion capture with scanned or measured furniture, or the truth
-of a benchmark. A capture is known, where a clip is only seen.
+Scenelets are cut from captures: motion capture with scanned or measured furniture, or the truth of
+a benchmark. A capture is known, where a clip is only seen.
 """
 
 from __future__ import annotations
@@ -96,7 +96,7 @@ class Capture:
 
 
 # ------------------------------------------------------------------------------------------------
-# Motion at other moments than those it was recorded at.
+# Motion at other moments.
 
 
 def joints_at(moments: ArrayLike, times: ArrayLike, joints: ArrayLike, *, bridged: float) -> Array:
@@ -144,9 +144,7 @@ def joints_at(moments: ArrayLike, times: ArrayLike, joints: ArrayLike, *, bridge
 
 
 # ------------------------------------------------------------------------------------------------
-# Captures of any origin: one ``.npz`` with joints over time and boxes.
-#
-# The file is a plain numpy archive, without pickled objects, so any tool can write one:
+# Captures in files: a plain numpy archive, without pickled objects, so that any tool can write one.
 #
 # ==================  =====================  ==================================================
 # ``format``          () text                ``"imapper-prob capture 1"``
@@ -287,9 +285,7 @@ def _furniture(arrays: Arrays, name: str) -> list[SceneObject]:
 
 
 # ------------------------------------------------------------------------------------------------
-# The truth of i3DB scenes as captures, to cut scenelets from.
-#
-# Never for a scene that is then inferred: leave it out by name.
+# The truth of i3DB scenes, never of one that is then inferred: leave it out by name.
 
 _BRIDGED: Final = 0.3
 """Seconds between annotated frames that are bridged; every second frame is one, 0.2 s apart."""

@@ -1,8 +1,8 @@
-"""Charness: how much a motion says about the furniture around it (Monszpart et al. 2019).
+"""Charness: how much a motion says about the furniture around it.
 
-Motions have descriptors that do not depend on place, heading and speed. Furniture has histograms
-over cells around the person. A motion is characteristic where similar motions have similar
-histograms.
+Monszpart et al. (2019, section 4). Motions have descriptors that do not depend on place, heading
+and speed. Furniture has histograms over cells around the person. A motion is characteristic where
+similar motions have similar histograms: sitting implies a seat below, walking implies nothing.
 """
 
 from __future__ import annotations
@@ -158,12 +158,11 @@ def _weighted(descriptors: Array) -> Array:
 
 
 # ------------------------------------------------------------------------------------------------
-# Where the furniture of a scenelet is, seen from the person: a grid of cells a category.
+# Histograms of furniture: a grid of five by five cells that faces where the person faces.
 #
-# Monszpart et al. (2019, section 4): a grid of five by five cells that faces where the person
-# faces; a cell holds the largest overlap of an object of its category with it, as part of the
-# smaller of the two areas. The paper does not give the size of a cell; half a metre lets the
-# grid cover what is within reach of the person in the middle one.
+# A cell holds the largest overlap of an object of its category with it, as part of the smaller of
+# the two areas. The paper does not give the size of a cell; half a metre lets the grid cover what
+# is within reach of the person in the middle one.
 
 CELL: Final = 0.5
 """Side of a cell in metres."""
@@ -210,10 +209,7 @@ def object_histograms(scenelets: Sequence[Scenelet], labels: Sequence[str]) -> A
 
 
 # ------------------------------------------------------------------------------------------------
-# How much a motion says about the furniture around it.
-#
-# Charness (Monszpart et al. 2019, section 4) is high where similar motions come with the same
-# kind of object in the same place: sitting implies a seat below, walking implies nothing.
+# Charness.
 
 pass
 KERNEL_WIDTH: Final = 0.04

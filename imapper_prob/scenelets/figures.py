@@ -1,12 +1,11 @@
 """A library in tables and pictures: motions in a plane, furniture around people, charness.
 
-Isomap (Tenenbaum, de Silva and Langford 2000): distances are measured along chains of similar
-motions, then laid out by classical scaling. How often the ten nearest neighbours of a point do
-the same as it does, mean over sitting, standing, walking and reaching in the built-in library,
-and the mean silhouette: .80 and .53, against .77 and .42 for principal components of the
-weighted descriptors (the same as classical scaling of their distances) and .78 and .48 for
-diffusion maps of the kernel (width .08 m); .90 is what the descriptors themselves reach
-without being flattened.
+Figures are like 4 and 5 of Monszpart et al. (2019). Motions are laid out by Isomap (Tenenbaum, de
+Silva and Langford 2000): distances along chains of similar motions, then classical scaling. Of the
+ten nearest neighbours of a point .80 do the same as it does, mean over sitting, standing, walking
+and reaching in the built-in library, with a mean silhouette of .53; principal components of the
+weighted descriptors give .77 and .42, diffusion maps of the kernel (width .08 m) .78 and .48, and
+the descriptors themselves .90.
 """
 
 from __future__ import annotations
@@ -99,7 +98,7 @@ def _along_chains(distances: Array) -> Array:
 
 
 # ------------------------------------------------------------------------------------------------
-# A library in tables.
+# Tables.
 
 
 def action_table(library: Library, charness: Array) -> Table:
@@ -167,10 +166,7 @@ def _span(values: Array) -> str:
 
 
 # ------------------------------------------------------------------------------------------------
-# Pictures of a library, as in the paper: motions in a plane, furniture around people, charness.
-#
-# Each function returns a ``Figure`` that saves or shows itself; matplotlib's current figure is
-# left alone. After Monszpart et al. (2019), figures 4 and 5.
+# Figures. Each function returns one; matplotlib's current figure is left alone.
 
 _INK: Final = "#2b2f36"
 _QUIET: Final = "#7d848f"

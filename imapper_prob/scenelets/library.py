@@ -1,4 +1,10 @@
-"""Libraries of scenelets: by name, in files, in a cache on disk, and without some families."""
+"""Libraries of scenelets by name: the built-in one, files, several joined, and the cache on disk.
+
+The built-in library takes seconds to make and a tenth of that to read, so that it is kept beside
+the sources. A cached file is named by the sources and the machine that it was made by, and by its
+content; one that does not hold what its name says is made again. Who may not write there makes the
+library each time.
+"""
 
 from __future__ import annotations
 
@@ -139,11 +145,7 @@ def _unpacked(arrays: Arrays) -> Library:
 
 
 # ------------------------------------------------------------------------------------------------
-# Libraries that were made before, kept on disk beside the sources.
-#
-# The built-in library takes seconds to make and a tenth of that to read. A file is named by the
-# sources that it was made by and the machine it was made on, and by what is in it; one that does
-# not hold what its name says is made again. Who may not write there makes the library each time.
+# The cache.
 
 pass
 _ROOMS: Final = (Path(__file__).parent, Path(scenelet.__file__).parent)
@@ -212,7 +214,7 @@ def _remove_unused(folder: Path, name: str) -> None:
 
 
 # ------------------------------------------------------------------------------------------------
-# Libraries of scenelets by name: the built-in one, files, and several joined.
+# Loading.
 
 _BUILT_IN: Final = "built-in"
 

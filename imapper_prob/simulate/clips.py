@@ -1,4 +1,9 @@
-"""A simulated clip: what a camera, a detector and a lifter report of a simulated scene."""
+"""A simulated clip: what a camera, a detector and a lifter report of a simulated scene.
+
+The camera, the body and the detector are drawn from the priors of the model, and drawn again until
+the person is in view. Room and walk (:mod:`imapper_prob.simulate.scene`) are plausible, not a draw
+of p(X): for that see ``lab/prior.py``.
+"""
 
 from __future__ import annotations
 
@@ -157,12 +162,7 @@ def _lifted(
 
 
 # ------------------------------------------------------------------------------------------------
-# A clip as a camera might have taken it: a room, a person in it, and what is seen of it.
-#
-# Demo and tests of calibration use this. The camera, the body and the detector are drawn from the
-# priors of the model itself, and drawn again until the person is in view; the room and the walk
-# through it are plausible, not a draw of p(X): for that see
-# ``lab/prior.py``.
+# Clips.
 
 _T = TypeVar("_T")
 NOMINAL_CAMERA: Final = Camera(

@@ -1,4 +1,9 @@
-"""A furnished room before a camera, and the motion of a person in it."""
+"""A furnished room before a camera, and the motion of a person in it.
+
+In the frames of a scenelet the joints are exactly the scenelet's, placed and scaled; it is played
+to and fro for as long as the person stays. In between the person walks, with poses of the library's
+walking scenelets played by distance so that the feet keep up with the body.
+"""
 
 from __future__ import annotations
 
@@ -202,11 +207,7 @@ def find_route(
 
 
 # ------------------------------------------------------------------------------------------------
-# A person who walks between scenelets: the motion of the simulator.
-#
-# In the frames of a scenelet the joints are exactly the scenelet's, placed and scaled; it is
-# played to and fro for as long as the person stays. In between the person walks, with poses of
-# the library's own walking scenelets played by distance so that the feet keep up with the body.
+# Motion.
 
 SETTLING: Final = 1.3
 """Seconds between walking and the first pose of a scenelet: to turn and sit down."""

@@ -159,11 +159,10 @@ def _given(
 
 
 # ------------------------------------------------------------------------------------------------
-# The staged solver's answer for everybody in a clip: scenes whose furniture is shared.
+# One answer for everybody.
 #
-# Every actor is solved by themselves; furniture is not theirs alone. Of the scenes each has
-# tried, those are taken together that are probable and do not stand in each other, and what two
-# actors both found is one object.
+# Of the scenes that each actor has tried, those are taken together that are probable and do not
+# stand in each other; what two actors both found is one object.
 
 Array = NDArray[np.float64]
 _ALTERNATIVES = 12

@@ -1,9 +1,9 @@
 """The prior of camera and body: a Laplace approximation given the feet of the static path.
 
-Of all signs of sitting the angle of the thighs to the vertical is the plainest: nobody walks,
-stands or reaches with both thighs level. It is the mean of both legs', the median over a second,
-and counts as far as the legs are seen; how much each angle says is measured on i3DB
-(``support.angle`` and ``support.slope`` in ``docs/calibration.md``).
+Five numbers are open: pitch, roll and height of the camera, and the factors by which focal length
+and stature differ from what was assumed. The feet of a person who walks about see the floor, and
+with it the height; they see pitch and roll only through how that height changes with depth and
+across the view, which is weak and tied to the height.
 """
 
 from __future__ import annotations
@@ -76,12 +76,7 @@ def find_stays(
 
 
 # ------------------------------------------------------------------------------------------------
-# What is known of the camera and the body before any furniture.
-#
-# Five numbers are left open: pitch, roll and height of the camera, and the factors by which
-# focal length and stature differ from what was assumed. The feet of a person who walks about
-# see the floor, and with it the height; they see pitch and roll only through how that height
-# changes with depth and across the view, which is weak and tied to the height.
+# The prior.
 
 _LEVEL: Final = 0.175
 """Metres of a lower ankle beneath the pelvis. In the built-in library who has less lies or sits

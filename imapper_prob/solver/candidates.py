@@ -1,4 +1,11 @@
-"""Candidates: fits at the maxima of charness, judged and refined under the log-posterior."""
+"""Candidates: fits at the maxima of charness, judged and refined under the log-posterior.
+
+Reprojection alone cannot tell a chair from a couch. In every window the best fits of each kind of
+furniture are kept apart and judged with occlusion and intersections, and the best of each kind that
+is still worth it is refined. The paper takes 200 fits a maximum, drops those that walk through
+furniture, then those whose furniture hides the wrong joints, and keeps three (Monszpart et al.
+2019, section 5).
+"""
 
 from __future__ import annotations
 
@@ -189,12 +196,7 @@ def _stands_out(values: Array, window: int) -> bool:
 
 
 # ------------------------------------------------------------------------------------------------
-# Candidates: fits judged, and the good ones refined, under the full log-posterior.
-#
-# Reprojection alone cannot tell a chair from a couch. So in every window the best fits of
-# each kind of furniture are kept apart, judged with occlusion and intersections (the paper's
-# 200 per maximum after motion intersection, Monszpart et al. 2019, section 5), and the best
-# of each kind that is still worth it is refined.
+# Judging and refining.
 
 Progress = Callable[[str, float], None]
 
@@ -385,11 +387,8 @@ def refine(problem: Problem, state: State, *, only: Iterable[int] | None = None)
 
 
 # ------------------------------------------------------------------------------------------------
-# Who was kept at each maximum of charness, and what spoke against everybody else.
-#
-# The paper takes 200 fits a maximum, drops those that walk through furniture, then those whose
-# furniture hides the wrong joints, and keeps three (Monszpart et al. 2019, section 5). Here one
-# log-posterior judges all of it at once; this table takes its verdicts apart in that order.
+# Tables of a maximum: who was kept, and what spoke against the others, in the order of the
+# paper's criteria. One log-posterior judges all of them at once.
 
 pass
 _SOLID = ("motion", "collision", "ground")

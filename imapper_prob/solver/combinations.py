@@ -137,12 +137,12 @@ def _optimistic(groups: Sequence[Ints], together: Array) -> Array:
 
 
 # ------------------------------------------------------------------------------------------------
-# A whole scene made as probable as it can be: camera, placements and sizes at once.
+# Refinement of a whole scene.
 #
-# Each scenelet stands on the floor, so where the camera looks and how far away everybody is hang
-# together: moving one scenelet at a time, or the camera alone, gets nowhere. The paper minimises
-# its energy by L-BFGS (Monszpart et al. 2019, section 5), and so does this, in units in which all
-# unknowns are about as uncertain.
+# Each scenelet stands on the floor, so that where the camera looks and how far away everybody is
+# hang together: moving one scenelet at a time, or the camera alone, gets nowhere. As the paper
+# (Monszpart et al. 2019, section 5), L-BFGS moves all, in units in which all unknowns are about as
+# uncertain.
 
 _UNITS = np.array([0.01, 0.06, 0.1, 0.05])
 """Of bearing, log depth, yaw (rad), and of log size at the same look: their usual doubt."""
@@ -184,13 +184,13 @@ def polish(problem: Problem, state: State) -> State:
 
 
 # ------------------------------------------------------------------------------------------------
-# Combinations: from candidates at the maxima of charness to whole scenes.
+# From candidates at the maxima of charness to whole scenes.
 #
-# The paper tries every combination of three candidates a maximum (Monszpart et al. 2019,
-# section 5). Here a maximum may also stay empty, and there may be twelve of them: combinations
-# are judged by the full log-posterior in the order of what their candidates are worth alone and
-# two by two (`search`), all of them where there are few. The best scenes are refined once more,
-# and in the best one candidates are exchanged for whatever does better there (`exchange`).
+# The paper tries every combination of three candidates a maximum (Monszpart et al. 2019, section
+# 5). Here a maximum may also stay empty, and there may be twelve of them: combinations are judged
+# by the log-posterior in the order of :func:`search`, all of them where there are few. The best
+# scenes are refined, and in the best one candidates are exchanged
+# (:mod:`imapper_prob.solver.sequences`).
 
 pass
 Progress = Callable[[str, float], None]

@@ -168,12 +168,11 @@ def _static_world(problem: Problem, path: StaticPath) -> Array:
 
 
 # ------------------------------------------------------------------------------------------------
-# What the freedom of a frame without scenelet is worth.
+# What a free frame pays for its pose.
 #
-# The pose of a free frame comes from a lifter that has already seen the frame, so that its
-# small residual is no evidence against a scenelet. A free frame is therefore judged as if the
-# best motion without furniture (somebody walking or standing about) had to explain it: an
-# interaction has to beat that, not the lifter.
+# The pose of a free frame comes from a lifter that has seen the frame, so that its small residual
+# is no evidence against a scenelet. A free frame is judged as if the best motion without furniture
+# (somebody walking or standing about) had to explain it: an interaction has to beat that.
 
 pass
 _STANDING = 0.75
@@ -243,11 +242,11 @@ def free_pose_cost(problem: Problem, fits: Fits) -> NDArray[np.float64]:
 
 
 # ------------------------------------------------------------------------------------------------
-# How well the library knows what is seen: of every frame the best fit of any scenelet.
+# How well the best scenelet over each frame fits.
 #
-# What a fit costs (:mod:`imapper_prob.solver.fits`) depends on how large a pixel is and on which
-# joints a detector is sure of. Less what the right motion would cost on average with the same
-# joints at the same distance it is a pure number: about 0 where some scenelet is right.
+# What a fit costs depends on how large a pixel is and on which joints a detector is sure of. Less
+# what the right motion would cost on average with the same joints at the same distance it is a pure
+# number: about 0 where some scenelet is right.
 
 pass
 

@@ -1,6 +1,8 @@
-"""Poses of the frames as rotations of bones: implausible ones, and how missing ones are filled.
+"""Poses of the frames as vectors of bones: implausible ones, and how missing ones are filled.
 
-The neck, which no detector reports, is put half-way between thorax and head.
+A lifter sees one frame at a time. The directions of its bones are useful, its scale and its
+proportions are not, which are those of the skeleton it was trained on, and some frames have no
+pose. The neck, which no detector reports, is put half-way between thorax and head.
 """
 
 from __future__ import annotations
@@ -92,11 +94,11 @@ def joints_of(bones: ArrayLike) -> Array:
 
 
 # ------------------------------------------------------------------------------------------------
-# Poses nobody can take.
+# Implausible poses.
 #
-# Lifters know bodies from training data and mostly stay near them, but where a body is hidden
-# some collapse, turn it upside down or break its knees. Detections cannot always say so, for
-# there are none of what is hidden.
+# Lifters mostly stay near bodies of their training data, but where a body is hidden some collapse,
+# turn it upside down or break its knees. Detections cannot always tell, for there are none of what
+# is hidden.
 
 pass
 _PROPORTIONS: Final = 0.7
@@ -152,12 +154,12 @@ def _forward(directions: Array, axes: Array, thigh: int, shin: int) -> Array:
 
 
 # ------------------------------------------------------------------------------------------------
-# Poses between known ones: the trunk turns, and the limbs turn with it and by themselves.
+# Poses between known ones.
 #
-# Linear interpolation of joints would shorten the bones of a person who turns round; turning
-# every bone by itself would not, but takes each the shortest way, which for a half turn may be
-# through the floor for one and over the head for the next. So the trunk is a rotation that is
-# interpolated as one, and limbs are directions in its axes.
+# Linear interpolation of joints would shorten the bones of a person who turns round. Turning every
+# bone by itself takes each the shortest way, which for a half turn may be through the floor for one
+# and over the head for the next. So the trunk is a rotation that is interpolated as one, and limbs
+# are directions in its axes.
 
 pass
 _SPINE: Final = TREE.index((sk.PELV, sk.THRX))
@@ -255,7 +257,7 @@ def fill_directions(directions: ArrayLike, known: ArrayLike) -> Array:
 
 
 # ------------------------------------------------------------------------------------------------
-# What became of every frame before any scenelet, and where its pose comes from.
+# Where the pose of each frame comes from.
 
 
 class PoseSource(StrEnum):
@@ -317,11 +319,7 @@ class FrameTable:
 
 
 # ------------------------------------------------------------------------------------------------
-# Poses from a lifter, given to the reference body and filled in where they are missing.
-#
-# A lifter sees one frame at a time: the directions of its bones are useful, its scale is not, nor
-# are its proportions, which are those of the skeleton it was trained on, and some frames have
-# none.
+# The reference body in lifted poses.
 
 pass
 _LEFT, _RIGHT, _UP, _DOWN = (-1.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0), (0.0, 0.0, -1.0)

@@ -187,7 +187,7 @@ def _normal_equations(told: Observations, places: Array) -> tuple[Array, Array]:
 
 
 # ------------------------------------------------------------------------------------------------
-# Candidates and combinations as the paper has them (Monszpart et al. 2019, section 6).
+# Candidates and combinations.
 #
 # At every window of T' – maxima of charness, and frames without a static skeleton – all fitted
 # scenelets are put one at a time into the scene of static skeletons, and
@@ -196,7 +196,7 @@ def _normal_equations(told: Observations, places: Array) -> tuple[Array, Array]:
 # 2. placed anew with w_m L_m added,
 # 3. judged once by w_o L_o as well, and the best 3 are kept.
 #
-# One of the three at every window: all combinations, at most 3^5, are placed under the whole
+# All combinations of one of the three at every window, at most 3^5, are placed under the whole
 # energy and sorted by it. Nothing here asks the priors, nor has a scenelet another size than the
 # body.
 

@@ -1,4 +1,10 @@
-"""Which of a scene's objects are worth naming."""
+"""Which of a scene's objects are worth naming, and problems with a part of the library.
+
+A scenelet brings along all that stood near somebody who once moved like this: the couch they sat
+on, and a shelf beside it. The motion tells of the couch; the shelf is kept only if it hides what
+the detector does not see. With the published energy all of it stays, but of two compatible objects
+that are in each other the one that costs more goes.
+"""
 
 from __future__ import annotations
 
@@ -57,12 +63,7 @@ def _starts(counts: Ints) -> Ints:
 
 
 # ------------------------------------------------------------------------------------------------
-# Which of a scene's objects are worth naming.
-#
-# A scenelet brings along all that stood near somebody who once moved like this: the couch they
-# sat on, and a shelf beside it. The couch is what the motion tells of. The shelf may as well not
-# be there, unless it hides what the detector does not see. With the published energy all of it
-# stays, but of two that are compatible and in each other the one that costs more.
+# Selection of objects.
 
 Array = NDArray[np.float64]
 _NOWHERE = 1e6

@@ -1,4 +1,10 @@
-"""The staged solver: from a clip to its best scene and alternatives."""
+"""The staged solver: deterministic, from a clip to its best scene and alternatives.
+
+Static path and camera, independent fits, charness over time, candidates, combinations, refinement:
+the stages of the paper (Monszpart et al. 2019, section 6) in their order. The result stands by
+itself and is where the sampler starts. With the published energy the stages are the paper's own
+(:mod:`imapper_prob.solver.published`).
+"""
 
 from __future__ import annotations
 
@@ -87,12 +93,7 @@ def _nearby(candidate: Candidate, used: np.ndarray, frames: float) -> bool:
 
 
 # ------------------------------------------------------------------------------------------------
-# The staged solver: deterministic, from a clip to its best scene and alternatives.
-#
-# Static path and camera, independent fits, charness over time, candidates, combinations,
-# refinement: the stages of the paper (Monszpart et al. 2019, section 6) in their order. The
-# result stands by itself and is where the sampler starts. With the published energy the stages are
-# the paper's own (`paper_path`, `paper_method`).
+# The stages.
 
 Progress = Callable[[str, float], None]
 _PUBLISHED = MaximaSettings(most=5)

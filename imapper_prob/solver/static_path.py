@@ -1,10 +1,12 @@
 """The static path: where each frame alone puts the person, before any scenelet.
 
-Steps of a person are no coin tosses: who walks goes on walking for about a second. Bearing and log
-depth have a velocity that is an Ornstein-Uhlenbeck process, and the path through a gap is what
-that process expects, given the fitted path at both ends (a Kalman filter and the smoother of Rauch,
-Tung and Striebel 1965). Its variance says how far off that may be: over two seconds it grows to
-metres where steps that forget each other would leave it at a few decimetres.
+Lifted poses give the body's shape, detections say where it is and how it is bent, and the length of
+the reference body turns size in the image into depth (:mod:`imapper_prob.solver.path_fit`).
+
+In gaps, bearing and log depth have a velocity that is an Ornstein-Uhlenbeck process, for who walks
+goes on walking for about a second. The path through a gap is what that process expects given the
+fitted path at both ends (a Kalman filter and the smoother of Rauch, Tung and Striebel 1965); its
+variance grows to metres over two seconds, where independent steps would leave it at decimetres.
 """
 
 from __future__ import annotations
@@ -140,11 +142,7 @@ def _smoothed(
 
 
 # ------------------------------------------------------------------------------------------------
-# Where each frame alone puts the person: the path before any scenelet.
-#
-# Lifted poses give the body's shape, detections say where it is and how it is bent, and the
-# length of the reference body turns size in the image into depth. `path_fit` holds the
-# posterior that is maximised here.
+# The path.
 
 _CONFIDENT = 0.5
 """Confidence from which a detection may testify against a lifted pose."""

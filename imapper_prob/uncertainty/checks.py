@@ -1,7 +1,18 @@
-"""Checks of a result that do not depend on the chains: camera, detections, library, prediction.
+"""Checks of a result that do not depend on the chains.
 
-A run reports them before the verdict on the chains. Each is a posterior predictive or prior check
-with a stated rate of false alarms.
+A run reports them before the verdict, because chains agree as well on nonsense. Each is a posterior
+predictive or prior check: it holds one thing against a limit that a clip passes in 99 of 100 cases
+if the model is right. What is usual is said by :mod:`imapper_prob.models.settings` and the spreads
+of ``calibrated.toml``; ``docs/research/alarms.md`` has the rates measured on clips that are right
+and on clips that are wrong.
+
+``upright``      people on their feet are upright in the cameras of the draws
+``height``       their feet are as high above the floor as feet are
+``slope``        and no higher further away
+``camera``       the camera is about where it was said to be
+``prediction``   the draws predict such detections, and have a seat for who is off their feet
+``resemblance``  some scenelet of the library looks like what is seen
+``elsewhere``    the detector was on the person
 """
 
 from __future__ import annotations
@@ -78,7 +89,7 @@ class Check:
 
 
 # ------------------------------------------------------------------------------------------------
-# Whether the camera can be where the draws have it: people upright, feet on a level floor.
+# Camera: people upright, feet on a level floor.
 #
 # Lifted poses say what is upright, the static path where feet are: neither has been bent by any
 # scenelet. All of it is in the worlds of the draws' cameras.
@@ -312,7 +323,7 @@ def _median_error(often: float) -> float:
 
 
 # ------------------------------------------------------------------------------------------------
-# Whether draws predict detections like those of the clip, and have a seat for who needs one.
+# Prediction: detections like those of the clip, and a seat for who needs one.
 
 pass
 
@@ -411,21 +422,7 @@ def _log_density(squared: Array, share: Array, scale: Array, dof: Array) -> Arra
 
 
 # ------------------------------------------------------------------------------------------------
-# Is there anything to be had from this clip? What is said before the verdict on the chains.
-#
-# Chains agree as well on nonsense. Each check holds one thing that must be so against a limit that
-# a clip passes in 99 of 100 cases if the model is right: those of
-# :mod:`imapper_prob.models.settings` and the spreads of ``calibrated.toml`` say what is usual,
-# ``docs/research/alarms.md`` how often clips are alarmed that are right, and that are wrong. The
-# draws are not touched.
-#
-# ``upright``      people on their feet are upright in the cameras of the draws
-# ``height``       their feet are as high above the floor as feet are
-# ``slope``        and no higher further away
-# ``camera``       the camera is about where it was said to be
-# ``prediction``   the draws predict such detections, and have a seat for who is off their feet
-# ``resemblance``  some scenelet of the library looks like what is seen
-# ``elsewhere``    the detector was on the person
+# All checks of a result.
 
 Flags = NDArray[np.bool_]
 _LOOKED_AT: Final = 40

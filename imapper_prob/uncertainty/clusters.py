@@ -1,4 +1,10 @@
-"""One object in many draws: clusters, what is sure about each, and regions on the floor."""
+"""Clusters: the same object met in many draws, and what is sure about it.
+
+Draws have different numbers of objects with different labels in an order of no meaning. They are
+matched draw by draw: no draw has two objects in one cluster, an object may be off, along the
+viewing ray twice as far as across it, and one that is called something else may belong as well if
+it stands near enough, so that a cluster can say "a chair, or perhaps a stool".
+"""
 
 from __future__ import annotations
 
@@ -74,12 +80,7 @@ def region_of(points: ArrayLike, share: float) -> Region:
 
 
 # ------------------------------------------------------------------------------------------------
-# The same object met in many draws: clusters of objects, and what is sure about each.
-#
-# Draws have different numbers of objects with different labels in an order of no meaning. They are
-# matched draw by draw: no draw has two objects in one cluster, an object may be off, along the
-# viewing ray twice as far as across it, and one that is called something else may belong as well
-# if it stands near enough, so that a cluster can say "a chair, or perhaps a stool".
+# Clusters.
 
 Ints = NDArray[np.int64]
 _OTHER_SEAT, _OTHER_LABEL = 0.25, 0.5

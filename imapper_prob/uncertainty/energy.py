@@ -1,8 +1,8 @@
 """Why this scene: its log-posterior by term, frame, scenelet and object, in tables and as JSON.
 
-Everything here is a difference or a share of what :func:`imapper_prob.models.posterior.terms`
-computes; nothing is modelled a second time. Signs are those of the log-posterior: more is
-better, and a cost is negative.
+Everything is a difference or a share of what :func:`imapper_prob.models.log_posterior.terms`
+computes; nothing is modelled a second time. Signs are those of the log-posterior: more is better,
+and a cost is negative.
 """
 
 from __future__ import annotations
@@ -329,7 +329,7 @@ def _lost(whole: Mapping[str, float], rest: Mapping[str, float]) -> dict[str, fl
 
 
 # ------------------------------------------------------------------------------------------------
-# An explanation in tables, and as a file for other programs.
+# Tables and files.
 
 pass
 FORMAT: Final = "imapper-prob energy"

@@ -1,4 +1,9 @@
-"""Which joints the camera could not see, and which piece of furniture was in the way."""
+"""Which joints the camera cannot see, and which piece of furniture is in the way.
+
+A joint is hidden in a draw if a box of that draw's furniture cuts the line of sight from the camera
+to it. Over draws that is a probability, told for every object that is matched across draws. Two
+objects may hide a joint together.
+"""
 
 from __future__ import annotations
 
@@ -66,13 +71,6 @@ def _lines_cut(elevation: float, joints: Array, boxes: Array) -> NDArray[np.bool
                     cut[t, j] = True
     return cut
 
-
-# ------------------------------------------------------------------------------------------------
-# Which joints the camera could not see, and which piece of furniture was in the way.
-#
-# A joint is hidden in a draw if a box of that draw's furniture cuts the line of sight from the
-# camera to it. Over draws that is a probability, and which object did it can be told for every
-# object that is matched across draws. Two objects may hide a joint together.
 
 pass
 

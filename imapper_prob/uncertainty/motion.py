@@ -1,10 +1,9 @@
 """The motion of the draws: where every joint is in every frame, and how sure that is.
 
-A scenelet says how somebody moves near such furniture, not how this person moved, and detections
-tell only across the ray by how much joints differ (:mod:`imapper_prob.solver.limbs`). And the
-static path is as wrong about how high the pelvis is in the image as about how far to the side, of
-which only the latter is sampled. What is drawn of scene and path leaves both out, and so would be
-far too sure of hands, feet and heights.
+Two doubts are added to the draws. A scenelet says how somebody moves near such furniture, not how
+this person moved, and detections tell only across the ray by how much joints differ
+(:mod:`imapper_prob.solver.limbs`). And the static path is as wrong about how high the pelvis is in
+the image as about how far to the side, of which only the latter is sampled.
 """
 
 from __future__ import annotations
@@ -72,7 +71,7 @@ def _chain(rng: np.random.Generator, shape: tuple[int, ...], memory: float) -> A
 
 
 # ------------------------------------------------------------------------------------------------
-# Where every joint is in every frame, and how sure that is.
+# Summaries.
 
 
 @dataclass(frozen=True)

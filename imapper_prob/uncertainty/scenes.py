@@ -1,4 +1,9 @@
-"""Scenes with their probabilities: chosen from layouts, described and compared."""
+"""Scenes with their probabilities: chosen from layouts, described and compared.
+
+Layouts are fine: a chair where another has a stool makes a layout of its own, and dozens of them
+share the probability. A scene is all layouts within a stated distance of its most probable one, and
+has the sum of their probabilities.
+"""
 
 from __future__ import annotations
 
@@ -119,7 +124,7 @@ class WeightedScene:
 
 
 # ------------------------------------------------------------------------------------------------
-# The draw that stands for a layout, and how its objects spread about it.
+# The draw that stands for a layout.
 
 
 @dataclass(frozen=True)
@@ -164,11 +169,7 @@ def representative(
 
 
 # ------------------------------------------------------------------------------------------------
-# From layouts to scenes that differ enough to be looked at one by one.
-#
-# Layouts are fine: a chair where another has a stool makes a layout of its own, and dozens of them
-# share the probability. A scene is all layouts within a stated distance of its most probable one,
-# and has the sum of their probabilities.
+# Scenes from layouts.
 
 APART: Final = 0.9
 """Metres, see :mod:`imapper_prob.layouts`: an object more or less (1) is another
@@ -202,7 +203,7 @@ def group_scenes(layouts: Sequence[Sequence[SceneObject]]) -> NDArray[np.int64]:
 
 
 # ------------------------------------------------------------------------------------------------
-# How one scene differs from another, in words.
+# Differences in words.
 
 _MOVED: Final = 0.3
 """Metres worth a word: about the standard deviation of an object's position."""
@@ -258,7 +259,7 @@ def _change(name: str, first: SceneObject, second: SceneObject) -> str:
 
 
 # ------------------------------------------------------------------------------------------------
-# What a scene explains of what was seen: frames, and joints that the detector lost.
+# What a scene explains.
 
 pass
 SURE: Final = 0.5

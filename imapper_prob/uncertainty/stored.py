@@ -1,4 +1,19 @@
-"""What ``posterior.nc`` holds: input, draws, and whether they can be trusted when read."""
+"""What ``posterior.nc`` holds besides the tree for people, and whether it can be trusted when read.
+
+Clip, scenelets and the packed log-posterior are kept, so that a run can be looked at again where
+its clip and its library are no more, and without the stages that lead to the first draw. Of the
+library only those scenelets are kept that some draw has. Groups, beside those of
+:mod:`imapper_prob.uncertainty.tree`:
+
+``clip``        the arrays of a clip file (:mod:`imapper_prob.clips.clip_file`)
+``library``     the arrays of a library file (:mod:`imapper_prob.scenelets.library`)
+``problem``     the fields of :class:`imapper_prob.models.problem.Problem`, for these scenelets
+``latent``      normal numbers of each draw's path, single precision
+``layouts``     probability, error and founding draw of each layout
+``traces``      log-posterior over the whole run, burn-in included
+``moves``       how often each move was proposed and accepted
+``ensembles``   placements of the most probable layouts, drawn by walkers
+"""
 
 from __future__ import annotations
 
@@ -122,15 +137,7 @@ def _finite(values: NDArray[np.float64], *, most: float) -> bool:
 
 
 # ------------------------------------------------------------------------------------------------
-# What was sampled from, in ``posterior.nc``: clip, scenelets and the packed log-posterior.
-#
-# With these three a run can be looked at again where its clip and its library are no more, and
-# without the stages that lead to the first draw. Of the library only those scenelets are kept
-# that some draw has. Groups:
-#
-# ``clip``      the arrays of a clip file (:mod:`imapper_prob.clips.clip_file`)
-# ``library``   the arrays of a library file (:mod:`imapper_prob.scenelets.library`)
-# ``problem``   the fields of :class:`imapper_prob.models.problem.Problem`, for these scenelets
+# Clip, scenelets and log-posterior.
 
 Arrays = Mapping[str, NDArray[Any]]
 Ints = NDArray[np.int64]
@@ -247,15 +254,7 @@ def _arrays(group: xr.Dataset) -> dict[str, NDArray[Any]]:
 
 
 # ------------------------------------------------------------------------------------------------
-# Draws and what is said of them, in ``posterior.nc``.
-#
-# Groups, besides those that :mod:`imapper_prob.uncertainty.tree` makes for people:
-#
-# ``latent``      normal numbers of each draw's path, single precision
-# ``layouts``     probability, error and founding draw of each layout
-# ``traces``      log-posterior over the whole run, burn-in included
-# ``moves``       how often each move was proposed and accepted
-# ``ensembles``   placements of the most probable layouts, drawn by walkers
+# Draws and what is said of them.
 
 Array = NDArray[np.float64]
 Groups = Mapping[str, xr.Dataset]

@@ -1,4 +1,4 @@
-"""The answer in words and tables."""
+"""The answer of a run in sentences and tables."""
 
 from __future__ import annotations
 

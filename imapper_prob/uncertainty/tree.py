@@ -1,4 +1,24 @@
-"""Draws as labelled arrays: the xarray tree of ``posterior.nc``, and what it was made with."""
+"""Draws as labelled arrays: the xarray tree of ``posterior.nc``, and what it was made with.
+
+Groups, as ArviZ names them:
+
+``posterior``      camera, body and mean depth of each draw: what every draw has whatever its
+                   dimension, and can vary freely, as plots of ArviZ want it
+``counts``         numbers of scenelets and objects, and the layout; in a good run they may be
+                   the same in all draws
+``motion``         by frame the pelvis, the probability that the detector took left for right,
+                   and how much worse than the right scenelet the best one fits; of several people
+                   all frames of the first, then of the next, see ``actor``
+``draws``          scenelets and merged objects of each draw, padded, with their numbers
+``sample_stats``   log-posterior; temperatures of each chain, rates of exchange between them, and
+                   round trips of states; in the attributes how often each move was accepted
+``agreement``      objects of the assignments whose placements ensembles of walkers drew as well:
+                   difference of means and ratio of standard deviations, x and y
+``observed_data``  detections
+``constant_data``  names and numbers that the others refer to
+
+and those of :mod:`imapper_prob.uncertainty.stored`, from which a run is opened again.
+"""
 
 from __future__ import annotations
 
@@ -94,27 +114,7 @@ def clip_digest(clip: Clip) -> str:
 
 
 # ------------------------------------------------------------------------------------------------
-# Draws as labelled arrays: the xarray tree that ``posterior.nc`` holds.
-#
-# Groups, as ArviZ names them:
-#
-# ``posterior``      camera, body and mean depth of each draw: what every draw has whatever its
-#                    dimension, and can vary freely, as plots of ArviZ want it
-# ``counts``         numbers of scenelets and objects, and the layout; in a good run they may be
-#                    the same in all draws
-# ``motion``         by frame the pelvis, the probability that the detector took left for right,
-#                    and how much worse than the right scenelet the best one fits; of several people
-#                    all frames of the first, then of the next, see ``actor``
-# ``draws``          scenelets and merged objects of each draw, padded, with their numbers
-# ``sample_stats``   log-posterior; temperatures of each chain, rates of exchange between them, and
-#                    round trips of states; in the attributes how often each move was accepted
-# ``agreement``      objects of the assignments whose placements ensembles of walkers drew as well:
-#                    difference of means and ratio of standard deviations, x and y
-# ``observed_data``  detections
-# ``constant_data``  names and numbers that the others refer to
-#
-# and those of :mod:`imapper_prob.uncertainty.stored` and
-# :mod:`imapper_prob.uncertainty.stored`, from which a run is opened again.
+# The tree.
 
 FORMAT: Final = "imapper-prob posterior 5"
 """Attribute of the file; the number rises when a reader of old files would go wrong."""

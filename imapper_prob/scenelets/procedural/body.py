@@ -1,4 +1,11 @@
-"""The body that performs recipes: sixteen joints from trunk, ankles and wrists, and noise."""
+"""The body that performs recipes: sixteen joints from trunk, ankles and wrists, and noise.
+
+Segment lengths are fixed parts of stature (Drillis and Contini 1966), so a person of any stature is
+the reference body in a room that has shrunk or grown. Recipes pose the reference body only, among
+furniture that :meth:`Person.sees`; the catalogue undoes the scaling of the furniture. Motions of
+the library are all of the reference body, while how high a seat is for whoever sits there varies as
+it does among people.
+"""
 
 from __future__ import annotations
 
@@ -94,13 +101,7 @@ def as_tracked(rng: np.random.Generator, joints: ArrayLike, *, fps: float) -> Ar
 
 
 # ------------------------------------------------------------------------------------------------
-# Who performs a recipe: a stature, and furniture as seen from it.
-#
-# Segment lengths are fixed parts of stature (Drillis and Contini 1966), so a person of any
-# stature is the reference body in a room that has shrunk or grown. Recipes therefore pose the
-# reference body only, among furniture that :meth:`Person.sees`; the catalogue undoes the
-# scaling of the furniture afterwards. Motions of the library are thus all of the reference
-# body, while how high a seat is for whoever sits there varies as it does among people.
+# People: a stature, and furniture as seen from it.
 
 STATURE: Final = (1.70, 0.07)
 """Mean and standard deviation in metres over adults of both sexes (Pheasant and Haslegrave,
@@ -130,9 +131,9 @@ def draw_person(rng: np.random.Generator) -> Person:
 
 
 # ------------------------------------------------------------------------------------------------
-# A body of the reference stature: from trunk, ankles and wrists to sixteen joints.
+# Poses of the reference body.
 #
-# The trunk is posed directly; arms and legs follow by two-bone inverse kinematics, so every
+# The trunk is posed directly; arms and legs follow by two-bone inverse kinematics, so that every
 # bone keeps the length of :data:`~imapper_prob.models.skeleton.BONE_LENGTHS` in every frame.
 # Metres, radians, z up; n frames; sides are ordered (right, left).
 
@@ -378,7 +379,7 @@ def pose_body(
 
 
 # ------------------------------------------------------------------------------------------------
-# What a recipe makes, and how long it may last.
+# Performances.
 
 pass
 FRAMES_PER_SECOND: Final = 10.0

@@ -202,7 +202,7 @@ def _unit(vector: Array) -> Array:
 
 
 # ------------------------------------------------------------------------------------------------
-# Sitting on furniture with legs crossed or folded.
+# Recipes.
 
 KNEE_BESIDE: Final = 0.54
 """Metres from the pelvis to the side within which a folded leg ends."""

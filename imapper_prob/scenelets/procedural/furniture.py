@@ -1,4 +1,9 @@
-"""Furniture as unions of cuboids, with common sizes: seats, beds, tables and storage."""
+"""Furniture as unions of cuboids, with common sizes: seats, beds, tables and storage.
+
+Every piece stands on the floor with its origin below the middle of its bounding box in top view and
+its front towards +y: a seat is left that way, a table or shelf is used from there, a bed's foot end
+points there. All lengths are metres; each piece names the source of its sizes.
+"""
 
 from __future__ import annotations
 
@@ -56,7 +61,7 @@ def _top_on(width: float, depth: float, height: float) -> Cuboid:
 
 
 # ------------------------------------------------------------------------------------------------
-# What one sits or lies on. The part ``seat`` is the surface that carries the body.
+# Seats and beds. The part ``seat`` is the surface that carries the body.
 
 pass
 
@@ -185,7 +190,7 @@ def bed(rng: np.random.Generator) -> SceneObject:
 
 
 # ------------------------------------------------------------------------------------------------
-# What one reaches into.
+# Storage.
 
 pass
 
@@ -216,7 +221,7 @@ def shelf(rng: np.random.Generator) -> SceneObject:
 
 
 # ------------------------------------------------------------------------------------------------
-# What one sits or stands at.
+# Tables and counters.
 
 pass
 
@@ -292,13 +297,5 @@ def knee_room(piece: SceneObject) -> tuple[float, float]:
     left, right = sorted(carriers, key=lambda c: float(c.centre[0]))
     return float(left.centre[0] + left.size[0] / 2), float(right.centre[0] - right.size[0] / 2)
 
-
-# ------------------------------------------------------------------------------------------------
-# Furniture as unions of cuboids, with the sizes people live with.
-#
-# Every piece stands on the floor with its origin below the middle of its bounding box in top
-# view and its front towards +y: a seat is left that way, a table or shelf is used from there,
-# a bed's foot end points there. All lengths are metres; each piece names the source of its
-# sizes.
 
 pass

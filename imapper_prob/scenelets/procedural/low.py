@@ -316,7 +316,7 @@ def _knees(ankles: Array, directions: Array) -> Array:
 
 
 # ------------------------------------------------------------------------------------------------
-# Low down with no furniture: on the floor, squatting, kneeling, and bending down to the floor.
+# Recipes.
 
 FROM_ABOVE: Final = (0.0, -0.04, 0.20)
 """Metres from a thing on the floor to where the hand is just before."""

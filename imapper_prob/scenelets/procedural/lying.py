@@ -139,7 +139,7 @@ def lie_still(
 
 
 # ------------------------------------------------------------------------------------------------
-# Lying on a bed or couch.
+# Recipes.
 
 
 def lie_on_bed(rng: np.random.Generator, person: Person) -> Drawn:

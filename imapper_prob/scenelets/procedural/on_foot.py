@@ -169,7 +169,7 @@ def idle(rng: np.random.Generator, person: Person) -> Drawn:
 
 
 # ------------------------------------------------------------------------------------------------
-# On one's feet at tables and counters: working, leaning, picking up and putting down.
+# At tables and counters: working, leaning, picking up and putting down.
 
 FROM_ABOVE = (0.0, -0.06, 0.14)
 """Metres from a thing on a table to where the hand is just before."""

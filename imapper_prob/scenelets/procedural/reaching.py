@@ -181,7 +181,7 @@ def _effort(
 
 
 # ------------------------------------------------------------------------------------------------
-# Reaching into shelves: high and low, in passing, and along a board.
+# Recipes.
 
 FROM_THE_FRONT = (0.0, -0.22, 0.02)
 """Metres from a thing in a shelf to where the hand is just before."""

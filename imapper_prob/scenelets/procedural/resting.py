@@ -280,7 +280,7 @@ def _with_arm(
 
 
 # ------------------------------------------------------------------------------------------------
-# Sitting on an edge, on an arm, and slid forward.
+# Recipes.
 
 
 HAND = 0.10

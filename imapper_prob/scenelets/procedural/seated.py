@@ -1,4 +1,8 @@
-"""Seated poses: where pelvis, trunk, feet and hands are on a given seat."""
+"""Seated poses: where pelvis, trunk, feet and hands are on a given seat.
+
+A pose is drawn in that order, each step a function of the seat and of the pose so far. Metres,
+radians; the frame is that of the seat, with its front towards +y. Sides are (right, left).
+"""
 
 from __future__ import annotations
 
@@ -107,10 +111,7 @@ def open_seat(height: float, *, front: float) -> Seat:
 
 
 # ------------------------------------------------------------------------------------------------
-# Ways to sit: where the pelvis is, what the trunk leans on, where feet and hands are.
-#
-# A pose is drawn in that order, each step a function of the seat and of the pose so far. Metres,
-# radians; the frame is that of the seat, with its front towards +y. Sides are (right, left).
+# Ways to sit.
 
 pass
 Array = NDArray[np.float64]

@@ -158,7 +158,7 @@ def sit_down(
 
 
 # ------------------------------------------------------------------------------------------------
-# Sitting, sitting down and standing up, and what stands beside a seat.
+# Recipes, and what stands beside a seat.
 
 pass
 _PLACES: Final[dict[int, Sequence[tuple[float, float]]]] = {
