@@ -224,7 +224,6 @@ def group_layouts(
 # assignment metric (Rahmathullah, Garcia-Fernandez & Svensson 2017, alpha = 2): a metric, in
 # metres, that is 1 for one object too many and grows with the number of differences.
 
-pass
 _LEFT_OVER: Final = 1.0
 """Metres: what an object without a partner costs; the unit of the distance."""
 _RENAMED: Final = 0.5

@@ -102,7 +102,16 @@ class Sums(NamedTuple):
 
 
 def new_sums(table: Segments) -> Sums:
-    """Room for the sums over a table."""
+    """Room for the sums over a table.
+
+    Parameters
+    ----------
+    table : Segments
+
+    Returns
+    -------
+    Sums
+    """
     n, times, kinds = len(table.start), len(table.starting) - 1, len(table.follow)
     return Sums(
         np.empty(n), np.empty((times, kinds)), np.empty((times, kinds)), np.empty(times),
@@ -135,6 +144,11 @@ def forward(
         Log weight of no segment at all.
     sums : Sums
         Out.
+
+    Returns
+    -------
+    float
+        Nats.
     """
     log_sum, scale, kinds = sums.log_sum, sums.scale, len(table.follow)
     low, high = table.starting[begin], table.starting[max(begin, finish)]
@@ -296,8 +310,21 @@ def _flush_before(table: Segments, begin: int, b: int, sums: Sums, goal: float) 
 def sequence_weight(
     table: Segments, sequence: Ints, count: int, left: Array, right: Array, nothing: float
 ) -> float:
-    """Log weight of a sequence of ``count`` segments; less what :func:`forward` returns, its log
-    probability."""
+    """Log weight of a sequence; less what :func:`forward` returns, its log probability.
+
+    Parameters
+    ----------
+    table : Segments
+    sequence : (count or more,) int
+        Segments in order of time.
+    count : int
+    left, right, nothing
+        See :func:`forward`.
+
+    Returns
+    -------
+    float
+    """
     if count == 0:
         return nothing
     total: float = left[sequence[0]] + right[sequence[count - 1]]

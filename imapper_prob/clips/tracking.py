@@ -263,7 +263,6 @@ def _walks(network: Network, flow: Ints, units: int) -> list[Ints]:
 # of the two constraints are exchanged. Steps lead from a frame to the next, and to stay invisible
 # costs 1 + w_pw a frame.
 
-pass
 PAIRWISE: Final = 1e3
 """w_pw."""
 _DUMMY: Final = 1.0
@@ -345,7 +344,6 @@ def _published_network(
 # ------------------------------------------------------------------------------------------------
 # Association.
 
-pass
 ABSENT: Final = 1.2
 """Cost of a frame without a skeleton: a little more than the least confident one has, so that
 nobody is left out for being unsure, only for being somewhere else."""
@@ -390,8 +388,7 @@ def associate(
     marks : mapping of int to int, optional
         Rows that are known to be of a certain actor.
     half_diagonal : float, optional
-        Of the image, pixels. If given, costs are those that the paper prints
-        (:mod:`imapper_prob.clips.tracking`).
+        Of the image, pixels. If given, costs are those that the paper prints.
 
     Returns
     -------

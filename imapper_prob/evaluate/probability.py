@@ -399,8 +399,7 @@ class PosteriorScore:
         Brier score, and logarithmic score in nats: of how many seats, tables and shelves
         there are, and of each object's probability.
     object_ranks, pelvis_ranks, joint_ranks, hidden_ranks : (n,) float
-        Of centres, of the pelvis, of all scored joints and of the hidden ones; see
-        :mod:`imapper_prob.evaluate.probability`.
+        Of centres, of the pelvis, of all scored joints and of the hidden ones.
     distance_ranks : (n,) float
         Of the pelvis' distance from the camera.
     """

@@ -96,7 +96,6 @@ def _has(code: int) -> bool:
 # ------------------------------------------------------------------------------------------------
 # Classes.
 
-pass
 ESTIMATE: Final = 1
 """Class of the person in the most probable scene."""
 ALTERNATIVE: Final = 2

@@ -274,7 +274,6 @@ def _about_z(angles: Array) -> Array:
 # ------------------------------------------------------------------------------------------------
 # Logging what stands still, what moves, and a person.
 
-pass
 _JOINT_RADIUS: Final = 0.045
 _LIMB_RADIUS: Final = 0.03
 PATH_RADIUS: Final = 0.012

@@ -317,7 +317,6 @@ def _painted(colour: tuple[int, int, int, int]) -> Any:
 # Axes are those of the camera (x right, y down, z forward). As in the benchmark's annotations the
 # second axis of a part points to the back of its object and the third up.
 
-pass
 _STEM: Final = "skel_output"
 
 

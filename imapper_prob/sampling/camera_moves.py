@@ -164,8 +164,6 @@ def reproject(
 # ------------------------------------------------------------------------------------------------
 # Moves of what is known of camera and body, phi; of most, the scenelets go along.
 
-pass
-
 
 @dataclass(frozen=True)
 class CameraWalk:

@@ -175,7 +175,6 @@ def _way(path: Array) -> Array:
 # ------------------------------------------------------------------------------------------------
 # Building.
 
-pass
 UNKNOWN_ACTION: Final = "motion"
 """What is done in a clip whose frames have no word."""
 _STEADY_BONES: Final = ((PELV, THRX), (RKNE, RHIP), (LKNE, LHIP), (RHIP, LHIP), (RSHO, LSHO))

@@ -211,7 +211,6 @@ def object_histograms(scenelets: Sequence[Scenelet], labels: Sequence[str]) -> A
 # ------------------------------------------------------------------------------------------------
 # Charness.
 
-pass
 KERNEL_WIDTH: Final = 0.04
 """Standard deviation in metres of the kernel over distances of descriptors: twice the median
 distance of a built-in scenelet from the next. The optimum is flat: between .035 and .06 the

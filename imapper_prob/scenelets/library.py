@@ -147,7 +147,6 @@ def _unpacked(arrays: Arrays) -> Library:
 # ------------------------------------------------------------------------------------------------
 # The cache.
 
-pass
 _ROOMS: Final = (Path(__file__).parent, Path(scenelet.__file__).parent)
 """Where everything is that a library is made of."""
 _UNUSED_AFTER: Final = 24 * 3600.0

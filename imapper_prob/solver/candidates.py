@@ -390,7 +390,6 @@ def refine(problem: Problem, state: State, *, only: Iterable[int] | None = None)
 # Tables of a maximum: who was kept, and what spoke against the others, in the order of the
 # paper's criteria. One log-posterior judges all of them at once.
 
-pass
 _SOLID = ("motion", "collision", "ground")
 """Terms that say who stands in what."""
 

@@ -192,7 +192,6 @@ def polish(problem: Problem, state: State) -> State:
 # scenes are refined, and in the best one candidates are exchanged
 # (:mod:`imapper_prob.solver.sequences`).
 
-pass
 Progress = Callable[[str, float], None]
 
 

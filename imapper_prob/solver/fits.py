@@ -174,7 +174,6 @@ def _static_world(problem: Problem, path: StaticPath) -> Array:
 # is no evidence against a scenelet. A free frame is judged as if the best motion without furniture
 # (somebody walking or standing about) had to explain it: an interaction has to beat that.
 
-pass
 _STANDING = 0.75
 """Metres above the floor of the middle of the hips of somebody who stands, at least: .85 with the
 legs straight, and bent as far as one walks with."""
@@ -247,8 +246,6 @@ def free_pose_cost(problem: Problem, fits: Fits) -> NDArray[np.float64]:
 # What a fit costs depends on how large a pixel is and on which joints a detector is sure of. Less
 # what the right motion would cost on average with the same joints at the same distance it is a pure
 # number: about 0 where some scenelet is right.
-
-pass
 
 
 def best_fits(problem: Problem, fits: Fits) -> Array:

@@ -100,7 +100,6 @@ def joints_of(bones: ArrayLike) -> Array:
 # turn it upside down or break its knees. Detections cannot always tell, for there are none of what
 # is hidden.
 
-pass
 _PROPORTIONS: Final = 0.7
 """Root mean square over the bones of the log of their lengths over the person's own, scale
 aside: wrong by a factor of two on average. i3DB's lifter is below .62 in 99 of 100 frames."""
@@ -161,7 +160,6 @@ def _forward(directions: Array, axes: Array, thigh: int, shin: int) -> Array:
 # and over the head for the next. So the trunk is a rotation that is interpolated as one, and limbs
 # are directions in its axes.
 
-pass
 _SPINE: Final = TREE.index((sk.PELV, sk.THRX))
 _RIGHTWARD: Final = (TREE.index((sk.PELV, sk.RHIP)), TREE.index((sk.THRX, sk.RSHO)))
 _LEFTWARD: Final = (TREE.index((sk.PELV, sk.LHIP)), TREE.index((sk.THRX, sk.LSHO)))
@@ -321,7 +319,6 @@ class FrameTable:
 # ------------------------------------------------------------------------------------------------
 # The reference body in lifted poses.
 
-pass
 _LEFT, _RIGHT, _UP, _DOWN = (-1.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0), (0.0, 0.0, -1.0)
 _UPRIGHT: Final[Array] = np.array(
     [_LEFT, _DOWN, _DOWN, _RIGHT, _DOWN, _DOWN, _UP, _UP,

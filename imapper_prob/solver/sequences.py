@@ -254,7 +254,6 @@ def _end(problem: Problem, candidate: Candidate) -> int:
 # nothing. The paper has no such step (Monszpart et al. 2019, section 5). It is a coordinate ascent,
 # stretch by stretch of the clip, over the best sequences of candidates of all windows.
 
-pass
 _REFINED = 12
 """Sequences that are refined before one is chosen: candidates were placed in an empty scene."""
 _EXCHANGE_GAIN = 0.5

@@ -170,7 +170,7 @@ def estimate_static_path(
 
     What is left are slow errors (``bias_log_depth``, and ``bias_across`` over the depth). Where
     nobody was detected the person goes on as people do, and may have walked elsewhere:
-    ``deviation`` grows there (:mod:`imapper_prob.solver.static_path`).
+    ``deviation`` grows there.
 
     Parameters
     ----------

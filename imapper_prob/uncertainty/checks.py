@@ -94,7 +94,6 @@ class Check:
 # Lifted poses say what is upright, the static path where feet are: neither has been bent by any
 # scenelet. All of it is in the worlds of the draws' cameras.
 
-pass
 Array = NDArray[np.float64]
 _NORMAL: Final = float(norm.isf(_RATE / 2))
 """Standard deviations that a normal number exceeds as rarely, either way."""
@@ -324,8 +323,6 @@ def _median_error(often: float) -> float:
 
 # ------------------------------------------------------------------------------------------------
 # Prediction: detections like those of the clip, and a seat for who needs one.
-
-pass
 
 
 def prediction(

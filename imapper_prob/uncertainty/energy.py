@@ -331,7 +331,6 @@ def _lost(whole: Mapping[str, float], rest: Mapping[str, float]) -> dict[str, fl
 # ------------------------------------------------------------------------------------------------
 # Tables and files.
 
-pass
 FORMAT: Final = "imapper-prob energy"
 VERSION: Final = 1
 """Raised whenever a reader of an older version would misread the file."""

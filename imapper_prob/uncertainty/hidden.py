@@ -72,9 +72,6 @@ def _lines_cut(elevation: float, joints: Array, boxes: Array) -> NDArray[np.bool
     return cut
 
 
-pass
-
-
 @dataclass(frozen=True)
 class HiddenJoints:
     """P(joint hidden), and by what.

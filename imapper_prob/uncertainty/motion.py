@@ -109,7 +109,7 @@ def joint_summary(motions: Iterable[Limbs], *, problem: Problem | None = None) -
     motions : iterable of Limbs
         At least two; how far joints may be from where they are expected comes on top.
     problem : Problem, optional
-        By how much heights are off beside that (:mod:`imapper_prob.uncertainty.motion`).
+        By how much heights are off besides.
     """
     count = 0
     mean, scatter, own = np.zeros(()), np.zeros(()), np.zeros(())

@@ -261,7 +261,6 @@ def _change(name: str, first: SceneObject, second: SceneObject) -> str:
 # ------------------------------------------------------------------------------------------------
 # What a scene explains.
 
-pass
 SURE: Final = 0.5
 """Confidence from which a detector counts as sure of a joint. On i3DB 28 to 84 % of hidden
 joints are below it."""

@@ -381,7 +381,6 @@ def pose_body(
 # ------------------------------------------------------------------------------------------------
 # Performances.
 
-pass
 FRAMES_PER_SECOND: Final = 10.0
 """Of i3DB, and fast enough for everything people do in a room."""
 FACING_BACK: Final = float(np.pi)

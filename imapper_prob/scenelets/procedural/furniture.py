@@ -63,8 +63,6 @@ def _top_on(width: float, depth: float, height: float) -> Cuboid:
 # ------------------------------------------------------------------------------------------------
 # Seats and beds. The part ``seat`` is the surface that carries the body.
 
-pass
-
 
 def _armrests(
     half_width: float, *, back: float, front: float, seat: float, rest: float
@@ -192,8 +190,6 @@ def bed(rng: np.random.Generator) -> SceneObject:
 # ------------------------------------------------------------------------------------------------
 # Storage.
 
-pass
-
 
 def shelf(rng: np.random.Generator) -> SceneObject:
     """A bookshelf: sides, a back and boards, open to the front.
@@ -222,8 +218,6 @@ def shelf(rng: np.random.Generator) -> SceneObject:
 
 # ------------------------------------------------------------------------------------------------
 # Tables and counters.
-
-pass
 
 
 def table(rng: np.random.Generator) -> SceneObject:
@@ -296,6 +290,3 @@ def knee_room(piece: SceneObject) -> tuple[float, float]:
     ]
     left, right = sorted(carriers, key=lambda c: float(c.centre[0]))
     return float(left.centre[0] + left.size[0] / 2), float(right.centre[0] - right.size[0] / 2)
-
-
-pass

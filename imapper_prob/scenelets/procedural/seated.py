@@ -113,7 +113,6 @@ def open_seat(height: float, *, front: float) -> Seat:
 # ------------------------------------------------------------------------------------------------
 # Ways to sit.
 
-pass
 Array = NDArray[np.float64]
 HIP_ABOVE_SEAT: Final = 0.095
 """Hip joint above the surface one sits on, metres (trochanter height, sitting: Pheasant and

@@ -160,7 +160,6 @@ def sit_down(
 # ------------------------------------------------------------------------------------------------
 # Recipes, and what stands beside a seat.
 
-pass
 _PLACES: Final[dict[int, Sequence[tuple[float, float]]]] = {
     1: ((0.0, 1.0),),
     2: ((-0.25, 0.25), (0.0, 0.5), (0.25, 0.25)),
