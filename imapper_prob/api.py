@@ -10,8 +10,7 @@ from typing import Literal
 
 import numpy as np
 
-from imapper_prob.clips import load
-from imapper_prob.clips.load import ClipOptions
+from imapper_prob.clips.load import ClipOptions, read_frames, require_people
 from imapper_prob.config import Config, SampleSettings
 from imapper_prob.lifting import lift_clip
 from imapper_prob.memory import require_memory
@@ -65,7 +64,12 @@ def demo_clip(seed: int = 4) -> Clip:
 Progress = Callable[[str, float], None]
 
 
-def load_clip(path: str | Path, *, options: ClipOptions | None = None) -> Clip:
+def load_clip(
+    path: str | Path,
+    *,
+    options: ClipOptions | None = None,
+    frames: tuple[int, int] | None = None,
+) -> Clip:
     """Read a clip of any known format; 2D joints get poses from the built-in library.
 
     Parameters
@@ -74,6 +78,8 @@ def load_clip(path: str | Path, *, options: ClipOptions | None = None) -> Clip:
         See ``docs/inputs.md``.
     options : ClipOptions, optional
         Camera, image size, frame rate, and whatever else the files do not say.
+    frames : (int, int), optional
+        First and last frame to take, by the clip's own numbers; all if not given.
 
     Returns
     -------
@@ -90,7 +96,11 @@ def load_clip(path: str | Path, *, options: ClipOptions | None = None) -> Clip:
     >>> im.load_clip("clip.npz").name
     'demo'
     """
-    return load.load_clip(path, options=options, lift=lift_clip)
+    clip = read_frames(path, options=options, frames=frames)
+    if not all(track.has_pose.any() for track in clip.tracks):
+        clip = lift_clip(clip)
+    require_people(clip, path)
+    return clip
 
 
 def solve(

@@ -1,13 +1,12 @@
 """Read a clip, whatever its format.
 
 :func:`format_of` knows a format by its content and :func:`read_whatever` calls its reader;
-:func:`load_clip` cuts out frames and refuses what says too little.
+:func:`read_frames` cuts out frames, :func:`require_people` refuses tracks that show nobody.
 """
 
 from __future__ import annotations
 
 import zipfile
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
@@ -45,8 +44,10 @@ __all__ = [
     "load_clip",
     "read_camera",
     "read_clip",
+    "read_frames",
     "read_marks",
     "read_whatever",
+    "require_people",
     "window",
     "write_clip",
 ]
@@ -264,33 +265,58 @@ def load_clip(
     path: str | Path,
     *,
     options: ClipOptions | None = None,
-    lift: Callable[[Clip], Clip] | None = None,
     frames: tuple[int, int] | None = None,
 ) -> Clip:
-    """Read a clip, whatever its format.
+    """Read a clip that comes with poses, such as a scene of i3DB or a clip file.
+
+    :func:`imapper_prob.api.load_clip` reads others as well, and lifts their poses.
+
+    Parameters
+    ----------
+    path, options, frames
+        See :func:`read_frames`.
+
+    Returns
+    -------
+    Clip
+
+    Raises
+    ------
+    InputError
+        As :func:`read_frames` and :func:`require_people`.
+    """
+    clip = read_frames(path, options=options, frames=frames)
+    require_people(clip, path)
+    return clip
+
+
+def read_frames(
+    path: str | Path,
+    *,
+    options: ClipOptions | None = None,
+    frames: tuple[int, int] | None = None,
+) -> Clip:
+    """Read some frames of a clip, whatever its format.
 
     Parameters
     ----------
     path : path
-        A scene folder of the i3DB benchmark, an ``.npz`` of our own format
+        A scene folder of the i3DB benchmark, an ``.npz`` of the program's own format
         (:mod:`imapper_prob.clips.clip_file`), or anything else that ``docs/inputs.md`` lists.
     options : ClipOptions, optional
         What the files do not say: camera, image size, frame rate.
-    lift : callable, optional
-        Gives poses to the tracks of a clip that have none; such clips are refused without.
     frames : (int, int), optional
         First and last frame to take, by the clip's own numbers; all if not given.
 
     Returns
     -------
     Clip
-        With at least ``_SHORTEST_CLIP`` frames, one of which has both a detected joint and
-        a lifted pose.
+        Poses are NaN where the format has none.
 
     Raises
     ------
     InputError
-        What is at ``path`` is no clip, or one too short or too empty to say anything.
+        What is at ``path`` is no clip, or one too short to say anything.
     """
     path = Path(path)
     clip = read_whatever(path, options or ClipOptions())
@@ -300,8 +326,23 @@ def load_clip(
         raise InputError(
             f"{path}: a clip of {clip.n_frames} frames; at least {_SHORTEST_CLIP} are needed"
         )
-    if lift is not None and not all(track.has_pose.any() for track in clip.tracks):
-        clip = lift(clip)
+    return clip
+
+
+def require_people(clip: Clip, path: str | Path) -> None:
+    """Refuse a clip in which some track shows no person with a pose.
+
+    Parameters
+    ----------
+    clip : Clip
+    path : path
+        That it was read from, for messages.
+
+    Raises
+    ------
+    InputError
+        A track has no frame with both a detected joint and a pose, or is a few pixels large.
+    """
     for track in clip.tracks:
         if not ((track.confidences > 0).any(1) & track.has_pose).any():
             raise InputError(
@@ -313,7 +354,6 @@ def load_clip(
                 f"{path}: track {track.name} is {_extent(track):.1f} pixels high and wide; these "
                 "are no joints of a person"
             )
-    return clip
 
 
 def _extent(track: Track) -> float:
