@@ -27,7 +27,7 @@ from imapper_prob.models.errors import InputError
 
 __all__ = [
     "CONFIDENCE_EDGES", "ERROR_EDGES", "LOST_ERROR", "DetectionModel", "DetectorSettings",
-    "student_t",
+    "student_t", "student_t_loss",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
@@ -231,17 +231,40 @@ def _errors(settings: DetectorSettings) -> tuple[Array, Array]:
 def student_t(squared_error: ArrayLike, scale: ArrayLike, dof: ArrayLike) -> Array:
     """Log density per square pixel of a bivariate Student-t.
 
-    ``log t = -log(2 pi s^2) - (nu + 2) / 2 log(1 + r^2 / (nu s^2))``: the constant of the
-    bivariate t, Gamma((nu+2)/2) / (Gamma(nu/2) nu pi s^2), is 1 / (2 pi s^2).
+    ``log t = -log(2 pi s^2) - loss``: the constant of the bivariate t,
+    Gamma((nu+2)/2) / (Gamma(nu/2) nu pi s^2), is 1 / (2 pi s^2).
+
+    Parameters
+    ----------
+    squared_error, scale, dof : (...) float
+        See :func:`student_t_loss`; pixels.
+
+    Returns
+    -------
+    (...) float
+        Nats.
+    """
+    result: Array = -np.log(2 * np.pi * np.asarray(scale, float) ** 2)
+    return result - student_t_loss(squared_error, scale, dof)
+
+
+def student_t_loss(
+    squared_error: ArrayLike, scale: ArrayLike, dof: ArrayLike, *, dimensions: int = 2
+) -> Array:
+    """Minus the log density of a Student-t, without its constant.
+
+    ``(nu + d) / 2 log(1 + r^2 / (nu s^2))``
 
     Parameters
     ----------
     squared_error : (...) float
-        r^2, square pixels.
+        r^2, squared length of the error.
     scale : (...) float
-        s, pixels.
+        s, the unit of errors.
     dof : (...) float
         nu, degrees of freedom.
+    dimensions : int
+        d, of the error.
 
     Returns
     -------
@@ -249,6 +272,6 @@ def student_t(squared_error: ArrayLike, scale: ArrayLike, dof: ArrayLike) -> Arr
         Nats.
     """
     scale, dof = np.asarray(scale, float), np.asarray(dof, float)
-    r2 = np.asarray(squared_error, float)
-    result: Array = -np.log(2 * np.pi * scale**2) - (dof / 2 + 1) * np.log1p(r2 / (dof * scale**2))
+    tails = np.log1p(np.asarray(squared_error, float) / (dof * scale**2))
+    result: Array = (dof + dimensions) / 2 * tails
     return result

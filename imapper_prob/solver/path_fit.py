@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from scipy.linalg import solveh_banded
 
 from imapper_prob.models.camera import Camera
+from imapper_prob.models.detector import student_t_loss
 from imapper_prob.models.settings import StaticPathSettings
 from imapper_prob.models.skeleton import DETECTED
 from imapper_prob.solver.poses import ANCESTORS, N_BONES, SPREADS, LiftedBody
@@ -219,7 +220,7 @@ def _cost(
     """Negative log-posterior up to its constant, nats."""
     squared = (pixel_residuals(observations, motion) ** 2).sum(-1)
     scale = pixel_scale * observations.pixel_unit
-    loss = (settings.dof + 2) / 2 * np.log1p(squared / (settings.dof * scale**2))
+    loss = student_t_loss(squared, scale, settings.dof)
     data = float((observations.confidences * loss).sum())
     prior = 0.0
     if free_bones:

@@ -29,6 +29,7 @@ from scipy.stats import binom, chi2, norm
 
 from imapper_prob.models.calibrated import calibrated, constants
 from imapper_prob.models.camera import Camera
+from imapper_prob.models.detector import student_t
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.geometry import sight_clearance
 from imapper_prob.models.kernels.placement import place_boxes
@@ -412,8 +413,7 @@ def _tail(problem: Problem, state: State, seen_by: Camera, rng: np.random.Genera
 
 def _log_density(squared: Array, share: Array, scale: Array, dof: Array) -> Array:
     """(..., K) nats per square pixel, of squared distances (..., K) and rows (K, 2) of tables."""
-    distance = squared[..., None] / (dof * scale**2)
-    each = share / (2 * np.pi * scale**2) * (1.0 + distance) ** (-(dof / 2 + 1))
+    each = share * np.exp(student_t(squared[..., None], scale, dof))
     result: Array = np.log(np.maximum(each.sum(-1), np.finfo(float).tiny))
     return result
 

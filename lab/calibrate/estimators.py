@@ -14,6 +14,7 @@ from scipy.linalg import cho_factor, cho_solve, toeplitz
 from scipy.optimize import minimize, minimize_scalar
 from scipy.special import expit, gammaln
 
+from imapper_prob.models.detector import student_t_loss
 from imapper_prob.models.path_prior import remembered
 
 __all__ = [
@@ -91,7 +92,7 @@ def student_t_fit(errors: ArrayLike) -> tuple[float, float]:
     def cost(theta: Array) -> float:
         scale, dof = np.exp(theta)
         inside = gammaln((dof + d) / 2) - gammaln(dof / 2) - d / 2 * np.log(dof * np.pi)
-        tails = (dof + d) / 2 * np.log1p(squared / (dof * scale**2)).mean()
+        tails = student_t_loss(squared, scale, dof, dimensions=d).mean()
         return float(d * np.log(scale) + tails - inside)
 
     typical = np.sqrt(np.median(squared) / d)
