@@ -34,12 +34,12 @@ from imapper_prob.evaluate.score import (
 )
 from imapper_prob.evaluate.tables import object_rows, pose_rows, screen_table
 from imapper_prob.evaluate.truth import TruthInView
-from imapper_prob.models.geometry import NOTHING_IN_SIGHT
 from imapper_prob.models.kernels.visibility import visibility_probability
 from imapper_prob.models.path_prior import StaticPath
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.scene import Clip
 from imapper_prob.models.settings import (
+    NOTHING_IN_SIGHT,
     CameraSettings,
     ModelSettings,
     PaperWeights,

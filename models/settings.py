@@ -27,6 +27,8 @@ __all__ = [
     "MOST_PEOPLE",
     "NEAREST",
     "NEAR_SIGHT",
+    "NOTHING_IN_SIGHT",
+    "OPAQUE",
     "QUICKEST_FILM",
     "SHORTEST_FOCAL",
     "SLOWEST_FILM",
@@ -44,6 +46,11 @@ NEAR_SIGHT: Final = 0.05
 """Metres; nearer to the camera than this, bearing and slope of a line of sight say nothing."""
 LEVEL: Final = 0.02
 """Metres two things may overlap in height before they count as being level."""
+NOTHING_IN_SIGHT: Final = 0.2
+"""Metres; cap of the clearance: a line of sight that far from every box is as free as any."""
+OPAQUE: Final = 0.1
+"""Metres; a line of sight through the middle of a box thinner than twice this counts as this
+deep in it: a table top hides as well as a chest does."""
 LOWEST_CAMERA: Final = 0.2
 """Metres above the floor: the support of the camera's elevation begins here."""
 STEEPEST_CAMERA: Final = 1.0

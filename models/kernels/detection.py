@@ -17,7 +17,6 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from imapper_prob.models.geometry import NOTHING_IN_SIGHT
 from imapper_prob.models.jit import compiled, inner_inlined
 from imapper_prob.models.kernels.cache import EMISSION, RIGHT, WRONG, Cache
 from imapper_prob.models.kernels.frame import (
@@ -28,6 +27,7 @@ from imapper_prob.models.kernels.frame import (
 )
 from imapper_prob.models.kernels.visibility import GAP, Singles, open_bounds
 from imapper_prob.models.problem import DETECTIONS, FREE_POSE, GROUND, Problem
+from imapper_prob.models.settings import NOTHING_IN_SIGHT
 
 __all__ = [
     "draw_flips",

@@ -16,7 +16,6 @@ be seen. For a line that starts at ``p`` and runs along ``d`` in the axes of a b
 
 the least of a maximum of straight lines is, by duality, the largest of the leasts of any one or two
 of them, and these are the separating axes of a segment and a box.
-:func:`imapper_prob.models.geometry.sight_clearance` is the same in plain numpy.
 """
 
 from __future__ import annotations
@@ -26,9 +25,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from imapper_prob.models.geometry import NOTHING_IN_SIGHT, OPAQUE
 from imapper_prob.models.jit import compiled, inlined, inner_inlined
-from imapper_prob.models.settings import NEAR_SIGHT
+from imapper_prob.models.settings import NEAR_SIGHT, NOTHING_IN_SIGHT, OPAQUE
 
 __all__ = [
     "GAP",
@@ -38,6 +36,7 @@ __all__ = [
     "VIEW",
     "Singles",
     "bounds_overlap",
+    "clearances",
     "open_bounds",
     "ray_bounds",
     "ray_endpoints",
@@ -348,3 +347,39 @@ def _pass_by(occluders: Singles, k: int, scratch32: Singles) -> None:
         # The least of three: that of two would be stored only where it is the new one, and a
         # row stored in part cannot be read again at once.
         scratch32[GAP + j] = min(min(scratch32[GAP + j], value), value * thin)
+
+
+@compiled
+def clearances(elevation: float, joints: Array, boxes: Array) -> Array:
+    """Clearance of the lines of sight to any joints, sixteen a row.
+
+    Parameters
+    ----------
+    elevation : float
+        Of the camera, metres.
+    joints : (R, 3, 16) float
+        World, metres.
+    boxes : (K, 7) float
+        In the world.
+
+    Returns
+    -------
+    (R, 16) float
+        Metres, at most ``NOTHING_IN_SIGHT``.
+    """
+    occluders = np.empty((len(boxes), OCCLUDER), np.float32)
+    turn = np.empty(2)
+    for k in range(len(boxes)):
+        turn[0], turn[1] = math.cos(boxes[k, 6]), math.sin(boxes[k, 6])
+        set_occluder(elevation, boxes[k], turn, occluders[k])
+    result = np.empty((len(joints), 16))
+    lines, scratch32 = np.empty((1, LINE), np.float32), np.empty(SCRATCH32, np.float32)
+    for t in range(len(joints)):
+        ray_endpoints(elevation, joints[t : t + 1], lines, 0)
+        open_bounds(scratch32)
+        for k in range(len(boxes)):
+            _turn(occluders[k, 5], occluders[k, 6], lines, 0, scratch32)
+            _pass_by(occluders, k, scratch32)
+        for j in range(16):
+            result[t, j] = scratch32[GAP + j]
+    return result

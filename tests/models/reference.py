@@ -13,12 +13,18 @@ import numpy as np
 from scipy.special import digamma, expit
 from scipy.stats import multivariate_normal, norm
 
-from imapper_prob.models.geometry import NOTHING_IN_SIGHT, OPAQUE
 from imapper_prob.models.kernels.intersection import DISPLACED, PROBABILITIES
 from imapper_prob.models.kernels.path import DOF
 from imapper_prob.models.log_posterior import State
 from imapper_prob.models.problem import TERMS, Problem
-from imapper_prob.models.settings import LEVEL, LOWEST_CAMERA, NEAREST, STEEPEST_CAMERA
+from imapper_prob.models.settings import (
+    LEVEL,
+    LOWEST_CAMERA,
+    NEAREST,
+    NOTHING_IN_SIGHT,
+    OPAQUE,
+    STEEPEST_CAMERA,
+)
 from imapper_prob.models.skeleton import HEAD, LANK, LHIP, LKNE, MIRROR, PELV, RANK, RHIP, RKNE
 
 Array = np.ndarray

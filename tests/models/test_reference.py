@@ -10,11 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import norm
 
-from imapper_prob.models.geometry import OPAQUE
 from imapper_prob.models.kernels.intersection import DISPLACED
 from imapper_prob.models.log_posterior import State, motion, terms
 from imapper_prob.models.problem import TERMS, Problem
 from imapper_prob.models.scenelet import Library
+from imapper_prob.models.settings import OPAQUE
 from imapper_prob.models.skeleton import DETECTED, MIRROR
 from tests.models import worlds
 from tests.models.reference import items_by_frame, reference, scene_of

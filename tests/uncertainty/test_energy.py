@@ -16,11 +16,11 @@ from rich.console import Console
 
 from imapper_prob.layouts import merged_objects
 from imapper_prob.models.errors import InputError
-from imapper_prob.models.geometry import NOTHING_IN_SIGHT
 from imapper_prob.models.kernels.visibility import visibility_probability
 from imapper_prob.models.log_posterior import State, empty_state, log_posterior, side_flips, terms
 from imapper_prob.models.problem import TERMS, Problem, pack_problem
 from imapper_prob.models.scenelet import Library, Scenelet
+from imapper_prob.models.settings import NOTHING_IN_SIGHT
 from imapper_prob.models.skeleton import MIRROR
 from imapper_prob.results.figures import energy_figure
 from imapper_prob.uncertainty.energy import (
