@@ -39,7 +39,17 @@ __all__ = [
 
 
 def furniture_kinds(problem: Problem) -> tuple[tuple[int, ...], ...]:
-    """For each scenelet the sorted categories of its objects."""
+    """The sorted categories of each scenelet's objects.
+
+    Parameters
+    ----------
+    problem : Problem
+
+    Returns
+    -------
+    tuple of tuple of int
+        By scenelet, numbers of categories.
+    """
     kinds = []
     for first, last in zip(problem.box_first[:-1], problem.box_first[1:], strict=True):
         label_of = dict(
@@ -72,6 +82,16 @@ def merged_objects(problem: Problem, library: Library, state: State) -> tuple[Sc
     agrees within the model's merge angle are the same object met twice. So are those that share
     half of the smaller footprint, if they are of one label or seats, whatever each scenelet calls
     them. Of each such group the one is kept whose scenelet improves the scene most.
+
+    Parameters
+    ----------
+    problem : Problem
+    library : Library
+    state : State
+
+    Returns
+    -------
+    tuple of SceneObject
     """
     placed = placed_objects(state, library)
     groups = same_objects(placed, problem.merge_angle)
@@ -84,7 +104,22 @@ def representatives(
     placed: Sequence[tuple[int, SceneObject]],
     groups: Sequence[Sequence[int]],
 ) -> list[int]:
-    """Of each group of objects that are one, that whose scenelet improves the scene most."""
+    """Of each group of objects that are one, that whose scenelet improves the scene most.
+
+    Parameters
+    ----------
+    problem : Problem
+    state : State
+    placed : sequence of (int, SceneObject)
+        See :func:`placed_objects`.
+    groups : sequence of sequence of int
+        See :func:`same_objects`.
+
+    Returns
+    -------
+    list of int
+        Indices in ``placed``.
+    """
 
     def rest(k: int) -> float:
         return log_posterior(problem, state.without_item(placed[k][0]))
@@ -93,7 +128,17 @@ def representatives(
 
 
 def placed_objects(state: State, library: Library) -> list[tuple[int, SceneObject]]:
-    """Each scenelet's objects in the world, with the index of the item that brings them."""
+    """Each scenelet's objects in the world, with the index of the item that brings them.
+
+    Parameters
+    ----------
+    state : State
+    library : Library
+
+    Returns
+    -------
+    list of (int, SceneObject)
+    """
     bodies = np.exp(state.camera[3] + state.sizes).tolist()
     return [
         (index, o.scaled(bodies[index]).moved(Placement(*state.placements[index])))
@@ -107,6 +152,17 @@ def same_objects(placed: Sequence[tuple[int, SceneObject]], angle: float) -> lis
 
     Same label, orientations within ``angle`` radians if it has a front, and footprints that
     overlap; or footprints that share half of the smaller one, of the same label or of seats of any.
+
+    Parameters
+    ----------
+    placed : sequence of (int, SceneObject)
+        See :func:`placed_objects`.
+    angle : float
+        Radians.
+
+    Returns
+    -------
+    list of list of int
     """
     graph = nx.Graph()
     graph.add_nodes_from(range(len(placed)))
@@ -136,6 +192,17 @@ def match_objects(
     """For each object of ``first`` its partner in ``second``; None unless all pair up.
 
     Partners have the same label and centres at most ``radius`` metres apart in top view.
+
+    Parameters
+    ----------
+    first, second : sequence of SceneObject
+    radius : float
+        Metres in top view.
+
+    Returns
+    -------
+    list of int or None
+        Indices in ``second``.
     """
     if sorted(o.label for o in first) != sorted(o.label for o in second):
         return None
@@ -161,6 +228,17 @@ def through_one_lens(
 
     With a longer lens the same picture is of a room that much deeper. It is the same room as
     far as anybody can tell: what draws say is compared like this, and reported as it is.
+
+    Parameters
+    ----------
+    objects : sequence of N sequence of SceneObject
+        Of each draw, in its world.
+    log_focal : sequence of N float
+        Log of how much longer each draw's focal length is.
+
+    Returns
+    -------
+    tuple of N tuple of SceneObject
     """
     return tuple(
         tuple(o.moved(Placement(0.0, float(o.centre[1] * np.expm1(-longer)), 0.0)) for o in own)
@@ -197,6 +275,10 @@ def group_layouts(
         Order in which draws may found a layout.
     radius : float
         Metres within which objects must pair up with those of the leader.
+
+    Returns
+    -------
+    Layouts
     """
     leaders: list[int] = []
     member = np.empty(len(objects), dtype=np.int64)
@@ -255,12 +337,31 @@ class Pairing:
 
 
 def group_of(label: str) -> str:
-    """The group of labels that stand for each other: any seat for another, else its own."""
+    """The group of labels that stand for each other: any seat for another, else its own.
+
+    Parameters
+    ----------
+    label : str
+
+    Returns
+    -------
+    str
+    """
     return "seat" if label in SEATS else label
 
 
 def object_distance(first: SceneObject, second: SceneObject) -> float:
-    """Metres between two objects on the floor; infinite between groups."""
+    """Metres between two objects on the floor; infinite between groups.
+
+    Parameters
+    ----------
+    first, second : SceneObject
+        In one world.
+
+    Returns
+    -------
+    float
+    """
     if group_of(first.label) != group_of(second.label):
         return float("inf")
     away = np.hypot(*(first.centre - second.centre)[:2])
@@ -276,7 +377,17 @@ def turn(first: SceneObject, second: SceneObject) -> float:
 
 
 def pair_objects(first: Sequence[SceneObject], second: Sequence[SceneObject]) -> Pairing:
-    """Pair two sets of objects so that the distance is least."""
+    """Pair two sets of objects so that the distance is least.
+
+    Parameters
+    ----------
+    first, second : sequence of SceneObject
+        In one world.
+
+    Returns
+    -------
+    Pairing
+    """
     dearest = 2 * _LEFT_OVER**2  # two left over cost as much as the dearest pair
     cost = np.array([[min(object_distance(a, b) ** 2, dearest) for b in second] for a in first])
     cost = cost.reshape(len(first), len(second))

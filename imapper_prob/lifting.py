@@ -72,6 +72,10 @@ def views_of(camera: Camera, keypoints: Array, confidences: Array) -> Views:
         Pixels; NaN where missing.
     confidences : (T, 16) float
         0 where missing.
+
+    Returns
+    -------
+    Views
     """
     weights = np.where(np.isfinite(keypoints).all(-1), confidences, 0.0) ** 2
     filled = np.where(weights[..., None] > 0, keypoints, (camera.cx, camera.cy))
@@ -335,6 +339,10 @@ def lift_keypoints(
         Frames a second.
     poses : (K, 16, 3) float
         What people look like, facing +y.
+
+    Returns
+    -------
+    Lifted
     """
     usable = np.flatnonzero((confidences > 0).sum(1) >= _FEWEST)
     result = np.full((len(keypoints), N_JOINTS, 3), np.nan)

@@ -61,7 +61,13 @@ def _memory_needed(rows: int, scenelets: int, settings: SampleSettings | None) -
 
 
 def memory_there() -> float:
-    """Bytes that this process may still take; infinity where the system does not say."""
+    """Memory that this process may still take.
+
+    Returns
+    -------
+    float
+        Bytes; infinity where the system does not say.
+    """
     there = []
     try:
         for line in _AVAILABLE.read_text(encoding="ascii").splitlines():
@@ -79,6 +85,13 @@ def memory_there() -> float:
 
 def require_memory(clip: Clip, library: Library, settings: SampleSettings | None = None) -> None:
     """Refuse a clip for which there is not enough memory.
+
+    Parameters
+    ----------
+    clip : Clip
+    library : Library
+    settings : SampleSettings, optional
+        Of the sampling; without, what the solver needs.
 
     Raises
     ------

@@ -234,14 +234,14 @@ def load_library(source: str | Path = _BUILT_IN) -> Library:
         parted by commas, as ``"built-in,office.npz"``. A comma in the name of a file that
         exists does not part.
 
+    Returns
+    -------
+    Library
+
     Raises
     ------
     InputError
         If a file is missing, is no library, or contradicts itself, or one is named twice.
-
-    Returns
-    -------
-    Library
 
     Examples
     --------

@@ -126,6 +126,10 @@ def upright(clip: Clip, problem: Problem, cameras: Array) -> Check:
         Of everybody in it.
     cameras : (N, 5) float
         Those of draws.
+
+    Returns
+    -------
+    Check
     """
     people = everybody(clip)
     own = people.has_pose & ~people.interpolated
@@ -184,6 +188,10 @@ def height(problem: Problem, cameras: Array, *, fps: float) -> Check:
         Those of draws.
     fps : float
         Frames a second.
+
+    Returns
+    -------
+    Check
     """
     above, _, counts = _feet(problem, cameras)
     often = counts.sum() / max(1.0, calibrated("frames.correlation_time") * fps)
@@ -202,7 +210,20 @@ def height(problem: Problem, cameras: Array, *, fps: float) -> Check:
 
 
 def slope(problem: Problem, cameras: Array, *, fps: float) -> Check:
-    """Whether the floor is level: feet further away are no higher; parameters as above."""
+    """Whether the floor is level: feet further away are no higher.
+
+    Parameters
+    ----------
+    problem : Problem
+    cameras : (N, 5) float
+        Those of draws.
+    fps : float
+        Frames a second.
+
+    Returns
+    -------
+    Check
+    """
     above, away, counts = _feet(problem, cameras)
     nothing = Check("slope", math.nan, math.nan, False, "Too few feet are seen to say of a slope.")
     if counts.sum() < 2 * _LEAST_SECONDS * fps:
@@ -249,6 +270,10 @@ def camera(nominal: Camera, cameras: Array) -> Check:
         As the clip says.
     cameras : (N, 5) float
         Those of draws.
+
+    Returns
+    -------
+    Check
     """
     pitch, elevation, _, _, roll = np.median(cameras, axis=0).tolist()
     usual = constants()
@@ -346,6 +371,10 @@ def prediction(
     nominal : Camera
     rng : Generator
         For the detections that are drawn.
+
+    Returns
+    -------
+    Check
     """
     of_detections = float(
         np.mean([_tail(problem, s, camera_at(nominal, s.camera), rng) for s in states])
@@ -447,6 +476,10 @@ def checks_of(
         See :func:`imapper_prob.solver.fits.best_fits`.
     rng : Generator
         For the detections that are drawn.
+
+    Returns
+    -------
+    tuple of Check
     """
     chosen = np.linspace(0, len(states) - 1, min(_LOOKED_AT, len(states))).round().astype(int)
     drawn = [states[k] for k in chosen.tolist()]
@@ -463,12 +496,30 @@ def checks_of(
 
 
 def alarms(checks: Iterable[Check]) -> tuple[str, ...]:
-    """The sentences of those that are alarmed."""
+    """The sentences of those that are alarmed.
+
+    Parameters
+    ----------
+    checks : iterable of Check
+
+    Returns
+    -------
+    tuple of str
+    """
     return tuple(check.sentence for check in checks if check.alarmed)
 
 
 def to_json(checks: Iterable[Check]) -> str:
-    """As text for an attribute; NaN is null there."""
+    """As text for an attribute; NaN is null there.
+
+    Parameters
+    ----------
+    checks : iterable of Check
+
+    Returns
+    -------
+    str
+    """
     rows = [
         {k: None if isinstance(v, float) and math.isnan(v) else v for k, v in asdict(c).items()}
         for c in checks
@@ -478,6 +529,14 @@ def to_json(checks: Iterable[Check]) -> str:
 
 def from_json(text: str) -> tuple[Check, ...]:
     """What :func:`to_json` wrote.
+
+    Parameters
+    ----------
+    text : str
+
+    Returns
+    -------
+    tuple of Check
 
     Raises
     ------
@@ -520,6 +579,10 @@ def resemblance(best: Array, *, frame_weight: float) -> Check:
         See :func:`imapper_prob.solver.fits.best_fits`.
     frame_weight : float
         One over the frames that say the same.
+
+    Returns
+    -------
+    Check
     """
     judged = best[np.isfinite(best)]
     independent = max(1, round(len(judged) * min(1.0, frame_weight)))
@@ -539,12 +602,31 @@ def resemblance(best: Array, *, frame_weight: float) -> Check:
 
 
 def elsewhere_frames(clip: Clip) -> tuple[Flags, ...]:
-    """(T,) frames of each track in which the detector was on something else."""
+    """Frames of each track in which the detector was on something else.
+
+    Parameters
+    ----------
+    clip : Clip
+
+    Returns
+    -------
+    tuple of (T,) bool
+        By track.
+    """
     return tuple(frames_elsewhere(t, camera=clip.camera, fps=clip.fps) for t in clip.tracks)
 
 
 def elsewhere(clip: Clip) -> Check:
-    """Whether the detector was on its people all the time."""
+    """Whether the detector was on its people all the time.
+
+    Parameters
+    ----------
+    clip : Clip
+
+    Returns
+    -------
+    Check
+    """
     away = elsewhere_frames(clip)
     frames = int(sum(flags.sum() for flags in away))
     if not frames:
@@ -563,7 +645,16 @@ def elsewhere(clip: Clip) -> Check:
 
 
 def named(frames: ArrayLike) -> str:
-    """Frame numbers, ascending, in runs: ``"12-25, 70"``."""
+    """Frame numbers, ascending, in runs: ``"12-25, 70"``.
+
+    Parameters
+    ----------
+    frames : (n,) int
+
+    Returns
+    -------
+    str
+    """
     numbers = np.asarray(frames, np.int64)
     if not len(numbers):
         return "none"

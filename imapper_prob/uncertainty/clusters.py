@@ -67,6 +67,10 @@ def region_of(points: ArrayLike, share: float) -> Region:
         Metres; at least one.
     share : float
         Between 0 and 1.
+
+    Returns
+    -------
+    Region
     """
     points = np.asarray(points, float)
     centre = points.mean(0)
@@ -151,7 +155,17 @@ class ObjectCluster:
         return covariance
 
     def region(self, share: float) -> Region:
-        """The ellipse that holds a share of the positions, such as .5 or .9."""
+        """The ellipse that holds a share of the positions, such as .5 or .9.
+
+        Parameters
+        ----------
+        share : float
+            Between 0 and 1.
+
+        Returns
+        -------
+        Region
+        """
         return region_of(self.positions, share)
 
 
@@ -370,6 +384,18 @@ def circular_mean_and_spread(angles: Array, *, front: bool = True) -> tuple[floa
     The spread is sqrt(-2 log R) with R the length of the mean vector (Mardia & Jupp 2000,
     section 2.3.4): near the usual standard deviation where it is small. What has no front is of
     axes, the same after half a turn: half of what doubled angles have.
+
+    Parameters
+    ----------
+    angles : (n,) float
+        Radians.
+    front : bool
+        Whether directions differ from their opposites.
+
+    Returns
+    -------
+    mean, spread : float
+        Radians.
     """
     times = 1 if front else 2
     vector = np.exp(1j * times * angles).mean()

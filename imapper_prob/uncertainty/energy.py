@@ -156,6 +156,10 @@ def explain(
     frame_ids : (T,) int, optional
         Numbers of the frames; counted from 0 if not given.
 
+    Returns
+    -------
+    Explanation
+
     Raises
     ------
     InputError
@@ -351,7 +355,16 @@ _SHOWN: Final = 0.05
 
 
 def term_table(explanation: Explanation) -> Table:
-    """The log-posterior by term, beside that of no scenelet at all."""
+    """The log-posterior by term, beside that of no scenelet at all.
+
+    Parameters
+    ----------
+    explanation : Explanation
+
+    Returns
+    -------
+    rich.table.Table
+    """
     table = _table("The scene by term, nats")
     table.add_column("term")
     for name in ("scene", "no scenelet", "gained"):
@@ -367,12 +380,30 @@ def term_table(explanation: Explanation) -> Table:
 
 
 def scenelet_table(explanation: Explanation) -> Table:
-    """What each scenelet is worth, by term."""
+    """What each scenelet is worth, by term.
+
+    Parameters
+    ----------
+    explanation : Explanation
+
+    Returns
+    -------
+    rich.table.Table
+    """
     return _worth_table("Lost without a scenelet, nats", explanation, False)
 
 
 def object_worth_table(explanation: Explanation) -> Table:
-    """What each object is worth while the person moves as before, by term."""
+    """What each object is worth while the person moves as before, by term.
+
+    Parameters
+    ----------
+    explanation : Explanation
+
+    Returns
+    -------
+    rich.table.Table
+    """
     return _worth_table("Lost without an object, nats", explanation, True)
 
 

@@ -36,7 +36,20 @@ Array = NDArray[np.float64]
 def drawn_objects(
     rng: np.random.Generator, objects: Sequence[SceneObject], settings: ModelSettings
 ) -> tuple[SceneObject, ...]:
-    """The same objects, each moved along its own axes by what its scenelet cannot know."""
+    """The same objects, each moved along its own axes by what its scenelet cannot know.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+    objects : sequence of SceneObject
+        In one world.
+    settings : ModelSettings
+        For the spreads.
+
+    Returns
+    -------
+    tuple of SceneObject
+    """
     return tuple(_moved(o, rng.standard_normal(2), settings) for o in objects)
 
 

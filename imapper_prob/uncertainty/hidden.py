@@ -144,6 +144,10 @@ def hidden_joints(
         Height of each draw's camera above the floor, metres.
     clusters : sequence of ObjectCluster
         Of the same draws, see `object_clusters`.
+
+    Returns
+    -------
+    HiddenJoints
     """
     cluster_of = {
         (n, k): c for c, cluster in enumerate(clusters) for n, k in cluster.members.tolist()
@@ -174,6 +178,10 @@ def cut_by(o: SceneObject, joints: Array, elevation: float) -> NDArray[np.bool_]
         World, metres.
     elevation : float
         Height of the camera above the world's origin, metres.
+
+    Returns
+    -------
+    (T, 16) bool
     """
     cut: NDArray[np.bool_] = _lines_cut(
         float(elevation), np.ascontiguousarray(joints), pack_boxes([o])

@@ -151,8 +151,19 @@ def representative(
 ) -> Representative:
     """The draw of a layout whose objects are nearest to their mean positions.
 
-    ``seen`` are the objects of all draws and ``radius`` the metres that the layouts were made
-    with.
+    Parameters
+    ----------
+    samples : Samples
+    layout : int
+        From 0.
+    seen : sequence of N sequence of SceneObject
+        Objects of all draws.
+    radius : float
+        Metres that the layouts were made with.
+
+    Returns
+    -------
+    Representative
     """
     leader = samples.layouts.leaders[layout]
     founder = seen[leader]
@@ -212,14 +223,20 @@ _TURNED: Final = np.radians(30)
 
 
 def describe_difference(best: Sequence[SceneObject], other: Sequence[SceneObject]) -> str:
-    """What of ``other`` is not as in ``best``, as the camera sees it.
+    """What of a scene is not as in the best one, as the camera sees it.
 
     Where two objects share a label, how far away they are says which one is meant.
 
-    Examples
-    --------
-    ``"a stool instead of the couch, 0.4 m nearer; no table; also a shelf 1.2 m to the right
-    and 4.0 m away"``
+    Parameters
+    ----------
+    best, other : sequence of SceneObject
+        In worlds of one lens, see :func:`imapper_prob.layouts.through_one_lens`.
+
+    Returns
+    -------
+    str
+        Such as "a stool instead of the couch, 0.4 m nearer; no table; also a shelf 1.2 m to the
+        right and 4.0 m away".
     """
     found = pair_objects(best, other)
     labels = [o.label for o in best]
@@ -234,7 +251,18 @@ def describe_difference(best: Sequence[SceneObject], other: Sequence[SceneObject
 
 
 def where(o: SceneObject) -> str:
-    """Where an object stands, seen from the camera."""
+    """Where an object stands, seen from the camera.
+
+    Parameters
+    ----------
+    o : SceneObject
+        In the world.
+
+    Returns
+    -------
+    str
+        Such as ``"1.2 m to the right and 4.0 m away"``.
+    """
     x, y = o.centre[:2]
     side = "right" if x >= 0 else "left"
     return f"{abs(x):.1f} m to the {side} and {y:.1f} m away"
@@ -279,6 +307,10 @@ def explained_by(clip: Clip, problem: Problem, scene: Scene, state: State) -> Ex
     scene : Scene
     state : State
         The draw that the scene shows.
+
+    Returns
+    -------
+    Explains
     """
     ids, last = np.tile(clip.frame_ids, len(clip.tracks)), problem.n_frames - 1
     lengths = problem.lengths[state.items[:, 0]]

@@ -150,7 +150,12 @@ compiled code is made anew for others."""
 
 
 class Source(Protocol):
-    """What draws are draws of; a staged solution is one."""
+    """What draws are draws of; a staged solution is one.
+
+    Parameters
+    ----------
+    *args, **kwargs : Of whatever class it is.
+    """
 
     @property
     def clip(self) -> Clip:
@@ -191,7 +196,18 @@ class StoredSource:
 
 
 def source_groups(source: Source, chosen: Ints) -> dict[str, xr.Dataset]:
-    """The groups of a source with a library of the scenelets ``chosen``."""
+    """The groups of a source with a part of its library.
+
+    Parameters
+    ----------
+    source : Source
+    chosen : (k,) int
+        Scenelets to keep.
+
+    Returns
+    -------
+    dict of str to Dataset
+    """
     library = Library(source.library.name, tuple(source.library[i] for i in chosen))
     fields = of_scenelets(source.problem, chosen)._asdict()
     fields.pop(_FROM_LIBRARY)
@@ -203,7 +219,18 @@ def source_groups(source: Source, chosen: Ints) -> dict[str, xr.Dataset]:
 
 
 def read_source(path: Path, groups: Mapping[str, xr.Dataset]) -> StoredSource:
-    """The source that :func:`source_groups` took; ``path`` of the file is for messages."""
+    """The source that :func:`source_groups` took.
+
+    Parameters
+    ----------
+    path : Path
+        Of the file, for messages.
+    groups : mapping of str to Dataset
+
+    Returns
+    -------
+    StoredSource
+    """
     clip = clip_of(_arrays(groups["/clip"]), path)
     library = library_of(_arrays(groups["/library"]))
     fields: dict[str, Any] = _arrays(groups["/problem"])
@@ -264,7 +291,16 @@ _ACCEPTANCE = "acceptance_"
 
 
 def sample_groups(samples: Samples) -> dict[str, xr.Dataset]:
-    """All that the draws' own groups leave out."""
+    """Groups of all that the draws' own groups leave out.
+
+    Parameters
+    ----------
+    samples : Samples
+
+    Returns
+    -------
+    dict of str to Dataset
+    """
     found, table = samples.probabilities, samples.acceptance
     latent = np.array([state.latent for state in samples.states], dtype=np.float32)
     moves = sorted(table.proposed)
@@ -319,7 +355,16 @@ def _ensemble(draws: PlacementDraws, agreement: Agreement) -> xr.Dataset:
 
 
 def sample_attributes(samples: Samples) -> dict[str, Any]:
-    """What is a single number or word."""
+    """What of the samples is a single number or word.
+
+    Parameters
+    ----------
+    samples : Samples
+
+    Returns
+    -------
+    dict of str to object
+    """
     verdict = samples.verdict
     return {
         "verdict": verdict.text,
@@ -333,7 +378,20 @@ def sample_attributes(samples: Samples) -> dict[str, Any]:
 def object_origins(
     library: Library, states: Sequence[State], objects: Sequence[Sequence[SceneObject]]
 ) -> list[list[tuple[int, int]]]:
-    """For each object of each draw the slot of its scenelet, and which of its objects it is."""
+    """For each object of each draw the scenelet that brought it.
+
+    Parameters
+    ----------
+    library : Library
+    states : sequence of N State
+    objects : sequence of N sequence of SceneObject
+        Merged furniture of each draw.
+
+    Returns
+    -------
+    list of N list of (int, int)
+        The slot of its scenelet, and which of its objects it is.
+    """
     result = []
     for state, furniture in zip(states, objects, strict=True):
         placed = placed_objects(state, library)
@@ -348,6 +406,15 @@ def object_origins(
 
 def read_samples(groups: Groups, source: Source) -> Samples:
     """The samples that a run wrote of a source, whose library has their scenelets only.
+
+    Parameters
+    ----------
+    groups : mapping of str to Dataset
+    source : Source
+
+    Returns
+    -------
+    Samples
 
     Raises
     ------

@@ -78,6 +78,10 @@ def provenance(source: Source, config: Config, seconds: Mapping[str, float]) -> 
     config : Config
     seconds : mapping of str to float
         How long each part took by the clock on the wall.
+
+    Returns
+    -------
+    dict of str to object
     """
     settings = to_toml(config)
     return {
@@ -94,7 +98,17 @@ def provenance(source: Source, config: Config, seconds: Mapping[str, float]) -> 
 
 
 def seconds_of(attributes: Mapping[Any, Any]) -> dict[str, float]:
-    """How long each part of a run took, from its attributes."""
+    """How long each part of a run took, from its attributes.
+
+    Parameters
+    ----------
+    attributes : mapping
+        Of the file.
+
+    Returns
+    -------
+    dict of str to float
+    """
     return {
         str(name).removeprefix(SECONDS): float(value)
         for name, value in attributes.items()
@@ -103,7 +117,16 @@ def seconds_of(attributes: Mapping[Any, Any]) -> dict[str, float]:
 
 
 def clip_digest(clip: Clip) -> str:
-    """SHA-256 of all that a clip holds, its truth left out: inference never reads that."""
+    """SHA-256 of all that a clip holds, its truth left out: inference never reads that.
+
+    Parameters
+    ----------
+    clip : Clip
+
+    Returns
+    -------
+    str
+    """
     state = hashlib.sha256()
     for name, values in pack_clip(clip).items():
         if not name.startswith(("truth", "object", "cuboid")):
@@ -151,6 +174,19 @@ def posterior_tree(
     """All that a run sampled, with provenance and checks in the attributes.
 
     ``seconds`` say how long each part of the run took.
+
+    Parameters
+    ----------
+    source : Source
+    samples : Samples
+    config : Config
+    seconds : mapping of str to float, optional
+        How long each part of the run took by the clock on the wall.
+    checks : iterable of Check
+
+    Returns
+    -------
+    DataTree
     """
     clip, shape = source.clip, samples.shape
     camera = np.array([state.camera for state in samples.states]).reshape(*shape, -1)
@@ -229,6 +265,11 @@ def write_tree(path: Path, tree: xr.DataTree) -> None:
     """Write the tree as netCDF, its numbers compressed without loss.
 
     It is made in memory: HDF5 does not say in one error what a disk refuses it.
+
+    Parameters
+    ----------
+    path : Path
+    tree : DataTree
     """
     encoding = {
         group: {
@@ -335,6 +376,14 @@ def _padded(source: Source, samples: Samples) -> dict[str, Variable]:
 
 def read_attributes(path: str | Path) -> dict[str, Any]:
     """Provenance of a ``posterior.nc``, without reading its draws.
+
+    Parameters
+    ----------
+    path : path
+
+    Returns
+    -------
+    dict of str to object
 
     Raises
     ------
