@@ -201,6 +201,15 @@ def assemble(sightings: RawDetections, options: ClipOptions) -> Clip:
 
     Poses stay NaN where the files have none; a lifter comes later.
 
+    Parameters
+    ----------
+    sightings : RawDetections
+    options : ClipOptions
+
+    Returns
+    -------
+    Clip
+
     Raises
     ------
     InputError

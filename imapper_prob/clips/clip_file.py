@@ -99,7 +99,16 @@ def write_clip(path: str | Path, clip: Clip) -> None:
 
 
 def pack_clip(clip: Clip) -> Arrays:
-    """A clip as the arrays of the module's description."""
+    """A clip as the arrays of the module's description.
+
+    Parameters
+    ----------
+    clip : Clip
+
+    Returns
+    -------
+    dict of str to array
+    """
     arrays: Arrays = {
         "format": np.array(FORMAT),
         "name": np.array(clip.name),
@@ -121,6 +130,14 @@ def pack_clip(clip: Clip) -> Arrays:
 def read_clip(path: str | Path) -> Clip:
     """Read a clip that :func:`write_clip`, or any tool that keeps to the format, wrote.
 
+    Parameters
+    ----------
+    path : path
+
+    Returns
+    -------
+    Clip
+
     Raises
     ------
     InputError
@@ -131,7 +148,17 @@ def read_clip(path: str | Path) -> Clip:
 
 
 def clip_of(arrays: Arrays, path: Path) -> Clip:
-    """A clip again, from the arrays of :func:`pack_clip`; ``path`` is for messages.
+    """A clip again, from the arrays of :func:`pack_clip`.
+
+    Parameters
+    ----------
+    arrays : mapping of str to array
+    path : Path
+        For messages.
+
+    Returns
+    -------
+    Clip
 
     Raises
     ------

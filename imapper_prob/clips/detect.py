@@ -31,7 +31,12 @@ __all__ = ["Detector", "contact_sheet", "detect", "usual_step"]
 
 
 class Detector(Protocol):
-    """Whatever finds somebody in an image."""
+    """Whatever finds somebody in an image.
+
+    Parameters
+    ----------
+    *args, **kwargs : Of whatever class it is.
+    """
 
     def __call__(self, frame: int, image: NDArray[np.uint8]) -> Landmarks | None:
         """The person in an (H, W, 3) RGB image, if there is one."""
@@ -99,6 +104,10 @@ def contact_sheet(video: Video, clip: Clip, *, first: int, step: int) -> Image.I
         What was found in it.
     first, step : int
         Frame of the video that is the first of the clip, and from one to the next.
+
+    Returns
+    -------
+    PIL.Image.Image
     """
     wanted = np.linspace(0, clip.n_frames - 1, _ACROSS * _DOWN).astype(int)
     height = round(_WIDTH * video.height / video.width)
@@ -140,7 +149,17 @@ _OUTSIDE: Final = 0.02
 
 
 def usual_step(fps: float) -> int:
-    """Every how many frames there are ten a second, or a few more."""
+    """Every how many frames there are ten a second, or a few more.
+
+    Parameters
+    ----------
+    fps : float
+        Frames a second of the video.
+
+    Returns
+    -------
+    int
+    """
     return max(1, int(fps / _RATE + 0.05))
 
 

@@ -56,7 +56,9 @@ class Mark:
 
 @dataclass(frozen=True)
 class Marks:
-    """Parameters
+    """Who is who in some frames, as a user says.
+
+    Parameters
     ----------
     actors : tuple of str
         Names of all actors.
@@ -70,6 +72,14 @@ class Marks:
 
 def read_marks(path: str | Path) -> Marks:
     """Read a file of marks.
+
+    Parameters
+    ----------
+    path : path
+
+    Returns
+    -------
+    Marks
 
     Raises
     ------
@@ -109,6 +119,11 @@ def rows_of_marks(marks: Marks, frames: NDArray[np.int64], keypoints: Array) -> 
         When each skeleton was seen.
     keypoints : (N, 16, 2) float
         Pixels; NaN where missing.
+
+    Returns
+    -------
+    dict of int to int
+        Number of the actor by row.
 
     Raises
     ------
@@ -154,6 +169,10 @@ def track_figure(clip: Clip) -> Figure:
     Parameters
     ----------
     clip : Clip
+
+    Returns
+    -------
+    matplotlib.figure.Figure
     """
     figure = Figure(figsize=(9, 7), layout="constrained")
     image, time = figure.subplots(2, 1, height_ratios=(5, 1))

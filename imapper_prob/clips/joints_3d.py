@@ -148,16 +148,30 @@ _OPTIONAL: Final[Shapes] = {
 
 
 def is_joints(entries: set[str]) -> bool:
-    """Whether an archive with these entries is such a file."""
+    """Whether an archive with these entries is such a file.
+
+    Parameters
+    ----------
+    entries : set of str
+
+    Returns
+    -------
+    bool
+    """
     return "joints" in entries and "format" not in entries
 
 
 def read_joints(path: Path, options: ClipOptions) -> tuple[RawDetections, ClipOptions]:
     """Read an ``.npz``.
 
+    Parameters
+    ----------
+    path : Path
+    options : ClipOptions
+
     Returns
     -------
-    Sightings
+    RawDetections
     ClipOptions
         With the file's own camera, where the user names none.
 
@@ -176,6 +190,15 @@ def read_joints(path: Path, options: ClipOptions) -> tuple[RawDetections, ClipOp
 
 def read_trc(path: Path, options: ClipOptions) -> RawDetections:
     """Read a TRC file; a camera file must say where the camera is.
+
+    Parameters
+    ----------
+    path : Path
+    options : ClipOptions
+
+    Returns
+    -------
+    RawDetections
 
     Raises
     ------

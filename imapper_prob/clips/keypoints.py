@@ -218,7 +218,17 @@ def _is_evidence(joint: int, way: tuple[str, ...]) -> bool:
 
 
 def not_reported(names: Sequence[str]) -> tuple[str, ...]:
-    """Those of the detected joints that a set of keypoints never has."""
+    """Those of the detected joints that a set of keypoints never has.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Keypoints of the set.
+
+    Returns
+    -------
+    tuple of str
+    """
     own = set(names)
     return tuple(
         JOINTS[joint]

@@ -60,7 +60,16 @@ def _never_seen(track: Track) -> tuple[str, ...]:
 
 
 def clip_table(clip: Clip) -> Table:
-    """A row a track, under a line on camera and frames."""
+    """A row a track, under a line on camera and frames.
+
+    Parameters
+    ----------
+    clip : Clip
+
+    Returns
+    -------
+    rich.table.Table
+    """
     from rich.table import Table
 
     camera = clip.camera
@@ -101,6 +110,10 @@ def window(clip: Clip, first: int, last: int) -> Clip:
     clip : Clip
     first, last : int
         The clip's own numbers of frames.
+
+    Returns
+    -------
+    Clip
 
     Raises
     ------
@@ -145,12 +158,21 @@ _FOLDERS: Final = ("i3db", "openpose", *ORDERS)
 
 
 def format_of(path: Path) -> str:
-    """One of :data:`_FORMATS` by looking into a file or folder.
+    """Find the format of a file or folder by looking into it.
+
+    Parameters
+    ----------
+    path : Path
+
+    Returns
+    -------
+    str
+        Such as ``"i3db"`` or ``"openpose"``.
 
     Raises
     ------
     InputError
-        It is none of them.
+        It is of no known format.
     """
     if path.is_dir():
         if any(path.glob(DETECTIONS)):
@@ -195,6 +217,15 @@ def _format_of_file(path: Path) -> str | None:
 
 def read_whatever(path: Path, options: ClipOptions) -> Clip:
     """Read a clip of any format. Poses are NaN where the format has none.
+
+    Parameters
+    ----------
+    path : Path
+    options : ClipOptions
+
+    Returns
+    -------
+    Clip
 
     Raises
     ------

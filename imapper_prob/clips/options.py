@@ -222,6 +222,10 @@ def read_camera(path: str | Path) -> CameraFile:
 def check_matrix(matrix: Array) -> None:
     """Whether a (3, 3) array can be intrinsics in pixels.
 
+    Parameters
+    ----------
+    matrix : (3, 3) float
+
     Raises
     ------
     InputError
@@ -236,6 +240,10 @@ def check_matrix(matrix: Array) -> None:
 
 def check_rotation(rotation: Array) -> None:
     """Whether a (3, 3) array turns without stretching or mirroring.
+
+    Parameters
+    ----------
+    rotation : (3, 3) float
 
     Raises
     ------
@@ -262,6 +270,21 @@ def camera_of(
 
     Without any word on it the focal length is ``likely_focal``, or taken to be the longer side
     of the image: a field of view of 53 degrees.
+
+    Parameters
+    ----------
+    name : str
+        Of the clip, for messages.
+    options : ClipOptions
+    size : (int, int)
+        Width and height of the image in pixels.
+    likely_focal : float, optional
+        Pixels.
+
+    Returns
+    -------
+    camera : Camera
+    spread : float
     """
     file, spread = options.camera, MEASURED_FOCAL
     if file is not None:
@@ -295,10 +318,17 @@ def camera_of(
 
 
 def undistorted(pixels: ArrayLike, file: CameraFile) -> Array:
-    """Where a lens without distortion would have put pixels (..., 2).
+    """Where a lens without distortion would have put pixels.
 
-    The distortion of OpenCV has no inverse in closed form; this is its usual fixed-point
-    iteration. NaN where that does not settle, far outside of the calibrated field of view.
+    Parameters
+    ----------
+    pixels : (..., 2) float
+    file : CameraFile
+
+    Returns
+    -------
+    (..., 2) float
+        Pixels; NaN where the iteration does not settle.
     """
     pixels = np.asarray(pixels, float)
     if not file.distortion.any():

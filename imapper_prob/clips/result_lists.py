@@ -41,7 +41,17 @@ _BEGINS_WITH: Final = {17: "coco_17", 26: "halpe_26", 133: "coco_17", 136: "halp
 
 
 def is_result_list(data: Any) -> bool:
-    """Whether this is such a file's content."""
+    """Whether this is such a file's content.
+
+    Parameters
+    ----------
+    data : object
+        Content of a JSON file.
+
+    Returns
+    -------
+    bool
+    """
     if isinstance(data, dict):
         return "instance_info" in data
     return bool(
@@ -61,6 +71,10 @@ def read_result_list(path: Path, *, keypoint_set: str | None = None) -> RawDetec
     path : Path
     keypoint_set : str, optional
         One of :data:`SETS`; told from the number of keypoints if not given.
+
+    Returns
+    -------
+    RawDetections
 
     Raises
     ------
@@ -218,6 +232,17 @@ def proposal_variance(positions: ArrayLike, score: float) -> Array:
 def proposal_confidence(variances: ArrayLike, percentile: float) -> Array:
     """c_k of variances in square metres, given the 99th percentile of all their logs.
 
+    Parameters
+    ----------
+    variances : (...) float
+        Square metres.
+    percentile : float
+        The 99th of the logs of all variances.
+
+    Returns
+    -------
+    (...) float
+
     Raises
     ------
     InputError
@@ -247,7 +272,17 @@ class _Group:
 
 
 def is_proposals(data: Any) -> bool:
-    """Whether this is such a file's content."""
+    """Whether this is such a file's content.
+
+    Parameters
+    ----------
+    data : object
+        Content of a JSON file.
+
+    Returns
+    -------
+    bool
+    """
     people = data.get("people") if isinstance(data, dict) else None
     return isinstance(people, list) and any(
         isinstance(person, dict) and "proposals" in person for person in people
@@ -259,6 +294,14 @@ def read_proposals(path: Path) -> RawDetections:
 
     A group of one has no variance: nothing is known of how sure its joints are, and it is left
     out as if nobody had been detected.
+
+    Parameters
+    ----------
+    path : Path
+
+    Returns
+    -------
+    RawDetections
 
     Raises
     ------

@@ -359,7 +359,17 @@ _REGULARLY: Final = 0.25
 
 
 def people_in(frames: Ints) -> int:
-    """How many people there are: the most that are there in a quarter of the frames."""
+    """How many people there are: the most that are there in a quarter of the frames.
+
+    Parameters
+    ----------
+    frames : (N,) int
+        When each skeleton was seen.
+
+    Returns
+    -------
+    int
+    """
     _, counts = np.unique(frames, return_counts=True)
     return max(1, int(np.quantile(counts, 1 - _REGULARLY, method="lower")))
 

@@ -70,6 +70,11 @@ class Video:
         start, end : int
             First frame, and the one after the last.
         step : int
+
+        Yields
+        ------
+        number : int
+        image : (height, width, 3) uint8
         """
         for number, frame in enumerate(_decoded(self.path)):
             if end is not None and number >= end:
@@ -79,12 +84,30 @@ class Video:
 
 
 def upright(image: Image, degrees: float) -> Image:
-    """An image turned counter-clockwise by what the file says, to the nearest right angle."""
+    """An image turned counter-clockwise by what the file says, to the nearest right angle.
+
+    Parameters
+    ----------
+    image : (H, W, 3) uint8
+    degrees : float
+
+    Returns
+    -------
+    (H, W, 3) or (W, H, 3) uint8
+    """
     return np.ascontiguousarray(np.rot90(image, k=round(degrees / 90) % 4))
 
 
 def open_video(path: str | Path) -> Video:
     """Look at a video without decoding more than its first frame.
+
+    Parameters
+    ----------
+    path : path
+
+    Returns
+    -------
+    Video
 
     Raises
     ------
@@ -123,6 +146,15 @@ def _likely_focal(metadata: dict[str, str], diagonal: float) -> float | None:
 
 def needs(name: str) -> Any:
     """A module of the extra ``video``.
+
+    Parameters
+    ----------
+    name : str
+        Of the module.
+
+    Returns
+    -------
+    module
 
     Raises
     ------
@@ -205,7 +237,16 @@ class Stillness:
 
 
 def grey_thumbnail(image: NDArray[np.uint8]) -> Array:
-    """(h, 256) grey image of an (H, W, 3) one, by averaging."""
+    """A small grey image, by averaging.
+
+    Parameters
+    ----------
+    image : (H, W, 3) uint8
+
+    Returns
+    -------
+    (h, 256) float
+    """
     factor = max(1, image.shape[1] // _WIDTH)
     grey = image.astype(np.float64).mean(-1)
     height, width = (n // factor * factor for n in grey.shape)
@@ -222,6 +263,10 @@ def stillness(thumbnails: list[Array]) -> Stillness:
     thumbnails : list of (h, w) float
         Of frames spread over the clip, all of one size. Fewer than two say nothing, and
         count as still.
+
+    Returns
+    -------
+    Stillness
     """
     n = len(thumbnails)
     pairs = {(i, j) for i in range(n) for j in (i + n // 3, i + 2 * n // 3) if i < j < n}

@@ -43,13 +43,34 @@ Array = NDArray[np.float64]
 
 
 def to_benchmark(camera: Camera, points: ArrayLike) -> Array:
-    """World (..., 3) to the benchmark's axes (..., 3), metres."""
+    """Points of the world in the benchmark's axes.
+
+    Parameters
+    ----------
+    camera : Camera
+    points : (..., 3) float
+        Metres.
+
+    Returns
+    -------
+    (..., 3) float
+        Metres.
+    """
     x, forward, up = np.moveaxis(camera.to_camera(points), -1, 0)
     return np.stack([x, -up, forward], -1)
 
 
 def intrinsics(camera: Camera) -> Array:
-    """(3, 3) matrix that takes the benchmark's axes to homogeneous pixels."""
+    """The matrix that takes the benchmark's axes to homogeneous pixels.
+
+    Parameters
+    ----------
+    camera : Camera
+
+    Returns
+    -------
+    (3, 3) float
+    """
     return np.array([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1.0]])
 
 
@@ -65,6 +86,15 @@ def yaw_in_camera(camera: Camera, o: SceneObject) -> float:
 
     That plane is tilted against the floor by the camera's pitch and roll; the angle is that of
     the front's direction as it falls on the plane.
+
+    Parameters
+    ----------
+    camera : Camera
+    o : SceneObject
+
+    Returns
+    -------
+    float
     """
     front = _object_axes(camera, o)[1]
     return float(np.arctan2(-front[0], front[2]))
@@ -111,7 +141,20 @@ def write_json(
 def scene_document(
     posterior: Posterior, *, scene: int | None = None, samples: int = 0
 ) -> dict[str, Any]:
-    """What :func:`write_json` writes."""
+    """What :func:`write_json` writes.
+
+    Parameters
+    ----------
+    posterior : Posterior
+    scene : int, optional
+        From 1; all scenes if not given.
+    samples : int
+        Draws to write as well.
+
+    Returns
+    -------
+    dict
+    """
     shown = None if scene is None else posterior.scene(scene)
     clip = posterior.clip
     document = {
@@ -145,6 +188,15 @@ def scene_document(
 
 def evenly_spaced(posterior: Posterior, count: int) -> list[int]:
     """Numbers of ``count`` draws, chain by chain as far apart as can be.
+
+    Parameters
+    ----------
+    posterior : Posterior
+    count : int
+
+    Returns
+    -------
+    list of int
 
     Raises
     ------
@@ -237,7 +289,14 @@ _WAY: Final = (60, 60, 70, 255)
 
 
 def write_glb(path: Path, scene: Scene, clip: Clip) -> None:
-    """Write one scene of a clip."""
+    """Write one scene of a clip.
+
+    Parameters
+    ----------
+    path : Path
+    scene : Scene
+    clip : Clip
+    """
     content = _as_trimesh(scene, clip).export(file_type="glb")
     with written_whole(path) as beside:
         beside.write_bytes(content)
@@ -322,6 +381,12 @@ _STEM: Final = "skel_output"
 
 def write_i3db(folder: Path, scene: Scene, clip: Clip) -> None:
     """Write a scene as the benchmark's files into a new or empty folder.
+
+    Parameters
+    ----------
+    folder : Path
+    scene : Scene
+    clip : Clip
 
     Raises
     ------

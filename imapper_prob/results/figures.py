@@ -66,6 +66,10 @@ def energy_figure(explanation: Explanation, *, title: str) -> Figure:
     explanation : Explanation
     title : str
         What the scene is of.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
     """
     parts = len(explanation.scenelets) + len(explanation.objects)
     figure = Figure(figsize=(15, max(8.0, 2.5 + 0.42 * parts)), layout="constrained")
@@ -260,7 +264,18 @@ _NAMED: Final = 0.2
 
 
 def clip_figure(clip: Clip, *, moments: int = 5) -> Figure:
-    """What the detector saw: people at some moments, and how sure it was of each joint."""
+    """What the detector saw: people at some moments, and how sure it was of each joint.
+
+    Parameters
+    ----------
+    clip : Clip
+    moments : int
+        How many.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
     figure = Figure(figsize=(12, 5.6), layout="constrained")
     image, sure = figure.subplots(1, 2, width_ratios=(1.2, 1))
     for track in clip.tracks:
@@ -289,7 +304,18 @@ def clip_figure(clip: Clip, *, moments: int = 5) -> Figure:
 
 
 def scenes_figure(posterior: Posterior, count: int = 4) -> Figure:
-    """The most probable scenes side by side from above; in grey other draws of the path."""
+    """The most probable scenes side by side from above; in grey other draws of the path.
+
+    Parameters
+    ----------
+    posterior : Posterior
+    count : int
+        At most so many scenes.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
     scenes = posterior.scenes(count)
     everything = [o.footprint for w in scenes for o in w.scene.objects]
     everything += [w.scene.joints[:, PELV, :2] for w in scenes]
@@ -316,7 +342,16 @@ def scenes_figure(posterior: Posterior, count: int = 4) -> Figure:
 
 
 def floor_figure(posterior: Posterior) -> Figure:
-    """Where furniture stands over all draws: a map, and the regions of 50 and 90 %."""
+    """Where furniture stands over all draws: a map, and the regions of 50 and 90 %.
+
+    Parameters
+    ----------
+    posterior : Posterior
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
     occupancy, clusters = posterior.occupancy(), posterior.clusters()
     best = posterior.scenes(1)[0].scene.joints[:, PELV, :2]
     low, high = _bounds(np.concatenate([best, *(c.positions for c in clusters)]))
@@ -343,7 +378,16 @@ def floor_figure(posterior: Posterior) -> Figure:
 
 
 def hidden_figure(posterior: Posterior) -> Figure:
-    """P(joint hidden) by frame and joint, and how many joints each object hides."""
+    """P(joint hidden) by frame and joint, and how many joints each object hides.
+
+    Parameters
+    ----------
+    posterior : Posterior
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
     hidden, ids = posterior.hidden(), in_a_row(posterior.clip)
     figure = Figure(figsize=(12, 5.6), layout="constrained")
     grid, count = figure.subplots(2, 1, sharex=True, height_ratios=(1.6, 1))
@@ -368,7 +412,16 @@ def hidden_figure(posterior: Posterior) -> Figure:
 
 
 def person_figure(posterior: Posterior) -> Figure:
-    """How far away people are, with two standard deviations, and how sure each axis is."""
+    """How far away people are, with two standard deviations, and how sure each axis is.
+
+    Parameters
+    ----------
+    posterior : Posterior
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
     found, ids = posterior.joints(), in_a_row(posterior.clip)
     mean, spread = found.mean[:, PELV], found.standard_deviation[:, PELV]
     figure = Figure(figsize=(12, 3.8), layout="constrained")
@@ -394,7 +447,16 @@ def person_figure(posterior: Posterior) -> Figure:
 
 
 def nuisance_figure(posterior: Posterior) -> Figure:
-    """Prior (grey) against posterior of the camera and the body."""
+    """Prior (grey) against posterior of the camera and the body.
+
+    Parameters
+    ----------
+    posterior : Posterior
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
     found = posterior.nuisances()
     figure = Figure(figsize=(12, 2.8), layout="constrained")
     for axes, one in zip(figure.subplots(1, len(found)), found.values(), strict=True):
@@ -414,7 +476,16 @@ def nuisance_figure(posterior: Posterior) -> Figure:
 
 
 def chains_figure(posterior: Posterior) -> Figure:
-    """Did it converge: log-posterior of each chain, its share of each scene, moves accepted."""
+    """Did it converge: log-posterior of each chain, its share of each scene, moves accepted.
+
+    Parameters
+    ----------
+    posterior : Posterior
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
     samples, shares = posterior.samples, posterior.scene_probabilities
     figure = Figure(figsize=(12, 3.8), layout="constrained")
     trace, scene, moves = figure.subplots(1, 3, width_ratios=(1.4, 1, 1))

@@ -58,14 +58,32 @@ _LOST: Final = 0.2
 
 
 def answer(scenes: Sequence[WeightedScene]) -> str:
-    """What is in the room, in a sentence."""
+    """What is in the room, in a sentence.
+
+    Parameters
+    ----------
+    scenes : sequence of WeightedScene
+
+    Returns
+    -------
+    str
+    """
     there = listed(scenes[0].scene.objects)
     verb = "is" if there.startswith(("one ", "no ")) else "are"
     return f"Most probably ({_share(scenes[0])}) there {verb} {there}."
 
 
 def runner_up(scenes: Sequence[WeightedScene]) -> str:
-    """What there is if that is wrong; empty if there is no other scene."""
+    """What there is if that is wrong; empty if there is no other scene.
+
+    Parameters
+    ----------
+    scenes : sequence of WeightedScene
+
+    Returns
+    -------
+    str
+    """
     if len(scenes) < 2:
         return ""
     second = scenes[1]
@@ -74,7 +92,16 @@ def runner_up(scenes: Sequence[WeightedScene]) -> str:
 
 
 def listed(objects: Sequence[SceneObject]) -> str:
-    """Objects counted in words: ``"two chairs and one table"``."""
+    """Objects counted in words: ``"two chairs and one table"``.
+
+    Parameters
+    ----------
+    objects : sequence of SceneObject
+
+    Returns
+    -------
+    str
+    """
     labels = [o.label for o in objects]
     counts = {
         label: labels.count(label) for label in sorted(labels, key=lambda n: (-labels.count(n), n))
@@ -97,7 +124,17 @@ def warnings_of(
 ) -> tuple[str, ...]:
     """What makes the result less sure than it looks, one sentence each.
 
-    ``disputed`` are the scenes that show the layouts which chains disagree about.
+    Parameters
+    ----------
+    clip : Clip
+    samples : Samples
+    scenes : sequence of WeightedScene
+    disputed : sequence of int
+        Scenes that show the layouts which chains disagree about.
+
+    Returns
+    -------
+    tuple of str
     """
     best, said = scenes[0], []
     if not samples.finished:
@@ -152,6 +189,10 @@ def sides_of(clip: Clip, flipped: NDArray[np.float64]) -> tuple[str, ...]:
         Of K people.
     flipped : (K T,) float
         Probability of that by frame, of several people in a row.
+
+    Returns
+    -------
+    tuple of str
     """
     return tuple(
         _sides(own, clip.frame_ids, of=own_part(clip, person))
@@ -183,13 +224,29 @@ def _plural(label: str) -> str:
 
 
 def write_report(path: Path, posterior: Posterior) -> None:
-    """Write the report as one HTML file, beside and renamed."""
+    """Write the report as one HTML file, beside and renamed.
+
+    Parameters
+    ----------
+    path : Path
+    posterior : Posterior
+    """
     with written_whole(path) as beside:
         beside.write_text(report(posterior), encoding="utf-8")
 
 
 def report(posterior: Posterior) -> str:
-    """The page as text: pictures inside, no script, nothing to fetch."""
+    """The page as text: pictures inside, no script, nothing to fetch.
+
+    Parameters
+    ----------
+    posterior : Posterior
+
+    Returns
+    -------
+    str
+        HTML.
+    """
     clip, samples, scenes = posterior.clip, posterior.samples, posterior.scenes()
     floor = Floor.of(clip, scenes)
     wrong = alarms(posterior.checks)
