@@ -18,7 +18,8 @@ import imapper_prob
 
 ROOT = Path(__file__).parents[1]
 DONE = (
-    "api", "clips", "config", "files", "layouts", "lifting", "memory", "models", "people", "plotting",
+    "api", "clips", "config", "files", "layouts", "lifting", "memory", "models", "people",
+    "plotting",
     "results", "samplers", "uncertainty",
 )  # fmt: skip
 """Packages and modules in which all names of ``__all__`` are held to it."""
