@@ -100,6 +100,10 @@ def simulate_track(
         The tables; those measured on i3DB if not given.
     settings : ModelSettings, optional
         How often and how long left and right are flipped.
+
+    Returns
+    -------
+    Track
     """
     model = detections or DetectionModel()
     keypoints, confidences = model.draw(
@@ -193,7 +197,17 @@ _ROOMS = 200
 
 
 def draw_camera(rng: np.random.Generator, *, nominal: Camera = NOMINAL_CAMERA) -> Camera:
-    """A camera from the prior: pitch, roll, elevation and focal length about the nominal one."""
+    """A camera from the prior: pitch, roll, elevation and focal length about the nominal one.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+    nominal : Camera
+
+    Returns
+    -------
+    Camera
+    """
     return nominal.posed(
         pitch=float(rng.normal(nominal.pitch, PITCH_SPREAD)),
         roll=float(rng.normal(nominal.roll, ROLL_SPREAD)),
@@ -205,7 +219,20 @@ def draw_camera(rng: np.random.Generator, *, nominal: Camera = NOMINAL_CAMERA) -
 def draw_camera_and_body(
     rng: np.random.Generator, prior: CameraPrior, *, nominal: Camera = NOMINAL_CAMERA
 ) -> tuple[Camera, float]:
-    """A camera, and the factor on the reference stature, from the prior of a clip's phi."""
+    """A camera, and the factor on the reference stature, from the prior of a clip's phi.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+    prior : CameraPrior
+    nominal : Camera
+
+    Returns
+    -------
+    camera : Camera
+    scale : float
+        Factor on the reference stature.
+    """
     while True:
         phi = rng.multivariate_normal(prior.mean, prior.covariance)
         if in_support(phi):

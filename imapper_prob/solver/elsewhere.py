@@ -88,6 +88,14 @@ def own_detections(clip: Clip) -> Clip:
     In such frames nothing is detected, and there is no lifted pose, for that was made of the
     same detections.
 
+    Parameters
+    ----------
+    clip : Clip
+
+    Returns
+    -------
+    Clip
+
     Raises
     ------
     InputError
@@ -120,7 +128,7 @@ def _without(track: Track, away: Flags) -> Track:
 
 
 def frames_elsewhere(track: Track, *, camera: Camera, fps: float) -> Flags:
-    """(T,) frames of a track in which the detector was not on its person.
+    """Find the frames of a track in which the detector was not on its person.
 
     Parameters
     ----------
@@ -129,6 +137,10 @@ def frames_elsewhere(track: Track, *, camera: Camera, fps: float) -> Flags:
         For the size of its picture, in which a detector that is elsewhere may be anywhere.
     fps : float
         Frames a second.
+
+    Returns
+    -------
+    (T,) bool
     """
     joints = list(DETECTED)
     confidences = track.confidences[:, joints]

@@ -36,7 +36,9 @@ Ints = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class FitSettings:
-    """Parameters
+    """How scenelets are fitted to windows.
+
+    Parameters
     ----------
     stride : float
         Seconds between the starts of neighbouring windows.
@@ -92,6 +94,20 @@ def fit_windows(
     """Fit all scenelets to all windows at the mean of the camera prior.
 
     On a CPU it runs on one thread: a window is too small for more, and sums keep their order.
+
+    Parameters
+    ----------
+    problem : Problem
+    path : StaticPath
+    fps : float
+        Frames a second.
+    settings : FitSettings, optional
+    progress : callable, optional
+        Called with a stage's name and the part of it that is done.
+
+    Returns
+    -------
+    Fits
 
     Raises
     ------
@@ -204,6 +220,16 @@ def free_pose_cost(problem: Problem, fits: Fits) -> NDArray[np.float64]:
     best stands for the frames nearest to the window's centre. Never negative; 0 in frames that
     none reaches.
 
+    Parameters
+    ----------
+    problem : Problem
+    fits : Fits
+
+    Returns
+    -------
+    (T,) float
+        Nats.
+
     Raises
     ------
     InputError
@@ -249,10 +275,7 @@ def free_pose_cost(problem: Problem, fits: Fits) -> NDArray[np.float64]:
 
 
 def best_fits(problem: Problem, fits: Fits) -> Array:
-    """(T,) by how much the best scenelet over a frame fits worse than the right one would.
-
-    Nats per confident joint, on average over the scenelet's frames. NaN in frames without a
-    detection, where no scenelet was fitted, and with the published energy.
+    """By how much the best scenelet over a frame fits worse than the right one would.
 
     Parameters
     ----------
@@ -260,6 +283,12 @@ def best_fits(problem: Problem, fits: Fits) -> Array:
         Of one actor.
     fits : Fits
         Of the same.
+
+    Returns
+    -------
+    (T,) float
+        Nats per confident joint, on average over the scenelet's frames. NaN in frames without a
+        detection, where no scenelet was fitted, and with the published energy.
     """
     if problem.of_paper:  # whose squared residuals say nothing of what the right motion costs
         return np.full(problem.n_frames, np.nan)

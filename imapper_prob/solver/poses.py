@@ -80,7 +80,17 @@ ANCESTORS: Final[Array] = _ancestors()
 
 
 def bones_of(poses: ArrayLike) -> Array:
-    """(..., 16, 3) joints to (..., 14, 3) bone vectors from parent to child."""
+    """Bone vectors of poses, from parent to child.
+
+    Parameters
+    ----------
+    poses : (..., 16, 3) float
+        Metres.
+
+    Returns
+    -------
+    (..., 14, 3) float
+    """
     poses = np.asarray(poses, float)
     parents, children = np.transpose(TREE)
     result: Array = poses[..., children, :] - poses[..., parents, :]
@@ -88,7 +98,17 @@ def bones_of(poses: ArrayLike) -> Array:
 
 
 def joints_of(bones: ArrayLike) -> Array:
-    """(..., 14, 3) bone vectors to (..., 16, 3) joints relative to the pelvis."""
+    """Joints of bone vectors, relative to the pelvis.
+
+    Parameters
+    ----------
+    bones : (..., 14, 3) float
+        Metres.
+
+    Returns
+    -------
+    (..., 16, 3) float
+    """
     result: Array = ANCESTORS @ np.asarray(bones, float)
     return result
 
@@ -122,6 +142,14 @@ def implausible_poses(track: Track) -> NDArray[np.bool_]:
 
     Three signs, each of which counts unless most of the track has it: bones whose lengths do
     not go together, a trunk that is upside down, a knee that bends forward.
+
+    Parameters
+    ----------
+    track : Track
+
+    Returns
+    -------
+    (T,) bool
     """
     frames = np.flatnonzero(track.has_pose)
     result = np.zeros(len(track.poses), dtype=bool)
@@ -202,6 +230,16 @@ def torso_axes(directions: ArrayLike) -> Array:
 
     Right is the mean line through hips and shoulders, up the spine as far as it is across
     that. A body without either (a lifter's worst) has the axes of the camera.
+
+    Parameters
+    ----------
+    directions : (..., 14, 3) float
+        Of the bones.
+
+    Returns
+    -------
+    (..., 3, 3) float
+        Columns are the body's right, front and up.
     """
     directions = np.asarray(directions, float)
     right = directions[..., _RIGHTWARD, :].sum(-2) - directions[..., _LEFTWARD, :].sum(-2)
@@ -294,7 +332,17 @@ class FrameTable:
 
     @classmethod
     def unexamined(cls, detected: NDArray[np.int64]) -> FrameTable:
-        """Of a path that was given: all poses their own, nothing known of how well they fit."""
+        """Of a path that was given: all poses their own, nothing known of how well they fit.
+
+        Parameters
+        ----------
+        detected : (T,) int
+            How many joints of each frame were detected.
+
+        Returns
+        -------
+        FrameTable
+        """
         n = len(detected)
         return cls((PoseSource.OWN,) * n, detected, np.full(n, np.nan), np.zeros(n, dtype=bool))
 
@@ -309,7 +357,12 @@ class FrameTable:
         return np.array([p is PoseSource.ELSEWHERE for p in self.pose], dtype=bool)
 
     def counts(self) -> dict[str, int]:
-        """How many frames, outliers included, by what became of them."""
+        """How many frames, outliers included, by what became of them.
+
+        Returns
+        -------
+        dict of str to int
+        """
         found = {str(source): self.pose.count(source) for source in PoseSource}
         found["outlier"] = int(self.outlier.sum())
         found["nothing detected"] = int((self.detected == 0).sum())
@@ -362,6 +415,16 @@ def lifted_body(track: Track, trusted: NDArray[np.bool_]) -> LiftedBody:
 
     Without a single trusted frame the person stands upright and faces the camera, which is
     as good a start as any.
+
+    Parameters
+    ----------
+    track : Track
+    trusted : (T,) bool
+        Frames whose pose counts.
+
+    Returns
+    -------
+    LiftedBody
     """
     known = np.asarray(trusted, bool) & track.has_pose
     if not known.any():

@@ -62,6 +62,10 @@ def best_sequences(
         Frames that a candidate may start earlier or later.
     count : int
         How many are wanted.
+
+    Returns
+    -------
+    tuple of tuple of Candidate
     """
     shared = apart_from_stays(problem, context)
 
@@ -298,6 +302,10 @@ def exchange(
     candidates : sequence of Candidate
     step : int
         Frames from one window to the next.
+
+    Returns
+    -------
+    tuple of Exchange
     """
     done: list[Exchange] = []
     tried: set[tuple[int, int, bytes, bytes]] = set()

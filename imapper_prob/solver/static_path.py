@@ -201,7 +201,23 @@ def examine_frames(
     settings: StaticPathSettings | None = None,
     published: bool = False,
 ) -> tuple[StaticPath, FrameTable]:
-    """The static path, and what became of each frame; parameters as above."""
+    """The static path, and what became of each frame.
+
+    Parameters
+    ----------
+    clip, track, settings, published
+        See :func:`estimate_static_path`.
+
+    Returns
+    -------
+    path : StaticPath
+    frames : FrameTable
+
+    Raises
+    ------
+    InputError
+        As :func:`estimate_static_path`.
+    """
     settings = settings or StaticPathSettings()
     away = frames_elsewhere(clip.tracks[track], camera=clip.camera, fps=clip.fps)
     person = own_detections(clip).tracks[track]
