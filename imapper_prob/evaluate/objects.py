@@ -136,7 +136,19 @@ class ObjectScore:
 def object_scores(
     objects: Sequence[Outline], truth: TruthInView, rng: np.random.Generator
 ) -> ObjectScore:
-    """Scores of claimed furniture; ``rng`` is for the chance level alone."""
+    """Scores of claimed furniture.
+
+    Parameters
+    ----------
+    objects : sequence of Outline
+    truth : TruthInView
+    rng : numpy.random.Generator
+        For the chance level alone.
+
+    Returns
+    -------
+    ObjectScore
+    """
     true = truth.used_objects
     one = unary_union([o.hull for o in true])
     other = unary_union([o.hull for o in objects])
@@ -151,7 +163,16 @@ def object_scores(
 
 
 def pair_up(true: Sequence[Outline], found: Sequence[Outline]) -> tuple[Pair, ...]:
-    """Partners within groups of labels such that the sum of distances is least."""
+    """Partners within groups of labels such that the sum of distances is least.
+
+    Parameters
+    ----------
+    true, found : sequence of Outline
+
+    Returns
+    -------
+    tuple of Pair
+    """
     if not true or not found:
         return ()
     distance = _distances([o.centre for o in true], [o.centre for o in found])
@@ -165,7 +186,16 @@ def pair_up(true: Sequence[Outline], found: Sequence[Outline]) -> tuple[Pair, ..
 
 
 def yaw_error(true: Outline, found: Outline) -> float:
-    """Degrees between two fronts; of tables, shelves and stools between their axes."""
+    """Degrees between two fronts; of tables, shelves and stools between their axes.
+
+    Parameters
+    ----------
+    true, found : Outline
+
+    Returns
+    -------
+    float
+    """
     angle = abs((np.degrees(found.yaw - true.yaw) + 180) % 360 - 180)
     return float(angle if true.has_front and found.has_front else min(angle, 180 - angle))
 

@@ -96,7 +96,18 @@ def between_frames(joints: ArrayLike) -> Array:
 
 
 def prediction_of_scene(scene: Scene, *, name: str) -> Prediction:
-    """A scene turned by its own camera, which may be tilted otherwise than the true one."""
+    """A scene turned by its own camera, which may be tilted otherwise than the true one.
+
+    Parameters
+    ----------
+    scene : Scene
+    name : str
+        Of the method.
+
+    Returns
+    -------
+    Prediction
+    """
     return Prediction(
         name=name,
         joints=scene.camera.to_camera(scene.joints),
@@ -106,7 +117,19 @@ def prediction_of_scene(scene: Scene, *, name: str) -> Prediction:
 
 
 def prediction_of_state(source: Source, state: State, *, name: str) -> Prediction:
-    """A state, with the furniture of it that is worth naming."""
+    """A state, with the furniture of it that is worth naming.
+
+    Parameters
+    ----------
+    source : Source
+    state : State
+    name : str
+        Of the method.
+
+    Returns
+    -------
+    Prediction
+    """
     camera = state_camera(source.clip.camera, state)
     joints = limbs_of(source.problem, state, camera).joints
     objects = selected_objects(source.problem, source.library, state)
@@ -117,6 +140,16 @@ def prediction_of_solved(solved: Solved, *, name: str) -> Prediction:
     """The staged solver's best scene: everybody's furniture, and the motion of the first actor.
 
     Of several people in a clip the truth knows one, the first.
+
+    Parameters
+    ----------
+    solved : Solved
+    name : str
+        Of the method.
+
+    Returns
+    -------
+    Prediction
     """
     best = solved.scenes[0]
     scene = Scene(best.camera, best.objects, best.motions[0], (), best.log_posterior)
@@ -148,6 +181,15 @@ _PREDICTION_VERSION: Final = 1
 def read_prediction(path: str | Path, clip: Clip) -> Prediction:
     """A result of any method on a clip.
 
+    Parameters
+    ----------
+    path : path
+    clip : Clip
+
+    Returns
+    -------
+    Prediction
+
     Raises
     ------
     InputError
@@ -175,7 +217,14 @@ def read_prediction(path: str | Path, clip: Clip) -> Prediction:
 
 
 def write_prediction(path: str | Path, prediction: Prediction, clip: Clip) -> None:
-    """Write what :func:`read_prediction` reads; a file in the way is replaced."""
+    """Write what :func:`read_prediction` reads; a file in the way is replaced.
+
+    Parameters
+    ----------
+    path : path
+    prediction : Prediction
+    clip : Clip
+    """
     document = {
         "format": PREDICTION_FORMAT,
         "version": _PREDICTION_VERSION,
@@ -267,12 +316,30 @@ SOLVER = "staged solver"
 
 
 def is_solution(folder: Path) -> bool:
-    """Whether a folder holds a staged solution."""
+    """Whether a folder holds a staged solution.
+
+    Parameters
+    ----------
+    folder : Path
+
+    Returns
+    -------
+    bool
+    """
     return (folder / "solution.json").is_file()
 
 
 def read_solution_folder(folder: Path, clip: Clip) -> Prediction:
     """The best scene of the staged solver, with the motion of the first actor.
+
+    Parameters
+    ----------
+    folder : Path
+    clip : Clip
+
+    Returns
+    -------
+    Prediction
 
     Raises
     ------

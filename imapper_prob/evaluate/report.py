@@ -101,6 +101,10 @@ def benchmark_page(
         Shorter clips.
     pictures : sequence of str
         Paths of figures, as the page sees them.
+
+    Returns
+    -------
+    str
     """
     first = [s for name in ours for s in evaluation.scores[name]]
     sections = [
@@ -155,6 +159,12 @@ def benchmark_page(
 
 
 def write_page(path: Path, text: str) -> None:
-    """All of it or nothing."""
+    """Write a page, whole or not at all.
+
+    Parameters
+    ----------
+    path : Path
+    text : str
+    """
     with written_whole(path) as beside:
         beside.write_text(text, encoding="utf-8")

@@ -79,6 +79,15 @@ class PoseScore:
 def pose_scores(prediction: Prediction, truth: TruthInView) -> dict[str, PoseScore]:
     """Errors of the fourteen scored joints by :data:`SUBSETS`.
 
+    Parameters
+    ----------
+    prediction : Prediction
+    truth : TruthInView
+
+    Returns
+    -------
+    dict of str to PoseScore
+
     Raises
     ------
     InputError
@@ -164,6 +173,16 @@ def paired_difference(
 
     Whole objects are drawn with replacement, as many as there are; that two objects of one
     clip share its camera is left out, so intervals are rather too short.
+
+    Parameters
+    ----------
+    ours, theirs : sequence of Score
+        On the same clips, in the same order.
+    rng : numpy.random.Generator
+
+    Returns
+    -------
+    Difference
     """
     both = {s.clip: s for s in theirs}
     pairs = [(s, both[s.clip]) for s in ours if s.clip in both]
@@ -210,6 +229,14 @@ def static_path(clip: Clip) -> Prediction:
     """The smooth path through the detections that the solver starts from, without furniture.
 
     With constants estimated without a scene of that name.
+
+    Parameters
+    ----------
+    clip : Clip
+
+    Returns
+    -------
+    Prediction
     """
     joints = estimate_static_path(clip, settings=Settings().without(clip.name).path).joints
     return Prediction("static path", joints, clip.camera.project_camera(joints), ())
@@ -298,6 +325,15 @@ class Summary:
 def score(prediction: Prediction, truth: TruthInView) -> Score:
     """All scores of a prediction.
 
+    Parameters
+    ----------
+    prediction : Prediction
+    truth : TruthInView
+
+    Returns
+    -------
+    Score
+
     Raises
     ------
     InputError
@@ -313,7 +349,16 @@ def score(prediction: Prediction, truth: TruthInView) -> Score:
 
 
 def summarise(scores: Sequence[Score]) -> Summary:
-    """One method over its clips: objects are pooled, pose errors averaged over clips."""
+    """One method over its clips: objects are pooled, pose errors averaged over clips.
+
+    Parameters
+    ----------
+    scores : sequence of Score
+
+    Returns
+    -------
+    Summary
+    """
     objects = [s.objects for s in scores]
     pairs = [p for o in objects for p in o.pairs]
     distances = np.array([100 * p.distance for p in pairs])
@@ -379,6 +424,14 @@ class KnownScene:
 def known_scene(path: str | Path) -> KnownScene:
     """An i3DB scene with its ``gt/``, or a clip file that carries its truth.
 
+    Parameters
+    ----------
+    path : path
+
+    Returns
+    -------
+    KnownScene
+
     Raises
     ------
     InputError
@@ -402,6 +455,14 @@ def known_scene(path: str | Path) -> KnownScene:
 def known_clip(clip: Clip) -> KnownScene:
     """A clip that carries its truth, as simulated ones do.
 
+    Parameters
+    ----------
+    clip : Clip
+
+    Returns
+    -------
+    KnownScene
+
     Raises
     ------
     InputError
@@ -413,6 +474,14 @@ def known_clip(clip: Clip) -> KnownScene:
 
 def scenes_with_truth(folder: str | Path) -> list[Path]:
     """The scenes of a folder of i3DB that have a truth.
+
+    Parameters
+    ----------
+    folder : path
+
+    Returns
+    -------
+    list of Path
 
     Raises
     ------
