@@ -76,6 +76,16 @@ def saved(recording: rr.RecordingStream, path: Path, blueprint: rrb.Blueprint) -
 
     It is gathered in memory: the thread of the library that writes to files waits for ever where
     the disk is full from the beginning.
+
+    Parameters
+    ----------
+    recording : rerun.RecordingStream
+    path : Path
+    blueprint : rerun.blueprint.Blueprint
+
+    Yields
+    ------
+    None
     """
     memory = recording.memory_recording()
     with recording:

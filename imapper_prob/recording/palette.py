@@ -41,7 +41,17 @@ _LENGTH = 32
 
 
 def digest(*contents: Any) -> str:
-    """A name that depends on nothing but contents: arrays, dataclasses, collections, scalars."""
+    """A name that depends on nothing but contents: arrays, dataclasses, collections, scalars.
+
+    Parameters
+    ----------
+    *contents : object
+
+    Returns
+    -------
+    str
+        Hexadecimal.
+    """
     state = hashlib.sha256()
     for part in _parts(contents):
         state.update(part)
@@ -85,7 +95,16 @@ _SIGNS = frozenset("\n–—‘’“”…→×≈≤≥•−√∞€")
 
 
 def drawable(text: str) -> str:
-    """The same text with a question mark for every sign that the viewer has no picture of."""
+    """The same text with a question mark for every sign that the viewer has no picture of.
+
+    Parameters
+    ----------
+    text : str
+
+    Returns
+    -------
+    str
+    """
     return "".join(c if c in _SIGNS or _has(ord(c)) else "?" for c in text)
 
 
@@ -136,12 +155,31 @@ _SURE: Final = np.array([90.0, 210.0, 120.0])
 
 
 def category_ids(labels: Iterable[str]) -> dict[str, int]:
-    """A class number for each category, in alphabetical order."""
+    """A class number for each category, in alphabetical order.
+
+    Parameters
+    ----------
+    labels : iterable of str
+
+    Returns
+    -------
+    dict of str to int
+    """
     return {label: _FIRST_CATEGORY + i for i, label in enumerate(sorted(set(labels)))}
 
 
 def annotation_context(categories: dict[str, int]) -> rr.AnnotationContext:
-    """Names, colours and bones of every class in a recording."""
+    """Names, colours and bones of every class in a recording.
+
+    Parameters
+    ----------
+    categories : dict of str to int
+        Class numbers.
+
+    Returns
+    -------
+    rerun.AnnotationContext
+    """
     joints = [rr.AnnotationInfo(id=j, label=name) for j, name in enumerate(JOINTS)]
     people = [
         rr.ClassDescription(
@@ -163,7 +201,17 @@ def annotation_context(categories: dict[str, int]) -> rr.AnnotationContext:
 
 
 def confidence_colours(confidences: ArrayLike) -> NDArray[np.uint8]:
-    """(...) confidences in [0, 1] to (..., 3) colours: red, amber at one half, green."""
+    """Colours of confidences: red, amber at one half, green.
+
+    Parameters
+    ----------
+    confidences : (...) float
+        In [0, 1].
+
+    Returns
+    -------
+    (..., 3) uint8
+    """
     c = np.clip(np.asarray(confidences, float), 0, 1)[..., None]
     below = _UNSURE + (_HALF_SURE - _UNSURE) * (2 * c)
     above = _HALF_SURE + (_SURE - _HALF_SURE) * (2 * c - 1)

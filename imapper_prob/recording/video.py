@@ -65,6 +65,10 @@ def read_video(path: str | Path, clip: Clip) -> Video:
     clip : Clip
         Its frames are looked for, and no others are kept.
 
+    Returns
+    -------
+    Video
+
     Raises
     ------
     InputError
@@ -178,6 +182,10 @@ def recording_widget(recording: str | Path, *, width: int = 1200, height: int = 
         An ``.rrd`` file.
     width, height : int
         Pixels.
+
+    Returns
+    -------
+    rerun_notebook.Viewer
 
     Raises
     ------
