@@ -112,6 +112,17 @@ def smooth_path(path: ArrayLike, *, radius: float, passes: int) -> Array:
 
     Steps longer than the radius stay as they are, and the trembling of somebody who stands
     is averaged away.
+
+    Parameters
+    ----------
+    path : path
+    radius : float
+        Metres.
+    passes : int
+
+    Returns
+    -------
+    (n, 2) float
     """
     smooth: Array = np.asarray(path, float)
     for _ in range(passes):
@@ -161,7 +172,16 @@ def cut(path: ArrayLike, *, fps: float, settings: CutSettings) -> Ints:
 
 
 def stretches(there: ArrayLike) -> Ints:
-    """(S, 2) first index and the one after the last of each run of true values (n,)."""
+    """(S, 2) first index and the one after the last of each run of true values (n,).
+
+    Parameters
+    ----------
+    there : (n,) bool
+
+    Returns
+    -------
+    (S, 2) int
+    """
     flags = np.concatenate([[False], np.asarray(there, bool), [False]])
     edges: Ints = np.flatnonzero(flags[1:] != flags[:-1]).reshape(-1, 2)
     return edges
@@ -329,6 +349,10 @@ def body_scale(joints: ArrayLike) -> float:
     ----------
     joints : (T, 16, 3) float
         Metres; frames of NaN do not count.
+
+    Returns
+    -------
+    float
     """
     joints = np.asarray(joints, float)
     ratios = [

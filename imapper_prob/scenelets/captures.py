@@ -190,6 +190,11 @@ def write_capture(path: str | Path, capture: Capture) -> None:
     path : path
         Ends in ``.npz``.
     capture : Capture
+
+    Raises
+    ------
+    InputError
+        The name of the file does not end in ``.npz``.
     """
     path = Path(path)
     if path.suffix != ".npz":
@@ -214,6 +219,14 @@ def read_capture(path: str | Path) -> Capture:
     A frame in which any of the sixteen joints is NaN is one in which nobody was tracked.
     Labels of furniture are put into the words of our libraries; walls and the like are left
     out.
+
+    Parameters
+    ----------
+    path : path
+
+    Returns
+    -------
+    Capture
 
     Raises
     ------
@@ -341,7 +354,21 @@ def read_i3db_capture(folder: str | Path) -> Capture:
 
 
 def i3db_folders(path: str | Path) -> list[Path]:
-    """Scene folders: ``path`` itself if it is one, or else those in it."""
+    """Scene folders: ``path`` itself if it is one, or else those in it.
+
+    Parameters
+    ----------
+    path : path
+
+    Returns
+    -------
+    list of Path
+
+    Raises
+    ------
+    InputError
+        If there is none.
+    """
     path = Path(path)
     candidates = [path, *sorted(p for p in path.iterdir() if p.is_dir())] if path.is_dir() else []
     folders = [folder for folder in candidates if any(folder.glob(DETECTIONS))]

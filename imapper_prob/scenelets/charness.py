@@ -171,7 +171,16 @@ EDGES: Final = CELL * (np.arange(6) - 2.5)
 
 
 def categories(scenelets: Iterable[Scenelet]) -> tuple[str, ...]:
-    """All labels of objects there are, sorted."""
+    """All labels of objects there are, sorted.
+
+    Parameters
+    ----------
+    scenelets : iterable of Scenelet
+
+    Returns
+    -------
+    tuple of str
+    """
     return tuple(sorted({label for s in scenelets for label in s.labels}))
 
 
@@ -219,7 +228,16 @@ pairs. (The paper has 13, in units that it does not name.)"""
 
 
 def motion_distances(library: Library) -> Array:
-    """(L, L) distances in metres between the motions of a library."""
+    """(L, L) distances in metres between the motions of a library.
+
+    Parameters
+    ----------
+    library : Library
+
+    Returns
+    -------
+    (L, L) float
+    """
     return descriptor_distances(motion_descriptors([s.joints for s in library]))
 
 
@@ -261,6 +279,10 @@ def charness(library: Library, distances: Array) -> Array:
     library : Library
     distances : (L, L) float
         Of :func:`motion_distances`.
+
+    Returns
+    -------
+    (L,) float
     """
     labels = categories(library)
     if not labels or len(library) == 1:
@@ -277,6 +299,15 @@ def similarity(distances: Array) -> Array:
     """(L, L) rows of probabilities of trying another scenelet in place of one.
 
     By the motion kernel, one part in ten spread evenly so that every exchange is possible.
+
+    Parameters
+    ----------
+    distances : (L, L) float
+        Between its motions, metres.
+
+    Returns
+    -------
+    (L, L) float
     """
     n = len(distances)
     if n == 1:

@@ -109,6 +109,10 @@ def action_table(library: Library, charness: Array) -> Table:
     library : Library
     charness : (L,) float
         Of :func:`~imapper_prob.scenelets.charness.charness`.
+
+    Returns
+    -------
+    rich.table.Table
     """
     table = _table("What people do")
     table.add_column("action")
@@ -134,7 +138,16 @@ def action_table(library: Library, charness: Array) -> Table:
 
 
 def furniture_table(library: Library) -> Table:
-    """In how many scenelets of each action each category of furniture stands."""
+    """In how many scenelets of each action each category of furniture stands.
+
+    Parameters
+    ----------
+    library : Library
+
+    Returns
+    -------
+    rich.table.Table
+    """
     actions = _by_count(np.array([s.action for s in library if s.objects], dtype=np.str_))
     table = _table("Scenelets with furniture")
     table.add_column("category")
@@ -192,6 +205,10 @@ def embedding_figure(library: Library, distances: Array, charness: Array) -> Fig
     distances : (L, L) float
         Between its motions, metres.
     charness : (L,) float
+
+    Returns
+    -------
+    matplotlib.figure.Figure
     """
     points = embed(distances)
     actions = np.array([s.action for s in library])
@@ -239,6 +256,10 @@ def furniture_figure(
         Between its motions, metres.
     chosen : sequence of str, optional
         Names of scenelets, one row each; those of :func:`typical` if not given.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
     """
     position = {s.name: i for i, s in enumerate(library)}
     rows = [position[name] for name in (chosen or typical(library, distances))]
@@ -275,6 +296,10 @@ def charness_figure(library: Library, charness: Array) -> Figure:
     ----------
     library : Library
     charness : (L,) float
+
+    Returns
+    -------
+    matplotlib.figure.Figure
     """
     actions = np.array([s.action for s in library])
     rows = sorted(set(actions.tolist()), key=lambda a: float(np.median(charness[actions == a])))
@@ -311,6 +336,10 @@ def typical(library: Library, distances: Array) -> list[str]:
     library : Library
     distances : (L, L) float
         Between its motions, metres.
+
+    Returns
+    -------
+    list of str
     """
     actions = np.array([s.action for s in library])
     names = []
@@ -326,6 +355,11 @@ def draw_from_above(axes: Axes, scenelet: Scenelet) -> None:
 
     Arms and head are those of the middle of the motion, when the person faces up; before and
     after only the shoulders are shown, in grey.
+
+    Parameters
+    ----------
+    axes : matplotlib.axes.Axes
+    scenelet : Scenelet
     """
     for o in scenelet.objects:
         colour = _rgb(category_colour(o.label))

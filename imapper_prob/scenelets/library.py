@@ -63,7 +63,16 @@ _SHAPES: Final[Shapes] = {
 
 
 def pack_library(library: Library) -> Arrays:
-    """A library as the arrays of the module's description, ``format`` left out."""
+    """A library as the arrays of the module's description, ``format`` left out.
+
+    Parameters
+    ----------
+    library : Library
+
+    Returns
+    -------
+    dict of str to array
+    """
     return {
         "name": np.array(library.name),
         "names": np.array([s.name for s in library]),
@@ -78,7 +87,13 @@ def pack_library(library: Library) -> Arrays:
 
 
 def save_library(library: Library, path: str | Path) -> None:
-    """Write a library to an ``.npz`` file, whole or not at all."""
+    """Write a library to an ``.npz`` file, whole or not at all.
+
+    Parameters
+    ----------
+    library : Library
+    path : path
+    """
     path = Path(path)
     arrays = {"format": np.array(_FORMAT), **pack_library(library)}
     with written_whole(path) as beside, beside.open("wb") as file:
@@ -87,6 +102,14 @@ def save_library(library: Library, path: str | Path) -> None:
 
 def read_library(path: str | Path) -> Library:
     """A library from a file of :func:`save_library`.
+
+    Parameters
+    ----------
+    path : path
+
+    Returns
+    -------
+    Library
 
     Raises
     ------
@@ -105,6 +128,14 @@ def read_library(path: str | Path) -> Library:
 
 def library_of(arrays: Arrays) -> Library:
     """A library again, from the arrays of :func:`pack_library`.
+
+    Parameters
+    ----------
+    arrays : mapping of str to array
+
+    Returns
+    -------
+    Library
 
     Raises
     ------
@@ -166,6 +197,10 @@ def kept(name: str, make: Callable[[], Library], *, folder: Path | None = None) 
         Gives the library; called where no file holds it.
     folder : Path, optional
         Where the files are; beside the compiled sources of this module, if not given.
+
+    Returns
+    -------
+    Library
     """
     folder = Path(cache_from_source(__file__)).parent if folder is None else folder
     stem = f"{name}-{sources_digest(_ROOMS)}"
@@ -188,6 +223,15 @@ def sources_digest(rooms: tuple[Path, ...]) -> str:
 
     These are the texts in ``rooms``, and what does the arithmetic: numpy chooses its loops by
     the processor, and they round each in its own way.
+
+    Parameters
+    ----------
+    rooms : tuple of Path
+        Folders of sources.
+
+    Returns
+    -------
+    str
     """
     state = hashlib.sha256()
     processor = np.show_config(mode="dicts")["SIMD Extensions"]["found"]
@@ -220,7 +264,17 @@ _BUILT_IN: Final = "built-in"
 
 @cache
 def built_in_library(seed: int = 0) -> Library:
-    """The library made by the project's own code; made once a machine, read once a process."""
+    """The library made by the project's own code; made once a machine, read once a process.
+
+    Parameters
+    ----------
+    seed : int
+        The same seed gives the same library.
+
+    Returns
+    -------
+    Library
+    """
     return kept(f"library-{seed}", lambda: build_library(seed))
 
 
@@ -264,6 +318,14 @@ def joined(libraries: Sequence[Library]) -> Library:
 
     A name that an earlier library has too is preceded by the name of its own, as
     ``office/desk-0007``.
+
+    Parameters
+    ----------
+    libraries : sequence of Library
+
+    Returns
+    -------
+    Library
     """
     if len(libraries) == 1:
         return libraries[0]

@@ -199,7 +199,21 @@ _INTERACTION: Final = re.compile(r"\s*(\d+(?:\.\d*)?)\s*-\s*(\d+(?:\.\d*)?)\s*,(
 
 
 def pigraphs_recordings(path: str | Path) -> list[Path]:
-    """Recordings: ``path`` itself, or all in a folder and below."""
+    """Recordings: ``path`` itself, or all in a folder and below.
+
+    Parameters
+    ----------
+    path : path
+
+    Returns
+    -------
+    list of Path
+
+    Raises
+    ------
+    InputError
+        If there is none.
+    """
     path = Path(path)
     found = [path] if path.is_file() else sorted(path.rglob("*.json"))
     # "<scene>.segs.json" and the like are no recordings.

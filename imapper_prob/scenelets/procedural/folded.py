@@ -153,7 +153,18 @@ def _leg_folded_under(rng: np.random.Generator, pose: SeatedPose, seat: Seat) ->
 
 
 def tailor_fashion(rng: np.random.Generator, pose: SeatedPose, seat: Seat) -> SeatedPose:
-    """Both legs folded on the surface one sits on, shins crossed before the body."""
+    """Both legs folded on the surface one sits on, shins crossed before the body.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+    pose : SeatedPose
+    seat : Seat
+
+    Returns
+    -------
+    SeatedPose
+    """
     front, back = SHIN * rng.uniform(0.77, 0.85), SHIN * rng.uniform(0.43, 0.50)
     ankles = np.array(
         [
@@ -211,7 +222,18 @@ LEGS_BEFORE, LEGS_BESIDE = 0.44, 0.42
 
 
 def sit_crossed(kind: str) -> Recipe:
-    """Sitting with one leg over the other: knee over knee, or ankle on knee."""
+    """Sitting with one leg over the other: knee over knee, or ankle on knee.
+
+    Parameters
+    ----------
+    kind : str
+        Of furniture, such as ``"chair"``.
+
+    Returns
+    -------
+    callable
+        From rng and person to :class:`~imapper_prob.scenelets.procedural.body.Drawn`.
+    """
 
     def draw(rng: np.random.Generator, person: Person) -> Drawn:
         piece, seat, place = take_seat(rng, person, kind)
@@ -225,7 +247,18 @@ def sit_crossed(kind: str) -> Recipe:
 
 
 def sit_on_leg(kind: str) -> Recipe:
-    """Sitting with one leg folded on a couch, bench, chair or the edge of a bed."""
+    """Sitting with one leg folded on a couch, bench, chair or the edge of a bed.
+
+    Parameters
+    ----------
+    kind : str
+        Of furniture, such as ``"chair"``.
+
+    Returns
+    -------
+    callable
+        From rng and person to :class:`~imapper_prob.scenelets.procedural.body.Drawn`.
+    """
 
     def draw(rng: np.random.Generator, person: Person) -> Drawn:
         piece, seat, place = _wide(rng, person, kind, right=KNEE_BESIDE, left=0.24)
@@ -244,7 +277,18 @@ def sit_on_leg(kind: str) -> Recipe:
 
 
 def sit_tailor_fashion(kind: str) -> Recipe:
-    """Sitting with both legs crossed on a couch or on a bed."""
+    """Sitting with both legs crossed on a couch or on a bed.
+
+    Parameters
+    ----------
+    kind : str
+        Of furniture, such as ``"chair"``.
+
+    Returns
+    -------
+    callable
+        From rng and person to :class:`~imapper_prob.scenelets.procedural.body.Drawn`.
+    """
 
     def draw(rng: np.random.Generator, person: Person) -> Drawn:
         if kind == "bed":

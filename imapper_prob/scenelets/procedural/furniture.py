@@ -40,7 +40,20 @@ _BOARD: Final = 0.025
 def box(
     part: str, corner: tuple[float, float, float], opposite: tuple[float, float, float]
 ) -> Cuboid:
-    """A cuboid between two opposite corners, in any order."""
+    """A cuboid between two opposite corners, in any order.
+
+    Parameters
+    ----------
+    part : str
+    corner : (float, float, float)
+        Metres.
+    opposite : (float, float, float)
+        Metres.
+
+    Returns
+    -------
+    Cuboid
+    """
     a, b = np.array(corner), np.array(opposite)
     return Cuboid(part, (a + b) / 2, abs(b - a))
 
@@ -80,6 +93,16 @@ def chair(rng: np.random.Generator, *, arms: bool) -> SceneObject:
 
     Seat .42-.48 high and back to .95 as annotated in i3DB; armrests .18-.24 above the seat
     and depths after Panero and Zelnik, *Human Dimension and Interior Space* (1979).
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+    arms : bool
+        Whether it has armrests.
+
+    Returns
+    -------
+    SceneObject
     """
     width = rng.uniform(0.52, 0.60) if arms else rng.uniform(0.42, 0.48)
     depth, height = rng.uniform(0.44, 0.52), rng.uniform(0.42, 0.48)
@@ -100,6 +123,14 @@ def office_chair(rng: np.random.Generator) -> SceneObject:
 
     EN 1335-1: seat .42-.51 high, at least .40 wide, armrests .20-.25 above it. The star is
     a flat box of the area that five spokes of .32 m cover.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+
+    Returns
+    -------
+    SceneObject
     """
     width, depth = rng.uniform(0.46, 0.52), rng.uniform(0.44, 0.48)
     height, back = rng.uniform(0.42, 0.51), rng.uniform(0.90, 1.10)
@@ -118,7 +149,16 @@ def office_chair(rng: np.random.Generator) -> SceneObject:
 
 
 def stool(rng: np.random.Generator) -> SceneObject:
-    """A square seat on four legs, .43-.50 high (Neufert, *Architects' Data*)."""
+    """A square seat on four legs, .43-.50 high (Neufert, *Architects' Data*).
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+
+    Returns
+    -------
+    SceneObject
+    """
     side, height = rng.uniform(0.34, 0.42), rng.uniform(0.43, 0.50)
     seat = box("seat", (-side / 2, -side / 2, height - 0.05), (side / 2, side / 2, height))
     return SceneObject("stool", ORIGIN, (seat, *_four_legs(side, side, height - 0.05)))
@@ -129,6 +169,14 @@ def bench(rng: np.random.Generator) -> SceneObject:
 
     Seat .42-.47 high and .36-.44 deep, .90-1.50 long: for two or three at the .60 m each
     that Neufert gives a diner.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+
+    Returns
+    -------
+    SceneObject
     """
     width, depth = rng.uniform(0.90, 1.50), rng.uniform(0.36, 0.44)
     height = rng.uniform(0.42, 0.47)
@@ -150,6 +198,15 @@ def couch(rng: np.random.Generator, *, seats: int) -> SceneObject:
 
     Overall .80 deep and .40-.45 high as annotated in i3DB; .62-.72 of width a seat, arms of
     .12-.18 after Panero and Zelnik (1979).
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+    seats : int
+
+    Returns
+    -------
+    SceneObject
     """
     cushion, arm = rng.uniform(0.62, 0.72), rng.uniform(0.12, 0.18)
     depth, height = rng.uniform(0.80, 0.92), rng.uniform(0.40, 0.45)
@@ -173,6 +230,14 @@ def bed(rng: np.random.Generator) -> SceneObject:
 
     Mattresses of the usual sizes, .90-1.80 by 1.90-2.00, their tops .40-.55 above the floor
     (Neufert, *Architects' Data*).
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+
+    Returns
+    -------
+    SceneObject
     """
     width = float(rng.choice([0.90, 1.20, 1.40, 1.60, 1.80]))
     length = float(rng.choice([1.90, 2.00]))
@@ -196,6 +261,14 @@ def shelf(rng: np.random.Generator) -> SceneObject:
 
     1.40-2.25 high as annotated in i3DB; boards .36 apart, .28-.38 deep, for folders and
     tall books (Neufert, *Architects' Data*).
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+
+    Returns
+    -------
+    SceneObject
     """
     width, depth = rng.uniform(0.8, 1.2), rng.uniform(0.28, 0.38)
     height = rng.uniform(1.40, 2.25)
@@ -225,6 +298,14 @@ def table(rng: np.random.Generator) -> SceneObject:
 
     .72-.75 high; 1.2 by .6 is what is annotated in i3DB, up to 1.6 by .8 for six diners
     (Neufert, *Architects' Data*).
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+
+    Returns
+    -------
+    SceneObject
     """
     width, depth = rng.uniform(1.0, 1.6), rng.uniform(0.60, 0.80)
     height = rng.uniform(0.72, 0.75)
@@ -236,6 +317,14 @@ def low_table(rng: np.random.Generator) -> SceneObject:
     """A coffee table, on four legs or with drawers down to the floor.
 
     .40-.45 high, the height of the seats around it (Panero and Zelnik 1979).
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+
+    Returns
+    -------
+    SceneObject
     """
     width, depth = rng.uniform(0.9, 1.2), rng.uniform(0.5, 0.6)
     height = rng.uniform(0.40, 0.45)
@@ -251,6 +340,14 @@ def desk(rng: np.random.Generator) -> SceneObject:
     """A desk: on four legs, on panels, or with a chest of drawers at one side.
 
     EN 527-1: .72-.76 high, at least 1.20 wide and .80 deep, though many at home are .60.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+
+    Returns
+    -------
+    SceneObject
     """
     width, depth = rng.uniform(1.20, 1.80), rng.uniform(0.60, 0.80)
     height = rng.uniform(0.72, 0.76)
@@ -273,6 +370,14 @@ def counter(rng: np.random.Generator) -> SceneObject:
     """A kitchen counter, closed down to the floor.
 
     .85-.95 high, .60 deep, in cupboards of .60 (EN 1116; Neufert, *Architects' Data*).
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+
+    Returns
+    -------
+    SceneObject
     """
     width, depth = 0.60 * float(rng.integers(2, 5)), 0.60
     height = rng.uniform(0.85, 0.95)
@@ -283,7 +388,17 @@ def counter(rng: np.random.Generator) -> SceneObject:
 
 
 def knee_room(piece: SceneObject) -> tuple[float, float]:
-    """The x, from and to, of the gap between the two things that carry a table's front edge."""
+    """The x, from and to, of the gap between the two things that carry a table's front edge.
+
+    Parameters
+    ----------
+    piece : SceneObject
+
+    Returns
+    -------
+    float, float
+        Metres.
+    """
     front = piece.bounds[1, 1]
     carriers = [
         c for c in piece.cuboids if c.part != "top" and c.centre[1] + c.size[1] / 2 > front - 0.05

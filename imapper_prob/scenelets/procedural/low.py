@@ -117,6 +117,16 @@ def squat(rng: np.random.Generator, *, flat: bool | None = None) -> SeatedPose:
     """A deep squat on flat feet, or on the balls of the feet with the hips near the heels.
 
     ``flat`` says which; drawn, if not given.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+    flat : bool, optional
+        On flat feet; drawn if not given.
+
+    Returns
+    -------
+    SeatedPose
     """
     if flat is None:
         flat = bool(rng.random() < 0.5)
@@ -339,7 +349,18 @@ _WAYS: Final[dict[str, Callable[[np.random.Generator], SeatedPose]]] = {
 
 
 def low_down(way: str) -> Recipe:
-    """Staying so: cross-legged, legs out, knees up, squat, both knees, one knee."""
+    """Staying so: cross-legged, legs out, knees up, squat, both knees, one knee.
+
+    Parameters
+    ----------
+    way : str
+        Such as ``"squat"``.
+
+    Returns
+    -------
+    callable
+        From rng and person to :class:`~imapper_prob.scenelets.procedural.body.Drawn`.
+    """
     draw_pose = _WAYS[way]
 
     def draw(rng: np.random.Generator, person: Person) -> Drawn:
@@ -349,14 +370,35 @@ def low_down(way: str) -> Recipe:
 
 
 def lie_on_floor(rng: np.random.Generator, person: Person) -> Drawn:
-    """On the back or on the side, with nothing below the head."""
+    """On the back or on the side, with nothing below the head.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+    person : Person
+
+    Returns
+    -------
+    Drawn
+    """
     on_side = bool(rng.random() < 0.4)
     times = moments(rng, 15, 20)
     return Drawn(lie_still(rng, times, on_side=on_side, room=np.inf, pillow=0.08), ())
 
 
 def go_into_squat(*, backwards: bool) -> Recipe:
-    """Squatting down on the spot; backwards, standing up."""
+    """Squatting down on the spot; backwards, standing up.
+
+    Parameters
+    ----------
+    backwards : bool
+        Whether the motion is played backwards.
+
+    Returns
+    -------
+    callable
+        From rng and person to :class:`~imapper_prob.scenelets.procedural.body.Drawn`.
+    """
 
     def draw(rng: np.random.Generator, person: Person) -> Drawn:
         times = moments(rng, 17, 20)
@@ -381,6 +423,16 @@ def pick_up_from_floor(*, backwards: bool) -> Recipe:
     """Bending down, taking something from the floor and coming up; backwards, putting it down.
 
     Some stoop over knees that are a little bent, and some bend their knees far.
+
+    Parameters
+    ----------
+    backwards : bool
+        Whether the motion is played backwards.
+
+    Returns
+    -------
+    callable
+        From rng and person to :class:`~imapper_prob.scenelets.procedural.body.Drawn`.
     """
 
     def draw(rng: np.random.Generator, person: Person) -> Drawn:
@@ -405,7 +457,17 @@ def pick_up_from_floor(*, backwards: bool) -> Recipe:
 
 
 def bend_over(rng: np.random.Generator, person: Person) -> Drawn:
-    """Bent down with the hands at the feet or the floor, at work there, as on a shoe."""
+    """Bent down with the hands at the feet or the floor, at work there, as on a shoe.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+    person : Person
+
+    Returns
+    -------
+    Drawn
+    """
     times = moments(rng, 15, 20)
     hands = np.array([True, bool(rng.random() < 0.6)])
     targets = _floor_target(rng, hands)

@@ -114,6 +114,10 @@ def lie_still(
         How far from the pelvis the ankles may be, metres; knees bend where that is short.
     pillow : float
         Radians that the head is bent forward by what it lies on.
+
+    Returns
+    -------
+    (n, 16, 3) float
     """
     roll = np.deg2rad(rng.uniform(50, 70)) if on_side else 0.0
     body = _turned_over(roll)
@@ -143,7 +147,17 @@ def lie_still(
 
 
 def lie_on_bed(rng: np.random.Generator, person: Person) -> Drawn:
-    """On the back or side, the head at the headboard."""
+    """On the back or side, the head at the headboard.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+    person : Person
+
+    Returns
+    -------
+    Drawn
+    """
     bed = person.sees(furniture.bed(rng))
     seat = next(c for c in bed.cuboids if c.part == "seat")
     width, length, _ = seat.size
@@ -164,7 +178,17 @@ def lie_on_bed(rng: np.random.Generator, person: Person) -> Drawn:
 
 
 def lie_on_couch(rng: np.random.Generator, person: Person) -> Drawn:
-    """Along a couch of three seats, on the back, or on the side and looking into the room."""
+    """Along a couch of three seats, on the back, or on the side and looking into the room.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+    person : Person
+
+    Returns
+    -------
+    Drawn
+    """
     couch = person.sees(furniture.couch(rng, seats=3))
     seat = next(c for c in couch.cuboids if c.part == "seat")
     width = seat.size[0]

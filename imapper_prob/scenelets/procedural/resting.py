@@ -76,6 +76,16 @@ def perch(rng: np.random.Generator, pose: SeatedPose, seat: Seat) -> SeatedPose:
     """On the front edge of a seat, the legs rather straight before it.
 
     The hip joints are up to 7 cm behind the edge: of the seat only the buttocks take something.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+    pose : SeatedPose
+    seat : Seat
+
+    Returns
+    -------
+    SeatedPose
     """
     pelvis = pose.pelvis.copy()
     pelvis[1] = seat.front - rng.uniform(0.02, 0.07)
@@ -202,7 +212,17 @@ def _prop_on_hand(rng: np.random.Generator, pose: SeatedPose) -> SeatedPose:
 
 
 def prop_up_behind(rng: np.random.Generator, pose: SeatedPose) -> SeatedPose:
-    """The trunk leant back on two straight arms behind."""
+    """The trunk leant back on two straight arms behind.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+    pose : SeatedPose
+
+    Returns
+    -------
+    SeatedPose
+    """
     lean = -float(rng.uniform(0.25, 0.45))
     pose = replace(pose, lean=lean, nod=float(rng.uniform(0.1, 0.35) - 0.5 * lean))
     trunk = Trunk.of(np.zeros((1, 3)), 0.0, lean=lean, twist=pose.twist)
@@ -218,6 +238,16 @@ def slouch(rng: np.random.Generator, pose: SeatedPose, seat: Seat) -> SeatedPose
 
     The trunk is 25 to 45 degrees back: couches and armchairs are made for up to 30 (Panero and
     Zelnik 1979), and the pelvis slides forward.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+    pose : SeatedPose
+    seat : Seat
+
+    Returns
+    -------
+    SeatedPose
     """
     lean = rng.uniform(0.44, 0.75)
     # Thighs go down to their feet once the knees are before the seat.
@@ -288,7 +318,18 @@ HAND = 0.10
 
 
 def perch_on(kind: str) -> Recipe:
-    """Sitting on the front edge of a seat."""
+    """Sitting on the front edge of a seat.
+
+    Parameters
+    ----------
+    kind : str
+        Of furniture, such as ``"chair"``.
+
+    Returns
+    -------
+    callable
+        From rng and person to :class:`~imapper_prob.scenelets.procedural.body.Drawn`.
+    """
 
     def draw(rng: np.random.Generator, person: Person) -> Drawn:
         piece, seat, place = take_seat(rng, person, kind)
@@ -299,7 +340,17 @@ def perch_on(kind: str) -> Recipe:
 
 
 def perch_on_table(rng: np.random.Generator, person: Person) -> Drawn:
-    """Half sitting on the edge of a table, facing away from it."""
+    """Half sitting on the edge of a table, facing away from it.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+    person : Person
+
+    Returns
+    -------
+    Drawn
+    """
     table = person.sees(furniture.table(rng))
     half, edge, top = (float(v) for v in table.bounds[1])
     place = rng.uniform(0.3 - half, half - 0.3)
@@ -309,7 +360,18 @@ def perch_on_table(rng: np.random.Generator, person: Person) -> Drawn:
 
 
 def lean_on_armrest(kind: str) -> Recipe:
-    """Leaning to the side, an arm on the armrest of a chair, armchair or couch."""
+    """Leaning to the side, an arm on the armrest of a chair, armchair or couch.
+
+    Parameters
+    ----------
+    kind : str
+        Of furniture, such as ``"chair"``.
+
+    Returns
+    -------
+    callable
+        From rng and person to :class:`~imapper_prob.scenelets.procedural.body.Drawn`.
+    """
 
     def draw(rng: np.random.Generator, person: Person) -> Drawn:
         piece, seat, place = _with_arms(rng, person, kind)
@@ -330,7 +392,17 @@ def lean_on_armrest(kind: str) -> Recipe:
 
 
 def lean_on_table(rng: np.random.Generator, person: Person) -> Drawn:
-    """On a chair at a table, the head propped on a hand."""
+    """On a chair at a table, the head propped on a hand.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+    person : Person
+
+    Returns
+    -------
+    Drawn
+    """
     piece, seat, place = take_seat(rng, person, "chair")
     pose = draw_seated(rng, seat, sideways=place, upright=True)
     rests = max((front for _, front, _ in seat.arms), default=-np.inf)
@@ -346,7 +418,17 @@ def lean_on_table(rng: np.random.Generator, person: Person) -> Drawn:
 
 
 def lean_on_bed(rng: np.random.Generator, person: Person) -> Drawn:
-    """On the edge of a bed, leaning to the side on a straight arm."""
+    """On the edge of a bed, leaning to the side on a straight arm.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+    person : Person
+
+    Returns
+    -------
+    Drawn
+    """
     piece, seat, place = take_seat(rng, person, "bed")
     pose = _prop_on_hand(rng, draw_seated(rng, seat, sideways=place, upright=True))
     piece = with_room(piece, right=float(pose.hands[0, 0]) + HAND, left=0.3)
@@ -354,7 +436,17 @@ def lean_on_bed(rng: np.random.Generator, person: Person) -> Drawn:
 
 
 def lean_back_on_bed(rng: np.random.Generator, person: Person) -> Drawn:
-    """On the edge of a bed, leaning back on both hands."""
+    """On the edge of a bed, leaning back on both hands.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+    person : Person
+
+    Returns
+    -------
+    Drawn
+    """
     piece, seat, place = take_seat(rng, person, "bed")
     pose = prop_up_behind(rng, draw_seated(rng, seat, sideways=place, upright=True))
     beside = float(np.abs(pose.hands[:, 0]).max()) + HAND
@@ -363,7 +455,18 @@ def lean_back_on_bed(rng: np.random.Generator, person: Person) -> Drawn:
 
 
 def slouch_on(kind: str) -> Recipe:
-    """Slid forward on a chair, armchair or couch."""
+    """Slid forward on a chair, armchair or couch.
+
+    Parameters
+    ----------
+    kind : str
+        Of furniture, such as ``"chair"``.
+
+    Returns
+    -------
+    callable
+        From rng and person to :class:`~imapper_prob.scenelets.procedural.body.Drawn`.
+    """
 
     def draw(rng: np.random.Generator, person: Person) -> Drawn:
         piece, seat, place = take_seat(rng, person, kind)

@@ -89,7 +89,18 @@ HELD: Final[dict[str, Pastime]] = {
 
 
 def draw_pastime(rng: np.random.Generator, among: dict[str, Pastime]) -> Pastime:
-    """One of several, with hands a few centimetres elsewhere."""
+    """One of several, with hands a few centimetres elsewhere.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+    among : dict of str to Pastime
+        By name.
+
+    Returns
+    -------
+    Pastime
+    """
     chosen = among[list(among)[rng.integers(len(among))]]
     return replace(
         chosen,
@@ -99,12 +110,35 @@ def draw_pastime(rng: np.random.Generator, among: dict[str, Pastime]) -> Pastime
 
 
 def held(pastime: Pastime, trunk: Trunk, hanging: ArrayLike) -> Array:
-    """(n, 2, 3) wrists of a pastime; where a hand hangs, those of ``hanging`` (n, 2, 3)."""
+    """(n, 2, 3) wrists of a pastime; where a hand hangs, those of ``hanging`` (n, 2, 3).
+
+    Parameters
+    ----------
+    pastime : Pastime
+    trunk : Trunk
+    hanging : (n, 2, 3) float
+        Wrists of hanging arms, metres.
+
+    Returns
+    -------
+    (n, 2, 3) float
+    """
     return np.where(np.isnan(pastime.hands), hanging, trunk.at_pelvis(pastime.hands))
 
 
 def sway(rng: np.random.Generator, times: Array) -> Array:
-    """(n, 2) slow shifts of weight: 1 cm sideways and half of that to and fro."""
+    """(n, 2) slow shifts of weight: 1 cm sideways and half of that to and fro.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+    times : (n,) float
+        Seconds.
+
+    Returns
+    -------
+    (n, 2) float
+    """
     slow = 2 * np.pi * (times / rng.uniform(2.5, 5.0) + rng.random())
     return np.stack([0.010 * np.sin(slow), 0.005 * np.sin(1.3 * slow + 1)], -1)
 
@@ -119,6 +153,10 @@ def stand(rng: np.random.Generator, times: Array, *, one_leg: bool = False) -> W
         Seconds.
     one_leg : bool
         Whether one leg carries the weight and the other foot rests ahead and to the side.
+
+    Returns
+    -------
+    Walk
     """
     feet = _feet(rng)
     level, yaw, tilt = sway(rng, times), 0.0, 0.0
@@ -163,6 +201,10 @@ def upright(
         As of :class:`~imapper_prob.scenelets.procedural.body.Trunk`.
     crouch : (n,) float
         Metres by which the knees lower the pelvis.
+
+    Returns
+    -------
+    Trunk
     """
     pelvis = np.concatenate([level, np.full((len(level), 1), HIP_HEIGHT)], -1)
     trunk = Trunk.of(pelvis, yaw, lean=lean, tilt=tilt, twist=twist, nod=nod)
@@ -171,7 +213,18 @@ def upright(
 
 
 def stand_idle(rng: np.random.Generator, times: Array) -> Array:
-    """(n, 16, 3) joints of somebody who stands and waits, metres."""
+    """(n, 16, 3) joints of somebody who stands and waits, metres.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+    times : (n,) float
+        Seconds.
+
+    Returns
+    -------
+    (n, 16, 3) float
+    """
     body = stand(rng, times, one_leg=bool(rng.random() < 0.5))
     pastime = draw_pastime(rng, _PASTIMES)
     trunk = replace(body.trunk, nod=np.full(len(times), pastime.nod))
