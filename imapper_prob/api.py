@@ -1,4 +1,4 @@
-"""The functions most people need."""
+"""The functions most people need: load a clip, solve it, sample it."""
 
 from __future__ import annotations
 
@@ -10,8 +10,7 @@ from typing import Literal
 
 import numpy as np
 
-from imapper_prob.clips import load
-from imapper_prob.clips.load import ClipOptions
+from imapper_prob.clips.load import ClipOptions, read_frames, require_people
 from imapper_prob.config import Config, SampleSettings
 from imapper_prob.lifting import lift_clip
 from imapper_prob.memory import require_memory
@@ -27,9 +26,9 @@ from imapper_prob.simulate.clips import simulate_clip
 from imapper_prob.solver.actors import Solved, solve_actors, solved
 from imapper_prob.solver.solver import Solution
 
-__all__ = ["STORY", "demo_clip", "load_clip", "sample", "solve"]
+__all__ = ["demo_clip", "load_clip", "sample", "solve"]
 
-STORY = ("sit-couch-table-003", "reach-shelf-001")
+_STORY = ("sit-couch-table-003", "reach-shelf-001")
 """Scenelets performed: sitting on a couch at a low table, then reaching into a shelf."""
 
 
@@ -38,21 +37,39 @@ def demo_clip(seed: int = 4) -> Clip:
 
     The table hides the feet of whoever sits there. The built-in library holds what
     is performed, so the scene can be recovered; camera, body and detections are drawn from
-    the model. The same seed gives the same clip.
+    the model.
+
+    Parameters
+    ----------
+    seed : int
+        The same seed gives the same clip.
+
+    Returns
+    -------
+    Clip
+        With its truth.
+
+    Examples
+    --------
+    >>> clip = im.demo_clip()
+    >>> [o.label for o in clip.truth.objects]
+    ['couch', 'table', 'shelf']
     """
     rng = np.random.default_rng(seed)
     return simulate_clip(
-        rng, load_library(), n_frames=130, script=STORY, n_bystanders=0, name="demo"
+        rng, load_library(), n_frames=130, script=_STORY, n_bystanders=0, name="demo"
     )
 
-
-# ------------------------------------------------------------------------------------------------
-# The few functions most people need.
 
 Progress = Callable[[str, float], None]
 
 
-def load_clip(path: str | Path, *, options: ClipOptions | None = None) -> Clip:
+def load_clip(
+    path: str | Path,
+    *,
+    options: ClipOptions | None = None,
+    frames: tuple[int, int] | None = None,
+) -> Clip:
     """Read a clip of any known format; 2D joints get poses from the built-in library.
 
     Parameters
@@ -61,13 +78,29 @@ def load_clip(path: str | Path, *, options: ClipOptions | None = None) -> Clip:
         See ``docs/inputs.md``.
     options : ClipOptions, optional
         Camera, image size, frame rate, and whatever else the files do not say.
+    frames : (int, int), optional
+        First and last frame to take, by the clip's own numbers; all if not given.
+
+    Returns
+    -------
+    Clip
 
     Raises
     ------
     InputError
         What is at ``path`` is no clip, or one too short or too empty to say anything.
+
+    Examples
+    --------
+    >>> im.write_clip("clip.npz", im.demo_clip())
+    >>> im.load_clip("clip.npz").name
+    'demo'
     """
-    return load.load_clip(path, options=options, lift=lift_clip)
+    clip = read_frames(path, options=options, frames=frames)
+    if not all(track.has_pose.any() for track in clip.tracks):
+        clip = lift_clip(clip)
+    require_people(clip, path)
+    return clip
 
 
 def solve(
@@ -96,6 +129,12 @@ def solve(
     -------
     Solved
         ``scenes``, the best first, and by person (``actors``) what the solver found on the way.
+
+    Examples
+    --------
+    >>> solved = im.solve(clip, library, scenes=2)
+    >>> [o.label for o in solved.scenes[0].objects]
+    ['couch']
     """
     settings = config.settings if config is not None else None
     known = load_library() if library is None else library
@@ -157,11 +196,21 @@ def sample(
     on_block : callable, optional
         Called with what is known after each block.
 
+    Returns
+    -------
+    Posterior
+
     Raises
     ------
     InputError
         ``minutes`` or ``until`` make no sense, the clip does not fit into the memory that there
         is, or what it holds cannot be used.
+
+    Examples
+    --------
+    >>> posterior = im.sample(clip, library, start=solved, config=config)
+    >>> posterior.samples.shape
+    (2, 10)
     """
     config = config or Config()
     config = replace(

@@ -1,4 +1,4 @@
-"""One tree of settings, readable and writable as TOML."""
+"""Everything a run is made with besides its clip, readable and writable as TOML."""
 
 from __future__ import annotations
 
@@ -23,11 +23,23 @@ __all__ = ["Config", "SampleSettings", "from_toml", "read_config", "to_toml"]
 
 _LARGEST: Final = 2**63
 """Of any setting: seeds of 63 bits."""
+_RENAMED: Final = {
+    "ease_bearing": "smoothing_time_bearing",
+    "ease_depth": "smoothing_time_depth",
+    "memory_bearing": "correlation_time_bearing",
+    "memory_depth": "correlation_time_depth",
+    "surprise": "visibility_error",
+    "swap_length": "side_flip_length",
+    "swap_rate": "side_flip_rate",
+}
+"""Keys of older files, all of ``[model]``, and what they are called."""
 
 
 @dataclass(frozen=True)
 class SampleSettings:
-    """Parameters
+    """How chains and ensembles sample.
+
+    Parameters
     ----------
     chains : int
         Independent chains from over-dispersed starts.
@@ -131,6 +143,14 @@ class Config:
     camera : CameraSettings
     detector : DetectorSettings
     sample : SampleSettings
+
+    Examples
+    --------
+    >>> from dataclasses import replace
+    >>> config = im.Config(seed=1)
+    >>> short = replace(config, sample=replace(config.sample, steps=6_000))
+    >>> short.sample.steps, short.sample.chains
+    (6000, 4)
     """
 
     seed: int = 0
@@ -154,11 +174,32 @@ class Config:
 
     @property
     def settings(self) -> Settings:
-        """The constants of the model and of the stages before it."""
+        """The constants of the model and of the stages before it.
+
+        Examples
+        --------
+        >>> im.Config().settings.model == im.Config().model
+        True
+        """
         return Settings(self.model, self.path, self.camera, self.detector, self.device)
 
     def without(self, scene: str) -> Config:
-        """The same with constants estimated without one scene of i3DB (`Settings.without`)."""
+        """The same with constants estimated without one scene of i3DB (`Settings.without`).
+
+        Parameters
+        ----------
+        scene : str
+            ``"Scene04"``.
+
+        Returns
+        -------
+        Config
+
+        Examples
+        --------
+        >>> im.Config().without("Scene04").model == im.Config().model
+        False
+        """
         found = self.settings.without(scene)
         return dataclasses.replace(
             self, model=found.model, path=found.path, camera=found.camera, detector=found.detector
@@ -166,7 +207,16 @@ class Config:
 
 
 def to_toml(config: Config) -> str:
-    """The settings as TOML text; :func:`read_config` reads it back."""
+    """The settings as TOML text; :func:`read_config` reads it back.
+
+    Parameters
+    ----------
+    config : Config
+
+    Returns
+    -------
+    str
+    """
 
     def line(name: str, value: Any) -> str:
         if isinstance(value, str):
@@ -192,6 +242,8 @@ def _build(cls: type, values: dict[str, Any], where: str) -> Any:
     default = cls()
     arguments = {}
     for name, value in values.items():
+        if _RENAMED.get(name) in known:
+            raise InputError(f"{where}: unknown key {name}; it is called {_RENAMED[name]}")
         if name not in known:
             raise InputError(f"{where}: unknown setting {name!r}; known are {sorted(known)}")
         wanted = getattr(default, name)
@@ -226,10 +278,25 @@ def _row(value: Any, what: str) -> tuple[float, ...]:
 def read_config(path: str | Path) -> Config:
     """Read settings from a TOML file; what it leaves out keeps its default.
 
+    Parameters
+    ----------
+    path : path
+
+    Returns
+    -------
+    Config
+
     Raises
     ------
     InputError
         If the file is missing, no TOML, or names an unknown setting or a wrong type.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> _ = Path("config.toml").write_text("seed = 7")
+    >>> im.read_config("config.toml").seed
+    7
     """
     path = Path(path)
     try:
@@ -242,7 +309,17 @@ def read_config(path: str | Path) -> Config:
 
 
 def from_toml(text: str, *, where: str) -> Config:
-    """Settings from the text of :func:`to_toml`; ``where`` it is from is for messages.
+    """Read settings from the text of :func:`to_toml`.
+
+    Parameters
+    ----------
+    text : str
+    where : str
+        The text is from, for messages.
+
+    Returns
+    -------
+    Config
 
     Raises
     ------

@@ -65,6 +65,15 @@ def written_whole(path: Path) -> Iterator[Path]:
     Until then a file in the way stays as it was; afterwards nothing else is left. The name
     ends as that of ``path`` does, for writers that go by it. A manifest that lists the file is
     brought up to date.
+
+    Parameters
+    ----------
+    path : Path
+
+    Yields
+    ------
+    Path
+        Beside ``path``.
     """
     stem = path.stem[:_LONGEST_NAME]
     beside = path.with_name(f".{stem}.partial-{uuid4().hex}{path.suffix}")
@@ -83,7 +92,16 @@ def folder_held(folder: Path) -> Iterator[Path]:
     """Hold a folder, made if need be, so that no other process writes to it.
 
     What a process left that was killed here is finished or cleaned. A folder that was made for
-    this and stayed empty is removed. Yields the folder with all links resolved.
+    this and stayed empty is removed.
+
+    Parameters
+    ----------
+    folder : Path
+
+    Yields
+    ------
+    Path
+        The folder with all links resolved.
 
     Raises
     ------
@@ -119,6 +137,11 @@ def folder_published(folder: Path, *, names: Collection[str]) -> Iterator[Path]:
     names : collection of str
         All that results of this kind may have in their folder: what the new one lacks of them
         is removed once the new one is in place.
+
+    Yields
+    ------
+    Path
+        Inside ``folder``.
 
     Raises
     ------
@@ -229,6 +252,10 @@ def require_intact(path: Path, *, below: Path | None = None) -> None:
 
 def require_writable(folder: Path) -> None:
     """Refuse a folder that could not be made or written to.
+
+    Parameters
+    ----------
+    folder : Path
 
     Raises
     ------

@@ -1,7 +1,7 @@
 """Layouts: which objects a draw has, which draws agree, and how far apart scenes are.
 
-By itself, because chains ask for it in processes of their own, which start in half the time
-where nothing has to load torch.
+Chains group their draws in processes of their own, which start in half the time where nothing has
+to load torch; so this module imports nothing that does.
 """
 
 from __future__ import annotations
@@ -24,7 +24,6 @@ from imapper_prob.models.scenelet import Library
 __all__ = [
     "SEATS",
     "Layouts",
-    "Pairing",
     "furniture_kinds",
     "group_layouts",
     "group_of",
@@ -40,7 +39,17 @@ __all__ = [
 
 
 def furniture_kinds(problem: Problem) -> tuple[tuple[int, ...], ...]:
-    """For each scenelet the sorted categories of its objects."""
+    """The sorted categories of each scenelet's objects.
+
+    Parameters
+    ----------
+    problem : Problem
+
+    Returns
+    -------
+    tuple of tuple of int
+        By scenelet, numbers of categories.
+    """
     kinds = []
     for first, last in zip(problem.box_first[:-1], problem.box_first[1:], strict=True):
         label_of = dict(
@@ -55,7 +64,7 @@ def furniture_kinds(problem: Problem) -> tuple[tuple[int, ...], ...]:
 
 
 # ------------------------------------------------------------------------------------------------
-# From draws to layouts: which objects a draw has, and which draws say the same.
+# From draws to layouts.
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -73,6 +82,16 @@ def merged_objects(problem: Problem, library: Library, state: State) -> tuple[Sc
     agrees within the model's merge angle are the same object met twice. So are those that share
     half of the smaller footprint, if they are of one label or seats, whatever each scenelet calls
     them. Of each such group the one is kept whose scenelet improves the scene most.
+
+    Parameters
+    ----------
+    problem : Problem
+    library : Library
+    state : State
+
+    Returns
+    -------
+    tuple of SceneObject
     """
     placed = placed_objects(state, library)
     groups = same_objects(placed, problem.merge_angle)
@@ -85,7 +104,22 @@ def representatives(
     placed: Sequence[tuple[int, SceneObject]],
     groups: Sequence[Sequence[int]],
 ) -> list[int]:
-    """Of each group of objects that are one, that whose scenelet improves the scene most."""
+    """Of each group of objects that are one, that whose scenelet improves the scene most.
+
+    Parameters
+    ----------
+    problem : Problem
+    state : State
+    placed : sequence of (int, SceneObject)
+        See :func:`placed_objects`.
+    groups : sequence of sequence of int
+        See :func:`same_objects`.
+
+    Returns
+    -------
+    list of int
+        Indices in ``placed``.
+    """
 
     def rest(k: int) -> float:
         return log_posterior(problem, state.without_item(placed[k][0]))
@@ -94,7 +128,17 @@ def representatives(
 
 
 def placed_objects(state: State, library: Library) -> list[tuple[int, SceneObject]]:
-    """Each scenelet's objects in the world, with the index of the item that brings them."""
+    """Each scenelet's objects in the world, with the index of the item that brings them.
+
+    Parameters
+    ----------
+    state : State
+    library : Library
+
+    Returns
+    -------
+    list of (int, SceneObject)
+    """
     bodies = np.exp(state.camera[3] + state.sizes).tolist()
     return [
         (index, o.scaled(bodies[index]).moved(Placement(*state.placements[index])))
@@ -108,6 +152,17 @@ def same_objects(placed: Sequence[tuple[int, SceneObject]], angle: float) -> lis
 
     Same label, orientations within ``angle`` radians if it has a front, and footprints that
     overlap; or footprints that share half of the smaller one, of the same label or of seats of any.
+
+    Parameters
+    ----------
+    placed : sequence of (int, SceneObject)
+        See :func:`placed_objects`.
+    angle : float
+        Radians.
+
+    Returns
+    -------
+    list of list of int
     """
     graph = nx.Graph()
     graph.add_nodes_from(range(len(placed)))
@@ -137,6 +192,17 @@ def match_objects(
     """For each object of ``first`` its partner in ``second``; None unless all pair up.
 
     Partners have the same label and centres at most ``radius`` metres apart in top view.
+
+    Parameters
+    ----------
+    first, second : sequence of SceneObject
+    radius : float
+        Metres in top view.
+
+    Returns
+    -------
+    list of int or None
+        Indices in ``second``.
     """
     if sorted(o.label for o in first) != sorted(o.label for o in second):
         return None
@@ -162,6 +228,17 @@ def through_one_lens(
 
     With a longer lens the same picture is of a room that much deeper. It is the same room as
     far as anybody can tell: what draws say is compared like this, and reported as it is.
+
+    Parameters
+    ----------
+    objects : sequence of N sequence of SceneObject
+        Of each draw, in its world.
+    log_focal : sequence of N float
+        Log of how much longer each draw's focal length is.
+
+    Returns
+    -------
+    tuple of N tuple of SceneObject
     """
     return tuple(
         tuple(o.moved(Placement(0.0, float(o.centre[1] * np.expm1(-longer)), 0.0)) for o in own)
@@ -198,6 +275,10 @@ def group_layouts(
         Order in which draws may found a layout.
     radius : float
         Metres within which objects must pair up with those of the leader.
+
+    Returns
+    -------
+    Layouts
     """
     leaders: list[int] = []
     member = np.empty(len(objects), dtype=np.int64)
@@ -217,7 +298,7 @@ def group_layouts(
 
 
 # ------------------------------------------------------------------------------------------------
-# How far apart two scenes are: what it costs to turn one set of objects into the other.
+# The distance of two scenes: what it costs to turn one set of objects into the other.
 #
 # Objects are moved, turned or renamed where that is cheap, and taken away or put there where it is
 # not: optimal transport of unit masses with a price for those that are left over, with the optimal
@@ -225,7 +306,6 @@ def group_layouts(
 # assignment metric (Rahmathullah, Garcia-Fernandez & Svensson 2017, alpha = 2): a metric, in
 # metres, that is 1 for one object too many and grows with the number of differences.
 
-pass
 _LEFT_OVER: Final = 1.0
 """Metres: what an object without a partner costs; the unit of the distance."""
 _RENAMED: Final = 0.5
@@ -257,12 +337,31 @@ class Pairing:
 
 
 def group_of(label: str) -> str:
-    """The group of labels that stand for each other: any seat for another, else its own."""
+    """The group of labels that stand for each other: any seat for another, else its own.
+
+    Parameters
+    ----------
+    label : str
+
+    Returns
+    -------
+    str
+    """
     return "seat" if label in SEATS else label
 
 
 def object_distance(first: SceneObject, second: SceneObject) -> float:
-    """Metres between two objects on the floor; infinite between groups."""
+    """Metres between two objects on the floor; infinite between groups.
+
+    Parameters
+    ----------
+    first, second : SceneObject
+        In one world.
+
+    Returns
+    -------
+    float
+    """
     if group_of(first.label) != group_of(second.label):
         return float("inf")
     away = np.hypot(*(first.centre - second.centre)[:2])
@@ -278,7 +377,17 @@ def turn(first: SceneObject, second: SceneObject) -> float:
 
 
 def pair_objects(first: Sequence[SceneObject], second: Sequence[SceneObject]) -> Pairing:
-    """Pair two sets of objects so that the distance is least."""
+    """Pair two sets of objects so that the distance is least.
+
+    Parameters
+    ----------
+    first, second : sequence of SceneObject
+        In one world.
+
+    Returns
+    -------
+    Pairing
+    """
     dearest = 2 * _LEFT_OVER**2  # two left over cost as much as the dearest pair
     cost = np.array([[min(object_distance(a, b) ** 2, dearest) for b in second] for a in first])
     cost = cost.reshape(len(first), len(second))

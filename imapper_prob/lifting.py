@@ -1,8 +1,10 @@
-"""Lifting: 3D poses for clips with 2D joints only, from the poses of the built-in library.
+"""3D poses for clips with 2D joints only, from the poses of the built-in library.
 
-Each frame is turned so that the camera looks straight at the person, poses of the library are
-matched under scaled orthographic projection, and the sequence that looks right and goes on
-smoothly is found by dynamic programming.
+Each frame is turned so that the camera looks straight at the person, and poses of the library are
+matched under scaled orthographic projection. One picture of a body has many poses: whoever leans
+forward may as well lean back. The candidates of all frames are therefore weighed together, as a
+hidden Markov chain whose states are the nearest poses of each frame. Frames that keep several
+explanations are reported.
 """
 
 from __future__ import annotations
@@ -27,11 +29,9 @@ __all__ = [
     "Candidates",
     "Lifted",
     "Views",
-    "built_in_poses",
     "distinct_poses",
     "lift_clip",
     "lift_keypoints",
-    "nearest_poses",
     "views_of",
 ]
 
@@ -72,6 +72,10 @@ def views_of(camera: Camera, keypoints: Array, confidences: Array) -> Views:
         Pixels; NaN where missing.
     confidences : (T, 16) float
         0 where missing.
+
+    Returns
+    -------
+    Views
     """
     weights = np.where(np.isfinite(keypoints).all(-1), confidences, 0.0) ** 2
     filled = np.where(weights[..., None] > 0, keypoints, (camera.cx, camera.cy))
@@ -108,7 +112,7 @@ _APART: Final = 0.06
 
 
 @cache
-def built_in_poses() -> Array:
+def _built_in_poses() -> Array:
     """Those of the built-in library; found once a process."""
     return distinct_poses(built_in_library())
 
@@ -153,7 +157,7 @@ def distinct_poses(library: Library, *, apart: float = _APART) -> Array:
 
 
 # ------------------------------------------------------------------------------------------------
-# Which poses of a library look like what was seen: scaled orthographic matching.
+# Matching.
 
 YAWS: Final = 36
 """Directions that each pose is tried in: ten degrees apart."""
@@ -184,7 +188,7 @@ class Candidates:
     shift: Array
 
 
-def nearest_poses(views: Views, poses: Array, *, count: int) -> Candidates:
+def _nearest_poses(views: Views, poses: Array, *, count: int) -> Candidates:
     """Compare every frame with every pose in every direction.
 
     For weights w that add up to one, tangents u and projected joints p, both less their
@@ -242,12 +246,7 @@ def nearest_poses(views: Views, poses: Array, *, count: int) -> Candidates:
 
 
 # ------------------------------------------------------------------------------------------------
-# From 2D joints to 3D poses: the library's poses, chosen to look right and to follow on.
-#
-# One picture of a body has many poses: whoever leans forward may as well lean back. The
-# candidates of all frames are therefore weighed together, as a hidden Markov chain whose states
-# are the nearest poses of each frame: what does not go on smoothly falls away. What is left of
-# several explanations is reported, not hidden.
+# Choosing.
 
 _log = logging.getLogger(__name__)
 _FEWEST: Final = 6
@@ -300,7 +299,7 @@ def lift_clip(clip: Clip, *, poses: Array | None = None) -> Clip:
     Clip
         Tracks that had a pose in any frame are as they were.
     """
-    poses = built_in_poses() if poses is None else poses
+    poses = _built_in_poses() if poses is None else poses
     return replace(clip, tracks=tuple(_lifted(clip, track, poses) for track in clip.tracks))
 
 
@@ -340,6 +339,10 @@ def lift_keypoints(
         Frames a second.
     poses : (K, 16, 3) float
         What people look like, facing +y.
+
+    Returns
+    -------
+    Lifted
     """
     usable = np.flatnonzero((confidences > 0).sum(1) >= _FEWEST)
     result = np.full((len(keypoints), N_JOINTS, 3), np.nan)
@@ -347,7 +350,7 @@ def lift_keypoints(
     if not len(usable):
         return Lifted(result, spread)
     views = views_of(camera, keypoints[usable], confidences[usable])
-    candidates = nearest_poses(views, poses, count=_CANDIDATES)
+    candidates = _nearest_poses(views, poses, count=_CANDIDATES)
     gaps = np.diff(usable) * (10.0 / fps)
     best, marginal = _smoothed(candidates, gaps)
     rows = np.arange(len(usable))
@@ -410,7 +413,3 @@ def _towards_detections(views: Views, candidates: Candidates, best: NDArray[np.i
     bones = bones_of(view @ views.axes.transpose(0, 2, 1))
     bones *= LENGTHS[:, None] / np.maximum(np.linalg.norm(bones, axis=-1, keepdims=True), 1e-6)
     return joints_of(bones)
-
-
-# ------------------------------------------------------------------------------------------------
-# 3D poses for clips that have only 2D joints, from the poses of the built-in library.

@@ -1,4 +1,4 @@
-"""Whether a clip fits into the memory that there is, said before the work."""
+"""Whether a clip fits into the memory that there is, asked before the work."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from imapper_prob.models.errors import InputError
 from imapper_prob.models.scene import Clip
 from imapper_prob.models.scenelet import Library
 
-__all__ = ["memory_needed", "memory_there", "require_memory"]
+__all__ = ["memory_there", "require_memory"]
 
 _GIGABYTE: Final = 1e9
 _PROGRAM: Final = 1.0 * _GIGABYTE
@@ -37,7 +37,7 @@ _GROUPS: Final = (
 """Limit and use of a container, in either version."""
 
 
-def memory_needed(rows: int, scenelets: int, settings: SampleSettings | None) -> float:
+def _memory_needed(rows: int, scenelets: int, settings: SampleSettings | None) -> float:
     """Bytes, by and large, that solving and sampling take.
 
     Parameters
@@ -61,7 +61,13 @@ def memory_needed(rows: int, scenelets: int, settings: SampleSettings | None) ->
 
 
 def memory_there() -> float:
-    """Bytes that this process may still take; infinity where the system does not say."""
+    """Memory that this process may still take.
+
+    Returns
+    -------
+    float
+        Bytes; infinity where the system does not say.
+    """
     there = []
     try:
         for line in _AVAILABLE.read_text(encoding="ascii").splitlines():
@@ -80,17 +86,24 @@ def memory_there() -> float:
 def require_memory(clip: Clip, library: Library, settings: SampleSettings | None = None) -> None:
     """Refuse a clip for which there is not enough memory.
 
+    Parameters
+    ----------
+    clip : Clip
+    library : Library
+    settings : SampleSettings, optional
+        Of the sampling; without, what the solver needs.
+
     Raises
     ------
     InputError
         With what is needed, what there is, and how many frames would fit.
     """
     people, there = len(clip.tracks), memory_there()
-    needed = memory_needed(people * clip.n_frames, len(library), settings)
+    needed = _memory_needed(people * clip.n_frames, len(library), settings)
     if needed <= there:
         return
     fits = clip.n_frames
-    while fits > 1 and memory_needed(people * fits, len(library), settings) > there:
+    while fits > 1 and _memory_needed(people * fits, len(library), settings) > there:
         fits = int(0.9 * fits)
     first = int(clip.frame_ids[0])
     raise InputError(

@@ -1,4 +1,4 @@
-"""Colours of everything, in recordings and figures alike, and figures in files.
+"""Colours of objects and actions, in recordings and figures alike, and figures in files.
 
 Hues of objects are those of Tableau 10, which stay apart on dark and light ground and for most
 colour-blind eyes; what people do goes from cool to warm.
@@ -54,12 +54,30 @@ _OTHERS: Final[tuple[Colour, ...]] = (
 
 
 def category_colour(label: str) -> Colour:
-    """The colour of a category of objects."""
+    """The colour of a category of objects.
+
+    Parameters
+    ----------
+    label : str
+
+    Returns
+    -------
+    (int, int, int)
+    """
     return _CATEGORIES.get(label, _other(label))
 
 
 def action_colour(action: str) -> Colour:
-    """The colour of what somebody does."""
+    """The colour of what somebody does.
+
+    Parameters
+    ----------
+    action : str
+
+    Returns
+    -------
+    (int, int, int)
+    """
     return _ACTIONS.get(action, _other(action))
 
 
@@ -68,14 +86,18 @@ def _other(word: str) -> Colour:
     return _OTHERS[zlib.crc32(word.encode()) % len(_OTHERS)]
 
 
-# ------------------------------------------------------------------------------------------------
-# Figures in files.
-
-
 def save_figure(figure: Figure, file: Path | IO[bytes], *, dpi: int, **options: Any) -> None:
     """Write a figure as a picture, its texts as they stand.
 
     Names in them are of others: between two dollar signs they would be read as formulas.
+
+    Parameters
+    ----------
+    figure : matplotlib.figure.Figure
+    file : Path or binary file
+    dpi : int
+        Dots an inch.
+    **options : Of ``Figure.savefig``.
     """
     from matplotlib.text import Text
 

@@ -34,12 +34,12 @@ from imapper_prob.evaluate.score import (
 )
 from imapper_prob.evaluate.tables import object_rows, pose_rows, screen_table
 from imapper_prob.evaluate.truth import TruthInView
-from imapper_prob.models.geometry import NOTHING_IN_SIGHT
 from imapper_prob.models.kernels.visibility import visibility_probability
 from imapper_prob.models.path_prior import StaticPath
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.scene import Clip
 from imapper_prob.models.settings import (
+    NOTHING_IN_SIGHT,
     CameraSettings,
     ModelSettings,
     PaperWeights,
@@ -63,7 +63,7 @@ def without_sight(problem: Problem) -> Problem:
     An infinite width makes the step of visibility one half everywhere; what the densities of
     hidden and seen are multiplied by makes up for it.
     """
-    seen = visibility_probability(NOTHING_IN_SIGHT, problem.sight_width, problem.surprise)
+    seen = visibility_probability(NOTHING_IN_SIGHT, problem.sight_width, problem.visibility_error)
     share = 2 * np.array([1 - seen, seen])
     return problem._replace(
         sight_width=np.inf,

@@ -35,7 +35,7 @@ from imapper_prob.simulate.clips import simulate_clip, simulate_track
 from imapper_prob.solver.fits import best_fits
 from imapper_prob.solver.solver import fit_clip
 
-__all__ = ["CASES", "shortened", "simulated"]
+__all__ = ["shortened", "simulated"]
 
 CONFIG: Final = Config(
     sample=SampleSettings(
@@ -139,7 +139,7 @@ def _as_it_is(rng: np.random.Generator, clip: Clip) -> Clip:
     return clip
 
 
-CASES: Final[dict[str, tuple[Change, bool]]] = {
+_CASES: Final[dict[str, tuple[Change, bool]]] = {
     "right": (_as_it_is, True),
     "right, poses from 2D": (_in_2d, True),
     "pitch wrong by 15°": (_pitched(15.0), True),
@@ -158,7 +158,7 @@ CASES: Final[dict[str, tuple[Change, bool]]] = {
 
 def row(name: str, library: Library, bare: Library, count: int) -> tuple[str, ...]:
     """Of so many clips of a case: alarmed, refused, furnished, and alarms by check."""
-    change, known = CASES[name]
+    change, known = _CASES[name]
     found: Counter[str] = Counter()
     for number in range(count):
         rng = np.random.default_rng(_FIRST_SEED + number)
@@ -210,7 +210,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 0
     bare = shortened(whole, without=_SEATED)
     rows: list[tuple[str, ...]] = [("", "alarmed", "refused", *CHECKS)]
-    for name in CASES:
+    for name in _CASES:
         if options.only is None or options.only in name:
             rows.append(row(name, library, bare, options.count))
     sys.stdout.write(markdown_table(rows) + "\n")

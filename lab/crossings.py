@@ -22,7 +22,7 @@ from imapper_prob.models.camera import Camera
 from imapper_prob.models.skeleton import N_JOINTS, PELV
 from imapper_prob.scenelets.library import built_in_library
 
-__all__ = ["Crossing", "simulate_crossing"]
+__all__ = ["simulate_crossing"]
 
 
 Array = NDArray[np.float64]

@@ -37,7 +37,7 @@ import numpy as np
 
 from lab.robustness import write_section
 
-__all__ = ["KINDS", "Tally", "compiler", "inject", "preload"]
+__all__ = ["KINDS", "compiler", "preload"]
 
 KINDS: Final = ("disk full", "refused", "killed", "killed in a write")
 _FAULTS: Final = 200
@@ -94,7 +94,7 @@ def preload(arguments: list[str], folder: Path) -> subprocess.CompletedProcess[s
     )  # fmt: skip
 
 
-def inject(faults: int, base: Path) -> Tally:
+def _inject(faults: int, base: Path) -> Tally:
     """Faults spread over all calls of a run; only in a process of :func:`preload`."""
     run, shim = _prepared(), ctypes.CDLL(os.environ[_SHIM])
     shim.fault_kinds.restype = ctypes.c_char_p
@@ -235,7 +235,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     faults = parser.parse_args(arguments).faults
     if _SHIM in os.environ:
         with tempfile.TemporaryDirectory() as base:
-            tally = inject(faults, Path(base))
+            tally = _inject(faults, Path(base))
         outcomes = [[*key, n] for key, n in tally.outcomes.items()]
         print(json.dumps({"calls": tally.calls, "outcomes": outcomes, "wrong": tally.wrong}))
         return os.EX_OK

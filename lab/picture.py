@@ -29,7 +29,7 @@ from imapper_prob.models.errors import InputError
 if TYPE_CHECKING:
     from rerun.experimental import ViewerClient
 
-__all__ = ["PictureUnavailable", "ViewerCrash", "main", "render_recording"]
+__all__ = ["PictureUnavailable", "main", "render_recording"]
 
 _START_SECONDS = 60.0
 """Patience with a viewer that starts, or loads, on a busy machine without a graphics card."""

@@ -46,7 +46,7 @@ from imapper_prob.scenelets.library import load_library
 from imapper_prob.solver.candidates import refine
 from imapper_prob.solver.solver import Solution, solve
 
-__all__ = ["authors_objects"]
+__all__ = []
 
 
 Array = NDArray[np.float64]
@@ -393,7 +393,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         truth = read_i3db_truth(scene, clip)
         solution = solve(clip, library)
         wishes = wishes_of(truth)
-        authors = authors_wishes(wishes, authors_objects(scene, truth.camera))
+        authors = authors_wishes(wishes, _authors_objects(scene, truth.camera))
         found = layouts(solution, wishes, authors)
         console.print(comparison(scene.name, found))
         console.print(reasons(solution, wishes, truth, found[0]))
@@ -414,7 +414,7 @@ BACK_REACH = 0.6
 """Metres from a seat within which a back is its own."""
 
 
-def authors_objects(scene: Path, camera: Camera) -> list[SceneObject]:
+def _authors_objects(scene: Path, camera: Camera) -> list[SceneObject]:
     """One object a main part, in the world of ``camera``, with the main part's box alone.
 
     A seat's front is away from its back; where there is none, and of shelves and tables, the

@@ -252,12 +252,12 @@ class Experiment:
         """The same with detections drawn of a scene, equations (11) and (12)."""
         problem, camera = self.problem, self.clip.camera
         pixels, seen, looseness = _expected(problem, state, self.path, camera)
-        swapped = draw_flips(
-            rng, problem.n_frames, begins=problem.swap_begins, ends=problem.swap_ends,
+        flipped = draw_flips(
+            rng, problem.n_frames, begins=problem.flip_begins, ends=problem.flip_ends,
             starts=problem.path_starts,
         )  # fmt: skip
         for values in (pixels, seen, looseness):
-            values[swapped] = values[swapped][:, list(MIRROR)]
+            values[flipped] = values[flipped][:, list(MIRROR)]
         keypoints, confidences = self.detections.draw(
             rng, pixels, rng.random(seen.shape) > seen,
             image_height=camera.height, looseness=looseness,
@@ -282,7 +282,9 @@ def _expected(
     )  # fmt: skip
     boxes, *_ = place_boxes(problem, state.camera, state.items, state.placements, state.sizes)
     clearance = sight_clearance(camera.centre, joints, boxes)
-    seen = np.vectorize(visibility_probability)(clearance, problem.sight_width, problem.surprise)
+    seen = np.vectorize(visibility_probability)(
+        clearance, problem.sight_width, problem.visibility_error
+    )
     pixels, looseness = nominal.project_camera(path.joints), np.zeros(seen.shape)
     for (scenelet, start), size in zip(state.items.tolist(), state.sizes, strict=True):
         own = slice(start, start + int(problem.lengths[scenelet]))

@@ -63,14 +63,12 @@ from lab.prior import Experiment, draw_state
 __all__ = [
     "SETTINGS",
     "Drawn",
-    "Ranked",
     "describe",
     "draw_and_sample",
     "ecdf_and_band",
     "rank_among",
     "rank_scene",
     "short_clip",
-    "solve_given",
     "spread_ranks",
     "uniformity",
 ]
@@ -179,7 +177,7 @@ def _middle(scenelet: Scenelet, n_frames: int) -> Scenelet:
     return replace(scenelet, joints=scenelet.joints[first : first + n_frames])
 
 
-def solve_given(experiment: Experiment) -> Solution:
+def _solve_given(experiment: Experiment) -> Solution:
     """The staged solver, camera and path being given."""
     problem, clip, library = experiment.problem, experiment.clip, experiment.library
     distances = motion_distances(library)
@@ -198,7 +196,7 @@ def draw_and_sample(
     """Draw a scene and its detections, and sample their posterior with one chain."""
     scene_rng, chain_rng = np.random.default_rng(seed).spawn(2)
     truth = draw_state(scene_rng, experiment.problem)
-    solution = solve_given(experiment.observed(scene_rng, truth))
+    solution = _solve_given(experiment.observed(scene_rng, truth))
     chain = run_chain(setup_of(solution, settings), solution.states[:1], chain_rng, _go_on)
     return Drawn(truth, solution.problem, solution.library, chain.states)
 

@@ -41,7 +41,7 @@ from rich.table import Table
 from imapper_prob.api import demo_clip
 from imapper_prob.config import SampleSettings
 from imapper_prob.files import written_whole
-from imapper_prob.models.geometry import NOTHING_IN_SIGHT, OPAQUE, pack_boxes, sight_clearance
+from imapper_prob.models.geometry import pack_boxes
 from imapper_prob.models.jit import compiled
 from imapper_prob.models.kernels.visibility import (
     GAP,
@@ -60,6 +60,7 @@ from imapper_prob.models.path_prior import CameraPrior, StaticPath
 from imapper_prob.models.problem import Problem, pack_problem
 from imapper_prob.models.scene import Clip, Placement, SceneObject
 from imapper_prob.models.scenelet import Library
+from imapper_prob.models.settings import NOTHING_IN_SIGHT, OPAQUE
 from imapper_prob.models.skeleton import PELV
 from imapper_prob.sampling.chain import run_chain
 from imapper_prob.sampling.sample import setup_of
@@ -173,7 +174,37 @@ def bare_kernel(world: World) -> Callable[[], object]:
 def numpy_kernel(world: World) -> Callable[[], object]:
     """The same in numpy."""
     joints, elevation = motion(world.problem, world.state), float(world.state.camera[1])
-    return lambda: sight_clearance([0.0, 0.0, elevation], joints, world.boxes)
+    return lambda: _by_numpy(np.array([0.0, 0.0, elevation]), joints, world.boxes)
+
+
+def _by_numpy(origin: Array, points: Array, boxes: Array) -> Array:
+    """The minimum of six lines is the largest of the values where a rising and a falling meet."""
+    clearance = np.full(points.shape[:-1], NOTHING_IN_SIGHT)
+    for x, y, z, *half, yaw in np.asarray(boxes, float).reshape(-1, 7):
+        c, s = np.cos(yaw), np.sin(yaw)
+        into_box = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+        start = into_box @ (origin - (x, y, z))
+        slope = (points - origin) @ into_box.T
+        h = np.asarray(half)
+        # Six lines, value(s) = a s + b, of which three rise and three fall (or are level).
+        rise, fall = np.abs(slope), -np.abs(slope)
+        sign = np.where(slope >= 0, 1.0, -1.0)
+        rise_at_0, fall_at_0 = sign * start - h, -sign * start - h
+        a_up, b_up = rise[..., :, None], rise_at_0[..., :, None]
+        a_down, b_down = fall[..., None, :], fall_at_0[..., None, :]
+        gap = np.maximum(a_up - a_down, 1e-12)
+        meet = (b_down - b_up) / gap
+        value = b_up + a_up * meet
+        flat = value.reshape(*value.shape[:-2], 9)
+        best = flat.argmax(-1)[..., None]
+        lowest = np.take_along_axis(flat, best, -1)[..., 0]
+        where = np.take_along_axis(meet.reshape(flat.shape), best, -1)[..., 0]
+        at_0 = np.broadcast_to((np.abs(start) - h).max(), lowest.shape)
+        at_1 = (np.abs(start + slope) - h).max(-1)
+        lowest = np.where(where <= 0, at_0, np.where(where >= 1, at_1, lowest))
+        depth = lowest * max(1.0, OPAQUE / h.min())
+        clearance = np.minimum(clearance, np.where(lowest < 0, depth, lowest))
+    return clearance
 
 
 def torch_kernel(world: World) -> Callable[[], object]:

@@ -1,4 +1,4 @@
-"""The constants that were estimated from data, read from the file that states their source.
+"""Constants that were estimated from data, read from the file that states their source.
 
 ``calibrated.toml`` beside this module is written by ``python -m lab.calibrate``. Each constant
 has a table there: the value in use, its unit, where it comes from, what was measured, and how
@@ -74,12 +74,28 @@ def _frozen(value: Any) -> Any:
 
 @cache
 def constants() -> Mapping[str, Constant]:
-    """All calibrated constants by name, ``"walk.bearing"``."""
+    """All calibrated constants by name, ``"walk.bearing"``.
+
+    Returns
+    -------
+    mapping of str to Constant
+    """
     return parsed(PATH.read_text(encoding="utf-8"))
 
 
 def parsed(text: str) -> Mapping[str, Constant]:
-    """The constants that a text like the file's holds."""
+    """The constants that a text like the file's holds.
+
+    Parameters
+    ----------
+    text : str
+        TOML: a table for each constant.
+
+    Returns
+    -------
+    mapping of str to Constant
+        By name, ``"walk.bearing"``.
+    """
     groups = tomllib.loads(text)
     return MappingProxyType(
         {
@@ -91,7 +107,23 @@ def parsed(text: str) -> Mapping[str, Constant]:
 
 
 def calibrated(name: str) -> float:
-    """The value in use of one constant."""
+    """The value in use of one constant.
+
+    Parameters
+    ----------
+    name : str
+        Of the constant, ``"walk.bearing"``.
+
+    Returns
+    -------
+    float
+        In the constant's unit.
+
+    Raises
+    ------
+    TypeError
+        If it is a row of numbers.
+    """
     value = constants()[name].value
     if isinstance(value, tuple):
         raise TypeError(f"{name} is a row of numbers")
@@ -99,7 +131,23 @@ def calibrated(name: str) -> float:
 
 
 def table(name: str) -> tuple[float, ...]:
-    """The values in use of a row of constants."""
+    """The values in use of a row of constants.
+
+    Parameters
+    ----------
+    name : str
+        Of the row, ``"detections.seen_confidence"``.
+
+    Returns
+    -------
+    tuple of float
+        In the constants' unit.
+
+    Raises
+    ------
+    TypeError
+        If it is a single number.
+    """
     value = constants()[name].value
     if not isinstance(value, tuple):
         raise TypeError(f"{name} is one number")
@@ -115,6 +163,11 @@ def from_data(name: str, convert: Callable[[Number], Number] | None = None) -> A
         Of the constant, ``"walk.bearing"``.
     convert : callable, optional
         From the constant's value to that of the field.
+
+    Returns
+    -------
+    dataclasses.Field
+        With the constant's name and ``convert`` in its metadata.
     """
     value = constants()[name].value
     return field(
@@ -132,6 +185,11 @@ def with_values(settings: _Settings, values: Mapping[str, Number]) -> _Settings:
         With fields of :func:`from_data`.
     values : mapping of str to Number
         By name of the constant; fields of others stay as they are.
+
+    Returns
+    -------
+    dataclass
+        Of the type of ``settings``.
     """
     changed: dict[str, Any] = {}
     for entry in fields(settings):  # type: ignore[arg-type]
@@ -146,6 +204,16 @@ def values_without(scene: str) -> dict[str, Number]:
 
     Constants that are kept for a reason stay; of a scene that they were not estimated from there
     is nothing to leave out.
+
+    Parameters
+    ----------
+    scene : str
+        Of i3DB, ``"Scene04"``.
+
+    Returns
+    -------
+    dict of str to Number
+        By name of the constant; empty if the scene is not in :data:`FOLDS`.
     """
     if scene not in FOLDS:
         return {}

@@ -77,34 +77,99 @@ class Camera:
         return np.array([0.0, 0.0, self.elevation])
 
     def to_world(self, points: ArrayLike) -> Array:
-        """Camera frame (..., 3) to world (..., 3), metres."""
+        """Camera frame (..., 3) to world (..., 3), metres.
+
+        Parameters
+        ----------
+        points : (..., 3) float
+            Camera frame, metres.
+
+        Returns
+        -------
+        (..., 3) float
+        """
         result: Array = np.asarray(points, float) @ self.rotation.T + self.centre
         return result
 
     def to_camera(self, points: ArrayLike) -> Array:
-        """World (..., 3) to camera frame (..., 3), metres."""
+        """World (..., 3) to camera frame (..., 3), metres.
+
+        Parameters
+        ----------
+        points : (..., 3) float
+            World, metres.
+
+        Returns
+        -------
+        (..., 3) float
+        """
         result: Array = (np.asarray(points, float) - self.centre) @ self.rotation
         return result
 
     def project_camera(self, points: ArrayLike) -> Array:
-        """Camera frame (..., 3) to pixels (..., 2); NaN at or behind the image plane."""
+        """Camera frame (..., 3) to pixels (..., 2); NaN at or behind the image plane.
+
+        Parameters
+        ----------
+        points : (..., 3) float
+            Camera frame, metres.
+
+        Returns
+        -------
+        (..., 2) float
+            Pixels.
+        """
         x, depth, z = np.moveaxis(np.asarray(points, float), -1, 0)
         depth = np.where(depth > 1e-6, depth, np.nan)
         return np.stack([self.cx + self.fx * x / depth, self.cy - self.fy * z / depth], -1)
 
     def project(self, points: ArrayLike) -> Array:
-        """World (..., 3) to pixels (..., 2); NaN at or behind the image plane."""
+        """World (..., 3) to pixels (..., 2); NaN at or behind the image plane.
+
+        Parameters
+        ----------
+        points : (..., 3) float
+            World, metres.
+
+        Returns
+        -------
+        (..., 2) float
+            Pixels.
+        """
         return self.project_camera(self.to_camera(points))
 
     def rays(self, pixels: ArrayLike) -> Array:
-        """Pixels (..., 2) to camera-frame directions (..., 3) with unit forward component."""
+        """Pixels (..., 2) to camera-frame directions (..., 3) with unit forward component.
+
+        Parameters
+        ----------
+        pixels : (..., 2) float
+
+        Returns
+        -------
+        (..., 3) float
+        """
         u, v = np.moveaxis(np.asarray(pixels, float), -1, 0)
         return np.stack([(u - self.cx) / self.fx, np.ones_like(u), (self.cy - v) / self.fy], -1)
 
     def posed(
         self, *, pitch: float, roll: float, elevation: float, focal_scale: float = 1.0
     ) -> Camera:
-        """The same camera at another pitch, roll (rad), height (m) and focal scale (factor)."""
+        """The same camera in another pose, and with another focal length.
+
+        Parameters
+        ----------
+        pitch, roll : float
+            Radians.
+        elevation : float
+            Metres above the floor.
+        focal_scale : float
+            Factor on both focal lengths.
+
+        Returns
+        -------
+        Camera
+        """
         return replace(
             self,
             pitch=pitch,

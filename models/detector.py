@@ -27,7 +27,7 @@ from imapper_prob.models.errors import InputError
 
 __all__ = [
     "CONFIDENCE_EDGES", "ERROR_EDGES", "LOST_ERROR", "DetectionModel", "DetectorSettings",
-    "student_t",
+    "student_t", "student_t_loss",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
@@ -102,22 +102,68 @@ class DetectionModel:
 
     @classmethod
     def of(cls, settings: DetectorSettings) -> DetectionModel:
-        """The tables by some settings."""
+        """The tables by some settings.
+
+        Parameters
+        ----------
+        settings : DetectorSettings
+
+        Returns
+        -------
+        DetectionModel
+        """
         scale, dof = _errors(settings)
         return cls(confidence=_shares(settings), error_scale=scale, error_dof=dof)
 
     def confidence_density(self, confidence: ArrayLike) -> Array:
-        """p0(c) and p1(c) per unit of confidence: (...) to (..., 2)."""
+        """Densities p0(c) and p1(c) of a confidence.
+
+        Parameters
+        ----------
+        confidence : (...) float
+            In [0, 1].
+
+        Returns
+        -------
+        (..., 2) float
+            Per unit of confidence, of a hidden joint and of a seen one.
+        """
         c = np.asarray(confidence, float)
         bins = np.clip(np.searchsorted(self.edges, c, side="right") - 1, 0, len(self.edges) - 2)
         return np.moveaxis((self.confidence / np.diff(self.edges))[:, bins], 0, -1)
 
     def error_class(self, confidence: ArrayLike) -> NDArray[np.intp]:
-        """Which row of the pixel-error table a confidence belongs to."""
+        """Which row of the pixel-error table a confidence belongs to.
+
+        Parameters
+        ----------
+        confidence : (...) float
+            In [0, 1].
+
+        Returns
+        -------
+        (...) int
+            0 lost, 1 doubtful, 2 sure.
+        """
         return np.searchsorted(self.error_edges, np.asarray(confidence, float), side="right")
 
     def error_tables(self, confidence: ArrayLike, *, image_height: int) -> tuple[Array, Array]:
-        """Scale (pixels) and degrees of freedom: each (...) to (..., 2), hidden then seen."""
+        """Scale and degrees of freedom of the pixel error of detections.
+
+        Parameters
+        ----------
+        confidence : (...) float
+            In [0, 1].
+        image_height : int
+            Pixels.
+
+        Returns
+        -------
+        scale : (..., 2) float
+            Pixels, of a hidden joint and of a seen one.
+        dof : (..., 2) float
+            Degrees of freedom of the same.
+        """
         index = self.error_class(confidence)
         scale = self.error_scale[:, index] * (image_height / _REFERENCE_HEIGHT)
         return np.moveaxis(scale, 0, -1), np.moveaxis(self.error_dof[:, index], 0, -1)
@@ -131,16 +177,26 @@ class DetectionModel:
         image_height: int,
         looseness: ArrayLike = 0.0,
     ) -> tuple[Array, Array]:
-        """Detections of joints at ``pixels`` (..., 2), ``hidden`` (...) bool.
+        """Draw detections of joints.
 
-        ``looseness`` (...) are the pixels by which a pose may be off where it is a scenelet's;
-        their square adds to that of the detector's scale.
+        Parameters
+        ----------
+        rng : numpy.random.Generator
+        pixels : (..., 2) float
+            Where the joints are in the image.
+        hidden : (...) bool
+        image_height : int
+            Pixels.
+        looseness : (...) float
+            Pixels by which a pose may be off where it is a scenelet's; their square adds to that of
+            the detector's scale.
 
         Returns
         -------
         detected : (..., 2) float
             Pixels.
         confidence : (...) float
+            In [0, 1].
         """
         pixels = np.asarray(pixels, float)
         state = np.where(np.asarray(hidden, bool), 0, 1)
@@ -175,10 +231,47 @@ def _errors(settings: DetectorSettings) -> tuple[Array, Array]:
 def student_t(squared_error: ArrayLike, scale: ArrayLike, dof: ArrayLike) -> Array:
     """Log density per square pixel of a bivariate Student-t.
 
-    ``log t = -log(2 pi s^2) - (nu + 2) / 2 log(1 + r^2 / (nu s^2))``: the constant of the
-    bivariate t, Gamma((nu+2)/2) / (Gamma(nu/2) nu pi s^2), is 1 / (2 pi s^2).
+    ``log t = -log(2 pi s^2) - loss``: the constant of the bivariate t,
+    Gamma((nu+2)/2) / (Gamma(nu/2) nu pi s^2), is 1 / (2 pi s^2).
+
+    Parameters
+    ----------
+    squared_error, scale, dof : (...) float
+        See :func:`student_t_loss`; pixels.
+
+    Returns
+    -------
+    (...) float
+        Nats.
+    """
+    result: Array = -np.log(2 * np.pi * np.asarray(scale, float) ** 2)
+    return result - student_t_loss(squared_error, scale, dof)
+
+
+def student_t_loss(
+    squared_error: ArrayLike, scale: ArrayLike, dof: ArrayLike, *, dimensions: int = 2
+) -> Array:
+    """Minus the log density of a Student-t, without its constant.
+
+    ``(nu + d) / 2 log(1 + r^2 / (nu s^2))``
+
+    Parameters
+    ----------
+    squared_error : (...) float
+        r^2, squared length of the error.
+    scale : (...) float
+        s, the unit of errors.
+    dof : (...) float
+        nu, degrees of freedom.
+    dimensions : int
+        d, of the error.
+
+    Returns
+    -------
+    (...) float
+        Nats.
     """
     scale, dof = np.asarray(scale, float), np.asarray(dof, float)
-    r2 = np.asarray(squared_error, float)
-    result: Array = -np.log(2 * np.pi * scale**2) - (dof / 2 + 1) * np.log1p(r2 / (dof * scale**2))
+    tails = np.log1p(np.asarray(squared_error, float) / (dof * scale**2))
+    result: Array = (dof + dimensions) / 2 * tails
     return result

@@ -11,4 +11,13 @@ class InputError(ValueError):
     The message is one sentence for a person: it names the file, frame and joint where
     that is known, says what is wrong and what to do about it. The command line prints it
     without a traceback and exits with code 2.
+
+    Examples
+    --------
+    >>> import imapper_prob as im
+    >>> try:
+    ...     im.load_clip("nowhere.npz")
+    ... except im.InputError as error:
+    ...     print(error)
+    nowhere.npz: no such file or folder
     """

@@ -11,22 +11,29 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from imapper_prob.models.kernels.visibility import clearances
 from imapper_prob.models.scene import SceneObject
+from imapper_prob.models.settings import NOTHING_IN_SIGHT
+from imapper_prob.models.skeleton import N_JOINTS
 
-__all__ = ["NOTHING_IN_SIGHT", "OPAQUE", "pack_boxes", "sight_clearance"]
+__all__ = ["pack_boxes", "sight_clearance"]
 
 Array = NDArray[np.float64]
 
-NOTHING_IN_SIGHT = 0.2
-"""Cap of the clearance in metres: a ray that far from every box is as free as any."""
-
-OPAQUE = 0.1
-"""Metres; a line of sight through the middle of a box thinner than twice this counts as this
-deep in it: a table top hides as well as a chest does."""
-
 
 def pack_boxes(objects: Iterable[SceneObject]) -> Array:
-    """All cuboids of ``objects`` as (K, 7) boxes in their common parent frame."""
+    """All cuboids of ``objects`` as (K, 7) boxes in their common parent frame.
+
+    Parameters
+    ----------
+    objects : iterable of SceneObject
+        In one parent frame.
+
+    Returns
+    -------
+    (K, 7) float
+        See the module.
+    """
     rows = [
         (*o.placement.apply(c.centre), *(c.size / 2), o.placement.yaw)
         for o in objects
@@ -36,14 +43,13 @@ def pack_boxes(objects: Iterable[SceneObject]) -> Array:
 
 
 def sight_clearance(origin: ArrayLike, points: ArrayLike, boxes: ArrayLike) -> Array:
-    """How far the boxes are from cutting the line of sight to each point.
+    """How far boxes are from cutting the line of sight to each point.
 
     The smallest value along the segment from ``origin`` to the point of the box function
     ``max_i(|p_i| - h_i)``: negative exactly where the segment passes through a box (then by
-    how deep it cuts), positive where it is clear. The function is a maximum of linear
-    functions, so its minimum along a line is the largest of the values where a rising and a
-    falling one meet. In a box thinner than ``2 OPAQUE`` negative values are scaled up to
-    ``OPAQUE`` in its middle.
+    how deep it cuts), positive where it is clear. In a box thinner than ``2 OPAQUE`` negative
+    values are scaled up to ``OPAQUE`` in its middle. By the kernels of
+    :mod:`imapper_prob.models.kernels.visibility`, in single precision.
 
     Parameters
     ----------
@@ -57,33 +63,18 @@ def sight_clearance(origin: ArrayLike, points: ArrayLike, boxes: ArrayLike) -> A
     Returns
     -------
     (...) float
-        Clearance in metres, at most ``NOTHING_IN_SIGHT``.
+        Clearance in metres, at most ``NOTHING_IN_SIGHT``; NaN of a point that is not finite.
     """
-    points = np.asarray(points, float)
-    origin = np.asarray(origin, float)
-    clearance = np.full(points.shape[:-1], NOTHING_IN_SIGHT)
-    for x, y, z, *half, yaw in np.asarray(boxes, float).reshape(-1, 7):
-        c, s = np.cos(yaw), np.sin(yaw)
-        into_box = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
-        start = into_box @ (origin - (x, y, z))
-        slope = (points - origin) @ into_box.T
-        h = np.asarray(half)
-        # Six lines, value(s) = a s + b, of which three rise and three fall (or are level).
-        rise, fall = np.abs(slope), -np.abs(slope)
-        sign = np.where(slope >= 0, 1.0, -1.0)
-        rise_at_0, fall_at_0 = sign * start - h, -sign * start - h
-        a_up, b_up = rise[..., :, None], rise_at_0[..., :, None]
-        a_down, b_down = fall[..., None, :], fall_at_0[..., None, :]
-        gap = np.maximum(a_up - a_down, 1e-12)
-        meet = (b_down - b_up) / gap
-        value = b_up + a_up * meet
-        flat = value.reshape(*value.shape[:-2], 9)
-        best = flat.argmax(-1)[..., None]
-        lowest = np.take_along_axis(flat, best, -1)[..., 0]
-        where = np.take_along_axis(meet.reshape(flat.shape), best, -1)[..., 0]
-        at_0 = np.broadcast_to((np.abs(start) - h).max(), lowest.shape)
-        at_1 = (np.abs(start + slope) - h).max(-1)
-        lowest = np.where(where <= 0, at_0, np.where(where >= 1, at_1, lowest))
-        depth = lowest * max(1.0, OPAQUE / h.min())
-        clearance = np.minimum(clearance, np.where(lowest < 0, depth, lowest))
-    return clearance
+    (x, y, elevation), points = np.asarray(origin, float), np.asarray(points, float)
+    below = np.array([x, y, 0.0])
+    flat = (points - below).reshape(-1, 3)
+    rows = np.zeros((-(-len(flat) // N_JOINTS) * N_JOINTS, 3))
+    known = np.isfinite(flat).all(-1)
+    rows[: len(flat)][known] = flat[known]
+    boxes = np.array(boxes, float).reshape(-1, 7)
+    boxes[:, :3] -= below
+    joints = np.ascontiguousarray(rows.reshape(-1, N_JOINTS, 3).transpose(0, 2, 1))
+    found = clearances(float(elevation), joints, boxes).reshape(-1)[: len(flat)]
+    capped = np.minimum(found, NOTHING_IN_SIGHT)  # which single precision rounds up
+    result: Array = np.where(known, capped, np.nan).reshape(points.shape[:-1])
+    return result

@@ -1,8 +1,8 @@
-"""Compilation of the kernels, cached on disk by what all of them say.
+"""Compilation of the kernels by numba, cached on disk under a digest of what they are made of.
 
-numba's own cache notices a change in a function's file but not in the files of the
-functions it calls, and would go on running an old kernel inside a new one. Keeping the
-cache under a digest of all that kernels are made of makes that impossible.
+numba's own cache notices a change in a function's file but not in the files of the functions it
+calls, and would go on running an old kernel inside a new one. The digest
+(:mod:`imapper_prob.models.kernel_sources`) changes with any of them.
 """
 
 from __future__ import annotations
@@ -58,7 +58,13 @@ def _cache_folder(beside: tuple[Path, ...] = ()) -> str:
 
 
 def remove_unused(base: Path) -> None:
-    """Remove the caches in ``base`` that no process has opened for a day."""
+    """Remove the caches in ``base`` that no process has opened for a day.
+
+    Parameters
+    ----------
+    base : Path
+        Folder that caches are in.
+    """
     for folder in base.iterdir():
         if re.fullmatch("kernels-[0-9a-f]{16}", folder.name):
             with suppress(OSError):  # somebody else removes it, too
@@ -83,9 +89,17 @@ class _Inner(CPUDispatcher):
 
 
 def compiled(function: Function, *, beside: tuple[Path, ...] = ()) -> Dispatcher[Function]:
-    """``function`` compiled by numba on its first call, and remembered for the next process.
+    """Compile a function by numba on its first call, and cache it for the next process.
 
-    ``beside`` are modules outside of the model whose kernels it calls.
+    Parameters
+    ----------
+    function : callable
+    beside : tuple of Path
+        Modules outside of the model whose kernels it calls.
+
+    Returns
+    -------
+    numba.core.dispatcher.Dispatcher
     """
     return _compiled(function, beside=beside)
 
@@ -95,6 +109,14 @@ def inlined(function: Function) -> Dispatcher[Function]:
 
     For what is called once a frame or a box: to hand over a few arrays, of ten numbers each,
     takes longer than the arithmetic on a row of joints.
+
+    Parameters
+    ----------
+    function : callable
+
+    Returns
+    -------
+    numba.core.dispatcher.Dispatcher
     """
     return _compiled(function, inline=True)
 
@@ -104,12 +126,31 @@ def inner(function: Function) -> Dispatcher[Function]:
 
     To take the seventy arrays of a problem from Python is more work for the compiler than most
     kernels are.
+
+    Parameters
+    ----------
+    function : callable
+
+    Returns
+    -------
+    numba.core.dispatcher.Dispatcher
+        Refuses calls from Python.
     """
     return _compiled(function, alone=True)
 
 
 def inner_inlined(function: Function) -> Dispatcher[Function]:
-    """As :func:`inlined`, for kernels alone; see :func:`inner`."""
+    """As :func:`inlined`, for kernels alone; see :func:`inner`.
+
+    Parameters
+    ----------
+    function : callable
+
+    Returns
+    -------
+    numba.core.dispatcher.Dispatcher
+        Refuses calls from Python.
+    """
     return _compiled(function, inline=True, alone=True)
 
 

@@ -22,7 +22,17 @@ _DOCUMENTED = (*_DEFINITIONS, ast.Module)
 
 
 def digest(folder: Path) -> str:
-    """Sixteen hexadecimal digits for the kernels of the model in ``folder``."""
+    """Sixteen hexadecimal digits for the kernels of the model in ``folder``.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the package ``imapper_prob.models``.
+
+    Returns
+    -------
+    str
+    """
     model = _Model(folder)
     for path in sorted(folder.rglob("*.py")):
         if f"from {_COMPILER} import" in path.read_text(encoding="utf-8"):

@@ -1,4 +1,11 @@
-"""The log-posterior of a clip as a function of a state, whole or along a chain of states."""
+"""The log-posterior of a clip as a function of a state.
+
+A :class:`State` is one hypothesis. :func:`log_posterior` evaluates a whole one;
+:class:`Incremental` evaluates what a proposal changes in a current state, to the same value.
+:func:`target_of` says which log-posterior a problem has: the default one
+(:mod:`imapper_prob.models.kernels.incremental`) or the published energy
+(:mod:`imapper_prob.models.published_energy`).
+"""
 
 from __future__ import annotations
 
@@ -32,7 +39,6 @@ __all__ = [
     "side_flips",
     "state_camera",
     "target_of",
-    "term_names",
     "terms",
 ]
 
@@ -90,7 +96,23 @@ class State:
         return len(self.items)
 
     def with_item(self, scenelet: int, start: int, placement: Array, size: float = 0.0) -> State:
-        """The state with one more scenelet, kept in order of time."""
+        """The state with one more scenelet, kept in order of time.
+
+        Parameters
+        ----------
+        scenelet : int
+            Index in the library.
+        start : int
+            Its first frame.
+        placement : (3,) float
+            x, y (m), yaw (rad).
+        size : float
+            Log size.
+
+        Returns
+        -------
+        State
+        """
         at = int(np.searchsorted(self.items[:, 1], start))
         items, placements, sizes = self.items, self.placements, self.sizes
         # What numpy.insert does, at a fifth of its price; chains do little else.
@@ -103,7 +125,17 @@ class State:
         )
 
     def without_item(self, index: int) -> State:
-        """The state with one scenelet less."""
+        """The state with one scenelet less.
+
+        Parameters
+        ----------
+        index : int
+            Row of ``items``.
+
+        Returns
+        -------
+        State
+        """
         others = [k for k in range(len(self.items)) if k != index]
         return State(
             self.camera,
@@ -114,7 +146,21 @@ class State:
         )
 
     def with_placement(self, index: int, placement: Array, size: float | None = None) -> State:
-        """The state with one scenelet placed elsewhere, and its person of another log size."""
+        """The state with one scenelet placed elsewhere, and its person of another log size.
+
+        Parameters
+        ----------
+        index : int
+            Row of ``items``.
+        placement : (3,) float
+            x, y (m), yaw (rad).
+        size : float, optional
+            Log size; as it is if not given.
+
+        Returns
+        -------
+        State
+        """
         placements, sizes = self.placements.copy(), self.sizes.copy()
         placements[index] = placement
         if size is not None:
@@ -123,7 +169,16 @@ class State:
 
 
 def empty_state(problem: Problem) -> State:
-    """No scenelet, the mean camera and the mean path."""
+    """No scenelet, the mean camera and the mean path.
+
+    Parameters
+    ----------
+    problem : Problem
+
+    Returns
+    -------
+    State
+    """
     return State(
         camera=np.array(problem.camera_mean),
         items=np.empty((0, 2), np.int64),
@@ -134,12 +189,35 @@ def empty_state(problem: Problem) -> State:
 
 
 def state_camera(nominal: Camera, state: State) -> Camera:
-    """The camera of a state, where ``nominal`` is that of its clip."""
+    """The camera of a state.
+
+    Parameters
+    ----------
+    nominal : Camera
+        That of the clip.
+    state : State
+
+    Returns
+    -------
+    Camera
+    """
     return camera_at(nominal, state.camera)
 
 
 def camera_at(nominal: Camera, phi: Array) -> Camera:
-    """The camera by the numbers (5,) that a state has of it."""
+    """The camera that the numbers of a state describe.
+
+    Parameters
+    ----------
+    nominal : Camera
+        That of the clip.
+    phi : (5,) float
+        See :class:`State`.
+
+    Returns
+    -------
+    Camera
+    """
     pitch, elevation, focal, _, roll = phi.tolist()
     return nominal.posed(
         pitch=pitch, roll=roll, elevation=elevation, focal_scale=float(np.exp(focal))
@@ -196,15 +274,30 @@ _PUBLISHED: Final = Target(PAPER_TERMS, _evaluate_published, False)
 
 
 def target_of(problem: Problem) -> Target:
-    """The log-posterior that the problem was packed for: the default one, or the published energy.
+    """The log-posterior that a problem was packed for: the default one, or the published energy.
 
-    All that asks for a log-posterior asks here, and nowhere else, which it is.
+    Parameters
+    ----------
+    problem : Problem
+
+    Returns
+    -------
+    Target
     """
     return _PUBLISHED if problem.of_paper else _DEFAULT
 
 
-def term_names(problem: Problem) -> tuple[str, ...]:
-    """What the log-posterior is the sum of."""
+def _term_names(problem: Problem) -> tuple[str, ...]:
+    """Names of what the log-posterior is the sum of.
+
+    Parameters
+    ----------
+    problem : Problem
+
+    Returns
+    -------
+    tuple of str
+    """
     return target_of(problem).names
 
 
@@ -212,61 +305,108 @@ def log_posterior(problem: Problem, state: State) -> float:
     """log pi(phi, X, P | z) up to the constant of the clip, -inf outside the support.
 
     The normal density of the latent numbers is not included: it is their reference measure.
+
+    Parameters
+    ----------
+    problem : Problem
+    state : State
+
+    Returns
+    -------
+    float
+        Nats.
     """
     return float(target_of(problem).evaluate(problem, state).sum())
 
 
 def terms(problem: Problem, state: State) -> dict[str, float]:
-    """The log-posterior term by term, in nats."""
+    """The log-posterior term by term.
+
+    Parameters
+    ----------
+    problem : Problem
+    state : State
+
+    Returns
+    -------
+    dict of str to float
+        Nats; their sum is :func:`log_posterior`.
+    """
     target = target_of(problem)
     return dict(zip(target.names, target.evaluate(problem, state).tolist(), strict=True))
 
 
 def side_flips(problem: Problem, state: State) -> Array:
-    """(T,) probability that the detector took left for right in a frame, given the state.
+    """Probability that the detector took left for right in each frame, given the state.
 
     By the default model of the detector, whichever energy the state was drawn by.
+
+    Parameters
+    ----------
+    problem : Problem
+    state : State
+
+    Returns
+    -------
+    (T,) float
     """
     by_frame = _evaluate(problem, state)[2]
-    return np.asarray(_swap_probabilities(problem, by_frame))
+    return np.asarray(_flip_probabilities(problem, by_frame))
 
 
 def frame_log_likelihood(problem: Problem, state: State) -> Array:
-    """(T,) log-likelihood of each frame's detections, nats, before the frame weight.
+    """Log-likelihood of each frame's detections, before the frame weight.
 
-    The mean over left and right being swapped or not, with their probabilities.
+    The mean over left and right being flipped or not, with their probabilities.
+
+    Parameters
+    ----------
+    problem : Problem
+    state : State
+
+    Returns
+    -------
+    (T,) float
+        Nats.
     """
     by_frame = _evaluate(problem, state)[2]
-    wrong = _swap_probabilities(problem, by_frame)
+    wrong = _flip_probabilities(problem, by_frame)
     mean: Array = (1 - wrong) * by_frame[:, 0] + wrong * by_frame[:, 1]
     return mean
 
 
-def _swap_probabilities(problem: Problem, by_frame: Array) -> Array:
+def _flip_probabilities(problem: Problem, by_frame: Array) -> Array:
     weight = problem.frame_weight * problem.likelihood
     return flip_probabilities(
-        by_frame, problem.path_starts, weight, problem.swap_begins, problem.swap_ends
+        by_frame, problem.path_starts, weight, problem.flip_begins, problem.flip_ends
     )
 
 
 def motion(problem: Problem, state: State) -> Array:
-    """(T, 16, 3) joints of the state in its world, metres."""
+    """Joints of the state in its world.
+
+    Parameters
+    ----------
+    problem : Problem
+    state : State
+
+    Returns
+    -------
+    (T, 16, 3) float
+        Metres.
+    """
     return np.ascontiguousarray(_evaluate(problem, state)[1].transpose(0, 2, 1))
 
-
-# ------------------------------------------------------------------------------------------------
-# The log-posterior along a chain: each proposal costs what it changes.
-#
-# A walk of one scenelet among five moves the frames it covers, the path up to its neighbours,
-# and its boxes in the view of the rest. :class:`Incremental` remembers what everything else
-# came to. Its value is that of :func:`imapper_prob.models.log_posterior.log_posterior`.
 
 _CAPACITY = 8
 """Scenelets there is room for at first; it is doubled when it runs out."""
 
 
 class Incremental:
-    """Evaluates proposals from a current state, and moves on when told so.
+    """Evaluates proposals from a current state, and moves on when one is accepted.
+
+    A walk of one scenelet among five moves the frames it covers, the path up to its neighbours,
+    and its boxes in the view of the rest; everything else keeps the value it had.
 
     Parameters
     ----------
@@ -302,10 +442,17 @@ class Incremental:
         return self._parts
 
     def propose(self, state: State) -> tuple[float, float]:
-        """Log prior and log likelihood of ``state``, nats; the current state stays.
+        """Evaluate a proposal; the current state stays.
 
-        The prior is -inf outside the support. Their sum is log pi; the likelihood includes
-        the costs of free poses, jumps, collisions, motion and ground.
+        Parameters
+        ----------
+        state : State
+
+        Returns
+        -------
+        log_prior, log_likelihood : float
+            Nats; the prior is -inf outside the support. Their sum is log pi; the likelihood
+            includes the costs of free poses, jumps, collisions, motion and ground.
         """
         if state.n_scenelets > self._capacity:
             self._start(2 * state.n_scenelets)
@@ -351,9 +498,18 @@ class Incremental:
 def log_posterior_near(problem: Problem, state: State) -> Callable[[State], float]:
     """The log-posterior for states that have most in common with one.
 
-    What :func:`~imapper_prob.models.log_posterior.log_posterior` says, to some 1e-6 nats, and
-    sooner; exactly what it says where nothing is incremental: with the published energy, and
-    about states outside the support.
+    Its values are those of :func:`log_posterior` to some 1e-6 nats, and exactly those where nothing
+    is incremental: with the published energy, and about states outside the support.
+
+    Parameters
+    ----------
+    problem : Problem
+    state : State
+
+    Returns
+    -------
+    callable
+        From a state to nats.
     """
     whole = partial(log_posterior, problem)
     if not target_of(problem).incremental or whole(state) == -math.inf:

@@ -1,16 +1,15 @@
-"""The prior of the pelvis path (docs/model.md 6 to 8), and what is known of path and camera.
+"""The static path with its prior (docs/model.md 6 to 8), and the camera's prior.
 
-In units of its deviation the error of one coordinate is a stationary chain of second order,
+In units of its deviation the error of one coordinate is a stationary process of second order,
 
     e_t ~ N((r + s) e_(t-1) - r s e_(t-2), q),   q = (1 - r^2) (1 - s^2) (1 - r s) / (1 + r s),
 
-of unit variance: what is forgotten at a rate r is itself an error that is forgotten at a rate
-s. With r = s it is the Matern 3/2 process at equal steps, smooth from frame to frame, and with
-s = 0 the chain of first order, which is rough.
+of unit variance. With s = 0 it is of first order, rough from frame to frame; with r = s it is
+the Matern 3/2 process at equal steps, smooth.
 
-Where frames are fixed, under scenelets, others are free; of those the mean depends on what is
-fixed, but all variances and weights only on how many frames ago the last two were. They
-are tabulated here, so that kernels multiply and add.
+Frames under scenelets are fixed and the others free. The mean of a free frame depends on the
+values that are fixed, its variance and weights only on how many frames ago the last two were.
+The latter are tabulated here for the kernels.
 """
 
 from __future__ import annotations
@@ -31,19 +30,24 @@ __all__ = ["CAMERA", "CameraPrior", "StaticPath", "path_tables", "remembered"]
 Array = NDArray[np.float64]
 
 
-def remembered(seconds: Array, ease: Array, fps: float) -> Array:
-    """The rates (r, s) of each coordinate, (2, 2), from one frame to the next.
+def remembered(seconds: Array, smoothing: Array, fps: float) -> Array:
+    """Decay rates of the path's errors across and along the view, from one frame to the next.
 
     Parameters
     ----------
     seconds : (2,) float
-        In which an error is forgotten: half its integrated autocorrelation.
-    ease : (2,) float
-        Seconds of them in which it changes its course: 0 for a rough one, at most half.
+        Correlation time: half the integrated autocorrelation of an error.
+    smoothing : (2,) float
+        Seconds of it over which the error is smooth: 0 for a rough one, at most half.
     fps : float
         Frames a second.
+
+    Returns
+    -------
+    (2, 2) float
+        Rates (r, s) of each coordinate; the roots of its autoregression of second order.
     """
-    slow, fast = fps * (seconds - ease), fps * ease
+    slow, fast = fps * (seconds - smoothing), fps * smoothing
     with np.errstate(divide="ignore"):
         result: Array = np.stack([np.exp(-1.0 / slow), np.exp(-1.0 / fast)], -1)
     return result
@@ -102,9 +106,6 @@ def _tables(r: float, s: float, n_frames: int) -> tuple[Array, Array]:
     draw[:, 2, 2] = np.sqrt(remains * noise / (noise + second**2 * remains))
     return mean, draw
 
-
-# ------------------------------------------------------------------------------------------------
-# The path of a person in frames that no scenelet covers, and what is known of the camera.
 
 CAMERA: Final = ("pitch", "elevation", "log_focal_scale", "log_body_scale", "roll")
 """The numbers of φ in their order: radians, metres, 1, 1, radians."""
@@ -175,6 +176,12 @@ class CameraPrior:
 
     In the order of :data:`CAMERA`. The scales multiply the clip's nominal focal length and the
     reference stature.
+
+    Parameters
+    ----------
+    mean : (5,) float
+    covariance : (5, 5) float
+        Positive definite.
     """
 
     mean: Array

@@ -38,6 +38,9 @@ __all__ = [
     "resample",
 ]
 
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
 TERMS: Final = (
     "camera", "layout", "placement", "path", "detections", "free_pose", "smoothness", "collision",
     "motion", "ground", "support",
@@ -48,78 +51,157 @@ TERMS: Final = (
     SUPPORT,
 ) = range(len(TERMS))  # fmt: skip
 
-# ------------------------------------------------------------------------------------------------
-# Everything the log-posterior of one clip needs, packed into flat arrays.
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
-
 
 class Problem(NamedTuple):
     """The data and constants of one actor's log-posterior.
 
-    T frames, 16 joints, L scenelets of N frames in all, B boxes in all. Index 0 is hidden
-    and 1 seen wherever a last axis has length 2 without being a coordinate.
+    T frames, 16 joints, L scenelets of N frames in all, B boxes in all, C categories, K stays.
+    Index 0 is hidden and 1 seen wherever a last axis has length 2 without being a coordinate.
+    Fields that are settings have their names
+    (:class:`~imapper_prob.models.settings.ModelSettings`).
+
+    Parameters
+    ----------
+    fx, fy, cx, cy : float
+        Focal lengths and principal point of the nominal camera, pixels.
+    keypoints : (T, 16, 2) float
+        Pixels.
+    used : (T, 16) bool
+        Detected joints.
+    confidences : (T, 16) float
+        Of the detector, in [0, 1].
+    confidence_density : (T, 16, 2) float
+        Densities p0(c) and p1(c) of these.
+    error_scale, error_dof : (T, 16, 2) float
+        Pixels, and degrees of freedom, of the pixel errors.
+    path_centre : (T, 2) float
+        Bearing, log depth of the pelvis without scenelets.
+    path_scale : (T, 2) float
+        Standard deviations of that.
+    path_starts : (T,) bool
+        Frames that follow upon nothing: the clip's first, and those in which the film of
+        another person begins.
+    path_stay : (T,) int
+        The stay of each frame, -1 for none, see `with_stays`.
+    stay_steps : int
+        Steps that the path's error along the view makes in a stay.
+    path_mean, path_draw : (2, T + 1, 2), (2, T + 1, 3, 3) float
+        Of bearing and log depth, see :func:`~imapper_prob.models.path_prior.path_tables`.
+    lift : (T,) float
+        Height of the pelvis above the optical axis over its depth (tangent).
+    poses : (T, 16, 3) float
+        Joints of the static path relative to the pelvis, camera axes, metres.
+    path_facing : (T, 2) float
+        Cosine and sine of where these face in the world of the mean camera; zeros without
+        data.
+    static_density : (2, T, 16, 2) float
+        p(u, c | hidden) and p(u, c | seen) at the frame's own fit, as it is and with left and
+        right flipped.
+    free_cost : (T,) float
+        Nats a free frame pays for its pose, before the frame weight.
+    joints : (N, 16, 3) float
+        Scenelet joints, local frame, metres.
+    joint_facing : (N, 2) float
+        Cosine and sine of where its person faces.
+    joint_first : (L + 1,) int
+        Where each scenelet's frames start.
+    boxes : (B, 7) float
+        Scenelet boxes, local frame, see :mod:`imapper_prob.models.geometry`.
+    box_first : (L + 1,) int
+        Where each scenelet's boxes start.
+    box_object : (B,) int
+        Which object of its scenelet a box is of.
+    box_label : (B,) int
+        Category of that object.
+    box_yaw : (B,) float
+        Orientation of that object, radians.
+    label_front : (C,) bool
+        Whether its front can be told from its back.
+    stays : (K, 3) float
+        First frame, frame after the last, and nats by which the pose speaks of being carried.
+    lowered : (L, 2) int
+        Frames of each scenelet in which its person is off their feet.
+    log_rate : (L,) float
+        Log prior odds of the scenelet at a given start.
+    camera_mean, camera_precision : (5,), (5, 5) float
+        Of the camera's prior.
+    camera_constant : float
+        Log of its normalisation, nats.
+    start_mean, start_variance : (2,) float
+        Bearing (tangent) and log depth (log m) of a person of whom nothing is known.
+    size_spread, facing_spread : float
+        See the settings.
+    frame_weight : float
+        Factor on a frame's log-likelihood at the clip's frame rate.
+    flip_begins, flip_ends : float
+        Probability a frame that a flip of sides begins, and that one ends.
+    pose_tolerance, sight_width, visibility_error, joint_step, smoothness_cost : float
+        See the settings.
+    collision_cost, motion_cost : float
+        See the settings.
+    furniture_spread : float
+        Metres that furniture may stand out of the way; ``furniture_ahead`` of the settings.
+    merge_angle, likelihood : float
+        See the settings.
+    paper_nats : (5,) float
+        Nats a unit of each term of the published energy; 0 by default.
     """
 
     fx: float
     fy: float
     cx: float
     cy: float
-    keypoints: Array  # (T, 16, 2) pixels
-    used: NDArray[np.bool_]  # (T, 16) detected joints
-    confidences: Array  # (T, 16) of the detector, in [0, 1]
-    confidence_density: Array  # (T, 16, 2) p0(c), p1(c)
-    error_scale: Array  # (T, 16, 2) pixels
-    error_dof: Array  # (T, 16, 2)
-    path_centre: Array  # (T, 2) bearing, log depth of the pelvis without scenelets
-    path_scale: Array  # (T, 2) by how much it may be off
-    path_starts: NDArray[np.bool_]  # (T,) frames that follow upon nothing: the clip's first, and
-    # those in which the film of another person begins
-    path_stay: Ints  # (T,) the stay of each frame, -1 for none, see `with_stays`
-    stay_steps: int  # that the path's error along the view makes in a stay
-    path_mean: Array  # (2, T + 1, 2) of bearing and log depth, see path_tables
-    path_draw: Array  # (2, T + 1, 3, 3)
-    lift: Array  # (T,)
-    poses: Array  # (T, 16, 3) camera axes, metres
-    path_facing: Array  # (T, 2) cosine and sine of where they face in the world of the mean
-    # camera; zeros where nobody has looked
-    static_density: Array  # (2, T, 16, 2) p(u, c | hidden), p(u, c | seen) at the frame's own
-    # fit, as it is and with left and right swapped
-    free_cost: Array  # (T,) nats a free frame pays for its pose, before the frame weight
-    joints: Array  # (N, 16, 3) scenelet joints, local frame, metres
-    joint_facing: Array  # (N, 2) cosine and sine of where its person faces
-    joint_first: Ints  # (L + 1,) where each scenelet's frames start
-    boxes: Array  # (B, 7) scenelet boxes, local frame
-    box_first: Ints  # (L + 1,)
-    box_object: Ints  # (B,) which object of its scenelet a box is of
-    box_label: Ints  # (B,) category of that object
-    box_yaw: Array  # (B,) orientation of that object, radians
-    label_front: NDArray[np.bool_]  # by category, whether its front can be told from its back
-    stays: Array  # (K, 3) first frame, frame after the last, nats; see energy.support
-    lowered: Ints  # (L, 2) frames of each scenelet in which its person is off their feet
-    log_rate: Array  # (L,) log prior odds of the scenelet at a given start
-    camera_mean: Array  # (5,)
-    camera_precision: Array  # (5, 5)
+    keypoints: Array
+    used: NDArray[np.bool_]
+    confidences: Array
+    confidence_density: Array
+    error_scale: Array
+    error_dof: Array
+    path_centre: Array
+    path_scale: Array
+    path_starts: NDArray[np.bool_]
+    path_stay: Ints
+    stay_steps: int
+    path_mean: Array
+    path_draw: Array
+    lift: Array
+    poses: Array
+    path_facing: Array
+    static_density: Array
+    free_cost: Array
+    joints: Array
+    joint_facing: Array
+    joint_first: Ints
+    boxes: Array
+    box_first: Ints
+    box_object: Ints
+    box_label: Ints
+    box_yaw: Array
+    label_front: NDArray[np.bool_]
+    stays: Array
+    lowered: Ints
+    log_rate: Array
+    camera_mean: Array
+    camera_precision: Array
     camera_constant: float
-    start_mean: Array  # (2,)
-    start_variance: Array  # (2,)
+    start_mean: Array
+    start_variance: Array
     size_spread: float
-    facing_spread: float  # radians between where a scenelet faces and where the path does
+    facing_spread: float
     frame_weight: float
-    swap_begins: float  # probability a frame
-    swap_ends: float
+    flip_begins: float
+    flip_ends: float
     pose_tolerance: float
     sight_width: float
-    surprise: float
-    joint_step: float  # metres between two frames
+    visibility_error: float
+    joint_step: float
     smoothness_cost: float
     collision_cost: float
     motion_cost: float
-    furniture_spread: float  # metres that furniture may stand out of the way
+    furniture_spread: float
     merge_angle: float
     likelihood: float
-    paper_nats: Array  # (5,) nats a unit of each term of the published energy; 0 by default
+    paper_nats: Array
 
     def __repr__(self) -> str:
         return brief(self)
@@ -141,7 +223,20 @@ class Problem(NamedTuple):
 
 
 def resample(joints: Array, *, fps: float, to_fps: float) -> Array:
-    """A motion (n, 16, 3) at another frame rate, its middle frame kept in the middle."""
+    """A motion (n, 16, 3) at another frame rate, its middle frame kept in the middle.
+
+    Parameters
+    ----------
+    joints : (n, 16, 3) float
+        Metres.
+    fps, to_fps : float
+        Frames a second, before and after.
+
+    Returns
+    -------
+    (m, 16, 3) float
+        Metres, on straight lines between the frames given.
+    """
     if fps == to_fps:
         return np.array(joints)
     n = len(joints)
@@ -168,11 +263,28 @@ def pack_problem(
 ) -> Problem:
     """Pack one actor of a clip with its static path, camera prior and a library.
 
-    ``weights`` (L,), positive, say how the prior rate is shared among the scenelets; they
-    are normalised, and equal if not given. ``starts`` (T,) bool are the frames that follow upon
-    nothing, where a clip is made of the frames of several people, one person after the
-    other: errors of the path and swaps of sides begin anew there, and no scenelet goes on. The
-    first frame is one anyway, and the only one if not given.
+    Parameters
+    ----------
+    clip : Clip
+    path : StaticPath
+        Of that actor.
+    camera : CameraPrior
+    library : Library
+    track : int
+        Which actor of the clip.
+    settings : ModelSettings, optional
+    detections : DetectionModel, optional
+    weights : (L,) float, optional
+        How the prior rate is shared among the scenelets; positive, normalised here. Equal if not
+        given.
+    starts : (T,) bool, optional
+        Frames that follow upon nothing, where a clip is made of the frames of several people, one
+        person after the other: errors of the path and flips of sides begin anew there, and no
+        scenelet goes on. The first frame always is one.
+
+    Returns
+    -------
+    Problem
 
     Raises
     ------
@@ -263,11 +375,11 @@ def pack_problem(
         size_spread=settings.size_spread,
         facing_spread=settings.facing_spread,
         frame_weight=settings.frame_weight * 10.0 / clip.fps,
-        swap_begins=min(0.5, settings.swap_rate / clip.fps),
-        swap_ends=min(0.5, 1.0 / (settings.swap_length * clip.fps)),
+        flip_begins=min(0.5, settings.side_flip_rate / clip.fps),
+        flip_ends=min(0.5, 1.0 / (settings.side_flip_length * clip.fps)),
         pose_tolerance=settings.pose_tolerance,
         sight_width=settings.sight_width,
-        surprise=settings.surprise,
+        visibility_error=settings.visibility_error,
         joint_step=settings.joint_step,
         smoothness_cost=settings.smoothness_cost,
         collision_cost=settings.collision_cost,
@@ -324,9 +436,13 @@ def _path_prior(
 ) -> tuple[Array, Array, Array]:
     """Centre (T, 2), scale (T, 2) and rates (2, 2) of the path without scenelets."""
     if settings.likelihood > 0:
-        seconds = np.array([settings.memory_bearing, settings.memory_depth])
-        ease = np.array([settings.ease_bearing, settings.ease_depth])
-        return np.array(path.estimate), np.array(path.deviation), remembered(seconds, ease, fps)
+        seconds = np.array([settings.correlation_time_bearing, settings.correlation_time_depth])
+        smoothing = np.array([settings.smoothing_time_bearing, settings.smoothing_time_depth])
+        return (
+            np.array(path.estimate),
+            np.array(path.deviation),
+            remembered(seconds, smoothing, fps),
+        )
     # Nobody has looked at the clip: somebody strays about in the middle of the room.
     size = (len(path.lift), 1)
     deviation = _start_deviation(settings)

@@ -1,7 +1,29 @@
-"""The published energy (Monszpart et al. 2019) on the states of this model, term by term.
+"""The published energy (Monszpart et al. 2019, section 5) on the states of this model.
 
-Sections follow docs/model.md (18 to 24): L_c and L_m, L_o, and the sum as a compiled
-log-posterior.
+    L = w_r L_r + w_o L_o + w_s L_s + w_c L_c + w_m L_m
+
+    L_r = sum_t sum_k c_tk |Pi q_tk - u_tk|^2                    reprojection
+    L_o = sum_t sum_k F(v(q_tk, O), c_tk)                        occlusion
+    L_s = sum_t |p_t - p_(t-1)|^2                                smoothness of the pelvis
+    L_c = -sum_(i, j) ( int_Li d-_j + int_Lj d-_i )              objects in each other
+    L_m = -sum_t min(0, max_q min_i d_i(q))                      motion through objects
+
+with joints q and pelvis p in metres and detections u of confidence c in normalised image
+coordinates (pixels from the principal point over the focal length). :func:`evaluate_paper` is the
+log-posterior that the preset ``paper`` samples from: these terms with the priors of
+:mod:`imapper_prob.models.kernels.incremental`.
+
+Four misprints are mended:
+
+* eta_t, which says whether a scenelet covers frame t, is printed with the upper limit
+  max(t, n_l) of its sum over starts, and would let it cover every frame after its start; the
+  limit is min(t, n_l).
+* L_m is printed with the signed distance itself and would reward walking far from things; it
+  takes the negative part, as L_c does.
+* L_c is printed over pairs with "b_i != b_j and theta_i != theta_j"; the text spares only pairs
+  of the same label and the same orientation.
+* v is undefined where there is no object; the distance to an empty volume is the cap
+  :data:`FARTHEST`, and so is every larger one.
 """
 
 from __future__ import annotations
@@ -23,7 +45,6 @@ from imapper_prob.models.skeleton import DETECTED, LKNE, PELV, RKNE
 
 __all__ = [
     "FARTHEST",
-    "MET",
     "PAPER_TERMS",
     "depth_of_motion",
     "evaluate_paper",
@@ -36,7 +57,7 @@ __all__ = [
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
-MET: Final = (PELV, LKNE, RKNE)
+_MET: Final = (PELV, LKNE, RKNE)
 """Joints that L_m asks for."""
 _CELLS: Final = 24
 """Along each side of a rectangle, for the integral by midpoints: good to half a percent."""
@@ -44,7 +65,21 @@ _CELLS: Final = 24
 
 @inlined
 def signed_distance(x: float, y: float, box: Array, turn: Array) -> float:
-    """From a point on the floor to a box's footprint, metres, negative inside."""
+    """From a point on the floor to a box's footprint.
+
+    Parameters
+    ----------
+    x, y : float
+        Metres.
+    box : (7,) float
+    turn : (2 or more,) float
+        Cosine and sine of its yaw.
+
+    Returns
+    -------
+    float
+        Metres, negative inside.
+    """
     dx, dy = x - box[0], y - box[1]
     u = abs(turn[0] * dx + turn[1] * dy) - box[3]
     v = abs(turn[0] * dy - turn[1] * dx) - box[4]
@@ -55,9 +90,26 @@ def signed_distance(x: float, y: float, box: Array, turn: Array) -> float:
 
 @compiled
 def depth_of_motion(joints: Array, row: int, boxes: Array, turns: Array) -> float:
-    """-min(0, max_q min_i d_i(q)) of ``joints[row]`` (3, 16), metres."""
+    """L_m of one frame: -min(0, max_q min_i d_i(q)).
+
+    Parameters
+    ----------
+    joints : (R, 3, 16) float
+        World, metres.
+    row : int
+        Which of them.
+    boxes : (K, 7) float
+        In the world.
+    turns : (K, 2 or more) float
+        Cosine and sine of their yaws.
+
+    Returns
+    -------
+    float
+        Metres.
+    """
     farthest = -math.inf
-    for j in MET:
+    for j in _MET:
         nearest = math.inf
         for k in range(len(boxes)):
             x, y = joints[row, 0, j], joints[row, 1, j]
@@ -76,6 +128,10 @@ def overlap(boxes: Array, turns: Array, one: tuple[int, int], other: tuple[int, 
         See :func:`overlaps`.
     one, other : (int, int)
         First row of an object's boxes, and the row after the last.
+
+    Returns
+    -------
+    float
     """
     total = 0.0
     for k in range(one[0], one[1]):
@@ -125,6 +181,10 @@ def overlaps(boxes: Array, turns: Array, owner: Ints, yaws: Array, same_angle: f
         Of its object, radians.
     same_angle : float
         Radians; objects turned by less than this against each other face the same way.
+
+    Returns
+    -------
+    float
     """
     firsts = np.empty(len(boxes) + 1, dtype=np.int64)
     n = 0
@@ -145,9 +205,9 @@ def overlaps(boxes: Array, turns: Array, owner: Ints, yaws: Array, same_angle: f
 
 
 # ------------------------------------------------------------------------------------------------
-# L_o of the published energy, compiled: unsure joints that nothing hides.
+# The occlusion term.
 #
-#     F(v, c) = (c - 1/2)^2 v^2   if c < 1/2 and v > 0,   else 0          (Monszpart et al. 2019)
+#     F(v, c) = (c - 1/2)^2 v^2   if c < 1/2 and v > 0,   else 0
 #
 # v is the signed distance of a joint to the occlusion volume, all that the camera does not see for
 # furniture. F asks for it outside only, where the distance to a union is the least to its parts.
@@ -168,7 +228,20 @@ actor's arm's reach, within which a scenelet has its objects (Monszpart et al. 2
 
 @compiled
 def occlusion_cost(distance: float, confidence: float) -> float:
-    """F(v, c) of a signed distance in metres and a confidence in [0, 1], square metres."""
+    """The penalty F(v, c) of an unsure joint that nothing hides.
+
+    Parameters
+    ----------
+    distance : float
+        v, to the occlusion volume, metres.
+    confidence : float
+        c, in [0, 1].
+
+    Returns
+    -------
+    float
+        Square metres.
+    """
     if confidence < 0.5 and distance > 0.0:
         return (confidence - 0.5) ** 2 * distance**2
     return 0.0
@@ -191,6 +264,10 @@ def hidden_distance(
         Cosine and sine of their yaws.
     room : (9,) float
         Scratch.
+
+    Returns
+    -------
+    float
     """
     least = FARTHEST
     for k in range(len(boxes)):
@@ -250,13 +327,10 @@ def _apart(room: Array, scale: float) -> float:
 
 
 # ------------------------------------------------------------------------------------------------
-# The published energy as a log-posterior, compiled: what the preset ``paper`` samples from.
+# The log-posterior of the preset ``paper``.
 #
 #     log pi(s) = log p(phi) + log p(X) + log p(P, G | X)
 #                 - w_r L_r - w_o L_o - w_s L_s - w_c L_c - w_m L_m
-#
-# with the priors of :mod:`imapper_prob.models.kernels.incremental`, and the terms of
-# :mod:`imapper_prob.models.settings`, which says what they are. L_r and L_s are here.
 
 PAPER_TERMS = (
     *TERMS[: PATH + 1], "reprojection", "occlusion", "smoothness", "collision", "motion"

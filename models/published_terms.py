@@ -1,4 +1,4 @@
-"""The energy of the published method on a state, term by term (see ``energy/paper.py``)."""
+"""The published energy of a state, term by term and frame by frame, for reports and figures."""
 
 from __future__ import annotations
 
@@ -60,6 +60,10 @@ def paper_energy(
         Of either preset.
     state : State
     weights : PaperWeights, optional
+
+    Returns
+    -------
+    PaperEnergy
     """
     weights = weights or PaperWeights()
     names = [f.name for f in fields(weights)]

@@ -1,7 +1,7 @@
-"""What goes in (clip) and what comes out (scene).
+"""What goes in, a clip, and what comes out, a scene: the types that everything shares.
 
-All types are frozen; arrays are validated and made read-only at the door, so whatever
-holds one of these may rely on it.
+All are frozen. Arrays are validated and made read-only when an object is made, so whatever holds
+one may rely on it.
 """
 
 from __future__ import annotations
@@ -58,7 +58,25 @@ def _word(text: object, what: str) -> str:
 
 
 def read_only(values: ArrayLike, *, shape: Sequence[int | None], name: str) -> Array:
-    """A read-only float copy of ``values`` after checking its shape (``None``: any length)."""
+    """A read-only copy of an array after checking its shape.
+
+    Parameters
+    ----------
+    values : array_like
+    shape : sequence of int or None
+        ``None`` for any length.
+    name : str
+        For messages.
+
+    Returns
+    -------
+    ndarray of float
+
+    Raises
+    ------
+    InputError
+        If the values are no numbers, or of another shape.
+    """
     try:
         array = np.array(values, dtype=np.float64)
     except (TypeError, ValueError) as error:
@@ -99,13 +117,33 @@ class Placement:
         return np.array([[c, -s], [s, c]])
 
     def apply(self, points: ArrayLike) -> Array:
-        """Local points (..., 3) to the parent frame (..., 3), metres."""
+        """Local points (..., 3) to the parent frame (..., 3), metres.
+
+        Parameters
+        ----------
+        points : (..., 3) float
+
+        Returns
+        -------
+        (..., 3) float
+        """
         points = np.asarray(points, float)
         floor = points[..., :2] @ self.rotation.T + (self.x, self.y)
         return np.concatenate([floor, points[..., 2:]], -1)
 
     def compose(self, inner: Placement) -> Placement:
-        """The placement, in this one's parent frame, of something placed at ``inner``."""
+        """What is placed here, as its parent sees it.
+
+        Parameters
+        ----------
+        inner : Placement
+            In this placement's local frame.
+
+        Returns
+        -------
+        Placement
+            In this placement's parent frame.
+        """
         x, y = self.rotation @ (inner.x, inner.y) + (self.x, self.y)
         return Placement(float(x), float(y), self.yaw + inner.yaw)
 
@@ -187,11 +225,30 @@ class SceneObject:
         return self.placement.apply(corners)[:, :2]
 
     def moved(self, placement: Placement) -> SceneObject:
-        """The object with its parent frame placed at ``placement``."""
+        """The object after its parent frame was placed in another one.
+
+        Parameters
+        ----------
+        placement : Placement
+            Of the parent frame.
+
+        Returns
+        -------
+        SceneObject
+        """
         return SceneObject(self.label, placement.compose(self.placement), self.cuboids)
 
     def scaled(self, factor: float) -> SceneObject:
-        """The object ``factor`` times as large, about the origin of its parent frame."""
+        """The object ``factor`` times as large, about the origin of its parent frame.
+
+        Parameters
+        ----------
+        factor : float
+
+        Returns
+        -------
+        SceneObject
+        """
         x, y = factor * self.placement.x, factor * self.placement.y
         cuboids = (Cuboid(c.part, factor * c.centre, factor * c.size) for c in self.cuboids)
         return SceneObject(self.label, Placement(x, y, self.placement.yaw), tuple(cuboids))
@@ -331,6 +388,14 @@ class Clip:
         A careful guess, as i3DB's, is good to .05.
     truth : Truth, optional
         For simulated clips and the laboratory. Inference never reads it.
+
+    Examples
+    --------
+    >>> clip = im.demo_clip()
+    >>> clip.name, clip.fps, [track.name for track in clip.tracks]
+    ('demo', 10.0, ['actor'])
+    >>> clip.tracks[0].keypoints.shape
+    (130, 16, 2)
     """
 
     name: str
@@ -421,12 +486,24 @@ class Clip:
 
     @property
     def n_frames(self) -> int:
-        """Number of frames T."""
+        """Number of frames T.
+
+        Examples
+        --------
+        >>> im.demo_clip().n_frames
+        130
+        """
         return len(self.frame_ids)
 
     @property
     def focal_known(self) -> bool:
-        """Whether the focal length was measured, as good as calibrations are."""
+        """Whether the focal length was measured, as good as calibrations are.
+
+        Examples
+        --------
+        >>> im.demo_clip().focal_known
+        False
+        """
         return self.focal_spread <= MEASURED_FOCAL
 
 

@@ -96,7 +96,23 @@ class Scenelet:
 
 @dataclass(frozen=True)
 class Library(Sequence[Scenelet]):
-    """All scenelets a run may use, in a fixed order."""
+    """All scenelets a run may use, in a fixed order.
+
+    Parameters
+    ----------
+    name : str
+    scenelets : tuple of Scenelet
+        At least one; no two of the same name.
+
+    Examples
+    --------
+    >>> library = im.load_library()
+    >>> few = im.Library("few", tuple(library)[::20])
+    >>> len(few) < len(library)
+    True
+    >>> few[0].joints.shape[1:]
+    (16, 3)
+    """
 
     name: str
     scenelets: tuple[Scenelet, ...]
@@ -124,7 +140,13 @@ class Library(Sequence[Scenelet]):
 
     @property
     def digest(self) -> str:
-        """SHA-256 of names, motions and objects: what a run's provenance records."""
+        """SHA-256 of names, motions and objects: what a run's provenance records.
+
+        Examples
+        --------
+        >>> len(im.load_library().digest)
+        64
+        """
         state = hashlib.sha256()
         for s in self.scenelets:
             state.update(f"{s.name}|{s.action}|{s.fps}|{s.weight}".encode())

@@ -1,4 +1,8 @@
-"""The constants of the model, each with its unit and source, and its bounds and tolerances."""
+"""Bounds of what the program takes, and the constants of the model, each with unit and source.
+
+Constants that were estimated from data are read from ``calibrated.toml``, which states source and
+spread of every one (``docs/calibration.md``); the others are chosen.
+"""
 
 from __future__ import annotations
 
@@ -23,6 +27,8 @@ __all__ = [
     "MOST_PEOPLE",
     "NEAREST",
     "NEAR_SIGHT",
+    "NOTHING_IN_SIGHT",
+    "OPAQUE",
     "QUICKEST_FILM",
     "SHORTEST_FOCAL",
     "SLOWEST_FILM",
@@ -40,6 +46,11 @@ NEAR_SIGHT: Final = 0.05
 """Metres; nearer to the camera than this, bearing and slope of a line of sight say nothing."""
 LEVEL: Final = 0.02
 """Metres two things may overlap in height before they count as being level."""
+NOTHING_IN_SIGHT: Final = 0.2
+"""Metres; cap of the clearance: a line of sight that far from every box is as free as any."""
+OPAQUE: Final = 0.1
+"""Metres; a line of sight through the middle of a box thinner than twice this counts as this
+deep in it: a table top hides as well as a chest does."""
 LOWEST_CAMERA: Final = 0.2
 """Metres above the floor: the support of the camera's elevation begins here."""
 STEEPEST_CAMERA: Final = 1.0
@@ -62,39 +73,10 @@ LONGEST_CLIP: Final = 36_000
 MOST_PEOPLE: Final = 64
 """In one clip: a crowd."""
 
-# ------------------------------------------------------------------------------------------------
-# The energy of the published method, on the states of this model.
-#
-#     L = w_r L_r + w_o L_o + w_s L_s + w_c L_c + w_m L_m         (Monszpart et al. 2019, section 5)
-#
-#     L_r = sum_t sum_k c_tk |Pi q_tk - u_tk|^2                    reprojection
-#     L_o = sum_t sum_k F(v(q_tk, O), c_tk)                        occlusion
-#     L_s = sum_t |p_t - p_(t-1)|^2                                smoothness of the pelvis
-#     L_c = -sum_(i, j) ( int_Li d-_j + int_Lj d-_i )              objects in each other
-#     L_m = -sum_t min(0, max_q min_i d_i(q))                      motion through objects
-#
-# with joints q and pelvis p in metres and detections u of confidence c in normalised image
-# coordinates (pixels from the principal point over the focal length). F and v are in
-# :mod:`imapper_prob.models.published_energy`, L_c and L_m in
-# :mod:`imapper_prob.models.published_energy`, L_r and L_s in
-# :mod:`imapper_prob.models.published_energy`.
-#
-# Misprints, mended:
-#
-# * eta_t, which says whether a scenelet covers frame t, is printed with the upper limit
-#   max(t, n_l) of its sum over starts; it is min(t, n_l). With the maximum a scenelet would
-#   cover every frame after its start.
-# * L_m is printed with the signed distance itself and would reward walking far from things; it
-#   takes the negative part, as L_c does.
-# * L_c is printed over pairs with "b_i != b_j and theta_i != theta_j"; the text spares only pairs
-#   of the same label and the same orientation.
-# * v is undefined where there is no object; the distance to an empty volume is the cap V of
-#   ``paper_occlusion``, and so is every larger one.
-
 
 @dataclass(frozen=True)
 class PaperWeights:
-    """The factors of the five terms.
+    """The factors of the five terms of :mod:`~imapper_prob.models.published_energy`.
 
     The paper prints none. These are those of the command files that the authors released with
     i3DB, for terms in normalised image coordinates and metres on clips of 10 frames a second. One
@@ -133,13 +115,6 @@ class PaperWeights:
                 raise InputError(f"weight {name} = {value} must be finite and at least 0")
 
 
-# ------------------------------------------------------------------------------------------------
-# The constants of the model, each with its unit and where it comes from.
-#
-# Those that were estimated from data are read from ``calibrated.toml``, which states the source,
-# and the spread, of every one (``docs/calibration.md``); the others are chosen.
-
-
 ANKLE: Final = 0.09
 """Metres of an ankle joint above the floor under a standing foot (lateral malleolus)."""
 
@@ -160,9 +135,9 @@ class ModelSettings:
     frame_weight : float
         Factor on every frame's log-likelihood at 10 frames a second, for joints and frames
         repeat each other's errors: one over the frames in which all of them say one thing.
-    swap_rate : float
+    side_flip_rate : float
         How often a second the detector begins to take left for right.
-    swap_length : float
+    side_flip_length : float
         Seconds that this lasts, on average.
     pose_tolerance : float
         Metres, of a body of the reference stature; standard deviation of a real joint about
@@ -170,14 +145,15 @@ class ModelSettings:
     sight_width : float
         Metres; width of the step from hidden to seen over the clearance of the ray: furniture
         is neither quite of the scenelet's shape nor quite where it says.
-    surprise : float
+    visibility_error : float
         Probability that a joint is hidden although nothing known is in its way, or seen
         although something is.
-    memory_bearing, memory_depth : float
-        Seconds in which the static path's errors across and along the view forget themselves.
-    ease_bearing, ease_depth : float
-        Seconds of these in which such an error changes its course, at most half of them: 0 for
-        errors that are rough from frame to frame, half for the smoothest.
+    correlation_time_bearing, correlation_time_depth : float
+        Seconds; half the integrated autocorrelation of the static path's errors across and along
+        the view.
+    smoothing_time_bearing, smoothing_time_depth : float
+        Seconds of these over which such an error is smooth, at most half of them: 0 for errors
+        that are rough from frame to frame, half for the smoothest.
     stay_change : float
         Seconds of a stay in which the error along the view changes as it does elsewhere; after
         them it stands still.
@@ -238,15 +214,15 @@ class ModelSettings:
     """
 
     frame_weight: float = from_data("scores.repeat_time", _share)
-    swap_rate: float = from_data("swaps.rate")
-    swap_length: float = from_data("swaps.length")
+    side_flip_rate: float = from_data("side_flips.rate")
+    side_flip_length: float = from_data("side_flips.length")
     pose_tolerance: float = from_data("pose.tolerance")
     sight_width: float = from_data("sight.width")
-    surprise: float = 0.02
-    memory_bearing: float = from_data("bias.time_across")
-    memory_depth: float = from_data("bias.time_along")
-    ease_bearing: float = from_data("bias.ease_across")
-    ease_depth: float = from_data("bias.ease_along")
+    visibility_error: float = 0.02
+    correlation_time_bearing: float = from_data("bias.correlation_time_across")
+    correlation_time_depth: float = from_data("bias.correlation_time_along")
+    smoothing_time_bearing: float = from_data("bias.smoothing_time_across")
+    smoothing_time_depth: float = from_data("bias.smoothing_time_along")
     stay_change: float = from_data("bias.stay_change")
     walk_bearing: float = from_data("walk.bearing")
     walk_log_depth: float = from_data("walk.log_depth")
@@ -272,8 +248,8 @@ class ModelSettings:
 
     def __post_init__(self) -> None:
         for name in (
-            "frame_weight", "swap_rate", "swap_length", "pose_tolerance", "sight_width",
-            "walk_bearing", "walk_log_depth", "memory_bearing", "memory_depth",
+            "frame_weight", "side_flip_rate", "side_flip_length", "pose_tolerance", "sight_width",
+            "walk_bearing", "walk_log_depth", "correlation_time_bearing", "correlation_time_depth",
             "start_bearing", "start_log_depth", "start_depth", "scenelet_rate", "size_spread",
             "facing_spread", "joint_step", "paper_nats", "furniture_aside", "furniture_ahead",
             "support_angle", "support_slope", "support_time",
@@ -281,16 +257,19 @@ class ModelSettings:
             if not getattr(self, name) > 0:
                 raise InputError(f"model setting {name} = {getattr(self, name)} must be positive")
         for name in ("bearing", "depth"):
-            ease, seconds = getattr(self, f"ease_{name}"), getattr(self, f"memory_{name}")
-            if not 0 <= ease <= seconds / 2:
+            smoothing = getattr(self, f"smoothing_time_{name}")
+            correlation = getattr(self, f"correlation_time_{name}")
+            if not 0 <= smoothing <= correlation / 2:
                 raise InputError(
-                    f"model setting ease_{name} = {ease} must be from 0 to half of "
-                    f"memory_{name} = {seconds}"
+                    f"model setting smoothing_time_{name} = {smoothing} must be from 0 to half of "
+                    f"correlation_time_{name} = {correlation}"
                 )
         if self.energy not in ("default", "paper"):
             raise InputError(f"model setting energy = {self.energy!r} must be default or paper")
-        if not 0 < self.surprise < 0.5:
-            raise InputError(f"model setting surprise = {self.surprise} must be in (0, 0.5)")
+        if not 0 < self.visibility_error < 0.5:
+            raise InputError(
+                f"model setting visibility_error = {self.visibility_error} must be in (0, 0.5)"
+            )
 
 
 @dataclass(frozen=True)
@@ -339,7 +318,18 @@ class StaticPathSettings:
     bias_across: float = from_data("bias.across")
 
     def frame_weight(self, fps: float) -> float:
-        """One over the number of frames in a correlation time."""
+        """One over the number of frames in a correlation time.
+
+        Parameters
+        ----------
+        fps : float
+            Frames a second.
+
+        Returns
+        -------
+        float
+            At most 1.
+        """
         return min(1.0, 1.0 / (self.correlation_time * fps))
 
 
@@ -404,6 +394,15 @@ class Settings:
         """The same with all that is estimated from data as it would be without one scene.
 
         The tails of the jumps of joints (``joints.jump_dof``) stay: they are part of compiled code.
+
+        Parameters
+        ----------
+        scene : str
+            Of i3DB, ``"Scene04"``.
+
+        Returns
+        -------
+        Settings
         """
         values = values_without(scene)
         return Settings(

@@ -46,6 +46,8 @@ __all__ = [
     "turned",
 ]
 
+Array = NDArray[np.float64]
+
 JOINTS: Final = (
     "RANK", "RKNE", "RHIP", "LHIP", "LKNE", "LANK", "PELV", "THRX",
     "NECK", "HEAD", "RWRI", "RELB", "RSHO", "LSHO", "LELB", "LWRI",
@@ -148,9 +150,7 @@ LENGTH_SPREADS: Final[dict[tuple[int, int], float]] = {
 """Standard deviations of the logs of these, of a person whose stature is known."""
 
 # ------------------------------------------------------------------------------------------------
-# Poses: where a body faces, and going from one pose to another without stretching bones.
-
-Array = NDArray[np.float64]
+# Poses: where a body faces, and blends between two.
 
 
 def _outward() -> tuple[tuple[int, int], ...]:
@@ -198,6 +198,10 @@ def thigh_angle(joints: ArrayLike) -> Array:
     ----------
     joints : (..., 16, 3) float
         Metres, z up.
+
+    Returns
+    -------
+    (...) float
     """
     joints = np.asarray(joints, float)
     thighs = joints[..., [RKNE, LKNE], :] - joints[..., [RHIP, LHIP], :]
@@ -207,7 +211,19 @@ def thigh_angle(joints: ArrayLike) -> Array:
 
 
 def turned(joints: ArrayLike, yaw: ArrayLike) -> Array:
-    """Joints (..., 16, 3) rotated about the z axis by ``yaw`` (...) radians."""
+    """Joints rotated about the z axis.
+
+    Parameters
+    ----------
+    joints : (..., 16, 3) float
+        Metres.
+    yaw : (...) float
+        Radians, counter-clockwise.
+
+    Returns
+    -------
+    (..., 16, 3) float
+    """
     joints, yaw = np.asarray(joints, float), np.asarray(yaw, float)[..., None]
     x, y, z = np.moveaxis(joints, -1, 0)
     c, s = np.cos(yaw), np.sin(yaw)

@@ -1,4 +1,8 @@
-"""Text that others wrote, made safe to print, and short texts of large objects."""
+"""Text that others wrote, made safe to print; and one line about large objects.
+
+A clip or a posterior holds hundreds of arrays, and the text that dataclasses make of themselves is
+all of their numbers. :func:`brief` says arrays by type and shape, and sequences by length.
+"""
 
 from __future__ import annotations
 
@@ -25,6 +29,14 @@ def readable(text: str) -> str:
     Line breaks and tabs become blanks, other control characters and halves of characters a
     replacement character. A byte that is no UTF-8 is taken for Latin-1, as old file systems
     meant it.
+
+    Parameters
+    ----------
+    text : str
+
+    Returns
+    -------
+    str
     """
     return text if text.isprintable() else "".join(map(_printable, text))
 
@@ -37,12 +49,6 @@ def _printable(character: str) -> str:
     category = unicodedata.category(character)
     return _UNKNOWN if category in ("Cc", "Cs") or character in _ORDERS else character
 
-
-# ------------------------------------------------------------------------------------------------
-# Short texts of large objects, for who types their name.
-#
-# A clip or a posterior holds hundreds of arrays, and the text that dataclasses make of themselves
-# is all of their numbers. Here arrays are said by kind and shape, and sequences by length.
 
 _SHORT: Final = 60
 """Characters up to which a value is written out."""

@@ -1,7 +1,7 @@
-"""Whether what was read from a file can be handed to compiled code, which looks at nothing.
+"""Checks of what was read from a file before compiled code sees it, which checks nothing.
 
-Indices must be inside of what they index, shapes agree, numbers be finite and of a size that
-there is. Whatever is read passes here first: the posterior of a run, and checkpoints.
+Indices are inside of what they index, shapes agree, numbers are finite and of a plausible size.
+Stored posteriors and checkpoints pass here.
 """
 
 from __future__ import annotations
@@ -57,6 +57,10 @@ _POSITIVE: Final = (
 
 def check_problem(problem: Problem) -> None:
     """Refuse a problem on which compiled code would leave its arrays.
+
+    Parameters
+    ----------
+    problem : Problem
 
     Raises
     ------
@@ -121,7 +125,12 @@ def _check_pointers(problem: Problem, lengths: Mapping[str, int]) -> None:
 
 
 def check_state(problem: Problem, state: State) -> None:
-    """Refuse a state that is none of a problem.
+    """Refuse a state that does not fit a problem.
+
+    Parameters
+    ----------
+    problem : Problem
+    state : State
 
     Raises
     ------

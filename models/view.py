@@ -26,20 +26,53 @@ Array = NDArray[np.float64]
 
 @inlined
 def seen_point(x: float, y: float) -> tuple[float, float]:
-    """Bearing (tangent) and log depth (log m) of a point on the floor, metres, compiled."""
+    """Bearing and log depth of a point on the floor, compiled.
+
+    Parameters
+    ----------
+    x, y : float
+        Metres; y > 0.
+
+    Returns
+    -------
+    bearing, log_depth : float
+        Tangent, and log metres.
+    """
     return x / y, math.log(y)
 
 
 @inlined
 def floor_point(bearing: float, log_depth: float) -> tuple[float, float]:
-    """The inverse of :func:`seen_point`, compiled."""
+    """The inverse of :func:`seen_point`, compiled.
+
+    Parameters
+    ----------
+    bearing, log_depth : float
+        Tangent, and log metres.
+
+    Returns
+    -------
+    x, y : float
+        Metres.
+    """
     y = math.exp(log_depth)
     return bearing * y, y
 
 
 @inlined
 def log_area(log_depth: float) -> float:
-    """log |d(x, y) / d(bearing, log depth)|, of square metres, compiled."""
+    """log |d(x, y) / d(bearing, log depth)|, compiled.
+
+    Parameters
+    ----------
+    log_depth : float
+        Log metres.
+
+    Returns
+    -------
+    float
+        Log square metres.
+    """
     return 2.0 * log_depth
 
 
@@ -63,7 +96,20 @@ def to_view(placements: ArrayLike, sizes: ArrayLike) -> Array:
 
 
 def to_floor(where: ArrayLike) -> tuple[Array, Array]:
-    """Placements (..., 3) and log sizes (...) of ``where`` (..., 4): the inverse of to_view."""
+    """Placements and log sizes of what the camera sees: the inverse of :func:`to_view`.
+
+    Parameters
+    ----------
+    where : (..., 4) float
+        Bearing (tangent), log depth (log m), yaw (radians), log size.
+
+    Returns
+    -------
+    placements : (..., 3) float
+        x, y (m), yaw (rad).
+    sizes : (...) float
+        Log sizes.
+    """
     bearing, log_depth, yaw, size = np.moveaxis(np.asarray(where, float), -1, 0)
     y = np.exp(log_depth)
     return np.stack([bearing * y, y, yaw], -1), size

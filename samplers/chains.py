@@ -64,7 +64,13 @@ class ChainError(RuntimeError):
 
 
 class Report(Protocol):
-    """What a task calls now and then."""
+    """What a task calls between steps.
+
+    Parameters
+    ----------
+    *args, **kwargs
+        See :meth:`__call__`.
+    """
 
     def __call__(self, progress: object = None, /) -> bool:
         """Hand on ``progress`` (picklable, under 4 kB); False asks to return early.
@@ -75,7 +81,13 @@ class Report(Protocol):
 
 
 class Task(Protocol[P_contra, X_contra, R_co]):
-    """One chain: importable by name, so that another process can find it."""
+    """One chain: importable by name, so that another process can find it.
+
+    Parameters
+    ----------
+    *args, **kwargs
+        See :meth:`__call__`.
+    """
 
     def __call__(
         self, problem: P_contra, start: X_contra, rng: np.random.Generator, report: Report, /

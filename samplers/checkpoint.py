@@ -30,7 +30,6 @@ from imapper_prob.samplers.chains import ChainError, OnProgress, Report, run_cha
 __all__ = [
     "CheckpointError",
     "Checkpointer",
-    "ResumableTask",
     "Snapshot",
     "checkpoint_of",
     "fingerprint",
@@ -72,7 +71,18 @@ class Snapshot(NamedTuple):
 
 
 def fingerprint(settings: object) -> str:
-    """A hash of JSON-like settings, by which a checkpoint knows the run it belongs to."""
+    """A hash of JSON-like settings, by which a checkpoint knows the run it belongs to.
+
+    Parameters
+    ----------
+    settings : object
+        Whatever JSON can hold.
+
+    Returns
+    -------
+    str
+        SHA-256, hexadecimal.
+    """
     text = json.dumps(settings, sort_keys=True, separators=(",", ":"))
     return hashlib.sha256(text.encode()).hexdigest()
 
@@ -101,7 +111,18 @@ def save(path: Path, snapshot: Snapshot, *, identity: str) -> None:
 
 
 def load(path: Path, *, identity: str) -> Snapshot | None:
-    """Read a checkpoint; None where there is none.
+    """Read a checkpoint.
+
+    Parameters
+    ----------
+    path : Path
+    identity : str
+        Of the run, see `save`.
+
+    Returns
+    -------
+    Snapshot or None
+        None where there is no such file.
 
     Raises
     ------
@@ -137,6 +158,14 @@ def load(path: Path, *, identity: str) -> Snapshot | None:
 def pack_rng(rng: np.random.Generator) -> dict[str, Any]:
     """A generator as JSON values: where it stands, and which children it has yet to spawn.
 
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+
+    Returns
+    -------
+    dict of str to JSON value
+
     Raises
     ------
     TypeError
@@ -157,6 +186,14 @@ def pack_rng(rng: np.random.Generator) -> dict[str, Any]:
 
 def unpack_rng(values: Mapping[str, Any]) -> np.random.Generator:
     """The generator that `pack_rng` was given, which draws on from there.
+
+    Parameters
+    ----------
+    values : mapping of str to JSON value
+
+    Returns
+    -------
+    numpy.random.Generator
 
     Raises
     ------
@@ -195,7 +232,19 @@ def pack(name: str, items: Sequence[Mapping[str, AnyArray]]) -> dict[str, AnyArr
 
 
 def unpack(name: str, arrays: Mapping[str, AnyArray]) -> list[dict[str, AnyArray]]:
-    """The items that `pack` was given under this name."""
+    """The items that `pack` was given under this name.
+
+    Parameters
+    ----------
+    name : str
+        What the arrays' names begin with.
+    arrays : mapping of str to array
+        Others among them are left out.
+
+    Returns
+    -------
+    list of dict of str to array
+    """
     fields = {}
     for key in arrays:
         if key.startswith(f"{name}/") and key.endswith("/values"):
@@ -225,24 +274,39 @@ class Checkpointer:
         self._due = time.monotonic() + every_seconds
 
     def load(self) -> Snapshot | None:
-        """The last checkpoint, see `load`."""
+        """The last checkpoint, see `load`.
+
+        Returns
+        -------
+        Snapshot or None
+        """
         return load(self.path, identity=self.identity)
 
     def save(self, snapshot: Snapshot) -> None:
-        """Write a checkpoint now: a chain does so when it ends or is asked to stop."""
+        """Write a checkpoint now: a chain does so when it ends or is asked to stop.
+
+        Parameters
+        ----------
+        snapshot : Snapshot
+        """
         save(self.path, snapshot, identity=self.identity)
         self._due = time.monotonic() + self.every_seconds
 
     def offer(self, snapshot_fn: Callable[[], Snapshot]) -> None:
-        """Write a checkpoint if one is due; only then is ``snapshot_fn`` called."""
+        """Write a checkpoint if one is due; only then is ``snapshot_fn`` called.
+
+        Parameters
+        ----------
+        snapshot_fn : callable
+            Makes the snapshot.
+        """
         if time.monotonic() >= self._due:
             self.save(snapshot_fn())
 
 
 # ------------------------------------------------------------------------------------------------
-# Chains that go on after a kill, each with a checkpoint of its own in one folder.
+# Chains that go on after a kill.
 
-pass
 P_contra = TypeVar("P_contra", contravariant=True)
 X_contra = TypeVar("X_contra", contravariant=True)
 R_co = TypeVar("R_co", covariant=True)
@@ -309,9 +373,8 @@ def run_resumable_chains(
     ----------
     task : callable
         ``task(problem, start, rng, report, keeper) -> result``, see `ResumableTask`.
-    problem, starts, seed, workers, executor, on_progress
-        See `imapper_prob.samplers.chains.run_chains`. To resume, hand in the same ones;
-        only ``workers``, ``executor`` and ``on_progress`` may differ.
+    problem, starts, seed
+        See `imapper_prob.samplers.chains.run_chains`. To resume, hand in the same ones.
     folder : Path
         Where checkpoints lie, ``chain-0.npz`` and so on; made if need be. No two runs may use
         it at the same time. All workers must see it, those on other machines too.
@@ -322,6 +385,8 @@ def run_resumable_chains(
         Least time between two checkpoints of a chain.
     restarts : int
         How often the run goes on by itself, from the checkpoints, after a worker died.
+    workers, executor, on_progress
+        See `imapper_prob.samplers.chains.run_chains`; they may differ when a run is resumed.
     anew : bool
         Delete checkpoints that are damaged or of another run, instead of refusing them.
 
@@ -376,7 +441,18 @@ def run_resumable_chains(
 
 
 def checkpoint_of(folder: Path, chain: int) -> Path:
-    """The file in which a chain leaves its checkpoint."""
+    """The file in which a chain leaves its checkpoint.
+
+    Parameters
+    ----------
+    folder : Path
+    chain : int
+        From 0.
+
+    Returns
+    -------
+    Path
+    """
     return folder / f"chain-{chain}.npz"
 
 

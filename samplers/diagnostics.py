@@ -101,6 +101,10 @@ def layout_probabilities(indicators: ArrayLike, *, rng: np.random.Generator) -> 
     rng : numpy.random.Generator
         For draws of the transition matrix.
 
+    Returns
+    -------
+    LayoutProbabilities
+
     Warns
     -----
     ShortChainWarning
@@ -158,10 +162,19 @@ def _transition_error(
 
 
 def stationary_distribution(matrices: Array) -> Array:
-    """Stationary distributions of positive transition matrices: (..., K, K) to (..., K).
+    """Stationary distributions of positive transition matrices.
 
     The elimination of Grassmann, Taksar & Heyman subtracts nothing, so that chains that
     hardly ever leave a layout lose no digits.
+
+    Parameters
+    ----------
+    matrices : (..., K, K) float
+        Rows sum to one.
+
+    Returns
+    -------
+    (..., K) float
     """
     reduced = np.array(matrices)
     n = reduced.shape[-1]
@@ -176,9 +189,18 @@ def stationary_distribution(matrices: Array) -> Array:
 
 
 def rhat(draws: ArrayLike) -> Array:
-    """Rank-normalised split R-hat: (C, N, ...) to (...).
+    """Rank-normalised split R-hat.
 
     1 where all draws are the same, infinite where each half chain has its own constant.
+
+    Parameters
+    ----------
+    draws : (C, N, ...) float
+        Of C chains.
+
+    Returns
+    -------
+    (...) float
 
     Warns
     -----
@@ -194,10 +216,19 @@ def rhat(draws: ArrayLike) -> Array:
 
 
 def rhat_nested(draws: ArrayLike) -> Array:
-    """Nested R-hat of ensembles: (E, n, W, ...) to (...).
+    """Nested R-hat of ensembles.
 
     Walkers of an ensemble know each other and are no chains; the ensembles are compared,
     each a superchain of its walkers (Margossian et al. 2024).
+
+    Parameters
+    ----------
+    draws : (E, n, W, ...) float
+        Of E ensembles of W walkers.
+
+    Returns
+    -------
+    (...) float
 
     Warns
     -----
@@ -216,7 +247,16 @@ def rhat_nested(draws: ArrayLike) -> Array:
 
 
 def ess(draws: ArrayLike) -> Array:
-    """Effective draws in the bulk: (C, N, ...) to (...); C N where all draws are the same.
+    """Effective draws in the bulk; C N where all draws are the same.
+
+    Parameters
+    ----------
+    draws : (C, N, ...) float
+        Of C chains.
+
+    Returns
+    -------
+    (...) float
 
     Warns
     -----
@@ -231,7 +271,16 @@ def ess(draws: ArrayLike) -> Array:
 
 
 def mean_error(draws: ArrayLike) -> Array:
-    """Monte-Carlo standard error of the mean: (C, N, ...) to (...).
+    """Monte-Carlo standard error of the mean.
+
+    Parameters
+    ----------
+    draws : (C, N, ...) float
+        Of C chains.
+
+    Returns
+    -------
+    (...) float
 
     Warns
     -----

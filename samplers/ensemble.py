@@ -10,6 +10,9 @@ second is reversible with respect to it, so that only ``pi`` is ever evaluated.
 References
 ----------
 Foreman-Mackey, Hogg, Lang & Goodman 2013, PASP 125, 306 (emcee).
+ter Braak 2006, Stat. Comput. 16, 239 (differential evolution).
+ter Braak & Vrugt 2008, Stat. Comput. 18, 435 (snooker).
+Cotter, Roberts, Stuart & White 2013, Stat. Sci. 28, 424 (preconditioned Crank-Nicolson).
 """
 
 from __future__ import annotations
@@ -31,14 +34,11 @@ from imapper_prob.samplers.chains import OnProgress, Report, run_chains
 __all__ = [
     "CrankNicolson",
     "DifferentialEvolution",
-    "EnsembleDraws",
     "EnsembleSettings",
-    "LogDensity",
     "Snooker",
     "run_ensembles",
 ]
 
-pass
 Array = NDArray[np.float64]
 LogDensity = Callable[[Array, Array], Array]
 
@@ -120,6 +120,11 @@ def run_ensembles(
     workers, on_progress, scratch
         See `imapper_prob.samplers.chains.run_chains`; progress is (steps done, steps).
 
+    Returns
+    -------
+    EnsembleDraws
+        Of an interrupted run as many draws as every ensemble has.
+
     Raises
     ------
     ValueError
@@ -128,8 +133,7 @@ def run_ensembles(
 
     Notes
     -----
-    An interrupted run returns as many draws as every ensemble has. All draws are kept in
-    memory, 8 E n W (D + Z) bytes, or 8 E n W D without ``keep_latent``.
+    All draws are kept in memory, 8 E n W (D + Z) bytes, or 8 E n W D without ``keep_latent``.
     """
     theta, latent = np.asarray(theta, float), np.asarray(latent, float)
     if theta.ndim != 3 or latent.ndim != 3 or theta.shape[:2] != latent.shape[:2]:
@@ -239,16 +243,7 @@ def _moves(settings: EnsembleSettings, n_theta: int, n_latent: int) -> list[tupl
 
 
 # ------------------------------------------------------------------------------------------------
-# Moves of an ensemble of walkers whose leading coordinates are `theta`, the others `z`.
-#
-# They follow emcee's protocol for moves; how to mix them is the matter of
-# `imapper_prob.samplers.ensemble`.
-#
-# References
-# ----------
-# ter Braak 2006, Stat. Comput. 16, 239 (differential evolution). ter Braak & Vrugt 2008,
-# Stat. Comput. 18, 435 (snooker). Cotter, Roberts, Stuart & White 2013, Stat. Sci. 28, 424
-# (preconditioned Crank-Nicolson).
+# Moves, by emcee's protocol. The leading coordinates are `theta`, the others `z`.
 
 
 # Relative spread of the differential-evolution factor (Nelson, Ford & Payne 2013, ApJS
@@ -326,7 +321,23 @@ class DifferentialEvolution(_ThetaMove):
         self.jump_between_modes = jump_between_modes
 
     def move(self, theta: Array, others: Array, random: Any) -> tuple[Array, Array]:
-        """See the base class; the proposal is symmetric."""
+        """Propose new places; the proposal is symmetric.
+
+        Parameters
+        ----------
+        theta : (w, D) float
+            Walkers that move.
+        others : (v, D) float
+            Walkers that are looked at.
+        random : numpy.random.RandomState
+            Of emcee.
+
+        Returns
+        -------
+        theta : (w, D) float
+        log_ratio : (w,) float
+            Zeros.
+        """
         first, second = _distinct(len(others), len(theta), 2, random)
         factor = 2.38 / np.sqrt(2 * self.n_theta) * np.ones(len(theta))
         factor[random.rand(len(theta)) < self.jump_between_modes] = 1
@@ -337,15 +348,31 @@ class DifferentialEvolution(_ThetaMove):
 class Snooker(_ThetaMove):
     """Moves along the line to another walker, by the projected difference of two more.
 
-    Written here because the one of emcee 3.1 does not leave the target invariant: it
-    divides by the root of the distance instead of the distance, and its Jacobian is too
-    small (in five dimensions the variance of a normal target comes out at 0.69).
+    The move of emcee 3.1 does not leave the target invariant: it divides by the root of the
+    distance instead of the distance, and its Jacobian is too small (in five dimensions the variance
+    of a normal target comes out at 0.69).
+
+    Parameters
+    ----------
+    n_theta : int
+        D, the number of leading coordinates.
     """
 
     name = "snooker"
 
     def move(self, theta: Array, others: Array, random: Any) -> tuple[Array, Array]:
-        """See the base class; the ratio is the Jacobian (r'/r)^(D-1) of polar coordinates."""
+        """Propose new places; the ratio is the Jacobian (r'/r)^(D-1) of polar coordinates.
+
+        Parameters
+        ----------
+        theta, others, random
+            See :meth:`DifferentialEvolution.move`.
+
+        Returns
+        -------
+        theta : (w, D) float
+        log_ratio : (w,) float
+        """
         anchor, first, second = others[_distinct(len(others), len(theta), 3, random)]
         distance = np.linalg.norm(theta - anchor, axis=1)
         direction = (theta - anchor) / distance[:, None]
@@ -374,7 +401,20 @@ class CrankNicolson(_Counted, MHMove):  # type: ignore[misc]
         self.tunings = 0
 
     def move(self, coordinates: Array, random: Any) -> tuple[Array, Array]:
-        """New coordinates and log ratios 0: the target is a density relative to N(z)."""
+        """New coordinates and log ratios 0: the target is a density relative to N(z).
+
+        Parameters
+        ----------
+        coordinates : (w, D + Z) float
+        random : numpy.random.RandomState
+            Of emcee.
+
+        Returns
+        -------
+        coordinates : (w, D + Z) float
+        log_ratio : (w,) float
+            Zeros.
+        """
         moved = coordinates.copy()
         latent = moved[:, self.n_theta :]
         latent *= np.sqrt(1 - self.step**2)
@@ -382,7 +422,14 @@ class CrankNicolson(_Counted, MHMove):  # type: ignore[misc]
         return moved, np.zeros(len(moved))
 
     def tune(self, state: Any, accepted: NDArray[np.bool_]) -> None:
-        """Lengthen the step where too much is accepted, and shorten it where too little."""
+        """Lengthen the step where too much is accepted, and shorten it where too little.
+
+        Parameters
+        ----------
+        state : emcee.State
+            Not looked at.
+        accepted : (w,) bool
+        """
         self.tunings += 1
         change = (accepted.mean() - _ACCEPTANCE_GOAL) / self.tunings**_ADAPTATION_DECAY
         self.step = min(1.0, self.step * float(np.exp(change)))

@@ -41,7 +41,17 @@ def _compiled(function: Function) -> Function:
 
 @_compiled
 def log_arrangements(size: int, count: int) -> float:
-    """log of M! / (M - k)!, the ways to place k elements in a pool of M."""
+    """log of M! / (M - k)!, the ways to place k elements in a pool of M.
+
+    Parameters
+    ----------
+    size, count : int
+        M and k.
+
+    Returns
+    -------
+    float
+    """
     return math.lgamma(size + 1.0) - math.lgamma(size - count + 1.0)
 
 
@@ -59,6 +69,10 @@ def sum_sequences(order: Ints, log_weight: Array, log_pair: Array, ending: Array
         Log factor of the second element right after the first; -inf where they overlap.
     ending : (M,) float
         Out: log of the sum over the sequences that end with each element.
+
+    Returns
+    -------
+    float
     """
     highest, terms = 0.0, np.empty(len(order) + 1)
     for i in range(len(order)):
@@ -145,7 +159,21 @@ def draw_sequence(
 
 @_compiled
 def sequence_weight(log_weight: Array, log_pair: Array, sequence: Ints, count: int) -> float:
-    """Log weight of a sequence; less what :func:`sum_sequences` returns, its log probability."""
+    """Log weight of a sequence; less what :func:`sum_sequences` returns, its log probability.
+
+    Parameters
+    ----------
+    log_weight, log_pair : (M,), (M, M) float
+        See :func:`sum_sequences`.
+    sequence : (n,) int
+        Elements in order of time.
+    count : int
+        How many of them count.
+
+    Returns
+    -------
+    float
+    """
     total = 0.0
     for k in range(count):
         total += log_weight[sequence[k]]

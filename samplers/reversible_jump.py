@@ -26,7 +26,6 @@ __all__ = [
     "AcceptanceTable",
     "ChainState",
     "Drawn",
-    "ExplainableMove",
     "Mixture",
     "Move",
     "Proposal",
@@ -66,7 +65,13 @@ class Proposal(NamedTuple, Generic[S]):
 
 
 class Move(Protocol[S]):
-    """A way to leave a state."""
+    """A way to leave a state.
+
+    Parameters
+    ----------
+    *args, **kwargs
+        A move is made as its own class says.
+    """
 
     @property
     def name(self) -> str:
@@ -77,7 +82,18 @@ class Move(Protocol[S]):
         """Name of the move that undoes this one; its own where it undoes itself."""
 
     def propose(self, rng: np.random.Generator, state: S, /) -> Proposal[S] | None:
-        """A proposal from ``state``, or None where the move is impossible."""
+        """A proposal from a state.
+
+        Parameters
+        ----------
+        rng : numpy.random.Generator
+        state : S
+
+        Returns
+        -------
+        Proposal or None
+            None where the move is impossible.
+        """
 
 
 @runtime_checkable
@@ -146,20 +162,53 @@ class Mixture(Generic[S]):
         object.__setattr__(self, "_log_choice_ratio", ratios)
 
     def choose(self, rng: np.random.Generator) -> Move[S] | Redraw[S]:
-        """A move drawn by weight."""
+        """A move drawn by weight.
+
+        Parameters
+        ----------
+        rng : numpy.random.Generator
+
+        Returns
+        -------
+        Move or Redraw
+        """
         return self.moves[bisect_right(self._cumulative, rng.random())]
 
     def reverse_of(self, move: Move[S]) -> Move[S] | Redraw[S]:
-        """The move that undoes ``move``."""
+        """The move that undoes another one.
+
+        Parameters
+        ----------
+        move : Move
+
+        Returns
+        -------
+        Move or Redraw
+        """
         return self._by_name[move.reverse]
 
     def log_choice_ratio(self, move: Move[S]) -> float:
-        """log P(reverse is chosen) - log P(move is chosen)."""
+        """log P(reverse is chosen) - log P(move is chosen).
+
+        Parameters
+        ----------
+        move : Move
+
+        Returns
+        -------
+        float
+        """
         return self._log_choice_ratio[move.name]
 
 
 class ChainState(NamedTuple, Generic[S]):
-    """Where a chain stands, and the log density there."""
+    """Where a chain stands, and the log density there.
+
+    Parameters
+    ----------
+    state : S
+    log_density : float
+    """
 
     state: S
     log_density: float
@@ -189,6 +238,16 @@ class StepInfo(NamedTuple):
 def init(log_density_fn: Callable[[S], float], state: S) -> ChainState[S]:
     """Start a chain.
 
+    Parameters
+    ----------
+    log_density_fn : callable
+        Log density of the target up to a constant.
+    state : S
+
+    Returns
+    -------
+    ChainState
+
     Raises
     ------
     FloatingPointError
@@ -210,6 +269,8 @@ def step(
 ) -> tuple[ChainState[S], StepInfo]:
     """Advance a chain by one proposal.
 
+    A move that draws anew is told the power of the likelihood, where the density has one.
+
     Parameters
     ----------
     rng : numpy.random.Generator
@@ -220,7 +281,10 @@ def step(
     check : bool
         Ask moves that can explain themselves for both directions of every proposal.
 
-    A move that draws anew is told the power of the likelihood, where the density has one.
+    Returns
+    -------
+    chain_state : ChainState
+    info : StepInfo
 
     Raises
     ------
@@ -299,7 +363,7 @@ def _check_round_trip(
 
 
 # ------------------------------------------------------------------------------------------------
-# A reversible-jump chain as a generator, so that stopping and thinning are the caller's.
+# Chains, as generators: stopping and thinning are the caller's.
 
 
 def sample(
@@ -360,18 +424,33 @@ class AcceptanceTable:
     """How often each move was proposed and accepted.
 
     Impossible moves count as proposed. Tables of several chains add up.
+
+    Parameters
+    ----------
+    proposed, accepted : Counter of str
+        By name of the move.
     """
 
     proposed: Counter[str] = field(default_factory=Counter)
     accepted: Counter[str] = field(default_factory=Counter)
 
     def record(self, info: StepInfo) -> None:
-        """Count one step."""
+        """Count one step.
+
+        Parameters
+        ----------
+        info : StepInfo
+        """
         self.proposed[info.move] += 1
         self.accepted[info.move] += info.accepted
 
     def rates(self) -> dict[str, float]:
-        """Accepted over proposed, by move in alphabetical order."""
+        """Accepted over proposed, by move in alphabetical order.
+
+        Returns
+        -------
+        dict of str to float
+        """
         return {name: self.accepted[name] / n for name, n in sorted(self.proposed.items())}
 
     def __add__(self, other: AcceptanceTable) -> AcceptanceTable:
@@ -379,14 +458,13 @@ class AcceptanceTable:
 
 
 # ------------------------------------------------------------------------------------------------
-# Part of a state drawn anew several times at once, and one of the draws kept.
+# Iterated sampling importance resampling.
 #
-# Iterated sampling importance resampling: beside what is there, n independent draws are made from
-# a density q that depends on nothing of what they would replace. Of all n + 1 one is chosen with
-# probability in proportion to pi / q. What is there counts as one more draw, with its own q; so
-# the target is left as it is for any q and n, and a poor q only wastes draws (Andrieu, Lee &
-# Vihola 2018, Bernoulli 24, 842). Where pi / q is unbounded the chain may stay long: mix q with a
-# flatter density.
+# Beside what is there, n independent draws are made from a density q that depends on nothing of
+# what they would replace. Of all n + 1 one is chosen with probability in proportion to pi / q. What
+# is there counts as one more draw, with its own q; so the target is left as it is for any q and n,
+# and a poor q only wastes draws (Andrieu, Lee & Vihola 2018, Bernoulli 24, 842). Where pi / q is
+# unbounded the chain may stay long: mix q with a flatter density.
 
 
 class Drawn(NamedTuple, Generic[S]):
@@ -420,18 +498,44 @@ class Redraw(ABC, Generic[S]):
 
     @abstractmethod
     def draw(self, rng: np.random.Generator, state: S, /, *, power: float) -> Drawn[S] | None:
-        """Draws for a state, or None where what is there is none that would be drawn.
+        """Draws for a state.
 
-        ``power`` is that of the likelihood in the target, for densities that follow it. All
-        densities are of the same coordinates. Whether there is a None may depend on what is there
-        only in that its density is zero.
+        All densities are of the same coordinates. Whether there are draws may depend on what is
+        there only in that its density is zero.
+
+        Parameters
+        ----------
+        rng : numpy.random.Generator
+        state : S
+        power : float
+            Of the likelihood in the target, for densities that follow it.
+
+        Returns
+        -------
+        Drawn or None
+            None where what is there is none that would be drawn.
         """
 
 
 def choice_probabilities(
     log_density: float, drawn: Drawn[S], log_density_fn: Callable[[S], float]
 ) -> tuple[NDArray[np.float64], list[float]]:
-    """With what probability each is kept, what is there first; and the log target of the draws.
+    """With what probability each draw is kept, and the log target of the draws.
+
+    Parameters
+    ----------
+    log_density : float
+        Of what is there.
+    drawn : Drawn
+        n draws.
+    log_density_fn : callable
+        Log density of the target up to a constant.
+
+    Returns
+    -------
+    probabilities : (n + 1,) float
+        What is there first.
+    values : list of n float
 
     Raises
     ------

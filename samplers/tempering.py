@@ -1,10 +1,24 @@
 """Parallel tempering of any kernel, and the ladder of inverse temperatures.
 
+The target is ``log prior + beta log likelihood``, from the prior (beta = 0) to the posterior
+(beta = 1). A kernel is handed an ordinary log density, that of its rung. Only swaps need the two
+parts, of which a swap's ratio keeps nothing but the likelihoods.
+
+Even and odd pairs of neighbours swap in turn. Each pair's swap leaves the joint target alone, and
+the alternation, unlike pairs drawn by chance, carries states on in the direction they came from.
+
+Where states have parts that hardly know of each other, swaps of whole states fail because of their
+sheer number: what is gained in one part is lost in another. A crossover exchanges a part only,
+between the pairs that do not swap in that round.
+
 References
 ----------
+Geyer 1991, Computing Science and Statistics 23, 156 (parallel tempering).
+Liang & Wong 2000, Statistica Sinica 10, 317 (crossover between temperatures).
 Xie, Lewis, Fan, Kuo & Chen 2011, Syst. Biol. 60, 150 (powers of the likelihood).
 Vousden, Farr & Mandel 2016, MNRAS 455, 1919 (equal swap rates by stochastic approximation).
-Syed, Bouchard-Côté, Deligiannidis & Doucet 2022, JRSS B 84, 321 (barrier, round trips).
+Syed, Bouchard-Côté, Deligiannidis & Doucet 2022, JRSS B 84, 321 (even-odd swaps, barrier, round
+trips).
 """
 
 from __future__ import annotations
@@ -20,9 +34,6 @@ import numpy as np
 from imapper_prob.samplers.reversible_jump import ChainState, StepInfo, init
 
 __all__ = [
-    "Crossover",
-    "IncrementalLogDensity",
-    "Kernel",
     "LadderSummary",
     "Parts",
     "SwapTable",
@@ -79,6 +90,10 @@ def respaced(
         Probability of a swap across each gap.
     gain : float
         Positive.
+
+    Returns
+    -------
+    tuple of K float
     """
     if len(betas) <= 2:
         return tuple(betas)
@@ -144,7 +159,16 @@ class SwapTable:
 
     @classmethod
     def empty(cls, betas: Sequence[float]) -> SwapTable:
-        """Nothing counted yet."""
+        """Nothing counted yet.
+
+        Parameters
+        ----------
+        betas : sequence of K float
+
+        Returns
+        -------
+        SwapTable
+        """
         n = len(betas)
         return cls(tuple(betas), 0, (0.0,) * (n - 1), (0,) * n, (0,) * n)
 
@@ -157,6 +181,10 @@ class SwapTable:
             Probability of a swap across each gap.
         replicas : sequence of K int
             The replica on each rung afterwards.
+
+        Returns
+        -------
+        SwapTable
         """
         last_end, crossings = list(self.last_end), list(self.crossings)
         if len(replicas) > 1:
@@ -172,7 +200,12 @@ class SwapTable:
         )
 
     def summary(self) -> LadderSummary:
-        """What to tell a person; rates are NaN before the first round."""
+        """What to tell a person; rates are NaN before the first round.
+
+        Returns
+        -------
+        LadderSummary
+        """
         return LadderSummary(
             betas=tuple(self.betas),
             swap_rates=tuple(s / self.rounds if self.rounds else float("nan") for s in self.swaps),
@@ -182,28 +215,8 @@ class SwapTable:
 
 
 # ------------------------------------------------------------------------------------------------
-# Parallel tempering of any kernel: chains at several temperatures that swap their states.
-#
-# The target is ``log prior + beta log likelihood``, from the prior (beta = 0) to the posterior
-# (beta = 1). A kernel is never told: it is handed an ordinary log density, that of its rung.
-# Only swaps need the two parts, of which a swap's ratio keeps nothing but the likelihoods.
-#
-# Even and odd pairs of neighbours swap in turn. Each pair's swap leaves the joint target alone,
-# and the alternation, unlike pairs drawn by chance, carries states on in the direction they came
-# from (Syed et al. 2022).
-#
-# Where states have parts that hardly know of each other, swaps of whole states fail because of
-# their sheer number: what is gained in one part is lost in another. A crossover exchanges a part
-# only (Liang & Wong 2000), between the pairs that do not swap in that round.
-#
-# References
-# ----------
-# Geyer 1991, Computing Science and Statistics 23, 156 (parallel tempering).
-# Liang & Wong 2000, Statistica Sinica 10, 317 (crossover between temperatures).
-# Syed, Bouchard-Côté, Deligiannidis & Doucet 2022, JRSS B 84, 321 (even-odd swaps).
-# Vousden, Farr & Mandel 2016, MNRAS 455, 1919 (adaptation towards equal swap rates).
+# Chains.
 
-pass
 S = TypeVar("S")
 S_contra = TypeVar("S_contra", contravariant=True)
 
@@ -226,7 +239,17 @@ class Parts(NamedTuple):
     log_likelihood: float
 
     def at(self, beta: float) -> float:
-        """The log density of a rung: log prior + beta log likelihood."""
+        """The log density of a rung: log prior + beta log likelihood.
+
+        Parameters
+        ----------
+        beta : float
+            Inverse temperature.
+
+        Returns
+        -------
+        float
+        """
         if self.log_prior == -math.inf or beta == 0:
             return self.log_prior
         return self.log_prior + beta * self.log_likelihood
@@ -247,7 +270,15 @@ class IncrementalLogDensity(Protocol[S_contra]):
 
 @dataclass(frozen=True)
 class Tempered(Generic[S]):
-    """The log density of one rung, for kernels that know nothing of temperatures."""
+    """The log density of one rung, for kernels that know nothing of temperatures.
+
+    Parameters
+    ----------
+    target : callable
+        ``target(state) -> Parts``.
+    beta : float
+        Inverse temperature.
+    """
 
     target: Target[S]
     beta: float
@@ -314,7 +345,7 @@ class TemperingInfo(NamedTuple, Generic[S]):
 
     Parameters
     ----------
-    position : Position
+    position : TemperingState
         Afterwards.
     steps : tuple of K tuples of StepInfo
         What happened on each rung.
@@ -332,6 +363,18 @@ class TemperingInfo(NamedTuple, Generic[S]):
 
 def start(states: Sequence[S], *, target: Target[S], betas: Sequence[float]) -> TemperingState[S]:
     """Put one state on each rung.
+
+    Parameters
+    ----------
+    states : sequence of K S
+    target : callable
+        ``target(state) -> Parts``.
+    betas : sequence of K float
+        Inverse temperatures, ascending from 0 or more to 1.
+
+    Returns
+    -------
+    TemperingState
 
     Raises
     ------
@@ -370,7 +413,7 @@ def temper(
     ----------
     rngs : sequence of K + 1 numpy.random.Generator
         One for each rung and one for the swaps, such as ``rng.spawn(K + 1)``.
-    position : Position
+    position : TemperingState
         From `start`, or where an earlier chain arrived; it is not yielded itself.
     target : callable
         ``target(state) -> Parts``.
@@ -383,12 +426,12 @@ def temper(
     crossover : Crossover, optional
         Exchanges parts of states across every second gap, before the swaps.
     track : callable, optional
-        ``track(state) -> Tracker`` that stands at ``state`` and is asked instead of ``target``
-        from then on; one a rung, which goes where its chain goes.
+        ``track(state) -> IncrementalLogDensity`` that stands at ``state`` and is asked instead of
+        ``target`` from then on; one a rung, which goes where its chain goes.
 
     Returns
     -------
-    iterator of Round
+    iterator of TemperingInfo
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Is the result good, does it need more draws, or do the chains disagree?"""
+"""The verdict on a run: good, in need of more draws, or of chains that disagree."""
 
 from __future__ import annotations
 
@@ -82,7 +82,16 @@ class Measures(NamedTuple):
 
 
 def measure(layouts: LayoutProbabilities, functionals: Mapping[str, ArrayLike]) -> Measures:
-    """How far chains agree and how much they know; parameters as of `judge`.
+    """How far chains agree and how much they know.
+
+    Parameters
+    ----------
+    layouts, functionals
+        See `judge`.
+
+    Returns
+    -------
+    Measures
 
     Warns
     -----
@@ -125,6 +134,10 @@ def judge(
         Such as the log posterior and the number of objects.
     ladders : sequence of LadderSummary
         Of chains that were tempered; they add a sentence and change no verdict.
+
+    Returns
+    -------
+    Verdict
 
     Warns
     -----
@@ -179,7 +192,17 @@ def _numbers(found: Measures) -> str:
 
 
 def rounded_up(error: float) -> float:
-    """To hundredths; NaN where it is not known."""
+    """An error rounded up to hundredths.
+
+    Parameters
+    ----------
+    error : float
+
+    Returns
+    -------
+    float
+        NaN where it is not known.
+    """
     return error if math.isnan(error) else math.ceil(100 * error) / 100
 
 

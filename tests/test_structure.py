@@ -24,6 +24,7 @@ SOURCES = sorted(
         for path in folder.rglob("*.py")
     }
 )
+LABORATORY = sorted((ROOT / "lab").rglob("*.py"))
 FLOORS = [
     {"models", "samplers"},
     {"config", "files", "layouts", "memory", "people", "plotting", "simulate"},
@@ -41,6 +42,7 @@ FLOORS = [
 ]
 """From the ground up: a floor imports itself and what is below it."""
 LONGEST_MODULE = 600
+"""Lines, without those of docstrings."""
 HEAVY = {"torch", "numba", "rerun", "matplotlib", "emcee", "xarray", "arviz_base", "trimesh"}
 LONGEST_IMPORT = 1.0
 """Seconds for `import imapper_prob` in a fresh interpreter."""
@@ -104,8 +106,7 @@ def test_models_and_samplers_know_nothing_of_each_other(ground: str) -> None:
 
 
 def test_root_folders_are_reached_through_the_package_only() -> None:
-    others = [p for folder in ("tests", "lab") for p in (ROOT / folder).rglob("*.py")]
-    for path in [*SOURCES, *others]:
+    for path in [*SOURCES, *LABORATORY, *(ROOT / "tests").rglob("*.py")]:
         direct = {n for n in imports(path) if n.split(".")[0] in ("models", "samplers")}
         assert not direct, f"{path} imports {direct}"
 
@@ -123,10 +124,48 @@ def test_links_are_relative() -> None:
         assert link.readlink() == Path("..") / name
 
 
+def length(path: Path) -> int:
+    """Lines of a module without its docstrings."""
+    text = path.read_text(encoding="utf-8")
+    documented = (ast.Module, ast.ClassDef, ast.FunctionDef)
+    docstrings = [
+        node.body[0]
+        for node in ast.walk(ast.parse(text))
+        if isinstance(node, documented) and ast.get_docstring(node, clean=False) is not None
+    ]
+    return len(text.splitlines()) - sum(
+        (d.end_lineno or d.lineno) - d.lineno + 1 for d in docstrings
+    )
+
+
 def test_modules_are_short() -> None:
-    paths = [*SOURCES, *(ROOT / "lab").rglob("*.py")]
-    lengths = {module_name(p): len(p.read_text(encoding="utf-8").splitlines()) for p in paths}
+    lengths = {module_name(path): length(path) for path in [*SOURCES, *LABORATORY]}
     assert {m: n for m, n in lengths.items() if n > LONGEST_MODULE} == {}
+
+
+@cache
+def words(path: Path) -> frozenset[str]:
+    return frozenset(re.findall(r"\w+", path.read_text(encoding="utf-8")))
+
+
+def exported(path: Path) -> tuple[str, ...]:
+    """Names in a module's ``__all__``; those of the package are made from a table."""
+    for node in ast.parse(path.read_text(encoding="utf-8")).body:
+        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "__all__":
+            return tuple(ast.literal_eval(node.value)) if isinstance(node.value, ast.List) else ()
+    return ()
+
+
+@pytest.mark.parametrize("path", [*SOURCES, *LABORATORY], ids=module_name)
+def test_a_public_name_is_used_by_another_file(path: Path) -> None:
+    users = [
+        *SOURCES,
+        *LABORATORY,
+        *(ROOT / "tests").rglob("*.py"),
+        *(ROOT / "notebooks").iterdir(),
+    ]
+    others = [words(p) for p in users if p != path and p.is_file()]
+    assert [name for name in exported(path) if not any(name in used for used in others)] == []
 
 
 def test_every_import_is_a_declared_dependency() -> None:

@@ -18,11 +18,9 @@ __all__ = [
     "add_detect_command",
     "add_track_command",
     "clip_from",
-    "clip_options",
     "clip_parser",
     "is_clip",
     "is_video",
-    "refuse_to_replace",
     "size_of",
 ]
 
@@ -137,10 +135,9 @@ def clip_from(path: Path, options: argparse.Namespace) -> Clip:
         with progress_bars() as progress:
             clip = detect(path, options=said, progress=progress)
         return clip if options.frames is None else window(clip, *options.frames)
-    from imapper_prob.clips.load import load_clip
-    from imapper_prob.lifting import lift_clip
+    from imapper_prob.api import load_clip
 
-    return load_clip(path, options=said, lift=lift_clip, frames=options.frames)
+    return load_clip(path, options=said, frames=options.frames)
 
 
 # ------------------------------------------------------------------------------------------------

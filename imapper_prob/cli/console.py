@@ -15,7 +15,6 @@ from typing import Any, Final
 from imapper_prob.models.text import readable
 
 __all__ = [
-    "Bars",
     "Stopped",
     "Terminated",
     "console",

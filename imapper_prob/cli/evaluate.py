@@ -55,7 +55,7 @@ if TYPE_CHECKING:
     from imapper_prob.evaluate.score import KnownScene
     from imapper_prob.evaluate.suite import Evaluation
 
-__all__ = ["SuiteResult", "add_evaluate_command", "run_suite"]
+__all__ = ["add_evaluate_command"]
 
 _DOTS_PER_INCH = 150
 

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from imapper_prob.sampling.blocks import Block, Limits
     from imapper_prob.uncertainty.checks import Check
 
-__all__ = ["add_run_commands", "show_energy"]
+__all__ = ["add_run_commands"]
 
 _DOTS_PER_INCH = 120
 
@@ -283,7 +283,7 @@ def _show(posterior: Posterior, folder: Path) -> None:
     out.print(scene_table(scenes))
     out.print(object_table(scenes[0], posterior.clip.truth))
     out.print(check_table(posterior.checks))
-    for sentence in sides_of(posterior.clip, posterior.sides_swapped):
+    for sentence in sides_of(posterior.clip, posterior.sides_flipped):
         out.print(sentence)
     out.print(posterior.chain_verdict)
     out.print(describe_agreement(posterior.samples.agreements))

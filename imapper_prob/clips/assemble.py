@@ -1,4 +1,8 @@
-"""From raw detections to a clip: identities, confidences, camera, and what is missing."""
+"""From raw detections to a clip: identities, confidences, camera, and what is missing.
+
+Readers give :class:`RawDetections`: all people in all frames, in the detector's own pixels and
+scores. :func:`assemble` tells the people apart, maps scores to confidences, and adds the camera.
+"""
 
 from __future__ import annotations
 
@@ -101,10 +105,10 @@ class RawDetections:
 
 
 # ------------------------------------------------------------------------------------------------
-# From a detector's own scores to the confidences that the detection tables are made for.
+# Scores to confidences.
 #
-# The tables (``docs/calibration.md``) were counted on one detector. Scores of another mean
-# something else, and are put on that scale first by a monotone map, one for each source.
+# The detection tables (``docs/calibration.md``) were counted on one detector. Scores of another
+# mean something else, and are put on that scale first by a monotone map, one for each source.
 
 Knots = tuple[tuple[float, float], ...]
 Map = Callable[[ArrayLike], Array]
@@ -185,7 +189,7 @@ def _written_out(text: str) -> Knots:
 
 
 # ------------------------------------------------------------------------------------------------
-# From sightings to a clip: who is who, confidences, camera, and what is missing.
+# Clips.
 
 _log = logging.getLogger(__name__)
 _FRAME_RATE: Final = 30.0
@@ -196,6 +200,15 @@ def assemble(sightings: RawDetections, options: ClipOptions) -> Clip:
     """A clip of all that was seen.
 
     Poses stay NaN where the files have none; a lifter comes later.
+
+    Parameters
+    ----------
+    sightings : RawDetections
+    options : ClipOptions
+
+    Returns
+    -------
+    Clip
 
     Raises
     ------

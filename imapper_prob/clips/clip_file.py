@@ -70,7 +70,7 @@ _DAMAGE: Final = (
 
 
 def write_clip(path: str | Path, clip: Clip) -> None:
-    """Write a clip beside its place and move it there, so that no half file is ever seen.
+    """Write a clip to a file, whole or not at all.
 
     Parameters
     ----------
@@ -78,6 +78,17 @@ def write_clip(path: str | Path, clip: Clip) -> None:
         Ends in ``.npz``.
     clip : Clip
         Its truth is written too where it has one.
+
+    Raises
+    ------
+    InputError
+        The name of the file does not end in ``.npz``, or it cannot be written.
+
+    Examples
+    --------
+    >>> im.write_clip("clip.npz", im.demo_clip())
+    >>> im.load_clip("clip.npz").n_frames
+    130
     """
     path = Path(path)
     if path.suffix != ".npz":
@@ -88,7 +99,16 @@ def write_clip(path: str | Path, clip: Clip) -> None:
 
 
 def pack_clip(clip: Clip) -> Arrays:
-    """A clip as the arrays of the module's description."""
+    """A clip as the arrays of the module's description.
+
+    Parameters
+    ----------
+    clip : Clip
+
+    Returns
+    -------
+    dict of str to array
+    """
     arrays: Arrays = {
         "format": np.array(FORMAT),
         "name": np.array(clip.name),
@@ -110,6 +130,14 @@ def pack_clip(clip: Clip) -> Arrays:
 def read_clip(path: str | Path) -> Clip:
     """Read a clip that :func:`write_clip`, or any tool that keeps to the format, wrote.
 
+    Parameters
+    ----------
+    path : path
+
+    Returns
+    -------
+    Clip
+
     Raises
     ------
     InputError
@@ -120,7 +148,17 @@ def read_clip(path: str | Path) -> Clip:
 
 
 def clip_of(arrays: Arrays, path: Path) -> Clip:
-    """A clip again, from the arrays of :func:`pack_clip`; ``path`` is for messages.
+    """A clip again, from the arrays of :func:`pack_clip`.
+
+    Parameters
+    ----------
+    arrays : mapping of str to array
+    path : Path
+        For messages.
+
+    Returns
+    -------
+    Clip
 
     Raises
     ------

@@ -1,4 +1,8 @@
-"""From a video to a clip: joints found by MediaPipe with the weights in its wheel."""
+"""From a video to a clip: joints found by MediaPipe with the weights in its wheel.
+
+:func:`detect` decodes the video, checks that its camera stands still, and assembles a clip;
+:func:`contact_sheet` shows what was found.
+"""
 
 from __future__ import annotations
 
@@ -23,18 +27,23 @@ from imapper_prob.models.errors import InputError
 from imapper_prob.models.scene import Clip, Track
 from imapper_prob.models.skeleton import BONES, JOINTS
 
-__all__ = ["Detector", "contact_sheet", "detect", "pose_landmarker", "usual_step"]
+__all__ = ["Detector", "contact_sheet", "detect", "usual_step"]
 
 
 class Detector(Protocol):
-    """Whatever finds somebody in an image."""
+    """Whatever finds somebody in an image.
+
+    Parameters
+    ----------
+    *args, **kwargs : Of whatever class it is.
+    """
 
     def __call__(self, frame: int, image: NDArray[np.uint8]) -> Landmarks | None:
         """The person in an (H, W, 3) RGB image, if there is one."""
 
 
 @contextmanager
-def pose_landmarker() -> Iterator[Detector]:
+def _pose_landmarker() -> Iterator[Detector]:
     """A detector that follows the person from frame to frame.
 
     Raises
@@ -72,7 +81,7 @@ def _world(found: Any) -> NDArray[np.float64] | None:
 
 
 # ------------------------------------------------------------------------------------------------
-# Frames of a video with the joints that were found in them, to look at.
+# Contact sheets.
 
 _ACROSS: Final = 3
 _DOWN: Final = 2
@@ -95,6 +104,10 @@ def contact_sheet(video: Video, clip: Clip, *, first: int, step: int) -> Image.I
         What was found in it.
     first, step : int
         Frame of the video that is the first of the clip, and from one to the next.
+
+    Returns
+    -------
+    PIL.Image.Image
     """
     wanted = np.linspace(0, clip.n_frames - 1, _ACROSS * _DOWN).astype(int)
     height = round(_WIDTH * video.height / video.width)
@@ -123,7 +136,7 @@ def _draw(picture: Image.Image, track: Track, frame: int) -> None:
 
 
 # ------------------------------------------------------------------------------------------------
-# From a video to a clip.
+# Detection.
 
 Progress = Callable[[str, float], None]
 _log = logging.getLogger(__name__)
@@ -136,7 +149,17 @@ _OUTSIDE: Final = 0.02
 
 
 def usual_step(fps: float) -> int:
-    """Every how many frames there are ten a second, or a few more."""
+    """Every how many frames there are ten a second, or a few more.
+
+    Parameters
+    ----------
+    fps : float
+        Frames a second of the video.
+
+    Returns
+    -------
+    int
+    """
     return max(1, int(fps / _RATE + 0.05))
 
 
@@ -191,7 +214,7 @@ def detect(
             f"start {start} and end {end}: the end must be after the start, in seconds"
         )
     if detector is None:
-        with pose_landmarker() as own:
+        with _pose_landmarker() as own:
             found, last, thumbnails = _look(video, own, first, after, step, progress)
     else:
         found, last, thumbnails = _look(video, detector, first, after, step, progress)

@@ -1,7 +1,7 @@
-"""Furniture in files of others: labels, boxes that were measured one by one, flat arrays.
+"""Furniture in files of others: category names, measured boxes, and flat arrays.
 
-Scenelets of several libraries meet in one posterior; a sofa of one and a couch of another
-could not share a place there.
+Labels are mapped to the program's own categories, because scenelets of several libraries meet in
+one posterior: a sofa of one and a couch of another could not share a place there.
 """
 
 from __future__ import annotations
@@ -49,6 +49,14 @@ def category(label: str) -> str | None:
     """Our word for a label; ``None`` where it is no furniture.
 
     Case, underscores and hyphens do not matter; a word that is not known stays what it is.
+
+    Parameters
+    ----------
+    label : str
+
+    Returns
+    -------
+    str or None
     """
     words = " ".join(label.lower().replace("_", " ").replace("-", " ").split())
     if words in _NO_FURNITURE:
@@ -57,14 +65,24 @@ def category(label: str) -> str | None:
 
 
 def left_out(labels: Iterable[str]) -> str:
-    """Half a sentence that counts what was left out, by label."""
+    """Half a sentence that counts what was left out, by label.
+
+    Parameters
+    ----------
+    labels : iterable of str
+
+    Returns
+    -------
+    str
+        Empty if there is none.
+    """
     counts = Counter(label or "without a label" for label in labels)
     listed = ", ".join(f"{n} {label}" for label, n in counts.most_common())
     return f"left out what is no furniture ({listed})"
 
 
 # ------------------------------------------------------------------------------------------------
-# Furniture from boxes that were measured one by one.
+# Measured boxes.
 
 Array = NDArray[np.float64]
 
@@ -101,6 +119,17 @@ def upright_object(label: str, boxes: Sequence[MeasuredBox], yaw: float) -> Scen
 
     Boxes keep their size and place. They are turned by the few degrees that part them from
     the nearest multiple of a right angle, because all boxes of an object share its axes.
+
+    Parameters
+    ----------
+    label : str
+    boxes : sequence of MeasuredBox
+    yaw : float
+        Radians.
+
+    Returns
+    -------
+    SceneObject
     """
     centres = Placement(0.0, 0.0, -yaw).apply([box.centre for box in boxes])
     sizes = []
@@ -122,7 +151,7 @@ def upright_object(label: str, boxes: Sequence[MeasuredBox], yaw: float) -> Scen
 
 
 # ------------------------------------------------------------------------------------------------
-# Furniture as flat arrays, the same in every file that holds some.
+# Flat arrays, the same in every file that holds furniture.
 #
 # ====================  =============  ========================================================
 # ``object_label``      (O,) text      category
@@ -145,7 +174,16 @@ FURNITURE_SHAPES: Final[Shapes] = {
 
 
 def pack_furniture(objects: Sequence[SceneObject]) -> Arrays:
-    """Objects as the arrays of the module's description."""
+    """Objects as the arrays of the module's description.
+
+    Parameters
+    ----------
+    objects : sequence of SceneObject
+
+    Returns
+    -------
+    dict of str to array
+    """
     cuboids = [(i, c) for i, o in enumerate(objects) for c in o.cuboids]
     places = [(o.placement.x, o.placement.y, o.placement.yaw) for o in objects]
     return {
@@ -160,6 +198,14 @@ def pack_furniture(objects: Sequence[SceneObject]) -> Arrays:
 
 def unpack_furniture(arrays: Arrays) -> list[SceneObject]:
     """Objects again, from arrays whose shapes were checked.
+
+    Parameters
+    ----------
+    arrays : mapping of str to array
+
+    Returns
+    -------
+    list of SceneObject
 
     Raises
     ------
@@ -186,7 +232,22 @@ def unpack_furniture(arrays: Arrays) -> list[SceneObject]:
 
 
 def check_owners(arrays: Arrays, key: str, owners: str) -> None:
-    """Whether the indices ``key`` point at entries of ``owners``, in ascending order."""
+    """Whether the indices ``key`` point at entries of ``owners``, in ascending order.
+
+    Parameters
+    ----------
+    arrays : mapping of str to array
+    key : str
+        Name of the indices.
+    owners : str
+        Name of what they point at.
+
+
+    Raises
+    ------
+    InputError
+        If they point elsewhere.
+    """
     index = arrays[key]
     if ((index < 0) | (index >= len(arrays[owners]))).any():
         raise InputError(f"{key} names one that does not exist")

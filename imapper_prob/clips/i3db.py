@@ -156,6 +156,11 @@ def read_i3db_truth(folder: str | Path, clip: Clip) -> Truth:
         annotated furniture stand upright, and its elevation puts the median piece on the
         floor.  Joints are NaN and ``hidden`` false on odd frames, which nobody annotated.
         Frames without an action have an empty word.
+
+    Raises
+    ------
+    InputError
+        The files are missing, damaged or contradict the clip.
     """
     truth_folder = Path(folder) / "gt"
     path = _only(truth_folder, "skel_*_GT.json")
@@ -354,6 +359,22 @@ def action_words(path: Path, n_frames: int) -> tuple[str, ...]:
     """The annotators' words for each frame, as ``"standing(from sitting)"``.
 
     The file counts frames from its own first number; it may be missing.
+
+    Parameters
+    ----------
+    path : Path
+        Of the file of actions.
+    n_frames : int
+
+    Returns
+    -------
+    tuple of str
+        A word a frame, or empty.
+
+    Raises
+    ------
+    InputError
+        The file is damaged.
     """
     if not path.exists():
         return ()

@@ -56,7 +56,9 @@ class Mark:
 
 @dataclass(frozen=True)
 class Marks:
-    """Parameters
+    """Who is who in some frames, as a user says.
+
+    Parameters
     ----------
     actors : tuple of str
         Names of all actors.
@@ -70,6 +72,14 @@ class Marks:
 
 def read_marks(path: str | Path) -> Marks:
     """Read a file of marks.
+
+    Parameters
+    ----------
+    path : path
+
+    Returns
+    -------
+    Marks
 
     Raises
     ------
@@ -110,6 +120,11 @@ def rows_of_marks(marks: Marks, frames: NDArray[np.int64], keypoints: Array) -> 
     keypoints : (N, 16, 2) float
         Pixels; NaN where missing.
 
+    Returns
+    -------
+    dict of int to int
+        Number of the actor by row.
+
     Raises
     ------
     InputError
@@ -140,7 +155,7 @@ def _away(joints: Array, at: Array) -> float:
 
 
 # ------------------------------------------------------------------------------------------------
-# A picture of who is who: where everybody went in the image, and when they were seen.
+# Pictures of tracks.
 
 _COLOURS: Final = ("#4e79a7", "#f28e2b", "#59a14f", "#e15759", "#b07aa1", "#76b7b2", "#9c755f")
 """Hues of Tableau 10, which stay apart for most colour-blind eyes."""
@@ -154,6 +169,10 @@ def track_figure(clip: Clip) -> Figure:
     Parameters
     ----------
     clip : Clip
+
+    Returns
+    -------
+    matplotlib.figure.Figure
     """
     figure = Figure(figsize=(9, 7), layout="constrained")
     image, time = figure.subplots(2, 1, height_ratios=(5, 1))

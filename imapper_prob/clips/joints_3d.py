@@ -1,4 +1,9 @@
-"""Joints in space from other programs: TRC tables, and ``.npz`` archives with a camera."""
+"""Joints in space from other programs: TRC tables, and ``.npz`` archives with a camera.
+
+Trackers that fit a body model to video, and motion capture, give joints in metres, either in the
+axes of the camera (x right, y down, z forward) or in a world whose ``rotation`` and ``translation``
+to the camera are known. Detections in the image, which the model needs, are their projections.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +28,7 @@ from imapper_prob.models.errors import InputError
 from imapper_prob.models.settings import LONGEST_CLIP
 from imapper_prob.models.skeleton import JOINTS, PELV
 
-__all__ = ["MAGIC", "TrcTable", "is_joints", "read_joints", "read_trc", "read_trc_table"]
+__all__ = ["MAGIC", "is_joints", "read_joints", "read_trc"]
 
 Array = NDArray[np.float64]
 MAGIC: Final = "PathFileType"
@@ -51,7 +56,7 @@ class TrcTable:
     fps: float
 
 
-def read_trc_table(path: Path) -> TrcTable:
+def _read_trc_table(path: Path) -> TrcTable:
     """Read the table; empty cells and 0, 0, 0 are missing markers.
 
     Raises
@@ -115,19 +120,12 @@ def _number(path: Path, line: int, text: str) -> float:
 
 
 # ------------------------------------------------------------------------------------------------
-# Joints that somebody else put into space: TRC files, and ``.npz`` with a camera.
-#
-# Trackers that fit a body model to video (and motion capture) give joints in metres, either in
-# the axes of the camera (x right, y down, z forward) or in a world whose ``rotation`` and
-# ``translation`` to the camera are known. What the model wants, detections in the image, is got
-# by projecting them.
-#
-# The ``.npz`` is a plain numpy archive:
+# Archives, and clips of either format. An ``.npz`` is a plain numpy archive:
 #
 # ======================  ==========================  ==========================================
 # ``joints``              (T, J, 3) or (A, T, J, 3)   metres; NaN or 0, 0, 0 where missing
-# ``joint_names``         (J,) text                   as in :mod:`.joint_names`; without, they are
-#                                                     the sixteen
+# ``joint_names``         (J,) text                   as in :mod:`imapper_prob.clips.keypoints`;
+#                                                     without, they are the sixteen
 # ``fps``                 () number                   frames a second
 # ``confidences``         (T, J) or (A, T, J)         in [0, 1]; optional
 # ``matrix``, ``size``    (3, 3), (2,)                intrinsics, width and height in pixels;
@@ -150,16 +148,30 @@ _OPTIONAL: Final[Shapes] = {
 
 
 def is_joints(entries: set[str]) -> bool:
-    """Whether an archive with these entries is such a file."""
+    """Whether an archive with these entries is such a file.
+
+    Parameters
+    ----------
+    entries : set of str
+
+    Returns
+    -------
+    bool
+    """
     return "joints" in entries and "format" not in entries
 
 
 def read_joints(path: Path, options: ClipOptions) -> tuple[RawDetections, ClipOptions]:
     """Read an ``.npz``.
 
+    Parameters
+    ----------
+    path : Path
+    options : ClipOptions
+
     Returns
     -------
-    Sightings
+    RawDetections
     ClipOptions
         With the file's own camera, where the user names none.
 
@@ -179,6 +191,15 @@ def read_joints(path: Path, options: ClipOptions) -> tuple[RawDetections, ClipOp
 def read_trc(path: Path, options: ClipOptions) -> RawDetections:
     """Read a TRC file; a camera file must say where the camera is.
 
+    Parameters
+    ----------
+    path : Path
+    options : ClipOptions
+
+    Returns
+    -------
+    RawDetections
+
     Raises
     ------
     InputError
@@ -186,7 +207,7 @@ def read_trc(path: Path, options: ClipOptions) -> RawDetections:
     """
     if options.camera is None:
         raise InputError(f"{path}: 3D joints without a camera; name its file with --camera")
-    table = read_trc_table(path)
+    table = _read_trc_table(path)
     try:
         joints = joints_by_name(table.positions, table.names)[None]
         return _projected(

@@ -1,4 +1,8 @@
-"""Joint names and keypoint sets of other programs, and the sixteen joints among them."""
+"""The sixteen joints among those of other programs, by name.
+
+Programs number their keypoints differently; only names are safe. :data:`KEYPOINT_SETS` has the
+names of each set in the order of its files. ``docs/inputs.md`` shows the same table.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +28,7 @@ from imapper_prob.models.skeleton import (
     THRX,
 )
 
-__all__ = ["FOUND_AS", "KEYPOINT_SETS", "joints_by_name", "not_reported", "sixteen"]
+__all__ = ["KEYPOINT_SETS", "joints_by_name", "not_reported", "sixteen"]
 
 Array = NDArray[np.float64]
 _LIMB_PARTS: Final = {
@@ -105,11 +109,7 @@ def _synonyms(joint: str) -> list[str]:
 
 
 # ------------------------------------------------------------------------------------------------
-# The joints that 2D detectors report, by name, and how the sixteen are found among them.
-#
-# Programs number their keypoints differently; only names are safe. :data:`KEYPOINT_SETS` gives
-# each set's names in the order of its files, :data:`FOUND_AS` says under which of them one of
-# the sixteen is found. ``docs/inputs.md`` shows the same table.
+# Keypoint sets of 2D detectors.
 
 _COCO_17: Final = (
     "nose", "left_eye", "right_eye", "left_ear", "right_ear", "left_shoulder", "right_shoulder",
@@ -152,7 +152,7 @@ _LIMB_JOINTS: Final = {
     "ANK": "ankle", "KNE": "knee", "HIP": "hip", "WRI": "wrist", "ELB": "elbow",
     "SHO": "shoulder",
 }  # fmt: skip
-FOUND_AS: Final[dict[int, tuple[tuple[str, ...], ...]]] = {
+_FOUND_AS: Final[dict[int, tuple[tuple[str, ...], ...]]] = {
     **{
         index: (({"R": "right", "L": "left"}[joint[0]] + "_" + _LIMB_JOINTS[joint[1:]],),)
         for index, joint in enumerate(JOINTS)
@@ -169,7 +169,7 @@ FOUND_AS: Final[dict[int, tuple[tuple[str, ...], ...]]] = {
 the point half-way between them. HEAD is the middle of the head: the crown is not it. The
 upper neck of BODY_25B lies too high for THRX, which is level with the shoulders."""
 _LIMB_ENDS: Final = frozenset(
-    ways[0][0] for index, ways in FOUND_AS.items() if index not in (PELV, THRX, HEAD)
+    ways[0][0] for index, ways in _FOUND_AS.items() if index not in (PELV, THRX, HEAD)
 )
 
 
@@ -200,7 +200,7 @@ def sixteen(points: ArrayLike, scores: ArrayLike, names: Sequence[str]) -> tuple
     found = np.full((len(points), N_JOINTS, points.shape[-1]), np.nan)
     sure = np.zeros((len(points), N_JOINTS))
     column = {name: i for i, name in enumerate(names)}
-    for joint, ways in FOUND_AS.items():
+    for joint, ways in _FOUND_AS.items():
         for way in ways:
             if not all(name in column for name in way):
                 continue
@@ -218,10 +218,20 @@ def _is_evidence(joint: int, way: tuple[str, ...]) -> bool:
 
 
 def not_reported(names: Sequence[str]) -> tuple[str, ...]:
-    """Those of the detected joints that a set of keypoints never has."""
+    """Those of the detected joints that a set of keypoints never has.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Keypoints of the set.
+
+    Returns
+    -------
+    tuple of str
+    """
     own = set(names)
     return tuple(
         JOINTS[joint]
         for joint in DETECTED
-        if not any(set(way) <= own and _is_evidence(joint, way) for way in FOUND_AS[joint])
+        if not any(set(way) <= own and _is_evidence(joint, way) for way in _FOUND_AS[joint])
     )

@@ -1,9 +1,12 @@
-"""Read a clip, whatever its format: formats are known by content, and what is read is checked."""
+"""Read a clip, whatever its format.
+
+:func:`format_of` knows a format by its content and :func:`read_whatever` calls its reader;
+:func:`read_frames` cuts out frames, :func:`require_people` refuses tracks that show nobody.
+"""
 
 from __future__ import annotations
 
 import zipfile
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
@@ -35,30 +38,38 @@ if TYPE_CHECKING:
     from rich.table import Table
 
 __all__ = [
-    "FORMATS",
-    "SHORTEST_CLIP",
     "ClipOptions",
     "clip_table",
     "format_of",
     "load_clip",
-    "never_seen",
     "read_camera",
     "read_clip",
+    "read_frames",
     "read_marks",
     "read_whatever",
+    "require_people",
     "window",
     "write_clip",
 ]
 
 
-def never_seen(track: Track) -> tuple[str, ...]:
+def _never_seen(track: Track) -> tuple[str, ...]:
     """Joints that no frame of a track has, of those that detectors report."""
     seen = track.confidences.max(0) > 0
     return tuple(JOINTS[joint] for joint in DETECTED if not seen[joint])
 
 
 def clip_table(clip: Clip) -> Table:
-    """A row a track, under a line on camera and frames."""
+    """A row a track, under a line on camera and frames.
+
+    Parameters
+    ----------
+    clip : Clip
+
+    Returns
+    -------
+    rich.table.Table
+    """
     from rich.table import Table
 
     camera = clip.camera
@@ -82,13 +93,13 @@ def clip_table(clip: Clip) -> Table:
             f"{there.sum() / max(frames.sum(), 1):.1f}",
             f"{np.mean(track.confidences[there]) if there.any() else 0:.2f}",
             str(track.has_pose.sum()),
-            ", ".join(never_seen(track)) or "none",
+            ", ".join(_never_seen(track)) or "none",
         )
     return table
 
 
 # ------------------------------------------------------------------------------------------------
-# A part of a clip.
+# Parts of clips.
 
 
 def window(clip: Clip, first: int, last: int) -> Clip:
@@ -99,6 +110,10 @@ def window(clip: Clip, first: int, last: int) -> Clip:
     clip : Clip
     first, last : int
         The clip's own numbers of frames.
+
+    Returns
+    -------
+    Clip
 
     Raises
     ------
@@ -123,9 +138,9 @@ def window(clip: Clip, first: int, last: int) -> Clip:
 
 
 # ------------------------------------------------------------------------------------------------
-# Which format it is, by content, and its reader.
+# Formats.
 
-FORMATS: Final = (
+_FORMATS: Final = (
     "i3db",
     "clip",
     "joints",
@@ -143,12 +158,21 @@ _FOLDERS: Final = ("i3db", "openpose", *ORDERS)
 
 
 def format_of(path: Path) -> str:
-    """One of :data:`FORMATS` by looking into a file or folder.
+    """Find the format of a file or folder by looking into it.
+
+    Parameters
+    ----------
+    path : Path
+
+    Returns
+    -------
+    str
+        Such as ``"i3db"`` or ``"openpose"``.
 
     Raises
     ------
     InputError
-        It is none of them.
+        It is of no known format.
     """
     if path.is_dir():
         if any(path.glob(DETECTIONS)):
@@ -194,6 +218,15 @@ def _format_of_file(path: Path) -> str | None:
 def read_whatever(path: Path, options: ClipOptions) -> Clip:
     """Read a clip of any format. Poses are NaN where the format has none.
 
+    Parameters
+    ----------
+    path : Path
+    options : ClipOptions
+
+    Returns
+    -------
+    Clip
+
     Raises
     ------
     InputError
@@ -229,8 +262,8 @@ def _chosen(path: Path, options: ClipOptions) -> str:
     form = options.format
     if form is None:
         return format_of(path)
-    if form not in FORMATS:
-        raise InputError(f"format {form!r}: known are {', '.join(FORMATS)}")
+    if form not in _FORMATS:
+        raise InputError(f"format {form!r}: known are {', '.join(_FORMATS)}")
     if path.is_dir() != (form in _FOLDERS):
         raise InputError(f"{path}: {form} is a {'folder' if form in _FOLDERS else 'file'}")
     return form
@@ -251,11 +284,11 @@ def _read(path: Path, form: str, options: ClipOptions) -> tuple[RawDetections, C
 
 
 # ------------------------------------------------------------------------------------------------
-# Reading clips: whatever the format, the same type comes out.
+# Reading.
 
 _SMALLEST: Final = 4.0
 """Pixels, height or width of a person: detectors place joints no better than that."""
-SHORTEST_CLIP: Final = 8
+_SHORTEST_CLIP: Final = 8
 """Frames; in less than a second nobody does anything that furniture explains."""
 
 
@@ -263,44 +296,84 @@ def load_clip(
     path: str | Path,
     *,
     options: ClipOptions | None = None,
-    lift: Callable[[Clip], Clip] | None = None,
     frames: tuple[int, int] | None = None,
 ) -> Clip:
-    """Read a clip, whatever its format.
+    """Read a clip that comes with poses, such as a scene of i3DB or a clip file.
+
+    :func:`imapper_prob.api.load_clip` reads others as well, and lifts their poses.
+
+    Parameters
+    ----------
+    path, options, frames
+        See :func:`read_frames`.
+
+    Returns
+    -------
+    Clip
+
+    Raises
+    ------
+    InputError
+        As :func:`read_frames` and :func:`require_people`.
+    """
+    clip = read_frames(path, options=options, frames=frames)
+    require_people(clip, path)
+    return clip
+
+
+def read_frames(
+    path: str | Path,
+    *,
+    options: ClipOptions | None = None,
+    frames: tuple[int, int] | None = None,
+) -> Clip:
+    """Read some frames of a clip, whatever its format.
 
     Parameters
     ----------
     path : path
-        A scene folder of the i3DB benchmark, an ``.npz`` of our own format
+        A scene folder of the i3DB benchmark, an ``.npz`` of the program's own format
         (:mod:`imapper_prob.clips.clip_file`), or anything else that ``docs/inputs.md`` lists.
     options : ClipOptions, optional
         What the files do not say: camera, image size, frame rate.
-    lift : callable, optional
-        Gives poses to the tracks of a clip that have none; such clips are refused without.
     frames : (int, int), optional
         First and last frame to take, by the clip's own numbers; all if not given.
 
     Returns
     -------
     Clip
-        With at least ``SHORTEST_CLIP`` frames, one of which has both a detected joint and
-        a lifted pose.
+        Poses are NaN where the format has none.
 
     Raises
     ------
     InputError
-        What is at ``path`` is no clip, or one too short or too empty to say anything.
+        What is at ``path`` is no clip, or one too short to say anything.
     """
     path = Path(path)
     clip = read_whatever(path, options or ClipOptions())
     if frames is not None:
         clip = window(clip, *frames)
-    if clip.n_frames < SHORTEST_CLIP:
+    if clip.n_frames < _SHORTEST_CLIP:
         raise InputError(
-            f"{path}: a clip of {clip.n_frames} frames; at least {SHORTEST_CLIP} are needed"
+            f"{path}: a clip of {clip.n_frames} frames; at least {_SHORTEST_CLIP} are needed"
         )
-    if lift is not None and not all(track.has_pose.any() for track in clip.tracks):
-        clip = lift(clip)
+    return clip
+
+
+def require_people(clip: Clip, path: str | Path) -> None:
+    """Refuse a clip in which some track shows no person with a pose.
+
+    Parameters
+    ----------
+    clip : Clip
+    path : path
+        That it was read from, for messages.
+
+    Raises
+    ------
+    InputError
+        A track has no frame with both a detected joint and a pose, or is a few pixels large.
+    """
     for track in clip.tracks:
         if not ((track.confidences > 0).any(1) & track.has_pose).any():
             raise InputError(
@@ -312,7 +385,6 @@ def load_clip(
                 f"{path}: track {track.name} is {_extent(track):.1f} pixels high and wide; these "
                 "are no joints of a person"
             )
-    return clip
 
 
 def _extent(track: Track) -> float:

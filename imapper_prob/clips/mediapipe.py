@@ -91,6 +91,15 @@ def sightings_of_landmarks(
         Frames a second.
     likely_focal : float, optional
         Pixels.
+
+    Returns
+    -------
+    RawDetections
+
+    Raises
+    ------
+    InputError
+        Nobody was found in any frame.
     """
     if not found:
         raise InputError(f"{name}: nobody was found in any frame")
@@ -121,7 +130,17 @@ def sightings_of_landmarks(
 
 
 def is_mediapipe(data: Any) -> bool:
-    """Whether this is such a dump's content."""
+    """Whether this is such a dump's content.
+
+    Parameters
+    ----------
+    data : object
+        Content of a JSON file.
+
+    Returns
+    -------
+    bool
+    """
     frames = data.get("frames") if isinstance(data, dict) else data
     if not isinstance(frames, list):
         return False
@@ -131,6 +150,14 @@ def is_mediapipe(data: Any) -> bool:
 
 def read_mediapipe(path: Path) -> RawDetections:
     """Read a dump.
+
+    Parameters
+    ----------
+    path : Path
+
+    Returns
+    -------
+    RawDetections
 
     Raises
     ------

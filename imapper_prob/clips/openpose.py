@@ -46,7 +46,16 @@ _TOUCHING: Final = 0.1
 
 
 def is_openpose(folder: Path) -> bool:
-    """Whether a folder holds such files; only the first one is looked at."""
+    """Whether a folder holds such files; only the first one is looked at.
+
+    Parameters
+    ----------
+    folder : Path
+
+    Returns
+    -------
+    bool
+    """
     first = min(folder.glob("*.json"), default=None)
     if first is None:
         return False
@@ -66,6 +75,10 @@ def read_openpose(folder: Path, *, order: str | None = None) -> RawDetections:
         The frame number is the last one in the name of a file, ``_keypoints`` apart.
     order : str, optional
         One of :data:`ORDERS`; found out if not given.
+
+    Returns
+    -------
+    RawDetections
 
     Raises
     ------

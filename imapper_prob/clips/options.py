@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import tomllib
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -116,6 +116,12 @@ class ClipOptions:
         Who is who in some frames. Track numbers of the files are then forgotten.
     tracker : str
         By what costs people are told apart: ``"default"``, or ``"paper"`` for the printed ones.
+
+    Examples
+    --------
+    >>> options = im.ClipOptions(size=(1920, 1080), fps=30.0)
+    >>> options.size, options.camera is None
+    ((1920, 1080), True)
     """
 
     format: str | None = None
@@ -149,12 +155,6 @@ class ClipOptions:
         if self.camera is not None and self.focal is not None:
             raise InputError("give a camera file or a focal length, not both")
 
-    @property
-    def said(self) -> tuple[str, ...]:
-        """What was said, besides the format."""
-        names = (field.name for field in fields(self) if field.name != "format")
-        return tuple(name for name in names if getattr(self, name) is not None)
-
 
 def read_camera(path: str | Path) -> CameraFile:
     """Read a camera from TOML or JSON.
@@ -162,10 +162,27 @@ def read_camera(path: str | Path) -> CameraFile:
     ``size = [width, height]`` and ``matrix`` (3 x 3) are needed; ``distortion``,
     ``rotation``, ``translation``, ``pitch_degrees``, ``roll_degrees`` and ``height`` are not.
 
+    Parameters
+    ----------
+    path : path
+        Ends in ``.toml`` for TOML; anything else is read as JSON.
+
+    Returns
+    -------
+    CameraFile
+
     Raises
     ------
     InputError
         The file is damaged, an entry is missing, unknown, or of the wrong shape.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> text = "size = [1920, 1080]; matrix = [[1500, 0, 960], [0, 1500, 540], [0, 0, 1]]"
+    >>> _ = Path("camera.toml").write_text(text.replace("; ", chr(10)))
+    >>> im.read_camera("camera.toml").size
+    (1920, 1080)
     """
     path = Path(path)
     data = _toml(path) if path.suffix == ".toml" else load_json(path)
@@ -205,6 +222,10 @@ def read_camera(path: str | Path) -> CameraFile:
 def check_matrix(matrix: Array) -> None:
     """Whether a (3, 3) array can be intrinsics in pixels.
 
+    Parameters
+    ----------
+    matrix : (3, 3) float
+
     Raises
     ------
     InputError
@@ -219,6 +240,10 @@ def check_matrix(matrix: Array) -> None:
 
 def check_rotation(rotation: Array) -> None:
     """Whether a (3, 3) array turns without stretching or mirroring.
+
+    Parameters
+    ----------
+    rotation : (3, 3) float
 
     Raises
     ------
@@ -245,6 +270,21 @@ def camera_of(
 
     Without any word on it the focal length is ``likely_focal``, or taken to be the longer side
     of the image: a field of view of 53 degrees.
+
+    Parameters
+    ----------
+    name : str
+        Of the clip, for messages.
+    options : ClipOptions
+    size : (int, int)
+        Width and height of the image in pixels.
+    likely_focal : float, optional
+        Pixels.
+
+    Returns
+    -------
+    camera : Camera
+    spread : float
     """
     file, spread = options.camera, MEASURED_FOCAL
     if file is not None:
@@ -278,10 +318,17 @@ def camera_of(
 
 
 def undistorted(pixels: ArrayLike, file: CameraFile) -> Array:
-    """Where a lens without distortion would have put pixels (..., 2).
+    """Where a lens without distortion would have put pixels.
 
-    The distortion of OpenCV has no inverse in closed form; this is its usual fixed-point
-    iteration. NaN where that does not settle, far outside of the calibrated field of view.
+    Parameters
+    ----------
+    pixels : (..., 2) float
+    file : CameraFile
+
+    Returns
+    -------
+    (..., 2) float
+        Pixels; NaN where the iteration does not settle.
     """
     pixels = np.asarray(pixels, float)
     if not file.distortion.any():

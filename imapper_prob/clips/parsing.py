@@ -1,4 +1,7 @@
-"""JSON and numpy archives of others: every fault is one sentence that names file and place."""
+"""JSON files and numpy archives of others: every fault is one sentence that names file and place.
+
+Archives are opened without pickle, and looked at before any of them is unpacked.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +20,6 @@ from imapper_prob.models.errors import InputError
 from imapper_prob.models.skeleton import JOINTS, N_JOINTS
 
 __all__ = [
-    "LARGEST_JSON",
     "LARGEST_NUMBER",
     "Arrays",
     "Shapes",
@@ -33,7 +35,7 @@ __all__ = [
 ]
 
 Array = NDArray[np.float64]
-LARGEST_JSON: Final = 128 << 20
+_LARGEST_JSON: Final = 128 << 20
 """Bytes; an hour of one person at 30 frames a second. In memory it takes twenty times that."""
 
 
@@ -42,11 +44,25 @@ LARGEST_NUMBER: Final = 1e100
 
 
 def load_lines(path: Path) -> list[str]:
-    """The lines of a text file of at most :data:`LARGEST_JSON` bytes."""
+    """The lines of a text file that is not too large.
+
+    Parameters
+    ----------
+    path : Path
+
+    Returns
+    -------
+    list of str
+
+    Raises
+    ------
+    InputError
+        The file cannot be read, is too large, or is no text.
+    """
     try:
         size = path.stat().st_size
-        if size > LARGEST_JSON:
-            raise InputError(f"{path}: {size / 2**20:.0f} MB, more than {LARGEST_JSON >> 20}")
+        if size > _LARGEST_JSON:
+            raise InputError(f"{path}: {size / 2**20:.0f} MB, more than {_LARGEST_JSON >> 20}")
         return path.read_text(encoding="utf-8").splitlines()
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror})") from error
@@ -55,12 +71,26 @@ def load_lines(path: Path) -> list[str]:
 
 
 def load_json(path: Path) -> Any:
-    """The content of a JSON file of at most :data:`LARGEST_JSON` bytes."""
+    """The content of a JSON file that is not too large.
+
+    Parameters
+    ----------
+    path : Path
+
+    Returns
+    -------
+    object
+
+    Raises
+    ------
+    InputError
+        The file cannot be read, is too large, or is no JSON.
+    """
     try:
         size = path.stat().st_size
-        if size > LARGEST_JSON:
+        if size > _LARGEST_JSON:
             raise InputError(
-                f"{path}: {size / 2**20:.0f} MB, more than {LARGEST_JSON >> 20}; cut the clip"
+                f"{path}: {size / 2**20:.0f} MB, more than {_LARGEST_JSON >> 20}; cut the clip"
             )
         return json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
@@ -76,7 +106,25 @@ def load_json(path: Path) -> Any:
 
 
 def field(path: Path, data: Any, *keys: str) -> Any:
-    """The value at ``data[keys[0]][keys[1]]…``."""
+    """The value at ``data[keys[0]][keys[1]]…``.
+
+    Parameters
+    ----------
+    path : Path
+        Of the file, for messages.
+    data : object
+        Content of a JSON file.
+    *keys : str
+
+    Returns
+    -------
+    object
+
+    Raises
+    ------
+    InputError
+        There is no such value.
+    """
     for depth, key in enumerate(keys):
         if not isinstance(data, Mapping) or key not in data:
             raise InputError(f"{path}: no entry {'.'.join(keys[: depth + 1])!r}")
@@ -89,6 +137,23 @@ def numbers(values: Any, *, shape: tuple[int, ...], place: str) -> Array:
 
     Strings that look like numbers, truth values and nulls are refused: in a file of
     coordinates they are a sign that something else is wrong too.
+
+    Parameters
+    ----------
+    values : object
+        Of a JSON file.
+    shape : tuple of int
+    place : str
+        Names the values in messages.
+
+    Returns
+    -------
+    ndarray of float
+
+    Raises
+    ------
+    InputError
+        They are no finite numbers, or of another shape.
     """
     try:
         array = np.array(values)
@@ -107,10 +172,22 @@ def numbers(values: Any, *, shape: tuple[int, ...], place: str) -> Array:
 def frames_of_joints(path: Path, data: Any) -> dict[int, Array]:
     """The ``3d`` table of an i3DB skeleton file.
 
+    Parameters
+    ----------
+    path : Path
+        Of the file, for messages.
+    data : object
+        Content of the file.
+
     Returns
     -------
     dict of int to (16, 3) float
         Joints by frame number, in the file's own axes and units, in order of frames.
+
+    Raises
+    ------
+    InputError
+        The table is none, or a frame has not all joints.
     """
     table = field(path, data, "3d")
     if not isinstance(table, Mapping) or not table:
@@ -136,7 +213,23 @@ def frames_of_joints(path: Path, data: Any) -> dict[int, Array]:
 
 
 def frame_number(path: Path, key: Any) -> int:
-    """A frame number from a JSON key such as ``"00012"``."""
+    """A frame number from a JSON key such as ``"00012"``.
+
+    Parameters
+    ----------
+    path : Path
+        Of the file, for messages.
+    key : object
+
+    Returns
+    -------
+    int
+
+    Raises
+    ------
+    InputError
+        It is no frame number.
+    """
     if not re.fullmatch(r"-?\d{1,15}", str(key)):
         raise InputError(f"{path}: {_shortened(key)} is not a frame number; expected an integer")
     return int(key)
@@ -148,7 +241,7 @@ def _shortened(values: Any, *, limit: int = 60) -> str:
 
 
 # ------------------------------------------------------------------------------------------------
-# Numpy archives that others wrote: opened without pickle, checked before use.
+# Numpy archives.
 
 Arrays = dict[str, NDArray[Any]]
 Shapes = Mapping[str, tuple[str, *tuple["str | int | None", ...]]]
@@ -166,6 +259,10 @@ def refuse_bombs(file: BinaryIO) -> None:
 
     A few kilobytes can claim to hold terabytes, as zip members or as an array's shape. No
     member is ever written to disk, whatever its name.
+
+    Parameters
+    ----------
+    file : binary file
 
     Raises
     ------
@@ -206,6 +303,10 @@ def load_archive(path: Path, *, what: str) -> Arrays:
     what : str
         What the file is, for messages: ``"library"``, ``"capture"``.
 
+    Returns
+    -------
+    dict of str to array
+
     Raises
     ------
     InputError
@@ -228,6 +329,12 @@ def load_archive(path: Path, *, what: str) -> Arrays:
 
 def check_shapes(arrays: Arrays, shapes: Shapes) -> None:
     """Whether all entries are there, of the right kind, and of sizes that agree.
+
+    Parameters
+    ----------
+    arrays : mapping of str to array
+    shapes : mapping of str to shape
+        Kind and sizes by entry, see ``Shapes``.
 
     Raises
     ------

@@ -1,9 +1,9 @@
 """Result lists of MMPose, RTMPose and AlphaPose, and pose proposals of LCR-Net++.
 
-Two forms are read. The list of COCO results, one entry a person: ``image_id`` (a number, or a
-file's name with one in it), ``keypoints`` (x, y, score for each), and where the program tracks
-people ``idx`` or ``track_id``. And MMPose's own: ``instance_info``, one entry a frame with
-``frame_id`` and ``instances``, each of ``keypoints`` (pairs) and ``keypoint_scores``.
+Of result lists two forms are read. The list of COCO results has an entry a person: ``image_id`` (a
+number, or a file's name with one in it), ``keypoints`` (x, y, score for each), and where the
+program tracks people ``idx`` or ``track_id``. MMPose's own has ``instance_info``, an entry a frame
+with ``frame_id`` and ``instances``, each of ``keypoints`` (pairs) and ``keypoint_scores``.
 """
 
 from __future__ import annotations
@@ -41,7 +41,17 @@ _BEGINS_WITH: Final = {17: "coco_17", 26: "halpe_26", 133: "coco_17", 136: "halp
 
 
 def is_result_list(data: Any) -> bool:
-    """Whether this is such a file's content."""
+    """Whether this is such a file's content.
+
+    Parameters
+    ----------
+    data : object
+        Content of a JSON file.
+
+    Returns
+    -------
+    bool
+    """
     if isinstance(data, dict):
         return "instance_info" in data
     return bool(
@@ -61,6 +71,10 @@ def read_result_list(path: Path, *, keypoint_set: str | None = None) -> RawDetec
     path : Path
     keypoint_set : str, optional
         One of :data:`SETS`; told from the number of keypoints if not given.
+
+    Returns
+    -------
+    RawDetections
 
     Raises
     ------
@@ -176,7 +190,7 @@ def _identity(entry: dict[str, Any]) -> str:
 
 
 # ------------------------------------------------------------------------------------------------
-# Pose proposals of LCR-Net++, and the confidence of its keypoints (appendix B of the paper).
+# Pose proposals of LCR-Net++, and the confidence of their joints.
 #
 # A region detector proposes many poses for one person; those that agree are grouped. Of a group
 # with per-pose score s' (Rogez, Weinzaepfel and Schmid 2018, equation 6) a joint k has
@@ -218,6 +232,17 @@ def proposal_variance(positions: ArrayLike, score: float) -> Array:
 def proposal_confidence(variances: ArrayLike, percentile: float) -> Array:
     """c_k of variances in square metres, given the 99th percentile of all their logs.
 
+    Parameters
+    ----------
+    variances : (...) float
+        Square metres.
+    percentile : float
+        The 99th of the logs of all variances.
+
+    Returns
+    -------
+    (...) float
+
     Raises
     ------
     InputError
@@ -247,7 +272,17 @@ class _Group:
 
 
 def is_proposals(data: Any) -> bool:
-    """Whether this is such a file's content."""
+    """Whether this is such a file's content.
+
+    Parameters
+    ----------
+    data : object
+        Content of a JSON file.
+
+    Returns
+    -------
+    bool
+    """
     people = data.get("people") if isinstance(data, dict) else None
     return isinstance(people, list) and any(
         isinstance(person, dict) and "proposals" in person for person in people
@@ -259,6 +294,14 @@ def read_proposals(path: Path) -> RawDetections:
 
     A group of one has no variance: nothing is known of how sure its joints are, and it is left
     out as if nobody had been detected.
+
+    Parameters
+    ----------
+    path : Path
+
+    Returns
+    -------
+    RawDetections
 
     Raises
     ------

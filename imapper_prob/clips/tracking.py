@@ -1,4 +1,15 @@
-"""Tracking: skeletons of single frames are associated with actors by flows of least cost."""
+"""Tracking: skeletons of single frames are given to actors by flows of least cost.
+
+Every actor takes one skeleton or none in each frame, every skeleton belongs to at most one actor.
+An actor is a path through time, so that the optimum is a flow of least cost and is found exactly.
+With ``c`` the mean confidence of a skeleton and ``d`` the distance of two that follow each other,
+:func:`associate` minimises
+
+    sum over skeletons (1 - c)  +  sum over successions d  +  ABSENT x frames without skeleton.
+
+A succession may leave out frames: whoever comes back is recognised by where they were. The costs
+that Monszpart et al. (2019, appendix A) print can be chosen instead.
+"""
 
 from __future__ import annotations
 
@@ -15,12 +26,9 @@ from imapper_prob.models.skeleton import DETECTED
 __all__ = [
     "ABSENT",
     "PAIRWISE",
-    "Network",
     "associate",
-    "cheapest_paths",
     "distances",
     "people_in",
-    "published_network",
     "step_cost",
 ]
 
@@ -74,7 +82,7 @@ def distances(keypoints: Array, confidences: Array, one: Ints, other: Ints) -> A
 
 
 # ------------------------------------------------------------------------------------------------
-# Several paths through one network, of least cost together.
+# Networks: several paths of least cost together.
 
 _WHOLE: Final = 1e-6
 """How far from a whole number a solver's result may be."""
@@ -104,7 +112,7 @@ class Network:
     single: int
 
 
-def cheapest_paths(network: Network, paths: int, *, passing: Mapping[int, int]) -> list[Ints]:
+def _cheapest_paths(network: Network, paths: int, *, passing: Mapping[int, int]) -> list[Ints]:
     """Paths of least cost together.
 
     Parameters
@@ -243,20 +251,18 @@ def _walks(network: Network, flow: Ints, units: int) -> list[Ints]:
 
 
 # ------------------------------------------------------------------------------------------------
-# The costs of the paper's tracker as a network (Monszpart et al. 2019, appendix A).
+# The costs of the paper's tracker (Monszpart et al. 2019, appendix A).
 #
 #     E = sum_t sum_a E_u(a, s, t) + w_pw sum_t sum_a C(a, s_0, s_1, t)
 #
 #     E_u = -mean_k c_k of the skeleton, or 1 for the dummy
 #     C   = mean_k |u_k - u'_k|^2 / diag^2 c_k c'_k, or 1 where one of the two is the dummy
 #
-# with half the diagonal of the image as unit of length and w_pw = 10^3. Misprints, mended: E_u
-# carries a minus and is subtracted again, which would prefer unsure skeletons; the quantifiers of
-# the two constraints are exchanged – each actor takes one skeleton or the dummy in every frame,
-# each skeleton at most one actor. Steps lead from a frame to the next, and to stay invisible costs
-# 1 + w_pw a frame.
+# with half the diagonal of the image as unit of length and w_pw = 10^3. Two misprints are mended:
+# E_u carries a minus and is subtracted again, which would prefer unsure skeletons; the quantifiers
+# of the two constraints are exchanged. Steps lead from a frame to the next, and to stay invisible
+# costs 1 + w_pw a frame.
 
-pass
 PAIRWISE: Final = 1e3
 """w_pw."""
 _DUMMY: Final = 1.0
@@ -288,7 +294,7 @@ def step_cost(one: Array, other: Array, c: Array, d: Array, *, half_diagonal: fl
     return cost
 
 
-def published_network(
+def _published_network(
     frames: Ints, keypoints: Array, confidences: Array, *, half_diagonal: float
 ) -> Network:
     """The network whose cheapest paths are the paper's actors; rows sorted by frame.
@@ -336,21 +342,8 @@ def published_network(
 
 
 # ------------------------------------------------------------------------------------------------
-# The paper's association of skeletons with actors, solved exactly.
-#
-# Every actor takes exactly one skeleton or nothing in each frame, every skeleton belongs to at
-# most one actor (Monszpart et al. 2019 print the two quantifiers the other way round, and
-# subtract a unary term that carries a minus already, which would prefer unsure skeletons). With
-# ``c`` the mean confidence of a skeleton and ``d`` the distance of two that follow each other,
-# actors are chosen to minimise
-#
-#     sum over skeletons (1 - c)  +  sum over successions d  +  ABSENT x frames without skeleton.
-#
-# An actor is a path through time, so this is a flow of least cost, and its optimum is found. A
-# succession may leave out frames: whoever comes back is recognised by where they were. The costs
-# that the paper prints are in :mod:`imapper_prob.clips.tracking`.
+# Association.
 
-pass
 ABSENT: Final = 1.2
 """Cost of a frame without a skeleton: a little more than the least confident one has, so that
 nobody is left out for being unsure, only for being somewhere else."""
@@ -366,7 +359,17 @@ _REGULARLY: Final = 0.25
 
 
 def people_in(frames: Ints) -> int:
-    """How many people there are: the most that are there in a quarter of the frames."""
+    """How many people there are: the most that are there in a quarter of the frames.
+
+    Parameters
+    ----------
+    frames : (N,) int
+        When each skeleton was seen.
+
+    Returns
+    -------
+    int
+    """
     _, counts = np.unique(frames, return_counts=True)
     return max(1, int(np.quantile(counts, 1 - _REGULARLY, method="lower")))
 
@@ -395,8 +398,7 @@ def associate(
     marks : mapping of int to int, optional
         Rows that are known to be of a certain actor.
     half_diagonal : float, optional
-        Of the image, pixels. If given, costs are those that the paper prints
-        (:mod:`imapper_prob.clips.tracking`).
+        Of the image, pixels. If given, costs are those that the paper prints.
 
     Returns
     -------
@@ -455,9 +457,9 @@ def _solve(
     network = (
         _network(frames, keypoints, confidences)
         if half_diagonal is None
-        else published_network(frames, keypoints, confidences, half_diagonal=half_diagonal)
+        else _published_network(frames, keypoints, confidences, half_diagonal=half_diagonal)
     )
-    return cheapest_paths(network, actors, passing=marks)
+    return _cheapest_paths(network, actors, passing=marks)
 
 
 def _network(frames: Ints, keypoints: Array, confidences: Array) -> Network:

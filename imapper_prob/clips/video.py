@@ -1,4 +1,9 @@
-"""Frames of a video, the right way up, and whether its camera stood still."""
+"""Frames of a video, the right way up, and whether its camera stood still.
+
+The model knows only a fixed camera. What moves in front of it is small or gone in other frames,
+what stands still is most of the picture: :func:`stillness` compares distant frames tile by tile, by
+phase correlation.
+"""
 
 from __future__ import annotations
 
@@ -14,8 +19,6 @@ from numpy.typing import NDArray
 from imapper_prob.models.errors import InputError
 
 __all__ = [
-    "MOST_SHIFT",
-    "Stillness",
     "Video",
     "grey_thumbnail",
     "needs",
@@ -67,6 +70,11 @@ class Video:
         start, end : int
             First frame, and the one after the last.
         step : int
+
+        Yields
+        ------
+        number : int
+        image : (height, width, 3) uint8
         """
         for number, frame in enumerate(_decoded(self.path)):
             if end is not None and number >= end:
@@ -76,12 +84,30 @@ class Video:
 
 
 def upright(image: Image, degrees: float) -> Image:
-    """An image turned counter-clockwise by what the file says, to the nearest right angle."""
+    """An image turned counter-clockwise by what the file says, to the nearest right angle.
+
+    Parameters
+    ----------
+    image : (H, W, 3) uint8
+    degrees : float
+
+    Returns
+    -------
+    (H, W, 3) or (W, H, 3) uint8
+    """
     return np.ascontiguousarray(np.rot90(image, k=round(degrees / 90) % 4))
 
 
 def open_video(path: str | Path) -> Video:
     """Look at a video without decoding more than its first frame.
+
+    Parameters
+    ----------
+    path : path
+
+    Returns
+    -------
+    Video
 
     Raises
     ------
@@ -121,6 +147,15 @@ def _likely_focal(metadata: dict[str, str], diagonal: float) -> float | None:
 def needs(name: str) -> Any:
     """A module of the extra ``video``.
 
+    Parameters
+    ----------
+    name : str
+        Of the module.
+
+    Returns
+    -------
+    module
+
     Raises
     ------
     InputError
@@ -155,14 +190,10 @@ def _decoded(path: Path) -> Iterator[Any]:
 
 
 # ------------------------------------------------------------------------------------------------
-# Whether the camera stood still: distant frames must show the same room in the same place.
-#
-# Nothing but a fixed camera is understood by the model. What moves in front of it is small or is
-# gone in other frames; what stands still is most of the picture. So each of a few distant frames
-# is compared with another, tile by tile, by phase correlation.
+# Stillness.
 
 Array = NDArray[np.float64]
-MOST_SHIFT: Final = 0.015
+_MOST_SHIFT: Final = 0.015
 """Share of the image's width that the room may shift: a tripod that was touched, not a pan.
 At a field of view of 53 degrees it is 0.9 degrees."""
 _WIDTH: Final = 256
@@ -202,11 +233,20 @@ class Stillness:
     @property
     def moving(self) -> bool:
         """Whether the camera moved."""
-        return self.shift > MOST_SHIFT
+        return self.shift > _MOST_SHIFT
 
 
 def grey_thumbnail(image: NDArray[np.uint8]) -> Array:
-    """(h, 256) grey image of an (H, W, 3) one, by averaging."""
+    """A small grey image, by averaging.
+
+    Parameters
+    ----------
+    image : (H, W, 3) uint8
+
+    Returns
+    -------
+    (h, 256) float
+    """
     factor = max(1, image.shape[1] // _WIDTH)
     grey = image.astype(np.float64).mean(-1)
     height, width = (n // factor * factor for n in grey.shape)
@@ -223,6 +263,10 @@ def stillness(thumbnails: list[Array]) -> Stillness:
     thumbnails : list of (h, w) float
         Of frames spread over the clip, all of one size. Fewer than two say nothing, and
         count as still.
+
+    Returns
+    -------
+    Stillness
     """
     n = len(thumbnails)
     pairs = {(i, j) for i in range(n) for j in (i + n // 3, i + 2 * n // 3) if i < j < n}

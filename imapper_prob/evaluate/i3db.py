@@ -1,7 +1,7 @@
 """Truth and the authors' own result of an i3DB scene, as the benchmark's files have them.
 
-Not by way of upright furniture: the boxes of the files lean by up to six degrees, and so do the
-published scores.
+The files' boxes lean by up to six degrees, and so do the published scores: nothing here makes them
+upright.
 """
 
 from __future__ import annotations
@@ -51,6 +51,17 @@ class _Part:
 def read_truth_in_view(folder: str | Path, clip: Clip | None = None) -> TruthInView:
     """The truth of one scene, with the joints in the image that the annotators corrected.
 
+    Parameters
+    ----------
+    folder : path
+        Of the scene.
+    clip : Clip, optional
+        What was read of the folder.
+
+    Returns
+    -------
+    TruthInView
+
     Raises
     ------
     InputError
@@ -88,6 +99,17 @@ def read_authors(folder: str | Path, clip: Clip | None = None) -> Prediction:
     dropped, and each seat, top or shelf takes the backs and legs of its label that are nearest
     to it. The second axis of a seat points to its back, as in the truth.
 
+    Parameters
+    ----------
+    folder : path
+        Of the scene.
+    clip : Clip, optional
+        What was read of the folder.
+
+    Returns
+    -------
+    Prediction
+
     Raises
     ------
     InputError
@@ -106,7 +128,19 @@ def read_authors(folder: str | Path, clip: Clip | None = None) -> Prediction:
 
 
 def read_input_path(folder: str | Path, clip: Clip | None = None) -> Prediction:
-    """The lifted skeletons where the authors' input has them in space; no furniture."""
+    """The lifted skeletons where the authors' input has them in space; no furniture.
+
+    Parameters
+    ----------
+    folder : path
+        Of the scene.
+    clip : Clip, optional
+        What was read of the folder.
+
+    Returns
+    -------
+    Prediction
+    """
     folder = Path(folder)
     clip = clip or read_i3db(folder)
     joints = _path(folder / f"skel_{clip.tracks[0].name}_unannot.json", clip)

@@ -14,11 +14,11 @@ from shapely import MultiPoint, Polygon, unary_union
 from imapper_prob.evaluate.truth import Outline, TruthInView
 from imapper_prob.models.skeleton import PELV
 
-__all__ = ["FOUND", "ObjectScore", "Pair", "object_scores", "pair_up", "yaw_error"]
+__all__ = ["ObjectScore", "Pair", "object_scores", "pair_up", "yaw_error"]
 
 Array = NDArray[np.float64]
 
-FOUND: Final = 1.0
+_FOUND: Final = 1.0
 """Metres within which a true object counts as found (the paper's)."""
 
 _WALKED: Final = 0.5
@@ -56,7 +56,7 @@ class Pair:
     @property
     def near(self) -> bool:
         """Whether this counts as found."""
-        return self.distance < FOUND
+        return self.distance < _FOUND
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,10 +99,10 @@ class ObjectScore:
     def losses(self) -> Array:
         """(true,) metres to the partner, cut off at a metre, which a miss costs as well: misses
         and bad places on one scale. In the order of the truth."""
-        losses = np.full(self.true, FOUND)
+        losses = np.full(self.true, _FOUND)
         where = {id(o): k for k, o in enumerate(self.truths)}
         for pair in self.pairs:
-            losses[where[id(pair.truth)]] = min(pair.distance, FOUND)
+            losses[where[id(pair.truth)]] = min(pair.distance, _FOUND)
         return losses
 
     @property
@@ -136,7 +136,19 @@ class ObjectScore:
 def object_scores(
     objects: Sequence[Outline], truth: TruthInView, rng: np.random.Generator
 ) -> ObjectScore:
-    """Scores of claimed furniture; ``rng`` is for the chance level alone."""
+    """Scores of claimed furniture.
+
+    Parameters
+    ----------
+    objects : sequence of Outline
+    truth : TruthInView
+    rng : numpy.random.Generator
+        For the chance level alone.
+
+    Returns
+    -------
+    ObjectScore
+    """
     true = truth.used_objects
     one = unary_union([o.hull for o in true])
     other = unary_union([o.hull for o in objects])
@@ -151,7 +163,16 @@ def object_scores(
 
 
 def pair_up(true: Sequence[Outline], found: Sequence[Outline]) -> tuple[Pair, ...]:
-    """Partners within groups of labels such that the sum of distances is least."""
+    """Partners within groups of labels such that the sum of distances is least.
+
+    Parameters
+    ----------
+    true, found : sequence of Outline
+
+    Returns
+    -------
+    tuple of Pair
+    """
     if not true or not found:
         return ()
     distance = _distances([o.centre for o in true], [o.centre for o in found])
@@ -165,7 +186,16 @@ def pair_up(true: Sequence[Outline], found: Sequence[Outline]) -> tuple[Pair, ..
 
 
 def yaw_error(true: Outline, found: Outline) -> float:
-    """Degrees between two fronts; of tables, shelves and stools between their axes."""
+    """Degrees between two fronts; of tables, shelves and stools between their axes.
+
+    Parameters
+    ----------
+    true, found : Outline
+
+    Returns
+    -------
+    float
+    """
     angle = abs((np.degrees(found.yaw - true.yaw) + 180) % 360 - 180)
     return float(angle if true.has_front and found.has_front else min(angle, 180 - angle))
 
@@ -196,7 +226,7 @@ def _chance(objects: Sequence[Outline], truth: TruthInView, rng: np.random.Gener
     for thrown in places:
         cost = np.where(other, _APART, _distances(centres, list(thrown)))
         rows, columns = linear_sum_assignment(cost)
-        hits += int((cost[rows, columns] < FOUND).sum())
+        hits += int((cost[rows, columns] < _FOUND).sum())
     return hits / (_THROWS * len(true))
 
 

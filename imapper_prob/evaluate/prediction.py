@@ -1,4 +1,8 @@
-"""Results of any method as predictions: from draws, solutions and files."""
+"""Predictions: what a method claims of a clip, in the axes of the camera.
+
+They are made from draws and solutions, and read from files of other methods and from folders of
+``imapper-prob solve``, so that the same code scores all.
+"""
 
 from __future__ import annotations
 
@@ -28,7 +32,6 @@ from imapper_prob.uncertainty.stored import Source
 
 __all__ = [
     "PREDICTION_FORMAT",
-    "PREDICTION_VERSION",
     "SOLVER",
     "Prediction",
     "between_frames",
@@ -93,7 +96,18 @@ def between_frames(joints: ArrayLike) -> Array:
 
 
 def prediction_of_scene(scene: Scene, *, name: str) -> Prediction:
-    """A scene turned by its own camera, which may be tilted otherwise than the true one."""
+    """A scene turned by its own camera, which may be tilted otherwise than the true one.
+
+    Parameters
+    ----------
+    scene : Scene
+    name : str
+        Of the method.
+
+    Returns
+    -------
+    Prediction
+    """
     return Prediction(
         name=name,
         joints=scene.camera.to_camera(scene.joints),
@@ -103,7 +117,19 @@ def prediction_of_scene(scene: Scene, *, name: str) -> Prediction:
 
 
 def prediction_of_state(source: Source, state: State, *, name: str) -> Prediction:
-    """A state, with the furniture of it that is worth naming."""
+    """A state, with the furniture of it that is worth naming.
+
+    Parameters
+    ----------
+    source : Source
+    state : State
+    name : str
+        Of the method.
+
+    Returns
+    -------
+    Prediction
+    """
     camera = state_camera(source.clip.camera, state)
     joints = limbs_of(source.problem, state, camera).joints
     objects = selected_objects(source.problem, source.library, state)
@@ -114,6 +140,16 @@ def prediction_of_solved(solved: Solved, *, name: str) -> Prediction:
     """The staged solver's best scene: everybody's furniture, and the motion of the first actor.
 
     Of several people in a clip the truth knows one, the first.
+
+    Parameters
+    ----------
+    solved : Solved
+    name : str
+        Of the method.
+
+    Returns
+    -------
+    Prediction
     """
     best = solved.scenes[0]
     scene = Scene(best.camera, best.objects, best.motions[0], (), best.log_posterior)
@@ -121,10 +157,8 @@ def prediction_of_solved(solved: Solved, *, name: str) -> Prediction:
 
 
 # ------------------------------------------------------------------------------------------------
-# Results of any method in a file, so that the same code scores them all.
-#
-# JSON, in the axes of the camera: x right, y forward along the optical axis, z up in the image,
-# metres from the optical centre::
+# Files: JSON, x right, y forward along the optical axis, z up in the image, metres from the optical
+# centre::
 #
 #     {"format": "imapper-prob prediction", "version": 1,
 #      "method": "what heads its row", "clip": "Scene04",
@@ -141,11 +175,20 @@ def prediction_of_solved(solved: Solved, *, name: str) -> Prediction:
 # ``objects``: methods that only do one of the two have no scores for the other.
 
 PREDICTION_FORMAT: Final = "imapper-prob prediction"
-PREDICTION_VERSION: Final = 1
+_PREDICTION_VERSION: Final = 1
 
 
 def read_prediction(path: str | Path, clip: Clip) -> Prediction:
     """A result of any method on a clip.
+
+    Parameters
+    ----------
+    path : path
+    clip : Clip
+
+    Returns
+    -------
+    Prediction
 
     Raises
     ------
@@ -156,9 +199,9 @@ def read_prediction(path: str | Path, clip: Clip) -> Prediction:
     data = load_json(path)
     if not isinstance(data, Mapping) or data.get("format") != PREDICTION_FORMAT:
         raise InputError(f"{path}: is no prediction; expected format {PREDICTION_FORMAT!r}")
-    if data.get("version") != PREDICTION_VERSION:
+    if data.get("version") != _PREDICTION_VERSION:
         raise InputError(
-            f"{path}: has version {data.get('version')!r}, this program reads {PREDICTION_VERSION}"
+            f"{path}: has version {data.get('version')!r}, this program reads {_PREDICTION_VERSION}"
         )
     if data.get("clip") != clip.name:
         raise InputError(f"{path}: is of the clip {data.get('clip')!r}, not of {clip.name}")
@@ -174,10 +217,17 @@ def read_prediction(path: str | Path, clip: Clip) -> Prediction:
 
 
 def write_prediction(path: str | Path, prediction: Prediction, clip: Clip) -> None:
-    """Write what :func:`read_prediction` reads; a file in the way is replaced."""
+    """Write what :func:`read_prediction` reads; a file in the way is replaced.
+
+    Parameters
+    ----------
+    path : path
+    prediction : Prediction
+    clip : Clip
+    """
     document = {
         "format": PREDICTION_FORMAT,
-        "version": PREDICTION_VERSION,
+        "version": _PREDICTION_VERSION,
         "method": prediction.name,
         "clip": clip.name,
         "joints": _frames(prediction.joints, clip),
@@ -259,19 +309,37 @@ def _from_outline(item: Outline) -> dict[str, Any]:
 
 
 # ------------------------------------------------------------------------------------------------
-# The folder of ``imapper-prob solve`` as a prediction.
+# Folders of staged solutions.
 
 SOLVER = "staged solver"
 """Heads the row of the deterministic solution."""
 
 
 def is_solution(folder: Path) -> bool:
-    """Whether a folder holds a staged solution."""
+    """Whether a folder holds a staged solution.
+
+    Parameters
+    ----------
+    folder : Path
+
+    Returns
+    -------
+    bool
+    """
     return (folder / "solution.json").is_file()
 
 
 def read_solution_folder(folder: Path, clip: Clip) -> Prediction:
     """The best scene of the staged solver, with the motion of the first actor.
+
+    Parameters
+    ----------
+    folder : Path
+    clip : Clip
+
+    Returns
+    -------
+    Prediction
 
     Raises
     ------

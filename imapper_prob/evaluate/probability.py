@@ -1,4 +1,8 @@
-"""Are probabilities honest: draws as predictions, proper scores, ranks and regions."""
+"""Whether stated probabilities hold: proper scores, ranks of the truth, coverage of regions.
+
+Scores are proper: none can be improved by stating other probabilities than one has (Gneiting and
+Raftery 2007, *Strictly proper scoring rules, prediction, and estimation*).
+"""
 
 from __future__ import annotations
 
@@ -26,7 +30,6 @@ from imapper_prob.uncertainty.motion import drawn_motion
 __all__ = [
     "LIKELY",
     "MOST_PROBABLE",
-    "REGIONS",
     "Claim",
     "Coverage",
     "Draws",
@@ -74,12 +77,33 @@ class Draws:
         return len(self.objects)
 
     def prediction(self, draw: int, *, name: str) -> Prediction:
-        """One draw as an answer."""
+        """One draw as an answer.
+
+        Parameters
+        ----------
+        draw : int
+            From 0.
+        name : str
+            Of the method.
+
+        Returns
+        -------
+        Prediction
+        """
         return Prediction(name, self.joints[draw], self.pixels[draw], self.objects[draw])
 
 
 def draws_of(posterior: Posterior) -> Draws:
-    """At most 200 draws of a posterior, evenly spaced over its chains."""
+    """At most 200 draws of a posterior, evenly spaced over its chains.
+
+    Parameters
+    ----------
+    posterior : Posterior
+
+    Returns
+    -------
+    Draws
+    """
     samples, source = posterior.samples, posterior.solution
     count = len(samples.states)
     chosen = np.unique(np.linspace(0, count - 1, min(count, _MOST)).round().astype(int))
@@ -96,7 +120,7 @@ def draws_of(posterior: Posterior) -> Draws:
 
 
 # ------------------------------------------------------------------------------------------------
-# What a posterior claims to be there: its clusters of objects, in the axes of the camera.
+# Claims: clusters of objects in the axes of the camera.
 
 _LEAST: Final = 0.005
 """Probability down to which clusters count; two draws of 400."""
@@ -146,6 +170,14 @@ def claims_of(posterior: Posterior) -> tuple[Claim, ...]:
     """The clusters that a run shows with their ellipses, the most probable first.
 
     They are made without the truth, by :mod:`imapper_prob.uncertainty.clusters`.
+
+    Parameters
+    ----------
+    posterior : Posterior
+
+    Returns
+    -------
+    tuple of Claim
     """
     samples = posterior.samples
     cameras = [state_camera(posterior.clip.camera, state) for state in samples.states]
@@ -160,9 +192,7 @@ def claims_of(posterior: Posterior) -> tuple[Claim, ...]:
 
 
 # ------------------------------------------------------------------------------------------------
-# Scores that reward honest probabilities: none can be improved by stating others than one has.
-#
-# Gneiting and Raftery (2007), *Strictly proper scoring rules, prediction, and estimation*.
+# Proper scores.
 
 _MISSED: Final = 0.5
 """Cost in metres of an object that is missed, and of one too many: together the metre from
@@ -176,6 +206,14 @@ def scene_distance(one: Sequence[Outline], other: Sequence[Outline]) -> float:
     generalised optimal sub-pattern assignment metric (Rahmathullah, García-Fernández and
     Svensson 2017) of order 1, cut off at a metre. Being a metric, it makes
     :func:`energy_score` proper.
+
+    Parameters
+    ----------
+    one, other : sequence of Outline
+
+    Returns
+    -------
+    float
     """
     alone = _MISSED * (len(one) + len(other))
     if not one or not other:
@@ -190,9 +228,18 @@ def scene_distance(one: Sequence[Outline], other: Sequence[Outline]) -> float:
 def energy_score(
     draws: Sequence[Sequence[Outline]], truth: Sequence[Outline]
 ) -> tuple[float, float]:
-    """Expected distance to the truth, and the same less half of that between draws; metres.
+    """Expected distance to the truth, and energy score.
 
-    The second is the energy score; draws are held against those half the chain away.
+    Parameters
+    ----------
+    draws : sequence of sequence of Outline
+    truth : sequence of Outline
+
+    Returns
+    -------
+    error, score : float
+        Metres. The score is the error less half of that between draws, which are held against those
+        half the chain away.
     """
     expected = float(np.mean([scene_distance(d, truth) for d in draws]))
     half = len(draws) // 2
@@ -201,7 +248,18 @@ def energy_score(
 
 
 def joint_energy_score(draws: Draws, truth: TruthInView) -> tuple[float, float]:
-    """Mean over scored joints and annotated frames of expected error and energy score, metres."""
+    """Mean over scored joints and annotated frames of expected error and energy score, metres.
+
+    Parameters
+    ----------
+    draws : Draws
+    truth : TruthInView
+
+    Returns
+    -------
+    error, score : float
+        Metres.
+    """
     known, scored = truth.known, list(SCORED)
     found = draws.joints[:, known][:, :, scored]
     expected = np.linalg.norm(found - truth.joints[known][:, scored], axis=-1).mean()
@@ -215,10 +273,18 @@ def joint_energy_score(draws: Draws, truth: TruthInView) -> tuple[float, float]:
 def count_scores(
     draws: Sequence[Sequence[Outline]], truth: Sequence[Outline]
 ) -> tuple[float, float]:
-    """Brier and logarithmic score (nats) of how many seats, tables and shelves there are.
+    """Scores of how many seats, tables and shelves there are.
 
-    What is judged is the probability of the whole triple. A triple that no draw has counts as
-    half a draw: that it is impossible nobody can know from so many.
+    Parameters
+    ----------
+    draws : sequence of sequence of Outline
+    truth : sequence of Outline
+
+    Returns
+    -------
+    brier, logarithmic : float
+        The latter in nats. The probability of the whole triple is judged; a triple that no draw has
+        counts as half a draw.
     """
     counted = Counter(_counts(d) for d in draws)
     right = _counts(truth)
@@ -229,10 +295,18 @@ def count_scores(
 
 
 def presence_scores(claims: Sequence[Claim], truth: TruthInView) -> tuple[float, float]:
-    """Brier and logarithmic score (nats) of each object's probability to be there.
+    """Scores of each object's probability to be there.
 
-    An object that some draw has is there if it finds a true one within a metre; true objects
-    that no draw has count as claimed with probability 0. Means over both.
+    Parameters
+    ----------
+    claims : sequence of Claim
+    truth : TruthInView
+
+    Returns
+    -------
+    brier, logarithmic : float
+        The latter in nats. An object that some draw has is there if it finds a true one within a
+        metre; true objects that no draw has count as claimed with probability 0. Means over both.
     """
     shown = [c.representative for c in claims]
     near = {id(p.found) for p in pair_up(truth.used_objects, shown) if p.near}
@@ -246,9 +320,19 @@ def presence_scores(claims: Sequence[Claim], truth: TruthInView) -> tuple[float,
 
 
 def brier(probability: Array, happened: Array, *, least: float = 0.0025) -> tuple[float, float]:
-    """Brier and logarithmic score (nats) of stated probabilities of yes-or-no events.
+    """Scores of stated probabilities of yes-or-no events.
 
-    ``least`` bounds probabilities for the logarithm: half a draw in 200.
+    Parameters
+    ----------
+    probability : (n,) float
+    happened : (n,) bool
+    least : float
+        Bounds probabilities for the logarithm: half a draw in 200.
+
+    Returns
+    -------
+    brier, logarithmic : float
+        The latter in nats.
     """
     square = float(((probability - happened) ** 2).mean())
     of_what_happened = np.where(happened > 0, probability, 1 - probability)
@@ -260,14 +344,13 @@ def _counts(objects: Sequence[Outline]) -> tuple[int, ...]:
 
 
 # ------------------------------------------------------------------------------------------------
-# Do stated uncertainties hold? Ranks of the truth among the draws.
+# Ranks and coverage.
 #
 # The rank of a point is the share of the draws that lie in a smaller ellipse than it does, around
-# the mean of all of them. Where probabilities are right and draws independent, ranks are uniform:
-# half of them are below .5, however few the draws are (conformal prediction; Vovk, Gammerman and
-# Shafer 2005, section 2.2).
+# the mean of all of them. Where probabilities are right and draws independent, ranks are uniform,
+# however few the draws are (conformal prediction; Vovk, Gammerman and Shafer 2005, section 2.2).
 
-REGIONS: Final = (0.5, 0.9)
+_REGIONS: Final = (0.5, 0.9)
 """Probabilities of the regions that are checked."""
 _FEWEST: Final = 20
 """Draws that an object must have, below which an ellipse says nothing."""
@@ -300,10 +383,20 @@ class Coverage:
 
 
 def elliptic_rank(draws: ArrayLike, point: ArrayLike) -> float:
-    """Rank of ``point`` (d,) among ``draws`` (N, d) by distance in the covariance of all N + 1.
+    """Rank of a point among draws by distance in the covariance of all N + 1.
 
     The point is one of those that the ellipse is drawn around: an ellipse around the others
     would be too small for it, with 100 draws in three dimensions by .03 of a region of .9.
+
+    Parameters
+    ----------
+    draws : (N, d) float
+    point : (d,) float
+
+    Returns
+    -------
+    float
+        In [0, 1].
     """
     everything = np.concatenate([np.asarray(draws, float), np.asarray(point, float)[None]])
     off = everything - everything.mean(0)
@@ -314,10 +407,18 @@ def elliptic_rank(draws: ArrayLike, point: ArrayLike) -> float:
 
 
 def object_ranks(claims: Sequence[Claim], truth: TruthInView) -> Array:
-    """(n,) ranks of true centres in the claims that are taken for them.
+    """Ranks of true centres in the claims that are taken for them.
 
-    Claims are made without the truth. Those of more than even odds are paired as a scene is;
-    a true object that finds no partner has no rank, and is not counted as covered or missed.
+    Parameters
+    ----------
+    claims : sequence of Claim
+    truth : TruthInView
+
+    Returns
+    -------
+    (n,) float
+        Claims of more than even odds are paired as a scene is; a true object that finds no partner
+        has no rank.
     """
     likely = [c for c in claims if c.probability > 0.5 and len(c.members) >= _FEWEST]
     claim_of = {id(c.representative): c for c in likely}
@@ -328,7 +429,20 @@ def object_ranks(claims: Sequence[Claim], truth: TruthInView) -> Array:
 def joint_ranks(
     draws: Draws, truth: TruthInView, *, joints: Sequence[int] = SCORED, hidden: bool = False
 ) -> Array:
-    """Ranks of some joints in annotated frames, or of those of them that are hidden."""
+    """Ranks of some joints in annotated frames, or of those of them that are hidden.
+
+    Parameters
+    ----------
+    draws : Draws
+    truth : TruthInView
+    joints : sequence of int
+    hidden : bool
+        Whether hidden ones alone are asked for.
+
+    Returns
+    -------
+    (n,) float
+    """
     return np.array(
         [
             elliptic_rank(draws.joints[:, t, joint], truth.joints[t, joint])
@@ -344,6 +458,15 @@ def distance_ranks(draws: Draws, truth: TruthInView) -> Array:
 
     Uniform where distances are right; heaped at 1 where draws are too near, and at 0 where
     they are too far.
+
+    Parameters
+    ----------
+    draws : Draws
+    truth : TruthInView
+
+    Returns
+    -------
+    (n,) float
     """
     known = truth.known
     drawn = np.linalg.norm(draws.joints[:, known, PELV], axis=-1)
@@ -353,10 +476,19 @@ def distance_ranks(draws: Draws, truth: TruthInView) -> Array:
 
 
 def coverage(ranks: Array) -> tuple[Coverage, ...]:
-    """By :data:`REGIONS`."""
+    """How often regions of stated probabilities hold the truth.
+
+    Parameters
+    ----------
+    ranks : (n,) float
+
+    Returns
+    -------
+    tuple of Coverage
+    """
     count = len(ranks)
     result = []
-    for region in REGIONS:
+    for region in _REGIONS:
         inside = int((ranks < region).sum())
         low = beta.ppf(0.05, inside, count - inside + 1) if inside else 0.0
         high = beta.ppf(0.95, inside + 1, count - inside) if inside < count else 1.0
@@ -366,7 +498,7 @@ def coverage(ranks: Array) -> tuple[Coverage, ...]:
 
 
 # ------------------------------------------------------------------------------------------------
-# A posterior against one truth: its best answers, its errors on average, its honesty.
+# Everything that is judged of a posterior.
 
 MOST_PROBABLE: Final = "posterior, most probable scene"
 LIKELY: Final = "posterior, least expected loss"
@@ -399,8 +531,7 @@ class PosteriorScore:
         Brier score, and logarithmic score in nats: of how many seats, tables and shelves
         there are, and of each object's probability.
     object_ranks, pelvis_ranks, joint_ranks, hidden_ranks : (n,) float
-        Of centres, of the pelvis, of all scored joints and of the hidden ones; see
-        :mod:`imapper_prob.evaluate.probability`.
+        Of centres, of the pelvis, of all scored joints and of the hidden ones.
     distance_ranks : (n,) float
         Of the pelvis' distance from the camera.
     """
@@ -427,12 +558,32 @@ class PosteriorScore:
 
 
 def posterior_predictions(posterior: Posterior) -> tuple[Prediction, ...]:
-    """The most probable scene, and the scene of least expected loss."""
+    """The most probable scene, and the scene of least expected loss.
+
+    Parameters
+    ----------
+    posterior : Posterior
+
+    Returns
+    -------
+    tuple of Prediction
+    """
     return (*_shown(posterior, 1), prediction_of_scene(posterior.estimate, name=LIKELY))
 
 
 def score_posterior(posterior: Posterior, truth: TruthInView, *, name: str) -> PosteriorScore:
     """All that is judged of a posterior beyond its single answers.
+
+    Parameters
+    ----------
+    posterior : Posterior
+    truth : TruthInView
+    name : str
+        Of the method.
+
+    Returns
+    -------
+    PosteriorScore
 
     Raises
     ------

@@ -1,9 +1,9 @@
-"""Tables 1 and 2 of the paper, printed figures beside ours, with results of others from files.
+"""Tables 1 and 2 of the paper: printed figures beside measured ones, and readers of others' files.
 
-The paper counts an object as found by a region detector if at least half of its region is
-detected under the right label, on average over all frames, and takes as its place in a depth map
-the mean position of the samples in its region (Monszpart et al. 2019, section 7.2). A region is
-here the hull of the true boxes in the image, and that of a detection its box.
+The paper counts an object as found by a region detector if at least half of its region is detected
+under the right label, on average over all frames, and takes as its place in a depth map the mean
+position of the samples in its region (Monszpart et al. 2019, section 7.2). A region is here the
+hull of the true boxes in the image, and that of a detection its box.
 """
 
 from __future__ import annotations
@@ -56,7 +56,18 @@ _NEAREST: Final = 0.1
 
 
 def region_of(item: Outline, camera: Camera) -> Polygon:
-    """Where an object is in the image: the hull of its boxes' corners, cut off at the edges."""
+    """Where an object is in the image: the hull of its boxes' corners, cut off at the edges.
+
+    Parameters
+    ----------
+    item : Outline
+    camera : Camera
+
+    Returns
+    -------
+    shapely.Polygon
+        Pixels.
+    """
     ahead = item.corners[item.corners[:, 1] > _NEAREST]
     if len(ahead) < 3:
         return Polygon()
@@ -71,6 +82,15 @@ def read_regions(path: str | Path, clip: Clip) -> Regions:
     ``bbox`` (x, y, width, height from the top left, pixels of the clip's image) and ``score``. Or
     the file is an object with the list under ``detections``, beside it ``categories`` (number and
     name of each) and ``size`` (width and height of the image).
+
+    Parameters
+    ----------
+    path : path
+    clip : Clip
+
+    Returns
+    -------
+    dict of int to list of (str, Polygon)
 
     Raises
     ------
@@ -137,7 +157,19 @@ def _frame(place: str, given: Any) -> int:
 
 
 def count_detected(regions: Regions, truth: TruthInView, camera: Camera) -> int:
-    """How many used objects have half of their region under the right label, on average."""
+    """How many used objects have half of their region under the right label, on average.
+
+    Parameters
+    ----------
+    regions : dict of int to list of (str, Polygon)
+        Detections by frame, see :func:`read_regions`.
+    truth : TruthInView
+    camera : Camera
+
+    Returns
+    -------
+    int
+    """
     count = 0
     for item in truth.used_objects:
         region = region_of(item, camera)
@@ -152,10 +184,18 @@ def count_detected(regions: Regions, truth: TruthInView, camera: Camera) -> int:
 
 
 def read_depths(path: str | Path, clip: Clip) -> Array:
-    """(F, h, w) depth along the optical axis, metres, from an ``.npz`` with ``depth``.
+    """Read depth maps from an ``.npz`` with ``depth``.
 
-    The maps may be smaller than the image, of the same proportions; samples that are not
-    positive and finite are none.
+    Parameters
+    ----------
+    path : path
+    clip : Clip
+
+    Returns
+    -------
+    (F, h, w) float
+        Along the optical axis, metres. They may be smaller than the image, of the same proportions;
+        samples that are not positive and finite are none.
 
     Raises
     ------
@@ -180,9 +220,19 @@ def read_depths(path: str | Path, clip: Clip) -> Array:
 
 
 def depth_errors(depth: Array, truth: TruthInView, camera: Camera) -> Array:
-    """(n,) metres between true centroids and mean positions of the samples in the objects' regions.
+    """Distances between true centroids and mean positions of the samples in the objects' regions.
 
-    Of the used objects that have a sample in the image at all.
+    Parameters
+    ----------
+    depth : (F, h, w) float
+        Metres, see :func:`read_depths`.
+    truth : TruthInView
+    camera : Camera
+
+    Returns
+    -------
+    (n,) float
+        Metres, of the used objects that have a sample in the image at all.
     """
     _, lines, columns = depth.shape
     x = (np.arange(columns) + 0.5) * camera.width / columns
@@ -202,7 +252,7 @@ def depth_errors(depth: Array, truth: TruthInView, camera: Camera) -> Array:
 
 
 # ------------------------------------------------------------------------------------------------
-# Tables 1 and 2 of the paper: every printed figure, and ours where a clip is public.
+# The tables.
 
 NAMES: Final = {
     "Scene04": "Scene4", "Scene10": "Lobby2", "Scene13": "Library1", "Scene14": "Garden",
@@ -310,6 +360,10 @@ def published_object_rows(clips: Mapping[str, OnClip], ours: Sequence[str], thei
         Methods that have a column of their own.
     theirs : str
         Name of the authors' public files among the scores.
+
+    Returns
+    -------
+    list of tuple of str
     """
     rows: Rows = [
         ("scene", "clip", "frames", "frames with occlusion", "objects", "Mask-RCNN finds",
@@ -347,7 +401,17 @@ def published_object_rows(clips: Mapping[str, OnClip], ours: Sequence[str], thei
 
 
 def published_pose_rows(clips: Mapping[str, OnClip], ours: Sequence[str], theirs: str) -> Rows:
-    """Table 2: world cm / local cm / pixels; parameters as of :func:`published_object_rows`."""
+    """Table 2: world cm / local cm / pixels.
+
+    Parameters
+    ----------
+    clips, ours, theirs
+        See :func:`published_object_rows`.
+
+    Returns
+    -------
+    list of tuple of str
+    """
     rows: Rows = [
         ("scene", "clip", *(f"{m} printed" for m in METHODS), "lifter's public file",
          "iMapper's public files", "reproduced", *ours),

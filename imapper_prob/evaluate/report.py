@@ -27,7 +27,7 @@ from imapper_prob.evaluate.tables import (
 )
 from imapper_prob.files import written_whole
 
-__all__ = ["Exploration", "benchmark_page", "exploration_rows", "write_page"]
+__all__ = ["Exploration", "benchmark_page", "write_page"]
 
 AUTHORS = "authors' output"
 
@@ -52,7 +52,7 @@ class Exploration:
     spread: float
 
 
-def exploration_rows(found: Sequence[Exploration]) -> Rows:
+def _exploration_rows(found: Sequence[Exploration]) -> Rows:
     """Errors and uncertainty by the part of the clip that was seen."""
     rows: Rows = [
         ("", "seen", "error (sd), cm", "with misses, cm", "found within 1 m", "spurious",
@@ -101,6 +101,10 @@ def benchmark_page(
         Shorter clips.
     pictures : sequence of str
         Paths of figures, as the page sees them.
+
+    Returns
+    -------
+    str
     """
     first = [s for name in ours for s in evaluation.scores[name]]
     sections = [
@@ -135,7 +139,7 @@ def benchmark_page(
             markdown_table(coverage_rows(posterior_coverage(evaluation.posteriors))),
         ]
     if explored:
-        sections += ["\n## The longer the clip\n", markdown_table(exploration_rows(explored))]
+        sections += ["\n## The longer the clip\n", markdown_table(_exploration_rows(explored))]
     sections += [
         "\n## The paper's tables\n",
         "Every printed figure; behind a slash, and in columns of their own, what this program says "
@@ -155,6 +159,12 @@ def benchmark_page(
 
 
 def write_page(path: Path, text: str) -> None:
-    """All of it or nothing."""
+    """Write a page, whole or not at all.
+
+    Parameters
+    ----------
+    path : Path
+    text : str
+    """
     with written_whole(path) as beside:
         beside.write_text(text, encoding="utf-8")

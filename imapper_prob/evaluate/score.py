@@ -1,4 +1,8 @@
-"""One prediction against one truth: joints, objects, baselines, and paired differences."""
+"""One prediction against one truth: joints, objects, baselines, and paired differences.
+
+:func:`score` gives all scores of a prediction on a clip, :func:`summarise` a row of a table over
+several clips, :func:`paired_difference` compares two methods object by object.
+"""
 
 from __future__ import annotations
 
@@ -27,10 +31,8 @@ __all__ = [
     "SUBSETS",
     "Difference",
     "KnownScene",
-    "PoseScore",
     "Score",
     "Summary",
-    "couch_where_sat",
     "known_clip",
     "known_scene",
     "paired_difference",
@@ -77,6 +79,15 @@ class PoseScore:
 def pose_scores(prediction: Prediction, truth: TruthInView) -> dict[str, PoseScore]:
     """Errors of the fourteen scored joints by :data:`SUBSETS`.
 
+    Parameters
+    ----------
+    prediction : Prediction
+    truth : TruthInView
+
+    Returns
+    -------
+    dict of str to PoseScore
+
     Raises
     ------
     InputError
@@ -122,7 +133,7 @@ def _root_mean(squares: Array) -> float:
 
 
 # ------------------------------------------------------------------------------------------------
-# Is one method better than another? Differences object by object.
+# Paired differences.
 
 _RESAMPLES: Final = 4000
 _INTERVAL: Final = (0.05, 0.95)
@@ -162,6 +173,16 @@ def paired_difference(
 
     Whole objects are drawn with replacement, as many as there are; that two objects of one
     clip share its camera is left out, so intervals are rather too short.
+
+    Parameters
+    ----------
+    ours, theirs : sequence of Score
+        On the same clips, in the same order.
+    rng : numpy.random.Generator
+
+    Returns
+    -------
+    Difference
     """
     both = {s.clip: s for s in theirs}
     pairs = [(s, both[s.clip]) for s in ours if s.clip in both]
@@ -178,13 +199,13 @@ def paired_difference(
 
 
 # ------------------------------------------------------------------------------------------------
-# Answers that take no thought. What does not beat them has added nothing.
+# Baselines.
 
 _COUCH: Final = (2.4, 0.8, 0.45)
 """Metres of width, depth and height: the usual couch of i3DB."""
 
 
-def couch_where_sat(path: Prediction, actions: tuple[str, ...]) -> Prediction:
+def _couch_where_sat(path: Prediction, actions: tuple[str, ...]) -> Prediction:
     """A couch around the median pelvis of each stay on a seat, facing as the hips do.
 
     Parameters
@@ -208,6 +229,14 @@ def static_path(clip: Clip) -> Prediction:
     """The smooth path through the detections that the solver starts from, without furniture.
 
     With constants estimated without a scene of that name.
+
+    Parameters
+    ----------
+    clip : Clip
+
+    Returns
+    -------
+    Prediction
     """
     joints = estimate_static_path(clip, settings=Settings().without(clip.name).path).joints
     return Prediction("static path", joints, clip.camera.project_camera(joints), ())
@@ -221,7 +250,7 @@ def _couch(centre: Array, sideways: Array) -> Outline:
 
 
 # ------------------------------------------------------------------------------------------------
-# One prediction against one truth, and several clips together.
+# Scores.
 
 _CHANCE_SEED = 20190708
 """Chance levels are thrown with the same numbers in every table."""
@@ -296,6 +325,15 @@ class Summary:
 def score(prediction: Prediction, truth: TruthInView) -> Score:
     """All scores of a prediction.
 
+    Parameters
+    ----------
+    prediction : Prediction
+    truth : TruthInView
+
+    Returns
+    -------
+    Score
+
     Raises
     ------
     InputError
@@ -311,7 +349,16 @@ def score(prediction: Prediction, truth: TruthInView) -> Score:
 
 
 def summarise(scores: Sequence[Score]) -> Summary:
-    """One method over its clips: objects are pooled, pose errors averaged over clips."""
+    """One method over its clips: objects are pooled, pose errors averaged over clips.
+
+    Parameters
+    ----------
+    scores : sequence of Score
+
+    Returns
+    -------
+    Summary
+    """
     objects = [s.objects for s in scores]
     pairs = [p for o in objects for p in o.pairs]
     distances = np.array([100 * p.distance for p in pairs])
@@ -354,7 +401,7 @@ def _median(values: np.ndarray) -> float:
 
 
 # ------------------------------------------------------------------------------------------------
-# Where a truth comes from, and what a result is always held beside.
+# Clips whose truth is known.
 
 
 @dataclass(frozen=True, eq=False)
@@ -377,6 +424,14 @@ class KnownScene:
 def known_scene(path: str | Path) -> KnownScene:
     """An i3DB scene with its ``gt/``, or a clip file that carries its truth.
 
+    Parameters
+    ----------
+    path : path
+
+    Returns
+    -------
+    KnownScene
+
     Raises
     ------
     InputError
@@ -393,12 +448,20 @@ def known_scene(path: str | Path) -> KnownScene:
     lifted = read_input_path(path, clip)
     paths = (lifted, static_path(clip))
     return KnownScene(
-        clip, truth, (*published, lifted, *(couch_where_sat(p, truth.actions) for p in paths))
+        clip, truth, (*published, lifted, *(_couch_where_sat(p, truth.actions) for p in paths))
     )
 
 
 def known_clip(clip: Clip) -> KnownScene:
     """A clip that carries its truth, as simulated ones do.
+
+    Parameters
+    ----------
+    clip : Clip
+
+    Returns
+    -------
+    KnownScene
 
     Raises
     ------
@@ -406,11 +469,19 @@ def known_clip(clip: Clip) -> KnownScene:
         If it does not.
     """
     truth = truth_in_view(clip)
-    return KnownScene(clip, truth, (couch_where_sat(static_path(clip), truth.actions),))
+    return KnownScene(clip, truth, (_couch_where_sat(static_path(clip), truth.actions),))
 
 
 def scenes_with_truth(folder: str | Path) -> list[Path]:
     """The scenes of a folder of i3DB that have a truth.
+
+    Parameters
+    ----------
+    folder : path
+
+    Returns
+    -------
+    list of Path
 
     Raises
     ------

@@ -1,4 +1,8 @@
-"""The benchmark: every scene solved, sampled and scored once; interrupted runs go on."""
+"""The benchmark: every scene solved, sampled and scored once.
+
+Results lie in the suite's folder, one folder a scene; what is there is not done again, so that an
+interrupted benchmark goes on where it was.
+"""
 
 from __future__ import annotations
 
@@ -68,7 +72,18 @@ PARTS: Final = (0.25, 0.5, 0.75, 1.0)
 
 
 def first_part(clip: Clip, part: float) -> Clip:
-    """The clip's first frames; without its truth, which is cut by :func:`truth_of_part`."""
+    """The clip's first frames; without its truth, which is cut by :func:`truth_of_part`.
+
+    Parameters
+    ----------
+    clip : Clip
+    part : float
+        Share of its frames.
+
+    Returns
+    -------
+    Clip
+    """
     if part == 1:
         return clip
     count = _count(clip.n_frames, part)
@@ -77,7 +92,18 @@ def first_part(clip: Clip, part: float) -> Clip:
 
 
 def truth_of_part(truth: TruthInView, part: float) -> TruthInView:
-    """The truth of the first frames; all objects of the whole clip are still to be found."""
+    """The truth of the first frames; all objects of the whole clip are still to be found.
+
+    Parameters
+    ----------
+    truth : TruthInView
+    part : float
+        Share of the frames.
+
+    Returns
+    -------
+    TruthInView
+    """
     count = _count(len(truth.joints), part)
     return replace(
         truth,
@@ -94,7 +120,7 @@ def _count(frames: int, part: float) -> int:
 
 
 # ------------------------------------------------------------------------------------------------
-# All scores of several methods on one or more clips, and what is written of them.
+# Evaluations.
 
 _BOOTSTRAP_SEED: Final = 8
 _FORMAT: Final = "imapper-prob evaluation"
@@ -134,7 +160,17 @@ class Evaluation:
         ]
 
     def differences(self, ours: Iterable[str], theirs: Iterable[str]) -> list[Difference]:
-        """Each of our methods less each of theirs that claims furniture, object by object."""
+        """Each of our methods less each of theirs that claims furniture, object by object.
+
+        Parameters
+        ----------
+        ours, theirs : iterable of str
+            Names of methods.
+
+        Returns
+        -------
+        list of Difference
+        """
         rng = np.random.default_rng(_BOOTSTRAP_SEED)
         others = [
             name for name in theirs if any(s.objects.predicted for s in self.scores.get(name, []))
@@ -153,6 +189,16 @@ def evaluate(
 ) -> Evaluation:
     """Score every prediction on every clip.
 
+    Parameters
+    ----------
+    answers : iterable of (TruthInView, sequence of Prediction)
+        By clip.
+    posteriors : iterable of PosteriorScore
+
+    Returns
+    -------
+    Evaluation
+
     Raises
     ------
     InputError
@@ -166,7 +212,16 @@ def evaluate(
 
 
 def posterior_coverage(posteriors: Sequence[PosteriorScore]) -> dict[str, tuple[Coverage, ...]]:
-    """Coverage of objects, pelvis, joints and hidden joints, pooled over clips."""
+    """Coverage of objects, pelvis, joints and hidden joints, pooled over clips.
+
+    Parameters
+    ----------
+    posteriors : sequence of PosteriorScore
+
+    Returns
+    -------
+    dict of str to tuple of Coverage
+    """
     return {
         name: coverage(np.concatenate([getattr(p, ranks) for p in posteriors]))
         for name, ranks in (
@@ -181,7 +236,16 @@ def posterior_coverage(posteriors: Sequence[PosteriorScore]) -> dict[str, tuple[
 def write_evaluation(
     path: Path, evaluation: Evaluation, differences: Sequence[Difference], made_by: dict[str, str]
 ) -> None:
-    """Write ``evaluation.json``; ``made_by`` says with what: commit, command, settings."""
+    """Write ``evaluation.json``.
+
+    Parameters
+    ----------
+    path : Path
+    evaluation : Evaluation
+    differences : sequence of Difference
+    made_by : dict of str to str
+        Commit, command, settings.
+    """
     document: dict[str, Any] = {
         "format": _FORMAT,
         "version": _VERSION,
@@ -212,9 +276,7 @@ def _plain(posterior: PosteriorScore) -> dict[str, Any]:
 
 
 # ------------------------------------------------------------------------------------------------
-# The whole benchmark: every scene solved and sampled once, whatever interrupts it.
-#
-# What is done lies in the suite's folder, one folder a scene; what is there is not done again.
+# The benchmark.
 
 Progress = Callable[[str, float], None]
 _IDENTITY: Final = "suite.json"
@@ -278,7 +340,24 @@ def tasks_of(
     others: Path | None = None,
     parts: Sequence[float] = (1.0,),
 ) -> list[Task]:
-    """One task a scene and part, with constants estimated without that scene."""
+    """One task a scene and part, with constants estimated without that scene.
+
+    Parameters
+    ----------
+    scenes : sequence of Path
+        Of i3DB.
+    output : Path
+        Folder of the suite.
+    config : Config
+    others : Path, optional
+        Scenes of which real scenelets are made.
+    parts : sequence of float
+        Shares of the frames.
+
+    Returns
+    -------
+    list of Task
+    """
     return [
         Task(scene, output / scene.name, config.without(scene.name), others, part)
         for part in parts
@@ -288,6 +367,13 @@ def tasks_of(
 
 def prepare_suite(output: Path, config: Config, *, others: Path | None) -> None:
     """Make the folder, or refuse one whose results are of other settings or another commit.
+
+    Parameters
+    ----------
+    output : Path
+    config : Config
+    others : Path, optional
+        Scenes of which real scenelets are made.
 
     Raises
     ------
@@ -315,7 +401,16 @@ def prepare_suite(output: Path, config: Config, *, others: Path | None) -> None:
 
 
 def library_of(task: Task) -> Library:
-    """The library of the settings, with real scenelets of all other scenes where asked for."""
+    """The library of the settings, with real scenelets of all other scenes where asked for.
+
+    Parameters
+    ----------
+    task : Task
+
+    Returns
+    -------
+    Library
+    """
     library = load_library(task.config.library)
     if task.others is None:
         return library
@@ -327,7 +422,15 @@ def library_of(task: Task) -> Library:
 def solve_all(
     tasks: Sequence[Task], executor: Executor, *, progress: Progress | None = None
 ) -> None:
-    """Solve what is not solved yet, each task where the executor likes."""
+    """Solve what is not solved yet, each task where the executor likes.
+
+    Parameters
+    ----------
+    tasks : sequence of Task
+    executor : concurrent.futures.Executor
+    progress : callable, optional
+        Called with a stage's name and the part of it that is done.
+    """
     waiting = [task for task in tasks if not task.solution.is_file()]
     done = len(tasks) - len(waiting)
     running = [executor.submit(_solve, task) for task in waiting]
@@ -343,7 +446,16 @@ def solve_all(
 
 
 def solved(task: Task) -> Prediction:
-    """What the solver found."""
+    """What the solver found.
+
+    Parameters
+    ----------
+    task : Task
+
+    Returns
+    -------
+    Prediction
+    """
     return read_prediction(task.solution, task.clip)
 
 
@@ -355,6 +467,15 @@ def sample_all(
     progress: Progress | None = None,
 ) -> bool:
     """Sample what is not sampled yet, one task after the other, its chains side by side.
+
+    Parameters
+    ----------
+    tasks : sequence of Task
+    workers : int
+        Processes.
+    cluster : Cluster, optional
+    progress : callable, optional
+        Called with a stage's name and the part of it that is done.
 
     Returns
     -------
@@ -381,7 +502,17 @@ def sample_all(
 
 
 def sampled(tasks: Sequence[Task]) -> Iterator[tuple[Task, Posterior]]:
-    """The posteriors that there are."""
+    """The posteriors that there are.
+
+    Parameters
+    ----------
+    tasks : sequence of Task
+
+    Yields
+    ------
+    task : Task
+    posterior : Posterior
+    """
     for task in tasks:
         if task.is_sampled:
             yield task, load_posterior(task.run)

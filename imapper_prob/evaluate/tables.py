@@ -46,7 +46,16 @@ __all__ = [
 
 
 def made_by(command: str) -> dict[str, str]:
-    """Program, commit and command."""
+    """Program, commit and command.
+
+    Parameters
+    ----------
+    command : str
+
+    Returns
+    -------
+    dict of str to str
+    """
     return {
         "program": f"imapper-prob {version('imapper-prob')}",
         "commit": commit(),
@@ -55,7 +64,12 @@ def made_by(command: str) -> dict[str, str]:
 
 
 def commit() -> str:
-    """The commit of the source folder, with a + where files differ from it; else ``unknown``."""
+    """The commit of the source folder, with a + where files differ from it; else ``unknown``.
+
+    Returns
+    -------
+    str
+    """
     here = Path(__file__).parent
     try:
         head = _git(here, "rev-parse", "--short=10", "HEAD")
@@ -73,7 +87,7 @@ def _git(folder: Path, *arguments: str) -> str:
 
 
 # ------------------------------------------------------------------------------------------------
-# Scores as rows: on the screen, in Markdown and in JSON.
+# Rows, for the screen, Markdown and JSON.
 
 OBJECT_COLUMNS = (
     "", "clips", "error (sd), cm", "seats, cm", "with misses, cm", "found within 1 m", "by chance",
@@ -93,12 +107,32 @@ Rows = list[tuple[str, ...]]
 
 
 def number(value: float, digits: int = 0) -> str:
-    """A number, or a dash where there is none."""
+    """A number, or a dash where there is none.
+
+    Parameters
+    ----------
+    value : float
+    digits : int
+        Behind the point.
+
+    Returns
+    -------
+    str
+    """
     return "–" if math.isnan(value) else f"{value:.{digits}f}"
 
 
 def object_rows(summaries: Sequence[Summary]) -> Rows:
-    """A row a method, :data:`OBJECT_COLUMNS` first."""
+    """A row a method, :data:`OBJECT_COLUMNS` first.
+
+    Parameters
+    ----------
+    summaries : sequence of Summary
+
+    Returns
+    -------
+    list of tuple of str
+    """
     rows: Rows = [OBJECT_COLUMNS]
     for s in summaries:
         rows.append(
@@ -120,7 +154,16 @@ def object_rows(summaries: Sequence[Summary]) -> Rows:
 
 
 def pose_rows(summaries: Sequence[Summary]) -> Rows:
-    """World cm / local cm / pixels, a row a method."""
+    """World cm / local cm / pixels, a row a method.
+
+    Parameters
+    ----------
+    summaries : sequence of Summary
+
+    Returns
+    -------
+    list of tuple of str
+    """
     rows: Rows = [POSE_COLUMNS]
     for s in summaries:
         cells = (
@@ -132,7 +175,16 @@ def pose_rows(summaries: Sequence[Summary]) -> Rows:
 
 
 def pair_rows(scores: Sequence[Score]) -> Rows:
-    """Every true object that has a partner, with it."""
+    """Every true object that has a partner, with it.
+
+    Parameters
+    ----------
+    scores : sequence of Score
+
+    Returns
+    -------
+    list of tuple of str
+    """
     rows: Rows = [PAIR_COLUMNS]
     for s in scores:
         for pair in s.objects.pairs:
@@ -142,7 +194,16 @@ def pair_rows(scores: Sequence[Score]) -> Rows:
 
 
 def difference_rows(differences: Sequence[Difference]) -> Rows:
-    """Object by object, misses counting as a metre."""
+    """Object by object, misses counting as a metre.
+
+    Parameters
+    ----------
+    differences : sequence of Difference
+
+    Returns
+    -------
+    list of tuple of str
+    """
     rows: Rows = [DIFFERENCE_COLUMNS]
     for d in differences:
         interval = f"{d.low:+.0f} to {d.high:+.0f}" if d.objects else "–"
@@ -152,7 +213,16 @@ def difference_rows(differences: Sequence[Difference]) -> Rows:
 
 
 def posterior_rows(posteriors: Sequence[PosteriorScore]) -> Rows:
-    """How far draws are from the truth, and how honest their probabilities."""
+    """How far draws are from the truth, and how honest their probabilities.
+
+    Parameters
+    ----------
+    posteriors : sequence of PosteriorScore
+
+    Returns
+    -------
+    list of tuple of str
+    """
     rows: Rows = [POSTERIOR_COLUMNS]
     for p in posteriors:
         rows.append(
@@ -173,7 +243,16 @@ def posterior_rows(posteriors: Sequence[PosteriorScore]) -> Rows:
 
 
 def coverage_rows(found: Mapping[str, Sequence[Coverage]]) -> Rows:
-    """How often regions hold the truth."""
+    """How often regions hold the truth.
+
+    Parameters
+    ----------
+    found : mapping of str to sequence of Coverage
+
+    Returns
+    -------
+    list of tuple of str
+    """
     rows: Rows = [COVERAGE_COLUMNS]
     for name, regions in found.items():
         for c in regions:
@@ -188,7 +267,17 @@ def _clips(summary: Summary) -> str:
 
 
 def screen_table(rows: Rows, *, title: str) -> Table:
-    """For a console."""
+    """A table for a console.
+
+    Parameters
+    ----------
+    rows : list of tuple of str
+    title : str
+
+    Returns
+    -------
+    rich.table.Table
+    """
     table = Table(title=title, title_justify="left", box=SIMPLE_HEAD)
     for k, name in enumerate(rows[0]):
         table.add_column(name, justify="left" if k < 2 else "right")
@@ -198,14 +287,33 @@ def screen_table(rows: Rows, *, title: str) -> Table:
 
 
 def markdown_table(rows: Rows) -> str:
-    """For a page."""
+    """A Markdown table.
+
+    Parameters
+    ----------
+    rows : list of tuple of str
+
+    Returns
+    -------
+    str
+    """
     lines = ["| " + " | ".join(cells) + " |" for cells in rows]
     rule = "|" + "|".join("---" if k < 2 else "---:" for k in range(len(rows[0]))) + "|"
     return "\n".join([lines[0], rule, *lines[1:]])
 
 
 def as_json(scores: Sequence[Score], summary: Summary) -> dict[str, Any]:
-    """A method's summary, and its objects one by one; numbers that do not exist are null."""
+    """A method's summary, and its objects one by one; numbers that do not exist are null.
+
+    Parameters
+    ----------
+    scores : sequence of Score
+    summary : Summary
+
+    Returns
+    -------
+    dict
+    """
     document = asdict(summary)
     document["pose"] = {
         name: dict(zip(("world_cm", "local_cm", "pixels"), values, strict=True))
@@ -227,7 +335,17 @@ def as_json(scores: Sequence[Score], summary: Summary) -> dict[str, Any]:
 
 
 def without_nan(value: Any) -> Any:
-    """The same with ``None`` for numbers that JSON does not have."""
+    """The same with ``None`` for numbers that JSON does not have.
+
+    Parameters
+    ----------
+    value : object
+        Whatever JSON can hold.
+
+    Returns
+    -------
+    object
+    """
     if isinstance(value, dict):
         return {key: without_nan(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
@@ -238,9 +356,7 @@ def without_nan(value: Any) -> Any:
 
 
 # ------------------------------------------------------------------------------------------------
-# Pictures of results over the truth, and of whether uncertainties hold.
-#
-# Figures save or show themselves; matplotlib's current figure is left alone.
+# Figures. Each function returns one; matplotlib's current figure is left alone.
 
 Array = NDArray[np.float64]
 _INK: Final = "#2b2f36"
@@ -259,6 +375,15 @@ def top_view_figure(truth: TruthInView, predictions: Sequence[Prediction]) -> Fi
     """Each prediction over the truth, seen from above with the camera at the bottom.
 
     True furniture is grey, darker where somebody uses it; the true walk is a grey line.
+
+    Parameters
+    ----------
+    truth : TruthInView
+    predictions : sequence of Prediction
+
+    Returns
+    -------
+    matplotlib.figure.Figure
     """
     columns = min(len(predictions), 4)
     rows = -(-len(predictions) // columns)
@@ -287,6 +412,14 @@ def coverage_figure(scores: Sequence[PosteriorScore]) -> Figure:
     The band is where 90 % of such shares lie for as many independent objects, if stated
     probabilities are right. On the right, bars of even height are right: high ones on the left
     say that draws are too far away, on the right too near.
+
+    Parameters
+    ----------
+    scores : sequence of PosteriorScore
+
+    Returns
+    -------
+    matplotlib.figure.Figure
     """
     figure = Figure((8.4, 4.0), layout="constrained")
     axes, bars = figure.subplots(1, 2)

@@ -98,6 +98,15 @@ class Outline:
             its local x axis, camera axes. It is level whatever the camera's tilt, so that the
             front, at a right angle to it, does not depend on the tilt.
         has_front : bool
+
+        Returns
+        -------
+        Outline
+
+        Raises
+        ------
+        InputError
+            Corners are not finite, or ``sideways`` is not level.
         """
         whole = np.asarray(corners, float)
         points = whole[:, :2]
@@ -115,13 +124,37 @@ class Outline:
 
 
 def box_corners(centre: ArrayLike, axes: ArrayLike, size: ArrayLike) -> Array:
-    """(8, 3) corners of a box from its centre, unit axes in columns and full side lengths."""
+    """Corners of a box.
+
+    Parameters
+    ----------
+    centre : (3,) float
+        Metres.
+    axes : (3, 3) float
+        Unit axes in columns.
+    size : (3,) float
+        Full side lengths, metres.
+
+    Returns
+    -------
+    (8, 3) float
+    """
     corners: Array = np.asarray(centre) + (_CORNERS * np.asarray(size)) @ np.asarray(axes).T
     return corners
 
 
 def outline_of(item: SceneObject, camera: Camera) -> Outline:
-    """An object of a world in the axes of the camera that the world belongs to."""
+    """An object of a world in the axes of the camera that the world belongs to.
+
+    Parameters
+    ----------
+    item : SceneObject
+    camera : Camera
+
+    Returns
+    -------
+    Outline
+    """
     corners = np.concatenate(
         [item.placement.apply(box_corners(c.centre, np.eye(3), c.size)) for c in item.cuboids]
     )
@@ -135,7 +168,7 @@ def outline_of(item: SceneObject, camera: Camera) -> Outline:
 
 
 # ------------------------------------------------------------------------------------------------
-# What an answer is held against, in the axes of the camera.
+# Truth.
 
 Flags = NDArray[np.bool_]
 _AT_THE_TABLE: Final = 0.30
@@ -187,7 +220,18 @@ class TruthInView:
 
 
 def segments(actions: tuple[str, ...]) -> Iterator[tuple[str, slice]]:
-    """Stretches of frames in which the same is done, in order of time."""
+    """Stretches of frames in which the same is done, in order of time.
+
+    Parameters
+    ----------
+    actions : tuple of str
+        A word a frame.
+
+    Yields
+    ------
+    action : str
+    frames : slice
+    """
     first = 0
     for t in range(1, len(actions) + 1):
         if t == len(actions) or actions[t] != actions[first]:
@@ -242,6 +286,16 @@ def used_objects(
 
 def truth_in_view(clip: Clip, truth: Truth | None = None) -> TruthInView:
     """The truth that a clip carries, or one read separately, for scores.
+
+    Parameters
+    ----------
+    clip : Clip
+    truth : Truth, optional
+        The clip's own if not given.
+
+    Returns
+    -------
+    TruthInView
 
     Raises
     ------

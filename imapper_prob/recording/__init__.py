@@ -1,5 +1,5 @@
-"""A run to look at: one rerun recording, and a picture of it.
+"""Recordings for the rerun viewer: runs, stages of the solver, libraries.
 
-A recording is a view of the durable results, never their only copy. rerun is imported by the
-modules in here, so import them only where a recording is wanted.
+A recording is a view of the durable results, never their only copy. Modules in here import rerun;
+import them only where a recording is wanted.
 """

@@ -64,19 +64,49 @@ TITLES = {
 
 
 def scene_name(number: int, weighted: WeightedScene) -> str:
-    """Number of a scene (from 1) and its probability with the Monte-Carlo error."""
+    """Number of a scene (from 1) and its probability with the Monte-Carlo error.
+
+    Parameters
+    ----------
+    number : int
+        From 1.
+    weighted : WeightedScene
+
+    Returns
+    -------
+    str
+    """
     return f"Scene {number}: p = {weighted.probability:.2f} ± {weighted.error:.2f}"
 
 
 def contents(scene: Scene) -> str:
-    """The furniture of a scene, as in ``"2 chair, table"``."""
+    """The furniture of a scene, as in ``"2 chair, table"``.
+
+    Parameters
+    ----------
+    scene : Scene
+
+    Returns
+    -------
+    str
+    """
     labels = sorted(o.label for o in scene.objects)
     counts = {label: labels.count(label) for label in labels}
     return ", ".join(f"{n} {label}" if n > 1 else label for label, n in counts.items()) or "nothing"
 
 
 def caption(description: str, scenes: Sequence[WeightedScene]) -> str:
-    """The text panel in Markdown: ``description``, the scenes in a table, and a legend."""
+    """The text panel in Markdown: a description, the scenes in a table, and a legend.
+
+    Parameters
+    ----------
+    description : str
+    scenes : sequence of WeightedScene
+
+    Returns
+    -------
+    str
+    """
     rows = [
         f"| {i} | {s.probability:.2f} ± {s.error:.2f} | {contents(s.scene)} | {s.difference} |"
         for i, s in enumerate(scenes, 1)
@@ -87,7 +117,17 @@ def caption(description: str, scenes: Sequence[WeightedScene]) -> str:
 
 
 def certainty_text(certainty: Certainty) -> str:
-    """How sure each object and each parameter is, in two tables and a sentence on the person."""
+    """How sure each object and each parameter is, in two tables and a sentence on the person.
+
+    Parameters
+    ----------
+    certainty : Certainty
+
+    Returns
+    -------
+    str
+        Markdown.
+    """
     hidden = certainty.hidden
     objects = [
         "| object | there | label | across | depth | facing | hides |",
@@ -111,7 +151,18 @@ def certainty_text(certainty: Certainty) -> str:
 
 
 def moves_text(acceptance: Mapping[str, float]) -> str:
-    """How often each move was accepted, most often first, with a bar; empty if nothing is known."""
+    """How often each move was accepted, most often first, with a bar; empty if nothing is known.
+
+    Parameters
+    ----------
+    acceptance : mapping of str to float
+        Rate by move.
+
+    Returns
+    -------
+    str
+        Markdown.
+    """
     if not acceptance:
         return ""
     ranked = sorted(acceptance.items(), key=lambda item: (-item[1], item[0]))
@@ -149,7 +200,7 @@ def _bar(share: float) -> str:
 
 
 # ------------------------------------------------------------------------------------------------
-# How the viewer lays a recording out: one large view of the best scene, the rest around it.
+# Layout: one large view of the best scene, the rest around it.
 
 Array = NDArray[np.float64]
 _BACKGROUND = (18, 20, 25)
@@ -203,6 +254,10 @@ def make_blueprint(
         How many chains have draws to show.
     moves : bool
         Whether there is a table of accepted moves.
+
+    Returns
+    -------
+    rerun.blueprint.Blueprint
     """
     truly = ["world/truth/**"] if truth is not None else []
     best = scenes[0].scene

@@ -1,4 +1,23 @@
-"""Everything a run found, in one recording for the rerun viewer."""
+"""Everything a run found, in one recording.
+
+Entities, in metres in the world frame (z up, floor at z = 0)::
+
+    description, certainty, moves     what one sees, how sure it is, how often moves were accepted
+    world/floor, world/camera         the ground, and the camera of the best scene
+    world/camera/image/...            pictures, detections, reprojected and hidden joints, pixels
+    world/occupancy, world/all_draws  the floor and the objects over all draws
+    world/scene_1 … scene_K/...       furniture, names, positions, person, path, ghosts
+    world/truth/...                   what really was there, where somebody knows
+    world/by_scene/..., summary       the scenes one after the other, on timeline `scene`
+    world/draws/chain_1 …             draws one after the other, on timeline `draw`
+    fit/..., sure/...                 curves over frames
+    traces/...                        curves over the draws of the chains
+
+Of several people the person, limbs, path and curves of each have entities of their own, named after
+their tracks. Timelines are `frame` (the input's own numbers), `scene` (from 1) and `draw`. Nothing
+is stamped with the time of day, so the same run makes the same recording. ``docs/recording.md``
+says what each panel is for.
+"""
 
 from __future__ import annotations
 
@@ -48,7 +67,7 @@ from imapper_prob.recording.shapes import (
 from imapper_prob.recording.video import Video
 from imapper_prob.uncertainty.scenes import WeightedScene
 
-__all__ = ["image_camera", "log_image", "saved", "write_recording"]
+__all__ = ["saved", "write_recording"]
 
 
 @contextmanager
@@ -57,6 +76,16 @@ def saved(recording: rr.RecordingStream, path: Path, blueprint: rrb.Blueprint) -
 
     It is gathered in memory: the thread of the library that writes to files waits for ever where
     the disk is full from the beginning.
+
+    Parameters
+    ----------
+    recording : rerun.RecordingStream
+    path : Path
+    blueprint : rerun.blueprint.Blueprint
+
+    Yields
+    ------
+    None
     """
     memory = recording.memory_recording()
     with recording:
@@ -68,12 +97,12 @@ def saved(recording: rr.RecordingStream, path: Path, blueprint: rrb.Blueprint) -
 
 
 # ------------------------------------------------------------------------------------------------
-# What the camera saw, and the person projected back into it.
+# The image.
 
 Array = NDArray[np.float64]
 
 
-def image_camera(camera: Camera, video: Video | None) -> Camera:
+def _image_camera(camera: Camera, video: Video | None) -> Camera:
     """The camera at the size of the recorded pictures: points and pictures share their pixels."""
     if video is None:
         return camera
@@ -89,7 +118,7 @@ def image_camera(camera: Camera, video: Video | None) -> Camera:
     )
 
 
-def log_image(
+def _log_image(
     recording: rr.RecordingStream,
     clip: Clip,
     best: Scene,
@@ -103,7 +132,7 @@ def log_image(
     (K T, 16, 2) float
         The K people of the scene in recorded pixels.
     """
-    camera = image_camera(best.camera, video)
+    camera = _image_camera(best.camera, video)
     scale = camera.width / best.camera.width
     log_static(recording, "world/camera", shapes.camera_pose(camera))
     log_static(recording, "world/camera/image", shapes.pinhole(camera))
@@ -155,27 +184,7 @@ def _log_video(recording: rr.RecordingStream, video: Video) -> None:
 
 
 # ------------------------------------------------------------------------------------------------
-# Everything a run found, in one recording for the rerun viewer.
-#
-# Entities, in metres in the world frame (z up, floor at z = 0)::
-#
-#     description, certainty, moves     what one sees, how sure it is, how often moves were accepted
-#     world/floor, world/camera         the ground, and the camera of the best scene
-#     world/camera/image/...            pictures, detections, reprojected and hidden joints, pixels
-#     world/occupancy, world/all_draws  the floor and the objects over all draws
-#     world/scene_1 … scene_K/...     furniture, names, positions, person, path, ghosts
-#     world/truth/...                   what really was there, where somebody knows
-#     world/by_scene/..., summary      the scenes one after the other, on timeline `scene`
-#     world/draws/chain_1 …             draws one after the other, on timeline `draw`
-#     fit/..., sure/...                 curves over frames
-#     traces/...                        curves over the draws of the chains
-#
-# Of several people the person, limbs, path and curves of each have entities of their own, named
-# after their tracks.
-#
-# Timelines are `frame` (the input's own numbers), `scene` (from 1) and `draw`. Nothing is
-# stamped with the time of day, so the same run makes the same recording. ``docs/recording.md``
-# says what each panel is for.
+# The recording.
 
 _GHOSTS = 8
 """Most doubles drawn of a scene's person: more hide the person and swell the file."""
@@ -254,7 +263,7 @@ def write_recording(
         traces=tuple(curves),
         truth=truth,
         clip=clip,
-        image=image_camera(scenes[0].scene.camera, video),
+        image=_image_camera(scenes[0].scene.camera, video),
         certainty=certainty,
         chains=len(draws),
         moves=bool(acceptance),
@@ -318,7 +327,7 @@ def _log_all(recording: rr.RecordingStream, told: _RecordingContent) -> None:
     log_static(recording, "/", palette.annotation_context(categories))
     log_static(recording, "world", rr.ViewCoordinates.RIGHT_HAND_Z_UP)
     _log_floor(recording, everything, [s.scene.joints for s in scenes])
-    pixels = log_image(recording, clip, scenes[0].scene, frames, told.video)
+    pixels = _log_image(recording, clip, scenes[0].scene, frames, told.video)
     for i, weighted in enumerate(scenes, 1):
         _log_scene(recording, f"world/scene_{i}", weighted, clip, categories, best=i == 1)
     if truth is not None:
@@ -336,7 +345,7 @@ def _log_all(recording: rr.RecordingStream, told: _RecordingContent) -> None:
             scenes[0].scene.joints,
             pixels,
             frames,
-            image_height=image_camera(scenes[0].scene.camera, told.video).height,
+            image_height=_image_camera(scenes[0].scene.camera, told.video).height,
         )
     _log_by_scene(recording, scenes, clip, categories)
     log_draws(recording, told.draws, categories)

@@ -1,4 +1,8 @@
-"""Colours, class numbers, names and text in a recording."""
+"""Colours, class numbers and text in a recording.
+
+Objects have the hues of :mod:`imapper_prob.plotting`; people and their doubles take the light tones
+that are left.
+"""
 
 from __future__ import annotations
 
@@ -37,7 +41,17 @@ _LENGTH = 32
 
 
 def digest(*contents: Any) -> str:
-    """A name that depends on nothing but contents: arrays, dataclasses, collections, scalars."""
+    """A name that depends on nothing but contents: arrays, dataclasses, collections, scalars.
+
+    Parameters
+    ----------
+    *contents : object
+
+    Returns
+    -------
+    str
+        Hexadecimal.
+    """
     state = hashlib.sha256()
     for part in _parts(contents):
         state.update(part)
@@ -65,10 +79,8 @@ def _parts(value: Any) -> Iterator[bytes]:
 
 
 # ------------------------------------------------------------------------------------------------
-# Text that the viewer can draw.
-#
-# Its one font has Latin, Greek and Cyrillic letters. At any other sign, of a clip's name or an
-# object's label, the viewer does not draw a box but ends, and takes all other views with it.
+# Text. The viewer's one font has Latin, Greek and Cyrillic letters; at any other sign it ends, and
+# takes all other views with it.
 
 _RANGES = (
     (0x20, 0x7E),
@@ -83,7 +95,16 @@ _SIGNS = frozenset("\n–—‘’“”…→×≈≤≥•−√∞€")
 
 
 def drawable(text: str) -> str:
-    """The same text with a question mark for every sign that the viewer has no picture of."""
+    """The same text with a question mark for every sign that the viewer has no picture of.
+
+    Parameters
+    ----------
+    text : str
+
+    Returns
+    -------
+    str
+    """
     return "".join(c if c in _SIGNS or _has(ord(c)) else "?" for c in text)
 
 
@@ -92,12 +113,8 @@ def _has(code: int) -> bool:
 
 
 # ------------------------------------------------------------------------------------------------
-# Which colour and which class number everything in a recording has.
-#
-# Objects have the hues of :mod:`imapper_prob.plotting`; people and their doubles take the light
-# tones that are left.
+# Classes.
 
-pass
 ESTIMATE: Final = 1
 """Class of the person in the most probable scene."""
 ALTERNATIVE: Final = 2
@@ -138,12 +155,31 @@ _SURE: Final = np.array([90.0, 210.0, 120.0])
 
 
 def category_ids(labels: Iterable[str]) -> dict[str, int]:
-    """A class number for each category, in alphabetical order."""
+    """A class number for each category, in alphabetical order.
+
+    Parameters
+    ----------
+    labels : iterable of str
+
+    Returns
+    -------
+    dict of str to int
+    """
     return {label: _FIRST_CATEGORY + i for i, label in enumerate(sorted(set(labels)))}
 
 
 def annotation_context(categories: dict[str, int]) -> rr.AnnotationContext:
-    """Names, colours and bones of every class in a recording."""
+    """Names, colours and bones of every class in a recording.
+
+    Parameters
+    ----------
+    categories : dict of str to int
+        Class numbers.
+
+    Returns
+    -------
+    rerun.AnnotationContext
+    """
     joints = [rr.AnnotationInfo(id=j, label=name) for j, name in enumerate(JOINTS)]
     people = [
         rr.ClassDescription(
@@ -165,7 +201,17 @@ def annotation_context(categories: dict[str, int]) -> rr.AnnotationContext:
 
 
 def confidence_colours(confidences: ArrayLike) -> NDArray[np.uint8]:
-    """(...) confidences in [0, 1] to (..., 3) colours: red, amber at one half, green."""
+    """Colours of confidences: red, amber at one half, green.
+
+    Parameters
+    ----------
+    confidences : (...) float
+        In [0, 1].
+
+    Returns
+    -------
+    (..., 3) uint8
+    """
     c = np.clip(np.asarray(confidences, float), 0, 1)[..., None]
     below = _UNSURE + (_HALF_SURE - _UNSURE) * (2 * c)
     above = _HALF_SURE + (_SURE - _HALF_SURE) * (2 * c - 1)

@@ -49,7 +49,17 @@ _WIDTH = 1.5
 
 
 def trace_entity(name: str) -> str:
-    """Where the chains of a trace are logged."""
+    """Where the chains of a trace are logged.
+
+    Parameters
+    ----------
+    name : str
+        Of the trace.
+
+    Returns
+    -------
+    str
+    """
     return f"traces/{rr.escape_entity_path_part(name)}"
 
 
@@ -59,7 +69,15 @@ def log_fit(
     scenes: Sequence[WeightedScene],
     truth: Truth | None,
 ) -> None:
-    """Log, per scene, person and frame, their distance and the miss of the reprojection."""
+    """Log, per scene, person and frame, their distance and the miss of the reprojection.
+
+    Parameters
+    ----------
+    recording : rerun.RecordingStream
+    clip : Clip
+    scenes : sequence of WeightedScene
+    truth : Truth, optional
+    """
     frames = clip.frame_ids
     for i, weighted in enumerate(scenes, 1):
         camera = weighted.scene.camera
@@ -77,7 +95,13 @@ def log_fit(
 
 
 def log_traces(recording: rr.RecordingStream, traces: Mapping[str, Array]) -> None:
-    """Log (chains, draws) arrays, thinned to what a screen can show."""
+    """Log traces of the chains, thinned to what a screen can show.
+
+    Parameters
+    ----------
+    recording : rerun.RecordingStream
+    traces : mapping of str to (chains, draws) float
+    """
     for name, chains in traces.items():
         step = -(-chains.shape[1] // _TRACE_POINTS) or 1
         draws = np.arange(0, chains.shape[1], step)
@@ -113,7 +137,17 @@ def curve(
     values: Array,
     style: rr.SeriesLines,
 ) -> None:
-    """Log one curve (n,) over the times (n,) of a timeline, its unknown values left out."""
+    """Log one curve, its unknown values left out.
+
+    Parameters
+    ----------
+    recording : rerun.RecordingStream
+    entity : str
+    timeline : str
+    times : (n,) int
+    values : (n,) float
+    style : rerun.SeriesLines
+    """
     known = np.isfinite(values)
     if not known.any():
         return
@@ -124,9 +158,7 @@ def curve(
 
 
 # ------------------------------------------------------------------------------------------------
-# How sure the posterior is, drawn: the floor, the objects, and what is hidden.
-#
-# Unlike scenes, all of this is about every draw at once.
+# Certainty over all draws: the floor, the objects, and what is hidden.
 
 HIDDEN = 0.5
 """Probability from which a joint is drawn as hidden."""
@@ -145,7 +177,15 @@ _AXES = {"across the view": (134, 188, 240), "depth": (255, 214, 102), "height":
 
 @dataclass(frozen=True)
 class Certainty:
-    """What is known over all draws, see `imapper_prob.uncertainty`."""
+    """What is known over all draws, see `imapper_prob.uncertainty`.
+
+    Parameters
+    ----------
+    occupancy : Occupancy
+    hidden : HiddenJoints
+    joints : JointSummary
+    nuisances : mapping of str to Nuisance
+    """
 
     occupancy: Occupancy
     hidden: HiddenJoints
@@ -161,7 +201,14 @@ class Certainty:
 
 
 def log_certainty(recording: rr.RecordingStream, certainty: Certainty, clip: Clip) -> None:
-    """Log the map of the floor, where each object is, and how sure that is over frames."""
+    """Log the map of the floor, where each object is, and how sure that is over frames.
+
+    Parameters
+    ----------
+    recording : rerun.RecordingStream
+    certainty : Certainty
+    clip : Clip
+    """
     floor = _floor_map(certainty.occupancy)
     if floor is not None:
         log_static(recording, "world/occupancy", floor)
@@ -184,8 +231,14 @@ def log_hidden_joints(
 
     Parameters
     ----------
+    recording : rerun.RecordingStream
+    certainty : Certainty
+    clip : Clip
+        Of K people.
     joints, pixels : (K T, 16, 3), (K T, 16, 2) float
-        Of these K people; NaN where unknown.
+        Of these people; NaN where unknown.
+    frames : rerun.TimeColumn
+        T times.
     image_height : int
         Pixels.
     """
@@ -217,7 +270,16 @@ def log_hidden_joints(
 
 
 def hidden_colours(hidden: HiddenJoints) -> NDArray[np.uint8]:
-    """(T, 16, 3) colour of the object that most probably hides a joint."""
+    """Colour of the object that most probably hides a joint.
+
+    Parameters
+    ----------
+    hidden : HiddenJoints
+
+    Returns
+    -------
+    (T, 16, 3) uint8
+    """
     palette = np.array([UNCLAIMED, *(category_colour(c.label) for c in hidden.clusters)])
     if not hidden.clusters:
         return np.broadcast_to(palette[0], (*hidden.probability.shape, 3)).astype(np.uint8)
@@ -282,7 +344,7 @@ def _log_curves(recording: rr.RecordingStream, certainty: Certainty, clip: Clip)
 
 
 # ------------------------------------------------------------------------------------------------
-# Draws one after the other, chain beside chain: what the sampler really did.
+# Draws one after the other, chain beside chain.
 
 MOST = 400
 """Most draws of all chains together that are kept, evenly spread: a recording stays small."""
@@ -308,14 +370,32 @@ class DrawnChain:
 
 
 def chain_entity(number: int) -> str:
-    """Where the draws of a chain, counted from 1, are logged."""
+    """Where the draws of a chain are logged.
+
+    Parameters
+    ----------
+    number : int
+        From 1.
+
+    Returns
+    -------
+    str
+    """
     return f"world/draws/chain_{number}"
 
 
 def log_draws(
     recording: rr.RecordingStream, chains: Sequence[DrawnChain], categories: Mapping[str, int]
 ) -> None:
-    """Log furniture, names and path of each draw on the timeline `draw`."""
+    """Log furniture, names and path of each draw on the timeline `draw`.
+
+    Parameters
+    ----------
+    recording : rerun.RecordingStream
+    chains : sequence of DrawnChain
+    categories : mapping of str to int
+        Class numbers.
+    """
     for number, chain in enumerate(chains, 1):
         entity = chain_entity(number)
         index = rr.TimeColumn("draw", sequence=chain.numbers)

@@ -74,7 +74,16 @@ _OURS_FROM_RERUN = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]]
 
 
 def pinhole(camera: Camera) -> rr.Pinhole:
-    """Intrinsics, for a camera whose axes are x right, y down, z forward."""
+    """Intrinsics, for a camera whose axes are x right, y down, z forward.
+
+    Parameters
+    ----------
+    camera : Camera
+
+    Returns
+    -------
+    rerun.Pinhole
+    """
     return rr.Pinhole(
         focal_length=(camera.fx, camera.fy),
         principal_point=(camera.cx, camera.cy),
@@ -87,14 +96,37 @@ def pinhole(camera: Camera) -> rr.Pinhole:
 
 
 def camera_pose(camera: Camera) -> rr.Transform3D:
-    """World from rerun's camera axes."""
+    """World from rerun's camera axes.
+
+    Parameters
+    ----------
+    camera : Camera
+
+    Returns
+    -------
+    rerun.Transform3D
+    """
     return rr.Transform3D(translation=camera.centre, mat3x3=camera.rotation @ _OURS_FROM_RERUN)
 
 
 def boxes(
     objects: Sequence[SceneObject], categories: dict[str, int], *, outlined: bool = False
 ) -> rr.Boxes3D:
-    """All cuboids of ``objects``; ``outlined`` draws their edges only, in grey."""
+    """All cuboids of some objects.
+
+    Parameters
+    ----------
+    objects : sequence of SceneObject
+        In the world.
+    categories : dict of str to int
+        Class numbers.
+    outlined : bool
+        Draw their edges only, in grey.
+
+    Returns
+    -------
+    rerun.Boxes3D
+    """
     centres, half_sizes, turns = _box_geometry(objects)
     if outlined:
         return rr.Boxes3D(
@@ -119,7 +151,18 @@ def boxes(
 def box_columns(
     rows: Sequence[Sequence[SceneObject]], categories: dict[str, int]
 ) -> rr.ComponentColumnList:
-    """One row a scene: all cuboids of its objects."""
+    """One row a scene: all cuboids of its objects.
+
+    Parameters
+    ----------
+    rows : sequence of sequence of SceneObject
+    categories : dict of str to int
+        Class numbers.
+
+    Returns
+    -------
+    rerun.ComponentColumnList
+    """
     everything = [o for objects in rows for o in objects]
     lengths = [sum(len(o.cuboids) for o in objects) for objects in rows]
     centres, half_sizes, turns = _box_geometry(everything)
@@ -133,7 +176,19 @@ def box_columns(
 
 
 def names(objects: Sequence[SceneObject], categories: dict[str, int]) -> rr.Points3D:
-    """Each object's category, floating just above it."""
+    """Each object's category, floating just above it.
+
+    Parameters
+    ----------
+    objects : sequence of SceneObject
+        In the world.
+    categories : dict of str to int
+        Class numbers.
+
+    Returns
+    -------
+    rerun.Points3D
+    """
     return rr.Points3D(
         _above(objects),
         labels=[drawable(o.label) for o in objects],
@@ -146,7 +201,18 @@ def names(objects: Sequence[SceneObject], categories: dict[str, int]) -> rr.Poin
 def name_columns(
     draws: Sequence[Sequence[SceneObject]], categories: dict[str, int]
 ) -> rr.ComponentColumnList:
-    """One row a draw: the categories of its objects, floating above them."""
+    """One row a draw: the categories of its objects, floating above them.
+
+    Parameters
+    ----------
+    draws : sequence of sequence of SceneObject
+    categories : dict of str to int
+        Class numbers.
+
+    Returns
+    -------
+    rerun.ComponentColumnList
+    """
     everything = [o for objects in draws for o in objects]
     columns = rr.Points3D.columns(
         positions=_above(everything),
@@ -175,6 +241,10 @@ def position_ellipses(objects: Sequence[SceneObject], covariances: Array) -> rr.
         In the world.
     covariances : (n_objects, 2, 2) float
         Square metres; objects whose covariance is not finite get no ellipse.
+
+    Returns
+    -------
+    rerun.Ellipsoids3D
     """
     centres, half_sizes, turns = [], [], []
     for item, covariance in zip(objects, covariances, strict=True):
@@ -190,7 +260,16 @@ def position_ellipses(objects: Sequence[SceneObject], covariances: Array) -> rr.
 
 
 def regions(clusters: Sequence[ObjectCluster]) -> rr.Ellipsoids3D:
-    """The ellipses that hold 50 and 90 % of where each object stands, over all draws."""
+    """The ellipses that hold 50 and 90 % of where each object stands, over all draws.
+
+    Parameters
+    ----------
+    clusters : sequence of ObjectCluster
+
+    Returns
+    -------
+    rerun.Ellipsoids3D
+    """
     found = [c.region(share) for c in clusters for share in _QUANTILES]
     return _on_floor(
         [(*r.centre, 2 * _ELLIPSE_HEIGHT) for r in found],
@@ -200,7 +279,17 @@ def regions(clusters: Sequence[ObjectCluster]) -> rr.Ellipsoids3D:
 
 
 def outlines(objects: Sequence[SceneObject]) -> rr.LineStrips3D:
-    """Footprints as closed lines on the floor, in the grey of the truth."""
+    """Footprints as closed lines on the floor, in the grey of the truth.
+
+    Parameters
+    ----------
+    objects : sequence of SceneObject
+        In the world.
+
+    Returns
+    -------
+    rerun.LineStrips3D
+    """
     corners = [np.column_stack([o.footprint, np.full(4, 2 * _ELLIPSE_HEIGHT)]) for o in objects]
     return rr.LineStrips3D(
         [np.concatenate([c, c[:1]]) for c in corners], colors=TRUE_COLOUR, radii=0.008
@@ -223,19 +312,49 @@ def _on_floor(
 
 
 def limbs(joints: Array) -> list[Array]:
-    """Legs, spine and arms of one pose (16, 3) as three polylines; none where it is unknown."""
+    """Legs, spine and arms of one pose as three polylines; none where it is unknown.
+
+    Parameters
+    ----------
+    joints : (16, 3) float
+        Metres.
+
+    Returns
+    -------
+    list of (n, 3) float
+    """
     return [joints[list(chain)] for chain in _LIMBS] if np.isfinite(joints).all() else []
 
 
 def paths(pelvis: Array) -> list[Array]:
-    """The known stretches of a (T, 3) path as polylines."""
+    """The known stretches of a path as polylines.
+
+    Parameters
+    ----------
+    pelvis : (T, 3) float
+        Metres; NaN where unknown.
+
+    Returns
+    -------
+    list of (n, 3) float
+    """
     known = np.isfinite(pelvis).all(1)
     edges = np.flatnonzero(np.diff(np.concatenate([[False], known, [False]]).astype(int)))
     return [pelvis[a:b] for a, b in edges.reshape(-1, 2) if b - a > 1]
 
 
 def floor_plane(low: Array, high: Array) -> rr.Boxes3D:
-    """A slab just under z = 0 between two corners (2,), metres, so that furniture stands."""
+    """A slab just under z = 0 between two corners, so that furniture stands.
+
+    Parameters
+    ----------
+    low, high : (2,) float
+        Metres.
+
+    Returns
+    -------
+    rerun.Boxes3D
+    """
     size = (*(high - low), _FLOOR_THICKNESS)
     # A millimetre of air keeps the slab's top from flickering through the ellipses.
     centre = (*((low + high) / 2), -_FLOOR_THICKNESS / 2 - 0.001)
@@ -248,7 +367,17 @@ def floor_plane(low: Array, high: Array) -> rr.Boxes3D:
 
 
 def floor_lines(low: Array, high: Array) -> rr.LineStrips3D:
-    """Lines a metre apart between two corners (2,) in whole metres."""
+    """Lines a metre apart between two corners.
+
+    Parameters
+    ----------
+    low, high : (2,) float
+        Whole metres.
+
+    Returns
+    -------
+    rerun.LineStrips3D
+    """
     (x0, y0), (x1, y1) = low, high
     across = [[(x0, y, 0.0), (x1, y, 0.0)] for y in np.arange(y0, y1 + 0.5)]
     along = [[(x, y0, 0.0), (x, y1, 0.0)] for x in np.arange(x0, x1 + 0.5)]
@@ -274,7 +403,6 @@ def _about_z(angles: Array) -> Array:
 # ------------------------------------------------------------------------------------------------
 # Logging what stands still, what moves, and a person.
 
-pass
 _JOINT_RADIUS: Final = 0.045
 _LIMB_RADIUS: Final = 0.03
 PATH_RADIUS: Final = 0.012
@@ -282,14 +410,33 @@ PATH_RADIUS: Final = 0.012
 
 
 def own_entity(clip: Clip, entity: str, person: int) -> str:
-    """Where things of one person are logged: below ``entity`` by name, if there are others."""
+    """Where things of one person are logged: below ``entity`` by name, if there are others.
+
+    Parameters
+    ----------
+    clip : Clip
+    entity : str
+    person : int
+        Number of the track.
+
+    Returns
+    -------
+    str
+    """
     if len(clip.tracks) == 1:
         return entity
     return f"{entity}/{rr.escape_entity_path_part(clip.tracks[person].name)}"
 
 
 def log_static(recording: rr.RecordingStream, entity: str, what: rr.AsComponents) -> None:
-    """Log what is there at all times."""
+    """Log what is there at all times.
+
+    Parameters
+    ----------
+    recording : rerun.RecordingStream
+    entity : str
+    what : rerun.AsComponents
+    """
     recording.log(entity, what, static=True, strict=True)
 
 
@@ -301,7 +448,17 @@ def log_moving(
     *,
     style: rr.AsComponents,
 ) -> None:
-    """Log what changes along a timeline, and once what does not."""
+    """Log what changes along a timeline, and once what does not.
+
+    Parameters
+    ----------
+    recording : rerun.RecordingStream
+    entity : str
+    index : rerun.TimeColumn
+    columns : rerun.ComponentColumnList
+    style : rerun.AsComponents
+        What does not change.
+    """
     recording.send_columns(entity, indexes=[index], columns=columns, strict=True)
     log_static(recording, entity, style)
 
@@ -309,15 +466,18 @@ def log_moving(
 def log_person(
     recording: rr.RecordingStream, entity: str, joints: Array, number: int, frames: rr.TimeColumn
 ) -> None:
-    """Log joints, limbs and path of a person below ``entity``.
+    """Log joints, limbs and path of a person.
 
     Parameters
     ----------
+    recording : rerun.RecordingStream
+    entity : str
+        Below which they are logged.
     joints : (T, 16, 3) float
         Metres; NaN where unknown.
     number : int
         Class of the person, see :mod:`imapper_prob.recording.palette`.
-    frames : TimeColumn
+    frames : rerun.TimeColumn
         T times.
     """
     known = np.isfinite(joints).all(-1)

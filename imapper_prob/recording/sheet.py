@@ -88,6 +88,15 @@ def kinds(library: Library) -> list[str]:
 
     Where one such name stands for several actions, as that of a recording does, the action
     is part of the kind.
+
+    Parameters
+    ----------
+    library : Library
+
+    Returns
+    -------
+    list of str
+        By scenelet.
     """
     stems = [re.sub(r"-\d+$", "", s.name) for s in library]
     actions: dict[str, set[str]] = {}

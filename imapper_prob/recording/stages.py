@@ -40,7 +40,7 @@ from imapper_prob.solver.combinations import state_of
 from imapper_prob.solver.limbs import limbs_of
 from imapper_prob.solver.solver import Solution
 
-__all__ = ["StageView", "charness_curves", "stage_views", "write_stages"]
+__all__ = ["charness_curves", "stage_views", "write_stages"]
 
 Array = NDArray[np.float64]
 Curve = tuple[NDArray[np.int64], Array]
@@ -197,11 +197,20 @@ def _blueprint() -> rrb.Blueprint:
 
 
 # ------------------------------------------------------------------------------------------------
-# What every stage of the solver had on the floor, for a recording.
+# What every stage has on the floor.
 
 
 def stage_views(solved: Solved) -> tuple[StageView, ...]:
-    """Static path, candidates judged, candidates kept, best combination, scenes."""
+    """Static path, candidates judged, candidates kept, best combination, scenes.
+
+    Parameters
+    ----------
+    solved : Solved
+
+    Returns
+    -------
+    tuple of StageView
+    """
     actors = solved.actors
     empty = [empty_state(a.problem) for a in actors]
     alone = _motions(actors, empty)
@@ -267,7 +276,16 @@ def _exchanged(actors: Sequence[Solution], together: Sequence[State]) -> StageVi
 
 
 def charness_curves(solved: Solved) -> dict[str, Curve]:
-    """By name of the actor, charness over the clip's frames."""
+    """By name of the actor, charness over the clip's frames.
+
+    Parameters
+    ----------
+    solved : Solved
+
+    Returns
+    -------
+    dict of str to curve
+    """
     ids = solved.clip.frame_ids
     return {a.clip.tracks[0].name: (ids[a.curve.centres], a.curve.values) for a in solved.actors}
 

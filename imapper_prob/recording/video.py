@@ -65,6 +65,10 @@ def read_video(path: str | Path, clip: Clip) -> Video:
     clip : Clip
         Its frames are looked for, and no others are kept.
 
+    Returns
+    -------
+    Video
+
     Raises
     ------
     InputError
@@ -164,7 +168,7 @@ def _encoded(picture: Any, quality: int) -> bytes:
 
 
 # ------------------------------------------------------------------------------------------------
-# A recording inside a notebook, without a network.
+# Notebooks: a recording without a network.
 
 _ASSET = "RERUN_NOTEBOOK_ASSET"
 
@@ -178,6 +182,10 @@ def recording_widget(recording: str | Path, *, width: int = 1200, height: int = 
         An ``.rrd`` file.
     width, height : int
         Pixels.
+
+    Returns
+    -------
+    rerun_notebook.Viewer
 
     Raises
     ------

@@ -1,1 +1,1 @@
-"""What a run found, for people and for files."""
+"""What a run found: the posterior, figures, files and the report."""

@@ -1,7 +1,7 @@
 """A scene, or draws, in formats of others: JSON in benchmark axes, binary glTF, i3DB.
 
-Every draw has a camera of its own, with its own pitch, roll, height and focal length: what
-leaves the world must leave it through the camera of its draw.
+Every draw has a camera of its own, with its own pitch, roll, height and focal length: what leaves
+the world leaves it through the camera of its draw.
 """
 
 from __future__ import annotations
@@ -31,7 +31,6 @@ from imapper_prob.uncertainty.motion import drawn_motion
 __all__ = [
     "evenly_spaced",
     "intrinsics",
-    "object_axes",
     "scene_document",
     "to_benchmark",
     "write_glb",
@@ -44,17 +43,38 @@ Array = NDArray[np.float64]
 
 
 def to_benchmark(camera: Camera, points: ArrayLike) -> Array:
-    """World (..., 3) to the benchmark's axes (..., 3), metres."""
+    """Points of the world in the benchmark's axes.
+
+    Parameters
+    ----------
+    camera : Camera
+    points : (..., 3) float
+        Metres.
+
+    Returns
+    -------
+    (..., 3) float
+        Metres.
+    """
     x, forward, up = np.moveaxis(camera.to_camera(points), -1, 0)
     return np.stack([x, -up, forward], -1)
 
 
 def intrinsics(camera: Camera) -> Array:
-    """(3, 3) matrix that takes the benchmark's axes to homogeneous pixels."""
+    """The matrix that takes the benchmark's axes to homogeneous pixels.
+
+    Parameters
+    ----------
+    camera : Camera
+
+    Returns
+    -------
+    (3, 3) float
+    """
     return np.array([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1.0]])
 
 
-def object_axes(camera: Camera, o: SceneObject) -> Array:
+def _object_axes(camera: Camera, o: SceneObject) -> Array:
     """(3, 3) unit vectors along an object's width, front and up, in rows, benchmark's axes."""
     c, s = np.cos(o.placement.yaw), np.sin(o.placement.yaw)
     axes = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
@@ -66,16 +86,25 @@ def yaw_in_camera(camera: Camera, o: SceneObject) -> float:
 
     That plane is tilted against the floor by the camera's pitch and roll; the angle is that of
     the front's direction as it falls on the plane.
+
+    Parameters
+    ----------
+    camera : Camera
+    o : SceneObject
+
+    Returns
+    -------
+    float
     """
-    front = object_axes(camera, o)[1]
+    front = _object_axes(camera, o)[1]
     return float(np.arctan2(-front[0], front[2]))
 
 
 # ------------------------------------------------------------------------------------------------
-# One JSON of a scene, and of posterior draws, in the camera frame of the benchmark.
+# JSON of a scene, and of posterior draws.
 #
-# For programs that know neither our world nor our model: metres, x right, y down, z forward, the
-# camera at the origin. The fields are described in ``docs/results.md``.
+# For programs that know neither the world frame nor the model: metres, x right, y down, z forward,
+# the camera at the origin. The fields are described in ``docs/results.md``.
 
 _FORMAT: Final = "imapper-prob scene 1"
 _DECIMALS: Final = 5
@@ -112,7 +141,20 @@ def write_json(
 def scene_document(
     posterior: Posterior, *, scene: int | None = None, samples: int = 0
 ) -> dict[str, Any]:
-    """What :func:`write_json` writes."""
+    """What :func:`write_json` writes.
+
+    Parameters
+    ----------
+    posterior : Posterior
+    scene : int, optional
+        From 1; all scenes if not given.
+    samples : int
+        Draws to write as well.
+
+    Returns
+    -------
+    dict
+    """
     shown = None if scene is None else posterior.scene(scene)
     clip = posterior.clip
     document = {
@@ -146,6 +188,15 @@ def scene_document(
 
 def evenly_spaced(posterior: Posterior, count: int) -> list[int]:
     """Numbers of ``count`` draws, chain by chain as far apart as can be.
+
+    Parameters
+    ----------
+    posterior : Posterior
+    count : int
+
+    Returns
+    -------
+    list of int
 
     Raises
     ------
@@ -191,7 +242,7 @@ def _object(scene: Scene, o: SceneObject) -> dict[str, Any]:
         "center": _listed(to_benchmark(camera, o.centre)),
         "size": _listed([width, height, depth]),
         "yaw": round(yaw_in_camera(camera, o), _DECIMALS),
-        "axes": _listed(object_axes(camera, o)),
+        "axes": _listed(_object_axes(camera, o)),
         "parts": [
             {
                 "part": c.part,
@@ -238,7 +289,14 @@ _WAY: Final = (60, 60, 70, 255)
 
 
 def write_glb(path: Path, scene: Scene, clip: Clip) -> None:
-    """Write one scene of a clip."""
+    """Write one scene of a clip.
+
+    Parameters
+    ----------
+    path : Path
+    scene : Scene
+    clip : Clip
+    """
     content = _as_trimesh(scene, clip).export(file_type="glb")
     with written_whole(path) as beside:
         beside.write_bytes(content)
@@ -318,12 +376,17 @@ def _painted(colour: tuple[int, int, int, int]) -> Any:
 # Axes are those of the camera (x right, y down, z forward). As in the benchmark's annotations the
 # second axis of a part points to the back of its object and the third up.
 
-pass
 _STEM: Final = "skel_output"
 
 
 def write_i3db(folder: Path, scene: Scene, clip: Clip) -> None:
     """Write a scene as the benchmark's files into a new or empty folder.
+
+    Parameters
+    ----------
+    folder : Path
+    scene : Scene
+    clip : Clip
 
     Raises
     ------
@@ -374,7 +437,7 @@ def _parts(scene: Scene) -> dict[str, dict[str, Any]]:
     """Content of each part's file by its name, ``00_couch_arm-1``."""
     parts = {}
     for number, o in enumerate(scene.objects):
-        width, front, up = object_axes(scene.camera, o)
+        width, front, up = _object_axes(scene.camera, o)
         axes = np.stack([-width, -front, up], 1)  # right-handed
         names = [_letters(c.part) or "part" for c in o.cuboids]
         met: Counter[str] = Counter()

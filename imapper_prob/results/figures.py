@@ -1,8 +1,7 @@
 """Figures of a posterior: scenes, certainty, visibility, convergence, energy by term.
 
-On the left the clip from its first frame to its last, all panels on one time axis; on the right
-what every scenelet and every object is worth. The figure saves or shows itself; matplotlib's
-current figure is left alone.
+Each function returns a ``Figure`` that saves or shows itself; matplotlib's current figure is left
+alone. Views from above have the camera at the origin, looking up the page.
 """
 
 from __future__ import annotations
@@ -67,6 +66,10 @@ def energy_figure(explanation: Explanation, *, title: str) -> Figure:
     explanation : Explanation
     title : str
         What the scene is of.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
     """
     parts = len(explanation.scenelets) + len(explanation.objects)
     figure = Figure(figsize=(15, max(8.0, 2.5 + 0.42 * parts)), layout="constrained")
@@ -145,10 +148,10 @@ def _costs(axes: Axes, explanation: Explanation) -> None:
 
 
 def _probabilities(axes: Axes, explanation: Explanation) -> None:
-    """How much of the person the scene hides, and where sides look swapped."""
+    """How much of the person the scene hides, and where sides look flipped."""
     ids, frames = explanation.frame_ids, explanation.frames
     axes.fill_between(ids, frames.hidden, color="#59a14f", alpha=0.35, lw=0, label="joint hidden")
-    axes.plot(ids, frames.swapped, color=_TERM_COLOURS["motion"], lw=1.4, label="sides swapped")
+    axes.plot(ids, frames.flipped, color=_TERM_COLOURS["motion"], lw=1.4, label="sides flipped")
     axes.set(ylim=(0, 1), yticks=[0, 0.5, 1])
     _title(axes, "probability")
     _legend(axes)
@@ -250,10 +253,7 @@ def _rgb(colour: Colour) -> tuple[float, float, float]:
 
 
 # ------------------------------------------------------------------------------------------------
-# A posterior in pictures: which scenes, how sure, what is hidden, did it converge.
-#
-# Each function returns a ``Figure`` that saves or shows itself; matplotlib's current figure is
-# left alone. Views from above have the camera at the origin, looking up the page.
+# Scenes, certainty and convergence.
 
 _CHAINS: Final = ("#4e79a7", "#f28e2b", "#59a14f", "#b07aa1", "#e15759", "#76b7b2")
 _AXES: Final = {"across the view": "#4e79a7", "depth": "#f28e2b", "height": "#59a14f"}
@@ -264,7 +264,18 @@ _NAMED: Final = 0.2
 
 
 def clip_figure(clip: Clip, *, moments: int = 5) -> Figure:
-    """What the detector saw: people at some moments, and how sure it was of each joint."""
+    """What the detector saw: people at some moments, and how sure it was of each joint.
+
+    Parameters
+    ----------
+    clip : Clip
+    moments : int
+        How many.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
     figure = Figure(figsize=(12, 5.6), layout="constrained")
     image, sure = figure.subplots(1, 2, width_ratios=(1.2, 1))
     for track in clip.tracks:
@@ -293,7 +304,18 @@ def clip_figure(clip: Clip, *, moments: int = 5) -> Figure:
 
 
 def scenes_figure(posterior: Posterior, count: int = 4) -> Figure:
-    """The most probable scenes side by side from above; in grey other draws of the path."""
+    """The most probable scenes side by side from above; in grey other draws of the path.
+
+    Parameters
+    ----------
+    posterior : Posterior
+    count : int
+        At most so many scenes.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
     scenes = posterior.scenes(count)
     everything = [o.footprint for w in scenes for o in w.scene.objects]
     everything += [w.scene.joints[:, PELV, :2] for w in scenes]
@@ -320,7 +342,16 @@ def scenes_figure(posterior: Posterior, count: int = 4) -> Figure:
 
 
 def floor_figure(posterior: Posterior) -> Figure:
-    """Where furniture stands over all draws: a map, and the regions of 50 and 90 %."""
+    """Where furniture stands over all draws: a map, and the regions of 50 and 90 %.
+
+    Parameters
+    ----------
+    posterior : Posterior
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
     occupancy, clusters = posterior.occupancy(), posterior.clusters()
     best = posterior.scenes(1)[0].scene.joints[:, PELV, :2]
     low, high = _bounds(np.concatenate([best, *(c.positions for c in clusters)]))
@@ -347,7 +378,16 @@ def floor_figure(posterior: Posterior) -> Figure:
 
 
 def hidden_figure(posterior: Posterior) -> Figure:
-    """P(joint hidden) by frame and joint, and how many joints each object hides."""
+    """P(joint hidden) by frame and joint, and how many joints each object hides.
+
+    Parameters
+    ----------
+    posterior : Posterior
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
     hidden, ids = posterior.hidden(), in_a_row(posterior.clip)
     figure = Figure(figsize=(12, 5.6), layout="constrained")
     grid, count = figure.subplots(2, 1, sharex=True, height_ratios=(1.6, 1))
@@ -372,7 +412,16 @@ def hidden_figure(posterior: Posterior) -> Figure:
 
 
 def person_figure(posterior: Posterior) -> Figure:
-    """How far away people are, with two standard deviations, and how sure each axis is."""
+    """How far away people are, with two standard deviations, and how sure each axis is.
+
+    Parameters
+    ----------
+    posterior : Posterior
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
     found, ids = posterior.joints(), in_a_row(posterior.clip)
     mean, spread = found.mean[:, PELV], found.standard_deviation[:, PELV]
     figure = Figure(figsize=(12, 3.8), layout="constrained")
@@ -398,7 +447,16 @@ def person_figure(posterior: Posterior) -> Figure:
 
 
 def nuisance_figure(posterior: Posterior) -> Figure:
-    """Prior (grey) against posterior of the camera and the body."""
+    """Prior (grey) against posterior of the camera and the body.
+
+    Parameters
+    ----------
+    posterior : Posterior
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
     found = posterior.nuisances()
     figure = Figure(figsize=(12, 2.8), layout="constrained")
     for axes, one in zip(figure.subplots(1, len(found)), found.values(), strict=True):
@@ -418,7 +476,16 @@ def nuisance_figure(posterior: Posterior) -> Figure:
 
 
 def chains_figure(posterior: Posterior) -> Figure:
-    """Did it converge: log-posterior of each chain, its share of each scene, moves accepted."""
+    """Did it converge: log-posterior of each chain, its share of each scene, moves accepted.
+
+    Parameters
+    ----------
+    posterior : Posterior
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
     samples, shares = posterior.samples, posterior.scene_probabilities
     figure = Figure(figsize=(12, 3.8), layout="constrained")
     trace, scene, moves = figure.subplots(1, 3, width_ratios=(1.4, 1, 1))

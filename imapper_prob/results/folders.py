@@ -76,7 +76,16 @@ class Earlier:
 
 
 def earlier_run(folder: Path) -> Earlier | None:
-    """The run in a folder; None where there is none or nothing of it was written yet.
+    """The run in a folder.
+
+    Parameters
+    ----------
+    folder : Path
+
+    Returns
+    -------
+    Earlier or None
+        None where there is none, or nothing of it was written yet.
 
     Raises
     ------
@@ -115,6 +124,12 @@ def restore_chains(folder: Path, *, chains: int) -> None:
 
     Those that have gone on already stay as they are.
 
+    Parameters
+    ----------
+    folder : Path
+    chains : int
+        How many.
+
     Raises
     ------
     InputError
@@ -147,6 +162,18 @@ def run_folder(folder: Path, *, overwrite: bool, goes_on: bool = False) -> Itera
 
     Nothing in it is touched yet, its checkpoints least of all.
 
+    Parameters
+    ----------
+    folder : Path
+    overwrite : bool
+        Replace a finished run.
+    goes_on : bool
+        Go on with a finished run.
+
+    Yields
+    ------
+    None
+
     Raises
     ------
     InputError
@@ -173,6 +200,15 @@ def write_run(
 
     The checkpoints of a finished run become its chains, from which it can be gone on with; those
     of an interrupted one stay. The pictures of ``video``, if given, are shown in the recording.
+
+    Parameters
+    ----------
+    folder : Path
+    posterior : Posterior
+    overwrite : bool
+        Replace a finished run.
+    video : Path, optional
+        Pictures of the clip, for the recording.
 
     Raises
     ------
@@ -215,7 +251,7 @@ def _write_models(folder: Path, posterior: Posterior) -> None:
 
 
 # ------------------------------------------------------------------------------------------------
-# The folder of a staged solution.
+# Folders of staged solutions.
 
 _SOLUTION_FILES = (
     "candidates.png", "charness.png", "config.toml", "evaluation.json", "evaluation.png",
@@ -227,6 +263,16 @@ _DOTS_PER_INCH = 120
 @contextmanager
 def solution_folder(folder: Path, *, overwrite: bool) -> Iterator[None]:
     """Hold the folder of a solution until it is written, and refuse early what would fail then.
+
+    Parameters
+    ----------
+    folder : Path
+    overwrite : bool
+        Replace an earlier solution.
+
+    Yields
+    ------
+    None
 
     Raises
     ------
@@ -246,6 +292,14 @@ def _require_solution_folder(folder: Path, *, overwrite: bool) -> None:
 
 def write_solution_folder(folder: Path, solved: Solved, config: Config, *, overwrite: bool) -> None:
     """Write all files of a solution, see :func:`imapper_prob.files.folder_published`.
+
+    Parameters
+    ----------
+    folder : Path
+    solved : Solved
+    config : Config
+    overwrite : bool
+        Replace an earlier solution.
 
     Raises
     ------

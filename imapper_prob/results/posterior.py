@@ -80,6 +80,14 @@ class Posterior:
         How long each part of the run took by the clock on the wall.
     stored : DataTree, optional
         The file that it was read from.
+
+    Examples
+    --------
+    >>> posterior = im.load_posterior("run")
+    >>> len(posterior.scenes(3)) <= 3
+    True
+    >>> posterior.converged
+    False
     """
 
     solution: Source
@@ -92,7 +100,13 @@ class Posterior:
 
     @property
     def clip(self) -> Clip:
-        """The input."""
+        """The input.
+
+        Examples
+        --------
+        >>> posterior.clip.name
+        'demo'
+        """
         return self.solution.clip
 
     def scenes(self, count: int = 5) -> tuple[WeightedScene, ...]:
@@ -102,13 +116,39 @@ class Posterior:
         ----------
         count : int
             At most so many. How far apart they are says :mod:`imapper_prob.uncertainty.scenes`.
+
+        Returns
+        -------
+        tuple of WeightedScene
+
+        Examples
+        --------
+        >>> best = posterior.scenes(2)[0]
+        >>> 0 < best.probability <= 1
+        True
+        >>> [o.label for o in best.scene.objects]
+        ['couch', 'table']
         """
         number = len(self.scene_probabilities.layouts)
         return tuple(self._scene_at(rank) for rank in range(min(count, number)))
 
     def layouts(self, count: int = 10) -> tuple[WeightedScene, ...]:
-        """The most probable layouts, at most ``count``: finer than scenes, and what the verdict
-        speaks of."""
+        """The most probable layouts: finer than scenes, and what the verdict speaks of.
+
+        Parameters
+        ----------
+        count : int
+            At most so many.
+
+        Returns
+        -------
+        tuple of WeightedScene
+
+        Examples
+        --------
+        >>> posterior.layouts(1)[0].layouts
+        (1,)
+        """
         found = self.samples.probabilities
         each = zip(found.layouts, found.probability, found.standard_error, strict=True)
         return tuple(
@@ -118,7 +158,13 @@ class Posterior:
 
     @cached_property
     def scene_probabilities(self) -> LayoutProbabilities:
-        """Of all scenes, most probable first, by chain too; numbered as they were founded."""
+        """Probabilities of all scenes, the most probable first; numbered as they were founded.
+
+        Examples
+        --------
+        >>> float(posterior.scene_probabilities.probability.sum())
+        1.0
+        """
         samples = self.samples
         scene_of_draw = self._scene_of_layout[samples.layouts.indicator]
         with warnings.catch_warnings():
@@ -130,24 +176,48 @@ class Posterior:
 
     @cached_property
     def disputed(self) -> tuple[int, ...]:
-        """Scenes that show the layouts which chains disagree about: none, one, or two."""
+        """Scenes that show the layouts which chains disagree about: none, one, or two.
+
+        Examples
+        --------
+        >>> len(posterior.disputed) <= 2
+        True
+        """
         pair = self.samples.verdict.disagreement or ()
         ranks = self.scene_probabilities.layouts.tolist()
         return tuple(sorted({1 + ranks.index(self._scene_of_layout[n - 1]) for n in pair}))
 
     @property
     def converged(self) -> bool:
-        """Whether the chains agree as well as they must, and nothing speaks against the result."""
+        """Whether the chains agree as well as they must, and nothing speaks against the result.
+
+        Examples
+        --------
+        >>> posterior.converged
+        False
+        """
         return self.samples.verdict.good and not alarms(self.checks)
 
     @property
     def verdict(self) -> str:
-        """What speaks against the whole result, then the verdict on the chains."""
+        """What speaks against the whole result, then the verdict on the chains.
+
+        Examples
+        --------
+        >>> posterior.chain_verdict in posterior.verdict
+        True
+        """
         return " ".join([*alarms(self.checks), self.chain_verdict])
 
     @cached_property
     def checks(self) -> tuple[Check, ...]:
-        """Whether camera, detections, library and draws go together, one check each."""
+        """Whether camera, detections, library and draws go together, one check each.
+
+        Examples
+        --------
+        >>> [check.name for check in posterior.checks][:2]
+        ['upright', 'height']
+        """
         if self.stored is not None and "checks" in self.stored.attrs:
             return from_json(str(self.stored.attrs["checks"]))
         return checks_of(
@@ -160,7 +230,13 @@ class Posterior:
 
     @property
     def chain_verdict(self) -> str:
-        """The verdict on the chains, which speaks of layouts, with the scenes that they are."""
+        """The verdict on the chains, which speaks of layouts, with the scenes that they are.
+
+        Examples
+        --------
+        >>> posterior.chain_verdict.startswith("Not converged")
+        True
+        """
         text, disputed = self.samples.verdict.text, self.disputed
         if not disputed:
             return text
@@ -235,12 +311,26 @@ class Posterior:
         )
 
     def scene(self, number: int = 1) -> WeightedScene:
-        """One of the scenes, 1 being the most probable.
+        """One of the scenes.
+
+        Parameters
+        ----------
+        number : int
+            From 1, the most probable.
+
+        Returns
+        -------
+        WeightedScene
 
         Raises
         ------
         InputError
             If there are not so many.
+
+        Examples
+        --------
+        >>> posterior.scene(1).scene.joints.shape == (posterior.clip.n_frames, 16, 3)
+        True
         """
         there = len(self.scene_probabilities.layouts)
         if not 1 <= number <= there:
@@ -249,7 +339,13 @@ class Posterior:
 
     @cached_property
     def estimate(self) -> Scene:
-        """The scene of least expected loss: one answer for those who can use only one."""
+        """The scene of least expected loss: one answer for those who can use only one.
+
+        Examples
+        --------
+        >>> [o.label for o in posterior.estimate.objects]
+        ['couch', 'table']
+        """
         from imapper_prob.uncertainty.estimate import expected_scene
 
         states = self.samples.states
@@ -262,7 +358,22 @@ class Posterior:
         return camera_at(self.clip.camera, phi)
 
     def draw(self, number: int) -> Scene:
-        """One draw with its camera, furniture and motion; draws are numbered chain by chain."""
+        """One draw with its camera, furniture and motion.
+
+        Parameters
+        ----------
+        number : int
+            From 0, chain by chain.
+
+        Returns
+        -------
+        Scene
+
+        Examples
+        --------
+        >>> posterior.draw(0).camera.width
+        1920
+        """
         state = self.samples.states[number]
         camera = self._camera(state.camera)
         return Scene(
@@ -283,6 +394,11 @@ class Posterior:
             it is there, ``presence`` and its ``presence_error``, ``x`` and ``y`` in the world with
             standard deviations ``x_sd`` and ``y_sd``, ``yaw`` and ``yaw_sd``; units are in the
             attributes. ``to_dataframe()`` makes it a table of pandas.
+
+        Examples
+        --------
+        >>> posterior.summary()["label"].values.tolist()
+        ['couch', 'table']
         """
         from xarray import Dataset
 
@@ -323,7 +439,13 @@ class Posterior:
 
     @cached_property
     def data(self) -> xarray.DataTree:
-        """Draws and diagnostics with names, as ArviZ expects them."""
+        """Draws and diagnostics with names, as ArviZ expects them.
+
+        Examples
+        --------
+        >>> posterior.data["posterior"].sizes["chain"]
+        2
+        """
         from imapper_prob.uncertainty.tree import posterior_tree
 
         if self.stored is not None:
@@ -337,18 +459,53 @@ class Posterior:
         """The furniture of each draw as it may stand, in the draw's world.
 
         ``samples.objects`` is where the scenelets say that it stands.
+
+        Examples
+        --------
+        >>> len(posterior.furniture) == len(posterior.samples.states)
+        True
         """
         rng, settings = np.random.default_rng(self.config.seed), self.config.model
         return tuple(drawn_objects(rng, objects, settings) for objects in self.samples.objects)
 
     def occupancy(self, *, cell: float = 0.1) -> Occupancy:
-        """Probability by category that a place on the floor is covered, cells in metres."""
+        """Probability by category that a place on the floor is covered.
+
+        Parameters
+        ----------
+        cell : float
+            Side of a cell, metres.
+
+        Returns
+        -------
+        Occupancy
+
+        Examples
+        --------
+        >>> posterior.occupancy(cell=0.2).categories
+        ('couch', 'table')
+        """
         from imapper_prob.uncertainty.occupancy import occupancy
 
         return occupancy(self.furniture, cell=cell)
 
     def clusters(self, *, least: float = 0.05) -> tuple[ObjectCluster, ...]:
-        """Objects matched across all draws, most probable first, down to a probability."""
+        """Objects matched across all draws, most probable first.
+
+        Parameters
+        ----------
+        least : float
+            Probability down to which they are listed.
+
+        Returns
+        -------
+        tuple of ObjectCluster
+
+        Examples
+        --------
+        >>> [cluster.label for cluster in posterior.clusters(least=0.5)]
+        ['couch', 'table']
+        """
         from imapper_prob.uncertainty.clusters import object_clusters
 
         if least not in self._clusters:
@@ -368,7 +525,17 @@ class Posterior:
         return {}
 
     def joints(self) -> JointSummary:
-        """Mean and covariance of every joint in every frame, of several people in a row."""
+        """Mean and covariance of every joint in every frame, of several people in a row.
+
+        Returns
+        -------
+        JointSummary
+
+        Examples
+        --------
+        >>> posterior.joints().mean.shape == (posterior.clip.n_frames, 16, 3)
+        True
+        """
         from imapper_prob.uncertainty.motion import joint_summary
 
         return joint_summary(self._limbs(), problem=self.solution.problem)
@@ -377,6 +544,15 @@ class Posterior:
         """P(joint hidden) by frame and joint, and by which of :meth:`clusters`.
 
         Of several people the frames of each follow those of the one before.
+
+        Returns
+        -------
+        HiddenJoints
+
+        Examples
+        --------
+        >>> posterior.hidden().probability.shape == (posterior.clip.n_frames, 16)
+        True
         """
         return self._hidden
 
@@ -388,13 +564,29 @@ class Posterior:
         return hidden_joints(self.samples.objects, self._motions(), elevations, self.clusters())
 
     @property
-    def sides_swapped(self) -> Array:
-        """(T,) probability that the detector took left for right, by frame."""
-        drawn = self.data["motion"]["sides_swapped"]
+    def sides_flipped(self) -> Array:
+        """(T,) probability that the detector took left for right, by frame.
+
+        Examples
+        --------
+        >>> posterior.sides_flipped.shape == (posterior.clip.n_frames,)
+        True
+        """
+        drawn = self.data["motion"]["sides_flipped"]
         return np.asarray(drawn.mean(("chain", "draw")).to_numpy(), np.float64)
 
     def nuisances(self) -> dict[str, Nuisance]:
-        """Prior against posterior of camera and body, by name."""
+        """Prior against posterior of camera and body, by name.
+
+        Returns
+        -------
+        dict of str to Nuisance
+
+        Examples
+        --------
+        >>> sorted(posterior.nuisances())[:2]
+        ['elevation', 'log_body_scale']
+        """
         from imapper_prob.uncertainty.parameters import nuisances
 
         problem, shape = self.solution.problem, self.samples.shape
@@ -420,6 +612,13 @@ class Posterior:
         video : path, optional
             The pictures of the clip, to lie behind the detections: a folder of pictures whose
             names end in the number of their frame, or a video file.
+
+        Examples
+        --------
+        >>> from pathlib import Path
+        >>> posterior.record("recording.rrd")
+        >>> Path("recording.rrd").stat().st_size > 0
+        True
         """
         from imapper_prob.recording.log import write_recording
         from imapper_prob.recording.video import read_video
@@ -442,7 +641,13 @@ class Posterior:
 
     @cached_property
     def certainty(self) -> Certainty:
-        """All that is said over all draws at once: occupancy, objects, joints, camera."""
+        """All that is said over all draws at once: occupancy, objects, joints, camera.
+
+        Examples
+        --------
+        >>> bool(posterior.certainty.hidden.probability.max() <= 1)
+        True
+        """
         from imapper_prob.recording.posterior import Certainty
 
         return Certainty(self.occupancy(), self.hidden(), self.joints(), self.nuisances())
@@ -468,7 +673,13 @@ class Posterior:
 
     @property
     def traces(self) -> dict[str, Array]:
-        """What to plot of the chains: name to (chains, draws)."""
+        """What to plot of the chains, by name: (chains, draws) each.
+
+        Examples
+        --------
+        >>> posterior.traces["log posterior"].shape
+        (2, 10)
+        """
         shape = self.samples.shape
         return {
             "log posterior": self.samples.log_posterior,
@@ -479,7 +690,7 @@ class Posterior:
 
 
 # ------------------------------------------------------------------------------------------------
-# A finished run, opened again from its folder alone.
+# Opening a finished run from its folder.
 
 _SAID = (
     "agreement", "clip", "clip_digest", "config", "config_digest", "library", "library_digest",
@@ -500,6 +711,10 @@ def load_posterior(folder: str | Path) -> Posterior:
     folder : path
         Of ``imapper-prob run``, with its ``posterior.nc``.
 
+    Returns
+    -------
+    Posterior
+
     Raises
     ------
     InputError
@@ -507,8 +722,8 @@ def load_posterior(folder: str | Path) -> Posterior:
 
     Examples
     --------
-    >>> import imapper_prob as im
-    >>> im.load_posterior("out").scenes(3)  # doctest: +SKIP
+    >>> im.load_posterior("run").clip.name
+    'demo'
     """
     path = Path(folder) / "posterior.nc"
     if not path.is_file():

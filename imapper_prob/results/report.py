@@ -1,4 +1,7 @@
-"""``report.html``: one page with the whole result, which opens offline."""
+"""``report.html``: one page with the whole result, which opens offline.
+
+No script, no font and no picture comes from elsewhere.
+"""
 
 from __future__ import annotations
 
@@ -48,21 +51,39 @@ _VAGUE: Final = 0.1
 """Monte-Carlo error from which a probability is only an order of magnitude."""
 _SHORT: Final = 5.0
 """Seconds; shorter than it takes to come in and sit down."""
-_SWAPPED: Final = 0.5
+_FLIPPED: Final = 0.5
 """Probability from which sides count as exchanged."""
 _LOST: Final = 0.2
 """Part of the frames without any detection of the person."""
 
 
 def answer(scenes: Sequence[WeightedScene]) -> str:
-    """What is in the room, in a sentence."""
+    """What is in the room, in a sentence.
+
+    Parameters
+    ----------
+    scenes : sequence of WeightedScene
+
+    Returns
+    -------
+    str
+    """
     there = listed(scenes[0].scene.objects)
     verb = "is" if there.startswith(("one ", "no ")) else "are"
     return f"Most probably ({_share(scenes[0])}) there {verb} {there}."
 
 
 def runner_up(scenes: Sequence[WeightedScene]) -> str:
-    """What there is if that is wrong; empty if there is no other scene."""
+    """What there is if that is wrong; empty if there is no other scene.
+
+    Parameters
+    ----------
+    scenes : sequence of WeightedScene
+
+    Returns
+    -------
+    str
+    """
     if len(scenes) < 2:
         return ""
     second = scenes[1]
@@ -71,7 +92,16 @@ def runner_up(scenes: Sequence[WeightedScene]) -> str:
 
 
 def listed(objects: Sequence[SceneObject]) -> str:
-    """Objects counted in words: ``"two chairs and one table"``."""
+    """Objects counted in words: ``"two chairs and one table"``.
+
+    Parameters
+    ----------
+    objects : sequence of SceneObject
+
+    Returns
+    -------
+    str
+    """
     labels = [o.label for o in objects]
     counts = {
         label: labels.count(label) for label in sorted(labels, key=lambda n: (-labels.count(n), n))
@@ -94,7 +124,17 @@ def warnings_of(
 ) -> tuple[str, ...]:
     """What makes the result less sure than it looks, one sentence each.
 
-    ``disputed`` are the scenes that show the layouts which chains disagree about.
+    Parameters
+    ----------
+    clip : Clip
+    samples : Samples
+    scenes : sequence of WeightedScene
+    disputed : sequence of int
+        Scenes that show the layouts which chains disagree about.
+
+    Returns
+    -------
+    tuple of str
     """
     best, said = scenes[0], []
     if not samples.finished:
@@ -140,25 +180,29 @@ def warnings_of(
     return tuple(said)
 
 
-def sides_of(clip: Clip, swapped: NDArray[np.float64]) -> tuple[str, ...]:
+def sides_of(clip: Clip, flipped: NDArray[np.float64]) -> tuple[str, ...]:
     """In which frames the detector took left for right, more probably than not, by person.
 
     Parameters
     ----------
     clip : Clip
         Of K people.
-    swapped : (K T,) float
+    flipped : (K T,) float
         Probability of that by frame, of several people in a row.
+
+    Returns
+    -------
+    tuple of str
     """
     return tuple(
         _sides(own, clip.frame_ids, of=own_part(clip, person))
-        for person, own in enumerate(by_person(clip, swapped))
+        for person, own in enumerate(by_person(clip, flipped))
     )
 
 
-def _sides(swapped: NDArray[np.float64], frame_ids: NDArray[np.int64], *, of: str) -> str:
+def _sides(flipped: NDArray[np.float64], frame_ids: NDArray[np.int64], *, of: str) -> str:
     whose = f" of{of}" if of else ""
-    frames = frame_ids[swapped > _SWAPPED]
+    frames = frame_ids[flipped > _FLIPPED]
     if not len(frames):
         return f"The detector took left for right{whose} in no frame."
     word = "frame" if len(frames) == 1 else "frames"
@@ -176,17 +220,33 @@ def _plural(label: str) -> str:
 
 
 # ------------------------------------------------------------------------------------------------
-# The report of a run: one page with all in it, that opens anywhere and asks nobody.
+# The page.
 
 
 def write_report(path: Path, posterior: Posterior) -> None:
-    """Write the report as one HTML file, beside and renamed."""
+    """Write the report as one HTML file, beside and renamed.
+
+    Parameters
+    ----------
+    path : Path
+    posterior : Posterior
+    """
     with written_whole(path) as beside:
         beside.write_text(report(posterior), encoding="utf-8")
 
 
 def report(posterior: Posterior) -> str:
-    """The page as text: pictures inside, no script, nothing to fetch."""
+    """The page as text: pictures inside, no script, nothing to fetch.
+
+    Parameters
+    ----------
+    posterior : Posterior
+
+    Returns
+    -------
+    str
+        HTML.
+    """
     clip, samples, scenes = posterior.clip, posterior.samples, posterior.scenes()
     floor = Floor.of(clip, scenes)
     wrong = alarms(posterior.checks)
@@ -324,7 +384,7 @@ def _person(posterior: Posterior) -> str:
             f"Joints are known to {pelvis[0]:.0f} cm across the view, {pelvis[1]:.0f} cm in depth "
             f"and {pelvis[2]:.0f} cm in height (standard deviation, mean over joints and frames)."
         ),
-        *map(paragraph, sides_of(clip, posterior.sides_swapped)),
+        *map(paragraph, sides_of(clip, posterior.sides_flipped)),
         table(
             ["", "before the clip", "after it", "learned"],
             rows,

@@ -73,7 +73,19 @@ p.hint { color: #6b7280; font-size: .92rem; margin: .2rem 0 .8rem; }
 
 
 def page(title: str, body: Sequence[str]) -> str:
-    """A whole page of pieces."""
+    """A whole page of pieces.
+
+    Parameters
+    ----------
+    title : str
+    body : sequence of str
+        HTML.
+
+    Returns
+    -------
+    str
+        HTML.
+    """
     return "\n".join(
         [
             "<!DOCTYPE html>",
@@ -87,32 +99,92 @@ def page(title: str, body: Sequence[str]) -> str:
 
 
 def heading(text: str) -> str:
-    """What the page is of."""
+    """What the page is of.
+
+    Parameters
+    ----------
+    text : str
+
+    Returns
+    -------
+    str
+        HTML.
+    """
     return f"<h1>{escape(text)}</h1>"
 
 
 def section(title: str, *pieces: str, hint: str = "") -> str:
-    """A heading, a grey line that says what one sees, and pieces."""
+    """A heading, a grey line that says what one sees, and pieces.
+
+    Parameters
+    ----------
+    title : str
+    *pieces : str
+        HTML.
+    hint : str
+        What one sees.
+
+    Returns
+    -------
+    str
+        HTML.
+    """
     lead = paragraph(hint, style="hint") if hint else ""
     return "\n".join([f"<section><h2>{escape(title)}</h2>", lead, *pieces, "</section>"])
 
 
 def paragraph(text: str, *, style: str = "") -> str:
-    """A paragraph of plain text; nothing if there is none."""
+    """A paragraph of plain text; nothing if there is none.
+
+    Parameters
+    ----------
+    text : str
+    style : str
+        Class of the paragraph.
+
+    Returns
+    -------
+    str
+        HTML.
+    """
     if not text:
         return ""
     return f'<p class="{style}">{escape(text)}</p>' if style else f"<p>{escape(text)}</p>"
 
 
 def notes(texts: Sequence[str]) -> str:
-    """Warnings, one a line; nothing if there are none."""
+    """Warnings, one a line; nothing if there are none.
+
+    Parameters
+    ----------
+    texts : sequence of str
+
+    Returns
+    -------
+    str
+        HTML.
+    """
     if not texts:
         return ""
     return '<ul class="notes">' + "".join(f"<li>{escape(t)}</li>" for t in texts) + "</ul>"
 
 
 def figure(picture: str, *, alt: str, title: str = "", text: str = "") -> str:
-    """A picture that lies in the page (``data:``), and what is said of it."""
+    """A picture that lies in the page, and what is said of it.
+
+    Parameters
+    ----------
+    picture : str
+        A ``data:`` address.
+    alt : str
+        For who does not see it.
+    title, text : str
+
+    Returns
+    -------
+    str
+        HTML.
+    """
     heading = f"<b>{escape(title)}</b><br>" if title else ""
     return (
         f'<figure><img src="{escape(picture)}" alt="{escape(alt)}">'
@@ -123,7 +195,21 @@ def figure(picture: str, *, alt: str, title: str = "", text: str = "") -> str:
 def table(
     columns: Sequence[str], rows: Sequence[Sequence[str]], *, words: int = 1, caption: str = ""
 ) -> str:
-    """A table of texts, the first ``words`` columns of which are words and not numbers."""
+    """A table of texts.
+
+    Parameters
+    ----------
+    columns : sequence of str
+    rows : sequence of sequence of str
+    words : int
+        How many columns, from the first, are words and not numbers.
+    caption : str
+
+    Returns
+    -------
+    str
+        HTML.
+    """
 
     def row(cells: Sequence[str], tag: str) -> str:
         styles = [' class="text"' if k < words else "" for k in range(len(cells))]
@@ -140,14 +226,23 @@ def table(
 
 
 def details(summary: str, text: str) -> str:
-    """Something long that is folded away."""
+    """Something long that is folded away.
+
+    Parameters
+    ----------
+    summary : str
+    text : str
+
+    Returns
+    -------
+    str
+        HTML.
+    """
     return f"<details><summary>{escape(summary)}</summary><pre>{escape(text)}</pre></details>"
 
 
 # ------------------------------------------------------------------------------------------------
-# Pictures of the report, as PNG inside the page.
-#
-# Top views have the camera below the picture and what it sees above, in metres.
+# Pictures. Top views have the camera below and what it sees above, in metres.
 
 Array = NDArray[np.float64]
 _INK: Final = "#2b2f36"
@@ -181,7 +276,17 @@ class Floor:
 
     @classmethod
     def of(cls, clip: Clip, scenes: Sequence[WeightedScene]) -> Floor:
-        """The part that holds all furniture and all ways; the camera is further down."""
+        """The part that holds all furniture and all ways; the camera is further down.
+
+        Parameters
+        ----------
+        clip : Clip
+        scenes : sequence of WeightedScene
+
+        Returns
+        -------
+        Floor
+        """
         rooms = [w.scene.objects for w in scenes]
         rooms += [clip.truth.objects] if clip.truth is not None else []
         points = [o.footprint for objects in rooms for o in objects]
@@ -191,7 +296,18 @@ class Floor:
         return cls(everything.min(0) - _MARGIN, everything.max(0) + _MARGIN)
 
     def axes(self, *, width: float) -> tuple[Figure, Axes]:
-        """An empty floor, at most ``width`` inches wide and a little higher at most."""
+        """An empty floor, at most a little higher than it is wide.
+
+        Parameters
+        ----------
+        width : float
+            Inches, at most.
+
+        Returns
+        -------
+        figure : matplotlib.figure.Figure
+        axes : matplotlib.axes.Axes
+        """
         across, away = self.high - self.low
         scale = min(width / across, _SLIMMEST * width / away)
         size = (float(scale * across), float(scale * away) + 0.35)
@@ -210,7 +326,21 @@ class Floor:
 
 
 def scene_picture(floor: Floor, weighted: WeightedScene, clip: Clip, *, width: float = 4.2) -> str:
-    """One scene from above: furniture, 90 % ellipses of where it stands, and ways walked."""
+    """One scene from above: furniture, 90 % ellipses of where it stands, and ways walked.
+
+    Parameters
+    ----------
+    floor : Floor
+    weighted : WeightedScene
+    clip : Clip
+    width : float
+        Inches.
+
+    Returns
+    -------
+    str
+        A ``data:`` address.
+    """
     figure, axes = floor.axes(width=width)
     _sight(axes, weighted, floor)
     for ghost in weighted.ghosts:
@@ -232,7 +362,21 @@ def scene_picture(floor: Floor, weighted: WeightedScene, clip: Clip, *, width: f
 def map_picture(
     floor: Floor, occupancy: Occupancy, clusters: Sequence[ObjectCluster], *, width: float = 6.5
 ) -> str:
-    """Where furniture stands over all draws: the stronger the colour, the more probable."""
+    """Where furniture stands over all draws: the stronger the colour, the more probable.
+
+    Parameters
+    ----------
+    floor : Floor
+    occupancy : Occupancy
+    clusters : sequence of ObjectCluster
+    width : float
+        Inches.
+
+    Returns
+    -------
+    str
+        A ``data:`` address.
+    """
     figure, axes = floor.axes(width=width)
     if occupancy.categories:
         half = occupancy.cell / 2
@@ -261,7 +405,22 @@ def map_picture(
 
 
 def trace_picture(traces: Array, *, burn_in: float, width: float = 9.0) -> str:
-    """Log-posterior of each chain over the whole run; what is grey was not kept."""
+    """Log-posterior of each chain over the whole run; what is grey was not kept.
+
+    Parameters
+    ----------
+    traces : (C, n) float
+        Nats.
+    burn_in : float
+        Share that was not kept.
+    width : float
+        Inches.
+
+    Returns
+    -------
+    str
+        A ``data:`` address.
+    """
     figure = Figure(figsize=(width, 2.4), layout="constrained")
     axes = figure.add_subplot()
     part = np.linspace(0, 1, traces.shape[1])

@@ -95,6 +95,10 @@ def write_scenes(
 def read_scenes(path: str | os.PathLike[str]) -> tuple[WeightedScene, ...]:
     """Read what :func:`write_scenes` wrote.
 
+    Parameters
+    ----------
+    path : path
+
     Returns
     -------
     tuple of WeightedScene

@@ -41,7 +41,6 @@ __all__ = [
     "furniture_table",
     "maxima_table",
     "scenes_table",
-    "solution_document",
     "stage_table",
     "write_solution",
 ]
@@ -53,15 +52,21 @@ _COMBINATIONS: Final = 50
 
 
 def write_solution(folder: Path, solved: Solved) -> None:
-    """Write both files into a folder, each beside and then renamed."""
-    text = json.dumps(solution_document(solved), indent=1, allow_nan=False, ensure_ascii=False)
+    """Write both files into a folder, each beside and then renamed.
+
+    Parameters
+    ----------
+    folder : Path
+    solved : Solved
+    """
+    text = json.dumps(_solution_document(solved), indent=1, allow_nan=False, ensure_ascii=False)
     with written_whole(folder / "solution.json") as beside:
         beside.write_text(text + "\n", encoding="utf-8")
     with written_whole(folder / "solution.npz") as beside:
         np.savez_compressed(beside, allow_pickle=False, **_arrays(solved))
 
 
-def solution_document(solved: Solved) -> dict[str, Any]:
+def _solution_document(solved: Solved) -> dict[str, Any]:
     """What ``solution.json`` says."""
     library = solved.actors[0].library
     return {
@@ -192,7 +197,7 @@ def _arrays(solved: Solved) -> dict[str, np.ndarray]:
 
 
 # ------------------------------------------------------------------------------------------------
-# The staged solution in tables for the terminal.
+# Tables for the terminal.
 
 
 def stage_table(solved: Solved, times: Sequence[tuple[str, float]]) -> Table:
@@ -203,6 +208,10 @@ def stage_table(solved: Solved, times: Sequence[tuple[str, float]]) -> Table:
     solved : Solved
     times : sequence of (str, float)
         Stages as they reported themselves, and their seconds.
+
+    Returns
+    -------
+    rich.table.Table
     """
     table = Table(title="Stages", title_justify="left")
     table.add_column("stage")
@@ -248,7 +257,16 @@ def _in_words(solved: Solved) -> dict[str, str]:
 
 
 def maxima_table(solved: Solved) -> Table:
-    """How many candidates are left after each step, by actor and maximum."""
+    """How many candidates are left after each step, by actor and maximum.
+
+    Parameters
+    ----------
+    solved : Solved
+
+    Returns
+    -------
+    rich.table.Table
+    """
     table = Table(title="Candidates at the maxima of charness", title_justify="left")
     several = len(solved.actors) > 1
     for name in (*(["actor"] if several else []), "frame", "charness"):
@@ -274,7 +292,16 @@ def maxima_table(solved: Solved) -> Table:
 
 
 def scenes_table(solved: Solved) -> Table:
-    """The scenes with what they have and cost."""
+    """The scenes with what they have and cost.
+
+    Parameters
+    ----------
+    solved : Solved
+
+    Returns
+    -------
+    rich.table.Table
+    """
     table = Table(title="Scenes", title_justify="left")
     for name in ("", "log-posterior", "objects"):
         table.add_column(name, justify="right" if name != "objects" else "left")
@@ -286,7 +313,16 @@ def scenes_table(solved: Solved) -> Table:
 
 
 def furniture_table(solved: Solved) -> Table:
-    """The furniture of the best scene, with its distance from the truth where that is known."""
+    """The furniture of the best scene, with its distance from the truth where that is known.
+
+    Parameters
+    ----------
+    solved : Solved
+
+    Returns
+    -------
+    rich.table.Table
+    """
     scene, truth = solved.scenes[0], solved.clip.truth
     table = Table(title="Furniture of scene 1", title_justify="left")
     for name in ("", "x [m]", "y [m]", "facing [°]"):
@@ -311,9 +347,7 @@ def furniture_table(solved: Solved) -> Table:
 
 
 # ------------------------------------------------------------------------------------------------
-# Pictures of the staged solution: charness over time, and the candidates at its maxima.
-#
-# The figures save or show themselves; matplotlib's current figure is left alone.
+# Figures. Each function returns one; matplotlib's current figure is left alone.
 
 Array = NDArray[np.float64]
 _INK: Final = "#2b2f36"
@@ -329,6 +363,14 @@ def charness_figure(solved: Solved) -> Figure:
     """Charness over the clip by actor, the maxima that were chosen and those that were not.
 
     Grey bands are frames whose pose was filled in, red ones detections that the path leaves.
+
+    Parameters
+    ----------
+    solved : Solved
+
+    Returns
+    -------
+    matplotlib.figure.Figure
     """
     figure = Figure(figsize=(11, 0.8 + 2.6 * len(solved.actors)), layout="constrained")
     rows = figure.subplots(len(solved.actors), 1, sharex=True, sharey=True, squeeze=False)
@@ -369,6 +411,14 @@ def candidate_figure(solved: Solved) -> Figure:
 
     The person's way through the clip is the thin line, the maximum's part of it thick; grey
     outlines are the true furniture, where it is known.
+
+    Parameters
+    ----------
+    solved : Solved
+
+    Returns
+    -------
+    matplotlib.figure.Figure
     """
     panels = [(actor, table) for actor in solved.actors for table in actor.shortlists if table.rows]
     rows = max(1, -(-len(panels) // _COLUMNS))

@@ -28,7 +28,6 @@ __all__ = [
     "DepthScale",
     "FocalScale",
     "GroundPose",
-    "ImagePelvis",
     "middle_heights",
     "reproject",
 ]
@@ -164,8 +163,6 @@ def reproject(
 
 # ------------------------------------------------------------------------------------------------
 # Moves of what is known of camera and body, phi; of most, the scenelets go along.
-
-pass
 
 
 @dataclass(frozen=True)

@@ -59,7 +59,6 @@ __all__ = [
     "scene_moves",
     "starts_of",
     "tempering_split",
-    "tracker_of",
 ]
 
 

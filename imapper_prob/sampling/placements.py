@@ -29,10 +29,8 @@ __all__ = [
     "PlacementDraws",
     "compare",
     "describe_agreement",
-    "from_theta",
     "is_complete",
     "sample_placements",
-    "to_theta",
 ]
 
 Array = NDArray[np.float64]
@@ -170,7 +168,6 @@ def sample_placements(
 # assignment come from the same distribution of placements, by other moves and other code:
 # where means and spreads differ by much, one of the two has not arrived yet.
 
-pass
 _FEWEST = 20
 """Draws below which a spread is not worth comparing: it is known to 16 % with so many."""
 _APART, _FACTOR = 0.5, 1.5

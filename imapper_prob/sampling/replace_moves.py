@@ -234,7 +234,6 @@ def _middle_of(proposals: Proposals, state: State, index: int) -> tuple[int, int
 # scenelet that fits their windows. The middle of each is kept; of those that follow one another
 # without a gap, that of the first, and no gap is made.
 
-pass
 _SHARED = 1.0
 """Metres; scenelets of one kind this near to each other are taken to share their furniture."""
 

@@ -23,7 +23,7 @@ from typing import Final
 from imapper_prob.config import SampleSettings
 
 __all__ = [
-    "Learning", "Marks", "block_end", "burn_in_of", "draws_of", "end_of", "learning_of", "piece_of",
+    "Marks", "block_end", "burn_in_of", "draws_of", "end_of", "learning_of", "piece_of",
     "stopped_at", "trace_of",
 ]  # fmt: skip
 

@@ -1,4 +1,4 @@
-"""Scenelets: where libraries of them come from."""
+"""Libraries of scenelets: built-in, cut from captures, or from files."""
 
 from __future__ import annotations
 

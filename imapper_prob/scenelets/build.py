@@ -1,4 +1,9 @@
-"""Scenelets from captures: recordings are cut, put into local frames and given their objects."""
+"""Libraries from captures: motion is cut, put into local frames and given its objects.
+
+The construction of Monszpart et al. (2019, section 4), with three additions. All motion is brought
+to one frame rate and one stature, because a library knows one of each; furniture keeps its size.
+Each scenelet has a weight, one over the number of those that begin near it in the same room.
+"""
 
 from __future__ import annotations
 
@@ -43,7 +48,6 @@ from imapper_prob.scenelets.pigraphs import pigraphs_recordings, read_pigraphs
 
 __all__ = [
     "SOURCES",
-    "BuildReport",
     "BuildSettings",
     "CutSettings",
     "body_scale",
@@ -57,15 +61,14 @@ __all__ = [
 
 Array = NDArray[np.float64]
 # ------------------------------------------------------------------------------------------------
-# Where to cut a long motion: clips of equal way, closer together where somebody stays.
+# Cutting.
 #
-# Monszpart et al. (2019, section 4) cut where the pelvis has gone a constant way in top view,
-# after smoothing away what a standing person sways. Of the length of the way and of the
-# distance between clips the paper says nothing. Taken literally, the rule passes over people
-# who stay: in the truth of four i3DB scenes a metre of way takes 13 to 16 frames (1.5 s) of
-# walking, as published, but 29 to 42 (3 to 4 s) of sitting, all of a stay with the ways
-# to it and from it. So a clip ends after a second on either side even if the way is shorter, and
-# clips are centred at least every second. Several clips of one stay then count as one by their
+# Monszpart et al. (2019, section 4) cut where the pelvis has gone a constant way in top view, after
+# smoothing away what a standing person sways. The paper states neither the length of the way nor
+# the distance between clips. Taken literally, the rule passes over people who stay: in the truth of
+# four i3DB scenes a metre of way takes 13 to 16 frames (1.5 s) of walking, as published, but 29 to
+# 42 (3 to 4 s) of sitting. So a clip ends after a second on either side even if the way is shorter,
+# and clips are centred at least every second. Several clips of one stay count as one by their
 # weights.
 
 Ints = NDArray[np.int64]
@@ -109,6 +112,17 @@ def smooth_path(path: ArrayLike, *, radius: float, passes: int) -> Array:
 
     Steps longer than the radius stay as they are, and the trembling of somebody who stands
     is averaged away.
+
+    Parameters
+    ----------
+    path : path
+    radius : float
+        Metres.
+    passes : int
+
+    Returns
+    -------
+    (n, 2) float
     """
     smooth: Array = np.asarray(path, float)
     for _ in range(passes):
@@ -158,7 +172,16 @@ def cut(path: ArrayLike, *, fps: float, settings: CutSettings) -> Ints:
 
 
 def stretches(there: ArrayLike) -> Ints:
-    """(S, 2) first index and the one after the last of each run of true values (n,)."""
+    """(S, 2) first index and the one after the last of each run of true values (n,).
+
+    Parameters
+    ----------
+    there : (n,) bool
+
+    Returns
+    -------
+    (S, 2) int
+    """
     flags = np.concatenate([[False], np.asarray(there, bool), [False]])
     edges: Ints = np.flatnonzero(flags[1:] != flags[:-1]).reshape(-1, 2)
     return edges
@@ -170,16 +193,8 @@ def _way(path: Array) -> Array:
 
 
 # ------------------------------------------------------------------------------------------------
-# Scenelets from recordings of people among furniture.
-#
-# The construction of Monszpart et al. (2019, section 4): motion is cut into clips
-# (:mod:`imapper_prob.scenelets.build`), each with the objects within a metre of the person in
-# top view, in the frame of the pelvis in the middle of the clip. Three things are added. All
-# motion is brought to one frame rate and one stature, because a library knows one of each;
-# furniture keeps its size. And each scenelet has a weight, one over the number of those that
-# begin near it in the same room.
+# Building.
 
-pass
 UNKNOWN_ACTION: Final = "motion"
 """What is done in a clip whose frames have no word."""
 _STEADY_BONES: Final = ((PELV, THRX), (RKNE, RHIP), (LKNE, LHIP), (RHIP, LHIP), (RSHO, LSHO))
@@ -334,6 +349,10 @@ def body_scale(joints: ArrayLike) -> float:
     ----------
     joints : (T, 16, 3) float
         Metres; frames of NaN do not count.
+
+    Returns
+    -------
+    float
     """
     joints = np.asarray(joints, float)
     ratios = [
@@ -440,7 +459,7 @@ def _lost(joints: Array) -> int:
 
 
 # ------------------------------------------------------------------------------------------------
-# Captures of whatever format, by the name of the format.
+# Captures by the name of their format.
 
 _log = logging.getLogger(__name__)
 _TOLD: Final = 5

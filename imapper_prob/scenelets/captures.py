@@ -1,7 +1,7 @@
 """Captures: motion recorded with the furniture around it, from ``.npz`` and i3DB files.
 
-What scenelets are cut from: motion capture with scanned or measured furniture, or the truth
-of a benchmark. A capture is known, where a clip is only seen.
+Scenelets are cut from captures: motion capture with scanned or measured furniture, or the truth of
+a benchmark. A capture is known, where a clip is only seen.
 """
 
 from __future__ import annotations
@@ -96,7 +96,7 @@ class Capture:
 
 
 # ------------------------------------------------------------------------------------------------
-# Motion at other moments than those it was recorded at.
+# Motion at other moments.
 
 
 def joints_at(moments: ArrayLike, times: ArrayLike, joints: ArrayLike, *, bridged: float) -> Array:
@@ -144,9 +144,7 @@ def joints_at(moments: ArrayLike, times: ArrayLike, joints: ArrayLike, *, bridge
 
 
 # ------------------------------------------------------------------------------------------------
-# Captures of any origin: one ``.npz`` with joints over time and boxes.
-#
-# The file is a plain numpy archive, without pickled objects, so any tool can write one:
+# Captures in files: a plain numpy archive, without pickled objects, so that any tool can write one.
 #
 # ==================  =====================  ==================================================
 # ``format``          () text                ``"imapper-prob capture 1"``
@@ -192,6 +190,11 @@ def write_capture(path: str | Path, capture: Capture) -> None:
     path : path
         Ends in ``.npz``.
     capture : Capture
+
+    Raises
+    ------
+    InputError
+        The name of the file does not end in ``.npz``.
     """
     path = Path(path)
     if path.suffix != ".npz":
@@ -216,6 +219,14 @@ def read_capture(path: str | Path) -> Capture:
     A frame in which any of the sixteen joints is NaN is one in which nobody was tracked.
     Labels of furniture are put into the words of our libraries; walls and the like are left
     out.
+
+    Parameters
+    ----------
+    path : path
+
+    Returns
+    -------
+    Capture
 
     Raises
     ------
@@ -287,9 +298,7 @@ def _furniture(arrays: Arrays, name: str) -> list[SceneObject]:
 
 
 # ------------------------------------------------------------------------------------------------
-# The truth of i3DB scenes as captures, to cut scenelets from.
-#
-# Never for a scene that is then inferred: leave it out by name.
+# The truth of i3DB scenes, never of one that is then inferred: leave it out by name.
 
 _BRIDGED: Final = 0.3
 """Seconds between annotated frames that are bridged; every second frame is one, 0.2 s apart."""
@@ -345,7 +354,21 @@ def read_i3db_capture(folder: str | Path) -> Capture:
 
 
 def i3db_folders(path: str | Path) -> list[Path]:
-    """Scene folders: ``path`` itself if it is one, or else those in it."""
+    """Scene folders: ``path`` itself if it is one, or else those in it.
+
+    Parameters
+    ----------
+    path : path
+
+    Returns
+    -------
+    list of Path
+
+    Raises
+    ------
+    InputError
+        If there is none.
+    """
     path = Path(path)
     candidates = [path, *sorted(p for p in path.iterdir() if p.is_dir())] if path.is_dir() else []
     folders = [folder for folder in candidates if any(folder.glob(DETECTIONS))]

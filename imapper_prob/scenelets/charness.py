@@ -1,8 +1,8 @@
-"""Charness: how much a motion says about the furniture around it (Monszpart et al. 2019).
+"""Charness: how much a motion says about the furniture around it.
 
-Motions have descriptors that do not depend on place, heading and speed. Furniture has histograms
-over cells around the person. A motion is characteristic where similar motions have similar
-histograms.
+Monszpart et al. (2019, section 4). Motions have descriptors that do not depend on place, heading
+and speed. Furniture has histograms over cells around the person. A motion is characteristic where
+similar motions have similar histograms: sitting implies a seat below, walking implies nothing.
 """
 
 from __future__ import annotations
@@ -158,12 +158,11 @@ def _weighted(descriptors: Array) -> Array:
 
 
 # ------------------------------------------------------------------------------------------------
-# Where the furniture of a scenelet is, seen from the person: a grid of cells a category.
+# Histograms of furniture: a grid of five by five cells that faces where the person faces.
 #
-# Monszpart et al. (2019, section 4): a grid of five by five cells that faces where the person
-# faces; a cell holds the largest overlap of an object of its category with it, as part of the
-# smaller of the two areas. The paper does not give the size of a cell; half a metre lets the
-# grid cover what is within reach of the person in the middle one.
+# A cell holds the largest overlap of an object of its category with it, as part of the smaller of
+# the two areas. The paper does not give the size of a cell; half a metre lets the grid cover what
+# is within reach of the person in the middle one.
 
 CELL: Final = 0.5
 """Side of a cell in metres."""
@@ -172,7 +171,16 @@ EDGES: Final = CELL * (np.arange(6) - 2.5)
 
 
 def categories(scenelets: Iterable[Scenelet]) -> tuple[str, ...]:
-    """All labels of objects there are, sorted."""
+    """All labels of objects there are, sorted.
+
+    Parameters
+    ----------
+    scenelets : iterable of Scenelet
+
+    Returns
+    -------
+    tuple of str
+    """
     return tuple(sorted({label for s in scenelets for label in s.labels}))
 
 
@@ -210,12 +218,8 @@ def object_histograms(scenelets: Sequence[Scenelet], labels: Sequence[str]) -> A
 
 
 # ------------------------------------------------------------------------------------------------
-# How much a motion says about the furniture around it.
-#
-# Charness (Monszpart et al. 2019, section 4) is high where similar motions come with the same
-# kind of object in the same place: sitting implies a seat below, walking implies nothing.
+# Charness.
 
-pass
 KERNEL_WIDTH: Final = 0.04
 """Standard deviation in metres of the kernel over distances of descriptors: twice the median
 distance of a built-in scenelet from the next. The optimum is flat: between .035 and .06 the
@@ -224,7 +228,16 @@ pairs. (The paper has 13, in units that it does not name.)"""
 
 
 def motion_distances(library: Library) -> Array:
-    """(L, L) distances in metres between the motions of a library."""
+    """(L, L) distances in metres between the motions of a library.
+
+    Parameters
+    ----------
+    library : Library
+
+    Returns
+    -------
+    (L, L) float
+    """
     return descriptor_distances(motion_descriptors([s.joints for s in library]))
 
 
@@ -266,6 +279,10 @@ def charness(library: Library, distances: Array) -> Array:
     library : Library
     distances : (L, L) float
         Of :func:`motion_distances`.
+
+    Returns
+    -------
+    (L,) float
     """
     labels = categories(library)
     if not labels or len(library) == 1:
@@ -282,6 +299,15 @@ def similarity(distances: Array) -> Array:
     """(L, L) rows of probabilities of trying another scenelet in place of one.
 
     By the motion kernel, one part in ten spread evenly so that every exchange is possible.
+
+    Parameters
+    ----------
+    distances : (L, L) float
+        Between its motions, metres.
+
+    Returns
+    -------
+    (L, L) float
     """
     n = len(distances)
     if n == 1:

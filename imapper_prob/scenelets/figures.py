@@ -1,12 +1,11 @@
 """A library in tables and pictures: motions in a plane, furniture around people, charness.
 
-Isomap (Tenenbaum, de Silva and Langford 2000): distances are measured along chains of similar
-motions, then laid out by classical scaling. How often the ten nearest neighbours of a point do
-the same as it does, mean over sitting, standing, walking and reaching in the built-in library,
-and the mean silhouette: .80 and .53, against .77 and .42 for principal components of the
-weighted descriptors (the same as classical scaling of their distances) and .78 and .48 for
-diffusion maps of the kernel (width .08 m); .90 is what the descriptors themselves reach
-without being flattened.
+Figures are like 4 and 5 of Monszpart et al. (2019). Motions are laid out by Isomap (Tenenbaum, de
+Silva and Langford 2000): distances along chains of similar motions, then classical scaling. Of the
+ten nearest neighbours of a point .80 do the same as it does, mean over sitting, standing, walking
+and reaching in the built-in library, with a mean silhouette of .53; principal components of the
+weighted descriptors give .77 and .42, diffusion maps of the kernel (width .08 m) .78 and .48, and
+the descriptors themselves .90.
 """
 
 from __future__ import annotations
@@ -99,7 +98,7 @@ def _along_chains(distances: Array) -> Array:
 
 
 # ------------------------------------------------------------------------------------------------
-# A library in tables.
+# Tables.
 
 
 def action_table(library: Library, charness: Array) -> Table:
@@ -110,6 +109,10 @@ def action_table(library: Library, charness: Array) -> Table:
     library : Library
     charness : (L,) float
         Of :func:`~imapper_prob.scenelets.charness.charness`.
+
+    Returns
+    -------
+    rich.table.Table
     """
     table = _table("What people do")
     table.add_column("action")
@@ -135,7 +138,16 @@ def action_table(library: Library, charness: Array) -> Table:
 
 
 def furniture_table(library: Library) -> Table:
-    """In how many scenelets of each action each category of furniture stands."""
+    """In how many scenelets of each action each category of furniture stands.
+
+    Parameters
+    ----------
+    library : Library
+
+    Returns
+    -------
+    rich.table.Table
+    """
     actions = _by_count(np.array([s.action for s in library if s.objects], dtype=np.str_))
     table = _table("Scenelets with furniture")
     table.add_column("category")
@@ -167,10 +179,7 @@ def _span(values: Array) -> str:
 
 
 # ------------------------------------------------------------------------------------------------
-# Pictures of a library, as in the paper: motions in a plane, furniture around people, charness.
-#
-# Each function returns a ``Figure`` that saves or shows itself; matplotlib's current figure is
-# left alone. After Monszpart et al. (2019), figures 4 and 5.
+# Figures. Each function returns one; matplotlib's current figure is left alone.
 
 _INK: Final = "#2b2f36"
 _QUIET: Final = "#7d848f"
@@ -196,6 +205,10 @@ def embedding_figure(library: Library, distances: Array, charness: Array) -> Fig
     distances : (L, L) float
         Between its motions, metres.
     charness : (L,) float
+
+    Returns
+    -------
+    matplotlib.figure.Figure
     """
     points = embed(distances)
     actions = np.array([s.action for s in library])
@@ -243,6 +256,10 @@ def furniture_figure(
         Between its motions, metres.
     chosen : sequence of str, optional
         Names of scenelets, one row each; those of :func:`typical` if not given.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
     """
     position = {s.name: i for i, s in enumerate(library)}
     rows = [position[name] for name in (chosen or typical(library, distances))]
@@ -279,6 +296,10 @@ def charness_figure(library: Library, charness: Array) -> Figure:
     ----------
     library : Library
     charness : (L,) float
+
+    Returns
+    -------
+    matplotlib.figure.Figure
     """
     actions = np.array([s.action for s in library])
     rows = sorted(set(actions.tolist()), key=lambda a: float(np.median(charness[actions == a])))
@@ -315,6 +336,10 @@ def typical(library: Library, distances: Array) -> list[str]:
     library : Library
     distances : (L, L) float
         Between its motions, metres.
+
+    Returns
+    -------
+    list of str
     """
     actions = np.array([s.action for s in library])
     names = []
@@ -330,6 +355,11 @@ def draw_from_above(axes: Axes, scenelet: Scenelet) -> None:
 
     Arms and head are those of the middle of the motion, when the person faces up; before and
     after only the shoulders are shown, in grey.
+
+    Parameters
+    ----------
+    axes : matplotlib.axes.Axes
+    scenelet : Scenelet
     """
     for o in scenelet.objects:
         colour = _rgb(category_colour(o.label))

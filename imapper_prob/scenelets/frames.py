@@ -28,6 +28,20 @@ def localised(
 
     The origin goes below the pelvis at frame ``n // 2`` and +y to where the person faces
     then; objects farther than ``REACH`` from every joint in every frame are left out.
+
+    Parameters
+    ----------
+    name : str
+    action : str
+    joints : (n, 16, 3) float
+        Metres.
+    objects : iterable of SceneObject
+    fps : float
+        Frames a second.
+
+    Returns
+    -------
+    Scenelet
     """
     joints = np.asarray(joints, float)
     middle = joints[len(joints) // 2]
@@ -51,7 +65,17 @@ def _distance(piece: SceneObject, joints: Array) -> float:
 
 
 def mirrored(scenelet: Scenelet, name: str) -> Scenelet:
-    """The same scenelet done by somebody left-handed: x changes sign, left and right swap."""
+    """The same scenelet done by somebody left-handed: x changes sign, left and right swap.
+
+    Parameters
+    ----------
+    scenelet : Scenelet
+    name : str
+
+    Returns
+    -------
+    Scenelet
+    """
     joints = scenelet.joints[:, list(MIRROR)] * _FLIP
     objects = tuple(
         SceneObject(
@@ -65,7 +89,17 @@ def mirrored(scenelet: Scenelet, name: str) -> Scenelet:
 
 
 def resized(piece: SceneObject, factor: float) -> SceneObject:
-    """A piece and its placement larger by ``factor``, about the origin of the parent frame."""
+    """A piece and its placement larger by ``factor``, about the origin of the parent frame.
+
+    Parameters
+    ----------
+    piece : SceneObject
+    factor : float
+
+    Returns
+    -------
+    SceneObject
+    """
     at = piece.placement
     return SceneObject(
         piece.label,

@@ -1,4 +1,10 @@
-"""Libraries of scenelets: by name, in files, in a cache on disk, and without some families."""
+"""Libraries of scenelets by name: the built-in one, files, several joined, and the cache on disk.
+
+The built-in library takes seconds to make and a tenth of that to read, so that it is kept beside
+the sources. A cached file is named by the sources and the machine that it was made by, and by its
+content; one that does not hold what its name says is made again. Who may not write there makes the
+library each time.
+"""
 
 from __future__ import annotations
 
@@ -31,7 +37,6 @@ from imapper_prob.models.skeleton import N_JOINTS
 from imapper_prob.scenelets.procedural.catalogue import build_library
 
 __all__ = [
-    "BUILT_IN",
     "built_in_library",
     "joined",
     "kept",
@@ -58,7 +63,16 @@ _SHAPES: Final[Shapes] = {
 
 
 def pack_library(library: Library) -> Arrays:
-    """A library as the arrays of the module's description, ``format`` left out."""
+    """A library as the arrays of the module's description, ``format`` left out.
+
+    Parameters
+    ----------
+    library : Library
+
+    Returns
+    -------
+    dict of str to array
+    """
     return {
         "name": np.array(library.name),
         "names": np.array([s.name for s in library]),
@@ -73,7 +87,13 @@ def pack_library(library: Library) -> Arrays:
 
 
 def save_library(library: Library, path: str | Path) -> None:
-    """Write a library to an ``.npz`` file, whole or not at all."""
+    """Write a library to an ``.npz`` file, whole or not at all.
+
+    Parameters
+    ----------
+    library : Library
+    path : path
+    """
     path = Path(path)
     arrays = {"format": np.array(_FORMAT), **pack_library(library)}
     with written_whole(path) as beside, beside.open("wb") as file:
@@ -82,6 +102,14 @@ def save_library(library: Library, path: str | Path) -> None:
 
 def read_library(path: str | Path) -> Library:
     """A library from a file of :func:`save_library`.
+
+    Parameters
+    ----------
+    path : path
+
+    Returns
+    -------
+    Library
 
     Raises
     ------
@@ -100,6 +128,14 @@ def read_library(path: str | Path) -> Library:
 
 def library_of(arrays: Arrays) -> Library:
     """A library again, from the arrays of :func:`pack_library`.
+
+    Parameters
+    ----------
+    arrays : mapping of str to array
+
+    Returns
+    -------
+    Library
 
     Raises
     ------
@@ -140,13 +176,8 @@ def _unpacked(arrays: Arrays) -> Library:
 
 
 # ------------------------------------------------------------------------------------------------
-# Libraries that were made before, kept on disk beside the sources.
-#
-# The built-in library takes seconds to make and a tenth of that to read. A file is named by the
-# sources that it was made by and the machine it was made on, and by what is in it; one that does
-# not hold what its name says is made again. Who may not write there makes the library each time.
+# The cache.
 
-pass
 _ROOMS: Final = (Path(__file__).parent, Path(scenelet.__file__).parent)
 """Where everything is that a library is made of."""
 _UNUSED_AFTER: Final = 24 * 3600.0
@@ -166,6 +197,10 @@ def kept(name: str, make: Callable[[], Library], *, folder: Path | None = None) 
         Gives the library; called where no file holds it.
     folder : Path, optional
         Where the files are; beside the compiled sources of this module, if not given.
+
+    Returns
+    -------
+    Library
     """
     folder = Path(cache_from_source(__file__)).parent if folder is None else folder
     stem = f"{name}-{sources_digest(_ROOMS)}"
@@ -188,6 +223,15 @@ def sources_digest(rooms: tuple[Path, ...]) -> str:
 
     These are the texts in ``rooms``, and what does the arithmetic: numpy chooses its loops by
     the processor, and they round each in its own way.
+
+    Parameters
+    ----------
+    rooms : tuple of Path
+        Folders of sources.
+
+    Returns
+    -------
+    str
     """
     state = hashlib.sha256()
     processor = np.show_config(mode="dicts")["SIMD Extensions"]["found"]
@@ -213,18 +257,28 @@ def _remove_unused(folder: Path, name: str) -> None:
 
 
 # ------------------------------------------------------------------------------------------------
-# Libraries of scenelets by name: the built-in one, files, and several joined.
+# Loading.
 
-BUILT_IN: Final = "built-in"
+_BUILT_IN: Final = "built-in"
 
 
 @cache
 def built_in_library(seed: int = 0) -> Library:
-    """The library made by the project's own code; made once a machine, read once a process."""
+    """The library made by the project's own code; made once a machine, read once a process.
+
+    Parameters
+    ----------
+    seed : int
+        The same seed gives the same library.
+
+    Returns
+    -------
+    Library
+    """
     return kept(f"library-{seed}", lambda: build_library(seed))
 
 
-def load_library(source: str | Path = BUILT_IN) -> Library:
+def load_library(source: str | Path = _BUILT_IN) -> Library:
     """The built-in library, one from a file, or several joined.
 
     Parameters
@@ -234,16 +288,28 @@ def load_library(source: str | Path = BUILT_IN) -> Library:
         parted by commas, as ``"built-in,office.npz"``. A comma in the name of a file that
         exists does not part.
 
+    Returns
+    -------
+    Library
+
     Raises
     ------
     InputError
         If a file is missing, is no library, or contradicts itself, or one is named twice.
+
+    Examples
+    --------
+    >>> library = im.load_library()
+    >>> len(library) > 1000
+    True
+    >>> "walk" in {scenelet.action for scenelet in library}
+    True
     """
     parts = [str(source)] if isinstance(source, Path) else _parts(source)
     twice = next((part for part in parts if parts.count(part) > 1), None)
     if twice is not None:
         raise InputError(f"library {twice} is named twice in {source}")
-    libraries = [built_in_library() if part == BUILT_IN else _from_file(part) for part in parts]
+    libraries = [built_in_library() if part == _BUILT_IN else _from_file(part) for part in parts]
     return joined(libraries)
 
 
@@ -252,6 +318,14 @@ def joined(libraries: Sequence[Library]) -> Library:
 
     A name that an earlier library has too is preceded by the name of its own, as
     ``office/desk-0007``.
+
+    Parameters
+    ----------
+    libraries : sequence of Library
+
+    Returns
+    -------
+    Library
     """
     if len(libraries) == 1:
         return libraries[0]
@@ -277,11 +351,11 @@ def _parts(source: str) -> list[str]:
         parts.append(candidates[taken - 1])
         pieces = pieces[taken:]
     if not all(parts):
-        raise InputError(f"library {source!r}: a name is empty; give {BUILT_IN!r} or a path")
+        raise InputError(f"library {source!r}: a name is empty; give {_BUILT_IN!r} or a path")
     return parts
 
 
 def _from_file(path: str) -> Library:
     if not Path(path).is_file():
-        raise InputError(f"library {path}: no such file; give a library's .npz, or {BUILT_IN!r}")
+        raise InputError(f"library {path}: no such file; give a library's .npz, or {_BUILT_IN!r}")
     return read_library(path)

@@ -1,8 +1,10 @@
-"""Recordings of PiGraphs (Savva et al. 2016): tracked people and furniture in scanned rooms.
+"""Recordings of PiGraphs (Savva et al. 2016): people in scanned rooms, tracked by a Kinect.
 
-``segGroups`` lists labelled parts, ``{"label": "chair/seat", "objectId": 3, "obb": {...}}``,
-each in an oriented box: ``centroid``, ``axesLengths`` (full) and ``normalizedAxes`` (nine
-numbers), metres, z up.
+A recording ``<scene>_<camera>_<time>.json`` has a ``camera`` (16 numbers, to the world of the scan:
+metres, z up) and ``skeletons``, each with ``timestamp``, ``trackingId``, 25 ``jointPositions`` in
+camera axes and as many ``jointConfidences``. What people do may be in
+``<recording>.interactions.txt``, the furniture is in ``<scene>.segs.json``; both beside the
+recording or anywhere in the same folder.
 """
 
 from __future__ import annotations
@@ -169,13 +171,7 @@ def _front(boxes: Sequence[MeasuredBox], middle: Array) -> float:
 
 
 # ------------------------------------------------------------------------------------------------
-# Recordings of PiGraphs (Savva et al. 2016): people in scanned rooms, tracked by a Kinect.
-#
-# A recording ``<scene>_<camera>_<time>.json`` has a ``camera`` (16 numbers, to the world of the
-# scan: metres, z up) and ``skeletons``, each with ``timestamp``, ``trackingId``, 25
-# ``jointPositions`` in camera axes and as many ``jointConfidences``. What people do may be in
-# ``<recording>.interactions.txt``, the furniture is in ``<scene>.segs.json``; both beside the
-# recording or anywhere in the same folder.
+# Recordings.
 
 _KINECT_JOINTS: Final = 25
 _FROM_KINECT: Final = (18, 17, 16, 12, 13, 14, 0, 20, 2, 3, 10, 9, 8, 4, 5, 6)
@@ -203,7 +199,21 @@ _INTERACTION: Final = re.compile(r"\s*(\d+(?:\.\d*)?)\s*-\s*(\d+(?:\.\d*)?)\s*,(
 
 
 def pigraphs_recordings(path: str | Path) -> list[Path]:
-    """Recordings: ``path`` itself, or all in a folder and below."""
+    """Recordings: ``path`` itself, or all in a folder and below.
+
+    Parameters
+    ----------
+    path : path
+
+    Returns
+    -------
+    list of Path
+
+    Raises
+    ------
+    InputError
+        If there is none.
+    """
     path = Path(path)
     found = [path] if path.is_file() else sorted(path.rglob("*.json"))
     # "<scene>.segs.json" and the like are no recordings.

@@ -144,7 +144,17 @@ def faults(joints: ArrayLike, objects: Iterable[SceneObject], *, fps: float) -> 
 
 
 def posture_faults(joints: ArrayLike) -> list[str]:
-    """Joints bent further than people can, in any frame of joints (n, 16, 3)."""
+    """Joints bent further than people can, in any frame of joints (n, 16, 3).
+
+    Parameters
+    ----------
+    joints : (n, 16, 3) float
+        Metres.
+
+    Returns
+    -------
+    list of str
+    """
     joints = np.asarray(joints, float)
     spine = _unit(joints[:, THRX] - joints[:, PELV])
     hips = _unit(joints[:, RHIP] - joints[:, LHIP])
@@ -186,7 +196,17 @@ def posture_faults(joints: ArrayLike) -> list[str]:
 
 
 def floor_faults(joints: ArrayLike) -> list[str]:
-    """Feet below the floor, sliding or off the floor, in joints (n, 16, 3)."""
+    """Feet below the floor, sliding or off the floor, in joints (n, 16, 3).
+
+    Parameters
+    ----------
+    joints : (n, 16, 3) float
+        Metres.
+
+    Returns
+    -------
+    list of str
+    """
     joints = np.asarray(joints, float)
     found = []
     lowest = joints[..., 2].copy()
@@ -216,7 +236,19 @@ def floor_faults(joints: ArrayLike) -> list[str]:
 
 
 def motion_faults(joints: ArrayLike, *, fps: float) -> list[str]:
-    """Joints (n, 16, 3) that move too fast, and bones that change their length."""
+    """Joints (n, 16, 3) that move too fast, and bones that change their length.
+
+    Parameters
+    ----------
+    joints : (n, 16, 3) float
+        Metres.
+    fps : float
+        Frames a second.
+
+    Returns
+    -------
+    list of str
+    """
     joints = np.asarray(joints, float)
     speed = np.linalg.norm(np.diff(joints, axis=0), axis=-1) * fps
     limit = np.full(len(JOINTS), FASTEST_JOINT)
@@ -235,7 +267,18 @@ def motion_faults(joints: ArrayLike, *, fps: float) -> list[str]:
 
 
 def furniture_faults(joints: ArrayLike, objects: Iterable[SceneObject]) -> list[str]:
-    """Bones of a body (n, 16, 3) inside furniture."""
+    """Bones of a body (n, 16, 3) inside furniture.
+
+    Parameters
+    ----------
+    joints : (n, 16, 3) float
+        Metres.
+    objects : iterable of SceneObject
+
+    Returns
+    -------
+    list of str
+    """
     joints = np.asarray(joints, float)
     found = []
     for piece in objects:

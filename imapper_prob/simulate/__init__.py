@@ -1,1 +1,1 @@
-"""Simulated clips: a furnished room, a person in it, and what is seen of both."""
+"""Simulated clips, whose truth is known."""

@@ -1,4 +1,9 @@
-"""A simulated clip: what a camera, a detector and a lifter report of a simulated scene."""
+"""A simulated clip: what a camera, a detector and a lifter report of a simulated scene.
+
+The camera, the body and the detector are drawn from the priors of the model, and drawn again until
+the person is in view. Room and walk (:mod:`imapper_prob.simulate.scene`) are plausible, not a draw
+of p(X): for that see ``lab/prior.py``.
+"""
 
 from __future__ import annotations
 
@@ -76,7 +81,7 @@ def simulate_track(
     Detections are drawn from the detection model where the joint falls into the image;
     elsewhere there are none. PELV and NECK are synthesised from the detections, with
     confidence 0. In runs of frames the person is lost altogether, in others left and right
-    are swapped, as the model says.
+    are flipped, as the model says.
 
     Parameters
     ----------
@@ -94,7 +99,11 @@ def simulate_track(
     detections : DetectionModel, optional
         The tables; those measured on i3DB if not given.
     settings : ModelSettings, optional
-        How often and how long left and right are swapped.
+        How often and how long left and right are flipped.
+
+    Returns
+    -------
+    Track
     """
     model = detections or DetectionModel()
     keypoints, confidences = model.draw(
@@ -110,14 +119,14 @@ def simulate_track(
     keypoints[:, NECK] = (keypoints[:, THRX] + keypoints[:, HEAD]) / 2
     poses[missing.all(1)] = np.nan
     constants = settings or ModelSettings()
-    swapped = draw_flips(
+    flipped = draw_flips(
         rng,
         len(joints),
-        begins=constants.swap_rate / fps,
-        ends=1 / (constants.swap_length * fps),
+        begins=constants.side_flip_rate / fps,
+        ends=1 / (constants.side_flip_length * fps),
     )
     for values in (keypoints, confidences, poses):
-        values[swapped] = values[swapped][:, list(MIRROR)]
+        values[flipped] = values[flipped][:, list(MIRROR)]
     return Track(name, keypoints, confidences, poses, np.zeros(len(joints), bool))
 
 
@@ -157,12 +166,7 @@ def _lifted(
 
 
 # ------------------------------------------------------------------------------------------------
-# A clip as a camera might have taken it: a room, a person in it, and what is seen of it.
-#
-# Demo and tests of calibration use this. The camera, the body and the detector are drawn from the
-# priors of the model itself, and drawn again until the person is in view; the room and the walk
-# through it are plausible, not a draw of p(X): for that see
-# ``lab/prior.py``.
+# Clips.
 
 _T = TypeVar("_T")
 NOMINAL_CAMERA: Final = Camera(
@@ -193,7 +197,17 @@ _ROOMS = 200
 
 
 def draw_camera(rng: np.random.Generator, *, nominal: Camera = NOMINAL_CAMERA) -> Camera:
-    """A camera from the prior: pitch, roll, elevation and focal length about the nominal one."""
+    """A camera from the prior: pitch, roll, elevation and focal length about the nominal one.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+    nominal : Camera
+
+    Returns
+    -------
+    Camera
+    """
     return nominal.posed(
         pitch=float(rng.normal(nominal.pitch, PITCH_SPREAD)),
         roll=float(rng.normal(nominal.roll, ROLL_SPREAD)),
@@ -205,7 +219,20 @@ def draw_camera(rng: np.random.Generator, *, nominal: Camera = NOMINAL_CAMERA) -
 def draw_camera_and_body(
     rng: np.random.Generator, prior: CameraPrior, *, nominal: Camera = NOMINAL_CAMERA
 ) -> tuple[Camera, float]:
-    """A camera, and the factor on the reference stature, from the prior of a clip's phi."""
+    """A camera, and the factor on the reference stature, from the prior of a clip's phi.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+    prior : CameraPrior
+    nominal : Camera
+
+    Returns
+    -------
+    camera : Camera
+    scale : float
+        Factor on the reference stature.
+    """
     while True:
         phi = rng.multivariate_normal(prior.mean, prior.covariance)
         if in_support(phi):

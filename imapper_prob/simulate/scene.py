@@ -1,4 +1,9 @@
-"""A furnished room before a camera, and the motion of a person in it."""
+"""A furnished room before a camera, and the motion of a person in it.
+
+In the frames of a scenelet the joints are exactly the scenelet's, placed and scaled; it is played
+to and fro for as long as the person stays. In between the person walks, with poses of the library's
+walking scenelets played by distance so that the feet keep up with the body.
+"""
 
 from __future__ import annotations
 
@@ -63,7 +68,18 @@ _BEHIND = ((0.0, -0.30), (0.0, -0.10))
 
 
 def in_image(camera: Camera, points: Array) -> NDArray[np.bool_]:
-    """Which points (..., 3) of the world fall into the image."""
+    """Which points of the world fall into the image.
+
+    Parameters
+    ----------
+    camera : Camera
+    points : (..., 3) float
+        Metres.
+
+    Returns
+    -------
+    (...) bool
+    """
     u, v = np.moveaxis(camera.project(points), -1, 0)
     inside: NDArray[np.bool_] = (u >= 0) & (u < camera.width) & (v >= 0) & (v < camera.height)
     return inside
@@ -72,7 +88,20 @@ def in_image(camera: Camera, points: Array) -> NDArray[np.bool_]:
 def hidden_joints(
     camera: Camera, joints: Array, objects: Sequence[SceneObject]
 ) -> NDArray[np.bool_]:
-    """Which joints (..., 16, 3) furniture hides from the camera."""
+    """Which joints furniture hides from the camera.
+
+    Parameters
+    ----------
+    camera : Camera
+    joints : (..., 16, 3) float
+        World, metres.
+    objects : sequence of SceneObject
+        In the world.
+
+    Returns
+    -------
+    (..., 16) bool
+    """
     hidden: NDArray[np.bool_] = sight_clearance(camera.centre, joints, pack_boxes(objects)) < -TOUCH
     return hidden
 
@@ -114,7 +143,23 @@ def draw_stay(
     scale: float,
     furniture: Sequence[SceneObject],
 ) -> Stay | None:
-    """A place for an interaction that is in view and clear of other furniture, or None."""
+    """A place for an interaction that is in view and clear of other furniture.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+    scenelet : Scenelet
+    camera : Camera
+    scale : float
+        Of the body, a factor.
+    furniture : sequence of SceneObject
+        In the world, to keep clear of.
+
+    Returns
+    -------
+    Stay or None
+        None if this attempt found none.
+    """
     x, y = _anywhere(rng, camera)
     placement = Placement(float(x), float(y), float(rng.uniform(-np.pi, np.pi)))
     own = [piece.moved(placement) for piece in scenelet.objects]
@@ -139,7 +184,16 @@ def draw_stay(
 
 
 def low_pieces(library: Library) -> list[SceneObject]:
-    """All furniture of a library that one looks over when standing."""
+    """All furniture of a library that one looks over when standing.
+
+    Parameters
+    ----------
+    library : Library
+
+    Returns
+    -------
+    list of SceneObject
+    """
     return [o for s in library for o in s.objects if o.bounds[1, 2] < LOW]
 
 
@@ -152,9 +206,25 @@ def draw_bystander(
     scale: float,
     furniture: Sequence[SceneObject],
 ) -> SceneObject | None:
-    """One of ``pieces``, used by nobody, between camera and person and hiding part of them.
+    """Put a piece that nobody uses between camera and person, hiding part of them.
 
-    None if this attempt found no room for it.
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+    pieces : sequence of SceneObject
+        One of which is taken.
+    stay : Stay
+        Of the person.
+    camera : Camera
+    scale : float
+        Of the body, a factor.
+    furniture : sequence of SceneObject
+        In the world, to keep clear of.
+
+    Returns
+    -------
+    SceneObject or None
+        None if this attempt found no room for it.
     """
     piece = pieces[int(rng.integers(len(pieces)))]
     joints = stay.joints(scale)
@@ -175,7 +245,21 @@ def draw_bystander(
 def draw_entry(
     rng: np.random.Generator, first: Stay, *, camera: Camera, furniture: Sequence[SceneObject]
 ) -> Array | None:
-    """A free point (2,) of the floor in view where the clip begins, a few steps away, or None."""
+    """A free point of the floor in view where the clip begins, a few steps away.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+    first : Stay
+    camera : Camera
+    furniture : sequence of SceneObject
+        In the world, to keep clear of.
+
+    Returns
+    -------
+    (2,) float or None
+        Metres; None if this attempt found none.
+    """
     point = _anywhere(rng, camera)
     if not 1.0 < np.linalg.norm(point - first.approach) < 3.0:
         return None
@@ -190,7 +274,22 @@ def find_route(
     camera: Camera,
     furniture: Sequence[SceneObject],
 ) -> Array | None:
-    """Corners (2, 2) or (3, 2) of the shortest free way found between two points, or None."""
+    """The shortest free way found between two points.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+    start, end : (2,) float
+        Metres.
+    camera : Camera
+    furniture : sequence of SceneObject
+        In the world, to keep clear of.
+
+    Returns
+    -------
+    (2, 2) or (3, 2) float, or None
+        Corners, metres; None if there is none.
+    """
     ways = [np.stack([start, end])]
     ways += [np.stack([start, _anywhere(rng, camera), end]) for _ in range(20)]
     for way in sorted(ways, key=lambda w: np.linalg.norm(np.diff(w, axis=0), axis=-1).sum()):
@@ -202,11 +301,7 @@ def find_route(
 
 
 # ------------------------------------------------------------------------------------------------
-# A person who walks between scenelets: the motion of the simulator.
-#
-# In the frames of a scenelet the joints are exactly the scenelet's, placed and scaled; it is
-# played to and fro for as long as the person stays. In between the person walks, with poses of
-# the library's own walking scenelets played by distance so that the feet keep up with the body.
+# Motion.
 
 SETTLING: Final = 1.3
 """Seconds between walking and the first pose of a scenelet: to turn and sit down."""
@@ -249,6 +344,14 @@ class Gait:
     def of(cls, library: Library) -> Gait:
         """A cycle of a library's walk, of those that cover two steps the one nearest ``PACE``.
 
+        Parameters
+        ----------
+        library : Library
+
+        Returns
+        -------
+        Gait
+
         Raises
         ------
         InputError
@@ -271,7 +374,18 @@ class Gait:
         return cls(poses[first:last], walked[first:last] - walked[first], float(gap[first, last]))
 
     def at(self, distance: ArrayLike) -> Array:
-        """(n, 16, 3) poses after ``distance`` (n,) metres, as ``poses``."""
+        """Poses after some way.
+
+        Parameters
+        ----------
+        distance : (n,) float
+            Metres.
+
+        Returns
+        -------
+        (n, 16, 3) float
+            As ``poses``.
+        """
         along = np.mod(np.asarray(distance, float), self.stride)
         low = np.searchsorted(self.distance, along, side="right") - 1
         high = (low + 1) % len(self.distance)
@@ -307,7 +421,18 @@ class Stay:
     turn: Array
 
     def joints(self, scale: float) -> Array:
-        """(n, 16, 3) joints in the world of a body scaled about the floor below the pelvis."""
+        """Joints of a body scaled about the floor below the pelvis.
+
+        Parameters
+        ----------
+        scale : float
+            A factor.
+
+        Returns
+        -------
+        (n, 16, 3) float
+            World, metres.
+        """
         return self.placement.apply(self.scenelet.joints * scale)
 
 

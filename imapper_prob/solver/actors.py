@@ -56,9 +56,17 @@ def solve_actors(
     settings: Settings | None = None,
     progress: Progress | None = None,
 ) -> tuple[Solution, ...]:
-    """Solve every track of a clip, all with the same camera; parameters as of `solve`.
+    """Solve every track of a clip, all with the same camera.
 
-    The solutions are in the order of the tracks; the clip of each has that track only.
+    Parameters
+    ----------
+    clip, library, settings, progress
+        See :func:`imapper_prob.solver.solver.solve`.
+
+    Returns
+    -------
+    tuple of Solution
+        In the order of the tracks; the clip of each has that track only.
     """
     clips = [replace(clip, tracks=(track,)) for track in clip.tracks]
     if len(clips) == 1:
@@ -116,6 +124,11 @@ def share_camera(
         The clip's, by how much its focal length may be wrong.
     settings : CameraSettings, optional
         Those the estimates were made with.
+
+    Returns
+    -------
+    tuple of CameraPrior
+        By actor.
     """
     settings = settings or CameraSettings()
     prior = np.diag(
@@ -159,11 +172,10 @@ def _given(
 
 
 # ------------------------------------------------------------------------------------------------
-# The staged solver's answer for everybody in a clip: scenes whose furniture is shared.
+# One answer for everybody.
 #
-# Every actor is solved by themselves; furniture is not theirs alone. Of the scenes each has
-# tried, those are taken together that are probable and do not stand in each other, and what two
-# actors both found is one object.
+# Of the scenes that each actor has tried, those are taken together that are probable and do not
+# stand in each other; what two actors both found is one object.
 
 Array = NDArray[np.float64]
 _ALTERNATIVES = 12
@@ -215,6 +227,14 @@ class Solved:
     scenes : tuple of SolvedScene
         The best, then others of which no two have the same scenelet at nearby times. By
         log-posterior, or with the published energy by that, without the priors.
+
+    Examples
+    --------
+    >>> best = solved.scenes[0]
+    >>> [o.label for o in best.objects]
+    ['couch']
+    >>> best.motions[0].shape == (clip.n_frames, 16, 3)
+    True
     """
 
     clip: Clip
@@ -232,6 +252,10 @@ def solved(clip: Clip, actors: Sequence[Solution], *, count: int = 5) -> Solved:
         As :func:`~imapper_prob.solver.actors.solve_actors` gives them.
     count : int
         Scenes asked for; the list ends where nothing else improves on an empty room.
+
+    Returns
+    -------
+    Solved
     """
     # Polishing moves the camera, and several have to agree on it.
     finish = refine if len(actors) > 1 else _polished
@@ -298,13 +322,32 @@ def _alternatives(actor: Solution) -> list[State]:
 
 @dataclass(frozen=True)
 class Part:
-    """One actor's share of a scene."""
+    """One actor's share of a scene.
+
+    Parameters
+    ----------
+    objects : tuple of SceneObject
+        In the world.
+    joints : (T, 16, 3) float
+        World, metres.
+    """
 
     objects: tuple[SceneObject, ...]
     joints: Array
 
     @classmethod
     def of(cls, actor: Solution, state: State) -> Part:
+        """The furniture and the motion of an actor's state.
+
+        Parameters
+        ----------
+        actor : Solution
+        state : State
+
+        Returns
+        -------
+        Part
+        """
         objects = selected_objects(actor.problem, actor.library, state)
         camera = state_camera(actor.clip.camera, state)
         return cls(objects, limbs_of(actor.problem, state, camera).joints)
@@ -366,6 +409,17 @@ def shared_furniture(
 
     Kept is the one of the actor nearest to the camera, who is seen best. Two objects of one
     actor are never merged here: that actor's own scene has already decided about them.
+
+    Parameters
+    ----------
+    parts : sequence of Part
+        By actor.
+
+    Returns
+    -------
+    objects : tuple of SceneObject
+    users : tuple of tuple of int
+        By object, the actors who found it.
     """
     distance = [float(np.median(np.linalg.norm(p.joints[:, PELV], axis=-1))) for p in parts]
     kept: list[SceneObject] = []

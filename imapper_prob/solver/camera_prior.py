@@ -1,9 +1,9 @@
 """The prior of camera and body: a Laplace approximation given the feet of the static path.
 
-Of all signs of sitting the angle of the thighs to the vertical is the plainest: nobody walks,
-stands or reaches with both thighs level. It is the mean of both legs', the median over a second,
-and counts as far as the legs are seen; how much each angle says is measured on i3DB
-(``support.angle`` and ``support.slope`` in ``docs/calibration.md``).
+Five numbers are open: pitch, roll and height of the camera, and the factors by which focal length
+and stature differ from what was assumed. The feet of a person who walks about see the floor, and
+with it the height; they see pitch and roll only through how that height changes with depth and
+across the view, which is weak and tied to the height.
 """
 
 from __future__ import annotations
@@ -37,6 +37,18 @@ def thigh_signs(
 ) -> tuple[Array, Array]:
     """Angle of the thighs, and how far they are seen.
 
+    Nobody walks, stands or reaches with both thighs level. The angle is the mean of both legs', and
+    the median over a second; how much it says is measured on i3DB (``support.angle`` and
+    ``support.slope`` in ``docs/calibration.md``).
+
+    Parameters
+    ----------
+    track : Track
+    path : StaticPath
+    camera : CameraPrior
+    fps : float
+        Frames a second.
+
     Returns
     -------
     angle : (T,) float
@@ -60,9 +72,21 @@ def find_stays(
     fps: float,
     settings: ModelSettings | None = None,
 ) -> Array:
-    """(K, 3) stays of a person: first frame, frame after the last, and nats that they speak of it.
+    """Stays of a person, see :func:`imapper_prob.models.kernels.stays.unsupported`.
 
-    See :func:`imapper_prob.models.kernels.stays.unsupported`.
+    Parameters
+    ----------
+    track : Track
+    path : StaticPath
+    camera : CameraPrior
+    fps : float
+        Frames a second.
+    settings : ModelSettings, optional
+
+    Returns
+    -------
+    (K, 3) float
+        First frame, frame after the last, and nats that they speak of being carried.
     """
     settings = settings or ModelSettings()
     angle, seen = thigh_signs(track, path, camera, fps=fps)
@@ -76,12 +100,7 @@ def find_stays(
 
 
 # ------------------------------------------------------------------------------------------------
-# What is known of the camera and the body before any furniture.
-#
-# Five numbers are left open: pitch, roll and height of the camera, and the factors by which
-# focal length and stature differ from what was assumed. The feet of a person who walks about
-# see the floor, and with it the height; they see pitch and roll only through how that height
-# changes with depth and across the view, which is weak and tied to the height.
+# The prior.
 
 _LEVEL: Final = 0.175
 """Metres of a lower ankle beneath the pelvis. In the built-in library who has less lies or sits
@@ -128,6 +147,8 @@ def estimate_camera(
         Its camera's pose is the mean of the prior, and it says how sure its focal length is.
     path : StaticPath
         Of the person ``track``.
+    track : int
+        Which person.
     settings : CameraSettings, optional
     detector : DetectorSettings, optional
         Says by what confidence a foot is taken for hidden.
@@ -136,6 +157,11 @@ def estimate_camera(
     -------
     CameraPrior
         With the correlation of pitch and elevation.
+
+    Raises
+    ------
+    InputError
+        If the path is of another clip.
     """
     settings = settings or CameraSettings()
     if len(path.lift) != clip.n_frames:

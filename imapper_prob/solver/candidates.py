@@ -1,4 +1,11 @@
-"""Candidates: fits at the maxima of charness, judged and refined under the log-posterior."""
+"""Candidates: fits at the maxima of charness, judged and refined under the log-posterior.
+
+Reprojection alone cannot tell a chair from a couch. In every window the best fits of each kind of
+furniture are kept apart and judged with occlusion and intersections, and the best of each kind that
+is still worth it is refined. The paper takes 200 fits a maximum, drops those that walk through
+furniture, then those whose furniture hides the wrong joints, and keeps three (Monszpart et al.
+2019, section 5).
+"""
 
 from __future__ import annotations
 
@@ -30,8 +37,6 @@ __all__ = [
     "Fate",
     "MaximaSettings",
     "MaximumTable",
-    "Peak",
-    "ScreenSettings",
     "Shortlisted",
     "along_the_ray",
     "apart_from_stays",
@@ -48,7 +53,9 @@ Ints = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class MaximaSettings:
-    """Parameters
+    """How maxima of charness are found.
+
+    Parameters
     ----------
     temperature : float
         Nats per joint; a fit worse than the window's best by this has 1/e of its say.
@@ -137,6 +144,10 @@ def charness_curve(
     bare : (T,) bool, optional
         Frames without a static skeleton. Windows about these are maxima, too, whatever their
         charness, where no maximum is near: the set T' of the paper. None if not given.
+
+    Returns
+    -------
+    CharnessCurve
     """
     settings = settings or MaximaSettings()
     known: NDArray[np.bool_] = np.any(np.isfinite(fits.cost), axis=1)
@@ -191,12 +202,7 @@ def _stands_out(values: Array, window: int) -> bool:
 
 
 # ------------------------------------------------------------------------------------------------
-# Candidates: fits judged, and the good ones refined, under the full log-posterior.
-#
-# Reprojection alone cannot tell a chair from a couch. So in every window the best fits of
-# each kind of furniture are kept apart, judged with occlusion and intersections (the paper's
-# 200 per maximum after motion intersection, Monszpart et al. 2019, section 5), and the best
-# of each kind that is still worth it is refined.
+# Judging and refining.
 
 Progress = Callable[[str, float], None]
 
@@ -251,7 +257,20 @@ def screen(
     settings: ScreenSettings | None = None,
     progress: Progress | None = None,
 ) -> tuple[Candidate, ...]:
-    """The best fits of every window and kind, with what each gains, in order of time."""
+    """The best fits of every window and kind, with what each gains, in order of time.
+
+    Parameters
+    ----------
+    problem : Problem
+    fits : Fits
+    settings : ScreenSettings, optional
+    progress : callable, optional
+        Called with a stage's name and the part of it that is done.
+
+    Returns
+    -------
+    tuple of Candidate
+    """
     settings = settings or ScreenSettings()
     empty = empty_state(problem)
     value = log_posterior_near(problem, empty)
@@ -303,7 +322,17 @@ def _refined(
 
 
 def assigned(state: State, members: Iterable[Candidate]) -> State:
-    """The state with these candidates as well."""
+    """The state with these candidates as well.
+
+    Parameters
+    ----------
+    state : State
+    members : iterable of Candidate
+
+    Returns
+    -------
+    State
+    """
     for c in members:
         state = state.with_item(c.scenelet, c.start, c.placement, c.size)
     return state
@@ -321,6 +350,11 @@ def apart_from_stays(problem: Problem, context: State) -> Callable[[Sequence[Can
     problem : Problem
     context : State
         The scene without them; the gain of none is 0. What it holds already is nobody's gain.
+
+    Returns
+    -------
+    callable
+        From candidates to nats.
     """
     bare = problem._replace(stays=problem.stays[:0])
     held = [unsupported(stay[None], problem.lowered, context.items) == 0 for stay in problem.stays]
@@ -349,8 +383,17 @@ def along_the_ray(problem: Problem, frame: int, placement: Array) -> tuple[Array
 
     Parameters
     ----------
+    problem : Problem
+    frame : int
+        In which the static path is asked.
     placement : (3,) float
         Of a person of the body's own size: x, y in metres, yaw in radians.
+
+    Returns
+    -------
+    placement : (3,) float
+    size : float
+        Log.
     """
     _, _, log_focal, log_body, _ = problem.camera_mean
     apart = problem.path_centre[frame, 1] + log_focal + log_body - np.log(placement[1])
@@ -362,7 +405,16 @@ def along_the_ray(problem: Problem, frame: int, placement: Array) -> tuple[Array
 def refine(problem: Problem, state: State, *, only: Iterable[int] | None = None) -> State:
     """Placements and sizes under the full posterior, one scenelet at a time (Nelder and Mead).
 
-    All of them one after the other, or ``only`` those with these indices.
+    Parameters
+    ----------
+    problem : Problem
+    state : State
+    only : iterable of int, optional
+        Indices of the scenelets to move; all if not given.
+
+    Returns
+    -------
+    State
     """
     # Of bearing, log depth, yaw, and of what a person's size leaves to the depth.
     step = np.array([0.02, 0.05, 0.15, 0.05])
@@ -387,13 +439,9 @@ def refine(problem: Problem, state: State, *, only: Iterable[int] | None = None)
 
 
 # ------------------------------------------------------------------------------------------------
-# Who was kept at each maximum of charness, and what spoke against everybody else.
-#
-# The paper takes 200 fits a maximum, drops those that walk through furniture, then those whose
-# furniture hides the wrong joints, and keeps three (Monszpart et al. 2019, section 5). Here one
-# log-posterior judges all of it at once; this table takes its verdicts apart in that order.
+# Tables of a maximum: who was kept, and what spoke against the others, in the order of the
+# paper's criteria. One log-posterior judges all of them at once.
 
-pass
 _SOLID = ("motion", "collision", "ground")
 """Terms that say who stands in what."""
 
@@ -451,7 +499,12 @@ class MaximumTable:
     rows: tuple[Shortlisted, ...]
 
     def counts(self) -> dict[str, int]:
-        """How many are left after each step, from all that were fitted to those kept."""
+        """How many are left after each step, from all that were fitted to those kept.
+
+        Returns
+        -------
+        dict of str to int
+        """
         left = {"fitted": self.fitted, "judged": len(self.rows)}
         remaining = len(self.rows)
         for fate in (Fate.FIT, Fate.MOTION, Fate.OCCLUSION, Fate.KIND):
@@ -475,6 +528,10 @@ def shortlist(
         As of the stages before.
     kept : sequence of Candidate
         Those that went on to be combined.
+
+    Returns
+    -------
+    tuple of MaximumTable
     """
     empty = empty_state(problem)
     bare = _without_furniture(problem)

@@ -54,7 +54,6 @@ from imapper_prob.solver.sequences import Exchange, exchange
 __all__ = [
     "Combination",
     "Combinations",
-    "CombineSettings",
     "best_first",
     "bound",
     "combine",
@@ -116,6 +115,11 @@ def bound(groups: Sequence[Ints], added: Array, together: Array) -> float:
     added : (N,) float
         What each member adds by itself.
     together : (N, N) float
+
+    Returns
+    -------
+    float
+        Nats.
     """
     best = np.zeros(1)  # by what is taken of the last group; the first entry is nothing
     last = np.empty(0, dtype=np.int64)
@@ -138,12 +142,12 @@ def _optimistic(groups: Sequence[Ints], together: Array) -> Array:
 
 
 # ------------------------------------------------------------------------------------------------
-# A whole scene made as probable as it can be: camera, placements and sizes at once.
+# Refinement of a whole scene.
 #
-# Each scenelet stands on the floor, so where the camera looks and how far away everybody is hang
-# together: moving one scenelet at a time, or the camera alone, gets nowhere. The paper minimises
-# its energy by L-BFGS (Monszpart et al. 2019, section 5), and so does this, in units in which all
-# unknowns are about as uncertain.
+# Each scenelet stands on the floor, so that where the camera looks and how far away everybody is
+# hang together: moving one scenelet at a time, or the camera alone, gets nowhere. As the paper
+# (Monszpart et al. 2019, section 5), L-BFGS moves all, in units in which all unknowns are about as
+# uncertain.
 
 _UNITS = np.array([0.01, 0.06, 0.1, 0.05])
 """Of bearing, log depth, yaw (rad), and of log size at the same look: their usual doubt."""
@@ -157,7 +161,17 @@ _FAR = 20.0
 
 
 def polish(problem: Problem, state: State) -> State:
-    """The most probable state near one, with the same scenelets at the same times."""
+    """The most probable state near one, with the same scenelets at the same times.
+
+    Parameters
+    ----------
+    problem : Problem
+    state : State
+
+    Returns
+    -------
+    State
+    """
     spread = np.sqrt(np.diag(np.linalg.inv(problem.camera_precision)))
 
     def scene(theta: Array) -> State:
@@ -185,15 +199,14 @@ def polish(problem: Problem, state: State) -> State:
 
 
 # ------------------------------------------------------------------------------------------------
-# Combinations: from candidates at the maxima of charness to whole scenes.
+# From candidates at the maxima of charness to whole scenes.
 #
-# The paper tries every combination of three candidates a maximum (Monszpart et al. 2019,
-# section 5). Here a maximum may also stay empty, and there may be twelve of them: combinations
-# are judged by the full log-posterior in the order of what their candidates are worth alone and
-# two by two (`search`), all of them where there are few. The best scenes are refined once more,
-# and in the best one candidates are exchanged for whatever does better there (`exchange`).
+# The paper tries every combination of three candidates a maximum (Monszpart et al. 2019, section
+# 5). Here a maximum may also stay empty, and there may be twelve of them: combinations are judged
+# by the log-posterior in the order of :func:`search`, all of them where there are few. The best
+# scenes are refined, and in the best one candidates are exchanged
+# (:mod:`imapper_prob.solver.sequences`).
 
-pass
 Progress = Callable[[str, float], None]
 
 
@@ -275,7 +288,21 @@ def combine(
     settings: CombineSettings | None = None,
     progress: Progress | None = None,
 ) -> Combinations:
-    """The best scene by log-posterior, then its diverse alternatives."""
+    """The best scene by log-posterior, then its diverse alternatives.
+
+    Parameters
+    ----------
+    problem : Problem
+    candidates : sequence of Candidate
+    curve : CharnessCurve
+    settings : CombineSettings, optional
+    progress : callable, optional
+        Called with a stage's name and the part of it that is done.
+
+    Returns
+    -------
+    Combinations
+    """
     settings = settings or CombineSettings()
     groups = groups_of(candidates, curve, kept=settings.kept)
     tried, left = search(problem, groups, tried=settings.tried)
@@ -300,16 +327,40 @@ def combine(
 def groups_of(
     candidates: Sequence[Candidate], curve: CharnessCurve, *, kept: int
 ) -> list[list[Candidate]]:
-    """The ``kept`` best candidates of each maximum, in order of time."""
+    """The best candidates of each maximum, in order of time.
+
+    Parameters
+    ----------
+    candidates : sequence of Candidate
+    curve : CharnessCurve
+    kept : int
+        How many of each.
+
+    Returns
+    -------
+    list of list of Candidate
+    """
     return [_at(window, candidates, kept) for window in sorted(curve.maxima.tolist())]
 
 
 def search(
     problem: Problem, groups: Sequence[Sequence[Candidate]], *, tried: int
 ) -> tuple[tuple[Combination, ...], float]:
-    """The first ``tried`` combinations by score, the best by log-posterior first.
+    """The first combinations by score, the best by log-posterior first.
 
-    Also the score of the best one left out, -inf if there is none.
+    Parameters
+    ----------
+    problem : Problem
+    groups : sequence of sequence of Candidate
+        By maximum.
+    tried : int
+        How many.
+
+    Returns
+    -------
+    combinations : tuple of Combination
+    left : float
+        Score of the best one left out, nats; -inf if there is none.
     """
     pool = [c for group in groups for c in group]
     ends = np.cumsum([len(group) for group in groups])
@@ -348,7 +399,17 @@ def _pairs(groups: Sequence[NDArray[np.int64]]) -> list[tuple[int, int]]:
 
 
 def state_of(problem: Problem, members: Sequence[Candidate]) -> State:
-    """The scene in which these candidates, and no others, are assigned."""
+    """The scene in which these candidates, and no others, are assigned.
+
+    Parameters
+    ----------
+    problem : Problem
+    members : sequence of Candidate
+
+    Returns
+    -------
+    State
+    """
     return assigned(empty_state(problem), members)
 
 

@@ -23,7 +23,12 @@ from scipy.ndimage import median_filter
 from scipy.special import logsumexp
 
 from imapper_prob.models.camera import Camera
-from imapper_prob.models.detector import ERROR_EDGES, DetectionModel
+from imapper_prob.models.detector import (
+    ERROR_EDGES,
+    DetectionModel,
+    student_t,
+    student_t_loss,
+)
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.scene import Clip, Track
 from imapper_prob.models.skeleton import DETECTED
@@ -83,6 +88,14 @@ def own_detections(clip: Clip) -> Clip:
     In such frames nothing is detected, and there is no lifted pose, for that was made of the
     same detections.
 
+    Parameters
+    ----------
+    clip : Clip
+
+    Returns
+    -------
+    Clip
+
     Raises
     ------
     InputError
@@ -115,7 +128,7 @@ def _without(track: Track, away: Flags) -> Track:
 
 
 def frames_elsewhere(track: Track, *, camera: Camera, fps: float) -> Flags:
-    """(T,) frames of a track in which the detector was not on its person.
+    """Find the frames of a track in which the detector was not on its person.
 
     Parameters
     ----------
@@ -124,6 +137,10 @@ def frames_elsewhere(track: Track, *, camera: Camera, fps: float) -> Flags:
         For the size of its picture, in which a detector that is elsewhere may be anywhere.
     fps : float
         Frames a second.
+
+    Returns
+    -------
+    (T,) bool
     """
     joints = list(DETECTED)
     confidences = track.confidences[:, joints]
@@ -254,8 +271,7 @@ def _steps(
     sure = (weight.max(1) >= ERROR_EDGES[1]).astype(int)
     error = errors[sure] * np.sqrt(2.0 / np.maximum((weight > 0).sum(1), 1))
     scale = np.hypot(heights[:-lag] * share, error)
-    squared = (step**2).sum(-1) / scale**2
-    result: Array = -np.log(2 * np.pi * scale**2) - (_DOF / 2 + 1) * np.log1p(squared / _DOF)
+    result = student_t((step**2).sum(-1), scale, _DOF)
     change = np.linalg.norm(b - a - step[:, None], axis=-1, keepdims=True)
     change = _median(change, weight)[:, 0] / heights[:-lag]
     like = _log_change(change, np.minimum(_UNLIKE, _CHANGE[0] + _CHANGE[1] * seconds))
@@ -267,8 +283,8 @@ def _steps(
 
 def _log_change(change: Array, scale: Array) -> Array:
     """Log-density of a half Student-t of that scale, up to its constant."""
-    tails = np.log1p((change / scale) ** 2 / _CHANGE_DOF)
-    result: Array = -np.log(scale) - (_CHANGE_DOF + 1) / 2 * tails
+    loss = student_t_loss(change**2, scale, _CHANGE_DOF, dimensions=1)
+    result: Array = -np.log(scale) - loss
     return result
 
 

@@ -28,7 +28,7 @@ from imapper_prob.models.view import to_floor
 if TYPE_CHECKING:
     from imapper_prob.solver.window_fits import WindowFitter
 
-__all__ = ["FitSettings", "Fits", "best_fits", "fit_windows", "free_pose_cost", "static_world"]
+__all__ = ["FitSettings", "Fits", "best_fits", "fit_windows", "free_pose_cost"]
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -36,7 +36,9 @@ Ints = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class FitSettings:
-    """Parameters
+    """How scenelets are fitted to windows.
+
+    Parameters
     ----------
     stride : float
         Seconds between the starts of neighbouring windows.
@@ -93,6 +95,20 @@ def fit_windows(
 
     On a CPU it runs on one thread: a window is too small for more, and sums keep their order.
 
+    Parameters
+    ----------
+    problem : Problem
+    path : StaticPath
+    fps : float
+        Frames a second.
+    settings : FitSettings, optional
+    progress : callable, optional
+        Called with a stage's name and the part of it that is done.
+
+    Returns
+    -------
+    Fits
+
     Raises
     ------
     InputError
@@ -127,7 +143,7 @@ def _fit_windows(
     n_frames = problem.n_frames
     centres = np.arange(0, n_frames, max(1, round(settings.stride * fps)))
     lengths = problem.lengths
-    world = static_world(problem, path)
+    world = _static_world(problem, path)
     placements = np.zeros((len(centres), len(lengths), 3))
     cost = np.full((len(centres), len(lengths)), np.inf)
     for w, centre in enumerate(centres.tolist()):
@@ -156,7 +172,7 @@ def _fit_windows(
     return Fits(centres, placements, cost)
 
 
-def static_world(problem: Problem, path: StaticPath) -> Array:
+def _static_world(problem: Problem, path: StaticPath) -> Array:
     """(T, 16, 3) joints of the static path in the world of the mean camera."""
     pitch, elevation, focal, body, roll = problem.camera_mean
     depth = np.exp(path.estimate[:, 1] + focal + body)
@@ -168,14 +184,12 @@ def static_world(problem: Problem, path: StaticPath) -> Array:
 
 
 # ------------------------------------------------------------------------------------------------
-# What the freedom of a frame without scenelet is worth.
+# What a free frame pays for its pose.
 #
-# The pose of a free frame comes from a lifter that has already seen the frame, so that its
-# small residual is no evidence against a scenelet. A free frame is therefore judged as if the
-# best motion without furniture (somebody walking or standing about) had to explain it: an
-# interaction has to beat that, not the lifter.
+# The pose of a free frame comes from a lifter that has seen the frame, so that its small residual
+# is no evidence against a scenelet. A free frame is judged as if the best motion without furniture
+# (somebody walking or standing about) had to explain it: an interaction has to beat that.
 
-pass
 _STANDING = 0.75
 """Metres above the floor of the middle of the hips of somebody who stands, at least: .85 with the
 legs straight, and bent as far as one walks with."""
@@ -205,6 +219,16 @@ def free_pose_cost(problem: Problem, fits: Fits) -> NDArray[np.float64]:
     Of the scenelets without objects in which somebody is upright the one that explains its window
     best stands for the frames nearest to the window's centre. Never negative; 0 in frames that
     none reaches.
+
+    Parameters
+    ----------
+    problem : Problem
+    fits : Fits
+
+    Returns
+    -------
+    (T,) float
+        Nats.
 
     Raises
     ------
@@ -243,20 +267,15 @@ def free_pose_cost(problem: Problem, fits: Fits) -> NDArray[np.float64]:
 
 
 # ------------------------------------------------------------------------------------------------
-# How well the library knows what is seen: of every frame the best fit of any scenelet.
+# How well the best scenelet over each frame fits.
 #
-# What a fit costs (:mod:`imapper_prob.solver.fits`) depends on how large a pixel is and on which
-# joints a detector is sure of. Less what the right motion would cost on average with the same
-# joints at the same distance it is a pure number: about 0 where some scenelet is right.
-
-pass
+# What a fit costs depends on how large a pixel is and on which joints a detector is sure of. Less
+# what the right motion would cost on average with the same joints at the same distance it is a pure
+# number: about 0 where some scenelet is right.
 
 
 def best_fits(problem: Problem, fits: Fits) -> Array:
-    """(T,) by how much the best scenelet over a frame fits worse than the right one would.
-
-    Nats per confident joint, on average over the scenelet's frames. NaN in frames without a
-    detection, where no scenelet was fitted, and with the published energy.
+    """By how much the best scenelet over a frame fits worse than the right one would.
 
     Parameters
     ----------
@@ -264,6 +283,12 @@ def best_fits(problem: Problem, fits: Fits) -> Array:
         Of one actor.
     fits : Fits
         Of the same.
+
+    Returns
+    -------
+    (T,) float
+        Nats per confident joint, on average over the scenelet's frames. NaN in frames without a
+        detection, where no scenelet was fitted, and with the published energy.
     """
     if problem.of_paper:  # whose squared residuals say nothing of what the right motion costs
         return np.full(problem.n_frames, np.nan)

@@ -54,14 +54,31 @@ class Limbs:
     spread: Array
 
     def covariance(self) -> Array:
-        """(T, 16, 3, 3) square metres."""
+        """Covariance of every joint.
+
+        Returns
+        -------
+        (T, 16, 3, 3) float
+            Square metres.
+        """
         along = self.rays[..., :, None] * self.rays[..., None, :]
         left = np.eye(3) - self.known[..., None, None] * (np.eye(3) - along)
         result: Array = self.spread[:, None, None] ** 2 * left
         return result
 
     def drawn(self, numbers: Array) -> Array:
-        """(T, 16, 3) joints by standard normal numbers (T, 16, 3)."""
+        """Joints drawn from what is known of them.
+
+        Parameters
+        ----------
+        numbers : (T, 16, 3) float
+            Standard normal.
+
+        Returns
+        -------
+        (T, 16, 3) float
+            Metres.
+        """
         along = (numbers * self.rays).sum(-1, keepdims=True) * self.rays
         left = np.sqrt(1.0 - self.known)[..., None] * (numbers - along) + along
         result: Array = self.joints + self.spread[:, None] * left
@@ -77,6 +94,10 @@ def limbs_of(problem: Problem, state: State, camera: Camera) -> Limbs:
     state : State
     camera : Camera
         That of the state.
+
+    Returns
+    -------
+    Limbs
     """
     joints = motion(problem, state)
     seen = camera.to_camera(joints)

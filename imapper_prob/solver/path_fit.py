@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from scipy.linalg import solveh_banded
 
 from imapper_prob.models.camera import Camera
+from imapper_prob.models.detector import student_t_loss
 from imapper_prob.models.settings import StaticPathSettings
 from imapper_prob.models.skeleton import DETECTED
 from imapper_prob.solver.poses import ANCESTORS, N_BONES, SPREADS, LiftedBody
@@ -32,7 +33,6 @@ __all__ = [
     "Observations",
     "evidence",
     "fit_motion",
-    "length_terms",
     "pixel_residuals",
     "solve_chain",
 ]
@@ -75,7 +75,15 @@ class Observations:
 
 @dataclass(frozen=True)
 class Motion:
-    """``place`` (T, 3): bearing, lift, log depth. ``bones`` (T, 14, 3): metres."""
+    """The unknowns of the fit.
+
+    Parameters
+    ----------
+    place : (T, 3) float
+        Bearing and lift (tangents), and log depth (log m).
+    bones : (T, 14, 3) float
+        Camera axes, metres.
+    """
 
     place: Array
     bones: Array
@@ -88,13 +96,33 @@ class Motion:
         return np.stack([bearing * depth, depth, lift * depth], -1)
 
     def vector(self, *, free_bones: bool) -> Array:
-        """(T, 45) all unknowns of each frame, or (T, 3) those of its place."""
+        """All unknowns of each frame, or those of its place.
+
+        Parameters
+        ----------
+        free_bones : bool
+            Whether bones are unknown.
+
+        Returns
+        -------
+        (T, 45) or (T, 3) float
+        """
         if not free_bones:
             return self.place
         return np.concatenate([self.place, self.bones.reshape(len(self.bones), -1)], 1)
 
     def moved(self, step: Array) -> Motion:
-        """The motion after a step of ``vector``."""
+        """The motion after a step of ``vector``.
+
+        Parameters
+        ----------
+        step : (T, 45) or (T, 3) float
+            As of :meth:`vector`.
+
+        Returns
+        -------
+        Motion
+        """
         bones = self.bones
         if step.shape[1] > 3:
             bones = bones + step[:, 3:].reshape(bones.shape)
@@ -106,7 +134,18 @@ def _joints(motion: Motion) -> Array:
 
 
 def pixel_residuals(observations: Observations, motion: Motion) -> Array:
-    """(T, 14, 2) detection minus projection, pixels of this image."""
+    """Detection minus projection.
+
+    Parameters
+    ----------
+    observations : Observations
+    motion : Motion
+
+    Returns
+    -------
+    (T, 14, 2) float
+        Pixels of the image.
+    """
     camera, joints = observations.camera, _joints(motion)
     depth = np.maximum(joints[..., 1], _NEAREST)
     projected = np.stack(
@@ -148,6 +187,17 @@ def evidence(
 ) -> tuple[Array, Array]:
     """What each frame's detections and lifted pose alone say, at full weight.
 
+    Parameters
+    ----------
+    observations : Observations
+    motion : Motion
+        Around which it is expanded.
+    settings : StaticPathSettings
+    pixel_scale : float
+        Of detections, pixels at 1080 lines.
+    free_bones : bool
+        Whether bones are unknown.
+
     Returns
     -------
     information : (T, n, n) float
@@ -184,7 +234,7 @@ def _lifted_precision(body: LiftedBody, settings: StaticPathSettings) -> Array:
     return result
 
 
-def length_terms(
+def _length_terms(
     body: LiftedBody, bones: Array, settings: StaticPathSettings
 ) -> tuple[Array, Array]:
     """Information (T, 42, 42) and pull (T, 42) of the prior on bone lengths."""
@@ -220,7 +270,7 @@ def _cost(
     """Negative log-posterior up to its constant, nats."""
     squared = (pixel_residuals(observations, motion) ** 2).sum(-1)
     scale = pixel_scale * observations.pixel_unit
-    loss = (settings.dof + 2) / 2 * np.log1p(squared / (settings.dof * scale**2))
+    loss = student_t_loss(squared, scale, settings.dof)
     data = float((observations.confidences * loss).sum())
     prior = 0.0
     if free_bones:
@@ -236,7 +286,19 @@ def _cost(
 
 
 def solve_chain(information: Array, pull: Array, walk: Array) -> Array:
-    """Solve the block-tridiagonal normal equations whose off-diagonal blocks are -diag(walk)."""
+    """Solve the block-tridiagonal normal equations whose off-diagonal blocks are -diag(walk).
+
+    Parameters
+    ----------
+    information : (T, n, n) float
+    pull : (T, n) float
+    walk : (n,) float
+        Precision of a step.
+
+    Returns
+    -------
+    (T, n) float
+    """
     n_frames, n = pull.shape
     banded = np.zeros((n + 1, n_frames, n))
     for k in range(n):
@@ -269,11 +331,21 @@ def fit_motion(
 
     Parameters
     ----------
+    observations : Observations
+    start : Motion
+    settings : StaticPathSettings
     free_bones : bool
         Whether bones move, or only the pelvis.
     annealing : sequence of float
-        Factors on the pixel scale, one step each; then up to ``steps`` at factor 1, until the
-        cost falls by less than ``tolerance`` nats.
+        Factors on the pixel scale, one step each.
+    steps : int
+        Further steps at factor 1, at most.
+    tolerance : float
+        Nats; less than which the cost falls by in the last of them.
+
+    Returns
+    -------
+    Motion
     """
     weight = settings.frame_weight(observations.fps)
     walk = _walk_precision(settings, observations.fps, free_bones=free_bones)
@@ -285,7 +357,7 @@ def fit_motion(
         )
         information, pull = weight * information, weight * pull
         if free_bones:
-            more, push = length_terms(observations.body, motion.bones, settings)
+            more, push = _length_terms(observations.body, motion.bones, settings)
             information[:, 3:, 3:] += more
             pull[:, 3:] += push
         steps_taken = np.diff(motion.vector(free_bones=free_bones), axis=0) * walk

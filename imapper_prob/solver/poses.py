@@ -1,6 +1,8 @@
-"""Poses of the frames as rotations of bones: implausible ones, and how missing ones are filled.
+"""Poses of the frames as vectors of bones: implausible ones, and how missing ones are filled.
 
-The neck, which no detector reports, is put half-way between thorax and head.
+A lifter sees one frame at a time. The directions of its bones are useful, its scale and its
+proportions are not, which are those of the skeleton it was trained on, and some frames have no
+pose. The neck, which no detector reports, is put half-way between thorax and head.
 """
 
 from __future__ import annotations
@@ -78,7 +80,17 @@ ANCESTORS: Final[Array] = _ancestors()
 
 
 def bones_of(poses: ArrayLike) -> Array:
-    """(..., 16, 3) joints to (..., 14, 3) bone vectors from parent to child."""
+    """Bone vectors of poses, from parent to child.
+
+    Parameters
+    ----------
+    poses : (..., 16, 3) float
+        Metres.
+
+    Returns
+    -------
+    (..., 14, 3) float
+    """
     poses = np.asarray(poses, float)
     parents, children = np.transpose(TREE)
     result: Array = poses[..., children, :] - poses[..., parents, :]
@@ -86,19 +98,28 @@ def bones_of(poses: ArrayLike) -> Array:
 
 
 def joints_of(bones: ArrayLike) -> Array:
-    """(..., 14, 3) bone vectors to (..., 16, 3) joints relative to the pelvis."""
+    """Joints of bone vectors, relative to the pelvis.
+
+    Parameters
+    ----------
+    bones : (..., 14, 3) float
+        Metres.
+
+    Returns
+    -------
+    (..., 16, 3) float
+    """
     result: Array = ANCESTORS @ np.asarray(bones, float)
     return result
 
 
 # ------------------------------------------------------------------------------------------------
-# Poses nobody can take.
+# Implausible poses.
 #
-# Lifters know bodies from training data and mostly stay near them, but where a body is hidden
-# some collapse, turn it upside down or break its knees. Detections cannot always say so, for
-# there are none of what is hidden.
+# Lifters mostly stay near bodies of their training data, but where a body is hidden some collapse,
+# turn it upside down or break its knees. Detections cannot always tell, for there are none of what
+# is hidden.
 
-pass
 _PROPORTIONS: Final = 0.7
 """Root mean square over the bones of the log of their lengths over the person's own, scale
 aside: wrong by a factor of two on average. i3DB's lifter is below .62 in 99 of 100 frames."""
@@ -121,6 +142,14 @@ def implausible_poses(track: Track) -> NDArray[np.bool_]:
 
     Three signs, each of which counts unless most of the track has it: bones whose lengths do
     not go together, a trunk that is upside down, a knee that bends forward.
+
+    Parameters
+    ----------
+    track : Track
+
+    Returns
+    -------
+    (T,) bool
     """
     frames = np.flatnonzero(track.has_pose)
     result = np.zeros(len(track.poses), dtype=bool)
@@ -152,14 +181,13 @@ def _forward(directions: Array, axes: Array, thigh: int, shin: int) -> Array:
 
 
 # ------------------------------------------------------------------------------------------------
-# Poses between known ones: the trunk turns, and the limbs turn with it and by themselves.
+# Poses between known ones.
 #
-# Linear interpolation of joints would shorten the bones of a person who turns round; turning
-# every bone by itself would not, but takes each the shortest way, which for a half turn may be
-# through the floor for one and over the head for the next. So the trunk is a rotation that is
-# interpolated as one, and limbs are directions in its axes.
+# Linear interpolation of joints would shorten the bones of a person who turns round. Turning every
+# bone by itself takes each the shortest way, which for a half turn may be through the floor for one
+# and over the head for the next. So the trunk is a rotation that is interpolated as one, and limbs
+# are directions in its axes.
 
-pass
 _SPINE: Final = TREE.index((sk.PELV, sk.THRX))
 _RIGHTWARD: Final = (TREE.index((sk.PELV, sk.RHIP)), TREE.index((sk.THRX, sk.RSHO)))
 _LEFTWARD: Final = (TREE.index((sk.PELV, sk.LHIP)), TREE.index((sk.THRX, sk.LSHO)))
@@ -202,6 +230,16 @@ def torso_axes(directions: ArrayLike) -> Array:
 
     Right is the mean line through hips and shoulders, up the spine as far as it is across
     that. A body without either (a lifter's worst) has the axes of the camera.
+
+    Parameters
+    ----------
+    directions : (..., 14, 3) float
+        Of the bones.
+
+    Returns
+    -------
+    (..., 3, 3) float
+        Columns are the body's right, front and up.
     """
     directions = np.asarray(directions, float)
     right = directions[..., _RIGHTWARD, :].sum(-2) - directions[..., _LEFTWARD, :].sum(-2)
@@ -255,7 +293,7 @@ def fill_directions(directions: ArrayLike, known: ArrayLike) -> Array:
 
 
 # ------------------------------------------------------------------------------------------------
-# What became of every frame before any scenelet, and where its pose comes from.
+# Where the pose of each frame comes from.
 
 
 class PoseSource(StrEnum):
@@ -294,7 +332,17 @@ class FrameTable:
 
     @classmethod
     def unexamined(cls, detected: NDArray[np.int64]) -> FrameTable:
-        """Of a path that was given: all poses their own, nothing known of how well they fit."""
+        """Of a path that was given: all poses their own, nothing known of how well they fit.
+
+        Parameters
+        ----------
+        detected : (T,) int
+            How many joints of each frame were detected.
+
+        Returns
+        -------
+        FrameTable
+        """
         n = len(detected)
         return cls((PoseSource.OWN,) * n, detected, np.full(n, np.nan), np.zeros(n, dtype=bool))
 
@@ -309,7 +357,12 @@ class FrameTable:
         return np.array([p is PoseSource.ELSEWHERE for p in self.pose], dtype=bool)
 
     def counts(self) -> dict[str, int]:
-        """How many frames, outliers included, by what became of them."""
+        """How many frames, outliers included, by what became of them.
+
+        Returns
+        -------
+        dict of str to int
+        """
         found = {str(source): self.pose.count(source) for source in PoseSource}
         found["outlier"] = int(self.outlier.sum())
         found["nothing detected"] = int((self.detected == 0).sum())
@@ -317,13 +370,8 @@ class FrameTable:
 
 
 # ------------------------------------------------------------------------------------------------
-# Poses from a lifter, given to the reference body and filled in where they are missing.
-#
-# A lifter sees one frame at a time: the directions of its bones are useful, its scale is not, nor
-# are its proportions, which are those of the skeleton it was trained on, and some frames have
-# none.
+# The reference body in lifted poses.
 
-pass
 _LEFT, _RIGHT, _UP, _DOWN = (-1.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0), (0.0, 0.0, -1.0)
 _UPRIGHT: Final[Array] = np.array(
     [_LEFT, _DOWN, _DOWN, _RIGHT, _DOWN, _DOWN, _UP, _UP,
@@ -367,6 +415,16 @@ def lifted_body(track: Track, trusted: NDArray[np.bool_]) -> LiftedBody:
 
     Without a single trusted frame the person stands upright and faces the camera, which is
     as good a start as any.
+
+    Parameters
+    ----------
+    track : Track
+    trusted : (T,) bool
+        Frames whose pose counts.
+
+    Returns
+    -------
+    LiftedBody
     """
     known = np.asarray(trusted, bool) & track.has_pose
     if not known.any():

@@ -73,6 +73,10 @@ def fast_frames(keypoints: Array, confidences: Array) -> Flags:
         Pixels.
     confidences : (T, K) float
         0 where nothing was detected.
+
+    Returns
+    -------
+    (T,) bool
     """
     there = confidences > 0
     both = there[1:] & there[:-1]
@@ -90,6 +94,15 @@ def interpolated(values: Array, known: Flags) -> Array:
     """Rows of ``values`` (T, ...) that are not known, linearly from those that are.
 
     Before the first and after the last known row these are held; without any all stay.
+
+    Parameters
+    ----------
+    values : (T, ...) float
+    known : (T,) bool
+
+    Returns
+    -------
+    (T, ...) float
     """
     frames = np.flatnonzero(known)
     if not len(frames):
@@ -104,6 +117,16 @@ def place_skeletons(observations: Observations, start: Array) -> Motion:
     """The energy's least, from bearing, lift and log depth ``start`` (T, 3) on.
 
     Frames whose pose is not their own (``observations.body.known``) are interpolated.
+
+    Parameters
+    ----------
+    observations : Observations
+    start : (T, 3) float
+        Bearing and lift (tangents), log depth (log m).
+
+    Returns
+    -------
+    Motion
     """
     body, camera = observations.body, observations.camera
     known = body.known if body.known.any() else np.ones(len(start), bool)
@@ -187,7 +210,7 @@ def _normal_equations(told: Observations, places: Array) -> tuple[Array, Array]:
 
 
 # ------------------------------------------------------------------------------------------------
-# Candidates and combinations as the paper has them (Monszpart et al. 2019, section 6).
+# Candidates and combinations.
 #
 # At every window of T' – maxima of charness, and frames without a static skeleton – all fitted
 # scenelets are put one at a time into the scene of static skeletons, and
@@ -196,7 +219,7 @@ def _normal_equations(told: Observations, places: Array) -> tuple[Array, Array]:
 # 2. placed anew with w_m L_m added,
 # 3. judged once by w_o L_o as well, and the best 3 are kept.
 #
-# One of the three at every window: all combinations, at most 3^5, are placed under the whole
+# All combinations of one of the three at every window, at most 3^5, are placed under the whole
 # energy and sorted by it. Nothing here asks the priors, nor has a scenelet another size than the
 # body.
 
@@ -211,7 +234,9 @@ _NEARBY: Final = 1.6
 
 @dataclass(frozen=True)
 class PublishedSettings:
-    """Parameters
+    """How the published method chooses and places scenelets.
+
+    Parameters
     ----------
     fitted : int
         Scenelets kept a window by L_r and L_s alone.
@@ -245,6 +270,19 @@ def filter_published(
     In order of time; ``fit`` of a row is what L_r and L_s lose by the scenelet before it is placed
     anew, ``motion`` what L_m costs and placing it anew brings, ``occlusion`` what L_o gains: nats,
     at ``Problem.paper_nats``. Rows of fate ``FIT`` would not have been kept by L_r and L_s either.
+
+    Parameters
+    ----------
+    problem : Problem
+    fits : Fits
+    curve : CharnessCurve
+    settings : PublishedSettings, optional
+    progress : callable, optional
+        Called with a stage's name and the part of it that is done.
+
+    Returns
+    -------
+    tuple of MaximumTable
     """
     settings = settings or PublishedSettings()
     tables = []
@@ -349,6 +387,20 @@ def combine_published(
 
     Of members that overlap in time the one of the window with the better candidate stays, for a
     frame has one scenelet at most.
+
+    Parameters
+    ----------
+    problem : Problem
+    tables : sequence of MaximumTable
+    fps : float
+        Frames a second.
+    settings : PublishedSettings, optional
+    progress : callable, optional
+        Called with a stage's name and the part of it that is done.
+
+    Returns
+    -------
+    Combinations
     """
     settings = settings or PublishedSettings()
     groups = [[row.candidate for row in table.rows if row.fate is Fate.KEPT] for table in tables]

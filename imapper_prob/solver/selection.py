@@ -1,4 +1,10 @@
-"""Which of a scene's objects are worth naming."""
+"""Which of a scene's objects are worth naming, and problems with a part of the library.
+
+A scenelet brings along all that stood near somebody who once moved like this: the couch they sat
+on, and a shelf beside it. The motion tells of the couch; the shelf is kept only if it hides what
+the detector does not see. With the published energy all of it stays, but of two compatible objects
+that are in each other the one that costs more goes.
+"""
 
 from __future__ import annotations
 
@@ -28,6 +34,15 @@ def of_scenelets(problem: Problem, chosen: Sequence[int] | Ints) -> Problem:
 
     A scenelet may be chosen twice. What it costs to have one is as before: the prior odds of
     the others are left out, not shared again.
+
+    Parameters
+    ----------
+    problem : Problem
+    chosen : sequence of int
+
+    Returns
+    -------
+    Problem
     """
     chosen = np.asarray(chosen, np.int64)
     frames = _ranges(problem.joint_first, chosen)
@@ -57,12 +72,7 @@ def _starts(counts: Ints) -> Ints:
 
 
 # ------------------------------------------------------------------------------------------------
-# Which of a scene's objects are worth naming.
-#
-# A scenelet brings along all that stood near somebody who once moved like this: the couch they
-# sat on, and a shelf beside it. The couch is what the motion tells of. The shelf may as well not
-# be there, unless it hides what the detector does not see. With the published energy all of it
-# stays, but of two that are compatible and in each other the one that costs more.
+# Selection of objects.
 
 Array = NDArray[np.float64]
 _NOWHERE = 1e6
@@ -80,6 +90,16 @@ def selected_objects(problem: Problem, library: Library, state: State) -> tuple[
     """The furniture of a state that somebody uses, or that explains what is seen.
 
     In the state's world, objects that are one merged.
+
+    Parameters
+    ----------
+    problem : Problem
+    library : Library
+    state : State
+
+    Returns
+    -------
+    tuple of SceneObject
     """
     if problem.of_paper:
         return _published_selection(problem, library, state)
@@ -131,7 +151,17 @@ def _compatible(one: SceneObject, other: SceneObject, angle: float) -> bool:
 
 
 def used_objects(problem: Problem, scenelet: int) -> list[bool]:
-    """For each object of a scenelet whether its person sits on it, leans on it or reaches it."""
+    """For each object of a scenelet whether its person sits on it, leans on it or reaches it.
+
+    Parameters
+    ----------
+    problem : Problem
+    scenelet : int
+
+    Returns
+    -------
+    list of bool
+    """
     joints = problem.joints[slice(*problem.joint_first[scenelet : scenelet + 2])][:, _TOUCHING]
     own = slice(*problem.box_first[scenelet : scenelet + 2])
     objects, boxes = problem.box_object[own], problem.boxes[own]

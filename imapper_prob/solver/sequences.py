@@ -62,6 +62,10 @@ def best_sequences(
         Frames that a candidate may start earlier or later.
     count : int
         How many are wanted.
+
+    Returns
+    -------
+    tuple of tuple of Candidate
     """
     shared = apart_from_stays(problem, context)
 
@@ -246,16 +250,14 @@ def _end(problem: Problem, candidate: Candidate) -> int:
 
 
 # ------------------------------------------------------------------------------------------------
-# Exchanges: one stay at a time, what happens in it for what does better, as long as it does.
+# Exchanges: in one stay at a time what happens is replaced by what does better.
 #
 # Combinations are made of the few candidates kept at each maximum of charness, and these were
-# judged in an empty scene. Among the others of a scene another one may do better, or several in a
-# row: its motion goes on from its neighbours', its furniture has room beside theirs, or it
-# explains frames that had nothing. The paper leaves the choice at that (Monszpart et al. 2019,
-# section 5); this is a coordinate ascent on top of it, stretch by stretch of the clip, over the
-# best sequences of candidates of all windows.
+# judged in an empty scene. In the scene another one may do better, or several in a row: its motion
+# goes on from its neighbours', its furniture has room beside theirs, or it explains frames that had
+# nothing. The paper has no such step (Monszpart et al. 2019, section 5). It is a coordinate ascent,
+# stretch by stretch of the clip, over the best sequences of candidates of all windows.
 
-pass
 _REFINED = 12
 """Sequences that are refined before one is chosen: candidates were placed in an empty scene."""
 _EXCHANGE_GAIN = 0.5
@@ -300,6 +302,10 @@ def exchange(
     candidates : sequence of Candidate
     step : int
         Frames from one window to the next.
+
+    Returns
+    -------
+    tuple of Exchange
     """
     done: list[Exchange] = []
     tried: set[tuple[int, int, bytes, bytes]] = set()

@@ -1,4 +1,10 @@
-"""The staged solver: from a clip to its best scene and alternatives."""
+"""The staged solver: deterministic, from a clip to its best scene and alternatives.
+
+Static path and camera, independent fits, charness over time, candidates, combinations, refinement:
+the stages of the paper (Monszpart et al. 2019, section 6) in their order. The result stands by
+itself and is where the sampler starts. With the published energy the stages are the paper's own
+(:mod:`imapper_prob.solver.published`).
+"""
 
 from __future__ import annotations
 
@@ -61,11 +67,30 @@ def diverse_scenes(
     fps: float,
     count: int,
 ) -> tuple[State, ...]:
-    """``first`` and the best scenes without what the ones before have, at most ``count``.
+    """The best scene, and others without what the ones before have.
 
     Fewer where nothing is left that improves on the empty scene. The paper asks the same of
-    its five solutions of a long clip (Monszpart et al. 2019, section 5). Each is what
-    ``finish`` makes of the best combination left.
+    its five solutions of a long clip (Monszpart et al. 2019, section 5).
+
+    Parameters
+    ----------
+    problem : Problem
+    candidates : sequence of Candidate
+    curve : CharnessCurve
+    first : State
+        The best scene.
+    finish : callable
+        Makes a scene of the best combination left, such as
+        :func:`imapper_prob.solver.combinations.polish`.
+    fps : float
+        Frames a second.
+    count : int
+        Scenes at most.
+
+    Returns
+    -------
+    tuple of State
+        ``first`` and the others.
     """
     scenes = [first]
     while len(scenes) < count:
@@ -87,12 +112,7 @@ def _nearby(candidate: Candidate, used: np.ndarray, frames: float) -> bool:
 
 
 # ------------------------------------------------------------------------------------------------
-# The staged solver: deterministic, from a clip to its best scene and alternatives.
-#
-# Static path and camera, independent fits, charness over time, candidates, combinations,
-# refinement: the stages of the paper (Monszpart et al. 2019, section 6) in their order. The
-# result stands by itself and is where the sampler starts. With the published energy the stages are
-# the paper's own (`paper_path`, `paper_method`).
+# The stages.
 
 Progress = Callable[[str, float], None]
 _PUBLISHED = MaximaSettings(most=5)
@@ -129,6 +149,12 @@ class Solution:
         Distance between the motions of scenelets, metres.
     fits : Fits
         Every scenelet in every window; the sampler looks there for what else might fit.
+
+    Examples
+    --------
+    >>> solution = solved.actors[0]
+    >>> len(solution.candidates) > 0
+    True
     """
 
     clip: Clip
@@ -148,12 +174,25 @@ class Solution:
 
     @property
     def states(self) -> tuple[State, ...]:
-        """The best scene, then diverse alternatives."""
+        """The best scene, then diverse alternatives.
+
+        Examples
+        --------
+        >>> best = solved.actors[0].states[0]
+        >>> best.n_scenelets > 0
+        True
+        """
         return self.combinations.states
 
     @cached_property
     def best_fits(self) -> NDArray[np.float64]:
-        """(T,) how well the best scenelet over a frame fits (`imapper_prob.solver.fits`)."""
+        """How well the best scenelet over a frame fits, (T,) (`imapper_prob.solver.fits`).
+
+        Examples
+        --------
+        >>> len(solved.actors[0].best_fits) == clip.n_frames
+        True
+        """
         return best_fits(self.problem, self.fits)
 
 
@@ -177,6 +216,10 @@ def solve(
         What is known of camera and body; estimated from the actor's feet if not given.
     progress : callable, optional
         Called with the name of the stage and the part of it that is done.
+
+    Returns
+    -------
+    Solution
     """
     fitted = fit_clip(clip, library, settings=settings, camera=camera, progress=progress)
     return solve_fitted(clip, library, fitted, progress=progress)
@@ -220,7 +263,17 @@ def fit_clip(
     camera: CameraPrior | None = None,
     progress: Progress | None = None,
 ) -> Fitted:
-    """The first stages: static path, camera, independent fits; parameters as of :func:`solve`."""
+    """The first stages: static path, camera, independent fits.
+
+    Parameters
+    ----------
+    clip, library, settings, camera, progress
+        See :func:`solve`.
+
+    Returns
+    -------
+    Fitted
+    """
     settings = settings or Settings()
     published = settings.model.energy == "paper"
     path, frames = examine_frames(clip, settings=settings.path, published=published)
@@ -262,7 +315,20 @@ def fit_clip(
 def solve_fitted(
     clip: Clip, library: Library, fitted: Fitted, *, progress: Progress | None = None
 ) -> Solution:
-    """The stages after the fits: charness, candidates, combinations, refinement."""
+    """The stages after the fits: charness, candidates, combinations, refinement.
+
+    Parameters
+    ----------
+    clip, library
+        See :func:`solve`.
+    fitted : Fitted
+    progress : callable, optional
+        See :func:`solve`.
+
+    Returns
+    -------
+    Solution
+    """
     problem, fits = fitted.problem, fitted.fits
     candidates = screen(problem, fits, progress=progress)
     if problem.of_paper:
@@ -290,7 +356,21 @@ def solve_fitted(
 def solve_published(
     clip: Clip, fitted: Fitted, *, progress: Progress | None = None
 ) -> tuple[CharnessCurve, tuple[MaximumTable, ...], Combinations]:
-    """The stages after the fits as the paper has them: T', the filter, all combinations."""
+    """The stages after the fits as the paper has them: T', the filter, all combinations.
+
+    Parameters
+    ----------
+    clip : Clip
+    fitted : Fitted
+    progress : callable, optional
+        See :func:`solve`.
+
+    Returns
+    -------
+    curve : CharnessCurve
+    tables : tuple of MaximumTable
+    combinations : Combinations
+    """
     problem = fitted.problem
     bare = ~fitted.path.posed
     curve = charness_curve(

@@ -1,10 +1,12 @@
 """The static path: where each frame alone puts the person, before any scenelet.
 
-Steps of a person are no coin tosses: who walks goes on walking for about a second. Bearing and log
-depth have a velocity that is an Ornstein-Uhlenbeck process, and the path through a gap is what
-that process expects, given the fitted path at both ends (a Kalman filter and the smoother of Rauch,
-Tung and Striebel 1965). Its variance says how far off that may be: over two seconds it grows to
-metres where steps that forget each other would leave it at a few decimetres.
+Lifted poses give the body's shape, detections say where it is and how it is bent, and the length of
+the reference body turns size in the image into depth (:mod:`imapper_prob.solver.path_fit`).
+
+In gaps, bearing and log depth have a velocity that is an Ornstein-Uhlenbeck process, for who walks
+goes on walking for about a second. The path through a gap is what that process expects given the
+fitted path at both ends (a Kalman filter and the smoother of Rauch, Tung and Striebel 1965); its
+variance grows to metres over two seconds, where independent steps would leave it at decimetres.
 """
 
 from __future__ import annotations
@@ -41,7 +43,7 @@ from imapper_prob.solver.poses import (
 )
 from imapper_prob.solver.published import fast_frames, place_skeletons
 
-__all__ = ["estimate_static_path", "examine_frames", "through_gaps"]
+__all__ = ["estimate_static_path", "examine_frames"]
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -51,7 +53,7 @@ _ANYWHERE = 2.0
 """Standard deviation of bearing and log depth of somebody nobody has seen yet."""
 
 
-def through_gaps(
+def _through_gaps(
     place: Array, seen: Flags, *, settings: StaticPathSettings, fps: float
 ) -> tuple[Array, Array]:
     """The path through frames in which nobody is detected.
@@ -140,11 +142,7 @@ def _smoothed(
 
 
 # ------------------------------------------------------------------------------------------------
-# Where each frame alone puts the person: the path before any scenelet.
-#
-# Lifted poses give the body's shape, detections say where it is and how it is bent, and the
-# length of the reference body turns size in the image into depth. `path_fit` holds the
-# posterior that is maximised here.
+# The path.
 
 _CONFIDENT = 0.5
 """Confidence from which a detection may testify against a lifted pose."""
@@ -172,7 +170,7 @@ def estimate_static_path(
 
     What is left are slow errors (``bias_log_depth``, and ``bias_across`` over the depth). Where
     nobody was detected the person goes on as people do, and may have walked elsewhere:
-    ``deviation`` grows there (:mod:`imapper_prob.solver.static_path`).
+    ``deviation`` grows there.
 
     Parameters
     ----------
@@ -203,7 +201,23 @@ def examine_frames(
     settings: StaticPathSettings | None = None,
     published: bool = False,
 ) -> tuple[StaticPath, FrameTable]:
-    """The static path, and what became of each frame; parameters as above."""
+    """The static path, and what became of each frame.
+
+    Parameters
+    ----------
+    clip, track, settings, published
+        See :func:`estimate_static_path`.
+
+    Returns
+    -------
+    path : StaticPath
+    frames : FrameTable
+
+    Raises
+    ------
+    InputError
+        As :func:`estimate_static_path`.
+    """
     settings = settings or StaticPathSettings()
     away = frames_elsewhere(clip.tracks[track], camera=clip.camera, fps=clip.fps)
     person = own_detections(clip).tracks[track]
@@ -233,7 +247,7 @@ def examine_frames(
             motion = _place(observations, settings)
         motion = fit_motion(observations, motion, settings, free_bones=True, annealing=(4.0, 2.0))
     seen = np.asarray((confidences > 0).any(1))
-    place, unknown = through_gaps(motion.place, seen, settings=settings, fps=clip.fps)
+    place, unknown = _through_gaps(motion.place, seen, settings=settings, fps=clip.fps)
     if not published:
         motion = replace(motion, place=place)
     path = StaticPath(

@@ -37,7 +37,12 @@ _USUAL_ERROR: Final = 15 / 1955
 
 @contextmanager
 def one_thread() -> Iterator[None]:
-    """Torch works on one thread inside."""
+    """Torch works on one thread inside.
+
+    Yields
+    ------
+    None
+    """
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
     try:
@@ -48,6 +53,15 @@ def one_thread() -> Iterator[None]:
 
 def device_named(name: str) -> torch.device:
     """A device of torch.
+
+    Parameters
+    ----------
+    name : str
+        Such as ``"cpu"`` or ``"cuda:1"``.
+
+    Returns
+    -------
+    torch.device
 
     Raises
     ------
@@ -194,7 +208,15 @@ class WindowFitter:
 
 
 class SquaredWindowFitter(WindowFitter):
-    """Of the published energy: L_r = sum c |Pi q - u|^2 over the frames compared."""
+    """Of the published energy: L_r = sum c |Pi q - u|^2 over the frames compared.
+
+    Parameters
+    ----------
+    problem : Problem
+    frame_step : int
+        Every how manyeth frame of a scenelet is compared.
+    device : torch.device
+    """
 
     def _confidence(self, frames: Ints) -> Array:
         return self.problem.confidences[frames]

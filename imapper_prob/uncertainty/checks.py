@@ -1,7 +1,18 @@
-"""Checks of a result that do not depend on the chains: camera, detections, library, prediction.
+"""Checks of a result that do not depend on the chains.
 
-A run reports them before the verdict on the chains. Each is a posterior predictive or prior check
-with a stated rate of false alarms.
+A run reports them before the verdict, because chains agree as well on nonsense. Each is a posterior
+predictive or prior check: it holds one thing against a limit that a clip passes in 99 of 100 cases
+if the model is right. What is usual is said by :mod:`imapper_prob.models.settings` and the spreads
+of ``calibrated.toml``; ``docs/research/alarms.md`` has the rates measured on clips that are right
+and on clips that are wrong.
+
+``upright``      people on their feet are upright in the cameras of the draws
+``height``       their feet are as high above the floor as feet are
+``slope``        and no higher further away
+``camera``       the camera is about where it was said to be
+``prediction``   the draws predict such detections, and have a seat for who is off their feet
+``resemblance``  some scenelet of the library looks like what is seen
+``elsewhere``    the detector was on the person
 """
 
 from __future__ import annotations
@@ -18,6 +29,7 @@ from scipy.stats import binom, chi2, norm
 
 from imapper_prob.models.calibrated import calibrated, constants
 from imapper_prob.models.camera import Camera
+from imapper_prob.models.detector import student_t
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.geometry import sight_clearance
 from imapper_prob.models.kernels.placement import place_boxes
@@ -33,7 +45,6 @@ from imapper_prob.people import everybody, own_part
 from imapper_prob.solver.elsewhere import frames_elsewhere
 
 __all__ = [
-    "RATE",
     "Check",
     "alarms",
     "camera",
@@ -50,7 +61,7 @@ __all__ = [
     "upright",
 ]
 
-RATE: Final = 0.01
+_RATE: Final = 0.01
 """How often each check is alarmed by a clip that is as the model says; six of them, 5 % in all."""
 
 
@@ -79,14 +90,13 @@ class Check:
 
 
 # ------------------------------------------------------------------------------------------------
-# Whether the camera can be where the draws have it: people upright, feet on a level floor.
+# Camera: people upright, feet on a level floor.
 #
 # Lifted poses say what is upright, the static path where feet are: neither has been bent by any
 # scenelet. All of it is in the worlds of the draws' cameras.
 
-pass
 Array = NDArray[np.float64]
-_NORMAL: Final = float(norm.isf(RATE / 2))
+_NORMAL: Final = float(norm.isf(_RATE / 2))
 """Standard deviations that a normal number exceeds as rarely, either way."""
 _TRUNK_AND_THIGHS: Final = [THRX, RHIP, LHIP, RKNE, LKNE]
 _STRAIGHT: Final = math.radians(30.0)
@@ -116,6 +126,10 @@ def upright(clip: Clip, problem: Problem, cameras: Array) -> Check:
         Of everybody in it.
     cameras : (N, 5) float
         Those of draws.
+
+    Returns
+    -------
+    Check
     """
     people = everybody(clip)
     own = people.has_pose & ~people.interpolated
@@ -126,7 +140,7 @@ def upright(clip: Clip, problem: Problem, cameras: Array) -> Check:
     straight = own & seen & ((trunk * thighs).sum(1) > math.cos(_STRAIGHT))
     pitch, roll = calibrated("camera.pitch"), calibrated("camera.roll")
     either_way = math.sqrt(_LEAN**2 + (pitch**2 + roll**2) / 2)
-    limit = math.degrees(either_way * math.sqrt(-2.0 * math.log(RATE)))
+    limit = math.degrees(either_way * math.sqrt(-2.0 * math.log(_RATE)))
     if straight.sum() < _LEAST_SECONDS * clip.fps:
         return Check("upright", math.nan, limit, False, "Nobody is seen on their feet for long.")
     axis = _unit(trunk + thighs)[straight]
@@ -174,6 +188,10 @@ def height(problem: Problem, cameras: Array, *, fps: float) -> Check:
         Those of draws.
     fps : float
         Frames a second.
+
+    Returns
+    -------
+    Check
     """
     above, _, counts = _feet(problem, cameras)
     often = counts.sum() / max(1.0, calibrated("frames.correlation_time") * fps)
@@ -192,7 +210,20 @@ def height(problem: Problem, cameras: Array, *, fps: float) -> Check:
 
 
 def slope(problem: Problem, cameras: Array, *, fps: float) -> Check:
-    """Whether the floor is level: feet further away are no higher; parameters as above."""
+    """Whether the floor is level: feet further away are no higher.
+
+    Parameters
+    ----------
+    problem : Problem
+    cameras : (N, 5) float
+        Those of draws.
+    fps : float
+        Frames a second.
+
+    Returns
+    -------
+    Check
+    """
     above, away, counts = _feet(problem, cameras)
     nothing = Check("slope", math.nan, math.nan, False, "Too few feet are seen to say of a slope.")
     if counts.sum() < 2 * _LEAST_SECONDS * fps:
@@ -239,6 +270,10 @@ def camera(nominal: Camera, cameras: Array) -> Check:
         As the clip says.
     cameras : (N, 5) float
         Those of draws.
+
+    Returns
+    -------
+    Check
     """
     pitch, elevation, _, _, roll = np.median(cameras, axis=0).tolist()
     usual = constants()
@@ -250,7 +285,7 @@ def camera(nominal: Camera, cameras: Array) -> Check:
             / float(np.asarray(usual["camera.log_elevation"].measured)),
         ]
     )
-    value, limit = float(np.linalg.norm(apart)), math.sqrt(chi2.isf(RATE, len(apart)))
+    value, limit = float(np.linalg.norm(apart)), math.sqrt(chi2.isf(_RATE, len(apart)))
     found = (
         f"{elevation:.2f} m above the floor at a pitch of {math.degrees(pitch):.0f}° and a roll of "
         f"{math.degrees(roll):.0f}°"
@@ -313,9 +348,7 @@ def _median_error(often: float) -> float:
 
 
 # ------------------------------------------------------------------------------------------------
-# Whether draws predict detections like those of the clip, and have a seat for who needs one.
-
-pass
+# Prediction: detections like those of the clip, and a seat for who needs one.
 
 
 def prediction(
@@ -338,6 +371,10 @@ def prediction(
     nominal : Camera
     rng : Generator
         For the detections that are drawn.
+
+    Returns
+    -------
+    Check
     """
     of_detections = float(
         np.mean([_tail(problem, s, camera_at(nominal, s.camera), rng) for s in states])
@@ -345,9 +382,9 @@ def prediction(
     on_air = [unsupported(problem.stays, problem.lowered, state.items) for state in states]
     carried = float(np.mean(np.exp(-np.asarray(on_air))))
     value = min(1.0, 2.0 * min(of_detections, carried))
-    if not value < RATE:
+    if not value < _RATE:
         sentence = f"The scenes predict such detections (posterior predictive p = {value:.2f})."
-        return Check("prediction", value, RATE, False, sentence)
+        return Check("prediction", value, _RATE, False, sentence)
     what = (
         f"somebody is off their feet for seconds and the scenes have nothing to carry them "
         f"({np.mean(on_air):.0f} nats against it)"
@@ -358,7 +395,7 @@ def prediction(
         f"The scenes do not explain the clip (posterior predictive p = {value:.4f}): {what}. Do "
         "not believe them; the library lacks what is done here, or camera or joints are wrong."
     )
-    return Check("prediction", value, RATE, True, sentence)
+    return Check("prediction", value, _RATE, True, sentence)
 
 
 _REPEATS: Final = 8
@@ -382,7 +419,9 @@ def _tail(problem: Problem, state: State, seen_by: Camera, rng: np.random.Genera
     loose = seen_by.fx * problem.pose_tolerance * np.exp(bodies[frames])[:, None] / depth
     boxes, *_ = place_boxes(problem, state.camera, state.items, state.placements, state.sizes)
     clear = sight_clearance(seen_by.centre, joints, boxes)
-    in_view = np.vectorize(visibility_probability)(clear, problem.sight_width, problem.surprise)
+    in_view = np.vectorize(visibility_probability)(
+        clear, problem.sight_width, problem.visibility_error
+    )
     used = problem.used[of] & np.isfinite(seen_by.project(joints)).all(-1)
     squared = ((seen_by.project(joints) - problem.keypoints[of]) ** 2).sum(-1)[used]
     # Hidden, then seen, as the confidence has it.
@@ -403,28 +442,13 @@ def _tail(problem: Problem, state: State, seen_by: Camera, rng: np.random.Genera
 
 def _log_density(squared: Array, share: Array, scale: Array, dof: Array) -> Array:
     """(..., K) nats per square pixel, of squared distances (..., K) and rows (K, 2) of tables."""
-    distance = squared[..., None] / (dof * scale**2)
-    each = share / (2 * np.pi * scale**2) * (1.0 + distance) ** (-(dof / 2 + 1))
+    each = share * np.exp(student_t(squared[..., None], scale, dof))
     result: Array = np.log(np.maximum(each.sum(-1), np.finfo(float).tiny))
     return result
 
 
 # ------------------------------------------------------------------------------------------------
-# Is there anything to be had from this clip? What is said before the verdict on the chains.
-#
-# Chains agree as well on nonsense. Each check holds one thing that must be so against a limit that
-# a clip passes in 99 of 100 cases if the model is right: those of
-# :mod:`imapper_prob.models.settings` and the spreads of ``calibrated.toml`` say what is usual,
-# ``docs/research/alarms.md`` how often clips are alarmed that are right, and that are wrong. The
-# draws are not touched.
-#
-# ``upright``      people on their feet are upright in the cameras of the draws
-# ``height``       their feet are as high above the floor as feet are
-# ``slope``        and no higher further away
-# ``camera``       the camera is about where it was said to be
-# ``prediction``   the draws predict such detections, and have a seat for who is off their feet
-# ``resemblance``  some scenelet of the library looks like what is seen
-# ``elsewhere``    the detector was on the person
+# All checks of a result.
 
 Flags = NDArray[np.bool_]
 _LOOKED_AT: Final = 40
@@ -452,6 +476,10 @@ def checks_of(
         See :func:`imapper_prob.solver.fits.best_fits`.
     rng : Generator
         For the detections that are drawn.
+
+    Returns
+    -------
+    tuple of Check
     """
     chosen = np.linspace(0, len(states) - 1, min(_LOOKED_AT, len(states))).round().astype(int)
     drawn = [states[k] for k in chosen.tolist()]
@@ -468,12 +496,30 @@ def checks_of(
 
 
 def alarms(checks: Iterable[Check]) -> tuple[str, ...]:
-    """The sentences of those that are alarmed."""
+    """The sentences of those that are alarmed.
+
+    Parameters
+    ----------
+    checks : iterable of Check
+
+    Returns
+    -------
+    tuple of str
+    """
     return tuple(check.sentence for check in checks if check.alarmed)
 
 
 def to_json(checks: Iterable[Check]) -> str:
-    """As text for an attribute; NaN is null there."""
+    """As text for an attribute; NaN is null there.
+
+    Parameters
+    ----------
+    checks : iterable of Check
+
+    Returns
+    -------
+    str
+    """
     rows = [
         {k: None if isinstance(v, float) and math.isnan(v) else v for k, v in asdict(c).items()}
         for c in checks
@@ -483,6 +529,14 @@ def to_json(checks: Iterable[Check]) -> str:
 
 def from_json(text: str) -> tuple[Check, ...]:
     """What :func:`to_json` wrote.
+
+    Parameters
+    ----------
+    text : str
+
+    Returns
+    -------
+    tuple of Check
 
     Raises
     ------
@@ -525,10 +579,14 @@ def resemblance(best: Array, *, frame_weight: float) -> Check:
         See :func:`imapper_prob.solver.fits.best_fits`.
     frame_weight : float
         One over the frames that say the same.
+
+    Returns
+    -------
+    Check
     """
     judged = best[np.isfinite(best)]
     independent = max(1, round(len(judged) * min(1.0, frame_weight)))
-    limit = float(binom.isf(RATE, independent, _UNLIKE_PART)) / independent
+    limit = float(binom.isf(_RATE, independent, _UNLIKE_PART)) / independent
     if not len(judged):
         return Check("resemblance", math.nan, limit, False, "Nothing says how well scenelets fit.")
     value = float(np.mean(judged > _UNLIKE))
@@ -544,12 +602,31 @@ def resemblance(best: Array, *, frame_weight: float) -> Check:
 
 
 def elsewhere_frames(clip: Clip) -> tuple[Flags, ...]:
-    """(T,) frames of each track in which the detector was on something else."""
+    """Frames of each track in which the detector was on something else.
+
+    Parameters
+    ----------
+    clip : Clip
+
+    Returns
+    -------
+    tuple of (T,) bool
+        By track.
+    """
     return tuple(frames_elsewhere(t, camera=clip.camera, fps=clip.fps) for t in clip.tracks)
 
 
 def elsewhere(clip: Clip) -> Check:
-    """Whether the detector was on its people all the time."""
+    """Whether the detector was on its people all the time.
+
+    Parameters
+    ----------
+    clip : Clip
+
+    Returns
+    -------
+    Check
+    """
     away = elsewhere_frames(clip)
     frames = int(sum(flags.sum() for flags in away))
     if not frames:
@@ -568,7 +645,16 @@ def elsewhere(clip: Clip) -> Check:
 
 
 def named(frames: ArrayLike) -> str:
-    """Frame numbers, ascending, in runs: ``"12-25, 70"``."""
+    """Frame numbers, ascending, in runs: ``"12-25, 70"``.
+
+    Parameters
+    ----------
+    frames : (n,) int
+
+    Returns
+    -------
+    str
+    """
     numbers = np.asarray(frames, np.int64)
     if not len(numbers):
         return "none"

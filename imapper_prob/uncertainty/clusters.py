@@ -1,4 +1,10 @@
-"""One object in many draws: clusters, what is sure about each, and regions on the floor."""
+"""Clusters: the same object met in many draws, and what is sure about it.
+
+Draws have different numbers of objects with different labels in an order of no meaning. They are
+matched draw by draw: no draw has two objects in one cluster, an object may be off, along the
+viewing ray twice as far as across it, and one that is called something else may belong as well if
+it stands near enough, so that a cluster can say "a chair, or perhaps a stool".
+"""
 
 from __future__ import annotations
 
@@ -16,7 +22,7 @@ from imapper_prob.models.scene import FRONTLESS, SceneObject
 from imapper_prob.models.text import brief
 from imapper_prob.samplers.diagnostics import ShortChainWarning, mean_error
 
-__all__ = ["ObjectCluster", "Region", "circular_mean_and_spread", "object_clusters", "region_of"]
+__all__ = ["ObjectCluster", "circular_mean_and_spread", "object_clusters", "region_of"]
 
 Array = NDArray[np.float64]
 _FINEST = 0.001
@@ -61,6 +67,10 @@ def region_of(points: ArrayLike, share: float) -> Region:
         Metres; at least one.
     share : float
         Between 0 and 1.
+
+    Returns
+    -------
+    Region
     """
     points = np.asarray(points, float)
     centre = points.mean(0)
@@ -74,12 +84,7 @@ def region_of(points: ArrayLike, share: float) -> Region:
 
 
 # ------------------------------------------------------------------------------------------------
-# The same object met in many draws: clusters of objects, and what is sure about each.
-#
-# Draws have different numbers of objects with different labels in an order of no meaning. They are
-# matched draw by draw: no draw has two objects in one cluster, an object may be off, along the
-# viewing ray twice as far as across it, and one that is called something else may belong as well
-# if it stands near enough, so that a cluster can say "a chair, or perhaps a stool".
+# Clusters.
 
 Ints = NDArray[np.int64]
 _OTHER_SEAT, _OTHER_LABEL = 0.25, 0.5
@@ -150,7 +155,17 @@ class ObjectCluster:
         return covariance
 
     def region(self, share: float) -> Region:
-        """The ellipse that holds a share of the positions, such as .5 or .9."""
+        """The ellipse that holds a share of the positions, such as .5 or .9.
+
+        Parameters
+        ----------
+        share : float
+            Between 0 and 1.
+
+        Returns
+        -------
+        Region
+        """
         return region_of(self.positions, share)
 
 
@@ -369,6 +384,18 @@ def circular_mean_and_spread(angles: Array, *, front: bool = True) -> tuple[floa
     The spread is sqrt(-2 log R) with R the length of the mean vector (Mardia & Jupp 2000,
     section 2.3.4): near the usual standard deviation where it is small. What has no front is of
     axes, the same after half a turn: half of what doubled angles have.
+
+    Parameters
+    ----------
+    angles : (n,) float
+        Radians.
+    front : bool
+        Whether directions differ from their opposites.
+
+    Returns
+    -------
+    mean, spread : float
+        Radians.
     """
     times = 1 if front else 2
     vector = np.exp(1j * times * angles).mean()

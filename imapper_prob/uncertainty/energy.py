@@ -1,8 +1,8 @@
 """Why this scene: its log-posterior by term, frame, scenelet and object, in tables and as JSON.
 
-Everything here is a difference or a share of what :func:`imapper_prob.models.posterior.terms`
-computes; nothing is modelled a second time. Signs are those of the log-posterior: more is
-better, and a cost is negative.
+Everything is a difference or a share of what :func:`imapper_prob.models.log_posterior.terms`
+computes; nothing is modelled a second time. Signs are those of the log-posterior: more is better,
+and a cost is negative.
 """
 
 from __future__ import annotations
@@ -38,10 +38,8 @@ __all__ = [
     "FORMAT",
     "VERSION",
     "Explanation",
-    "FrameShares",
     "Worth",
     "explain",
-    "frame_shares",
     "object_worth_table",
     "scenelet_table",
     "term_table",
@@ -61,8 +59,8 @@ class FrameShares:
     terms : mapping of str to (T,) float
         Nats by frame of the terms that belong to frames, adding up to them exactly. Of
         detections, log p(u_t, c_t | all earlier frames, s) with the frame weight and with
-        left and right swapped or not summed out. A jump counts for the frame it leads to.
-    swapped : (T,) float
+        left and right flipped or not summed out. A jump counts for the frame it leads to.
+    flipped : (T,) float
         Probability that the detector took left for right.
     hidden : (T,) float
         Mean over the fourteen detected joints of the probability that furniture hides them,
@@ -70,7 +68,7 @@ class FrameShares:
     """
 
     terms: Mapping[str, Array]
-    swapped: Array
+    flipped: Array
     hidden: Array
 
     @property
@@ -158,6 +156,10 @@ def explain(
     frame_ids : (T,) int, optional
         Numbers of the frames; counted from 0 if not given.
 
+    Returns
+    -------
+    Explanation
+
     Raises
     ------
     InputError
@@ -186,25 +188,25 @@ def explain(
         frame_ids=ids,
         terms=whole,
         bare_terms=terms(problem, bare),
-        frames=frame_shares(problem, state, library),
-        bare_frames=frame_shares(problem, bare, library),
+        frames=_frame_shares(problem, state, library),
+        bare_frames=_frame_shares(problem, bare, library),
         scenelets=scenelets,
         objects=_worth_of_objects(problem, state, library, whole),
     )
 
 
-def frame_shares(problem: Problem, state: State, library: Library) -> FrameShares:
+def _frame_shares(problem: Problem, state: State, library: Library) -> FrameShares:
     """What each frame adds to the terms of a state."""
     joints = motion(problem, state)
     boxes = pack_boxes(o for _, o in placed_objects(state, library))
     clearance = sight_clearance((0, 0, state.camera[1]), joints[:, list(DETECTED)], boxes)
     seen = [
-        visibility_probability(gap, problem.sight_width, problem.surprise)
+        visibility_probability(gap, problem.sight_width, problem.visibility_error)
         for gap in clearance.ravel()
     ]
     return FrameShares(
         terms=_paper_shares(problem, state) if problem.of_paper else _shares(problem, state),
-        swapped=side_flips(problem, state),
+        flipped=side_flips(problem, state),
         hidden=1 - np.reshape(seen, clearance.shape).mean(1),
     )
 
@@ -223,7 +225,7 @@ def _shares(problem: Problem, state: State) -> dict[str, Array]:
     )  # fmt: skip
     weight = problem.frame_weight * problem.likelihood
     detections, _ = forward_filter(
-        by_frame, problem.path_starts, weight, problem.swap_begins, problem.swap_ends
+        by_frame, problem.path_starts, weight, problem.flip_begins, problem.flip_ends
     )
     covered_by = np.full(n_frames, -1)
     for index in range(state.n_scenelets):
@@ -331,9 +333,8 @@ def _lost(whole: Mapping[str, float], rest: Mapping[str, float]) -> dict[str, fl
 
 
 # ------------------------------------------------------------------------------------------------
-# An explanation in tables, and as a file for other programs.
+# Tables and files.
 
-pass
 FORMAT: Final = "imapper-prob energy"
 VERSION: Final = 1
 """Raised whenever a reader of an older version would misread the file."""
@@ -354,7 +355,16 @@ _SHOWN: Final = 0.05
 
 
 def term_table(explanation: Explanation) -> Table:
-    """The log-posterior by term, beside that of no scenelet at all."""
+    """The log-posterior by term, beside that of no scenelet at all.
+
+    Parameters
+    ----------
+    explanation : Explanation
+
+    Returns
+    -------
+    rich.table.Table
+    """
     table = _table("The scene by term, nats")
     table.add_column("term")
     for name in ("scene", "no scenelet", "gained"):
@@ -370,12 +380,30 @@ def term_table(explanation: Explanation) -> Table:
 
 
 def scenelet_table(explanation: Explanation) -> Table:
-    """What each scenelet is worth, by term."""
+    """What each scenelet is worth, by term.
+
+    Parameters
+    ----------
+    explanation : Explanation
+
+    Returns
+    -------
+    rich.table.Table
+    """
     return _worth_table("Lost without a scenelet, nats", explanation, False)
 
 
 def object_worth_table(explanation: Explanation) -> Table:
-    """What each object is worth while the person moves as before, by term."""
+    """What each object is worth while the person moves as before, by term.
+
+    Parameters
+    ----------
+    explanation : Explanation
+
+    Returns
+    -------
+    rich.table.Table
+    """
     return _worth_table("Lost without an object, nats", explanation, True)
 
 
@@ -443,4 +471,4 @@ def _worth(worth: Worth, ids: NDArray[np.int64]) -> dict[str, Any]:
 
 def _frames(shares: FrameShares) -> dict[str, list[float]]:
     of_terms = {name: nats.tolist() for name, nats in shares.terms.items()}
-    return of_terms | {"swapped": shares.swapped.tolist(), "hidden": shares.hidden.tolist()}
+    return of_terms | {"flipped": shares.flipped.tolist(), "hidden": shares.hidden.tolist()}

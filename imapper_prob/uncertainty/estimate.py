@@ -1,10 +1,14 @@
-"""One answer for those who can use only one: the scene of least expected loss.
+"""The scene of least expected loss: one answer for those who can use only one.
 
-A scenelet says where such furniture stands about somebody who moves like this, not where this
-piece does: people sit at any place of a couch, and farther from a shelf or nearer to it. The
-detections hardly tell (``docs/preference.md``), so that what the posterior knows of a place is
-the scenelet's word, and how far such words are off is measured on scenes whose truth is known
-(``docs/calibration.md``). What is drawn of the scenelets alone leaves that out.
+The most probable draw is rarely the best answer. If a miss costs as much as an object too many, and
+distances count squared, least loss is expected of naming what is there with more than even odds, at
+its mean place, turned as it is on average, and of the mean motion. Means of places are of bearing
+and log distance, because spread is relative and along the ray; means of turns are of directions,
+their loss the chord's square. Of the drawn pieces of the most probable kind, all seats being one
+kind, that is chosen whose outline overlaps most on average with where and how large all may stand.
+
+Furniture stands about where its scenelet says, by the spreads of ``docs/calibration.md``: people
+sit at any place of a couch, and the detections hardly tell (``docs/preference.md``).
 """
 
 from __future__ import annotations
@@ -32,7 +36,20 @@ Array = NDArray[np.float64]
 def drawn_objects(
     rng: np.random.Generator, objects: Sequence[SceneObject], settings: ModelSettings
 ) -> tuple[SceneObject, ...]:
-    """The same objects, each moved along its own axes by what its scenelet cannot know."""
+    """The same objects, each moved along its own axes by what its scenelet cannot know.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+    objects : sequence of SceneObject
+        In one world.
+    settings : ModelSettings
+        For the spreads.
+
+    Returns
+    -------
+    tuple of SceneObject
+    """
     return tuple(_moved(o, rng.standard_normal(2), settings) for o in objects)
 
 
@@ -43,20 +60,6 @@ def _moved(o: SceneObject, errors: Array, settings: ModelSettings) -> SceneObjec
     place = replace(o.placement, x=o.placement.x + float(x), y=o.placement.y + float(y))
     return SceneObject(o.label, place, o.cuboids)
 
-
-# ------------------------------------------------------------------------------------------------
-# One answer for those who can use only one: the scene of least expected loss.
-#
-# The most probable draw is rarely the best answer: it is one draw, with one draw's errors. If a
-# miss costs as much as an object too many, and distances count squared, least loss is expected of
-# naming what is there with more than even odds, at its mean place, turned as it is on average, and
-# of the mean motion. Means of places are of bearing and log distance, because spread is relative
-# and along the ray; means of turns are of directions, their loss the chord's square. What piece it
-# is is chosen for its outline: of the drawn ones of the most probable kind, all seats being one
-# kind, that which overlaps most on average with where and how large all may stand. What may be a
-# chair or a couch, and here or half a metre further, is then a couch more often than not, as it
-# covers more of either; but what is a shelf in most draws is a shelf, whatever larger a few draws
-# have there.
 
 _EVEN: Final = 0.5
 _COMPARED: Final = 100

@@ -1,4 +1,9 @@
-"""Which joints the camera could not see, and which piece of furniture was in the way."""
+"""Which joints the camera cannot see, and which piece of furniture is in the way.
+
+A joint is hidden in a draw if a box of that draw's furniture cuts the line of sight from the camera
+to it. Over draws that is a probability, told for every object that is matched across draws. Two
+objects may hide a joint together.
+"""
 
 from __future__ import annotations
 
@@ -17,13 +22,13 @@ from imapper_prob.models.skeleton import JOINTS
 from imapper_prob.models.text import brief
 from imapper_prob.uncertainty.clusters import ObjectCluster
 
-__all__ = ["HiddenJoints", "cut_by", "hidden_joints", "lines_cut"]
+__all__ = ["HiddenJoints", "cut_by", "hidden_joints"]
 
 Array = NDArray[np.float64]
 
 
 @compiled
-def lines_cut(elevation: float, joints: Array, boxes: Array) -> NDArray[np.bool_]:
+def _lines_cut(elevation: float, joints: Array, boxes: Array) -> NDArray[np.bool_]:
     """Whether any box cuts the line from the camera to each joint.
 
     The line is inside a box from where it has entered all three slabs between opposite sides
@@ -65,16 +70,6 @@ def lines_cut(elevation: float, joints: Array, boxes: Array) -> NDArray[np.bool_
                 if enters < leaves:
                     cut[t, j] = True
     return cut
-
-
-# ------------------------------------------------------------------------------------------------
-# Which joints the camera could not see, and which piece of furniture was in the way.
-#
-# A joint is hidden in a draw if a box of that draw's furniture cuts the line of sight from the
-# camera to it. Over draws that is a probability, and which object did it can be told for every
-# object that is matched across draws. Two objects may hide a joint together.
-
-pass
 
 
 @dataclass(frozen=True)
@@ -149,6 +144,10 @@ def hidden_joints(
         Height of each draw's camera above the floor, metres.
     clusters : sequence of ObjectCluster
         Of the same draws, see `object_clusters`.
+
+    Returns
+    -------
+    HiddenJoints
     """
     cluster_of = {
         (n, k): c for c, cluster in enumerate(clusters) for n, k in cluster.members.tolist()
@@ -179,8 +178,12 @@ def cut_by(o: SceneObject, joints: Array, elevation: float) -> NDArray[np.bool_]
         World, metres.
     elevation : float
         Height of the camera above the world's origin, metres.
+
+    Returns
+    -------
+    (T, 16) bool
     """
-    cut: NDArray[np.bool_] = lines_cut(
+    cut: NDArray[np.bool_] = _lines_cut(
         float(elevation), np.ascontiguousarray(joints), pack_boxes([o])
     )
     return cut

@@ -1,10 +1,9 @@
 """The motion of the draws: where every joint is in every frame, and how sure that is.
 
-A scenelet says how somebody moves near such furniture, not how this person moved, and detections
-tell only across the ray by how much joints differ (:mod:`imapper_prob.solver.limbs`). And the
-static path is as wrong about how high the pelvis is in the image as about how far to the side, of
-which only the latter is sampled. What is drawn of scene and path leaves both out, and so would be
-far too sure of hands, feet and heights.
+Two doubts are added to the draws. A scenelet says how somebody moves near such furniture, not how
+this person moved, and detections tell only across the ray by how much joints differ
+(:mod:`imapper_prob.solver.limbs`). And the static path is as wrong about how high the pelvis is in
+the image as about how far to the side, of which only the latter is sampled.
 """
 
 from __future__ import annotations
@@ -30,10 +29,23 @@ Array = NDArray[np.float64]
 
 
 def drawn_motion(rng: np.random.Generator, problem: Problem, state: State, camera: Camera) -> Array:
-    """(T, 16, 3) joints in the state's world, metres: the pose, and how the person's differs.
+    """Draw the joints of a state: its pose, and how the person's differs.
 
-    Errors are stationary chains: that of the height forgets itself as that of the bearing does,
-    those of joints in as many frames as count as one. ``camera`` is that of the state.
+    Errors are stationary chains: that of the height has the correlation time of the bearing, those
+    of joints that of the frames that count as one.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+    problem : Problem
+    state : State
+    camera : Camera
+        Of the state.
+
+    Returns
+    -------
+    (T, 16, 3) float
+        The state's world, metres.
     """
     limbs = limbs_of(problem, state, camera)
     memory = np.exp(-min(1.0, problem.frame_weight))
@@ -44,7 +56,19 @@ def drawn_motion(rng: np.random.Generator, problem: Problem, state: State, camer
 
 
 def height_deviation(problem: Problem, joints: Array) -> Array:
-    """(T,) metres by which the pelvis may be higher or lower than ``joints`` (T, 16, 3) say."""
+    """By how much the pelvis may be higher or lower than joints say, a standard deviation.
+
+    Parameters
+    ----------
+    problem : Problem
+    joints : (T, 16, 3) float
+        World, metres.
+
+    Returns
+    -------
+    (T,) float
+        Metres.
+    """
     result: Array = problem.path_scale[:, 0] * np.maximum(joints[:, PELV, 1], NEAREST)
     return result
 
@@ -72,7 +96,7 @@ def _chain(rng: np.random.Generator, shape: tuple[int, ...], memory: float) -> A
 
 
 # ------------------------------------------------------------------------------------------------
-# Where every joint is in every frame, and how sure that is.
+# Summaries.
 
 
 @dataclass(frozen=True)
@@ -110,7 +134,11 @@ def joint_summary(motions: Iterable[Limbs], *, problem: Problem | None = None) -
     motions : iterable of Limbs
         At least two; how far joints may be from where they are expected comes on top.
     problem : Problem, optional
-        By how much heights are off beside that (:mod:`imapper_prob.uncertainty.motion`).
+        By how much heights are off besides.
+
+    Returns
+    -------
+    JointSummary
     """
     count = 0
     mean, scatter, own = np.zeros(()), np.zeros(()), np.zeros(())

@@ -58,6 +58,15 @@ class Occupancy:
         """Probability of each category at a place in metres, most probable first.
 
         The place is that of the nearest cell centre; outside of the grid nothing stands.
+
+        Parameters
+        ----------
+        x, y : float
+            Metres.
+
+        Returns
+        -------
+        dict of str to float
         """
         gap_x, gap_y = np.abs(self.x - x), np.abs(self.y - y)
         if not gap_x.size or max(gap_x.min(), gap_y.min()) > self.cell:
@@ -77,6 +86,10 @@ def occupancy(draws: Sequence[Sequence[SceneObject]], *, cell: float = 0.1) -> O
     cell : float
         Side of a cell, metres. The grid has centres at whole multiples and holds every
         footprint, those left out that are out of reach of 500 cells from the middle one.
+
+    Returns
+    -------
+    Occupancy
     """
     if not draws or cell <= 0:
         raise ValueError("occupancy needs a draw and cells of a positive size")

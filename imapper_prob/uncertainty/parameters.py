@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 from imapper_prob.models.path_prior import CAMERA
 from imapper_prob.models.text import brief
 
-__all__ = ["UNITS", "Nuisance", "nuisances"]
+__all__ = ["Nuisance", "nuisances"]
 
 Array = NDArray[np.float64]
 
-UNITS: Mapping[str, str] = {
+_UNITS: Mapping[str, str] = {
     "pitch": "rad",
     "elevation": "m",
     "log_focal_scale": "1",
@@ -72,7 +72,17 @@ class Nuisance:
         return 1.0 - (self.standard_deviation / self.prior_standard_deviation) ** 2
 
     def interval(self, share: float) -> tuple[float, float]:
-        """The central interval that holds a share of the draws."""
+        """The central interval that holds a share of the draws.
+
+        Parameters
+        ----------
+        share : float
+            Between 0 and 1.
+
+        Returns
+        -------
+        low, high : float
+        """
         low, high = np.quantile(self.draws, ((1 - share) / 2, (1 + share) / 2))
         return float(low), float(high)
 
@@ -86,9 +96,13 @@ def nuisances(draws: Array, *, mean: Array, covariance: Array) -> dict[str, Nuis
         In the order of `imapper_prob.models.path_prior.CAMERA`.
     mean, covariance : (5,), (5, 5) float
         Of the prior.
+
+    Returns
+    -------
+    dict of str to Nuisance
     """
     spread = np.sqrt(np.diag(covariance))
     return {
-        name: Nuisance(name, UNITS[name], float(mean[i]), float(spread[i]), draws[..., i])
+        name: Nuisance(name, _UNITS[name], float(mean[i]), float(spread[i]), draws[..., i])
         for i, name in enumerate(CAMERA)
     }

@@ -1,4 +1,9 @@
-"""Scenes with their probabilities: chosen from layouts, described and compared."""
+"""Scenes with their probabilities: chosen from layouts, described and compared.
+
+Layouts are fine: a chair where another has a stool makes a layout of its own, and dozens of them
+share the probability. A scene is all layouts within a stated distance of its most probable one, and
+has the sum of their probabilities.
+"""
 
 from __future__ import annotations
 
@@ -119,7 +124,7 @@ class WeightedScene:
 
 
 # ------------------------------------------------------------------------------------------------
-# The draw that stands for a layout, and how its objects spread about it.
+# The draw that stands for a layout.
 
 
 @dataclass(frozen=True)
@@ -146,8 +151,19 @@ def representative(
 ) -> Representative:
     """The draw of a layout whose objects are nearest to their mean positions.
 
-    ``seen`` are the objects of all draws and ``radius`` the metres that the layouts were made
-    with.
+    Parameters
+    ----------
+    samples : Samples
+    layout : int
+        From 0.
+    seen : sequence of N sequence of SceneObject
+        Objects of all draws.
+    radius : float
+        Metres that the layouts were made with.
+
+    Returns
+    -------
+    Representative
     """
     leader = samples.layouts.leaders[layout]
     founder = seen[leader]
@@ -164,11 +180,7 @@ def representative(
 
 
 # ------------------------------------------------------------------------------------------------
-# From layouts to scenes that differ enough to be looked at one by one.
-#
-# Layouts are fine: a chair where another has a stool makes a layout of its own, and dozens of them
-# share the probability. A scene is all layouts within a stated distance of its most probable one,
-# and has the sum of their probabilities.
+# Scenes from layouts.
 
 APART: Final = 0.9
 """Metres, see :mod:`imapper_prob.layouts`: an object more or less (1) is another
@@ -202,7 +214,7 @@ def group_scenes(layouts: Sequence[Sequence[SceneObject]]) -> NDArray[np.int64]:
 
 
 # ------------------------------------------------------------------------------------------------
-# How one scene differs from another, in words.
+# Differences in words.
 
 _MOVED: Final = 0.3
 """Metres worth a word: about the standard deviation of an object's position."""
@@ -211,14 +223,20 @@ _TURNED: Final = np.radians(30)
 
 
 def describe_difference(best: Sequence[SceneObject], other: Sequence[SceneObject]) -> str:
-    """What of ``other`` is not as in ``best``, as the camera sees it.
+    """What of a scene is not as in the best one, as the camera sees it.
 
     Where two objects share a label, how far away they are says which one is meant.
 
-    Examples
-    --------
-    ``"a stool instead of the couch, 0.4 m nearer; no table; also a shelf 1.2 m to the right
-    and 4.0 m away"``
+    Parameters
+    ----------
+    best, other : sequence of SceneObject
+        In worlds of one lens, see :func:`imapper_prob.layouts.through_one_lens`.
+
+    Returns
+    -------
+    str
+        Such as "a stool instead of the couch, 0.4 m nearer; no table; also a shelf 1.2 m to the
+        right and 4.0 m away".
     """
     found = pair_objects(best, other)
     labels = [o.label for o in best]
@@ -233,7 +251,18 @@ def describe_difference(best: Sequence[SceneObject], other: Sequence[SceneObject
 
 
 def where(o: SceneObject) -> str:
-    """Where an object stands, seen from the camera."""
+    """Where an object stands, seen from the camera.
+
+    Parameters
+    ----------
+    o : SceneObject
+        In the world.
+
+    Returns
+    -------
+    str
+        Such as ``"1.2 m to the right and 4.0 m away"``.
+    """
     x, y = o.centre[:2]
     side = "right" if x >= 0 else "left"
     return f"{abs(x):.1f} m to the {side} and {y:.1f} m away"
@@ -258,9 +287,8 @@ def _change(name: str, first: SceneObject, second: SceneObject) -> str:
 
 
 # ------------------------------------------------------------------------------------------------
-# What a scene explains of what was seen: frames, and joints that the detector lost.
+# What a scene explains.
 
-pass
 SURE: Final = 0.5
 """Confidence from which a detector counts as sure of a joint. On i3DB 28 to 84 % of hidden
 joints are below it."""
@@ -279,6 +307,10 @@ def explained_by(clip: Clip, problem: Problem, scene: Scene, state: State) -> Ex
     scene : Scene
     state : State
         The draw that the scene shows.
+
+    Returns
+    -------
+    Explains
     """
     ids, last = np.tile(clip.frame_ids, len(clip.tracks)), problem.n_frames - 1
     lengths = problem.lengths[state.items[:, 0]]

@@ -1,4 +1,19 @@
-"""What ``posterior.nc`` holds: input, draws, and whether they can be trusted when read."""
+"""What ``posterior.nc`` holds besides the tree for people, and whether it can be trusted when read.
+
+Clip, scenelets and the packed log-posterior are kept, so that a run can be looked at again where
+its clip and its library are no more, and without the stages that lead to the first draw. Of the
+library only those scenelets are kept that some draw has. Groups, beside those of
+:mod:`imapper_prob.uncertainty.tree`:
+
+``clip``        the arrays of a clip file (:mod:`imapper_prob.clips.clip_file`)
+``library``     the arrays of a library file (:mod:`imapper_prob.scenelets.library`)
+``problem``     the fields of :class:`imapper_prob.models.problem.Problem`, for these scenelets
+``latent``      normal numbers of each draw's path, single precision
+``layouts``     probability, error and founding draw of each layout
+``traces``      log-posterior over the whole run, burn-in included
+``moves``       how often each move was proposed and accepted
+``ensembles``   placements of the most probable layouts, drawn by walkers
+"""
 
 from __future__ import annotations
 
@@ -33,12 +48,9 @@ from imapper_prob.solver.selection import of_scenelets
 __all__ = [
     "Source",
     "StoredSource",
-    "check_origins",
-    "check_samples",
     "object_origins",
     "read_samples",
     "read_source",
-    "require",
     "sample_attributes",
     "sample_groups",
     "source_groups",
@@ -48,21 +60,21 @@ _LARGEST = 1e12
 """Of any log-posterior, in nats."""
 
 
-def require(holds: bool | np.bool_, what: str) -> None:
+def _require(holds: bool | np.bool_, what: str) -> None:
     """Raise an `InputError` that says what is wrong unless it ``holds``."""
     if not holds:
         raise InputError(what)
 
 
-def check_origins(origins: NDArray[np.int64], slots: int, counts: NDArray[np.int64]) -> None:
+def _check_origins(origins: NDArray[np.int64], slots: int, counts: NDArray[np.int64]) -> None:
     """Whether objects (n, 2) are of slots that a draw has, whose scenelets have ``counts``."""
     slot, number = origins.T
-    require(((slot >= 0) & (slot < slots)).all(), "an object of a draw is of no scenelet of it")
+    _require(((slot >= 0) & (slot < slots)).all(), "an object of a draw is of no scenelet of it")
     inside = (number >= 0) & (number < counts[slot])
-    require(inside.all(), "an object of a draw is none of its scenelet")
+    _require(inside.all(), "an object of a draw is none of its scenelet")
 
 
-def check_samples(problem: Problem, samples: Samples) -> None:
+def _check_samples(problem: Problem, samples: Samples) -> None:
     """Refuse samples that contradict each other or their problem.
 
     Raises
@@ -72,52 +84,52 @@ def check_samples(problem: Problem, samples: Samples) -> None:
     """
     chains, draws = samples.shape
     count = chains * draws
-    require(count > 0 and len(samples.states) == count, "draws and their log-posterior differ")
-    require(_finite(samples.log_posterior, most=_LARGEST), "log_posterior is not finite")
+    _require(count > 0 and len(samples.states) == count, "draws and their log-posterior differ")
+    _require(_finite(samples.log_posterior, most=_LARGEST), "log_posterior is not finite")
     traces = samples.traces
-    require(traces.ndim == 2 and len(traces) == chains, "traces are not those of the chains")
-    require(traces.shape[1] > 0 and not np.isinf(traces).any(), "traces are not finite")
+    _require(traces.ndim == 2 and len(traces) == chains, "traces are not those of the chains")
+    _require(traces.shape[1] > 0 and not np.isinf(traces).any(), "traces are not finite")
     for state in samples.states:
         check_state(problem, state)
     layouts = samples.layouts
     number = len(layouts.leaders)
-    require(layouts.indicator.shape == (count,), "layouts are not those of the draws")
+    _require(layouts.indicator.shape == (count,), "layouts are not those of the draws")
     seen = np.unique(layouts.indicator)
-    require(np.array_equal(seen, np.arange(number)), "layouts and their leaders differ")
-    require(all(0 <= leader < count for leader in layouts.leaders), "a leader is no draw")
+    _require(np.array_equal(seen, np.arange(number)), "layouts and their leaders differ")
+    _require(all(0 <= leader < count for leader in layouts.leaders), "a leader is no draw")
     _check_probabilities(samples.probabilities, chains, number)
     pair = samples.verdict.disagreement or ()
-    require(all(1 <= layout <= number for layout in pair), "the verdict speaks of no layout")
+    _require(all(1 <= layout <= number for layout in pair), "the verdict speaks of no layout")
     for placements in samples.placements:
         _check_placements(problem, placements)
-    require(len(samples.ladders) == chains, "ladders are not those of the chains")
+    _require(len(samples.ladders) == chains, "ladders are not those of the chains")
     table = samples.acceptance
     rates = zip(table.proposed.values(), table.accepted.values(), strict=True)
-    require(all(0 <= a <= p for p, a in rates), "more moves were accepted than proposed")
+    _require(all(0 <= a <= p for p, a in rates), "more moves were accepted than proposed")
 
 
 def _check_probabilities(found: LayoutProbabilities, chains: int, number: int) -> None:
     numbers = np.sort(found.layouts)
-    require(np.array_equal(numbers, 1 + np.arange(number)), "layouts have other numbers")
-    require(found.probability.shape == (number,), "a layout has no probability")
-    require(found.standard_error.shape == (number,), "a layout has no error")
-    require(found.by_chain.shape == (chains, number), "layouts are not by chain")
-    require(found.by_half.shape == (chains, 2, number), "layouts are not by half")
+    _require(np.array_equal(numbers, 1 + np.arange(number)), "layouts have other numbers")
+    _require(found.probability.shape == (number,), "a layout has no probability")
+    _require(found.standard_error.shape == (number,), "a layout has no error")
+    _require(found.by_chain.shape == (chains, number), "layouts are not by chain")
+    _require(found.by_half.shape == (chains, 2, number), "layouts are not by half")
     for values in (found.probability, found.by_chain, found.by_half):
-        require(_finite(values, most=1 + 1e-9) and (values >= 0).all(), "a probability is none")
+        _require(_finite(values, most=1 + 1e-9) and (values >= 0).all(), "a probability is none")
 
 
 def _check_placements(problem: Problem, draws: PlacementDraws) -> None:
     shape, slots = draws.camera.shape[:3], len(draws.items)
-    require(draws.camera.ndim == 4 and draws.camera.shape[3] == 5, "ensembles lack cameras")
-    require(min(shape) > 0, "ensembles have no draws")
-    require(draws.placements.shape == (*shape, slots, 3), "ensembles lack placements")
-    require(draws.sizes.shape == (*shape, slots), "ensembles lack sizes")
+    _require(draws.camera.ndim == 4 and draws.camera.shape[3] == 5, "ensembles lack cameras")
+    _require(min(shape) > 0, "ensembles have no draws")
+    _require(draws.placements.shape == (*shape, slots, 3), "ensembles lack placements")
+    _require(draws.sizes.shape == (*shape, slots), "ensembles lack sizes")
     scenelets = draws.items[:, 0]
     inside = (scenelets >= 0) & (scenelets < len(problem.log_rate))
-    require(inside.all(), "ensembles have a scenelet that is not there")
+    _require(inside.all(), "ensembles have a scenelet that is not there")
     for values in (draws.camera, draws.placements, draws.sizes):
-        require(_finite(values, most=_LARGEST), "ensembles are not finite")
+        _require(_finite(values, most=_LARGEST), "ensembles are not finite")
 
 
 def _finite(values: NDArray[np.float64], *, most: float) -> bool:
@@ -125,15 +137,7 @@ def _finite(values: NDArray[np.float64], *, most: float) -> bool:
 
 
 # ------------------------------------------------------------------------------------------------
-# What was sampled from, in ``posterior.nc``: clip, scenelets and the packed log-posterior.
-#
-# With these three a run can be looked at again where its clip and its library are no more, and
-# without the stages that lead to the first draw. Of the library only those scenelets are kept
-# that some draw has. Groups:
-#
-# ``clip``      the arrays of a clip file (:mod:`imapper_prob.clips.clip_file`)
-# ``library``   the arrays of a library file (:mod:`imapper_prob.scenelets.library`)
-# ``problem``   the fields of :class:`imapper_prob.models.problem.Problem`, for these scenelets
+# Clip, scenelets and log-posterior.
 
 Arrays = Mapping[str, NDArray[Any]]
 Ints = NDArray[np.int64]
@@ -146,7 +150,12 @@ compiled code is made anew for others."""
 
 
 class Source(Protocol):
-    """What draws are draws of; a staged solution is one."""
+    """What draws are draws of; a staged solution is one.
+
+    Parameters
+    ----------
+    *args, **kwargs : Of whatever class it is.
+    """
 
     @property
     def clip(self) -> Clip:
@@ -187,7 +196,18 @@ class StoredSource:
 
 
 def source_groups(source: Source, chosen: Ints) -> dict[str, xr.Dataset]:
-    """The groups of a source with a library of the scenelets ``chosen``."""
+    """The groups of a source with a part of its library.
+
+    Parameters
+    ----------
+    source : Source
+    chosen : (k,) int
+        Scenelets to keep.
+
+    Returns
+    -------
+    dict of str to Dataset
+    """
     library = Library(source.library.name, tuple(source.library[i] for i in chosen))
     fields = of_scenelets(source.problem, chosen)._asdict()
     fields.pop(_FROM_LIBRARY)
@@ -199,7 +219,18 @@ def source_groups(source: Source, chosen: Ints) -> dict[str, xr.Dataset]:
 
 
 def read_source(path: Path, groups: Mapping[str, xr.Dataset]) -> StoredSource:
-    """The source that :func:`source_groups` took; ``path`` of the file is for messages."""
+    """The source that :func:`source_groups` took.
+
+    Parameters
+    ----------
+    path : Path
+        Of the file, for messages.
+    groups : mapping of str to Dataset
+
+    Returns
+    -------
+    StoredSource
+    """
     clip = clip_of(_arrays(groups["/clip"]), path)
     library = library_of(_arrays(groups["/library"]))
     fields: dict[str, Any] = _arrays(groups["/problem"])
@@ -213,18 +244,18 @@ def read_source(path: Path, groups: Mapping[str, xr.Dataset]) -> StoredSource:
         if said.get(_READ_ONLY):
             values.setflags(write=False)
     other = set(Problem._fields) ^ {*fields, _FROM_LIBRARY}
-    require(not other, f"another version wrote it, which differs in {', '.join(sorted(other))}")
+    _require(not other, f"another version wrote it, which differs in {', '.join(sorted(other))}")
     motions = [resample(s.joints, fps=s.fps, to_fps=clip.fps) for s in library]
     fields[_FROM_LIBRARY] = np.concatenate(motions)
     problem, motion = Problem(**fields), groups["/motion"]
     check_problem(problem)
-    require(len(problem.log_rate) == len(library), "problem and library have other scenelets")
+    _require(len(problem.log_rate) == len(library), "problem and library have other scenelets")
     everybody = clip.n_frames * len(clip.tracks)
-    require(problem.n_frames == everybody, "problem and clip have other frames")
+    _require(problem.n_frames == everybody, "problem and clip have other frames")
     fits = (
         motion["best_fit"].to_numpy() if "best_fit" in motion else np.full(problem.n_frames, np.nan)
     )
-    require(fits.shape == (everybody,), "best_fit is not of the clip's frames")
+    _require(fits.shape == (everybody,), "best_fit is not of the clip's frames")
     return StoredSource(clip, library, problem, fits.astype(np.float64))
 
 
@@ -250,15 +281,7 @@ def _arrays(group: xr.Dataset) -> dict[str, NDArray[Any]]:
 
 
 # ------------------------------------------------------------------------------------------------
-# Draws and what is said of them, in ``posterior.nc``.
-#
-# Groups, besides those that :mod:`imapper_prob.uncertainty.tree` makes for people:
-#
-# ``latent``      normal numbers of each draw's path, single precision
-# ``layouts``     probability, error and founding draw of each layout
-# ``traces``      log-posterior over the whole run, burn-in included
-# ``moves``       how often each move was proposed and accepted
-# ``ensembles``   placements of the most probable layouts, drawn by walkers
+# Draws and what is said of them.
 
 Array = NDArray[np.float64]
 Groups = Mapping[str, xr.Dataset]
@@ -268,7 +291,16 @@ _ACCEPTANCE = "acceptance_"
 
 
 def sample_groups(samples: Samples) -> dict[str, xr.Dataset]:
-    """All that the draws' own groups leave out."""
+    """Groups of all that the draws' own groups leave out.
+
+    Parameters
+    ----------
+    samples : Samples
+
+    Returns
+    -------
+    dict of str to Dataset
+    """
     found, table = samples.probabilities, samples.acceptance
     latent = np.array([state.latent for state in samples.states], dtype=np.float32)
     moves = sorted(table.proposed)
@@ -323,7 +355,16 @@ def _ensemble(draws: PlacementDraws, agreement: Agreement) -> xr.Dataset:
 
 
 def sample_attributes(samples: Samples) -> dict[str, Any]:
-    """What is a single number or word."""
+    """What of the samples is a single number or word.
+
+    Parameters
+    ----------
+    samples : Samples
+
+    Returns
+    -------
+    dict of str to object
+    """
     verdict = samples.verdict
     return {
         "verdict": verdict.text,
@@ -337,7 +378,20 @@ def sample_attributes(samples: Samples) -> dict[str, Any]:
 def object_origins(
     library: Library, states: Sequence[State], objects: Sequence[Sequence[SceneObject]]
 ) -> list[list[tuple[int, int]]]:
-    """For each object of each draw the slot of its scenelet, and which of its objects it is."""
+    """For each object of each draw the scenelet that brought it.
+
+    Parameters
+    ----------
+    library : Library
+    states : sequence of N State
+    objects : sequence of N sequence of SceneObject
+        Merged furniture of each draw.
+
+    Returns
+    -------
+    list of N list of (int, int)
+        The slot of its scenelet, and which of its objects it is.
+    """
     result = []
     for state, furniture in zip(states, objects, strict=True):
         placed = placed_objects(state, library)
@@ -353,6 +407,15 @@ def object_origins(
 def read_samples(groups: Groups, source: Source) -> Samples:
     """The samples that a run wrote of a source, whose library has their scenelets only.
 
+    Parameters
+    ----------
+    groups : mapping of str to Dataset
+    source : Source
+
+    Returns
+    -------
+    Samples
+
     Raises
     ------
     InputError
@@ -364,8 +427,8 @@ def read_samples(groups: Groups, source: Source) -> Samples:
     chosen = groups["/constant_data"]["drawn"].to_numpy()
     draws, stats = groups["/draws"], groups["/sample_stats"]
     values = stats["log_posterior"].to_numpy().astype(np.float64)
-    require(len(chosen) == len(library), "draws and library have other scenelets")
-    require((np.diff(chosen) > 0).all(), "scenelets of the draws are not in order")
+    _require(len(chosen) == len(library), "draws and library have other scenelets")
+    _require((np.diff(chosen) > 0).all(), "scenelets of the draws are not in order")
     states = _states(groups, chosen)
     for state in states:
         check_state(source.problem, state)
@@ -379,9 +442,11 @@ def read_samples(groups: Groups, source: Source) -> Samples:
     disagreement = tuple(int(n) for n in np.atleast_1d(said["verdict_disagreement"]))
     layouts, moves = groups["/layouts"], groups["/moves"]
     names = moves["move"].to_numpy().astype(str).tolist()
-    swapped = groups["/motion"]["sides_swapped"].to_numpy()
-    require(swapped.shape == (*values.shape, source.problem.n_frames), "sides are not of the draws")
-    require(((swapped >= 0) & (swapped <= 1)).all(), "sides_swapped are no probabilities")
+    flipped = groups["/motion"]["sides_flipped"].to_numpy()
+    _require(
+        flipped.shape == (*values.shape, source.problem.n_frames), "sides are not of the draws"
+    )
+    _require(((flipped >= 0) & (flipped <= 1)).all(), "sides_flipped are no probabilities")
     samples = Samples(
         states=states,
         log_posterior=values,
@@ -416,7 +481,7 @@ def read_samples(groups: Groups, source: Source) -> Samples:
         ),
         finished=bool(said["finished"]),
     )
-    check_samples(source.problem, samples)
+    _check_samples(source.problem, samples)
     return samples
 
 
@@ -452,14 +517,14 @@ def _own(chosen: Ints, scenelets: Ints) -> Ints:
     """Scenelets by their numbers in the library of those that are ``chosen``."""
     own = np.searchsorted(chosen, scenelets)
     there = own < len(chosen)
-    require(there.all() and (chosen[own] == scenelets).all(), "a draw has an unknown scenelet")
+    _require(there.all() and (chosen[own] == scenelets).all(), "a draw has an unknown scenelet")
     return own.astype(np.int64)
 
 
 def _objects(library: Library, state: State, origins: Ints) -> tuple[SceneObject, ...]:
     placed = placed_objects(state, library)
     counts = np.array([len(library[s].objects) for s in state.items[:, 0]], np.int64)
-    check_origins(origins, len(state.items), counts)
+    _check_origins(origins, len(state.items), counts)
     first: dict[int, int] = {}
     for index, (slot, _) in enumerate(placed):
         first.setdefault(slot, index)

@@ -1,4 +1,4 @@
-"""The answer in words and tables."""
+"""The answer of a run in sentences and tables."""
 
 from __future__ import annotations
 
@@ -28,7 +28,16 @@ _LISTED = 4
 
 
 def scene_table(scenes: Sequence[WeightedScene]) -> Table:
-    """Scenes with their probabilities, and the numbers of the layouts in them."""
+    """Scenes with their probabilities, and the numbers of the layouts in them.
+
+    Parameters
+    ----------
+    scenes : sequence of WeightedScene
+
+    Returns
+    -------
+    rich.table.Table
+    """
     table = Table(title="Scenes", title_justify="left")
     for name in ("", "probability", "objects", "layouts"):
         table.add_column(name, justify="left" if name == "objects" else "right")
@@ -43,7 +52,16 @@ def scene_table(scenes: Sequence[WeightedScene]) -> Table:
 
 
 def furniture(weighted: WeightedScene) -> str:
-    """The objects of a scene, counted."""
+    """The objects of a scene, counted.
+
+    Parameters
+    ----------
+    weighted : WeightedScene
+
+    Returns
+    -------
+    str
+    """
     labels = [o.label for o in weighted.scene.objects]
     counted = [f"{labels.count(n)} {n}" for n in dict.fromkeys(labels)]
     return ", ".join(counted) or "none"
@@ -57,7 +75,17 @@ def _shortened(layouts: Sequence[int]) -> str:
 
 
 def object_table(weighted: WeightedScene, truth: Truth | None = None) -> Table:
-    """Objects of one scene: where they stand, how sure that is, how far from the truth."""
+    """Objects of one scene: where they stand, how sure that is, how far from the truth.
+
+    Parameters
+    ----------
+    weighted : WeightedScene
+    truth : Truth, optional
+
+    Returns
+    -------
+    rich.table.Table
+    """
     table = Table(title="Objects of scene 1", title_justify="left")
     for name in ("", "x [m]", "y [m]", "± [cm]", "facing [°]"):
         table.add_column(name, justify="left" if not name else "right")
@@ -81,9 +109,17 @@ def object_table(weighted: WeightedScene, truth: Truth | None = None) -> Table:
 
 
 def distances_to_truth(found: Sequence[SceneObject], true: Sequence[SceneObject]) -> Array:
-    """(n_found,) metres in top view to the true object each is paired with, else NaN.
+    """Distances in top view to the true objects that objects are paired with.
 
-    Optimal pairing within the label groups of the benchmark, all seats being one group.
+    Parameters
+    ----------
+    found, true : sequence of SceneObject
+        In one world.
+
+    Returns
+    -------
+    (n_found,) float
+        Metres; NaN without a partner.
     """
     result = np.full(len(found), np.nan)
     if not found or not true:
@@ -99,7 +135,16 @@ def distances_to_truth(found: Sequence[SceneObject], true: Sequence[SceneObject]
 
 
 def check_table(checks: Iterable[Check]) -> Table:
-    """What was checked of the result, what was found, and from where on it is alarming."""
+    """What was checked of the result, what was found, and from where on it is alarming.
+
+    Parameters
+    ----------
+    checks : iterable of Check
+
+    Returns
+    -------
+    rich.table.Table
+    """
     table = Table(title="Checks", title_justify="left")
     for name in ("", "found", "limit", "alarmed"):
         table.add_column(name, justify="left" if not name else "right")
@@ -113,7 +158,18 @@ def check_table(checks: Iterable[Check]) -> Table:
 def describe(clip: Clip, samples: Samples, *, verdict: str, alarms: Sequence[str] = ()) -> str:
     """Markdown that heads the recording: what it is of, and how far to trust it.
 
-    ``alarms`` are said first.
+    Parameters
+    ----------
+    clip : Clip
+    samples : Samples
+    verdict : str
+        On the chains.
+    alarms : sequence of str
+        Said first.
+
+    Returns
+    -------
+    str
     """
     chains, draws = samples.shape
     doubt = f" The focal length is assumed (± {100 * clip.focal_spread:.0f} %)."

@@ -1,4 +1,24 @@
-"""Draws as labelled arrays: the xarray tree of ``posterior.nc``, and what it was made with."""
+"""Draws as labelled arrays: the xarray tree of ``posterior.nc``, and what it was made with.
+
+Groups, as ArviZ names them:
+
+``posterior``      camera, body and mean depth of each draw: what every draw has whatever its
+                   dimension, and can vary freely, as plots of ArviZ want it
+``counts``         numbers of scenelets and objects, and the layout; in a good run they may be
+                   the same in all draws
+``motion``         by frame the pelvis, the probability that the detector took left for right,
+                   and how much worse than the right scenelet the best one fits; of several people
+                   all frames of the first, then of the next, see ``actor``
+``draws``          scenelets and merged objects of each draw, padded, with their numbers
+``sample_stats``   log-posterior; temperatures of each chain, rates of exchange between them, and
+                   round trips of states; in the attributes how often each move was accepted
+``agreement``      objects of the assignments whose placements ensembles of walkers drew as well:
+                   difference of means and ratio of standard deviations, x and y
+``observed_data``  detections
+``constant_data``  names and numbers that the others refer to
+
+and those of :mod:`imapper_prob.uncertainty.stored`, from which a run is opened again.
+"""
 
 from __future__ import annotations
 
@@ -58,6 +78,10 @@ def provenance(source: Source, config: Config, seconds: Mapping[str, float]) -> 
     config : Config
     seconds : mapping of str to float
         How long each part took by the clock on the wall.
+
+    Returns
+    -------
+    dict of str to object
     """
     settings = to_toml(config)
     return {
@@ -74,7 +98,17 @@ def provenance(source: Source, config: Config, seconds: Mapping[str, float]) -> 
 
 
 def seconds_of(attributes: Mapping[Any, Any]) -> dict[str, float]:
-    """How long each part of a run took, from its attributes."""
+    """How long each part of a run took, from its attributes.
+
+    Parameters
+    ----------
+    attributes : mapping
+        Of the file.
+
+    Returns
+    -------
+    dict of str to float
+    """
     return {
         str(name).removeprefix(SECONDS): float(value)
         for name, value in attributes.items()
@@ -83,7 +117,16 @@ def seconds_of(attributes: Mapping[Any, Any]) -> dict[str, float]:
 
 
 def clip_digest(clip: Clip) -> str:
-    """SHA-256 of all that a clip holds, its truth left out: inference never reads that."""
+    """SHA-256 of all that a clip holds, its truth left out: inference never reads that.
+
+    Parameters
+    ----------
+    clip : Clip
+
+    Returns
+    -------
+    str
+    """
     state = hashlib.sha256()
     for name, values in pack_clip(clip).items():
         if not name.startswith(("truth", "object", "cuboid")):
@@ -94,27 +137,7 @@ def clip_digest(clip: Clip) -> str:
 
 
 # ------------------------------------------------------------------------------------------------
-# Draws as labelled arrays: the xarray tree that ``posterior.nc`` holds.
-#
-# Groups, as ArviZ names them:
-#
-# ``posterior``      camera, body and mean depth of each draw: what every draw has whatever its
-#                    dimension, and can vary freely, as plots of ArviZ want it
-# ``counts``         numbers of scenelets and objects, and the layout; in a good run they may be
-#                    the same in all draws
-# ``motion``         by frame the pelvis, the probability that the detector took left for right,
-#                    and how much worse than the right scenelet the best one fits; of several people
-#                    all frames of the first, then of the next, see ``actor``
-# ``draws``          scenelets and merged objects of each draw, padded, with their numbers
-# ``sample_stats``   log-posterior; temperatures of each chain, rates of exchange between them, and
-#                    round trips of states; in the attributes how often each move was accepted
-# ``agreement``      objects of the assignments whose placements ensembles of walkers drew as well:
-#                    difference of means and ratio of standard deviations, x and y
-# ``observed_data``  detections
-# ``constant_data``  names and numbers that the others refer to
-#
-# and those of :mod:`imapper_prob.uncertainty.stored` and
-# :mod:`imapper_prob.uncertainty.stored`, from which a run is opened again.
+# The tree.
 
 FORMAT: Final = "imapper-prob posterior 5"
 """Attribute of the file; the number rises when a reader of old files would go wrong."""
@@ -130,7 +153,7 @@ _UNITS = {
     "roll": "rad",
     "mean_depth": "m",
     "pelvis": "m",
-    "sides_swapped": "1",
+    "sides_flipped": "1",
     "best_fit": "nat",
     "log_posterior": "nat",
     "keypoints": "px",
@@ -151,6 +174,19 @@ def posterior_tree(
     """All that a run sampled, with provenance and checks in the attributes.
 
     ``seconds`` say how long each part of the run took.
+
+    Parameters
+    ----------
+    source : Source
+    samples : Samples
+    config : Config
+    seconds : mapping of str to float, optional
+        How long each part of the run took by the clock on the wall.
+    checks : iterable of Check
+
+    Returns
+    -------
+    DataTree
     """
     clip, shape = source.clip, samples.shape
     camera = np.array([state.camera for state in samples.states]).reshape(*shape, -1)
@@ -172,7 +208,7 @@ def posterior_tree(
     }
     moved: dict[str, Variable] = {
         "pelvis": ((*per_draw, "frame", "axis"), pelvis),
-        "sides_swapped": ((*per_draw, "frame"), turned),
+        "sides_flipped": ((*per_draw, "frame"), turned),
         "best_fit": (("frame",), source.best_fits),
     }
     frames = {
@@ -229,6 +265,11 @@ def write_tree(path: Path, tree: xr.DataTree) -> None:
     """Write the tree as netCDF, its numbers compressed without loss.
 
     It is made in memory: HDF5 does not say in one error what a disk refuses it.
+
+    Parameters
+    ----------
+    path : Path
+    tree : DataTree
     """
     encoding = {
         group: {
@@ -335,6 +376,14 @@ def _padded(source: Source, samples: Samples) -> dict[str, Variable]:
 
 def read_attributes(path: str | Path) -> dict[str, Any]:
     """Provenance of a ``posterior.nc``, without reading its draws.
+
+    Parameters
+    ----------
+    path : path
+
+    Returns
+    -------
+    dict of str to object
 
     Raises
     ------

@@ -19,13 +19,13 @@ from lab.calibrate.estimators import (
     autocorrelation,
     balanced_logistic_fit,
     between_groups,
-    change_time,
     change_within,
     correlation_length,
     predictive_spread,
     root_mean_square,
     shares,
     sight_width_fit,
+    smoothing_time,
     student_t_fit,
     student_t_score,
     wrapped_cauchy_fit,
@@ -107,19 +107,19 @@ def _correlation_time(evidence: Sequence[Seen]) -> Number:
     return correlation_length(series) * seconds
 
 
-def _memory(evidence: Sequence[Placed], errors: Sequence[Array]) -> float:
-    """Seconds after which a first-order chain of the same autocorrelation has lost all but 1/e."""
+def _error_time(evidence: Sequence[Placed], errors: Sequence[Array]) -> float:
+    """Seconds: half the integrated autocorrelation of errors."""
     seconds = evidence[0].detections.gap / evidence[0].clip.fps
     return float(correlation_length([error[:, None] for error in errors]) * seconds / 2)
 
 
-def _ease(evidence: Sequence[Placed], errors: Sequence[Array]) -> Number:
-    """Of these seconds, those in which the error changes its course, at most half of them.
+def _smoothing_time(evidence: Sequence[Placed], errors: Sequence[Array]) -> Number:
+    """Seconds of the correlation time over which the error is smooth, at most half of them.
 
     Less by as much as both may be rounded, for what is stored must be a process.
     """
-    seconds = _memory(evidence, errors)
-    found = change_time(
+    seconds = _error_time(evidence, errors)
+    found = smoothing_time(
         errors,
         spread=root_mean_square(np.concatenate(errors)),
         seconds=seconds,
@@ -135,8 +135,11 @@ def _stay_change(evidence: Sequence[Placed]) -> Number:
     Without a stay of a second or more there is no sign that it stands still.
     """
     errors = _centred_depth(evidence)
-    seconds, fps = _memory(evidence, [e.path.log_depth for e in evidence]), evidence[0].clip.fps
-    rates = remembered(np.array([seconds]), np.array([_ease(evidence, errors)]), fps)[0]
+    seconds, fps = (
+        _error_time(evidence, [e.path.log_depth for e in evidence]),
+        evidence[0].clip.fps,
+    )
+    rates = remembered(np.array([seconds]), np.array([_smoothing_time(evidence, errors)]), fps)[0]
     stays = [own[a:b] for e, own in zip(evidence, errors, strict=True) for a, b in e.path.stays]
     apart = round(fps / evidence[0].detections.gap)
     change = 1.0 - autocorrelation(rates, round(10 * fps * seconds))
@@ -173,25 +176,25 @@ def _support(which: int) -> Callable[[Sequence[Placed]], Number]:
     return fit
 
 
-def _swap_runs(evidence: Sequence[Seen]) -> tuple[float, float, float]:
-    """How many runs of swapped frames there are, and seconds swapped and seen."""
-    runs = swapped = seen = 0.0
+def _flip_runs(evidence: Sequence[Seen]) -> tuple[float, float, float]:
+    """How many runs of flipped frames there are, and seconds flipped and seen."""
+    runs = flipped = seen = 0.0
     for e in evidence:
-        flags, seconds = e.detections.swapped, e.detections.gap / e.clip.fps
+        flags, seconds = e.detections.flipped, e.detections.gap / e.clip.fps
         runs += float(flags[0]) + float((flags[1:] & ~flags[:-1]).sum())
-        swapped += seconds * float(flags.sum())
+        flipped += seconds * float(flags.sum())
         seen += seconds * len(flags)
-    return runs, swapped, seen
+    return runs, flipped, seen
 
 
-def _swap_rate(evidence: Sequence[Seen]) -> Number:
-    runs, _, seen = _swap_runs(evidence)
+def _flip_rate(evidence: Sequence[Seen]) -> Number:
+    runs, _, seen = _flip_runs(evidence)
     return runs / seen
 
 
-def _swap_length(evidence: Sequence[Seen]) -> Number:
-    runs, swapped, _ = _swap_runs(evidence)
-    return swapped / max(runs, 1.0)
+def _flip_length(evidence: Sequence[Seen]) -> Number:
+    runs, flipped, _ = _flip_runs(evidence)
+    return flipped / max(runs, 1.0)
 
 
 # Motion.
@@ -237,7 +240,7 @@ def _sight_width(evidence: Sequence[Placed]) -> Number:
     return sight_width_fit(
         np.concatenate([e.nearest.clearance for e in evidence]),
         np.concatenate([e.nearest.hidden for e in evidence]),
-        surprise=ModelSettings().surprise,
+        visibility_error=ModelSettings().visibility_error,
     )
 
 
@@ -304,11 +307,11 @@ FROM_TRUTH: Final = (
         _correlation_time,
     ),
     Estimator(
-        "swaps.rate", "1/s", "how often the detector begins to take left for right",
-        "runs of frames that fit the truth better by 5 nats with sides exchanged", _swap_rate,
+        "side_flips.rate", "1/s", "how often the detector begins to take left for right",
+        "runs of frames that fit the truth better by 5 nats with sides exchanged", _flip_rate,
     ),
     Estimator(
-        "swaps.length", "s", "how long that lasts", "mean length of these runs", _swap_length,
+        "side_flips.length", "s", "how long that lasts", "mean length of these runs", _flip_length,
     ),
     Estimator(
         "walk.bearing", "tangent a frame of .1 s", "step of the pelvis across the view",
@@ -377,24 +380,26 @@ FROM_PATH: Final = (
         ),
     ),
     Estimator(
-        "bias.time_along", "s", "time in which the slow error of depth forgets itself",
+        "bias.correlation_time_along", "s", "correlation time of the slow error of depth",
         "half the integrated autocorrelation of that error",
-        lambda evidence: _memory(evidence, [e.path.log_depth for e in evidence]),
+        lambda evidence: _error_time(evidence, [e.path.log_depth for e in evidence]),
     ),
     Estimator(
-        "bias.time_across", "s", "time in which the slow error across the view forgets itself",
+        "bias.correlation_time_across", "s", "correlation time of the slow error across the view",
         "half the integrated autocorrelation of that error",
-        lambda evidence: _memory(evidence, [e.path.across[:, 0] for e in evidence]),
+        lambda evidence: _error_time(evidence, [e.path.across[:, 0] for e in evidence]),
     ),
     Estimator(
-        "bias.ease_along", "s", "part of that time in which the error of depth changes course",
-        "most likely one of a chain of second order with that spread and time",
-        lambda evidence: _ease(evidence, _centred_depth(evidence)),
+        "bias.smoothing_time_along", "s",
+        "part of that time over which the error of depth is smooth",
+        "most likely Gauss-Markov process of second order with that spread and time",
+        lambda evidence: _smoothing_time(evidence, _centred_depth(evidence)),
     ),
     Estimator(
-        "bias.ease_across", "s", "part of that time in which the error across changes course",
-        "most likely one of a chain of second order with that spread and time",
-        lambda evidence: _ease(evidence, [e.path.across[:, 0] for e in evidence]),
+        "bias.smoothing_time_across", "s",
+        "part of that time over which the error across is smooth",
+        "most likely Gauss-Markov process of second order with that spread and time",
+        lambda evidence: _smoothing_time(evidence, [e.path.across[:, 0] for e in evidence]),
     ),
     Estimator(
         "bias.stay_change", "s", "time in a stay after which the error of depth stands still",
@@ -503,7 +508,7 @@ FROM_FITS: Final = (
 
 
 KEPT: Final[Mapping[str, tuple[float, str]]] = {
-    "swaps.length": (
+    "side_flips.length": (
         1.0,
         "three single frames are no measure of runs; of MediaPipe on somebody turning they "
         "lasted seconds",

@@ -14,13 +14,13 @@ from scipy.linalg import cho_factor, cho_solve, toeplitz
 from scipy.optimize import minimize, minimize_scalar
 from scipy.special import expit, gammaln
 
+from imapper_prob.models.detector import student_t_loss
 from imapper_prob.models.path_prior import remembered
 
 __all__ = [
     "autocorrelation",
     "balanced_logistic_fit",
     "between_groups",
-    "change_time",
     "change_within",
     "correlation_length",
     "jackknife_error",
@@ -28,6 +28,7 @@ __all__ = [
     "root_mean_square",
     "shares",
     "sight_width_fit",
+    "smoothing_time",
     "student_t_fit",
     "student_t_score",
     "wrapped_cauchy_fit",
@@ -54,7 +55,7 @@ def shares(values: ArrayLike, edges: ArrayLike) -> Array:
     return result
 
 
-def sight_width_fit(clearance: ArrayLike, hidden: ArrayLike, *, surprise: float) -> float:
+def sight_width_fit(clearance: ArrayLike, hidden: ArrayLike, *, visibility_error: float) -> float:
     """Most likely width, metres, of the step from hidden to seen.
 
     Parameters
@@ -62,13 +63,13 @@ def sight_width_fit(clearance: ArrayLike, hidden: ArrayLike, *, surprise: float)
     clearance : (n,) float
         Of lines of sight, metres; negative where something is in the way.
     hidden : (n,) bool
-    surprise : float
+    visibility_error : float
         Probability at either end of the step that it is the other way round.
     """
     clearance, hidden = np.asarray(clearance, float), np.asarray(hidden, bool)
 
     def cost(log_width: float) -> float:
-        seen = surprise + (1 - 2 * surprise) * expit(clearance * np.exp(-log_width))
+        seen = visibility_error + (1 - 2 * visibility_error) * expit(clearance * np.exp(-log_width))
         return float(-np.log(np.where(hidden, 1 - seen, seen)).mean())
 
     return float(np.exp(minimize_scalar(cost, bounds=_LOG_WIDTHS, method="bounded").x))
@@ -91,7 +92,7 @@ def student_t_fit(errors: ArrayLike) -> tuple[float, float]:
     def cost(theta: Array) -> float:
         scale, dof = np.exp(theta)
         inside = gammaln((dof + d) / 2) - gammaln(dof / 2) - d / 2 * np.log(dof * np.pi)
-        tails = (dof + d) / 2 * np.log1p(squared / (dof * scale**2)).mean()
+        tails = student_t_loss(squared, scale, dof, dimensions=d).mean()
         return float(d * np.log(scale) + tails - inside)
 
     typical = np.sqrt(np.median(squared) / d)
@@ -166,10 +167,10 @@ def correlation_length(series: Sequence[ArrayLike]) -> float:
     return length
 
 
-def change_time(
+def smoothing_time(
     series: Sequence[ArrayLike], *, spread: float, seconds: float, fps: float, gap: int
 ) -> float:
-    """In how much of its correlation time a slow error changes its course, the most likely.
+    """Seconds of its correlation time over which a slow error is smooth, the most likely.
 
     Parameters
     ----------
@@ -191,8 +192,8 @@ def change_time(
     """
     errors = [np.asarray(one, float) / spread for one in series]
 
-    def cost(ease: float) -> float:
-        rates = remembered(np.array([seconds]), np.array([ease]), fps)[0]
+    def cost(smoothing: float) -> float:
+        rates = remembered(np.array([seconds]), np.array([smoothing]), fps)[0]
         total = 0.0
         for one in errors:
             correlation = autocorrelation(rates, gap * len(one))[::gap]

@@ -57,18 +57,14 @@ from lab.calibrate.observations import (
 )
 
 __all__ = [
-    "FitErrors",
     "Fitted",
-    "Nearest",
     "Neighbours",
     "Placed",
     "Seen",
     "detection_model",
     "fit_library",
     "look",
-    "nearest_scenelets",
     "neighbours",
-    "observe_fits",
     "path_settings",
     "place",
     "repeats",
@@ -140,7 +136,7 @@ def place(seen: Seen, library: Library, values: Values) -> Placed:
         static=static,
         path=observe_path(seen.clip, seen.truth, static, camera),
         thighs=observe_thighs(seen.clip, seen.truth, static, camera),
-        nearest=nearest_scenelets(seen.clip, seen.truth, static, library),
+        nearest=_nearest_scenelets(seen.clip, seen.truth, static, library),
     )
 
 
@@ -169,7 +165,7 @@ def fit_library(placed: Placed, library: Library, values: Values) -> Fitted:
     ]
     return Fitted(
         **_members(placed),
-        fits=observe_fits(clip, placed.truth, problem, fits),
+        fits=_observe_fits(clip, placed.truth, problem, fits),
         repeats=np.concatenate(told),
     )
 
@@ -228,7 +224,7 @@ class Nearest:
     beside: tuple[Neighbours, ...]
 
 
-def nearest_scenelets(clip: Clip, truth: Truth, path: StaticPath, library: Library) -> Nearest:
+def _nearest_scenelets(clip: Clip, truth: Truth, path: StaticPath, library: Library) -> Nearest:
     """Find the scenelet nearest to the truth in regularly spaced windows."""
     joints = truth.joints - truth.joints[:, [PELV]]
     known: NDArray[np.bool_] = np.all(np.isfinite(joints), axis=(1, 2))
@@ -323,7 +319,7 @@ class FitErrors:
     free_cost: Array
 
 
-def observe_fits(clip: Clip, truth: Truth, problem: Problem, fits: Fits) -> FitErrors:
+def _observe_fits(clip: Clip, truth: Truth, problem: Problem, fits: Fits) -> FitErrors:
     """Hold the best fits of every window against the truth; the free cost is the problem's."""
     frames = np.arange(clip.n_frames)
     known = np.isfinite(truth.joints).all((1, 2))

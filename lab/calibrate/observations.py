@@ -47,7 +47,7 @@ Flags = NDArray[np.bool_]
 _LINES = 1080.0
 """Lines of the image in whose pixels errors are given."""
 _SWAP_SCALE = 20.0
-_SWAP_MARGIN = 5.0
+_FLIP_MARGIN = 5.0
 """Pixels, and nats of a Student-t of four degrees: a frame this much likelier with sides
 exchanged is taken for one in which the detector exchanged them."""
 _STRETCH = 2.0
@@ -65,8 +65,8 @@ class Detections:
         0 where there is no detection.
     hidden : (K, 14) bool
     error : (K, 14, 2) float
-        Pixels at 1080 lines; NaN where there is no detection, or sides are swapped.
-    swapped : (K,) bool
+        Pixels at 1080 lines; NaN where there is no detection, or sides are flipped.
+    flipped : (K,) bool
         Frames in which the detector took left for right.
     gap : int
     """
@@ -74,7 +74,7 @@ class Detections:
     confidence: Array
     hidden: Flags
     error: Array
-    swapped: Flags
+    flipped: Flags
     gap: int
 
     @property
@@ -183,13 +183,13 @@ def observe_detections(clip: Clip, truth: Truth, *, track: int = 0) -> Detection
         loss: Array = np.where(seen, 3 * np.log1p(np.where(seen, squared, 0.0)), 0.0).sum(-1)
         return loss
 
-    swapped = misfit(error) - misfit(mirrored) > _SWAP_MARGIN
-    usable = seen & ~swapped[:, None]
+    flipped = misfit(error) - misfit(mirrored) > _FLIP_MARGIN
+    usable = seen & ~flipped[:, None]
     return Detections(
         confidence,
         np.asarray(truth.hidden)[frames][:, joints],
         np.where(usable[..., None], error, np.nan),
-        swapped,
+        flipped,
         gap,
     )
 

@@ -91,7 +91,7 @@ _TOLD: Final = (
     "detections.seen_confidence", "detections.hidden_confidence",
     "detections.seen_error_scale", "detections.seen_error_dof",
     "detections.hidden_error_scale", "detections.hidden_error_dof",
-    "path.pixel_scale", "path.pixel_dof", "swaps.rate", "swaps.length",
+    "path.pixel_scale", "path.pixel_dof", "side_flips.rate", "side_flips.length",
 )  # fmt: skip
 """Constants that the simulator draws detections with."""
 
@@ -118,8 +118,11 @@ def recover(
         clip, so that correlation time and pitch are known, too.
     """
     model = detection_model(values)
-    swaps = {"swap_rate": values["swaps.rate"], "swap_length": values["swaps.length"]}
-    settings = replace(ModelSettings(), **swaps)  # type: ignore[arg-type]
+    flips = {
+        "side_flip_rate": values["side_flips.rate"],
+        "side_flip_length": values["side_flips.length"],
+    }
+    settings = replace(ModelSettings(), **flips)  # type: ignore[arg-type]
     evidence = []
     for _ in range(n_clips):
         clip = simulate_clip(rng, library)

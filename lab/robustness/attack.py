@@ -23,7 +23,7 @@ import numpy as np
 from imapper_prob.models.errors import InputError
 from lab.robustness.inputs import Damage, Reader, kinds_of
 
-__all__ = ["PATIENCE", "Outcomes", "attack"]
+__all__ = ["PATIENCE", "attack"]
 
 _SLOW: Final = frozenset({"a million frames", "hostile archive", "nested deeply"})
 """Kinds whose inputs are large: a tenth as many are tried."""

@@ -52,7 +52,6 @@ __all__ = [
     "small_library",
     "small_posterior",
     "small_solution",
-    "write_small_run",
 ]
 
 
@@ -90,7 +89,7 @@ def small_posterior(*, checkpoints: Path | None = None) -> Posterior:
     return Posterior(small_solution(), samples, CONFIG)
 
 
-def write_small_run(folder: Path) -> None:
+def _write_small_run(folder: Path) -> None:
     """The folder of a run."""
     write_run(folder, small_posterior(), overwrite=False)
 
@@ -99,7 +98,7 @@ def write_small_run(folder: Path) -> None:
 def _whole_run() -> Path:
     """A run's folder, made once and removed with the process."""
     folder = Path(tempfile.mkdtemp(prefix="hostile-"))
-    write_small_run(folder / "run")
+    _write_small_run(folder / "run")
     return folder / "run"
 
 

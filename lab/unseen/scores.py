@@ -30,7 +30,7 @@ from imapper_prob.solver.solver import Solution
 from lab.seats import NEAR, SITTABLE, gap
 from lab.unseen.clips import CARRIED, Performance, searched_library, simulate_performance
 
-__all__ = ["Answer", "Outcome", "Share", "found_in", "outcome_of", "score", "share_of"]
+__all__ = ["Answer", "Outcome", "Share", "outcome_of", "score"]
 
 Array = NDArray[np.float64]
 
@@ -163,8 +163,8 @@ def outcome_of(family: str, index: int, *, unseen: bool, seed: int = 0) -> Outco
         performance.clip, library, start=solution, config=Config(seed=seed, sample=SETTINGS)
     )
     samples, best = posterior.samples, solution.states[0]
-    staged = share_of(performance, solution.problem, [best], [_objects(solution, best)])
-    sampled = share_of(performance, solution.problem, samples.states, samples.objects)
+    staged = _share_of(performance, solution.problem, [best], [_objects(solution, best)])
+    sampled = _share_of(performance, solution.problem, samples.states, samples.objects)
     assert performance.clip.truth is not None  # it is simulated
     outcome = Outcome(
         family=family,
@@ -187,19 +187,19 @@ def outcome_of(family: str, index: int, *, unseen: bool, seed: int = 0) -> Outco
     return Outcome(**{**vars(outcome), "rival": described})
 
 
-def share_of(
+def _share_of(
     performance: Performance,
     problem: Problem,
     states: Sequence[State],
     objects: Sequence[Sequence[SceneObject]],
 ) -> Share:
     """Of states with their merged furniture."""
-    each = [found_in(performance, problem, *one) for one in zip(states, objects, strict=True)]
+    each = [_found_in(performance, problem, *one) for one in zip(states, objects, strict=True)]
     carried, supported, furnished = np.mean(each, axis=0).tolist()
     return Share(carried, supported, furnished)
 
 
-def found_in(
+def _found_in(
     performance: Performance, problem: Problem, state: State, objects: Sequence[SceneObject]
 ) -> tuple[bool, bool, bool]:
     """Of one state: carried, supported, furnished, as of :class:`Share`."""
@@ -267,7 +267,7 @@ def _right(
 ) -> Iterator[State]:
     for state in states:
         objects = _objects(solution, state)
-        _, supported, furnished = found_in(performance, solution.problem, state, objects)
+        _, supported, furnished = _found_in(performance, solution.problem, state, objects)
         if supported if carried else not furnished:
             yield state
 

@@ -1,8 +1,11 @@
 """What an incremental evaluation keeps, in flat arrays, and its handle for compiled code.
 
-Scenelets live in slots: one keeps its slot for as long as nothing about it changes. What
-depends on a frame has two rows, one that holds for the current state and one to write a
-proposal into; to accept is to say of some frames that the other row now holds.
+Scenelets live in slots: one keeps its slot for as long as nothing about it changes. What depends
+on a frame has two rows, one that holds for the current state and one to write a proposal into; to
+accept is to say of some frames that the other row holds.
+
+A problem and a cache are some ninety arrays. To unpack them at every call takes longer than all
+the arithmetic of a small move; an :class:`Evaluator` hands compiled code both by one address.
 """
 
 from __future__ import annotations
@@ -30,14 +33,13 @@ __all__ = [
     "WRONG",
     "Cache",
     "Evaluator",
-    "new_cache",
     "open_evaluator",
 ]
 
 UNUSED, KEPT, ADDED, REMOVED = range(4)
 EMISSION = 5
-"""Numbers of a frame's vote: the greater log-density of two, weighted, and both densities over it;
-and, unweighted, its log-likelihood as it is and with sides swapped, nats."""
+"""Numbers of a frame's emission: the greater log-density of two, weighted, and both densities over
+it; and, unweighted, its log-likelihood as it is and with sides flipped, nats."""
 RIGHT, WRONG = 3, 4
 """Which of them are the latter."""
 Array = NDArray[np.float64]
@@ -46,73 +48,185 @@ Flags = NDArray[np.uint8]
 
 
 class Cache(NamedTuple):
-    """T frames, S slots of up to B boxes; box b of slot s is in row ``s * B + b``.
+    """What an evaluation keeps of the current state, and writes of a proposal.
 
-    Frame t is in row t or T + t of arrays of 2 T rows. Index 0 of ``slots``, ``cover`` and
-    ``evidence`` is the current state and 1 the proposed one.
+    T frames, S slots of up to B boxes; box b of slot s is in row ``s * B + b``. Frame t is in
+    row t or T + t of arrays of 2 T rows. Index 0 of ``slots``, ``cover`` and ``evidence`` is the
+    current state and 1 the proposed one. From ``frames`` on all are workspaces.
+
+    Parameters
+    ----------
+    slots : (2, S + 1) int
+        Slot of each scenelet, in order of time.
+    role : (S,) int
+        What becomes of a slot in the proposal: UNUSED, KEPT, ADDED or REMOVED.
+    cover : (2, T) int
+        Slot whose scenelet poses the frame, -1 if none.
+    evidence : (2, S + 1) float
+        Of the path before each scenelet, and after the last.
+    items : (S, 3) int
+        Scenelet, start frame, frame after its end.
+    placements : (S, 3) float
+        x, y (m), yaw (rad).
+    sizes : (S,) float
+        Log size of each scenelet, on top of the body scale.
+    bodies : (S,) float
+        How large person and furniture are.
+    pelvis : (S, 6) float
+        Bearing and log depth in the first frame, and in the last two.
+    placed : (S,) float
+        Log density of placement and size given the pelvis, nats.
+    pairs : (S, S) float
+        What it costs that objects of two scenelets are in each other, nats.
+    counts : (S,) int
+        Boxes of each.
+    boxes : (S B, 7) float
+        In the world.
+    turns : (S B, 3) float
+        Cosine and sine of the yaw, half a diagonal.
+    occluders : (S B, 15) single
+        See `set_occluder`.
+    footprints : (S B, 4) float
+        See `set_footprint`.
+    hulls : (S, 5) single
+        Window of all boxes of a slot.
+    floors : (S, 4) float
+        Footprint of all boxes of a slot.
+    labels : (S B,) int
+        Category of the object.
+    yaws : (S B,) float
+        Of the object, radians.
+    pose_at : (T,) uint8
+        Which row of the frame holds, of the arrays up to ``depths``.
+    moved : (T,) uint8
+        Whether the proposal wrote the other.
+    pose_row : (T,) int
+        The row that holds in the proposal.
+    path : (2 T, 2) float
+        Bearing and log depth of a free frame.
+    joints : (2 T, 3, 16) float
+        In the world, metres.
+    lines : (2 T, 48) single
+        See `ray_endpoints`.
+    views : (2 T, 5) single
+        See `ray_bounds`.
+    columns : (2 T, 5, 4) float
+        See `set_body_columns`.
+    ground : (2 T, 4) float
+        See `set_body_columns`.
+    sunk : (2 T,) float
+        How deep the lowest joint is below the floor, metres.
+    likelihoods : (2 T, 64) float
+        Of covered frames, see `LIKELIHOODS`.
+    gaps : (S, 2 T, 16) single
+        Clearance of the joints from a slot's boxes, where near.
+    near : (S, 2 T) uint8
+        Whether any box of the slot can come near a line of sight.
+    depths : (S, 2 T) float
+        How deep the body stands in the slot's objects, metres.
+    sum_at : (T,) uint8
+        Which row of the frame holds, of ``clearance`` and ``emissions``.
+    changed : (T,) uint8
+        Whether the proposal wrote the other.
+    sum_row : (T,) int
+        The row that holds in the proposal.
+    clearance : (2 T, 16) single
+        Of the joints from all boxes, metres.
+    emissions : (2 T, 5) float
+        See `EMISSION`.
+    poses : (T, 3, 16) float
+        Of the problem, with the joints side by side.
+    uv : (T, 2, 2, 16) float
+        See `set_detections`.
+    params : (T, 2, 7, 16) single
+        See `set_detections`.
+    told : (T,) uint8
+        Whether ``uv`` and ``params`` of the frame are written.
+    own : (T, 64) float
+        The same of a free frame.
+    own_told : (T,) uint8
+        Whether ``own`` of the frame is written.
+    bare : (T, 5) float
+        Emissions of a free frame with nothing in sight; NaN where not worked out yet.
+    watched : (T,) uint8
+        Whether anything of the frame was detected.
+    every : (T,) int
+        All frames.
+    frames : (T,) int
+        Those that moved, then those to weigh.
+    weighed : (T,) int
+        Rows of those to weigh.
+    seen : (T, 16) single
+        See `visibility_probabilities`.
+    logs : (4, T) float
+        See `mix_likelihoods`.
+    scratch32 : (SCRATCH32,) single
+    scratch64 : (SCRATCH64,) float
+    drawn : (T, 2) float
+        Path of the free frames.
+    displaced : (5,) float
+        See `add_displaced_depth`.
+    terms : (11,) float
+        Of the proposal, nats, see `TERMS`.
     """
 
-    slots: Ints  # (2, S + 1) slot of each scenelet, in order of time
-    role: Ints  # (S,) what becomes of a slot in the proposal: UNUSED, KEPT, ADDED or REMOVED
-    cover: Ints  # (2, T) slot whose scenelet poses the frame, -1 if none
-    evidence: Array  # (2, S + 1) of the path before each scenelet, and after the last
-
-    items: Ints  # (S, 3) scenelet, start frame, frame after its end
-    placements: Array  # (S, 3) x, y (m), yaw (rad)
-    sizes: Array  # (S,) log size of each scenelet, on top of the body scale
-    bodies: Array  # (S,) how large person and furniture are
-    pelvis: Array  # (S, 6) bearing and log depth in the first frame, and in the last two
-    placed: Array  # (S,) log density of placement and size given the pelvis, nats
-    pairs: Array  # (S, S) what it costs that objects of two scenelets are in each other, nats
-    counts: Ints  # (S,) boxes of each
-    boxes: Array  # (S B, 7) in the world
-    turns: Array  # (S B, 3) cosine and sine of the yaw, half a diagonal
-    occluders: Singles  # (S B, 15) see set_outlook
-    footprints: Array  # (S B, 4) see set_footprint
-    hulls: Singles  # (S, 5) window of all boxes of a slot
-    floors: Array  # (S, 4) footprint of all boxes of a slot
-    labels: Ints  # (S B,) category of the object
-    yaws: Array  # (S B,) of the object, radians
-
-    pose_at: Flags  # (T,) which row of the frame holds, of what follows
-    moved: Flags  # (T,) whether the proposal wrote the other
-    pose_row: Ints  # (T,) the row that holds in the proposal
-    path: Array  # (2 T, 2) bearing and log depth of a free frame
-    joints: Array  # (2 T, 3, 16) in the world, metres
-    lines: Singles  # (2 T, 48) see aim
-    views: Singles  # (2 T, 5) see look
-    columns: Array  # (2 T, 5, 4) see set_body_columns
-    ground: Array  # (2 T, 4) see set_body_columns
-    sunk: Array  # (2 T,) how deep the lowest joint is below the floor, metres
-    likelihoods: Array  # (2 T, 64) see CHANCES, of covered frames
-    gaps: Singles  # (S, 2 T, 16) clearance of the joints from a slot's boxes, where near
-    near: Flags  # (S, 2 T) whether any box of the slot can come near a line of sight
-    depths: Array  # (S, 2 T) how deep the body stands in the slot's objects, metres
-
-    sum_at: Flags  # (T,) which row of the frame holds, of what follows
-    changed: Flags  # (T,) whether the proposal wrote the other
-    sum_row: Ints  # (T,) the row that holds in the proposal
-    clearance: Singles  # (2 T, 16) of the joints from all boxes, metres
-    emissions: Array  # (2 T, 5) see VOTE
-
-    poses: Array  # (T, 3, 16) of the problem, with the joints side by side
-    uv: Array  # (T, 2, 2, 16) see set_detections
-    params: Singles  # (T, 2, 7, 16) see set_detections
-    told: Flags  # (T,) whether these two are there
-    own: Array  # (T, 64) CHANCES of a free frame
-    own_told: Flags  # (T,) whether they are there
-    bare: Array  # (T, 5) emissions of a free frame with nothing in sight; NaN where not asked yet
-    watched: Flags  # (T,) whether anything of the frame was detected
-    every: Ints  # (T,) all frames
-    frames: Ints  # (T,) those that moved, then those to weigh: workspace, as is what follows
-    weighed: Ints  # (T,) rows of the latter
-    seen: Singles  # (T, 16) of theirs, see visibility_probabilities
-    logs: Array  # (4, T) see mix_likelihoods
-    scratch32: Singles  # (SCRATCH32,)
-    scratch64: Array  # (SCRATCH64,)
-    drawn: Array  # (T, 2)
-    displaced: Array  # (5,) see add_displaced_depth
-    terms: Array  # (11,) of the proposal, nats, see TERMS
+    slots: Ints
+    role: Ints
+    cover: Ints
+    evidence: Array
+    items: Ints
+    placements: Array
+    sizes: Array
+    bodies: Array
+    pelvis: Array
+    placed: Array
+    pairs: Array
+    counts: Ints
+    boxes: Array
+    turns: Array
+    occluders: Singles
+    footprints: Array
+    hulls: Singles
+    floors: Array
+    labels: Ints
+    yaws: Array
+    pose_at: Flags
+    moved: Flags
+    pose_row: Ints
+    path: Array
+    joints: Array
+    lines: Singles
+    views: Singles
+    columns: Array
+    ground: Array
+    sunk: Array
+    likelihoods: Array
+    gaps: Singles
+    near: Flags
+    depths: Array
+    sum_at: Flags
+    changed: Flags
+    sum_row: Ints
+    clearance: Singles
+    emissions: Array
+    poses: Array
+    uv: Array
+    params: Singles
+    told: Flags
+    own: Array
+    own_told: Flags
+    bare: Array
+    watched: Flags
+    every: Ints
+    frames: Ints
+    weighed: Ints
+    seen: Singles
+    logs: Array
+    scratch32: Singles
+    scratch64: Array
+    drawn: Array
+    displaced: Array
+    terms: Array
 
 
 _CACHE_LINE = 64
@@ -145,12 +259,22 @@ def _singles(pool: NDArray[np.uint8], at: Ints, size: int) -> Singles:
 
 
 @inner
-def new_cache(problem: Problem, capacity: int) -> Cache:
-    """Cache of nothing yet, for states of up to ``capacity`` scenelets and proposals of as many.
+def _new_cache(problem: Problem, capacity: int) -> Cache:
+    """An empty cache.
 
     What is read before it is written is set here. The larger arrays are parts of one: many pieces
     of that size would go back to the system, and come from it anew page by page, at every
     evaluation of a whole state.
+
+    Parameters
+    ----------
+    problem : Problem
+    capacity : int
+        Scenelets of a state, and of a proposal, at most.
+
+    Returns
+    -------
+    Cache
     """
     n, n_slots, n_boxes = len(problem.lift), 2 * capacity, 1
     for k in range(len(problem.box_first) - 1):
@@ -237,22 +361,22 @@ def new_cache(problem: Problem, capacity: int) -> Cache:
     )
 
 
-# ------------------------------------------------------------------------------------------------
-# Problem and cache as one object, which compiled code is handed by its address.
-#
-# A problem and a cache are some ninety arrays. To look at each of them at every call takes
-# longer than all the arithmetic of a small move; so this is done once, when a evaluator is opened.
-
 _structref: Any = structref
 """numba's records by reference, published without types."""
 
 
 class _EvaluatorType(types.StructRef):
-    """What the compiler calls a evaluator."""
+    """The type that the compiler has for an evaluator."""
 
 
 class Evaluator(structref.StructRefProxy):
-    """A problem and the cache of its evaluation."""
+    """A problem and the cache of its evaluation; made by :func:`open_evaluator`.
+
+    Parameters
+    ----------
+    *args
+        Problem and cache.
+    """
 
     problem: Problem
     cache: Cache
@@ -265,5 +389,17 @@ _structref.define_constructor(Evaluator, _EvaluatorType, ["problem", "cache"])
 
 @compiled
 def open_evaluator(problem: Problem, capacity: int) -> Evaluator:
-    """A evaluator of ``problem``, whose arrays it keeps, with cache for ``capacity`` scenelets."""
-    return Evaluator(problem, new_cache(problem, max(capacity, 1)))  # type: ignore[no-untyped-call]
+    """An evaluator of a problem with an empty cache.
+
+    Parameters
+    ----------
+    problem : Problem
+        Its arrays are kept, not copied.
+    capacity : int
+        Scenelets of a state at most.
+
+    Returns
+    -------
+    Evaluator
+    """
+    return Evaluator(problem, _new_cache(problem, max(capacity, 1)))  # type: ignore[no-untyped-call]

@@ -1,15 +1,13 @@
 """Emissions of every frame, and the sum over frames with sides flipped (docs/model.md 11, 12).
 
-A detector that sees somebody from behind, or in poor light, can swap all joints of the left
-side with those of the right, for a run of frames and at full confidence. Whether frame t is
-swapped is a chain s_t of two states with persistent values; what it costs to know nothing of
-it is the forward recursion of a hidden Markov model (Rabiner 1989), exact and linear in T:
+A detector that sees somebody from behind, or in poor light, can take the joints of the left side
+for those of the right, for a run of frames and at full confidence. Whether frame t is flipped is
+a Markov chain s_t of two states; it is summed out by the forward recursion of a hidden Markov
+model (Rabiner 1989), exact and linear in T:
 
     log p(u, c | q) = log sum over s of p(s) prod_t p(u_t, c_t | q_t, s_t)^w
 
-with the frame weight w that stands for the correlation of neighbouring frames. The sum itself is
-part of every evaluation (:func:`forward_log_likelihood`); here is what each
-frame adds to it, and which frames are swapped.
+with the frame weight w that stands for the correlation of neighbouring frames.
 """
 
 from __future__ import annotations
@@ -19,7 +17,6 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from imapper_prob.models.geometry import NOTHING_IN_SIGHT
 from imapper_prob.models.jit import compiled, inner_inlined
 from imapper_prob.models.kernels.cache import EMISSION, RIGHT, WRONG, Cache
 from imapper_prob.models.kernels.frame import (
@@ -30,6 +27,7 @@ from imapper_prob.models.kernels.frame import (
 )
 from imapper_prob.models.kernels.visibility import GAP, Singles, open_bounds
 from imapper_prob.models.problem import DETECTIONS, FREE_POSE, GROUND, Problem
+from imapper_prob.models.settings import NOTHING_IN_SIGHT
 
 __all__ = [
     "draw_flips",
@@ -47,29 +45,29 @@ Flags = NDArray[np.bool_]
 def forward_filter(
     by_frame: Array, starts: Flags, weight: float, begins: float, ends: float
 ) -> tuple[Array, Array]:
-    """What each frame adds to the log-likelihood, and whether it is swapped, given earlier frames.
+    """What each frame adds to the log-likelihood, and whether it is flipped, given earlier frames.
 
     Parameters
     ----------
     by_frame : (T, 2) float
-        Log-likelihood of each frame as it is, and with sides swapped, nats.
+        Log-likelihood of each frame as it is, and with sides flipped, nats.
     starts : (T,) bool
         Frames that follow upon nothing: the chain begins anew there.
     weight : float
         Factor on every frame's log-likelihood.
     begins, ends : float
-        Probability a frame that a swap begins, and that one ends. The first frame, as any
-        start, is swapped as often as any, ``begins / (begins + ends)``.
+        Probability a frame that a flip begins, and that one ends. The first frame, as any
+        start, is flipped as often as any, ``begins / (begins + ends)``.
 
     Returns
     -------
     shares : (T,) float
         log p(u_t, c_t | all earlier frames), nats; their sum is that of all frames.
-    swapped : (T,) float
-        Probability that a frame is swapped, given the frames up to it.
+    flipped : (T,) float
+        Probability that a frame is flipped, given the frames up to it.
     """
     n, usual = len(by_frame), begins / (begins + ends)
-    shares, swapped = np.empty(n), np.empty(n)
+    shares, flipped = np.empty(n), np.empty(n)
     predicted = usual
     for t in range(n):
         if starts[t]:
@@ -80,18 +78,25 @@ def forward_filter(
         turned = predicted * math.exp(wrong - top)
         both = stays + turned
         shares[t] = top + math.log(both)
-        swapped[t] = turned / both
+        flipped[t] = turned / both
         predicted = (stays * begins + turned * (1.0 - ends)) / both
-    return shares, swapped
+    return shares, flipped
 
 
 @compiled
 def flip_probabilities(
     by_frame: Array, starts: Flags, weight: float, begins: float, ends: float
 ) -> Array:
-    """(T,) probability that each frame is swapped, given all frames (forward-backward).
+    """Probability that each frame is flipped, given all frames (forward-backward).
 
-    Parameters as for :func:`filtered`.
+    Parameters
+    ----------
+    by_frame, starts, weight, begins, ends
+        See :func:`forward_filter`.
+
+    Returns
+    -------
+    (T,) float
     """
     n, forward = len(by_frame), forward_filter(by_frame, starts, weight, begins, ends)[1]
     result = forward.copy()
@@ -117,22 +122,30 @@ def draw_flips(
     ends: float,
     starts: Flags | None = None,
 ) -> Flags:
-    """(T,) frames in which left is taken for right: a chain of two states in equilibrium.
+    """Draw the frames in which left is taken for right: a chain of two states in equilibrium.
 
-    ``begins`` and ``ends`` are probabilities a frame; besides the first frame the chain begins
-    anew in ``starts`` (T,).
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+    n_frames : int
+        T.
+    begins, ends : float
+        Probability a frame that a flip begins, and that one ends.
+    starts : (T,) bool, optional
+        Frames besides the first at which the chain begins anew.
+
+    Returns
+    -------
+    (T,) bool
     """
     uniform = rng.random(n_frames)
-    swapped = np.zeros(n_frames, bool)
+    flipped = np.zeros(n_frames, bool)
     for t in range(n_frames):
         anew = t == 0 or (starts is not None and starts[t])
-        probability = 1 - ends if swapped[t - 1] else begins
-        swapped[t] = uniform[t] < (begins / (begins + ends) if anew else probability)
-    return swapped
+        probability = 1 - ends if flipped[t - 1] else begins
+        flipped[t] = uniform[t] < (begins / (begins + ends) if anew else probability)
+    return flipped
 
-
-# ------------------------------------------------------------------------------------------------
-# What every frame says of a scene, and the sum over which of them have sides swapped, compiled.
 
 _CAP = np.float32(NOTHING_IN_SIGHT)
 _TINY = 1e-100
@@ -141,7 +154,7 @@ _TINY = 1e-100
 
 @inner_inlined
 def _set_emission(right: float, wrong: float, weight: float, emissions: Array, row: int) -> None:
-    """Of a frame whose log-likelihood is ``right`` as it is, ``wrong`` with sides swapped, nats."""
+    """Of a frame whose log-likelihood is ``right`` as it is, ``wrong`` with sides flipped, nats."""
     emissions[row, 0] = weight * max(right, wrong)
     less = math.exp(-weight * abs(right - wrong))
     emissions[row, 1], emissions[row, 2] = (1.0, less) if right > wrong else (less, 1.0)
@@ -166,13 +179,21 @@ def _nothing_near(clearance: Singles, row: int) -> bool:
 
 @inner_inlined
 def update_emissions(problem: Problem, cache: Cache, n: int) -> None:
-    """Votes of the changed frames with all ``n`` scenelets."""
+    """Work out the emissions of the frames that changed.
+
+    Parameters
+    ----------
+    problem : Problem
+    cache : Cache
+    n : int
+        Scenelets of the proposal.
+    """
     n_weighed = _reuse_emissions(cache, n)
     cover, frames, weighed, rows = cache.cover, cache.frames, cache.weighed, cache.pose_row
     own, likelihoods, seen, scratch64 = cache.own, cache.likelihoods, cache.seen, cache.scratch64
     emissions, bare, clearance = cache.emissions, cache.bare, cache.clearance
     weight, logs = problem.frame_weight * problem.likelihood, cache.logs
-    visibility_probabilities(seen, n_weighed, problem.sight_width, problem.surprise)
+    visibility_probabilities(seen, n_weighed, problem.sight_width, problem.visibility_error)
     for i in range(n_weighed):
         t = frames[i]
         if cover[1, t] >= 0:
@@ -193,7 +214,7 @@ def update_emissions(problem: Problem, cache: Cache, n: int) -> None:
 
 @inner_inlined
 def _reuse_emissions(cache: Cache, n: int) -> int:
-    """Clearance of the changed frames, and emissions of those that were cast before.
+    """Clearance of the changed frames, and emissions of those that have been worked out already.
 
     The other frames, their rows and clearances are put into ``frames``, ``weighed`` and
     ``seen``; returns how many.
@@ -236,12 +257,23 @@ def _reuse_emissions(cache: Cache, n: int) -> int:
 
 @inner_inlined
 def forward_log_likelihood(problem: Problem, cache: Cache) -> float:
-    """Detections of all frames, whichever are swapped, cost of free poses, and of sunken ones.
+    """The terms of detections, free poses and sunken joints of a proposal.
 
-    Of the first, the log of equation (12) by its forward recursion, on densities that are rescaled
-    now and then in place of probabilities.
+    Of the detections, the log of equation (12) by its forward recursion, on densities that are
+    rescaled as needed in place of probabilities.
+
+    Parameters
+    ----------
+    problem : Problem
+    cache : Cache
+        Its three terms are written.
+
+    Returns
+    -------
+    float
+        Their sum, nats.
     """
-    begins, ends = problem.swap_begins, problem.swap_ends
+    begins, ends = problem.flip_begins, problem.flip_ends
     usual = begins / (begins + ends)
     stays, turned = 1.0 - usual, usual
     total, free, below = 0.0, 0.0, 0.0

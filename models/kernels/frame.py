@@ -1,13 +1,13 @@
 """The log-likelihood of a frame: its joints projected, and weighed as seen or hidden.
 
-What is computed is equation (11) of ``docs/model.md``, in two steps. The chances of a frame,
-how likely its detections are if a joint is hidden and if it is seen, follow from the pose and
-the camera; weighing them needs how visible the joints are. Furniture that moves changes but
-the second.
+Equation (11) of ``docs/model.md`` in two steps. The likelihoods of a frame's detections, if a
+joint is hidden and if it is seen, follow from pose and camera
+(:func:`set_visibility_likelihoods`); mixing them needs how visible the joints are
+(:func:`mix_likelihoods`). Furniture that moves changes only the second.
 
 Exponentials and logarithms are written out (Cody and Waite 1980: reduce, then a polynomial),
-for a call of the library's would keep the compiler from working on many joints in one
-instruction; they are as exact as their precision.
+because a library call would keep the compiler from working on many joints in one instruction;
+they are as exact as their precision.
 """
 
 from __future__ import annotations
@@ -27,7 +27,6 @@ __all__ = [
     "LIKELIHOODS",
     "PARAMS",
     "SCRATCH64",
-    "Lens",
     "lens_of",
     "mix_likelihoods",
     "set_detections",
@@ -45,7 +44,7 @@ pixels; cosine and sine of the camera's pitch, its elevation, cosine and sine of
 
 LIKELIHOODS = 64
 """Of a frame: densities of the detections of hidden joints, and by how much those of seen
-joints are greater; both for sides as they are and then swapped. A joint is in its own place,
+joints are greater; both for sides as they are and then flipped. A joint is in its own place,
 whichever side's detection it answers for: only their product counts."""
 
 # What is known of the detection that a joint answers for: whether it was used; square scale,
@@ -55,7 +54,7 @@ PARAMS = 7
 """How many such numbers there are."""
 
 # Where the rows of the scratch array start: pixels, and square pixels of the pose's doubt;
-# densities: sides as they are, hidden and seen, and sides swapped, hidden and seen.
+# densities: sides as they are, hidden and seen, and sides flipped, hidden and seen.
 _U, _V, _LOOSE, _DENSITY = 0, 16, 32, 48
 SCRATCH64 = 112
 """Numbers in the scratch array."""
@@ -91,7 +90,18 @@ _FAR = np.float32(30.0)
 
 @inner
 def lens_of(problem: Problem, camera: Array) -> Lens:
-    """What projection needs of a camera (5,)."""
+    """What projection needs of a camera.
+
+    Parameters
+    ----------
+    problem : Problem
+    camera : (5,) float
+        phi, see :class:`imapper_prob.models.log_posterior.State`.
+
+    Returns
+    -------
+    Lens
+    """
     focal = math.exp(camera[2])
     fx, fy = focal * problem.fx, focal * problem.fy
     return (
@@ -118,10 +128,18 @@ def _project(lens: Lens, body: float, joints: Array, row: int, scratch64: Array)
 
 @inner_inlined
 def set_detections(problem: Problem, t: int, uv: Array, params: Singles, row: int) -> None:
-    """The detections of frame t, side by side in the joints' places.
+    """Copy the detections of a frame to where the joints are, those of the other side beside them.
 
-    Into ``places[row]`` (2, 2, 16), their u and v in pixels, and ``facts[row]`` (2, 7, 16);
-    first those of a joint's own side, then of the other.
+    Parameters
+    ----------
+    problem : Problem
+    t : int
+        The frame.
+    uv : (R, 2, 2, 16) float
+        Out, in row ``row``: u and v in pixels; first of a joint's own side, then of the other.
+    params : (R, 2, 7, 16) single
+        Out, in row ``row``: the same order; see ``PARAMS``.
+    row : int
     """
     keypoints, used = problem.keypoints, problem.used
     scales, dofs, confidence = problem.error_scale, problem.error_dof, problem.confidence_density
@@ -195,11 +213,25 @@ def set_visibility_likelihoods(
     likelihoods: Array,
     to: int,
 ) -> None:
-    """Chances of a frame in which a scenelet poses the body, into ``likelihoods[to]`` (64,).
+    """Likelihoods of a frame in which a scenelet poses the body.
 
-    ``joints[row]`` (3, 16) in the world, metres; ``body`` is how large the person is;
-    ``places[of]`` and ``facts[of]`` are those of :func:`set_detections`. Desk and scratch array are
-    workspaces.
+    Parameters
+    ----------
+    lens : Lens
+        Of the camera, see :func:`lens_of`.
+    body : float
+        How large the person is, a factor.
+    joints : (R, 3, 16) float
+        World, metres; the frame's in row ``row``.
+    row : int
+    uv, params : (R, 2, 2, 16) float, (R, 2, 7, 16) single
+        See :func:`set_detections`; the frame's in row ``of``.
+    of : int
+    scratch64, scratch32 : (SCRATCH64,) float, (SCRATCH32,) single
+        Workspaces.
+    likelihoods : (R, 64) float
+        Out, in row ``to``; see ``LIKELIHOODS``.
+    to : int
     """
     _project(lens, body, joints, row, scratch64)
     _measure(uv, params, of, scratch64, scratch32)
@@ -231,7 +263,19 @@ def set_visibility_likelihoods(
 def set_own_likelihoods(
     problem: Problem, t: int, scratch64: Array, likelihoods: Array, to: int
 ) -> None:
-    """Likelihoods of frame t in its own pose, under any camera, into ``likelihoods[to]`` (64,)."""
+    """Likelihoods of a frame in its own pose, the same under any camera.
+
+    Parameters
+    ----------
+    problem : Problem
+    t : int
+        The frame.
+    scratch64 : (SCRATCH64,) float
+        Workspace.
+    likelihoods : (R, 64) float
+        Out, in row ``to``; see ``LIKELIHOODS``.
+    to : int
+    """
     static, used = problem.static_density, problem.used
     for j in range(16):
         for side in range(2):
@@ -246,18 +290,20 @@ def set_own_likelihoods(
 
 
 @inner
-def visibility_probabilities(seen: Singles, n: int, width: float, surprise: float) -> None:
+def visibility_probabilities(seen: Singles, n: int, width: float, visibility_error: float) -> None:
     """Probabilities of being seen, by ``visibility_probability`` of each clearance.
 
     Parameters
     ----------
     seen : (n or more, 16) single
         In: clearance of every joint, metres. Out: its probability, in the first ``n`` rows.
-    width, surprise : float
-        Of the step of visibility.
+    n : int
+        How many rows.
+    width, visibility_error : float
+        Of the step of visibility: metres, and a probability.
     """
-    sharpness, least = np.float32(1.0 / width), np.float32(surprise)
-    span = np.float32(1.0 - 2.0 * surprise)
+    sharpness, least = np.float32(1.0 / width), np.float32(visibility_error)
+    span = np.float32(1.0 - 2.0 * visibility_error)
     for i in range(n):
         for j in range(16):
             x = -min(max(seen[i, j] * sharpness, -_FAR), _FAR)
@@ -274,14 +320,16 @@ def visibility_probabilities(seen: Singles, n: int, width: float, surprise: floa
 def mix_likelihoods(
     likelihoods: Array, row: int, seen: Singles, at: int, scratch64: Array, logs: Array
 ) -> None:
-    """p(u, c | q, m) of a frame: as it is, and with sides swapped.
+    """p(u, c | q, m) of a frame: as it is, and with sides flipped.
 
     Parameters
     ----------
     likelihoods : (R, 64) float
         The frame's are in row ``row``.
+    row : int
     seen : (n, 16) single
         Probability of every joint's being seen; the frame's is in row ``at``.
+    at : int
     scratch64 : (SCRATCH64,) float
         Workspace.
     logs : (4, n) float
@@ -315,9 +363,14 @@ def mix_likelihoods(
 
 @inner
 def take_logs(logs: Array, n: int) -> None:
-    """log p(u, c | q, m) of frames, nats, into the first two rows of ``logs`` (4, n or more).
+    """log p(u, c | q, m) of frames, as they are and with sides flipped, nats.
 
-    See :func:`weigh`; as it is, and with sides swapped.
+    Parameters
+    ----------
+    logs : (4, n or more) float
+        In: as :func:`mix_likelihoods` left them. Out: nats in the first two rows.
+    n : int
+        How many columns.
     """
     for side in range(2):
         for i in range(n):

@@ -1,10 +1,18 @@
-"""The log-posterior of a state that differs little from the one before.
+"""The log-posterior of a state, as a change of another state (docs/model.md).
 
-A proposal is evaluated beside what the cache keeps and becomes part of it when it is accepted. A
-whole state is a change from nothing.
+    log pi(s) = log p(phi) + log p(X) + log p(P, G | X) + log p(u, c | s)
+                - free poses - E_s - E_c - E_m - E_g - E_u
 
-Every function works out what a proposal changed and leaves the rest, in this order:
-scenelets, path, joints and lines of sight, likelihood of frames, sum.
+over a state s = (phi, X, P, b, z): camera and body scale phi, the assignment X of scenelets to
+start frames, their placements P and sizes b, and standard normal numbers z that say which path G
+is drawn where no scenelet lies (:mod:`imapper_prob.models.kernels.path`). The density is with
+respect to d phi dP db and the normal law of z, so that z has the same dimension whatever the
+number of scenelets.
+
+A proposal is evaluated beside what the cache keeps and becomes part of it when it is accepted.
+:func:`change` works out what is different and leaves the rest, in this order: scenelets, path,
+joints and lines of sight, likelihood of frames, sum. A whole state (:func:`evaluate`) is a change
+from nothing.
 """
 
 from __future__ import annotations
@@ -124,10 +132,21 @@ def place(
     sizes: Array,
     latent: Array,
 ) -> float:
-    """Place scenelets and path, and what the priors say of them, nats; -inf outside the support.
+    """Place scenelets and path, and what the priors say of them.
 
-    Parameters as for :func:`change`. The terms of the priors are put into the cache, and 0 for
-    all others.
+    The terms of the priors are put into the cache, and 0 for all others.
+
+    Parameters
+    ----------
+    problem : Problem
+    cache : Cache
+    n_before, camera_before, latent_before, camera, items, placements, sizes, latent
+        See :func:`change`.
+
+    Returns
+    -------
+    float
+        Nats; -inf outside the support.
     """
     if not in_support(camera) or not _in_order(problem, items):
         return -math.inf
@@ -222,7 +241,12 @@ def _find_slots(
 
 @compiled
 def commit(evaluator: Evaluator) -> None:
-    """Make what was last proposed the current state."""
+    """Make what was last proposed the current state.
+
+    Parameters
+    ----------
+    evaluator : Evaluator
+    """
     cache = evaluator.cache
     for of in (cache.slots, cache.cover):
         for i in range(of.shape[1]):
@@ -232,22 +256,6 @@ def commit(evaluator: Evaluator) -> None:
     for t in range(len(cache.moved)):
         cache.pose_at[t] ^= cache.moved[t]
         cache.sum_at[t] ^= cache.changed[t]
-
-
-# ------------------------------------------------------------------------------------------------
-# The log-posterior of a scene, compiled.
-#
-#     log pi(s) = log p(phi) + log p(X) + log p(P, G | X) + log p(u, c | s)
-#                 - free poses - E_s - E_c - E_m - E_g - E_u
-#
-# over a state s = (phi, X, P, b, z): camera and body scale phi, the assignment X of scenelets
-# to start frames, their placements P and sizes b, and standard normal numbers z that say which
-# path G is drawn where no scenelet lies (see :mod:`imapper_prob.models.kernels.path`). The density
-# is with respect to d phi dP db and the normal law of z, so that it has the same dimension of z
-# whatever the number of scenelets.
-#
-# An evaluation is a change (:mod:`imapper_prob.models.kernels.incremental`) that has nothing to go
-# on from.
 
 
 @compiled
@@ -281,7 +289,7 @@ def evaluate(
         asks for it, as the next.
     by_frame : (T, 2) float
         Out: log-likelihood of each frame's detections, as they are and with left and right
-        swapped, nats, unweighted; left as it is outside the support, and where the likelihood is
+        flipped, nats, unweighted; left as it is outside the support, and where the likelihood is
         switched off.
 
     Returns

@@ -1,8 +1,10 @@
 """Furniture and bodies in each other or below the floor (docs/model.md 15 to 17).
 
-All take the negative part of a signed distance, that of two things on the floor plane, and that of
-somebody in a thing on the floor plane or in height, whichever is less. (The paper prints L_m with
-the positive part, which would reward walking through furniture.)
+All take the negative part of a signed distance: of two things that of their outlines on the
+floor, of somebody in a thing that on the floor or in height, whichever is less. Trunk, thighs and
+shins stand in for the body (equation 16), each a vertical line on the floor from its lowest to its
+highest joint. (The paper prints L_m with the positive part, which would reward walking through
+furniture.)
 """
 
 from __future__ import annotations
@@ -51,6 +53,20 @@ def overlap_depth(a: Array, turn_a: Array, b: Array, turn_b: Array) -> float:
 
     The smallest move along a side of either rectangle that separates them (separating axis
     theorem); boxes at different heights do not meet.
+
+    Parameters
+    ----------
+    a : (7,) float
+        In the world.
+    turn_a : (2 or more,) float
+        Cosine and sine of its yaw.
+    b, turn_b
+        The same of the other.
+
+    Returns
+    -------
+    float
+        Metres.
     """
     if min(a[2] + a[5], b[2] + b[5]) - max(a[2] - a[5], b[2] - b[5]) <= LEVEL:
         return 0.0
@@ -69,7 +85,18 @@ def overlap_depth(a: Array, turn_a: Array, b: Array, turn_b: Array) -> float:
 
 @compiled
 def footprint_depth(a: Array, b: Array) -> float:
-    """How deep two boxes (7,) are in each other on the floor, metres; 0 when apart."""
+    """How deep two boxes are in each other on the floor.
+
+    Parameters
+    ----------
+    a, b : (7,) float
+        In the world.
+
+    Returns
+    -------
+    float
+        Metres; 0 when apart.
+    """
     turn_a = np.array([math.cos(a[6]), math.sin(a[6])])
     turn_b = np.array([math.cos(b[6]), math.sin(b[6])])
     return overlap_depth(a, turn_a, b, turn_b)
@@ -77,10 +104,25 @@ def footprint_depth(a: Array, b: Array) -> float:
 
 @inlined
 def column_depth(x: float, y: float, low: float, high: float, box: Array, turn: Array) -> float:
-    """How deep the vertical line at (x, y) from ``low`` to ``high`` stands in a box, metres.
+    """How deep a vertical line stands in a box.
 
     By how little it would have to move, aside, up or down: who sits a little too low is a little in
     their seat, however wide that is.
+
+    Parameters
+    ----------
+    x, y : float
+        Of the line, metres.
+    low, high : float
+        Its ends, metres.
+    box : (7,) float
+    turn : (2 or more,) float
+        Cosine and sine of its yaw.
+
+    Returns
+    -------
+    float
+        Metres; 0 outside.
     """
     up, down = box[2] + box[5] - low, high - (box[2] - box[5])
     dx, dy = x - box[0], y - box[1]
@@ -92,10 +134,16 @@ def column_depth(x: float, y: float, low: float, high: float, box: Array, turn: 
 
 @inlined
 def add_displaced_depth(depth: float, spread: float, sums: Array) -> None:
-    """Add to ``sums`` (5,) how deep somebody still is in furniture that stands out of the way.
+    """Add up how deep somebody still is in furniture that stands out of the way.
 
-    ``depth`` is how deep they are where the scenelet says that it stands, and ``spread`` the
-    standard deviation of where it really does, both in metres.
+    Parameters
+    ----------
+    depth : float
+        Metres where the scenelet says that the furniture stands.
+    spread : float
+        Metres; standard deviation of where it really does.
+    sums : (5,) float
+        In and out, metres: of each displacement in ``DISPLACED``.
     """
     for k in range(N_DISPLACED):
         sums[k] += max(depth - DISPLACED[k] * spread, 0.0)
@@ -103,10 +151,19 @@ def add_displaced_depth(depth: float, spread: float, sums: Array) -> None:
 
 @inlined
 def marginal_penetration_cost(sums: Array, unit: float) -> float:
-    """-log of the mean of exp(-cost) over where furniture may stand, nats (``docs/model.md`` 16).
+    """-log of the mean of exp(-cost) over where furniture may stand (``docs/model.md`` 16).
 
-    ``sums`` (5,) are metres summed over frames, see :func:`add_displaced_depth`; a metre costs
-    ``unit``.
+    Parameters
+    ----------
+    sums : (5,) float
+        Metres summed over frames, see :func:`add_displaced_depth`.
+    unit : float
+        Nats a metre.
+
+    Returns
+    -------
+    float
+        Nats.
     """
     least, total = sums[N_DISPLACED - 1], 0.0
     for k in range(N_DISPLACED):
@@ -117,18 +174,24 @@ def marginal_penetration_cost(sums: Array, unit: float) -> float:
 
 @inlined
 def depth_below_floor(joints: Array, row: int) -> float:
-    """How deep the lowest of ``joints[row]`` (3, 16) is below the floor, metres; 0 above."""
+    """How deep the lowest joint of a frame is below the floor.
+
+    Parameters
+    ----------
+    joints : (R, 3, 16) float
+        World, metres.
+    row : int
+
+    Returns
+    -------
+    float
+        Metres; 0 above.
+    """
     lowest = 0.0
     for j in range(16):
         lowest = min(lowest, joints[row, 2, j])
     return -lowest
 
-
-# ------------------------------------------------------------------------------------------------
-# How deep a frame's body stands in boxes, by five columns, compiled.
-#
-# Equation (16) of ``docs/model.md``: trunk, thighs and shins stand in for the body; each is a
-# vertical line on the floor plane from its lowest to its highest joint.
 
 _ABOVE_SEAT = -0.05
 """Metres from the pelvis to where the trunk starts."""
@@ -138,7 +201,17 @@ _REACH = 1.0
 
 @inner
 def set_footprint(box: Array, turn: Array, footprint: Array) -> None:
-    """Least and greatest x, least and greatest y of a box (7,), metres, into (4,)."""
+    """Bounds of a box on the floor.
+
+    Parameters
+    ----------
+    box : (7,) float
+        In the world.
+    turn : (2 or more,) float
+        Cosine and sine of its yaw.
+    footprint : (4,) float
+        Out: least and greatest x, least and greatest y, metres.
+    """
     c, s = abs(turn[0]), abs(turn[1])
     x, y = c * box[3] + s * box[4], s * box[3] + c * box[4]
     footprint[0], footprint[1] = box[0] - x, box[0] + x
@@ -157,16 +230,19 @@ def _set_column(
 
 @inlined
 def set_body_columns(joints: Array, row: int, columns: Array, ground: Array, to: int) -> None:
-    """Trunk, thighs and shins of the body ``joints[row]`` (3, 16).
+    """Trunk, thighs and shins of a body as vertical lines.
 
     Parameters
     ----------
     joints : (R, 3, 16) float
         World, metres.
+    row : int
+        The body's.
     columns : (R, 5, 4) float
         Out, in row ``to``: x, y, lowest and highest z of each.
     ground : (R, 4) float
         Out, in row ``to``: least and greatest x, least and greatest y of all columns.
+    to : int
     """
     # The trunk starts above the seat; each thigh and shin is a short column.
     columns[to, 0, 0], columns[to, 0, 1] = joints[row, 0, PELV], joints[row, 1, PELV]
@@ -185,7 +261,21 @@ def set_body_columns(joints: Array, row: int, columns: Array, ground: Array, to:
 
 @inlined
 def aabb_disjoint(ground: Array, row: int, footprints: Array, k: int) -> bool:
-    """Whether ``ground[row]`` and ``footprints[k]`` (4,), of a body or a box, have no overlap."""
+    """Whether two bounds on the floor have no overlap.
+
+    Parameters
+    ----------
+    ground : (R, 4) float
+        Of bodies or boxes, see :func:`set_footprint`.
+    row : int
+    footprints : (K, 4) float
+        Of boxes.
+    k : int
+
+    Returns
+    -------
+    bool
+    """
     return bool(
         (footprints[k, 0] > ground[row, 1])
         | (footprints[k, 1] < ground[row, 0])
@@ -196,9 +286,25 @@ def aabb_disjoint(ground: Array, row: int, footprints: Array, k: int) -> bool:
 
 @inlined
 def depth_in_box(columns: Array, row: int, boxes: Array, turns: Array, k: int) -> float:
-    """How deep the deepest of ``columns[row]`` (5, 4) stands in box ``k``, metres; 0 outside.
+    """How deep the deepest column of a body stands in a box.
 
-    ``turns`` (K, 3) holds cosine and sine of the yaw of ``boxes`` (K, 7) and half a diagonal.
+    Parameters
+    ----------
+    columns : (R, 5, 4) float
+        See :func:`set_body_columns`.
+    row : int
+        The body's.
+    boxes : (K, 7) float
+        In the world.
+    turns : (K, 3) float
+        Cosine and sine of their yaws, and half a diagonal (m).
+    k : int
+        The box.
+
+    Returns
+    -------
+    float
+        Metres; 0 outside.
     """
     dx, dy = columns[row, 0, 0] - boxes[k, 0], columns[row, 0, 1] - boxes[k, 1]
     if dx * dx + dy * dy > (turns[k, 2] + _REACH) ** 2:

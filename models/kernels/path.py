@@ -2,16 +2,17 @@
 
 The static path is an estimate whose error is slow: for seconds it is too near or too far by the
 same share. In units of its stated deviation, e_t = (g_t - centre_t) / scale_t, that error is the
-stationary chain of second order of :mod:`imapper_prob.models.path_prior`, in which frames under a
-scenelet have a fixed value and the others are free. Steps inside a scenelet are left out, for its
-motion is not random: its first frame is one more step, and the chain goes on from its last two.
-Where the film of somebody begins, nothing is known. In a stay somebody looks the same for long, and
-the error along the view stands still: after :attr:`~imapper_prob.models.problem.Problem.stay_steps`
-frames of a stay the chain makes no further step.
+stationary process of second order of :mod:`imapper_prob.models.path_prior`. Frames under a scenelet
+have a fixed value, the others are free. Steps inside a scenelet are left out, for its motion is not
+random: its first frame is one more step, and the process goes on from its last two. Where the film
+of somebody begins, nothing is known. In a stay the error along the view stands still: after
+:attr:`~imapper_prob.models.problem.Problem.stay_steps` frames of a stay it makes no further step.
 
-What comes out is the log of the chain with all free frames integrated out, and a path drawn from
+:func:`find_path` gives the log density with all free frames integrated out, and a path drawn from
 what was integrated, as a function of standard normal numbers: holding those while the scenelets
-move keeps the path where it can stay.
+move keeps the path where it can stay. :func:`pose_jump` is the paper's L_s for the other joints,
+which are held where motions of different origin meet, a frame's own pose and a scenelet or two
+scenelets.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ from imapper_prob.models.kernels.cache import ADDED, Cache
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.skeleton import N_JOINTS, PELV
 
-__all__ = ["DOF", "USUAL_JUMP", "draw_segment", "find_path", "pose_jump", "steps_of_depth"]
+__all__ = ["DOF", "draw_segment", "find_path", "pose_jump", "steps_of_depth"]
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -53,6 +54,10 @@ def steps_of_depth(stay: Ints, most: int, first: int, last: int) -> int:
         In one stay.
     first, last : int
         Frames, ``last`` not before ``first``.
+
+    Returns
+    -------
+    int
     """
     steps, own = 1, 1
     for t in range(first + 1, last + 1):
@@ -174,7 +179,26 @@ def find_path(
     latent_before: Array,
     anew: bool,
 ) -> float:
-    """Evidence of the path, nats; says which frames moved, and draws the free ones of them."""
+    """Find which frames moved, draw the free ones of them, and evaluate the path.
+
+    Parameters
+    ----------
+    problem : Problem
+    cache : Cache
+        Scenelets have their slots.
+    n, n_old : int
+        Scenelets of the proposal, and of the current state.
+    camera : (5,) float
+    latent, latent_before : (T, 2) float
+        Standard normal numbers of the proposal, and of the current state.
+    anew : bool
+        Whether nothing that is kept holds: another camera, or no current state.
+
+    Returns
+    -------
+    float
+        Log density of the path without its free frames, nats.
+    """
     n_frames = len(problem.lift)
     before, after, cover, role = cache.slots[0], cache.slots[1], cache.cover, cache.role
     pose_at, moved, rows = cache.pose_at, cache.moved, cache.pose_row
@@ -226,16 +250,9 @@ def find_path(
     return evidence
 
 
-# ------------------------------------------------------------------------------------------------
-# A motion does not jump: the paper's L_s for every joint, compiled.
-#
-# The pelvis walks from frame to frame (:mod:`imapper_prob.models.kernels.path`). The other joints
-# are held where motions of different origin meet, a frame's own pose and a scenelet or two
-# scenelets: between frames of one scenelet, or of one track, how they move is given.
-
 DOF: Final = calibrated("joints.jump_dof")
 """Degrees of freedom of a joint's step, from a frame's own pose to a scenelet and back."""
-USUAL_JUMP: Final = float(
+_USUAL_JUMP: Final = float(
     (N_JOINTS - 1) * (DOF + 3) / 2 * (digamma((DOF + 3) / 2) - digamma(DOF / 2))
 )
 """Nats that all joints but the pelvis cost on average when their steps are as they should be,
@@ -258,6 +275,10 @@ def pose_jump(joints: NDArray[np.float64], one: int, other: int, scale: float) -
     scale : float
         Metres an axis, of a body as large as the person's: were it not to grow with the body, a
         smaller one would seem to move more smoothly.
+
+    Returns
+    -------
+    float
     """
     x = joints[other, 0, PELV] - joints[one, 0, PELV]
     y = joints[other, 1, PELV] - joints[one, 1, PELV]
@@ -270,4 +291,4 @@ def pose_jump(joints: NDArray[np.float64], one: int, other: int, scale: float) -
         dz = joints[other, 2, j] - joints[one, 2, j] - z
         # Far from overflow: a body of ten metres makes each of the sixteen 10^4.
         product *= 1.0 + (dx * dx + dy * dy + dz * dz) * sharpness
-    return 0.5 * (DOF + 3.0) * math.log(product) - USUAL_JUMP
+    return 0.5 * (DOF + 3.0) * math.log(product) - _USUAL_JUMP

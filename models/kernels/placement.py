@@ -1,4 +1,10 @@
-"""Scenelets in place: boxes, first and last pelvis, facing and size (docs/model.md 9, 10)."""
+"""Scenelets in place: boxes, first and last pelvis, facing and size (docs/model.md 9, 10, 15).
+
+The yaw of a scenelet is a priori wrapped Cauchy about the one at which it faces, on average over
+its frames, as the static path does. Detections alone can hardly tell somebody who sits turned half
+away from somebody who does not; a lifter sees that. The density has a closed form, with tails for
+frames in which the lifter is wrong.
+"""
 
 from __future__ import annotations
 
@@ -28,7 +34,6 @@ __all__ = [
     "in_support",
     "log_size_density",
     "log_yaw_density",
-    "place_box",
     "place_boxes",
     "sum_pairs",
 ]
@@ -38,18 +43,19 @@ Ints = NDArray[np.int64]
 
 
 @inner_inlined
-def place_box(
+def _place_box(
     boxes: Array, b: int, body: float, x: float, y: float, yaw: float, box: Array, turn: Array
 ) -> None:
-    """Box ``b`` of the library in the world.
+    """Place a box of the library in the world.
 
     Parameters
     ----------
     boxes : (B, 7) float
         In the frames of their scenelets.
     b : int
+        Which of them.
     body : float
-        How large person and furniture are.
+        How large person and furniture are, a factor.
     x, y, yaw : float
         Where the scenelet is placed, metres and radians.
     box : (7,) float
@@ -72,9 +78,26 @@ def place_box(
 def place_boxes(
     problem: Problem, camera: Array, items: Ints, placements: Array, sizes: Array
 ) -> tuple[Array, Array, Ints, Array]:
-    """Boxes in the world (K, 7); cosine, sine, radius (K, 3); item, object, label; object yaw.
+    """Place the boxes of all scenelets of a state.
 
     Furniture is as much larger than the library's as the person who uses it.
+
+    Parameters
+    ----------
+    problem : Problem
+    camera, items, placements, sizes
+        See :class:`imapper_prob.models.log_posterior.State`.
+
+    Returns
+    -------
+    boxes : (K, 7) float
+        In the world.
+    turns : (K, 3) float
+        Cosine and sine of their yaws, and half a diagonal (m).
+    owner : (K, 3) int
+        Item, object and label of each.
+    yaws : (K,) float
+        Of its object, radians.
     """
     n = 0
     for i in range(len(items)):
@@ -89,7 +112,7 @@ def place_boxes(
         body = math.exp(camera[3] + sizes[i])
         for b in range(problem.box_first[items[i, 0]], problem.box_first[items[i, 0] + 1]):
             x, y = placements[i, 0], placements[i, 1]
-            place_box(problem.boxes, b, body, x, y, yaw, boxes[k], turns[k])
+            _place_box(problem.boxes, b, body, x, y, yaw, boxes[k], turns[k])
             owner[k, 0], owner[k, 1] = i, problem.box_object[b]
             owner[k, 2] = problem.box_label[b]
             yaws[k] = problem.box_yaw[b] + yaw
@@ -97,13 +120,17 @@ def place_boxes(
     return boxes, turns, owner, yaws
 
 
-# ------------------------------------------------------------------------------------------------
-# What a scenelet in its place brings along: its boxes, and where it starts and ends, compiled.
-
-
 @inner_inlined
 def fill_slot(problem: Problem, cache: Cache, camera: Array, slot: int) -> None:
-    """Everything of ``slot`` that follows from its item and placement."""
+    """Work out everything of a slot that follows from its item and placement.
+
+    Parameters
+    ----------
+    problem : Problem
+    cache : Cache
+    camera : (5,) float
+    slot : int
+    """
     cache.bodies[slot] = math.exp(camera[3] + cache.sizes[slot])
     _place_boxes(problem, cache, camera, slot)
     scenelet = cache.items[slot, 0]
@@ -151,7 +178,7 @@ def _place_boxes(problem: Problem, cache: Cache, camera: Array, slot: int) -> No
     for b in range(first, last):
         k = slot * size + b - first
         box, turn = cache.boxes[k], cache.turns[k]
-        place_box(problem.boxes, b, body, px, py, yaw, box, turn)
+        _place_box(problem.boxes, b, body, px, py, yaw, box, turn)
         cache.labels[k] = problem.box_label[b]
         cache.yaws[k] = problem.box_yaw[b] + yaw
         set_occluder(camera[1], box, turn, cache.occluders[k])
@@ -190,7 +217,20 @@ def _collide(problem: Problem, cache: Cache, one: int, other: int) -> float:
 
 @inner_inlined
 def sum_pairs(problem: Problem, cache: Cache, n: int) -> float:
-    """What it costs that objects of the ``n`` proposed scenelets are in each other, nats."""
+    """What it costs that objects of different scenelets are in each other.
+
+    Parameters
+    ----------
+    problem : Problem
+    cache : Cache
+    n : int
+        Scenelets of the proposal.
+
+    Returns
+    -------
+    float
+        Nats, at most 0.
+    """
     cost = 0.0
     for i in range(n):
         for k in range(i):
@@ -202,21 +242,25 @@ def sum_pairs(problem: Problem, cache: Cache, n: int) -> float:
     return -problem.likelihood * cost
 
 
-# ------------------------------------------------------------------------------------------------
-# Where a scenelet's person faces, given where the lifted poses face, compiled.
-#
-# Detections alone can hardly tell somebody who sits turned half away from somebody who does not: a
-# scenelet that fits them may face 60 degrees off. A lifter sees that. So the yaw of a scenelet is
-# a priori wrapped Cauchy about the one at which it faces, on average over its frames, as the
-# static path does: a density in closed form, with tails for frames in which the lifter is wrong.
-
 _UNKNOWN = 1e-9
 """A mean of directions that is shorter has none."""
 
 
 @compiled
 def expected_facing(problem: Problem, scenelet: int, start: int) -> tuple[float, float]:
-    """Cosine and sine of the yaw at which a scenelet faces as the static path; 0, 0 if unknown."""
+    """The yaw at which a scenelet faces as the static path does.
+
+    Parameters
+    ----------
+    problem : Problem
+    scenelet, start : int
+        Index in the library, and first frame.
+
+    Returns
+    -------
+    cosine, sine : float
+        Of the yaw; 0, 0 if it is unknown.
+    """
     first, last = problem.joint_first[scenelet], problem.joint_first[scenelet + 1]
     along, aside = 0.0, 0.0
     for n in range(first, last):
@@ -232,7 +276,21 @@ def expected_facing(problem: Problem, scenelet: int, start: int) -> tuple[float,
 
 @compiled
 def log_yaw_density(problem: Problem, scenelet: int, start: int, yaw: float) -> float:
-    """Log density of a scenelet's yaw, per radian: wrapped Cauchy, or uniform if nobody looked."""
+    """Log density of a scenelet's yaw: wrapped Cauchy, or uniform where nothing is known.
+
+    Parameters
+    ----------
+    problem : Problem
+    scenelet, start : int
+        Index in the library, and first frame.
+    yaw : float
+        Radians.
+
+    Returns
+    -------
+    float
+        Nats, per radian.
+    """
     along, aside = expected_facing(problem, scenelet, start)
     if along == 0.0 and aside == 0.0:
         return -math.log(2 * math.pi)
@@ -242,19 +300,38 @@ def log_yaw_density(problem: Problem, scenelet: int, start: int, yaw: float) -> 
     return math.log(density)
 
 
-# ------------------------------------------------------------------------------------------------
-# Where the posterior is not zero, and the prior of a person's size, compiled.
-
-
 @compiled
 def in_support(camera: NDArray[np.float64]) -> bool:
-    """Whether the camera is above the floor and neither pitched nor rolled too far."""
+    """Whether the camera is above the floor and neither pitched nor rolled too far.
+
+    Parameters
+    ----------
+    camera : (5,) float
+        phi, see :class:`imapper_prob.models.log_posterior.State`.
+
+    Returns
+    -------
+    bool
+    """
     upright = abs(camera[0]) < STEEPEST_CAMERA and abs(camera[4]) < STEEPEST_CAMERA
     return bool(upright and camera[1] > LOWEST_CAMERA)
 
 
 @compiled
 def log_size_density(size: float, spread: float) -> float:
-    """log N(size; 0, spread^2): the log size of one scenelet."""
+    """log N(size; 0, spread^2) of the log size of one scenelet.
+
+    Parameters
+    ----------
+    size : float
+        Log.
+    spread : float
+        Standard deviation, log.
+
+    Returns
+    -------
+    float
+        Nats.
+    """
     ratio = size / spread
     return -0.5 * (math.log(2 * math.pi) + ratio * ratio) - math.log(spread)

@@ -1,4 +1,9 @@
-"""Joints of the frames that moved, and how deep the body is in furniture, frame by frame."""
+"""Joints of the frames that moved, and what follows from them slot by slot.
+
+Frames under a scenelet have its pose, free frames their own pose where the path goes. From the
+joints follow likelihoods, lines of sight with their clearance from each slot's boxes, and how deep
+the body stands in furniture.
+"""
 
 from __future__ import annotations
 
@@ -41,11 +46,22 @@ __all__ = [
 ]
 
 Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
 
 
 @inner_inlined
 def list_moved(cache: Cache) -> int:
-    """Put the frames that moved into ``cache.frames``; returns how many there are."""
+    """Put the frames that moved into ``cache.frames``.
+
+    Parameters
+    ----------
+    cache : Cache
+
+    Returns
+    -------
+    int
+        How many there are.
+    """
     n = 0
     for t in range(len(cache.moved)):
         cache.frames[n] = t
@@ -55,7 +71,16 @@ def list_moved(cache: Cache) -> int:
 
 @inner_inlined
 def pose_joints(problem: Problem, cache: Cache, n: int, n_moved: int, camera: Array) -> None:
-    """World joints of the frames that moved, with ``n`` scenelets, metres."""
+    """World joints of the frames that moved.
+
+    Parameters
+    ----------
+    problem : Problem
+    cache : Cache
+    n, n_moved : int
+        Scenelets of the proposal, and frames that moved.
+    camera : (5,) float
+    """
     for i in range(n):
         slot = cache.slots[1, i]
         if cache.role[slot] == ADDED:
@@ -65,7 +90,14 @@ def pose_joints(problem: Problem, cache: Cache, n: int, n_moved: int, camera: Ar
 
 @inner_inlined
 def copy_joints(cache: Cache, joints: Array) -> None:
-    """World joints of the proposal into ``joints`` (T, 3, 16), metres."""
+    """World joints of the proposal.
+
+    Parameters
+    ----------
+    cache : Cache
+    joints : (T, 3, 16) float
+        Out, metres; may be empty.
+    """
     rows = cache.pose_row
     for t in range(len(joints)):
         for axis in range(3):
@@ -75,7 +107,16 @@ def copy_joints(cache: Cache, joints: Array) -> None:
 
 @inner_inlined
 def pose_frames(problem: Problem, cache: Cache, n: int, n_moved: int, camera: Array) -> None:
-    """Everything that follows from the joints of a frame that moved, with ``n`` scenelets."""
+    """Everything that follows from the joints of the frames that moved, without furniture.
+
+    Parameters
+    ----------
+    problem : Problem
+    cache : Cache
+    n, n_moved : int
+        Scenelets of the proposal, and frames that moved.
+    camera : (5,) float
+    """
     for i in range(n):
         slot = cache.slots[1, i]
         if cache.role[slot] == ADDED:
@@ -154,7 +195,21 @@ def _pose_free_frames(problem: Problem, cache: Cache, n_moved: int, camera: Arra
 
 @inner_inlined
 def sum_jumps(problem: Problem, cache: Cache, n: int, camera: Array) -> float:
-    """What it costs that the pose jumps where a scenelet begins or ends, nats."""
+    """E_s: what it costs that the pose jumps where a scenelet begins or ends.
+
+    Parameters
+    ----------
+    problem : Problem
+    cache : Cache
+    n : int
+        Scenelets of the proposal.
+    camera : (5,) float
+
+    Returns
+    -------
+    float
+        Nats.
+    """
     total, scale = 0.0, problem.joint_step * math.exp(camera[3])
     joints, rows, cover, items = cache.joints, cache.pose_row, cache.cover, cache.items
     starts = problem.path_starts
@@ -168,15 +223,16 @@ def sum_jumps(problem: Problem, cache: Cache, n: int, camera: Array) -> float:
     return -problem.smoothness_cost * problem.likelihood * total
 
 
-# ------------------------------------------------------------------------------------------------
-# What furniture and the body of a frame have to do with each other, slot by slot, compiled.
-
-Ints = NDArray[np.int64]
-
-
 @inner_inlined
 def find_penetrations(cache: Cache, n: int, n_moved: int) -> None:
-    """Let all ``n`` scenelets meet the frames that moved, and new ones every frame."""
+    """Clearance and depths of all scenelets in frames that moved, of new ones in all frames.
+
+    Parameters
+    ----------
+    cache : Cache
+    n, n_moved : int
+        Scenelets of the proposal, and frames that moved.
+    """
     for i in range(n):
         slot = cache.slots[1, i]
         fresh = cache.role[slot] == ADDED
@@ -221,7 +277,16 @@ def _penetration(cache: Cache, slot: int, frames: Ints, n: int) -> None:
 
 @inner_inlined
 def find_changed(cache: Cache, n: int, n_old: int) -> None:
-    """Frames whose vote can differ: they moved, or boxes that came or went may hide something."""
+    """Find the frames whose emission can differ.
+
+    They moved, or boxes near a line of sight came or went.
+
+    Parameters
+    ----------
+    cache : Cache
+    n, n_old : int
+        Scenelets of the proposal, and of the current state.
+    """
     n_frames = len(cache.changed)
     changed, rows, role = cache.changed, cache.pose_row, cache.role
     near = cache.near
@@ -241,7 +306,20 @@ def find_changed(cache: Cache, n: int, n_old: int) -> None:
 
 @inner_inlined
 def sum_penetrations(problem: Problem, cache: Cache, n: int) -> float:
-    """E_m: what it costs that the body stands in furniture not the frame's own, nats."""
+    """E_m: what it costs that the body stands in furniture that is not the frame's own.
+
+    Parameters
+    ----------
+    problem : Problem
+    cache : Cache
+    n : int
+        Scenelets of the proposal.
+
+    Returns
+    -------
+    float
+        Nats, at most 0.
+    """
     total, unit = 0.0, problem.frame_weight * problem.likelihood * problem.motion_cost
     rows, depths, sums = cache.pose_row, cache.depths, cache.displaced
     for i in range(n):

@@ -1,13 +1,11 @@
-"""A body holds itself up by its feet, or something carries it.
+"""E_u: what a stay costs in which nothing carries the person (docs/model.md 17a).
 
-Furniture that nobody sees is told by who sits on it, before the motion says on what. In a *stay*,
-a run of frames whose fitted pose has the thighs off the vertical, somebody is carried (or squats,
-kneels or sits on the floor: then a scenelet of that explains it). The angle has one density in
-people who are carried and another in people on their feet, and a stay during which the scene has
-nobody off their feet takes the second: it costs the log of their ratio, summed over the stay's
-frames, as far as legs are seen and as often as frames say something new
-(:mod:`imapper_prob.solver.camera_prior`). Normalised: both are densities of the angle, and the
-state only chooses between them.
+A *stay* is a run of frames whose fitted pose has the thighs off the vertical: something carries
+the person, or they squat, kneel or sit on the floor, which a scenelet explains as well. The angle
+of the thighs has one density in people who are carried and another in people on their feet. A stay
+during which the scene has nobody off their feet takes the second: it costs the log of their ratio,
+summed over the stay's frames (:mod:`imapper_prob.solver.camera_prior`). Both are densities of the
+angle, and the state only chooses between them, so that the posterior stays normalised.
 """
 
 from __future__ import annotations
@@ -82,6 +80,10 @@ def unsupported(
         their feet, counted from its start; twice the same if there is none.
     items : (k, 2) int
         Scenelet and start frame.
+
+    Returns
+    -------
+    float
     """
     cost = 0.0
     for k in range(len(stays)):

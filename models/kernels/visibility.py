@@ -1,10 +1,21 @@
 """Lines of sight: clearance from boxes, and the probability that a joint is seen.
 
-The volume hidden by a union of boxes is the set of points whose line of sight cuts a box.
-The clearance of a line of sight (:func:`imapper_prob.models.geometry.sight_clearance` in plain
-numpy, :mod:`imapper_prob.models.kernels.visibility` compiled) is negative exactly in it and grows
-smoothly out of it. Where nothing is near it is capped, which mends the gap in the paper: with
-no object its occlusion distance is undefined (Monszpart et al. 2019, F(v, c)).
+The volume hidden by a union of boxes is the set of points whose line of sight cuts a box. The
+clearance of a line of sight is negative exactly in it and grows smoothly out of it. Where nothing
+is near it is capped, which mends a gap of the paper: with no object its occlusion distance is
+undefined (Monszpart et al. 2019, F(v, c)).
+
+All joints of a frame are worked out at once. The scratch array, which is flat, holds a row of
+sixteen numbers for every quantity, so that the compiler works on many joints in one instruction; in
+single precision on all sixteen, good for a micrometre, where a line has to move by centimetres to
+be seen. For a line that starts at ``p`` and runs along ``d`` in the axes of a box with half sides
+``h``, the least of ``max_i |p_i + s d_i| - h_i`` over s in [0, 1] is the largest of
+
+    -h_i,    |p_i + d_i / 2| - |d_i| / 2 - h_i                             for every axis,
+    (|p_i d_k - p_k d_i| - |d_k| h_i - |d_i| h_k) / (|d_i| + |d_k|)        for every pair:
+
+the least of a maximum of straight lines is, by duality, the largest of the leasts of any one or two
+of them, and these are the separating axes of a segment and a box.
 """
 
 from __future__ import annotations
@@ -14,9 +25,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from imapper_prob.models.geometry import NOTHING_IN_SIGHT, OPAQUE
 from imapper_prob.models.jit import compiled, inlined, inner_inlined
-from imapper_prob.models.settings import NEAR_SIGHT
+from imapper_prob.models.settings import NEAR_SIGHT, NOTHING_IN_SIGHT, OPAQUE
 
 __all__ = [
     "GAP",
@@ -26,27 +36,39 @@ __all__ = [
     "VIEW",
     "Singles",
     "bounds_overlap",
+    "clearances",
     "open_bounds",
     "ray_bounds",
     "ray_endpoints",
     "set_occluder",
-    "set_window",
     "update_clearance",
     "visibility_probability",
 ]
 
 Array = NDArray[np.float64]
+Singles = NDArray[np.float32]
 
 
 @inlined
-def set_window(
+def _set_window(
     elevation: float, box: Array, turn: Array, window: Array | NDArray[np.float32]
 ) -> None:
-    """Where in the view a box can come near a line of sight, into ``window`` (5,).
+    """Where in the view a box can come near a line of sight.
 
-    Bounds of bearing x / y, of slope (z - elevation) / y and the smallest y, of the box
-    grown by ``NOTHING_IN_SIGHT`` on every side. A line of sight that stays out of them has
-    no clearance below the cap. A box that reaches behind the camera is always in sight.
+    A line of sight that stays out of these bounds has no clearance below the cap. A box that
+    reaches behind the camera is always in sight.
+
+    Parameters
+    ----------
+    elevation : float
+        Of the camera, metres.
+    box : (7,) float
+        In the world.
+    turn : (2 or more,) float
+        Cosine and sine of its yaw.
+    window : (5 or more,) float or single
+        Out: bounds of bearing x / y and of slope (z - elevation) / y, and the smallest y, of the
+        box grown by ``NOTHING_IN_SIGHT`` on every side.
     """
     left, right, low, high, nearest = math.inf, -math.inf, math.inf, -math.inf, math.inf
     for corner in range(4):
@@ -66,31 +88,26 @@ def set_window(
 
 
 @compiled
-def visibility_probability(distance: float, width: float, surprise: float) -> float:
-    """m(v): a smooth step over the clearance, never quite 0 or 1."""
+def visibility_probability(distance: float, width: float, visibility_error: float) -> float:
+    """m(v): a smooth step over the clearance, never quite 0 or 1.
+
+    Parameters
+    ----------
+    distance : float
+        v, metres.
+    width : float
+        Of the step, metres.
+    visibility_error : float
+        The probability at either end of the step that it is the other way round.
+
+    Returns
+    -------
+    float
+    """
     scaled = min(max(distance / width, -30.0), 30.0)
-    return surprise + (1.0 - 2.0 * surprise) / (1.0 + math.exp(-scaled))
+    return visibility_error + (1.0 - 2.0 * visibility_error) / (1.0 + math.exp(-scaled))
 
 
-# ------------------------------------------------------------------------------------------------
-# Lines of sight to the sixteen joints of a frame, side by side, compiled.
-#
-# The clearance of a line of sight is :func:`imapper_prob.models.kernels.visibility.clearance`;
-# here it is worked out for all joints of a frame at once. The scratch array, which is flat, holds
-# a row of sixteen numbers for every quantity: rows at fixed places in one array are what lets
-# the compiler work on many joints in one instruction. In single precision that is on all
-# sixteen; it is good for a micrometre, where a line has to move by centimetres to be seen.
-#
-# For a line that starts at ``p`` and runs along ``d`` in the axes of a box with half sides
-# ``h``, the least of ``max_i |p_i + s d_i| - h_i`` over s in [0, 1] is the largest of
-#
-#     -h_i,    |p_i + d_i / 2| - |d_i| / 2 - h_i                             for every axis,
-#     (|p_i d_k - p_k d_i| - |d_k| h_i - |d_i| h_k) / (|d_i| + |d_k|)        for every pair:
-#
-# the least of a maximum of straight lines is, by duality, the largest of the leasts of any one
-# or two of them, and these are the separating axes of a segment and a box. Nothing branches.
-
-Singles = NDArray[np.float32]
 _X, _Y, _Z = 0, 16, 32
 """Where the rows of a line start: to each joint from the camera, in the world, metres."""
 LINE = 48
@@ -120,7 +137,7 @@ its clearance by no more."""
 
 @inlined
 def set_occluder(elevation: float, box: Array, turn: Array, occluder: Singles) -> None:
-    """What :func:`clear` needs of a box, into ``occluder`` (15,).
+    """What :func:`update_clearance` needs of a box.
 
     Parameters
     ----------
@@ -131,11 +148,10 @@ def set_occluder(elevation: float, box: Array, turn: Array, occluder: Singles) -
     turn : (2 or more,) float
         Cosine and sine of its yaw.
     occluder : (15,) single
-        Out: :func:`imapper_prob.models.kernels.visibility.set_window`; cosine and sine; the
-        camera in the box's axes, half sides, by how much depth counts more because the box
-        is thin, and the least value of its box function.
+        Out: :func:`_set_window`; cosine and sine; the camera in the box's axes, half sides, by how
+        much depth counts more because the box is thin, and the least value of its box function.
     """
-    set_window(elevation, box, turn, occluder)
+    _set_window(elevation, box, turn, occluder)
     occluder[5], occluder[6] = turn[0], turn[1]
     x, y = -box[0], -box[1]
     occluder[7] = turn[0] * x + turn[1] * y
@@ -149,7 +165,18 @@ def set_occluder(elevation: float, box: Array, turn: Array, occluder: Singles) -
 
 @inlined
 def ray_endpoints(elevation: float, joints: Array, lines: Singles, row: int) -> None:
-    """The lines of sight to ``joints[row]`` (3, 16), into ``lines[row]`` (48,)."""
+    """The lines of sight to the joints of a frame.
+
+    Parameters
+    ----------
+    elevation : float
+        Of the camera, metres.
+    joints : (R, 3, 16) float
+        World, metres.
+    lines : (R, 48) single
+        Out, in row ``row``: from the camera to each joint, metres.
+    row : int
+    """
     for j in range(joints.shape[2]):
         lines[row, _X + j] = joints[row, 0, j]
     for j in range(joints.shape[2]):
@@ -160,10 +187,19 @@ def ray_endpoints(elevation: float, joints: Array, lines: Singles, row: int) -> 
 
 @inlined
 def ray_bounds(lines: Singles, row: int, scratch32: Singles, views: Singles) -> None:
-    """The part of the view in which the lines of sight lie, into ``views[row]`` (5,).
+    """The part of the view in which the lines of sight of a frame lie.
 
-    Bounds of bearing x / y and of slope z / y, and the largest y. A joint behind the camera
-    may be anywhere.
+    A joint behind the camera may be anywhere.
+
+    Parameters
+    ----------
+    lines : (R, 48) single
+        See :func:`ray_endpoints`.
+    row : int
+    scratch32 : (SCRATCH32,) single
+        Workspace.
+    views : (R, 5) single
+        Out, in row ``row``: bounds of bearing x / y and of slope z / y, and the largest y.
     """
     for j in range(lines.shape[1] // 3):
         nearness = _ONE / lines[row, _Y + j]
@@ -185,14 +221,36 @@ def ray_bounds(lines: Singles, row: int, scratch32: Singles, views: Singles) -> 
 
 @inlined
 def open_bounds(scratch32: Singles) -> None:
-    """Nothing is in the way of any line of sight."""
+    """Set the clearance of all lines of sight to the cap: nothing is in the way.
+
+    Parameters
+    ----------
+    scratch32 : (SCRATCH32,) single
+        Out, from ``GAP`` on.
+    """
     for j in range(16):
         scratch32[GAP + j] = _CAP
 
 
 @inner_inlined
 def bounds_overlap(windows: Singles, k: int, views: Singles, row: int) -> bool:
-    """Whether a box in ``windows[k]`` can come near a line of sight in ``views[row]``."""
+    """Whether a box can come near a line of sight of a frame.
+
+    Parameters
+    ----------
+    windows : (K, 5 or more) single
+        See :func:`_set_window`.
+    k : int
+        The box.
+    views : (R, 5) single
+        See :func:`ray_bounds`.
+    row : int
+        The frame's.
+
+    Returns
+    -------
+    bool
+    """
     # All five are asked at once: which of them says no cannot be foreseen.
     return bool(
         (windows[k, 4] <= views[row, 4])
@@ -213,10 +271,25 @@ def update_clearance(
     row: int,
     scratch32: Singles,
 ) -> bool:
-    """Lower the clearance on the scratch array to that of ``lines[row]`` from some boxes.
+    """Lower the clearance on the scratch array to that of a frame's lines of sight from some boxes.
 
-    These are ``first`` to ``last - 1`` of ``occluders`` (K, 15), see :func:`set_outlook`.
-    Returns whether any of them can come near a line of sight.
+    Parameters
+    ----------
+    occluders : (K, 15) single
+        See :func:`set_occluder`.
+    first, last : int
+        The boxes: ``first`` to ``last - 1``.
+    lines, views : (R, 48), (R, 5) single
+        See :func:`ray_endpoints` and :func:`ray_bounds`.
+    row : int
+        The frame's.
+    scratch32 : (SCRATCH32,) single
+        In and out, from ``GAP`` on: clearance, metres.
+
+    Returns
+    -------
+    bool
+        Whether any of the boxes can come near a line of sight.
     """
     turned = -1
     for k in range(first, last):
@@ -274,3 +347,39 @@ def _pass_by(occluders: Singles, k: int, scratch32: Singles) -> None:
         # The least of three: that of two would be stored only where it is the new one, and a
         # row stored in part cannot be read again at once.
         scratch32[GAP + j] = min(min(scratch32[GAP + j], value), value * thin)
+
+
+@compiled
+def clearances(elevation: float, joints: Array, boxes: Array) -> Array:
+    """Clearance of the lines of sight to any joints, sixteen a row.
+
+    Parameters
+    ----------
+    elevation : float
+        Of the camera, metres.
+    joints : (R, 3, 16) float
+        World, metres.
+    boxes : (K, 7) float
+        In the world.
+
+    Returns
+    -------
+    (R, 16) float
+        Metres, at most ``NOTHING_IN_SIGHT``.
+    """
+    occluders = np.empty((len(boxes), OCCLUDER), np.float32)
+    turn = np.empty(2)
+    for k in range(len(boxes)):
+        turn[0], turn[1] = math.cos(boxes[k, 6]), math.sin(boxes[k, 6])
+        set_occluder(elevation, boxes[k], turn, occluders[k])
+    result = np.empty((len(joints), 16))
+    lines, scratch32 = np.empty((1, LINE), np.float32), np.empty(SCRATCH32, np.float32)
+    for t in range(len(joints)):
+        ray_endpoints(elevation, joints[t : t + 1], lines, 0)
+        open_bounds(scratch32)
+        for k in range(len(boxes)):
+            _turn(occluders[k, 5], occluders[k, 6], lines, 0, scratch32)
+            _pass_by(occluders, k, scratch32)
+        for j in range(16):
+            result[t, j] = scratch32[GAP + j]
+    return result

@@ -326,18 +326,18 @@ def test_data_are_as_probable_under_the_truth_as_on_average_with_other_eyes() ->
     for _ in range(400):
         state = draw_state(rng, experiment().problem)
         problem = experiment().observed(rng, state).problem
-        other = problem._replace(surprise=0.08)
+        other = problem._replace(visibility_error=0.08)
         change = terms(other, state)["detections"] - terms(problem, state)["detections"]
         ratios.append(np.exp(change))
     is_one(np.array(ratios))
 
 
-def test_swaps_last_as_long_as_they_should() -> None:
-    swapped = draw_flips(np.random.default_rng(0), 200_000, begins=0.02, ends=0.1)
-    begins = swapped[1:] & ~swapped[:-1]
-    ends = ~swapped[1:] & swapped[:-1]
-    assert begins.sum() / (~swapped[:-1]).sum() == pytest.approx(0.02, rel=5 / np.sqrt(3300))
-    assert ends.sum() / swapped[:-1].sum() == pytest.approx(0.1, rel=5 / np.sqrt(3300))
+def test_side_flips_last_as_long_as_they_should() -> None:
+    flipped = draw_flips(np.random.default_rng(0), 200_000, begins=0.02, ends=0.1)
+    begins = flipped[1:] & ~flipped[:-1]
+    ends = ~flipped[1:] & flipped[:-1]
+    assert begins.sum() / (~flipped[:-1]).sum() == pytest.approx(0.02, rel=5 / np.sqrt(3300))
+    assert ends.sum() / flipped[:-1].sum() == pytest.approx(0.1, rel=5 / np.sqrt(3300))
     first = [draw_flips(np.random.default_rng(k), 1, begins=0.2, ends=0.2)[0] for k in range(400)]
     assert np.mean(first) == pytest.approx(0.5, abs=5 * 0.5 / 20)
 

@@ -13,12 +13,18 @@ import numpy as np
 from scipy.special import digamma, expit
 from scipy.stats import multivariate_normal, norm
 
-from imapper_prob.models.geometry import NOTHING_IN_SIGHT, OPAQUE
 from imapper_prob.models.kernels.intersection import DISPLACED, PROBABILITIES
 from imapper_prob.models.kernels.path import DOF
 from imapper_prob.models.log_posterior import State
 from imapper_prob.models.problem import TERMS, Problem
-from imapper_prob.models.settings import LEVEL, LOWEST_CAMERA, NEAREST, STEEPEST_CAMERA
+from imapper_prob.models.settings import (
+    LEVEL,
+    LOWEST_CAMERA,
+    NEAREST,
+    NOTHING_IN_SIGHT,
+    OPAQUE,
+    STEEPEST_CAMERA,
+)
 from imapper_prob.models.skeleton import HEAD, LANK, LHIP, LKNE, MIRROR, PELV, RANK, RHIP, RKNE
 
 Array = np.ndarray
@@ -203,7 +209,7 @@ def clearance(eye: Array, joints: Array, boxes: list[Box]) -> Array:
 
 def frames(problem: Problem, state: State, scene: Scene) -> Array:
     """Detections, (11): (T, 2) log-density of each frame as it is, and with sides exchanged."""
-    phi, epsilon = state.camera, problem.surprise
+    phi, epsilon = state.camera, problem.visibility_error
     v = clearance(np.array([0.0, 0.0, phi[1]]), scene.joints, scene.boxes)
     m = epsilon + (1 - 2 * epsilon) * expit(v / problem.sight_width)
     right, depth, up = in_view(phi, scene.joints)
@@ -226,7 +232,7 @@ def frames(problem: Problem, state: State, scene: Scene) -> Array:
 def detections(problem: Problem, state: State, scene: Scene) -> float:
     """Left and right, (12), by the forward recursion over both values of s_t."""
     by_frame = problem.frame_weight * frames(problem, state, scene)
-    begins, ends = problem.swap_begins, problem.swap_ends
+    begins, ends = problem.flip_begins, problem.flip_ends
     anew = np.log([[ends / (begins + ends), begins / (begins + ends)]] * 2)
     onwards, forward = np.log([[1 - begins, begins], [ends, 1 - ends]]), np.array([0.0, -np.inf])
     for begins_anew, frame in zip(problem.path_starts, by_frame, strict=True):

@@ -214,8 +214,8 @@ def test_free_draws_correlate_as_the_chain_does(rates: tuple[float, float]) -> N
 
 
 def test_rates_keep_the_time_in_which_errors_are_forgotten() -> None:
-    """Half the integral of the autocorrelation is ``seconds``, whatever the ease."""
+    """Half the integral of the autocorrelation is ``seconds``, whatever the smoothing time."""
     fps = 1000.0
-    for ease in (0.0, 0.1, 0.5):
-        rates = remembered(np.array([1.0]), np.array([ease]), fps)[0]
+    for smoothing in (0.0, 0.1, 0.5):
+        rates = remembered(np.array([1.0]), np.array([smoothing]), fps)[0]
         assert autocorrelation(rates, 20000).sum() / fps == pytest.approx(1.0, abs=2 / fps)

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.stats import norm
 from shapely import Point, Polygon
 
-from imapper_prob.models.geometry import NOTHING_IN_SIGHT, OPAQUE, pack_boxes, sight_clearance
+from imapper_prob.models.geometry import pack_boxes, sight_clearance
 from imapper_prob.models.kernels.intersection import (
     N_DISPLACED,
     add_displaced_depth,
@@ -30,6 +30,8 @@ from imapper_prob.models.kernels.visibility import (
     update_clearance,
     visibility_probability,
 )
+from imapper_prob.models.settings import NOTHING_IN_SIGHT, OPAQUE
+from tests.models.reference import Box, clearance
 from tests.models.worlds import couch
 
 SINGLE = 1e-5
@@ -76,11 +78,18 @@ def test_clearance_is_the_least_box_function_on_the_segment(seed: int) -> None:
     boxes = random_boxes(rng, 4)
     origin = np.array([0.0, 0.0, rng.uniform(0.5, 2.0)])
     points = rng.uniform([-2, 0.5, 0], [2, 6, 2], (16, 3))
-    reference = sight_clearance(origin, points, boxes)
+    plain = [Box(b[:3], b[3:6], b[6], 0, 0, 0.0) for b in boxes]
+    reference = clearance(origin, points, plain)
     brute = [min([NOTHING_IN_SIGHT, *(along_the_ray(origin, p, b) for b in boxes)]) for p in points]
     np.testing.assert_allclose(reference, brute, atol=8e-3)
     compiled = compiled_clearance(origin[2], points, boxes)
     np.testing.assert_allclose(compiled, reference, atol=SINGLE)
+    aside = np.array([0.3, -0.2, 0.0])
+    boxes[:, :3] += aside
+    points[3] = np.nan
+    found = sight_clearance(origin + aside, points + aside, boxes)
+    np.testing.assert_allclose(np.delete(found, 3), np.delete(reference, 3), atol=SINGLE)
+    assert np.isnan(found[3])
 
 
 @settings(max_examples=40, deadline=None)

@@ -128,5 +128,5 @@ def test_a_scenelet_of_one_frame_is_refused() -> None:
 
 
 def test_errors_cannot_take_longer_to_change_than_to_be_forgotten() -> None:
-    with pytest.raises(InputError, match=r"ease_depth = 0\.6 must be from 0 to half"):
-        ModelSettings(memory_depth=1.0, ease_depth=0.6)
+    with pytest.raises(InputError, match=r"smoothing_time_depth = 0\.6 must be from 0 to half"):
+        ModelSettings(correlation_time_depth=1.0, smoothing_time_depth=0.6)

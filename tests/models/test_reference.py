@@ -10,11 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import norm
 
-from imapper_prob.models.geometry import OPAQUE
 from imapper_prob.models.kernels.intersection import DISPLACED
 from imapper_prob.models.log_posterior import State, motion, terms
 from imapper_prob.models.problem import TERMS, Problem
 from imapper_prob.models.scenelet import Library
+from imapper_prob.models.settings import OPAQUE
 from imapper_prob.models.skeleton import DETECTED, MIRROR
 from tests.models import worlds
 from tests.models.reference import items_by_frame, reference, scene_of
@@ -56,7 +56,7 @@ def problem(rng: np.random.Generator, *, people: tuple[int, ...], furnished: boo
         sight_width=float(rng.uniform(0.03, 0.2)),
         merge_angle=float(rng.uniform(0.3, 1.5)),
         label_front=rng.random(len(whole.label_front)) < 0.5,
-        swap_begins=float(rng.uniform(0.001, 0.2)), swap_ends=float(rng.uniform(0.05, 0.4)),
+        flip_begins=float(rng.uniform(0.001, 0.2)), flip_ends=float(rng.uniform(0.05, 0.4)),
     )  # fmt: skip
 
 

@@ -11,10 +11,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from imapper_prob.models.geometry import NOTHING_IN_SIGHT
 from imapper_prob.models.kernels.path import pose_jump
 from imapper_prob.models.log_posterior import State, empty_state, terms
 from imapper_prob.models.problem import Problem
+from imapper_prob.models.settings import NOTHING_IN_SIGHT
 from tests.models import worlds
 
 _LOOK_ALIKE = ("layout", "path", "free_pose", "smoothness", "collision", "motion", "ground")

@@ -63,7 +63,7 @@ def small_tree(tmp_path_factory: pytest.TempPathFactory) -> Path:
         ("layouts/by_chain", np.nan, "a probability is none"),
         ("sample_stats/log_posterior", np.nan, "log_posterior is not finite"),
         ("ensembles/0/items", 10**9, "unknown scenelet"),
-        ("motion/sides_swapped", 1e30, "no probabilities"),
+        ("motion/sides_flipped", 1e30, "no probabilities"),
     ],
 )
 def test_numbers_that_compiled_code_would_trust_are_refused(

@@ -64,7 +64,7 @@ def test_the_tree_holds_the_draws_and_survives_the_disk(tmp_path: Path) -> None:
         )
         state = run.samples.states[draws + 5]
         np.testing.assert_allclose(
-            tree["motion"]["sides_swapped"][1, 5],
+            tree["motion"]["sides_flipped"][1, 5],
             side_flips(run.solution.problem, state),
             rtol=1e-6,
         )

@@ -135,14 +135,14 @@ def test_frames_with_sides_exchanged_are_named_in_runs_and_by_person() -> None:
     clip = first_part(demo_clip(), 12 / 130)
     ids = clip.frame_ids
 
-    def sides(swapped: NDArray[np.float64]) -> str:
-        (sentence,) = sides_of(clip, swapped)
+    def sides(flipped: NDArray[np.float64]) -> str:
+        (sentence,) = sides_of(clip, flipped)
         return sentence
 
-    swapped = np.where((ids >= 3) & (ids <= 7), 0.9, 0.5)
-    assert sides(swapped).endswith("left for right in frames 3-7.")
-    swapped[[0, -1]] = 0.6
-    assert sides(swapped).endswith("in frames 0, 3-7, 11.")
+    flipped = np.where((ids >= 3) & (ids <= 7), 0.9, 0.5)
+    assert sides(flipped).endswith("left for right in frames 3-7.")
+    flipped[[0, -1]] = 0.6
+    assert sides(flipped).endswith("in frames 0, 3-7, 11.")
     assert sides(np.where(ids == 2, 1.0, 0.0)).endswith("in frame 2.")
     assert "in no frame" in sides(np.zeros(12))
     (alone,) = clip.tracks

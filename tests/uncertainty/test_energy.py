@@ -16,11 +16,11 @@ from rich.console import Console
 
 from imapper_prob.layouts import merged_objects
 from imapper_prob.models.errors import InputError
-from imapper_prob.models.geometry import NOTHING_IN_SIGHT
 from imapper_prob.models.kernels.visibility import visibility_probability
 from imapper_prob.models.log_posterior import State, empty_state, log_posterior, side_flips, terms
 from imapper_prob.models.problem import TERMS, Problem, pack_problem
 from imapper_prob.models.scenelet import Library, Scenelet
+from imapper_prob.models.settings import NOTHING_IN_SIGHT
 from imapper_prob.models.skeleton import MIRROR
 from imapper_prob.results.figures import energy_figure
 from imapper_prob.uncertainty.energy import (
@@ -129,9 +129,9 @@ def test_a_frame_without_detections_adds_nothing_of_its_own(explained: Explanati
 
 
 def test_swapped_sides_and_hidden_joints(made: Problem, explained: Explanation) -> None:
-    assert_allclose(explained.frames.swapped, side_flips(made, busy_state(made)))
-    assert explained.frames.swapped[26:30].min() > 0.5
-    free = 1 - visibility_probability(NOTHING_IN_SIGHT, made.sight_width, made.surprise)
+    assert_allclose(explained.frames.flipped, side_flips(made, busy_state(made)))
+    assert explained.frames.flipped[26:30].min() > 0.5
+    free = 1 - visibility_probability(NOTHING_IN_SIGHT, made.sight_width, made.visibility_error)
     assert_allclose(explained.bare_frames.hidden, free)
     assert explained.frames.hidden.max() > free + 0.1
 

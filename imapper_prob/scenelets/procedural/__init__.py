@@ -1,1 +1,1 @@
-"""Scenelets made by code: a body, furniture, and what the one does with the other."""
+"""Scenelets made by recipes: a body, furniture, and what the one does with the other."""

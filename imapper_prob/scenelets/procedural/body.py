@@ -1,4 +1,11 @@
-"""The body that performs recipes: sixteen joints from trunk, ankles and wrists, and noise."""
+"""The body that performs recipes: sixteen joints from trunk, ankles and wrists, and noise.
+
+Segment lengths are fixed parts of stature (Drillis and Contini 1966), so a person of any stature is
+the reference body in a room that has shrunk or grown. Recipes pose the reference body only, among
+furniture that :meth:`Person.sees`; the catalogue undoes the scaling of the furniture. Motions of
+the library are all of the reference body, while how high a seat is for whoever sits there varies as
+it does among people.
+"""
 
 from __future__ import annotations
 
@@ -94,13 +101,7 @@ def as_tracked(rng: np.random.Generator, joints: ArrayLike, *, fps: float) -> Ar
 
 
 # ------------------------------------------------------------------------------------------------
-# Who performs a recipe: a stature, and furniture as seen from it.
-#
-# Segment lengths are fixed parts of stature (Drillis and Contini 1966), so a person of any
-# stature is the reference body in a room that has shrunk or grown. Recipes therefore pose the
-# reference body only, among furniture that :meth:`Person.sees`; the catalogue undoes the
-# scaling of the furniture afterwards. Motions of the library are thus all of the reference
-# body, while how high a seat is for whoever sits there varies as it does among people.
+# People: a stature, and furniture as seen from it.
 
 STATURE: Final = (1.70, 0.07)
 """Mean and standard deviation in metres over adults of both sexes (Pheasant and Haslegrave,
@@ -111,28 +112,61 @@ STATURE_RANGE: Final = (1.55, 1.85)
 
 @dataclass(frozen=True)
 class Person:
-    """Somebody of a stature in metres."""
+    """Somebody of a stature in metres.
+
+    Parameters
+    ----------
+    stature : float
+        Metres.
+    """
 
     stature: float
 
     def sees(self, piece: SceneObject) -> SceneObject:
-        """Furniture in units in which this person is of the reference stature."""
+        """Furniture in units in which this person is of the reference stature.
+
+        Parameters
+        ----------
+        piece : SceneObject
+
+        Returns
+        -------
+        SceneObject
+        """
         return resized(piece, REFERENCE_STATURE / self.stature)
 
     def returns(self, piece: SceneObject) -> SceneObject:
-        """Furniture in metres again."""
+        """Furniture in metres again.
+
+        Parameters
+        ----------
+        piece : SceneObject
+
+        Returns
+        -------
+        SceneObject
+        """
         return resized(piece, self.stature / REFERENCE_STATURE)
 
 
 def draw_person(rng: np.random.Generator) -> Person:
-    """An adult."""
+    """An adult.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+
+    Returns
+    -------
+    Person
+    """
     return Person(float(np.clip(rng.normal(*STATURE), *STATURE_RANGE)))
 
 
 # ------------------------------------------------------------------------------------------------
-# A body of the reference stature: from trunk, ankles and wrists to sixteen joints.
+# Poses of the reference body.
 #
-# The trunk is posed directly; arms and legs follow by two-bone inverse kinematics, so every
+# The trunk is posed directly; arms and legs follow by two-bone inverse kinematics, so that every
 # bone keeps the length of :data:`~imapper_prob.models.skeleton.BONE_LENGTHS` in every frame.
 # Metres, radians, z up; n frames; sides are ordered (right, left).
 
@@ -193,7 +227,19 @@ class Trunk:
         twist: ArrayLike = 0.0,
         nod: ArrayLike = 0.0,
     ) -> Trunk:
-        """A trunk from arrays or constants, which hold for all frames of ``pelvis``."""
+        """A trunk from arrays or constants, which hold for all frames of ``pelvis``.
+
+        Parameters
+        ----------
+        pelvis : (n, 3) float
+            Metres.
+        yaw, lean, tilt, twist, nod : (n,) or () float
+            Radians, see :class:`Trunk`.
+
+        Returns
+        -------
+        Trunk
+        """
         pelvis = np.asarray(pelvis, float)
         angles = [np.broadcast_to(np.asarray(a, float), len(pelvis)) for a in (yaw, lean, tilt)]
         more = [np.broadcast_to(np.asarray(a, float), len(pelvis)) for a in (twist, nod)]
@@ -210,14 +256,34 @@ class Trunk:
         return np.stack([-np.sin(self.yaw), np.cos(self.yaw), np.zeros_like(self.yaw)], -1)
 
     def at_pelvis(self, offsets: ArrayLike) -> Array:
-        """(n, 2, 3) or (2, 3) offsets (right, forward, up) from the pelvis to positions."""
+        """(n, 2, 3) or (2, 3) offsets (right, forward, up) from the pelvis to positions.
+
+        Parameters
+        ----------
+        offsets : (..., 3) float
+            Right, forward, up, metres.
+
+        Returns
+        -------
+        (..., 3) float
+        """
         axes = np.stack([self.right, self.forward, np.broadcast_to(_UP, self.pelvis.shape)], 1)
         offsets = np.broadcast_to(np.asarray(offsets, float), (len(axes), 2, 3))
         positions: Array = self.pelvis[:, None] + offsets @ axes
         return positions
 
     def directions(self, offsets: ArrayLike) -> Array:
-        """(n, 2, 3) or (2, 3) directions (right, forward, up) of the pelvis in the frame."""
+        """(n, 2, 3) or (2, 3) directions (right, forward, up) of the pelvis in the frame.
+
+        Parameters
+        ----------
+        offsets : (..., 3) float
+            Right, forward, up, metres.
+
+        Returns
+        -------
+        (..., 3) float
+        """
         return self.at_pelvis(offsets) - self.pelvis[:, None]
 
     @property
@@ -298,7 +364,18 @@ def two_bones(
 
 
 def reachable_height(trunk: Trunk, ankles: ArrayLike) -> Array:
-    """(n,) greatest height in metres of the pelvis at which both ankles (n, 2, 3) are in reach."""
+    """(n,) greatest height in metres of the pelvis at which both ankles (n, 2, 3) are in reach.
+
+    Parameters
+    ----------
+    trunk : Trunk
+    ankles : (n, 2, 3) float
+        Metres.
+
+    Returns
+    -------
+    (n,) float
+    """
     ankles = np.asarray(ankles, float)
     level = ((trunk.hips - ankles)[..., :2] ** 2).sum(-1)
     reach = STRAIGHTEST * (SHIN + THIGH)
@@ -316,6 +393,10 @@ def hanging_wrists(trunk: Trunk, swing: ArrayLike = 0.0, *, bend: float = 0.06) 
         Angle of the arms forward of the vertical, radians.
     bend : float
         How much of its length the arm gives up to a bent elbow.
+
+    Returns
+    -------
+    (n, 2, 3) float
     """
     swing = np.broadcast_to(np.asarray(swing, float), (len(trunk.yaw), 2))[..., None]
     down = np.sin(swing) * trunk.forward[:, None] - np.cos(swing) * _UP
@@ -378,9 +459,8 @@ def pose_body(
 
 
 # ------------------------------------------------------------------------------------------------
-# What a recipe makes, and how long it may last.
+# Performances.
 
-pass
 FRAMES_PER_SECOND: Final = 10.0
 """Of i3DB, and fast enough for everything people do in a room."""
 FACING_BACK: Final = float(np.pi)
@@ -388,7 +468,14 @@ FACING_BACK: Final = float(np.pi)
 
 
 class Drawn(NamedTuple):
-    """One motion (n, 16, 3) and its furniture, in a common frame and in the units of a person."""
+    """One motion and its furniture, in a common frame and in the units of a person.
+
+    Parameters
+    ----------
+    joints : (n, 16, 3) float
+        Metres.
+    objects : tuple of SceneObject
+    """
 
     joints: Array
     objects: tuple[SceneObject, ...]
@@ -399,5 +486,16 @@ Recipe = Callable[[np.random.Generator, Person], Drawn]
 
 
 def moments(rng: np.random.Generator, fewest: int, most: int) -> Array:
-    """(n,) times in seconds of a clip of ``fewest`` to ``most`` frames."""
+    """(n,) times in seconds of a clip of ``fewest`` to ``most`` frames.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+    fewest : int
+    most : int
+
+    Returns
+    -------
+    (n,) float
+    """
     return np.arange(int(rng.integers(fewest, most + 1))) / FRAMES_PER_SECOND

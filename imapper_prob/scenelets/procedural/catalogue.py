@@ -182,6 +182,15 @@ def build_library(seed: int = 0) -> Library:
 
     Each scenelet has its own stream of random numbers, named by catalogue line and index,
     so changing one line changes nothing in the others.
+
+    Parameters
+    ----------
+    seed : int
+        The same seed gives the same library.
+
+    Returns
+    -------
+    Library
     """
     scenelets: list[Scenelet] = []
     for entry in CATALOGUE:

@@ -45,15 +45,10 @@ from imapper_prob.scenelets.procedural.sitting import Taken, sit_still, take_sea
 __all__ = [
     "SHIN_DEPTH",
     "THIGH_DEPTH",
-    "ankle_on_knee",
-    "foot_down",
-    "knee_over_knee",
-    "leg_folded_under",
     "sit_crossed",
     "sit_on_leg",
     "sit_tailor_fashion",
     "tailor_fashion",
-    "with_legs",
 ]
 
 Array = NDArray[np.float64]
@@ -67,12 +62,12 @@ UP: Final = 0.5
 """How far up the knee of a leg points whose foot is on the floor, to 1 forward."""
 
 
-def with_legs(pose: SeatedPose, ankles: ArrayLike, knees: ArrayLike) -> SeatedPose:
+def _with_legs(pose: SeatedPose, ankles: ArrayLike, knees: ArrayLike) -> SeatedPose:
     """The same person with legs by ankles and directions of knees (2, 3), offsets both."""
     return replace(pose, ankles=pose.at_pelvis(ankles), knees=np.asarray(knees, float))
 
 
-def foot_down(
+def _foot_down(
     rng: np.random.Generator,
     pose: SeatedPose,
     seat: Seat,
@@ -103,9 +98,9 @@ def foot_down(
     return ankle, direction + np.array([0.0, 0.0, UP])
 
 
-def knee_over_knee(rng: np.random.Generator, pose: SeatedPose, seat: Seat) -> SeatedPose:
+def _knee_over_knee(rng: np.random.Generator, pose: SeatedPose, seat: Seat) -> SeatedPose:
     """The right thigh on the left one, its shin hanging on the far side of the left knee."""
-    foot, below = foot_down(rng, pose, seat, side=-1, outward=-rng.uniform(0.20, 0.28))
+    foot, below = _foot_down(rng, pose, seat, side=-1, outward=-rng.uniform(0.20, 0.28))
     lower_knee = _knee_of(foot, below, side=-1)
     across = -np.sin(rng.uniform(0.44, 0.51))
     up = lower_knee[2] + 2 * THIGH_DEPTH + rng.uniform(0.0, 0.04)
@@ -113,7 +108,7 @@ def knee_over_knee(rng: np.random.Generator, pose: SeatedPose, seat: Seat) -> Se
     # The calf hangs from there, a little forward and outward of the left shin.
     hang = np.array([-rng.uniform(0.15, 0.30), rng.uniform(0.25, 0.50), -1.0])
     ankle = HALF_HIPS * np.array([1.0, 0.0, 0.0]) + knee + SHIN * _unit(hang)
-    pose = with_legs(pose, [ankle, foot], [knee, below])
+    pose = _with_legs(pose, [ankle, foot], [knee, below])
     if rng.random() < 0.5:
         return draw_hands(rng, pose, seat)
     # One hand on the upper knee and the other one on it, or both around it.
@@ -122,15 +117,15 @@ def knee_over_knee(rng: np.random.Generator, pose: SeatedPose, seat: Seat) -> Se
     return replace(pose, hands=hands, stir=np.full(2, 0.01))
 
 
-def ankle_on_knee(rng: np.random.Generator, pose: SeatedPose, seat: Seat) -> SeatedPose:
+def _ankle_on_knee(rng: np.random.Generator, pose: SeatedPose, seat: Seat) -> SeatedPose:
     """The right ankle on the left thigh, before the knee or on it, the right knee to the side."""
-    foot, below = foot_down(rng, pose, seat, side=-1, outward=rng.uniform(-0.05, 0.15))
+    foot, below = _foot_down(rng, pose, seat, side=-1, outward=rng.uniform(-0.05, 0.15))
     left = _knee_of(foot, below, side=-1)
     hip = np.array([-HALF_HIPS, 0.0, 0.0])
     ankle = hip + rng.uniform(0.76, 0.92) * (left - hip)
     ankle += (rng.uniform(-0.05, 0.02), 0.0, THIGH_DEPTH + SHIN_DEPTH - 0.01)
     knee = np.array([1.0, rng.uniform(0.1, 0.45), rng.uniform(0.0, 0.20)])
-    pose = with_legs(pose, [ankle, foot], [knee, below])
+    pose = _with_legs(pose, [ankle, foot], [knee, below])
     if rng.random() < 0.5:
         return draw_hands(rng, pose, seat)
     # A hand on the shin that lies across, the other one on the ankle.
@@ -140,16 +135,16 @@ def ankle_on_knee(rng: np.random.Generator, pose: SeatedPose, seat: Seat) -> Sea
     return replace(pose, hands=hands, stir=np.full(2, 0.01))
 
 
-def leg_folded_under(rng: np.random.Generator, pose: SeatedPose, seat: Seat) -> SeatedPose:
+def _leg_folded_under(rng: np.random.Generator, pose: SeatedPose, seat: Seat) -> SeatedPose:
     """The right leg folded on the seat, the foot at the left thigh; the left foot on the floor.
 
     The knee of the folded leg is on the seat or, where that is narrow, over its edge: the pelvis
     is turned to that side, and the other leg goes straight to the front.
     """
-    foot, below = foot_down(rng, pose, seat, side=-1, outward=max(-pose.yaw, 0.0))
+    foot, below = _foot_down(rng, pose, seat, side=-1, outward=max(-pose.yaw, 0.0))
     ankle = np.array([-rng.uniform(0.02, 0.05), SHIN * rng.uniform(0.45, 0.60), _on_seat(rng)])
     knee = np.array([1.0, rng.uniform(0.2, 0.4), 0.08])
-    pose = with_legs(pose, [ankle, foot], [knee, below])
+    pose = _with_legs(pose, [ankle, foot], [knee, below])
     if rng.random() < 0.5:
         return draw_hands(rng, pose, seat)
     bent = _knee_of(ankle, knee, side=1)
@@ -158,7 +153,18 @@ def leg_folded_under(rng: np.random.Generator, pose: SeatedPose, seat: Seat) -> 
 
 
 def tailor_fashion(rng: np.random.Generator, pose: SeatedPose, seat: Seat) -> SeatedPose:
-    """Both legs folded on the surface one sits on, shins crossed before the body."""
+    """Both legs folded on the surface one sits on, shins crossed before the body.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+    pose : SeatedPose
+    seat : Seat
+
+    Returns
+    -------
+    SeatedPose
+    """
     front, back = SHIN * rng.uniform(0.77, 0.85), SHIN * rng.uniform(0.43, 0.50)
     ankles = np.array(
         [
@@ -168,7 +174,7 @@ def tailor_fashion(rng: np.random.Generator, pose: SeatedPose, seat: Seat) -> Se
     )
     up = rng.uniform(0.05, 0.25)
     knees = np.stack([SIDES, np.full(2, rng.uniform(0.2, 0.4)), np.full(2, up)], -1)
-    pose = with_legs(pose, ankles, knees)
+    pose = _with_legs(pose, ankles, knees)
     if rng.random() < 0.5:
         return draw_hands(rng, pose, seat)
     bent = _knees_of(ankles, knees)
@@ -207,7 +213,7 @@ def _unit(vector: Array) -> Array:
 
 
 # ------------------------------------------------------------------------------------------------
-# Sitting on furniture with legs crossed or folded.
+# Recipes.
 
 KNEE_BESIDE: Final = 0.54
 """Metres from the pelvis to the side within which a folded leg ends."""
@@ -216,21 +222,43 @@ LEGS_BEFORE, LEGS_BESIDE = 0.44, 0.42
 
 
 def sit_crossed(kind: str) -> Recipe:
-    """Sitting with one leg over the other: knee over knee, or ankle on knee."""
+    """Sitting with one leg over the other: knee over knee, or ankle on knee.
+
+    Parameters
+    ----------
+    kind : str
+        Of furniture, such as ``"chair"``.
+
+    Returns
+    -------
+    callable
+        From rng and person to :class:`~imapper_prob.scenelets.procedural.body.Drawn`.
+    """
 
     def draw(rng: np.random.Generator, person: Person) -> Drawn:
         piece, seat, place = take_seat(rng, person, kind)
         leans_back = np.isfinite(seat.back) and rng.random() < 0.4
         lean = -rng.uniform(0.12, 0.40) if leans_back else rng.uniform(-0.05, 0.20)
         pose = draw_seated(rng, seat, sideways=place, lean=lean, upright=True)
-        cross = knee_over_knee if rng.random() < 0.55 else ankle_on_knee
+        cross = _knee_over_knee if rng.random() < 0.55 else _ankle_on_knee
         return Drawn(sit_still(rng, cross(rng, pose, seat), moments(rng, 15, 20)), (piece,))
 
     return draw
 
 
 def sit_on_leg(kind: str) -> Recipe:
-    """Sitting with one leg folded on a couch, bench, chair or the edge of a bed."""
+    """Sitting with one leg folded on a couch, bench, chair or the edge of a bed.
+
+    Parameters
+    ----------
+    kind : str
+        Of furniture, such as ``"chair"``.
+
+    Returns
+    -------
+    callable
+        From rng and person to :class:`~imapper_prob.scenelets.procedural.body.Drawn`.
+    """
 
     def draw(rng: np.random.Generator, person: Person) -> Drawn:
         piece, seat, place = _wide(rng, person, kind, right=KNEE_BESIDE, left=0.24)
@@ -240,7 +268,7 @@ def sit_on_leg(kind: str) -> Recipe:
         pose = draw_seated(rng, seat, sideways=place, yaw=-turn, upright=True)
         # Where there is a mattress or a cushion, the whole shin is on it.
         pose = _back_from_edge(pose, seat, rng.uniform(0.27, 0.32 if narrow else 0.36))
-        pose = leg_folded_under(rng, pose, replace(seat, arms=()))
+        pose = _leg_folded_under(rng, pose, replace(seat, arms=()))
         if kind == "bed":
             piece = with_room(piece, right=KNEE_BESIDE, left=0.3)
         return Drawn(sit_still(rng, pose, moments(rng, 15, 20)), (piece,))
@@ -249,7 +277,18 @@ def sit_on_leg(kind: str) -> Recipe:
 
 
 def sit_tailor_fashion(kind: str) -> Recipe:
-    """Sitting with both legs crossed on a couch or on a bed."""
+    """Sitting with both legs crossed on a couch or on a bed.
+
+    Parameters
+    ----------
+    kind : str
+        Of furniture, such as ``"chair"``.
+
+    Returns
+    -------
+    callable
+        From rng and person to :class:`~imapper_prob.scenelets.procedural.body.Drawn`.
+    """
 
     def draw(rng: np.random.Generator, person: Person) -> Drawn:
         if kind == "bed":

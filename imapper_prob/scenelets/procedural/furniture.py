@@ -1,4 +1,9 @@
-"""Furniture as unions of cuboids, with common sizes: seats, beds, tables and storage."""
+"""Furniture as unions of cuboids, with common sizes: seats, beds, tables and storage.
+
+Every piece stands on the floor with its origin below the middle of its bounding box in top view and
+its front towards +y: a seat is left that way, a table or shelf is used from there, a bed's foot end
+points there. All lengths are metres; each piece names the source of its sizes.
+"""
 
 from __future__ import annotations
 
@@ -9,8 +14,6 @@ import numpy as np
 from imapper_prob.models.scene import Cuboid, Placement, SceneObject
 
 __all__ = [
-    "BOARD",
-    "LEG",
     "ORIGIN",
     "bed",
     "bench",
@@ -19,50 +22,59 @@ __all__ = [
     "couch",
     "counter",
     "desk",
-    "four_legs",
     "knee_room",
     "low_table",
     "office_chair",
     "shelf",
     "stool",
     "table",
-    "top_on",
 ]
 
 ORIGIN: Final = Placement(0.0, 0.0, 0.0)
-LEG: Final = 0.04
+_LEG: Final = 0.04
 """Side in metres of a wooden leg."""
-BOARD: Final = 0.025
+_BOARD: Final = 0.025
 """Thickness in metres of table tops, shelves and panels: the common chipboard."""
 
 
 def box(
     part: str, corner: tuple[float, float, float], opposite: tuple[float, float, float]
 ) -> Cuboid:
-    """A cuboid between two opposite corners, in any order."""
+    """A cuboid between two opposite corners, in any order.
+
+    Parameters
+    ----------
+    part : str
+    corner : (float, float, float)
+        Metres.
+    opposite : (float, float, float)
+        Metres.
+
+    Returns
+    -------
+    Cuboid
+    """
     a, b = np.array(corner), np.array(opposite)
     return Cuboid(part, (a + b) / 2, abs(b - a))
 
 
-def four_legs(width: float, depth: float, height: float) -> tuple[Cuboid, ...]:
+def _four_legs(width: float, depth: float, height: float) -> tuple[Cuboid, ...]:
     """Legs at the corners of a rectangle, from the floor up to ``height``."""
     x, y = width / 2, depth / 2
     return tuple(
-        box("leg", (sx * x, sy * y, 0.0), (sx * (x - LEG), sy * (y - LEG), height))
+        box("leg", (sx * x, sy * y, 0.0), (sx * (x - _LEG), sy * (y - _LEG), height))
         for sx in (-1, 1)
         for sy in (-1, 1)
     )
 
 
-def top_on(width: float, depth: float, height: float) -> Cuboid:
+def _top_on(width: float, depth: float, height: float) -> Cuboid:
     """A table top whose upper face is at ``height``."""
-    return box("top", (-width / 2, -depth / 2, height - BOARD), (width / 2, depth / 2, height))
+    return box("top", (-width / 2, -depth / 2, height - _BOARD), (width / 2, depth / 2, height))
 
 
 # ------------------------------------------------------------------------------------------------
-# What one sits or lies on. The part ``seat`` is the surface that carries the body.
-
-pass
+# Seats and beds. The part ``seat`` is the surface that carries the body.
 
 
 def _armrests(
@@ -81,18 +93,28 @@ def chair(rng: np.random.Generator, *, arms: bool) -> SceneObject:
 
     Seat .42-.48 high and back to .95 as annotated in i3DB; armrests .18-.24 above the seat
     and depths after Panero and Zelnik, *Human Dimension and Interior Space* (1979).
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+    arms : bool
+        Whether it has armrests.
+
+    Returns
+    -------
+    SceneObject
     """
     width = rng.uniform(0.52, 0.60) if arms else rng.uniform(0.42, 0.48)
     depth, height = rng.uniform(0.44, 0.52), rng.uniform(0.42, 0.48)
     x, y = width / 2, depth / 2
     parts = [
         box("seat", (-x, -y, height - 0.05), (x, y, height)),
-        box("back", (-x, -y, height), (x, -y + LEG, rng.uniform(0.80, 0.95))),
-        *four_legs(width, depth, height - 0.05),
+        box("back", (-x, -y, height), (x, -y + _LEG, rng.uniform(0.80, 0.95))),
+        *_four_legs(width, depth, height - 0.05),
     ]
     if arms:
         rest = height + rng.uniform(0.18, 0.24)
-        parts += _armrests(x, back=-y + LEG, front=0.7 * y, seat=height, rest=rest)
+        parts += _armrests(x, back=-y + _LEG, front=0.7 * y, seat=height, rest=rest)
     return SceneObject("chair", ORIGIN, tuple(parts))
 
 
@@ -101,6 +123,14 @@ def office_chair(rng: np.random.Generator) -> SceneObject:
 
     EN 1335-1: seat .42-.51 high, at least .40 wide, armrests .20-.25 above it. The star is
     a flat box of the area that five spokes of .32 m cover.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+
+    Returns
+    -------
+    SceneObject
     """
     width, depth = rng.uniform(0.46, 0.52), rng.uniform(0.44, 0.48)
     height, back = rng.uniform(0.42, 0.51), rng.uniform(0.90, 1.10)
@@ -119,10 +149,19 @@ def office_chair(rng: np.random.Generator) -> SceneObject:
 
 
 def stool(rng: np.random.Generator) -> SceneObject:
-    """A square seat on four legs, .43-.50 high (Neufert, *Architects' Data*)."""
+    """A square seat on four legs, .43-.50 high (Neufert, *Architects' Data*).
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+
+    Returns
+    -------
+    SceneObject
+    """
     side, height = rng.uniform(0.34, 0.42), rng.uniform(0.43, 0.50)
     seat = box("seat", (-side / 2, -side / 2, height - 0.05), (side / 2, side / 2, height))
-    return SceneObject("stool", ORIGIN, (seat, *four_legs(side, side, height - 0.05)))
+    return SceneObject("stool", ORIGIN, (seat, *_four_legs(side, side, height - 0.05)))
 
 
 def bench(rng: np.random.Generator) -> SceneObject:
@@ -130,19 +169,27 @@ def bench(rng: np.random.Generator) -> SceneObject:
 
     Seat .42-.47 high and .36-.44 deep, .90-1.50 long: for two or three at the .60 m each
     that Neufert gives a diner.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+
+    Returns
+    -------
+    SceneObject
     """
     width, depth = rng.uniform(0.90, 1.50), rng.uniform(0.36, 0.44)
     height = rng.uniform(0.42, 0.47)
     x, y = width / 2, depth / 2
     parts = [
-        box("seat", (-x, -y, height - LEG), (x, y, height)),
+        box("seat", (-x, -y, height - _LEG), (x, y, height)),
         *(
-            box("leg", (side * (x - 0.05), -y, 0.0), (side * (x - 0.05 - LEG), y, height - LEG))
+            box("leg", (side * (x - 0.05), -y, 0.0), (side * (x - 0.05 - _LEG), y, height - _LEG))
             for side in (-1, 1)
         ),
     ]
     if rng.random() < 0.4:
-        parts.append(box("back", (-x, -y, height), (x, -y + BOARD, rng.uniform(0.78, 0.90))))
+        parts.append(box("back", (-x, -y, height), (x, -y + _BOARD, rng.uniform(0.78, 0.90))))
     return SceneObject("bench", ORIGIN, tuple(parts))
 
 
@@ -151,6 +198,15 @@ def couch(rng: np.random.Generator, *, seats: int) -> SceneObject:
 
     Overall .80 deep and .40-.45 high as annotated in i3DB; .62-.72 of width a seat, arms of
     .12-.18 after Panero and Zelnik (1979).
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+    seats : int
+
+    Returns
+    -------
+    SceneObject
     """
     cushion, arm = rng.uniform(0.62, 0.72), rng.uniform(0.12, 0.18)
     depth, height = rng.uniform(0.80, 0.92), rng.uniform(0.40, 0.45)
@@ -174,6 +230,14 @@ def bed(rng: np.random.Generator) -> SceneObject:
 
     Mattresses of the usual sizes, .90-1.80 by 1.90-2.00, their tops .40-.55 above the floor
     (Neufert, *Architects' Data*).
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+
+    Returns
+    -------
+    SceneObject
     """
     width = float(rng.choice([0.90, 1.20, 1.40, 1.60, 1.80]))
     length = float(rng.choice([1.90, 2.00]))
@@ -184,14 +248,12 @@ def bed(rng: np.random.Generator) -> SceneObject:
         seat = box("seat", (-x, -y + board, 0.0), (x, y, height))
         return SceneObject("bed", ORIGIN, (headboard, seat))
     seat = box("seat", (-x, -y + board, height - 0.30), (x, y, height))  # frame and mattress
-    legs = four_legs(width, length + board, height - 0.30)
+    legs = _four_legs(width, length + board, height - 0.30)
     return SceneObject("bed", ORIGIN, (headboard, seat, *legs))
 
 
 # ------------------------------------------------------------------------------------------------
-# What one reaches into.
-
-pass
+# Storage.
 
 
 def shelf(rng: np.random.Generator) -> SceneObject:
@@ -199,27 +261,36 @@ def shelf(rng: np.random.Generator) -> SceneObject:
 
     1.40-2.25 high as annotated in i3DB; boards .36 apart, .28-.38 deep, for folders and
     tall books (Neufert, *Architects' Data*).
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+
+    Returns
+    -------
+    SceneObject
     """
     width, depth = rng.uniform(0.8, 1.2), rng.uniform(0.28, 0.38)
     height = rng.uniform(1.40, 2.25)
     x, y = width / 2, depth / 2
-    levels = np.linspace(BOARD, height, round(height / 0.36) + 1)
+    levels = np.linspace(_BOARD, height, round(height / 0.36) + 1)
     return SceneObject(
         "shelf",
         ORIGIN,
         (
-            box("side", (-x, -y, 0.0), (-x + BOARD, y, height)),
-            box("side", (x - BOARD, -y, 0.0), (x, y, height)),
-            box("back", (-x, -y, 0.0), (x, -y + BOARD, height)),
-            *(box("board", (-x + BOARD, -y + BOARD, z - BOARD), (x - BOARD, y, z)) for z in levels),
+            box("side", (-x, -y, 0.0), (-x + _BOARD, y, height)),
+            box("side", (x - _BOARD, -y, 0.0), (x, y, height)),
+            box("back", (-x, -y, 0.0), (x, -y + _BOARD, height)),
+            *(
+                box("board", (-x + _BOARD, -y + _BOARD, z - _BOARD), (x - _BOARD, y, z))
+                for z in levels
+            ),
         ),
     )
 
 
 # ------------------------------------------------------------------------------------------------
-# What one sits or stands at.
-
-pass
+# Tables and counters.
 
 
 def table(rng: np.random.Generator) -> SceneObject:
@@ -227,10 +298,18 @@ def table(rng: np.random.Generator) -> SceneObject:
 
     .72-.75 high; 1.2 by .6 is what is annotated in i3DB, up to 1.6 by .8 for six diners
     (Neufert, *Architects' Data*).
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+
+    Returns
+    -------
+    SceneObject
     """
     width, depth = rng.uniform(1.0, 1.6), rng.uniform(0.60, 0.80)
     height = rng.uniform(0.72, 0.75)
-    parts = (top_on(width, depth, height), *four_legs(width, depth, height - BOARD))
+    parts = (_top_on(width, depth, height), *_four_legs(width, depth, height - _BOARD))
     return SceneObject("table", ORIGIN, parts)
 
 
@@ -238,14 +317,22 @@ def low_table(rng: np.random.Generator) -> SceneObject:
     """A coffee table, on four legs or with drawers down to the floor.
 
     .40-.45 high, the height of the seats around it (Panero and Zelnik 1979).
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+
+    Returns
+    -------
+    SceneObject
     """
     width, depth = rng.uniform(0.9, 1.2), rng.uniform(0.5, 0.6)
     height = rng.uniform(0.40, 0.45)
-    top = top_on(width, depth, height)
+    top = _top_on(width, depth, height)
     if rng.random() < 0.5:
-        return SceneObject("table", ORIGIN, (top, *four_legs(width, depth, height - BOARD)))
+        return SceneObject("table", ORIGIN, (top, *_four_legs(width, depth, height - _BOARD)))
     x, y = width / 2 - 0.04, depth / 2 - 0.04
-    base = box("base", (-x, -y, 0.0), (x, y, height - BOARD))
+    base = box("base", (-x, -y, 0.0), (x, y, height - _BOARD))
     return SceneObject("table", ORIGIN, (top, base))
 
 
@@ -253,18 +340,26 @@ def desk(rng: np.random.Generator) -> SceneObject:
     """A desk: on four legs, on panels, or with a chest of drawers at one side.
 
     EN 527-1: .72-.76 high, at least 1.20 wide and .80 deep, though many at home are .60.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+
+    Returns
+    -------
+    SceneObject
     """
     width, depth = rng.uniform(1.20, 1.80), rng.uniform(0.60, 0.80)
     height = rng.uniform(0.72, 0.76)
-    x, y, below = width / 2, depth / 2, height - BOARD
-    top = top_on(width, depth, height)
+    x, y, below = width / 2, depth / 2, height - _BOARD
+    top = _top_on(width, depth, height)
     style = rng.integers(3)
     if style == 0:
-        return SceneObject("table", ORIGIN, (top, *four_legs(width, depth, below)))
+        return SceneObject("table", ORIGIN, (top, *_four_legs(width, depth, below)))
     left, right = (
-        box("side", (side * x, -y, 0.0), (side * (x - BOARD), y, below)) for side in (-1, 1)
+        box("side", (side * x, -y, 0.0), (side * (x - _BOARD), y, below)) for side in (-1, 1)
     )
-    screen = box("back", (BOARD - x, -y, 0.30), (x - BOARD, -y + BOARD, below))
+    screen = box("back", (_BOARD - x, -y, 0.30), (x - _BOARD, -y + _BOARD, below))
     if style == 1:
         return SceneObject("table", ORIGIN, (top, left, right, screen))
     drawers = box("drawers", (x - 0.42, -y + 0.05, 0.0), (x, y, below))
@@ -275,6 +370,14 @@ def counter(rng: np.random.Generator) -> SceneObject:
     """A kitchen counter, closed down to the floor.
 
     .85-.95 high, .60 deep, in cupboards of .60 (EN 1116; Neufert, *Architects' Data*).
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+
+    Returns
+    -------
+    SceneObject
     """
     width, depth = 0.60 * float(rng.integers(2, 5)), 0.60
     height = rng.uniform(0.85, 0.95)
@@ -285,21 +388,20 @@ def counter(rng: np.random.Generator) -> SceneObject:
 
 
 def knee_room(piece: SceneObject) -> tuple[float, float]:
-    """The x, from and to, of the gap between the two things that carry a table's front edge."""
+    """The x, from and to, of the gap between the two things that carry a table's front edge.
+
+    Parameters
+    ----------
+    piece : SceneObject
+
+    Returns
+    -------
+    float, float
+        Metres.
+    """
     front = piece.bounds[1, 1]
     carriers = [
         c for c in piece.cuboids if c.part != "top" and c.centre[1] + c.size[1] / 2 > front - 0.05
     ]
     left, right = sorted(carriers, key=lambda c: float(c.centre[0]))
     return float(left.centre[0] + left.size[0] / 2), float(right.centre[0] - right.size[0] / 2)
-
-
-# ------------------------------------------------------------------------------------------------
-# Furniture as unions of cuboids, with the sizes people live with.
-#
-# Every piece stands on the floor with its origin below the middle of its bounding box in top
-# view and its front towards +y: a seat is left that way, a table or shelf is used from there,
-# a bed's foot end points there. All lengths are metres; each piece names the source of its
-# sizes.
-
-pass

@@ -26,7 +26,6 @@ from imapper_prob.scenelets.procedural.body import (
 
 __all__ = [
     "WALK_RATIO",
-    "Pace",
     "Route",
     "Walk",
     "arc",
@@ -64,19 +63,52 @@ GATHER: Final = 0.8
 
 
 def minimum_jerk(progress: ArrayLike) -> Array:
-    """Position between 0 and 1 of a smooth movement (Flash and Hogan 1985), held outside."""
+    """Position between 0 and 1 of a smooth movement (Flash and Hogan 1985), held outside.
+
+    Parameters
+    ----------
+    progress : (n,) float
+
+    Returns
+    -------
+    (n,) float
+    """
     s = np.clip(np.asarray(progress, float), 0.0, 1.0)
     position: Array = s**3 * (10 - 15 * s + 6 * s**2)
     return position
 
 
 def steady(speed: float) -> Pace:
-    """Always at ``speed`` metres a second."""
+    """Always at ``speed`` metres a second.
+
+    Parameters
+    ----------
+    speed : float
+        Metres a second.
+
+    Returns
+    -------
+    callable
+        From seconds to metres gone.
+    """
     return lambda times: speed * times
 
 
 def starting(speed: float, *, at: float) -> Pace:
-    """Standing until ``at`` seconds, and ``speed`` metres a second after ``GATHER`` more."""
+    """Standing until ``at`` seconds, and ``speed`` metres a second after ``GATHER`` more.
+
+    Parameters
+    ----------
+    speed : float
+        Metres a second.
+    at : float
+        Seconds.
+
+    Returns
+    -------
+    callable
+        From seconds to metres gone.
+    """
 
     def pace(times: Array) -> Array:
         u = np.clip((times - at) / GATHER, 0.0, 1.0)
@@ -87,13 +119,39 @@ def starting(speed: float, *, at: float) -> Pace:
 
 
 def stopping(speed: float, *, by: float) -> Pace:
-    """At ``speed`` metres a second, and standing from ``by`` seconds."""
+    """At ``speed`` metres a second, and standing from ``by`` seconds.
+
+    Parameters
+    ----------
+    speed : float
+        Metres a second.
+    by : float
+        Seconds.
+
+    Returns
+    -------
+    callable
+        From seconds to metres gone.
+    """
     backwards = starting(speed, at=-by)
     return lambda times: -backwards(-times)
 
 
 def arc(pace: Pace, curvature: float) -> Route:
-    """A walk from the origin towards +y, turning left by ``curvature`` radians a metre."""
+    """A walk from the origin towards +y, turning left by ``curvature`` radians a metre.
+
+    Parameters
+    ----------
+    pace : callable
+        From seconds to metres gone.
+    curvature : float
+        Radians a metre.
+
+    Returns
+    -------
+    callable
+        From seconds to placements.
+    """
 
     def route(times: Array) -> Array:
         walked = pace(times)
@@ -106,7 +164,20 @@ def arc(pace: Pace, curvature: float) -> Route:
 
 
 def settle(start: Placement, end: Placement, *, arrival: float) -> Route:
-    """Stand at ``start`` until time 0, move to ``end`` by ``arrival`` seconds, and stay."""
+    """Stand at ``start`` until time 0, move to ``end`` by ``arrival`` seconds, and stay.
+
+    Parameters
+    ----------
+    start : Placement
+    end : Placement
+    arrival : float
+        Seconds.
+
+    Returns
+    -------
+    callable
+        From seconds to placements.
+    """
     a = np.array([start.x, start.y, start.yaw])
     b = np.array([end.x, end.y, end.yaw])
 
@@ -186,12 +257,18 @@ def walk_along(
 
     Parameters
     ----------
-    route, times, step_time, phase, half_width
+    route, times, step_time, phase
         As for the feet.
     lean : float
         Forward lean of the trunk in radians.
+    half_width
+        As for the feet.
     vigour : float
         Factor on the swing of the arms.
+
+    Returns
+    -------
+    Walk
     """
     ankles = footsteps(route, times, step_time=step_time, phase=phase, half_width=half_width)
     x, y, yaw = route(times).T

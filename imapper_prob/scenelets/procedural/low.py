@@ -47,16 +47,10 @@ __all__ = [
     "KNEE_ON_FLOOR",
     "bend_over",
     "go_into_squat",
-    "kneel_on_both",
-    "kneel_on_one",
     "lie_on_floor",
     "low_down",
     "pick_up_from_floor",
-    "sit_cross_legged",
-    "sit_knees_up",
-    "sit_legs_out",
     "squat",
-    "squat_down",
 ]
 
 Array = NDArray[np.float64]
@@ -77,13 +71,13 @@ def _on_floor(rng: np.random.Generator, lean: float) -> SeatedPose:
     return draw_seated(rng, open_seat(0.0, front=0.5), lean=lean, upright=True)
 
 
-def sit_cross_legged(rng: np.random.Generator) -> SeatedPose:
+def _sit_cross_legged(rng: np.random.Generator) -> SeatedPose:
     """On the floor, legs crossed before the body."""
     pose = _on_floor(rng, rng.uniform(-0.05, 0.35))
     return tailor_fashion(rng, pose, open_seat(0.0, front=0.5))
 
 
-def sit_legs_out(rng: np.random.Generator) -> SeatedPose:
+def _sit_legs_out(rng: np.random.Generator) -> SeatedPose:
     """On the floor, both legs put out, or one of them with the knee up."""
     pose = _on_floor(rng, rng.uniform(-0.05, 0.25))
     reach = rng.uniform(0.96, 0.985, 2) * (THIGH + SHIN)
@@ -99,7 +93,7 @@ def sit_legs_out(rng: np.random.Generator) -> SeatedPose:
     return _hands(pose, np.stack([SIDES * 0.15, forward, np.full(2, THIGH_DEPTH + 0.03)], -1))
 
 
-def sit_knees_up(rng: np.random.Generator) -> SeatedPose:
+def _sit_knees_up(rng: np.random.Generator) -> SeatedPose:
     """On the floor, feet flat before the body, hands round the shins, on the knees or behind."""
     pose = _on_floor(rng, rng.uniform(0.0, 0.30))
     flat = ANKLE_HEIGHT - pose.pelvis[2]
@@ -123,6 +117,16 @@ def squat(rng: np.random.Generator, *, flat: bool | None = None) -> SeatedPose:
     """A deep squat on flat feet, or on the balls of the feet with the hips near the heels.
 
     ``flat`` says which; drawn, if not given.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+    flat : bool, optional
+        On flat feet; drawn if not given.
+
+    Returns
+    -------
+    SeatedPose
     """
     if flat is None:
         flat = bool(rng.random() < 0.5)
@@ -162,7 +166,7 @@ def squat(rng: np.random.Generator, *, flat: bool | None = None) -> SeatedPose:
     return _at_work(rng, pose, low=0.12, high=0.40)
 
 
-def squat_down(
+def _squat_down(
     rng: np.random.Generator, pose: SeatedPose, times: Array, *, start: float, duration: float
 ) -> Array:
     """(n, 16, 3) joints of somebody who stands and squats down on the same feet, metres.
@@ -199,7 +203,7 @@ def squat_down(
     return pose_body(trunk, ankles=ankles, wrists=wrists, knees=pose.knees)
 
 
-def kneel_on_both(rng: np.random.Generator) -> SeatedPose:
+def _kneel_on_both(rng: np.random.Generator) -> SeatedPose:
     """On both knees, the thighs upright, or sitting on the heels."""
     on_heels = bool(rng.random() < 0.5)
     rise = _thigh_rise(rng, on_heels=on_heels)
@@ -222,7 +226,7 @@ def kneel_on_both(rng: np.random.Generator) -> SeatedPose:
     return _at_work(rng, pose, low=0.15, high=0.65)
 
 
-def kneel_on_one(rng: np.random.Generator) -> SeatedPose:
+def _kneel_on_one(rng: np.random.Generator) -> SeatedPose:
     """On the right knee, the left foot flat before the body; some sit on the right heel."""
     on_heel = bool(rng.random() < 0.3)
     right = _kneeling_thigh(1.0, rng.uniform(0.08, 0.14), _thigh_rise(rng, on_heels=on_heel))
@@ -322,7 +326,7 @@ def _knees(ankles: Array, directions: Array) -> Array:
 
 
 # ------------------------------------------------------------------------------------------------
-# Low down with no furniture: on the floor, squatting, kneeling, and bending down to the floor.
+# Recipes.
 
 FROM_ABOVE: Final = (0.0, -0.04, 0.20)
 """Metres from a thing on the floor to where the hand is just before."""
@@ -335,17 +339,28 @@ SQUAT: Final = (0.55, 1.0, DEEPEST_CROUCH)
 """Least and greatest bend of the trunk, radians, and most that the knees lower the pelvis, metres,
 of the two ways down: hips bend too far in both at once (lifting styles: Burgess-Limerick 2003)."""
 _WAYS: Final[dict[str, Callable[[np.random.Generator], SeatedPose]]] = {
-    "cross-legged": sit_cross_legged,
-    "legs out": sit_legs_out,
-    "knees up": sit_knees_up,
+    "cross-legged": _sit_cross_legged,
+    "legs out": _sit_legs_out,
+    "knees up": _sit_knees_up,
     "squat": squat,
-    "both knees": kneel_on_both,
-    "one knee": kneel_on_one,
+    "both knees": _kneel_on_both,
+    "one knee": _kneel_on_one,
 }
 
 
 def low_down(way: str) -> Recipe:
-    """Staying so: cross-legged, legs out, knees up, squat, both knees, one knee."""
+    """Staying so: cross-legged, legs out, knees up, squat, both knees, one knee.
+
+    Parameters
+    ----------
+    way : str
+        Such as ``"squat"``.
+
+    Returns
+    -------
+    callable
+        From rng and person to :class:`~imapper_prob.scenelets.procedural.body.Drawn`.
+    """
     draw_pose = _WAYS[way]
 
     def draw(rng: np.random.Generator, person: Person) -> Drawn:
@@ -355,21 +370,42 @@ def low_down(way: str) -> Recipe:
 
 
 def lie_on_floor(rng: np.random.Generator, person: Person) -> Drawn:
-    """On the back or on the side, with nothing below the head."""
+    """On the back or on the side, with nothing below the head.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+    person : Person
+
+    Returns
+    -------
+    Drawn
+    """
     on_side = bool(rng.random() < 0.4)
     times = moments(rng, 15, 20)
     return Drawn(lie_still(rng, times, on_side=on_side, room=np.inf, pillow=0.08), ())
 
 
 def go_into_squat(*, backwards: bool) -> Recipe:
-    """Squatting down on the spot; backwards, standing up."""
+    """Squatting down on the spot; backwards, standing up.
+
+    Parameters
+    ----------
+    backwards : bool
+        Whether the motion is played backwards.
+
+    Returns
+    -------
+    callable
+        From rng and person to :class:`~imapper_prob.scenelets.procedural.body.Drawn`.
+    """
 
     def draw(rng: np.random.Generator, person: Person) -> Drawn:
         times = moments(rng, 17, 20)
         duration = rng.uniform(1.0, 1.3)
         start = rng.uniform(0.0, times[-1] - duration)
         pose = squat(rng, flat=True)
-        joints = squat_down(rng, pose, times, start=start, duration=duration)
+        joints = _squat_down(rng, pose, times, start=start, duration=duration)
         return Drawn(joints[::-1] if backwards else joints, ())
 
     return draw
@@ -387,6 +423,16 @@ def pick_up_from_floor(*, backwards: bool) -> Recipe:
     """Bending down, taking something from the floor and coming up; backwards, putting it down.
 
     Some stoop over knees that are a little bent, and some bend their knees far.
+
+    Parameters
+    ----------
+    backwards : bool
+        Whether the motion is played backwards.
+
+    Returns
+    -------
+    callable
+        From rng and person to :class:`~imapper_prob.scenelets.procedural.body.Drawn`.
     """
 
     def draw(rng: np.random.Generator, person: Person) -> Drawn:
@@ -411,7 +457,17 @@ def pick_up_from_floor(*, backwards: bool) -> Recipe:
 
 
 def bend_over(rng: np.random.Generator, person: Person) -> Drawn:
-    """Bent down with the hands at the feet or the floor, at work there, as on a shoe."""
+    """Bent down with the hands at the feet or the floor, at work there, as on a shoe.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+    person : Person
+
+    Returns
+    -------
+    Drawn
+    """
     times = moments(rng, 15, 20)
     hands = np.array([True, bool(rng.random() < 0.6)])
     targets = _floor_target(rng, hands)

@@ -36,12 +36,12 @@ from imapper_prob.scenelets.procedural.body import (
     two_bones,
 )
 
-__all__ = ["HEAD_AT", "LIMBS_END", "lie_on_bed", "lie_on_couch", "lie_still"]
+__all__ = ["lie_on_bed", "lie_on_couch", "lie_still"]
 
 Array = NDArray[np.float64]
-HEAD_AT: Final = TRUNK + NECK_AND_HEAD
+_HEAD_AT: Final = TRUNK + NECK_AND_HEAD
 """How far the head is from the pelvis, metres."""
-LIMBS_END: Final = 0.12
+_LIMBS_END: Final = 0.12
 """From the middle of the head to its crown and from ankle to sole, metres: half the height
 of a head, and half the length of a foot (*Bodyspace*)."""
 BACK_DEPTH: Final = 0.10
@@ -114,6 +114,10 @@ def lie_still(
         How far from the pelvis the ankles may be, metres; knees bend where that is short.
     pillow : float
         Radians that the head is bent forward by what it lies on.
+
+    Returns
+    -------
+    (n, 16, 3) float
     """
     roll = np.deg2rad(rng.uniform(50, 70)) if on_side else 0.0
     body = _turned_over(roll)
@@ -139,47 +143,67 @@ def lie_still(
 
 
 # ------------------------------------------------------------------------------------------------
-# Lying on a bed or couch.
+# Recipes.
 
 
 def lie_on_bed(rng: np.random.Generator, person: Person) -> Drawn:
-    """On the back or side, the head at the headboard."""
+    """On the back or side, the head at the headboard.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+    person : Person
+
+    Returns
+    -------
+    Drawn
+    """
     bed = person.sees(furniture.bed(rng))
     seat = next(c for c in bed.cuboids if c.part == "seat")
     width, length, _ = seat.size
     aside = max(width / 2 - 0.40, 0.0)  # both arms stay on the mattress
-    head = LIMBS_END + rng.uniform(0.03, 0.15)
+    head = _LIMBS_END + rng.uniform(0.03, 0.15)
     at = Placement(
         float(rng.uniform(-aside, aside)),
-        float(seat.centre[1] - length / 2 + head + HEAD_AT),
+        float(seat.centre[1] - length / 2 + head + _HEAD_AT),
         float(rng.normal(0.0, 0.05)),
     )
     joints = lie_still(
         rng,
         moments(rng, 15, 20),
         on_side=bool(rng.random() < 0.5),
-        room=float(length - head - HEAD_AT - LIMBS_END),
+        room=float(length - head - _HEAD_AT - _LIMBS_END),
     )
     return Drawn(at.apply(joints + _surface(seat)), (bed,))
 
 
 def lie_on_couch(rng: np.random.Generator, person: Person) -> Drawn:
-    """Along a couch of three seats, on the back, or on the side and looking into the room."""
+    """Along a couch of three seats, on the back, or on the side and looking into the room.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+    person : Person
+
+    Returns
+    -------
+    Drawn
+    """
     couch = person.sees(furniture.couch(rng, seats=3))
     seat = next(c for c in couch.cuboids if c.part == "seat")
     width = seat.size[0]
-    head = LIMBS_END + rng.uniform(0.02, 0.06)
+    head = _LIMBS_END + rng.uniform(0.02, 0.06)
     on_side = bool(rng.random() < 0.5)
     # The right side down, one looks into the room with the head at the end of +x.
     end = 1 if on_side else int(rng.choice([-1, 1]))
     at = Placement(
-        float(end * (width / 2 - head - HEAD_AT)), float(seat.centre[1] + 0.04), end * np.pi / 2
+        float(end * (width / 2 - head - _HEAD_AT)), float(seat.centre[1] + 0.04), end * np.pi / 2
     )
     joints = lie_still(
         rng,
         moments(rng, 15, 20),
         on_side=on_side,
-        room=float(width - head - HEAD_AT - LIMBS_END),
+        room=float(width - head - _HEAD_AT - _LIMBS_END),
     )
     return Drawn(at.apply(joints + _surface(seat)), (couch,))
 

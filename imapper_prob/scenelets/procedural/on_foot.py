@@ -90,14 +90,34 @@ def _bare(walk: Walk) -> Drawn:
 
 
 def walk(rng: np.random.Generator, person: Person) -> Drawn:
-    """About a metre or two of walking, straight or in a curve."""
+    """About a metre or two of walking, straight or in a curve.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+    person : Person
+
+    Returns
+    -------
+    Drawn
+    """
     speed, times = _speed(rng), moments(rng, 15, 20)
     route = arc(steady(speed), _curvature(rng))
     return _bare(_gait(rng, route, times, step_time=_step_time(speed)))
 
 
 def shuffle(rng: np.random.Generator, person: Person) -> Drawn:
-    """Short, quick steps, as of the old and the careful."""
+    """Short, quick steps, as of the old and the careful.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+    person : Person
+
+    Returns
+    -------
+    Drawn
+    """
     speed, times = rng.uniform(0.4, 0.6), moments(rng, 17, 20)
     route = arc(steady(speed), _curvature(rng))
     step_time = _step_time(speed, ratio=rng.uniform(0.5, 0.7) * WALK_RATIO)
@@ -105,21 +125,51 @@ def shuffle(rng: np.random.Generator, person: Person) -> Drawn:
 
 
 def start_walking(rng: np.random.Generator, person: Person) -> Drawn:
-    """From standing to walking."""
+    """From standing to walking.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+    person : Person
+
+    Returns
+    -------
+    Drawn
+    """
     speed, times = _speed(rng), moments(rng, 17, 20)
     route = arc(starting(speed, at=rng.uniform(-0.1, 0.5)), _curvature(rng))
     return _bare(_gait(rng, route, times, step_time=_step_time(speed)))
 
 
 def stop_walking(rng: np.random.Generator, person: Person) -> Drawn:
-    """From walking to standing."""
+    """From walking to standing.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+    person : Person
+
+    Returns
+    -------
+    Drawn
+    """
     speed, times = _speed(rng), moments(rng, 17, 20)
     route = arc(stopping(speed, by=float(times[-1]) - rng.uniform(0.1, 0.6)), _curvature(rng))
     return _bare(_gait(rng, route, times, step_time=_step_time(speed)))
 
 
 def turn_on_spot(rng: np.random.Generator, person: Person) -> Drawn:
-    """Turning round by small steps: 60 to 180 degrees."""
+    """Turning round by small steps: 60 to 180 degrees.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+    person : Person
+
+    Returns
+    -------
+    Drawn
+    """
     times = moments(rng, 15, 20)
     turn = rng.uniform(1.05, np.pi)
     end = Placement(rng.uniform(-0.15, 0.15), rng.uniform(-0.15, 0.15), turn)
@@ -129,7 +179,17 @@ def turn_on_spot(rng: np.random.Generator, person: Person) -> Drawn:
 
 
 def side_step(rng: np.random.Generator, person: Person) -> Drawn:
-    """Steps to the side, as one passes between a couch and its table."""
+    """Steps to the side, as one passes between a couch and its table.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+    person : Person
+
+    Returns
+    -------
+    Drawn
+    """
     times = moments(rng, 15, 20)
     speed, step_time = rng.uniform(0.30, 0.45), rng.uniform(0.38, 0.45)
     forward = rng.uniform(-0.1, 0.1)
@@ -152,7 +212,17 @@ def side_step(rng: np.random.Generator, person: Person) -> Drawn:
 
 
 def carry(rng: np.random.Generator, person: Person) -> Drawn:
-    """Walking with something in one hand or both."""
+    """Walking with something in one hand or both.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+    person : Person
+
+    Returns
+    -------
+    Drawn
+    """
     speed, times = min(_speed(rng), 1.1), moments(rng, 15, 20)
     route = arc(steady(speed), _curvature(rng))
     walk = _gait(rng, route, times, step_time=_step_time(speed))
@@ -164,12 +234,22 @@ def carry(rng: np.random.Generator, person: Person) -> Drawn:
 
 
 def idle(rng: np.random.Generator, person: Person) -> Drawn:
-    """Standing with nothing near, hands wherever they are while people wait."""
+    """Standing with nothing near, hands wherever they are while people wait.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+    person : Person
+
+    Returns
+    -------
+    Drawn
+    """
     return Drawn(stand_idle(rng, moments(rng, 15, 18)), ())
 
 
 # ------------------------------------------------------------------------------------------------
-# On one's feet at tables and counters: working, leaning, picking up and putting down.
+# At tables and counters: working, leaning, picking up and putting down.
 
 FROM_ABOVE = (0.0, -0.06, 0.14)
 """Metres from a thing on a table to where the hand is just before."""
@@ -194,7 +274,18 @@ def _before(rng: np.random.Generator, piece: SceneObject, edge: float) -> SceneO
 
 
 def stand_at(kind: str) -> Recipe:
-    """Standing at a table or counter, hands on it or at work just above."""
+    """Standing at a table or counter, hands on it or at work just above.
+
+    Parameters
+    ----------
+    kind : str
+        Of furniture, such as ``"chair"``.
+
+    Returns
+    -------
+    callable
+        From rng and person to :class:`~imapper_prob.scenelets.procedural.body.Drawn`.
+    """
 
     def draw(rng: np.random.Generator, person: Person) -> Drawn:
         piece, height = _top(rng, person, kind)
@@ -223,7 +314,18 @@ def stand_at(kind: str) -> Recipe:
 
 
 def lean_on_top(kind: str) -> Recipe:
-    """Leaning on a table or counter with straight arms."""
+    """Leaning on a table or counter with straight arms.
+
+    Parameters
+    ----------
+    kind : str
+        Of furniture, such as ``"chair"``.
+
+    Returns
+    -------
+    callable
+        From rng and person to :class:`~imapper_prob.scenelets.procedural.body.Drawn`.
+    """
 
     def draw(rng: np.random.Generator, person: Person) -> Drawn:
         piece, height = _top(rng, person, kind)
@@ -234,7 +336,18 @@ def lean_on_top(kind: str) -> Recipe:
 
 
 def lean_back_against(kind: str) -> Recipe:
-    """Leaning against a table or counter, facing away."""
+    """Leaning against a table or counter, facing away.
+
+    Parameters
+    ----------
+    kind : str
+        Of furniture, such as ``"chair"``.
+
+    Returns
+    -------
+    callable
+        From rng and person to :class:`~imapper_prob.scenelets.procedural.body.Drawn`.
+    """
 
     def draw(rng: np.random.Generator, person: Person) -> Drawn:
         piece, height = _top(rng, person, kind)
@@ -247,7 +360,20 @@ def lean_back_against(kind: str) -> Recipe:
 
 
 def pick_up(kind: str, *, backwards: bool = False) -> Recipe:
-    """Taking something from a table, low table or counter; backwards, putting it down."""
+    """Taking something from a table, low table or counter; backwards, putting it down.
+
+    Parameters
+    ----------
+    kind : str
+        Of furniture, such as ``"chair"``.
+    backwards : bool
+        Whether the motion is played backwards.
+
+    Returns
+    -------
+    callable
+        From rng and person to :class:`~imapper_prob.scenelets.procedural.body.Drawn`.
+    """
 
     def draw(rng: np.random.Generator, person: Person) -> Drawn:
         piece, height = _top(rng, person, kind)

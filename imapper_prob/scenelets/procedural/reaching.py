@@ -53,6 +53,21 @@ def extent(times: Array, *, start: float, finish: float, travel: float = TRAVEL)
 
     They set off at ``start`` and again, back, at ``finish`` seconds, and are under way for
     ``travel``; either may be outside the clip.
+
+    Parameters
+    ----------
+    times : (n,) float
+        Seconds.
+    start : float
+        Seconds.
+    finish : float
+        Seconds.
+    travel : float
+        Seconds.
+
+    Returns
+    -------
+    (n,) float
     """
     there = minimum_jerk((times - start) / travel)
     return there * (1 - minimum_jerk((times - finish) / travel))
@@ -181,7 +196,7 @@ def _effort(
 
 
 # ------------------------------------------------------------------------------------------------
-# Reaching into shelves: high and low, in passing, and along a board.
+# Recipes.
 
 FROM_THE_FRONT = (0.0, -0.22, 0.02)
 """Metres from a thing in a shelf to where the hand is just before."""
@@ -236,7 +251,17 @@ def _via(turned: float) -> Array:
 
 
 def reach_shelf(rng: np.random.Generator, person: Person) -> Drawn:
-    """Standing before a shelf, or side-on to it, and reaching for something on a board."""
+    """Standing before a shelf, or side-on to it, and reaching for something on a board.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+    person : Person
+
+    Returns
+    -------
+    Drawn
+    """
     times = moments(rng, 15, 20)
     # A single hand is the right one, so the shelf is rather on that side.
     turned = rng.uniform(-0.7, 0.3) if rng.random() < 0.4 else 0.0
@@ -277,7 +302,18 @@ def _approach(rng: np.random.Generator, times: Array) -> Walk:
 
 
 def step_to_shelf(*, backwards: bool) -> Recipe:
-    """A step towards a shelf and reaching into it; backwards, letting go and leaving."""
+    """A step towards a shelf and reaching into it; backwards, letting go and leaving.
+
+    Parameters
+    ----------
+    backwards : bool
+        Whether the motion is played backwards.
+
+    Returns
+    -------
+    callable
+        From rng and person to :class:`~imapper_prob.scenelets.procedural.body.Drawn`.
+    """
 
     def draw(rng: np.random.Generator, person: Person) -> Drawn:
         times = moments(rng, 18, 20)
@@ -295,7 +331,17 @@ def step_to_shelf(*, backwards: bool) -> Recipe:
 
 
 def browse_shelf(rng: np.random.Generator, person: Person) -> Drawn:
-    """A hand that goes along a board, looking for something."""
+    """A hand that goes along a board, looking for something.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+    person : Person
+
+    Returns
+    -------
+    Drawn
+    """
     times = moments(rng, 15, 20)
     way = rng.uniform(0.10, 0.22)
     aim = _aim(rng, person, spread=way)

@@ -50,14 +50,10 @@ __all__ = [
     "lean_back_on_bed",
     "lean_on_armrest",
     "lean_on_bed",
-    "lean_on_rest",
     "lean_on_table",
     "perch",
-    "perch_high",
     "perch_on",
     "perch_on_table",
-    "prop_head",
-    "prop_on_hand",
     "prop_up_behind",
     "slouch",
     "slouch_on",
@@ -80,6 +76,16 @@ def perch(rng: np.random.Generator, pose: SeatedPose, seat: Seat) -> SeatedPose:
     """On the front edge of a seat, the legs rather straight before it.
 
     The hip joints are up to 7 cm behind the edge: of the seat only the buttocks take something.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+    pose : SeatedPose
+    seat : Seat
+
+    Returns
+    -------
+    SeatedPose
     """
     pelvis = pose.pelvis.copy()
     pelvis[1] = seat.front - rng.uniform(0.02, 0.07)
@@ -96,7 +102,7 @@ def perch(rng: np.random.Generator, pose: SeatedPose, seat: Seat) -> SeatedPose:
     return draw_hands(rng, pose, replace(seat, back=-np.inf, arms=()))
 
 
-def perch_high(
+def _perch_high(
     rng: np.random.Generator, pose: SeatedPose, *, edge: float, top: float
 ) -> SeatedPose:
     """Half on the edge of a table: one leg, or both, straight on the floor before it.
@@ -145,7 +151,7 @@ def perch_high(
     return draw_hands(rng, pose, open_seat(top, front=edge))
 
 
-def lean_on_rest(
+def _lean_on_rest(
     rng: np.random.Generator, pose: SeatedPose, rest: tuple[float, float, float]
 ) -> SeatedPose:
     """The trunk tilted to the right, that forearm on an armrest.
@@ -171,7 +177,9 @@ def lean_on_rest(
     return _with_arm(pose, shoulders[best], elbow, wrist, pose.hands[1])
 
 
-def prop_head(rng: np.random.Generator, pose: SeatedPose, *, edge: float, top: float) -> SeatedPose:
+def _prop_head(
+    rng: np.random.Generator, pose: SeatedPose, *, edge: float, top: float
+) -> SeatedPose:
     """The right elbow on a table, the hand at the face; the left forearm on the table.
 
     Parameters
@@ -194,7 +202,7 @@ def prop_head(rng: np.random.Generator, pose: SeatedPose, *, edge: float, top: f
     return _propped(pose, shoulders[best], elbows[best], other)
 
 
-def prop_on_hand(rng: np.random.Generator, pose: SeatedPose) -> SeatedPose:
+def _prop_on_hand(rng: np.random.Generator, pose: SeatedPose) -> SeatedPose:
     """The trunk tilted to the right, on a straight arm beside the body or a little behind."""
     tilt, lean = float(rng.uniform(0.15, 0.36)), float(rng.uniform(-0.20, 0.08))
     pose = replace(pose, tilt=tilt, lean=lean, nod=float(rng.uniform(0.0, 0.25) - 0.8 * lean))
@@ -204,7 +212,17 @@ def prop_on_hand(rng: np.random.Generator, pose: SeatedPose) -> SeatedPose:
 
 
 def prop_up_behind(rng: np.random.Generator, pose: SeatedPose) -> SeatedPose:
-    """The trunk leant back on two straight arms behind."""
+    """The trunk leant back on two straight arms behind.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+    pose : SeatedPose
+
+    Returns
+    -------
+    SeatedPose
+    """
     lean = -float(rng.uniform(0.25, 0.45))
     pose = replace(pose, lean=lean, nod=float(rng.uniform(0.1, 0.35) - 0.5 * lean))
     trunk = Trunk.of(np.zeros((1, 3)), 0.0, lean=lean, twist=pose.twist)
@@ -220,6 +238,16 @@ def slouch(rng: np.random.Generator, pose: SeatedPose, seat: Seat) -> SeatedPose
 
     The trunk is 25 to 45 degrees back: couches and armchairs are made for up to 30 (Panero and
     Zelnik 1979), and the pelvis slides forward.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+    pose : SeatedPose
+    seat : Seat
+
+    Returns
+    -------
+    SeatedPose
     """
     lean = rng.uniform(0.44, 0.75)
     # Thighs go down to their feet once the knees are before the seat.
@@ -282,7 +310,7 @@ def _with_arm(
 
 
 # ------------------------------------------------------------------------------------------------
-# Sitting on an edge, on an arm, and slid forward.
+# Recipes.
 
 
 HAND = 0.10
@@ -290,7 +318,18 @@ HAND = 0.10
 
 
 def perch_on(kind: str) -> Recipe:
-    """Sitting on the front edge of a seat."""
+    """Sitting on the front edge of a seat.
+
+    Parameters
+    ----------
+    kind : str
+        Of furniture, such as ``"chair"``.
+
+    Returns
+    -------
+    callable
+        From rng and person to :class:`~imapper_prob.scenelets.procedural.body.Drawn`.
+    """
 
     def draw(rng: np.random.Generator, person: Person) -> Drawn:
         piece, seat, place = take_seat(rng, person, kind)
@@ -301,17 +340,38 @@ def perch_on(kind: str) -> Recipe:
 
 
 def perch_on_table(rng: np.random.Generator, person: Person) -> Drawn:
-    """Half sitting on the edge of a table, facing away from it."""
+    """Half sitting on the edge of a table, facing away from it.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+    person : Person
+
+    Returns
+    -------
+    Drawn
+    """
     table = person.sees(furniture.table(rng))
     half, edge, top = (float(v) for v in table.bounds[1])
     place = rng.uniform(0.3 - half, half - 0.3)
     pose = draw_seated(rng, open_seat(top, front=edge), sideways=place, upright=True)
-    pose = perch_high(rng, pose, edge=edge, top=top)
+    pose = _perch_high(rng, pose, edge=edge, top=top)
     return Drawn(sit_still(rng, pose, moments(rng, 15, 20)), (table,))
 
 
 def lean_on_armrest(kind: str) -> Recipe:
-    """Leaning to the side, an arm on the armrest of a chair, armchair or couch."""
+    """Leaning to the side, an arm on the armrest of a chair, armchair or couch.
+
+    Parameters
+    ----------
+    kind : str
+        Of furniture, such as ``"chair"``.
+
+    Returns
+    -------
+    callable
+        From rng and person to :class:`~imapper_prob.scenelets.procedural.body.Drawn`.
+    """
 
     def draw(rng: np.random.Generator, person: Person) -> Drawn:
         piece, seat, place = _with_arms(rng, person, kind)
@@ -325,20 +385,30 @@ def lean_on_armrest(kind: str) -> Recipe:
             rng, seat, sideways=place, yaw=rng.normal(0.0, 0.05), lean=lean, upright=True
         )
         pose = replace(pose, hands=np.array([[0.06, 0.24, 0.11], [-0.12, 0.26, 0.10]]))
-        pose = lean_on_rest(rng, pose, rest)
+        pose = _lean_on_rest(rng, pose, rest)
         return Drawn(sit_still(rng, pose, moments(rng, 15, 20)), (piece,))
 
     return draw
 
 
 def lean_on_table(rng: np.random.Generator, person: Person) -> Drawn:
-    """On a chair at a table, the head propped on a hand."""
+    """On a chair at a table, the head propped on a hand.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+    person : Person
+
+    Returns
+    -------
+    Drawn
+    """
     piece, seat, place = take_seat(rng, person, "chair")
     pose = draw_seated(rng, seat, sideways=place, upright=True)
     rests = max((front for _, front, _ in seat.arms), default=-np.inf)
     edge = max(float(pose.pelvis[1]) + rng.uniform(0.18, 0.26), rests + 0.02)
     table = person.sees(furniture.table(rng))
-    pose = prop_head(rng, pose, edge=edge, top=float(table.bounds[1, 2]))
+    pose = _prop_head(rng, pose, edge=edge, top=float(table.bounds[1, 2]))
     low, high = furniture.knee_room(table)
     middle, half = (low + high) / 2, max((high - low) / 2 - 0.30, 0.0)
     at = Placement(
@@ -348,15 +418,35 @@ def lean_on_table(rng: np.random.Generator, person: Person) -> Drawn:
 
 
 def lean_on_bed(rng: np.random.Generator, person: Person) -> Drawn:
-    """On the edge of a bed, leaning to the side on a straight arm."""
+    """On the edge of a bed, leaning to the side on a straight arm.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+    person : Person
+
+    Returns
+    -------
+    Drawn
+    """
     piece, seat, place = take_seat(rng, person, "bed")
-    pose = prop_on_hand(rng, draw_seated(rng, seat, sideways=place, upright=True))
+    pose = _prop_on_hand(rng, draw_seated(rng, seat, sideways=place, upright=True))
     piece = with_room(piece, right=float(pose.hands[0, 0]) + HAND, left=0.3)
     return Drawn(sit_still(rng, pose, moments(rng, 15, 20)), (piece,))
 
 
 def lean_back_on_bed(rng: np.random.Generator, person: Person) -> Drawn:
-    """On the edge of a bed, leaning back on both hands."""
+    """On the edge of a bed, leaning back on both hands.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+    person : Person
+
+    Returns
+    -------
+    Drawn
+    """
     piece, seat, place = take_seat(rng, person, "bed")
     pose = prop_up_behind(rng, draw_seated(rng, seat, sideways=place, upright=True))
     beside = float(np.abs(pose.hands[:, 0]).max()) + HAND
@@ -365,7 +455,18 @@ def lean_back_on_bed(rng: np.random.Generator, person: Person) -> Drawn:
 
 
 def slouch_on(kind: str) -> Recipe:
-    """Slid forward on a chair, armchair or couch."""
+    """Slid forward on a chair, armchair or couch.
+
+    Parameters
+    ----------
+    kind : str
+        Of furniture, such as ``"chair"``.
+
+    Returns
+    -------
+    callable
+        From rng and person to :class:`~imapper_prob.scenelets.procedural.body.Drawn`.
+    """
 
     def draw(rng: np.random.Generator, person: Person) -> Drawn:
         piece, seat, place = take_seat(rng, person, kind)

@@ -1,4 +1,8 @@
-"""Seated poses: where pelvis, trunk, feet and hands are on a given seat."""
+"""Seated poses: where pelvis, trunk, feet and hands are on a given seat.
+
+A pose is drawn in that order, each step a function of the seat and of the pose so far. Metres,
+radians; the frame is that of the seat, with its front towards +y. Sides are (right, left).
+"""
 
 from __future__ import annotations
 
@@ -70,6 +74,10 @@ def seat_of(piece: SceneObject, *, edge: float | None = None) -> Seat:
     edge : float, optional
         The y in metres of the edge to sit on, where it is not the piece's own front, as of a
         bed: one sits with one's back to the rest of it, and leans on nothing.
+
+    Returns
+    -------
+    Seat
     """
     seat = next(c for c in piece.cuboids if c.part == "seat")
     low, high = seat.centre - seat.size / 2, seat.centre + seat.size / 2
@@ -102,17 +110,17 @@ def open_seat(height: float, *, front: float) -> Seat:
         Metres.
     front : float
         The y in metres of where whoever sits there ends.
+
+    Returns
+    -------
+    Seat
     """
     return Seat(height=height, front=front, back=-np.inf, closed=False, deep=False, arms=())
 
 
 # ------------------------------------------------------------------------------------------------
-# Ways to sit: where the pelvis is, what the trunk leans on, where feet and hands are.
-#
-# A pose is drawn in that order, each step a function of the seat and of the pose so far. Metres,
-# radians; the frame is that of the seat, with its front towards +y. Sides are (right, left).
+# Ways to sit.
 
-pass
 Array = NDArray[np.float64]
 HIP_ABOVE_SEAT: Final = 0.095
 """Hip joint above the surface one sits on, metres (trochanter height, sitting: Pheasant and
@@ -169,7 +177,17 @@ class SeatedPose:
     elbows: Array | None = None
 
     def from_pelvis(self, points: ArrayLike) -> Array:
-        """Positions (..., 3) in the frame of the seat, as right, forward, up of the pelvis."""
+        """Positions (..., 3) in the frame of the seat, as right, forward, up of the pelvis.
+
+        Parameters
+        ----------
+        points : (..., 3) float
+            Metres.
+
+        Returns
+        -------
+        (..., 3) float
+        """
         c, s = np.cos(self.yaw), np.sin(self.yaw)
         offset: Array = (np.asarray(points, float) - self.pelvis) @ [
             [c, -s, 0.0],
@@ -179,7 +197,17 @@ class SeatedPose:
         return offset
 
     def at_pelvis(self, offsets: ArrayLike) -> Array:
-        """Right, forward, up of the pelvis (..., 3) as positions in the frame of the seat."""
+        """Right, forward, up of the pelvis (..., 3) as positions in the frame of the seat.
+
+        Parameters
+        ----------
+        offsets : (..., 3) float
+            Right, forward, up, metres.
+
+        Returns
+        -------
+        (..., 3) float
+        """
         c, s = np.cos(self.yaw), np.sin(self.yaw)
         turn = [[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]
         positions: Array = self.pelvis + np.asarray(offsets, float) @ turn
@@ -435,6 +463,10 @@ def draw_seated(
     upright : bool
         Whether the trunk is neither back nor forward, both feet are side by side and the
         hands rest, as before getting up.
+
+    Returns
+    -------
+    SeatedPose
     """
     if lean is None:
         lean = rng.uniform(-0.05, 0.12) if upright else _draw_lean(rng, seat)
@@ -448,7 +480,20 @@ def draw_seated(
 def draw_hands(
     rng: np.random.Generator, pose: SeatedPose, seat: Seat, *, at_rest: bool = False
 ) -> SeatedPose:
-    """The same person with the hands somewhere else; ``at_rest`` without doing anything."""
+    """The same person with the hands somewhere else; ``at_rest`` without doing anything.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+    pose : SeatedPose
+    seat : Seat
+    at_rest : bool
+        Whether they do nothing.
+
+    Returns
+    -------
+    SeatedPose
+    """
     return _pick(rng, _arms(seat, pose, at_rest=at_rest))(rng, pose, seat)
 
 
@@ -456,6 +501,19 @@ def at_table(rng: np.random.Generator, pose: SeatedPose, *, edge: float, top: fl
     """The same person with hands on a table whose near edge is at y = ``edge``.
 
     Both hands write or type, or one works while the other is at the face or in the lap.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+    pose : SeatedPose
+    edge : float
+        The y of the near edge, metres.
+    top : float
+        Height of the top, metres.
+
+    Returns
+    -------
+    SeatedPose
     """
     forward = edge + rng.uniform(0.04, 0.16, 2)
     wrists = np.stack(

@@ -59,7 +59,19 @@ OVERLAP: Final = 0.15
 
 
 def sit_still(rng: np.random.Generator, pose: SeatedPose, times: Array) -> Array:
-    """(n, 16, 3) joints of somebody who sits, breathes and looks about, metres."""
+    """(n, 16, 3) joints of somebody who sits, breathes and looks about, metres.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+    pose : SeatedPose
+    times : (n,) float
+        Seconds.
+
+    Returns
+    -------
+    (n, 16, 3) float
+    """
     slow = 2 * np.pi * (times / rng.uniform(2.5, 4.0) + rng.random())
     trunk = Trunk.of(
         np.broadcast_to(pose.pelvis, (len(times), 3)),
@@ -92,6 +104,11 @@ def approach(end: Placement, *, distance: float, bearing: float, arrival: float)
         Where from: 0 straight ahead of who sits, positive to their left, radians.
     arrival : float
         When they are there, seconds.
+
+    Returns
+    -------
+    callable
+        From seconds to placements.
     """
     direction = end.yaw + bearing
     offset = distance * np.array([-np.sin(direction), np.cos(direction)])
@@ -124,6 +141,10 @@ def sit_down(
         Ends at the feet of the pose, as it faces.
     arrival : float
         When the feet are there, seconds.
+
+    Returns
+    -------
+    (n, 16, 3) float
     """
     walk = walk_along(
         route,
@@ -158,9 +179,8 @@ def sit_down(
 
 
 # ------------------------------------------------------------------------------------------------
-# Sitting, sitting down and standing up, and what stands beside a seat.
+# Recipes, and what stands beside a seat.
 
-pass
 _PLACES: Final[dict[int, Sequence[tuple[float, float]]]] = {
     1: ((0.0, 1.0),),
     2: ((-0.25, 0.25), (0.0, 0.5), (0.25, 0.25)),
@@ -174,7 +194,19 @@ Taken = tuple[SceneObject, Seat, float]
 
 
 def take_seat(rng: np.random.Generator, person: Person, kind: str) -> Taken:
-    """Something to sit on, facing +y."""
+    """Something to sit on, facing +y.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+    person : Person
+    kind : str
+        Of furniture, such as ``"chair"``.
+
+    Returns
+    -------
+    Taken
+    """
     if kind == "bed":
         return _bedside(rng, person)
     if kind in ("couch", "armchair"):
@@ -215,6 +247,18 @@ def with_room(bed: SceneObject, *, right: float, left: float) -> SceneObject:
     """A bed below somebody who sits on its edge at x = 0, with so much of it to both sides.
 
     It is moved along its edge by as little as it takes; ``right`` and ``left`` are in metres.
+
+    Parameters
+    ----------
+    bed : SceneObject
+    right : float
+        Metres.
+    left : float
+        Metres.
+
+    Returns
+    -------
+    SceneObject
     """
     seat = next(c for c in bed.cuboids if c.part == "seat")
     half = np.array([0.0, seat.size[1] / 2, 0.0])
@@ -224,7 +268,18 @@ def with_room(bed: SceneObject, *, right: float, left: float) -> SceneObject:
 
 
 def sit(kind: str) -> Recipe:
-    """Sitting on a chair, office-chair, armchair, couch, stool, bench or the edge of a bed."""
+    """Sitting on a chair, office-chair, armchair, couch, stool, bench or the edge of a bed.
+
+    Parameters
+    ----------
+    kind : str
+        Of furniture, such as ``"chair"``.
+
+    Returns
+    -------
+    callable
+        From rng and person to :class:`~imapper_prob.scenelets.procedural.body.Drawn`.
+    """
 
     def draw(rng: np.random.Generator, person: Person) -> Drawn:
         piece, seat, place = take_seat(rng, person, kind)
@@ -235,7 +290,18 @@ def sit(kind: str) -> Recipe:
 
 
 def sit_turned(kind: str) -> Recipe:
-    """Sitting with the whole body turned to one side, towards company."""
+    """Sitting with the whole body turned to one side, towards company.
+
+    Parameters
+    ----------
+    kind : str
+        Of furniture, such as ``"chair"``.
+
+    Returns
+    -------
+    callable
+        From rng and person to :class:`~imapper_prob.scenelets.procedural.body.Drawn`.
+    """
 
     def draw(rng: np.random.Generator, person: Person) -> Drawn:
         piece, seat, place = take_seat(rng, person, kind)
@@ -251,7 +317,17 @@ def sit_turned(kind: str) -> Recipe:
 
 
 def sit_at_low_table(rng: np.random.Generator, person: Person) -> Drawn:
-    """On a couch with a coffee table before the knees."""
+    """On a couch with a coffee table before the knees.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+    person : Person
+
+    Returns
+    -------
+    Drawn
+    """
     piece, seat, place = take_seat(rng, person, "couch")
     pose = draw_seated(rng, seat, sideways=place)
     table = person.sees(furniture.low_table(rng))
@@ -277,19 +353,50 @@ def _at(rng: np.random.Generator, person: Person, kind: str, table: SceneObject)
 
 
 def sit_at_table(rng: np.random.Generator, person: Person) -> Drawn:
-    """On a chair at a table, hands on the top."""
+    """On a chair at a table, hands on the top.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+    person : Person
+
+    Returns
+    -------
+    Drawn
+    """
     kind = "chair" if rng.random() < 0.85 else "bench"
     return _at(rng, person, kind, person.sees(furniture.table(rng)))
 
 
 def sit_at_desk(rng: np.random.Generator, person: Person) -> Drawn:
-    """Typing, writing or thinking at a desk, on an office chair or another one."""
+    """Typing, writing or thinking at a desk, on an office chair or another one.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+    person : Person
+
+    Returns
+    -------
+    Drawn
+    """
     kind = "office-chair" if rng.random() < 0.7 else "chair"
     return _at(rng, person, kind, person.sees(furniture.desk(rng)))
 
 
 def sit_beside_shelf(kind: str) -> Recipe:
-    """Sitting with a shelf at one side, against the same wall or facing the seat."""
+    """Sitting with a shelf at one side, against the same wall or facing the seat.
+
+    Parameters
+    ----------
+    kind : str
+        Of furniture, such as ``"chair"``.
+
+    Returns
+    -------
+    callable
+        From rng and person to :class:`~imapper_prob.scenelets.procedural.body.Drawn`.
+    """
 
     def draw(rng: np.random.Generator, person: Person) -> Drawn:
         piece, seat, place = take_seat(rng, person, kind)
@@ -328,7 +435,20 @@ def _way_to(
 
 
 def sit_down_on(kind: str, *, backwards: bool) -> Recipe:
-    """Walking to a seat, turning and sitting down; backwards, standing up and leaving."""
+    """Walking to a seat, turning and sitting down; backwards, standing up and leaving.
+
+    Parameters
+    ----------
+    kind : str
+        Of furniture, such as ``"chair"``.
+    backwards : bool
+        Whether the motion is played backwards.
+
+    Returns
+    -------
+    callable
+        From rng and person to :class:`~imapper_prob.scenelets.procedural.body.Drawn`.
+    """
 
     def draw(rng: np.random.Generator, person: Person) -> Drawn:
         piece, seat, place = take_seat(rng, person, kind)
@@ -342,7 +462,18 @@ def sit_down_on(kind: str, *, backwards: bool) -> Recipe:
 
 
 def sit_down_at_table(*, backwards: bool) -> Recipe:
-    """Sitting down from the side on a chair that is drawn back from a table, or getting up."""
+    """Sitting down from the side on a chair that is drawn back from a table, or getting up.
+
+    Parameters
+    ----------
+    backwards : bool
+        Whether the motion is played backwards.
+
+    Returns
+    -------
+    callable
+        From rng and person to :class:`~imapper_prob.scenelets.procedural.body.Drawn`.
+    """
 
     def draw(rng: np.random.Generator, person: Person) -> Drawn:
         piece, seat, place = take_seat(rng, person, "chair")

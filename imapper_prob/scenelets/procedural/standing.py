@@ -24,7 +24,6 @@ from imapper_prob.scenelets.procedural.gait import Walk
 
 __all__ = [
     "HELD",
-    "PASTIMES",
     "Pastime",
     "draw_pastime",
     "held",
@@ -66,7 +65,7 @@ class Pastime:
 _HANGS: Final = (np.nan, np.nan, np.nan)
 _OUT, _WIDE, _DOWN = (1.0, -0.7, -0.5), (2.0, -0.7, -0.5), (0.4, 0.2, -1.0)
 
-PASTIMES: Final[dict[str, Pastime]] = {
+_PASTIMES: Final[dict[str, Pastime]] = {
     "arms hanging": Pastime(np.array([_HANGS, _HANGS])),
     "arms crossed": Pastime(np.array([[-0.08, 0.24, 0.26], [0.08, 0.20, 0.22]]), elbows=_OUT),
     "hands on hips": Pastime(np.array([[0.20, 0.02, 0.07], [-0.20, 0.02, 0.07]]), elbows=_WIDE),
@@ -81,16 +80,27 @@ PASTIMES: Final[dict[str, Pastime]] = {
 HELD: Final[dict[str, Pastime]] = {
     "tray": Pastime(np.array([[0.17, 0.30, 0.22], [-0.17, 0.30, 0.22]])),
     "box": Pastime(np.array([[0.15, 0.26, 0.12], [-0.15, 0.26, 0.12]])),
-    "cup": PASTIMES["cup in hand"],
+    "cup": _PASTIMES["cup in hand"],
     "book": Pastime(np.array([[0.14, 0.10, 0.30], _HANGS]), elbows=_OUT),
     "bag": Pastime(np.array([[0.24, 0.02, -0.03], _HANGS])),
-    "phone": PASTIMES["on the phone"],
+    "phone": _PASTIMES["on the phone"],
 }
 """What is carried, by how it is held."""
 
 
 def draw_pastime(rng: np.random.Generator, among: dict[str, Pastime]) -> Pastime:
-    """One of several, with hands a few centimetres elsewhere."""
+    """One of several, with hands a few centimetres elsewhere.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+    among : dict of str to Pastime
+        By name.
+
+    Returns
+    -------
+    Pastime
+    """
     chosen = among[list(among)[rng.integers(len(among))]]
     return replace(
         chosen,
@@ -100,12 +110,35 @@ def draw_pastime(rng: np.random.Generator, among: dict[str, Pastime]) -> Pastime
 
 
 def held(pastime: Pastime, trunk: Trunk, hanging: ArrayLike) -> Array:
-    """(n, 2, 3) wrists of a pastime; where a hand hangs, those of ``hanging`` (n, 2, 3)."""
+    """(n, 2, 3) wrists of a pastime; where a hand hangs, those of ``hanging`` (n, 2, 3).
+
+    Parameters
+    ----------
+    pastime : Pastime
+    trunk : Trunk
+    hanging : (n, 2, 3) float
+        Wrists of hanging arms, metres.
+
+    Returns
+    -------
+    (n, 2, 3) float
+    """
     return np.where(np.isnan(pastime.hands), hanging, trunk.at_pelvis(pastime.hands))
 
 
 def sway(rng: np.random.Generator, times: Array) -> Array:
-    """(n, 2) slow shifts of weight: 1 cm sideways and half of that to and fro."""
+    """(n, 2) slow shifts of weight: 1 cm sideways and half of that to and fro.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+    times : (n,) float
+        Seconds.
+
+    Returns
+    -------
+    (n, 2) float
+    """
     slow = 2 * np.pi * (times / rng.uniform(2.5, 5.0) + rng.random())
     return np.stack([0.010 * np.sin(slow), 0.005 * np.sin(1.3 * slow + 1)], -1)
 
@@ -120,6 +153,10 @@ def stand(rng: np.random.Generator, times: Array, *, one_leg: bool = False) -> W
         Seconds.
     one_leg : bool
         Whether one leg carries the weight and the other foot rests ahead and to the side.
+
+    Returns
+    -------
+    Walk
     """
     feet = _feet(rng)
     level, yaw, tilt = sway(rng, times), 0.0, 0.0
@@ -164,6 +201,10 @@ def upright(
         As of :class:`~imapper_prob.scenelets.procedural.body.Trunk`.
     crouch : (n,) float
         Metres by which the knees lower the pelvis.
+
+    Returns
+    -------
+    Trunk
     """
     pelvis = np.concatenate([level, np.full((len(level), 1), HIP_HEIGHT)], -1)
     trunk = Trunk.of(pelvis, yaw, lean=lean, tilt=tilt, twist=twist, nod=nod)
@@ -172,9 +213,20 @@ def upright(
 
 
 def stand_idle(rng: np.random.Generator, times: Array) -> Array:
-    """(n, 16, 3) joints of somebody who stands and waits, metres."""
+    """(n, 16, 3) joints of somebody who stands and waits, metres.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+    times : (n,) float
+        Seconds.
+
+    Returns
+    -------
+    (n, 16, 3) float
+    """
     body = stand(rng, times, one_leg=bool(rng.random() < 0.5))
-    pastime = draw_pastime(rng, PASTIMES)
+    pastime = draw_pastime(rng, _PASTIMES)
     trunk = replace(body.trunk, nod=np.full(len(times), pastime.nod))
     wrists = held(pastime, trunk, body.wrists)
     return pose_body(trunk, ankles=body.ankles, wrists=wrists, elbows=pastime.elbows)
@@ -241,7 +293,7 @@ def lean_against(rng: np.random.Generator, times: Array, *, top: float) -> tuple
     trunk = upright(0.4 * sway(rng, times), ankles, yaw=0.0, lean=lean, nod=rng.uniform(0.0, 0.3))
     edge = -rng.uniform(HALF_DEPTH, HALF_DEPTH + 0.04)
     if rng.random() < 0.5:
-        pastime = draw_pastime(rng, PASTIMES)
+        pastime = draw_pastime(rng, _PASTIMES)
     else:  # both hands behind, on the edge
         up = top + 0.05 - float(trunk.pelvis[:, 2].mean())
         beside = SIDES * rng.uniform(0.22, 0.32)

@@ -13,7 +13,6 @@ from scipy.stats import t as student
 from imapper_prob.models.path_prior import remembered
 from lab.calibrate.estimators import (
     between_groups,
-    change_time,
     change_within,
     correlation_length,
     jackknife_error,
@@ -21,6 +20,7 @@ from lab.calibrate.estimators import (
     root_mean_square,
     shares,
     sight_width_fit,
+    smoothing_time,
     student_t_fit,
     student_t_score,
     wrapped_cauchy_fit,
@@ -66,7 +66,7 @@ def test_the_width_of_a_step_is_found(width: float) -> None:
     rng, n = np.random.default_rng(1), 20000
     clearance = rng.uniform(-5 * width, 5 * width, n)
     seen = 0.02 + 0.96 / (1 + np.exp(-clearance / width))
-    found = sight_width_fit(clearance, rng.random(n) > seen, surprise=0.02)
+    found = sight_width_fit(clearance, rng.random(n) > seen, visibility_error=0.02)
     assert found == pytest.approx(width, rel=5 * 2 / np.sqrt(n))
 
 
@@ -126,22 +126,22 @@ def test_correlation_length_of_a_forgetful_process(memory: float) -> None:
     assert found == pytest.approx(expected, rel=5 * np.sqrt(2 * 201 / (0.9 * x.size)))
 
 
-@pytest.mark.parametrize("ease", [0.0, 0.1, 0.5])
-def test_the_time_of_a_change_of_course_is_found(ease: float) -> None:
+@pytest.mark.parametrize("smoothing", [0.0, 0.1, 0.5])
+def test_the_smoothing_time_is_found(smoothing: float) -> None:
     """Of chains known in every second frame, ten times over."""
     rng = np.random.default_rng(8)
-    r, s = remembered(np.array([1.0]), np.array([ease]), 10.0)[0]
+    r, s = remembered(np.array([1.0]), np.array([smoothing]), 10.0)[0]
     estimates = []
     for _ in range(10):
         shocks = rng.standard_normal((700, 4))
         chains = lfilter([1.0], [1.0, -r - s, r * s], shocks, axis=0)[100::2]
         spread = np.sqrt((1 + r * s) / ((1 - r * r) * (1 - s * s) * (1 - r * s)))
         series = list((3.0 / spread * chains).T)
-        estimates.append(change_time(series, spread=3.0, seconds=1.0, fps=10.0, gap=2))
+        estimates.append(smoothing_time(series, spread=3.0, seconds=1.0, fps=10.0, gap=2))
     error = np.std(estimates, ddof=1) / np.sqrt(10)
     # At either end estimates can err to one side only, by about as much as they spread.
-    allowed = 5 * error + (0.0 if ease == 0.1 else np.std(estimates, ddof=1)) + 1e-3
-    assert np.mean(estimates) == pytest.approx(ease, abs=allowed)
+    allowed = 5 * error + (0.0 if smoothing == 0.1 else np.std(estimates, ddof=1)) + 1e-3
+    assert np.mean(estimates) == pytest.approx(smoothing, abs=allowed)
     assert np.std(estimates) < 0.1
 
 

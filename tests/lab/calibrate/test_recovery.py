@@ -29,8 +29,8 @@ def recovered() -> dict[str, tuple[Number, Number]]:
         "detections.hidden_error_dof": (2.0, 1.5),
         "path.pixel_scale": 10.0,
         "path.pixel_dof": 6.0,
-        "swaps.rate": 0.05,
-        "swaps.length": 0.8,
+        "side_flips.rate": 0.05,
+        "side_flips.length": 0.8,
     }
     return recover(np.random.default_rng(0), built_in_library(), values, n_clips=CLIPS)
 
@@ -46,7 +46,7 @@ def test_confidences(state: str) -> None:
 def test_pixel_errors(state: str) -> None:
     """Of n errors a scale is known to about 1 / sqrt(n), degrees of freedom to a few times that.
 
-    The rarest class has a seventh of the detections; frames with swapped sides that were not
+    The rarest class has a seventh of the detections; frames with flipped sides that were not
     recognised leave some per cent.
     """
     n = DETECTIONS[state] / 7
@@ -60,10 +60,10 @@ def test_frames_that_err_independently() -> None:
     assert found == pytest.approx(known, rel=0.2)
 
 
-def test_swaps() -> None:
+def test_side_flips() -> None:
     """Runs are a Poisson count, their lengths geometric."""
-    rate, found_rate = recovered()["swaps.rate"]
-    length, found_length = recovered()["swaps.length"]
+    rate, found_rate = recovered()["side_flips.rate"]
+    length, found_length = recovered()["side_flips.length"]
     assert isinstance(rate, float)
     runs = rate * CLIPS * 15
     assert found_rate == pytest.approx(rate, rel=4 / np.sqrt(runs))

@@ -1,4 +1,4 @@
-"""Left and right swapped: summed out exactly, and found where it happened."""
+"""Left and right flipped: summed out exactly, and found where it happened."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ RUN = slice(6, 14)
 def enumerated(
     by_frame: np.ndarray, starts: np.ndarray, weight: float, begins: float, ends: float
 ) -> tuple[float, np.ndarray]:
-    """Log-likelihood and P(swapped), by adding up all 2^T sequences."""
+    """Log-likelihood and P(flipped), by adding up all 2^T sequences."""
     n = len(by_frame)
     start = (ends / (begins + ends), begins / (begins + ends))
     step = ((1 - begins, begins), (ends, 1 - ends))
@@ -68,7 +68,7 @@ def test_nothing_seen_says_nothing() -> None:
 
 
 def exchanged(clip: Clip) -> Clip:
-    """The clip with left and right swapped in ``RUN``, by detector and lifter alike."""
+    """The clip with left and right flipped in ``RUN``, by detector and lifter alike."""
     (track,) = clip.tracks
     values = [np.array(a) for a in (track.keypoints, track.confidences, track.poses)]
     for array in values:
@@ -84,17 +84,17 @@ def test_a_run_of_swapped_frames_is_found_and_costs_little() -> None:
     scenelet = np.concatenate([joints - joints[10, 6] * (1, 1, 0)])
     library = worlds.Library("walk", (worlds.Scenelet("walk", "walk", scenelet, ()),))
     values = {}
-    for name, seen in (("right", clip), ("swapped", exchanged(clip))):
+    for name, seen in (("right", clip), ("flipped", exchanged(clip))):
         problem = pack_problem(seen, worlds.path_of(joints), worlds.camera_prior(), library)
         state = empty_state(problem).with_item(0, 0, np.array([*joints[10, 6, :2], 0.0]))
         values[name] = log_posterior(problem, state)
         wrong = side_flips(problem, state)
         inside = np.zeros(20, bool)
-        inside[RUN] = name == "swapped"
+        inside[RUN] = name == "flipped"
         assert wrong[inside].min(initial=1.0) > 0.7
         assert wrong[~inside].max() < 0.5
     # Begin and end of a run: log .002 and log .1 and a little.
-    assert -11.0 < values["swapped"] - values["right"] < -7.0
+    assert -11.0 < values["flipped"] - values["right"] < -7.0
 
 
 def test_the_simulator_swaps_as_often_as_the_model_says() -> None:
