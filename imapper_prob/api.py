@@ -58,7 +58,7 @@ def load_clip(path: str | Path, *, options: ClipOptions | None = None) -> Clip:
     Parameters
     ----------
     path : path
-        See ``docs/inputs.md``.
+        See ``docs/reference/inputs.md``.
     options : ClipOptions, optional
         Camera, image size, frame rate, and whatever else the files do not say.
 

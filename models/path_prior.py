@@ -1,4 +1,6 @@
-"""The prior of the pelvis path (docs/model.md 6 to 8), and what is known of path and camera.
+"""The prior of the pelvis path, and what is known of path and camera.
+
+Equations (6) to (8) of ``docs/explanation/model.md``.
 
 In units of its deviation the error of one coordinate is a stationary chain of second order,
 

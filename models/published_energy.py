@@ -1,6 +1,6 @@
 """The published energy (Monszpart et al. 2019) on the states of this model, term by term.
 
-Sections follow docs/model.md (18 to 24): L_c and L_m, L_o, and the sum as a compiled
+Sections follow docs/explanation/model.md (18 to 24): L_c and L_m, L_o, and the sum as a compiled
 log-posterior.
 """
 

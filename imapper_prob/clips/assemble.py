@@ -103,7 +103,7 @@ class RawDetections:
 # ------------------------------------------------------------------------------------------------
 # From a detector's own scores to the confidences that the detection tables are made for.
 #
-# The tables (``docs/calibration.md``) were counted on one detector. Scores of another mean
+# The tables (``docs/research/calibration.md``) were counted on one detector. Scores of another mean
 # something else, and are put on that scale first by a monotone map, one for each source.
 
 Knots = tuple[tuple[float, float], ...]

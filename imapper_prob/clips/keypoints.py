@@ -109,7 +109,7 @@ def _synonyms(joint: str) -> list[str]:
 #
 # Programs number their keypoints differently; only names are safe. :data:`KEYPOINT_SETS` gives
 # each set's names in the order of its files, :data:`FOUND_AS` says under which of them one of
-# the sixteen is found. ``docs/inputs.md`` shows the same table.
+# the sixteen is found. ``docs/reference/inputs.md`` shows the same table.
 
 _COCO_17: Final = (
     "nose", "left_eye", "right_eye", "left_ear", "right_ear", "left_shoulder", "right_shoulder",

@@ -174,8 +174,8 @@ def _log_video(recording: rr.RecordingStream, video: Video) -> None:
 # after their tracks.
 #
 # Timelines are `frame` (the input's own numbers), `scene` (from 1) and `draw`. Nothing is
-# stamped with the time of day, so the same run makes the same recording. ``docs/recording.md``
-# says what each panel is for.
+# stamped with the time of day, so the same run makes the same recording.
+# ``docs/reference/recording.md`` says what each panel is for.
 
 _GHOSTS = 8
 """Most doubles drawn of a scene's person: more hide the person and swell the file."""

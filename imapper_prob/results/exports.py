@@ -75,7 +75,7 @@ def yaw_in_camera(camera: Camera, o: SceneObject) -> float:
 # One JSON of a scene, and of posterior draws, in the camera frame of the benchmark.
 #
 # For programs that know neither our world nor our model: metres, x right, y down, z forward, the
-# camera at the origin. The fields are described in ``docs/results.md``.
+# camera at the origin. The fields are described in ``docs/reference/results.md``.
 
 _FORMAT: Final = "imapper-prob scene 1"
 _DECIMALS: Final = 5

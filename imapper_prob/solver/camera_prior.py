@@ -3,7 +3,7 @@
 Of all signs of sitting the angle of the thighs to the vertical is the plainest: nobody walks,
 stands or reaches with both thighs level. It is the mean of both legs', the median over a second,
 and counts as far as the legs are seen; how much each angle says is measured on i3DB
-(``support.angle`` and ``support.slope`` in ``docs/calibration.md``).
+(``support.angle`` and ``support.slope`` in ``docs/research/calibration.md``).
 """
 
 from __future__ import annotations

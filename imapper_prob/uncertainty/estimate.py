@@ -2,9 +2,10 @@
 
 A scenelet says where such furniture stands about somebody who moves like this, not where this
 piece does: people sit at any place of a couch, and farther from a shelf or nearer to it. The
-detections hardly tell (``docs/preference.md``), so that what the posterior knows of a place is
-the scenelet's word, and how far such words are off is measured on scenes whose truth is known
-(``docs/calibration.md``). What is drawn of the scenelets alone leaves that out.
+detections hardly tell (``docs/research/preference.md``), so that what the posterior knows of a
+place
+is the scenelet's word, and how far such words are off is measured on scenes whose truth is known
+(``docs/research/calibration.md``). What is drawn of the scenelets alone leaves that out.
 """
 
 from __future__ import annotations

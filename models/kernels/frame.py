@@ -1,8 +1,8 @@
 """The log-likelihood of a frame: its joints projected, and weighed as seen or hidden.
 
-What is computed is equation (11) of ``docs/model.md``, in two steps. The chances of a frame,
-how likely its detections are if a joint is hidden and if it is seen, follow from the pose and
-the camera; weighing them needs how visible the joints are. Furniture that moves changes but
+What is computed is equation (11) of ``docs/explanation/model.md``, in two steps. The chances of a
+frame, how likely its detections are if a joint is hidden and if it is seen, follow from the pose
+and the camera; weighing them needs how visible the joints are. Furniture that moves changes but
 the second.
 
 Exponentials and logarithms are written out (Cody and Waite 1980: reduce, then a polynomial),

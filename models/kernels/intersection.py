@@ -1,4 +1,4 @@
-"""Furniture and bodies in each other or below the floor (docs/model.md 15 to 17).
+"""Furniture and bodies in each other or below the floor (docs/explanation/model.md 15 to 17).
 
 All take the negative part of a signed distance, that of two things on the floor plane, and that of
 somebody in a thing on the floor plane or in height, whichever is less. (The paper prints L_m with
@@ -103,7 +103,7 @@ def add_displaced_depth(depth: float, spread: float, sums: Array) -> None:
 
 @inlined
 def marginal_penetration_cost(sums: Array, unit: float) -> float:
-    """-log of the mean of exp(-cost) over where furniture may stand, nats (``docs/model.md`` 16).
+    """-log of the mean of exp(-cost) over where furniture may stand, nats.
 
     ``sums`` (5,) are metres summed over frames, see :func:`add_displaced_depth`; a metre costs
     ``unit``.
@@ -127,8 +127,8 @@ def depth_below_floor(joints: Array, row: int) -> float:
 # ------------------------------------------------------------------------------------------------
 # How deep a frame's body stands in boxes, by five columns, compiled.
 #
-# Equation (16) of ``docs/model.md``: trunk, thighs and shins stand in for the body; each is a
-# vertical line on the floor plane from its lowest to its highest joint.
+# Equation (16) of ``docs/explanation/model.md``: trunk, thighs and shins stand in for the body;
+# each is a vertical line on the floor plane from its lowest to its highest joint.
 
 _ABOVE_SEAT = -0.05
 """Metres from the pelvis to where the trunk starts."""

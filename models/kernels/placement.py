@@ -1,4 +1,7 @@
-"""Scenelets in place: boxes, first and last pelvis, facing and size (docs/model.md 9, 10)."""
+"""Scenelets in place: boxes, first and last pelvis, facing and size.
+
+Equations (9) and (10) of ``docs/explanation/model.md``.
+"""
 
 from __future__ import annotations
 
