@@ -102,7 +102,14 @@ class Posterior:
         ----------
         count : int
             At most so many. How far apart they are says :mod:`imapper_prob.uncertainty.scenes`.
+
+        Raises
+        ------
+        InputError
+            ``count`` is less than 1.
         """
+        if count < 1:
+            raise InputError(f"{count} scenes: ask for at least 1")
         number = len(self.scene_probabilities.layouts)
         return tuple(self._scene_at(rank) for rank in range(min(count, number)))
 
@@ -262,7 +269,21 @@ class Posterior:
         return camera_at(self.clip.camera, phi)
 
     def draw(self, number: int) -> Scene:
-        """One draw with its camera, furniture and motion; draws are numbered chain by chain."""
+        """One draw with its camera, furniture and motion.
+
+        Parameters
+        ----------
+        number : int
+            From 0, chain by chain.
+
+        Raises
+        ------
+        InputError
+            If there are not so many.
+        """
+        there = len(self.samples.states)
+        if not 0 <= number < there:
+            raise InputError(f"draw {number}: there are {there}, counted from 0")
         state = self.samples.states[number]
         camera = self._camera(state.camera)
         return Scene(
@@ -498,7 +519,7 @@ def load_posterior(folder: str | Path) -> Posterior:
     Parameters
     ----------
     folder : path
-        Of ``imapper-prob run``, with its ``posterior.nc``.
+        Of ``imapper-prob run``, or the ``posterior.nc`` in it.
 
     Raises
     ------
@@ -510,7 +531,9 @@ def load_posterior(folder: str | Path) -> Posterior:
     >>> import imapper_prob as im
     >>> im.load_posterior("out").scenes(3)  # doctest: +SKIP
     """
-    path = Path(folder) / "posterior.nc"
+    path = Path(folder)
+    if path.name != "posterior.nc":
+        path = path / "posterior.nc"
     if not path.is_file():
         raise InputError(f"{path}: no such file; name the folder of a finished run")
     require_intact(path)
