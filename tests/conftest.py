@@ -57,7 +57,7 @@ APART = {"tests/lab/test_sbc.py"}
 FIRST = (
     "tests/samplers/",
     "tests/lab/",
-    "notebooks/",
+    "docs/tutorials/notebooks/",
     DEMO,
     "tests/cli/",
     "tests/sampling/",
@@ -69,8 +69,8 @@ FIRST = (
 def scope_of(nodeid: str) -> str:
     """What is run by one process, because it shares what was solved or sampled."""
     file = nodeid.split("::", 1)[0]
-    if file.startswith("notebooks/") and "out/notebooks/demo" in _text(file):
-        return "notebooks/ that look at one run"
+    if file.startswith("docs/tutorials/notebooks/") and "out/notebooks/demo" in _text(file):
+        return "docs/tutorials/notebooks/ that look at one run"
     if file in APART:
         return nodeid
     return DEMO if "from tests.runs import" in _text(file) else file
