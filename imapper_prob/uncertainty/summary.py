@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from rich.table import Table
+from rich.text import Text
 from scipy.optimize import linear_sum_assignment
 from xarray import Dataset
 
@@ -86,10 +87,10 @@ def object_table(rows: Sequence[Mapping[str, Any]], truth: Truth | None = None) 
     caption = 'Over all draws; ± is a standard deviation, of "there" the Monte-Carlo error.'
     table = Table(title="Objects", title_justify="left", caption=caption, caption_justify="left")
     for name in ("", "there", "right x [m]", "away y [m]", "facing [°]"):
-        table.add_column(name, justify="left" if not name else "right")
+        table.add_column(Text(name), justify="left" if not name else "right")
     errors = None
     if truth is not None:
-        table.add_column("from truth [m]", justify="right")
+        table.add_column(Text("from truth [m]"), justify="right")
         places = np.array([[row["x"], row["y"]] for row in rows]).reshape(-1, 2)
         errors = _distances([str(row["label"]) for row in rows], places, truth.objects)
     for k, row in enumerate(rows):
