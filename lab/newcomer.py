@@ -1,4 +1,4 @@
-"""Does the first hour go well? Installs the wheel where nothing is, and types what README and people type.
+"""Does the first hour go well? Installs the wheel, and types what README says and what people do.
 
     python -m lab.newcomer FOLDER [--borrow] [--brief]
 

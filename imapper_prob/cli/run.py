@@ -410,7 +410,9 @@ def _show_run(options: argparse.Namespace) -> None:
     out.print(f"{attributes['clip']} ({attributes['program']})")
     _show_alarms(checks)
     out.print(scene_table(scenes))
-    out.print(object_table(read_objects(folder / "scenes.json")))
+    found = read_objects(folder / "scenes.json")
+    if found:
+        out.print(object_table(found))
     out.print(check_table(checks))
     out.print(attributes["verdict"])
     out.print(attributes["agreement"])
