@@ -4,12 +4,13 @@ PYTHON ?= $(shell command -v python3.11 || command -v python3)
 VENV   := .venv
 PY     := $(VENV)/bin/python
 STAMP  := $(VENV)/.stamp
+STAMP_DOCS := $(VENV)/.stamp_docs
 
 # Libraries are installed without bytecode; the first import is to keep it, others take seconds.
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := demo
-.PHONY: demo test test-all bench beforehand kernels_of_models kernels_of_moves lint clean
+.PHONY: demo test test-all bench docs beforehand kernels_of_models kernels_of_moves lint clean
 
 demo: $(STAMP)
 	$(VENV)/bin/imapper-prob demo -o out/demo --overwrite
@@ -22,6 +23,10 @@ test-all: beforehand
 
 bench: $(STAMP)
 	$(PY) -m lab.speed
+
+# The site, offline, in an environment that has Sphinx as well; every warning is an error.
+docs: $(STAMP) $(STAMP_DOCS)
+	$(PY) -m sphinx -b html -W --keep-going docs out/site
 
 beforehand: $(STAMP)
 	$(MAKE) --no-print-directory --jobs=2 lint kernels_of_models kernels_of_moves
@@ -46,4 +51,8 @@ clean:
 $(STAMP): pyproject.toml constraints.txt
 	test -x $(PY) || $(PYTHON) -m venv $(VENV)
 	$(PY) -m pip install --quiet --no-compile --constraint constraints.txt --editable '.[dev,notebook,cluster]'
+	touch $@
+
+$(STAMP_DOCS): $(STAMP)
+	$(PY) -m pip install --quiet --no-compile --constraint constraints.txt --editable '.[docs]'
 	touch $@

@@ -75,7 +75,7 @@ def load_clip(
     Parameters
     ----------
     path : path
-        See ``docs/inputs.md``.
+        See ``docs/reference/inputs.md``.
     options : ClipOptions, optional
         Camera, image size, frame rate, and whatever else the files do not say.
     frames : (int, int), optional

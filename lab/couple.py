@@ -3,8 +3,8 @@
     python -m lab.couple DIR [SEED]
 
 writes ``DIR/couple.npz`` and ``DIR/chairs.npz``, the scenelets of chairs, tables and none, in
-seconds, and prints nothing; ``docs/actors.md`` says what comes of them. The truth of the clip is
-known.
+seconds, and prints nothing; ``docs/how-to/several_people.md`` says what comes of them. The truth
+of the clip is known.
 """
 
 from __future__ import annotations

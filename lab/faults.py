@@ -7,7 +7,7 @@ files in its folder, of four kinds in turn: the disk is full from then on, the c
 process is killed before it, or in the middle of a write. After each the same run is started again
 without a fault. It must end well, with the draws and the files of a run that nobody disturbed, and
 the faulty one in a sentence. Printed are the cases that ended otherwise; a section of
-``docs/robustness.md`` is written.
+``docs/reference/robustness.md`` is written.
 
 Linux with a C compiler: ``faults.c`` is loaded before the C library, so that writers that are no
 Python are heard as well. Each case is a fork of one process that has solved the clip.

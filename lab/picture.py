@@ -37,9 +37,6 @@ _ANSWER_SECONDS = 5.0
 _POLL_SECONDS = 0.2
 _STILL = 2
 """Equal screenshots in a row after which the viewer counts as settled."""
-_LARGEST = 500_000
-"""Bytes a picture may have: what is pleasant to keep in a repository."""
-_COLOURS = (256, 128, 64, 32)
 _RUN = "import sys; from rerun_cli.__main__ import main; sys.exit(main())"
 """``python -m rerun_cli`` would lose the exit code, and ``rerun`` need not be on the path."""
 _NO_GRAPHICS = "Failed to get render context"
@@ -227,15 +224,11 @@ def _settled_screenshot(client: ViewerClient) -> bytes:
 
 
 def _compressed(png: bytes) -> bytes:
-    """The same picture with as few colours as it takes to stay small."""
+    """The same picture, every colour as it is, without transparency."""
     from PIL import Image
 
-    image = Image.open(io.BytesIO(png)).convert("RGB")
-    for colours in _COLOURS:
-        out = io.BytesIO()
-        image.quantize(colours, dither=Image.Dither.NONE).save(out, "PNG", optimize=True)
-        if out.tell() <= _LARGEST:
-            break
+    out = io.BytesIO()
+    Image.open(io.BytesIO(png)).convert("RGB").save(out, "PNG", optimize=True)
     return out.getvalue()
 
 

@@ -14,7 +14,8 @@ solver, all moves, all temperatures. If model, moves and solver are right, and c
 the true scene is among their draws like one of them (Cook, Gelman & Rubin 2006; Talts et al. 2018,
 arXiv:1804.06788), in everything one asks about it. What is known beforehand differs from a real
 clip's in four points, without which the posterior is not that of any model of data
-(``docs/calibration_ranks.md``). Whether N ranks are uniform is seen best in their cumulative
+(``docs/research/calibration_ranks.md``). Whether N ranks are uniform is seen best in their
+cumulative
 distribution, beside the band in which all of it lies with a stated probability if they are
 (Säilynoja, Bürkner & Vehtari 2022, Stat. Comput. 32, 32), whose ends ArviZ computes.
 """

@@ -10,7 +10,7 @@ the place of the paper's reprojection term L_r and occlusion term L_o (Monszpart
 2019) in one normalised density: robust to gross jumps, and asymmetric as the paper's F is,
 for a detector may be sure of a joint it cannot see.
 
-The tables are calibrated (``docs/calibration.md``): detections of i3DB against projected
+The tables are calibrated (``docs/research/calibration.md``): detections of i3DB against projected
 ground truth, hidden as the benchmark's own ray casts say.
 """
 
@@ -45,7 +45,7 @@ _REFERENCE_HEIGHT = 1080.0
 
 @dataclass(frozen=True)
 class DetectorSettings:
-    """How a detector errs, estimated from data (``docs/calibration.md``).
+    """How a detector errs, estimated from data (``docs/research/calibration.md``).
 
     Parameters
     ----------

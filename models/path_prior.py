@@ -1,4 +1,4 @@
-"""The static path with its prior (docs/model.md 6 to 8), and the camera's prior.
+"""The static path with its prior (docs/explanation/model.md 6 to 8), and the camera's prior.
 
 In units of its deviation the error of one coordinate is a stationary process of second order,
 

@@ -400,7 +400,7 @@ def pack_problem(
 
 
 def with_stays(problem: Problem, stays: Array) -> Problem:
-    """The problem with the stays of its person (docs/model.md 6, 17a).
+    """The problem with the stays of its person (docs/explanation/model.md 6, 17a).
 
     Parameters
     ----------

@@ -1,7 +1,7 @@
 """Bounds of what the program takes, and the constants of the model, each with unit and source.
 
 Constants that were estimated from data are read from ``calibrated.toml``, which states source and
-spread of every one (``docs/calibration.md``); the others are chosen.
+spread of every one (``docs/research/calibration.md``); the others are chosen.
 """
 
 from __future__ import annotations
@@ -181,7 +181,7 @@ class ModelSettings:
     furniture_aside : float
         Standard deviation of how far to its side a piece of furniture stands from where its
         scenelet says, as a share of its width. With the next one: of what is drawn, for the
-        detections do not tell (``docs/model.md``).
+        detections do not tell (``docs/explanation/model.md``).
     furniture_ahead : float
         Metres; the same to its front and back, and out of the way of somebody who walks there.
     collision_cost : float
@@ -274,7 +274,7 @@ class ModelSettings:
 
 @dataclass(frozen=True)
 class StaticPathSettings:
-    """Constants of the static path, calibrated (``docs/calibration.md``) but for three.
+    """Constants of the static path, calibrated (``docs/research/calibration.md``) but for three.
 
     Parameters
     ----------
@@ -335,7 +335,9 @@ class StaticPathSettings:
 
 @dataclass(frozen=True)
 class CameraSettings:
-    """Constants of the camera's prior, calibrated (``docs/calibration.md``) or kept for a reason.
+    """Constants of the camera's prior, calibrated or kept for a reason.
+
+    See ``docs/research/calibration.md``.
 
     Parameters
     ----------

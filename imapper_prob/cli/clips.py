@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from imapper_prob.cli.console import progress_bars
+from imapper_prob.cli.parser import examples
 from imapper_prob.models.errors import InputError
 
 if TYPE_CHECKING:
@@ -21,6 +22,7 @@ __all__ = [
     "clip_parser",
     "is_clip",
     "is_video",
+    "run_folder_of",
     "size_of",
 ]
 
@@ -35,19 +37,63 @@ def clip_parser(*, files: bool = True) -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(add_help=False)
     group = parser.add_argument_group("what the files of a clip do not say")
     add = group.add_argument
-    add("--camera", type=Path, metavar="FILE", help="intrinsics, TOML or JSON")
-    add("--focal", type=float, metavar="PIXELS", help="focal length")
-    add("--focal-spread", type=float, metavar="PART", help="of it that it may be wrong by")
-    add("--pitch", type=float, metavar="DEGREES", help="of the camera; down is negative")
-    add("--camera-height", type=float, metavar="METRES", help="above the floor")
-    add("--confidence-map", metavar="MAP", help="its name, or knots such as 0:0,0.3:0.5,1:1")
-    add("--fps", type=float, help="frames a second")
+    add("--camera", type=Path, metavar="FILE", help="intrinsics, TOML or JSON (default: none)")
+    add(
+        "--focal",
+        type=float,
+        metavar="PIXELS",
+        help="focal length (default: of the file; else the longer side of the image)",
+    )
+    add(
+        "--focal-spread",
+        type=float,
+        metavar="PART",
+        help="of the focal length that it may be wrong by, one standard deviation, such as 0.1",
+    )
+    add(
+        "--pitch",
+        type=float,
+        metavar="DEGREES",
+        help="of the camera; down is negative (default: found from the clip)",
+    )
+    add(
+        "--camera-height",
+        type=float,
+        metavar="METRES",
+        help="above the floor (default: found from the clip)",
+    )
+    add(
+        "--confidence-map",
+        metavar="MAP",
+        help="its name, or knots such as 0:0,0.3:0.5,1:1 (default: by format)",
+    )
+    add("--fps", type=float, metavar="N", help="frames a second (default: of the file)")
     if files:
-        add("--format", help="such as body_25, halpe_26, mediapipe; by content if left out")
-        add("--size", type=size_of, metavar="WxH", help="of the image in pixels")
-        add("--people", type=int, metavar="N", help="actors, where files do not say")
-        add("--frames", type=_span, metavar="FIRST:LAST", help="these alone, by their numbers")
-        add("--marks", type=Path, metavar="FILE", help="who is who in some frames, JSON")
+        add("--format", metavar="NAME", help="such as body_25, halpe_26 (default: by content)")
+        add(
+            "--size",
+            type=size_of,
+            metavar="WxH",
+            help="of the image in pixels (default: of the file)",
+        )
+        add(
+            "--people",
+            type=int,
+            metavar="N",
+            help="actors, where files do not say (default: found from the clip)",
+        )
+        add(
+            "--frames",
+            type=_span,
+            metavar="FIRST:LAST",
+            help="these alone, by their numbers (default: all)",
+        )
+        add(
+            "--marks",
+            type=Path,
+            metavar="FILE",
+            help="who is who in some frames, JSON (default: nobody says)",
+        )
         choices = ("default", "paper")
         add(
             "--tracker",
@@ -116,6 +162,12 @@ def is_clip(path: Path) -> bool:
     return path.is_file() or (path.is_dir() and any(path.glob("*.json")) and not _is_run(path))
 
 
+def run_folder_of(text: str) -> Path:
+    """The folder of a run; ``DIR/posterior.nc`` stands for ``DIR``."""
+    path = Path(text)
+    return path.parent if path.name == "posterior.nc" else path
+
+
 def _is_run(path: Path) -> bool:
     return (path / "scenes.json").exists() or (path / "posterior.nc").exists()
 
@@ -152,13 +204,30 @@ def add_detect_command(
         "detect",
         parents=[shared, clip_parser(files=False)],
         help="find the joints of the person in a video",
+        epilog=examples(
+            "detect clip.mp4 -o clip.npz",
+            "detect clip.mp4 -o clip.npz --start 3 --picture joints.png",
+        ),
     )
-    detect.add_argument("video", type=Path)
-    detect.add_argument("-o", "--output", type=Path, required=True, metavar="CLIP.npz")
-    detect.add_argument("--start", type=float, default=0.0, metavar="SECONDS")
-    detect.add_argument("--end", type=float, metavar="SECONDS")
-    detect.add_argument("--step", type=int, help="take every n-th frame; ten a second if left out")
-    detect.add_argument("--picture", type=Path, metavar="PNG", help="frames with their joints")
+    detect.add_argument("video", type=Path, help="a video file of one person, by a fixed camera")
+    detect.add_argument(
+        "-o", "--output", type=Path, required=True, metavar="CLIP.npz", help="clip file to write"
+    )
+    detect.add_argument(
+        "--start", type=float, default=0.0, metavar="SECONDS", help="where to begin"
+    )
+    detect.add_argument(
+        "--end", type=float, metavar="SECONDS", help="(default: the end of the video)"
+    )
+    detect.add_argument(
+        "--step", type=int, metavar="N", help="take every n-th frame (default: ten a second)"
+    )
+    detect.add_argument(
+        "--picture",
+        type=Path,
+        metavar="PNG",
+        help="write frames with their joints (default: no picture)",
+    )
     detect.add_argument("--overwrite", action="store_true", help="replace an earlier clip file")
     detect.set_defaults(execute=_detect)
 
@@ -214,11 +283,18 @@ def add_track_command(
 ) -> None:
     """Add the command to a parser; ``shared`` holds options that all commands have."""
     track = commands.add_parser(
-        "track", parents=[shared, clip_parser()], help="tell people apart, and write the clip"
+        "track",
+        parents=[shared, clip_parser()],
+        help="tell people apart, and write the clip",
+        epilog=examples("track keypoints/ -o clip.npz --people 2 --picture tracks.png"),
     )
     track.add_argument("clip", type=Path, help="keypoints of several people, in any format")
-    track.add_argument("-o", "--output", type=Path, required=True, metavar="CLIP.npz")
-    track.add_argument("--picture", type=Path, metavar="PNG", help="draw the tracks")
+    track.add_argument(
+        "-o", "--output", type=Path, required=True, metavar="CLIP.npz", help="clip file to write"
+    )
+    track.add_argument(
+        "--picture", type=Path, metavar="PNG", help="draw the tracks (default: no picture)"
+    )
     track.add_argument("--overwrite", action="store_true", help="replace an earlier clip file")
     track.set_defaults(execute=_track)
 

@@ -10,6 +10,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from imapper_prob.cli.clips import run_folder_of
+from imapper_prob.cli.parser import examples
 from imapper_prob.models.errors import InputError
 
 __all__ = ["add_export_commands", "add_recording_commands", "open_viewer"]
@@ -20,9 +22,16 @@ def add_export_commands(
 ) -> None:
     """Add the commands to a parser; ``shared`` holds options that all commands have."""
     export = commands.add_parser(
-        "export", parents=[shared], help="write a scene of a run in another format"
+        "export",
+        parents=[shared],
+        help="write a scene of a run in another format",
+        epilog=examples(
+            "export out/demo --format glb -o scene.glb",
+            "export out/demo --format json --samples 100 -o draws.json",
+            "export out/demo --format glb --scene 2 -o second.glb",
+        ),
     )
-    export.add_argument("folder", type=Path, metavar="DIR")
+    export.add_argument("folder", type=run_folder_of, metavar="DIR", help="folder of a run")
     export.add_argument(
         "--format",
         choices=("glb", "json", "i3db"),
@@ -38,8 +47,8 @@ def add_export_commands(
         "--scene",
         type=int,
         metavar="N",
-        help="which scene, 1 being the most probable; if left out, that of least expected loss: "
-        "what is there with more than even odds, at its mean place, and the mean motion",
+        help="which scene, 1 being the most probable (default: that of least expected loss, with "
+        "what is there with more than even odds, at its mean place, and the mean motion)",
     )
     export.add_argument(
         "--samples",
@@ -51,9 +60,12 @@ def add_export_commands(
     export.set_defaults(execute=_export)
 
     report = commands.add_parser(
-        "report", parents=[shared], help="write the report of a run again: DIR/report.html"
+        "report",
+        parents=[shared],
+        help="write the report of a run again: DIR/report.html",
+        epilog=examples("report out/demo"),
     )
-    report.add_argument("folder", type=Path, metavar="DIR")
+    report.add_argument("folder", type=run_folder_of, metavar="DIR", help="folder of a run")
     report.set_defaults(execute=_report)
 
 
@@ -113,22 +125,33 @@ def add_recording_commands(
 ) -> None:
     """Add the two commands to a parser; ``shared`` holds options that all commands have."""
     record = commands.add_parser(
-        "record", parents=[shared], help="make the recording of a run again, from posterior.nc"
+        "record",
+        parents=[shared],
+        help="make the recording of a run again, from posterior.nc",
+        epilog=examples("record out/clip --video clip.mp4"),
     )
-    record.add_argument("folder", type=Path, metavar="DIR")
-    record.add_argument("-o", "--output", type=Path, help=f"instead of DIR/{_NAME}")
+    record.add_argument("folder", type=run_folder_of, metavar="DIR", help="folder of a run")
+    record.add_argument(
+        "-o", "--output", type=Path, metavar="FILE.rrd", help=f"(default: DIR/{_NAME})"
+    )
     record.add_argument(
         "--video",
         type=Path,
         metavar="PATH",
-        help="show the clip's pictures: a folder of them, named by frame number, or a video file",
+        help="show the clip's pictures: a folder of them, named by frame number, or a video file "
+        "(default: no pictures)",
     )
     record.set_defaults(execute=_record)
 
     view = commands.add_parser(
-        "view", parents=[shared], help="open the recording of a run in the viewer"
+        "view",
+        parents=[shared],
+        help="open the recording of a run in the viewer",
+        epilog=examples("view out/demo"),
     )
-    view.add_argument("folder", type=Path, metavar="DIR", help="of a run, or an .rrd file")
+    view.add_argument(
+        "folder", type=run_folder_of, metavar="DIR", help="folder of a run, or an .rrd file"
+    )
     view.set_defaults(execute=_view)
 
 

@@ -154,15 +154,10 @@ def _without_limits(words: Sequence[str]) -> Iterator[str]:
         name, given, _ = word.partition("=")
         if skip:
             skip = False
-        elif any(_means(name, option) for option in _LIMITS):
+        elif name in _LIMITS:
             skip = not given
-        elif not _means(name, "--overwrite"):
+        elif name != "--overwrite":
             yield word
-
-
-def _means(word: str, option: str) -> bool:
-    """Whether a word is an option or short for it."""
-    return word.startswith("--") and len(word) > 2 and option.startswith(word)
 
 
 def _span(seconds: float) -> str:

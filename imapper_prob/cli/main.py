@@ -3,21 +3,25 @@
 from __future__ import annotations
 
 import argparse
+import io
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, redirect_stderr, redirect_stdout
 
 import imapper_prob
 from imapper_prob.cli.clips import add_detect_command, add_track_command
+from imapper_prob.cli.completion import add_completion_command
 from imapper_prob.cli.console import last_words, stoppable, told
 from imapper_prob.cli.evaluate import add_evaluate_command
 from imapper_prob.cli.export import add_export_commands, add_recording_commands
+from imapper_prob.cli.parser import Parser, examples
 from imapper_prob.cli.run import add_run_commands
 from imapper_prob.cli.scenelets import add_scenelet_commands
 from imapper_prob.cli.solve import add_solve_command
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.text import readable
 
-__all__ = ["main"]
+__all__ = ["command_parser", "main"]
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -30,10 +34,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         SIGTERM.
     """
     given = list(sys.argv[1:] if arguments is None else arguments)
-    options = _parser().parse_args(given, argparse.Namespace(words=given))
+    options = command_parser().parse_args(given, argparse.Namespace(words=given))
     with told():
         try:
-            with stoppable():
+            with stoppable(), _silent(quiet=options.quiet):
                 options.execute(options)
         except InputError as error:
             if options.debug:
@@ -47,15 +51,33 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 0
 
 
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+@contextmanager
+def _silent(*, quiet: bool) -> Iterator[None]:
+    """Nothing of a command on the terminal but warnings, which :func:`told` prints."""
+    if not quiet:
+        yield
+        return
+    with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
+        yield
+
+
+def command_parser() -> Parser:
+    """The parser of all commands."""
+    parser = Parser(
         prog="imapper-prob",
         description="Furniture and motion of a half-hidden person, from 2D joints, as a posterior.",
+        epilog=examples("demo -o out/demo", "run clip.mp4 -o out/clip", "run --help"),
     )
-    parser.add_argument("--version", action="version", version=imapper_prob.__version__)
+    version = f"imapper-prob {imapper_prob.__version__}"
+    parser.add_argument(
+        "--version", action="version", version=version, help="print the version and end"
+    )
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     shared = argparse.ArgumentParser(add_help=False)
     shared.add_argument("--debug", action="store_true", help="show tracebacks")
+    shared.add_argument(
+        "--quiet", action="store_true", help="print nothing but warnings and errors"
+    )
     add_run_commands(commands, shared)
     add_detect_command(commands, shared)
     add_track_command(commands, shared)
@@ -64,4 +86,5 @@ def _parser() -> argparse.ArgumentParser:
     add_export_commands(commands, shared)
     add_scenelet_commands(commands, shared)
     add_evaluate_command(commands, shared)
+    add_completion_command(commands, shared, parser)
     return parser

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import argparse
+import json
 import os
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from imapper_prob.cli.clips import clip_from, clip_parser, is_clip, is_video
+from imapper_prob.cli.clips import clip_from, clip_parser, is_clip, is_video, run_folder_of
 from imapper_prob.cli.console import Stopped, progress_bars
+from imapper_prob.cli.parser import examples
+from imapper_prob.config import SampleSettings
 from imapper_prob.models.errors import InputError
 
 if TYPE_CHECKING:
@@ -72,6 +76,7 @@ def show_energy(folder: Path) -> None:
 _DEMO_STEPS = 6000
 """Steps of a demo chain at each temperature: what fits, with all else, within a minute on two
 cores."""
+_STEPS = SampleSettings().steps
 
 
 def add_run_commands(
@@ -79,65 +84,102 @@ def add_run_commands(
 ) -> None:
     """Add the three commands to a parser; ``shared`` holds options that all commands have."""
     sampling = argparse.ArgumentParser(add_help=False)
-    sampling.add_argument("-o", "--output", type=Path, required=True, metavar="DIR")
-    sampling.add_argument("--seed", type=int, help="all randomness comes from it")
+    sampling.add_argument(
+        "-o", "--output", type=Path, required=True, metavar="DIR", help="folder of the run; made"
+    )
+    sampling.add_argument(
+        "--seed", type=int, metavar="N", help="all randomness comes from it (default: 0)"
+    )
     sampling.add_argument(
         "--steps",
         type=int,
-        help="steps of each chain at each temperature; more than a finished run in DIR has: go on",
+        metavar="N",
+        help="steps of each chain at each temperature; more than a finished run in DIR has: go on "
+        f"(default: {_STEPS}, of demo {_DEMO_STEPS})",
     )
     sampling.add_argument(
         "--minutes",
         type=float,
         metavar="M",
         help="sample for so long, after solving, in blocks of steps; on a finished run in DIR: go "
-        "on for so long",
+        "on for so long (default: no limit)",
     )
     sampling.add_argument(
         "--until",
         choices=("good",),
-        help="sample in blocks until the verdict is good, for an hour or --minutes at most",
+        help="sample in blocks until the verdict is good, for an hour or --minutes at most "
+        "(default: --steps alone decide)",
     )
     sampling.add_argument(
         "--preset",
         choices=("default", "paper"),
-        help="what a scene costs: ours, or the published energy in place of the likelihood",
+        help="what a scene costs: ours, or the published energy in place of the likelihood "
+        "(default: default)",
     )
     sampling.add_argument(
-        "--workers", type=int, default=os.cpu_count() or 1, help="processes; draws do not change"
+        "--workers",
+        type=int,
+        default=os.cpu_count() or 1,
+        metavar="N",
+        help="processes; draws do not depend on them (default: one a core)",
     )
     sampling.add_argument(
         "--cluster",
         metavar="ADDRESS",
         help="run the chains on the workers of a dask scheduler, such as tcp://host:8786; they "
-        "must see DIR under the same path",
+        "must see DIR under the same path (default: run them here)",
     )
     sampling.add_argument(
         "--overwrite", action="store_true", help="replace an earlier run in DIR, finished or not"
     )
+    answer = argparse.ArgumentParser(add_help=False)
+    answer.add_argument(
+        "--json", action="store_true", help="print the result as one JSON document, and no table"
+    )
 
     demo = commands.add_parser(
-        "demo", parents=[shared, sampling], help="simulate a clip and sample its scenes"
+        "demo",
+        parents=[shared, answer, sampling],
+        help="simulate a clip and sample its scenes",
+        epilog=examples("demo -o out/demo", "demo -o out/demo --until good --minutes 5"),
     )
     demo.set_defaults(config=None, library=None, execute=_demo)
 
     clips = clip_parser()
     run = commands.add_parser(
-        "run", parents=[shared, sampling, clips], help="sample scenes of a clip"
+        "run",
+        parents=[shared, answer, sampling, clips],
+        help="sample scenes of a clip",
+        epilog=examples(
+            "run clip.mp4 -o out/clip",
+            "run keypoints/ -o out/clip --size 1920x1080 --fps 30",
+            "run i3db/Scene04 -o out/Scene04 --until good --minutes 20",
+            "run clip.npz -o out/clip --json > result.json",
+        ),
     )
     run.add_argument("clip", type=Path, help="clip file, keypoints, i3DB scene or video")
-    run.add_argument("--config", type=Path, help="settings (TOML), such as an earlier config.toml")
     run.add_argument(
-        "--library", help="'built-in', a library file (.npz), or several joined by commas"
+        "--config",
+        type=Path,
+        metavar="FILE",
+        help="settings, TOML, such as an earlier config.toml (default: those of the program)",
+    )
+    run.add_argument(
+        "--library",
+        metavar="NAMES",
+        help="'built-in', a library file (.npz), or several joined by commas (default: built-in)",
     )
     run.set_defaults(execute=_run)
 
     info = commands.add_parser(
         "info",
-        parents=[shared, clips],
+        parents=[shared, answer, clips],
         help="print the result of a run again, or what a clip holds",
+        epilog=examples("info out/demo", "info out/demo --energy", "info clip.npz"),
     )
-    info.add_argument("folder", type=Path, metavar="DIR_OR_CLIP")
+    info.add_argument(
+        "folder", type=run_folder_of, metavar="DIR_OR_CLIP", help="folder of a run, or a clip"
+    )
     info.add_argument(
         "--energy",
         action="store_true",
@@ -208,7 +250,10 @@ def _begun_or_gone_on_with(
             asked = _config(options, earlier.config)
             config = config_to_go_on(earlier, asked, steps=options.steps, limits=limits)
             if nothing_to_do(earlier, limits):
-                _print(f"{folder}: {earlier.verdict} Nothing is left to do.")
+                if options.json:
+                    _print_json(folder)
+                else:
+                    _print(f"{folder}: {earlier.verdict} Nothing is left to do.")
                 return
         clip, library = read_clip(), load_library(config.library)
         if earlier is not None:
@@ -255,13 +300,16 @@ def _sample(
         progress("writing", 0.0)
         write_run(options.output, posterior, overwrite=options.overwrite, video=video)
         progress("writing", 1.0)
-    _show(posterior, options.output)
+    if options.json:
+        _print_json(options.output)
+    else:
+        _show(posterior, options.output)
     if not posterior.samples.finished:
         chains, draws = posterior.samples.shape
         raise Stopped(
             f"{options.output} holds what there is, {draws} draws of each of {chains} chains"
         )
-    if blocks and not blocks[-1].verdict.good:
+    if blocks and not blocks[-1].verdict.good and not options.json:
         _print(how_to_go_on(blocks[-1], options))
 
 
@@ -275,13 +323,17 @@ def _show(posterior: Posterior, folder: Path) -> None:
     from imapper_prob.cli.console import console
     from imapper_prob.results.report import sides_of
     from imapper_prob.sampling.placements import describe_agreement
-    from imapper_prob.uncertainty.summary import check_table, object_table, scene_table
+    from imapper_prob.uncertainty.summary import (
+        check_table,
+        object_rows,
+        object_table,
+        scene_table,
+    )
 
     out = console()
-    scenes = posterior.scenes()
     _show_alarms(posterior.checks)
-    out.print(scene_table(scenes))
-    out.print(object_table(scenes[0], posterior.clip.truth))
+    out.print(scene_table(posterior.scenes()))
+    out.print(object_table(object_rows(posterior.summary()), posterior.clip.truth))
     out.print(check_table(posterior.checks))
     for sentence in sides_of(posterior.clip, posterior.sides_flipped):
         out.print(sentence)
@@ -290,6 +342,25 @@ def _show(posterior: Posterior, folder: Path) -> None:
     if not posterior.samples.finished:
         out.print("Interrupted: these are the draws that there were.")
     out.print(f"Written to {folder}; look at it with: imapper-prob view {folder}")
+
+
+def _print_json(folder: Path) -> None:
+    """``scenes.json`` of a run with what its file says of the run, as one document."""
+    from imapper_prob.results.scenes_file import read_scenes
+    from imapper_prob.uncertainty.checks import alarms, from_json
+    from imapper_prob.uncertainty.tree import read_attributes
+
+    read_scenes(folder / "scenes.json")  # whole and of this version
+    said = read_attributes(folder / "posterior.nc")
+    run = {
+        "folder": str(folder),
+        "clip": str(said["clip"]),
+        "program": str(said["program"]),
+        "good": bool(said["verdict_good"]) and not alarms(from_json(str(said["checks"]))),
+        "verdict": str(said["verdict"]),
+    }
+    scenes = json.loads((folder / "scenes.json").read_text(encoding="utf-8"))
+    sys.stdout.write(json.dumps({"run": run, **scenes}, indent=1, ensure_ascii=False) + "\n")
 
 
 def _show_alarms(checks: Iterable[Check]) -> None:
@@ -303,7 +374,11 @@ def _show_alarms(checks: Iterable[Check]) -> None:
 
 def _info(options: argparse.Namespace) -> None:
     if is_clip(options.folder):
+        if options.json:
+            raise InputError(f"{options.folder}: is a clip; --json prints the result of a run")
         _show_clip(options)
+    elif options.json:
+        _print_json(options.folder)
     else:
         _show_run(options)
 
@@ -320,7 +395,7 @@ def _show_clip(options: argparse.Namespace) -> None:
 
 def _show_run(options: argparse.Namespace) -> None:
     from imapper_prob.cli.console import console
-    from imapper_prob.results.scenes_file import read_scenes
+    from imapper_prob.results.scenes_file import read_objects, read_scenes
     from imapper_prob.uncertainty.checks import from_json
     from imapper_prob.uncertainty.summary import check_table, object_table, scene_table
     from imapper_prob.uncertainty.tree import read_attributes
@@ -335,7 +410,9 @@ def _show_run(options: argparse.Namespace) -> None:
     out.print(f"{attributes['clip']} ({attributes['program']})")
     _show_alarms(checks)
     out.print(scene_table(scenes))
-    out.print(object_table(scenes[0]))
+    found = read_objects(folder / "scenes.json")
+    if found:
+        out.print(object_table(found))
     out.print(check_table(checks))
     out.print(attributes["verdict"])
     out.print(attributes["agreement"])

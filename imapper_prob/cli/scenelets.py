@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from imapper_prob.cli.parser import examples
 from imapper_prob.models.errors import InputError
 from imapper_prob.scenelets.build import SOURCES, captures_from
 
@@ -24,41 +25,68 @@ def add_scenelet_commands(
     commands: argparse._SubParsersAction[Any], shared: argparse.ArgumentParser
 ) -> None:
     """Add the group to a parser; ``shared`` holds options that all commands have."""
-    group = commands.add_parser("scenelets", help="build a library of scenelets, or look at one")
+    group = commands.add_parser(
+        "scenelets",
+        help="build a library of scenelets, or look at one",
+        epilog=examples("scenelets info", "scenelets build --help"),
+    )
     actions = group.add_subparsers(dest="scenelets", required=True, metavar="COMMAND")
     library = argparse.ArgumentParser(add_help=False)
     library.add_argument(
         "--library",
         default="built-in",
+        metavar="NAMES",
         help="'built-in', a library file (.npz), or several joined by commas",
     )
     overwrite = argparse.ArgumentParser(add_help=False)
     overwrite.add_argument("--overwrite", action="store_true", help="replace what is there")
 
     build = actions.add_parser(
-        "build", parents=[shared, overwrite], help="cut recordings of people and furniture"
+        "build",
+        parents=[shared, overwrite],
+        help="cut recordings of people and furniture",
+        epilog=examples("scenelets build --from i3db i3db/ --leave-out Scene04 -o i3db.npz"),
     )
     build.add_argument("path", type=Path, help="folder or file of the recordings")
     build.add_argument(
         "--from", dest="source", choices=SOURCES, required=True, help="what the recordings are"
     )
-    build.add_argument("--leave-out", metavar="SCENE", help="a scene that must not get in")
-    build.add_argument("-o", "--output", type=Path, required=True, metavar="LIBRARY.npz")
+    build.add_argument(
+        "--leave-out", metavar="SCENE", help="a scene that must not get in (default: take all)"
+    )
+    build.add_argument(
+        "-o", "--output", type=Path, required=True, metavar="LIBRARY.npz", help="file to write"
+    )
     build.set_defaults(execute=_build)
 
-    info = actions.add_parser("info", parents=[shared, library], help="what is in a library")
+    info = actions.add_parser(
+        "info",
+        parents=[shared, library],
+        help="what is in a library",
+        epilog=examples("scenelets info", "scenelets info --library built-in,i3db.npz"),
+    )
     info.set_defaults(execute=_info)
 
     plot = actions.add_parser(
-        "plot", parents=[shared, library, overwrite], help="figures: " + ", ".join(_FIGURES)
+        "plot",
+        parents=[shared, library, overwrite],
+        help="figures: " + ", ".join(_FIGURES),
+        epilog=examples("scenelets plot -o out/figures"),
     )
-    plot.add_argument("-o", "--output", type=Path, required=True, metavar="DIR")
+    plot.add_argument(
+        "-o", "--output", type=Path, required=True, metavar="DIR", help="folder to write to; made"
+    )
     plot.set_defaults(execute=_plot)
 
     record = actions.add_parser(
-        "record", parents=[shared, library, overwrite], help="a sheet of scenelets for rerun"
+        "record",
+        parents=[shared, library, overwrite],
+        help="a sheet of scenelets for rerun",
+        epilog=examples("scenelets record -o out/sheet.rrd"),
     )
-    record.add_argument("-o", "--output", type=Path, required=True, metavar="FILE.rrd")
+    record.add_argument(
+        "-o", "--output", type=Path, required=True, metavar="FILE.rrd", help="file to write"
+    )
     record.set_defaults(execute=_record)
 
 

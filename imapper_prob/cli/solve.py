@@ -10,6 +10,7 @@ from typing import Any
 
 from imapper_prob.cli.clips import clip_from, clip_parser
 from imapper_prob.cli.console import progress_bars
+from imapper_prob.cli.parser import examples
 
 __all__ = ["StageClock", "add_solve_command"]
 
@@ -22,17 +23,27 @@ def add_solve_command(
         "solve",
         parents=[shared, clip_parser()],
         help="the staged solver alone: best scene and its stages",
+        epilog=examples("solve clip.npz -o out/solved", "solve i3db/Scene04 -o out/Scene04"),
     )
     solve.add_argument("clip", type=Path, help="clip file, keypoints, i3DB scene or video")
-    solve.add_argument("-o", "--output", type=Path, required=True, metavar="DIR")
     solve.add_argument(
-        "--config", type=Path, help="settings (TOML), such as an earlier config.toml"
+        "-o", "--output", type=Path, required=True, metavar="DIR", help="folder to write; made"
     )
     solve.add_argument(
-        "--library", help="'built-in', a library file (.npz), or several joined by commas"
+        "--config",
+        type=Path,
+        metavar="FILE",
+        help="settings, TOML, such as an earlier config.toml (default: those of the program)",
     )
     solve.add_argument(
-        "--preset", choices=("default", "paper"), help="what a scene costs, as in run"
+        "--library",
+        metavar="NAMES",
+        help="'built-in', a library file (.npz), or several joined by commas (default: built-in)",
+    )
+    solve.add_argument(
+        "--preset",
+        choices=("default", "paper"),
+        help="what a scene costs, as in run (default: default)",
     )
     solve.add_argument(
         "--overwrite", action="store_true", help="replace an earlier solution in DIR"

@@ -107,7 +107,7 @@ class RawDetections:
 # ------------------------------------------------------------------------------------------------
 # Scores to confidences.
 #
-# The detection tables (``docs/calibration.md``) were counted on one detector. Scores of another
+# The detection tables (``calibration.md``) were counted on one detector. Scores of another
 # mean something else, and are put on that scale first by a monotone map, one for each source.
 
 Knots = tuple[tuple[float, float], ...]

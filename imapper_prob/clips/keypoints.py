@@ -1,7 +1,7 @@
 """The sixteen joints among those of other programs, by name.
 
 Programs number their keypoints differently; only names are safe. :data:`KEYPOINT_SETS` has the
-names of each set in the order of its files. ``docs/inputs.md`` shows the same table.
+names of each set in the order of its files. ``docs/reference/inputs.md`` shows the same table.
 """
 
 from __future__ import annotations

@@ -186,7 +186,7 @@ def format_of(path: Path) -> str:
     raise InputError(
         f"{path}: not a known clip; expected an i3DB scene folder (with {DETECTIONS}), a folder of "
         "OpenPose files, a result list of MMPose or AlphaPose, a MediaPipe dump, pose proposals, a "
-        "TRC file, or an .npz file; see docs/inputs.md"
+        "TRC file, or an .npz file; see docs/reference/inputs.md"
     )
 
 
@@ -333,7 +333,7 @@ def read_frames(
     ----------
     path : path
         A scene folder of the i3DB benchmark, an ``.npz`` of the program's own format
-        (:mod:`imapper_prob.clips.clip_file`), or anything else that ``docs/inputs.md`` lists.
+        (:mod:`imapper_prob.clips.clip_file`), or anything else that ``inputs.md`` lists.
     options : ClipOptions, optional
         What the files do not say: camera, image size, frame rate.
     frames : (int, int), optional

@@ -37,7 +37,8 @@ _NOMINAL_ELEVATION: Final = 1.5
 _ASSUMED: Final = 0.2
 """Standard deviation of the log focal length of a camera nobody knows, taken to be the longer
 side of the image: horizontal fields of view of 44 to 63 degrees. Nine webcams and phones whose
-field of view in videos is published or was measured are off by this (``docs/own_video.md``)."""
+field of view in videos is published or was measured are off by this
+(``docs/how-to/own_video.md``)."""
 _WRITTEN_DOWN: Final = 0.1
 """The same of what phones write down: it is their lens's on all of the sensor, of which videos
 leave out up to a fifth to steady the picture."""

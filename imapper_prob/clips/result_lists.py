@@ -290,7 +290,7 @@ def is_proposals(data: Any) -> bool:
 
 
 def read_proposals(path: Path) -> RawDetections:
-    """Read a file of grouped proposals (format: ``docs/inputs.md``).
+    """Read a file of grouped proposals (format: ``docs/reference/inputs.md``).
 
     A group of one has no variance: nothing is known of how sure its joints are, and it is left
     out as if nobody had been detected.

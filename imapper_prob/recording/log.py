@@ -15,7 +15,7 @@ Entities, in metres in the world frame (z up, floor at z = 0)::
 
 Of several people the person, limbs, path and curves of each have entities of their own, named after
 their tracks. Timelines are `frame` (the input's own numbers), `scene` (from 1) and `draw`. Nothing
-is stamped with the time of day, so the same run makes the same recording. ``docs/recording.md``
+is stamped with the time of day, so the same run makes the same recording. ``recording.md``
 says what each panel is for.
 """
 

@@ -104,7 +104,7 @@ def yaw_in_camera(camera: Camera, o: SceneObject) -> float:
 # JSON of a scene, and of posterior draws.
 #
 # For programs that know neither the world frame nor the model: metres, x right, y down, z forward,
-# the camera at the origin. The fields are described in ``docs/results.md``.
+# the camera at the origin. The fields are described in ``docs/reference/results.md``.
 
 _FORMAT: Final = "imapper-prob scene 1"
 _DECIMALS: Final = 5

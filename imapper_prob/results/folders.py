@@ -25,6 +25,7 @@ from imapper_prob.results.report import write_report
 from imapper_prob.results.scenes_file import write_scenes
 from imapper_prob.samplers.checkpoint import checkpoint_of
 from imapper_prob.solver.actors import Solved
+from imapper_prob.uncertainty.summary import object_rows
 from imapper_prob.uncertainty.tree import FORMAT, read_attributes, write_tree
 
 __all__ = [
@@ -223,6 +224,7 @@ def write_run(
             posterior.scenes(),
             clip=posterior.clip,
             checks=posterior.checks,
+            objects=object_rows(posterior.summary()),
         )
         _write_models(beside / "scenes", posterior)
         write_tree(beside / "posterior.nc", posterior.data)

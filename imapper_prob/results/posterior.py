@@ -121,6 +121,11 @@ class Posterior:
         -------
         tuple of WeightedScene
 
+        Raises
+        ------
+        InputError
+            ``count`` is less than 1.
+
         Examples
         --------
         >>> best = posterior.scenes(2)[0]
@@ -129,6 +134,8 @@ class Posterior:
         >>> [o.label for o in best.scene.objects]
         ['couch', 'table']
         """
+        if count < 1:
+            raise InputError(f"{count} scenes: ask for at least 1")
         number = len(self.scene_probabilities.layouts)
         return tuple(self._scene_at(rank) for rank in range(min(count, number)))
 
@@ -369,11 +376,19 @@ class Posterior:
         -------
         Scene
 
+        Raises
+        ------
+        InputError
+            If there are not so many.
+
         Examples
         --------
         >>> posterior.draw(0).camera.width
         1920
         """
+        there = len(self.samples.states)
+        if not 0 <= number < there:
+            raise InputError(f"draw {number}: there are {there}, counted from 0")
         state = self.samples.states[number]
         camera = self._camera(state.camera)
         return Scene(
@@ -709,7 +724,7 @@ def load_posterior(folder: str | Path) -> Posterior:
     Parameters
     ----------
     folder : path
-        Of ``imapper-prob run``, with its ``posterior.nc``.
+        Of ``imapper-prob run``, or the ``posterior.nc`` in it.
 
     Returns
     -------
@@ -725,7 +740,9 @@ def load_posterior(folder: str | Path) -> Posterior:
     >>> im.load_posterior("run").clip.name
     'demo'
     """
-    path = Path(folder) / "posterior.nc"
+    path = Path(folder)
+    if path.name != "posterior.nc":
+        path = path / "posterior.nc"
     if not path.is_file():
         raise InputError(f"{path}: no such file; name the folder of a finished run")
     require_intact(path)

@@ -150,7 +150,10 @@ def warnings_of(
             "their order, cannot be trusted."
         )
     elif not samples.verdict.good:
-        said.append("The chains have not converged: probabilities and spreads are preliminary.")
+        said.append(
+            "Probabilities and spreads are preliminary. To sample on, give the command of the run "
+            "again with --until good."
+        )
     if best.probability < _WEAK:
         said.append(
             f"Weak evidence: even the most probable scene has a probability of only "
@@ -451,7 +454,10 @@ def _diagnostics(posterior: Posterior) -> str:
             text="All chains should look alike, and none should drift, after the grey part.",
         ),
         table(
-            ["move", "proposed", "accepted", "rate"], table_of_moves, caption="Moves of all chains."
+            ["move", "proposed", "accepted", "rate"],
+            table_of_moves,
+            caption="A step of a chain proposes a change, which is accepted or not. Births and "
+            "deaths add and remove scenelets.",
         ),
         *(
             [

@@ -2,6 +2,8 @@
 
 Positions are metres in the world frame (z up, floor at z = 0, origin on the floor below the
 camera, y the horizontal viewing direction), angles radians. An unknown number is ``null``.
+``objects`` are matched over all draws, with standard deviations (``_sd``); the objects of each
+scene are those of its representative draw.
 
 The file has no joints: a motion is hundreds of frames, and ``posterior.nc`` beside it keeps
 every draw of it.
@@ -28,7 +30,7 @@ from imapper_prob.models.text import readable
 from imapper_prob.uncertainty.checks import Check, alarms
 from imapper_prob.uncertainty.scenes import Explains, WeightedScene
 
-__all__ = ["FORMAT", "VERSION", "read_scenes", "write_scenes"]
+__all__ = ["FORMAT", "VERSION", "read_objects", "read_scenes", "write_scenes"]
 
 FORMAT: Final = "imapper-prob scenes"
 VERSION: Final = 2
@@ -42,6 +44,9 @@ _FRAMES: Final = {
     "object's front, z the height above the floor; cuboids are in it",
 }
 
+_OF_OBJECT: Final = (
+    "label_probability", "presence", "presence_error", "x", "x_sd", "y", "y_sd", "yaw", "yaw_sd",
+)  # fmt: skip
 _LARGEST: Final = 1e12
 """Square metres of a covariance."""
 
@@ -54,6 +59,7 @@ def write_scenes(
     *,
     clip: Clip | None = None,
     checks: Iterable[Check] = (),
+    objects: Sequence[Mapping[str, Any]] = (),
 ) -> None:
     """Write ``scenes`` as JSON; a file in the way is replaced.
 
@@ -67,6 +73,8 @@ def write_scenes(
         Says who does what, where there are several people.
     checks : iterable of Check
         Of the result as a whole; what is alarmed stands before the scenes, in words.
+    objects : sequence of mapping
+        Over all draws, see :func:`imapper_prob.uncertainty.summary.object_rows`.
 
     Raises
     ------
@@ -85,6 +93,7 @@ def write_scenes(
         "alarms": list(alarms(checks)),
         "checks": [asdict(check) for check in checks],
         **({"actors": asdict(actors)} if actors.names else {}),
+        "objects": list(objects),
         "scenes": [_from_scene(scene, actors) for scene in scenes],
     }
     text = json.dumps(_without_nan(document), indent=1, allow_nan=False, ensure_ascii=False)
@@ -111,6 +120,38 @@ def read_scenes(path: str | os.PathLike[str]) -> tuple[WeightedScene, ...]:
         something.
     """
     path = Path(path)
+    document = _read(path)
+    try:
+        actors = _Actors(**document.get("actors", {}))
+    except TypeError as error:
+        raise InputError(f"{path}: actors: {error}") from error
+    return _each(document.get("scenes"), lambda s: _to_scene(s, actors), f"{path}: scene")
+
+
+def read_objects(path: str | os.PathLike[str]) -> tuple[dict[str, Any], ...]:
+    """Read the objects over all draws that :func:`write_scenes` wrote.
+
+    Parameters
+    ----------
+    path : path
+        Of ``scenes.json``.
+
+    Returns
+    -------
+    tuple of dict
+        Names and values of each, as `Posterior.summary` has them.
+
+    Raises
+    ------
+    InputError
+        As :func:`read_scenes`.
+    """
+    path = Path(path)
+    return _each(_read(path).get("objects", []), _to_row, f"{path}: object")
+
+
+def _read(path: Path) -> dict[str, Any]:
+    """The document in a file of scenes."""
     require_intact(path)
     try:
         document = json.loads(path.read_text(encoding="utf-8"), parse_constant=_refused)
@@ -124,11 +165,7 @@ def read_scenes(path: str | os.PathLike[str]) -> tuple[WeightedScene, ...]:
         raise InputError(
             f"{path}: has version {document.get('version')!r}, this program reads {VERSION}"
         )
-    try:
-        actors = _Actors(**document.get("actors", {}))
-    except TypeError as error:
-        raise InputError(f"{path}: actors: {error}") from error
-    return _each(document.get("scenes"), lambda s: _to_scene(s, actors), f"{path}: scene")
+    return document
 
 
 @dataclass(frozen=True)
@@ -243,6 +280,11 @@ def _to_object(values: Mapping[str, Any]) -> SceneObject:
     x, y = values["position"]
     cuboids = tuple(Cuboid(c["part"], c["centre"], c["size"]) for c in values["cuboids"])
     return SceneObject(values["label"], Placement(x, y, values["yaw"]), cuboids)
+
+
+def _to_row(values: Mapping[str, Any]) -> dict[str, Any]:
+    numbers = {name: _number(values[name]) for name in _OF_OBJECT}
+    return {"label": readable(str(values["label"])), **numbers}
 
 
 def _each(entries: Any, read: Callable[[Mapping[str, Any]], Item], what: str) -> tuple[Item, ...]:

@@ -39,7 +39,7 @@ def thigh_signs(
 
     Nobody walks, stands or reaches with both thighs level. The angle is the mean of both legs', and
     the median over a second; how much it says is measured on i3DB (``support.angle`` and
-    ``support.slope`` in ``docs/calibration.md``).
+    ``support.slope`` in ``docs/research/calibration.md``).
 
     Parameters
     ----------

@@ -1,8 +1,9 @@
 """How this person's joints differ from a pose, as far as detections tell.
 
 A scenelet says how somebody moves near such furniture, not how this person moved: the posterior
-lets detections scatter about a pose by the pose tolerance sigma (``docs/model.md`` 11). What it
-sums out comes back here. Of a joint at q, at a depth d, under a focal length f, seen at u,
+lets detections scatter about a pose by the pose tolerance sigma (``docs/explanation/model.md``
+11). What
+it sums out comes back here. Of a joint at q, at a depth d, under a focal length f, seen at u,
 
     u = Pi(q + delta) + e,    delta ~ N(0, sigma^2 I),    rho = f sigma / d,
 

@@ -7,8 +7,8 @@ and log distance, because spread is relative and along the ray; means of turns a
 their loss the chord's square. Of the drawn pieces of the most probable kind, all seats being one
 kind, that is chosen whose outline overlaps most on average with where and how large all may stand.
 
-Furniture stands about where its scenelet says, by the spreads of ``docs/calibration.md``: people
-sit at any place of a couch, and the detections hardly tell (``docs/preference.md``).
+Furniture stands about where its scenelet says, by the spreads of ``calibration.md``: people
+sit at any place of a couch, and the detections hardly tell (``docs/research/preference.md``).
 """
 
 from __future__ import annotations

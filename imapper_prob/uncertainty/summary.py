@@ -1,14 +1,17 @@
-"""The answer of a run in sentences and tables."""
+"""The answer in words and tables."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from rich.table import Table
+from rich.text import Text
 from scipy.optimize import linear_sum_assignment
+from xarray import Dataset
 
 from imapper_prob.layouts import group_of
 from imapper_prob.models.scene import Clip, SceneObject, Truth
@@ -18,7 +21,8 @@ from imapper_prob.uncertainty.checks import Check
 from imapper_prob.uncertainty.scenes import WeightedScene
 
 __all__ = [
-    "check_table", "describe", "distances_to_truth", "furniture", "object_table", "scene_table",
+    "check_table", "describe", "distances_to_truth", "furniture", "object_rows",
+    "object_table", "scene_table",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
@@ -74,37 +78,59 @@ def _shortened(layouts: Sequence[int]) -> str:
     return f"{listed} and {more} more" if more > 0 else listed
 
 
-def object_table(weighted: WeightedScene, truth: Truth | None = None) -> Table:
-    """Objects of one scene: where they stand, how sure that is, how far from the truth.
+def object_rows(posterior_summary: Dataset) -> list[dict[str, Any]]:
+    """Objects over all draws, one mapping of names to values each.
 
     Parameters
     ----------
-    weighted : WeightedScene
+    posterior_summary : Dataset
+        What `Posterior.summary` returns.
+
+    Returns
+    -------
+    list of dict
+    """
+    names = list(posterior_summary.data_vars)
+    count = posterior_summary.sizes["object"]
+    values = {str(name): posterior_summary[name].values.tolist() for name in names}
+    return [{name: column[k] for name, column in values.items()} for k in range(count)]
+
+
+def object_table(rows: Sequence[Mapping[str, Any]], truth: Truth | None = None) -> Table:
+    """Objects over all draws: whether they are there, where, and how far from the truth.
+
+    Parameters
+    ----------
+    rows : sequence of mapping
+        As :func:`object_rows` makes them.
     truth : Truth, optional
+        Where it is known, distances to it are shown.
 
     Returns
     -------
     rich.table.Table
     """
-    table = Table(title="Objects of scene 1", title_justify="left")
-    for name in ("", "x [m]", "y [m]", "± [cm]", "facing [°]"):
-        table.add_column(name, justify="left" if not name else "right")
+    caption = 'Over all draws; ± is a standard deviation, of "there" the Monte-Carlo error.'
+    table = Table(title="Objects", title_justify="left", caption=caption, caption_justify="left")
+    for name in ("", "there", "right x [m]", "away y [m]", "facing [°]"):
+        table.add_column(Text(name), justify="left" if not name else "right")
     errors = None
     if truth is not None:
-        table.add_column("from truth [cm]", justify="right")
-        errors = distances_to_truth(weighted.scene.objects, truth.objects)
-    for k, o in enumerate(weighted.scene.objects):
-        spread = 100 * np.sqrt(np.trace(weighted.covariances[k]) / 2)
-        row = [
-            o.label,
-            f"{o.centre[0]:.2f}",
-            f"{o.centre[1]:.2f}",
-            f"{spread:.0f}",
-            f"{np.degrees(o.placement.yaw) % 360:.0f}",
+        table.add_column(Text("from truth [m]"), justify="right")
+        places = np.array([[row["x"], row["y"]] for row in rows]).reshape(-1, 2)
+        errors = _distances([str(row["label"]) for row in rows], places, truth.objects)
+    for k, row in enumerate(rows):
+        turned = f"{np.degrees(row['yaw']) % 360:.0f} ± {np.degrees(row['yaw_sd']):.0f}"
+        cells = [
+            str(row["label"]),
+            f"{row['presence']:.2f} ± {row['presence_error']:.2f}",
+            f"{row['x']:.2f} ± {row['x_sd']:.2f}",
+            f"{row['y']:.2f} ± {row['y_sd']:.2f}",
+            turned,
         ]
         if errors is not None:
-            row.append("not there" if np.isnan(errors[k]) else f"{100 * errors[k]:.0f}")
-        table.add_row(*row)
+            cells.append("not there" if np.isnan(errors[k]) else f"{errors[k]:.2f}")
+        table.add_row(*cells)
     return table
 
 
@@ -121,12 +147,18 @@ def distances_to_truth(found: Sequence[SceneObject], true: Sequence[SceneObject]
     (n_found,) float
         Metres; NaN without a partner.
     """
-    result = np.full(len(found), np.nan)
-    if not found or not true:
+    places = np.array([o.centre[:2] for o in found]).reshape(-1, 2)
+    return _distances([o.label for o in found], places, true)
+
+
+def _distances(labels: Sequence[str], places: Array, true: Sequence[SceneObject]) -> Array:
+    """The same for labels and places (n_found, 2) on the floor, metres."""
+    result = np.full(len(labels), np.nan)
+    if not labels or not true:
         return result
-    gap = np.array([o.centre[:2] for o in found])[:, None] - [o.centre[:2] for o in true]
+    gap = places[:, None] - [o.centre[:2] for o in true]
     distance = np.linalg.norm(gap, axis=-1)
-    other = np.array([[group_of(f.label) != group_of(t.label) for t in true] for f in found])
+    other = np.array([[group_of(label) != group_of(t.label) for t in true] for label in labels])
     rows, columns = linear_sum_assignment(np.where(other, 1e6, distance))
     for row, column in zip(rows, columns, strict=True):
         if not other[row, column]:

@@ -5,7 +5,8 @@
 prints each constant in use, as measured, with its error and what it would be without each of the
 scenes, and the value found from simulated clips beside the one they were drawn with. Then it holds
 the static path, made with constants estimated from the *other* scenes, against the truth. With
-``--write`` the values go to ``models/calibrated.toml`` and the table to ``docs/calibration.md``.
+``--write`` the values go to ``models/calibrated.toml`` and the table to
+``docs/research/calibration.md``.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ from lab.calibrate import as_markdown, as_toml, calibrate, in_use, recover, with
 from lab.calibrate.evidence import path_settings
 from lab.calibrate.procedure import rounded
 
-DOCUMENT = Path(__file__).parents[2] / "docs" / "calibration.md"
+DOCUMENT = Path(__file__).parents[2] / "docs" / "research" / "calibration.md"
 MARK = "<!-- written by python -m lab.calibrate -->\n"
 """Between two of these in the document stands the table."""
 SIMULATED_CLIPS = 60
@@ -79,7 +80,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     if options.write:
         heading = (
             "Written by `python -m lab.calibrate I3DB_FOLDER --write`; see",
-            "docs/calibration.md. Folds leave out, in this order: "
+            "docs/research/calibration.md. Folds leave out, in this order: "
             + ", ".join(clip.name for clip in clips) + ".",
         )  # fmt: skip
         before, _, after = DOCUMENT.read_text(encoding="utf-8").split(MARK)

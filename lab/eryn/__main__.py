@@ -1,4 +1,6 @@
-"""Do Eryn and the project's sampler find the same posterior, and how fast? See ``docs/eryn.md``.
+"""Do Eryn and the project's sampler find the same posterior, and how fast?
+
+See ``docs/research/eryn.md``.
 
     python -m lab.eryn FOLDER [--eryn-python PATH]
 

@@ -32,7 +32,7 @@ Bools = NDArray[np.bool_]
 GAUSSIAN_WALKERS, GAUSSIAN_STEP = 200, 0.5
 WALKERS = 32
 LADDERS = {"prior": (4, 30.0), "candidates": (8, 300.0)}
-"""Temperatures and the highest of them, the best of those tried; see docs/eryn.md."""
+"""Temperatures and the highest of them, the best of those tried; see docs/research/eryn.md."""
 STEPS = {"start": 2.0, "scenelet": 3.0, "placement": (0.03, 0.1, 0.1, 0.03)}
 """Standard deviations of normal steps: frames, scenelets, (metres, metres, radians, log size)."""
 UPDATE = 20

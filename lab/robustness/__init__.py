@@ -1,4 +1,4 @@
-"""Damaged inputs and files. ``docs/robustness.md`` has a section for what each command finds."""
+"""Damaged inputs and files; each command writes a section of ``docs/reference/robustness.md``."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Final
 
 __all__ = ["write_section"]
 
-DOCUMENT: Final = Path(__file__).parents[2] / "docs" / "robustness.md"
+DOCUMENT: Final = Path(__file__).parents[2] / "docs" / "reference" / "robustness.md"
 
 
 def write_section(heading: str, text: str) -> None:

@@ -1,4 +1,6 @@
-"""How do readers take damaged and hostile inputs? Writes a section of ``docs/robustness.md``.
+"""How do readers take damaged and hostile inputs?
+
+Writes a section of ``docs/reference/robustness.md``.
 
     python -m lab.robustness [INPUTS]
 

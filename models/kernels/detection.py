@@ -1,4 +1,6 @@
-"""Emissions of every frame, and the sum over frames with sides flipped (docs/model.md 11, 12).
+"""Emissions of every frame, and the sum over frames with sides flipped.
+
+Equations (11) and (12) of ``docs/explanation/model.md``.
 
 A detector that sees somebody from behind, or in poor light, can take the joints of the left side
 for those of the right, for a run of frames and at full confidence. Whether frame t is flipped is

@@ -1,6 +1,6 @@
 """The log-likelihood of a frame: its joints projected, and weighed as seen or hidden.
 
-Equation (11) of ``docs/model.md`` in two steps. The likelihoods of a frame's detections, if a
+Equation (11) of ``model.md`` in two steps. The likelihoods of a frame's detections, if a
 joint is hidden and if it is seen, follow from pose and camera
 (:func:`set_visibility_likelihoods`); mixing them needs how visible the joints are
 (:func:`mix_likelihoods`). Furniture that moves changes only the second.

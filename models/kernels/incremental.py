@@ -1,4 +1,4 @@
-"""The log-posterior of a state, as a change of another state (docs/model.md).
+"""The log-posterior of a state, as a change of another state (docs/explanation/model.md).
 
     log pi(s) = log p(phi) + log p(X) + log p(P, G | X) + log p(u, c | s)
                 - free poses - E_s - E_c - E_m - E_g - E_u

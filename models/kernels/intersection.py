@@ -1,4 +1,4 @@
-"""Furniture and bodies in each other or below the floor (docs/model.md 15 to 17).
+"""Furniture and bodies in each other or below the floor (docs/explanation/model.md 15 to 17).
 
 All take the negative part of a signed distance: of two things that of their outlines on the
 floor, of somebody in a thing that on the floor or in height, whichever is less. Trunk, thighs and
@@ -151,7 +151,7 @@ def add_displaced_depth(depth: float, spread: float, sums: Array) -> None:
 
 @inlined
 def marginal_penetration_cost(sums: Array, unit: float) -> float:
-    """-log of the mean of exp(-cost) over where furniture may stand (``docs/model.md`` 16).
+    """-log of the mean of exp(-cost) over where furniture may stand (``model.md`` 16).
 
     Parameters
     ----------

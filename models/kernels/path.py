@@ -1,4 +1,6 @@
-"""The pelvis path, collapsed and drawn, and jumps of the pose (docs/model.md 6 to 8, 14).
+"""The pelvis path, collapsed and drawn, and jumps of the pose.
+
+Equations (6) to (8) and (14) of ``docs/explanation/model.md``.
 
 The static path is an estimate whose error is slow: for seconds it is too near or too far by the
 same share. In units of its stated deviation, e_t = (g_t - centre_t) / scale_t, that error is the

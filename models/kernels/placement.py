@@ -1,4 +1,4 @@
-"""Scenelets in place: boxes, first and last pelvis, facing and size (docs/model.md 9, 10, 15).
+"""Scenelets in place: boxes, first and last pelvis, facing and size (model.md 9, 10, 15).
 
 The yaw of a scenelet is a priori wrapped Cauchy about the one at which it faces, on average over
 its frames, as the static path does. Detections alone can hardly tell somebody who sits turned half

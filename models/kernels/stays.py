@@ -1,4 +1,4 @@
-"""E_u: what a stay costs in which nothing carries the person (docs/model.md 17a).
+"""E_u: what a stay costs in which nothing carries the person (docs/explanation/model.md 17a).
 
 A *stay* is a run of frames whose fitted pose has the thighs off the vertical: something carries
 the person, or they squat, kneel or sit on the floor, which a scenelet explains as well. The angle

@@ -173,7 +173,18 @@ def test_a_block_is_one_line() -> None:
 
 
 def test_the_command_that_goes_on_is_the_one_that_was_given() -> None:
-    given = ["run", "my clip", "-o", "out", "--steps", "300", "--min=2", "--over", "--fps", "5"]
+    given = [
+        "run",
+        "my clip",
+        "-o",
+        "out",
+        "--steps",
+        "300",
+        "--minutes=2",
+        "--overwrite",
+        "--fps",
+        "5",
+    ]
     said = how_to_go_on(block(), Namespace(words=given))
     assert said == (
         "About 5 min more are needed; go on with\n"

@@ -84,6 +84,14 @@ def test_what_is_added_up_by_other_commands_stays(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+def test_newcomer(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run("lab.newcomer", tmp_path / "new", "--borrow", "--brief") == 0
+    told = capsys.readouterr().out
+    assert told.count("| `") >= 15
+    assert "\n0 went otherwise" in told
+
+
+@pytest.mark.slow
 def test_crossings(capsys: pytest.CaptureFixture[str]) -> None:
     run("lab.crossings", "1")
     assert capsys.readouterr().out.count("skeletons right") == 6

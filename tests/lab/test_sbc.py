@@ -103,7 +103,7 @@ def test_ranks_of_true_scenes_are_uniform() -> None:
     """A hundred data sets: six minutes; interrupted, it goes on when run again.
 
     p-values are of so many: they see an error that shifts a quantity by a third of its posterior
-    spread. The two hundred of ``docs/calibration_ranks.md`` see a fourth.
+    spread. The two hundred of ``docs/research/calibration_ranks.md`` see a fourth.
     """
     folder = ROOT / "out" / "sbc"
     command = [sys.executable, "-m", "lab.sbc", str(folder), "--count"]

@@ -1,7 +1,7 @@
-"""Every term of the log-posterior in plain numpy, slow and obvious, from ``docs/model.md``.
+"""Every term of the log-posterior in plain numpy, slow and obvious.
 
-Numbers in brackets are those of that page. Nothing here calls a compiled kernel.
-"""
+Numbers in brackets are those of ``docs/explanation/model.md``. Nothing here calls a compiled
+kernel."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The compiled log-posterior is what ``docs/model.md`` says: every term against plain numpy."""
+"""The compiled log-posterior is that of ``docs/explanation/model.md``, term by term."""
 
 from __future__ import annotations
 

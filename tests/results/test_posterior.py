@@ -17,7 +17,12 @@ from imapper_prob.models.log_posterior import side_flips
 from imapper_prob.results.posterior import Posterior
 from imapper_prob.samplers.verdict import Verdict
 from imapper_prob.uncertainty.checks import Check, from_json
-from imapper_prob.uncertainty.summary import distances_to_truth, object_table, scene_table
+from imapper_prob.uncertainty.summary import (
+    distances_to_truth,
+    object_rows,
+    object_table,
+    scene_table,
+)
 from imapper_prob.uncertainty.tree import read_attributes, write_tree
 from tests.models.worlds import couch
 from tests.runs import posterior
@@ -91,11 +96,14 @@ def test_tables_say_what_the_scenes_say() -> None:
     run = posterior()
     console = Console(width=120, record=True, file=StringIO())
     console.print(scene_table(run.scenes()))
-    console.print(object_table(run.scenes()[0], run.clip.truth))
+    rows = object_rows(run.summary())
+    console.print(object_table(rows, run.clip.truth))
     text = console.export_text()
     assert f"{run.scenes()[0].probability:.2f} ±" in text
-    for o in run.scenes()[0].scene.objects:
-        assert f"{o.centre[0]:.2f}" in text
+    for row in rows:
+        assert f"{row['x']:.2f} ± {row['x_sd']:.2f}" in text
+        assert f"{row['presence']:.2f} ±" in text
+    assert text.count("[m]") == 3
     assert "from truth" in text
 
 

@@ -181,7 +181,7 @@ def test_it_warns_where_it_should_and_nowhere_else() -> None:
     details = said(samples=replace(samples, verdict=disagree), disputed=(1,))
     assert "details of scene 1" in details
     short = Verdict(False, 100, None, "Needs more.")
-    assert "not converged" in said(samples=replace(samples, verdict=short))
+    assert "--until good" in said(samples=replace(samples, verdict=short))
     assert "Few frames" in said(clip=replace(clip, fps=60.0))
     person = clip.tracks[0]
     unseen = np.array(person.confidences)

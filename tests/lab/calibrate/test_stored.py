@@ -78,7 +78,7 @@ def test_the_file_can_be_written_and_read() -> None:
 
 
 def test_the_documentation_holds_the_same_table() -> None:
-    document = (ROOT / "docs" / "calibration.md").read_text(encoding="utf-8")
+    document = (ROOT / "docs" / "research" / "calibration.md").read_text(encoding="utf-8")
     assert as_markdown(constants()) in document
 
 
