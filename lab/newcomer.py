@@ -112,11 +112,17 @@ class Newcomer:
                 symlinks=True,
                 ignore=shutil.ignore_patterns("__pycache__"),
             )
-        pip = [sys.executable, "-m", "pip", "--quiet", "--disable-pip-version-check"]
+        pip: list[str | Path] = [
+            sys.executable,
+            "-m",
+            "pip",
+            "--quiet",
+            "--disable-pip-version-check",
+        ]
         self._must([*pip, "wheel", "--no-deps", "--no-build-isolation", "-w", self.folder, copy])
         wheel = next(self.folder.glob("*.whl"))
         venv.create(self.folder / "venv", with_pip=False)
-        into = [*pip, "--python", self.bin / "python", "install"]
+        into: list[str | Path] = [*pip, "--python", self.bin / "python", "install"]
         if borrow:
             self._must([*into, "--no-deps", "--no-index", wheel])
             (place,) = (self.folder / "venv").glob("lib/python*/site-packages")
