@@ -122,7 +122,7 @@ class Newcomer:
         self._must([*pip, "wheel", "--no-deps", "--no-build-isolation", "-w", self.folder, copy])
         wheel = next(self.folder.glob("*.whl"))
         venv.create(self.folder / "venv", with_pip=False)
-        into = [*pip, "--python", self.bin / "python", "install"]
+        into: list[str | Path] = [*pip, "--python", self.bin / "python", "install"]
         if borrow:
             self._must([*into, "--no-deps", "--no-index", wheel])
             (place,) = (self.folder / "venv").glob("lib/python*/site-packages")

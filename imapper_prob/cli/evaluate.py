@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import multiprocessing
-import os
 import shlex
 import sys
 from collections.abc import Iterator, Sequence
@@ -18,9 +17,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from imapper_prob.cli.clips import run_folder_of
 from imapper_prob.cli.console import progress_bars
-from imapper_prob.cli.parser import examples
 from imapper_prob.config import Config, read_config
 from imapper_prob.evaluate.prediction import Prediction, read_prediction
 from imapper_prob.evaluate.probability import PosteriorScore, posterior_predictions, score_posterior
@@ -57,96 +54,19 @@ if TYPE_CHECKING:
     from imapper_prob.evaluate.score import KnownScene
     from imapper_prob.evaluate.suite import Evaluation
 
-__all__ = ["add_evaluate_command"]
+__all__ = ["evaluate_results"]
 
 _DOTS_PER_INCH = 150
 
 
-def add_evaluate_command(
-    commands: argparse._SubParsersAction[Any], shared: argparse.ArgumentParser
-) -> None:
-    """Add the command to a parser; ``shared`` holds options that all commands have."""
-    command = commands.add_parser(
-        "evaluate",
-        parents=[shared],
-        help="hold results against a known truth",
-        epilog=examples(
-            "evaluate out/Scene04 --truth i3db/Scene04", "evaluate --suite i3db/ -o out/benchmark"
-        ),
-    )
-    command.add_argument(
-        "results",
-        type=run_folder_of,
-        nargs="*",
-        metavar="RUN",
-        help="folders of `run` or `solve`, or prediction files (.json) of any method",
-    )
-    command.add_argument(
-        "--truth",
-        type=Path,
-        metavar="SCENE",
-        help="i3DB scene with its gt/, or a clip file with its truth (default: the run's own)",
-    )
-    command.add_argument(
-        "-o",
-        "--output",
-        type=Path,
-        metavar="DIR",
-        help="of evaluation.json and pictures (default: the folder of the run)",
-    )
-    suite = command.add_argument_group("the whole benchmark")
-    suite.add_argument(
-        "--suite", type=Path, metavar="DIR", help="all i3DB scenes in a folder (default: RUN alone)"
-    )
-    suite.add_argument(
-        "--exploration", action="store_true", help="also a quarter, a half and more of each clip"
-    )
-    suite.add_argument("--solver-only", action="store_true", help="no chains: some minutes")
-    suite.add_argument(
-        "--config",
-        type=Path,
-        metavar="FILE",
-        help="settings, TOML (default: those of the program)",
-    )
-    suite.add_argument(
-        "--leave-one-out",
-        action="store_true",
-        help="add scenelets cut from the truth of the other scenes",
-    )
-    suite.add_argument(
-        "--predictions",
-        type=Path,
-        metavar="DIR",
-        help="prediction files of other methods, one folder a scene (default: none)",
-    )
-    suite.add_argument(
-        "--detections",
-        type=Path,
-        metavar="DIR",
-        help="COCO results of region detectors (NAME.json), one folder a scene (default: none)",
-    )
-    suite.add_argument(
-        "--depths",
-        type=Path,
-        metavar="DIR",
-        help="depth maps of monocular estimators (NAME.npz), one folder a scene (default: none)",
-    )
-    suite.add_argument(
-        "--workers",
-        type=int,
-        default=os.cpu_count() or 1,
-        metavar="N",
-        help="processes (default: one a core)",
-    )
-    suite.add_argument(
-        "--cluster",
-        metavar="ADDRESS",
-        help="run on the workers of a dask scheduler (default: run here)",
-    )
-    command.set_defaults(execute=_evaluate)
+def evaluate_results(options: argparse.Namespace) -> None:
+    """What the command does, with its options.
 
-
-def _evaluate(options: argparse.Namespace) -> None:
+    Raises
+    ------
+    InputError
+        Options that do not go together, results or truths that cannot be read.
+    """
     if (options.suite is None) == (not options.results):
         raise InputError("name either results, or a folder of scenes with --suite")
     if options.suite is None:

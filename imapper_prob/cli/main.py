@@ -12,7 +12,7 @@ import imapper_prob
 from imapper_prob.cli.clips import add_detect_command, add_track_command
 from imapper_prob.cli.completion import add_completion_command
 from imapper_prob.cli.console import last_words, stoppable, told
-from imapper_prob.cli.evaluate import add_evaluate_command
+from imapper_prob.cli.evaluate_options import add_evaluate_command
 from imapper_prob.cli.export import add_export_commands, add_recording_commands
 from imapper_prob.cli.parser import Parser, examples
 from imapper_prob.cli.run import add_run_commands

@@ -7,6 +7,7 @@
 from __future__ import annotations
 
 import zipfile
+from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
@@ -183,10 +184,38 @@ def format_of(path: Path) -> str:
         found = _format_of_file(path)
         if found is not None:
             return found
-    raise InputError(
-        f"{path}: not a known clip; expected an i3DB scene folder (with {DETECTIONS}), a folder of "
-        "OpenPose files, a result list of MMPose or AlphaPose, a MediaPipe dump, pose proposals, a "
-        "TRC file, or an .npz file; see docs/reference/inputs.md"
+    raise InputError(f"{path}: not a known clip, but {_seen(path)}; see docs/reference/inputs.md")
+
+
+def _seen(path: Path) -> str:
+    """What is there in place of a clip, and what a clip of that kind would hold."""
+    if path.is_dir():
+        kinds = Counter(p.suffix or "other" for p in path.iterdir() if p.is_file())
+        if (path / "posterior.nc").is_file():
+            return "the folder of a run; give the clip that it was made of"
+        if not kinds:
+            return (
+                f"a folder without files; expected an i3DB scene (with {DETECTIONS}) or a folder "
+                "of OpenPose files"
+            )
+        held = ", ".join(f"{count} {kind}" for kind, count in kinds.most_common(3))
+        return (
+            f"a folder with {held} files; expected an i3DB scene (with {DETECTIONS}) or a folder "
+            "of OpenPose files, one JSON with 'people' a frame"
+        )
+    if path.suffix == ".nc":
+        return "the draws of a run; give the clip that it was made of"
+    with path.open("rb") as file:
+        beginning = file.read(64)
+    if beginning.lstrip()[:1] in (b"[", b"{"):
+        return (
+            "JSON of another kind; expected results of MMPose or AlphaPose ('keypoints'), a "
+            "MediaPipe dump ('landmarks') or pose proposals ('proposals')"
+        )
+    kind = "text" if beginning.isascii() and b"\0" not in beginning else "binary"
+    return (
+        f"a {kind} file; expected JSON of a pose detector, a TRC file (begins with {MAGIC}) or an "
+        ".npz file"
     )
 
 

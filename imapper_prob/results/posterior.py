@@ -654,6 +654,37 @@ class Posterior:
             video=None if video is None else read_video(video, self.clip),
         )
 
+    def report(self, path: str | Path) -> None:
+        """Write the report, one HTML page that needs nothing else.
+
+        Parameters
+        ----------
+        path : path
+            A file that is there is replaced.
+        """
+        from imapper_prob.results.report import write_report
+
+        write_report(Path(path), self)
+
+    def save(self, folder: str | Path, *, overwrite: bool = False) -> None:
+        """Write the files of a run, from which :func:`load_posterior` opens it again.
+
+        Parameters
+        ----------
+        folder : path
+            Is made.
+        overwrite : bool
+            Replace an earlier run in the folder; other files never are.
+
+        Raises
+        ------
+        InputError
+            The folder holds something else, or the disk refuses.
+        """
+        from imapper_prob.results.folders import write_run
+
+        write_run(Path(folder), self, overwrite=overwrite)
+
     @cached_property
     def certainty(self) -> Certainty:
         """All that is said over all draws at once: occupancy, objects, joints, camera.

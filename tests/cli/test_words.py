@@ -6,6 +6,7 @@ import json
 import re
 import shutil
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -15,6 +16,8 @@ from imapper_prob.cli import main
 from imapper_prob.cli.main import command_parser
 from imapper_prob.cli.parser import commands_of
 from imapper_prob.results.posterior import load_posterior
+from tests.conftest import ROOT
+from tests.test_structure import HEAVY
 
 COMMANDS = list(commands_of(command_parser()))
 LEAVES = [(name, p) for name, p in COMMANDS if not any(n[:-1] == name for n, _ in COMMANDS)]
@@ -172,3 +175,11 @@ def test_other_shells_have_every_command(shell: str, capsys: pytest.CaptureFixtu
     program = shutil.which(shell)
     if program is not None:
         subprocess.run([program, "-n"], input=script, text=True, check=True)
+
+
+def test_help_loads_nothing_heavy() -> None:
+    program = "import sys, imapper_prob.cli.main; sys.stdout.write(' '.join(sys.modules))"
+    done = subprocess.run(
+        [sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=True
+    )
+    assert set(done.stdout.split()) & HEAVY == set()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
@@ -25,8 +26,27 @@ def test_nothing_there(tmp_path: Path) -> None:
 
 
 def test_empty_folder(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"not a known clip; expected an i3DB scene folder"):
+    with pytest.raises(InputError, match=r"a folder without files; expected an i3DB scene"):
         load_clip(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "seen"),
+    [
+        ("notes.txt", b"years of work", "a text file; expected JSON"),
+        ("photo.jpg", b"\xff\xd8\xff\xe0\x00\x10", "a binary file"),
+        ("other.json", b'{"a": 1}', "JSON of another kind; expected results of MMPose"),
+        ("posterior.nc", b"\x89HDF", "the draws of a run; give the clip"),
+        ("folder/1.txt", b"", "a folder with 1 .txt files; expected"),
+        ("run/posterior.nc", b"", "the folder of a run; give the clip"),
+    ],
+)
+def test_what_is_no_clip_is_named(tmp_path: Path, name: str, content: bytes, seen: str) -> None:
+    path = tmp_path / name
+    path.parent.mkdir(exist_ok=True)
+    path.write_bytes(content)
+    with pytest.raises(InputError, match=f"not a known clip, but {re.escape(seen)}"):
+        load_clip(path.parent if "/" in name else path)
 
 
 def test_unknown_file(tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ from rich.console import Console
 
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.log_posterior import side_flips
-from imapper_prob.results.posterior import Posterior
+from imapper_prob.results.posterior import Posterior, load_posterior
 from imapper_prob.samplers.verdict import Verdict
 from imapper_prob.uncertainty.checks import Check, from_json
 from imapper_prob.uncertainty.summary import (
@@ -105,6 +105,25 @@ def test_tables_say_what_the_scenes_say() -> None:
         assert f"{row['presence']:.2f} ±" in text
     assert text.count("[m]") == 3
     assert "from truth" in text
+
+
+def test_what_is_not_there_is_said() -> None:
+    run = posterior()
+    with pytest.raises(InputError, match="draw 99999: there are 80"):
+        run.draw(99999)
+    with pytest.raises(InputError, match="-1 scenes: ask for at least 1"):
+        run.scenes(-1)
+
+
+def test_a_posterior_is_saved_and_opened_again(tmp_path: Path) -> None:
+    run = posterior()
+    run.save(tmp_path / "run")
+    again = load_posterior(tmp_path / "run" / "posterior.nc")
+    assert again.summary().equals(run.summary())
+    with pytest.raises(InputError, match="overwrite"):
+        run.save(tmp_path / "run")
+    again.report(tmp_path / "page.html")
+    assert (tmp_path / "page.html").read_text().startswith("<!DOCTYPE html>")
 
 
 def test_distances_pair_seats_with_seats() -> None:
