@@ -1,4 +1,4 @@
-"""How nodes go on in one another: errors of the path, jumps of the pose, furniture, compiled."""
+"""How scenelets follow one another: errors of the path, jumps of the pose, furniture, compiled."""
 
 from __future__ import annotations
 

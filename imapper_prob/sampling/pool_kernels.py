@@ -39,6 +39,9 @@ LONGEST = 12
 """Most scenelets of a stretch."""
 TAIL = 5.0
 """Degrees of freedom of the flat density of places."""
+_WIDER = 2.0
+"""Standard deviations of the flat density over those among the visits of one scenelet, which are
+mostly of one passage and so too near to one another. Chosen."""
 _MISSING = -1.0
 
 
@@ -319,7 +322,7 @@ def _fill(
         if math.isnan(gone[0]):
             continue
         if of >= 0:
-            stretch = 1.0 if of == 0 else 1.0 / math.sqrt(spreads[i])
+            stretch = 1.0 if of == 0 else _WIDER / math.sqrt(spreads[i])
             for a in range(4):
                 step = 0.0
                 for c in range(a + 1):
@@ -341,7 +344,8 @@ def _fill(
             continue
         near = table.sharp[node] / total[0] * math.exp(-0.5 * square) / (2.0 * math.pi) ** 2
         tail = math.exp(math.lgamma(0.5 * (TAIL + 4)) - math.lgamma(0.5 * TAIL))
-        tail *= (TAIL * math.pi) ** -2 * (1.0 + square / TAIL) ** (-0.5 * (TAIL + 4))
+        tail *= (_WIDER**2 * TAIL * math.pi) ** -2
+        tail *= (1.0 + square / (_WIDER**2 * TAIL)) ** (-0.5 * (TAIL + 4))
         far = table.flat[node] / total[1] * tail
         log_q[i] = math.log(0.5 * (near + far)) - volume - log_area(where[i, 1])
     return True
