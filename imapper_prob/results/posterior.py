@@ -661,6 +661,10 @@ class Posterior:
         ----------
         path : path
             A file that is there is replaced.
+
+        Examples
+        --------
+        >>> posterior.report("report.html")
         """
         from imapper_prob.results.report import write_report
 
@@ -680,6 +684,12 @@ class Posterior:
         ------
         InputError
             The folder holds something else, or the disk refuses.
+
+        Examples
+        --------
+        >>> posterior.save("saved")
+        >>> im.load_posterior("saved").clip.n_frames == clip.n_frames
+        True
         """
         from imapper_prob.results.folders import write_run
 
