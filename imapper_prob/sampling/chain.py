@@ -144,7 +144,7 @@ def starts_of(cast: JointProblem, count: int) -> list[tuple[State, ...]]:
 Array = NDArray[np.float64]
 _REDRAWN = 0.2
 """How often a stretch is drawn anew where there is a table: most of the time of a chain, for it
-takes thirty times as long as another move, and most of what changes."""
+takes thirty times as long as another move, and most of what changes. Chosen."""
 
 
 @dataclass(frozen=True)

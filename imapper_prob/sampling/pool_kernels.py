@@ -1,10 +1,10 @@
 """Pools of scenelets for a stretch of time: what each is worth beside the rest of the scene.
 
-An element of a pool is a node (:mod:`imapper_prob.sampling.nodes`) at a place of its own. What it
-is worth in the scene without the stretch's scenelets is evaluated exactly. What two that follow one
-another are worth more or less than both alone is known but for what is small: the path's error
-goes on from one to the other, the pose jumps once where they join, their furniture is in each
-other, a stay needs one of them, and each had its merit in frames that are the other's.
+An element of a pool is a node of a table (:mod:`imapper_prob.sampling.visits`) at a place of its
+own. What it is worth in the scene without the stretch's scenelets is evaluated exactly. What two
+that follow one another are worth more or less than both alone is known but for what is small: the
+path's error goes on from one to the other, the pose jumps once where they join, their furniture is
+in each other, and a stay needs one of them. What one hides of the other is left to the acceptance.
 """
 
 from __future__ import annotations
@@ -114,7 +114,7 @@ def draw_from_pool(
     Parameters
     ----------
     evaluator : Evaluator
-        With room for :data:`LONGEST` scenelets more than ``others``; what it remembers is lost.
+        With room for one scenelet more than ``others``; what it remembers is lost.
     table : Table
     power : float
         Of what is tempered.
