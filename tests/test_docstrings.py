@@ -19,7 +19,7 @@ import imapper_prob
 
 ROOT = Path(__file__).parents[1]
 DONE = (
-    "api", "clips", "config", "evaluate", "files", "layouts", "lifting", "memory", "models",
+    "api", "clips", "cli", "config", "evaluate", "files", "layouts", "lifting", "memory", "models",
     "people", "plotting", "recording", "results", "samplers", "scenelets", "simulate", "solver",
     "uncertainty",
 )  # fmt: skip

@@ -32,7 +32,15 @@ _VIDEOS = (".avi", ".m4v", ".mkv", ".mov", ".mp4", ".mpg", ".webm")
 def clip_parser(*, files: bool = True) -> argparse.ArgumentParser:
     """A parent parser with the options that say what keypoint files leave open.
 
-    Without ``files``, those that a video answers itself are left out.
+    Parameters
+    ----------
+    files : bool
+        Whether the options are there that a video answers itself.
+
+    Returns
+    -------
+    argparse.ArgumentParser
+        Without help of its own, for ``parents``.
     """
     parser = argparse.ArgumentParser(add_help=False)
     group = parser.add_argument_group("what the files of a clip do not say")
@@ -105,7 +113,23 @@ def clip_parser(*, files: bool = True) -> argparse.ArgumentParser:
 
 
 def size_of(text: str) -> tuple[int, int]:
-    """Width and height out of ``1920x1080``."""
+    """Width and height out of ``1920x1080``.
+
+    Parameters
+    ----------
+    text : str
+        A word of the command line.
+
+    Returns
+    -------
+    tuple of int
+        Pixels.
+
+    Raises
+    ------
+    argparse.ArgumentTypeError
+        It is no size.
+    """
     match = re.fullmatch(r"(\d{1,5})[x×](\d{1,5})", text)
     if match is None:
         raise argparse.ArgumentTypeError(f"{text!r} is no size such as 1920x1080")
@@ -158,12 +182,31 @@ def refuse_to_replace(output: Path, *, overwrite: bool) -> None:
 
 
 def is_clip(path: Path) -> bool:
-    """Whether a path is a clip rather than the folder of a run: a file, or keypoints."""
+    """Whether a path is a clip rather than the folder of a run: a file, or keypoints.
+
+    Parameters
+    ----------
+    path : Path
+
+    Returns
+    -------
+    bool
+    """
     return path.is_file() or (path.is_dir() and any(path.glob("*.json")) and not _is_run(path))
 
 
 def run_folder_of(text: str) -> Path:
-    """The folder of a run; ``DIR/posterior.nc`` stands for ``DIR``."""
+    """The folder of a run; ``DIR/posterior.nc`` stands for ``DIR``.
+
+    Parameters
+    ----------
+    text : str
+        A word of the command line.
+
+    Returns
+    -------
+    Path
+    """
     path = Path(text)
     return path.parent if path.name == "posterior.nc" else path
 
@@ -173,12 +216,38 @@ def _is_run(path: Path) -> bool:
 
 
 def is_video(path: Path) -> bool:
-    """Whether a path is a video by its name."""
+    """Whether a path is a video by its name.
+
+    Parameters
+    ----------
+    path : Path
+
+    Returns
+    -------
+    bool
+    """
     return path.suffix.lower() in _VIDEOS
 
 
 def clip_from(path: Path, options: argparse.Namespace) -> Clip:
-    """The clip at ``path``, read as the options say; in a video its joints are found first."""
+    """The clip at ``path``, read as the options say; in a video its joints are found first.
+
+    Parameters
+    ----------
+    path : Path
+        Clip file, keypoints, i3DB scene or video.
+    options : argparse.Namespace
+        Those of `clip_parser`.
+
+    Returns
+    -------
+    Clip
+
+    Raises
+    ------
+    InputError
+        Nothing at ``path`` can be read as a clip, or an option contradicts it.
+    """
     said = clip_options(options)
     if is_video(path):
         from imapper_prob.clips.detect import detect
@@ -199,7 +268,15 @@ def clip_from(path: Path, options: argparse.Namespace) -> Clip:
 def add_detect_command(
     commands: argparse._SubParsersAction[Any], shared: argparse.ArgumentParser
 ) -> None:
-    """Add the command to a parser; ``shared`` holds options that all commands have."""
+    """Add the command to a parser.
+
+    Parameters
+    ----------
+    commands : argparse._SubParsersAction
+        Of the program's parser.
+    shared : argparse.ArgumentParser
+        Options that all commands have.
+    """
     detect = commands.add_parser(
         "detect",
         parents=[shared, clip_parser(files=False)],
@@ -281,7 +358,15 @@ _DOTS_PER_INCH = 120
 def add_track_command(
     commands: argparse._SubParsersAction[Any], shared: argparse.ArgumentParser
 ) -> None:
-    """Add the command to a parser; ``shared`` holds options that all commands have."""
+    """Add the command to a parser.
+
+    Parameters
+    ----------
+    commands : argparse._SubParsersAction
+        Of the program's parser.
+    shared : argparse.ArgumentParser
+        Options that all commands have.
+    """
     track = commands.add_parser(
         "track",
         parents=[shared, clip_parser()],

@@ -45,7 +45,17 @@ def add_completion_command(
     shared: argparse.ArgumentParser,
     root: argparse.ArgumentParser,
 ) -> None:
-    """Add the command; ``root`` is the parser whose words are completed."""
+    """Add the command to a parser.
+
+    Parameters
+    ----------
+    commands : argparse._SubParsersAction
+        Of the program's parser.
+    shared : argparse.ArgumentParser
+        Options that all commands have.
+    root : argparse.ArgumentParser
+        The parser whose words are completed.
+    """
     command = commands.add_parser(
         "completion",
         parents=[shared],

@@ -27,12 +27,31 @@ __all__ = [
 
 
 def printable(text: str) -> str:
-    """Text line by line without anything that a terminal takes for an order."""
+    """Text line by line without anything that a terminal takes for an order.
+
+    Parameters
+    ----------
+    text : str
+
+    Returns
+    -------
+    str
+    """
     return "\n".join(map(readable, text.split("\n")))
 
 
 def console(*, stderr: bool = False) -> Any:
-    """A `rich.console.Console` that takes no word of a text for markup, emoji or an order."""
+    """A `rich.console.Console` that takes no word of a text for markup, emoji or an order.
+
+    Parameters
+    ----------
+    stderr : bool
+        Whether it writes to standard error instead of standard output.
+
+    Returns
+    -------
+    rich.console.Console
+    """
     from rich.console import Console
 
     class Plain(Console):
@@ -45,7 +64,12 @@ def console(*, stderr: bool = False) -> Any:
 
 @contextmanager
 def told() -> Iterator[None]:
-    """Warnings of the program as lines on standard error, and no character that stops a line."""
+    """Warnings of the program as lines on standard error, and no character that stops a line.
+
+    Yields
+    ------
+    None
+    """
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="replace")
@@ -96,7 +120,12 @@ class Bars:
 
 @contextmanager
 def progress_bars() -> Iterator[Bars]:
-    """One line a stage: what, how much of it, how long it took and will take."""
+    """One line a stage: what, how much of it, how long it took and will take.
+
+    Yields
+    ------
+    bars : Bars
+    """
     from rich.progress import (
         BarColumn,
         Progress,
@@ -140,7 +169,12 @@ class Terminated(KeyboardInterrupt):
 
 @contextmanager
 def stoppable() -> Iterator[None]:
-    """Let SIGTERM end a command as Ctrl-C does, so that it leaves nothing behind."""
+    """Let SIGTERM end a command as Ctrl-C does, so that it leaves nothing behind.
+
+    Yields
+    ------
+    None
+    """
     if threading.current_thread() is not threading.main_thread():
         # Python hands signals to the main thread alone.
         yield
@@ -157,7 +191,18 @@ def stoppable() -> Iterator[None]:
 
 
 def last_words(error: KeyboardInterrupt, options: argparse.Namespace) -> tuple[str, int]:
-    """What is said of it, and the exit code."""
+    """What is said of it, and the exit code.
+
+    Parameters
+    ----------
+    error : KeyboardInterrupt
+    options : argparse.Namespace
+        Of the command that was stopped.
+
+    Returns
+    -------
+    tuple of str and int
+    """
     from imapper_prob.results.folders import CHECKPOINTS
 
     code = _TERMINATED if isinstance(error, Terminated) else _INTERRUPTED

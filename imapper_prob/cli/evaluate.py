@@ -9,17 +9,22 @@ import sys
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from imapper_prob.cli.console import progress_bars
+from imapper_prob.cli.console import console, progress_bars
 from imapper_prob.config import Config, read_config
-from imapper_prob.evaluate.prediction import Prediction, read_prediction
+from imapper_prob.evaluate.prediction import (
+    Prediction,
+    is_solution,
+    read_prediction,
+    read_solution_folder,
+)
 from imapper_prob.evaluate.probability import PosteriorScore, posterior_predictions, score_posterior
 from imapper_prob.evaluate.published import (
     OnClip,
@@ -29,12 +34,13 @@ from imapper_prob.evaluate.published import (
     read_regions,
 )
 from imapper_prob.evaluate.report import Exploration, benchmark_page, write_page
-from imapper_prob.evaluate.score import KnownScene, known_scene, scenes_with_truth
+from imapper_prob.evaluate.score import KnownScene, known_clip, known_scene, scenes_with_truth
 from imapper_prob.evaluate.suite import (
     PARTS,
     Evaluation,
     Task,
     evaluate,
+    posterior_coverage,
     prepare_suite,
     sample_all,
     sampled,
@@ -42,17 +48,25 @@ from imapper_prob.evaluate.suite import (
     solved,
     tasks_of,
     truth_of_part,
+    write_evaluation,
 )
-from imapper_prob.evaluate.tables import coverage_figure, made_by, top_view_figure
+from imapper_prob.evaluate.tables import (
+    coverage_figure,
+    coverage_rows,
+    difference_rows,
+    made_by,
+    object_rows,
+    pose_rows,
+    posterior_rows,
+    screen_table,
+    top_view_figure,
+)
 from imapper_prob.evaluate.truth import TruthInView
+from imapper_prob.files import written_whole
 from imapper_prob.models.errors import InputError
+from imapper_prob.plotting import save_figure
+from imapper_prob.results.posterior import load_posterior
 from imapper_prob.sampling.sample import Cluster, connected, executor_of
-
-if TYPE_CHECKING:
-    from imapper_prob.evaluate.prediction import Prediction
-    from imapper_prob.evaluate.probability import PosteriorScore
-    from imapper_prob.evaluate.score import KnownScene
-    from imapper_prob.evaluate.suite import Evaluation
 
 __all__ = ["evaluate_results"]
 
@@ -61,6 +75,11 @@ _DOTS_PER_INCH = 150
 
 def evaluate_results(options: argparse.Namespace) -> None:
     """What the command does, with its options.
+
+    Parameters
+    ----------
+    options : argparse.Namespace
+        See `imapper_prob.cli.evaluate_options`.
 
     Raises
     ------
@@ -78,9 +97,6 @@ def evaluate_results(options: argparse.Namespace) -> None:
 
 
 def _runs(options: argparse.Namespace) -> None:
-    from imapper_prob.evaluate.suite import evaluate
-    from imapper_prob.evaluate.tables import coverage_figure, top_view_figure
-
     output = options.output or options.results[0]
     if output.is_file():
         raise InputError("name a folder for evaluation.json and pictures with -o DIR")
@@ -100,13 +116,6 @@ def _read(
     options: argparse.Namespace,
 ) -> tuple[KnownScene, list[Prediction], list[PosteriorScore]]:
     """The truth, and what every result says; names are told apart by their folders."""
-    from dataclasses import replace
-
-    from imapper_prob.evaluate.prediction import is_solution, read_prediction, read_solution_folder
-    from imapper_prob.evaluate.probability import posterior_predictions, score_posterior
-    from imapper_prob.evaluate.score import known_clip, known_scene
-    from imapper_prob.results.posterior import load_posterior
-
     known = None if options.truth is None else known_scene(options.truth)
     predictions: list[Prediction] = []
     posteriors: list[PosteriorScore] = []
@@ -129,8 +138,6 @@ def _read(
 
 
 def _suite(options: argparse.Namespace) -> None:
-    pass
-
     command = _command()
     found = run_suite(options)
     _show(found.evaluation, found.ours, found.theirs)
@@ -146,17 +153,6 @@ def _command() -> str:
 
 
 def _show(evaluation: Evaluation, ours: list[str], theirs: list[str]) -> None:
-    from imapper_prob.cli.console import console
-    from imapper_prob.evaluate.suite import posterior_coverage
-    from imapper_prob.evaluate.tables import (
-        coverage_rows,
-        difference_rows,
-        object_rows,
-        pose_rows,
-        posterior_rows,
-        screen_table,
-    )
-
     out = console()
     single = len(evaluation.one_by_one) == len(evaluation.summaries)
     for title, summaries in (
@@ -184,11 +180,6 @@ def _write(
     theirs: list[str],
     figures: dict[str, Any],
 ) -> None:
-    from imapper_prob.evaluate.suite import write_evaluation
-    from imapper_prob.evaluate.tables import made_by
-    from imapper_prob.files import written_whole
-    from imapper_prob.plotting import save_figure
-
     try:
         folder.mkdir(parents=True, exist_ok=True)
         differences = evaluation.differences(ours, theirs)

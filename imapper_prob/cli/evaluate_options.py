@@ -16,7 +16,15 @@ __all__ = ["add_evaluate_command"]
 def add_evaluate_command(
     commands: argparse._SubParsersAction[Any], shared: argparse.ArgumentParser
 ) -> None:
-    """Add the command to a parser; ``shared`` holds options that all commands have."""
+    """Add the command to a parser.
+
+    Parameters
+    ----------
+    commands : argparse._SubParsersAction
+        Of the program's parser.
+    shared : argparse.ArgumentParser
+        Options that all commands have.
+    """
     command = commands.add_parser(
         "evaluate",
         parents=[shared],

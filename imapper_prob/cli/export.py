@@ -20,7 +20,15 @@ __all__ = ["add_export_commands", "add_recording_commands", "open_viewer"]
 def add_export_commands(
     commands: argparse._SubParsersAction[Any], shared: argparse.ArgumentParser
 ) -> None:
-    """Add the commands to a parser; ``shared`` holds options that all commands have."""
+    """Add the commands to a parser.
+
+    Parameters
+    ----------
+    commands : argparse._SubParsersAction
+        Of the program's parser.
+    shared : argparse.ArgumentParser
+        Options that all commands have.
+    """
     export = commands.add_parser(
         "export",
         parents=[shared],
@@ -123,7 +131,15 @@ _RUN = "import sys; from rerun_cli.__main__ import main; sys.exit(main())"
 def add_recording_commands(
     commands: argparse._SubParsersAction[Any], shared: argparse.ArgumentParser
 ) -> None:
-    """Add the two commands to a parser; ``shared`` holds options that all commands have."""
+    """Add the two commands to a parser.
+
+    Parameters
+    ----------
+    commands : argparse._SubParsersAction
+        Of the program's parser.
+    shared : argparse.ArgumentParser
+        Options that all commands have.
+    """
     record = commands.add_parser(
         "record",
         parents=[shared],
@@ -186,6 +202,11 @@ def _view(options: argparse.Namespace) -> None:
 
 def open_viewer(recording: Path) -> None:
     """Open a recording in a viewer that outlives this program.
+
+    Parameters
+    ----------
+    recording : Path
+        An ``.rrd`` file.
 
     Raises
     ------

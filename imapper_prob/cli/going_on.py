@@ -44,6 +44,10 @@ def config_to_go_on(
         What the user says of the steps in all.
     limits : Limits
 
+    Returns
+    -------
+    Config
+
     Raises
     ------
     InputError
@@ -79,12 +83,28 @@ def config_to_go_on(
 
 
 def nothing_to_do(earlier: Earlier, limits: Limits) -> bool:
-    """Whether a run is as good as it is asked to become."""
+    """Whether a run is as good as it is asked to become.
+
+    Parameters
+    ----------
+    earlier : Earlier
+    limits : Limits
+
+    Returns
+    -------
+    bool
+    """
     return earlier.finished and limits.until == "good" and earlier.good
 
 
 def require_same_input(earlier: Earlier, clip_digest: str, library_digest: str) -> None:
     """Refuse to go on with a run of something else.
+
+    Parameters
+    ----------
+    earlier : Earlier
+    clip_digest, library_digest : str
+        Of what the command was given.
 
     Raises
     ------
@@ -102,7 +122,18 @@ def require_same_input(earlier: Earlier, clip_digest: str, library_digest: str) 
 
 
 def words_of_block(number: int, block: Block) -> str:
-    """A line on what is known after a block."""
+    """A line on what is known after a block.
+
+    Parameters
+    ----------
+    number : int
+        From 1.
+    block : Block
+
+    Returns
+    -------
+    str
+    """
     from imapper_prob.samplers.verdict import rounded_up
 
     found = block.measures
@@ -131,7 +162,20 @@ def words_of_block(number: int, block: Block) -> str:
 
 
 def how_to_go_on(block: Block, options: argparse.Namespace) -> str:
-    """The command that makes a run better, and what to expect of it."""
+    """The command that makes a run better, and what to expect of it.
+
+    Parameters
+    ----------
+    block : Block
+        The last one.
+    options : argparse.Namespace
+        Of the command that was given, with its ``words``.
+
+    Returns
+    -------
+    str
+        A sentence, and the command on a line of its own.
+    """
     needed, verdict = block.seconds_to_good, block.verdict
     minutes = _USUAL if math.isnan(needed) else max(1, math.ceil(needed / 60))
     if verdict.disagreement is not None:

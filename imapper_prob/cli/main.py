@@ -27,6 +27,11 @@ __all__ = ["command_parser", "main"]
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line.
 
+    Parameters
+    ----------
+    arguments : sequence of str, optional
+        Words after the program's name; those of the process if not given.
+
     Returns
     -------
     int
@@ -62,7 +67,12 @@ def _silent(*, quiet: bool) -> Iterator[None]:
 
 
 def command_parser() -> Parser:
-    """The parser of all commands."""
+    """The parser of all commands.
+
+    Returns
+    -------
+    Parser
+    """
     parser = Parser(
         prog="imapper-prob",
         description="Furniture and motion of a half-hidden person, from 2D joints, as a posterior.",

@@ -21,6 +21,11 @@ class Parser(argparse.ArgumentParser):
 
     Without arguments a parser of commands prints its help. Errors are one line; an option, a
     command or a choice that does not exist is answered by the one that comes close.
+
+    Parameters
+    ----------
+    **options
+        Those of `argparse.ArgumentParser`.
     """
 
     def __init__(self, **options: Any) -> None:
@@ -29,7 +34,20 @@ class Parser(argparse.ArgumentParser):
     def parse_known_args(  # type: ignore[override]
         self, args: Sequence[str] | None = None, namespace: argparse.Namespace | None = None
     ) -> tuple[argparse.Namespace, list[str]]:
-        """Parse all words; a word that is left over is an error."""
+        """Parse all words; a word that is left over is an error.
+
+        Parameters
+        ----------
+        args : sequence of str, optional
+            Those of the process if not given.
+        namespace : argparse.Namespace, optional
+            Where to put what is found.
+
+        Returns
+        -------
+        tuple of argparse.Namespace and list of str
+            The list is empty.
+        """
         words = list(sys.argv[1:] if args is None else args)
         has_commands = any(isinstance(a, argparse._SubParsersAction) for a in self._actions)
         if has_commands and not words:
@@ -58,7 +76,12 @@ class Parser(argparse.ArgumentParser):
             raise argparse.ArgumentError(action, said)
 
     def error(self, message: str) -> NoReturn:
-        """Say it on one line, and end with status 2."""
+        """Say it on one line, and end with status 2.
+
+        Parameters
+        ----------
+        message : str
+        """
         self.exit(2, f"{self.prog}: {readable(message)}; see {self.prog} --help\n")
 
 
@@ -79,14 +102,37 @@ class _Help(argparse.RawDescriptionHelpFormatter):
 
 
 def examples(*lines: str) -> str:
-    """Commands to end a help with."""
+    """Commands to end a help with.
+
+    Parameters
+    ----------
+    *lines : str
+        Commands without the program's name.
+
+    Returns
+    -------
+    str
+        A line each, indented, below a heading.
+    """
     return "\n".join(["examples:", *(f"  imapper-prob {line}" for line in lines)])
 
 
 def commands_of(
     parser: argparse.ArgumentParser, name: tuple[str, ...] = ()
 ) -> Iterator[tuple[tuple[str, ...], argparse.ArgumentParser]]:
-    """Every parser below a parser, groups before their members, with the words that name it."""
+    """Every parser below a parser, groups before their members, with the words that name it.
+
+    Parameters
+    ----------
+    parser : argparse.ArgumentParser
+    name : tuple of str
+        Words that name ``parser`` itself.
+
+    Yields
+    ------
+    words : tuple of str
+    parser : argparse.ArgumentParser
+    """
     for action in parser._actions:
         if isinstance(action, argparse._SubParsersAction):
             for word, below in action.choices.items():

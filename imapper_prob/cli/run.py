@@ -82,7 +82,15 @@ _STEPS = SampleSettings().steps
 def add_run_commands(
     commands: argparse._SubParsersAction[Any], shared: argparse.ArgumentParser
 ) -> None:
-    """Add the three commands to a parser; ``shared`` holds options that all commands have."""
+    """Add the three commands to a parser.
+
+    Parameters
+    ----------
+    commands : argparse._SubParsersAction
+        Of the program's parser.
+    shared : argparse.ArgumentParser
+        Options that all commands have.
+    """
     sampling = argparse.ArgumentParser(add_help=False)
     sampling.add_argument(
         "-o", "--output", type=Path, required=True, metavar="DIR", help="folder of the run; made"

@@ -24,7 +24,15 @@ _DOTS_PER_INCH = 150
 def add_scenelet_commands(
     commands: argparse._SubParsersAction[Any], shared: argparse.ArgumentParser
 ) -> None:
-    """Add the group to a parser; ``shared`` holds options that all commands have."""
+    """Add the group to a parser.
+
+    Parameters
+    ----------
+    commands : argparse._SubParsersAction
+        Of the program's parser.
+    shared : argparse.ArgumentParser
+        Options that all commands have.
+    """
     group = commands.add_parser(
         "scenelets",
         help="build a library of scenelets, or look at one",

@@ -18,7 +18,15 @@ __all__ = ["StageClock", "add_solve_command"]
 def add_solve_command(
     commands: argparse._SubParsersAction[Any], shared: argparse.ArgumentParser
 ) -> None:
-    """Add the command to a parser; ``shared`` holds options that all commands have."""
+    """Add the command to a parser.
+
+    Parameters
+    ----------
+    commands : argparse._SubParsersAction
+        Of the program's parser.
+    shared : argparse.ArgumentParser
+        Options that all commands have.
+    """
     solve = commands.add_parser(
         "solve",
         parents=[shared, clip_parser()],
@@ -55,6 +63,11 @@ class StageClock:
     """How long each stage took, seen from the progress it reports.
 
     A stage lasts from the report before its first one to its last.
+
+    Parameters
+    ----------
+    report : callable
+        Called with the name of a stage and the part of it that is done.
     """
 
     def __init__(self, report: Callable[[str, float], None]) -> None:
@@ -63,7 +76,14 @@ class StageClock:
         self._seconds: dict[str, float] = {}
 
     def __call__(self, stage: str, part: float) -> None:
-        """Report progress, and note the time."""
+        """Report progress, and note the time.
+
+        Parameters
+        ----------
+        stage : str
+        part : float
+            0–1.
+        """
         now = time.perf_counter()
         self._seconds[stage] = self._seconds.get(stage, 0.0) + now - self._last
         self._last = now
