@@ -53,7 +53,7 @@ from imapper_prob.solver.camera_prior import estimate_camera
 from imapper_prob.solver.candidates import charness_curve, screen
 from imapper_prob.solver.combinations import combine
 from imapper_prob.solver.fits import best_fits
-from imapper_prob.solver.solver import fit_clip, solve_published
+from imapper_prob.solver.solver import fit_clip, method_of, solve_published
 from imapper_prob.solver.static_path import estimate_static_path
 from imapper_prob.uncertainty.stored import StoredSource
 
@@ -112,7 +112,9 @@ def scores(folder: Path) -> dict[str, Score]:
     fitted = fit_clip(known.clip, library, settings=settings)
     for name, variant in published_variants(fitted.problem).items():
         best = solve_published(known.clip, replace(fitted, problem=variant))[2].states[0]
-        source = StoredSource(known.clip, library, variant, best_fits(variant, fitted.fits))
+        source = StoredSource(
+            known.clip, library, variant, method_of(variant).best_fits(variant, fitted.fits)
+        )
         result[name] = score(prediction_of_state(source, best, name=name), known.truth)
     return result
 

@@ -27,7 +27,7 @@ from imapper_prob.models.skeleton import JOINTS, N_JOINTS
 from imapper_prob.results.solution import SOLUTION_FORMAT, SOLUTION_VERSION
 from imapper_prob.solver.actors import Solved
 from imapper_prob.solver.limbs import limbs_of
-from imapper_prob.solver.selection import selected_objects
+from imapper_prob.solver.solver import method_of
 from imapper_prob.uncertainty.stored import Source
 
 __all__ = [
@@ -132,7 +132,7 @@ def prediction_of_state(source: Source, state: State, *, name: str) -> Predictio
     """
     camera = state_camera(source.clip.camera, state)
     joints = limbs_of(source.problem, state, camera).joints
-    objects = selected_objects(source.problem, source.library, state)
+    objects = method_of(source.problem).objects(source.problem, source.library, state)
     return prediction_of_scene(Scene(camera, objects, joints, (), 0.0), name=name)
 
 

@@ -30,9 +30,7 @@ from imapper_prob.solver.candidates import refine
 from imapper_prob.solver.combinations import polish, state_of
 from imapper_prob.solver.elsewhere import own_detections
 from imapper_prob.solver.limbs import limbs_of
-from imapper_prob.solver.selection import selected_objects
-from imapper_prob.solver.solver import Solution, diverse_scenes, solve
-from imapper_prob.solver.static_path import estimate_static_path
+from imapper_prob.solver.solver import METHODS, Solution, method_of, solve
 
 __all__ = [
     "Part",
@@ -72,12 +70,11 @@ def solve_actors(
     if len(clips) == 1:
         return (solve(clip, library, settings=settings, progress=progress),)
     settings = settings or Settings()
+    method = METHODS[settings.model.energy]
     own = [
         estimate_camera(
             own_detections(c),
-            estimate_static_path(
-                c, settings=settings.path, published=settings.model.energy == "paper"
-            ),
+            method.examine(c, settings=settings.path)[0],
             settings=settings.camera,
             detector=settings.detector,
         )
@@ -260,12 +257,7 @@ def solved(clip: Clip, actors: Sequence[Solution], *, count: int = 5) -> Solved:
     # Polishing moves the camera, and several have to agree on it.
     finish = refine if len(actors) > 1 else _polished
     by_actor = [
-        # The published method lists diverse scenes itself.
-        a.states[:count]
-        if a.problem.of_paper
-        else diverse_scenes(
-            a.problem, a.candidates, a.curve, first, finish=finish, fps=clip.fps, count=count
-        )
+        method_of(a.problem).scenes(a, first, finish=finish, count=count)
         for a, first in zip(actors, _best_together(actors), strict=True)
     ]
     ranks = range(max(len(states) for states in by_actor))
@@ -273,7 +265,7 @@ def solved(clip: Clip, actors: Sequence[Solution], *, count: int = 5) -> Solved:
         _scene(clip, actors, [states[min(rank, len(states) - 1)] for states in by_actor])
         for rank in ranks
     ]
-    if not actors[0].problem.of_paper:  # whose order is that of its energy, without any prior
+    if method_of(actors[0].problem).by_log_posterior:
         scenes.sort(key=lambda scene: -scene.log_posterior)
     return Solved(clip, tuple(actors), tuple(scenes))
 
@@ -348,7 +340,7 @@ class Part:
         -------
         Part
         """
-        objects = selected_objects(actor.problem, actor.library, state)
+        objects = method_of(actor.problem).objects(actor.problem, actor.library, state)
         camera = state_camera(actor.clip.camera, state)
         return cls(objects, limbs_of(actor.problem, state, camera).joints)
 

@@ -89,6 +89,7 @@ def fit_windows(
     *,
     fps: float,
     settings: FitSettings | None = None,
+    squared: bool = False,
     progress: Callable[[str, float], None] | None = None,
 ) -> Fits:
     """Fit all scenelets to all windows at the mean of the camera prior.
@@ -102,6 +103,8 @@ def fit_windows(
     fps : float
         Frames a second.
     settings : FitSettings, optional
+    squared : bool
+        By the published L_r, squared residuals times confidence, instead of Student's t.
     progress : callable, optional
         Called with a stage's name and the part of it that is done.
 
@@ -125,7 +128,7 @@ def fit_windows(
     settings = settings or FitSettings()
     device = device_named(settings.device)
     with one_thread():
-        fitter = SquaredWindowFitter if problem.of_paper else WindowFitter
+        fitter = SquaredWindowFitter if squared else WindowFitter
         screening = fitter(problem, settings.screening_frame_step, device)
         fitting = fitter(problem, settings.frame_step, device)
         return _fit_windows(problem, path, fps, settings, screening, fitting, progress)
@@ -153,8 +156,7 @@ def _fit_windows(
         yaw = float(np.median(np.unwrap(facing(world[max(0, centre - 2) : centre + 3]))))
         index = np.flatnonzero(inside)
         if not inside.any() or not problem.used[starts[inside].min() : centre + 1].any():
-            if problem.of_paper:
-                # Nothing but the path says where it is; its smoothness is judged later.
+            if fitting.unseen_on_path:
                 placements[w, index] = *pelvis[:2], yaw
             continue
         # Local pelvis at the centre is at the origin: the placement starts below the path's.
@@ -288,10 +290,8 @@ def best_fits(problem: Problem, fits: Fits) -> Array:
     -------
     (T,) float
         Nats per confident joint, on average over the scenelet's frames. NaN in frames without a
-        detection, where no scenelet was fitted, and with the published energy.
+        detection, and where no scenelet was fitted.
     """
-    if problem.of_paper:  # whose squared residuals say nothing of what the right motion costs
-        return np.full(problem.n_frames, np.nan)
     expected, joints = _right_costs(problem)
     best = np.full(problem.n_frames, np.inf)
     lengths = np.unique(problem.lengths)

@@ -24,7 +24,7 @@ from imapper_prob.models.scenelet import Library
 from imapper_prob.models.settings import PaperWeights
 from imapper_prob.models.skeleton import LKNE, LWRI, PELV, RKNE, RWRI
 
-__all__ = ["of_scenelets", "selected_objects", "used_objects"]
+__all__ = ["of_scenelets", "published_objects", "selected_objects", "used_objects"]
 
 Ints = NDArray[np.int64]
 
@@ -75,8 +75,8 @@ def _starts(counts: Ints) -> Ints:
 # Selection of objects.
 
 Array = NDArray[np.float64]
-_NOWHERE = 1e6
-"""Metres from anybody."""
+_NOWHERE, _DEEP = 1e6, 1e3
+"""Metres from anybody, and below the floor."""
 _TOUCHING = [PELV, RKNE, LKNE, RWRI, LWRI]
 _REACH = 0.25
 """Metres between such a joint and an object that is used; joints lie inside the body."""
@@ -101,28 +101,36 @@ def selected_objects(problem: Problem, library: Library, state: State) -> tuple[
     -------
     tuple of SceneObject
     """
-    if problem.of_paper:
-        return _published_selection(problem, library, state)
     placed = placed_objects(state, library)
     used = [flag for scenelet in state.items[:, 0] for flag in used_objects(problem, scenelet)]
     value = log_posterior(problem, state)
     kept = []
     for group in same_objects(placed, problem.merge_angle):
         worth = any(used[k] for k in group) or (
-            value - log_posterior(_without(problem, state, placed, group), state) > _EVIDENCE
+            value - log_posterior(_sunk(problem, _boxes(problem, state, placed, group)), state)
+            > _EVIDENCE
         )
         if worth:
             kept += representatives(problem, state, placed, [group])
     return tuple(placed[k][1] for k in sorted(kept))
 
 
-def _published_selection(
-    problem: Problem, library: Library, state: State
-) -> tuple[SceneObject, ...]:
+def published_objects(problem: Problem, library: Library, state: State) -> tuple[SceneObject, ...]:
     """Objects of all scenelets; of two alike in each other, the one with the scene of less energy.
 
     For every pair of the same label and orientation whose footprints meet, the object goes that
     leaves the scene of higher energy behind when the other goes (Monszpart et al. 2019, section 6).
+
+    Parameters
+    ----------
+    problem : Problem
+        Of the published energy.
+    library : Library
+    state : State
+
+    Returns
+    -------
+    tuple of SceneObject
     """
     placed = placed_objects(state, library)
     own = of_scenelets(problem, state.items[:, 0])
@@ -133,7 +141,7 @@ def _published_selection(
 
     def energy(without: int) -> float:
         gone = [k for k in range(len(placed)) if k not in left or k == without]
-        bare = _without(own, own_state, placed, gone)
+        bare = _carried_away(own, _boxes(own, own_state, placed, gone))
         return paper_energy(bare, own_state, weights=weights).total
 
     for a, b in combinations(range(len(placed)), 2):
@@ -182,19 +190,29 @@ def _distance(joints: Array, boxes: Array) -> Array:
     return distance
 
 
-def _without(
+def _boxes(
     problem: Problem, state: State, placed: list[tuple[int, SceneObject]], group: list[int]
-) -> Problem:
-    """The problem without the boxes of some objects: they are put where nobody looks."""
-    boxes = problem.boxes.copy()
+) -> Ints:
+    """Rows of the library's boxes that make up some of the placed objects."""
     first = {index: k for k, (index, _) in reversed(list(enumerate(placed)))}
+    rows = [np.empty(0, np.int64)]
     for k in group:
         index = placed[k][0]
         scenelet = state.items[index, 0]
         own = np.arange(*problem.box_first[scenelet : scenelet + 2])
-        gone = own[problem.box_object[own] == k - first[index]]
-        if problem.of_paper:  # which asks where things are on the floor, not how high
-            boxes[gone, :2] = _NOWHERE
-        else:
-            boxes[gone, 2] = -1e3
+        rows.append(own[problem.box_object[own] == k - first[index]])
+    return np.concatenate(rows)
+
+
+def _sunk(problem: Problem, rows: Ints) -> Problem:
+    """The problem with boxes below where anybody looks or walks."""
+    boxes = problem.boxes.copy()
+    boxes[rows, 2] = -_DEEP
+    return problem._replace(boxes=boxes)
+
+
+def _carried_away(problem: Problem, rows: Ints) -> Problem:
+    """The problem with boxes far off: the published energy asks where they are on the floor."""
+    boxes = problem.boxes.copy()
+    boxes[rows, :2] = _NOWHERE
     return problem._replace(boxes=boxes)

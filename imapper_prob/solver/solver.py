@@ -8,9 +8,11 @@ itself and is where the sampler starts. With the published energy the stages are
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
+from types import MappingProxyType
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +21,7 @@ from imapper_prob.models.detector import DetectionModel
 from imapper_prob.models.log_posterior import State
 from imapper_prob.models.path_prior import CameraPrior, StaticPath
 from imapper_prob.models.problem import Problem, pack_problem, with_stays
-from imapper_prob.models.scene import Clip
+from imapper_prob.models.scene import Clip, SceneObject
 from imapper_prob.models.scenelet import Library
 from imapper_prob.models.settings import Settings
 from imapper_prob.models.text import brief
@@ -39,13 +41,15 @@ from imapper_prob.solver.elsewhere import own_detections
 from imapper_prob.solver.fits import Fits, FitSettings, best_fits, fit_windows, free_pose_cost
 from imapper_prob.solver.poses import FrameTable
 from imapper_prob.solver.published import combine_published, filter_published
-from imapper_prob.solver.static_path import examine_frames
+from imapper_prob.solver.selection import published_objects, selected_objects
+from imapper_prob.solver.static_path import examine_frames, examine_published
 
 __all__ = [
+    "METHODS",
     "Fitted",
     "Solution",
-    "diverse_scenes",
     "fit_clip",
+    "method_of",
     "solve",
     "solve_fitted",
     "solve_published",
@@ -58,14 +62,7 @@ _KEPT, _TRIED = 3, 64
 
 
 def diverse_scenes(
-    problem: Problem,
-    candidates: Sequence[Candidate],
-    curve: CharnessCurve,
-    first: State,
-    *,
-    finish: Callable[[Problem, State], State],
-    fps: float,
-    count: int,
+    solution: Solution, first: State, *, finish: Callable[[Problem, State], State], count: int
 ) -> tuple[State, ...]:
     """The best scene, and others without what the ones before have.
 
@@ -74,16 +71,12 @@ def diverse_scenes(
 
     Parameters
     ----------
-    problem : Problem
-    candidates : sequence of Candidate
-    curve : CharnessCurve
+    solution : Solution
     first : State
         The best scene.
     finish : callable
         Makes a scene of the best combination left, such as
         :func:`imapper_prob.solver.combinations.polish`.
-    fps : float
-        Frames a second.
     count : int
         Scenes at most.
 
@@ -92,17 +85,25 @@ def diverse_scenes(
     tuple of State
         ``first`` and the others.
     """
-    scenes = [first]
+    scenes, problem = [first], solution.problem
     while len(scenes) < count:
         used = np.concatenate([scene.items for scene in scenes])
-        left = [c for c in candidates if not _nearby(c, used, _NEARBY * fps)]
-        groups = groups_of(left, curve, kept=_KEPT)
+        near = _NEARBY * solution.clip.fps
+        left = [c for c in solution.candidates if not _nearby(c, used, near)]
+        groups = groups_of(left, solution.curve, kept=_KEPT)
         tried, _ = search(problem, groups, tried=_TRIED)
         if not tried[0].members:
             break
         pool = [c for group in groups for c in group]
         scenes.append(finish(problem, state_of(problem, [pool[k] for k in tried[0].members])))
     return tuple(scenes)
+
+
+def _listed_scenes(
+    solution: Solution, first: State, *, finish: Callable[[Problem, State], State], count: int
+) -> tuple[State, ...]:
+    """Those that the published method lists itself, by its energy."""
+    return solution.states[:count]
 
 
 def _nearby(candidate: Candidate, used: np.ndarray, frames: float) -> bool:
@@ -117,6 +118,7 @@ def _nearby(candidate: Candidate, used: np.ndarray, frames: float) -> bool:
 Progress = Callable[[str, float], None]
 _PUBLISHED = MaximaSettings(most=5)
 """The paper's clips have five maxima of charness at most."""
+Chosen = tuple[CharnessCurve, tuple[MaximumTable, ...], Combinations]
 _LEAST_CHARNESS = 0.01
 """Added to charness where it weighs scenelets: none is impossible beforehand."""
 
@@ -193,7 +195,7 @@ class Solution:
         >>> len(solved.actors[0].best_fits) == clip.n_frames
         True
         """
-        return best_fits(self.problem, self.fits)
+        return method_of(self.problem).best_fits(self.problem, self.fits)
 
 
 def solve(
@@ -275,8 +277,7 @@ def fit_clip(
     Fitted
     """
     settings = settings or Settings()
-    published = settings.model.energy == "paper"
-    path, frames = examine_frames(clip, settings=settings.path, published=published)
+    path, frames = METHODS[settings.model.energy].examine(clip, settings=settings.path)
     own = own_detections(clip)
     camera = camera or estimate_camera(
         own, path, settings=settings.camera, detector=settings.detector
@@ -299,7 +300,7 @@ def fit_clip(
     )
     stays = find_stays(own.tracks[0], path, camera, fps=clip.fps, settings=settings.model)
     problem = with_stays(problem, stays)
-    fits = fit_windows(
+    fits = method_of(problem).fit_windows(
         problem,
         path,
         fps=clip.fps,
@@ -331,12 +332,8 @@ def solve_fitted(
     """
     problem, fits = fitted.problem, fitted.fits
     candidates = screen(problem, fits, progress=progress)
-    if problem.of_paper:
-        curve, tables, combinations = solve_published(clip, fitted, progress=progress)
-    else:
-        curve = charness_curve(fits, fitted.charness, fps=clip.fps)
-        combinations = combine(problem, candidates, curve, progress=progress)
-        tables = shortlist(problem, fits, candidates, curve, combinations.pool)
+    choose = method_of(problem).choose
+    curve, tables, combinations = choose(clip, fitted, candidates, progress=progress)
     return Solution(
         clip,
         library,
@@ -353,15 +350,36 @@ def solve_fitted(
     )
 
 
+def _choose(
+    clip: Clip,
+    fitted: Fitted,
+    candidates: tuple[Candidate, ...],
+    *,
+    progress: Progress | None = None,
+) -> Chosen:
+    """Candidates under the log-posterior: the best at maxima of charness, then combinations."""
+    problem = fitted.problem
+    curve = charness_curve(fitted.fits, fitted.charness, fps=clip.fps)
+    combinations = combine(problem, candidates, curve, progress=progress)
+    tables = shortlist(problem, fitted.fits, candidates, curve, combinations.pool)
+    return curve, tables, combinations
+
+
 def solve_published(
-    clip: Clip, fitted: Fitted, *, progress: Progress | None = None
-) -> tuple[CharnessCurve, tuple[MaximumTable, ...], Combinations]:
+    clip: Clip,
+    fitted: Fitted,
+    candidates: tuple[Candidate, ...] = (),
+    *,
+    progress: Progress | None = None,
+) -> Chosen:
     """The stages after the fits as the paper has them: T', the filter, all combinations.
 
     Parameters
     ----------
     clip : Clip
     fitted : Fitted
+    candidates : tuple of Candidate
+        Not asked: the paper filters fits under its own energy.
     progress : callable, optional
         See :func:`solve`.
 
@@ -378,3 +396,82 @@ def solve_published(
     )
     tables = filter_published(problem, fitted.fits, curve, progress=progress)
     return curve, tables, combine_published(problem, tables, fps=clip.fps, progress=progress)
+
+
+# ------------------------------------------------------------------------------------------------
+# The default method and the published one.
+
+
+@dataclass(frozen=True)
+class Method:
+    """What the stages do that the log-posterior decides; all other stages are the same.
+
+    Parameters
+    ----------
+    examine : callable
+        Static path and frames of a clip, such as `examine_frames`.
+    fit_windows : callable
+        Every scenelet in every window, see `imapper_prob.solver.fits.fit_windows`.
+    best_fits : callable
+        How well the best scenelet over a frame fits, as `imapper_prob.solver.fits.best_fits`.
+    choose : callable
+        The stages after the fits, such as `solve_published`.
+    scenes : callable
+        The best scene and diverse alternatives, such as `diverse_scenes`.
+    by_log_posterior : bool
+        Whether these are sorted by log-posterior; if not, their order is that of the method.
+    objects : callable
+        Furniture of a state that is worth naming, such as `selected_objects`.
+    """
+
+    examine: Callable[..., tuple[StaticPath, FrameTable]]
+    fit_windows: Callable[..., Fits]
+    best_fits: Callable[[Problem, Fits], NDArray[np.float64]]
+    choose: Callable[..., Chosen]
+    scenes: Callable[..., tuple[State, ...]]
+    by_log_posterior: bool
+    objects: Callable[[Problem, Library, State], tuple[SceneObject, ...]]
+
+
+def _unknown_fits(problem: Problem, fits: Fits) -> NDArray[np.float64]:
+    """NaN: squared residuals say nothing of what the right motion would cost."""
+    return np.full(problem.n_frames, np.nan)
+
+
+METHODS: Final[Mapping[str, Method]] = MappingProxyType(
+    {
+        "default": Method(
+            examine_frames,
+            fit_windows,
+            best_fits,
+            _choose,
+            diverse_scenes,
+            True,
+            selected_objects,
+        ),
+        "paper": Method(
+            examine_published,
+            partial(fit_windows, squared=True),
+            _unknown_fits,
+            solve_published,
+            _listed_scenes,
+            False,  # by the published energy, without any prior
+            published_objects,
+        ),
+    }
+)
+"""By ``ModelSettings.energy``."""
+
+
+def method_of(problem: Problem) -> Method:
+    """The method for the log-posterior that a problem was packed for.
+
+    Parameters
+    ----------
+    problem : Problem
+
+    Returns
+    -------
+    Method
+    """
+    return METHODS["paper" if problem.of_paper else "default"]

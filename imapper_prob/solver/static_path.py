@@ -12,7 +12,8 @@ variance grows to metres over two seconds, where independent steps would leave i
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,7 +36,6 @@ from imapper_prob.solver.path_fit import (
 from imapper_prob.solver.poses import (
     ANCESTORS,
     FrameTable,
-    LiftedBody,
     PoseSource,
     implausible_poses,
     joints_of,
@@ -43,7 +43,7 @@ from imapper_prob.solver.poses import (
 )
 from imapper_prob.solver.published import fast_frames, place_skeletons
 
-__all__ = ["estimate_static_path", "examine_frames"]
+__all__ = ["estimate_static_path", "examine_frames", "examine_published"]
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -54,7 +54,7 @@ _ANYWHERE = 2.0
 
 
 def _through_gaps(
-    place: Array, seen: Flags, *, settings: StaticPathSettings, fps: float
+    place: Array, observations: Observations, settings: StaticPathSettings
 ) -> tuple[Array, Array]:
     """The path through frames in which nobody is detected.
 
@@ -62,11 +62,9 @@ def _through_gaps(
     ----------
     place : (T, 3) float
         Bearing, lift and log depth of the fitted path.
-    seen : (T,) bool
-        Frames with a detection; the others are filled in.
+    observations : Observations
+        Frames without a detection are filled in.
     settings : StaticPathSettings
-    fps : float
-        Frames a second.
 
     Returns
     -------
@@ -75,6 +73,7 @@ def _through_gaps(
     deviation : (T, 2) float
         Of bearing and log depth; 0 where somebody is detected.
     """
+    seen = np.asarray((observations.confidences > 0).any(1))
     filled, deviation = np.array(place), np.zeros((len(place), 2))
     if seen.all() or not seen.any():
         return filled, deviation
@@ -82,7 +81,7 @@ def _through_gaps(
     for k, (column, step) in enumerate(zip((0, 2), steps, strict=True)):
         mean, spread = _smoothed(
             place[:, column], seen, speed=_speed(step, settings.walk_time),
-            time=settings.walk_time, noise=step, fps=fps,
+            time=settings.walk_time, noise=step, fps=observations.fps,
         )  # fmt: skip
         filled[~seen, column] = mean[~seen]
         deviation[~seen, k] = spread[~seen]
@@ -160,7 +159,6 @@ def estimate_static_path(
     *,
     track: int = 0,
     settings: StaticPathSettings | None = None,
-    published: bool = False,
 ) -> StaticPath:
     """Maximum a posteriori path and poses of one person, and how far off it may be.
 
@@ -178,8 +176,6 @@ def estimate_static_path(
     track : int
         Which person.
     settings : StaticPathSettings, optional
-    published : bool
-        Whether skeletons are placed as in the paper (:mod:`imapper_prob.solver.published`).
 
     Returns
     -------
@@ -191,7 +187,7 @@ def estimate_static_path(
     InputError
         If the person is detected in no frame, or no body has the joints that are detected.
     """
-    return examine_frames(clip, track=track, settings=settings, published=published)[0]
+    return examine_frames(clip, track=track, settings=settings)[0]
 
 
 def examine_frames(
@@ -199,13 +195,12 @@ def examine_frames(
     *,
     track: int = 0,
     settings: StaticPathSettings | None = None,
-    published: bool = False,
 ) -> tuple[StaticPath, FrameTable]:
     """The static path, and what became of each frame.
 
     Parameters
     ----------
-    clip, track, settings, published
+    clip, track, settings
         See :func:`estimate_static_path`.
 
     Returns
@@ -218,7 +213,91 @@ def examine_frames(
     InputError
         As :func:`estimate_static_path`.
     """
-    settings = settings or StaticPathSettings()
+    return _examined(clip, track, settings or StaticPathSettings(), _bent_bodies)
+
+
+def examine_published(
+    clip: Clip,
+    *,
+    track: int = 0,
+    settings: StaticPathSettings | None = None,
+) -> tuple[StaticPath, FrameTable]:
+    """The static path as the paper has it, of rigid skeletons: `imapper_prob.solver.published`.
+
+    Parameters
+    ----------
+    clip, track, settings
+        See :func:`estimate_static_path`.
+
+    Returns
+    -------
+    path : StaticPath
+    frames : FrameTable
+
+    Raises
+    ------
+    InputError
+        As :func:`estimate_static_path`.
+    """
+    return _examined(clip, track, settings or StaticPathSettings(), _rigid_skeletons)
+
+
+@dataclass(frozen=True)
+class _Sight:
+    """What is seen of a person: pixels (T, 14, 2) with confidences (T, 14), and lifted poses."""
+
+    clip: Clip
+    person: Track
+    pixels: Array
+    confidences: Array
+
+    def observations(self, believed: Flags) -> Observations:
+        """With the lifted poses of some frames."""
+        body = lifted_body(self.person, believed)
+        return Observations(self.clip.camera, self.pixels, self.confidences, body, self.clip.fps)
+
+
+@dataclass(frozen=True)
+class _Placed:
+    """Where a person is, whose lifted poses are believed, and in which frames joints jump."""
+
+    observations: Observations
+    motion: Motion
+    believed: Flags
+    fast: Flags
+    unknown: Array
+    """(T, 2) deviation of bearing and log depth in gaps."""
+
+
+def _bent_bodies(sight: _Sight, trusted: Flags, settings: StaticPathSettings) -> _Placed:
+    """Bodies bent as detections say, gaps as somebody walks."""
+    observations = sight.observations(trusted)
+    motion = _place(observations, settings)
+    believed = trusted & ~_contradicted(observations, motion, settings)
+    if not np.array_equal(believed, trusted):
+        observations = sight.observations(believed)
+        motion = _place(observations, settings)
+    motion = fit_motion(observations, motion, settings, free_bones=True, annealing=(4.0, 2.0))
+    place, unknown = _through_gaps(motion.place, observations, settings)
+    nowhere = np.zeros(len(trusted), bool)
+    return _Placed(observations, replace(motion, place=place), believed, nowhere, unknown)
+
+
+def _rigid_skeletons(sight: _Sight, trusted: Flags, settings: StaticPathSettings) -> _Placed:
+    """Lifted skeletons as they are, those that jump and gaps interpolated."""
+    fast = fast_frames(sight.pixels, sight.confidences)
+    observations = sight.observations(trusted & ~fast)
+    motion = place_skeletons(observations, _first_guess(observations))
+    _, unknown = _through_gaps(motion.place, observations, settings)
+    return _Placed(observations, motion, observations.body.known, fast, unknown)
+
+
+def _examined(
+    clip: Clip,
+    track: int,
+    settings: StaticPathSettings,
+    place: Callable[[_Sight, Flags, StaticPathSettings], _Placed],
+) -> tuple[StaticPath, FrameTable]:
     away = frames_elsewhere(clip.tracks[track], camera=clip.camera, fps=clip.fps)
     person = own_detections(clip).tracks[track]
     confidences = person.confidences[:, list(DETECTED)]
@@ -229,35 +308,17 @@ def examine_frames(
             "nothing says where the person is; leave the track out"
         )
     pixels = np.where(confidences[..., None] > 0, person.keypoints[:, list(DETECTED)], 0.0)
-
-    def observe(body: LiftedBody) -> Observations:
-        return Observations(clip.camera, pixels, confidences, body, clip.fps)
-
     trusted = person.has_pose & ~person.interpolated & ~implausible_poses(person)
-    fast = fast_frames(pixels, confidences) if published else np.zeros(clip.n_frames, bool)
-    observations = observe(lifted_body(person, trusted & ~fast))
-    if published:
-        believed = observations.body.known
-        motion = place_skeletons(observations, _first_guess(observations))
-    else:
-        motion = _place(observations, settings)
-        believed = trusted & ~_contradicted(observations, motion, settings)
-        if not np.array_equal(believed, trusted):
-            observations = observe(lifted_body(person, believed))
-            motion = _place(observations, settings)
-        motion = fit_motion(observations, motion, settings, free_bones=True, annealing=(4.0, 2.0))
-    seen = np.asarray((confidences > 0).any(1))
-    place, unknown = _through_gaps(motion.place, seen, settings=settings, fps=clip.fps)
-    if not published:
-        motion = replace(motion, place=place)
+    placed = place(_Sight(clip, person, pixels, confidences), trusted, settings)
+    observations, motion = placed.observations, placed.motion
     path = StaticPath(
         estimate=motion.place[:, [0, 2]],
         lift=motion.place[:, 1],
-        deviation=np.hypot(_bias(motion.place[:, 2], settings), unknown),
+        deviation=np.hypot(_bias(motion.place[:, 2], settings), placed.unknown),
         poses=joints_of(motion.bones),
         posed=observations.body.known,
     )
-    frames = _frame_table(observations, motion, settings, person, believed, away, fast)
+    frames = _frame_table(placed, settings, person, away)
     _require_a_person(clip, person, observations, frames)
     return path, frames
 
@@ -285,18 +346,13 @@ def _require_a_person(
 
 
 def _frame_table(
-    observations: Observations,
-    motion: Motion,
-    settings: StaticPathSettings,
-    person: Track,
-    believed: NDArray[np.bool_],
-    away: NDArray[np.bool_],
-    fast: NDArray[np.bool_],
+    placed: _Placed, settings: StaticPathSettings, person: Track, away: Flags
 ) -> FrameTable:
     """Why poses were not believed, and how far detections are from the fitted person."""
-    pose = [PoseSource.OWN if own else PoseSource.CONTRADICTED for own in believed]
+    observations, motion = placed.observations, placed.motion
+    pose = [PoseSource.OWN if own else PoseSource.CONTRADICTED for own in placed.believed]
     for source, frames in (
-        (PoseSource.FAST, fast),
+        (PoseSource.FAST, placed.fast),
         (PoseSource.IMPLAUSIBLE, implausible_poses(person)),
         (PoseSource.INTERPOLATED, person.interpolated),
         (PoseSource.MISSING, ~person.has_pose),

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from itertools import combinations_with_replacement
-from typing import Final
+from typing import ClassVar, Final
 
 import numpy as np
 import torch
@@ -96,6 +96,9 @@ class WindowFitter:
     device : torch.device
         Where the fits are done.
     """
+
+    unseen_on_path: ClassVar = False
+    """Whether scenelets are placed on the path in a window without any detection."""
 
     def __init__(self, problem: Problem, frame_step: int, device: torch.device) -> None:
         self.device = device
@@ -217,6 +220,9 @@ class SquaredWindowFitter(WindowFitter):
         Every how manyeth frame of a scenelet is compared.
     device : torch.device
     """
+
+    unseen_on_path: ClassVar = True
+    # Nothing but the path says where it is; its smoothness is judged later.
 
     def _confidence(self, frames: Ints) -> Array:
         return self.problem.confidences[frames]

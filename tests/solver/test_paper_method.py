@@ -23,8 +23,9 @@ from imapper_prob.solver.published import (
     filter_published,
     interpolated,
 )
-from imapper_prob.solver.selection import selected_objects
-from imapper_prob.solver.static_path import examine_frames
+from imapper_prob.solver.selection import published_objects
+from imapper_prob.solver.solver import METHODS, method_of
+from imapper_prob.solver.static_path import examine_published
 from tests.models import worlds
 from tests.solver.walkers import walk, with_track
 
@@ -67,12 +68,12 @@ def test_skeletons_are_rigid_and_occluded_frames_straight() -> None:
     keypoints[30] += 150.0
     poses[50:60] = np.nan
     clip = with_track(truth.clip, keypoints=keypoints, poses=poses)
-    path, frames = examine_frames(clip, published=True)
+    path, frames = examine_published(clip)
     assert frames.pose[30] is PoseSource.FAST
     assert frames.pose[55] is PoseSource.MISSING
     assert not path.posed[[30, 31, *range(50, 60)]].any()
     # One frame's jump moves no other: it has no say.
-    plain, _ = examine_frames(with_track(truth.clip, poses=poses), published=True)
+    plain, _ = examine_published(with_track(truth.clip, poses=poses))
     np.testing.assert_allclose(path.estimate[:28], plain.estimate[:28], atol=5e-3)
     joints = path.joints[48:62]
     np.testing.assert_allclose(joints[2:12], joints[1:2] + np.arange(1, 11)[:, None, None]
@@ -86,7 +87,7 @@ def test_skeletons_are_rigid_and_occluded_frames_straight() -> None:
 def test_the_static_path_is_where_the_squares_are_least() -> None:
     """Any other place or turn of a frame's skeleton costs more: L_r + .05 L_s."""
     truth = walk(np.random.default_rng(3))
-    path, frames = examine_frames(truth.clip, published=True)
+    path, frames = examine_published(truth.clip)
     t = int(np.flatnonzero(~frames.filled)[20])
     track, camera = truth.clip.tracks[0], truth.clip.camera
 
@@ -137,7 +138,9 @@ def test_frames_without_a_skeleton_are_added_to_the_maxima() -> None:
 
 
 def seated(problem: Problem, settings: PublishedSettings) -> tuple[MaximumTable, ...]:
-    fits = fit_windows(problem, worlds.path_of(worlds.walk(problem.n_frames)), fps=10.0)
+    fits = fit_windows(
+        problem, worlds.path_of(worlds.walk(problem.n_frames)), fps=10.0, squared=True
+    )
     curve = charness_curve(
         fits, np.ones(len(problem.lengths)), fps=10.0, settings=MaximaSettings(most=1)
     )
@@ -172,7 +175,7 @@ def test_windows_without_detections_have_candidates_too() -> None:
     used = problem.used.copy()
     used[4:26] = False
     path = worlds.path_of(worlds.walk(30))
-    fits = fit_windows(problem._replace(used=used), path, fps=10.0)
+    fits = fit_windows(problem._replace(used=used), path, fps=10.0, squared=True)
     blind = int(np.flatnonzero(fits.centres == 16)[0])
     assert np.isinf(fits.cost[blind]).all()
     bare = np.zeros(30, bool)
@@ -191,7 +194,7 @@ def test_windows_without_detections_have_candidates_too() -> None:
 
 def test_every_combination_is_placed_and_sorted_by_the_energy() -> None:
     problem = worlds.problem(40, settings=PAPER)
-    fits = fit_windows(problem, worlds.path_of(worlds.walk(40)), fps=10.0)
+    fits = fit_windows(problem, worlds.path_of(worlds.walk(40)), fps=10.0, squared=True)
     curve = charness_curve(fits, np.ones(3), fps=10.0, settings=MaximaSettings(most=2, apart=1.0))
     settings = PublishedSettings(kept=2, scenes=3)
     tables = filter_published(problem, fits, curve, settings=settings)
@@ -215,7 +218,7 @@ def test_every_combination_is_placed_and_sorted_by_the_energy() -> None:
 
 def test_of_members_that_overlap_in_time_the_better_one_stays() -> None:
     problem = worlds.problem(20, settings=PAPER)
-    fits = fit_windows(problem, worlds.path_of(worlds.walk(20)), fps=10.0)
+    fits = fit_windows(problem, worlds.path_of(worlds.walk(20)), fps=10.0, squared=True)
     curve = charness_curve(
         fits, np.ones(3), fps=10.0, settings=MaximaSettings(most=2, apart=0.4, smoothing=0.5)
     )
@@ -243,7 +246,7 @@ def two_couches(apart: float, yaw: float = 0.0) -> tuple[Problem, Library, State
 @pytest.mark.parametrize(("apart", "yaw", "left"), [(0.5, 0.0, 1), (1.2, 0.0, 2), (0.5, 1.6, 2)])
 def test_of_compatible_objects_in_each_other_one_stays(apart: float, yaw: float, left: int) -> None:
     problem, library, state = two_couches(apart, yaw)
-    assert len(selected_objects(problem, library, state)) == left
+    assert len(published_objects(problem, library, state)) == left
 
 
 def test_the_object_goes_whose_scene_costs_more() -> None:
@@ -258,7 +261,7 @@ def test_the_object_goes_whose_scene_costs_more() -> None:
         bare = bare._replace(confidences=unsure)
         energies.append(paper_energy(bare, state, weights=weights).total)
     assert abs(energies[0] - energies[1]) > 0.1
-    (kept,) = selected_objects(problem._replace(confidences=unsure), library, state)
+    (kept,) = published_objects(problem._replace(confidences=unsure), library, state)
     # Without the first (2.5 m away) the scene costs energies[0].
     assert kept.placement.y == pytest.approx(2.5 if energies[1] < energies[0] else 3.0)
     # Somebody who stands in one of them decides as well, whatever it hides.
@@ -266,5 +269,24 @@ def test_the_object_goes_whose_scene_costs_more() -> None:
         joints = problem.joints.copy()
         joints[slice(*problem.joint_first[:2]), :, 1] -= 1.6 if k == 0 else 0.7
         held = problem._replace(joints=joints, paper_nats=problem.paper_nats * (0, 0, 0, 0, 1))
-        (kept,) = selected_objects(held, library, state)
+        (kept,) = published_objects(held, library, state)
         assert kept.placement.y == pytest.approx(other)
+
+
+# --- Which method goes with which energy
+
+
+def test_the_method_goes_with_the_energy_that_a_problem_was_packed_for() -> None:
+    for energy in ("default", "paper"):
+        problem = worlds.problem(20, settings=ModelSettings(energy=energy))
+        assert method_of(problem) is METHODS[energy]
+    # Without its likelihood a published energy is no energy at all.
+    silent = worlds.problem(20, settings=ModelSettings(energy="paper", likelihood=0.0))
+    assert method_of(silent) is METHODS["default"]
+
+
+def test_fits_say_nothing_of_the_right_motion_under_the_published_energy() -> None:
+    problem = worlds.problem(30, settings=PAPER)
+    fits = fit_windows(problem, worlds.path_of(worlds.walk(30)), fps=10.0, squared=True)
+    assert np.isnan(method_of(problem).best_fits(problem, fits)).all()
+    assert np.isfinite(METHODS["default"].best_fits(problem, fits)).any()

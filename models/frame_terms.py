@@ -1,0 +1,111 @@
+"""What each frame adds to the terms of the log-posterior, for reports and figures.
+
+Shares add up to what :func:`imapper_prob.models.log_posterior.terms` says of the whole; nothing
+is modelled a second time.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imapper_prob.models.kernels.detection import forward_filter
+from imapper_prob.models.kernels.incremental import evaluate
+from imapper_prob.models.kernels.path import pose_jump
+from imapper_prob.models.log_posterior import State, terms
+from imapper_prob.models.problem import Problem
+from imapper_prob.models.published_terms import paper_energy
+from imapper_prob.models.settings import PaperWeights
+
+__all__ = ["terms_by_frame"]
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+def terms_by_frame(problem: Problem, state: State) -> dict[str, Array]:
+    """Terms of the log-posterior that belong to frames, of the default one or the published energy.
+
+    Parameters
+    ----------
+    problem : Problem
+    state : State
+        Within the support of the posterior.
+
+    Returns
+    -------
+    dict of str to (T,) float
+        Nats. Of detections, log p(u_t, c_t | all earlier frames, s) with the frame weight and
+        with left and right flipped or not summed out. A jump counts for the frame it leads to.
+    """
+    return _published(problem, state) if problem.of_paper else _default(problem, state)
+
+
+def _published(problem: Problem, state: State) -> dict[str, Array]:
+    published = paper_energy(problem, state, weights=PaperWeights(*problem.paper_nats.tolist()))
+    return {name: -nats for name, nats in published.by_frame.items()}
+
+
+def _default(problem: Problem, state: State) -> dict[str, Array]:
+    n_frames = problem.n_frames
+    joints, by_frame = np.empty((n_frames, 3, 16)), np.zeros((n_frames, 2))
+    evaluate(
+        problem, state.camera, state.items, state.placements, state.sizes, state.latent,
+        joints, by_frame,
+    )  # fmt: skip
+    weight = problem.frame_weight * problem.likelihood
+    detections, _ = forward_filter(
+        by_frame, problem.path_starts, weight, problem.flip_begins, problem.flip_ends
+    )
+    covered_by = np.full(n_frames, -1)
+    for index in range(state.n_scenelets):
+        scenelet, start = state.items[index].tolist()
+        covered_by[start : start + int(problem.lengths[scenelet])] = index
+    return {
+        "detections": detections,
+        "free_pose": np.where(covered_by < 0, -weight * problem.free_cost, 0.0),
+        "smoothness": _jumps_by_frame(problem, state, covered_by, joints),
+        "motion": _motion_by_frame(problem, state),
+        "ground": _ground_by_frame(problem, joints),
+        "support": _support_by_frame(problem, state),
+    }
+
+
+def _jumps_by_frame(problem: Problem, state: State, covered_by: Ints, joints: Array) -> Array:
+    """(T,) what the jump of the pose into each frame costs, where a scenelet begins or ends."""
+    shares, scale = np.zeros(len(joints)), problem.joint_step * np.exp(state.camera[3])
+    joined = ~problem.path_starts[1:]
+    for t in (1 + np.flatnonzero(joined & (np.diff(covered_by) != 0))).tolist():
+        shares[t] = pose_jump(joints, t - 1, t, scale)
+    return -problem.smoothness_cost * problem.likelihood * shares
+
+
+def _ground_by_frame(problem: Problem, joints: Array) -> Array:
+    """(T,) what the feet below the floor cost in each frame with a detection."""
+    weight = problem.motion_cost * problem.frame_weight * problem.likelihood
+    depth = np.maximum(-joints[:, 2].min(-1), 0.0)
+    return np.where(problem.used.any(1), -weight * depth, 0.0)
+
+
+def _support_by_frame(problem: Problem, state: State) -> Array:
+    """(T,) what each stay that nothing carries costs, evenly over its frames."""
+    shares = np.zeros(problem.n_frames)
+    for stay in problem.stays:
+        cost = terms(problem._replace(stays=stay[None]), state)["support"]
+        first, end = int(stay[0]), int(stay[1])
+        shares[first:end] += cost / (end - first)
+    return shares
+
+
+def _motion_by_frame(problem: Problem, state: State) -> Array:
+    """(T,) what the motion term of each frame would be alone, in proportion to the whole.
+
+    Furniture that stands out of the way does so for all frames, which together cost less.
+    """
+    shares = np.zeros(problem.n_frames)
+    for t in np.flatnonzero(problem.used.any(1)):
+        alone = np.zeros_like(problem.used)
+        alone[t] = problem.used[t]
+        shares[t] = terms(problem._replace(used=alone), state)["motion"]
+    scale = terms(problem, state)["motion"] / shares.sum() if shares.any() else 1.0
+    return scale * shares
