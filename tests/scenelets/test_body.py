@@ -13,6 +13,7 @@ from imapper_prob.models.skeleton import LANK, PELV, RANK, facing
 from imapper_prob.scenelets.procedural.body import ANKLE_HEIGHT, Trunk, pose_body, two_bones
 from imapper_prob.scenelets.procedural.gait import (
     GATHER,
+    Gait,
     arc,
     minimum_jerk,
     settle,
@@ -86,7 +87,7 @@ def test_feet_stand_while_they_carry() -> None:
     times = np.arange(300) / 100
     for speed, step_time in ((0.4, 0.75), (0.5, 0.4), (1.3, 0.5)):
         route = arc(steady(speed), 0.5)
-        walk = walk_along(route, times, step_time=step_time, phase=0.1, lean=0.0)
+        walk = walk_along(route, times, Gait(step_time=step_time, phase=0.1, lean=0.0))
         low = walk.ankles[..., 2] < ANKLE_HEIGHT + 0.01
         slide = np.linalg.norm(np.diff(walk.ankles[..., :2], axis=0), axis=-1)
         # At 100 frames a second a foot that goes along would move by 4 mm or more a frame.
@@ -96,7 +97,7 @@ def test_feet_stand_while_they_carry() -> None:
 
 def test_a_walk_alternates_its_feet() -> None:
     times = np.arange(60) / 30
-    walk = walk_along(arc(steady(1.0), 0.0), times, step_time=0.5, phase=0.1, lean=0.05)
+    walk = walk_along(arc(steady(1.0), 0.0), times, Gait(step_time=0.5, phase=0.1, lean=0.05))
     joints = pose_body(walk.trunk, ankles=walk.ankles, wrists=walk.wrists)
     lifted = joints[:, [RANK, LANK], 2] > ANKLE_HEIGHT + 0.01
     assert not lifted.all(1).any()
@@ -107,6 +108,6 @@ def test_a_walk_alternates_its_feet() -> None:
 def test_who_has_arrived_stands_still() -> None:
     route = settle(Placement(0.0, -0.5, 1.0), Placement(0.0, 0.0, 0.0), arrival=0.8)
     times = np.linspace(2.5, 3.5, 11)
-    walk = walk_along(route, times, step_time=0.33, phase=0.0, lean=0.0)
+    walk = walk_along(route, times, Gait(step_time=0.33, phase=0.0, lean=0.0))
     np.testing.assert_allclose(walk.ankles - walk.ankles[:1], 0.0, atol=1e-12)
     np.testing.assert_allclose(walk.ankles[..., 2], ANKLE_HEIGHT)

@@ -24,7 +24,14 @@ from imapper_prob.models.skeleton import (
 )
 from imapper_prob.scenelets.plausibility import faults, floor_faults
 from imapper_prob.scenelets.procedural import low
-from imapper_prob.scenelets.procedural.body import ANKLE_HEIGHT, HIP_HEIGHT, THIGH, Person, Recipe
+from imapper_prob.scenelets.procedural.body import (
+    ANKLE_HEIGHT,
+    HIP_HEIGHT,
+    THIGH,
+    Person,
+    Recipe,
+    backwards,
+)
 from imapper_prob.scenelets.procedural.low import KNEE_ON_FLOOR
 from imapper_prob.scenelets.procedural.seated import HIP_ABOVE_SEAT
 from tests.scenelets.drawing import draws, knee_flexion, legs_apart, spine_from_vertical
@@ -36,10 +43,10 @@ STILL: dict[str, Recipe] = {
     way: low.low_down(way) for way in (*ON_FLOOR, "squat", "both knees", "one knee")
 }
 MOVING: dict[str, Recipe] = {
-    "down": low.go_into_squat(backwards=False),
-    "up": low.go_into_squat(backwards=True),
-    "picking up": low.pick_up_from_floor(backwards=False),
-    "putting down": low.pick_up_from_floor(backwards=True),
+    "down": low.go_into_squat,
+    "up": backwards(low.go_into_squat),
+    "picking up": low.pick_up_from_floor,
+    "putting down": backwards(low.pick_up_from_floor),
     "bent over": low.bend_over,
 }
 RECIPES = STILL | MOVING | {"lying": low.lie_on_floor}
@@ -132,10 +139,11 @@ def test_knees_and_feet_of_who_kneels_are_on_the_floor(way: str) -> None:
     assert 0.1 < np.mean(on_heels) < 0.7
 
 
-@pytest.mark.parametrize("backwards", [False, True])
-def test_who_squats_goes_all_the_way_on_the_same_feet(backwards: bool) -> None:
-    for joints, _ in draws(low.go_into_squat(backwards=backwards), 20):
-        high, deep = (joints[-1], joints[0]) if backwards else (joints[0], joints[-1])
+@pytest.mark.parametrize("upward", [False, True])
+def test_who_squats_goes_all_the_way_on_the_same_feet(upward: bool) -> None:
+    recipe = backwards(low.go_into_squat) if upward else low.go_into_squat
+    for joints, _ in draws(recipe, 20):
+        high, deep = (joints[-1], joints[0]) if upward else (joints[0], joints[-1])
         assert high[PELV, 2] > HIP_HEIGHT - 0.06
         assert deep[PELV, 2] < 0.40
         np.testing.assert_allclose(joints[:, [RANK, LANK], 2], ANKLE_HEIGHT, atol=0.003)
@@ -146,13 +154,14 @@ def test_who_squats_goes_all_the_way_on_the_same_feet(backwards: bool) -> None:
         assert between.sum() <= 6
 
 
-@pytest.mark.parametrize("backwards", [False, True])
-def test_hands_go_to_the_floor_and_come_up(backwards: bool) -> None:
+@pytest.mark.parametrize("reverse", [False, True])
+def test_hands_go_to_the_floor_and_come_up(reverse: bool) -> None:
     deepest = []
-    for joints, _ in draws(low.pick_up_from_floor(backwards=backwards), 40):
+    recipe = backwards(low.pick_up_from_floor) if reverse else low.pick_up_from_floor
+    for joints, _ in draws(recipe, 40):
         wrists = joints[:, [RWRI, LWRI], 2].min(1)
         assert 0.05 < wrists.min() < 0.32
-        up = joints[0 if backwards else -1]
+        up = joints[0 if reverse else -1]
         assert up[PELV, 2] > 0.80
         assert up[[RWRI, LWRI], 2].max() > 0.80
         assert spine_from_vertical(joints).max() > 38

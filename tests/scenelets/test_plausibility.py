@@ -41,7 +41,7 @@ from imapper_prob.scenelets.plausibility import (
     posture_faults,
 )
 from imapper_prob.scenelets.procedural.body import ANKLE_HEIGHT, Trunk, pose_body
-from imapper_prob.scenelets.procedural.gait import Walk, arc, steady, walk_along
+from imapper_prob.scenelets.procedural.gait import Gait, Walk, arc, steady, walk_along
 
 Array = NDArray[np.float64]
 FPS = 10.0
@@ -74,7 +74,7 @@ def turn(joints: Array, pivot: int, moved: list[int], axis: int, degrees: float)
 @given(yaw=st.floats(-3.1, 3.1), x=st.floats(-5, 5))
 def test_standing_and_walking_have_no_fault_anywhere(yaw: float, x: float) -> None:
     times = np.arange(18) / FPS
-    walk: Walk = walk_along(arc(steady(1.0), 0.4), times, step_time=0.5, phase=0.2, lean=0.05)
+    walk: Walk = walk_along(arc(steady(1.0), 0.4), times, Gait(step_time=0.5, phase=0.2, lean=0.05))
     for joints in (standing(), pose_body(walk.trunk, ankles=walk.ankles, wrists=walk.wrists)):
         assert faults(Placement(x, 1.0, yaw).apply(joints), (), fps=FPS) == []
 

@@ -30,7 +30,7 @@ from imapper_prob.models.skeleton import (
 )
 from imapper_prob.scenelets.plausibility import faults
 from imapper_prob.scenelets.procedural import furniture, lying, sitting
-from imapper_prob.scenelets.procedural.body import Person, Recipe, Trunk
+from imapper_prob.scenelets.procedural.body import Person, Recipe, Trunk, backwards
 from imapper_prob.scenelets.procedural.seated import (
     HIP_ABOVE_SEAT,
     SeatedPose,
@@ -53,12 +53,12 @@ STILL: dict[str, Recipe] = {
     "at a low table": sitting.sit_at_low_table,
 }
 DOWN: dict[str, Recipe] = {
-    **{f"down on {kind}": sitting.sit_down_on(kind, backwards=False) for kind in KINDS},
-    "down at a table": sitting.sit_down_at_table(backwards=False),
+    **{f"down on {kind}": sitting.sit_down_on(kind) for kind in KINDS},
+    "down at a table": sitting.sit_down_at_table,
 }
 UP: dict[str, Recipe] = {
-    **{f"up from {kind}": sitting.sit_down_on(kind, backwards=True) for kind in KINDS},
-    "up from a table": sitting.sit_down_at_table(backwards=True),
+    **{f"up from {kind}": backwards(sitting.sit_down_on(kind)) for kind in KINDS},
+    "up from a table": backwards(sitting.sit_down_at_table),
 }
 LYING: dict[str, Recipe] = {"on a bed": lying.lie_on_bed, "on a couch": lying.lie_on_couch}
 RECIPES = STILL | DOWN | UP | LYING
@@ -202,15 +202,13 @@ def test_who_sits_down_begins_on_the_feet_and_ends_on_the_seat(name: str) -> Non
 
 
 def test_standing_up_is_sitting_down_played_backwards() -> None:
-    down, up = (
-        sitting.sit_down_on("couch", backwards=b)(np.random.default_rng(3), Person(1.7))
-        for b in (False, True)
-    )
+    recipe = sitting.sit_down_on("couch")
+    down, up = (draw(np.random.default_rng(3), Person(1.7)) for draw in (recipe, backwards(recipe)))
     np.testing.assert_array_equal(down.joints, up.joints[::-1])
 
 
 def test_some_walk_to_their_seat_and_some_stand_before_it() -> None:
-    drawn = draws(sitting.sit_down_on("chair", backwards=False), 80)
+    drawn = draws(sitting.sit_down_on("chair"), 80)
     walked = np.array(
         [np.linalg.norm((j[0] - j[-1])[[RANK, LANK], :2], axis=-1).mean() for j, _ in drawn]
     )

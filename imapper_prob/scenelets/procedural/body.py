@@ -44,8 +44,8 @@ from imapper_prob.scenelets.frames import resized
 __all__ = [
     "ANKLE_HEIGHT",
     "ELBOWS",
-    "FACING_BACK",
     "FRAMES_PER_SECOND",
+    "HIPS",
     "HIP_HEIGHT",
     "SIDES",
     "TRACKER_ERROR",
@@ -55,9 +55,12 @@ __all__ = [
     "Recipe",
     "Trunk",
     "as_tracked",
+    "backwards",
     "draw_person",
     "hanging_wrists",
+    "knees_of",
     "moments",
+    "pair",
     "pose_body",
     "reachable_height",
     "two_bones",
@@ -192,6 +195,29 @@ ELBOWS: Final = (0.5, -0.7, -0.5)
 SIDES: Final = np.array([1.0, -1.0])
 """Sign of the sideways coordinate of the right and the left limb."""
 _UP: Final = np.array([0.0, 0.0, 1.0])
+
+
+def pair(across: ArrayLike, forward: ArrayLike, up: ArrayLike) -> Array:
+    """(2, 3) places of two limbs of which the left one mirrors the right one.
+
+    Parameters
+    ----------
+    across : () or (2,) float
+        Away from the middle, metres.
+    forward, up : () or (2,) float
+        Metres.
+
+    Returns
+    -------
+    (2, 3) float
+        Right, forward and up of the right limb, and of the left one.
+    """
+    rest = (np.broadcast_to(np.asarray(v, float), 2) for v in (forward, up))
+    return np.stack([SIDES * np.asarray(across, float), *rest], -1)
+
+
+HIPS: Final = pair(HALF_HIPS, 0.0, 0.0)
+"""Hip joints from the pelvis, metres."""
 
 
 @dataclass(frozen=True)
@@ -363,6 +389,27 @@ def two_bones(
     return middle, root + reach * axis
 
 
+def knees_of(ankles: ArrayLike, directions: ArrayLike, *, hips: ArrayLike = HIPS) -> Array:
+    """Knees between hips and ankles: both, or one where ``hips`` is one.
+
+    Parameters
+    ----------
+    ankles : (2, 3) or (3,) float
+        Right, forward and up of the pelvis, metres.
+    directions : (2, 3) or (3,) float
+        Where the knees point.
+    hips : (2, 3) or (3,) float
+        As ankles.
+
+    Returns
+    -------
+    (2, 3) or (3,) float
+        As ankles.
+    """
+    knees, _ = two_bones(hips, ankles, directions, upper=THIGH, lower=SHIN)
+    return knees
+
+
 def reachable_height(trunk: Trunk, ankles: ArrayLike) -> Array:
     """(n,) greatest height in metres of the pelvis at which both ankles (n, 2, 3) are in reach.
 
@@ -463,8 +510,6 @@ def pose_body(
 
 FRAMES_PER_SECOND: Final = 10.0
 """Of i3DB, and fast enough for everything people do in a room."""
-FACING_BACK: Final = float(np.pi)
-"""Yaw in radians of a piece that faces the person who faces it."""
 
 
 class Drawn(NamedTuple):
@@ -483,6 +528,25 @@ class Drawn(NamedTuple):
 
 Recipe = Callable[[np.random.Generator, Person], Drawn]
 """Draws a motion of the reference body among furniture as the person sees it."""
+
+
+def backwards(recipe: Recipe) -> Recipe:
+    """The same motions played backwards, as standing up is sitting down.
+
+    Parameters
+    ----------
+    recipe : Recipe
+
+    Returns
+    -------
+    Recipe
+    """
+
+    def draw(rng: np.random.Generator, person: Person) -> Drawn:
+        joints, objects = recipe(rng, person)
+        return Drawn(joints[::-1], objects)
+
+    return draw
 
 
 def moments(rng: np.random.Generator, fewest: int, most: int) -> Array:

@@ -9,7 +9,6 @@ degrees outward and 30 inward, knees bend by 150.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final
 
@@ -21,14 +20,14 @@ from imapper_prob.scenelets.procedural import furniture
 from imapper_prob.scenelets.procedural.body import (
     ANKLE_HEIGHT,
     HALF_HIPS,
+    HIPS,
     SHIN,
-    SIDES,
     THIGH,
     Drawn,
     Person,
     Recipe,
-    moments,
-    two_bones,
+    knees_of,
+    pair,
 )
 from imapper_prob.scenelets.procedural.seated import (
     BUTTOCK,
@@ -40,7 +39,12 @@ from imapper_prob.scenelets.procedural.seated import (
     open_seat,
     seat_of,
 )
-from imapper_prob.scenelets.procedural.sitting import Taken, sit_still, take_seat, with_room
+from imapper_prob.scenelets.procedural.sitting import (
+    Taken,
+    hold_still,
+    take_seat,
+    with_room,
+)
 
 __all__ = [
     "SHIN_DEPTH",
@@ -101,38 +105,37 @@ def _foot_down(
 def _knee_over_knee(rng: np.random.Generator, pose: SeatedPose, seat: Seat) -> SeatedPose:
     """The right thigh on the left one, its shin hanging on the far side of the left knee."""
     foot, below = _foot_down(rng, pose, seat, side=-1, outward=-rng.uniform(0.20, 0.28))
-    lower_knee = _knee_of(foot, below, side=-1)
+    lower_knee = knees_of(foot, below, hips=HIPS[1])
     across = -np.sin(rng.uniform(0.44, 0.51))
     up = lower_knee[2] + 2 * THIGH_DEPTH + rng.uniform(0.0, 0.04)
     knee = _thigh(across, up)
     # The calf hangs from there, a little forward and outward of the left shin.
     hang = np.array([-rng.uniform(0.15, 0.30), rng.uniform(0.25, 0.50), -1.0])
-    ankle = HALF_HIPS * np.array([1.0, 0.0, 0.0]) + knee + SHIN * _unit(hang)
+    ankle = HIPS[0] + knee + SHIN * _unit(hang)
     pose = _with_legs(pose, [ankle, foot], [knee, below])
     if rng.random() < 0.5:
         return draw_hands(rng, pose, seat)
     # One hand on the upper knee and the other one on it, or both around it.
-    upper = HALF_HIPS * np.array([1.0, 0.0, 0.0]) + 0.85 * knee + (0.0, 0.0, THIGH_DEPTH + 0.02)
+    upper = HIPS[0] + 0.85 * knee + (0.0, 0.0, THIGH_DEPTH + 0.02)
     hands = upper + np.array([[0.07, -0.03, 0.0], [-0.06, -0.06, 0.02]])
-    return replace(pose, hands=hands, stir=np.full(2, 0.01))
+    return pose.with_hands(hands)
 
 
 def _ankle_on_knee(rng: np.random.Generator, pose: SeatedPose, seat: Seat) -> SeatedPose:
     """The right ankle on the left thigh, before the knee or on it, the right knee to the side."""
     foot, below = _foot_down(rng, pose, seat, side=-1, outward=rng.uniform(-0.05, 0.15))
-    left = _knee_of(foot, below, side=-1)
-    hip = np.array([-HALF_HIPS, 0.0, 0.0])
-    ankle = hip + rng.uniform(0.76, 0.92) * (left - hip)
+    left = knees_of(foot, below, hips=HIPS[1])
+    ankle = HIPS[1] + rng.uniform(0.76, 0.92) * (left - HIPS[1])
     ankle += (rng.uniform(-0.05, 0.02), 0.0, THIGH_DEPTH + SHIN_DEPTH - 0.01)
     knee = np.array([1.0, rng.uniform(0.1, 0.45), rng.uniform(0.0, 0.20)])
     pose = _with_legs(pose, [ankle, foot], [knee, below])
     if rng.random() < 0.5:
         return draw_hands(rng, pose, seat)
     # A hand on the shin that lies across, the other one on the ankle.
-    bent = _knee_of(ankle, knee, side=1)
+    bent = knees_of(ankle, knee, hips=HIPS[0])
     over = (0.0, -0.02, SHIN_DEPTH + 0.02)
     hands = np.stack([0.75 * bent + 0.25 * ankle + over, 0.15 * bent + 0.85 * ankle + over])
-    return replace(pose, hands=hands, stir=np.full(2, 0.01))
+    return pose.with_hands(hands)
 
 
 def _leg_folded_under(rng: np.random.Generator, pose: SeatedPose, seat: Seat) -> SeatedPose:
@@ -147,9 +150,9 @@ def _leg_folded_under(rng: np.random.Generator, pose: SeatedPose, seat: Seat) ->
     pose = _with_legs(pose, [ankle, foot], [knee, below])
     if rng.random() < 0.5:
         return draw_hands(rng, pose, seat)
-    bent = _knee_of(ankle, knee, side=1)
+    bent = knees_of(ankle, knee, hips=HIPS[0])
     on_shin = 0.5 * bent + 0.5 * ankle + (0.0, 0.0, SHIN_DEPTH + 0.03)
-    return replace(pose, hands=np.stack([on_shin, [-0.13, 0.26, 0.10]]), stir=np.full(2, 0.01))
+    return pose.with_hands(np.stack([on_shin, [-0.13, 0.26, 0.10]]))
 
 
 def tailor_fashion(rng: np.random.Generator, pose: SeatedPose, seat: Seat) -> SeatedPose:
@@ -173,13 +176,13 @@ def tailor_fashion(rng: np.random.Generator, pose: SeatedPose, seat: Seat) -> Se
         ]
     )
     up = rng.uniform(0.05, 0.25)
-    knees = np.stack([SIDES, np.full(2, rng.uniform(0.2, 0.4)), np.full(2, up)], -1)
+    knees = pair(1.0, rng.uniform(0.2, 0.4), up)
     pose = _with_legs(pose, ankles, knees)
     if rng.random() < 0.5:
         return draw_hands(rng, pose, seat)
-    bent = _knees_of(ankles, knees)
+    bent = knees_of(ankles, knees)
     hands = bent * (0.9, 0.85, 1.0) + (0.0, 0.0, SHIN_DEPTH + 0.03)
-    return replace(pose, hands=hands, stir=np.full(2, 0.01))
+    return pose.with_hands(hands)
 
 
 def _on_seat(rng: np.random.Generator) -> float:
@@ -191,20 +194,6 @@ def _thigh(across: float, up: float) -> Array:
     """(3,) from hip to knee: ``across`` as a part of its length, ``up`` in metres."""
     x = across * THIGH
     return np.array([x, np.sqrt(THIGH**2 - x**2 - up**2), up])
-
-
-def _knee_of(ankle: Array, direction: Array, *, side: float) -> Array:
-    """(3,) the knee between the hip of a side and an ankle, all offsets."""
-    hip = np.array([side * HALF_HIPS, 0.0, 0.0])
-    knee, _ = two_bones(hip, ankle, direction, upper=THIGH, lower=SHIN)
-    return knee
-
-
-def _knees_of(ankles: Array, directions: Array) -> Array:
-    """(2, 3) both knees."""
-    sides: Sequence[float] = SIDES.tolist()
-    found = [_knee_of(a, d, side=s) for a, d, s in zip(ankles, directions, sides, strict=True)]
-    return np.stack(found)
 
 
 def _unit(vector: Array) -> Array:
@@ -241,7 +230,7 @@ def sit_crossed(kind: str) -> Recipe:
         lean = -rng.uniform(0.12, 0.40) if leans_back else rng.uniform(-0.05, 0.20)
         pose = draw_seated(rng, seat, sideways=place, lean=lean, upright=True)
         cross = _knee_over_knee if rng.random() < 0.55 else _ankle_on_knee
-        return Drawn(sit_still(rng, cross(rng, pose, seat), moments(rng, 15, 20)), (piece,))
+        return hold_still(rng, cross(rng, pose, seat), piece)
 
     return draw
 
@@ -271,7 +260,7 @@ def sit_on_leg(kind: str) -> Recipe:
         pose = _leg_folded_under(rng, pose, replace(seat, arms=()))
         if kind == "bed":
             piece = with_room(piece, right=KNEE_BESIDE, left=0.3)
-        return Drawn(sit_still(rng, pose, moments(rng, 15, 20)), (piece,))
+        return hold_still(rng, pose, piece)
 
     return draw
 
@@ -300,7 +289,7 @@ def sit_tailor_fashion(kind: str) -> Recipe:
         pose = draw_seated(rng, seat, sideways=place, lean=rng.uniform(-0.05, 0.30), upright=True)
         pose = _back_from_edge(pose, seat, LEGS_BEFORE - rng.uniform(0.0, 0.08))
         pose = tailor_fashion(rng, pose, seat)
-        return Drawn(sit_still(rng, pose, moments(rng, 15, 20)), (piece,))
+        return hold_still(rng, pose, piece)
 
     return draw
 
@@ -315,7 +304,7 @@ def _wide(
     if kind != "couch":
         return take_seat(rng, person, kind)
     piece = person.sees(furniture.couch(rng, seats=int(rng.choice([2, 3]))))
-    half = next(c.size[0] for c in piece.cuboids if c.part == "seat") / 2
+    half = furniture.seat_part(piece).size[0] / 2
     return piece, seat_of(piece), float(rng.uniform(left - half, max(half - right, left - half)))
 
 
@@ -332,7 +321,7 @@ def _on_bed(rng: np.random.Generator, person: Person) -> tuple[SceneObject, Seat
     The seat's front is where crossed legs end, anywhere on the mattress.
     """
     bed = person.sees(furniture.bed(rng))
-    seat = next(c for c in bed.cuboids if c.part == "seat")
+    seat = furniture.seat_part(bed)
     low, high = (seat.centre + seat.size / 2 * sign for sign in (-1, 1))
     facing = float(rng.choice([0.0, np.pi / 2, -np.pi / 2], p=[0.6, 0.2, 0.2]))
     before, behind, beside = LEGS_BEFORE, BUTTOCK + 0.05, LEGS_BESIDE

@@ -22,9 +22,11 @@ __all__ = [
     "couch",
     "counter",
     "desk",
+    "facing_back",
     "knee_room",
     "low_table",
     "office_chair",
+    "seat_part",
     "shelf",
     "stool",
     "table",
@@ -385,6 +387,39 @@ def counter(rng: np.random.Generator) -> SceneObject:
     top = box("top", (-x, -y, height - thick), (x, y, height))
     base = box("base", (-x, -y, 0.0), (x, y - 0.03, height - thick))
     return SceneObject("counter", ORIGIN, (top, base))
+
+
+def seat_part(piece: SceneObject) -> Cuboid:
+    """What carries whoever sits or lies on a piece.
+
+    Parameters
+    ----------
+    piece : SceneObject
+        With a part ``seat``.
+
+    Returns
+    -------
+    Cuboid
+    """
+    return next(c for c in piece.cuboids if c.part == "seat")
+
+
+def facing_back(piece: SceneObject, x: float, *, edge: float) -> SceneObject:
+    """A piece before somebody at the origin, whom it faces.
+
+    Parameters
+    ----------
+    piece : SceneObject
+    x : float
+        Of its middle, metres.
+    edge : float
+        The y of its front edge, metres.
+
+    Returns
+    -------
+    SceneObject
+    """
+    return piece.moved(Placement(x, edge + piece.bounds[1, 1], np.pi))
 
 
 def knee_room(piece: SceneObject) -> tuple[float, float]:

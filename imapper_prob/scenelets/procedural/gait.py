@@ -26,9 +26,11 @@ from imapper_prob.scenelets.procedural.body import (
 
 __all__ = [
     "WALK_RATIO",
+    "Gait",
     "Route",
     "Walk",
     "arc",
+    "come_nearer",
     "minimum_jerk",
     "settle",
     "starting",
@@ -205,31 +207,43 @@ class Walk:
     wrists: Array
 
 
-def footsteps(
-    route: Route, times: Array, *, step_time: float, phase: float, half_width: float
-) -> Array:
-    """Ankles (n, 2, 3) that follow a route, right then left.
+@dataclass(frozen=True)
+class Gait:
+    """How somebody walks, wherever they go.
 
     Parameters
     ----------
-    route, times
-        The route and the times (n,) in seconds at which it is wanted.
     step_time : float
         Seconds from one foot's stance to the other's; each foot stands still this long and
         swings as long.
     phase : float
         Time in seconds of the middle of a stance of the right foot.
+    lean : float
+        Forward lean of the trunk in radians.
     half_width : float
         Distance in metres of a foot from the middle of the walk.
+    vigour : float
+        Factor on the swing of the arms.
     """
+
+    step_time: float
+    phase: float
+    lean: float
+    half_width: float = 0.09
+    vigour: float = 1.0
+
+
+def footsteps(route: Route, times: Array, gait: Gait) -> Array:
+    """Ankles (n, 2, 3) that follow a route, right then left, at times (n,) in seconds."""
     ankles = np.zeros((len(times), 2, 3))
+    step_time, phase = gait.step_time, gait.phase
     for foot, side in enumerate(SIDES):
-        first = phase + foot * step_time
+        first, aside = phase + foot * step_time, side * gait.half_width
         cycle = (times - first) / (2 * step_time) + 0.25
         index = np.floor(cycle)
         swing = np.clip(2 * (cycle - index) - 1, 0.0, 1.0)[:, None]
-        here = _footfall(route, first + 2 * step_time * index, side * half_width)
-        there = _footfall(route, first + 2 * step_time * (index + 1), side * half_width)
+        here = _footfall(route, first + 2 * step_time * index, aside)
+        there = _footfall(route, first + 2 * step_time * (index + 1), aside)
         ankles[:, foot, :2] = here + minimum_jerk(swing) * (there - here)
         stride = np.linalg.norm(there - here, axis=-1)
         # The heel rises before the foot leaves its place, and clears the floor in short steps too.
@@ -246,41 +260,57 @@ def _footfall(route: Route, times: Array, sideways: float) -> Array:
 def walk_along(
     route: Route,
     times: Array,
-    *,
-    step_time: float,
-    phase: float,
-    lean: float,
-    half_width: float = 0.09,
-    vigour: float = 1.0,
+    gait: Gait,
 ) -> Walk:
     """A person who follows a route.
 
     Parameters
     ----------
-    route, times, step_time, phase
-        As for the feet.
-    lean : float
-        Forward lean of the trunk in radians.
-    half_width
-        As for the feet.
-    vigour : float
-        Factor on the swing of the arms.
+    route : Route
+    times : (n,) float
+        Seconds.
+    gait : Gait
 
     Returns
     -------
     Walk
     """
-    ankles = footsteps(route, times, step_time=step_time, phase=phase, half_width=half_width)
+    ankles = footsteps(route, times, gait)
     x, y, yaw = route(times).T
     ahead, behind = route(times + 0.05)[:, :2], route(times - 0.05)[:, :2]
     speed = np.minimum(np.linalg.norm(ahead - behind, axis=-1) / 0.1, 1.2)
     # One cycle is two steps; hips follow the forward leg, shoulders and arms go against it.
-    rhythm = np.sin(np.pi * (times - phase) / step_time) * speed
-    sway = 0.015 * np.cos(np.pi * (times - phase) / step_time)
+    cycle = np.pi * (times - gait.phase) / gait.step_time
+    rhythm = np.sin(cycle) * speed
+    sway = 0.015 * np.cos(cycle)
     pelvis = np.stack(
         [x + sway * np.cos(yaw), y + sway * np.sin(yaw), np.full(len(times), HIP_HEIGHT)], -1
     )
-    trunk = Trunk.of(pelvis, yaw - 0.06 * rhythm, lean=lean, twist=0.15 * rhythm, nod=0.05)
+    trunk = Trunk.of(pelvis, yaw - 0.06 * rhythm, lean=gait.lean, twist=0.15 * rhythm, nod=0.05)
     pelvis[:, 2] = np.minimum(HIP_HEIGHT, reachable_height(trunk, ankles))
-    swing = ARM_SWING * vigour * rhythm[:, None] * SIDES
+    swing = ARM_SWING * gait.vigour * rhythm[:, None] * SIDES
     return Walk(trunk, ankles, hanging_wrists(trunk, swing, bend=0.08))
+
+
+def come_nearer(
+    rng: np.random.Generator, start: Placement, times: Array, *, arrival: float
+) -> Walk:
+    """Somebody who comes to the origin in a step or two.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+    start : Placement
+        Where they stand at first.
+    times : (n,) float
+        Seconds.
+    arrival : float
+        When they are there, seconds.
+
+    Returns
+    -------
+    Walk
+    """
+    phase, half_width = rng.uniform(-0.1, 0.4), rng.uniform(0.09, 0.14)
+    gait = Gait(step_time=0.38, phase=phase, lean=0.03, half_width=half_width)
+    return walk_along(settle(start, Placement(0.0, 0.0, 0.0), arrival=arrival), times, gait)

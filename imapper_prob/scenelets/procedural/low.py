@@ -11,15 +11,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from imapper_prob.scenelets.procedural.body import (
     ANKLE_HEIGHT,
     HALF_HIPS,
     HIP_HEIGHT,
+    HIPS,
     SHIN,
     SIDES,
     THIGH,
@@ -29,10 +30,11 @@ from imapper_prob.scenelets.procedural.body import (
     Recipe,
     Trunk,
     hanging_wrists,
+    knees_of,
     moments,
+    pair,
     pose_body,
     reachable_height,
-    two_bones,
 )
 from imapper_prob.scenelets.procedural.folded import SHIN_DEPTH, THIGH_DEPTH, tailor_fashion
 from imapper_prob.scenelets.procedural.gait import minimum_jerk
@@ -40,7 +42,9 @@ from imapper_prob.scenelets.procedural.lying import lie_still
 from imapper_prob.scenelets.procedural.reaching import DEEPEST_CROUCH, TRAVEL, extent, reach
 from imapper_prob.scenelets.procedural.resting import prop_up_behind
 from imapper_prob.scenelets.procedural.seated import SeatedPose, draw_seated, open_seat
-from imapper_prob.scenelets.procedural.sitting import sit_still
+from imapper_prob.scenelets.procedural.sitting import (
+    hold_still,
+)
 from imapper_prob.scenelets.procedural.standing import HELD, draw_pastime, stand
 
 __all__ = [
@@ -90,7 +94,7 @@ def _sit_legs_out(rng: np.random.Generator) -> SeatedPose:
     if rng.random() < 0.5:
         return prop_up_behind(rng, pose)
     forward = rng.uniform(0.26, 0.38, 2)
-    return _hands(pose, np.stack([SIDES * 0.15, forward, np.full(2, THIGH_DEPTH + 0.03)], -1))
+    return pose.with_hands(pair(0.15, forward, THIGH_DEPTH + 0.03))
 
 
 def _sit_knees_up(rng: np.random.Generator) -> SeatedPose:
@@ -98,19 +102,19 @@ def _sit_knees_up(rng: np.random.Generator) -> SeatedPose:
     pose = _on_floor(rng, rng.uniform(0.0, 0.30))
     flat = ANKLE_HEIGHT - pose.pelvis[2]
     forward = THIGH * rng.uniform(0.82, 1.10) + rng.uniform(-0.04, 0.04, 2)
-    ankles = np.stack([SIDES * rng.uniform(0.07, 0.15), forward, np.full(2, flat)], -1)
+    ankles = pair(rng.uniform(0.07, 0.15), forward, flat)
     pose = replace(pose, ankles=pose.at_pelvis(ankles), knees=_KNEES_UP)
     share = rng.random()
     if share < 0.3:
         return prop_up_behind(rng, pose)
-    knees = _knees(ankles, _KNEES_UP)
+    knees = knees_of(ankles, _KNEES_UP)
     if share < 0.65:  # round the shins
         along = rng.uniform(0.25, 0.45)
         hands = (1 - along) * knees + along * ankles + (0.0, SHIN_DEPTH + 0.03, 0.02)
         hands[:, 0] = SIDES * rng.uniform(0.03, 0.07)
     else:
         hands = knees + np.array([0.0, 0.04, THIGH_DEPTH])
-    return _hands(pose, hands)
+    return pose.with_hands(hands)
 
 
 def squat(rng: np.random.Generator, *, flat: bool | None = None) -> SeatedPose:
@@ -139,11 +143,11 @@ def squat(rng: np.random.Generator, *, flat: bool | None = None) -> SeatedPose:
     before = rng.uniform(0.04, 0.16) + gap * np.sin(back)
     lean = float(np.arcsin(np.clip(before / TRUNK, 0.0, 0.8)))
     pelvis = np.array([0.0, -gap * np.sin(back), height + gap * np.cos(back)])
-    ankles = np.stack([SIDES * apart, np.zeros(2), np.full(2, height)], -1)
+    ankles = pair(apart, 0.0, height)
     if not flat and rng.random() < 0.5:  # one foot before the other
         ankles[0, 1], ankles[0, 2] = rng.uniform(0.08, 0.20), ANKLE_HEIGHT
     outward = rng.uniform(0.15, 0.45)
-    knees = np.stack([outward * SIDES, np.ones(2), np.ones(2)], -1)
+    knees = pair(outward, 1.0, 1.0)
     pose = SeatedPose(
         pelvis=pelvis,
         yaw=0.0,
@@ -151,18 +155,18 @@ def squat(rng: np.random.Generator, *, flat: bool | None = None) -> SeatedPose:
         twist=float(np.clip(rng.normal(0.0, 0.10), -0.2, 0.2)),
         nod=float(rng.uniform(0.0, 0.3) - 0.6 * lean),
         ankles=ankles,
-        hands=np.zeros((2, 3)),
-        stir=np.full(2, 0.01),
         knees=knees,
     )
-    at_knees = _knees(ankles - pelvis, knees)
+    at_knees = knees_of(ankles - pelvis, knees)
     share = rng.random()
     if share < 0.4:  # forearms on the thighs, hands hanging or together before the knees
         before = rng.uniform(0.04, 0.12)
         inward = -0.5 * at_knees[:, 0]
-        return _hands(pose, at_knees + np.stack([inward, np.full(2, before), np.full(2, 0.05)], -1))
+        return pose.with_hands(
+            at_knees + np.stack([inward, np.full(2, before), np.full(2, 0.05)], -1)
+        )
     if share < 0.6:
-        return _hands(pose, at_knees + np.array([0.0, -0.02, THIGH_DEPTH + 0.02]))
+        return pose.with_hands(at_knees + np.array([0.0, -0.02, THIGH_DEPTH + 0.02]))
     return _at_work(rng, pose, low=0.12, high=0.40)
 
 
@@ -219,10 +223,9 @@ def _kneel_on_both(rng: np.random.Generator) -> SeatedPose:
     share = rng.random()
     if share < 0.5:
         if not on_heels:
-            return _hands(pose, _hanging(rng, lean))
-        hips = HALF_HIPS * np.stack([SIDES, np.zeros(2), np.zeros(2)], -1)
+            return pose.with_hands(_hanging(rng, lean))
         along = rng.uniform(0.45, 0.7)
-        return _hands(pose, hips + along * knees + (0.0, 0.02, THIGH_DEPTH + 0.03))
+        return pose.with_hands(HIPS + along * knees + (0.0, 0.02, THIGH_DEPTH + 0.03))
     return _at_work(rng, pose, low=0.15, high=0.65)
 
 
@@ -238,12 +241,12 @@ def _kneel_on_one(rng: np.random.Generator) -> SeatedPose:
     lean = float(rng.uniform(0.0, 0.35))
     pose = _kneeling(rng, height, lean, ankles, knees)
     share = rng.random()
-    left = _knees(ankles, knees)[1]
+    left = knees_of(ankles, knees)[1]
     over = left + np.array([0.0, -0.04, THIGH_DEPTH + 0.02])
     if share < 0.35:  # the right hand hangs, the left one is on its knee
-        return _hands(pose, np.stack([_hanging(rng, lean)[0], over]))
+        return pose.with_hands(np.stack([_hanging(rng, lean)[0], over]))
     if share < 0.55:  # both hands on that knee
-        return _hands(pose, over + np.array([[0.07, 0.02, 0.01], [-0.02, -0.03, 0.0]]))
+        return pose.with_hands(over + np.array([[0.07, 0.02, 0.01], [-0.02, -0.03, 0.0]]))
     return _at_work(rng, pose, low=0.15, high=0.65)
 
 
@@ -285,21 +288,19 @@ def _kneeling(
         twist=float(np.clip(rng.normal(0.0, 0.10), -0.25, 0.25)),
         nod=float(rng.uniform(0.0, 0.35) - 0.6 * lean),
         ankles=pelvis + ankles,
-        hands=np.zeros((2, 3)),
-        stir=np.full(2, 0.01),
         knees=knees,
     )
 
 
 def _at_work(rng: np.random.Generator, pose: SeatedPose, *, low: float, high: float) -> SeatedPose:
     """Both hands, or one, at something before the body, between two heights over the floor."""
-    trunk = Trunk.of(np.zeros((1, 3)), 0.0, lean=pose.lean, twist=pose.twist)
-    chest = trunk.shoulders[0]
+    chest = pose.trunk.shoulders[0]
     up = rng.uniform(low, high) - pose.pelvis[2]
     forward = np.maximum(chest[:, 1] + rng.uniform(0.22, 0.36, 2), 0.28)
-    hands = np.stack([SIDES * rng.uniform(0.06, 0.18, 2), forward, np.full(2, up)], -1)
+    hands = pair(rng.uniform(0.06, 0.18, 2), forward, up)
     if rng.random() < 0.3:
-        hands[1] = _knees(pose.ankles - pose.pelvis, _of(pose))[1] + (0.0, 0.0, THIGH_DEPTH + 0.02)
+        knees = knees_of(pose.ankles - pose.pelvis, _of(pose))
+        hands[1] = knees[1] + (0.0, 0.0, THIGH_DEPTH + 0.02)
     return replace(pose, hands=hands, stir=np.array([0.03, 0.02]), nod=pose.nod + 0.2)
 
 
@@ -314,17 +315,6 @@ def _hanging(rng: np.random.Generator, lean: float) -> Array:
     return hands
 
 
-def _hands(pose: SeatedPose, hands: ArrayLike) -> SeatedPose:
-    return replace(pose, hands=np.asarray(hands, float), stir=np.full(2, 0.01))
-
-
-def _knees(ankles: Array, directions: Array) -> Array:
-    """(2, 3) knees of ankles and directions, all of them offsets from the pelvis."""
-    hips = HALF_HIPS * np.stack([SIDES, np.zeros(2), np.zeros(2)], -1)
-    knees, _ = two_bones(hips, ankles, directions, upper=THIGH, lower=SHIN)
-    return knees
-
-
 # ------------------------------------------------------------------------------------------------
 # Recipes.
 
@@ -334,10 +324,22 @@ KNUCKLES: Final = 0.09
 """Wrist above what the hand holds, fingers down, metres (*Bodyspace*)."""
 SLOW: Final = 1.25
 """Times that a hand's way takes when the whole body goes along."""
-STOOP: Final = (1.05, 1.4, 0.36)
-SQUAT: Final = (0.55, 1.0, DEEPEST_CROUCH)
-"""Least and greatest bend of the trunk, radians, and most that the knees lower the pelvis, metres,
-of the two ways down: hips bend too far in both at once (lifting styles: Burgess-Limerick 2003)."""
+
+
+class _Bend(NamedTuple):
+    """A way down: least and greatest bend of the trunk, and most that knees lower the pelvis."""
+
+    least: float
+    most: float
+    deepest: float
+
+    def leans(self, rng: np.random.Generator) -> tuple[float, float]:
+        return rng.uniform(self.least, self.most - 0.1), self.most
+
+
+STOOP: Final = _Bend(1.05, 1.4, 0.36)
+SQUAT: Final = _Bend(0.55, 1.0, DEEPEST_CROUCH)
+"""Radians and metres: hips bend too far in both at once (lifting styles: Burgess-Limerick 2003)."""
 _WAYS: Final[dict[str, Callable[[np.random.Generator], SeatedPose]]] = {
     "cross-legged": _sit_cross_legged,
     "legs out": _sit_legs_out,
@@ -364,7 +366,7 @@ def low_down(way: str) -> Recipe:
     draw_pose = _WAYS[way]
 
     def draw(rng: np.random.Generator, person: Person) -> Drawn:
-        return Drawn(sit_still(rng, draw_pose(rng), moments(rng, 15, 20)), ())
+        return hold_still(rng, draw_pose(rng))
 
     return draw
 
@@ -386,29 +388,24 @@ def lie_on_floor(rng: np.random.Generator, person: Person) -> Drawn:
     return Drawn(lie_still(rng, times, on_side=on_side, room=np.inf, pillow=0.08), ())
 
 
-def go_into_squat(*, backwards: bool) -> Recipe:
-    """Squatting down on the spot; backwards, standing up.
+def go_into_squat(rng: np.random.Generator, person: Person) -> Drawn:
+    """Squatting down on the spot.
 
     Parameters
     ----------
-    backwards : bool
-        Whether the motion is played backwards.
+    rng : numpy.random.Generator
+    person : Person
 
     Returns
     -------
-    callable
-        From rng and person to :class:`~imapper_prob.scenelets.procedural.body.Drawn`.
+    Drawn
     """
-
-    def draw(rng: np.random.Generator, person: Person) -> Drawn:
-        times = moments(rng, 17, 20)
-        duration = rng.uniform(1.0, 1.3)
-        start = rng.uniform(0.0, times[-1] - duration)
-        pose = squat(rng, flat=True)
-        joints = _squat_down(rng, pose, times, start=start, duration=duration)
-        return Drawn(joints[::-1] if backwards else joints, ())
-
-    return draw
+    times = moments(rng, 17, 20)
+    duration = rng.uniform(1.0, 1.3)
+    start = rng.uniform(0.0, times[-1] - duration)
+    pose = squat(rng, flat=True)
+    joints = _squat_down(rng, pose, times, start=start, duration=duration)
+    return Drawn(joints, ())
 
 
 def _floor_target(rng: np.random.Generator, hands: NDArray[np.bool_]) -> NDArray[np.float64]:
@@ -419,41 +416,36 @@ def _floor_target(rng: np.random.Generator, hands: NDArray[np.bool_]) -> NDArray
     return np.stack([middle[0] + apart, np.full(2, middle[1]), np.full(2, height)], -1)
 
 
-def pick_up_from_floor(*, backwards: bool) -> Recipe:
-    """Bending down, taking something from the floor and coming up; backwards, putting it down.
+def pick_up_from_floor(rng: np.random.Generator, person: Person) -> Drawn:
+    """Bending down, taking something from the floor and coming up.
 
     Some stoop over knees that are a little bent, and some bend their knees far.
 
     Parameters
     ----------
-    backwards : bool
-        Whether the motion is played backwards.
+    rng : numpy.random.Generator
+    person : Person
 
     Returns
     -------
-    callable
-        From rng and person to :class:`~imapper_prob.scenelets.procedural.body.Drawn`.
+    Drawn
     """
-
-    def draw(rng: np.random.Generator, person: Person) -> Drawn:
-        times = moments(rng, 18, 20)
-        load = draw_pastime(rng, {name: HELD[name] for name in ("box", "cup", "book", "bag")})
-        hands = ~np.isnan(load.hands[:, 0])
-        start = rng.uniform(-0.35, 0.1)
-        least, most, deepest = STOOP if rng.random() < 0.55 else SQUAT
-        joints = reach(
-            stand(rng, times),
-            targets=_floor_target(rng, hands),
-            hands=hands,
-            part=extent(times, start=start, finish=start + SLOW * TRAVEL, travel=SLOW * TRAVEL),
-            via=FROM_ABOVE,
-            leans=(rng.uniform(least, most - 0.1), most),
-            deepest=deepest,
-            after=load,
-        )
-        return Drawn(joints[::-1] if backwards else joints, ())
-
-    return draw
+    times = moments(rng, 18, 20)
+    load = draw_pastime(rng, {name: HELD[name] for name in ("box", "cup", "book", "bag")})
+    hands = ~np.isnan(load.hands[:, 0])
+    start = rng.uniform(-0.35, 0.1)
+    bend = STOOP if rng.random() < 0.55 else SQUAT
+    joints = reach(
+        stand(rng, times),
+        targets=_floor_target(rng, hands),
+        hands=hands,
+        part=extent(times, start=start, finish=start + SLOW * TRAVEL, travel=SLOW * TRAVEL),
+        via=FROM_ABOVE,
+        leans=bend.leans(rng),
+        deepest=bend.deepest,
+        after=load,
+    )
+    return Drawn(joints, ())
 
 
 def bend_over(rng: np.random.Generator, person: Person) -> Drawn:
@@ -474,7 +466,7 @@ def bend_over(rng: np.random.Generator, person: Person) -> Drawn:
     targets[:, 2] += rng.uniform(0.0, 0.15)
     work = 0.02 * np.sin(2 * np.pi * times / rng.uniform(1.2, 2.5))
     stays = rng.random() < 0.6
-    least, most, deepest = STOOP if rng.random() < 0.55 else SQUAT
+    bend = STOOP if rng.random() < 0.55 else SQUAT
     joints = reach(
         stand(rng, times),
         targets=targets + work[:, None, None] * (1.0, 0.3, 0.5),
@@ -486,7 +478,7 @@ def bend_over(rng: np.random.Generator, person: Person) -> Drawn:
             travel=SLOW * TRAVEL,
         ),
         via=FROM_ABOVE,
-        leans=(rng.uniform(least, most - 0.1), most),
-        deepest=deepest,
+        leans=bend.leans(rng),
+        deepest=bend.deepest,
     )
     return Drawn(joints, ())

@@ -25,13 +25,13 @@ from imapper_prob.scenelets.procedural import furniture
 from imapper_prob.scenelets.procedural.body import (
     FOREARM,
     NECK_AND_HEAD,
-    SIDES,
     TRUNK,
     UPPER_ARM,
     Drawn,
     Person,
     Trunk,
     moments,
+    pair,
     pose_body,
     two_bones,
 )
@@ -75,7 +75,7 @@ def _resting_legs(rng: np.random.Generator, roll: float) -> Array:
     straight = rng.uniform(0.79, 0.81, 2)
     bent = rng.random(2) < 0.25
     along = np.where(bent, rng.uniform(0.40, 0.55, 2), straight)
-    return np.stack([SIDES * rng.uniform(0.08, 0.16), along, np.full(2, LIMB_DEPTH + 0.02)], -1)
+    return pair(rng.uniform(0.08, 0.16), along, LIMB_DEPTH + 0.02)
 
 
 def _resting_hands(rng: np.random.Generator, roll: float) -> Array:
@@ -87,9 +87,9 @@ def _resting_hands(rng: np.random.Generator, roll: float) -> Array:
     if rng.random() < 0.5:  # alongside
         across = rng.uniform(0.26, 0.34, 2)
         along = rng.uniform(-0.04, 0.02, 2)
-        return np.stack([SIDES * across, along, np.full(2, LIMB_DEPTH + 0.02)], -1)
+        return pair(across, along, LIMB_DEPTH + 0.02)
     belly = rng.uniform(-0.22, -0.10, 2)
-    return np.stack([SIDES * rng.uniform(0.03, 0.10, 2), belly, np.full(2, 0.23)], -1)
+    return pair(rng.uniform(0.03, 0.10, 2), belly, 0.23)
 
 
 def lie_still(
@@ -159,7 +159,7 @@ def lie_on_bed(rng: np.random.Generator, person: Person) -> Drawn:
     Drawn
     """
     bed = person.sees(furniture.bed(rng))
-    seat = next(c for c in bed.cuboids if c.part == "seat")
+    seat = furniture.seat_part(bed)
     width, length, _ = seat.size
     aside = max(width / 2 - 0.40, 0.0)  # both arms stay on the mattress
     head = _LIMBS_END + rng.uniform(0.03, 0.15)
@@ -190,7 +190,7 @@ def lie_on_couch(rng: np.random.Generator, person: Person) -> Drawn:
     Drawn
     """
     couch = person.sees(furniture.couch(rng, seats=3))
-    seat = next(c for c in couch.cuboids if c.part == "seat")
+    seat = furniture.seat_part(couch)
     width = seat.size[0]
     head = _LIMBS_END + rng.uniform(0.02, 0.06)
     on_side = bool(rng.random() < 0.5)

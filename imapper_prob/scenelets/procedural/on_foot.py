@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from imapper_prob.models.scene import Placement, SceneObject
 from imapper_prob.scenelets.procedural import furniture
 from imapper_prob.scenelets.procedural.body import (
-    FACING_BACK,
     Drawn,
     Person,
     Recipe,
@@ -20,9 +19,11 @@ from imapper_prob.scenelets.procedural.body import (
 from imapper_prob.scenelets.procedural.gait import (
     GATHER,
     WALK_RATIO,
+    Gait,
     Route,
     Walk,
     arc,
+    come_nearer,
     settle,
     starting,
     steady,
@@ -74,15 +75,14 @@ def _step_time(speed: float, *, ratio: float = WALK_RATIO) -> float:
 
 
 def _gait(rng: np.random.Generator, route: Route, times: Array, *, step_time: float) -> Walk:
-    return walk_along(
-        route,
-        times,
+    gait = Gait(
         step_time=step_time * rng.uniform(0.93, 1.07),
         phase=rng.uniform(0, 2 * step_time),
         lean=rng.uniform(0.02, 0.08),
         half_width=rng.uniform(0.06, 0.10),
         vigour=rng.uniform(0.5, 1.3),
     )
+    return walk_along(route, times, gait)
 
 
 def _bare(walk: Walk) -> Drawn:
@@ -199,16 +199,14 @@ def side_step(rng: np.random.Generator, person: Person) -> Drawn:
 
     # The feet stay further apart than a step is long, or they would cross.
     half_width = 0.5 * speed * step_time + rng.uniform(0.06, 0.09)
-    walk = walk_along(
-        route,
-        times,
+    gait = Gait(
         step_time=step_time,
         phase=rng.uniform(0, 2 * step_time),
         lean=rng.uniform(0.0, 0.08),
         half_width=half_width,
         vigour=0.0,
     )
-    return _bare(walk)
+    return _bare(walk_along(route, times, gait))
 
 
 def carry(rng: np.random.Generator, person: Person) -> Drawn:
@@ -269,8 +267,7 @@ def _top(rng: np.random.Generator, person: Person, kind: str) -> tuple[SceneObje
 def _before(rng: np.random.Generator, piece: SceneObject, edge: float) -> SceneObject:
     """The piece with its front edge at y = ``edge``, somewhere along it before the person."""
     half = max(piece.bounds[1, 0] - 0.3, 0.0)
-    at = Placement(rng.uniform(-half, half), edge + piece.bounds[1, 1], FACING_BACK)
-    return piece.moved(at)
+    return furniture.facing_back(piece, rng.uniform(-half, half), edge=edge)
 
 
 def stand_at(kind: str) -> Recipe:
@@ -359,15 +356,13 @@ def lean_back_against(kind: str) -> Recipe:
     return draw
 
 
-def pick_up(kind: str, *, backwards: bool = False) -> Recipe:
-    """Taking something from a table, low table or counter; backwards, putting it down.
+def pick_up(kind: str) -> Recipe:
+    """Taking something from a table, low table or counter.
 
     Parameters
     ----------
     kind : str
-        Of furniture, such as ``"chair"``.
-    backwards : bool
-        Whether the motion is played backwards.
+        Of furniture, such as ``"table"``.
 
     Returns
     -------
@@ -398,14 +393,7 @@ def pick_up(kind: str, *, backwards: bool = False) -> Recipe:
             begin = Placement(
                 rng.uniform(-0.2, 0.2), -rng.uniform(0.2, 0.45), rng.uniform(-0.5, 0.5)
             )
-            body = walk_along(
-                settle(begin, Placement(0.0, 0.0, 0.0), arrival=0.8),
-                times,
-                step_time=0.38,
-                phase=rng.uniform(-0.1, 0.4),
-                lean=0.03,
-                half_width=rng.uniform(0.09, 0.14),
-            )
+            body = come_nearer(rng, begin, times, arrival=0.8)
         joints = reach(
             body,
             targets=targets,
@@ -415,8 +403,6 @@ def pick_up(kind: str, *, backwards: bool = False) -> Recipe:
             deepest=0.12 if low else 0.3,
             after=load,
         )
-        if backwards:
-            joints = joints[::-1]
         return Drawn(joints, (_before(rng, piece, edge),))
 
     return draw

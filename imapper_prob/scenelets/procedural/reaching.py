@@ -10,18 +10,20 @@ from numpy.typing import ArrayLike, NDArray
 from imapper_prob.models.scene import Placement, SceneObject
 from imapper_prob.scenelets.procedural import furniture
 from imapper_prob.scenelets.procedural.body import (
-    FACING_BACK,
     FOREARM,
     UPPER_ARM,
     Drawn,
     Person,
-    Recipe,
     Trunk,
     hanging_wrists,
     moments,
     pose_body,
 )
-from imapper_prob.scenelets.procedural.gait import Walk, minimum_jerk, settle, walk_along
+from imapper_prob.scenelets.procedural.gait import (
+    Walk,
+    come_nearer,
+    minimum_jerk,
+)
 from imapper_prob.scenelets.procedural.standing import Pastime, held, stand, upright
 
 __all__ = [
@@ -240,9 +242,9 @@ def _aim(
     above = board + (0.10 if board < 1.3 else 0.06)
     depth = front + rng.uniform(-0.03, 0.06)
     targets = np.stack([across, np.full(2, depth), np.full(2, above)], -1)
-    at = Placement(float(offset), front + piece.bounds[1, 1], FACING_BACK)
     about = Placement(0.0, 0.0, turned)
-    return _Aim(piece.moved(at).moved(about), about.apply(targets), hands)
+    shelf = furniture.facing_back(piece, float(offset), edge=front)
+    return _Aim(shelf.moved(about), about.apply(targets), hands)
 
 
 def _via(turned: float) -> Array:
@@ -291,43 +293,31 @@ def _approach(rng: np.random.Generator, times: Array) -> Walk:
         start = Placement(
             side * rng.uniform(0.3, 0.6), -rng.uniform(0.0, 0.3), side * rng.uniform(0.6, 1.5)
         )
-    return walk_along(
-        settle(start, Placement(0.0, 0.0, 0.0), arrival=0.9),
-        times,
-        step_time=0.38,
-        phase=rng.uniform(-0.1, 0.4),
-        lean=0.03,
-        half_width=rng.uniform(0.09, 0.14),
-    )
+    return come_nearer(rng, start, times, arrival=0.9)
 
 
-def step_to_shelf(*, backwards: bool) -> Recipe:
-    """A step towards a shelf and reaching into it; backwards, letting go and leaving.
+def step_to_shelf(rng: np.random.Generator, person: Person) -> Drawn:
+    """A step towards a shelf and reaching into it.
 
     Parameters
     ----------
-    backwards : bool
-        Whether the motion is played backwards.
+    rng : numpy.random.Generator
+    person : Person
 
     Returns
     -------
-    callable
-        From rng and person to :class:`~imapper_prob.scenelets.procedural.body.Drawn`.
+    Drawn
     """
-
-    def draw(rng: np.random.Generator, person: Person) -> Drawn:
-        times = moments(rng, 18, 20)
-        aim = _aim(rng, person)
-        joints = reach(
-            _approach(rng, times),
-            targets=aim.targets,
-            hands=aim.hands,
-            part=extent(times, start=times[-1] - TRAVEL - rng.uniform(0.0, 0.3), finish=np.inf),
-            via=_via(0.0),
-        )
-        return Drawn(joints[::-1] if backwards else joints, (aim.piece,))
-
-    return draw
+    times = moments(rng, 18, 20)
+    aim = _aim(rng, person)
+    joints = reach(
+        _approach(rng, times),
+        targets=aim.targets,
+        hands=aim.hands,
+        part=extent(times, start=times[-1] - TRAVEL - rng.uniform(0.0, 0.3), finish=np.inf),
+        via=_via(0.0),
+    )
+    return Drawn(joints, (aim.piece,))
 
 
 def browse_shelf(rng: np.random.Generator, person: Person) -> Drawn:

@@ -13,12 +13,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from imapper_prob.models.scene import Placement
 from imapper_prob.scenelets.procedural import furniture
 from imapper_prob.scenelets.procedural.body import (
     ANKLE_HEIGHT,
     ELBOWS,
-    FACING_BACK,
     FOREARM,
     HALF_HIPS,
     HIP_HEIGHT,
@@ -31,7 +29,7 @@ from imapper_prob.scenelets.procedural.body import (
     Person,
     Recipe,
     Trunk,
-    moments,
+    pair,
 )
 from imapper_prob.scenelets.procedural.seated import (
     BUTTOCK,
@@ -44,7 +42,14 @@ from imapper_prob.scenelets.procedural.seated import (
     open_seat,
     seat_of,
 )
-from imapper_prob.scenelets.procedural.sitting import Taken, sit_still, take_seat, with_room
+from imapper_prob.scenelets.procedural.sitting import (
+    Taken,
+    hold_still,
+    over_knees,
+    table_edge,
+    take_seat,
+    with_room,
+)
 
 __all__ = [
     "lean_back_on_bed",
@@ -130,8 +135,8 @@ def _perch_high(
     drop = height - ANKLE_HEIGHT
     reach = rng.uniform(0.965, 0.985, 2) * (THIGH + SHIN)
     forward = np.sqrt(np.maximum(reach**2 - drop**2, 0.01))
-    feet = np.stack([SIDES * rng.uniform(0.08, 0.15), forward, np.full(2, -drop)], -1)
-    knees = np.stack([0.12 * SIDES, np.ones(2), np.full(2, 0.5)], -1)
+    feet = pair(rng.uniform(0.08, 0.15), forward, -drop)
+    knees = pair(0.12, 1.0, 0.5)
     if hangs:
         # The right thigh lies on the corner or edge, its shin hangs before the table.
         outward = rng.uniform(0.15, 0.40)
@@ -146,8 +151,8 @@ def _perch_high(
     if share < 0.35:  # both hands on the edge
         up = top + PALM - height
         back = edge + 0.02 - pelvis[1] - rng.uniform(0.04, 0.10)
-        hands = np.stack([SIDES * rng.uniform(0.24, 0.30), np.full(2, back), np.full(2, up)], -1)
-        return replace(pose, hands=hands, stir=np.full(2, 0.005))
+        hands = pair(rng.uniform(0.24, 0.30), back, up)
+        return pose.with_hands(hands, 0.005)
     return draw_hands(rng, pose, open_seat(top, front=edge))
 
 
@@ -208,7 +213,7 @@ def _prop_on_hand(rng: np.random.Generator, pose: SeatedPose) -> SeatedPose:
     pose = replace(pose, tilt=tilt, lean=lean, nod=float(rng.uniform(0.0, 0.25) - 0.8 * lean))
     (shoulder,) = _shoulders(np.array([tilt]), lean, pose.twist)
     hand = _straight_down(shoulder, backward=rng.uniform(0.1, 0.9), side=1.0)
-    return replace(pose, hands=np.stack([hand, pose.hands[1]]), stir=np.array([0.0, 0.01]))
+    return pose.with_hands(np.stack([hand, pose.hands[1]]), [0.0, 0.01])
 
 
 def prop_up_behind(rng: np.random.Generator, pose: SeatedPose) -> SeatedPose:
@@ -225,12 +230,11 @@ def prop_up_behind(rng: np.random.Generator, pose: SeatedPose) -> SeatedPose:
     """
     lean = -float(rng.uniform(0.25, 0.45))
     pose = replace(pose, lean=lean, nod=float(rng.uniform(0.1, 0.35) - 0.5 * lean))
-    trunk = Trunk.of(np.zeros((1, 3)), 0.0, lean=lean, twist=pose.twist)
     hands = [
         _straight_down(shoulder, backward=rng.uniform(0.9, 1.25), side=side)
-        for shoulder, side in zip(trunk.shoulders[0], SIDES, strict=True)
+        for shoulder, side in zip(pose.trunk.shoulders[0], SIDES, strict=True)
     ]
-    return replace(pose, hands=np.stack(hands), stir=np.zeros(2))
+    return pose.with_hands(hands, 0.0)
 
 
 def slouch(rng: np.random.Generator, pose: SeatedPose, seat: Seat) -> SeatedPose:
@@ -262,7 +266,7 @@ def slouch(rng: np.random.Generator, pose: SeatedPose, seat: Seat) -> SeatedPose
     forward = THIGH + rng.uniform(0.06, 0.26) + rng.uniform(-0.03, 0.03, 2)
     drop = pelvis[2] - ANKLE_HEIGHT
     forward = np.minimum(forward, np.sqrt((STRETCHED * (THIGH + SHIN)) ** 2 - drop**2))
-    feet = pose.at_pelvis(np.stack([SIDES * rng.uniform(0.08, 0.17), forward, np.zeros(2)], -1))
+    feet = pose.at_pelvis(pair(rng.uniform(0.08, 0.17), forward, 0.0))
     feet[:, 2] = ANKLE_HEIGHT
     return draw_hands(rng, replace(pose, ankles=feet), seat)
 
@@ -292,10 +296,7 @@ def _straight_down(shoulder: Array, *, backward: float, side: float) -> Array:
 
 def _propped(pose: SeatedPose, shoulder: Array, elbow: Array, other: Array) -> SeatedPose:
     """The right hand at the face, on an elbow that rests."""
-    trunk = Trunk.of(
-        np.zeros((1, 3)), 0.0, lean=pose.lean, tilt=pose.tilt, twist=pose.twist, nod=pose.nod
-    )
-    towards = trunk.head[0] + FACE - elbow
+    towards = pose.trunk.head[0] + FACE - elbow
     wrist = elbow + FOREARM * towards / np.linalg.norm(towards)
     return _with_arm(pose, shoulder, elbow, wrist, other)
 
@@ -305,8 +306,7 @@ def _with_arm(
 ) -> SeatedPose:
     """The right arm by its joints, the left one by its wrist; all offsets."""
     elbows = np.stack([elbow - shoulder, [-ELBOWS[0], ELBOWS[1], ELBOWS[2]]])
-    hands = np.stack([wrist, other])
-    return replace(pose, hands=hands, elbows=elbows, stir=np.array([0.0, 0.01]))
+    return replace(pose, elbows=elbows).with_hands([wrist, other], [0.0, 0.01])
 
 
 # ------------------------------------------------------------------------------------------------
@@ -334,7 +334,7 @@ def perch_on(kind: str) -> Recipe:
     def draw(rng: np.random.Generator, person: Person) -> Drawn:
         piece, seat, place = take_seat(rng, person, kind)
         pose = perch(rng, draw_seated(rng, seat, sideways=place, upright=True), seat)
-        return Drawn(sit_still(rng, pose, moments(rng, 15, 20)), (piece,))
+        return hold_still(rng, pose, piece)
 
     return draw
 
@@ -356,7 +356,7 @@ def perch_on_table(rng: np.random.Generator, person: Person) -> Drawn:
     place = rng.uniform(0.3 - half, half - 0.3)
     pose = draw_seated(rng, open_seat(top, front=edge), sideways=place, upright=True)
     pose = _perch_high(rng, pose, edge=edge, top=top)
-    return Drawn(sit_still(rng, pose, moments(rng, 15, 20)), (table,))
+    return hold_still(rng, pose, table)
 
 
 def lean_on_armrest(kind: str) -> Recipe:
@@ -386,7 +386,7 @@ def lean_on_armrest(kind: str) -> Recipe:
         )
         pose = replace(pose, hands=np.array([[0.06, 0.24, 0.11], [-0.12, 0.26, 0.10]]))
         pose = _lean_on_rest(rng, pose, rest)
-        return Drawn(sit_still(rng, pose, moments(rng, 15, 20)), (piece,))
+        return hold_still(rng, pose, piece)
 
     return draw
 
@@ -405,16 +405,10 @@ def lean_on_table(rng: np.random.Generator, person: Person) -> Drawn:
     """
     piece, seat, place = take_seat(rng, person, "chair")
     pose = draw_seated(rng, seat, sideways=place, upright=True)
-    rests = max((front for _, front, _ in seat.arms), default=-np.inf)
-    edge = max(float(pose.pelvis[1]) + rng.uniform(0.18, 0.26), rests + 0.02)
+    edge = table_edge(pose, seat, gap=rng.uniform(0.18, 0.26))
     table = person.sees(furniture.table(rng))
     pose = _prop_head(rng, pose, edge=edge, top=float(table.bounds[1, 2]))
-    low, high = furniture.knee_room(table)
-    middle, half = (low + high) / 2, max((high - low) / 2 - 0.30, 0.0)
-    at = Placement(
-        place + middle + rng.uniform(-half, half), edge + table.bounds[1, 1], FACING_BACK
-    )
-    return Drawn(sit_still(rng, pose, moments(rng, 15, 20)), (piece, table.moved(at)))
+    return hold_still(rng, pose, piece, over_knees(rng, table, place, edge=edge))
 
 
 def lean_on_bed(rng: np.random.Generator, person: Person) -> Drawn:
@@ -432,7 +426,7 @@ def lean_on_bed(rng: np.random.Generator, person: Person) -> Drawn:
     piece, seat, place = take_seat(rng, person, "bed")
     pose = _prop_on_hand(rng, draw_seated(rng, seat, sideways=place, upright=True))
     piece = with_room(piece, right=float(pose.hands[0, 0]) + HAND, left=0.3)
-    return Drawn(sit_still(rng, pose, moments(rng, 15, 20)), (piece,))
+    return hold_still(rng, pose, piece)
 
 
 def lean_back_on_bed(rng: np.random.Generator, person: Person) -> Drawn:
@@ -451,7 +445,7 @@ def lean_back_on_bed(rng: np.random.Generator, person: Person) -> Drawn:
     pose = prop_up_behind(rng, draw_seated(rng, seat, sideways=place, upright=True))
     beside = float(np.abs(pose.hands[:, 0]).max()) + HAND
     piece = with_room(piece, right=beside, left=beside)
-    return Drawn(sit_still(rng, pose, moments(rng, 15, 20)), (piece,))
+    return hold_still(rng, pose, piece)
 
 
 def slouch_on(kind: str) -> Recipe:
@@ -471,7 +465,7 @@ def slouch_on(kind: str) -> Recipe:
     def draw(rng: np.random.Generator, person: Person) -> Drawn:
         piece, seat, place = take_seat(rng, person, kind)
         pose = slouch(rng, draw_seated(rng, seat, sideways=place, upright=True), seat)
-        return Drawn(sit_still(rng, pose, moments(rng, 15, 20)), (piece,))
+        return hold_still(rng, pose, piece)
 
     return draw
 

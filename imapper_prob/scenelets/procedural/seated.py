@@ -7,7 +7,7 @@ radians; the frame is that of the seat, with its front towards +y. Sides are (ri
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from imapper_prob.models.scene import SceneObject
 from imapper_prob.models.skeleton import BONE_LENGTHS, LHIP, RHIP
+from imapper_prob.scenelets.procedural import furniture
 from imapper_prob.scenelets.procedural.body import (
     ANKLE_HEIGHT,
     NECK_AND_HEAD,
@@ -22,6 +23,8 @@ from imapper_prob.scenelets.procedural.body import (
     SIDES,
     THIGH,
     TRUNK,
+    Trunk,
+    pair,
 )
 
 __all__ = [
@@ -79,7 +82,7 @@ def seat_of(piece: SceneObject, *, edge: float | None = None) -> Seat:
     -------
     Seat
     """
-    seat = next(c for c in piece.cuboids if c.part == "seat")
+    seat = furniture.seat_part(piece)
     low, high = seat.centre - seat.size / 2, seat.centre + seat.size / 2
     backs = [c.centre[1] + c.size[1] / 2 for c in piece.cuboids if c.part == "back"]
     arms = tuple(
@@ -135,6 +138,8 @@ FURTHEST_LEAN: Final = 0.58
 SQUARE: Final = 0.09
 """Standard deviation in radians of where people face against their seat: half of them are
 within 4 degrees and 90 % within 11, as measured on i3DB."""
+STIR: Final = 0.01
+"""How far a hand at rest moves about its place, metres."""
 _ARM_REACH: Final = 0.46
 """Metres sideways from the pelvis within which one rests an arm."""
 
@@ -154,9 +159,10 @@ class SeatedPose:
     ankles : (2, 3) float
         Metres.
     hands : (2, 3) float
-        Wrists from the pelvis: right, forward and up as the pelvis faces, metres.
+        Wrists from the pelvis: right, forward and up as the pelvis faces, metres; at the pelvis,
+        if not given.
     stir : (2,) float
-        How far each hand moves about its place, metres.
+        How far each hand moves about its place, metres; as at rest, if not given.
     tilt : float
         That of a trunk.
     knees, elbows : (2, 3) float, optional
@@ -170,8 +176,8 @@ class SeatedPose:
     twist: float
     nod: float
     ankles: Array
-    hands: Array
-    stir: Array
+    hands: Array = field(default_factory=lambda: np.zeros((2, 3)))
+    stir: Array = field(default_factory=lambda: np.full(2, STIR))
     tilt: float = 0.0
     knees: Array | None = None
     elbows: Array | None = None
@@ -213,6 +219,28 @@ class SeatedPose:
         positions: Array = self.pelvis + np.asarray(offsets, float) @ turn
         return positions
 
+    def with_hands(self, hands: ArrayLike, stir: ArrayLike = STIR) -> SeatedPose:
+        """The same person with the hands elsewhere.
+
+        Parameters
+        ----------
+        hands : (2, 3) float
+            Wrists from the pelvis, metres.
+        stir : () or (2,) float
+            Metres.
+
+        Returns
+        -------
+        SeatedPose
+        """
+        return replace(self, hands=np.array(hands, float), stir=np.array(np.broadcast_to(stir, 2)))
+
+    @property
+    def trunk(self) -> Trunk:
+        """The trunk of one frame, with the pelvis at the origin and its front towards +y."""
+        angles = {"lean": self.lean, "tilt": self.tilt, "twist": self.twist, "nod": self.nod}
+        return Trunk.of(np.zeros((1, 3)), 0.0, **angles)
+
     @property
     def head(self) -> tuple[float, float]:
         """How far forward and up of the pelvis the head is, metres."""
@@ -252,8 +280,6 @@ def _place(
         twist=float(np.clip(rng.normal(0.0, 0.08), -0.2, 0.2)),
         nod=float(rng.uniform(0.0, 0.3) - 0.8 * lean),
         ankles=np.broadcast_to(pelvis, (2, 3)),
-        hands=np.zeros((2, 3)),
-        stir=np.full(2, 0.01),
     )
 
 
@@ -327,29 +353,25 @@ def _raised(pose: SeatedPose, offset: ArrayLike) -> SeatedPose:
     return replace(pose, ankles=np.stack([foot, pose.ankles[1]]))
 
 
-def _hands(pose: SeatedPose, hands: ArrayLike, stir: ArrayLike = 0.01) -> SeatedPose:
-    return replace(pose, hands=np.array(hands, float), stir=np.broadcast_to(stir, 2))
-
-
 def _hands_in_lap(rng: np.random.Generator, pose: SeatedPose, seat: Seat) -> SeatedPose:
     forward = rng.uniform(0.19, 0.27)
-    return _hands(pose, [[0.06, forward + 0.02, 0.11], [-0.06, forward, 0.13]])
+    return pose.with_hands([[0.06, forward + 0.02, 0.11], [-0.06, forward, 0.13]])
 
 
 def _hands_on_thighs(rng: np.random.Generator, pose: SeatedPose, seat: Seat) -> SeatedPose:
     forward = 0.32 + 0.3 * np.sin(min(pose.lean, 0.0)) + rng.uniform(-0.04, 0.04, 2)
-    return _hands(pose, np.stack([SIDES * 0.15, forward, np.full(2, 0.10)], -1))
+    return pose.with_hands(pair(0.15, forward, 0.10))
 
 
 def _hands_on_knees(rng: np.random.Generator, pose: SeatedPose, seat: Seat) -> SeatedPose:
     """Forearms over the thighs, hands together before the knees, as of who leans forward."""
     across, forward = rng.uniform(0.03, 0.07), rng.uniform(0.42, 0.50)
-    return _hands(pose, np.stack([SIDES * across, np.full(2, forward), np.full(2, 0.09)], -1))
+    return pose.with_hands(pair(across, forward, 0.09))
 
 
 def _arms_folded(rng: np.random.Generator, pose: SeatedPose, seat: Seat) -> SeatedPose:
     chest = TRUNK * np.sin(pose.lean) * 0.55 + 0.19
-    return _hands(pose, [[-0.09, chest + 0.02, 0.27], [0.09, chest, 0.24]])
+    return pose.with_hands([[-0.09, chest + 0.02, 0.27], [0.09, chest, 0.24]])
 
 
 def _hand_to_face(rng: np.random.Generator, pose: SeatedPose, seat: Seat) -> SeatedPose:
@@ -361,29 +383,26 @@ def _hand_to_face(rng: np.random.Generator, pose: SeatedPose, seat: Seat) -> Sea
         forward + rng.uniform(0.14, 0.19),
         up - rng.uniform(0.17, 0.23),
     ]
-    return _hands(pose, [face, pose.hands[1]])
+    return pose.with_hands([face, pose.hands[1]])
 
 
 def _gesture(rng: np.random.Generator, pose: SeatedPose, seat: Seat) -> SeatedPose:
     """Both hands, or one, in the air before the body, and moving."""
     pose = _hands_on_thighs(rng, pose, seat)
     chest = TRUNK * np.sin(pose.lean)
-    air = np.stack(
-        [
-            SIDES * rng.uniform(0.10, 0.28, 2),
-            chest + rng.uniform(0.26, 0.38, 2),
-            rng.uniform(0.24, 0.38, 2),
-        ],
-        -1,
+    air = pair(
+        rng.uniform(0.10, 0.28, 2), chest + rng.uniform(0.26, 0.38, 2), rng.uniform(0.24, 0.38, 2)
     )
     both = rng.random() < 0.6
-    return _hands(pose, [air[0], air[1] if both else pose.hands[1]], [0.07, 0.07 if both else 0.01])
+    return pose.with_hands(
+        [air[0], air[1] if both else pose.hands[1]], [0.07, 0.07 if both else 0.01]
+    )
 
 
 def _hands_on_seat(rng: np.random.Generator, pose: SeatedPose, seat: Seat) -> SeatedPose:
     """Beside the hips, on a seat without arms."""
     forward = rng.uniform(-0.02, 0.08)
-    return _hands(pose, np.stack([SIDES * 0.26, np.full(2, forward), np.full(2, -0.04)], -1))
+    return pose.with_hands(pair(0.26, forward, -0.04))
 
 
 def _hands_on_arms(rng: np.random.Generator, pose: SeatedPose, seat: Seat) -> SeatedPose:
@@ -395,7 +414,7 @@ def _hands_on_arms(rng: np.random.Generator, pose: SeatedPose, seat: Seat) -> Se
         if abs(x - pose.pelvis[0]) < _ARM_REACH:
             forward = min(pose.pelvis[1] + rng.uniform(0.12, 0.24), front - 0.02)
             hands[side] = pose.from_pelvis([x, forward, top + 0.04])
-    return _hands(pose, hands)
+    return pose.with_hands(hands)
 
 
 def _pick(rng: np.random.Generator, weights: Mapping[Step, float]) -> Step:
@@ -524,8 +543,8 @@ def at_table(rng: np.random.Generator, pose: SeatedPose, *, edge: float, top: fl
     work = pose.from_pelvis(wrists)
     share = rng.random()
     if share < 0.65:
-        return _hands(pose, work, 0.02)
+        return pose.with_hands(work, 0.02)
     if share < 0.85:
-        return _hands(pose, [work[0], [-0.10, 0.20, 0.12]], [0.03, 0.01])
+        return pose.with_hands([work[0], [-0.10, 0.20, 0.12]], [0.03, 0.01])
     forward_of_face, up = pose.head
-    return _hands(pose, [work[0], [-0.09, forward_of_face + 0.16, up - 0.20]], [0.02, 0.01])
+    return pose.with_hands([work[0], [-0.09, forward_of_face + 0.16, up - 0.20]], [0.02, 0.01])

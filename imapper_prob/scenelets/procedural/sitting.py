@@ -13,7 +13,6 @@ from imapper_prob.scenelets.procedural import furniture
 from imapper_prob.scenelets.procedural.body import (
     ANKLE_HEIGHT,
     ELBOWS,
-    FACING_BACK,
     Drawn,
     Person,
     Recipe,
@@ -22,7 +21,13 @@ from imapper_prob.scenelets.procedural.body import (
     pose_body,
     reachable_height,
 )
-from imapper_prob.scenelets.procedural.gait import SWING_LIFT, Route, minimum_jerk, walk_along
+from imapper_prob.scenelets.procedural.gait import (
+    SWING_LIFT,
+    Gait,
+    Route,
+    minimum_jerk,
+    walk_along,
+)
 from imapper_prob.scenelets.procedural.seated import (
     Seat,
     SeatedPose,
@@ -33,6 +38,8 @@ from imapper_prob.scenelets.procedural.seated import (
 
 __all__ = [
     "approach",
+    "hold_still",
+    "over_knees",
     "sit",
     "sit_at_desk",
     "sit_at_low_table",
@@ -43,6 +50,7 @@ __all__ = [
     "sit_down_on",
     "sit_still",
     "sit_turned",
+    "table_edge",
     "take_seat",
     "with_room",
 ]
@@ -89,6 +97,22 @@ def sit_still(rng: np.random.Generator, pose: SeatedPose, times: Array) -> Array
     ankles = np.broadcast_to(pose.ankles, (len(times), 2, 3))
     elbows = ELBOWS if pose.elbows is None else pose.elbows
     return pose_body(trunk, ankles=ankles, wrists=wrists, elbows=elbows, knees=pose.knees)
+
+
+def hold_still(rng: np.random.Generator, pose: SeatedPose, *objects: SceneObject) -> Drawn:
+    """Somebody who sits for one and a half to two seconds, among furniture.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+    pose : SeatedPose
+    *objects : SceneObject
+
+    Returns
+    -------
+    Drawn
+    """
+    return Drawn(sit_still(rng, pose, moments(rng, 15, 20)), objects)
 
 
 def approach(end: Placement, *, distance: float, bearing: float, arrival: float) -> Route:
@@ -146,14 +170,13 @@ def sit_down(
     -------
     (n, 16, 3) float
     """
-    walk = walk_along(
-        route,
-        times,
+    gait = Gait(
         step_time=max(STEP * arrival, 0.3),
         phase=rng.uniform(-0.02, 0.02),
         lean=0.04,
         half_width=float(np.linalg.norm(pose.ankles[0, :2] - pose.ankles[1, :2]) / 2),
     )
+    walk = walk_along(route, times, gait)
     ankles = walk.ankles.copy()
     # The short steps before a seat clear the floor by more than such steps of a walk would.
     ankles[..., 2] = ANKLE_HEIGHT + np.sqrt(SWING_LIFT * (ankles[..., 2] - ANKLE_HEIGHT))
@@ -227,7 +250,7 @@ def take_seat(rng: np.random.Generator, person: Person, kind: str) -> Taken:
 
 def _place_on(rng: np.random.Generator, piece: SceneObject, seats: int) -> float:
     places, shares = np.array(_PLACES[seats]).T
-    width = next(c.size[0] for c in piece.cuboids if c.part == "seat")
+    width = furniture.seat_part(piece).size[0]
     # The hips, .2 to either side, stay clear of the arms.
     most = max(width / 2 - 0.24, 0.0)
     place = rng.choice(places, p=shares) * width + rng.normal(0.0, 0.05 * seats)
@@ -260,7 +283,7 @@ def with_room(bed: SceneObject, *, right: float, left: float) -> SceneObject:
     -------
     SceneObject
     """
-    seat = next(c for c in bed.cuboids if c.part == "seat")
+    seat = furniture.seat_part(bed)
     half = np.array([0.0, seat.size[1] / 2, 0.0])
     ends = bed.placement.apply(seat.centre + np.stack([-half, half]))[:, 0]
     shift = max(right - ends.max(), 0.0) - max(left + ends.min(), 0.0)
@@ -284,7 +307,7 @@ def sit(kind: str) -> Recipe:
     def draw(rng: np.random.Generator, person: Person) -> Drawn:
         piece, seat, place = take_seat(rng, person, kind)
         pose = draw_seated(rng, seat, sideways=place)
-        return Drawn(sit_still(rng, pose, moments(rng, 15, 20)), (piece,))
+        return hold_still(rng, pose, piece)
 
     return draw
 
@@ -311,7 +334,7 @@ def sit_turned(kind: str) -> Recipe:
         most = 0.35 if seat.arms and abs(seat.arms[0][0] - seat.arms[1][0]) < 0.9 else 0.70
         yaw = float(side * rng.uniform(0.2, most))
         pose = draw_seated(rng, seat, sideways=place, yaw=yaw)
-        return Drawn(sit_still(rng, pose, moments(rng, 15, 20)), (piece,))
+        return hold_still(rng, pose, piece)
 
     return draw
 
@@ -332,24 +355,59 @@ def sit_at_low_table(rng: np.random.Generator, person: Person) -> Drawn:
     pose = draw_seated(rng, seat, sideways=place)
     table = person.sees(furniture.low_table(rng))
     knees = max(float(pose.ankles[:, 1].max()), pose.pelvis[1] + 0.42)
-    y = knees + rng.uniform(0.15, 0.30) + table.bounds[1, 1]
-    low = table.moved(Placement(place + rng.uniform(-0.2, 0.2), float(y), FACING_BACK))
-    return Drawn(sit_still(rng, pose, moments(rng, 15, 20)), (piece, low))
+    edge = knees + rng.uniform(0.15, 0.30)
+    low = furniture.facing_back(table, place + rng.uniform(-0.2, 0.2), edge=edge)
+    return hold_still(rng, pose, piece, low)
 
 
 def _at(rng: np.random.Generator, person: Person, kind: str, table: SceneObject) -> Drawn:
     """Somebody on a chair at a table or desk, knees in its widest gap."""
     piece, seat, place = take_seat(rng, person, kind)
     pose = draw_seated(rng, seat, sideways=place, upright=True)
-    rests = max((front for _, front, _ in seat.arms), default=-np.inf)
-    edge = max(float(pose.pelvis[1]) + rng.uniform(0.20, 0.30), rests + 0.02)
+    edge = table_edge(pose, seat, gap=rng.uniform(0.20, 0.30))
     pose = at_table(rng, pose, edge=edge, top=float(table.bounds[1, 2]))
+    return hold_still(rng, pose, piece, over_knees(rng, table, place, edge=edge))
+
+
+def table_edge(pose: SeatedPose, seat: Seat, *, gap: float) -> float:
+    """The y of the edge of a table that somebody sits at, clear of the seat's arms, metres.
+
+    Parameters
+    ----------
+    pose : SeatedPose
+    seat : Seat
+    gap : float
+        From the pelvis, metres.
+
+    Returns
+    -------
+    float
+    """
+    rests = max((front for _, front, _ in seat.arms), default=-np.inf)
+    return max(float(pose.pelvis[1]) + gap, rests + 0.02)
+
+
+def over_knees(
+    rng: np.random.Generator, table: SceneObject, place: float, *, edge: float
+) -> SceneObject:
+    """A table with its widest gap over the knees of somebody at x = ``place``.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+    table : SceneObject
+    place : float
+        Metres.
+    edge : float
+        The y of its edge, metres.
+
+    Returns
+    -------
+    SceneObject
+    """
     low, high = furniture.knee_room(table)
     middle, half = (low + high) / 2, max((high - low) / 2 - 0.30, 0.0)
-    at = Placement(
-        place + middle + rng.uniform(-half, half), edge + table.bounds[1, 1], FACING_BACK
-    )
-    return Drawn(sit_still(rng, pose, moments(rng, 15, 20)), (piece, table.moved(at)))
+    return furniture.facing_back(table, place + middle + rng.uniform(-half, half), edge=edge)
 
 
 def sit_at_table(rng: np.random.Generator, person: Person) -> Drawn:
@@ -413,7 +471,7 @@ def sit_beside_shelf(kind: str) -> Recipe:
         else:
             beside = float(rng.uniform(-0.2, 0.4))
             at = Placement(edge + side * half_depth, beside, side * np.pi / 2)
-        return Drawn(sit_still(rng, pose, moments(rng, 15, 20)), (piece, shelf.moved(at)))
+        return hold_still(rng, pose, piece, shelf.moved(at))
 
     return draw
 
@@ -434,15 +492,13 @@ def _way_to(
     return sit_down(rng, pose, times, route=route, arrival=arrival)
 
 
-def sit_down_on(kind: str, *, backwards: bool) -> Recipe:
-    """Walking to a seat, turning and sitting down; backwards, standing up and leaving.
+def sit_down_on(kind: str) -> Recipe:
+    """Walking to a seat, turning and sitting down.
 
     Parameters
     ----------
     kind : str
         Of furniture, such as ``"chair"``.
-    backwards : bool
-        Whether the motion is played backwards.
 
     Returns
     -------
@@ -456,33 +512,28 @@ def sit_down_on(kind: str, *, backwards: bool) -> Recipe:
         # Along the front of a couch there is no room for the feet of who comes from the side.
         bearings = (0.5, 1.1) if seat.closed else (0.7, 1.4)
         joints = _way_to(rng, pose, bearings=bearings, furthest=0.5)
-        return Drawn(joints[::-1] if backwards else joints, (piece,))
+        return Drawn(joints, (piece,))
 
     return draw
 
 
-def sit_down_at_table(*, backwards: bool) -> Recipe:
-    """Sitting down from the side on a chair that is drawn back from a table, or getting up.
+def sit_down_at_table(rng: np.random.Generator, person: Person) -> Drawn:
+    """Sitting down from the side on a chair that is drawn back from a table.
 
     Parameters
     ----------
-    backwards : bool
-        Whether the motion is played backwards.
+    rng : numpy.random.Generator
+    person : Person
 
     Returns
     -------
-    callable
-        From rng and person to :class:`~imapper_prob.scenelets.procedural.body.Drawn`.
+    Drawn
     """
-
-    def draw(rng: np.random.Generator, person: Person) -> Drawn:
-        piece, seat, place = take_seat(rng, person, "chair")
-        pose = draw_seated(rng, seat, sideways=place, upright=True)
-        joints = _way_to(rng, pose, bearings=(1.3, 1.57), furthest=0.4)
-        table = person.sees(furniture.table(rng))
-        edge = float(pose.ankles[:, 1].max()) + rng.uniform(0.20, 0.30)
-        half = table.bounds[1, 0] - 0.35
-        at = Placement(rng.uniform(-half, half), edge + table.bounds[1, 1], FACING_BACK)
-        return Drawn(joints[::-1] if backwards else joints, (piece, table.moved(at)))
-
-    return draw
+    piece, seat, place = take_seat(rng, person, "chair")
+    pose = draw_seated(rng, seat, sideways=place, upright=True)
+    joints = _way_to(rng, pose, bearings=(1.3, 1.57), furthest=0.4)
+    table = person.sees(furniture.table(rng))
+    edge = float(pose.ankles[:, 1].max()) + rng.uniform(0.20, 0.30)
+    half = table.bounds[1, 0] - 0.35
+    at = furniture.facing_back(table, rng.uniform(-half, half), edge=edge)
+    return Drawn(joints, (piece, at))

@@ -17,6 +17,7 @@ from imapper_prob.scenelets.procedural.body import (
     UPPER_ARM,
     Trunk,
     hanging_wrists,
+    pair,
     pose_body,
     reachable_height,
 )
@@ -175,7 +176,7 @@ def stand(rng: np.random.Generator, times: Array, *, one_leg: bool = False) -> W
 def _feet(rng: np.random.Generator) -> Array:
     """(2, 3) ankles of two feet side by side."""
     apart, ahead = rng.uniform(0.09, 0.15), rng.uniform(-0.04, 0.04)
-    return np.stack([SIDES * apart, SIDES * ahead, np.full(2, ANKLE_HEIGHT)], -1)
+    return pair(apart, SIDES * ahead, ANKLE_HEIGHT)
 
 
 def upright(
@@ -263,7 +264,7 @@ def lean_on(rng: np.random.Generator, times: Array, *, top: float) -> tuple[Arra
     straight = 0.97 * (UPPER_ARM + FOREARM)
     room = straight**2 - (shoulder[2] - hands) ** 2 - (apart - shoulder[0]) ** 2
     ahead = shoulder[1] + np.sqrt(max(room, 0.0))
-    wrists = np.stack([SIDES * apart, np.full(2, ahead), np.full(2, hands)], -1)
+    wrists = pair(apart, ahead, hands)
     joints = pose_body(trunk, ankles=ankles, wrists=np.broadcast_to(wrists, ankles.shape))
     return joints, float(ahead - rng.uniform(0.03, 0.08))
 
