@@ -51,7 +51,7 @@ def area(scene: Scene) -> float:
     -------
     float
     """
-    return _square(scene.size) + _twice(1.0) + _twice(2.0)
+    return _square(scene.size) + _twice(1.0) + _twice(2.0) + _twice(3.0)
 
 
 def radius(scene: Scene) -> float:
