@@ -14,7 +14,7 @@ from imapper_prob.models.errors import InputError
 from imapper_prob.models.geometry import pack_boxes
 from imapper_prob.models.kernels.stays import off_feet
 from imapper_prob.models.path_prior import CameraPrior, StaticPath, path_tables, remembered
-from imapper_prob.models.scene import FRONTLESS, Clip
+from imapper_prob.models.scene import FRONTLESS, Clip, Track
 from imapper_prob.models.scenelet import Library
 from imapper_prob.models.settings import ModelSettings, PaperWeights
 from imapper_prob.models.skeleton import DETECTED, MIRROR, N_JOINTS, facing
@@ -293,18 +293,84 @@ def pack_problem(
         is a single frame at the clip's rate.
     """
     settings = settings or ModelSettings()
-    detections = detections or DetectionModel()
-    person, nominal = clip.tracks[track], clip.camera
     if len(path.lift) != clip.n_frames:
         raise InputError(f"clip {clip.name}: the static path has {len(path.lift)} frames")
+    problem = Problem(
+        **_seen(clip, clip.tracks[track], path, detections or DetectionModel()),
+        **_walked(clip, path, camera, settings, starts),
+        **_library_arrays(clip, library, settings, weights),
+        **_constants(settings, clip.fps),
+        stays=np.zeros((0, 3)),
+        camera_mean=camera.mean,
+        camera_precision=np.linalg.inv(camera.covariance).astype(np.float64),
+        camera_constant=-0.5 * float(np.linalg.slogdet(2 * np.pi * camera.covariance)[1]),
+    )
+    # All problems alike, here and in other processes: the compiler makes a kernel for each kind
+    # of array it meets, and arrays that were sent elsewhere can be written.
+    copies: dict[str, Any] = {
+        name: np.array(a, order="C")
+        for name, a in problem._asdict().items()
+        if isinstance(a, np.ndarray)
+    }
+    return problem._replace(**copies)
+
+
+def _seen(
+    clip: Clip, person: Track, path: StaticPath, detections: DetectionModel
+) -> dict[str, Any]:
+    """Fields of a problem that say what was detected, and with which errors."""
+    nominal = clip.camera
     used = np.zeros((clip.n_frames, N_JOINTS), bool)
     used[:, list(DETECTED)] = person.confidences[:, list(DETECTED)] > 0
     keypoints = np.where(used[..., None], person.keypoints, 0.0)
     confidence = detections.confidence_density(person.confidences)
     scale, dof = detections.error_tables(person.confidences, image_height=nominal.height)
     residual = _static_residual(nominal, path, keypoints)
-    static = confidence * np.exp(student_t(residual[..., None], scale, dof))
+    return {
+        "fx": nominal.fx, "fy": nominal.fy, "cx": nominal.cx, "cy": nominal.cy,
+        "keypoints": keypoints,
+        "used": used,
+        "confidences": person.confidences,
+        "confidence_density": confidence,
+        "error_scale": scale,
+        "error_dof": dof,
+        "static_density": confidence * np.exp(student_t(residual[..., None], scale, dof)),
+        "free_cost": np.zeros(clip.n_frames),
+    }  # fmt: skip
 
+
+def _walked(
+    clip: Clip,
+    path: StaticPath,
+    camera: CameraPrior,
+    settings: ModelSettings,
+    starts: NDArray[np.bool_] | None,
+) -> dict[str, Any]:
+    """Fields of a problem that say where the person is without scenelets."""
+    centre, deviation, rates = _path_prior(path, settings, clip.fps)
+    mean, draw = path_tables(rates, clip.n_frames)
+    begins = np.zeros(clip.n_frames, bool) if starts is None else np.array(starts, bool)
+    begins[0] = True
+    return {
+        "path_centre": centre,
+        "path_scale": deviation,
+        "path_starts": begins,
+        "path_stay": np.full(clip.n_frames, -1),
+        "stay_steps": max(1, round(settings.stay_change * clip.fps)),
+        "path_mean": mean,
+        "path_draw": draw,
+        "lift": path.lift,
+        "poses": path.poses,
+        "path_facing": _path_facing(path, camera, settings),
+        "start_mean": _start_mean(settings),
+        "start_variance": _start_deviation(settings) ** 2,
+    }
+
+
+def _library_arrays(
+    clip: Clip, library: Library, settings: ModelSettings, weights: Array | None
+) -> dict[str, Any]:
+    """Fields of a problem that hold scenelets, at the clip's frame rate."""
     motions = [resample(s.joints, fps=s.fps, to_fps=clip.fps) for s in library]
     lengths = np.array([len(m) for m in motions])
     if lengths.min() > clip.n_frames:
@@ -322,81 +388,49 @@ def pack_problem(
     labels = sorted({label for s in library for label in s.labels})
     counts = [sum(len(o.cuboids) for o in s.objects) for s in library]
     object_of = [(i, o) for s in library for i, o in enumerate(s.objects) for _ in o.cuboids]
+    joints = np.concatenate(motions)
+    lowered = [
+        off_feet(m, pack_boxes(s.objects), angle=settings.support_angle)
+        for m, s in zip(motions, library, strict=True)
+    ]
+    return {
+        "joints": joints,
+        "joint_facing": _directions(joints),
+        "joint_first": np.concatenate([[0], np.cumsum(lengths)]).astype(np.int64),
+        "boxes": np.concatenate([pack_boxes(s.objects) for s in library]),
+        "box_first": np.concatenate([[0], np.cumsum(counts)]).astype(np.int64),
+        "box_object": np.array([i for i, _ in object_of], dtype=np.int64),
+        "box_label": np.array([labels.index(o.label) for _, o in object_of], dtype=np.int64),
+        "box_yaw": np.array([o.placement.yaw for _, o in object_of], dtype=np.float64),
+        "label_front": np.array([label not in FRONTLESS for label in labels], dtype=np.bool_),
+        "lowered": np.array(lowered, dtype=np.int64),
+        "log_rate": np.log(settings.scenelet_rate * shares / shares.sum()),
+    }
+
+
+def _constants(settings: ModelSettings, fps: float) -> dict[str, Any]:
+    """Fields of a problem that are settings, by frame where these are by second."""
     nats = np.zeros(len(fields(PaperWeights)))
     if settings.energy == "paper":
         nats = settings.paper_nats * settings.likelihood * np.array(astuple(PaperWeights()))
-    centre, deviation, rates = _path_prior(path, settings, clip.fps)
-    mean, draw = path_tables(rates, clip.n_frames)
-    begins = np.zeros(clip.n_frames, bool) if starts is None else np.array(starts, bool)
-    begins[0] = True
-    problem = Problem(
-        fx=nominal.fx, fy=nominal.fy, cx=nominal.cx, cy=nominal.cy,
-        keypoints=keypoints,
-        used=used,
-        confidences=person.confidences,
-        confidence_density=confidence,
-        error_scale=scale,
-        error_dof=dof,
-        path_centre=centre,
-        path_scale=deviation,
-        path_starts=begins,
-        path_stay=np.full(clip.n_frames, -1),
-        stay_steps=max(1, round(settings.stay_change * clip.fps)),
-        path_mean=mean,
-        path_draw=draw,
-        lift=path.lift,
-        poses=path.poses,
-        path_facing=_path_facing(path, camera, settings),
-        static_density=static,
-        free_cost=np.zeros(clip.n_frames),
-        joints=np.concatenate(motions),
-        joint_facing=_directions(np.concatenate(motions)),
-        joint_first=np.concatenate([[0], np.cumsum(lengths)]).astype(np.int64),
-        boxes=np.concatenate([pack_boxes(s.objects) for s in library]),
-        box_first=np.concatenate([[0], np.cumsum(counts)]).astype(np.int64),
-        box_object=np.array([i for i, _ in object_of], dtype=np.int64),
-        box_label=np.array([labels.index(o.label) for _, o in object_of], dtype=np.int64),
-        box_yaw=np.array([o.placement.yaw for _, o in object_of], dtype=np.float64),
-        label_front=np.array([label not in FRONTLESS for label in labels], dtype=np.bool_),
-        stays=np.zeros((0, 3)),
-        lowered=np.array(
-            [
-                off_feet(m, pack_boxes(s.objects), angle=settings.support_angle)
-                for m, s in zip(motions, library, strict=True)
-            ],
-            dtype=np.int64,
-        ),
-        log_rate=np.log(settings.scenelet_rate * shares / shares.sum()),
-        camera_mean=camera.mean,
-        camera_precision=np.linalg.inv(camera.covariance).astype(np.float64),
-        camera_constant=-0.5 * float(np.linalg.slogdet(2 * np.pi * camera.covariance)[1]),
-        start_mean=_start_mean(settings),
-        start_variance=_start_deviation(settings) ** 2,
-        size_spread=settings.size_spread,
-        facing_spread=settings.facing_spread,
-        frame_weight=settings.frame_weight * 10.0 / clip.fps,
-        flip_begins=min(0.5, settings.side_flip_rate / clip.fps),
-        flip_ends=min(0.5, 1.0 / (settings.side_flip_length * clip.fps)),
-        pose_tolerance=settings.pose_tolerance,
-        sight_width=settings.sight_width,
-        visibility_error=settings.visibility_error,
-        joint_step=settings.joint_step,
-        smoothness_cost=settings.smoothness_cost,
-        collision_cost=settings.collision_cost,
-        motion_cost=settings.motion_cost,
-        furniture_spread=settings.furniture_ahead,
-        merge_angle=settings.merge_angle,
-        likelihood=settings.likelihood,
-        paper_nats=nats,
-    )  # fmt: skip
-    # All problems alike, here and in other processes: the compiler makes a kernel for each kind
-    # of array it meets, and arrays that were sent elsewhere can be written.
-    copies: dict[str, Any] = {
-        name: np.array(a, order="C")
-        for name, a in problem._asdict().items()
-        if isinstance(a, np.ndarray)
+    return {
+        "size_spread": settings.size_spread,
+        "facing_spread": settings.facing_spread,
+        "frame_weight": settings.frame_weight * 10.0 / fps,
+        "flip_begins": min(0.5, settings.side_flip_rate / fps),
+        "flip_ends": min(0.5, 1.0 / (settings.side_flip_length * fps)),
+        "pose_tolerance": settings.pose_tolerance,
+        "sight_width": settings.sight_width,
+        "visibility_error": settings.visibility_error,
+        "joint_step": settings.joint_step,
+        "smoothness_cost": settings.smoothness_cost,
+        "collision_cost": settings.collision_cost,
+        "motion_cost": settings.motion_cost,
+        "furniture_spread": settings.furniture_ahead,
+        "merge_angle": settings.merge_angle,
+        "likelihood": settings.likelihood,
+        "paper_nats": nats,
     }
-    return problem._replace(**copies)
 
 
 def with_stays(problem: Problem, stays: Array) -> Problem:

@@ -6,19 +6,19 @@ import argparse
 import json
 import os
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from imapper_prob.cli.clips import clip_from, clip_parser, is_clip, is_video, run_folder_of
 from imapper_prob.cli.console import Stopped, progress_bars
 from imapper_prob.cli.parser import examples
-from imapper_prob.config import SampleSettings
+from imapper_prob.config import Config, SampleSettings, read_config
 from imapper_prob.models.errors import InputError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
-    from imapper_prob.config import Config
     from imapper_prob.models.scene import Clip
     from imapper_prob.models.scenelet import Library
     from imapper_prob.results.posterior import Posterior
@@ -91,55 +91,7 @@ def add_run_commands(
     shared : argparse.ArgumentParser
         Options that all commands have.
     """
-    sampling = argparse.ArgumentParser(add_help=False)
-    sampling.add_argument(
-        "-o", "--output", type=Path, required=True, metavar="DIR", help="folder of the run; made"
-    )
-    sampling.add_argument(
-        "--seed", type=int, metavar="N", help="all randomness comes from it (default: 0)"
-    )
-    sampling.add_argument(
-        "--steps",
-        type=int,
-        metavar="N",
-        help="steps of each chain at each temperature; more than a finished run in DIR has: go on "
-        f"(default: {_STEPS}, of demo {_DEMO_STEPS})",
-    )
-    sampling.add_argument(
-        "--minutes",
-        type=float,
-        metavar="M",
-        help="sample for so long, after solving, in blocks of steps; on a finished run in DIR: go "
-        "on for so long (default: no limit)",
-    )
-    sampling.add_argument(
-        "--until",
-        choices=("good",),
-        help="sample in blocks until the verdict is good, for an hour or --minutes at most "
-        "(default: --steps alone decide)",
-    )
-    sampling.add_argument(
-        "--preset",
-        choices=("default", "paper"),
-        help="what a scene costs: ours, or the published energy in place of the likelihood "
-        "(default: default)",
-    )
-    sampling.add_argument(
-        "--workers",
-        type=int,
-        default=os.cpu_count() or 1,
-        metavar="N",
-        help="processes; draws do not depend on them (default: one a core)",
-    )
-    sampling.add_argument(
-        "--cluster",
-        metavar="ADDRESS",
-        help="run the chains on the workers of a dask scheduler, such as tcp://host:8786; they "
-        "must see DIR under the same path (default: run them here)",
-    )
-    sampling.add_argument(
-        "--overwrite", action="store_true", help="replace an earlier run in DIR, finished or not"
-    )
+    sampling = _sampling_options()
     answer = argparse.ArgumentParser(add_help=False)
     answer.add_argument(
         "--json", action="store_true", help="print the result as one JSON document, and no table"
@@ -196,14 +148,64 @@ def add_run_commands(
     info.set_defaults(execute=_info)
 
 
+def _sampling_options() -> argparse.ArgumentParser:
+    """What ``demo`` and ``run`` have in common."""
+    sampling = argparse.ArgumentParser(add_help=False)
+    sampling.add_argument(
+        "-o", "--output", type=Path, required=True, metavar="DIR", help="folder of the run; made"
+    )
+    sampling.add_argument(
+        "--seed", type=int, metavar="N", help="all randomness comes from it (default: 0)"
+    )
+    sampling.add_argument(
+        "--steps",
+        type=int,
+        metavar="N",
+        help="steps of each chain at each temperature; more than a finished run in DIR has: go on "
+        f"(default: {_STEPS}, of demo {_DEMO_STEPS})",
+    )
+    sampling.add_argument(
+        "--minutes",
+        type=float,
+        metavar="M",
+        help="sample for so long, after solving, in blocks of steps; on a finished run in DIR: go "
+        "on for so long (default: no limit)",
+    )
+    sampling.add_argument(
+        "--until",
+        choices=("good",),
+        help="sample in blocks until the verdict is good, for an hour or --minutes at most "
+        "(default: --steps alone decide)",
+    )
+    sampling.add_argument(
+        "--preset",
+        choices=("default", "paper"),
+        help="what a scene costs: ours, or the published energy in place of the likelihood "
+        "(default: default)",
+    )
+    sampling.add_argument(
+        "--workers",
+        type=int,
+        default=os.cpu_count() or 1,
+        metavar="N",
+        help="processes; draws do not depend on them (default: one a core)",
+    )
+    sampling.add_argument(
+        "--cluster",
+        metavar="ADDRESS",
+        help="run the chains on the workers of a dask scheduler, such as tcp://host:8786; they "
+        "must see DIR under the same path (default: run them here)",
+    )
+    sampling.add_argument(
+        "--overwrite", action="store_true", help="replace an earlier run in DIR, finished or not"
+    )
+    return sampling
+
+
 def _config(
     options: argparse.Namespace, base: Config | None = None, *, steps: int | None = None
 ) -> Config:
     """The defaults or ``base``, then the file, then what the command line says."""
-    from dataclasses import replace
-
-    from imapper_prob.config import Config, read_config
-
     config = base or Config()
     if options.config is not None:
         config = read_config(options.config)
