@@ -39,12 +39,7 @@ from imapper_prob.scenelets.procedural.seated import (
     open_seat,
     seat_of,
 )
-from imapper_prob.scenelets.procedural.sitting import (
-    Taken,
-    hold_still,
-    take_seat,
-    with_room,
-)
+from imapper_prob.scenelets.procedural.sitting import Taken, hold_still, take_seat, with_room
 
 __all__ = [
     "SHIN_DEPTH",

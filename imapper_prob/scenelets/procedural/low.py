@@ -42,9 +42,7 @@ from imapper_prob.scenelets.procedural.lying import lie_still
 from imapper_prob.scenelets.procedural.reaching import DEEPEST_CROUCH, TRAVEL, extent, reach
 from imapper_prob.scenelets.procedural.resting import prop_up_behind
 from imapper_prob.scenelets.procedural.seated import SeatedPose, draw_seated, open_seat
-from imapper_prob.scenelets.procedural.sitting import (
-    hold_still,
-)
+from imapper_prob.scenelets.procedural.sitting import hold_still
 from imapper_prob.scenelets.procedural.standing import HELD, draw_pastime, stand
 
 __all__ = [
@@ -327,7 +325,8 @@ SLOW: Final = 1.25
 
 
 class _Bend(NamedTuple):
-    """A way down: least and greatest bend of the trunk, and most that knees lower the pelvis."""
+    """A way down: least and greatest bend of the trunk, radians, and most that the knees lower the
+    pelvis, metres."""
 
     least: float
     most: float
@@ -339,7 +338,7 @@ class _Bend(NamedTuple):
 
 STOOP: Final = _Bend(1.05, 1.4, 0.36)
 SQUAT: Final = _Bend(0.55, 1.0, DEEPEST_CROUCH)
-"""Radians and metres: hips bend too far in both at once (lifting styles: Burgess-Limerick 2003)."""
+"""The two ways down: hips bend too far in both at once (lifting styles: Burgess-Limerick 2003)."""
 _WAYS: Final[dict[str, Callable[[np.random.Generator], SeatedPose]]] = {
     "cross-legged": _sit_cross_legged,
     "legs out": _sit_legs_out,

@@ -14,13 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.models.scene import Cuboid, Placement
-from imapper_prob.models.skeleton import (
-    BONE_LENGTHS,
-    LELB,
-    LSHO,
-    RELB,
-    RSHO,
-)
+from imapper_prob.models.skeleton import BONE_LENGTHS, LELB, LSHO, RELB, RSHO
 from imapper_prob.scenelets.procedural import furniture
 from imapper_prob.scenelets.procedural.body import (
     FOREARM,

@@ -9,13 +9,7 @@ from numpy.typing import NDArray
 
 from imapper_prob.models.scene import Placement, SceneObject
 from imapper_prob.scenelets.procedural import furniture
-from imapper_prob.scenelets.procedural.body import (
-    Drawn,
-    Person,
-    Recipe,
-    moments,
-    pose_body,
-)
+from imapper_prob.scenelets.procedural.body import Drawn, Person, Recipe, moments, pose_body
 from imapper_prob.scenelets.procedural.gait import (
     GATHER,
     WALK_RATIO,

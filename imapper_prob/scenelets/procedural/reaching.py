@@ -19,11 +19,7 @@ from imapper_prob.scenelets.procedural.body import (
     moments,
     pose_body,
 )
-from imapper_prob.scenelets.procedural.gait import (
-    Walk,
-    come_nearer,
-    minimum_jerk,
-)
+from imapper_prob.scenelets.procedural.gait import Walk, come_nearer, minimum_jerk
 from imapper_prob.scenelets.procedural.standing import Pastime, held, stand, upright
 
 __all__ = [

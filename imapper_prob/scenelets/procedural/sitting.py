@@ -21,13 +21,7 @@ from imapper_prob.scenelets.procedural.body import (
     pose_body,
     reachable_height,
 )
-from imapper_prob.scenelets.procedural.gait import (
-    SWING_LIFT,
-    Gait,
-    Route,
-    minimum_jerk,
-    walk_along,
-)
+from imapper_prob.scenelets.procedural.gait import SWING_LIFT, Gait, Route, minimum_jerk, walk_along
 from imapper_prob.scenelets.procedural.seated import (
     Seat,
     SeatedPose,
