@@ -9,12 +9,22 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Final
+from html import escape
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from imapper_prob.models.camera import Camera
+from imapper_prob.models.drawing import (
+    axes_for,
+    draw_clip,
+    draw_furniture,
+    draw_paths,
+    name_axes_of_floor,
+    picture_of,
+    show_legend,
+)
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.settings import (
     FARTHEST_KEYPOINT,
@@ -31,6 +41,9 @@ from imapper_prob.models.settings import (
 )
 from imapper_prob.models.skeleton import JOINTS, N_JOINTS
 from imapper_prob.models.text import brief, readable
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 __all__ = [
     "FRONTLESS", "MEASURED_FOCAL", "Clip", "Cuboid", "Placement", "Scene", "SceneObject", "Track",
@@ -252,6 +265,34 @@ class SceneObject:
         x, y = factor * self.placement.x, factor * self.placement.y
         cuboids = (Cuboid(c.part, factor * c.centre, factor * c.size) for c in self.cuboids)
         return SceneObject(self.label, Placement(x, y, self.placement.yaw), tuple(cuboids))
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw it from above, in metres.
+
+        Parameters
+        ----------
+        ax : matplotlib.axes.Axes, optional
+            Those of a new figure if not given.
+
+        Returns
+        -------
+        matplotlib.axes.Axes
+
+        Examples
+        --------
+        >>> axes = im.demo_clip().truth.objects[0].plot()
+        >>> axes.get_ylabel()
+        'y, away from the camera [m]'
+        """
+        axes = axes_for(ax, size=(3.2, 3.2))
+        draw_furniture(axes, [self])
+        name_axes_of_floor(axes)
+        show_legend(axes)
+        return axes
+
+    def _repr_html_(self) -> str:
+        """It from above, with its text, for a notebook."""
+        return f"<p>{escape(repr(self))}</p>{picture_of(self.plot, size=(3.2, 3.2))}"
 
 
 @dataclass(frozen=True)
@@ -506,6 +547,35 @@ class Clip:
         """
         return self.focal_spread <= MEASURED_FOCAL
 
+    def plot(self, ax: Axes | None = None, *, moments: int = 5) -> Axes:
+        """Draw the 2D joints of everybody at some moments in the image, earlier ones lighter.
+
+        Parameters
+        ----------
+        ax : matplotlib.axes.Axes, optional
+            Those of a new figure if not given.
+        moments : int
+            How many.
+
+        Returns
+        -------
+        matplotlib.axes.Axes
+
+        Examples
+        --------
+        >>> axes = im.demo_clip().plot()
+        >>> axes.get_xlabel(), axes.get_ylabel()
+        ('u, to the right [px]', 'v, down [px]')
+        """
+        axes = axes_for(ax, size=(7.0, 4.4))
+        draw_clip(axes, self, moments=moments)
+        show_legend(axes)
+        return axes
+
+    def _repr_html_(self) -> str:
+        """The 2D joints, with the clip's text, for a notebook."""
+        return f"<p>{escape(repr(self))}</p>{picture_of(self.plot, size=(7.0, 4.4))}"
+
 
 @dataclass(frozen=True)
 class Scene:
@@ -538,3 +608,34 @@ class Scene:
         object.__setattr__(self, "layout", tuple(self.layout))
         joints = read_only(self.joints, shape=(None, N_JOINTS, 3), name="joints of the scene")
         object.__setattr__(self, "joints", joints)
+
+    def plot(self, ax: Axes | None = None, *, people: int = 1) -> Axes:
+        """Draw the scene from above: furniture by category, and the way of the pelvis.
+
+        Parameters
+        ----------
+        ax : matplotlib.axes.Axes, optional
+            Those of a new figure if not given.
+        people : int
+            How many people's frames ``joints`` has one after the other.
+
+        Returns
+        -------
+        matplotlib.axes.Axes
+
+        Examples
+        --------
+        >>> axes = posterior.draw(0).plot()
+        >>> axes.get_xlabel(), axes.get_ylabel()
+        ('x, to the right [m]', 'y, away from the camera [m]')
+        """
+        axes = axes_for(ax, size=(5.0, 4.6))
+        draw_paths(axes, self.joints, people=people, label="pelvis")
+        draw_furniture(axes, self.objects)
+        name_axes_of_floor(axes)
+        show_legend(axes, beside=True)
+        return axes
+
+    def _repr_html_(self) -> str:
+        """The scene from above, with its text, for a notebook."""
+        return f"<p>{escape(repr(self))}</p>{picture_of(self.plot, size=(5.0, 4.6))}"

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, overload
 
 import numpy as np
 import xarray as xr
@@ -22,7 +22,6 @@ from imapper_prob.models.errors import InputError
 from imapper_prob.models.log_posterior import camera_at, motion
 from imapper_prob.models.scene import Clip, Scene, SceneObject
 from imapper_prob.models.skeleton import PELV
-from imapper_prob.models.text import brief
 from imapper_prob.people import by_person
 from imapper_prob.samplers.diagnostics import (
     LayoutProbabilities,
@@ -48,6 +47,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     import xarray
+    from matplotlib.axes import Axes
+    from rerun_notebook import Viewer
 
     from imapper_prob.recording.posterior import Certainty, DrawnChain
     from imapper_prob.uncertainty.clusters import ObjectCluster
@@ -88,6 +89,10 @@ class Posterior:
     True
     >>> posterior.converged
     False
+    >>> posterior[0].probability >= posterior[-1].probability
+    True
+    >>> len(posterior) == len([scene.objects for scene in posterior])
+    True
     """
 
     solution: Source
@@ -96,7 +101,43 @@ class Posterior:
     seconds: Mapping[str, float] = field(default_factory=dict, repr=False)
     stored: xarray.DataTree | None = field(default=None, repr=False)
 
-    __repr__ = brief
+    def __repr__(self) -> str:
+        chains, draws = self.samples.shape
+        return (
+            f"Posterior(clip={self.clip.name!r}, chains={chains}, draws={draws}, "
+            f"layouts={len(self.samples.layouts.leaders)}, verdict={self.samples.verdict.text!r})"
+        )
+
+    def __len__(self) -> int:
+        """How many scenes there are."""
+        return len(self.scene_probabilities.layouts)
+
+    def __iter__(self) -> Iterator[WeightedScene]:
+        """All scenes, the most probable first."""
+        return (self._scene_at(rank) for rank in range(len(self)))
+
+    @overload
+    def __getitem__(self, index: int) -> WeightedScene: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> tuple[WeightedScene, ...]: ...
+
+    def __getitem__(self, index: int | slice) -> WeightedScene | tuple[WeightedScene, ...]:
+        """A scene, or some of them; ``posterior[0]`` is the most probable.
+
+        Raises
+        ------
+        IndexError
+            There are not so many.
+        """
+        if isinstance(index, slice):
+            return tuple(self._scene_at(rank) for rank in range(len(self))[index])
+        try:
+            return self._scene_at(range(len(self))[index])
+        except IndexError:
+            raise IndexError(
+                f"scene [{index}]: the run has {len(self)}, counted from [0]"
+            ) from None
 
     @property
     def clip(self) -> Clip:
@@ -412,10 +453,14 @@ class Posterior:
 
         Examples
         --------
+        >>> posterior.summary()["object"].values.tolist()
+        ['couch', 'table']
         >>> posterior.summary()["label"].values.tolist()
         ['couch', 'table']
         """
         from xarray import Dataset
+
+        from imapper_prob.uncertainty.clusters import names_of
 
         found = self.clusters()
         spread = np.array([np.sqrt(np.diag(c.covariance)) for c in found]).reshape(-1, 2)
@@ -437,7 +482,7 @@ class Posterior:
                 name: ("object", np.asarray(values), {"units": unit} if unit else {})
                 for name, (values, unit) in columns.items()
             },
-            coords={"object": np.arange(1, len(found) + 1)},
+            coords={"object": np.array(names_of(found), dtype=np.str_)},
         )
 
     def _repr_html_(self) -> str:
@@ -451,6 +496,36 @@ class Posterior:
         save_figure(scenes_figure(self), drawn, dpi=100, format="svg")
         picture = drawn.getvalue().decode()
         return f"<p>{escape(self.verdict)}</p>{picture[picture.index('<svg') :]}"
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw from above what stands where over all draws, and the path of the best scene.
+
+        Objects are those of :meth:`clusters`: their draws, and the regions of 50 and 90 %.
+
+        Parameters
+        ----------
+        ax : matplotlib.axes.Axes, optional
+            Those of a new figure if not given.
+
+        Returns
+        -------
+        matplotlib.axes.Axes
+
+        Examples
+        --------
+        >>> axes = posterior.plot()
+        >>> axes.get_xlabel(), axes.get_ylabel()
+        ('x, to the right [m]', 'y, away from the camera [m]')
+        """
+        from imapper_prob.models.drawing import axes_for, draw_outlines, draw_paths
+        from imapper_prob.uncertainty.drawing import draw_clusters
+
+        axes, truth = axes_for(ax, size=(6.4, 5.6)), self.clip.truth
+        people = len(self.clip.tracks)
+        draw_paths(axes, self[0].scene.joints, people=people, label="pelvis")
+        draw_outlines(axes, truth.objects if truth is not None else (), label="truth")
+        draw_clusters(axes, self.clusters())
+        return axes
 
     @cached_property
     def data(self) -> xarray.DataTree:
@@ -466,7 +541,11 @@ class Posterior:
         if self.stored is not None:
             return self.stored
         return posterior_tree(
-            self.solution, self.samples, self.config, seconds=self.seconds, checks=self.checks
+            self.solution,
+            self.samples,
+            self.config,
+            seconds=self.seconds,
+            checks=self.checks,
         )
 
     @cached_property
@@ -653,6 +732,37 @@ class Posterior:
             acceptance=self.samples.acceptance.rates(),
             video=None if video is None else read_video(video, self.clip),
         )
+
+    def view(self, *, video: str | Path | None = None) -> Viewer:
+        """The recording as a notebook's output; from a shell it is ``imapper-prob view DIR``.
+
+        Parameters
+        ----------
+        video : path, optional
+            See :meth:`record`.
+
+        Returns
+        -------
+        rerun_notebook.Viewer
+            Turned with the mouse, with a timeline; works without a network.
+
+        Raises
+        ------
+        InputError
+            rerun's notebook package is not installed.
+
+        Examples
+        --------
+        >>> posterior.view()  # doctest: +SKIP
+        """
+        from tempfile import TemporaryDirectory
+
+        from imapper_prob.recording.video import recording_widget
+
+        with TemporaryDirectory() as folder:
+            recording = Path(folder) / "recording.rrd"
+            self.record(recording, video=video)
+            return recording_widget(recording)
 
     def report(self, path: str | Path) -> None:
         """Write the report, one HTML page that needs nothing else.

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from io import StringIO
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from rich.console import Console
 
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.log_posterior import side_flips
+from imapper_prob.recording import video
 from imapper_prob.results.posterior import Posterior, load_posterior
 from imapper_prob.samplers.verdict import Verdict
 from imapper_prob.uncertainty.checks import Check, from_json
@@ -25,7 +27,7 @@ from imapper_prob.uncertainty.summary import (
 )
 from imapper_prob.uncertainty.tree import read_attributes, write_tree
 from tests.models.worlds import couch
-from tests.runs import posterior
+from tests.runs import posterior, small_posterior
 
 
 def test_scenes_have_probabilities_errors_and_a_motion() -> None:
@@ -207,6 +209,28 @@ def test_a_notebook_shows_scenes_and_verdict(monkeypatch: pytest.MonkeyPatch) ->
     assert not any(parsed[text] for text in names)
     monkeypatch.setattr(Posterior, "verdict", "<b>no</b>")
     assert "&lt;b&gt;no&lt;/b&gt;" in run._repr_html_()
+
+
+def test_a_posterior_is_a_sequence_of_scenes() -> None:
+    run = posterior()
+    count = len(run)
+    assert count == len(run.scene_probabilities.layouts) > 1
+    everything = list(run)
+    assert len(everything) == count
+    assert run[0] is everything[0] is run.scene(1)
+    assert run[-1] is everything[-1]
+    assert run[:2] == tuple(everything[:2]) == run.scenes(2)
+    assert run[::-1] == tuple(reversed(everything))
+    assert sum(scene.probability for scene in run) == pytest.approx(1.0)
+    with pytest.raises(IndexError, match=rf"scene \[{count}\]: the run has {count}"):
+        run[count]
+    assert repr(run).startswith("Posterior(clip='demo', chains=2, draws=40, layouts=")
+
+
+def test_a_notebook_turns_the_recording(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(video, "recording_widget", lambda path: path.read_bytes())
+    shown: Any = small_posterior().view()
+    assert shown[:4] == b"RRF2"
 
 
 def test_what_people_type_first_is_short_and_quick() -> None:
