@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING, overload
+from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 import xarray as xr
@@ -449,7 +449,8 @@ class Posterior:
             Along ``object``, the most probable first: ``label`` with its ``label_probability`` if
             it is there, ``presence`` and its ``presence_error``, ``x`` and ``y`` in the world with
             standard deviations ``x_sd`` and ``y_sd``, ``yaw`` and ``yaw_sd``; units are in the
-            attributes. ``to_dataframe()`` makes it a table of pandas.
+            attributes. ``to_dataframe()`` makes it a table of pandas. The coordinate ``object``
+            has the names that objects have in :meth:`to_arviz`.
 
         Examples
         --------
@@ -527,6 +528,65 @@ class Posterior:
         draw_clusters(axes, self.clusters())
         return axes
 
+    def to_arviz(self) -> xarray.DataTree:
+        """Draws for ArviZ, furniture among them.
+
+        The group ``posterior`` has camera and body, and of every object of :meth:`clusters` by its
+        name ``presence``, ``x``, ``y``, ``yaw``, ``width``, ``depth`` and ``height`` along
+        ``object``. Where a draw lacks the object all but ``presence`` is NaN: pass
+        ``skipna=True`` to have means and intervals given that it is there. R-hat and effective
+        draws of such an object are those of its ``presence``.
+
+        Returns
+        -------
+        DataTree
+            Groups ``posterior``, ``sample_stats``, ``observed_data`` and ``constant_data``.
+
+        Examples
+        --------
+        >>> tree = posterior.to_arviz()
+        >>> tree["posterior"]["x"].dims
+        ('chain', 'draw', 'object')
+        >>> import arviz_stats as az
+        >>> table = az.summary(tree, var_names=["x", "y"], skipna=True)
+        >>> table.index.tolist()
+        ['x[couch]', 'x[table]', 'y[couch]', 'y[table]']
+        """
+        names = ("posterior", "sample_stats", "observed_data", "constant_data")
+        groups = {name: self.data[name].to_dataset() for name in names}
+        groups["posterior"] = groups["posterior"].merge(self._object_draws)
+        tree: xr.DataTree = xr.DataTree.from_dict(groups)
+        tree.attrs = self.data.attrs
+        return tree
+
+    @cached_property
+    def _object_draws(self) -> xarray.Dataset:
+        from imapper_prob.uncertainty.furniture import object_draws
+
+        if self.stored is not None and "furniture" in self.stored.children:
+            return self.stored["furniture"].to_dataset()
+        return object_draws(self.clusters(), self.furniture, self.samples.shape)
+
+    def to_dataframe(self) -> Any:
+        """Every object of every draw as a row of a table.
+
+        Returns
+        -------
+        pandas.DataFrame
+            Rows by ``chain``, ``draw`` and ``object``, where the draw has the object: ``x``, ``y``,
+            ``width``, ``depth`` and ``height`` in metres, ``yaw`` in radians.
+
+        Examples
+        --------
+        >>> table = posterior.to_dataframe()
+        >>> list(table.columns)
+        ['x', 'y', 'yaw', 'width', 'depth', 'height']
+        >>> places = table.groupby("object")[["x", "y"]].mean()
+        """
+        table = self._object_draws.to_dataframe()
+        there = table.pop("presence") > 0
+        return table[there]
+
     @cached_property
     def data(self) -> xarray.DataTree:
         """Draws and diagnostics with names, as ArviZ expects them.
@@ -544,6 +604,7 @@ class Posterior:
             self.solution,
             self.samples,
             self.config,
+            self._object_draws,
             seconds=self.seconds,
             checks=self.checks,
         )
