@@ -120,7 +120,7 @@ class Placement:
     yaw: float
 
     def __post_init__(self) -> None:
-        if not np.all(np.isfinite([self.x, self.y, self.yaw])):
+        if not all(map(math.isfinite, (self.x, self.y, self.yaw))):
             raise InputError(f"placement ({self.x}, {self.y}, {self.yaw}) must be finite")
 
     @property
@@ -188,6 +188,34 @@ class Cuboid:
         object.__setattr__(self, "centre", centre)
         object.__setattr__(self, "size", size)
 
+    def scaled(self, factor: float) -> Cuboid:
+        """The box ``factor`` times as large, about the origin of its frame.
+
+        Parameters
+        ----------
+        factor : float
+            Positive and finite.
+
+        Returns
+        -------
+        Cuboid
+
+        Raises
+        ------
+        InputError
+            It is not.
+        """
+        if not 0 < factor < math.inf:
+            raise InputError(f"cuboid {self.part}: cannot be {factor} times as large")
+        centre, size = factor * self.centre, factor * self.size
+        # All else was checked when this box was made; draws have a hundred thousand of them.
+        box = object.__new__(Cuboid)
+        for name, values in (("centre", centre), ("size", size)):
+            values.setflags(write=False)
+            object.__setattr__(box, name, values)
+        object.__setattr__(box, "part", self.part)
+        return box
+
 
 @dataclass(frozen=True)
 class SceneObject:
@@ -208,7 +236,10 @@ class SceneObject:
     placement: Placement
     cuboids: tuple[Cuboid, ...]
 
-    __repr__ = brief
+    def __repr__(self) -> str:
+        x, y, yaw = self.placement.x, self.placement.y, math.degrees(self.placement.yaw)
+        at = f"at ({x:.2f}, {y:.2f}) m, turned by {yaw:.0f}°"
+        return f"SceneObject({self.label!r:.60} {at}, {len(self.cuboids)} cuboids)"
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "label", _word(self.label, "the label of an object"))
@@ -263,8 +294,8 @@ class SceneObject:
         SceneObject
         """
         x, y = factor * self.placement.x, factor * self.placement.y
-        cuboids = (Cuboid(c.part, factor * c.centre, factor * c.size) for c in self.cuboids)
-        return SceneObject(self.label, Placement(x, y, self.placement.yaw), tuple(cuboids))
+        cuboids = tuple(c.scaled(factor) for c in self.cuboids)
+        return SceneObject(self.label, Placement(x, y, self.placement.yaw), cuboids)
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw it from above, in metres.

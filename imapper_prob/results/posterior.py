@@ -32,6 +32,7 @@ from imapper_prob.sampling.sample import Samples
 from imapper_prob.solver.limbs import Limbs, limbs_of
 from imapper_prob.uncertainty.checks import Check, alarms, checks_of, from_json
 from imapper_prob.uncertainty.estimate import drawn_objects
+from imapper_prob.uncertainty.furniture import FurnitureOfDraws, object_draws
 from imapper_prob.uncertainty.scenes import (
     Representative,
     WeightedScene,
@@ -561,8 +562,6 @@ class Posterior:
 
     @cached_property
     def _object_draws(self) -> xarray.Dataset:
-        from imapper_prob.uncertainty.furniture import object_draws
-
         if self.stored is not None and "furniture" in self.stored.children:
             return self.stored["furniture"].to_dataset()
         return object_draws(self.clusters(), self.furniture, self.samples.shape)
@@ -610,7 +609,7 @@ class Posterior:
         )
 
     @cached_property
-    def furniture(self) -> tuple[tuple[SceneObject, ...], ...]:
+    def furniture(self) -> FurnitureOfDraws:
         """The furniture of each draw as it may stand, in the draw's world.
 
         ``samples.objects`` is where the scenelets say that it stands.
@@ -621,7 +620,9 @@ class Posterior:
         True
         """
         rng, settings = np.random.default_rng(self.config.seed), self.config.model
-        return tuple(drawn_objects(rng, objects, settings) for objects in self.samples.objects)
+        return FurnitureOfDraws(
+            drawn_objects(rng, objects, settings) for objects in self.samples.objects
+        )
 
     def occupancy(self, *, cell: float = 0.1) -> Occupancy:
         """Probability by category that a place on the floor is covered.

@@ -21,7 +21,6 @@ from scipy.optimize import linear_sum_assignment
 from imapper_prob.layouts import SEATS
 from imapper_prob.models.drawing import axes_for
 from imapper_prob.models.scene import FRONTLESS, SceneObject
-from imapper_prob.models.text import brief
 from imapper_prob.samplers.diagnostics import ShortChainWarning, mean_error
 
 if TYPE_CHECKING:
@@ -139,7 +138,10 @@ class ObjectCluster:
     members: Ints
     typical: SceneObject
 
-    __repr__ = brief
+    def __repr__(self) -> str:
+        x, y = self.mean
+        there = f"p = {self.presence:.2f} ± {self.presence_error:.2f}"
+        return f"ObjectCluster({self.label!r:.60}, {there}, at ({x:.2f}, {y:.2f}) m)"
 
     @property
     def label(self) -> str:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from imapper_prob.models.scene import FRONTLESS, SceneObject
 from imapper_prob.uncertainty.clusters import ObjectCluster, names_of
 
-__all__ = ["object_draws"]
+__all__ = ["FurnitureOfDraws", "object_draws"]
 
 Array = NDArray[np.float64]
 _MEASURES: Final = {
@@ -30,6 +30,20 @@ _MEASURES: Final = {
     "height": ("m", "side of the bounding box, upward"),
 }
 """Units, and what they are."""
+
+
+class FurnitureOfDraws(tuple[tuple[SceneObject, ...], ...]):
+    """The objects of each draw, chain by chain: a tuple that says how many it has.
+
+    Parameters
+    ----------
+    iterable : iterable of tuple of SceneObject
+        Of each draw.
+    """
+
+    def __repr__(self) -> str:
+        counts = [len(own) for own in self]
+        return f"{len(self)} draws of {min(counts)} to {max(counts)} objects"
 
 
 def object_draws(

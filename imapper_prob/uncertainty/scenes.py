@@ -22,7 +22,6 @@ from imapper_prob.models.log_posterior import State
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.scene import Clip, Scene, SceneObject
 from imapper_prob.models.skeleton import DETECTED
-from imapper_prob.models.text import brief
 from imapper_prob.people import everybody
 from imapper_prob.sampling.sample import Samples
 
@@ -120,7 +119,9 @@ class WeightedScene:
     difference: str = ""
     draw: int = -1
 
-    __repr__ = brief
+    def __repr__(self) -> str:
+        names = ", ".join(o.label for o in self.scene.objects) or "nothing"
+        return f"WeightedScene(p = {self.probability:.2f} ± {self.error:.2f}: {names:.200})"
 
     @property
     def objects(self) -> tuple[SceneObject, ...]:
