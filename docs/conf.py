@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from typing import Any
 
 from docutils import nodes
@@ -56,7 +57,15 @@ class Help(Directive):
         return found
 
 
+def link_notebooks(_app: Any, _name: str, source: list[str]) -> None:
+    """Have links to notebooks lead to their pages: Sphinx knows them by the link in this folder."""
+    source[0] = re.sub(
+        r"\[([^\]]+)\]\(([\w./]*notebooks/\w+)\.ipynb\)", r"{doc}`\1 <\2>`", source[0]
+    )
+
+
 def setup(app: Any) -> None:
-    """Add the directive, and show diagrams of Mermaid as their text."""
+    """Add the directive, link notebooks, and show diagrams of Mermaid as their text."""
+    app.connect("source-read", link_notebooks)
     app.add_lexer("mermaid", TextLexer)
     app.add_directive("help", Help)

@@ -6,7 +6,7 @@ to load torch; so this module imports nothing that does.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -127,24 +127,28 @@ def representatives(
     return [min(group, key=rest) if len(group) > 1 else group[0] for group in groups]
 
 
-def placed_objects(state: State, library: Library) -> list[tuple[int, SceneObject]]:
+def placed_objects(
+    state: State, library: Library, *, only: Iterable[tuple[int, int]] | None = None
+) -> list[tuple[int, SceneObject]]:
     """Each scenelet's objects in the world, with the index of the item that brings them.
 
     Parameters
     ----------
     state : State
     library : Library
+    only : iterable of (int, int), optional
+        Indices of items, and which of their objects; all if not given.
 
     Returns
     -------
     list of (int, SceneObject)
     """
     bodies = np.exp(state.camera[3] + state.sizes).tolist()
-    return [
-        (index, o.scaled(bodies[index]).moved(Placement(*state.placements[index])))
-        for index, scenelet in enumerate(state.items[:, 0].tolist())
-        for o in library[scenelet].objects
-    ]
+    placements = [Placement(*placement) for placement in state.placements.tolist()]
+    objects = [library[scenelet].objects for scenelet in state.items[:, 0].tolist()]
+    if only is None:
+        only = [(index, k) for index, own in enumerate(objects) for k in range(len(own))]
+    return [(i, objects[i][k].scaled(bodies[i]).moved(placements[i])) for i, k in only]
 
 
 def same_objects(placed: Sequence[tuple[int, SceneObject]], angle: float) -> list[list[int]]:

@@ -1,95 +1,21 @@
-"""Colours of objects and actions, in recordings and figures alike, and figures in files.
-
-Hues of objects are those of Tableau 10, which stay apart on dark and light ground and for most
-colour-blind eyes; what people do goes from cool to warm.
-"""
+"""Colours of objects and actions, and figures in files."""
 
 from __future__ import annotations
 
-import zlib
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any, Final
+from typing import IO, TYPE_CHECKING, Any
+
+from imapper_prob.models.colours import Colour, action_colour, category_colour
+from imapper_prob.models.drawing import take_texts_as_they_stand
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 __all__ = ["Colour", "action_colour", "category_colour", "save_figure"]
 
-Colour = tuple[int, int, int]
-"""Red, green and blue from 0 to 255."""
-_CATEGORIES: Final[dict[str, Colour]] = {
-    "couch": (89, 161, 159),
-    "sofa": (89, 161, 159),
-    "armchair": (60, 128, 140),
-    "chair": (242, 142, 43),
-    "stool": (225, 87, 89),
-    "bench": (255, 157, 167),
-    "table": (176, 122, 161),
-    "desk": (140, 110, 190),
-    "counter": (196, 120, 90),
-    "shelf": (78, 121, 167),
-    "bed": (89, 161, 79),
-    "monitor": (118, 183, 178),
-}
-_ACTIONS: Final[dict[str, Colour]] = {
-    "walk": (118, 128, 140),
-    "stand": (78, 121, 167),
-    "reach": (200, 90, 150),
-    "pick-up": (150, 80, 170),
-    "put-down": (176, 122, 90),
-    "sit": (242, 142, 43),
-    "sit-down": (214, 96, 60),
-    "stand-up": (237, 201, 72),
-    "lie": (89, 161, 79),
-    "squat": (60, 128, 140),
-    "kneel": (118, 183, 178),
-    "bend": (140, 110, 190),
-}
-_OTHERS: Final[tuple[Colour, ...]] = (
-    (156, 117, 95),
-    (255, 157, 167),
-    (186, 176, 172),
-    (140, 192, 222),
-)
-
-
-def category_colour(label: str) -> Colour:
-    """The colour of a category of objects.
-
-    Parameters
-    ----------
-    label : str
-
-    Returns
-    -------
-    (int, int, int)
-    """
-    return _CATEGORIES.get(label, _other(label))
-
-
-def action_colour(action: str) -> Colour:
-    """The colour of what somebody does.
-
-    Parameters
-    ----------
-    action : str
-
-    Returns
-    -------
-    (int, int, int)
-    """
-    return _ACTIONS.get(action, _other(action))
-
-
-def _other(word: str) -> Colour:
-    # A checksum, not hash(): the colour of a rare word must not change between runs.
-    return _OTHERS[zlib.crc32(word.encode()) % len(_OTHERS)]
-
 
 def save_figure(figure: Figure, file: Path | IO[bytes], *, dpi: int, **options: Any) -> None:
     """Write a figure as a picture, its texts as they stand.
-
-    Names in them are of others: between two dollar signs they would be read as formulas.
 
     Parameters
     ----------
@@ -99,8 +25,5 @@ def save_figure(figure: Figure, file: Path | IO[bytes], *, dpi: int, **options: 
         Dots an inch.
     **options : Of ``Figure.savefig``.
     """
-    from matplotlib.text import Text
-
-    for text in figure.findobj(Text):
-        text.set_parse_math(False)
+    take_texts_as_they_stand(figure)
     figure.savefig(file, dpi=dpi, **options)

@@ -9,12 +9,22 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Final
+from html import escape
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from imapper_prob.models.camera import Camera
+from imapper_prob.models.drawing import (
+    axes_for,
+    draw_clip,
+    draw_furniture,
+    draw_paths,
+    name_axes_of_floor,
+    picture_of,
+    show_legend,
+)
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.settings import (
     FARTHEST_KEYPOINT,
@@ -31,6 +41,9 @@ from imapper_prob.models.settings import (
 )
 from imapper_prob.models.skeleton import JOINTS, N_JOINTS
 from imapper_prob.models.text import brief, readable
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 __all__ = [
     "FRONTLESS", "MEASURED_FOCAL", "Clip", "Cuboid", "Placement", "Scene", "SceneObject", "Track",
@@ -107,7 +120,7 @@ class Placement:
     yaw: float
 
     def __post_init__(self) -> None:
-        if not np.all(np.isfinite([self.x, self.y, self.yaw])):
+        if not all(map(math.isfinite, (self.x, self.y, self.yaw))):
             raise InputError(f"placement ({self.x}, {self.y}, {self.yaw}) must be finite")
 
     @property
@@ -175,6 +188,34 @@ class Cuboid:
         object.__setattr__(self, "centre", centre)
         object.__setattr__(self, "size", size)
 
+    def scaled(self, factor: float) -> Cuboid:
+        """The box ``factor`` times as large, about the origin of its frame.
+
+        Parameters
+        ----------
+        factor : float
+            Positive and finite.
+
+        Returns
+        -------
+        Cuboid
+
+        Raises
+        ------
+        InputError
+            It is not.
+        """
+        if not 0 < factor < math.inf:
+            raise InputError(f"cuboid {self.part}: cannot be {factor} times as large")
+        centre, size = factor * self.centre, factor * self.size
+        # All else was checked when this box was made; draws have a hundred thousand of them.
+        box = object.__new__(Cuboid)
+        for name, values in (("centre", centre), ("size", size)):
+            values.setflags(write=False)
+            object.__setattr__(box, name, values)
+        object.__setattr__(box, "part", self.part)
+        return box
+
 
 @dataclass(frozen=True)
 class SceneObject:
@@ -195,7 +236,10 @@ class SceneObject:
     placement: Placement
     cuboids: tuple[Cuboid, ...]
 
-    __repr__ = brief
+    def __repr__(self) -> str:
+        x, y, yaw = self.placement.x, self.placement.y, math.degrees(self.placement.yaw)
+        at = f"at ({x:.2f}, {y:.2f}) m, turned by {yaw:.0f}°"
+        return f"SceneObject({self.label!r:.60} {at}, {len(self.cuboids)} cuboids)"
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "label", _word(self.label, "the label of an object"))
@@ -250,8 +294,36 @@ class SceneObject:
         SceneObject
         """
         x, y = factor * self.placement.x, factor * self.placement.y
-        cuboids = (Cuboid(c.part, factor * c.centre, factor * c.size) for c in self.cuboids)
-        return SceneObject(self.label, Placement(x, y, self.placement.yaw), tuple(cuboids))
+        cuboids = tuple(c.scaled(factor) for c in self.cuboids)
+        return SceneObject(self.label, Placement(x, y, self.placement.yaw), cuboids)
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw it from above, in metres.
+
+        Parameters
+        ----------
+        ax : matplotlib.axes.Axes, optional
+            Those of a new figure if not given.
+
+        Returns
+        -------
+        matplotlib.axes.Axes
+
+        Examples
+        --------
+        >>> axes = im.demo_clip().truth.objects[0].plot()
+        >>> axes.get_ylabel()
+        'y, away from the camera [m]'
+        """
+        axes = axes_for(ax, size=(3.2, 3.2))
+        draw_furniture(axes, [self])
+        name_axes_of_floor(axes)
+        show_legend(axes)
+        return axes
+
+    def _repr_html_(self) -> str:
+        """It from above, with its text, for a notebook."""
+        return f"<p>{escape(repr(self))}</p>{picture_of(self.plot, size=(3.2, 3.2))}"
 
 
 @dataclass(frozen=True)
@@ -506,6 +578,35 @@ class Clip:
         """
         return self.focal_spread <= MEASURED_FOCAL
 
+    def plot(self, ax: Axes | None = None, *, moments: int = 5) -> Axes:
+        """Draw the 2D joints of everybody at some moments in the image, earlier ones lighter.
+
+        Parameters
+        ----------
+        ax : matplotlib.axes.Axes, optional
+            Those of a new figure if not given.
+        moments : int
+            How many.
+
+        Returns
+        -------
+        matplotlib.axes.Axes
+
+        Examples
+        --------
+        >>> axes = im.demo_clip().plot()
+        >>> axes.get_xlabel(), axes.get_ylabel()
+        ('u, to the right [px]', 'v, down [px]')
+        """
+        axes = axes_for(ax, size=(7.0, 4.4))
+        draw_clip(axes, self, moments=moments)
+        show_legend(axes)
+        return axes
+
+    def _repr_html_(self) -> str:
+        """The 2D joints, with the clip's text, for a notebook."""
+        return f"<p>{escape(repr(self))}</p>{picture_of(self.plot, size=(7.0, 4.4))}"
+
 
 @dataclass(frozen=True)
 class Scene:
@@ -538,3 +639,34 @@ class Scene:
         object.__setattr__(self, "layout", tuple(self.layout))
         joints = read_only(self.joints, shape=(None, N_JOINTS, 3), name="joints of the scene")
         object.__setattr__(self, "joints", joints)
+
+    def plot(self, ax: Axes | None = None, *, people: int = 1) -> Axes:
+        """Draw the scene from above: furniture by category, and the way of the pelvis.
+
+        Parameters
+        ----------
+        ax : matplotlib.axes.Axes, optional
+            Those of a new figure if not given.
+        people : int
+            How many people's frames ``joints`` has one after the other.
+
+        Returns
+        -------
+        matplotlib.axes.Axes
+
+        Examples
+        --------
+        >>> axes = posterior.draw(0).plot()
+        >>> axes.get_xlabel(), axes.get_ylabel()
+        ('x, to the right [m]', 'y, away from the camera [m]')
+        """
+        axes = axes_for(ax, size=(5.0, 4.6))
+        draw_paths(axes, self.joints, people=people, label="pelvis")
+        draw_furniture(axes, self.objects)
+        name_axes_of_floor(axes)
+        show_legend(axes, beside=True)
+        return axes
+
+    def _repr_html_(self) -> str:
+        """The scene from above, with its text, for a notebook."""
+        return f"<p>{escape(repr(self))}</p>{picture_of(self.plot, size=(5.0, 4.6))}"

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import hashlib
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from html import escape
 from typing import Final
 
 import numpy as np
@@ -137,6 +139,16 @@ class Library(Sequence[Scenelet]):
 
     def __iter__(self) -> Iterator[Scenelet]:
         return iter(self.scenelets)
+
+    def _repr_html_(self) -> str:
+        """How many scenelets there are of each action, and with what furniture, for a notebook."""
+        rows = []
+        for action, count in Counter(s.action for s in self).most_common():
+            stood = Counter(label for s in self if s.action == action for label in s.labels)
+            told = ", ".join(f"{n} {label}" for label, n in stood.most_common()) or "none"
+            rows.append(f"<tr><td>{escape(action)}<td>{count}<td>{escape(told)}")
+        head = "<tr><th>action<th>scenelets<th>furniture in them"
+        return f"<p>{escape(repr(self))}</p><table>{head}{''.join(rows)}</table>"
 
     @property
     def digest(self) -> str:

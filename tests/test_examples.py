@@ -7,13 +7,24 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import matplotlib.pyplot as plt
 import pytest
 
 import imapper_prob as im
 from imapper_prob.evaluate.suite import first_part
+from imapper_prob.models.scene import Scene, SceneObject
 from imapper_prob.results.folders import write_run
+from imapper_prob.results.solution import plot_charness
+from imapper_prob.uncertainty.clusters import ObjectCluster
+from imapper_prob.uncertainty.occupancy import Occupancy
+from imapper_prob.uncertainty.scenes import WeightedScene
 from tests.test_docstrings import top_level_names
 
+DRAWN = (
+    ObjectCluster.plot, Occupancy.plot, Scene.plot, SceneObject.plot, WeightedScene.plot,
+    plot_charness,
+)  # fmt: skip
+"""What draws results that the program does not export by name."""
 _OPTIONS = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
 
 
@@ -45,4 +56,9 @@ def test_examples_of_what_is_exported(tmp_path: Path, monkeypatch: pytest.Monkey
         if not example.examples:
             wrong.append(f"{name} has no example")
         runner.run(example, out=wrong.append, clear_globs=False)
+    for entry in DRAWN:
+        drawn = {**names, entry.__name__: entry}
+        example = parser.get_doctest(entry.__doc__ or "", drawn, entry.__qualname__, None, 0)
+        runner.run(example, out=wrong.append, clear_globs=False)
+    plt.close("all")
     assert wrong == [], "\n".join(wrong)

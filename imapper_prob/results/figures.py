@@ -12,15 +12,26 @@ from typing import Final
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patches import Ellipse, Polygon
 from numpy.typing import NDArray
 
-from imapper_prob.models.scene import Clip, SceneObject
-from imapper_prob.models.skeleton import BONES, JOINTS, PELV
+from imapper_prob.models.drawing import (
+    INK,
+    LINES,
+    QUIET,
+    draw_clip,
+    draw_furniture,
+    draw_outlines,
+    draw_paths,
+    name_axes_of_floor,
+    rgb,
+    tidy,
+)
+from imapper_prob.models.scene import Clip
+from imapper_prob.models.skeleton import JOINTS, PELV
 from imapper_prob.people import by_person, everybody, in_a_row
 from imapper_prob.plotting import Colour, action_colour, category_colour
 from imapper_prob.results.posterior import Posterior
-from imapper_prob.uncertainty.clusters import ObjectCluster
+from imapper_prob.uncertainty.drawing import draw_clusters, draw_occupancy
 from imapper_prob.uncertainty.energy import Explanation, Worth
 
 __all__ = [
@@ -35,9 +46,6 @@ __all__ = [
 ]
 
 Array = NDArray[np.float64]
-_INK: Final = "#2b2f36"
-_QUIET: Final = "#7d848f"
-_LINES: Final = "#dcdfe4"
 _TERM_COLOURS: Final = {
     "camera": "#bab0ac",
     "layout": "#9c755f",
@@ -73,7 +81,7 @@ def energy_figure(explanation: Explanation, *, title: str) -> Figure:
     """
     parts = len(explanation.scenelets) + len(explanation.objects)
     figure = Figure(figsize=(15, max(8.0, 2.5 + 0.42 * parts)), layout="constrained")
-    figure.suptitle(f"{title}: why this scene?", color=_INK, fontsize=13)
+    figure.suptitle(f"{title}: why this scene?", color=INK, fontsize=13)
     grid = figure.add_gridspec(5, 2, width_ratios=(2.1, 1), height_ratios=(0.9, 1.6, 1.6, 1, 1))
     first = figure.add_subplot(grid[0, 0])
     panels = [first, *(figure.add_subplot(grid[row, 0], sharex=first) for row in range(1, 5))]
@@ -85,13 +93,13 @@ def energy_figure(explanation: Explanation, *, title: str) -> Figure:
     ids = explanation.frame_ids
     first.set_xlim(ids[0] - 0.5, ids[-1] + 0.5)
     for axes in panels:
-        _tidy(axes)
+        tidy(axes)
         for worth in explanation.scenelets:
             begin, end = _edges(worth.frames[0], ids)
-            axes.axvspan(begin, end, color=_rgb(action_colour(worth.action)), alpha=0.07, lw=0)
+            axes.axvspan(begin, end, color=rgb(action_colour(worth.action)), alpha=0.07, lw=0)
     for axes in panels[:-1]:
         axes.tick_params(labelbottom=False)
-    panels[-1].set_xlabel("frame", color=_INK)
+    panels[-1].set_xlabel("frame", color=INK)
     _worths(figure.add_subplot(grid[:, 1]), explanation)
     return figure
 
@@ -102,11 +110,11 @@ def _scenelets(axes: Axes, explanation: Explanation) -> None:
         begin, end = _edges(worth.frames[0], explanation.frame_ids)
         # Neighbours at two heights, so that names of short scenelets do not run together.
         height = -(row % 2)
-        colour = _rgb(action_colour(worth.action))
+        colour = rgb(action_colour(worth.action))
         axes.barh(height, end - begin, left=begin, height=0.42, color=colour, lw=0)
         axes.text(
             (begin + end) / 2, height + 0.27, f"{worth.name} ({worth.total:+.0f})",
-            ha="center", va="bottom", fontsize=7.5, color=_INK, clip_on=True,
+            ha="center", va="bottom", fontsize=7.5, color=INK, clip_on=True,
         )  # fmt: skip
     axes.set(ylim=(-1.4, 0.85), yticks=[])
     _title(axes, "scenelets, and nats lost without each")
@@ -122,17 +130,17 @@ def _gain(axes: Axes, explanation: Explanation) -> None:
         axes.bar(ids, gained, bottom=bottom, width=1.0, color=_TERM_COLOURS[name], lw=0)
         above, below = above + np.maximum(gained, 0), below + np.minimum(gained, 0)
     axes.use_sticky_edges = False  # room above the highest bar
-    axes.axhline(0, color=_QUIET, lw=0.8)
-    axes.set_ylabel("nat a frame", color=_QUIET)
+    axes.axhline(0, color=QUIET, lw=0.8)
+    axes.set_ylabel("nat a frame", color=QUIET)
     _title(axes, "gained over no scenelet")
 
 
 def _sum(axes: Axes, explanation: Explanation) -> None:
     """The same, summed from the first frame on."""
     gained = explanation.frames.total - explanation.bare_frames.total
-    axes.plot(explanation.frame_ids, np.cumsum(gained), color=_INK, lw=1.4)
-    axes.axhline(0, color=_QUIET, lw=0.8)
-    axes.set_ylabel("nat", color=_QUIET)
+    axes.plot(explanation.frame_ids, np.cumsum(gained), color=INK, lw=1.4)
+    axes.axhline(0, color=QUIET, lw=0.8)
+    axes.set_ylabel("nat", color=QUIET)
     _title(axes, "gained so far: what has to pay for path, placement and layout")
 
 
@@ -140,9 +148,9 @@ def _costs(axes: Axes, explanation: Explanation) -> None:
     """What the first of the terms, detections, says of each frame, with the scene and without."""
     ids, name = explanation.frame_ids, next(iter(explanation.frames.terms))
     bare, nats = explanation.bare_frames.terms[name], explanation.frames.terms[name]
-    axes.plot(ids, bare, color=_QUIET, lw=1, label="no scenelet")
+    axes.plot(ids, bare, color=QUIET, lw=1, label="no scenelet")
     axes.plot(ids, nats, color=_TERM_COLOURS[name], lw=1.4, label="scene")
-    axes.set_ylabel("nat a frame", color=_QUIET)
+    axes.set_ylabel("nat a frame", color=QUIET)
     _title(axes, f"{name} alone")
     _legend(axes)
 
@@ -168,19 +176,19 @@ def _worths(axes: Axes, explanation: Explanation) -> None:
         ("without the object alone", explanation.objects),
     ):
         names.append(heading)
-        axes.text(0, row, heading, ha="center", va="center", fontsize=9, color=_QUIET)
+        axes.text(0, row, heading, ha="center", va="center", fontsize=9, color=QUIET)
         for worth in parts:
             row += 1
             seen |= _stack(axes, worth, row)
             spans = ", ".join(f"{ids[a]}-{ids[b]}" for a, b in worth.frames)
             names.append(worth.name if worth.action else f"{worth.name} ({spans})")
         row += 1
-    axes.axvline(0, color=_QUIET, lw=0.8)
+    axes.axvline(0, color=QUIET, lw=0.8)
     axes.set_yticks(range(len(names)), names)
-    _tidy(axes)
+    tidy(axes)
     axes.tick_params(left=False)
     for label, part in zip(axes.get_yticklabels(), _heads_and_parts(explanation), strict=True):
-        label.set_color(_INK if part is None else _rgb(_colour_of(part)))
+        label.set_color(INK if part is None else rgb(_colour_of(part)))
         label.set_visible(part is not None)
     axes.set_ylim(len(names) - 0.4, -0.7)
     axes.use_sticky_edges = False  # room for the numbers beside the bars
@@ -192,7 +200,7 @@ def _worths(axes: Axes, explanation: Explanation) -> None:
     ]
     axes.legend(
         handles=shown, loc="upper center", bbox_to_anchor=(0.5, -0.05), ncols=4,
-        frameon=False, fontsize=8, labelcolor=_INK,
+        frameon=False, fontsize=8, labelcolor=INK,
     )  # fmt: skip
     _title(axes, "nats that the scene would lose")
 
@@ -210,7 +218,7 @@ def _stack(axes: Axes, worth: Worth, row: int) -> set[str]:
         f" {round(worth.total, 1) + 0.0:+.1f}",
         va="center",
         fontsize=8,
-        color=_INK,
+        color=INK,
         fontweight="bold",
     )
     return {name for name, value in worth.terms.items() if abs(value) >= _SHOWN}
@@ -229,27 +237,16 @@ def _edges(span: tuple[int, int], ids: NDArray[np.int64]) -> tuple[float, float]
     return float(ids[span[0]]) - 0.5, float(ids[span[1]]) + 0.5
 
 
-def _tidy(axes: Axes) -> None:
-    axes.spines[["top", "right"]].set_visible(False)
-    axes.spines[["left", "bottom"]].set_color(_LINES)
-    axes.tick_params(colors=_QUIET, labelsize=8)
-
-
 def _title(axes: Axes, text: str) -> None:
-    axes.set_title(text, fontsize=10, color=_INK, loc="left")
+    axes.set_title(text, fontsize=10, color=INK, loc="left")
 
 
 def _legend(axes: Axes) -> None:
     """On the right above the panel, where no curve can run through it."""
     axes.legend(
-        frameon=False, fontsize=8, labelcolor=_INK, ncols=2, loc="lower right",
+        frameon=False, fontsize=8, labelcolor=INK, ncols=2, loc="lower right",
         bbox_to_anchor=(1, 0.96),
     )  # fmt: skip
-
-
-def _rgb(colour: Colour) -> tuple[float, float, float]:
-    red, green, blue = colour
-    return red / 255, green / 255, blue / 255
 
 
 # ------------------------------------------------------------------------------------------------
@@ -259,8 +256,9 @@ _CHAINS: Final = ("#4e79a7", "#f28e2b", "#59a14f", "#b07aa1", "#e15759", "#76b7b
 _AXES: Final = {"across the view": "#4e79a7", "depth": "#f28e2b", "height": "#59a14f"}
 _MARGIN: Final = 0.4
 """Metres around what is drawn."""
-_NAMED: Final = 0.2
-"""Probability below which an object has no name: names would cover each other."""
+
+_BELOW: Final = 0.05
+"""Part of the height of a figure that is left free for differences in words."""
 
 
 def clip_figure(clip: Clip, *, moments: int = 5) -> Figure:
@@ -279,27 +277,21 @@ def clip_figure(clip: Clip, *, moments: int = 5) -> Figure:
     figure = Figure(figsize=(12, 5.6), layout="constrained")
     image, sure = figure.subplots(1, 2, width_ratios=(1.2, 1))
     for track in clip.tracks:
-        known = np.flatnonzero(np.any(np.isfinite(track.keypoints).all(-1), axis=1))
-        for t in known[np.linspace(0, len(known) - 1, moments).round().astype(int)]:
-            light = 0.75 * (1 - (t - known[0]) / max(known[-1] - known[0], 1))
-            for bone in BONES:
-                image.plot(*track.keypoints[t, list(bone)].T, color=(light,) * 3, lw=1.6)
         dots = image.scatter(
-            *track.keypoints[known].reshape(-1, 2).T, c=track.confidences[known].ravel(), s=3,
+            *track.keypoints.reshape(-1, 2).T, c=track.confidences.ravel(), s=3,
             cmap="RdYlGn", vmin=0, vmax=1, alpha=0.5, lw=0, zorder=0,
         )  # fmt: skip
-    image.set(xlim=(0, clip.camera.width), ylim=(clip.camera.height, 0), aspect="equal")
-    image.set_title("2D joints, earlier poses lighter", color=_INK, fontsize=10)
+    draw_clip(image, clip, moments=moments)
+    image.set_title("2D joints, earlier poses lighter", color=INK, fontsize=10)
     confidences, ids = everybody(clip).confidences, in_a_row(clip)
     shown = np.where(confidences > 0, confidences, np.nan).T
     edges = (ids[0] - 0.5, ids[-1] + 0.5, len(JOINTS) - 0.5, -0.5)
     sure.imshow(shown, aspect="auto", cmap="RdYlGn", vmin=0, vmax=1, extent=edges)
     sure.set_yticks(range(len(JOINTS)), JOINTS, fontsize=7)
-    sure.set_title("confidence; white where nothing was detected", color=_INK, fontsize=10)
+    sure.set_title("confidence; white where nothing was detected", color=INK, fontsize=10)
     _people_in_a_row(sure, clip)
     figure.colorbar(dots, ax=sure, shrink=0.7)
-    for axes in (image, sure):
-        _tidy(axes)
+    tidy(sure)
     return figure
 
 
@@ -322,22 +314,28 @@ def scenes_figure(posterior: Posterior, count: int = 4) -> Figure:
     low, high = _bounds(np.concatenate(everything))
     figure = _floors(low, high, len(scenes), width=3.6)
     panels = np.atleast_1d(figure.subplots(1, len(scenes), sharex=True, sharey=True))
-    clip, truth = posterior.clip, posterior.clip.truth
+    people, truth = len(posterior.clip.tracks), posterior.clip.truth
     for i, (axes, weighted) in enumerate(zip(panels, scenes, strict=True), 1):
         for ghost in weighted.ghosts:
-            for joints in by_person(clip, ghost):
-                axes.plot(*joints[:, PELV, :2].T, color=_QUIET, lw=0.5, alpha=0.7)
-        for joints in by_person(clip, weighted.scene.joints):
-            axes.plot(*joints[:, PELV, :2].T, color=_INK, lw=1.4)
-        for o in weighted.scene.objects:
-            _furniture(axes, o)
-        for o in truth.objects if truth is not None else ():
-            axes.add_patch(Polygon(o.footprint, fill=False, ec=_QUIET, lw=0.9, ls="--"))
+            draw_paths(axes, ghost, people=people, label="other draws", quiet=True)
+        draw_paths(axes, weighted.scene.joints, people=people, label="pelvis")
+        draw_furniture(axes, weighted.scene.objects)
+        draw_outlines(axes, truth.objects if truth is not None else (), label="truth")
         title = f"{i}: p = {weighted.probability:.2f} ± {weighted.error:.2f}"
-        axes.set_title(title, color=_INK, fontsize=11)
-        axes.set_xlabel(_wrapped(weighted.difference), color=_INK, fontsize=8)
-        _floor(axes)
+        axes.set_title(title, color=INK, fontsize=11)
+        name_axes_of_floor(axes)
+        told = f"{axes.get_xlabel()}\n{_wrapped(weighted.difference)}".rstrip()
+        axes.set_xlabel(told, color=INK, fontsize=8)
+        axes.label_outer()
     panels[0].set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
+    # The layout leaves room for less than the four lines that a label may have.
+    figure.set_layout_engine("constrained", rect=(0, _BELOW, 1, 1 - _BELOW))
+    entries = dict(zip(*panels[0].get_legend_handles_labels()[::-1], strict=True))
+    paths = [entries[name] for name in entries if name.startswith(("pelvis", "other", "truth"))]
+    figure.legend(
+        handles=paths, loc="outside upper center", ncols=4, fontsize=8, frameon=False,
+        labelcolor=INK,
+    )  # fmt: skip
     return figure
 
 
@@ -357,22 +355,13 @@ def floor_figure(posterior: Posterior) -> Figure:
     low, high = _bounds(np.concatenate([best, *(c.positions for c in clusters)]))
     figure = _floors(low, high, 2, width=6.0)
     left, right = figure.subplots(1, 2, sharex=True, sharey=True)
-    if occupancy.categories:
-        hue = np.array([_rgb(category_colour(c)) for c in occupancy.categories])
-        kind = occupancy.by_category.argmax(0)
-        picture = 1 - occupancy.anything[..., None] * (1 - hue[kind])
-        half = occupancy.cell / 2
-        x, y = occupancy.x, occupancy.y
-        edges = (x[0] - half, x[-1] + half, y[0] - half, y[-1] + half)
-        left.imshow(picture, origin="lower", extent=edges, interpolation="nearest")
-    left.set_title("what stands where, over all draws", color=_INK, fontsize=11)
-    for c in clusters:
-        _regions(right, c)
-    right.set_title("objects: draws, and regions of 50 and 90 %", color=_INK, fontsize=11)
+    draw_occupancy(left, occupancy)
+    left.set_title("what stands where, over all draws", color=INK, fontsize=11)
+    draw_clusters(right, clusters)
+    right.set_title("objects: draws, and regions of 50 and 90 %", color=INK, fontsize=11)
     for axes in (left, right):
         for path in by_person(posterior.clip, best):
-            axes.plot(*path.T, color=_INK, lw=1.0, alpha=0.7)
-        _floor(axes)
+            axes.plot(*path.T, color=INK, lw=1.0, alpha=0.7)
     left.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
     return figure
 
@@ -396,18 +385,18 @@ def hidden_figure(posterior: Posterior) -> Figure:
         hidden.probability.T, aspect="auto", cmap="Purples", vmin=0, vmax=1, extent=edges
     )
     grid.set_yticks(range(len(JOINTS)), JOINTS, fontsize=7)
-    grid.set_title("probability that a joint is hidden", color=_INK, fontsize=11)
+    grid.set_title("probability that a joint is hidden", color=INK, fontsize=11)
     figure.colorbar(shades, ax=grid)
-    count.plot(ids, hidden.probability.sum(-1), color=_QUIET, lw=1, ls="--", label="by anything")
+    count.plot(ids, hidden.probability.sum(-1), color=QUIET, lw=1, ls="--", label="by anything")
     for c, by in zip(hidden.clusters, hidden.by_object, strict=True):
         if by.any():
             name = f"{c.label} at ({c.mean[0]:.1f}, {c.mean[1]:.1f})"
-            count.plot(ids, by.sum(-1), color=_rgb(category_colour(c.label)), lw=1.6, label=name)
+            count.plot(ids, by.sum(-1), color=rgb(category_colour(c.label)), lw=1.6, label=name)
     _people_in_a_row(count, posterior.clip)
-    count.set_ylabel("joints hidden", color=_INK)
+    count.set_ylabel("joints hidden", color=INK)
     count.legend(fontsize=8, frameon=False)
     for axes in (grid, count):
-        _tidy(axes)
+        tidy(axes)
     return figure
 
 
@@ -432,17 +421,17 @@ def person_figure(posterior: Posterior) -> Figure:
     truth = posterior.clip.truth
     if truth is not None:
         true = truth.joints[:, PELV, 1]
-        depth.plot(ids[: len(true)], true, color=_INK, lw=1, ls="--", label="truth")
-    depth.set_ylabel("depth of the pelvis [m]", color=_INK)
+        depth.plot(ids[: len(true)], true, color=INK, lw=1, ls="--", label="truth")
+    depth.set_ylabel("depth of the pelvis [m]", color=INK)
     depth.legend(fontsize=8, frameon=False)
     for axis, (name, colour) in enumerate(_AXES.items()):
         sure.plot(ids, 100 * spread[:, axis], color=colour, lw=1.6, label=name)
-    sure.set_ylabel("standard deviation [cm]", color=_INK)
+    sure.set_ylabel("standard deviation [cm]", color=INK)
     sure.set_ylim(bottom=0)
     sure.legend(fontsize=8, frameon=False)
     for axes in (depth, sure):
         _people_in_a_row(axes, posterior.clip)
-        _tidy(axes)
+        tidy(axes)
     return figure
 
 
@@ -465,13 +454,13 @@ def nuisance_figure(posterior: Posterior) -> Figure:
         x = np.linspace(low, high, 200)
         z = (x - one.prior_mean) / one.prior_standard_deviation
         prior = np.exp(-0.5 * z**2) / (np.sqrt(2 * np.pi) * one.prior_standard_deviation)
-        axes.fill_between(x, prior, color=_LINES)
+        axes.fill_between(x, prior, color=LINES)
         axes.hist(one.draws.ravel(), bins=30, density=True, color=_CHAINS[0], alpha=0.7)
         unit = "" if one.unit == "1" else f" [{one.unit}]"
-        axes.set_title(one.name.replace("_", " ") + unit, color=_INK, fontsize=10)
-        axes.set_xlabel(f"{100 * one.contraction:.0f} % learned", color=_INK, fontsize=9)
+        axes.set_title(one.name.replace("_", " ") + unit, color=INK, fontsize=10)
+        axes.set_xlabel(f"{100 * one.contraction:.0f} % learned", color=INK, fontsize=9)
         axes.set_yticks([])
-        _tidy(axes)
+        tidy(axes)
     return figure
 
 
@@ -491,23 +480,23 @@ def chains_figure(posterior: Posterior) -> Figure:
     trace, scene, moves = figure.subplots(1, 3, width_ratios=(1.4, 1, 1))
     for c, values in enumerate(samples.log_posterior):
         trace.plot(values, color=_CHAINS[c % len(_CHAINS)], lw=0.8, label=f"chain {c + 1}")
-    trace.set_title("log posterior [nat]", color=_INK, fontsize=11)
-    trace.set_xlabel("draw", color=_INK)
+    trace.set_title("log posterior [nat]", color=INK, fontsize=11)
+    trace.set_xlabel("draw", color=INK)
     trace.legend(fontsize=8, frameon=False)
     by_chain = np.asarray(shares.by_chain)[:, :5]
     width = 0.8 / len(by_chain)
     for c, own in enumerate(by_chain):
         at = 1 + np.arange(len(own)) + (c - (len(by_chain) - 1) / 2) * width
         scene.bar(at, own, width, color=_CHAINS[c % len(_CHAINS)])
-    scene.set_title("probability of each scene, by chain", color=_INK, fontsize=11)
+    scene.set_title("probability of each scene, by chain", color=INK, fontsize=11)
     scene.set_xticks(1 + np.arange(by_chain.shape[1]))
-    scene.set_xlabel("scene", color=_INK)
+    scene.set_xlabel("scene", color=INK)
     rates = sorted(samples.acceptance.rates().items(), key=lambda item: item[1])
-    moves.barh([name for name, _ in rates], [100 * rate for _, rate in rates], color=_QUIET)
-    moves.set_title("moves accepted [%]", color=_INK, fontsize=11)
+    moves.barh([name for name, _ in rates], [100 * rate for _, rate in rates], color=QUIET)
+    moves.set_title("moves accepted [%]", color=INK, fontsize=11)
     moves.tick_params(axis="y", labelsize=8)
     for axes in (trace, scene, moves):
-        _tidy(axes)
+        tidy(axes)
     return figure
 
 
@@ -515,47 +504,9 @@ def _people_in_a_row(axes: Axes, clip: Clip) -> None:
     """Name the axis of frames; of several people it has one after the other."""
     names = [track.name for track in clip.tracks]
     said = f", of {', then '.join(names)}" if len(names) > 1 else ""
-    axes.set_xlabel(f"frame{said}", color=_INK)
+    axes.set_xlabel(f"frame{said}", color=INK)
     for person in range(1, len(names)):
-        axes.axvline(clip.frame_ids[0] + person * clip.n_frames - 0.5, color=_INK, lw=0.8)
-
-
-def _furniture(axes: Axes, o: SceneObject) -> None:
-    """One object from above: its parts, lower ones first, and its name."""
-    colour = _rgb(category_colour(o.label))
-    for part in sorted(o.cuboids, key=lambda c: float(c.centre[2] + c.size[2] / 2)):
-        corners = np.array([(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)]) * part.size / 2
-        outline = o.placement.apply(part.centre + corners)[:, :2]
-        axes.add_patch(Polygon(outline, fc=(*colour, 0.3), ec=colour, lw=0.8))
-    _name(axes, o.centre, o.label)
-
-
-def _regions(axes: Axes, cluster: ObjectCluster) -> None:
-    """The draws of an object, and the ellipses that hold 50 and 90 % of them."""
-    colour = _rgb(category_colour(cluster.label))
-    faint = float(np.clip(cluster.presence, 0.2, 1.0))
-    x, y = cluster.positions.T
-    axes.scatter(x, y, s=3, color=colour, alpha=0.25 * faint, lw=0)
-    for share, style in ((0.5, "-"), (0.9, "--")):
-        region = cluster.region(share)
-        middle = (float(region.centre[0]), float(region.centre[1]))
-        width, height = (2 * region.half_axes).tolist()
-        turn = float(np.degrees(region.angle))
-        axes.add_patch(
-            Ellipse(
-                middle, width, height, angle=turn, fill=False, ec=colour, ls=style, lw=1.4,
-                alpha=faint,
-            )
-        )  # fmt: skip
-    if cluster.presence >= _NAMED:
-        labels = [f"{name} {share:.2f}" for name, share in list(cluster.labels.items())[:2]]
-        told = labels if len(cluster.labels) > 1 else [cluster.label]
-        _name(axes, cluster.mean, "\n".join([f"p = {cluster.presence:.2f}", *told]))
-
-
-def _name(axes: Axes, place: Array, text: str) -> None:
-    x, y = place[:2].tolist()
-    axes.annotate(text, (x, y), color=_INK, fontsize=8, ha="center", va="center")
+        axes.axvline(clip.frame_ids[0] + person * clip.n_frames - 0.5, color=INK, lw=0.8)
 
 
 def _bounds(points: Array) -> tuple[Array, Array]:
@@ -567,14 +518,7 @@ def _floors(low: Array, high: Array, count: int, *, width: float) -> Figure:
     """A figure for ``count`` views from above of a part of the floor, as high as they need."""
     across, away = high - low
     height = float(np.clip(width * away / across, 2.0, 6.0))
-    return Figure(figsize=(width * count, height + 0.9), layout="constrained")
-
-
-def _floor(axes: Axes) -> None:
-    axes.set_aspect("equal")
-    axes.grid(color=_LINES, lw=0.6)
-    axes.set_axisbelow(True)
-    _tidy(axes)
+    return Figure(figsize=(width * count, height + 1.1), layout="constrained")
 
 
 def _wrapped(text: str, width: int = 42) -> str:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 import xarray as xr
@@ -22,7 +22,6 @@ from imapper_prob.models.errors import InputError
 from imapper_prob.models.log_posterior import camera_at, motion
 from imapper_prob.models.scene import Clip, Scene, SceneObject
 from imapper_prob.models.skeleton import PELV
-from imapper_prob.models.text import brief
 from imapper_prob.people import by_person
 from imapper_prob.samplers.diagnostics import (
     LayoutProbabilities,
@@ -33,6 +32,7 @@ from imapper_prob.sampling.sample import Samples
 from imapper_prob.solver.limbs import Limbs, limbs_of
 from imapper_prob.uncertainty.checks import Check, alarms, checks_of, from_json
 from imapper_prob.uncertainty.estimate import drawn_objects
+from imapper_prob.uncertainty.furniture import FurnitureOfDraws, object_draws
 from imapper_prob.uncertainty.scenes import (
     Representative,
     WeightedScene,
@@ -48,6 +48,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     import xarray
+    from matplotlib.axes import Axes
+    from rerun_notebook import Viewer
 
     from imapper_prob.recording.posterior import Certainty, DrawnChain
     from imapper_prob.uncertainty.clusters import ObjectCluster
@@ -88,6 +90,10 @@ class Posterior:
     True
     >>> posterior.converged
     False
+    >>> posterior[0].probability >= posterior[-1].probability
+    True
+    >>> len(posterior) == len([scene.objects for scene in posterior])
+    True
     """
 
     solution: Source
@@ -96,7 +102,43 @@ class Posterior:
     seconds: Mapping[str, float] = field(default_factory=dict, repr=False)
     stored: xarray.DataTree | None = field(default=None, repr=False)
 
-    __repr__ = brief
+    def __repr__(self) -> str:
+        chains, draws = self.samples.shape
+        return (
+            f"Posterior(clip={self.clip.name!r}, chains={chains}, draws={draws}, "
+            f"layouts={len(self.samples.layouts.leaders)}, verdict={self.samples.verdict.text!r})"
+        )
+
+    def __len__(self) -> int:
+        """How many scenes there are."""
+        return len(self.scene_probabilities.layouts)
+
+    def __iter__(self) -> Iterator[WeightedScene]:
+        """All scenes, the most probable first."""
+        return (self._scene_at(rank) for rank in range(len(self)))
+
+    @overload
+    def __getitem__(self, index: int) -> WeightedScene: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> tuple[WeightedScene, ...]: ...
+
+    def __getitem__(self, index: int | slice) -> WeightedScene | tuple[WeightedScene, ...]:
+        """A scene, or some of them; ``posterior[0]`` is the most probable.
+
+        Raises
+        ------
+        IndexError
+            There are not so many.
+        """
+        if isinstance(index, slice):
+            return tuple(self._scene_at(rank) for rank in range(len(self))[index])
+        try:
+            return self._scene_at(range(len(self))[index])
+        except IndexError:
+            raise IndexError(
+                f"scene [{index}]: the run has {len(self)}, counted from [0]"
+            ) from None
 
     @property
     def clip(self) -> Clip:
@@ -408,14 +450,19 @@ class Posterior:
             Along ``object``, the most probable first: ``label`` with its ``label_probability`` if
             it is there, ``presence`` and its ``presence_error``, ``x`` and ``y`` in the world with
             standard deviations ``x_sd`` and ``y_sd``, ``yaw`` and ``yaw_sd``; units are in the
-            attributes. ``to_dataframe()`` makes it a table of pandas.
+            attributes. ``to_dataframe()`` makes it a table of pandas. The coordinate ``object``
+            has the names that objects have in :meth:`to_arviz`.
 
         Examples
         --------
+        >>> posterior.summary()["object"].values.tolist()
+        ['couch', 'table']
         >>> posterior.summary()["label"].values.tolist()
         ['couch', 'table']
         """
         from xarray import Dataset
+
+        from imapper_prob.uncertainty.clusters import names_of
 
         found = self.clusters()
         spread = np.array([np.sqrt(np.diag(c.covariance)) for c in found]).reshape(-1, 2)
@@ -437,7 +484,7 @@ class Posterior:
                 name: ("object", np.asarray(values), {"units": unit} if unit else {})
                 for name, (values, unit) in columns.items()
             },
-            coords={"object": np.arange(1, len(found) + 1)},
+            coords={"object": np.array(names_of(found), dtype=np.str_)},
         )
 
     def _repr_html_(self) -> str:
@@ -451,6 +498,93 @@ class Posterior:
         save_figure(scenes_figure(self), drawn, dpi=100, format="svg")
         picture = drawn.getvalue().decode()
         return f"<p>{escape(self.verdict)}</p>{picture[picture.index('<svg') :]}"
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw from above what stands where over all draws, and the path of the best scene.
+
+        Objects are those of :meth:`clusters`: their draws, and the regions of 50 and 90 %.
+
+        Parameters
+        ----------
+        ax : matplotlib.axes.Axes, optional
+            Those of a new figure if not given.
+
+        Returns
+        -------
+        matplotlib.axes.Axes
+
+        Examples
+        --------
+        >>> axes = posterior.plot()
+        >>> axes.get_xlabel(), axes.get_ylabel()
+        ('x, to the right [m]', 'y, away from the camera [m]')
+        """
+        from imapper_prob.models.drawing import axes_for, draw_outlines, draw_paths
+        from imapper_prob.uncertainty.drawing import draw_clusters
+
+        axes, truth = axes_for(ax, size=(6.4, 5.6)), self.clip.truth
+        people = len(self.clip.tracks)
+        draw_paths(axes, self[0].scene.joints, people=people, label="pelvis")
+        draw_outlines(axes, truth.objects if truth is not None else (), label="truth")
+        draw_clusters(axes, self.clusters())
+        return axes
+
+    def to_arviz(self) -> xarray.DataTree:
+        """Draws for ArviZ, furniture among them.
+
+        The group ``posterior`` has camera and body, and of every object of :meth:`clusters` by its
+        name ``presence``, ``x``, ``y``, ``yaw``, ``width``, ``depth`` and ``height`` along
+        ``object``. Where a draw lacks the object all but ``presence`` is NaN: pass
+        ``skipna=True`` to have means and intervals given that it is there. R-hat and effective
+        draws of such an object are those of its ``presence``.
+
+        Returns
+        -------
+        DataTree
+            Groups ``posterior``, ``sample_stats``, ``observed_data`` and ``constant_data``.
+
+        Examples
+        --------
+        >>> tree = posterior.to_arviz()
+        >>> tree["posterior"]["x"].dims
+        ('chain', 'draw', 'object')
+        >>> import arviz_stats as az
+        >>> table = az.summary(tree, var_names=["x", "y"], skipna=True)
+        >>> table.index.tolist()
+        ['x[couch]', 'x[table]', 'y[couch]', 'y[table]']
+        """
+        names = ("posterior", "sample_stats", "observed_data", "constant_data")
+        groups = {name: self.data[name].to_dataset() for name in names}
+        groups["posterior"] = groups["posterior"].merge(self._object_draws)
+        tree: xr.DataTree = xr.DataTree.from_dict(groups)
+        tree.attrs = self.data.attrs
+        return tree
+
+    @cached_property
+    def _object_draws(self) -> xarray.Dataset:
+        if self.stored is not None and "furniture" in self.stored.children:
+            return self.stored["furniture"].to_dataset()
+        return object_draws(self.clusters(), self.furniture, self.samples.shape)
+
+    def to_dataframe(self) -> Any:
+        """Every object of every draw as a row of a table.
+
+        Returns
+        -------
+        pandas.DataFrame
+            Rows by ``chain``, ``draw`` and ``object``, where the draw has the object: ``x``, ``y``,
+            ``width``, ``depth`` and ``height`` in metres, ``yaw`` in radians.
+
+        Examples
+        --------
+        >>> table = posterior.to_dataframe()
+        >>> list(table.columns)
+        ['x', 'y', 'yaw', 'width', 'depth', 'height']
+        >>> places = table.groupby("object")[["x", "y"]].mean()
+        """
+        table = self._object_draws.to_dataframe()
+        there = table.pop("presence") > 0
+        return table[there]
 
     @cached_property
     def data(self) -> xarray.DataTree:
@@ -466,11 +600,16 @@ class Posterior:
         if self.stored is not None:
             return self.stored
         return posterior_tree(
-            self.solution, self.samples, self.config, seconds=self.seconds, checks=self.checks
+            self.solution,
+            self.samples,
+            self.config,
+            self._object_draws,
+            seconds=self.seconds,
+            checks=self.checks,
         )
 
     @cached_property
-    def furniture(self) -> tuple[tuple[SceneObject, ...], ...]:
+    def furniture(self) -> FurnitureOfDraws:
         """The furniture of each draw as it may stand, in the draw's world.
 
         ``samples.objects`` is where the scenelets say that it stands.
@@ -481,7 +620,9 @@ class Posterior:
         True
         """
         rng, settings = np.random.default_rng(self.config.seed), self.config.model
-        return tuple(drawn_objects(rng, objects, settings) for objects in self.samples.objects)
+        return FurnitureOfDraws(
+            drawn_objects(rng, objects, settings) for objects in self.samples.objects
+        )
 
     def occupancy(self, *, cell: float = 0.1) -> Occupancy:
         """Probability by category that a place on the floor is covered.
@@ -653,6 +794,37 @@ class Posterior:
             acceptance=self.samples.acceptance.rates(),
             video=None if video is None else read_video(video, self.clip),
         )
+
+    def view(self, *, video: str | Path | None = None) -> Viewer:
+        """The recording as a notebook's output; from a shell it is ``imapper-prob view DIR``.
+
+        Parameters
+        ----------
+        video : path, optional
+            See :meth:`record`.
+
+        Returns
+        -------
+        rerun_notebook.Viewer
+            Turned with the mouse, with a timeline; works without a network.
+
+        Raises
+        ------
+        InputError
+            rerun's notebook package is not installed.
+
+        Examples
+        --------
+        >>> posterior.view()  # doctest: +SKIP
+        """
+        from tempfile import TemporaryDirectory
+
+        from imapper_prob.recording.video import recording_widget
+
+        with TemporaryDirectory() as folder:
+            recording = Path(folder) / "recording.rrd"
+            self.record(recording, video=video)
+            return recording_widget(recording)
 
     def report(self, path: str | Path) -> None:
         """Write the report, one HTML page that needs nothing else.

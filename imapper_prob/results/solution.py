@@ -23,6 +23,7 @@ from rich.table import Table
 
 from imapper_prob.files import written_whole
 from imapper_prob.layouts import placed_objects
+from imapper_prob.models.drawing import axes_for
 from imapper_prob.models.log_posterior import State, empty_state, motion
 from imapper_prob.models.scene import SceneObject
 from imapper_prob.models.skeleton import PELV
@@ -40,6 +41,7 @@ __all__ = [
     "charness_figure",
     "furniture_table",
     "maxima_table",
+    "plot_charness",
     "scenes_table",
     "stage_table",
     "write_solution",
@@ -375,23 +377,46 @@ def charness_figure(solved: Solved) -> Figure:
     figure = Figure(figsize=(11, 0.8 + 2.6 * len(solved.actors)), layout="constrained")
     rows = figure.subplots(len(solved.actors), 1, sharex=True, sharey=True, squeeze=False)
     for axes, actor in zip(rows[:, 0], solved.actors, strict=True):
-        _charness(axes, actor)
+        plot_charness(actor, axes)
         name = f", {actor.clip.tracks[0].name}" if len(solved.actors) > 1 else ""
-        _title(axes, f"{solved.clip.name}{name}: how characteristic the motion is of furniture")
-    rows[0, 0].legend(
-        frameon=False, fontsize=8, labelcolor=_INK, ncols=4, loc="lower right",
-        bbox_to_anchor=(1, 1),
-    )  # fmt: skip
-    rows[-1, 0].set_xlabel("frame", color=_INK)
+        _title(axes, f"{solved.clip.name}{name}")
+        axes.label_outer()
     return figure
 
 
-def _charness(axes: Axes, actor: Solution) -> None:
+def plot_charness(actor: Solution, ax: Axes | None = None) -> Axes:
+    """Draw the charness of one person's motion over the clip, and its maxima.
+
+    Grey bands are frames whose pose was filled in, red ones detections that the path leaves.
+
+    Parameters
+    ----------
+    actor : Solution
+    ax : matplotlib.axes.Axes, optional
+        Those of a new figure if not given.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+
+    Examples
+    --------
+    >>> axes = plot_charness(im.solve(clip, library).actors[0])
+    >>> axes.get_xlabel(), axes.get_ylabel()
+    ('frame', 'charness [1]')
+    """
+    axes = axes_for(ax, size=(9.0, 3.2))
     ids, curve = actor.clip.frame_ids, actor.curve
     frames = ids[curve.centres]
-    for flags, colour in ((actor.frames.filled, _QUIET), (actor.frames.outlier, _ACCENT)):
-        for first, last in _runs(flags):
-            axes.axvspan(ids[first] - 0.5, ids[last] + 0.5, color=colour, alpha=0.15, lw=0)
+    bands = (
+        (actor.frames.filled, _QUIET, "pose filled in"),
+        (actor.frames.outlier, _ACCENT, "detections left"),
+    )
+    for flags, colour, label in bands:
+        for k, (first, last) in enumerate(_runs(flags)):
+            named = label if k == 0 else None
+            edges = (ids[first] - 0.5, ids[last] + 0.5)
+            axes.axvspan(*edges, color=colour, alpha=0.15, lw=0, label=named)
     axes.plot(frames, curve.raw, ".", ms=3, color=_QUIET, label="best fits of a window")
     axes.plot(frames, curve.values, color=_INK, lw=1.6, label="smoothed")
     for dropped, inside, label in ((False, _ACCENT, "maximum"), (True, "white", "dropped")):
@@ -402,8 +427,14 @@ def _charness(axes: Axes, actor: Solution) -> None:
         )  # fmt: skip
     axes.set_ylim(bottom=0)
     axes.set_xlim(ids[0] - 0.5, ids[-1] + 0.5)
-    axes.set_ylabel("charness", color=_QUIET)
+    axes.set_xlabel("frame", color=_INK)
+    axes.set_ylabel("charness [1]", color=_INK)
+    axes.legend(
+        frameon=False, fontsize=8, labelcolor=_INK, ncols=6, loc="lower right",
+        bbox_to_anchor=(1, 1),
+    )  # fmt: skip
     _tidy(axes)
+    return axes
 
 
 def candidate_figure(solved: Solved) -> Figure:

@@ -12,17 +12,21 @@ import warnings
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import linear_sum_assignment
 
 from imapper_prob.layouts import SEATS
+from imapper_prob.models.drawing import axes_for
 from imapper_prob.models.scene import FRONTLESS, SceneObject
-from imapper_prob.models.text import brief
 from imapper_prob.samplers.diagnostics import ShortChainWarning, mean_error
 
-__all__ = ["ObjectCluster", "circular_mean_and_spread", "object_clusters", "region_of"]
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+__all__ = ["ObjectCluster", "circular_mean_and_spread", "names_of", "object_clusters", "region_of"]
 
 Array = NDArray[np.float64]
 _FINEST = 0.001
@@ -134,7 +138,10 @@ class ObjectCluster:
     members: Ints
     typical: SceneObject
 
-    __repr__ = brief
+    def __repr__(self) -> str:
+        x, y = self.mean
+        there = f"p = {self.presence:.2f} ± {self.presence_error:.2f}"
+        return f"ObjectCluster({self.label!r:.60}, {there}, at ({x:.2f}, {y:.2f}) m)"
 
     @property
     def label(self) -> str:
@@ -167,6 +174,52 @@ class ObjectCluster:
         Region
         """
         return region_of(self.positions, share)
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw from above where the draws have it, and the regions of 50 and 90 %.
+
+        Parameters
+        ----------
+        ax : matplotlib.axes.Axes, optional
+            Those of a new figure if not given.
+
+        Returns
+        -------
+        matplotlib.axes.Axes
+
+        Examples
+        --------
+        >>> axes = posterior.clusters()[0].plot()
+        >>> axes.get_legend().get_texts()[0].get_text()
+        'couch, p = 1.00'
+        """
+        from imapper_prob.uncertainty.drawing import draw_clusters
+
+        axes = axes_for(ax, size=(4.6, 4.2))
+        draw_clusters(axes, [self])
+        return axes
+
+
+def names_of(clusters: Sequence[ObjectCluster]) -> tuple[str, ...]:
+    """A name for each object: its most probable label, numbered where others share it.
+
+    Parameters
+    ----------
+    clusters : sequence of ObjectCluster
+        The most probable first.
+
+    Returns
+    -------
+    tuple of str
+        Such as ``("couch", "table", "table 2")``.
+    """
+    met: Counter[str] = Counter()
+    names = []
+    for cluster in clusters:
+        met[cluster.label] += 1
+        number = met[cluster.label]
+        names.append(cluster.label if number == 1 else f"{cluster.label} {number}")
+    return tuple(names)
 
 
 def object_clusters(

@@ -8,13 +8,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from imapper_prob.models.drawing import axes_for
 from imapper_prob.models.scene import SceneObject
 from imapper_prob.models.text import brief
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 __all__ = ["Occupancy", "occupancy"]
 
@@ -74,6 +78,33 @@ class Occupancy:
         found = self.by_category[:, gap_y.argmin(), gap_x.argmin()]
         order = np.argsort(-found, kind="stable")
         return {self.categories[k]: float(found[k]) for k in order}
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw the map from above: a cell is as strong in colour as it is probably covered.
+
+        Its hue is that of the category most probable there; the legend has the probability of the
+        surest cell of each.
+
+        Parameters
+        ----------
+        ax : matplotlib.axes.Axes, optional
+            Those of a new figure if not given.
+
+        Returns
+        -------
+        matplotlib.axes.Axes
+
+        Examples
+        --------
+        >>> axes = posterior.occupancy().plot()
+        >>> axes.get_legend().get_texts()[0].get_text()
+        'couch, at most p = 1.00'
+        """
+        from imapper_prob.uncertainty.drawing import draw_occupancy
+
+        axes = axes_for(ax, size=(5.6, 4.6))
+        draw_occupancy(axes, self)
+        return axes
 
 
 def occupancy(draws: Sequence[Sequence[SceneObject]], *, cell: float = 0.1) -> Occupancy:

@@ -9,20 +9,24 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
+from html import escape
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.layouts import match_objects, pair_objects, turn
+from imapper_prob.models.drawing import INK, axes_for, draw_paths, picture_of
 from imapper_prob.models.geometry import pack_boxes, sight_clearance
 from imapper_prob.models.log_posterior import State
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.scene import Clip, Scene, SceneObject
 from imapper_prob.models.skeleton import DETECTED
-from imapper_prob.models.text import brief
 from imapper_prob.people import everybody
 from imapper_prob.sampling.sample import Samples
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 __all__ = [
     "APART",
@@ -115,12 +119,47 @@ class WeightedScene:
     difference: str = ""
     draw: int = -1
 
-    __repr__ = brief
+    def __repr__(self) -> str:
+        names = ", ".join(o.label for o in self.scene.objects) or "nothing"
+        return f"WeightedScene(p = {self.probability:.2f} ± {self.error:.2f}: {names:.200})"
 
     @property
     def objects(self) -> tuple[SceneObject, ...]:
         """The furniture of the representative draw, in its world."""
         return self.scene.objects
+
+    def plot(self, ax: Axes | None = None, *, people: int = 1) -> Axes:
+        """Draw the scene from above with its probability; in grey other draws of the path.
+
+        Parameters
+        ----------
+        ax : matplotlib.axes.Axes, optional
+            Those of a new figure if not given.
+        people : int
+            How many people's frames the motion has one after the other.
+
+        Returns
+        -------
+        matplotlib.axes.Axes
+
+        Examples
+        --------
+        >>> axes = posterior[0].plot()
+        >>> axes.get_title().startswith("p = ")
+        True
+        """
+        axes = axes_for(ax, size=(5.0, 4.6))
+        for number, ghost in enumerate(self.ghosts):
+            draw_paths(
+                axes, ghost, people=people, label=None if number else "other draws", quiet=True
+            )
+        self.scene.plot(axes, people=people)
+        axes.set_title(f"p = {self.probability:.2f} ± {self.error:.2f}", color=INK, fontsize=11)
+        return axes
+
+    def _repr_html_(self) -> str:
+        """The scene from above, with its text, for a notebook."""
+        return f"<p>{escape(repr(self))}</p>{picture_of(self.plot, size=(5.0, 4.6))}"
 
 
 # ------------------------------------------------------------------------------------------------

@@ -35,6 +35,7 @@ from imapper_prob.models.path_prior import CAMERA
 from imapper_prob.models.problem import Problem, resample
 from imapper_prob.models.scene import Clip, SceneObject
 from imapper_prob.models.scenelet import Library
+from imapper_prob.models.text import brief
 from imapper_prob.models.valid import check_problem, check_state
 from imapper_prob.samplers.diagnostics import LayoutProbabilities
 from imapper_prob.samplers.reversible_jump import AcceptanceTable
@@ -193,6 +194,8 @@ class StoredSource:
     library: Library
     problem: Problem
     best_fits: NDArray[np.float64]
+
+    __repr__ = brief
 
 
 def source_groups(source: Source, chosen: Ints) -> dict[str, xr.Dataset]:
@@ -522,13 +525,9 @@ def _own(chosen: Ints, scenelets: Ints) -> Ints:
 
 
 def _objects(library: Library, state: State, origins: Ints) -> tuple[SceneObject, ...]:
-    placed = placed_objects(state, library)
     counts = np.array([len(library[s].objects) for s in state.items[:, 0]], np.int64)
     _check_origins(origins, len(state.items), counts)
-    first: dict[int, int] = {}
-    for index, (slot, _) in enumerate(placed):
-        first.setdefault(slot, index)
-    return tuple(placed[first[slot] + number][1] for slot, number in origins.tolist())
+    return tuple(o for _, o in placed_objects(state, library, only=origins.tolist()))
 
 
 def _probabilities(group: xr.Dataset, n_draws: int) -> LayoutProbabilities:

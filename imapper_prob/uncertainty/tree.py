@@ -4,6 +4,8 @@ Groups, as ArviZ names them:
 
 ``posterior``      camera, body and mean depth of each draw: what every draw has whatever its
                    dimension, and can vary freely, as plots of ArviZ want it
+``furniture``      matched objects by name (:mod:`imapper_prob.uncertainty.furniture`): presence,
+                   place and size in each draw, NaN where a draw lacks the object
 ``counts``         numbers of scenelets and objects, and the layout; in a good run they may be
                    the same in all draws
 ``motion``         by frame the pelvis, the probability that the detector took left for right,
@@ -167,6 +169,7 @@ def posterior_tree(
     source: Source,
     samples: Samples,
     config: Config,
+    furniture: xr.Dataset,
     *,
     seconds: Mapping[str, float] | None = None,
     checks: Iterable[Check] = (),
@@ -180,6 +183,8 @@ def posterior_tree(
     source : Source
     samples : Samples
     config : Config
+    furniture : Dataset
+        Of :func:`imapper_prob.uncertainty.furniture.object_draws`.
     seconds : mapping of str to float, optional
         How long each part of the run took by the clock on the wall.
     checks : iterable of Check
@@ -218,6 +223,7 @@ def posterior_tree(
     seen, chosen = everybody(clip), _drawn_scenelets(samples)
     groups = {
         "posterior": xr.Dataset(_labelled(posterior)),
+        "furniture": furniture,
         "counts": xr.Dataset(_labelled(counts)),
         "motion": xr.Dataset(_labelled(moved), {**frames, "axis": list("xyz")}),
         "draws": xr.Dataset(_labelled(_padded(source, samples))),

@@ -65,5 +65,8 @@ def test_named_tuples_as_well() -> None:
 def test_what_people_type_first_is_short() -> None:
     clip, library = demo_clip(), load_library()
     prior = CameraPrior(np.zeros(5), np.eye(5))
+    table = library._repr_html_()
+    assert table.count("<tr>") == 1 + len({s.action for s in library})
+    assert len(table) < 4000
     for shown in (clip, clip.tracks[0], clip.truth, library, library[0], library[0].objects, prior):
         assert len(repr(shown)) < 2000

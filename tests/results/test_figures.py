@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 
 from imapper_prob.models.skeleton import PELV
 from imapper_prob.results import figures
+from imapper_prob.uncertainty.clusters import names_of
 from tests.runs import posterior
 
 
@@ -45,7 +46,12 @@ def test_the_person_is_where_the_posterior_has_it() -> None:
 
 def test_names_of_the_map_are_those_of_the_clusters() -> None:
     run = posterior()
-    told = " ".join(text.get_text() for text in figures.floor_figure(run).axes[1].texts)
-    for cluster in run.clusters(least=0.2):
-        assert f"p = {cluster.presence:.2f}" in told
-        assert cluster.label in told
+    axes = figures.floor_figure(run).axes[1]
+    legend = axes.get_legend()
+    assert legend is not None
+    written = [text.get_text() for text in axes.texts]
+    told = [text.get_text() for text in legend.get_texts()]
+    clusters = run.clusters()
+    for cluster, name, entry in zip(clusters, names_of(clusters), told, strict=False):
+        assert entry.startswith(f"{name}, p = {cluster.presence:.2f}")
+        assert (name in written) == (cluster.presence >= 0.2)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+import time
 from pathlib import Path
 
 import numba
@@ -93,6 +94,25 @@ def test_what_is_said_of_the_draws_is_the_same(opened: Posterior) -> None:
         assert (one.labels, one.draws) == (other.labels, other.draws)
         assert_array_equal(one.difference, other.difference)
     assert opened.config == posterior().config
+
+
+LONGEST = 2.0
+"""Seconds in which a run is opened; this one is small and takes a tenth of that alone."""
+
+
+def test_opening_is_quick(folder: Path) -> None:
+    def seconds() -> float:
+        start = time.perf_counter()
+        im.load_posterior(folder)
+        return time.perf_counter() - start
+
+    # The best of three: the machine may be busy, the program is not at fault then.
+    assert min(seconds() for _ in range(3)) < LONGEST
+
+
+def test_what_was_opened_is_said_in_a_line(opened: Posterior) -> None:
+    assert len(repr(opened)) < 2000
+    assert len(repr(opened.solution)) < 2000
 
 
 def test_the_clip_is_the_same_without_its_file(opened: Posterior) -> None:

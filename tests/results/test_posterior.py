@@ -2,19 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from io import StringIO
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 import xarray as xr
 from matplotlib.text import Text
 from rich.console import Console
 
+import imapper_prob as im
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.log_posterior import side_flips
+from imapper_prob.recording import video
 from imapper_prob.results.posterior import Posterior, load_posterior
+from imapper_prob.samplers.diagnostics import LayoutProbabilities
 from imapper_prob.samplers.verdict import Verdict
 from imapper_prob.uncertainty.checks import Check, from_json
 from imapper_prob.uncertainty.summary import (
@@ -25,7 +31,7 @@ from imapper_prob.uncertainty.summary import (
 )
 from imapper_prob.uncertainty.tree import read_attributes, write_tree
 from tests.models.worlds import couch
-from tests.runs import posterior
+from tests.runs import posterior, small_posterior
 
 
 def test_scenes_have_probabilities_errors_and_a_motion() -> None:
@@ -209,10 +215,60 @@ def test_a_notebook_shows_scenes_and_verdict(monkeypatch: pytest.MonkeyPatch) ->
     assert "&lt;b&gt;no&lt;/b&gt;" in run._repr_html_()
 
 
-def test_what_people_type_first_is_short_and_quick() -> None:
+def test_a_posterior_is_a_sequence_of_scenes() -> None:
     run = posterior()
-    best = run.scenes(1)[0]
-    for shown in (run, run.clip, run.solution, run.samples, best, best.scene, run.occupancy(),
-                  run.clusters()[0], run.hidden(), run.joints(), run.certainty):  # fmt: skip
-        assert len(repr(shown)) < 2000
-    assert best.objects is best.scene.objects
+    count = len(run)
+    assert count == len(run.scene_probabilities.layouts) > 1
+    everything = list(run)
+    assert len(everything) == count
+    assert run[0] is everything[0] is run.scene(1)
+    assert run[-1] is everything[-1]
+    assert run[:2] == tuple(everything[:2]) == run.scenes(2)
+    assert run[::-1] == tuple(reversed(everything))
+    assert sum(scene.probability for scene in run) == pytest.approx(1.0)
+    with pytest.raises(IndexError, match=rf"scene \[{count}\]: the run has {count}"):
+        run[count]
+    assert repr(run).startswith("Posterior(clip='demo', chains=2, draws=40, layouts=")
+
+
+def test_a_notebook_turns_the_recording(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(video, "recording_widget", lambda path: path.read_bytes())
+    shown: Any = small_posterior().view()
+    assert shown[:4] == b"RRF2"
+
+
+OF_OTHERS = (np.ndarray, xr.Dataset, xr.DataTree, pd.DataFrame, LayoutProbabilities)
+"""Types whose text is made elsewhere."""
+ASKED = {"view", "record", "report", "save", "plot", "draw", "scene"}
+"""Methods that write, draw, or need to be told which one."""
+
+
+def said(run: Posterior) -> Iterator[tuple[str, Any]]:
+    """Whatever a posterior has to say, by name."""
+    for name in sorted({*dir(run)} - ASKED):
+        if not name.startswith("_"):
+            value = getattr(run, name)
+            yield name, value() if callable(value) else value
+
+
+def test_all_that_is_public_is_short() -> None:
+    run = posterior()
+    everything = [*said(run), ("draw", run.draw(0)), ("scene", run.scene()),
+                  ("object", run[0].objects), ("cluster", run.clusters()[0]),
+                  ("config", im.Config()),
+                  ("options", im.ClipOptions()), ("library", im.load_library())]  # fmt: skip
+    lengths = {n: len(repr(v)) for n, v in everything if not isinstance(v, OF_OTHERS)}
+    lengths |= {name: len(repr(value)) for name, value in vars(run.samples).items()
+                if name in ("verdict", "ladders")}  # fmt: skip
+    assert len(lengths) > 20
+    assert {name: length for name, length in lengths.items() if length >= 2000} == {}
+    assert run[0].objects is run[0].scene.objects
+
+
+def test_texts_say_what_there_is_and_where() -> None:
+    run = posterior()
+    best, cluster, o = run[0], run.clusters()[0], run[0].objects[0]
+    assert f"p = {best.probability:.2f} ± {best.error:.2f}: {o.label}" in repr(best)
+    assert f"{cluster.label!r}, p = {cluster.presence:.2f}" in repr(cluster)
+    assert f"{o.label!r} at ({o.placement.x:.2f}, {o.placement.y:.2f}) m" in repr(o)
+    assert repr(run.furniture).startswith("80 draws of ")

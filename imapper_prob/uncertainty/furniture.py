@@ -1,0 +1,103 @@
+"""Furniture as labelled draws: of every object whether a draw has it, and where, by its name.
+
+Draws have different objects in an order of no meaning. They are matched by
+:func:`imapper_prob.uncertainty.clusters.object_clusters`, and each match is one entry of the
+dimension ``object``. Where a draw lacks the object its place and size are not defined and are NaN;
+its ``presence`` is defined in every draw.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from imapper_prob.models.scene import FRONTLESS, SceneObject
+from imapper_prob.uncertainty.clusters import ObjectCluster, names_of
+
+__all__ = ["FurnitureOfDraws", "object_draws"]
+
+Array = NDArray[np.float64]
+_MEASURES: Final = {
+    "x": ("m", "centre of the bounding box, to the right of the camera"),
+    "y": ("m", "centre of the bounding box, away from the camera"),
+    "yaw": ("rad", "counter-clockwise about z, within half a turn of the circular mean"),
+    "width": ("m", "side of the bounding box, across the object's front"),
+    "depth": ("m", "side of the bounding box, from its back to its front"),
+    "height": ("m", "side of the bounding box, upward"),
+}
+"""Units, and what they are."""
+
+
+class FurnitureOfDraws(tuple[tuple[SceneObject, ...], ...]):
+    """The objects of each draw, chain by chain: a tuple that says how many it has.
+
+    Parameters
+    ----------
+    iterable : iterable of tuple of SceneObject
+        Of each draw.
+    """
+
+    def __repr__(self) -> str:
+        counts = [len(own) for own in self]
+        return f"{len(self)} draws of {min(counts)} to {max(counts)} objects"
+
+
+def object_draws(
+    clusters: Sequence[ObjectCluster],
+    furniture: Sequence[Sequence[SceneObject]],
+    shape: tuple[int, int],
+) -> xr.Dataset:
+    """Presence, place and size of every object in every draw.
+
+    Parameters
+    ----------
+    clusters : sequence of K ObjectCluster
+        Matched objects, the most probable first.
+    furniture : sequence of C N sequences of SceneObject
+        Of each draw as it may stand, chain by chain.
+    shape : (int, int)
+        Chains C and draws N.
+
+    Returns
+    -------
+    Dataset
+        ``presence`` (0 or 1), ``x``, ``y``, ``yaw``, ``width``, ``depth`` and ``height``, each
+        (C, N, K) along ``chain``, ``draw`` and ``object``. The coordinate ``object`` has names such
+        as ``"couch"`` and ``"table 2"``.
+    """
+    count = len(clusters)
+    presence = np.zeros((shape[0] * shape[1], count))
+    values = np.full((len(_MEASURES), *presence.shape), np.nan)
+    for k, cluster in enumerate(clusters):
+        drawn = cluster.members[:, 0]
+        presence[drawn, k] = 1
+        values[:, drawn, k] = np.transpose(
+            [_measures(furniture[n][i], cluster) for n, i in cluster.members.tolist()]
+        )
+    dims = ("chain", "draw", "object")
+    measures = {
+        name: (dims, own.reshape(*shape, count), {"units": unit, "long_name": said})
+        for (name, (unit, said)), own in zip(_MEASURES.items(), values, strict=True)
+    }
+    there = {"units": "1", "long_name": "1 where the draw has the object, else 0"}
+    return xr.Dataset(
+        {"presence": (dims, presence.reshape(*shape, count), there), **measures},
+        {
+            "chain": np.arange(shape[0]),
+            "draw": np.arange(shape[1]),
+            "object": np.array(names_of(clusters), dtype=np.str_),
+        },
+    )
+
+
+def _measures(o: SceneObject, cluster: ObjectCluster) -> Array:
+    """Place, turn and size of a draw of an object, in the order of the table above."""
+    turn = np.pi if cluster.label in FRONTLESS else 2 * np.pi
+    away = o.placement.yaw - cluster.yaw
+    yaw = cluster.yaw + away - turn * np.round(away / turn)
+    low, high = o.bounds
+    return np.array([*o.centre[:2], yaw, *(high - low)])

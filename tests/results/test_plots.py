@@ -1,0 +1,143 @@
+"""``plot`` draws on the axes that it is given, and names axes and colours."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from imapper_prob.models.skeleton import PELV
+from imapper_prob.results.solution import charness_figure, plot_charness
+from imapper_prob.solver.actors import solved
+from imapper_prob.uncertainty.clusters import ObjectCluster, names_of
+from imapper_prob.uncertainty.occupancy import occupancy
+from tests.runs import small_posterior
+from tests.uncertainty.pieces import piece
+from tests.uncertainty.rooms import couch_and_table
+
+Plot = Callable[..., Axes]
+FLOOR = ("x, to the right [m]", "y, away from the camera [m]")
+PLOTS: dict[str, tuple[Callable[[], Plot], tuple[str, str]]] = {
+    "clip": (lambda: small_posterior().clip.plot, ("u, to the right [px]", "v, down [px]")),
+    "scene": (lambda: small_posterior()[0].scene.plot, FLOOR),
+    "weighted scene": (lambda: small_posterior()[0].plot, FLOOR),
+    "posterior": (lambda: small_posterior().plot, FLOOR),
+    "occupancy": (lambda: small_posterior().occupancy().plot, FLOOR),
+    "cluster": (lambda: small_posterior().clusters()[0].plot, FLOOR),
+    "object": (lambda: small_posterior()[0].objects[0].plot, FLOOR),
+    "charness": (
+        lambda: lambda ax=None: plot_charness(small_posterior().solution, ax),  # type: ignore[arg-type]
+        ("frame", "charness [1]"),
+    ),
+}
+
+
+def entries(axes: Axes) -> list[str]:
+    legend = axes.get_legend()
+    assert legend is not None
+    return [text.get_text() for text in legend.get_texts()]
+
+
+@pytest.mark.parametrize("name", PLOTS)
+def test_axes_go_in_and_come_out_with_names_units_and_a_legend(name: str) -> None:
+    make, labels = PLOTS[name]
+    given = Figure().subplots()
+    axes = make()(given)
+    assert axes is given
+    assert (axes.get_xlabel(), axes.get_ylabel()) == labels
+    assert entries(axes)
+    assert axes.figure is not None
+    assert plt.get_fignums() == []
+
+
+@pytest.mark.parametrize("name", PLOTS)
+def test_without_axes_there_is_a_new_figure(name: str) -> None:
+    axes = PLOTS[name][0]()()
+    try:
+        assert plt.get_fignums() != []
+        axes.figure.canvas.draw()
+    finally:
+        plt.close("all")
+
+
+def test_a_scene_is_drawn_where_it_stands() -> None:
+    scene = couch_and_table()
+    axes = scene.plot(Figure().subplots())
+    assert entries(axes) == ["pelvis", "couch", "table"]
+    written = {text.get_text(): text.xy for text in axes.texts}  # type: ignore[attr-defined]
+    for o in scene.objects:
+        np.testing.assert_allclose(written[o.label], o.centre[:2])
+        assert axes.get_xlim()[0] < o.footprint[:, 0].min()
+        assert axes.get_ylim()[1] > o.footprint[:, 1].max()
+    np.testing.assert_allclose(axes.lines[0].get_xydata(), scene.joints[:, PELV, :2])
+
+
+def test_two_people_have_two_paths() -> None:
+    scene = couch_and_table()
+    both = replace(scene, joints=np.concatenate([scene.joints, scene.joints + 1.0]))
+    axes = both.plot(Figure().subplots(), people=2)
+    assert entries(axes)[:2] == ["pelvis, person 1", "pelvis, person 2"]
+    np.testing.assert_allclose(axes.lines[1].get_xydata(), scene.joints[:, PELV, :2] + 1.0)
+
+
+def test_the_map_is_white_where_nothing_stands() -> None:
+    found = occupancy([[piece("table", 0.0, 3.0)], [], [piece("chair", 2.0, 3.0)], []])
+    axes = found.plot(Figure().subplots())
+    (picture,) = axes.images
+    colours = np.asarray(picture.get_array())
+    assert entries(axes) == ["chair, at most p = 0.25", "table, at most p = 0.25"]
+    np.testing.assert_allclose(colours[found.anything == 0], 1.0)
+    assert (colours[found.anything > 0].min(-1) < 1.0).all()
+
+
+def test_a_map_of_nothing_has_axes_and_no_legend() -> None:
+    axes = occupancy([[]]).plot(Figure().subplots())
+    assert axes.get_xlabel() == FLOOR[0]
+    assert axes.get_legend() is None
+
+
+def test_objects_of_one_label_have_names_of_their_own() -> None:
+    def cluster(label: str, presence: float) -> ObjectCluster:
+        at = np.random.default_rng(0).normal(size=(20, 2))
+        members = np.stack([np.arange(20), np.zeros(20, int)], -1)
+        return ObjectCluster(
+            presence, 0.0, {label: 0.75, "bed": 0.25}, at, 0.0, 0.1, members, piece(label, 0, 3)
+        )
+
+    clusters = [cluster("table", 1.0), cluster("couch", 0.9), cluster("table", 0.5)]
+    assert names_of(clusters) == ("table", "couch", "table 2")
+    axes = clusters[0].plot(Figure().subplots())
+    assert entries(axes) == [
+        "table, p = 1.00\n(table 0.75, bed 0.25)", "50 % of the draws", "90 % of the draws",
+    ]  # fmt: skip
+
+
+def test_names_of_others_are_no_formulas() -> None:
+    axes = piece("$x", 0.0, 3.0).plot(Figure().subplots())
+    assert not axes.texts[0].get_parse_math()
+    legend: Any = axes.get_legend()
+    assert not legend.get_texts()[0].get_parse_math()
+
+
+def test_charness_has_a_panel_for_each_person() -> None:
+    solution: Any = small_posterior().solution
+    figure = charness_figure(solved(solution.clip, (solution,), count=1))
+    (axes,) = figure.axes
+    curve = solution.curve
+    smoothed = next(line for line in axes.lines if line.get_label() == "smoothed")
+    np.testing.assert_array_equal(smoothed.get_ydata(), curve.values)
+
+
+@pytest.mark.parametrize("name", ["clip", "scene", "weighted scene", "object"])
+def test_a_notebook_shows_a_picture(name: str) -> None:
+    shown: Any = PLOTS[name][0]()
+    page = shown.__self__._repr_html_()
+    assert page.count("<svg") == 1
+    assert page.startswith(f"<p>{type(shown.__self__).__name__}(")
+    assert plt.get_fignums() == []
