@@ -27,7 +27,7 @@ from imapper_prob.models.view import to_view
 from imapper_prob.sampling.camera_moves import middle_heights
 from imapper_prob.sampling.pool_kernels import Table, carry
 
-__all__ = ["Visits", "table_of"]
+__all__ = ["Visits", "camera_shape", "table_of"]
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -39,6 +39,10 @@ _SELDOM: Final = 0.02
 chosen."""
 _SHIFTS: Final = {0: 0.6, -1: 0.15, 1: 0.15, -2: 0.05, 2: 0.05}
 """Frames by which a scenelet is tried earlier or later than it was met, and how often; chosen."""
+_CAMERAS: Final = 50
+"""Cameras from which on their covariance is taken: ten for each of its five numbers."""
+_SINGULAR: Final = 1e10
+"""Condition number of a covariance from which on it is not taken."""
 _OFTEN: Final = 3
 """Visits of one scenelet from which on they tell how places scatter; chosen."""
 _LEAST: Final = np.array([0.002, 0.01, 0.03, 0.01])
@@ -127,6 +131,30 @@ class Visits:
             )
         if not sound:
             raise InputError("visits are of no chain of this run")
+
+
+def camera_shape(visits: Visits) -> Array | None:
+    """How camera and body scatter at the colder temperatures.
+
+    Parameters
+    ----------
+    visits : Visits
+
+    Returns
+    -------
+    (5, 5) float or None
+        Lower Cholesky factor of their covariance; None where that is not known.
+    """
+    rows = visits.arrays()
+    # A state has as many rows as scenelets, one camera for all.
+    cameras = np.unique(rows["cameras"][rows["powers"] > _COLD], axis=0)
+    if len(cameras) < _CAMERAS:
+        return None
+    covariance = np.cov(cameras.T)
+    if not np.linalg.cond(covariance) < _SINGULAR:
+        return None
+    factor: Array = np.linalg.cholesky(covariance)
+    return factor
 
 
 class _Met(NamedTuple):
