@@ -20,7 +20,7 @@ from nbclient import NotebookClient
 
 from imapper_prob.files import written_whole
 
-__all__ = ["main", "run_notebook"]
+__all__ = ["main"]
 
 FOLDER: Final = Path(__file__).parents[1] / "notebooks"
 _WIDGET: Final = "application/vnd.jupyter.widget-view+json"
@@ -30,7 +30,7 @@ _LONGEST: Final = 600
 """Seconds for a cell."""
 
 
-def run_notebook(path: Path) -> None:
+def _run(path: Path) -> None:
     """Run a notebook and store it with its outputs.
 
     Parameters
@@ -67,7 +67,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("notebooks", type=Path, nargs="*")
     for path in parser.parse_args(arguments).notebooks or sorted(FOLDER.glob("*.ipynb")):
-        run_notebook(path)
+        _run(path)
         sys.stdout.write(f"{path.name}\n")
     return 0
 

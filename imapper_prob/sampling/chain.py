@@ -38,6 +38,7 @@ from imapper_prob.sampling.moves import (
     Shift,
     TimeCrossover,
 )
+from imapper_prob.sampling.pool_kernels import Table
 from imapper_prob.sampling.proposals import Candidates, Proposals
 from imapper_prob.sampling.redraw import StretchRedraw
 from imapper_prob.sampling.replace_moves import Refurnish, Replace, ReplaceAndShift
@@ -202,12 +203,15 @@ class Chain:
     progress: ChainProgress
 
 
-def scene_moves(setup: Setup, visits: Visits | None = None) -> Mixture[State]:
+def scene_moves(
+    setup: Setup, table: Table | None = None, shape: Array | None = None
+) -> Mixture[State]:
     """The moves and how often each is tried.
 
     Births and deaths are refused far more often than walks, so they are tried more often
-    than their share of the accepted moves suggests. With ``visits`` of the chains stretches are
-    drawn anew from a table of them, and camera and body walk in the shape that they had there.
+    than their share of the accepted moves suggests. With a ``table`` of what the chains have
+    visited stretches are drawn anew from it, and with a ``shape`` (5, 5), see
+    :func:`imapper_prob.sampling.visits.camera_shape`, camera and body walk in it.
     """
     problem = setup.problem
     proposals = Proposals(problem, setup.candidates)
@@ -229,12 +233,10 @@ def scene_moves(setup: Setup, visits: Visits | None = None) -> Mixture[State]:
         (FocalScale(float(np.linalg.norm(factor[2]))), 0.04),
         (PathRefresh(), 0.05),
     ]
-    if visits is not None:
-        shape = camera_shape(visits)
-        if shape is not None:
-            weighted.append((AdaptedCameraWalk(problem, shape), 0.4))
+    if shape is not None:
+        weighted.append((AdaptedCameraWalk(problem, shape), 0.4))
+    if table is not None and len(table.items):
         total = sum(weight for _, weight in weighted)
-        table = table_of(problem, visits)
         weighted.append((StretchRedraw(problem, table), _REDRAWN / (1 - _REDRAWN) * total))
     return Mixture([move for move, _ in weighted], [weight for _, weight in weighted])
 
@@ -285,7 +287,7 @@ def run_chain(
     )
     # The published energy has no incremental evaluation, without which pools take too long.
     learning = learning_of(settings) if target_of(setup.problem).incremental else None
-    mixture = scene_moves(setup, _noted(setup, done))
+    mixture = scene_moves(setup, *_learnt(setup, done))
     finished = True
     while done.position.rounds < end and finished:
         now = done.position.rounds
@@ -311,7 +313,7 @@ def run_chain(
                     done.visits[-1].note(rung.state, beta)
         if done.position.rounds in marks:
             done.visits.append(Visits())
-            mixture = scene_moves(setup, _noted(setup, done))
+            mixture = scene_moves(setup, *_learnt(setup, done))
         finished = report(done.position.rounds / end)
         if keeper is not None:
             keeper.offer(done.snapshot)
@@ -333,13 +335,14 @@ def run_chain(
     )
 
 
-def _noted(setup: Setup, done: ChainProgress) -> Visits | None:
-    """What the chains have noted, or this one alone; None where that is nothing."""
+def _learnt(setup: Setup, done: ChainProgress) -> tuple[Table | None, Array | None]:
+    """The table and the shape of what the chains have noted, or this one alone; None where that
+    is nothing."""
     made = len(done.visits) - 1
     if made == 0:
-        return None
+        return None, None
     visits = setup.known[made - 1] if made <= len(setup.known) else done.visits[made - 1]
-    return visits if visits.items else None
+    return table_of(setup.problem, visits) if visits.items else None, camera_shape(visits)
 
 
 def _resumed(keeper: Checkpointer, setup: Setup) -> ChainProgress | None:

@@ -24,7 +24,7 @@ from imapper_prob.models.settings import ModelSettings
 from imapper_prob.models.skeleton import PELV
 from imapper_prob.samplers.reversible_jump import Mixture, Proposal, init, step
 from imapper_prob.sampling import moves
-from imapper_prob.sampling.camera_moves import CompensatedCameraWalk
+from imapper_prob.sampling.camera_moves import AdaptedCameraWalk, CompensatedCameraWalk
 from imapper_prob.sampling.chain import Setup, scene_moves
 from imapper_prob.sampling.pool_kernels import Table
 from imapper_prob.sampling.proposals import Candidates, Proposals
@@ -123,7 +123,8 @@ def scores(
         seen = replace(source.observed(rng, state), detections=given.detections)
         problem = seen.problem
         table = known_table() if fitted and redrawn else None
-        mixture = change(scene_moves(setup(problem, fitted=fitted), table))
+        shape = 0.5 * np.linalg.cholesky(np.linalg.inv(problem.camera_precision))
+        mixture = change(scene_moves(setup(problem, fitted=fitted), table, shape))
         density = partial(log_posterior, problem)
         at = init(density, state)
         for _ in range(steps):
@@ -173,7 +174,10 @@ def only(
     return change
 
 
-@pytest.mark.parametrize("kind", [moves.Shift, ReplaceAndShift, Refurnish, CompensatedCameraWalk])
+@pytest.mark.parametrize(
+    "kind",
+    [moves.Shift, ReplaceAndShift, Refurnish, CompensatedCameraWalk, AdaptedCameraWalk],
+)
 def test_a_move_by_itself_leaves_scene_and_data(kind: type) -> None:
     """With so many scenelets that some have no gap to the next."""
     change = only(kind, lambda proposal: proposal)

@@ -220,7 +220,8 @@ def prior_problem() -> Problem:
 @pytest.fixture(scope="module", params=[60_000, pytest.param(200_000, marks=pytest.mark.slow)])
 def prior_draws(request: pytest.FixtureRequest) -> list[State]:
     problem = prior_problem()
-    moves = scene_moves(setup(problem), visited(problem, candidates(), spread=4.0))
+    shape = 0.5 * np.linalg.cholesky(np.linalg.inv(problem.camera_precision))
+    moves = scene_moves(setup(problem), visited(problem, candidates(), spread=4.0), shape)
     # Under the prior most births are refused: candidates are far too narrow for it.
     often = [
         10 * weight if move.name in ("birth", "death") else weight
