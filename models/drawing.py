@@ -181,7 +181,9 @@ def name_axes_of_floor(axes: Axes) -> None:
     ----------
     axes : matplotlib.axes.Axes
     """
-    axes.set_aspect("equal")
+    # The box stays as it is where it may, so that layouts know what is around it.
+    shared = len(axes.get_shared_x_axes().get_siblings(axes)) > 1
+    axes.set_aspect("equal", adjustable="box" if shared else "datalim")
     axes.grid(color=LINES, lw=0.6)
     axes.set_axisbelow(True)
     axes.set_xlabel("x, to the right [m]", color=INK)
@@ -189,18 +191,20 @@ def name_axes_of_floor(axes: Axes) -> None:
     tidy(axes)
 
 
-def show_legend(axes: Axes, *, beside: bool = False) -> None:
+def show_legend(axes: Axes, *, below: bool = False) -> None:
     """Show the legend of what has a label, its texts as they stand.
 
     Parameters
     ----------
     axes : matplotlib.axes.Axes
-    beside : bool
-        To the right of the axes, for views that are full.
+    below : bool
+        Under the axes, for views that are full: what is beside them may be another view.
     """
     if not axes.get_legend_handles_labels()[0]:
         return
-    where: dict[str, Any] = {"loc": "upper left", "bbox_to_anchor": (1, 1)} if beside else {}
+    where: dict[str, Any] = {}
+    if below:
+        where = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.14), "ncols": 3}
     legend = axes.legend(fontsize=8, labelcolor=INK, framealpha=0.8, edgecolor=LINES, **where)
     for text in legend.get_texts():
         text.set_parse_math(False)

@@ -664,7 +664,7 @@ class Scene:
         draw_paths(axes, self.joints, people=people, label="pelvis")
         draw_furniture(axes, self.objects)
         name_axes_of_floor(axes)
-        show_legend(axes, beside=True)
+        show_legend(axes, below=True)
         return axes
 
     def _repr_html_(self) -> str:

@@ -50,7 +50,7 @@ def draw_occupancy(axes: Axes, occupancy: Occupancy) -> None:
         label = f"{category}, at most p = {share:.2f}"
         axes.scatter([], [], marker="s", color=rgb(colour), label=label)
     name_axes_of_floor(axes)
-    show_legend(axes, beside=True)
+    show_legend(axes, below=True)
 
 
 def draw_clusters(axes: Axes, clusters: Sequence[ObjectCluster]) -> None:
@@ -68,7 +68,7 @@ def draw_clusters(axes: Axes, clusters: Sequence[ObjectCluster]) -> None:
         axes.plot([], [], color=INK, ls=style, lw=1.4, label=label)
     axes.autoscale_view()
     name_axes_of_floor(axes)
-    show_legend(axes, beside=True)
+    show_legend(axes, below=True)
 
 
 def _draw_regions(axes: Axes, cluster: ObjectCluster, name: str) -> None:
