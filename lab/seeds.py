@@ -1,0 +1,201 @@
+"""Do probabilities of scenes hold from seed to seed, and are they as sure as is said?
+
+    python -m lab.seeds FOLDER [CLIP ...] [--seeds 5] [--steps N] [--workers 2]
+
+samples each clip, ``demo`` if none is named, with several seeds and prints two tables in Markdown.
+Every run is kept in FOLDER as a folder that ``imapper-prob view`` opens, so that a killed command
+goes on where it was; runs of another program are refused by the readers of such folders.
+
+The scenes of all seeds of a clip are sorted into layouts together. What a seed says of a layout's
+probability is the share of its draws in it, with the standard error that a run states. Between
+seeds probabilities scatter; the mean square of that should be the square of what is stated.
+The distance of a seed from the others is the total variation between the shares of its draws and
+those of all the other seeds' draws.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+import imapper_prob as im
+from imapper_prob.config import SampleSettings
+from imapper_prob.layouts import group_layouts, through_one_lens
+from imapper_prob.results.posterior import Posterior, load_posterior
+from imapper_prob.samplers.diagnostics import ShortChainWarning, layout_probabilities, rhat
+from lab.mixing import OPEN
+
+Array = NDArray[np.float64]
+LARGEST = 5
+"""Layouts of a clip that are compared."""
+
+
+@dataclass(frozen=True)
+class Seeds:
+    """What S seeds say of the same K layouts of a clip, the most probable first.
+
+    Parameters
+    ----------
+    probability, stated : (S, K) float
+        Share of a seed's draws, and its standard error as a run states it.
+    worst_rhat, effective : (S,) float
+        Of the layouts that are neither excluded nor certain, R-hat of the worst and effective draws
+        of the least known.
+    best : (S,) float
+        Greatest log-posterior, nats.
+    good : (S,) bool
+        Whether the run's verdict is that it has converged.
+    seconds : (S,) float
+        Of sampling.
+    """
+
+    probability: Array
+    stated: Array
+    worst_rhat: Array
+    effective: Array
+    best: Array
+    good: NDArray[np.bool_]
+    seconds: Array
+
+    @property
+    def scatter(self) -> Array:
+        """(K,) standard deviation of a probability between seeds."""
+        result: Array = self.probability.std(0, ddof=1)
+        return result
+
+    @property
+    def distance(self) -> Array:
+        """(S,) total variation between a seed and all the others."""
+        others = (self.probability.sum(0) - self.probability) / (len(self.probability) - 1)
+        result: Array = 0.5 * np.abs(self.probability - others).sum(1)
+        return result
+
+
+def compared(posteriors: Sequence[Posterior]) -> Seeds:
+    """Runs of one clip with several seeds, held against one another."""
+    samples = [p.samples for p in posteriors]
+    objects = [
+        own
+        for one in samples
+        for own in through_one_lens(one.objects, [state.camera[2] for state in one.states])
+    ]
+    values = np.concatenate([one.log_posterior.ravel() for one in samples])
+    radius = posteriors[0].config.sample.layout_radius
+    layouts = group_layouts(objects, values, radius=radius)
+    count = 1 + int(layouts.indicator.max())
+    probability, stated = np.zeros((2, len(samples), count))
+    rhats, effective, first = [], [], 0
+    for s, one in enumerate(samples):
+        shape = one.shape
+        own = layouts.indicator[first : first + shape[0] * shape[1]].reshape(shape)
+        first += own.size
+        found = layout_probabilities(1 + own, rng=np.random.default_rng(s))
+        probability[s, found.layouts - 1] = found.probability
+        stated[s, found.layouts - 1] = found.standard_error
+        unsure = (found.probability >= OPEN[0]) & (found.probability <= OPEN[1])
+        rhats.append(
+            max(
+                (float(rhat((own == k - 1).astype(float))) for k in found.layouts[unsure]),
+                default=1,
+            )
+        )
+        effective.append(float(min(found.effective_draws[unsure], default=np.inf)))
+    return Seeds(
+        probability,
+        stated,
+        np.array(rhats),
+        np.array(effective),
+        np.array([one.log_posterior.max() for one in samples]),
+        np.array([one.verdict.good for one in samples]),
+        np.array([p.seconds.get("sampling", np.nan) for p in posteriors]),
+    )
+
+
+def runs(name: str, folder: Path, seeds: int, steps: int, workers: int) -> list[Posterior]:
+    """The runs of a clip; those that are missing are made."""
+    few = SampleSettings(steps=steps, draws=1)
+    draws = min(SampleSettings().draws, few.most_draws)
+    config = im.Config(sample=replace(few, draws=draws))
+    paths = [folder / f"{Path(name).stem}-{steps}-{seed}" for seed in range(seeds)]
+    missing = [path for path in paths if not path.exists()]
+    if missing:
+        clip = im.demo_clip() if name == "demo" else im.load_clip(name)
+        library = im.load_library()
+        solved = im.solve(clip, library, config=config)
+        for path in missing:
+            seed = paths.index(path)
+            im.sample(clip, library, start=solved, config=config, rng=seed, workers=workers).save(
+                path
+            )
+            sys.stderr.write(f"{path.name} is done\n")
+    return [load_posterior(path) for path in paths]
+
+
+def tables(found: dict[str, Seeds]) -> str:
+    """Clips, and their most probable layouts, in Markdown."""
+    lines = [
+        "| clip | seeds | converged | s | R-hat of layouts | effective draws of layouts "
+        "| best log posterior | distance of a seed from the others |",
+        "|---|" + "---:|" * 7,
+    ]
+    for clip, one in found.items():
+        lines.append(
+            f"| {clip} | {len(one.best)} | {int(one.good.sum())} | {one.seconds.mean():.0f} "
+            f"| {_spread(one.worst_rhat, '.2f')} | {_spread(one.effective, '.0f')} "
+            f"| {_spread(one.best, '.0f')} | {_spread(one.distance, '.2f')} |"
+        )
+    lines += [
+        "",
+        "| clip | layout | probability, mean of seeds | scatter between seeds | stated ± "
+        "| scatter / stated |",
+        "|---|---:|" + "---:|" * 4,
+    ]
+    for clip, one in found.items():
+        stated = np.sqrt((one.stated**2).mean(0))
+        for k in range(min(LARGEST, len(stated))):
+            lines.append(
+                f"| {clip} | {k + 1} | {one.probability[:, k].mean():.2f} | {one.scatter[k]:.3f} "
+                f"| {stated[k]:.3f} | {one.scatter[k] / stated[k]:.1f} |"
+            )
+    return "\n".join(lines) + "\n"
+
+
+def _spread(values: Array, form: str) -> str:
+    return f"{np.median(values):{form}} ({values.min():{form}} to {values.max():{form}})"
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Make the runs that are missing, and print the tables."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("clips", nargs="*", default=["demo"])
+    parser.add_argument("--seeds", type=int, default=5, help="two at least")
+    parser.add_argument("--steps", type=int, default=SampleSettings().steps)
+    parser.add_argument("--workers", type=int, default=2)
+    options = parser.parse_args(arguments)
+    if options.seeds < 2:
+        parser.error("one seed has nothing to be compared with: --seeds 2 or more")
+    options.folder.mkdir(parents=True, exist_ok=True)
+    with warnings.catch_warnings():
+        # A short chain has no R-hat, which the table shows.
+        warnings.simplefilter("ignore", ShortChainWarning)
+        found = {
+            Path(clip).stem: compared(
+                runs(clip, options.folder, options.seeds, options.steps, options.workers)
+            )
+            for clip in options.clips
+        }
+    sys.stdout.write(tables(found))
+
+
+if __name__ == "__main__":
+    main()
