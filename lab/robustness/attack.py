@@ -189,6 +189,8 @@ _WRITES: Final = frozenset(
     {"os.mkdir", "os.rename", "os.remove", "os.rmdir", "os.symlink", "os.link"}
 )
 
+_TO_ANOTHER: Final = ("os.rename", "os.symlink", "os.link")
+
 
 def _written_elsewhere(room: Path) -> list[str]:
     """A list that grows by each path outside of a folder that this process writes to from now on.
@@ -203,8 +205,8 @@ def _written_elsewhere(room: Path) -> list[str]:
             named, flags = values[0], values[2] or 0
             if not flags & (os.O_WRONLY | os.O_RDWR | os.O_CREAT) or isinstance(named, int):
                 return
-        elif event in _WRITES:
-            named = values[1] if event == "os.rename" else values[0]
+        elif event in _WRITES and values[-1] == -1:  # not by a folder that is open
+            named = values[1] if event in _TO_ANOTHER else values[0]
         else:
             return
         if isinstance(named, str | bytes | os.PathLike):

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import io
 import json
+import math
 import re
 import shutil
 import tempfile
@@ -223,6 +224,8 @@ _STRANGE: Final[tuple[Any, ...]] = (
     [1, 2, 3],
 )
 _NOT_FINITE: Final = ("NaN", "Infinity", "-Infinity", "1e999")
+_LARGEST: Final = 50_000_000
+"""Numbers in an array of a million frames: what spoils inputs has to fit into memory as well."""
 _HUGE: Final = ("1e308", "-1e300", "9" * 400, "9" * 5000, "123456789012345678901234567890")
 
 
@@ -475,7 +478,9 @@ def _array_million(content: bytes, rng: Generator) -> bytes:
     arrays = _entries(content)
     rows = [k for k, v in arrays.items() if v.ndim]
     key = next((k for k in ("joints", "frame_ids") if k in arrays), rows[0])
-    arrays[key] = np.zeros((1_000_000, *arrays[key].shape[1:]), np.float32)
+    of_each = arrays[key].shape[1:]
+    count = min(1_000_000, _LARGEST // max(1, math.prod(of_each)))
+    arrays[key] = np.zeros((count, *of_each), np.float32)
     return _saved(arrays)
 
 
