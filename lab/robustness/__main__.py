@@ -21,7 +21,6 @@ import resource
 import sys
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Final
 
@@ -67,7 +66,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for name, reader in (READERS | RUN_READERS).items():
         if name not in kept["readers"]:
             count = max(1, inputs // 5) if name in _COSTLY else inputs
-            row = {kind: asdict(found) for kind, found in attack(reader, inputs=count).items()}
+            row = {kind: vars(found) for kind, found in attack(reader, inputs=count).items()}
             peak = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss // 1024
             kept["readers"][name] = row
             kept["peak"] = max(kept["peak"], peak)
