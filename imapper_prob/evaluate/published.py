@@ -120,7 +120,10 @@ def read_regions(path: str | Path, clip: Clip) -> Regions:
                 f"{place}: the box ends at ({x + width:.0f}, {y + height:.0f}), outside of "
                 f"images of {clip.camera.width} x {clip.camera.height}; of another image size?"
             )
-        label = names.get(entry["category_id"])
+        category = entry["category_id"]
+        if not isinstance(category, int):
+            raise InputError(f"{place}: category_id must be a whole number")
+        label = names.get(category)
         if label is not None and score >= _SURE:
             found[frame].append((label, box(x, y, x + width, y + height)))
     return found

@@ -92,8 +92,14 @@ def connected(address: str | None) -> Iterator[Cluster | None]:
     make_client: Any = Client
     try:
         client = make_client(address, timeout=_PATIENCE)
+    except TypeError as error:  # of an address with tls:// where no certificate is named
+        raise InputError(
+            f"{address}: needs certificates; name them in dask's settings, distributed.comm.tls"
+        ) from error
     except (OSError, ValueError) as error:
-        raise InputError(f"{address}: no dask scheduler answers there") from error
+        refused = "certificate" in str(error)
+        why = "its certificate is not the one expected" if refused else "nothing answers"
+        raise InputError(f"{address}: no dask scheduler answers there ({why})") from error
     with client:
         _require_same_program(address, client)
         yield client

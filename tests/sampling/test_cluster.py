@@ -55,7 +55,7 @@ class Workers:
     """Two workers, the second of which has something else than this program."""
 
     def __init__(self, *_: object, **__: object) -> None:
-        self.other: object = "0.1.0"
+        self.other: object = "0.0.9"
 
     def __enter__(self) -> Workers:
         return self
@@ -71,7 +71,7 @@ class Workers:
 @pytest.mark.parametrize(
     ("other", "said"),
     [
-        ("0.1.0", "the worker tcp://b:1 has imapper-prob 0.1.0, and this is"),
+        ("0.0.9", "the worker tcp://b:1 has imapper-prob 0.0.9, and this is"),
         (ImportError("no such package"), "the worker tcp://b:1 has no imapper-prob"),
     ],
 )
@@ -86,6 +86,14 @@ def test_a_worker_with_another_version_is_refused_by_name(
     workers.other = version("imapper-prob")
     with connected("tcp://here:1") as client:
         assert client is workers
+
+
+def test_an_address_that_needs_certificates_says_so() -> None:
+    with (
+        pytest.raises(InputError, match="needs certificates; name them in dask's settings"),
+        connected("tls://127.0.0.1:9"),
+    ):
+        pass
 
 
 def test_nobody_at_the_address_is_said_plainly(
