@@ -127,6 +127,15 @@ def _hall(folder: Path) -> Path:
     return hall
 
 
+def _lifted(folder: Path) -> Path:
+    """Nothing but what the reader of lifted paths looks at."""
+    hall = _hall(folder)
+    for path in [path for path in hall.rglob("*") if path.is_file()]:
+        if not path.name.endswith("_unannot.json"):
+            path.unlink()
+    return hall
+
+
 @cache
 def _hall_clip() -> Clip:
     with tempfile.TemporaryDirectory() as folder:
@@ -193,7 +202,7 @@ READERS: Final[dict[str, Reader]] = {
     "i3DB truth": Reader(_hall, read_truth_in_view),
     "i3DB truth, a capture": Reader(_hall, read_i3db_capture),
     "i3DB result": Reader(_hall, lambda path: read_authors(path, _hall_clip())),
-    "i3DB lifted path": Reader(_hall, lambda path: read_input_path(path, _hall_clip())),
+    "i3DB lifted path": Reader(_lifted, lambda path: read_input_path(path, _hall_clip())),
     "LCR-Net++ proposals": Reader(_proposals, lambda path: read_whatever(path, ClipOptions())),
     "regions": Reader(_regions, lambda path: read_regions(path, _hall_clip())),
     "depth maps (.npz)": Reader(_depths, lambda path: read_depths(path, _hall_clip())),
