@@ -230,6 +230,8 @@ def _disagreement(layouts: LayoutProbabilities) -> tuple[int, int] | None:
 
 def _tempering(ladders: Sequence[LadderSummary]) -> str:
     """A sentence on what tempering did, with a blank before it; none without ladders."""
+    # A chain that was stopped before its temperatures stayed has counted no swap.
+    ladders = [ladder for ladder in ladders if math.isfinite(ladder.barrier)]
     rates = [rate for ladder in ladders for rate in ladder.swap_rates]
     if not rates:
         return ""

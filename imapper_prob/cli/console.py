@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import logging
+import os
 import signal
 import sys
 import threading
@@ -154,6 +155,8 @@ def progress_bars() -> Iterator[Bars]:
 # At any other time Ctrl-C, and SIGTERM at all times, end the command where it is: files that are
 # not complete are removed, those that a run goes on from stay.
 
+_AGAIN: Final = 0.05
+"""Seconds until an interruption is sent again that a finaliser swallowed; it is over by then."""
 _INTERRUPTED: Final = 128 + signal.SIGINT
 _TERMINATED: Final = 128 + signal.SIGTERM
 """Exit codes, as shells have them."""
@@ -171,6 +174,8 @@ class Terminated(KeyboardInterrupt):
 def stoppable() -> Iterator[None]:
     """Let SIGTERM end a command as Ctrl-C does, so that it leaves nothing behind.
 
+    An interruption that Python throws into a finaliser is lost there: it is sent again.
+
     Yields
     ------
     None
@@ -183,10 +188,21 @@ def stoppable() -> Iterator[None]:
     def handle(number: int, frame: object) -> None:
         raise Terminated
 
-    previous = signal.signal(signal.SIGTERM, handle)
+    def hear(lost: sys.UnraisableHookArgs) -> None:
+        if not isinstance(lost.exc_value, KeyboardInterrupt):
+            unraisable(lost)
+            return
+        number = signal.SIGTERM if isinstance(lost.exc_value, Terminated) else signal.SIGINT
+        again = threading.Timer(_AGAIN, os.kill, (os.getpid(), number))
+        again.daemon = True
+        again.start()
+
+    previous, unraisable = signal.signal(signal.SIGTERM, handle), sys.unraisablehook
+    sys.unraisablehook = hear
     try:
         yield
     finally:
+        sys.unraisablehook = unraisable
         signal.signal(signal.SIGTERM, previous)
 
 

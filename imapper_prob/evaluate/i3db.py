@@ -196,12 +196,13 @@ def _parts(path: Path) -> list[_Part]:
         raise InputError(f"{path}: 'scenelets.obbs' must list files")
     parts = []
     for name in listed:
-        file = (path.parent / str(name)).with_suffix(".json")
-        match = re.fullmatch(r"(\d+)_([a-z]+)_([a-z]+)(-\d+)?", file.stem)
-        if match is None:
+        below = Path(str(name))
+        match = re.fullmatch(r"(\d+)_([a-z]+)_([a-z]+)(-\d+)?", below.stem)
+        if match is None or below.is_absolute() or ".." in below.parts:
             raise InputError(
                 f"{path}: object {name!r} is not named <id>_<category>_<part>[-<number>]"
             )
+        file = (path.parent / below).with_suffix(".json")
         box = load_json(file)
         values = {
             key: numbers(field(file, box, key), shape=shape, place=f"{file}: {key}")

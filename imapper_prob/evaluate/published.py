@@ -9,7 +9,6 @@ hull of the true boxes in the image, and that of a detection its box.
 from __future__ import annotations
 
 import re
-import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -19,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from shapely import MultiPoint, Polygon, box, contains_xy, convex_hull, unary_union
 
-from imapper_prob.clips.parsing import load_json, numbers
+from imapper_prob.clips.parsing import load_archive, load_json, numbers
 from imapper_prob.evaluate.score import SUBSETS, Score
 from imapper_prob.evaluate.tables import Rows, number
 from imapper_prob.evaluate.truth import GROUPS, Outline, TruthInView
@@ -121,7 +120,10 @@ def read_regions(path: str | Path, clip: Clip) -> Regions:
                 f"{place}: the box ends at ({x + width:.0f}, {y + height:.0f}), outside of "
                 f"images of {clip.camera.width} x {clip.camera.height}; of another image size?"
             )
-        label = names.get(entry["category_id"])
+        category = entry["category_id"]
+        if not isinstance(category, int):
+            raise InputError(f"{place}: category_id must be a whole number")
+        label = names.get(category)
         if label is not None and score >= _SURE:
             found[frame].append((label, box(x, y, x + width, y + height)))
     return found
@@ -153,7 +155,10 @@ def _frame(place: str, given: Any) -> int:
     digits = re.findall(r"\d+", Path(str(given)).stem)
     if isinstance(given, bool) or not digits:
         raise InputError(f"{place}: {str(given)[:40]!r} holds no frame number")
-    return int(digits[-1])
+    try:
+        return int(digits[-1])
+    except ValueError as error:  # more digits than Python takes
+        raise InputError(f"{place}: {str(given)[:40]!r} holds no frame number") from error
 
 
 def count_detected(regions: Regions, truth: TruthInView, camera: Camera) -> int:
@@ -203,11 +208,10 @@ def read_depths(path: str | Path, clip: Clip) -> Array:
         The file is damaged, or the maps have other proportions than the image.
     """
     path = Path(path)
-    try:
-        with np.load(path, allow_pickle=False) as arrays:
-            depth = np.asarray(arrays["depth"], np.float64)
-    except (KeyError, OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
-        raise InputError(f"{path}: no depth maps ({error}); expected an array 'depth'") from error
+    arrays = load_archive(path, what="depth maps")
+    if "depth" not in arrays or arrays["depth"].dtype.kind not in "fiu":
+        raise InputError(f"{path}: no depth maps; expected an array 'depth' of numbers")
+    depth = arrays["depth"].astype(np.float64)
     if depth.ndim != 3 or not depth.size:
         raise InputError(f"{path}: 'depth' must be maps x lines x columns, not {depth.shape}")
     wide, high = depth.shape[2] / clip.camera.width, depth.shape[1] / clip.camera.height

@@ -9,6 +9,7 @@ from __future__ import annotations
 import io
 import os
 import re
+import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -101,16 +102,20 @@ def read_video(path: str | Path, clip: Clip) -> Video:
 
 def _of_folder(folder: Path, clip: Clip) -> Iterator[tuple[int, Any]]:
     """Pictures by the last number in their names."""
-    from PIL import Image, UnidentifiedImageError
+    from PIL import Image
 
     wanted = set(clip.frame_ids.tolist())
     for file in sorted(folder.iterdir()):
         numbers = re.findall(r"\d+", file.stem)
         if file.suffix.lower() in _KINDS and numbers and int(numbers[-1]) in wanted:
             try:
-                yield int(numbers[-1]), Image.open(file).convert("RGB")
-            except (OSError, UnidentifiedImageError) as error:
+                # Pillow warns of pictures that unpack to more than it takes for sound.
+                with warnings.catch_warnings():
+                    warnings.simplefilter("error")
+                    picture = Image.open(file).convert("RGB")
+            except Exception as error:  # each of Pillow's formats has its own ways to fail
                 raise InputError(f"{file}: is no picture that can be read") from error
+            yield int(numbers[-1]), picture
 
 
 def _of_file(file: Path, clip: Clip) -> Iterator[tuple[int, Any]]:

@@ -11,6 +11,7 @@ from contextlib import contextmanager
 from copy import deepcopy
 from dataclasses import dataclass, replace
 from functools import partial
+from importlib.metadata import version
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Protocol
@@ -63,6 +64,9 @@ class Cluster(Protocol):
     def get_executor(self) -> Executor:
         """Runs tasks on the workers."""
 
+    def run(self, function: Callable[..., Any], *args: Any, on_error: str) -> dict[str, Any]:
+        """What a function returns on every worker, or the error that it raises."""
+
     def scatter(self, data: Any, *, broadcast: bool) -> Any:
         """Send something to every worker once, and stand for it."""
 
@@ -74,7 +78,7 @@ def connected(address: str | None) -> Iterator[Cluster | None]:
     Raises
     ------
     InputError
-        dask is not installed, or nobody answers.
+        dask is not installed, nobody answers, or a worker has another version of the program.
     """
     if address is None:
         yield None
@@ -88,10 +92,29 @@ def connected(address: str | None) -> Iterator[Cluster | None]:
     make_client: Any = Client
     try:
         client = make_client(address, timeout=_PATIENCE)
+    except TypeError as error:  # of an address with tls:// where no certificate is named
+        raise InputError(
+            f"{address}: needs certificates; name them in dask's settings, distributed.comm.tls"
+        ) from error
     except (OSError, ValueError) as error:
-        raise InputError(f"{address}: no dask scheduler answers there") from error
+        refused = "certificate" in str(error)
+        why = "its certificate is not the one expected" if refused else "nothing answers"
+        raise InputError(f"{address}: no dask scheduler answers there ({why})") from error
     with client:
+        _require_same_program(address, client)
         yield client
+
+
+def _require_same_program(address: str, client: Cluster) -> None:
+    """Refuse workers on which other draws would be made, or none."""
+    own = version("imapper-prob")
+    for worker, found in client.run(version, "imapper-prob", on_error="return").items():
+        if found != own:
+            has = f"has imapper-prob {found}" if isinstance(found, str) else "has no imapper-prob"
+            raise InputError(
+                f"{address}: the worker {worker} {has}, and this is {own}; install the same one "
+                "on all machines, and start the worker again"
+            )
 
 
 @contextmanager

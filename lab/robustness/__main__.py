@@ -2,38 +2,43 @@
 
 Writes a section of ``docs/reference/robustness.md``.
 
-    python -m lab.robustness [INPUTS]
+    python -m lab.robustness [INPUTS] [--keep FILE]
 
-tries for every reader and every kind of damage so many inputs, 200 if not given. Each must be read
+tries for every reader and every kind of damage so many inputs, 150 if not given. Each must be read
 or refused with an `InputError`, within five seconds of processor time, whatever is in it, and
-nothing must appear outside of its folder. Printed is a line a reader, with its faults; the exit
+nothing must be written outside of its folder. With a file to keep what was found, a command that
+was stopped goes on with the next reader. Printed is a line a reader, with its faults; the exit
 code is 1 if there are any.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import logging
 import os
 import resource
 import sys
 from collections import Counter
 from collections.abc import Sequence
-from typing import Final
+from pathlib import Path
+from typing import Any, Final
 
+from imapper_prob.evaluate.tables import commit
+from imapper_prob.files import written_whole
 from lab.robustness import write_section
-from lab.robustness.attack import PATIENCE, attack
+from lab.robustness.attack import MEMORY, PATIENCE, Outcomes, attack
 from lab.robustness.inputs import READERS
 from lab.robustness.runs import RUN_READERS
 
-_INPUTS: Final = 200
+_INPUTS: Final = 150
 _COSTLY: Final = frozenset(
     {
         "posterior.nc", "posterior.nc, reported", "scenes.json", "a run with its checksums",
-        "checkpoint", "video",
+        "a run to go on with", "checkpoint", "video",
     }
 )  # fmt: skip
-"""Readers that take the better part of a second: a tenth as many are tried of each kind."""
+"""Readers that take the better part of a second: a fifth as many are tried of each kind."""
 _INTRODUCTION: Final = """`python -m lab.robustness {count}` writes this section.
 
 Every reader is given sound inputs that were then damaged, drawn from fixed seeds. An input must be
@@ -52,13 +57,50 @@ def main(arguments: Sequence[str] | None = None) -> int:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("inputs", type=int, nargs="?", default=_INPUTS, help="of each kind")
-    inputs = parser.parse_args(arguments).inputs
-    table = {}
+    parser.add_argument(
+        "--keep", type=Path, metavar="FILE",
+        help="what was found so far, and is not tried again (default: all is tried)",
+    )  # fmt: skip
+    options = parser.parse_args(arguments)
+    inputs, kept = options.inputs, _kept(options.keep, options.inputs)
     for name, reader in (READERS | RUN_READERS).items():
-        table[name] = attack(reader, inputs=max(1, inputs // 10) if name in _COSTLY else inputs)
-        faults = [fault for outcomes in table[name].values() for fault in outcomes.faults]
-        sys.stdout.write(f"{name}: {len(faults)} faults {faults[:3]}\n")
+        if name not in kept["readers"]:
+            count = max(1, inputs // 5) if name in _COSTLY else inputs
+            row = {kind: vars(found) for kind, found in attack(reader, inputs=count).items()}
+            peak = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss // 1024
+            kept["readers"][name] = row
+            kept["peak"] = max(kept["peak"], peak)
+            if options.keep is not None:
+                with written_whole(options.keep) as beside:
+                    beside.write_text(json.dumps(kept))
+        faults = [fault for found in kept["readers"][name].values() for fault in found["faults"]]
+        print(f"{name}: {len(faults)} faults {faults[:3]}", flush=True)
+    table = {
+        name: {kind: Outcomes(**{**found, "counts": Counter(found["counts"])})
+               for kind, found in row.items()}
+        for name, row in kept["readers"].items()
+    }  # fmt: skip
     counts = sum((o.counts for row in table.values() for o in row.values()), Counter())
+    text = _INTRODUCTION.format(count=inputs, patience=PATIENCE) + _table(table)
+    text += (
+        f"\n\n{counts.total()} inputs: {counts['read']} read, {counts['refused']} refused, "
+        f"{counts['fault']} faults. No process took more than {kept['peak']} MB of memory.\n"
+    )
+    write_section("Damaged files", text)
+    return os.EX_OK if not counts["fault"] and kept["peak"] < MEMORY else 1
+
+
+def _kept(file: Path | None, inputs: int) -> dict[str, Any]:
+    """What an earlier command of this state of the program and so many inputs found."""
+    of = {"commit": commit(), "inputs": inputs}
+    if file is not None and file.exists():
+        found: dict[str, Any] = json.loads(file.read_text())
+        if found["of"] == of:
+            return found
+    return {"of": of, "readers": {}, "peak": 0}
+
+
+def _table(table: dict[str, dict[str, Outcomes]]) -> str:
     kinds = list(dict.fromkeys(kind for row in table.values() for kind in row))
     lines = [
         "| reader | " + " | ".join(kinds) + " | slowest, s of processor time |",
@@ -68,14 +110,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         cells = [str(row.get(kind, "–")) for kind in kinds]
         slowest = max(outcomes.slowest for outcomes in row.values())
         lines.append(f"| {name} | " + " | ".join(cells) + f" | {slowest:.1f} |")
-    peak = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024
-    text = _INTRODUCTION.format(count=inputs, patience=PATIENCE) + "\n".join(lines)
-    text += (
-        f"\n\n{counts.total()} inputs: {counts['read']} read, {counts['refused']} refused, "
-        f"{counts['fault']} faults. No process took more than {peak:.0f} MB of memory.\n"
-    )
-    write_section("Damaged files", text)
-    return os.EX_OK if not counts["fault"] else 1
+    return "\n".join(lines)
 
 
 if __name__ == "__main__":

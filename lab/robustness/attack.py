@@ -23,12 +23,14 @@ import numpy as np
 from imapper_prob.models.errors import InputError
 from lab.robustness.inputs import Damage, Reader, kinds_of
 
-__all__ = ["PATIENCE", "attack"]
+__all__ = ["MEMORY", "PATIENCE", "Outcomes", "attack"]
 
 _SLOW: Final = frozenset({"a million frames", "hostile archive", "nested deeply"})
 """Kinds whose inputs are large: a tenth as many are tried."""
 PATIENCE: Final = 5
 """Seconds of processor time until an input counts as a hang."""
+MEMORY: Final = 2000
+"""Megabytes that reading may take."""
 _SILENCE: Final = 120.0
 """Seconds by the clock until a process counts as hanging that compiled code keeps."""
 
@@ -86,7 +88,7 @@ def attack(reader: Reader, *, inputs: int, only: str | None = None) -> dict[str,
             if only is not None and kind != only:
                 continue
             count = max(1, inputs // 10) if kind in _SLOW else inputs
-            result[kind] = _outcomes(reader, path, count, partial(_spoiled, choices, sound))
+            result[kind] = _outcomes(reader, path, room, count, partial(_spoiled, choices, sound))
             for file, content in sound.items():  # a child may have ended with one spoiled
                 file.write_bytes(content)
             if set(Path(base).rglob("*")) != before:
@@ -107,12 +109,12 @@ def _spoiled(
     file.write_bytes(sound[file])
 
 
-def _outcomes(reader: Reader, path: Path, count: int, spoiled: Spoiled) -> Outcomes:
+def _outcomes(reader: Reader, path: Path, room: Path, count: int, spoiled: Spoiled) -> Outcomes:
     """Of seeds from 0, read one after the other by a child; another goes on where one dies."""
     found = Outcomes()
     done = 0
     while done < count:
-        lines, end = _children_lines(reader, path, range(done, count), spoiled)
+        lines, end = _children_lines(reader, path, room, range(done, count), spoiled)
         for line in lines:
             outcome, seconds, words = line
             found.counts[outcome] += 1
@@ -128,7 +130,7 @@ def _outcomes(reader: Reader, path: Path, count: int, spoiled: Spoiled) -> Outco
 
 
 def _children_lines(
-    reader: Reader, path: Path, seeds: range, spoiled: Spoiled
+    reader: Reader, path: Path, room: Path, seeds: range, spoiled: Spoiled
 ) -> tuple[list[Any], str]:
     """What a child says of each seed, and how it ended."""
     source, sink = os.pipe()
@@ -140,9 +142,12 @@ def _children_lines(
     if child == 0:
         os.close(source)
         with os.fdopen(sink, "w") as file:
+            written = _written_elsewhere(room)
             for seed in seeds:
                 with spoiled(seed) as name:
                     told = _read(reader, path, f"seed {seed}, {name}")
+                if written:
+                    told = "fault", told[1], f"seed {seed}, {name}: wrote {written.pop()}"
                 file.write(json.dumps(told) + "\n")
                 file.flush()
         os._exit(0)
@@ -178,6 +183,39 @@ def _read(reader: Reader, path: Path, place: str) -> tuple[str, float, str]:
     except (Exception, _Hang) as error:
         outcome, words = "fault", f"{place}: {error!r:.300}"
     return outcome, time.process_time() - start, words
+
+
+_WRITES: Final = frozenset(
+    {"os.mkdir", "os.rename", "os.remove", "os.rmdir", "os.symlink", "os.link"}
+)
+
+_TO_ANOTHER: Final = ("os.rename", "os.symlink", "os.link")
+
+
+def _written_elsewhere(room: Path) -> list[str]:
+    """A list that grows by each path outside of a folder that this process writes to from now on.
+
+    Temporary files of libraries are none of it, for they are gone in the end.
+    """
+    found: list[str] = []
+    inside = (str(room), tempfile.gettempdir() + "/tmp", os.devnull)
+
+    def hear(event: str, values: tuple[Any, ...]) -> None:
+        if event == "open":
+            named, flags = values[0], values[2] or 0
+            if not flags & (os.O_WRONLY | os.O_RDWR | os.O_CREAT) or isinstance(named, int):
+                return
+        elif event in _WRITES and values[-1] == -1:  # not by a folder that is open
+            named = values[1] if event in _TO_ANOTHER else values[0]
+        else:
+            return
+        if isinstance(named, str | bytes | os.PathLike):
+            path = os.path.realpath(os.fsdecode(named))
+            if not path.startswith(inside):
+                found.append(path)
+
+    sys.addaudithook(hear)
+    return found
 
 
 @contextmanager

@@ -8,27 +8,42 @@ from __future__ import annotations
 
 import io
 import json
+import math
 import re
+import shutil
+import tempfile
 import warnings
 import zipfile
+import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Final
 
 import h5py
 import numpy as np
+from PIL import Image
 
 from imapper_prob.clips.clip_file import read_clip
 from imapper_prob.clips.detect import detect
 from imapper_prob.clips.i3db import read_i3db
 from imapper_prob.clips.load import ClipOptions, read_camera, read_whatever, write_clip
 from imapper_prob.clips.options import CameraFile
+from imapper_prob.evaluate.i3db import read_authors, read_input_path, read_truth_in_view
+from imapper_prob.evaluate.published import read_depths, read_regions
+from imapper_prob.models.scene import Clip
 from imapper_prob.models.skeleton import JOINTS, N_JOINTS
-from imapper_prob.scenelets.captures import Capture, read_capture, write_capture
+from imapper_prob.recording.video import read_video
+from imapper_prob.scenelets.captures import (
+    Capture,
+    read_capture,
+    read_i3db_capture,
+    write_capture,
+)
 from imapper_prob.scenelets.pigraphs import read_pigraphs
-from tests.clips import bodies
+from tests.clips import bodies, test_proposals
 from tests.clips.films import dark_figure, film, write_film
 from tests.clips.i3db_folder import I3dbFolder
 from tests.clips.pigraphs_folder import PigraphsFolder
@@ -97,6 +112,56 @@ def _camera_toml(folder: Path) -> Path:
     return folder / "camera.toml"
 
 
+def _proposals(folder: Path) -> Path:
+    return bodies.write_json(folder / "lcr.json", test_proposals.content())
+
+
+def _hall(folder: Path) -> Path:
+    """A scene with its truth, detections that were corrected, and a result in the same format."""
+    made = I3dbFolder()
+    hall = made.write(folder / "Hall")
+    corrected = {frame: joints for frame, joints in made.detections["3d"].items()}
+    bodies.write_json(hall / "gt" / "skel_GT_2d.json", {"3d": corrected})
+    shutil.copytree(hall / "gt", hall / "iMapper")
+    (hall / "iMapper" / "skel_hall_GT.json").rename(hall / "iMapper" / "skel_output.json")
+    return hall
+
+
+def _lifted(folder: Path) -> Path:
+    """Nothing but what the reader of lifted paths looks at."""
+    hall = _hall(folder)
+    for path in [path for path in hall.rglob("*") if path.is_file()]:
+        if not path.name.endswith("_unannot.json"):
+            path.unlink()
+    return hall
+
+
+@cache
+def _hall_clip() -> Clip:
+    with tempfile.TemporaryDirectory() as folder:
+        return read_i3db(_hall(Path(folder)))
+
+
+def _regions(folder: Path) -> Path:
+    box = {"category_id": 62, "bbox": [100.0, 200, 300, 400], "score": 0.9}
+    found = [{"image_id": f"frame_{frame:05d}.jpg", **box} for frame in range(1, 13)]
+    categories = [{"id": 62, "name": "chair"}]
+    document = {"detections": found, "categories": categories, "size": [1920, 1080]}
+    return bodies.write_json(folder / "mask.json", document)
+
+
+def _depths(folder: Path) -> Path:
+    np.savez(folder / "mono.npz", depth=np.full((12, 54, 96), 3.0))
+    return folder / "mono.npz"
+
+
+def _pictures(folder: Path) -> Path:
+    for frame in range(1, 4):
+        Image.new("RGB", (192, 108), "teal").save(folder / f"color_{frame:05d}.png")
+        Image.new("RGB", (192, 108), "teal").save(folder / f"color_{frame + 3:05d}.jpg")
+    return folder
+
+
 def _keypoints(path: Path) -> Any:
     return read_whatever(path, _OPTIONS)
 
@@ -134,6 +199,14 @@ READERS: Final[dict[str, Reader]] = {
         lambda f: PigraphsFolder().write(f),
         lambda path: read_pigraphs(path, folder=path.parents[1]),
     ),
+    "i3DB truth": Reader(_hall, read_truth_in_view),
+    "i3DB truth, a capture": Reader(_hall, read_i3db_capture),
+    "i3DB result": Reader(_hall, lambda path: read_authors(path, _hall_clip())),
+    "i3DB lifted path": Reader(_lifted, lambda path: read_input_path(path, _hall_clip())),
+    "LCR-Net++ proposals": Reader(_proposals, lambda path: read_whatever(path, ClipOptions())),
+    "regions": Reader(_regions, lambda path: read_regions(path, _hall_clip())),
+    "depth maps (.npz)": Reader(_depths, lambda path: read_depths(path, _hall_clip())),
+    "pictures": Reader(_pictures, lambda path: read_video(path, _hall_clip())),
     "camera (TOML)": Reader(_camera_toml, read_camera),
     "camera (JSON)": Reader(_camera_json, read_camera),
 }
@@ -160,6 +233,8 @@ _STRANGE: Final[tuple[Any, ...]] = (
     [1, 2, 3],
 )
 _NOT_FINITE: Final = ("NaN", "Infinity", "-Infinity", "1e999")
+_LARGEST: Final = 50_000_000
+"""Numbers in an array of a million frames: what spoils inputs has to fit into memory as well."""
 _HUGE: Final = ("1e308", "-1e300", "9" * 400, "9" * 5000, "123456789012345678901234567890")
 
 
@@ -412,7 +487,9 @@ def _array_million(content: bytes, rng: Generator) -> bytes:
     arrays = _entries(content)
     rows = [k for k, v in arrays.items() if v.ndim]
     key = next((k for k in ("joints", "frame_ids") if k in arrays), rows[0])
-    arrays[key] = np.zeros((1_000_000, *arrays[key].shape[1:]), np.float32)
+    of_each = arrays[key].shape[1:]
+    count = min(1_000_000, _LARGEST // max(1, math.prod(of_each)))
+    arrays[key] = np.zeros((count, *of_each), np.float32)
     return _saved(arrays)
 
 
@@ -443,6 +520,13 @@ def _archive(content: bytes, rng: Generator) -> bytes:
     return file.getvalue()
 
 
+def _claims(content: bytes, rng: Generator) -> bytes:
+    """A PNG whose head, with a checksum that fits, claims to be so large."""
+    side = int(rng.choice([0, 20_000, 60_000, 2**31 - 1])).to_bytes(4, "big")
+    head = b"IHDR" + side + side + content[24:29]
+    return content[:12] + head + zlib.crc32(head).to_bytes(4, "big") + content[33:]
+
+
 KINDS: Final[dict[str, dict[str, Damage]]] = {
     "cut off": {"": _cut},
     "bytes changed": {"": _bytes},
@@ -458,7 +542,7 @@ KINDS: Final[dict[str, dict[str, Damage]]] = {
     },
     "huge": {
         ".json": _number(_HUGE), ".trc": _number(_HUGE), ".toml": _number(_HUGE),
-        ".npz": _array_values((1e308, -1e300, 1e30)), ".txt": _number(_HUGE),
+        ".npz": _array_values((1e308, -1e300, 1e30)), ".txt": _number(_HUGE), ".png": _claims,
         ".nc": _in_netcdf(_netcdf_values((1e9, 1e30, -1e9, -1e300, -1.0, 1e5))),
     },
     "nested deeply": {".json": _deep, ".toml": _deep},

@@ -7,11 +7,13 @@ what stands behind them.
 from __future__ import annotations
 
 import io
+import json
 import os
 import shutil
 import tempfile
 from collections.abc import Callable
 from contextlib import redirect_stderr, redirect_stdout
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any, Final
@@ -31,17 +33,27 @@ from imapper_prob.evaluate.prediction import (
 )
 from imapper_prob.evaluate.suite import first_part
 from imapper_prob.models.errors import InputError
+from imapper_prob.models.scene import Clip, Track
 from imapper_prob.models.scenelet import Library
-from imapper_prob.results.folders import write_run, write_solution_folder
+from imapper_prob.results.folders import (
+    CHECKPOINTS,
+    earlier_run,
+    restore_chains,
+    run_folder,
+    write_run,
+    write_solution_folder,
+)
 from imapper_prob.results.posterior import Posterior, load_posterior
-from imapper_prob.results.report import report
+from imapper_prob.results.report import report, write_report
 from imapper_prob.samplers.checkpoint import Checkpointer, CheckpointError
+from imapper_prob.sampling.actors import JointProblem, join_actors
 from imapper_prob.sampling.chain import run_chain, starts_of
 from imapper_prob.sampling.checkpoints import identity_of
 from imapper_prob.sampling.sample import sample_scenes, setup_of
 from imapper_prob.scenelets.library import load_library, read_library, save_library
-from imapper_prob.solver.actors import solved
+from imapper_prob.solver.actors import solve_actors, solved
 from imapper_prob.solver.solver import Solution, solve
+from imapper_prob.uncertainty.tree import write_tree
 from lab.robustness.inputs import Reader
 from tests.clips import bodies
 
@@ -49,9 +61,12 @@ __all__ = [
     "CONFIG",
     "RUN_READERS",
     "SEED",
+    "small_cast",
+    "small_clip",
     "small_library",
     "small_posterior",
     "small_solution",
+    "warm_up",
 ]
 
 
@@ -72,26 +87,57 @@ def small_library() -> Library:
     return Library("part", tuple(s for s in load_library() if s.name.startswith(names))[:20])
 
 
+def small_clip(people: int = 1) -> Clip:
+    """Five seconds of the demo; others do what its person does later, or backwards."""
+    demo = demo_clip()
+    first = first_part(demo, 0.4)
+    n = first.n_frames
+    rows = (np.arange(n), np.arange(n) + n, np.arange(n)[::-1])
+    tracks = (_at(demo.tracks[0], rows[person], "ABC"[person]) for person in range(people))
+    return first if people == 1 else replace(first, tracks=tuple(tracks), truth=None)
+
+
+def _at(track: Track, rows: np.ndarray, name: str) -> Track:
+    arrays = ("keypoints", "confidences", "poses", "interpolated")
+    return replace(track, name=name, **{field: getattr(track, field)[rows] for field in arrays})
+
+
 @cache
 def small_solution() -> Solution:
-    """Five seconds of the demo, solved."""
-    return solve(first_part(demo_clip(), 0.4), small_library())
+    """The clip of one person, solved."""
+    return solve(small_clip(), small_library())
 
 
-def small_posterior(*, checkpoints: Path | None = None) -> Posterior:
-    """Its draws."""
+@cache
+def small_cast(people: int) -> Solution | JointProblem:
+    """Everybody in a clip, solved."""
+    if people == 1:
+        return small_solution()
+    return join_actors(solve_actors(small_clip(people), small_library()))
+
+
+def small_posterior(
+    *, people: int = 1, seed: int = SEED, checkpoints: Path | None = None, anew: bool = False
+) -> Posterior:
+    """Draws of a small clip."""
+    cast = small_cast(people)
     samples = sample_scenes(
-        small_solution(),
-        CONFIG.sample,
-        seed=np.random.SeedSequence(SEED),
-        checkpoints=checkpoints,
+        cast, CONFIG.sample, seed=np.random.SeedSequence(seed), checkpoints=checkpoints, anew=anew
     )
-    return Posterior(small_solution(), samples, CONFIG)
+    return Posterior(cast, samples, CONFIG)
+
+
+def warm_up() -> None:
+    """Load what a small run needs, so that forks of this process need not; no threads are left."""
+    posterior = small_posterior()
+    with tempfile.TemporaryDirectory() as folder:
+        write_report(Path(folder) / "report.html", posterior)
+        write_tree(Path(folder) / "posterior.nc", posterior.data)
 
 
 def _write_small_run(folder: Path) -> None:
-    """The folder of a run."""
-    write_run(folder, small_posterior(), overwrite=False)
+    """The folder of a run, with what its chains need to go on."""
+    write_run(folder, small_posterior(checkpoints=folder / CHECKPOINTS), overwrite=False)
 
 
 @cache
@@ -106,9 +152,10 @@ def _run_with(*names: str) -> Callable[[Path], Path]:
     """Some files of a run, all where none is named."""
 
     def write(folder: Path) -> Path:
-        for path in _whole_run().iterdir():
-            if path.is_file() and (not names or path.name in names):
-                shutil.copy(path, folder)
+        if not names:
+            return Path(shutil.copytree(_whole_run(), folder, dirs_exist_ok=True))
+        for name in names:
+            shutil.copy(_whole_run() / name, folder)
         return folder
 
     return write
@@ -133,6 +180,41 @@ def _shown(folder: Path) -> None:
             code = main(["info", str(folder)])
     if code:
         raise InputError(said.getvalue())
+
+
+def _gone_on_with(folder: Path) -> None:
+    """What a command does that finds a finished run, up to where its chains go on."""
+    try:
+        if earlier_run(folder) is not None:
+            restore_chains(folder, chains=CONFIG.sample.chains)
+    finally:
+        shutil.rmtree(folder / CHECKPOINTS, ignore_errors=True)
+
+
+def _put_in_place(folder: Path) -> None:
+    """What the next command does where one was killed while it put files in place."""
+    stage = folder / ".partial"
+    before = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+    try:
+        with run_folder(folder, overwrite=True):
+            pass
+    finally:
+        shutil.rmtree(folder)
+        stage.mkdir(parents=True)
+        for path, content in before.items():
+            path.parent.mkdir(exist_ok=True)
+            path.write_bytes(content)
+
+
+def _killed_when_complete(folder: Path) -> Path:
+    (folder / "out" / ".partial").mkdir(parents=True)
+    for name in ("manifest.json", "scenes.json", "config.toml"):
+        shutil.copy(_whole_run() / name, folder / "out" / ".partial")
+    manifest = folder / "out" / ".partial" / "manifest.json"
+    document = json.loads(manifest.read_text())
+    kept = {name: document["files"][name] for name in ("scenes.json", "config.toml")}
+    manifest.write_text(json.dumps({**document, "files": kept}))
+    return folder / "out"
 
 
 def _configured(folder: Path) -> Path:
@@ -161,8 +243,6 @@ def _chain(path: Path) -> Any:
 
 @cache
 def _starts() -> Any:
-    from imapper_prob.sampling.actors import join_actors
-
     return starts_of(join_actors([small_solution()]), CONFIG.sample.chains)
 
 
@@ -202,6 +282,8 @@ RUN_READERS: Final[dict[str, Reader]] = {
     "posterior.nc, reported": Reader(_run_with("posterior.nc"), _reported),
     "scenes.json": Reader(_run_with("scenes.json", "posterior.nc"), _shown),
     "a run with its checksums": Reader(_run_with(), _shown),
+    "a run to go on with": Reader(_run_with(), _gone_on_with),
+    "a run being put in place": Reader(_killed_when_complete, _put_in_place),
     "config.toml": Reader(_configured, read_config),
     "checkpoint": Reader(_checkpoint, _chain),
     "solution": Reader(_solution, lambda path: read_solution_folder(path, small_solution().clip)),

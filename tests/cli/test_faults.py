@@ -6,6 +6,7 @@ import json
 import os
 import shutil
 import signal
+import time
 from argparse import Namespace
 from collections.abc import Callable
 from contextlib import redirect_stderr, redirect_stdout
@@ -193,6 +194,27 @@ def test_sigterm_is_heard_and_forgotten() -> None:
     assert signal.getsignal(signal.SIGTERM) is before
     assert last_words(Terminated(), Namespace()) == ("interrupted; nothing was written", 143)
     assert last_words(Stopped(), Namespace()) == ("interrupted; the same command goes on", 130)
+
+
+class Finalised:
+    """Python ignores what is thrown while it is deleted."""
+
+    def __init__(self, number: signal.Signals) -> None:
+        self.number = number
+
+    def __del__(self) -> None:
+        os.kill(os.getpid(), self.number)
+        time.sleep(0.01)
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_an_interruption_is_not_lost_in_a_finaliser(number: signal.Signals) -> None:
+    def work() -> None:
+        Finalised(number)
+        time.sleep(5)
+
+    with pytest.raises(KeyboardInterrupt), stoppable():
+        work()
 
 
 def test_overwrite_deletes_nothing_before_there_is_something_else(

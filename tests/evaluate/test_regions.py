@@ -114,9 +114,19 @@ def _unnumbered(data: dict[str, Any]) -> None:
     data["detections"][3]["bbox"] = "left"
 
 
+def _listed(data: dict[str, Any]) -> None:
+    data["detections"][3]["category_id"] = [62]
+
+
+def _endless(data: dict[str, Any]) -> None:
+    data["detections"][3]["image_id"] = f"frame_{'9' * 5000}.jpg"
+
+
 @pytest.mark.parametrize(
     ("spoil", "said"),
     [
+        (_listed, "detection 3: category_id must be a whole number"),
+        (_endless, "detection 3: .* holds no frame number"),
         (_size, r"mask-rcnn\.json: is of images of 640 x 480, those of made up are 1920 x 1080"),
         (_outside, r"mask-rcnn\.json, detection \d: the box ends at .* another image size"),
         (_strange, "detection 3: frame 99 is not of made up"),

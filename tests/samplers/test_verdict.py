@@ -149,6 +149,14 @@ def test_tempering_is_mentioned(rng):
     assert judge(found, {}, ladders=[ladder(trips=0)]).text == judge(found, {}).text
 
 
+def test_chains_that_were_stopped_before_they_swapped_say_nothing_of_it(rng):
+    found = layouts(rng, 8_000)
+    stopped = ladder(np.nan, np.nan, trips=0)
+    assert judge(found, {}, ladders=[stopped]).text == judge(found, {}).text
+    told = judge(found, {}, ladders=[stopped, ladder(0.3, 0.4, trips=0)]).text
+    assert told.endswith("from 0.30 to 0.40: try 4 temperatures in place of 3.")
+
+
 def test_tempering_that_could_not_help_says_what_might(rng):
     stuck = layout_probabilities(np.repeat([[7], [4]], 500, axis=1), rng=rng)
     few = judge(stuck, {}, ladders=[ladder(0.02, 0.05, 0.01, trips=0)])

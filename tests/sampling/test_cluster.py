@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Callable
+from importlib.metadata import version
 from pathlib import Path
 
 import pytest
@@ -10,7 +12,9 @@ import pytest
 from imapper_prob.api import demo_clip
 from imapper_prob.cli.main import main
 from imapper_prob.clips.load import write_clip
+from imapper_prob.models.errors import InputError
 from imapper_prob.models.scenelet import Library
+from imapper_prob.sampling.sample import connected
 from imapper_prob.scenelets.library import load_library, save_library
 
 distributed = pytest.importorskip(
@@ -45,6 +49,51 @@ def test_a_run_on_a_cluster_draws_what_a_run_here_does(tmp_path: Path) -> None:
     ) as cluster:
         there = run(tmp_path, "there", "--cluster", cluster.scheduler_address)
     assert there == run(tmp_path, "here")
+
+
+class Workers:
+    """Two workers, the second of which has something else than this program."""
+
+    def __init__(self, *_: object, **__: object) -> None:
+        self.other: object = "0.0.9"
+
+    def __enter__(self) -> Workers:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        pass
+
+    def run(self, function: Callable[[str], str], name: str, *, on_error: str) -> dict[str, object]:
+        assert on_error == "return"
+        return {"tcp://a:1": function(name), "tcp://b:1": self.other}
+
+
+@pytest.mark.parametrize(
+    ("other", "said"),
+    [
+        ("0.0.9", "the worker tcp://b:1 has imapper-prob 0.0.9, and this is"),
+        (ImportError("no such package"), "the worker tcp://b:1 has no imapper-prob"),
+    ],
+)
+def test_a_worker_with_another_version_is_refused_by_name(
+    monkeypatch: pytest.MonkeyPatch, other: object, said: str
+) -> None:
+    workers = Workers()
+    workers.other = other
+    monkeypatch.setattr(distributed, "Client", lambda *_, **__: workers)
+    with pytest.raises(InputError, match=said), connected("tcp://here:1"):
+        pass
+    workers.other = version("imapper-prob")
+    with connected("tcp://here:1") as client:
+        assert client is workers
+
+
+def test_an_address_that_needs_certificates_says_so() -> None:
+    with (
+        pytest.raises(InputError, match="needs certificates; name them in dask's settings"),
+        connected("tls://127.0.0.1:9"),
+    ):
+        pass
 
 
 def test_nobody_at_the_address_is_said_plainly(

@@ -1,0 +1,64 @@
+"""Is anything lost when the disk fails, a process is killed, or somebody stops a run?
+
+    python -m lab.faults [--faults N] [--kills N] [--interrupts N]
+
+runs one small command again and again. N faults of the disk are spread over all calls by which it
+changes files, for one, two and three people and over an earlier run; it is killed N times while its
+chains run, with one process and with two; and N times in every stage it is told to stop. After each
+the same run is started again without a fault. It must end well, with the draws and the files of a
+run that nobody disturbed, and the faulty one in a sentence. Printed are the cases that ended
+otherwise; two sections of ``docs/reference/robustness.md`` are written. About an hour on one core.
+
+Linux with a C compiler.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from collections.abc import Sequence
+from typing import Final
+
+from lab.faults.disk import disk_faults, disk_section
+from lab.faults.stops import stop_runs, stops_section
+from lab.robustness import write_section
+
+_FAULTS: Final = 300
+_KILLS: Final = 20
+_INTERRUPTS: Final = 1
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Make the faults, write the sections, and say whether all ended well."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--faults", type=int, default=_FAULTS, help="of the disk; 0: none")
+    parser.add_argument("--kills", type=int, default=_KILLS, help="for each number of processes")
+    parser.add_argument("--interrupts", type=int, default=_INTERRUPTS, help="in each stage")
+    options = parser.parse_args(arguments)
+    wrong: list[str] = []
+    if options.faults:
+        begun = time.monotonic()
+        told = disk_faults(options.faults)
+        wrong += told["wrong"]
+        text = f"`python -m lab.faults` writes this section, in {_minutes(begun)} minutes."
+        write_section("Faults of the disk", f"{text}\n\n{disk_section(told)}")
+    if options.kills or options.interrupts:
+        begun = time.monotonic()
+        told = stop_runs(options.kills, options.interrupts)
+        wrong += told["wrong"]
+        text = f"`python -m lab.faults` writes this section, in {_minutes(begun)} minutes."
+        write_section("Runs that are stopped", f"{text}\n\n{stops_section(told)}")
+    for case in wrong:
+        print(case)
+    return int(bool(wrong))
+
+
+def _minutes(begun: float) -> int:
+    return round((time.monotonic() - begun) / 60)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
