@@ -6,12 +6,14 @@ instead: p L^b for powers b that rise from 0 to 1, at each of which draws are ch
 then moved by a kernel that leaves p L^b as it is (annealed importance sampling with resampling).
 The product of the mean weights of all steps is the ratio.
 
+Weights are not smoothed by a Pareto tail: those of a normalised statement are bounded, and draws
+of a chain repeat themselves, which the fit of a tail takes for its shape.
+
 References
 ----------
 Del Moral, Doucet & Jasra 2006, J. R. Stat. Soc. B 68, 411 (sequential Monte Carlo samplers).
 Lee & Whiteley 2018, Biometrika 105, 609 (the variance of the ratio from its families).
 Neal 2001, Stat. Comput. 11, 125 (annealed importance sampling).
-Vehtari, Simpson, Gelman, Yao & Gabry 2024, J. Mach. Learn. Res. 25, 72 (smoothed weights).
 """
 
 from __future__ import annotations
@@ -20,10 +22,9 @@ import math
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, Generic, TypeVar
+from typing import Generic, TypeVar
 
 import numpy as np
-from arviz_stats.base.array import array_stats as _untyped_array_stats
 from numpy.typing import ArrayLike, NDArray
 
 from imapper_prob.samplers.diagnostics import ShortChainWarning, mean_error
@@ -33,10 +34,7 @@ __all__ = ["Bridged", "Reweighted", "bridge", "families_of", "resample", "reweig
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 S = TypeVar("S")
-array_stats: Any = _untyped_array_stats
 
-# A tail of weights whose shape is beyond has no mean that draws could tell (Vehtari et al. 2024).
-_HEAVIEST = 0.7
 # Draws that have to be left, or this share of them if there are few; chosen.
 _ENOUGH, _SHARE = 100.0, 0.25
 # Share of the draws that is left, effectively, by each step of a bridge; the usual choice.
@@ -52,28 +50,24 @@ class Reweighted:
     Parameters
     ----------
     weights : (C, N) float
-        Smoothed in the tail; their sum is 1.
+        Their sum is 1.
     log_ratio : float
         Log of the ratio of the integrals, nats.
     error : float
         Its standard error; NaN where chains are too short.
     effective : float
         Draws of equal weight that would be as good, by Kish: 1 / sum of squared weights.
-    tail : float
-        Shape of the tail of the weights; above .7 they cannot be trusted.
     """
 
     weights: Array
     log_ratio: float
     error: float
     effective: float
-    tail: float
 
     @property
     def good(self) -> bool:
         """Whether enough draws are left."""
-        enough = min(_ENOUGH, _SHARE * self.weights.size)
-        return self.effective >= enough and self.tail <= _HEAVIEST
+        return self.effective >= min(_ENOUGH, _SHARE * self.weights.size)
 
 
 def reweigh(log_weights: ArrayLike) -> Reweighted:
@@ -87,7 +81,7 @@ def reweigh(log_weights: ArrayLike) -> Reweighted:
     Returns
     -------
     Reweighted
-        Ratio and error by the weights as they are, the error by chains and their correlation.
+        Its error is by chains and their correlation.
     """
     log_weights = np.asarray(log_weights, float)
     top = log_weights.max()
@@ -95,28 +89,13 @@ def reweigh(log_weights: ArrayLike) -> Reweighted:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ShortChainWarning)
         error = float(mean_error(plain) / plain.mean()) if np.ptp(plain) > 0 else 0.0
-    smooth, tail = _smoothed(log_weights - top)
+    weights = plain / plain.sum()
     return Reweighted(
-        weights=smooth,
+        weights=weights,
         log_ratio=float(top + math.log(plain.mean())),
         error=error,
-        effective=float(1 / (smooth**2).sum()),
-        tail=tail,
+        effective=float(1 / (weights**2).sum()),
     )
-
-
-def _smoothed(log_weights: Array) -> tuple[Array, float]:
-    """Normalised weights with a Pareto tail, and its shape; -inf where all weigh the same."""
-    flat = log_weights.ravel()
-    if np.ptp(flat) == 0:
-        return np.full(log_weights.shape, 1 / flat.size), -math.inf
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # that there are few draws: the shape says so
-        # It takes the log of what to divide by.
-        smooth, tail = array_stats.psislw(-flat)
-    weights = np.exp(smooth - smooth.max())
-    shape = float(tail) if np.isfinite(tail) else math.inf
-    return (weights / weights.sum()).reshape(log_weights.shape), shape
 
 
 def resample(weights: ArrayLike, count: int, rng: np.random.Generator) -> Ints:

@@ -134,7 +134,7 @@ def add_run_commands(
         "--given",
         type=Path,
         metavar="FILE",
-        help="what is known besides the clip, TOML: objects, camera, walls, depths",
+        help="what is known besides the clip, TOML: objects, camera, walls (default: nothing)",
     )
     run.set_defaults(execute=_run)
 

@@ -60,6 +60,7 @@ if TYPE_CHECKING:
     from imapper_prob.uncertainty.motion import JointSummary
     from imapper_prob.uncertainty.occupancy import Occupancy
     from imapper_prob.uncertainty.parameters import Nuisance
+    from imapper_prob.uncertainty.questions import Question
     from imapper_prob.uncertainty.stored import Source
 
 __all__ = ["Posterior", "load_posterior"]
@@ -900,6 +901,40 @@ class Posterior:
 
         return conditioned(
             self, statements, library=library, steps=steps, workers=workers, progress=progress
+        )
+
+    def questions(self, *, library: Library | None = None) -> tuple[Question, ...]:
+        """What would settle which layout it is: questions, those first that would tell most.
+
+        Whether an object is there or is called so, how high the camera hangs, how tall the person
+        is; each with the bits by which its answer would lower the entropy of layouts on average.
+
+        Parameters
+        ----------
+        library : Library, optional
+            That of the run, where it was opened from its folder. As its settings say if not given.
+
+        Returns
+        -------
+        tuple of Question
+
+        Examples
+        --------
+        >>> questions = posterior.questions()
+        >>> questions[0].bits >= questions[-1].bits
+        True
+        """
+        from imapper_prob.results.conditioned import full_library
+        from imapper_prob.uncertainty.questions import questions_of
+
+        return questions_of(
+            self.samples,
+            self.clusters(),
+            self.solution.problem,
+            self.clip,
+            full_library(self, library),
+            radius=self.config.sample.layout_radius,
+            rng=np.random.default_rng(self.config.seed),
         )
 
     def save(self, folder: str | Path, *, overwrite: bool = False) -> None:

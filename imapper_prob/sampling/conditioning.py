@@ -123,7 +123,9 @@ def statement_values(problem: Problem, states: Sequence[State]) -> Array:
     -------
     (N,) float
     """
-    return np.array([terms(problem, state)["given"] for state in states])
+    # Detections have no say in it, and take most of the time.
+    alone = problem._replace(likelihood=0.0)
+    return np.array([terms(alone, state)["given"] for state in states])
 
 
 def with_statements(source: Solution | JointProblem, problem: Problem) -> Solution | JointProblem:
@@ -244,7 +246,7 @@ def continued(
     chosen = _evenly(samples, _PARTICLES)
     families = families_of(*samples.shape)[chosen]
     advance = _Advance(setup, fresh, _noted(samples.states))
-    alone = problem._replace(given_power=fresh)
+    alone = problem._replace(given_power=fresh, likelihood=0.0)
     led = bridge(
         np.random.default_rng(bridge_seed),
         [samples.states[n] for n in chosen],
