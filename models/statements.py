@@ -681,7 +681,7 @@ def tell(
     statements : sequence of Statement
     clip : Clip
     library : Library
-        All of it: categories are numbered by it.
+        All of it, or exactly the scenelets of the problem.
 
     Returns
     -------
@@ -693,7 +693,7 @@ def tell(
         See :func:`check_statements`.
     """
     check_statements(statements, clip, library)
-    names = labels_of(library)
+    names = _names(problem, library)
     kinds = np.zeros((len(statements), GIVEN_KINDS), np.int64)
     numbers = np.zeros((len(statements), GIVEN_NUMBERS))
     labels: list[Array] = []
@@ -716,6 +716,16 @@ def tell(
         given_rows=np.array(rows, dtype=np.float64).reshape(-1, GIVEN_ROW),
         given_power=np.ones(len(statements)),
     )
+
+
+def _names(problem: Problem, library: Library) -> list[str]:
+    """Labels by the numbers that a problem has for them; empty where its scenelets have none."""
+    names = labels_of(library)
+    if len(names) < len(problem.label_front):
+        known = [o.label for s in library for o in s.objects for _ in o.cuboids]
+        named = dict(zip(problem.box_label.tolist(), known, strict=True))
+        names = [named.get(number, "") for number in range(len(problem.label_front))]
+    return names
 
 
 @dataclass(frozen=True)

@@ -35,8 +35,9 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 S = TypeVar("S")
 
-# Draws that have to be left, or this share of them if there are few; chosen.
-_ENOUGH, _SHARE = 100.0, 0.25
+# Draws that have to be left, or this share of them if there are few, and the largest error of the
+# log ratio, nats: draws of chains may all be of one stretch in which they hardly moved. Chosen.
+_ENOUGH, _SHARE, _ERROR = 100.0, 0.25, 0.3
 # Share of the draws that is left, effectively, by each step of a bridge; the usual choice.
 _KEPT = 0.5
 # Parts of each chain that count as independent of one another in the error of a bridge.
@@ -67,7 +68,8 @@ class Reweighted:
     @property
     def good(self) -> bool:
         """Whether enough draws are left."""
-        return self.effective >= min(_ENOUGH, _SHARE * self.weights.size)
+        enough = self.effective >= min(_ENOUGH, _SHARE * self.weights.size)
+        return enough and self.error <= _ERROR
 
 
 def reweigh(log_weights: ArrayLike) -> Reweighted:

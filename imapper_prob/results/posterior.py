@@ -903,16 +903,11 @@ class Posterior:
             self, statements, library=library, steps=steps, workers=workers, progress=progress
         )
 
-    def questions(self, *, library: Library | None = None) -> tuple[Question, ...]:
+    def questions(self) -> tuple[Question, ...]:
         """What would settle which layout it is: questions, those first that would tell most.
 
         Whether an object is there or is called so, how high the camera hangs, how tall the person
         is; each with the bits by which its answer would lower the entropy of layouts on average.
-
-        Parameters
-        ----------
-        library : Library, optional
-            That of the run, where it was opened from its folder. As its settings say if not given.
 
         Returns
         -------
@@ -924,15 +919,12 @@ class Posterior:
         >>> questions[0].bits >= questions[-1].bits
         True
         """
-        from imapper_prob.results.conditioned import full_library
         from imapper_prob.uncertainty.questions import questions_of
 
         return questions_of(
             self.samples,
             self.clusters(),
-            self.solution.problem,
-            self.clip,
-            full_library(self, library),
+            self.solution,
             radius=self.config.sample.layout_radius,
             rng=np.random.default_rng(self.config.seed),
         )

@@ -19,15 +19,13 @@ from typing import Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from imapper_prob.models.problem import Problem
-from imapper_prob.models.scene import Clip
-from imapper_prob.models.scenelet import Library
 from imapper_prob.models.skeleton import REFERENCE_STATURE
 from imapper_prob.models.statements import Measured, Presence, Statement, tell
 from imapper_prob.samplers.diagnostics import ShortChainWarning, mean_error
 from imapper_prob.sampling.conditioning import statement_values
 from imapper_prob.sampling.sample import Samples
 from imapper_prob.uncertainty.clusters import ObjectCluster
+from imapper_prob.uncertainty.stored import Source
 
 __all__ = ["Question", "information", "questions_of"]
 
@@ -93,9 +91,7 @@ class Question:
 def questions_of(
     samples: Samples,
     clusters: Sequence[ObjectCluster],
-    problem: Problem,
-    clip: Clip,
-    library: Library,
+    source: Source,
     *,
     radius: float,
     rng: np.random.Generator,
@@ -107,9 +103,8 @@ def questions_of(
     samples : Samples
     clusters : sequence of ObjectCluster
         Objects that are asked for.
-    problem : Problem
-    clip : Clip
-    library : Library
+    source : Source
+        What the draws are of.
     radius : float
         Metres within which an object counts as the one that is asked for.
     rng : numpy.random.Generator
@@ -121,7 +116,7 @@ def questions_of(
     """
     found = []
     for text, asked in _about_objects(clusters, radius):
-        told = tell(problem, [asked], clip, library)
+        told = tell(source.problem, [asked], source.clip, source.library)
         yes = np.exp(statement_values(told, samples.states))
         found.append(_question(text, asked, samples, np.stack([yes, 1 - yes], -1)))
     for text, quantity, std in _MEASURED:
