@@ -29,7 +29,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from imapper_prob.samplers.diagnostics import ShortChainWarning, mean_error
 
-__all__ = ["Bridged", "Reweighted", "bridge", "families_of", "resample", "reweigh"]
+__all__ = ["Reweighted", "bridge", "families_of", "resample", "reweigh"]
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -35,10 +35,13 @@ class Change:
         Label of an object, or name of a number.
     unit : str
         Of the number; empty for an object.
-    before, after : float
-        Probability that the object is there, or the mean of the number. NaN where it is not.
-    before_error, after_error : float
-        Standard error of the probability, or standard deviation of the number.
+    before : float
+        Probability that the object was there, or the mean of the number.
+    before_error : float
+        Standard error of the probability, or standard deviation of the number; NaN where there
+        was no such object.
+    after, after_error : float
+        The same afterwards.
     moved : float
         Metres from the mean place before to that after; NaN where that makes no sense.
     """

@@ -30,7 +30,7 @@ from imapper_prob.solver.actors import solve_actors
 from imapper_prob.solver.solver import Solution
 from imapper_prob.uncertainty.stored import StoredSource, library_digest
 
-__all__ = ["conditioned", "full_library"]
+__all__ = ["conditioned"]
 
 Progress = Callable[[str, float], None]
 _PART: Final = 4
@@ -64,12 +64,17 @@ def conditioned(
     Returns
     -------
     Posterior
+
+    Raises
+    ------
+    InputError
+        The statements cannot be true of the clip, or the library is another one.
     """
     begun = time.perf_counter()
     if not statements:
         raise InputError("no statement: name one at least")
     source, samples, clip = posterior.solution, posterior.samples, posterior.clip
-    known = full_library(posterior, library)
+    known = _full_library(posterior, library)
     earlier = () if posterior.told is None else posterior.told.statements
     everything = (*earlier, *statements)
     check_statements(everything, clip, known)
@@ -107,24 +112,8 @@ def conditioned(
     )
 
 
-def full_library(posterior: Posterior, library: Library | None = None) -> Library:
-    """The library of a posterior, of which its file keeps a part.
-
-    Parameters
-    ----------
-    posterior : Posterior
-    library : Library, optional
-        What is taken for it; what the settings name if not given.
-
-    Returns
-    -------
-    Library
-
-    Raises
-    ------
-    InputError
-        It is another one.
-    """
+def _full_library(posterior: Posterior, library: Library | None) -> Library:
+    """The library of a posterior, of which its file keeps a part: as given, or as settings say."""
     source = posterior.solution
     if not isinstance(source, StoredSource):
         return source.library
