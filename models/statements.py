@@ -57,6 +57,7 @@ __all__ = [
     "check_statements",
     "describe",
     "from_json",
+    "log_by_chance",
     "tell",
     "to_json",
 ]
@@ -785,6 +786,29 @@ def _packed(statement: Statement, clip: Clip) -> _Packed:
 
 _LABELS_OF_DETECTORS: Final = 80
 """Labels among which a box of nothing has one; COCO's."""
+
+
+def log_by_chance(statement: Statement, clip: Clip) -> float | None:
+    """Log density of an answer by chance, the least that its term can be, nats.
+
+    Parameters
+    ----------
+    statement : Statement
+    clip : Clip
+
+    Returns
+    -------
+    float or None
+        None of measurements, which are never by chance.
+    """
+    packed = _packed(statement, clip)
+    match statement:
+        case ObjectAt():
+            return math.log(packed.numbers[0]) + packed.numbers[1]
+        case Presence() | Room() | Contact():
+            return math.log(0.5 * packed.numbers[0])
+        case _:
+            return None
 
 
 def _object_numbers(said: ObjectAt, picture: tuple[float, float]) -> tuple[float, ...]:

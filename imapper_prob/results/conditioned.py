@@ -21,6 +21,7 @@ from imapper_prob.sampling.conditioning import (
     Evidence,
     Told,
     continued,
+    denied,
     reweighted,
     statement_values,
     with_statements,
@@ -81,6 +82,9 @@ def conditioned(
     values = statement_values(tell(source.problem, statements, clip, known), samples.states)
     found = reweigh(values.reshape(samples.shape))
     seed = np.random.SeedSequence(posterior.config.seed, spawn_key=(len(everything),))
+    if denied(source.problem, samples.states, statements, clip, known):
+        # All are by chance, and weigh the same; that says nothing of scenes not met yet.
+        found = replace(found, effective=0.0)
     if found.good:
         chosen = reweighted(
             samples, found, values, posterior.config.sample, np.random.default_rng(seed)
@@ -103,6 +107,8 @@ def conditioned(
         solved, samples, problem, fresh, found, settings,
         seed=seed, workers=workers, progress=progress,
     )  # fmt: skip
+    nowhere = denied(solved.problem, drawn.states, statements, clip, known)
+    evidence = replace(evidence, denied=nowhere)
     return Posterior(
         with_statements(solved, problem),
         drawn,

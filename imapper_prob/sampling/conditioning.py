@@ -8,6 +8,7 @@ ways say how probable the statements were.
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -21,7 +22,9 @@ from imapper_prob.config import SampleSettings
 from imapper_prob.layouts import group_layouts, through_one_lens
 from imapper_prob.models.log_posterior import State, log_posterior, terms
 from imapper_prob.models.problem import Problem
-from imapper_prob.models.statements import Statement, describe
+from imapper_prob.models.scene import Clip
+from imapper_prob.models.scenelet import Library
+from imapper_prob.models.statements import Statement, describe, log_by_chance, tell
 from imapper_prob.samplers.diagnostics import ShortChainWarning, layout_probabilities
 from imapper_prob.samplers.reversible_jump import ChainState, Mixture, step
 from imapper_prob.samplers.reweighting import Reweighted, bridge, families_of, resample
@@ -32,7 +35,15 @@ from imapper_prob.sampling.sample import Progress, Samples, functionals, sample_
 from imapper_prob.sampling.visits import Visits, camera_shape, table_of
 from imapper_prob.solver.solver import Solution
 
-__all__ = ["Evidence", "Told", "continued", "reweighted", "statement_values", "with_statements"]
+__all__ = [
+    "Evidence",
+    "Told",
+    "continued",
+    "denied",
+    "reweighted",
+    "statement_values",
+    "with_statements",
+]
 
 Array = NDArray[np.float64]
 _PARTICLES: Final = 64
@@ -58,6 +69,8 @@ class Evidence:
         How many there were.
     method : str
         ``"reweighted"`` or ``"resampled"``.
+    denied : tuple of str
+        Statements that no draw agrees with, afterwards: they count as answers by chance.
     """
 
     log_ratio: float
@@ -65,6 +78,7 @@ class Evidence:
     effective: float
     draws: int
     method: str
+    denied: tuple[str, ...] = ()
 
     @property
     def text(self) -> str:
@@ -76,10 +90,13 @@ class Evidence:
         >>> Evidence(-0.7, 0.05, 610.0, 1600, "reweighted").text
         'Log evidence ratio -0.70 ± 0.05 nats; 610 of 1600 draws agreed: reweighted.'
         """
-        return (
+        said = (
             f"Log evidence ratio {self.log_ratio:.2f} ± {self.error:.2f} nats; "
             f"{self.effective:.0f} of {self.draws} draws agreed: {self.method}."
         )
+        if not self.denied:
+            return said
+        return f"{said} No scene was found with {', nor with '.join(self.denied)}."
 
 
 @dataclass(frozen=True)
@@ -126,6 +143,39 @@ def statement_values(problem: Problem, states: Sequence[State]) -> Array:
     # Detections have no say in it, and take most of the time.
     alone = problem._replace(likelihood=0.0)
     return np.array([terms(alone, state)["given"] for state in states])
+
+
+def denied(
+    problem: Problem,
+    states: Sequence[State],
+    statements: Sequence[Statement],
+    clip: Clip,
+    library: Library,
+) -> tuple[str, ...]:
+    """Which statements are true of no state, in a few words each.
+
+    Parameters
+    ----------
+    problem : Problem
+    states : sequence of State
+    statements : sequence of Statement
+    clip : Clip
+    library : Library
+
+    Returns
+    -------
+    tuple of str
+        Those whose answer is in no state more probable than twice by chance.
+    """
+    found = []
+    for statement in statements:
+        chance = log_by_chance(statement, clip)
+        if chance is None:
+            continue
+        values = statement_values(tell(problem, [statement], clip, library), states)
+        if values.max() < chance + math.log(2.0):
+            found.append(describe(statement))
+    return tuple(found)
 
 
 def with_statements(source: Solution | JointProblem, problem: Problem) -> Solution | JointProblem:

@@ -312,7 +312,15 @@ def told_of(attributes: Mapping[Any, Any]) -> Told | None:
         return None
     evidence = None
     if EVIDENCE in attributes:
-        evidence = Evidence(**json.loads(str(attributes[EVIDENCE])))
+        said = json.loads(str(attributes[EVIDENCE]))
+        evidence = Evidence(
+            float(said["log_ratio"]),
+            float(said["error"]),
+            float(said["effective"]),
+            int(said["draws"]),
+            str(said["method"]),
+            tuple(map(str, said["denied"])),
+        )
     return Told(statements_from_json(str(attributes[GIVEN])), evidence)
 
 

@@ -64,6 +64,18 @@ def test_chains_go_on_where_hardly_a_draw_agrees() -> None:
     assert change_table(tuple(rows.values())).row_count == len(rows)
 
 
+def test_what_no_scene_can_be_is_said_to_be_so() -> None:
+    nowhere = im.ObjectAt("shelf", place=(0.0, 60.0), place_std=0.1)
+    after = small_posterior().given([nowhere, im.Measured("height", 1.5, 1.0)], steps=20)
+    assert after.told is not None
+    assert after.told.evidence is not None
+    assert after.told.evidence.denied == ("shelf: place 0, 60",)
+    assert "No scene was found with shelf: place 0, 60." in after.told.text
+    assert after.told.evidence.effective == 0
+    # What was said by chance is as improbable as that: .001 / 2 on 100 m^2.
+    assert after.told.evidence.log_ratio < np.log(0.0005 / 100) + 1
+
+
 def test_what_was_given_is_saved_and_added_to(tmp_path: Path) -> None:
     first = small_posterior().given([MILD])
     write_run(tmp_path / "told", first, overwrite=False, before=small_posterior())
