@@ -62,6 +62,9 @@ class Question:
     error: float
     open: Presence | Measured
 
+    def __repr__(self) -> str:
+        return f"Question({self.text!r}, bits={self.bits:.2f}, error={self.error:.2f})"
+
     def __str__(self) -> str:
         return f"{self.text} {self.bits:.2f} ± {self.error:.2f} bit"
 
