@@ -36,9 +36,9 @@ from imapper_prob.models.scene import Clip, SceneObject, Truth
 from imapper_prob.models.skeleton import PELV
 from imapper_prob.models.statements import Statement
 from lab.kept import digest
+from lab.mixing import note
 
 _BRIEF: Final = SampleSettings(chains=4, steps=2000, draws=100, temperatures=4, ensemble_layouts=0)
-_RESULTS: Final = Path(__file__).with_name("results.json")
 _NAMES: Final = ("nothing", "camera height", "walls", "a label", "a place", "boxes", "depths")
 _MISSED, _PIXELS, _DEPTH_ERROR, _FRAMES = 0.1, 10.0, 0.05, 10
 _WALL: Final = 0.3
@@ -190,14 +190,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
             path.write_text(json.dumps(measured(scene, options.steps), indent=1))
         found[scene.name] = json.loads(path.read_text())
     sys.stdout.write(table(found))
-    results = json.loads(_RESULTS.read_text(encoding="utf-8"))
-    results |= {
-        f"told_{name}_{scene}_{what}": float(rows[name][what])
-        for scene, rows in found.items()
-        for name in _NAMES
-        for what in ("found", "loss", "joints", "seconds")
-    }
-    _RESULTS.write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
+    note(
+        {
+            f"told_{name}_{scene}_{what}": float(rows[name][what])
+            for scene, rows in found.items()
+            for name in _NAMES
+            for what in ("found", "loss", "joints", "seconds")
+        }
+    )
 
 
 if __name__ == "__main__":

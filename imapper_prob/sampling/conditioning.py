@@ -215,12 +215,12 @@ def reweighted(
     Returns
     -------
     Samples
-        Draws keep their order, and are dealt out to as many chains as there were: so their
-        correlation is seen, while disagreement of chains is the first posterior's to tell.
+        Draws keep their order, and are cut into as many chains as there were: where chains of the
+        first posterior disagree, these do.
     """
     chains, draws = samples.shape
     kept = max(2, min(draws, int(found.effective) // chains))
-    chosen = resample(found.weights.ravel(), kept * chains, rng).reshape(kept, chains).T.ravel()
+    chosen = resample(found.weights.ravel(), kept * chains, rng)
     states = tuple(samples.states[n] for n in chosen)
     objects = tuple(samples.objects[n] for n in chosen)
     log_posterior = (samples.log_posterior.ravel() + values)[chosen].reshape(chains, kept)
@@ -305,11 +305,10 @@ def continued(
         advance=advance,
         on_power=None if progress is None else partial(progress, "being told"),
     )
-    # The best first, for the posterior itself; the others for hotter copies.
-    order = np.argsort([-log_posterior(problem, state) for state in led.states], kind="stable")
-    pool = [led.states[n] for n in order]
+    # In no order: the best for the posterior itself would be one side of what is open.
+    pool = led.states
     starts = [
-        [pool[chain % len(pool)], *pool[chain + 1 :: settings.chains]]
+        [pool[chain % len(pool)], *pool[chain + settings.chains :: settings.chains]]
         for chain in range(settings.chains)
     ]
     drawn = sample_scenes(
