@@ -23,8 +23,9 @@ from imapper_prob.models.log_posterior import (
     motion,
     terms,
 )
-from imapper_prob.models.problem import Problem
+from imapper_prob.models.problem import Problem, labels_of
 from imapper_prob.models.scene import Clip, SceneObject
+from imapper_prob.models.scenelet import Library
 from imapper_prob.models.settings import ModelSettings
 from imapper_prob.models.skeleton import JOINTS, LKNE, LWRI, PELV, RKNE, RWRI
 from imapper_prob.models.statements import (
@@ -36,6 +37,7 @@ from imapper_prob.models.statements import (
     to_json,
 )
 from imapper_prob.models.valid import check_problem
+from imapper_prob.solver.selection import of_scenelets
 from tests.models import worlds
 
 LIBRARY = worlds.mixed_library()
@@ -450,3 +452,28 @@ def test_every_statement_can_be_said() -> None:
 
 def test_statements_are_written_and_read_back() -> None:
     assert from_json(to_json(ALL)) == ALL
+
+
+def test_frames_of_the_second_person_follow_those_of_the_first() -> None:
+    (track,) = clip().tracks
+    two = replace(clip(), tracks=(track, replace(track, name="another")))
+    said = [
+        im.JointAt("PELV", 3, (0, 3, 1), 0.1, person=2),
+        im.Contact("couch", 4, 9, person=2),
+        im.DepthOf((5, 7), (3.0, 3.1), 0.1, person=2),
+    ]
+    told = tell(problem(0.0), said, two, LIBRARY)
+    assert told.given_kinds[:2, 5:].tolist() == [[23, 24], [24, 30]]
+    assert told.given_rows[:, 0].tolist() == [25, 27]
+
+
+def test_a_part_of_a_library_numbers_labels_as_the_whole() -> None:
+    """A run keeps only the scenelets that some draw has."""
+    chosen = [2, 5]
+    part = of_scenelets(problem(0.0), chosen)
+    library = Library("part", tuple(LIBRARY[k] for k in chosen))
+    assert labels_of(library) == ["chair"]
+    said = [im.Presence("chair")]
+    by_part = tell(part, said, clip(), library)
+    by_whole = tell(part, said, clip(), LIBRARY)
+    np.testing.assert_array_equal(by_part.given_labels, by_whole.given_labels)
