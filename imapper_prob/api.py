@@ -16,9 +16,11 @@ from imapper_prob.lifting import lift_clip
 from imapper_prob.memory import require_memory
 from imapper_prob.models.scene import Clip
 from imapper_prob.models.scenelet import Library
+from imapper_prob.models.statements import Statement, check_statements, tell
 from imapper_prob.results.posterior import Posterior
 from imapper_prob.sampling.actors import join_actors
 from imapper_prob.sampling.blocks import Limits, OnBlock
+from imapper_prob.sampling.conditioning import Told, with_statements
 from imapper_prob.sampling.sample import Cluster, sample_scenes
 from imapper_prob.sampling.schedule import end_of, stopped_at
 from imapper_prob.scenelets.library import load_library
@@ -147,6 +149,7 @@ def sample(
     library: Library | None = None,
     *,
     start: Solved | Solution | Sequence[Solution] | None = None,
+    given: Sequence[Statement] = (),
     rng: int | None = None,
     chains: int | None = None,
     workers: int = 1,
@@ -172,6 +175,8 @@ def sample(
     start : Solved, Solution or sequence of Solution, optional
         Where to start from: what `solve` returns, or the solutions by actor. All actors are
         solved first if not given.
+    given : sequence of Statement
+        What is known besides the clip, such as `ObjectAt`; a term of what the chains sample.
     rng : int, optional
         Seed; all randomness comes from it. That of ``config`` if not given.
     chains : int, optional
@@ -204,7 +209,7 @@ def sample(
     ------
     InputError
         ``minutes`` or ``until`` make no sense, the clip does not fit into the memory that there
-        is, or what it holds cannot be used.
+        is, or what it holds cannot be used; or no scene of the clip can be as ``given`` says.
 
     Examples
     --------
@@ -221,6 +226,7 @@ def sample(
     limits = Limits(minutes, until)
     known = load_library() if library is None else library
     require_memory(clip, known, _most(config.sample) if limits.any else config.sample)
+    check_statements(given, clip, known)
     begun = time.perf_counter()
     if start is None:
         solutions = solve_actors(clip, known, settings=config.settings, progress=progress)
@@ -229,6 +235,10 @@ def sample(
     else:
         solutions = (start,) if isinstance(start, Solution) else tuple(start)
     source = solutions[0] if len(solutions) == 1 else join_actors(solutions)
+    told = None
+    if given:
+        source = with_statements(source, tell(source.problem, given, clip, known))
+        told = Told(tuple(given))
     ready = time.perf_counter()
     samples = sample_scenes(
         source,
@@ -246,7 +256,7 @@ def sample(
     end = samples.end(config.sample)
     if limits.any or (samples.finished and end > end_of(config.sample)):
         config = replace(config, sample=stopped_at(config.sample, end))
-    return Posterior(source, samples, config, seconds=seconds)
+    return Posterior(source, samples, config, seconds=seconds, told=told)
 
 
 def _most(settings: SampleSettings) -> SampleSettings:

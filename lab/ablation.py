@@ -106,14 +106,20 @@ def scores(folder: Path) -> dict[str, Score]:
     result = {}
     for name, variant in variants(fitted.problem).items():
         best = combine(variant, screen(variant, fitted.fits), curve).states[0]
-        source = StoredSource(known.clip, library, variant, best_fits(variant, fitted.fits))
+        source = StoredSource(
+            known.clip, library, variant, best_fits(variant, fitted.fits), library.digest
+        )
         result[name] = score(prediction_of_state(source, best, name=name), known.truth)
     settings = Settings(model=ModelSettings(energy="paper"))
     fitted = fit_clip(known.clip, library, settings=settings)
     for name, variant in published_variants(fitted.problem).items():
         best = solve_published(known.clip, replace(fitted, problem=variant))[2].states[0]
         source = StoredSource(
-            known.clip, library, variant, method_of(variant).best_fits(variant, fitted.fits)
+            known.clip,
+            library,
+            variant,
+            method_of(variant).best_fits(variant, fitted.fits),
+            library.digest,
         )
         result[name] = score(prediction_of_state(source, best, name=name), known.truth)
     return result

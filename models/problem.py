@@ -25,6 +25,10 @@ __all__ = [
     "COLLISION",
     "DETECTIONS",
     "FREE_POSE",
+    "GIVEN",
+    "GIVEN_KINDS",
+    "GIVEN_NUMBERS",
+    "GIVEN_ROW",
     "GROUND",
     "LAYOUT",
     "MOTION",
@@ -34,6 +38,7 @@ __all__ = [
     "SUPPORT",
     "TERMS",
     "Problem",
+    "labels_of",
     "pack_problem",
     "resample",
 ]
@@ -43,19 +48,22 @@ Ints = NDArray[np.int64]
 
 TERMS: Final = (
     "camera", "layout", "placement", "path", "detections", "free_pose", "smoothness", "collision",
-    "motion", "ground", "support",
+    "motion", "ground", "support", "given",
 )  # fmt: skip
 """In the order in which they are evaluated."""
 (
     CAMERA, LAYOUT, PLACEMENT, PATH, DETECTIONS, FREE_POSE, SMOOTHNESS, COLLISION, MOTION, GROUND,
-    SUPPORT,
+    SUPPORT, GIVEN,
 ) = range(len(TERMS))  # fmt: skip
+GIVEN_KINDS, GIVEN_NUMBERS, GIVEN_ROW = 7, 16, 4
+"""Numbers of a statement, whole and not, and of a row of its list."""
 
 
 class Problem(NamedTuple):
     """The data and constants of one actor's log-posterior.
 
-    T frames, 16 joints, L scenelets of N frames in all, B boxes in all, C categories, K stays.
+    T frames, 16 joints, L scenelets of N frames in all, B boxes in all, C categories, K stays, G
+    statements.
     Index 0 is hidden and 1 seen wherever a last axis has length 2 without being a coordinate.
     Fields that are settings have their names
     (:class:`~imapper_prob.models.settings.ModelSettings`).
@@ -145,6 +153,19 @@ class Problem(NamedTuple):
         See the settings.
     paper_nats : (5,) float
         Nats a unit of each term of the published energy; 0 by default.
+    furniture_aside : float
+        See the settings.
+    given_kinds : (G, 7) int
+        Of each statement its kind, its first row of ``given_labels``, the first of ``given_rows``
+        and the one after its last, a joint, the first frame and the one after the last.
+    given : (G, 16) float
+        Its numbers, see :mod:`imapper_prob.models.kernels.given`.
+    given_labels : (Q, C) float
+        Which categories it speaks of.
+    given_rows : (R, 4) float
+        Corners (m), frames with depths (m), or boxes in the picture (px).
+    given_power : (G,) float
+        Power to which each counts; 1 but on the way from a posterior without it.
     """
 
     fx: float
@@ -202,6 +223,12 @@ class Problem(NamedTuple):
     merge_angle: float
     likelihood: float
     paper_nats: Array
+    furniture_aside: float
+    given_kinds: Ints
+    given: Array
+    given_labels: Array
+    given_rows: Array
+    given_power: Array
 
     def __repr__(self) -> str:
         return brief(self)
@@ -301,6 +328,11 @@ def pack_problem(
         **_library_arrays(clip, library, settings, weights),
         **_constants(settings, clip.fps),
         stays=np.zeros((0, 3)),
+        given_kinds=np.zeros((0, GIVEN_KINDS), np.int64),
+        given=np.zeros((0, GIVEN_NUMBERS)),
+        given_labels=np.zeros((0, len(labels_of(library)))),
+        given_rows=np.zeros((0, GIVEN_ROW)),
+        given_power=np.zeros(0),
         camera_mean=camera.mean,
         camera_precision=np.linalg.inv(camera.covariance).astype(np.float64),
         camera_constant=-0.5 * float(np.linalg.slogdet(2 * np.pi * camera.covariance)[1]),
@@ -313,6 +345,20 @@ def pack_problem(
         if isinstance(a, np.ndarray)
     }
     return problem._replace(**copies)
+
+
+def labels_of(library: Library) -> list[str]:
+    """Labels of a library's furniture, by the numbers that a problem has for them.
+
+    Parameters
+    ----------
+    library : Library
+
+    Returns
+    -------
+    list of str
+    """
+    return sorted({label for s in library for label in s.labels})
 
 
 def _seen(
@@ -385,7 +431,7 @@ def _library_arrays(
             f"{library.name} is a single frame; leave it out, or use a film of a higher rate"
         )
     shares = np.ones(len(library)) if weights is None else np.asarray(weights, float)
-    labels = sorted({label for s in library for label in s.labels})
+    labels = labels_of(library)
     counts = [sum(len(o.cuboids) for o in s.objects) for s in library]
     object_of = [(i, o) for s in library for i, o in enumerate(s.objects) for _ in o.cuboids]
     joints = np.concatenate(motions)
@@ -427,6 +473,7 @@ def _constants(settings: ModelSettings, fps: float) -> dict[str, Any]:
         "collision_cost": settings.collision_cost,
         "motion_cost": settings.motion_cost,
         "furniture_spread": settings.furniture_ahead,
+        "furniture_aside": settings.furniture_aside,
         "merge_angle": settings.merge_angle,
         "likelihood": settings.likelihood,
         "paper_nats": nats,

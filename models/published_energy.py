@@ -36,6 +36,7 @@ from numpy.typing import NDArray
 
 from imapper_prob.models.jit import compiled, inlined, inner
 from imapper_prob.models.kernels.cache import open_evaluator
+from imapper_prob.models.kernels.given import sum_given
 from imapper_prob.models.kernels.incremental import place
 from imapper_prob.models.kernels.placement import place_boxes
 from imapper_prob.models.kernels.posing import copy_joints, list_moved, pose_joints
@@ -330,10 +331,10 @@ def _apart(room: Array, scale: float) -> float:
 # The log-posterior of the preset ``paper``.
 #
 #     log pi(s) = log p(phi) + log p(X) + log p(P, G | X)
-#                 - w_r L_r - w_o L_o - w_s L_s - w_c L_c - w_m L_m
+#                 - w_r L_r - w_o L_o - w_s L_s - w_c L_c - w_m L_m + log p(statements | s)
 
 PAPER_TERMS = (
-    *TERMS[: PATH + 1], "reprojection", "occlusion", "smoothness", "collision", "motion"
+    *TERMS[: PATH + 1], "reprojection", "occlusion", "smoothness", "collision", "motion", "given"
 )  # fmt: skip
 """What :func:`evaluate_paper` returns, in order; the log-posterior is their sum."""
 _DETECTED = np.array(DETECTED)
@@ -403,7 +404,7 @@ def evaluate_paper(
 
     Returns
     -------
-    (9,) float
+    (10,) float
         Values of ``PAPER_TERMS``, nats; the first is -inf outside the support.
     """
     terms = np.zeros(len(PAPER_TERMS))
@@ -419,6 +420,8 @@ def evaluate_paper(
         terms[i] = cache.terms[i]
     pose_joints(problem, cache, len(items), list_moved(cache), camera)
     copy_joints(cache, joints)
+    if len(problem.given) > 0:
+        terms[9] = sum_given(problem, cache, len(items), camera)
     if problem.likelihood == 0.0:
         return terms
     boxes, turns, owner, yaws = place_boxes(problem, camera, items, placements, sizes)

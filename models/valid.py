@@ -13,8 +13,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.models.errors import InputError
+from imapper_prob.models.kernels.given import (
+    CONTACT,
+    DEPTH,
+    DETECTIONS_OF_OBJECTS,
+    OBJECT,
+    POINT,
+    PRESENCE,
+)
 from imapper_prob.models.log_posterior import State
-from imapper_prob.models.problem import Problem
+from imapper_prob.models.problem import GIVEN_KINDS, GIVEN_NUMBERS, GIVEN_ROW, Problem
 from imapper_prob.models.skeleton import N_JOINTS
 
 __all__ = ["check_problem", "check_state"]
@@ -42,11 +50,16 @@ _SHAPES: Final[Mapping[str, tuple[str | int, ...]]] = {
     "box_object": ("B",), "box_label": ("B",), "box_yaw": ("B",), "label_front": ("C",),
     "stays": ("K", 3), "lowered": ("L", 2), "log_rate": ("L",), "camera_mean": (5,),
     "camera_precision": (5, 5), "start_mean": (2,), "start_variance": (2,), "paper_nats": (5,),
+    "given_kinds": ("G", GIVEN_KINDS), "given": ("G", GIVEN_NUMBERS), "given_labels": ("Q", "C"),
+    "given_rows": ("R", GIVEN_ROW),
+    "given_power": ("G",),
 }  # fmt: skip
 """Fields of a problem that are arrays: of T frames of which at most P are of one person, N frames
-and B boxes of L scenelets, C categories and K stays."""
+and B boxes of L scenelets, C categories, K stays and G statements with Q rows of labels and R
+others."""
 _INDICES: Final = (
     "path_stay", "stay_steps", "joint_first", "box_first", "box_object", "box_label", "lowered",
+    "given_kinds",
 )  # fmt: skip
 _FLAGS: Final = ("used", "path_starts", "label_front")
 _POSITIVE: Final = (
@@ -122,6 +135,27 @@ def _check_pointers(problem: Problem, lengths: Mapping[str, int]) -> None:
         raise InputError("lowered names frames that are not there")
     if not ((problem.stays[:, :2] >= 0) & (problem.stays[:, :2] <= lengths["T"])).all():
         raise InputError("stays name frames that are not there")
+    _check_statements(problem, lengths)
+
+
+def _check_statements(problem: Problem, lengths: Mapping[str, int]) -> None:
+    kind, label, first, end, joint, begin, last = problem.given_kinds.T
+    detected = np.where(kind == DETECTIONS_OF_OBJECTS, end - first, np.where(label >= 0, 1, 0))
+    framed = problem.given_rows[
+        [k for s in np.flatnonzero(kind == DEPTH) for k in range(first[s], end[s])]
+    ][:, 0]
+    holds = (
+        ((kind >= 0) & (kind <= DETECTIONS_OF_OBJECTS)).all()
+        and (label + detected <= lengths["Q"]).all()
+        and ((first >= 0) & (first <= end) & (end <= lengths["R"])).all()
+        and ((joint >= 0) & (joint < N_JOINTS)).all()
+        and ((begin >= 0) & (begin <= last) & (last <= lengths["T"])).all()
+        and (last > begin)[np.isin(kind, (POINT, CONTACT, DETECTIONS_OF_OBJECTS))].all()
+        and (label >= 0)[np.isin(kind, (OBJECT, PRESENCE, CONTACT))].all()
+        and ((framed >= 0) & (framed < lengths["T"])).all()
+    )
+    if not holds:
+        raise InputError("a statement names something that is not there")
 
 
 def check_state(problem: Problem, state: State) -> None:

@@ -97,7 +97,7 @@ def nothing_to_do(earlier: Earlier, limits: Limits) -> bool:
     return earlier.finished and limits.until == "good" and earlier.good
 
 
-def require_same_input(earlier: Earlier, clip_digest: str, library_digest: str) -> None:
+def require_same_input(earlier: Earlier, clip_digest: str, library_digest: str, given: str) -> None:
     """Refuse to go on with a run of something else.
 
     Parameters
@@ -105,11 +105,13 @@ def require_same_input(earlier: Earlier, clip_digest: str, library_digest: str) 
     earlier : Earlier
     clip_digest, library_digest : str
         Of what the command was given.
+    given : str
+        Statements as `imapper_prob.models.statements.to_json` has them; empty if none.
 
     Raises
     ------
     InputError
-        If clip or library are not those of the run.
+        If clip, library or statements are not those of the run.
     """
     found = {"clip": clip_digest, "library": library_digest}
     kept = {"clip": earlier.clip_digest, "library": earlier.library_digest}
@@ -119,6 +121,11 @@ def require_same_input(earlier: Earlier, clip_digest: str, library_digest: str) 
                 f"{earlier.folder}: holds a run of another {what} (clip {earlier.clip}); give the "
                 "same one with the same options, name another folder, or add --overwrite"
             )
+    if given != earlier.given:
+        raise InputError(
+            f"{earlier.folder}: holds a run with other statements; give the same --given, name "
+            "another folder, or add --overwrite"
+        )
 
 
 def words_of_block(number: int, block: Block) -> str:

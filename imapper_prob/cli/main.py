@@ -9,6 +9,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
 
 import imapper_prob
+from imapper_prob.cli.ask import add_ask_command
 from imapper_prob.cli.clips import add_detect_command, add_track_command
 from imapper_prob.cli.completion import add_completion_command
 from imapper_prob.cli.console import last_words, stoppable, told
@@ -89,6 +90,7 @@ def command_parser() -> Parser:
         "--quiet", action="store_true", help="print nothing but warnings and errors"
     )
     add_run_commands(commands, shared)
+    add_ask_command(commands, shared)
     add_detect_command(commands, shared)
     add_track_command(commands, shared)
     add_solve_command(commands, shared)

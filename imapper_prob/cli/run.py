@@ -17,10 +17,11 @@ from imapper_prob.config import Config, SampleSettings, read_config
 from imapper_prob.models.errors import InputError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
+    from collections.abc import Callable, Iterable, Sequence
 
     from imapper_prob.models.scene import Clip
     from imapper_prob.models.scenelet import Library
+    from imapper_prob.models.statements import Statement
     from imapper_prob.results.posterior import Posterior
     from imapper_prob.sampling.blocks import Block, Limits
     from imapper_prob.uncertainty.checks import Check
@@ -103,7 +104,7 @@ def add_run_commands(
         help="simulate a clip and sample its scenes",
         epilog=examples("demo -o out/demo", "demo -o out/demo --until good --minutes 5"),
     )
-    demo.set_defaults(config=None, library=None, execute=_demo)
+    demo.set_defaults(config=None, library=None, given=None, execute=_demo)
 
     clips = clip_parser()
     run = commands.add_parser(
@@ -128,6 +129,12 @@ def add_run_commands(
         "--library",
         metavar="NAMES",
         help="'built-in', a library file (.npz), or several joined by commas (default: built-in)",
+    )
+    run.add_argument(
+        "--given",
+        type=Path,
+        metavar="FILE",
+        help="what is known besides the clip, TOML: objects, camera, walls (default: nothing)",
     )
     run.set_defaults(execute=_run)
 
@@ -243,6 +250,8 @@ def _begun_or_gone_on_with(
 ) -> None:
     """Sample a clip into a folder, or go on with the run that is there."""
     from imapper_prob.cli.going_on import config_to_go_on, nothing_to_do, require_same_input
+    from imapper_prob.clips.statements_file import read_statements
+    from imapper_prob.models.statements import to_json
     from imapper_prob.results.folders import earlier_run, restore_chains, run_folder
     from imapper_prob.sampling.blocks import Limits
     from imapper_prob.scenelets.library import load_library
@@ -251,7 +260,7 @@ def _begun_or_gone_on_with(
     if options.workers < 1:
         raise InputError(f"--workers {options.workers}: at least 1 is needed")
     limits = Limits(options.minutes, options.until)
-    folder = options.output
+    folder, given = options.output, () if options.given is None else read_statements(options.given)
     with run_folder(folder, overwrite=options.overwrite, goes_on=True):
         earlier = None if options.overwrite else earlier_run(folder)
         if earlier is None:
@@ -267,9 +276,10 @@ def _begun_or_gone_on_with(
                 return
         clip, library = read_clip(), load_library(config.library)
         if earlier is not None:
-            require_same_input(earlier, clip_digest(clip), library.digest)
+            said = to_json(given) if given else ""
+            require_same_input(earlier, clip_digest(clip), library.digest, said)
             restore_chains(folder, chains=config.sample.chains)
-        _sample(options, clip, library, config, limits=limits, video=video)
+        _sample(options, clip, library, config, given=given, limits=limits, video=video)
 
 
 def _sample(
@@ -278,6 +288,7 @@ def _sample(
     library: Library,
     config: Config,
     *,
+    given: Sequence[Statement],
     limits: Limits,
     video: Path | None,
 ) -> None:
@@ -297,6 +308,7 @@ def _sample(
         posterior = imapper_prob.sample(
             clip,
             library,
+            given=given,
             config=config,
             workers=options.workers,
             cluster=cluster,
@@ -348,6 +360,8 @@ def _show(posterior: Posterior, folder: Path) -> None:
     for sentence in sides_of(posterior.clip, posterior.sides_flipped):
         out.print(sentence)
     out.print(posterior.chain_verdict)
+    if posterior.told is not None:
+        out.print(posterior.told.text)
     out.print(describe_agreement(posterior.samples.agreements))
     if not posterior.samples.finished:
         out.print("Interrupted: these are the draws that there were.")

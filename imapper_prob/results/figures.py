@@ -60,6 +60,7 @@ _TERM_COLOURS: Final = {
     "motion": "#e15759",
     "ground": "#ff9da7",
     "support": "#5f6b7a",
+    "given": "#a0cbe8",
 }
 """Hues of Tableau 10, which stay apart for most colour-blind eyes."""
 _SHOWN: Final = 0.5

@@ -19,6 +19,7 @@ from imapper_prob.files import (
 )
 from imapper_prob.models.errors import InputError
 from imapper_prob.plotting import save_figure
+from imapper_prob.results.changes import changes, write_changes
 from imapper_prob.results.exports import write_glb
 from imapper_prob.results.posterior import Posterior
 from imapper_prob.results.report import write_report
@@ -26,7 +27,7 @@ from imapper_prob.results.scenes_file import write_scenes
 from imapper_prob.samplers.checkpoint import checkpoint_of
 from imapper_prob.solver.actors import Solved
 from imapper_prob.uncertainty.summary import object_rows
-from imapper_prob.uncertainty.tree import FORMAT, read_attributes, write_tree
+from imapper_prob.uncertainty.tree import FORMAT, GIVEN, read_attributes, write_tree
 
 __all__ = [
     "CHECKPOINTS",
@@ -44,8 +45,9 @@ CHECKPOINTS = "checkpoints"
 _CHAINS = "chains"
 """Folder in the folder of a finished run with what its chains need to go on."""
 _RUN_FILES = (
-    "chains", "config.toml", "coverage.png", "energy.json", "energy.png", "evaluation.json",
-    "evaluation.png", "posterior.nc", "recording.rrd", "report.html", "scenes", "scenes.json",
+    "chains", "changes.json", "config.toml", "coverage.png", "energy.json", "energy.png",
+    "evaluation.json", "evaluation.png", "posterior.nc", "recording.rrd", "report.html", "scenes",
+    "scenes.json",
 )  # fmt: skip
 
 
@@ -64,6 +66,9 @@ class Earlier:
     good : bool
         Whether it has converged.
     verdict : str
+    given : str
+        Statements that it was given, as `imapper_prob.models.statements.to_json` has them; empty
+        if none.
     """
 
     folder: Path
@@ -74,6 +79,7 @@ class Earlier:
     finished: bool
     good: bool
     verdict: str
+    given: str
 
 
 def earlier_run(folder: Path) -> Earlier | None:
@@ -113,6 +119,7 @@ def earlier_run(folder: Path) -> Earlier | None:
             finished=bool(said["finished"]) and not (folder / CHECKPOINTS).is_dir(),
             good=bool(said["verdict_good"]),
             verdict=said["verdict"],
+            given=str(said.get(GIVEN, "")),
         )
     except LookupError as error:
         raise InputError(
@@ -195,7 +202,12 @@ def _require_run_folder(folder: Path, *, overwrite: bool, goes_on: bool = False)
 
 
 def write_run(
-    folder: Path, posterior: Posterior, *, overwrite: bool, video: Path | None = None
+    folder: Path,
+    posterior: Posterior,
+    *,
+    overwrite: bool,
+    video: Path | None = None,
+    before: Posterior | None = None,
 ) -> None:
     """Write all files of a run, see :func:`imapper_prob.files.folder_published`.
 
@@ -210,6 +222,8 @@ def write_run(
         Replace a finished run.
     video : Path, optional
         Pictures of the clip, for the recording.
+    before : Posterior, optional
+        The same before it was given statements: what they changed is written, too.
 
     Raises
     ------
@@ -230,6 +244,8 @@ def write_run(
         write_tree(beside / "posterior.nc", posterior.data)
         posterior.record(beside / "recording.rrd", video=video)
         write_report(beside / "report.html", posterior)
+        if before is not None:
+            write_changes(beside / "changes.json", changes(before, posterior), posterior.told)
         if posterior.samples.finished:
             _keep_chains(folder, beside / _CHAINS, chains=posterior.samples.shape[0])
     if posterior.samples.finished:

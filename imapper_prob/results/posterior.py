@@ -28,10 +28,11 @@ from imapper_prob.samplers.diagnostics import (
     ShortChainWarning,
     layout_probabilities,
 )
+from imapper_prob.sampling.conditioning import Told
 from imapper_prob.sampling.sample import Samples
 from imapper_prob.solver.limbs import Limbs, limbs_of
 from imapper_prob.uncertainty.checks import Check, alarms, checks_of, from_json
-from imapper_prob.uncertainty.estimate import drawn_objects
+from imapper_prob.uncertainty.estimate import as_told, drawn_objects
 from imapper_prob.uncertainty.furniture import FurnitureOfDraws, object_draws
 from imapper_prob.uncertainty.scenes import (
     Representative,
@@ -42,21 +43,24 @@ from imapper_prob.uncertainty.scenes import (
     representative,
 )
 from imapper_prob.uncertainty.stored import read_samples, read_source
-from imapper_prob.uncertainty.tree import FORMAT, seconds_of
+from imapper_prob.uncertainty.tree import FORMAT, seconds_of, told_of
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator, Sequence
 
     import xarray
     from matplotlib.axes import Axes
     from rerun_notebook import Viewer
 
+    from imapper_prob.models.scenelet import Library
+    from imapper_prob.models.statements import Statement
     from imapper_prob.recording.posterior import Certainty, DrawnChain
     from imapper_prob.uncertainty.clusters import ObjectCluster
     from imapper_prob.uncertainty.hidden import HiddenJoints
     from imapper_prob.uncertainty.motion import JointSummary
     from imapper_prob.uncertainty.occupancy import Occupancy
     from imapper_prob.uncertainty.parameters import Nuisance
+    from imapper_prob.uncertainty.questions import Question
     from imapper_prob.uncertainty.stored import Source
 
 __all__ = ["Posterior", "load_posterior"]
@@ -82,6 +86,8 @@ class Posterior:
         How long each part of the run took by the clock on the wall.
     stored : DataTree, optional
         The file that it was read from.
+    told : Told, optional
+        What it was given besides the clip, see :meth:`given`.
 
     Examples
     --------
@@ -101,6 +107,7 @@ class Posterior:
     config: Config
     seconds: Mapping[str, float] = field(default_factory=dict, repr=False)
     stored: xarray.DataTree | None = field(default=None, repr=False)
+    told: Told | None = field(default=None, repr=False)
 
     def __repr__(self) -> str:
         chains, draws = self.samples.shape
@@ -606,6 +613,7 @@ class Posterior:
             self._object_draws,
             seconds=self.seconds,
             checks=self.checks,
+            told=self.told,
         )
 
     @cached_property
@@ -620,8 +628,10 @@ class Posterior:
         True
         """
         rng, settings = np.random.default_rng(self.config.seed), self.config.model
+        statements = () if self.told is None else self.told.statements
         return FurnitureOfDraws(
-            drawn_objects(rng, objects, settings) for objects in self.samples.objects
+            as_told(rng, objects, drawn_objects(rng, objects, settings), statements, settings)
+            for objects in self.samples.objects
         )
 
     def occupancy(self, *, cell: float = 0.1) -> Occupancy:
@@ -842,6 +852,83 @@ class Posterior:
 
         write_report(Path(path), self)
 
+    def given(
+        self,
+        statements: Sequence[Statement],
+        *,
+        library: Library | None = None,
+        steps: int | None = None,
+        workers: int = 1,
+        progress: Callable[[str, float], None] | None = None,
+    ) -> Posterior:
+        """The posterior given what is known besides the clip.
+
+        Draws are weighted by how well they agree with it, where enough of them do. Elsewhere some
+        are led to where it holds and chains go on from there.
+
+        Parameters
+        ----------
+        statements : sequence of Statement
+            Such as :class:`imapper_prob.models.statements.ObjectAt`; they add to those that this
+            posterior was given.
+        library : Library, optional
+            That of the run, where it was opened from its folder. As its settings say if not given.
+        steps : int, optional
+            Of chains that go on, at each temperature; a fourth of the run's if not given.
+        workers : int
+            Processes of chains that go on; draws do not depend on it.
+        progress : callable, optional
+            Called with the name of a stage and the part of it that is done.
+
+        Returns
+        -------
+        Posterior
+            Its ``told`` has all statements, and of these the log evidence ratio with its error.
+
+        Raises
+        ------
+        InputError
+            A statement names what clip or library do not have, statements contradict each other,
+            or the library is not that of the run.
+
+        Examples
+        --------
+        >>> told = posterior.given([im.Presence("couch")])
+        >>> told.told.evidence.method
+        'reweighted'
+        """
+        from imapper_prob.results.conditioned import conditioned
+
+        return conditioned(
+            self, statements, library=library, steps=steps, workers=workers, progress=progress
+        )
+
+    def questions(self) -> tuple[Question, ...]:
+        """What would settle which layout it is: questions, those first that would tell most.
+
+        Whether an object is there or is called so, how high the camera hangs, how tall the person
+        is; each with the bits by which its answer would lower the entropy of layouts on average.
+
+        Returns
+        -------
+        tuple of Question
+
+        Examples
+        --------
+        >>> questions = posterior.questions()
+        >>> questions[0].bits >= questions[-1].bits
+        True
+        """
+        from imapper_prob.uncertainty.questions import questions_of
+
+        return questions_of(
+            self.samples,
+            self.clusters(),
+            self.solution,
+            radius=self.config.sample.layout_radius,
+            rng=np.random.default_rng(self.config.seed),
+        )
+
     def save(self, folder: str | Path, *, overwrite: bool = False) -> None:
         """Write the files of a run, from which :func:`load_posterior` opens it again.
 
@@ -970,9 +1057,10 @@ def load_posterior(folder: str | Path) -> Posterior:
     try:
         source = read_source(path, groups)
         samples = read_samples(groups, source)
+        told = told_of(tree.attrs)
         seconds, said = seconds_of(tree.attrs), {name: str(tree.attrs[name]) for name in _SAID}
         from_json(str(tree.attrs.get("checks", "[]")))
     except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
         raise InputError(f"{path}: is not what a run wrote ({error}); run it again") from error
     config = from_toml(said["config"], where=str(path))
-    return Posterior(source, samples, config, seconds=seconds, stored=tree)
+    return Posterior(source, samples, config, seconds=seconds, stored=tree, told=told)

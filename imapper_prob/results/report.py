@@ -226,6 +226,10 @@ def _plural(label: str) -> str:
 # The page.
 
 
+_ASKED: Final = 3
+"""Questions on the page."""
+
+
 def write_report(path: Path, posterior: Posterior) -> None:
     """Write the report as one HTML file, beside and renamed.
 
@@ -262,9 +266,11 @@ def report(posterior: Posterior) -> str:
             paragraph(answer(scenes), style="answer"),
             paragraph(runner_up(scenes)),
             paragraph(posterior.chain_verdict, style=verdict),
+            *([paragraph(posterior.told.text)] if posterior.told is not None else []),
             notes(warnings_of(clip, samples, scenes, disputed=posterior.disputed)),
             _scenes(posterior, floor),
             _objects(posterior, floor),
+            _questions(posterior),
             _person(posterior),
             _checks(posterior),
             _diagnostics(posterior),
@@ -319,6 +325,20 @@ def _scenes(posterior: Posterior, floor: Floor) -> str:
         hint="From above, the camera below each picture. Arrows point to the front of furniture, "
         "dotted ellipses hold its position with 90 %; thin lines are other draws of the way, "
         "dashed outlines what really was there, where somebody knows.",
+    )
+
+
+def _questions(posterior: Posterior) -> str:
+    """The questions whose answers would tell most of the layout."""
+    asked = [question for question in posterior.questions()[:_ASKED] if question.bits > 0]
+    if not asked:
+        return ""
+    rows = [[q.text, f"{q.bits:.2f} ± {q.error:.2f}"] for q in asked]
+    return section(
+        "What would settle it",
+        table(["question", "bits"], rows, words=1),
+        hint="By how much an answer would lower the entropy of layouts, on average. The answer "
+        "goes into a file for imapper-prob ask.",
     )
 
 

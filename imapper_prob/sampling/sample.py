@@ -52,7 +52,16 @@ from imapper_prob.sampling.visits import Visits
 from imapper_prob.scenelets.charness import similarity
 from imapper_prob.solver.solver import Solution
 
-__all__ = ["Cluster", "Samples", "connected", "executor_of", "sample_scenes", "setup_of"]
+__all__ = [
+    "Cluster",
+    "Progress",
+    "Samples",
+    "connected",
+    "executor_of",
+    "functionals",
+    "sample_scenes",
+    "setup_of",
+]
 
 _PATIENCE = "10s"
 """How long a scheduler may take to answer."""
@@ -210,6 +219,7 @@ def sample_scenes(
     cluster: Cluster | None = None,
     checkpoints: Path | None = None,
     anew: bool = False,
+    starts: Sequence[Sequence[State]] | None = None,
     progress: Progress | None = None,
     limits: Limits | None = None,
     on_block: OnBlock | None = None,
@@ -231,6 +241,9 @@ def sample_scenes(
         there as well, where there is more to do.
     anew : bool
         Delete checkpoints that are damaged or of another run, instead of refusing them.
+    starts : sequence of sequence of State, optional
+        By chain where its temperatures start, the posterior itself first; see
+        :func:`imapper_prob.sampling.chain.starts_of` where nothing is said.
     progress : callable, optional
         Called with the name of the stage and the part of it that is done.
     limits : Limits, optional
@@ -254,12 +267,12 @@ def sample_scenes(
         with TemporaryDirectory(prefix="imapper-prob-") as folder:
             return sample_scenes(
                 solution, settings, seed=seed, workers=workers, checkpoints=Path(folder),
-                progress=progress, limits=limits, on_block=on_block,
+                starts=starts, progress=progress, limits=limits, on_block=on_block,
             )  # fmt: skip
     chain_seed, layout_seed, ensemble_seed = seed.spawn(3)
     cast = solution if isinstance(solution, JointProblem) else join_actors([solution])
     setup = setup_of(cast, settings)
-    starts = starts_of(cast, settings.chains)
+    starts = starts_of(cast, settings.chains) if starts is None else starts
     scatter = None if cluster is None else partial(cluster.scatter, broadcast=True)
     with _told_plainly(checkpoints), executor_of(cluster) as executor:
         run = _ChainRun(
@@ -474,10 +487,10 @@ def _drawn(
         probabilities = layout_probabilities(
             1 + layouts.indicator.reshape(values.shape), rng=np.random.default_rng(layout_seed)
         )
-        functionals = _functionals(values, states, objects)
+        common = functionals(values, states, objects)
         ladders = tuple(chain.ladder for chain in chains)
-        measures = measure(probabilities, functionals)
-        verdict = judge(probabilities, functionals, ladders=ladders)
+        measures = measure(probabilities, common)
+        verdict = judge(probabilities, common, ladders=ladders)
     return _Drawn(
         chains, states, values, objects, layouts, probabilities, measures, verdict
     )  # fmt: skip
@@ -501,7 +514,7 @@ def setup_of(solution: Solution | JointProblem, settings: SampleSettings) -> Set
     return Setup(cast.problem, cast.candidates, similarity(cast.distances), settings)
 
 
-def _functionals(
+def functionals(
     values: Array, states: Sequence[State], objects: Sequence[Sequence[SceneObject]]
 ) -> dict[str, Array]:
     """What every draw has, whatever its dimension."""

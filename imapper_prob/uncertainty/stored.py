@@ -49,6 +49,7 @@ from imapper_prob.solver.selection import of_scenelets
 __all__ = [
     "Source",
     "StoredSource",
+    "library_digest",
     "object_origins",
     "read_samples",
     "read_source",
@@ -188,14 +189,31 @@ class StoredSource:
         For these scenelets.
     best_fits : (T,) float
         Of all scenelets that there were; NaN where nobody says.
+    library_digest : str
+        Of the whole library.
     """
 
     clip: Clip
     library: Library
     problem: Problem
     best_fits: NDArray[np.float64]
+    library_digest: str
 
     __repr__ = brief
+
+
+def library_digest(source: Source) -> str:
+    """The digest of the whole library that a source was made with.
+
+    Parameters
+    ----------
+    source : Source
+
+    Returns
+    -------
+    str
+    """
+    return source.library_digest if isinstance(source, StoredSource) else source.library.digest
 
 
 def source_groups(source: Source, chosen: Ints) -> dict[str, xr.Dataset]:
@@ -259,7 +277,8 @@ def read_source(path: Path, groups: Mapping[str, xr.Dataset]) -> StoredSource:
         motion["best_fit"].to_numpy() if "best_fit" in motion else np.full(problem.n_frames, np.nan)
     )
     _require(fits.shape == (everybody,), "best_fit is not of the clip's frames")
-    return StoredSource(clip, library, problem, fits.astype(np.float64))
+    digest = str(groups["/"].attrs["library_digest"])
+    return StoredSource(clip, library, problem, fits.astype(np.float64), digest)
 
 
 def _dataset(arrays: Mapping[str, Any]) -> xr.Dataset:

@@ -25,9 +25,11 @@ and those of :mod:`imapper_prob.uncertainty.stored`, from which a run is opened 
 from __future__ import annotations
 
 import hashlib
+import json
 import sys
 from collections.abc import Iterable, Mapping
 from contextlib import nullcontext
+from dataclasses import asdict
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Final
@@ -44,12 +46,16 @@ from imapper_prob.models.log_posterior import motion, side_flips
 from imapper_prob.models.path_prior import CAMERA
 from imapper_prob.models.scene import Clip
 from imapper_prob.models.skeleton import JOINTS, PELV
+from imapper_prob.models.statements import from_json as statements_from_json
+from imapper_prob.models.statements import to_json as statements_to_json
 from imapper_prob.people import everybody, names_of_rows
+from imapper_prob.sampling.conditioning import Evidence, Told
 from imapper_prob.sampling.placements import describe_agreement
 from imapper_prob.sampling.sample import Samples
 from imapper_prob.uncertainty.checks import Check, to_json
 from imapper_prob.uncertainty.stored import (
     Source,
+    library_digest,
     object_origins,
     sample_attributes,
     sample_groups,
@@ -58,12 +64,14 @@ from imapper_prob.uncertainty.stored import (
 
 __all__ = [
     "FORMAT",
+    "GIVEN",
     "SECONDS",
     "clip_digest",
     "posterior_tree",
     "provenance",
     "read_attributes",
     "seconds_of",
+    "told_of",
     "write_tree",
 ]
 
@@ -91,7 +99,7 @@ def provenance(source: Source, config: Config, seconds: Mapping[str, float]) -> 
         "clip": source.clip.name,
         "clip_digest": clip_digest(source.clip),
         "library": source.library.name,
-        "library_digest": source.library.digest,
+        "library_digest": library_digest(source),
         "config": settings,
         "config_digest": hashlib.sha256(settings.encode()).hexdigest(),
         "seed": config.seed,
@@ -141,6 +149,10 @@ def clip_digest(clip: Clip) -> str:
 # ------------------------------------------------------------------------------------------------
 # The tree.
 
+GIVEN: Final = "given"
+"""Attribute with the statements that the run was given."""
+EVIDENCE: Final = "given_evidence"
+"""Attribute that says how probable they were."""
 FORMAT: Final = "imapper-prob posterior 5"
 """Attribute of the file; the number rises when a reader of old files would go wrong."""
 _SAID: Final = ("agreement", "clip", "program", "verdict")
@@ -173,6 +185,7 @@ def posterior_tree(
     *,
     seconds: Mapping[str, float] | None = None,
     checks: Iterable[Check] = (),
+    told: Told | None = None,
 ) -> xr.DataTree:
     """All that a run sampled, with provenance and checks in the attributes.
 
@@ -188,6 +201,8 @@ def posterior_tree(
     seconds : mapping of str to float, optional
         How long each part of the run took by the clock on the wall.
     checks : iterable of Check
+    told : Told, optional
+        What was known besides the clip.
 
     Returns
     -------
@@ -261,10 +276,52 @@ def posterior_tree(
         **provenance(source, config, seconds or {}),
         **sample_attributes(samples),
         "checks": to_json(checks),
+        **_given(told),
         "agreement": describe_agreement(samples.agreements),
         "frame": "world: metres, z up, floor at z = 0, camera above the origin, looking along y",
     }
     return tree
+
+
+def _given(told: Told | None) -> dict[str, str]:
+    if told is None:
+        return {}
+    said = {GIVEN: statements_to_json(told.statements)}
+    if told.evidence is not None:
+        said[EVIDENCE] = json.dumps(asdict(told.evidence))
+    return said
+
+
+def told_of(attributes: Mapping[Any, Any]) -> Told | None:
+    """What a run was given besides its clip, from the attributes of its file.
+
+    Parameters
+    ----------
+    attributes : mapping
+
+    Returns
+    -------
+    Told or None
+
+    Raises
+    ------
+    LookupError, TypeError, ValueError
+        They say something else.
+    """
+    if GIVEN not in attributes:
+        return None
+    evidence = None
+    if EVIDENCE in attributes:
+        said = json.loads(str(attributes[EVIDENCE]))
+        evidence = Evidence(
+            float(said["log_ratio"]),
+            float(said["error"]),
+            float(said["effective"]),
+            int(said["draws"]),
+            str(said["method"]),
+            tuple(map(str, said["denied"])),
+        )
+    return Told(statements_from_json(str(attributes[GIVEN])), evidence)
 
 
 def write_tree(path: Path, tree: xr.DataTree) -> None:

@@ -166,7 +166,7 @@ class Cache(NamedTuple):
         Path of the free frames.
     displaced : (5,) float
         See `add_displaced_depth`.
-    terms : (11,) float
+    terms : (12,) float
         Of the proposal, nats, see `TERMS`.
     """
 

@@ -1,7 +1,7 @@
 """The log-posterior of a state, as a change of another state (docs/explanation/model.md).
 
     log pi(s) = log p(phi) + log p(X) + log p(P, G | X) + log p(u, c | s)
-                - free poses - E_s - E_c - E_m - E_g - E_u
+                - free poses - E_s - E_c - E_m - E_g - E_u + log p(statements | s)
 
 over a state s = (phi, X, P, b, z): camera and body scale phi, the assignment X of scenelets to
 start frames, their placements P and sizes b, and standard normal numbers z that say which path G
@@ -35,6 +35,7 @@ from imapper_prob.models.kernels.cache import (
     open_evaluator,
 )
 from imapper_prob.models.kernels.detection import forward_log_likelihood, update_emissions
+from imapper_prob.models.kernels.given import sum_given
 from imapper_prob.models.kernels.path import find_path
 from imapper_prob.models.kernels.placement import fill_slot, in_support, sum_pairs
 from imapper_prob.models.kernels.posing import (
@@ -51,6 +52,7 @@ from imapper_prob.models.kernels.stays import unsupported
 from imapper_prob.models.problem import (
     CAMERA,
     COLLISION,
+    GIVEN,
     LAYOUT,
     MOTION,
     PATH,
@@ -95,18 +97,23 @@ def change(
     -------
     log_prior, log_likelihood : float
         Nats; -inf and 0 outside the support. The costs of free poses, jumps, collisions,
-        motion, ground and missing support are in the second.
+        motion, ground and missing support, and statements, are in the second.
     """
     problem, cache = evaluator.problem, evaluator.cache
     prior = place(
         problem, cache, n_before, camera_before, latent_before,
         camera, items, placements, sizes, latent,
     )  # fmt: skip
-    if prior == -math.inf or problem.likelihood == 0.0:
+    told = len(problem.given) > 0
+    if prior == -math.inf or (problem.likelihood == 0.0 and not told):
         return prior, 0.0
     n, terms = len(items), cache.terms
     n_moved = list_moved(cache)
     pose_joints(problem, cache, n, n_moved, camera)
+    if told:
+        terms[GIVEN] = sum_given(problem, cache, n, camera)
+    if problem.likelihood == 0.0:
+        return prior, terms[GIVEN]
     pose_frames(problem, cache, n, n_moved, camera)
     find_penetrations(cache, n, n_moved)
     find_changed(cache, n, max(n_before, 0))
@@ -115,7 +122,7 @@ def change(
     terms[COLLISION] = sum_pairs(problem, cache, n)
     terms[MOTION] = sum_penetrations(problem, cache, n)
     terms[SUPPORT] = -problem.likelihood * unsupported(problem.stays, problem.lowered, items)
-    costs = terms[SMOOTHNESS] + terms[COLLISION] + terms[MOTION] + terms[SUPPORT]
+    costs = terms[SMOOTHNESS] + terms[COLLISION] + terms[MOTION] + terms[SUPPORT] + terms[GIVEN]
     return prior, costs + forward_log_likelihood(problem, cache)
 
 
@@ -294,7 +301,7 @@ def evaluate(
 
     Returns
     -------
-    (11,) float
+    (12,) float
         Values of ``TERMS``; the first is -inf outside the support.
     """
     evaluator = open_evaluator(problem, len(items))

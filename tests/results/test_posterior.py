@@ -239,8 +239,8 @@ def test_a_notebook_turns_the_recording(monkeypatch: pytest.MonkeyPatch) -> None
 
 OF_OTHERS = (np.ndarray, xr.Dataset, xr.DataTree, pd.DataFrame, LayoutProbabilities)
 """Types whose text is made elsewhere."""
-ASKED = {"view", "record", "report", "save", "plot", "draw", "scene"}
-"""Methods that write, draw, or need to be told which one."""
+ASKED = {"view", "record", "report", "save", "plot", "draw", "scene", "given"}
+"""Methods that write, draw, or need to be told which one, or what."""
 
 
 def said(run: Posterior) -> Iterator[tuple[str, Any]]:

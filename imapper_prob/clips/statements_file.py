@@ -1,0 +1,290 @@
+"""Statements about a scene from a file: TOML, and beside it what other systems have found.
+
+Boxes of objects are read from files of COCO's results format, depths from CSV or ``.npz``. What a
+file says twice, or what nobody knows, is refused by the name of its table.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+import tomllib
+from collections.abc import Callable, Iterator, Mapping
+from functools import partial
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from imapper_prob.models.errors import InputError
+from imapper_prob.models.statements import (
+    Contact,
+    DepthOf,
+    JointAt,
+    Measured,
+    ObjectAt,
+    Presence,
+    Room,
+    Seen,
+    Statement,
+)
+
+__all__ = ["read_statements"]
+
+_MEASURED: Final = {"camera": ("pitch", "height", "focal"), "person": ("stature",)}
+_LOWEST_SCORE: Final = 0.3
+"""Boxes below are left out, as detectors' own viewers do; chosen."""
+
+
+def read_statements(path: str | Path) -> tuple[Statement, ...]:
+    """Read statements from a TOML file.
+
+    Parameters
+    ----------
+    path : path
+        See ``docs/how-to/say_what_is_known.md``. Files that it names lie beside it.
+
+    Returns
+    -------
+    tuple of Statement
+
+    Raises
+    ------
+    InputError
+        The file is missing, no TOML, says nothing, or has a key or value that is none.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> _ = Path("given.toml").write_text("[camera]\\nheight = [1.6, 0.02]")
+    >>> im.read_statements("given.toml")
+    (Measured(quantity='height', value=1.6, std=0.02),)
+    """
+    path = Path(path)
+    try:
+        tables = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})") from error
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{path}: not a TOML file ({error})") from error
+    unknown = sorted(set(tables) - {*_MEASURED, *_READERS})
+    if unknown:
+        raise InputError(
+            f"{path}: unknown table {unknown[0]!r}; known are "
+            f"{', '.join(sorted({*_MEASURED, *_READERS}))}"
+        )
+    statements: list[Statement] = []
+    for name, table in tables.items():
+        if name in _MEASURED:
+            statements += _measured(name, table, f"{path}: [{name}]")
+            continue
+        entries = table if isinstance(table, list) else [table]
+        for number, entry in enumerate(entries, 1):
+            where = f"{path}: {name} {number}"
+            if not isinstance(entry, dict):
+                raise InputError(f"{where} must be a table, [[{name}]]")
+            statements.append(_read(_READERS[name], entry, where, path.parent))
+    if not statements:
+        raise InputError(f"{path}: says nothing")
+    return tuple(statements)
+
+
+def _measured(name: str, table: Any, where: str) -> Iterator[Statement]:
+    if not isinstance(table, dict):
+        raise InputError(f"{where} must be a table")
+    for quantity, said in table.items():
+        if quantity not in _MEASURED[name]:
+            raise InputError(
+                f"{where}: unknown key {quantity!r}; known are {', '.join(_MEASURED[name])}"
+            )
+        if not isinstance(said, list) or len(said) != 2 or not all(map(_is_number, said)):
+            raise InputError(f"{where}: {quantity} must be [value, standard deviation]")
+        value, std = map(float, said)
+        yield _made(partial(Measured, quantity, value, std), where)
+
+
+def _read(reader: _Reader, entry: dict[str, Any], where: str, folder: Path) -> Statement:
+    needed, optional, make = reader
+    missing, unknown = sorted(needed - set(entry)), sorted(set(entry) - needed - optional)
+    if unknown:
+        raise InputError(
+            f"{where}: unknown key {unknown[0]!r}; known are {', '.join(sorted(needed | optional))}"
+        )
+    if missing:
+        raise InputError(f"{where}: has no {missing[0]!r}")
+    for key, value in entry.items():
+        if key in _TEXTS and not isinstance(value, str):
+            raise InputError(f"{where}: {key} = {value!r:.60} must be text")
+        if key in _WHOLE and (not isinstance(value, int) or isinstance(value, bool)):
+            raise InputError(f"{where}: {key} = {value!r:.60} must be a whole number")
+    return _made(lambda: make(entry, folder), where)
+
+
+_TEXTS: Final = ("joint", "file", "kind")
+_WHOLE: Final = ("frame", "person")
+
+
+def _made(make: Callable[[], Statement], where: str) -> Statement:
+    try:
+        return make()
+    except InputError as error:
+        raise InputError(f"{where}: {error}") from error
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{where}: has a value that is none ({error})") from error
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _object(entry: dict[str, Any], _: Path) -> Statement:
+    return ObjectAt(entry["label"], **_without(entry, "label"))
+
+
+def _present(entry: dict[str, Any], _: Path) -> Statement:
+    return Presence(entry["label"], there=True, **_without(entry, "label"))
+
+
+def _absent(entry: dict[str, Any], _: Path) -> Statement:
+    return Presence(entry["label"], there=False, **_without(entry, "label"))
+
+
+def _room(entry: dict[str, Any], _: Path) -> Statement:
+    return Room(**entry)
+
+
+def _joint(entry: dict[str, Any], _: Path) -> Statement:
+    return JointAt(**entry)
+
+
+def _contact(entry: dict[str, Any], _: Path) -> Statement:
+    frames, kind = entry["frames"], entry.get("kind", "sits")
+    if kind not in ("sits", "touches"):
+        raise InputError(f"kind = {kind!r:.60} must be 'sits' or 'touches'")
+    if not isinstance(frames, list) or len(frames) != 2 or not all(_is_whole(f) for f in frames):
+        raise InputError("frames must be [first, last]")
+    first, last = frames
+    more = _without(entry, "label", "frames", "kind")
+    return Contact(entry["label"], first, last, kind == "sits", **more)
+
+
+def _depth(entry: dict[str, Any], folder: Path) -> Statement:
+    said = dict(entry)
+    if "file" in said:
+        if "frames" in said or "depths" in said:
+            raise InputError("has both a file and frames with depths; say one")
+        said["frames"], said["depths"] = _depths(folder / said.pop("file"))
+    elif not {"frames", "depths"} <= set(said):
+        raise InputError("has neither a file nor frames with depths")
+    if not all(map(_is_whole, said["frames"])):
+        raise InputError("frames must be whole numbers")
+    return DepthOf(**said)
+
+
+def _is_whole(value: Any) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool)
+
+
+def _without(entry: Mapping[str, Any], *names: str) -> dict[str, Any]:
+    return {name: value for name, value in entry.items() if name not in names}
+
+
+def _depths(path: Path) -> tuple[list[int], list[float]]:
+    """Frames and depths (m) from columns, or arrays, ``frame`` and ``depth``."""
+    try:
+        if path.suffix == ".npz":
+            with np.load(path, allow_pickle=False) as file:
+                return file["frame"].astype(int).tolist(), file["depth"].astype(float).tolist()
+        with path.open(encoding="utf-8", newline="") as text:
+            rows = list(csv.DictReader(text))
+        if not rows:
+            raise ValueError("nothing is there")
+        return [int(row["frame"]) for row in rows], [float(row["depth"]) for row in rows]
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror or error})") from error
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(
+            f"{path}: must have frame (whole numbers) and depth (m), as columns of a CSV file or "
+            f"arrays of an .npz ({error})"
+        ) from error
+
+
+# ------------------------------------------------------------------------------------------------
+# Boxes of objects.
+
+
+def _seen(entry: dict[str, Any], folder: Path) -> Statement:
+    """Boxes of one picture; labels of the detector become those of the library by ``labels``."""
+    path = folder / entry["file"]
+    names, image = entry["labels"], entry.get("image", entry["frame"])
+    if not isinstance(names, dict) or not all(map(_is_confusion, names.values())):
+        raise InputError(
+            "labels must be a table: of each label of the detector, by name or number, the "
+            "library's label, or a table of these with the probability that it is called so"
+        )
+    found, confusion = [], []
+    for box, score, label in _results(path, image):
+        if score >= entry.get("score", _LOWEST_SCORE) and label in names:
+            left, top, width, height = box
+            found.append((left, top, left + width, top + height))
+            named = names[label]
+            confusion.append({named: 1.0} if isinstance(named, str) else dict(named))
+    more = _without(entry, "file", "labels", "image", "score")
+    return Seen(boxes=tuple(found), confusion=tuple(confusion), **more)
+
+
+def _is_confusion(value: Any) -> bool:
+    if isinstance(value, dict):
+        return all(map(_is_number, value.values()))
+    return isinstance(value, str)
+
+
+def _results(path: Path, image: Any) -> Iterator[tuple[list[float], float, str]]:
+    """Box (left, top, width, height), score and label of each result of an image."""
+    try:
+        results = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror or error})") from error
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{path}: not a JSON file ({error})") from error
+    if not isinstance(results, list):
+        raise InputError(f"{path}: must be a list of results, as COCO's format has it")
+    for number, result in enumerate(results):
+        try:
+            if result["image_id"] != image:
+                continue
+            box = [float(x) for x in result["bbox"]]
+            label, score = str(result["category_id"]), float(result["score"])
+        except (KeyError, TypeError, ValueError) as error:
+            raise InputError(
+                f"{path}: result {number} must have image_id, category_id, bbox and score ({error})"
+            ) from error
+        if len(box) != 4 or not np.isfinite([*box, score]).all() or min(box[2:]) <= 0:
+            raise InputError(f"{path}: result {number}: bbox must be left, top, width, height")
+        yield box, score, label
+
+
+_Reader = tuple[set[str], set[str], Callable[[dict[str, Any], Path], Statement]]
+_READERS: Final[Mapping[str, _Reader]] = {
+    "object": (
+        {"label"},
+        {"place", "place_std", "size", "size_std", "box", "box_std", "doubt"},
+        _object,
+    ),
+    "present": ({"label"}, {"region", "std", "doubt"}, _present),
+    "absent": ({"label"}, {"region", "std", "doubt"}, _absent),
+    "room": ({"walls"}, {"std", "doubt"}, _room),
+    "joint": ({"joint", "frame", "point", "std"}, {"person"}, _joint),
+    "depth": (
+        {"error"},
+        {"frames", "depths", "file", "scale_error", "joint", "person"},
+        _depth,
+    ),
+    "contact": ({"label", "frames"}, {"kind", "doubt", "person"}, _contact),
+    "detections": (
+        {"file", "frame", "labels"},
+        {"image", "score", "rate", "clutter", "std", "person"},
+        _seen,
+    ),
+}
+"""Keys that a table needs, those that it may have, and what makes a statement of it."""

@@ -1,0 +1,172 @@
+"""What statements changed: objects, camera and person, before and after."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+from rich.table import Table
+from scipy.optimize import linear_sum_assignment
+
+from imapper_prob.layouts import group_of
+from imapper_prob.models.skeleton import REFERENCE_STATURE
+from imapper_prob.results.posterior import Posterior
+from imapper_prob.sampling.conditioning import Told
+from imapper_prob.uncertainty.clusters import ObjectCluster
+
+__all__ = ["Change", "change_table", "changes", "write_changes"]
+
+_APART = 1.5
+"""Metres up to which an object before and one after are taken for one; chosen."""
+_FORMAT = "imapper-prob changes 1"
+
+
+@dataclass(frozen=True)
+class Change:
+    """One thing before and after.
+
+    Parameters
+    ----------
+    what : str
+        Label of an object, or name of a number.
+    unit : str
+        Of the number; empty for an object.
+    before : float
+        Probability that the object was there, or the mean of the number.
+    before_error : float
+        Standard error of the probability, or standard deviation of the number; NaN where there
+        was no such object.
+    after, after_error : float
+        The same afterwards.
+    moved : float
+        Metres from the mean place before to that after; NaN where that makes no sense.
+    """
+
+    what: str
+    unit: str
+    before: float
+    before_error: float
+    after: float
+    after_error: float
+    moved: float = math.nan
+
+
+def changes(before: Posterior, after: Posterior) -> tuple[Change, ...]:
+    """Objects, the most probable afterwards first, then camera and person.
+
+    Parameters
+    ----------
+    before, after : Posterior
+        Of one clip.
+
+    Returns
+    -------
+    tuple of Change
+    """
+    return (*_objects(before.clusters(), after.clusters()), *_numbers(before, after))
+
+
+def _objects(before: Sequence[ObjectCluster], after: Sequence[ObjectCluster]) -> list[Change]:
+    """Objects paired by kind and place."""
+    far = np.array([[_distance(a, b) for b in after] for a in before])
+    far = far.reshape(len(before), len(after))
+    rows, columns = linear_sum_assignment(np.minimum(far, 2 * _APART))
+    partner = {int(b): int(a) for a, b in zip(rows, columns, strict=True) if far[a, b] < _APART}
+    found = []
+    for number, there in enumerate(after):
+        earlier = before[partner[number]] if number in partner else None
+        found.append(
+            Change(
+                there.label,
+                "",
+                0.0 if earlier is None else earlier.presence,
+                math.nan if earlier is None else earlier.presence_error,
+                there.presence,
+                there.presence_error,
+                math.nan if earlier is None else float(math.dist(earlier.mean, there.mean)),
+            )
+        )
+    gone = [c for number, c in enumerate(before) if number not in partner.values()]
+    return found + [Change(c.label, "", c.presence, c.presence_error, 0.0, math.nan) for c in gone]
+
+
+def _distance(one: ObjectCluster, other: ObjectCluster) -> float:
+    if group_of(one.label) != group_of(other.label):
+        return math.inf
+    return float(math.dist(one.mean, other.mean))
+
+
+def _numbers(before: Posterior, after: Posterior) -> list[Change]:
+    found = []
+    for number, (what, unit) in enumerate(
+        (("camera pitch", "°"), ("camera height", "m"), ("focal length", "px"), ("stature", "m"))
+    ):
+        said = []
+        for posterior in (before, after):
+            values = np.array([state.camera[number] for state in posterior.samples.states])
+            if number == 0:
+                values = np.degrees(values)
+            elif number > 1:
+                unit_of = posterior.clip.camera.fx if number == 2 else REFERENCE_STATURE
+                values = unit_of * np.exp(values)
+            said += [float(values.mean()), float(values.std())]
+        found.append(Change(what, unit, *said))
+    return found
+
+
+def change_table(found: Sequence[Change]) -> Table:
+    """The changes for people.
+
+    Parameters
+    ----------
+    found : sequence of Change
+
+    Returns
+    -------
+    rich.table.Table
+    """
+    table = Table(title="What changed", title_justify="left")
+    table.add_column("")
+    for name in ("before", "after", "moved"):
+        table.add_column(name, justify="right")
+    for row in found:
+        places = 2 if row.unit != "px" else 0
+        cells = [
+            f"{value:.{places}f} ± {error:.{places}f} {row.unit}".strip()
+            if not math.isnan(error)
+            else f"{value:.{places}f}"
+            for value, error in (
+                (row.before, row.before_error),
+                (row.after, row.after_error),
+            )
+        ]
+        table.add_row(row.what, *cells, "" if math.isnan(row.moved) else f"{row.moved:.2f} m")
+    return table
+
+
+def write_changes(path: Path, found: Sequence[Change], told: Told | None) -> None:
+    """Write the changes, and what was said, as JSON.
+
+    Parameters
+    ----------
+    path : Path
+    found : sequence of Change
+    told : Told, optional
+    """
+    rows = [
+        {k: None if isinstance(v, float) and math.isnan(v) else v for k, v in asdict(c).items()}
+        for c in found
+    ]
+    evidence = None if told is None or told.evidence is None else asdict(told.evidence)
+    document = {
+        "format": _FORMAT,
+        "given": "" if told is None else told.text,
+        "evidence": evidence,
+        "changes": rows,
+    }
+    text = json.dumps(document, indent=1, ensure_ascii=False)
+    path.write_text(text + "\n", encoding="utf-8")

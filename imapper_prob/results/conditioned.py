@@ -1,0 +1,166 @@
+"""A posterior given statements: by weights of its draws, or by chains that go on from them."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+
+from imapper_prob.config import SampleSettings
+from imapper_prob.models.errors import InputError
+from imapper_prob.models.log_posterior import State
+from imapper_prob.models.scenelet import Library
+from imapper_prob.models.statements import Statement, check_statements, tell
+from imapper_prob.results.posterior import Posterior
+from imapper_prob.samplers.reweighting import reweigh
+from imapper_prob.sampling.actors import JointProblem, join_actors
+from imapper_prob.sampling.conditioning import (
+    Evidence,
+    Told,
+    continued,
+    denied,
+    reweighted,
+    statement_values,
+    with_statements,
+)
+from imapper_prob.scenelets.library import load_library
+from imapper_prob.solver.actors import solve_actors
+from imapper_prob.solver.solver import Solution
+from imapper_prob.uncertainty.stored import StoredSource, library_digest
+
+__all__ = ["conditioned"]
+
+Progress = Callable[[str, float], None]
+_PART: Final = 4
+"""Chains that go on make a fourth of the steps that the run made: they begin where draws are."""
+_BURN_IN: Final = 0.2
+"""Share of these that is not kept; chosen, half of what chains need that begin anywhere."""
+_LEAST: Final = 20
+"""Steps that they make at least."""
+
+
+def conditioned(
+    posterior: Posterior,
+    statements: Sequence[Statement],
+    *,
+    library: Library | None = None,
+    steps: int | None = None,
+    workers: int = 1,
+    progress: Progress | None = None,
+) -> Posterior:
+    """See :meth:`imapper_prob.results.posterior.Posterior.given`.
+
+    Parameters
+    ----------
+    posterior : Posterior
+    statements : sequence of Statement
+    library : Library, optional
+    steps : int, optional
+    workers : int
+    progress : callable, optional
+
+    Returns
+    -------
+    Posterior
+
+    Raises
+    ------
+    InputError
+        The statements cannot be true of the clip, or the library is another one.
+    """
+    begun = time.perf_counter()
+    if not statements:
+        raise InputError("no statement: name one at least")
+    source, samples, clip = posterior.solution, posterior.samples, posterior.clip
+    known = _full_library(posterior, library)
+    earlier = () if posterior.told is None else posterior.told.statements
+    everything = (*earlier, *statements)
+    check_statements(everything, clip, known)
+    values = statement_values(tell(source.problem, statements, clip, known), samples.states)
+    found = reweigh(values.reshape(samples.shape))
+    seed = np.random.SeedSequence(posterior.config.seed, spawn_key=(len(everything),))
+    if denied(source.problem, samples.states, statements, clip, known):
+        # All are by chance, and weigh the same; that says nothing of scenes not met yet.
+        found = replace(found, effective=0.0)
+    if found.good:
+        chosen = reweighted(
+            samples, found, values, posterior.config.sample, np.random.default_rng(seed)
+        )
+        told = replace(source, problem=tell(source.problem, everything, clip, known))  # type: ignore[type-var]
+        evidence = Evidence(
+            found.log_ratio, found.error, found.effective, len(samples.states), "reweighted"
+        )
+        seconds = {**posterior.seconds, "being told": time.perf_counter() - begun}
+        return Posterior(
+            told, chosen, posterior.config, seconds=seconds, told=Told(everything, evidence)
+        )
+    solved = _solved(posterior, known, progress)
+    if isinstance(source, StoredSource):
+        samples = replace(samples, states=_renumbered(samples.states, source.library, known))
+    problem = tell(solved.problem, everything, clip, known)
+    settings = _shorter(posterior.config.sample, steps)
+    fresh = np.r_[np.zeros(len(earlier)), np.ones(len(statements))]
+    drawn, evidence = continued(
+        solved, samples, problem, fresh, found, settings,
+        seed=seed, workers=workers, progress=progress,
+    )  # fmt: skip
+    nowhere = denied(solved.problem, drawn.states, statements, clip, known)
+    evidence = replace(evidence, denied=nowhere)
+    return Posterior(
+        with_statements(solved, problem),
+        drawn,
+        replace(posterior.config, sample=settings),
+        seconds={**posterior.seconds, "being told": time.perf_counter() - begun},
+        told=Told(everything, evidence),
+    )
+
+
+def _full_library(posterior: Posterior, library: Library | None) -> Library:
+    """The library of a posterior, of which its file keeps a part: as given, or as settings say."""
+    source = posterior.solution
+    if not isinstance(source, StoredSource):
+        return source.library
+    known = load_library(posterior.config.library) if library is None else library
+    if known.digest != library_digest(source):
+        raise InputError(
+            f"library {known.name}: is not the one that clip {posterior.clip.name} was sampled "
+            "with; name that one"
+        )
+    return known
+
+
+def _solved(
+    posterior: Posterior, library: Library, progress: Progress | None
+) -> Solution | JointProblem:
+    """What chains go on with; of a run that was opened from its folder it is solved again."""
+    source = posterior.solution
+    if isinstance(source, Solution | JointProblem):
+        return source
+    settings = posterior.config.settings
+    solutions = solve_actors(posterior.clip, library, settings=settings, progress=progress)
+    return solutions[0] if len(solutions) == 1 else join_actors(solutions)
+
+
+def _renumbered(states: Sequence[State], part: Library, whole: Library) -> tuple[State, ...]:
+    """States that refer to a part of a library, referring to all of it."""
+    number = {scenelet.name: n for n, scenelet in enumerate(whole)}
+    of_part = np.array([number[scenelet.name] for scenelet in part], np.int64)
+    return tuple(
+        State(
+            s.camera,
+            np.stack([of_part[s.items[:, 0]], s.items[:, 1]], -1),
+            s.placements,
+            s.sizes,
+            s.latent,
+        )
+        for s in states
+    )
+
+
+def _shorter(settings: SampleSettings, steps: int | None) -> SampleSettings:
+    steps = max(_LEAST, settings.steps // _PART) if steps is None else steps
+    asked = replace(settings, steps=steps, burn_in=_BURN_IN, last_step=0, draws=1)
+    return replace(asked, draws=min(settings.draws, asked.most_draws))

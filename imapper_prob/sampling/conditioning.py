@@ -1,0 +1,368 @@
+"""Draws of a posterior given statements, from draws of the posterior without them.
+
+Where enough draws agree with what was said they are weighted, and chosen by their weights. Where
+few do, some are led there by a bridge of posteriors (:mod:`imapper_prob.samplers.reweighting`),
+moved at each step by the moves that chains have; chains then go on from where these arrive. Both
+ways say how probable the statements were.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imapper_prob.config import SampleSettings
+from imapper_prob.layouts import group_layouts, through_one_lens
+from imapper_prob.models.log_posterior import State, log_posterior, terms
+from imapper_prob.models.problem import Problem
+from imapper_prob.models.scene import Clip
+from imapper_prob.models.scenelet import Library
+from imapper_prob.models.statements import Statement, describe, log_by_chance, tell
+from imapper_prob.samplers.diagnostics import ShortChainWarning, layout_probabilities
+from imapper_prob.samplers.reversible_jump import ChainState, Mixture, step
+from imapper_prob.samplers.reweighting import Reweighted, bridge, families_of, resample
+from imapper_prob.samplers.verdict import Verdict, judge
+from imapper_prob.sampling.actors import JointProblem
+from imapper_prob.sampling.chain import SceneTracker, Setup, scene_moves, tracker_of
+from imapper_prob.sampling.sample import Progress, Samples, functionals, sample_scenes, setup_of
+from imapper_prob.sampling.visits import Visits, camera_shape, table_of
+from imapper_prob.solver.solver import Solution
+
+__all__ = [
+    "Evidence",
+    "Told",
+    "continued",
+    "denied",
+    "reweighted",
+    "statement_values",
+    "with_statements",
+]
+
+Array = NDArray[np.float64]
+_PARTICLES: Final = 64
+"""Draws that are led over a bridge; chosen, a minute's work where a statement is a surprise."""
+_STEPS: Final = 60
+"""Steps of each at each power; chosen: camera and places move several times."""
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """How probable what was said is, given the clip.
+
+    Parameters
+    ----------
+    log_ratio : float
+        Log of the density of what was said, given the clip: the log of by how much the evidence
+        grows. Nats; of measurements in their units.
+    error : float
+        Its standard error, nats.
+    effective : float
+        Effective draws that agreed with it, of those that there were.
+    draws : int
+        How many there were.
+    method : str
+        ``"reweighted"`` or ``"resampled"``.
+    denied : tuple of str
+        Statements that no draw agrees with, afterwards: they count as answers by chance.
+    """
+
+    log_ratio: float
+    error: float
+    effective: float
+    draws: int
+    method: str
+    denied: tuple[str, ...] = ()
+
+    @property
+    def text(self) -> str:
+        """A sentence.
+
+        Examples
+        --------
+        >>> from imapper_prob.sampling.conditioning import Evidence
+        >>> Evidence(-0.7, 0.05, 610.0, 1600, "reweighted").text
+        'Log evidence ratio -0.70 ± 0.05 nats; 610 of 1600 draws agreed: reweighted.'
+        """
+        said = (
+            f"Log evidence ratio {self.log_ratio:.2f} ± {self.error:.2f} nats; "
+            f"{self.effective:.0f} of {self.draws} draws agreed: {self.method}."
+        )
+        if not self.denied:
+            return said
+        return f"{said} No scene was found with {', nor with '.join(self.denied)}."
+
+
+@dataclass(frozen=True)
+class Told:
+    """What a posterior was given besides its clip.
+
+    Parameters
+    ----------
+    statements : tuple of Statement
+        All of them.
+    evidence : Evidence, optional
+        Of those that were given last; None where chains had them from the beginning.
+    """
+
+    statements: tuple[Statement, ...]
+    evidence: Evidence | None = None
+
+    @property
+    def text(self) -> str:
+        """A sentence or two.
+
+        Examples
+        --------
+        >>> from imapper_prob.sampling.conditioning import Told
+        >>> Told((im.Measured("height", 1.6, 0.02),)).text
+        'Given: height 1.6 ± 0.02 m.'
+        """
+        said = f"Given: {', '.join(describe(s) for s in self.statements)}."
+        return said if self.evidence is None else f"{said} {self.evidence.text}"
+
+
+def statement_values(problem: Problem, states: Sequence[State]) -> Array:
+    """(N,) log-likelihood of all statements of a problem, nats.
+
+    Parameters
+    ----------
+    problem : Problem
+    states : sequence of N State
+
+    Returns
+    -------
+    (N,) float
+    """
+    # Detections have no say in it, and take most of the time.
+    alone = problem._replace(likelihood=0.0)
+    return np.array([terms(alone, state)["given"] for state in states])
+
+
+def denied(
+    problem: Problem,
+    states: Sequence[State],
+    statements: Sequence[Statement],
+    clip: Clip,
+    library: Library,
+) -> tuple[str, ...]:
+    """Which statements are true of no state, in a few words each.
+
+    Parameters
+    ----------
+    problem : Problem
+    states : sequence of State
+    statements : sequence of Statement
+    clip : Clip
+    library : Library
+
+    Returns
+    -------
+    tuple of str
+        Those whose answer is in no state more probable than twice by chance.
+    """
+    found = []
+    for statement in statements:
+        chance = log_by_chance(statement, clip)
+        if chance is None:
+            continue
+        values = statement_values(tell(problem, [statement], clip, library), states)
+        if values.max() < chance + math.log(2.0):
+            found.append(describe(statement))
+    return tuple(found)
+
+
+def with_statements(source: Solution | JointProblem, problem: Problem) -> Solution | JointProblem:
+    """A source of draws with another problem, that of the same clip with statements.
+
+    Parameters
+    ----------
+    source : Solution or JointProblem
+    problem : Problem
+
+    Returns
+    -------
+    Solution or JointProblem
+    """
+    return replace(source, problem=problem)
+
+
+def reweighted(
+    samples: Samples,
+    found: Reweighted,
+    values: Array,
+    settings: SampleSettings,
+    rng: np.random.Generator,
+) -> Samples:
+    """Draws chosen by weight, about as many as are effective.
+
+    Parameters
+    ----------
+    samples : Samples
+    found : Reweighted
+        Their weights.
+    values : (N,) float
+        Log-likelihood of the statements, nats.
+    settings : SampleSettings
+    rng : numpy.random.Generator
+
+    Returns
+    -------
+    Samples
+        Draws keep their order, and are cut into as many chains as there were: where chains of the
+        first posterior disagree, these do.
+    """
+    chains, draws = samples.shape
+    kept = max(2, min(draws, int(found.effective) // chains))
+    chosen = resample(found.weights.ravel(), kept * chains, rng)
+    states = tuple(samples.states[n] for n in chosen)
+    objects = tuple(samples.objects[n] for n in chosen)
+    log_posterior = (samples.log_posterior.ravel() + values)[chosen].reshape(chains, kept)
+    seen = through_one_lens(objects, [state.camera[2] for state in states])
+    layouts = group_layouts(seen, log_posterior.ravel(), radius=settings.layout_radius)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ShortChainWarning)
+        probabilities = layout_probabilities(
+            1 + layouts.indicator.reshape(log_posterior.shape), rng=rng
+        )
+        judged = judge(probabilities, functionals(log_posterior, states, objects))
+    return replace(
+        samples,
+        states=states,
+        log_posterior=log_posterior,
+        objects=objects,
+        layouts=layouts,
+        probabilities=probabilities,
+        placements=(),
+        agreements=(),
+        verdict=_verdict_of_chosen(samples.verdict, judged, len(states)),
+    )
+
+
+def _verdict_of_chosen(before: Verdict, judged: Verdict, count: int) -> Verdict:
+    """What draws are worth that were chosen of others: no more than those were."""
+    said = f"{count} draws chosen by weight. {judged.text}"
+    if before.good:
+        return judged._replace(text=said)
+    text = f"{said} They were chosen of draws that are: {before.text}"
+    return Verdict(False, max(judged.more_draws, before.more_draws), None, text)
+
+
+def continued(
+    source: Solution | JointProblem,
+    samples: Samples,
+    problem: Problem,
+    fresh: Array,
+    found: Reweighted,
+    settings: SampleSettings,
+    *,
+    seed: np.random.SeedSequence,
+    workers: int = 1,
+    progress: Progress | None = None,
+) -> tuple[Samples, Evidence]:
+    """Chains that go on from draws without statements to the posterior with them.
+
+    Parameters
+    ----------
+    source : Solution or JointProblem
+        With the library that the draws refer to.
+    samples : Samples
+        Draws without the statements.
+    problem : Problem
+        With all statements.
+    fresh : (G,) float
+        1 for statements of the problem that the draws know nothing of, else 0.
+    found : Reweighted
+        How far the draws agree.
+    settings : SampleSettings
+        Of the chains that go on.
+    seed : numpy.random.SeedSequence
+    workers : int
+    progress : callable, optional
+
+    Returns
+    -------
+    Samples, Evidence
+    """
+    bridge_seed, chain_seed = seed.spawn(2)
+    told = with_statements(source, problem)
+    setup = setup_of(told, settings)
+    chosen = _evenly(samples, _PARTICLES)
+    families = families_of(*samples.shape)[chosen]
+    advance = _Advance(setup, fresh, _noted(samples.states))
+    alone = problem._replace(given_power=fresh, likelihood=0.0)
+    led = bridge(
+        np.random.default_rng(bridge_seed),
+        [samples.states[n] for n in chosen],
+        families,
+        log_factor=lambda state: float(terms(alone, state)["given"]),
+        advance=advance,
+        on_power=None if progress is None else partial(progress, "being told"),
+    )
+    # In no order: the best for the posterior itself would be one side of what is open.
+    pool = led.states
+    starts = [
+        [pool[chain % len(pool)], *pool[chain + settings.chains :: settings.chains]]
+        for chain in range(settings.chains)
+    ]
+    drawn = sample_scenes(
+        told, settings, seed=chain_seed, workers=workers, starts=starts, progress=progress
+    )
+    evidence = Evidence(led.log_ratio, led.error, found.effective, len(samples.states), "resampled")
+    return drawn, evidence
+
+
+def _evenly(samples: Samples, count: int) -> NDArray[np.int64]:
+    """So many draws, as many of each chain, evenly spread."""
+    chains, draws = samples.shape
+    own = np.unique(np.linspace(0, draws - 1, max(1, count // chains)).round().astype(np.int64))
+    return (np.arange(chains)[:, None] * draws + own).ravel()
+
+
+def _noted(states: Sequence[State]) -> Visits:
+    visits = Visits()
+    for state in states:
+        visits.note(state, 1.0)
+    return visits
+
+
+class _Advance:
+    """Moves a state by the moves of chains, at some power of statements that are new."""
+
+    def __init__(self, setup: Setup, fresh: Array, visits: Visits) -> None:
+        self._setup, self._fresh, self._visits = setup, fresh, visits
+        self._made: tuple[float, Problem, Mixture[State]] | None = None
+
+    def __call__(self, rng: np.random.Generator, state: State, power: float) -> State:
+        if self._made is None or self._made[0] != power:
+            self._made = power, *self._at(power)
+        _, problem, mixture = self._made
+        make = tracker_of(problem)
+        tracker = None if make is None else make(state)
+        density = partial(log_posterior, problem) if tracker is None else _whole(tracker)
+        at = ChainState(state, density(state))
+        for _ in range(_STEPS):
+            new, info = step(rng, at, log_density_fn=density, mixture=mixture)
+            if info.accepted and tracker is not None:
+                tracker.move(new.state)
+            at = new
+        return at.state
+
+    def _at(self, power: float) -> tuple[Problem, Mixture[State]]:
+        problem = self._setup.problem
+        problem = problem._replace(given_power=np.where(self._fresh > 0, power, 1.0))
+        setup = replace(self._setup, problem=problem)
+        if tracker_of(problem) is None or not self._visits.items:
+            return problem, scene_moves(setup)
+        table = table_of(problem, self._visits)
+        return problem, scene_moves(setup, table, camera_shape(self._visits))
+
+
+def _whole(tracker: SceneTracker) -> Callable[[State], float]:
+    return lambda state: tracker(state).at(1.0)

@@ -1,0 +1,205 @@
+"""What would settle it: how much an answer would tell of the layout, before anybody gives it.
+
+A question is a statement whose answer is open. The mutual information between the layout x and the
+answer y, I = E log2 p(y | x) / p(y), is by how many bits the entropy of layouts falls on average
+when it is answered (Lindley 1956). Both densities are means over draws: for each draw an answer is
+drawn that its scene would give, and compared with what the other draws would answer, those of its
+layout and all of them. A draw is left out of its own means, and one more that answers as all do is
+counted to each layout, so that rare layouts, of which nothing is known, add nothing.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imapper_prob.models.skeleton import REFERENCE_STATURE
+from imapper_prob.models.statements import Measured, Presence, Statement, tell
+from imapper_prob.samplers.diagnostics import ShortChainWarning, mean_error
+from imapper_prob.sampling.conditioning import statement_values
+from imapper_prob.sampling.sample import Samples
+from imapper_prob.uncertainty.clusters import ObjectCluster
+from imapper_prob.uncertainty.stored import Source
+
+__all__ = ["Question", "information", "questions_of"]
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+_CORNERS: Final = 12
+"""Of the polygon about an object that is asked for."""
+_OPEN: Final = 0.03
+"""Probability up to which nobody would ask whether something is there, or is called so."""
+_MEASURED: Final[tuple[tuple[str, Literal["height", "stature"], float], ...]] = (
+    ("How high is the camera, to 2 cm?", "height", 0.02),
+    ("How tall is the person, to 2 cm?", "stature", 0.02),
+)
+"""Questions that are always asked, with their standard deviation in metres."""
+
+
+@dataclass(frozen=True)
+class Question:
+    """A question and what its answer would tell.
+
+    Parameters
+    ----------
+    text : str
+    bits : float
+        By which the entropy of layouts would fall, on average over answers.
+    error : float
+        Standard error of ``bits``.
+    open : Presence or Measured
+        The statement of which the answer is open; see :meth:`answered`.
+    """
+
+    text: str
+    bits: float
+    error: float
+    open: Presence | Measured
+
+    def __repr__(self) -> str:
+        return f"Question({self.text!r}, bits={self.bits:.2f}, error={self.error:.2f})"
+
+    def __str__(self) -> str:
+        return f"{self.text} {self.bits:.2f} ± {self.error:.2f} bit"
+
+    def answered(self, answer: bool | float) -> Statement:
+        """The statement that an answer makes.
+
+        Parameters
+        ----------
+        answer : bool or float
+            Yes or no, or a number in metres.
+
+        Returns
+        -------
+        Statement
+
+        Examples
+        --------
+        >>> question = posterior.questions()[0]
+        >>> question.bits > -1
+        True
+        """
+        if isinstance(self.open, Presence):
+            return replace(self.open, there=bool(answer))
+        return replace(self.open, value=float(answer))
+
+
+def questions_of(
+    samples: Samples,
+    clusters: Sequence[ObjectCluster],
+    source: Source,
+    *,
+    radius: float,
+    rng: np.random.Generator,
+) -> tuple[Question, ...]:
+    """Questions about a posterior, those first that would tell most.
+
+    Parameters
+    ----------
+    samples : Samples
+    clusters : sequence of ObjectCluster
+        Objects that are asked for.
+    source : Source
+        What the draws are of.
+    radius : float
+        Metres within which an object counts as the one that is asked for.
+    rng : numpy.random.Generator
+        For answers that are numbers.
+
+    Returns
+    -------
+    tuple of Question
+    """
+    found = []
+    for text, asked in _about_objects(clusters, radius):
+        told = tell(source.problem, [asked], source.clip, source.library)
+        yes = np.exp(statement_values(told, samples.states))
+        found.append(_question(text, asked, samples, np.stack([yes, 1 - yes], -1)))
+    for text, quantity, std in _MEASURED:
+        number = 1 if quantity == "height" else 3
+        values = np.array([state.camera[number] for state in samples.states])
+        if number == 3:
+            values = REFERENCE_STATURE * np.exp(values)
+        open_one = Measured(quantity, float(np.mean(values)), std)
+        heard = values + std * rng.standard_normal(len(values))
+        densities = _normal(heard[:, None] - values, std**2)
+        found.append(_question(text, open_one, samples, densities))
+    return tuple(sorted(found, key=lambda question: -question.bits))
+
+
+def _about_objects(clusters: Sequence[ObjectCluster], radius: float) -> list[tuple[str, Presence]]:
+    """Whether something stands there, and what it is."""
+    angles = 2 * np.pi * np.arange(_CORNERS) / _CORNERS
+    circle = radius * np.stack([np.cos(angles), np.sin(angles)], -1)
+    asked = []
+    for cluster in clusters:
+        x, y = cluster.mean
+        region = tuple((float(a), float(b)) for a, b in circle + cluster.mean)
+        where = f"({x:.1f}, {y:.1f}) m"
+        if _OPEN < cluster.presence < 1 - _OPEN:
+            names = " or ".join(cluster.labels)
+            asked.append(
+                (f"Is there a {names} at {where}?", Presence(tuple(cluster.labels), region=region))
+            )
+        for label, share in cluster.labels.items():
+            if _OPEN < share < 1 - _OPEN:
+                asked.append(
+                    (f"Is what stands at {where} a {label}?", Presence((label,), region=region))
+                )
+    return asked
+
+
+def _question(
+    text: str, asked: Presence | Measured, samples: Samples, densities: Array
+) -> Question:
+    bits, error = information(samples.layouts.indicator.reshape(samples.shape), densities)
+    return Question(text, bits, error, asked)
+
+
+def information(layouts: Ints, densities: Array) -> tuple[float, float]:
+    """Mutual information between layouts and an answer, and its standard error, bits.
+
+    Parameters
+    ----------
+    layouts : (C, N) int
+        Of each draw of each chain.
+    densities : (C N, C N) or (C N, A) float
+        Of the answer that was drawn for each draw, by all draws; or probabilities of all A answers
+        by draw.
+
+    Returns
+    -------
+    bits, error : float
+        The error is NaN where chains are too short.
+    """
+    flat, count = layouts.ravel(), layouts.size
+    _, member = np.unique(flat, return_inverse=True)
+    size = np.bincount(member)[member]
+    if densities.shape == (count, count):
+        # Row m: what draws say of the answer of draw m.
+        np.fill_diagonal(densities := densities.copy(), 0.0)
+        of_all = densities.sum(1) / (count - 1)
+        same = np.array([densities[m, member == member[m]].sum() for m in range(count)])
+        gained = np.log2((same + of_all) / size / of_all)
+    else:
+        of_all = (densities.sum(0) - densities) / (count - 1)
+        sums = np.stack([np.bincount(member, column) for column in densities.T], -1)
+        of_layout = (sums[member] - densities + of_all) / size[:, None]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            terms = densities * np.log2(of_layout / of_all)
+        gained = np.where(densities > 0, terms, 0.0).sum(1)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ShortChainWarning)
+        error = float(mean_error(gained.reshape(layouts.shape))) if np.ptp(gained) > 0 else 0.0
+    return float(gained.mean()), error
+
+
+def _normal(off: Array, variance: float) -> Array:
+    return np.asarray(np.exp(-0.5 * off**2 / variance) / math.sqrt(2 * math.pi * variance))

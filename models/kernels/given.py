@@ -1,0 +1,511 @@
+"""The likelihood of statements about a scene (docs/explanation/model.md 25 to 32).
+
+A statement is an answer that somebody gave, or a measurement that something else made. Its term is
+the density of that answer given the scene, normalised over all answers that there might have been,
+so that ratios of evidence mean something. Statements are flat rows of a problem;
+:mod:`imapper_prob.models.statements` packs them. With none of them nothing of this is called.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imapper_prob.models.jit import inlined, inner, inner_inlined
+from imapper_prob.models.kernels.cache import Cache
+from imapper_prob.models.kernels.intersection import overlap_depth
+from imapper_prob.models.problem import Problem
+from imapper_prob.models.settings import NEAREST
+from imapper_prob.models.skeleton import LKNE, LWRI, PELV, REFERENCE_STATURE, RKNE, RWRI
+
+__all__ = [
+    "CONTACT",
+    "DEPTH",
+    "DETECTIONS_OF_OBJECTS",
+    "NUMBER",
+    "OBJECT",
+    "POINT",
+    "PRESENCE",
+    "ROOM",
+    "sum_given",
+]
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+NUMBER, OBJECT, PRESENCE, ROOM, POINT, DEPTH, CONTACT, DETECTIONS_OF_OBJECTS = range(8)
+"""Kinds of statements, the first number of a row of ``Problem.given_kinds``."""
+_LOG_2PI: Final = math.log(2.0 * math.pi)
+_REACH: Final = 0.25
+"""Metres between a joint and what it touches, see `imapper_prob.solver.selection`."""
+_SOFT: Final = 0.05
+"""Metres over which a contact becomes none; chosen, a hand's thickness."""
+_TOUCHING: Final = np.array([PELV, RKNE, LKNE, RWRI, LWRI])
+_GRID: Final = 4
+"""Points along each side of a piece in the picture that are looked at, whether they are seen."""
+PIECE: Final = 7
+"""Numbers of a piece: centre (m), half sides (m) and yaw of its bounding box."""
+
+
+@inlined
+def _normal_cdf(x: float) -> float:
+    return 0.5 * math.erfc(-x / math.sqrt(2.0))
+
+
+@inlined
+def _log_normal(x: float, variance: float) -> float:
+    return -0.5 * (_LOG_2PI + math.log(variance) + x * x / variance)
+
+
+@inner
+def _find_pieces(problem: Problem, cache: Cache, n: int, pieces: Array, turns: Array) -> Ints:
+    """Pieces of furniture of a proposal, those met twice once.
+
+    Of two of one label whose outlines overlap, and face one way if they have a front, the first in
+    time counts.
+
+    Parameters
+    ----------
+    problem, cache, n
+        See :func:`sum_given`.
+    pieces : (K, 7) float
+        Out: bounding boxes in the world, see :data:`PIECE`.
+    turns : (K, 2) float
+        Out: cosine and sine of their yaws.
+
+    Returns
+    -------
+    (k,) int
+        Their categories; so many rows of ``pieces`` are filled.
+    """
+    size, merges = len(cache.boxes) // len(cache.counts), math.cos(problem.merge_angle)
+    labels, count = np.empty(len(pieces), np.int64), 0
+    low, high = np.empty(3), np.empty(3)
+    for i in range(n):
+        slot = cache.slots[1, i]
+        first = problem.box_first[cache.items[slot, 0]]
+        b, first_new = 0, count
+        while b < cache.counts[slot]:
+            own = problem.box_object[first + b]
+            k = slot * size + b
+            yaw = cache.yaws[k]
+            c, s = math.cos(yaw), math.sin(yaw)
+            low[:], high[:] = math.inf, -math.inf
+            while b < cache.counts[slot] and problem.box_object[first + b] == own:
+                box = cache.boxes[slot * size + b]
+                at_x, at_y = c * box[0] + s * box[1], c * box[1] - s * box[0]
+                low[0], high[0] = min(low[0], at_x - box[3]), max(high[0], at_x + box[3])
+                low[1], high[1] = min(low[1], at_y - box[4]), max(high[1], at_y + box[4])
+                low[2], high[2] = min(low[2], box[2] - box[5]), max(high[2], box[2] + box[5])
+                b += 1
+            piece, turn = pieces[count], turns[count]
+            mid_x, mid_y = 0.5 * (low[0] + high[0]), 0.5 * (low[1] + high[1])
+            piece[0], piece[1] = c * mid_x - s * mid_y, s * mid_x + c * mid_y
+            piece[2] = 0.5 * (low[2] + high[2])
+            for a in range(3):
+                piece[3 + a] = 0.5 * (high[a] - low[a])
+            piece[6], turn[0], turn[1] = yaw, c, s
+            labels[count] = cache.labels[k]
+            again = False
+            for j in range(first_new):
+                if labels[j] == labels[count]:
+                    front = problem.label_front[labels[j]]
+                    alike = not front or math.cos(pieces[j, 6] - yaw) > merges
+                    if alike and overlap_depth(pieces[j], turns[j], piece, turn) > 0.0:
+                        again = True
+            if not again:
+                count += 1
+    return labels[:count]
+
+
+@inlined
+def _inside(corners: Array, first: int, end: int, x: float, y: float) -> float:
+    """Metres from a point to the nearest wall of a polygon, negative outside."""
+    nearest, odd = math.inf, False
+    before = end - 1
+    for k in range(first, end):
+        ax, ay, bx, by = corners[before, 0], corners[before, 1], corners[k, 0], corners[k, 1]
+        dx, dy = bx - ax, by - ay
+        along = ((x - ax) * dx + (y - ay) * dy) / max(dx * dx + dy * dy, 1e-12)
+        along = min(max(along, 0.0), 1.0)
+        nearest = min(nearest, math.hypot(x - ax - along * dx, y - ay - along * dy))
+        if (ay > y) != (by > y) and x < ax + (y - ay) / (by - ay) * dx:
+            odd = not odd
+        before = k
+    return nearest if odd else -nearest
+
+
+@inlined
+def _answered(probability: float, yes: bool, doubt: float) -> float:
+    """Log probability of an answer to a question that is true with some probability."""
+    true = probability if yes else 1.0 - probability
+    return math.log((1.0 - doubt) * true + 0.5 * doubt)
+
+
+@inner_inlined
+def _spread_at(problem: Problem, piece: Array, std: float) -> float:
+    """Variance along a direction of where a piece stands, and of who says so; m^2."""
+    aside = 2.0 * problem.furniture_aside * piece[3]
+    return float(std * std + 0.5 * (aside * aside + problem.furniture_spread**2))
+
+
+@inner_inlined
+def _log_place(
+    problem: Problem, piece: Array, turn: Array, x: float, y: float, std: float
+) -> float:
+    """Log density of where somebody says that a piece stands, per m^2.
+
+    The piece stands about where its scenelet says, by normal errors along its own axes.
+    """
+    dx, dy = x - piece[0], y - piece[1]
+    along, ahead = turn[0] * dx + turn[1] * dy, turn[0] * dy - turn[1] * dx
+    aside = 2.0 * problem.furniture_aside * piece[3]
+    first = _log_normal(along, std * std + aside * aside)
+    return first + _log_normal(ahead, std * std + problem.furniture_spread**2)
+
+
+@inner
+def _outline(
+    problem: Problem, camera: Array, piece: Array, turn: Array, width: float, height: float,
+    edges: Array,
+) -> None:  # fmt: skip
+    """Left, top, right and bottom of a piece in a picture, pixels, and its depth in metres."""
+    cp, sp, cr, sr = (
+        math.cos(camera[0]),
+        math.sin(camera[0]),
+        math.cos(camera[4]),
+        math.sin(camera[4]),
+    )
+    focal = math.exp(camera[2])
+    edges[0], edges[1], edges[2], edges[3] = math.inf, math.inf, -math.inf, -math.inf
+    for corner in range(8):
+        a = piece[3] if corner & 1 else -piece[3]
+        b = piece[4] if corner & 2 else -piece[4]
+        z = piece[2] + (piece[5] if corner & 4 else -piece[5]) - camera[1]
+        x, y = piece[0] + turn[0] * a - turn[1] * b, piece[1] + turn[1] * a + turn[0] * b
+        depth, level = max(cp * y + sp * z, NEAREST), cp * z - sp * y
+        u = problem.cx + focal * problem.fx * (cr * x + sr * level) / depth
+        v = problem.cy - focal * problem.fy * (cr * level - sr * x) / depth
+        edges[0], edges[2] = min(edges[0], u), max(edges[2], u)
+        edges[1], edges[3] = min(edges[1], v), max(edges[3], v)
+    for a in range(2):
+        edges[2 * a] = min(max(edges[2 * a], 0.0), width)
+        edges[2 * a + 1] = min(max(edges[2 * a + 1], 0.0), height)
+    edges[4] = max(cp * piece[1] + sp * (piece[2] - camera[1]), NEAREST)
+
+
+@inner_inlined
+def _log_edges(problem: Problem, camera: Array, row: Array, edges: Array, std: float) -> float:
+    """Log density of a box in a picture (4,) that is of a piece with these edges, per px^4."""
+    stands = math.exp(camera[2]) * problem.fx * problem.furniture_spread / edges[4]
+    total = 0.0
+    for a in range(4):
+        total += _log_normal(row[a] - edges[a], std * std + stands * stands)
+    return total
+
+
+@inner
+def _object(
+    problem: Problem, camera: Array, s: int, pieces: Array, turns: Array, labels: Ints
+) -> float:
+    """An object of some labels was measured: where it is, how large, its box in the picture.
+
+    Numbers: doubt, log density of a wrong answer, x, y, std (m), width, depth, height, std (m),
+    left, top, right, bottom, std, picture's width and height (px). What has no std was not said.
+    """
+    numbers, row = problem.given[s], problem.given_kinds[s, 1]
+    count, best = 0, -math.inf
+    edges, each = np.empty(5), np.empty(len(labels))
+    for k in range(len(labels)):
+        if problem.given_labels[row, labels[k]] == 0.0:
+            continue
+        value = 0.0
+        if numbers[4] > 0.0:
+            value += _log_place(problem, pieces[k], turns[k], numbers[2], numbers[3], numbers[4])
+        if numbers[8] > 0.0:
+            for a in range(3):
+                value += _log_normal(numbers[5 + a] - 2.0 * pieces[k, 3 + a], numbers[8] ** 2)
+        if numbers[13] > 0.0:
+            _outline(problem, camera, pieces[k], turns[k], numbers[14], numbers[15], edges)
+            value += _log_edges(problem, camera, numbers[9:13], edges, numbers[13])
+        each[count] = value
+        count += 1
+        best = max(best, value)
+    wrong = math.log(numbers[0]) + numbers[1]
+    if count == 0:
+        return float(wrong)
+    total = 0.0
+    for k in range(count):
+        total += math.exp(each[k] - best)
+    right = math.log(1.0 - numbers[0]) + best + math.log(total / count)
+    top = max(right, wrong)
+    return float(top + math.log(math.exp(right - top) + math.exp(wrong - top)))
+
+
+@inner
+def _presence(problem: Problem, s: int, pieces: Array, labels: Ints) -> float:
+    """Whether there is an object of some labels in a region, or anywhere: an answer.
+
+    Numbers: doubt, 1 for yes, std of the region's edge (m).
+    """
+    numbers, kinds = problem.given[s], problem.given_kinds[s]
+    none = 1.0
+    for k in range(len(labels)):
+        if problem.given_labels[kinds[1], labels[k]] > 0.0:
+            there = 1.0
+            if kinds[3] > kinds[2]:
+                piece = pieces[k]
+                far = _inside(problem.given_rows, kinds[2], kinds[3], piece[0], piece[1])
+                there = _normal_cdf(far / math.sqrt(_spread_at(problem, piece, numbers[2])))
+            none *= 1.0 - there
+    return _answered(1.0 - none, numbers[1] > 0.0, numbers[0])
+
+
+@inner
+def _room(
+    problem: Problem, cache: Cache, s: int, pieces: Array, turns: Array, labels: Ints
+) -> float:
+    """Whether furniture and person are inside the walls: an answer, yes.
+
+    Numbers: doubt, std of the walls (m).
+    """
+    numbers, first, end = problem.given[s], problem.given_kinds[s, 2], problem.given_kinds[s, 3]
+    probability, nearest = 1.0, math.inf
+    for t in range(len(cache.pose_row)):
+        joints = cache.joints[cache.pose_row[t]]
+        nearest = min(
+            nearest, _inside(problem.given_rows, first, end, joints[0, PELV], joints[1, PELV])
+        )
+    probability = _normal_cdf(nearest / numbers[1])
+    for k in range(len(labels)):
+        piece, turn, nearest = pieces[k], turns[k], math.inf
+        for corner in range(4):
+            a = piece[3] if corner & 1 else -piece[3]
+            b = piece[4] if corner & 2 else -piece[4]
+            x, y = piece[0] + turn[0] * a - turn[1] * b, piece[1] + turn[1] * a + turn[0] * b
+            nearest = min(nearest, _inside(problem.given_rows, first, end, x, y))
+        probability *= _normal_cdf(nearest / math.sqrt(_spread_at(problem, piece, numbers[1])))
+    return _answered(probability, True, numbers[0])
+
+
+@inner
+def _point(problem: Problem, cache: Cache, camera: Array, s: int) -> float:
+    """Where a joint is in a frame, of one who knows; numbers: x, y, z, std (m)."""
+    numbers, joint = problem.given[s], problem.given_kinds[s, 4]
+    row = cache.pose_row[problem.given_kinds[s, 5]]
+    pose = problem.pose_tolerance * math.exp(camera[3])
+    total = 0.0
+    for axis in range(3):
+        off = numbers[axis] - cache.joints[row, axis, joint]
+        total += _log_normal(off, numbers[3] ** 2 + pose * pose)
+    return total
+
+
+@inner
+def _depth(problem: Problem, cache: Cache, camera: Array, s: int) -> float:
+    """Depths of a joint in frames, of one scale that may be wrong; numbers: error, scale error.
+
+    Rows are frame and depth (m). Log depths have independent errors and one in common: of their
+    covariance a I + b 1 1' determinant and inverse are known.
+    """
+    numbers, kinds = problem.given[s], problem.given_kinds[s]
+    cp, sp, count = math.cos(camera[0]), math.sin(camera[0]), kinds[3] - kinds[2]
+    pose = problem.pose_tolerance * math.exp(camera[3])
+    a, b = numbers[0] ** 2, numbers[1] ** 2
+    logs, squares, sums, weights = 0.0, 0.0, 0.0, 0.0
+    for k in range(kinds[2], kinds[3]):
+        joints = cache.joints[cache.pose_row[int(problem.given_rows[k, 0])]]
+        depth = cp * joints[1, kinds[4]] + sp * (joints[2, kinds[4]] - camera[1])
+        depth = max(depth, NEAREST)
+        said = problem.given_rows[k, 1]
+        off, variance = math.log(said / depth), a + (pose / depth) ** 2
+        logs += math.log(variance) + 2.0 * math.log(said)
+        squares += off * off / variance
+        sums += off / variance
+        weights += 1.0 / variance
+    common = 1.0 + b * weights
+    squares -= b * sums * sums / common
+    return float(-0.5 * (count * _LOG_2PI + logs + math.log(common) + squares))
+
+
+@inner_inlined
+def _far_from(
+    problem: Problem, cache: Cache, s: int, x: float, y: float, z: float, n: int
+) -> float:
+    """How far inside reach the nearest object of some labels is from a joint, metres.
+
+    Of somebody who sits the joint is above an object, else anywhere about one.
+    """
+    size, row = len(cache.boxes) // len(cache.counts), problem.given_kinds[s, 1]
+    sits, best = problem.given[s, 1] > 0.0, -math.inf
+    for i in range(n):
+        slot = cache.slots[1, i]
+        for k in range(slot * size, slot * size + cache.counts[slot]):
+            if problem.given_labels[row, cache.labels[k]] == 0.0:
+                continue
+            box, turn = cache.boxes[k], cache.turns[k]
+            dx, dy = x - box[0], y - box[1]
+            u = max(abs(turn[0] * dx + turn[1] * dy) - box[3], 0.0)
+            v = max(abs(turn[0] * dy - turn[1] * dx) - box[4], 0.0)
+            if sits:
+                above = abs(z - box[2] - box[5])
+                best = max(best, min(_REACH - above, 0.5 * _REACH - math.hypot(u, v)))
+            else:
+                w = max(abs(z - box[2]) - box[5], 0.0)
+                best = max(best, _REACH - math.sqrt(u * u + v * v + w * w))
+    return best
+
+
+@inner
+def _contact(problem: Problem, cache: Cache, s: int, n: int) -> float:
+    """Whether the person sits on, or touches, an object all through some frames: an answer, yes.
+
+    Numbers: doubt, 1 for sitting.
+    """
+    kinds, numbers, least = problem.given_kinds[s], problem.given[s], math.inf
+    for t in range(kinds[5], kinds[6]):
+        joints, best = cache.joints[cache.pose_row[t]], -math.inf
+        for joint in _TOUCHING[: 1 if numbers[1] > 0.0 else len(_TOUCHING)]:
+            x, y, z = joints[0, joint], joints[1, joint], joints[2, joint]
+            best = max(best, _far_from(problem, cache, s, x, y, z, n))
+        least = min(least, best)
+    probability = _normal_cdf(least / _SOFT) if least > -math.inf else 0.0
+    return _answered(probability, True, numbers[0])
+
+
+@inner_inlined
+def _shown(outlines: Array, count: int, k: int, person: Array) -> float:
+    """Share of a piece in the picture that no nearer piece, and no person, is before."""
+    edges, free = outlines[k], 0
+    for i in range(_GRID * _GRID):
+        u = edges[0] + (i % _GRID + 0.5) / _GRID * (edges[2] - edges[0])
+        v = edges[1] + (i // _GRID + 0.5) / _GRID * (edges[3] - edges[1])
+        hidden = False
+        for j in range(count + 1):
+            if j == k:
+                continue
+            other = person if j == count else outlines[j]
+            over = other[0] < u < other[2] and other[1] < v < other[3]
+            hidden = hidden or (over and other[4] < edges[4])
+        free += not hidden
+    if edges[2] - edges[0] < 1.0 or edges[3] - edges[1] < 1.0:
+        return 0.0
+    return free / (_GRID * _GRID)
+
+
+@inner
+def _person(problem: Problem, cache: Cache, camera: Array, t: int, edges: Array) -> None:
+    """Left, top, right and bottom of the person in a frame, pixels, and their depth in metres."""
+    cp, sp, cr, sr = (
+        math.cos(camera[0]),
+        math.sin(camera[0]),
+        math.cos(camera[4]),
+        math.sin(camera[4]),
+    )
+    focal, joints = math.exp(camera[2]), cache.joints[cache.pose_row[t]]
+    edges[0], edges[1], edges[2], edges[3] = math.inf, math.inf, -math.inf, -math.inf
+    for j in range(joints.shape[1]):
+        x, y, z = joints[0, j], joints[1, j], joints[2, j] - camera[1]
+        depth, level = max(cp * y + sp * z, NEAREST), cp * z - sp * y
+        u = problem.cx + focal * problem.fx * (cr * x + sr * level) / depth
+        v = problem.cy - focal * problem.fy * (cr * level - sr * x) / depth
+        edges[0], edges[2] = min(edges[0], u), max(edges[2], u)
+        edges[1], edges[3] = min(edges[1], v), max(edges[3], v)
+        if j == PELV:
+            edges[4] = depth
+
+
+@inner
+def _pictured(
+    problem: Problem, cache: Cache, camera: Array, s: int, pieces: Array, turns: Array, labels: Ints
+) -> float:
+    """What a detector of objects found in a frame: a Poisson process of boxes with labels.
+
+    Numbers: rate at which a piece in full view is found, boxes of nothing expected, log density of
+    one of these, std (px), picture's width and height (px). Rows are boxes; the labels of each are
+    the probability of its label by the true one.
+    """
+    numbers, kinds = problem.given[s], problem.given_kinds[s]
+    count, person = len(labels), np.empty(5)
+    outlines, rates = np.empty((count, 5)), np.empty(count)
+    _person(problem, cache, camera, kinds[5], person)
+    for k in range(count):
+        _outline(problem, camera, pieces[k], turns[k], numbers[4], numbers[5], outlines[k])
+    total = -numbers[1]
+    for k in range(count):
+        # So many boxes are expected that none comes as often as the detector misses a piece.
+        rates[k] = -math.log1p(-numbers[0] * _shown(outlines, count, k, person))
+        total -= rates[k]
+    for d in range(kinds[3] - kinds[2]):
+        density = numbers[1] * math.exp(numbers[2])
+        for k in range(count):
+            share = problem.given_labels[kinds[1] + d, labels[k]]
+            if share > 0.0 and rates[k] > 0.0:
+                box = problem.given_rows[kinds[2] + d]
+                near = _log_edges(problem, camera, box, outlines[k], numbers[3])
+                density += rates[k] * share * math.exp(near)
+        total += math.log(density)
+    return float(total)
+
+
+@inner_inlined
+def _number(problem: Problem, camera: Array, s: int) -> float:
+    """A measurement of camera or body; numbers: value and std, in radians, metres or pixels.
+
+    Which one: pitch, height, focal length or the person's stature.
+    """
+    which, numbers = problem.given_kinds[s, 4], problem.given[s]
+    value = camera[0]
+    if which == 1:
+        value = camera[1]
+    elif which == 2:
+        value = problem.fx * math.exp(camera[2])
+    elif which == 3:
+        value = REFERENCE_STATURE * math.exp(camera[3])
+    return _log_normal(numbers[0] - value, numbers[1] ** 2)
+
+
+@inner
+def sum_given(problem: Problem, cache: Cache, n: int, camera: Array) -> float:
+    """The log-likelihood of all statements of a problem, nats, each to the power that it has there.
+
+    Parameters
+    ----------
+    problem : Problem
+    cache : Cache
+        With furniture and joints of the proposal.
+    n : int
+        Scenelets of the proposal.
+    camera : (5,) float
+
+    Returns
+    -------
+    float
+    """
+    most = 0
+    for i in range(n):
+        most += cache.counts[cache.slots[1, i]]
+    pieces, turns = np.empty((most, PIECE)), np.empty((most, 2))
+    labels, total = _find_pieces(problem, cache, n, pieces, turns), 0.0
+    for s in range(len(problem.given)):
+        kind = problem.given_kinds[s, 0]
+        if kind == NUMBER:
+            value = _number(problem, camera, s)
+        elif kind == OBJECT:
+            value = _object(problem, camera, s, pieces, turns, labels)
+        elif kind == PRESENCE:
+            value = _presence(problem, s, pieces, labels)
+        elif kind == ROOM:
+            value = _room(problem, cache, s, pieces, turns, labels)
+        elif kind == POINT:
+            value = _point(problem, cache, camera, s)
+        elif kind == DEPTH:
+            value = _depth(problem, cache, camera, s)
+        elif kind == CONTACT:
+            value = _contact(problem, cache, s, n)
+        else:
+            value = _pictured(problem, cache, camera, s, pieces, turns, labels)
+        total += problem.given_power[s] * value
+    return total

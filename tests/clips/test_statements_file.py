@@ -1,0 +1,146 @@
+"""Statements from TOML, boxes from COCO's results, depths from tables; nonsense is refused."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import imapper_prob as im
+
+EVERYTHING = """
+[camera]
+height = [1.6, 0.02]
+pitch = [-4, 0.5]
+focal = [1955.0, 20.0]
+
+[person]
+stature = [1.8, 0.03]
+
+[[object]]
+label = "couch"
+place = [0.5, 3]
+place_std = 0.05
+
+[[object]]
+label = ["chair", "couch"]
+box = [100, 200, 400, 500]
+
+[[present]]
+label = "table"
+region = [[-1, 2], [1, 2], [1, 4], [-1, 4]]
+
+[[absent]]
+label = "shelf"
+doubt = 0.01
+
+[room]
+walls = [[-2, 1], [2, 1], [2, 6], [-2, 6]]
+
+[[joint]]
+joint = "PELV"
+frame = 3
+point = [0, 3, 0.9]
+std = 0.1
+
+[[depth]]
+file = "depth.csv"
+error = 0.05
+scale_error = 0.1
+
+[[contact]]
+label = "couch"
+frames = [3, 9]
+
+[[detections]]
+file = "boxes.json"
+frame = 3
+image = 17
+labels = { 62 = "chair", 63 = { couch = 0.9, chair = 0.2 } }
+"""
+
+
+def written(folder: Path, text: str) -> Path:
+    path = folder / "given.toml"
+    path.write_text(text)
+    (folder / "depth.csv").write_text("frame,depth\n3,3.1\n5,3.25\n")
+    np.savez(folder / "depth.npz", frame=[3, 5], depth=[3.1, 3.25])
+    results = [
+        {"image_id": 17, "category_id": 63, "bbox": [10, 20, 100, 50], "score": 0.9},
+        {"image_id": 17, "category_id": 62, "bbox": [10, 20, 100, 50], "score": 0.1},
+        {"image_id": 17, "category_id": 1, "bbox": [10, 20, 100, 50], "score": 0.9},
+        {"image_id": 18, "category_id": 62, "bbox": [10, 20, 100, 50], "score": 0.9},
+    ]
+    (folder / "boxes.json").write_text(json.dumps(results))
+    return path
+
+
+def test_a_file_says_what_the_classes_say(tmp_path: Path) -> None:
+    assert im.read_statements(written(tmp_path, EVERYTHING)) == (
+        im.Measured("height", 1.6, 0.02),
+        im.Measured("pitch", -4.0, 0.5),
+        im.Measured("focal", 1955.0, 20.0),
+        im.Measured("stature", 1.8, 0.03),
+        im.ObjectAt("couch", place=(0.5, 3.0), place_std=0.05),
+        im.ObjectAt(("chair", "couch"), box=(100, 200, 400, 500)),
+        im.Presence("table", region=((-1, 2), (1, 2), (1, 4), (-1, 4))),
+        im.Presence("shelf", there=False, doubt=0.01),
+        im.Room(((-2, 1), (2, 1), (2, 6), (-2, 6))),
+        im.JointAt("PELV", 3, (0, 3, 0.9), 0.1),
+        im.DepthOf((3, 5), (3.1, 3.25), 0.05, 0.1),
+        im.Contact("couch", 3, 9),
+        im.Seen(3, ((10, 20, 110, 70),), ({"couch": 0.9, "chair": 0.2},)),
+    )
+
+
+def test_depths_are_read_from_arrays_too(tmp_path: Path) -> None:
+    text = '[[depth]]\nfile = "depth.npz"\nerror = 0.1\njoint = "NECK"'
+    (said,) = im.read_statements(written(tmp_path, text))
+    assert said == im.DepthOf((3, 5), (3.1, 3.25), 0.1, joint="NECK")
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", "says nothing"),
+        ("[camera", "not a TOML file"),
+        ("[walls]\nx = 1", "unknown table 'walls'; known are absent, camera"),
+        ("[camera]\nheigth = [1, 1]", "unknown key 'heigth'; known are pitch, height, focal"),
+        ("[camera]\nheight = 1.6", "height must be \\[value, standard deviation\\]"),
+        ("[camera]\nheight = [1.6, -1]", "std of the measured height must be positive"),
+        ("[[object]]\nplace = [0, 1]", "object 1: has no 'label'"),
+        ('[[object]]\nlabel = "couch"\nat = [0, 1]', "object 1: unknown key 'at'"),
+        ('[[object]]\nlabel = "couch"\nplace = ["a", 1]', "object 1: the place of couch must be"),
+        ('[[object]]\nlabel = "couch"\nplace = [0, 1]\nplace_std = "x"', "must be a finite number"),
+        ("[[object]]\nlabel = 7\nplace = [0, 1]", "object 1: .*has a value|must be a label"),
+        ("object = 3", "must be a table"),
+        ('[[contact]]\nlabel = "couch"\nframes = 3', "frames must be \\[first, last\\]"),
+        ('[[contact]]\nlabel = "couch"\nframes = [1, 2]\nkind = "lies"', "'sits' or 'touches'"),
+        ('[[joint]]\njoint = "PELV"\nframe = 1.5\npoint = [0, 1, 1]\nstd = 1', "whole number"),
+        ("[[depth]]\nerror = 0.1", "neither a file nor frames"),
+        ('[[depth]]\nerror = 0.1\nfile = "no.csv"', "no.csv: cannot be read"),
+        ('[[depth]]\nerror = 0.1\nfile = "boxes.json"', "must have frame"),
+        ('[[detections]]\nfile = "no.json"\nframe = 1\nlabels = {}', "no.json: cannot be read"),
+        ('[[detections]]\nfile = "depth.csv"\nframe = 1\nlabels = {}', "not a JSON file"),
+        ('[[detections]]\nfile = "boxes.json"\nframe = 1\nlabels = 3', "labels must be a table"),
+    ],
+)
+def test_what_a_file_cannot_say_is_refused_by_its_table(
+    tmp_path: Path, text: str, words: str
+) -> None:
+    with pytest.raises(im.InputError, match=words):
+        im.read_statements(written(tmp_path, text))
+
+
+def test_results_that_are_none_are_refused_by_number(tmp_path: Path) -> None:
+    path = written(tmp_path, '[[detections]]\nfile = "boxes.json"\nframe = 1\nlabels = {}')
+    (tmp_path / "boxes.json").write_text('[{"image_id": 1, "bbox": [1, 2, 3, 4], "score": 1}]')
+    with pytest.raises(im.InputError, match="result 0 must have image_id, category_id"):
+        im.read_statements(path)
+
+
+def test_a_missing_file_is_named() -> None:
+    with pytest.raises(im.InputError, match=r"nowhere.toml: cannot be read"):
+        im.read_statements("nowhere.toml")

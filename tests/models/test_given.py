@@ -1,0 +1,479 @@
+"""Statements: each term against plain numpy, normalised over answers, and refused by name."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from functools import cache
+from itertools import product
+
+import numpy as np
+import pytest
+from scipy.stats import multivariate_normal, norm
+from shapely import Point, Polygon
+
+import imapper_prob as im
+from imapper_prob.layouts import placed_objects
+from imapper_prob.models.log_posterior import (
+    Incremental,
+    State,
+    camera_at,
+    empty_state,
+    log_posterior,
+    motion,
+    terms,
+)
+from imapper_prob.models.problem import Problem, labels_of
+from imapper_prob.models.scene import Clip, SceneObject
+from imapper_prob.models.scenelet import Library
+from imapper_prob.models.settings import ModelSettings
+from imapper_prob.models.skeleton import JOINTS, LKNE, LWRI, PELV, RKNE, RWRI
+from imapper_prob.models.statements import (
+    Statement,
+    check_statements,
+    describe,
+    from_json,
+    tell,
+    to_json,
+)
+from imapper_prob.models.valid import check_problem
+from imapper_prob.solver.selection import of_scenelets
+from tests.models import worlds
+
+LIBRARY = worlds.mixed_library()
+AHEAD, ASIDE = ModelSettings().furniture_ahead, ModelSettings().furniture_aside
+REGION = ((-1.5, 2.0), (1.0, 2.2), (1.2, 4.5), (-0.2, 3.4), (-1.4, 4.4))
+"""A room that is not convex."""
+
+
+@cache
+def clip() -> Clip:
+    return worlds.clip_of(worlds.walk(20), np.random.default_rng(0))
+
+
+@cache
+def problem(likelihood: float = 1.0, energy: str = "default") -> Problem:
+    settings = ModelSettings(likelihood=likelihood, energy=energy)
+    return worlds.problem(scenelets=LIBRARY, settings=settings)
+
+
+def state() -> State:
+    """A couch twice, which is one, and a chair; the camera is not the mean one."""
+    nothing = empty_state(problem())
+    camera = nothing.camera + np.array([0.02, 0.05, 0.03, -0.04, 0.01])
+    nothing = State(camera, nothing.items, nothing.placements, nothing.sizes, nothing.latent)
+    return (
+        nothing.with_item(0, 0, np.array([-0.4, 3.6, 0.1]), 0.02)
+        .with_item(1, 6, np.array([-0.35, 3.7, 0.15]), -0.03)
+        .with_item(2, 13, np.array([0.7, 5.6, -0.5]), 0.01)
+    )
+
+
+def given(statement: Statement, at: State | None = None, of: Problem | None = None) -> float:
+    told = tell(problem(0.0) if of is None else of, [statement], clip(), LIBRARY)
+    check_problem(told)
+    return terms(told, state() if at is None else at)["given"]
+
+
+def pieces(at: State) -> list[SceneObject]:
+    """The couch of the first scenelet, and the chair: the second couch is the first again."""
+    placed = [o for _, o in placed_objects(at, LIBRARY)]
+    assert [o.label for o in placed] == ["couch", "couch", "chair"]
+    return [placed[0], placed[2]]
+
+
+def standing(piece: SceneObject) -> np.ndarray:
+    """Covariance of where a piece really stands, m^2."""
+    turn = piece.placement.rotation
+    width = np.diff(piece.bounds, axis=0)[0, 0]
+    return turn @ np.diag([(ASIDE * width) ** 2, AHEAD**2]) @ turn.T
+
+
+def edges(piece: SceneObject, at: State) -> tuple[np.ndarray, float]:
+    camera = camera_at(clip().camera, at.camera)
+    low, high = piece.bounds
+    corners = np.array(list(product(*zip(low, high, strict=True))))
+    pixels = camera.project(piece.placement.apply(corners))
+    size = np.array([1920.0, 1080.0])
+    box = np.concatenate([np.clip(pixels.min(0), 0, size), np.clip(pixels.max(0), 0, size)])
+    depth = camera.to_camera(piece.centre)[1]
+    return box, camera.fx * AHEAD / depth
+
+
+def answered(probability: float, doubt: float) -> float:
+    return math.log((1 - doubt) * probability + doubt / 2)
+
+
+def reference_object(said: im.ObjectAt) -> float:
+    density, found, area = 0.0, [p for p in pieces(state()) if p.label in said.labels], 1.0
+    for piece in found:
+        own = 1.0
+        if said.place:
+            spread = standing(piece) + said.place_std**2 * np.eye(2)
+            own *= multivariate_normal.pdf(said.place, piece.centre[:2], spread)
+        if said.size:
+            size = np.diff(piece.bounds, axis=0)[0]
+            own *= norm.pdf(said.size, size, said.size_std).prod()
+        if said.box:
+            box, stands = edges(piece, state())
+            own *= norm.pdf(said.box, box, math.hypot(said.box_std, stands)).prod()
+        density += own / len(found)
+    area *= 100.0 if said.place else 1.0
+    area *= 27.0 if said.size else 1.0
+    area *= (1920 * 1080 / 2) ** 2 if said.box else 1.0
+    return math.log((1 - said.doubt) * density + said.doubt / 2 / area)
+
+
+def signed(point: np.ndarray) -> float:
+    polygon, at = Polygon(REGION), Point(point)
+    return polygon.exterior.distance(at) * (1 if polygon.contains(at) else -1)
+
+
+def softened(piece: SceneObject, std: float) -> float:
+    width = np.diff(piece.bounds, axis=0)[0, 0]
+    return math.sqrt(std**2 + ((ASIDE * width) ** 2 + AHEAD**2) / 2)
+
+
+BOX = (600.0, 500.0, 1100.0, 900.0)
+
+
+@pytest.mark.parametrize(
+    "said",
+    [
+        im.ObjectAt("couch", place=(-0.2, 3.2), place_std=0.3),
+        im.ObjectAt(("couch", "chair"), place=(1.0, 4.0), place_std=0.4, doubt=0.05),
+        im.ObjectAt("chair", size=(1.5, 0.9, 0.9)),
+        im.ObjectAt("couch", box=BOX, box_std=60.0),
+        im.ObjectAt(("chair", "couch"), place=(0, 3), size=(1.6, 0.8, 0.9), box=BOX),
+    ],
+)
+def test_a_measured_object_is_one_of_its_labels(said: im.ObjectAt) -> None:
+    assert given(said) == pytest.approx(reference_object(said), rel=1e-9)
+
+
+def test_an_object_that_is_not_there_was_measured_by_chance() -> None:
+    said = im.ObjectAt("chair", place=(0.0, 3.0), doubt=0.01)
+    assert given(said, empty_state(problem())) == pytest.approx(math.log(0.01 / 2 / 100))
+
+
+@pytest.mark.parametrize("labels", ["couch", "chair", ("couch", "chair")])
+@pytest.mark.parametrize("there", [True, False])
+def test_an_object_is_in_a_region_as_far_as_it_is_inside(labels: str, there: bool) -> None:
+    said = im.Presence(labels, there=there, region=REGION, doubt=0.02)
+    none = np.prod(
+        [
+            norm.sf(signed(p.centre[:2]) / softened(p, said.std))
+            for p in pieces(state())
+            if p.label in said.labels
+        ]
+    )
+    assert given(said) == pytest.approx(answered(1 - none if there else none, 0.02), rel=1e-9)
+
+
+def test_an_object_is_anywhere_or_nowhere() -> None:
+    assert given(im.Presence("chair", doubt=0.1)) == pytest.approx(math.log(0.95))
+    assert given(im.Presence("chair", there=False, doubt=0.1)) == pytest.approx(math.log(0.05))
+
+
+def test_furniture_and_person_are_inside_the_walls() -> None:
+    said = im.Room(REGION, std=0.5, doubt=0.01)
+    path = motion(problem(0.0), state())[:, PELV, :2]
+    probability = norm.cdf(min(signed(p) for p in path) / 0.5)
+    for piece in pieces(state()):
+        deepest = min(signed(corner) for corner in piece.footprint)
+        probability *= norm.cdf(deepest / softened(piece, 0.5))
+    assert given(said) == pytest.approx(answered(probability, 0.01), rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("quantity", "value", "std", "there"),
+    [
+        ("pitch", -3.0, 0.5, lambda phi: math.degrees(phi[0])),
+        ("height", 1.6, 0.1, lambda phi: phi[1]),
+        ("focal", 2000.0, 30.0, lambda phi: 1955 * math.exp(phi[2])),
+        ("stature", 1.8, 0.04, lambda phi: 1.7 * math.exp(phi[3])),
+    ],
+)
+def test_camera_and_body_are_measured(quantity, value, std, there) -> None:
+    unit = math.log(180 / math.pi) if quantity == "pitch" else 0.0
+    expected = norm.logpdf(value, there(state().camera), std) + unit
+    assert given(im.Measured(quantity, value, std)) == pytest.approx(expected)
+
+
+def test_a_joint_is_at_a_point() -> None:
+    said = im.JointAt("RKNE", 7, (0.1, 3.5, 0.5), 0.1)
+    off = motion(problem(0.0), state())[7, RKNE] - said.point
+    spread = math.hypot(0.1, problem().pose_tolerance * math.exp(state().camera[3]))
+    assert given(said) == pytest.approx(norm.logpdf(off, 0, spread).sum())
+
+
+@pytest.mark.parametrize("scale_error", [0.0, 0.2])
+def test_depths_share_the_error_of_their_scale(scale_error: float) -> None:
+    said = im.DepthOf((2, 9, 15), (3.2, 3.9, 4.4), 0.05, scale_error, "NECK")
+    camera = camera_at(clip().camera, state().camera)
+    joints = motion(problem(0.0), state())[list(said.frames), JOINTS.index("NECK")]
+    depth = camera.to_camera(joints)[:, 1]
+    pose = problem().pose_tolerance * math.exp(state().camera[3]) / depth
+    covariance = np.diag(0.05**2 + pose**2) + scale_error**2
+    expected = multivariate_normal.logpdf(np.log(said.depths), np.log(depth), covariance)
+    assert given(said) == pytest.approx(expected - np.log(said.depths).sum())
+
+
+@pytest.mark.parametrize("sits", [True, False])
+@pytest.mark.parametrize("span", [(1, 4), (14, 17), (5, 14)])
+def test_somebody_touches_an_object_all_through(sits: bool, span: tuple[int, int]) -> None:
+    said = im.Contact("couch", *span, sits=sits, doubt=0.01)
+    least = math.inf
+    for t in range(span[0], span[1] + 1):
+        best = -math.inf
+        for j in (PELV,) if sits else (PELV, RKNE, LKNE, RWRI, LWRI):
+            point = motion(problem(0.0), state())[t, j]
+            for piece in (o for _, o in placed_objects(state(), LIBRARY) if o.label == "couch"):
+                x, y = piece.placement.rotation.T @ (
+                    point[:2] - [piece.placement.x, piece.placement.y]
+                )
+                for part in piece.cuboids:
+                    outside = np.abs([x, y, point[2]] - part.centre) - part.size / 2
+                    aside = np.linalg.norm(np.maximum(outside[:2], 0))
+                    top = part.centre[2] + part.size[2] / 2
+                    on = min(0.25 - abs(point[2] - top), 0.125 - aside)
+                    near = 0.25 - np.linalg.norm(np.maximum(outside, 0))
+                    best = max(best, on if sits else near)
+        least = min(least, best)
+    assert given(said) == pytest.approx(answered(norm.cdf(least / 0.05), 0.01), rel=1e-6)
+
+
+def test_what_is_seen_is_a_poisson_process_of_boxes() -> None:
+    near = edges(pieces(state())[0], state())[0] + 12.0
+    said = im.Seen(16, (tuple(near), BOX), ({"couch": 0.8, "chair": 0.3}, {"chair": 0.5}), std=30.0)
+    camera = camera_at(clip().camera, state().camera)
+    joints = motion(problem(0.0), state())[16]
+    pixels = camera.project(joints)
+    person = (*pixels.min(0), *pixels.max(0), camera.to_camera(joints[PELV])[1])
+    outlines = [(*edges(p, state())[0], camera.to_camera(p.centre)[1]) for p in pieces(state())]
+    rates = []
+    for k, (u0, v0, u1, v1, depth) in enumerate(outlines):
+        free = 0
+        for a, b in product(range(4), range(4)):
+            u, v = u0 + (a + 0.5) / 4 * (u1 - u0), v0 + (b + 0.5) / 4 * (v1 - v0)
+            before = [person, *(o for j, o in enumerate(outlines) if j != k)]
+            free += not any(o[0] < u < o[2] and o[1] < v < o[3] and o[4] < depth for o in before)
+        rates.append(-math.log(1 - 0.9 * free / 16))
+    assert min(rates) < max(rates)  # something is in the way
+    anywhere = (2 / (1920 * 1080)) ** 2 / 80
+    expected = -0.5 - sum(rates)
+    for box, confusion in zip(said.boxes, said.confusion, strict=True):
+        density = 0.5 * anywhere
+        for piece, rate in zip(pieces(state()), rates, strict=True):
+            outline, stands = edges(piece, state())
+            spread = math.hypot(30.0, stands)
+            density += (
+                rate * confusion.get(piece.label, 0.0) * norm.pdf(box, outline, spread).prod()
+            )
+        expected += math.log(density)
+    assert given(said) == pytest.approx(expected, rel=1e-6)
+
+
+# ------------------------------------------------------------------------------------------------
+# Normalised over all answers that there might have been.
+
+
+def total(density, *axes: np.ndarray) -> float:
+    """The sum of a density over a grid, times its cells."""
+    cell = np.prod([axis[1] - axis[0] for axis in axes])
+    return float(cell * sum(math.exp(density(*point)) for point in product(*axes)))
+
+
+def test_places_of_an_object_integrate_to_one() -> None:
+    def density(x: float, y: float) -> float:
+        said = im.ObjectAt(("couch", "chair"), place=(x, y), place_std=0.3, doubt=0.2)
+        return given(said)
+
+    # Ten metres by ten, over which places that are named by chance are; half of those say that
+    # there is nothing.
+    grid = np.arange(-5, 5, 0.1) + 0.05
+    assert total(density, grid, grid + 5.1) == pytest.approx(0.8 + 0.1, abs=2e-3)
+
+
+def test_answers_to_a_question_add_up_to_one() -> None:
+    for labels, region in product(("couch", "chair"), (None, REGION)):
+        both = [
+            math.exp(given(im.Presence(labels, there=there, region=region, doubt=0.1)))
+            for there in (True, False)
+        ]
+        assert sum(both) == pytest.approx(1.0)
+
+
+def test_depths_and_points_integrate_to_one() -> None:
+    near, far = np.linspace(2.0, 7.0, 120), np.linspace(2.0, 8.5, 120)
+
+    def depths(first: float, second: float) -> float:
+        return given(im.DepthOf((3, 16), (first, second), 0.08, 0.1))
+
+    assert total(depths, near, far) == pytest.approx(1.0, abs=1e-3)
+    middle = motion(problem(0.0), state())[3, PELV]
+    grid = [np.arange(-8, 9) * 0.08 + x for x in middle]
+    one = total(lambda *p: given(im.JointAt("PELV", 3, p, 0.1)), *grid)
+    assert one == pytest.approx(1.0, abs=1e-3)
+
+
+def test_as_many_boxes_are_seen_as_are_expected() -> None:
+    nothing, density = given(im.Seen(2, (), (), clutter=0.001)), 0.0
+    for piece in pieces(state()):
+        outline, stands = edges(piece, state())
+        spread = math.hypot(40.0, stands)
+        said = im.Seen(2, (BOX,), ({piece.label: 1.0},), std=40.0, clutter=0.001)
+        told = tell(problem(0.0), [said], clip(), LIBRARY)
+        # Sums over a grid of a step of one deviation are all but exact; beyond three is .1 %.
+        for box in product(*(edge + spread * np.arange(-3, 4) for edge in outline)):
+            seen = terms(told._replace(given_rows=np.array([box])), state())["given"]
+            density += spread**4 * math.exp(seen - nothing)
+    assert density == pytest.approx(0.999 * (-nothing - 0.001), rel=1e-3)
+
+
+# ------------------------------------------------------------------------------------------------
+# In every evaluator.
+
+ALL: tuple[Statement, ...] = (
+    im.Measured("height", 1.6, 0.1),
+    im.ObjectAt(("couch", "chair"), place=(0.3, 3.4), size=(1.6, 0.8, 0.9), box=BOX),
+    im.Presence("chair", region=REGION),
+    im.Presence("couch", there=False, region=REGION),
+    im.Room(REGION, std=0.4),
+    im.JointAt("RWRI", 4, (0.1, 3.5, 1.0), 0.2),
+    im.DepthOf((2, 9), (3.2, 3.9), 0.05, 0.1),
+    im.Contact("couch", 3, 8, sits=False),
+    im.Seen(3, (BOX,), ({"couch": 0.8},)),
+)
+
+
+def test_chains_and_whole_states_agree_on_what_is_given(rng: np.random.Generator) -> None:
+    told = tell(problem(), ALL, clip(), LIBRARY)
+    at, bare = state(), problem()
+    chain = Incremental(told, at)
+    for _ in range(60):
+        new = at
+        kind = rng.integers(4)
+        if kind == 0 and at.n_scenelets:
+            k = int(rng.integers(at.n_scenelets))
+            moved = at.placements[k] + 0.05 * rng.standard_normal(3)
+            new = at.with_placement(k, moved, float(0.02 * rng.standard_normal()))
+        elif kind == 1 and at.n_scenelets > 1:
+            new = at.without_item(int(rng.integers(at.n_scenelets)))
+        elif kind == 2:
+            camera = at.camera + 0.01 * rng.standard_normal(5)
+            new = State(camera, at.items, at.placements, at.sizes, at.latent)
+        else:
+            new = replace(at, latent=at.latent + 0.1 * rng.standard_normal(at.latent.shape))
+        value = sum(chain.propose(new))
+        assert value == pytest.approx(log_posterior(told, new), abs=1e-5)
+        own = terms(told, new)
+        assert value - own["given"] == pytest.approx(log_posterior(bare, new), abs=1e-5)
+        chain.accept()
+        at = new
+
+
+def test_the_published_energy_has_the_same_term() -> None:
+    paper = tell(problem(energy="paper"), ALL, clip(), LIBRARY)
+    ours = tell(problem(), ALL, clip(), LIBRARY)
+    assert terms(paper, state())["given"] == pytest.approx(terms(ours, state())["given"])
+    assert terms(paper, state())["given"] != 0.0
+
+
+def test_statements_add_up_and_have_a_power() -> None:
+    told = tell(problem(), ALL, clip(), LIBRARY)
+    each = [given(statement) for statement in ALL]
+    assert terms(told, state())["given"] == pytest.approx(sum(each))
+    half = told._replace(given_power=0.5 * told.given_power)
+    assert terms(half, state())["given"] == pytest.approx(sum(each) / 2)
+    assert terms(problem(), state())["given"] == 0.0
+
+
+# ------------------------------------------------------------------------------------------------
+# Refused by name, before anything is sampled.
+
+
+@pytest.mark.parametrize(
+    ("statements", "words"),
+    [
+        ([im.Presence("piano")], "no 'piano'"),
+        ([im.ObjectAt("couch", place=(0.0, -2.0))], "behind the camera"),
+        ([im.ObjectAt("couch", box=(2000, 0, 2100, 50))], "outside the picture"),
+        ([im.Seen(1, ((-50, 0, -10, 50),), ({"couch": 1.0},))], "outside the picture"),
+        ([im.JointAt("PELV", 99, (0, 3, 1), 0.1)], "no frame 99"),
+        ([im.Contact("couch", 3, 20)], "no frame 20"),
+        ([im.DepthOf((0,), (3.0,), 0.1, person=2)], "no person 2"),
+        (
+            [im.Measured("height", 1.5, 0.01), im.Measured("height", 1.6, 0.01)],
+            "contradict each other",
+        ),
+        ([im.Presence("couch"), im.Presence("couch", there=False)], "contradict each other"),
+        (
+            [im.Presence(("couch", "chair"), there=False), im.Contact("couch", 1, 2)],
+            "contradict each other",
+        ),
+        ([im.Room(REGION), im.ObjectAt("couch", place=(5.0, 3.0))], "contradict each other"),
+    ],
+)
+def test_what_no_scene_can_be_is_refused(statements: list[Statement], words: str) -> None:
+    with pytest.raises(im.InputError, match=words):
+        check_statements(statements, clip(), LIBRARY)
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: im.Measured("weight", 70, 1), "'weight' is not measured"),
+        (lambda: im.Measured("height", 1.5, 0.0), "must be positive"),
+        (lambda: im.Measured("stature", 5.0, 0.1), "not between 0.5 and 2.5"),
+        (lambda: im.ObjectAt("couch"), "neither place, size nor box"),
+        (lambda: im.ObjectAt("couch", place=(0.0, math.nan)), "2 finite numbers"),
+        (lambda: im.ObjectAt("couch", box=(5, 5, 1, 9)), "left, top, right, bottom"),
+        (lambda: im.ObjectAt("couch", size=(1, -1, 1)), "must be positive"),
+        (lambda: im.Presence("couch", doubt=0.0), "must be a probability"),
+        (lambda: im.Presence("couch", region=[(0, 0), (1, 1)]), "three or more corners"),
+        (lambda: im.Room([(0, 0), (1, 1), (1, 0), (0, 1)]), "do not cross"),
+        (lambda: im.JointAt("NOSE", 0, (0, 1, 1), 0.1), "'NOSE' is no joint"),
+        (lambda: im.DepthOf((1, 1), (2.0, 2.0), 0.1), "each frame once"),
+        (lambda: im.DepthOf((1,), (-2.0,), 0.1), "behind the camera"),
+        (lambda: im.Contact("couch", 5, 4), "before its first"),
+        (lambda: im.Seen(0, ((0, 0, 1, 1),), ()), "1 boxes in the picture, but 0 labels"),
+        (lambda: im.Presence(()), "must be a label"),
+    ],
+)
+def test_what_is_no_statement_is_refused(make, words: str) -> None:
+    with pytest.raises(im.InputError, match=words):
+        make()
+
+
+def test_every_statement_can_be_said() -> None:
+    assert all(describe(statement) for statement in ALL)
+
+
+def test_statements_are_written_and_read_back() -> None:
+    assert from_json(to_json(ALL)) == ALL
+
+
+def test_frames_of_the_second_person_follow_those_of_the_first() -> None:
+    (track,) = clip().tracks
+    two = replace(clip(), tracks=(track, replace(track, name="another")))
+    said = [
+        im.JointAt("PELV", 3, (0, 3, 1), 0.1, person=2),
+        im.Contact("couch", 4, 9, person=2),
+        im.DepthOf((5, 7), (3.0, 3.1), 0.1, person=2),
+    ]
+    told = tell(problem(0.0), said, two, LIBRARY)
+    assert told.given_kinds[:2, 5:].tolist() == [[23, 24], [24, 30]]
+    assert told.given_rows[:, 0].tolist() == [25, 27]
+
+
+def test_a_part_of_a_library_numbers_labels_as_the_whole() -> None:
+    """A run keeps only the scenelets that some draw has."""
+    chosen = [2, 5]
+    part = of_scenelets(problem(0.0), chosen)
+    library = Library("part", tuple(LIBRARY[k] for k in chosen))
+    assert labels_of(library) == ["chair"]
+    said = [im.Presence("chair")]
+    by_part = tell(part, said, clip(), library)
+    by_whole = tell(part, said, clip(), LIBRARY)
+    np.testing.assert_array_equal(by_part.given_labels, by_whole.given_labels)

@@ -1,0 +1,148 @@
+"""A posterior given statements: weighted or gone on with, saved, opened, and asked again."""
+
+from __future__ import annotations
+
+import json
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import imapper_prob as im
+from imapper_prob.models.scene import SceneObject
+from imapper_prob.models.settings import ModelSettings
+from imapper_prob.results.changes import change_table, changes
+from imapper_prob.results.folders import write_run
+from imapper_prob.uncertainty.estimate import as_told, drawn_objects
+from tests.models import worlds
+from tests.runs import small_posterior
+
+MILD = im.Measured("height", 1.5, 1.0)
+
+
+def far_off() -> im.Measured:
+    """A camera higher than in any draw."""
+    heights = [state.camera[1] for state in small_posterior().samples.states]
+    return im.Measured("height", max(heights) + 0.3, 0.05)
+
+
+@cache
+def higher() -> im.Posterior:
+    return small_posterior().given([far_off()], steps=40)
+
+
+def test_a_mild_statement_weighs_the_draws_that_there_are() -> None:
+    before = small_posterior()
+    after = before.given([MILD])
+    assert after.told is not None
+    assert after.told.evidence is not None
+    assert after.told.evidence.method == "reweighted"
+    assert after.told.statements == (MILD,)
+    known = {id(state) for state in before.samples.states}
+    assert all(id(state) in known for state in after.samples.states)
+    heights = np.array([state.camera[1] for state in before.samples.states])
+    densities = np.exp(-0.5 * (heights - 1.5) ** 2) / np.sqrt(2 * np.pi)
+    assert after.told.evidence.log_ratio == pytest.approx(np.log(densities.mean()))
+    assert after.told.text.startswith("Given: height 1.5 ± 1 m. Log evidence ratio -0.")
+    assert "chosen by weight" in after.verdict
+    assert not after.converged
+
+
+def test_chains_go_on_where_hardly_a_draw_agrees() -> None:
+    said, after = far_off(), higher()
+    assert after.told is not None
+    assert after.told.evidence is not None
+    assert after.told.evidence.method == "resampled"
+    before = [state.camera[1] for state in small_posterior().samples.states]
+    heights = [state.camera[1] for state in after.samples.states]
+    assert np.mean(heights) > np.mean(before) + 0.3 * (said.value - np.mean(before))
+    assert after.config.sample.steps == 40
+    rows = {row.what: row for row in changes(small_posterior(), after)}
+    assert rows["camera height"].after == pytest.approx(np.mean(heights))
+    assert rows["camera height"].before == pytest.approx(np.mean(before))
+    assert change_table(tuple(rows.values())).row_count == len(rows)
+
+
+def test_what_no_scene_can_be_is_said_to_be_so() -> None:
+    nowhere = im.ObjectAt("shelf", place=(0.0, 60.0), place_std=0.1)
+    after = small_posterior().given([nowhere, im.Measured("height", 1.5, 1.0)], steps=20)
+    assert after.told is not None
+    assert after.told.evidence is not None
+    assert after.told.evidence.denied == ("shelf: place 0, 60",)
+    assert "No scene was found with shelf: place 0, 60." in after.told.text
+    assert after.told.evidence.effective == 0
+    # What was said by chance is as improbable as that: .001 / 2 on 100 m^2.
+    assert after.told.evidence.log_ratio < np.log(0.0005 / 100) + 1
+
+
+def test_what_was_given_is_saved_and_added_to(tmp_path: Path) -> None:
+    first = small_posterior().given([MILD])
+    write_run(tmp_path / "told", first, overwrite=False, before=small_posterior())
+    document = json.loads((tmp_path / "told" / "changes.json").read_text())
+    assert document["given"] == first.told.text
+    assert [row["what"] for row in document["changes"]][-4:] == [
+        "camera pitch", "camera height", "focal length", "stature",
+    ]  # fmt: skip
+    opened = im.load_posterior(tmp_path / "told")
+    assert opened.told == first.told
+    library = small_posterior().solution.library
+    with pytest.raises(im.InputError, match="is not the one that clip demo was sampled with"):
+        opened.given([im.Presence("couch")])
+    both = opened.given([im.Measured("stature", 1.7, 0.5)], library=library)
+    assert both.told is not None
+    assert both.told.statements == (MILD, im.Measured("stature", 1.7, 0.5))
+    assert len(both.solution.problem.given) == 2
+    # Saved again, it still knows which library it is of.
+    both.save(tmp_path / "both")
+    again = im.load_posterior(tmp_path / "both")
+    assert again.given([im.Presence("shelf", doubt=0.9)], library=library).told is not None
+
+
+def test_chains_know_it_from_the_beginning() -> None:
+    before = small_posterior()
+    said = im.Measured("height", 2.4, 0.01)
+    drawn = im.sample(
+        before.clip, before.solution.library, start=before.solution, given=[said],
+        config=before.config,
+    )  # fmt: skip
+    assert drawn.told is not None
+    assert drawn.told.statements == (said,)
+    assert drawn.told.evidence is None
+    heights = [state.camera[1] for state in drawn.samples.states]
+    assert np.median(heights) > np.median([s.camera[1] for s in before.samples.states])
+
+
+def test_nonsense_is_refused_before_anything_is_sampled() -> None:
+    before = small_posterior()
+    for bad, words in (
+        ([], "no statement"),
+        ([im.Presence("piano")], "no 'piano'"),
+        ([im.Measured("height", 1.0, 0.01), im.Measured("height", 2.0, 0.01)], "contradict"),
+    ):
+        with pytest.raises(im.InputError, match=words):
+            before.given(bad)
+    with pytest.raises(im.InputError, match="no frame 100000"):
+        im.sample(before.clip, given=[im.JointAt("PELV", 100000, (0, 3, 1), 0.1)])
+
+
+def test_furniture_stands_where_it_was_measured(rng: np.random.Generator) -> None:
+    """Draws of a piece given a measured place have the conditional mean and covariance."""
+    settings = ModelSettings()
+    piece = worlds.couch(0.3, 3.0, 0.7)
+    said = im.ObjectAt("couch", place=(0.5, 3.2), place_std=0.15, doubt=1e-12)
+    turn, width = piece.placement.rotation, np.diff(piece.bounds, axis=0)[0, 0]
+    scale = (settings.furniture_aside * width, settings.furniture_ahead)
+    prior = turn @ np.diag(np.square(scale)) @ turn.T
+    gain = prior @ np.linalg.inv(prior + 0.15**2 * np.eye(2))
+    mean = piece.centre[:2] + gain @ (np.array(said.place) - piece.centre[:2])
+
+    def drawn() -> SceneObject:
+        moved = drawn_objects(rng, [piece], settings)
+        return as_told(rng, [piece], moved, [said], settings)[0]
+
+    places = np.array([drawn().centre[:2] for _ in range(4000)])
+    covariance = prior - gain @ prior
+    error = np.sqrt(np.diag(covariance) / 4000)
+    assert (np.abs(places.mean(0) - mean) < 4 * error).all()
+    np.testing.assert_allclose(np.cov(places.T), covariance, atol=0.07 * covariance.max())
