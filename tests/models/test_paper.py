@@ -404,7 +404,8 @@ def test_terms_are_weighted_and_add_up() -> None:
     weights = PaperWeights(2.0, 3.0, 5.0, 7.0, 11.0)
     weighted = energy(problem, state, confidence=0.2, weights=weights)
     factors = {"reprojection": 2, "occlusion": 3, "smoothness": 5, "collision": 7, "motion": 11}
-    assert weighted.terms == pytest.approx({k: f * bare.terms[k] for k, f in factors.items()})
+    expected = {k: f * bare.terms[k] for k, f in factors.items()} | {"given": 0.0}
+    assert weighted.terms == pytest.approx(expected)
     assert weighted.total == pytest.approx(sum(weighted.terms.values()))
     assert weighted.log_density == -weighted.total
     by_frame = {name: values.sum() for name, values in weighted.by_frame.items()}
