@@ -142,6 +142,7 @@ def _children_lines(
     if child == 0:
         os.close(source)
         with os.fdopen(sink, "w") as file:
+            sys.dont_write_bytecode = True  # a library's module loaded late is none of its writes
             written = _written_elsewhere(room)
             for seed in seeds:
                 with spoiled(seed) as name:
