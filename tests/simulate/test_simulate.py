@@ -80,14 +80,17 @@ def test_a_clip_has_what_was_asked_for(clip: Clip) -> None:
 def test_the_person_walks_on_the_floor_without_jumps(clip: Clip) -> None:
     joints, _ = truths(clip)
     step = np.linalg.norm(np.diff(joints, axis=0), axis=-1)
-    assert step[:, PELV].max() < 0.25
+    # Somebody walks at 2 m/s and drops half a metre onto a bed, at its end by 3.1 m/s.
+    assert step[:, PELV].max() < 0.37
     # A swinging foot or a hand at 5 m/s, a body 15 % larger, and some noise.
     assert step.max() < 0.7
     ankles = joints[:, [RANK, LANK], 2]
     assert ankles.min() > 0.06
     assert clip.truth is not None
-    if "lying" not in clip.truth.actions:
-        assert ankles.min(1).max() < 0.15
+    # Both feet leave the floor for a seat or a bed only, and for two seconds beside it.
+    resting = np.isin(clip.truth.actions, ("sitting", "lying"))
+    near = np.convolve(resting, np.ones(41), "same") > 0
+    assert (ankles.min(1)[~near] < 0.15).all()
     assert joints[..., 1].min() > 0.5
 
 
