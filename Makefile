@@ -37,7 +37,7 @@ kernels_of_models: $(STAMP)
 
 kernels_of_moves: $(STAMP)
 	$(PY) -m pytest --quiet tests/sampling/test_alone.py \
-		tests/sampling/test_redraw.py::test_scenelets_that_are_not_in_the_table_stay
+		tests/sampling/test_reference.py::test_what_was_visited_is_drawn_more_often
 
 lint: $(STAMP)
 	$(VENV)/bin/ruff check

@@ -46,12 +46,8 @@ class SampleSettings:
     steps : int
         Steps of each chain at each temperature. Burn-in and the distance of draws go by it.
     temperatures : int
-        Copies of each chain, from a flattened posterior to the posterior itself, that exchange
-        their states; only the last one is drawn from. 1 does without.
-    hottest : float
-        Power, in the first copy, of the likelihood and of the prior odds of scenelets. At .4 a
-        scene keeps its scenelets and can hardly change their number; at .25 long clips fill up
-        with twice as many, and few states find their way from there.
+        Copies of each chain, from a learnt distribution of scenes that is drawn from at once to
+        the posterior, that exchange their states; only the last one is drawn from. 1 does without.
     swap_every : int
         Steps between two rounds of exchanges; draws are kept after a round.
     burn_in : float
@@ -73,8 +69,7 @@ class SampleSettings:
 
     chains: int = 4
     steps: int = 30_000
-    temperatures: int = 6
-    hottest: float = 0.3
+    temperatures: int = 10
     swap_every: int = 5
     burn_in: float = 0.4
     draws: int = 400
@@ -96,8 +91,6 @@ class SampleSettings:
                 )
         if not 0 <= self.burn_in < 1:
             raise InputError(f"sample setting burn_in = {self.burn_in} must be in [0, 1)")
-        if not 0 <= self.hottest < 1:
-            raise InputError(f"sample setting hottest = {self.hottest} must be in [0, 1)")
         if self.draws > self.most_draws:
             raise InputError(
                 f"sample settings: {self.draws} draws cannot be kept of {self.steps} steps with "

@@ -90,9 +90,7 @@ POOR: Final = 4.0
 """Times the pixel errors of the real detector, which even so seldom leave a doubt which scenelets
 there are, if a joint is seen in every frame."""
 
-SETTINGS: Final = SampleSettings(
-    steps=30_000, temperatures=2, hottest=0.2, swap_every=5, burn_in=0.15, draws=31
-)
+SETTINGS: Final = SampleSettings(steps=30_000, temperatures=4, swap_every=5, burn_in=0.15, draws=31)
 """Of each data set's chain. 820 steps lie between two draws; what is slowest, camera and sizes,
 forgets itself in 300 to 1,000."""
 

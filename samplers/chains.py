@@ -2,7 +2,8 @@
 
 Each chain has its own child of one seed sequence, so no chain knows how many workers
 there are. Processes are spawned, not forked: forking after a threaded library was loaded
-may hang. The problem is sent once to each process, not once to each chain.
+may hang. They can serve several calls (:class:`Workers`), for to start them takes seconds. The
+problem of each call is sent once to each process, not once to each chain.
 """
 
 from __future__ import annotations
@@ -25,8 +26,7 @@ from concurrent.futures import (
     ProcessPoolExecutor,
     wait,
 )
-from contextlib import AbstractContextManager, contextmanager
-from functools import partial
+from contextlib import contextmanager
 from multiprocessing.process import BaseProcess
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -34,7 +34,7 @@ from typing import Any, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
-__all__ = ["ChainError", "Report", "Task", "run_chains"]
+__all__ = ["ChainError", "Report", "Task", "Workers", "run_chains"]
 
 P_contra = TypeVar("P_contra", contravariant=True)
 X_contra = TypeVar("X_contra", contravariant=True)
@@ -104,6 +104,13 @@ class _Job(NamedTuple):
     seed: np.random.SeedSequence
 
 
+class _Parcelled(NamedTuple):
+    """A job, and the file in which its task and problem are."""
+
+    parcel: Path
+    job: _Job
+
+
 class _Shared(NamedTuple):
     """What a parent and its workers have in common.
 
@@ -123,7 +130,7 @@ def run_chains(
     starts: Sequence[X],
     *,
     seed: int | np.random.SeedSequence,
-    workers: int = 1,
+    workers: int | Workers = 1,
     executor: Executor | None = None,
     on_progress: OnProgress | None = None,
     scratch: Path | None = None,
@@ -146,9 +153,9 @@ def run_chains(
     seed : int or numpy.random.SeedSequence
         Each chain draws from its own child. As always in numpy, a sequence that is handed
         in twice has other children the second time; an int has not.
-    workers : int
+    workers : int or Workers
         1 runs the chains here, one after the other; more spawn that many processes, each
-        with one thread for BLAS, OpenMP and numba.
+        with one thread for BLAS, OpenMP and numba, or use those that are there.
     executor : concurrent.futures.Executor, optional
         Where to run instead, such as dask's ``client.get_executor()``. Nothing but the
         results comes back from there: no progress, and no partial results of an interrupted
@@ -179,8 +186,6 @@ def run_chains(
     With more than one worker a script must keep its own work under
     ``if __name__ == "__main__":``, because each process imports it.
     """
-    if workers < 1:
-        raise ValueError(f"workers must be at least 1, not {workers}")
     parent = seed if isinstance(seed, np.random.SeedSequence) else np.random.SeedSequence(seed)
     children = parent.spawn(len(starts))
     jobs = [_Job(i, *pair) for i, pair in enumerate(zip(starts, children, strict=True))]
@@ -188,10 +193,10 @@ def run_chains(
         if on_progress is not None:
             raise ValueError("on_progress cannot be called from another executor")
         return _run_elsewhere(task, problem, jobs, executor)
-    if min(workers, len(jobs)) <= 1:
-        return _run_here(task, problem, jobs, on_progress)
-    parcel = partial(_parcel, (task, problem), scratch)
-    return _run_in_processes(parcel, jobs, min(workers, len(jobs)), on_progress)
+    if isinstance(workers, Workers):
+        return workers.run(task, problem, jobs, on_progress, scratch)
+    with Workers(min(workers, max(1, len(jobs)))) as processes:
+        return processes.run(task, problem, jobs, on_progress, scratch)
 
 
 def _run(task: Task[P, X, R], problem: P, job: _Job, report: Report) -> R:
@@ -249,40 +254,104 @@ def _run_here(
         return [_run(task, problem, job, reporter(job.chain)) for job in jobs]
 
 
-def _run_in_processes(
-    make_parcel: Callable[[], AbstractContextManager[Path]],
-    jobs: Sequence[_Job],
-    workers: int,
-    on_progress: OnProgress | None,
-) -> list[Any]:
-    context = multiprocessing.get_context("spawn")
-    shared = _Shared(
-        stop=context.RawValue(ctypes.c_bool, False),
-        pids=context.RawArray(ctypes.c_long, len(jobs)),
-        queue=None if on_progress is None else context.SimpleQueue(),
-    )
-    strangers = set(multiprocessing.active_children())
-    with (
-        _first_interrupt_sets(shared.stop),
-        make_parcel() as parcel,
-        ProcessPoolExecutor(
-            workers, context, initializer=_initialise, initargs=(parcel, shared)
-        ) as pool,
-    ):
-        with _environment(_ONE_THREAD):
-            futures: list[Future[Any]] = [pool.submit(_run_in_worker, job) for job in jobs]
-        processes = set(multiprocessing.active_children()) - strangers
-        try:
-            _await(futures, shared, on_progress)
-        except BaseException:
-            for process in processes:
-                process.terminate()
-            raise
-    try:
-        return [future.result() for future in futures]
-    except BrokenExecutor as error:
+class Workers:
+    """Processes that run chains, in one call of :func:`run_chains` after the other.
+
+    Parameters
+    ----------
+    count : int
+        How many; 1 runs chains in this process.
+
+    Raises
+    ------
+    ValueError
+        Fewer than one.
+
+    Examples
+    --------
+    >>> with Workers(2) as workers:  # doctest: +SKIP
+    ...     first = run_chains(task, problem, starts, seed=1, workers=workers)
+    ...     second = run_chains(task, problem, first, seed=2, workers=workers)
+    """
+
+    def __init__(self, count: int) -> None:
+        if count < 1:
+            raise ValueError(f"workers must be at least 1, not {count}")
+        self._count = count
+        self._context = multiprocessing.get_context("spawn")
+        self._pool: ProcessPoolExecutor | None = None
+        self._shared: _Shared
+        self._strangers: set[BaseProcess] = set()
+        self._started: set[BaseProcess] = set()
+
+    def __enter__(self) -> Workers:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._close()
+
+    def run(
+        self,
+        task: Task[P, X, R],
+        problem: P,
+        jobs: Sequence[_Job],
+        on_progress: OnProgress | None,
+        scratch: Path | None,
+    ) -> list[R]:
+        """See :func:`run_chains`."""
+        if self._count == 1:
+            return _run_here(task, problem, jobs, on_progress)
+        if self._pool is not None and len(self._shared.pids) < len(jobs):
+            self._close()
+        pool = self._open(len(jobs)) if self._pool is None else self._pool
+        self._shared.stop.value = False
+        with (
+            _first_interrupt_sets(self._shared.stop),
+            _parcel((task, problem), scratch) as parcel,
+        ):
+            try:
+                with _environment(_ONE_THREAD):
+                    futures: list[Future[R]] = [
+                        pool.submit(_run_in_worker, _Parcelled(parcel, job)) for job in jobs
+                    ]
+                    # A pool notices the death of those processes that were there when it was last
+                    # handed a job (CPython issue 94777), which it starts after it has looked.
+                    pool.submit(_nothing)
+                self._started |= set(multiprocessing.active_children()) - self._strangers
+                _await(futures, self._shared, on_progress)
+            except BrokenExecutor as error:
+                raise self._dead() from error
+            except BaseException:
+                for process in self._started:
+                    process.terminate()
+                self._close()
+                raise
+            try:
+                return [future.result() for future in futures]
+            except BrokenExecutor as error:
+                raise self._dead() from error
+
+    def _open(self, chains: int) -> ProcessPoolExecutor:
+        self._shared = _Shared(
+            stop=self._context.RawValue(ctypes.c_bool, False),
+            pids=self._context.RawArray(ctypes.c_long, chains),
+            queue=self._context.SimpleQueue(),
+        )
+        self._strangers, self._started = set(multiprocessing.active_children()), set()
+        self._pool = ProcessPoolExecutor(
+            self._count, self._context, initializer=_initialise, initargs=(self._shared,)
+        )
+        return self._pool
+
+    def _dead(self) -> ChainError:
+        self._close()
         # Leaving the pool has joined all processes: only now are exit codes known.
-        raise ChainError(_obituary(shared.pids, processes)) from error
+        return ChainError(_obituary(self._shared.pids, self._started))
+
+    def _close(self) -> None:
+        if self._pool is not None:
+            self._pool.shutdown(cancel_futures=True)
+            self._pool = None
 
 
 @contextmanager
@@ -307,24 +376,24 @@ def _await(futures: Sequence[Future[R]], shared: _Shared, on_progress: OnProgres
         if any(future.exception() for future in done):
             shared.stop.value = True
             pending = {future for future in pending if not future.cancel()}
-        if on_progress is not None:
-            while not shared.queue.empty():
-                if on_progress(*shared.queue.get()) is False:
-                    shared.stop.value = True
+        while not shared.queue.empty():
+            said = shared.queue.get()
+            if on_progress is not None and on_progress(*said) is False:
+                shared.stop.value = True
 
 
-# What `_initialise` left for this worker process: a pool offers no other way to send
-# something once a process instead of once a job.
-_worker: tuple[Task[Any, Any, Any], Any, _Shared]
+# What `_initialise` left for this worker process, and what it was sent last: a pool offers no
+# other way to send something once a process instead of once a job.
+_shared: _Shared
+_opened: tuple[Path, Task[Any, Any, Any], Any] | None = None
 
 
-def _initialise(parcel: Path, shared: _Shared) -> None:
-    global _worker
+def _initialise(shared: _Shared) -> None:
+    global _shared
     # The terminal sends Ctrl-C to all processes; only the parent decides what it means.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_die_with_parent, daemon=True).start()
-    with parcel.open("rb") as file:
-        _worker = *pickle.load(file), shared
+    _shared = shared
 
 
 def _die_with_parent() -> None:
@@ -335,21 +404,36 @@ def _die_with_parent() -> None:
         os._exit(1)
 
 
-def _run_in_worker(job: _Job) -> Any:
-    task, problem, shared = _worker
+def _nothing() -> None:
+    """A job that does nothing."""
+
+
+def _run_in_worker(sent: _Parcelled) -> Any:
+    global _opened
+    parcel, job = sent
+    if _opened is None or _opened[0] != parcel:
+        try:
+            with parcel.open("rb") as file:
+                _opened = (parcel, *pickle.load(file))
+        except Exception as error:
+            raise ChainError(
+                f"chain {job.chain}: its process could not begin ({error}): can it import the "
+                "task, and is the script's own work under `if __name__ == '__main__':`?"
+            ) from error
+    _, task, problem = _opened
 
     def report(progress: object = None, /) -> bool:
-        if shared.stop.value:
+        if _shared.stop.value:
             return False
-        if shared.queue is not None and progress is not None:
-            shared.queue.put((job.chain, progress))
+        if progress is not None:
+            _shared.queue.put((job.chain, progress))
         return True
 
-    shared.pids[job.chain] = os.getpid()
+    _shared.pids[job.chain] = os.getpid()
     try:
         return _run(task, problem, job, report)
     finally:
-        shared.pids[job.chain] = 0
+        _shared.pids[job.chain] = 0
 
 
 def _obituary(pids: Sequence[int], processes: set[BaseProcess]) -> str:

@@ -25,7 +25,7 @@ from uuid import uuid4
 import numpy as np
 from numpy.typing import NDArray
 
-from imapper_prob.samplers.chains import ChainError, OnProgress, Report, run_chains
+from imapper_prob.samplers.chains import ChainError, OnProgress, Report, Workers, run_chains
 
 __all__ = [
     "CheckpointError",
@@ -362,7 +362,7 @@ def run_resumable_chains(
     identity: str,
     every_seconds: float = 5.0,
     restarts: int = 1,
-    workers: int = 1,
+    workers: int | Workers = 1,
     executor: Executor | None = None,
     on_progress: OnProgress | None = None,
     anew: bool = False,

@@ -29,7 +29,7 @@ from emcee.moves import MHMove, RedBlueMove
 from emcee.moves.move import Move
 from numpy.typing import ArrayLike, NDArray
 
-from imapper_prob.samplers.chains import OnProgress, Report, run_chains
+from imapper_prob.samplers.chains import OnProgress, Report, Workers, run_chains
 
 __all__ = [
     "CrankNicolson",
@@ -101,7 +101,7 @@ def run_ensembles(
     *,
     seed: int | np.random.SeedSequence,
     settings: EnsembleSettings | None = None,
-    workers: int = 1,
+    workers: int | Workers = 1,
     on_progress: OnProgress | None = None,
     scratch: Path | None = None,
 ) -> EnsembleDraws:

@@ -1,4 +1,4 @@
-"""Reversible-jump MCMC: one step (choose, propose, accept), chains of steps, i-SIR moves.
+"""Reversible-jump MCMC: one step (choose, propose, accept), chains of steps.
 
 Green's acceptance probability (Green 1995, Biometrika 82(4), eq. 7) is put together from
 three parts that never meet elsewhere: the target, which knows nothing of moves; a move's
@@ -11,7 +11,6 @@ edges (a death where nothing lives, a birth where all is full).
 from __future__ import annotations
 
 import math
-from abc import ABC, abstractmethod
 from bisect import bisect_right
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -20,19 +19,15 @@ from itertools import accumulate
 from typing import Generic, NamedTuple, Protocol, TypeVar, runtime_checkable
 
 import numpy as np
-from numpy.typing import NDArray
 
 __all__ = [
     "AcceptanceTable",
     "ChainState",
-    "Drawn",
     "Mixture",
     "Move",
     "Proposal",
-    "Redraw",
     "RoundTripError",
     "StepInfo",
-    "choice_probabilities",
     "init",
     "sample",
     "step",
@@ -118,7 +113,7 @@ class Mixture(Generic[S]):
 
     Parameters
     ----------
-    moves : sequence of Move or Redraw
+    moves : sequence of Move
         Every move's reverse must be among them and name it back.
     weights : sequence of float
         Positive; scaled to sum to one.
@@ -129,9 +124,9 @@ class Mixture(Generic[S]):
         The moves cannot undo one another, or a weight is not positive.
     """
 
-    moves: Sequence[Move[S] | Redraw[S]]
+    moves: Sequence[Move[S]]
     weights: Sequence[float]
-    _by_name: dict[str, Move[S] | Redraw[S]] = field(init=False, repr=False)
+    _by_name: dict[str, Move[S]] = field(init=False, repr=False)
     _cumulative: list[float] = field(init=False, repr=False)
     _log_choice_ratio: dict[str, float] = field(init=False, repr=False)
 
@@ -161,7 +156,7 @@ class Mixture(Generic[S]):
         object.__setattr__(self, "_cumulative", cumulative)
         object.__setattr__(self, "_log_choice_ratio", ratios)
 
-    def choose(self, rng: np.random.Generator) -> Move[S] | Redraw[S]:
+    def choose(self, rng: np.random.Generator) -> Move[S]:
         """A move drawn by weight.
 
         Parameters
@@ -170,11 +165,11 @@ class Mixture(Generic[S]):
 
         Returns
         -------
-        Move or Redraw
+        Move
         """
         return self.moves[bisect_right(self._cumulative, rng.random())]
 
-    def reverse_of(self, move: Move[S]) -> Move[S] | Redraw[S]:
+    def reverse_of(self, move: Move[S]) -> Move[S]:
         """The move that undoes another one.
 
         Parameters
@@ -183,7 +178,7 @@ class Mixture(Generic[S]):
 
         Returns
         -------
-        Move or Redraw
+        Move
         """
         return self._by_name[move.reverse]
 
@@ -269,8 +264,6 @@ def step(
 ) -> tuple[ChainState[S], StepInfo]:
     """Advance a chain by one proposal.
 
-    A move that draws anew is told the power of the likelihood, where the density has one.
-
     Parameters
     ----------
     rng : numpy.random.Generator
@@ -294,8 +287,6 @@ def step(
         ``check`` found a ratio that does not hold.
     """
     move = mixture.choose(rng)
-    if isinstance(move, Redraw):
-        return _redraw(rng, chain_state, move, log_density_fn)
     proposal = move.propose(rng, chain_state.state)
     if proposal is None:
         return chain_state, StepInfo(move.name, False, -math.inf)
@@ -318,32 +309,7 @@ def step(
     return (proposed if accepted else chain_state), info
 
 
-def _redraw(
-    rng: np.random.Generator,
-    chain_state: ChainState[S],
-    move: Redraw[S],
-    log_density_fn: Callable[[S], float],
-) -> tuple[ChainState[S], StepInfo]:
-    """One of several draws, or what is there."""
-    power = float(getattr(log_density_fn, "beta", 1.0))
-    drawn = move.draw(rng, chain_state.state, power=power)
-    if drawn is None or not drawn.others:
-        return chain_state, StepInfo(move.name, False, -math.inf)
-    try:
-        chances, values = choice_probabilities(chain_state.log_density, drawn, log_density_fn)
-    except FloatingPointError as error:
-        raise FloatingPointError(f"move '{move.name}': {error}") from error
-    kept = min(int(np.searchsorted(chances.cumsum(), rng.random(), "right")), len(values))
-    leaves = float(chances[1:].sum())
-    info = StepInfo(move.name, kept > 0, math.log(leaves) if leaves > 0 else -math.inf)
-    if kept == 0:
-        return chain_state, info
-    return ChainState(drawn.others[kept - 1][0], values[kept - 1]), info
-
-
-def _check_round_trip(
-    move: Move[S], reverse: Move[S] | Redraw[S], old: S, proposal: Proposal[S]
-) -> None:
+def _check_round_trip(move: Move[S], reverse: Move[S], old: S, proposal: Proposal[S]) -> None:
     if not (isinstance(move, ExplainableMove) and isinstance(reverse, ExplainableMove)):
         return
     forward = move.explain(old, proposal.state)
@@ -455,104 +421,3 @@ class AcceptanceTable:
 
     def __add__(self, other: AcceptanceTable) -> AcceptanceTable:
         return AcceptanceTable(self.proposed + other.proposed, self.accepted + other.accepted)
-
-
-# ------------------------------------------------------------------------------------------------
-# Iterated sampling importance resampling.
-#
-# Beside what is there, n independent draws are made from a density q that depends on nothing of
-# what they would replace. Of all n + 1 one is chosen with probability in proportion to pi / q. What
-# is there counts as one more draw, with its own q; so the target is left as it is for any q and n,
-# and a poor q only wastes draws (Andrieu, Lee & Vihola 2018, Bernoulli 24, 842). Where pi / q is
-# unbounded the chain may stay long: mix q with a flatter density.
-
-
-class Drawn(NamedTuple, Generic[S]):
-    """Draws beside what is there.
-
-    Parameters
-    ----------
-    log_present : float
-        Log density of drawing what is there.
-    others : sequence of (S, float)
-        The states with each draw in place of it, and its log density. A draw that is nowhere in
-        the space of states is left out.
-    """
-
-    log_present: float
-    others: Sequence[tuple[S, float]]
-
-
-class Redraw(ABC, Generic[S]):
-    """A move that draws part of a state anew; it undoes itself."""
-
-    @property
-    @abstractmethod
-    def name(self) -> str:
-        """Unique in its mixture."""
-
-    @property
-    def reverse(self) -> str:
-        """Its own name."""
-        return self.name
-
-    @abstractmethod
-    def draw(self, rng: np.random.Generator, state: S, /, *, power: float) -> Drawn[S] | None:
-        """Draws for a state.
-
-        All densities are of the same coordinates. Whether there are draws may depend on what is
-        there only in that its density is zero.
-
-        Parameters
-        ----------
-        rng : numpy.random.Generator
-        state : S
-        power : float
-            Of the likelihood in the target, for densities that follow it.
-
-        Returns
-        -------
-        Drawn or None
-            None where what is there is none that would be drawn.
-        """
-
-
-def choice_probabilities(
-    log_density: float, drawn: Drawn[S], log_density_fn: Callable[[S], float]
-) -> tuple[NDArray[np.float64], list[float]]:
-    """With what probability each draw is kept, and the log target of the draws.
-
-    Parameters
-    ----------
-    log_density : float
-        Of what is there.
-    drawn : Drawn
-        n draws.
-    log_density_fn : callable
-        Log density of the target up to a constant.
-
-    Returns
-    -------
-    probabilities : (n + 1,) float
-        What is there first.
-    values : list of n float
-
-    Raises
-    ------
-    FloatingPointError
-        A log density is NaN or +inf, or that of what is there is not finite.
-    """
-    if not math.isfinite(drawn.log_present):
-        raise FloatingPointError(f"what is there has the log density {drawn.log_present}")
-    values = [float(log_density_fn(state)) for state, _ in drawn.others]
-    for value, (_, log_q) in zip(values, drawn.others, strict=True):
-        if math.isnan(value) or value == math.inf or not math.isfinite(log_q):
-            raise FloatingPointError(f"a draw has the log densities {value} and {log_q}")
-    log_weights = np.array(
-        [
-            log_density - drawn.log_present,
-            *(value - log_q for value, (_, log_q) in zip(values, drawn.others, strict=True)),
-        ]
-    )
-    weights = np.exp(log_weights - log_weights.max())
-    return weights / weights.sum(), values

@@ -11,6 +11,9 @@ Where states have parts that hardly know of each other, swaps of whole states fa
 sheer number: what is gained in one part is lost in another. A crossover exchanges a part only,
 between the pairs that do not swap in that round.
 
+The prior can be any distribution that is known up to a constant. Where it can be drawn from, the
+chain at beta = 0 needs no kernel, and what comes from there is independent of all that was before.
+
 References
 ----------
 Geyer 1991, Computing Science and Statistics 23, 156 (parallel tempering).
@@ -19,6 +22,7 @@ Xie, Lewis, Fan, Kuo & Chen 2011, Syst. Biol. 60, 150 (powers of the likelihood)
 Vousden, Farr & Mandel 2016, MNRAS 455, 1919 (equal swap rates by stochastic approximation).
 Syed, Bouchard-Côté, Deligiannidis & Doucet 2022, JRSS B 84, 321 (even-odd swaps, barrier, round
 trips).
+Surjanovic, Syed, Bouchard-Côté & Campbell 2022, NeurIPS 35 (a learnt distribution as the prior).
 """
 
 from __future__ import annotations
@@ -52,25 +56,23 @@ __all__ = [
 _SCALE = 0.3
 
 
-def power_ladder(n_rungs: int, *, hottest: float = 0.0) -> tuple[float, ...]:
+def power_ladder(n_rungs: int) -> tuple[float, ...]:
     """Inverse temperatures to start from, even on the scale beta^0.3.
 
     Parameters
     ----------
     n_rungs : int
         At least 2.
-    hottest : float
-        The first one, in [0, 1); 0 is the prior itself.
 
     Returns
     -------
     tuple of float
-        Ascending from ``hottest`` to 1.
+        Ascending from 0, the prior itself, to 1.
     """
-    if n_rungs < 2 or not 0 <= hottest < 1:
-        raise ValueError(f"a ladder of {n_rungs} rungs cannot go from {hottest} to 1")
-    betas = np.linspace(hottest**_SCALE, 1, n_rungs) ** (1 / _SCALE)
-    return (hottest, *betas[1:-1].tolist(), 1.0)
+    if n_rungs < 2:
+        raise ValueError(f"a ladder of {n_rungs} rungs cannot go from 0 to 1")
+    betas = np.linspace(0, 1, n_rungs) ** (1 / _SCALE)
+    return (0.0, *betas[1:-1].tolist(), 1.0)
 
 
 def respaced(
@@ -222,6 +224,8 @@ S_contra = TypeVar("S_contra", contravariant=True)
 
 # Robbins-Monro: gains of n^-0.6 sum to infinity and their squares do not.
 _ADAPTATION_DECAY = 0.6
+_TRIES = 100
+"""Draws from the prior that are made to find one whose likelihood is not zero; chosen."""
 
 
 class Parts(NamedTuple):
@@ -406,6 +410,7 @@ def temper(
     adapt: bool = False,
     crossover: Crossover[S] | None = None,
     track: Callable[[S], IncrementalLogDensity[S]] | None = None,
+    independent: Callable[[np.random.Generator], S] | None = None,
 ) -> Iterator[TemperingInfo[S]]:
     """An endless tempered chain, one item a round.
 
@@ -428,6 +433,9 @@ def temper(
     track : callable, optional
         ``track(state) -> IncrementalLogDensity`` that stands at ``state`` and is asked instead of
         ``target`` from then on; one a rung, which goes where its chain goes.
+    independent : callable, optional
+        ``independent(rng) -> S`` draws from the prior. Where beta = 0, one such draw a round
+        takes the place of the kernel's steps.
 
     Returns
     -------
@@ -449,7 +457,7 @@ def temper(
     trackers = [
         _Memoryless(target) if track is None else track(chain.state) for chain in position.chains
     ]
-    return _rounds(rngs, position, trackers, kernel, steps_per_swap, adapt, crossover)
+    return _rounds(rngs, position, trackers, kernel, steps_per_swap, adapt, crossover, independent)
 
 
 @dataclass(frozen=True)
@@ -473,13 +481,20 @@ def _rounds(
     steps_per_swap: int,
     adapt: bool,
     crossover: Crossover[S] | None,
+    independent: Callable[[np.random.Generator], S] | None,
 ) -> Iterator[TemperingInfo[S]]:
     *rung_rngs, swap_rng = rngs
     while True:
-        chains, steps = [], []
+        chains: list[ChainState[S]] = []
+        steps: list[tuple[StepInfo, ...]] = []
         for rng, chain, beta, tracker in zip(
             rung_rngs, position.chains, position.betas, trackers, strict=True
         ):
+            if beta == 0 and independent is not None:
+                chain, info = _drawn(rng, chain, independent, tracker)
+                chains.append(chain)
+                steps.append((info,))
+                continue
             density, infos = Tempered(tracker, beta), []
             for _ in range(steps_per_swap):
                 chain, info = kernel(rng, chain, log_density_fn=density)
@@ -520,6 +535,25 @@ def _rounds(
             rounds=position.rounds + 1,
         )
         yield TemperingInfo(position, tuple(steps), acceptance, tuple(crossed))
+
+
+def _drawn(
+    rng: np.random.Generator,
+    chain: ChainState[S],
+    independent: Callable[[np.random.Generator], S],
+    tracker: IncrementalLogDensity[S],
+) -> tuple[ChainState[S], StepInfo]:
+    """A draw from the prior where the likelihood is not zero.
+
+    Where none is found the chain stays, which does not depend on where it is.
+    """
+    for _ in range(_TRIES):
+        state = independent(rng)
+        parts = tracker(state)
+        if math.isfinite(parts.log_prior) and math.isfinite(parts.log_likelihood):
+            tracker.move(state)
+            return ChainState(state, parts.log_prior), StepInfo("independent", True, 0.0)
+    return chain, StepInfo("independent", False, -math.inf)
 
 
 def _crossed(

@@ -13,12 +13,25 @@ from numpy.typing import NDArray
 
 from imapper_prob.config import SampleSettings
 from imapper_prob.layouts import furniture_kinds
-from imapper_prob.models.log_posterior import Incremental, State, empty_state, target_of, terms
+from imapper_prob.models.log_posterior import (
+    Incremental,
+    State,
+    empty_state,
+    log_posterior,
+    target_of,
+)
 from imapper_prob.models.problem import Problem
 from imapper_prob.samplers.chains import Report
 from imapper_prob.samplers.checkpoint import Checkpointer, CheckpointError
-from imapper_prob.samplers.reversible_jump import AcceptanceTable, Mixture, Move, Redraw, step
-from imapper_prob.samplers.tempering import LadderSummary, Parts, power_ladder, start, temper
+from imapper_prob.samplers.reversible_jump import AcceptanceTable, ChainState, Mixture, Move, step
+from imapper_prob.samplers.tempering import (
+    LadderSummary,
+    Parts,
+    TemperingState,
+    power_ladder,
+    start,
+    temper,
+)
 from imapper_prob.sampling.actors import JointProblem
 from imapper_prob.sampling.camera_moves import (
     AdaptedCameraWalk,
@@ -28,6 +41,7 @@ from imapper_prob.sampling.camera_moves import (
     FocalScale,
 )
 from imapper_prob.sampling.checkpoints import ChainProgress
+from imapper_prob.sampling.learning import learn
 from imapper_prob.sampling.moves import (
     Birth,
     Death,
@@ -38,9 +52,9 @@ from imapper_prob.sampling.moves import (
     Shift,
     TimeCrossover,
 )
-from imapper_prob.sampling.pool_kernels import Table
 from imapper_prob.sampling.proposals import Candidates, Proposals
-from imapper_prob.sampling.redraw import StretchRedraw
+from imapper_prob.sampling.reference import Reference, draw_scene, log_reference
+from imapper_prob.sampling.reference_moves import SceneRedraw, StretchRedraw
 from imapper_prob.sampling.replace_moves import Refurnish, Replace, ReplaceAndShift
 from imapper_prob.sampling.schedule import (
     burn_in_of,
@@ -50,7 +64,7 @@ from imapper_prob.sampling.schedule import (
     piece_of,
     trace_of,
 )
-from imapper_prob.sampling.visits import Visits, camera_shape, table_of
+from imapper_prob.sampling.visits import Visits, camera_shape
 
 __all__ = [
     "Chain",
@@ -63,21 +77,22 @@ __all__ = [
 ]
 
 
-def tempering_split(problem: Problem, state: State) -> Parts:
-    """The log-posterior in what stays as it is and what the other temperatures flatten.
+def tempering_split(problem: Problem, reference: Reference | None, state: State) -> Parts:
+    """The reference's log density and what the posterior's is beyond it; all without one."""
+    return _split(reference, state, log_posterior(problem, state))
 
-    They flatten the prior odds of scenelets, one in ten thousand, as they flatten what a
-    scenelet gains by explaining the clip: otherwise the hot scenes would be empty, and what
-    comes from there to the cold ones would know nothing of them. Placements, camera and path
-    are left alone, lest hot scenes fill up with scenelets that stand anywhere.
-    """
-    nats = terms(problem, state)
-    kept = nats["camera"] + nats["placement"] + nats["path"]
-    return Parts(kept, sum(nats.values()) - kept if math.isfinite(kept) else 0.0)
+
+def _split(reference: Reference | None, state: State, log_density: float) -> Parts:
+    if reference is None:
+        return Parts(0.0, log_density)
+    log_prior = log_reference(
+        reference, state.camera, state.items, state.placements, state.sizes
+    )  # fmt: skip
+    return Parts(log_prior, log_density - log_prior if math.isfinite(log_prior) else 0.0)
 
 
 class SceneTracker:
-    """What :func:`split` says, worked out from where a chain stands.
+    """What :func:`tempering_split` says, worked out from where a chain stands.
 
     Values depend by some 1e-6 nats on how the chain came to where it is, because what moves by
     nanometres is not looked at again. Chains that are to be repeated exactly from the middle
@@ -87,21 +102,22 @@ class SceneTracker:
     ----------
     problem : Problem
         Not with the published energy, which has no incremental evaluation.
+    reference : Reference or None
     state : State
         Where the chain stands.
     """
 
-    def __init__(self, problem: Problem, state: State) -> None:
+    def __init__(self, problem: Problem, reference: Reference | None, state: State) -> None:
         self._incremental = Incremental(problem, state)
-        self._log_rate = problem.log_rate
+        self._reference = reference
         self._last: State | None = None
 
     def __call__(self, state: State) -> Parts:
         """The parts of ``state``; the chain stays where it is."""
         if state is self._incremental.state:
-            return self._split(state, *self._incremental.parts)
+            return _split(self._reference, state, sum(self._incremental.parts))
         self._last = state
-        return self._split(state, *self._incremental.propose(state))
+        return _split(self._reference, state, sum(self._incremental.propose(state)))
 
     def move(self, state: State) -> None:
         """The chain has gone to ``state``."""
@@ -112,14 +128,14 @@ class SceneTracker:
         self._incremental.accept()
         self._last = None
 
-    def _split(self, state: State, log_prior: float, log_likelihood: float) -> Parts:
-        odds = float(self._log_rate[state.items[:, 0]].sum())
-        return Parts(log_prior - odds, log_likelihood + odds)
 
-
-def tracker_of(problem: Problem) -> Callable[[State], SceneTracker] | None:
+def tracker_of(
+    problem: Problem, reference: Reference | None = None
+) -> Callable[[State], SceneTracker] | None:
     """What makes trackers of chains; None where every state is evaluated as a whole."""
-    return partial(SceneTracker, problem) if target_of(problem).incremental else None
+    if not target_of(problem).incremental:
+        return None
+    return partial(SceneTracker, problem, reference)
 
 
 # ------------------------------------------------------------------------------------------------
@@ -143,9 +159,11 @@ def starts_of(cast: JointProblem, count: int) -> list[tuple[State, ...]]:
 # One tempered reversible-jump chain over scenes, as a task that any process can run.
 
 Array = NDArray[np.float64]
-_REDRAWN = 0.2
-"""How often a stretch is drawn anew where there is a table: most of the time of a chain, for it
-takes thirty times as long as another move, and most of what changes. Chosen."""
+
+
+_REDRAWN = 0.6
+"""How often a stretch is drawn anew from the reference, over all moves but these and the adapted
+walk together; whole scenes half as often. Chosen: about half of a chain's time."""
 
 
 @dataclass(frozen=True)
@@ -160,15 +178,18 @@ class Setup:
     similarity : (L, L) float
         Probabilities of exchanging one scenelet for another.
     settings : SampleSettings
+    staged : tuple of State
+        The solver's scenes, of which the first reference is learnt.
     known : tuple of Visits
-        What all chains have noted for each table that is made while they burn in, as far as they
-        have come. A chain makes the others of what it has noted itself.
+        What all chains have noted for each reference that is learnt while they burn in, as far as
+        they have come. A chain learns the others from what it has noted itself.
     """
 
     problem: Problem
     candidates: Candidates
     similarity: Array
     settings: SampleSettings
+    staged: tuple[State, ...]
     known: tuple[Visits, ...] = ()
 
 
@@ -204,20 +225,20 @@ class Chain:
 
 
 def scene_moves(
-    setup: Setup, table: Table | None = None, shape: Array | None = None
+    setup: Setup, reference: Reference | None = None, shape: Array | None = None
 ) -> Mixture[State]:
     """The moves and how often each is tried.
 
     Births and deaths are refused far more often than walks, so they are tried more often
-    than their share of the accepted moves suggests. With a ``table`` of what the chains have
-    visited stretches are drawn anew from it, and with a ``shape`` (5, 5), see
-    :func:`imapper_prob.sampling.visits.camera_shape`, camera and body walk in it.
+    than their share of the accepted moves suggests. From a ``reference`` scenes and stretches are
+    drawn anew; with a ``shape`` (5, 5), see :func:`imapper_prob.sampling.visits.camera_shape`,
+    camera and body walk in it.
     """
     problem = setup.problem
     proposals = Proposals(problem, setup.candidates)
     factor = np.linalg.cholesky(np.linalg.inv(problem.camera_precision))
     kinds = furniture_kinds(problem)
-    weighted: list[tuple[Move[State] | Redraw[State], float]] = [
+    weighted: list[tuple[Move[State], float]] = [
         (Birth(proposals), 0.09),
         (Death(proposals), 0.09),
         (ReplaceNearby(proposals), 0.04),
@@ -235,9 +256,8 @@ def scene_moves(
     ]
     if shape is not None:
         weighted.append((AdaptedCameraWalk(problem, shape), 0.4))
-    if table is not None and len(table.items):
-        total = sum(weight for _, weight in weighted)
-        weighted.append((StretchRedraw(problem, table), _REDRAWN / (1 - _REDRAWN) * total))
+    if reference is not None:
+        weighted += [(SceneRedraw(reference), _REDRAWN / 2), (StretchRedraw(reference), _REDRAWN)]
     return Mixture([move for move, _ in weighted], [weight for _, weight in weighted])
 
 
@@ -257,47 +277,50 @@ def run_chain(
     what an earlier call has left.
 
     While it burns in, the ladder of temperatures adapts, and the chain notes what it visits, from
-    which tables of scenelets are made; then both stay. Only draws of the posterior itself are
-    kept, and none of the burn-in. With a ``keeper`` the chain goes on from
-    its checkpoint, if there is one, a finished chain's too. It stops after ``end`` rounds, that
-    of the settings if not given; see :mod:`imapper_prob.sampling.schedule` for where it may.
+    which references and the shape of the camera's walk are learnt; then all of them stay. Only
+    draws of the posterior itself are kept, and none of the burn-in. With a ``keeper`` the chain
+    goes on from its checkpoint, if there is one, a finished chain's too. It stops after ``end``
+    rounds, that of the settings if not given; see :mod:`imapper_prob.sampling.schedule` for where
+    it may.
     """
     settings = setup.settings
     end = end_of(settings) if end is None else end
     burn_in, keep, mark = burn_in_of(settings), draws_of(settings), trace_of(settings)
-    target = partial(tempering_split, setup.problem)
+    learning = learning_of(settings)
     done = None if keeper is None else _resumed(keeper, setup)
     if done is None and isinstance(starts, ChainProgress):
         done = starts
+    learnt = _learnt(setup, [] if done is None else done.visits[:-1])
     if done is None:
         assert not isinstance(starts, ChainProgress)
-        betas: tuple[float, ...] = (1.0,)
-        if settings.temperatures > 1:
-            betas = power_ladder(settings.temperatures, hottest=settings.hottest)
+        betas = power_ladder(settings.temperatures) if settings.temperatures > 1 else (1.0,)
         coldest_first = [starts[min(k, len(starts) - 1)] for k in range(len(betas))]
-        position = start(coldest_first[::-1], target=target, betas=betas)
+        position = start(coldest_first[::-1], target=learnt.target, betas=betas)
         done = ChainProgress.begin(rng.spawn(len(betas) + 1), position)
-    advance = partial(
-        temper,
-        done.rngs,
-        target=target,
-        steps_per_swap=settings.swap_every,
-        crossover=TimeCrossover(setup.problem),
-        track=tracker_of(setup.problem),
-    )
-    # The published energy has no incremental evaluation, without which pools take too long.
-    learning = learning_of(settings) if target_of(setup.problem).incremental else None
-    mixture = scene_moves(setup, *_learnt(setup, done))
+    crossover = TimeCrossover(setup.problem)
     finished = True
     while done.position.rounds < end and finished:
         now = done.position.rounds
         adapt = now < burn_in
-        marks = () if learning is None else learning.ends
+        if now in learning.ends:
+            learnt = _learnt(setup, done.visits[:-1])
+            done.position = _anew(done.position, learnt)
         # A piece begins with new trackers, as a chain does that goes on from a checkpoint.
-        last = next(stop for stop in (*marks, burn_in, settings.rounds, end) if now < stop)
+        stops = (*learning.ends, burn_in, settings.rounds, end)
+        last = next(stop for stop in stops if now < stop)
         piece = min(piece_of(settings), min(last, end) - now)
-        kernel = partial(step, mixture=mixture)
-        for at in islice(advance(done.position, adapt=adapt, kernel=kernel), piece):
+        rounds = temper(
+            done.rngs,
+            done.position,
+            target=learnt.target,
+            kernel=partial(step, mixture=learnt.mixture),
+            steps_per_swap=settings.swap_every,
+            adapt=adapt,
+            crossover=crossover,
+            track=learnt.track,
+            independent=learnt.independent,
+        )
+        for at in islice(rounds, piece):
             coldest = at.position.chains[-1]
             if not adapt:
                 done.record(at)
@@ -308,12 +331,11 @@ def run_chain(
                 done.trace.append(coldest.log_density)
             done.thin(keep.most)
             done.position = at.position
-            if learning is not None and learning.has(at.position.rounds):
+            if learning.has(at.position.rounds):
                 for beta, rung in zip(at.position.betas, at.position.chains, strict=True):
                     done.visits[-1].note(rung.state, beta)
-        if done.position.rounds in marks:
+        if done.position.rounds in learning.ends:
             done.visits.append(Visits())
-            mixture = scene_moves(setup, *_learnt(setup, done))
         finished = report(done.position.rounds / end)
         if keeper is not None:
             keeper.offer(done.snapshot)
@@ -335,14 +357,54 @@ def run_chain(
     )
 
 
-def _learnt(setup: Setup, done: ChainProgress) -> tuple[Table | None, Array | None]:
-    """The table and the shape of what the chains have noted, or this one alone; None where that
-    is nothing."""
-    made = len(done.visits) - 1
-    if made == 0:
-        return None, None
-    visits = setup.known[made - 1] if made <= len(setup.known) else done.visits[made - 1]
-    return table_of(setup.problem, visits) if visits.items else None, camera_shape(visits)
+@dataclass(frozen=True)
+class _Learnt:
+    """What a chain moves with, as far as it has learnt."""
+
+    problem: Problem
+    reference: Reference | None
+    mixture: Mixture[State]
+
+    def target(self, state: State) -> Parts:
+        """The log density in two parts."""
+        return tempering_split(self.problem, self.reference, state)
+
+    @property
+    def track(self) -> Callable[[State], SceneTracker] | None:
+        """What makes trackers."""
+        return tracker_of(self.problem, self.reference)
+
+    @property
+    def independent(self) -> Callable[[np.random.Generator], State] | None:
+        """Draws from the reference."""
+        return None if self.reference is None else partial(draw_scene, self.reference)
+
+
+def _learnt(setup: Setup, noted: Sequence[Visits]) -> _Learnt:
+    """Of what the chains have noted last, or this one alone; of the solver's scenes at first."""
+    if not noted:
+        visits = Visits()
+        for state in setup.staged:
+            visits.note(state, 1.0)
+    else:
+        own = len(noted) - 1
+        visits = setup.known[own] if own < len(setup.known) else noted[own]
+    reference = None
+    if setup.settings.temperatures > 1:
+        reference = learn(setup.problem, setup.candidates, setup.similarity, visits)
+    return _Learnt(setup.problem, reference, scene_moves(setup, reference, camera_shape(visits)))
+
+
+def _anew(position: TemperingState[State], learnt: _Learnt) -> TemperingState[State]:
+    """Where a ladder stands, seen with another reference."""
+    parts = [learnt.target(chain.state) for chain in position.chains]
+    return position._replace(
+        chains=tuple(
+            ChainState(chain.state, part.at(beta))
+            for chain, part, beta in zip(position.chains, parts, position.betas, strict=True)
+        ),
+        log_likelihoods=tuple(part.log_likelihood for part in parts),
+    )
 
 
 def _resumed(keeper: Checkpointer, setup: Setup) -> ChainProgress | None:

@@ -32,7 +32,7 @@ from imapper_prob.samplers.verdict import Verdict, judge
 from imapper_prob.sampling.actors import JointProblem
 from imapper_prob.sampling.chain import SceneTracker, Setup, scene_moves, tracker_of
 from imapper_prob.sampling.sample import Progress, Samples, functionals, sample_scenes, setup_of
-from imapper_prob.sampling.visits import Visits, camera_shape, table_of
+from imapper_prob.sampling.visits import Visits, camera_shape
 from imapper_prob.solver.solver import Solution
 
 __all__ = [
@@ -358,10 +358,7 @@ class _Advance:
         problem = self._setup.problem
         problem = problem._replace(given_power=np.where(self._fresh > 0, power, 1.0))
         setup = replace(self._setup, problem=problem)
-        if tracker_of(problem) is None or not self._visits.items:
-            return problem, scene_moves(setup)
-        table = table_of(problem, self._visits)
-        return problem, scene_moves(setup, table, camera_shape(self._visits))
+        return problem, scene_moves(setup, shape=camera_shape(self._visits))
 
 
 def _whole(tracker: SceneTracker) -> Callable[[State], float]:

@@ -21,6 +21,7 @@ from imapper_prob.models.problem import Problem
 from imapper_prob.models.scenelet import Library
 from imapper_prob.models.text import brief
 from imapper_prob.models.view import log_area, to_floor, to_view
+from imapper_prob.samplers.chains import Workers
 from imapper_prob.samplers.diagnostics import rhat_nested
 from imapper_prob.samplers.ensemble import EnsembleSettings, run_ensembles
 
@@ -121,7 +122,7 @@ def sample_placements(
     settings: SampleSettings,
     *,
     seed: np.random.SeedSequence,
-    workers: int = 1,
+    workers: int | Workers = 1,
     scratch: Path | None = None,
 ) -> PlacementDraws:
     """Ensembles around ``state``, its assignment held fixed.

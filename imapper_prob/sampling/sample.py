@@ -22,11 +22,11 @@ from numpy.typing import NDArray
 from imapper_prob.config import SampleSettings
 from imapper_prob.layouts import Layouts, group_layouts, merged_objects, through_one_lens
 from imapper_prob.models.errors import InputError
-from imapper_prob.models.log_posterior import State, target_of
+from imapper_prob.models.log_posterior import State
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.scene import SceneObject
 from imapper_prob.models.text import brief
-from imapper_prob.samplers.chains import ChainError, run_chains
+from imapper_prob.samplers.chains import ChainError, Workers, run_chains
 from imapper_prob.samplers.checkpoint import CheckpointError, checkpoint_of, run_resumable_chains
 from imapper_prob.samplers.diagnostics import (
     LayoutProbabilities,
@@ -274,25 +274,29 @@ def sample_scenes(
     setup = setup_of(cast, settings)
     starts = starts_of(cast, settings.chains) if starts is None else starts
     scatter = None if cluster is None else partial(cluster.scatter, broadcast=True)
-    with _told_plainly(checkpoints), executor_of(cluster) as executor:
+    with (
+        _told_plainly(checkpoints),
+        executor_of(cluster) as executor,
+        Workers(workers) as processes,
+    ):
         run = _ChainRun(
             setup=setup,
             scatter=scatter,
             starts=starts,
             seed=chain_seed,
-            workers=workers,
+            workers=processes,
             executor=executor,
             folder=None if checkpoints is None else checkpoints.resolve(),
             identity=identity_of(cast.problem, setup.candidates, starts, settings, chain_seed),
             anew=anew,
         )
         drawn = _in_blocks(run, cast, settings, layout_seed, limits, progress, on_block)
-    with _told_plainly(checkpoints), warnings.catch_warnings():
-        # Short ensembles are compared with the chains, and that is said.
-        warnings.simplefilter("ignore", ShortChainWarning)
-        placements = _ensembles(
-            cast.problem, drawn, settings, ensemble_seed, workers, checkpoints, progress
-        )
+        with warnings.catch_warnings():
+            # Short ensembles are compared with the chains, and that is said.
+            warnings.simplefilter("ignore", ShortChainWarning)
+            placements = _ensembles(
+                cast.problem, drawn, settings, ensemble_seed, processes, checkpoints, progress
+            )
     chains = drawn.chains
     return Samples(
         states=drawn.states,
@@ -320,7 +324,7 @@ class _ChainRun:
     scatter: Callable[[Setup], Any] | None
     starts: Sequence[Sequence[State]]
     seed: np.random.SeedSequence
-    workers: int
+    workers: Workers
     executor: Executor | None
     folder: Path | None
     identity: str
@@ -341,12 +345,11 @@ class _ChainRun:
     def to(self, end: int, on_progress: Callable[[int, object], None]) -> list[Chain]:
         """Go on to ``end`` rounds.
 
-        While chains burn in they wait for one another wherever a table is made, for that is of
-        what all of them have noted.
+        While chains burn in they wait for one another wherever they learn, for that is of what all
+        of them have noted.
         """
         setup, at = self.setup, list[Sequence[State] | ChainProgress](self.starts)
-        learns = target_of(setup.problem).incremental
-        marks = learning_of(setup.settings).ends if learns else ()
+        marks = learning_of(setup.settings).ends
         for stop in (*(mark for mark in marks if mark < end), end):
 
             def report(chain: int, part: object, share: float = stop / end) -> None:
@@ -511,7 +514,9 @@ def _told_plainly(checkpoints: Path | None) -> Iterator[None]:
 def setup_of(solution: Solution | JointProblem, settings: SampleSettings) -> Setup:
     """What the chains need of a solved clip."""
     cast = solution if isinstance(solution, JointProblem) else join_actors([solution])
-    return Setup(cast.problem, cast.candidates, similarity(cast.distances), settings)
+    return Setup(
+        cast.problem, cast.candidates, similarity(cast.distances), settings, cast.states
+    )  # fmt: skip
 
 
 def functionals(
@@ -530,7 +535,7 @@ def _ensembles(
     drawn: _Drawn,
     settings: SampleSettings,
     seed: np.random.SeedSequence,
-    workers: int,
+    workers: Workers,
     scratch: Path | None,
     progress: Progress | None,
 ) -> tuple[PlacementDraws, ...]:

@@ -9,8 +9,9 @@ an earlier end keeps what one run of that length would have kept.
   distance. Whenever there are more than twice as many as planned, every second one is dropped.
 - *Pieces* are the rounds between two chances to stop. A piece begins with new trackers, which
   sum in another order than old ones: a chain may end where a piece ends, and nowhere else.
-- *Visits* are noted in some rounds of the burn-in (:mod:`imapper_prob.sampling.visits`); of those
-  of each half of it a table is made.
+- *Visits* are noted in some rounds of the burn-in (:mod:`imapper_prob.sampling.visits`). The
+  reference (:mod:`imapper_prob.sampling.reference`) is learnt after an eighth, a fourth, a half and
+  all of it, each time from what was noted since the last time.
 - *Blocks* are some pieces long: a fourth of what is planned after burn-in, and twice as long each
   time that there are twice as many rounds. The first one holds the burn-in as well.
 """
@@ -29,10 +30,11 @@ __all__ = [
 
 _PIECE: Final = 200
 """Steps between two progress reports and chances of a checkpoint; a fraction of a second."""
-_TABLES: Final = 2
-"""Tables that are made while a chain burns in: what was met with one goes into the next."""
+_LEARNT_AT: Final = (8, 4, 2, 1)
+"""Parts of the burn-in after which the reference is learnt: each round of learning is as long as
+all before together, so that the last one is half of it (Surjanovic et al. 2022)."""
 _NOTED: Final = 300
-"""Rounds of which each of them is made, about: more hardly add a scenelet."""
+"""Rounds of each of these that are noted, about: more hardly add a scenelet."""
 _BLOCKS: Final = 4
 """Blocks of a run of ``steps``: each a tenth or more of it, long beside the start of processes."""
 
@@ -90,29 +92,29 @@ def burn_in_of(settings: SampleSettings) -> int:
 
 @dataclass(frozen=True)
 class Learning:
-    """Rounds of the burn-in in which visits are noted, and after which tables are made of them.
+    """Rounds of the burn-in in which visits are noted, and after which is learnt from them.
 
     Parameters
     ----------
     ends : tuple of int
-        A table is made after each of these, of what was noted since the one before.
-    spacing : int
-        Rounds from one that is noted to the next.
+        After each of these is learnt from what was noted since the one before.
     """
 
     ends: tuple[int, ...]
-    spacing: int
 
     def has(self, rounds: int) -> bool:
         """Whether the state after so many rounds is noted."""
-        return bool(self.ends) and rounds <= self.ends[-1] and rounds % self.spacing == 0
+        if not self.ends or rounds > self.ends[-1]:
+            return False
+        at = next(i for i, end in enumerate(self.ends) if rounds <= end)
+        length = self.ends[at] - (self.ends[at - 1] if at else 0)
+        return rounds % max(1, length // _NOTED) == 0
 
 
 def learning_of(settings: SampleSettings) -> Learning:
     """When a chain learns."""
     burn_in = burn_in_of(settings)
-    ends = {part * burn_in // _TABLES for part in range(1, _TABLES + 1)} - {0}
-    return Learning(tuple(sorted(ends)), max(1, burn_in // (_TABLES * _NOTED)))
+    return Learning(tuple(sorted({burn_in // part for part in _LEARNT_AT} - {0})))
 
 
 def piece_of(settings: SampleSettings) -> int:

@@ -20,8 +20,11 @@ from imapper_prob.models.log_posterior import State, empty_state
 from imapper_prob.samplers.reversible_jump import Mixture, Proposal, sample, step
 from imapper_prob.samplers.tempering import power_ladder, start, temper
 from imapper_prob.sampling.chain import SceneTracker, Setup, scene_moves, tempering_split
+from imapper_prob.sampling.learning import learn
 from imapper_prob.sampling.moves import TimeCrossover
+from imapper_prob.sampling.reference import Reference, draw_scene
 from imapper_prob.sampling.sample import setup_of
+from imapper_prob.sampling.visits import Visits
 from lab.eryn import gaussian
 from lab.eryn.exchange import during, save_runs
 from lab.eryn.leaves import to_leaves
@@ -31,9 +34,12 @@ Array = NDArray[np.float64]
 
 EVERY = 20
 """Steps between two draws that are kept; indicators are correlated over thousands."""
-RUNGS, HOTTEST, STEPS_PER_SWAP = 4, 0.15, 5
+RUNGS, STEPS_PER_SWAP = 6, 5
 """Temperatures: at one alone three of four chains never find the two scenelets without a gap that
 are the most probable scene."""
+LEARNT_AFTER = (200, 400, 800)
+"""Rounds after each of which the reference is learnt, of what was visited in them; they are drawn
+from as well, and belong to the burn-in."""
 
 
 @dataclass(frozen=True)
@@ -107,18 +113,38 @@ def scene_chain(setup: Setup, first: State, seed: int) -> Iterator[State]:
         for move, weight in zip(moves.moves, moves.weights, strict=True)
         if move.name != "path"
     ]
-    target, betas = partial(tempering_split, setup.problem), power_ladder(RUNGS, hottest=HOTTEST)
-    chain = temper(
-        np.random.default_rng(seed).spawn(RUNGS + 1),
-        start([first] * RUNGS, target=target, betas=betas),
-        target=target,
-        kernel=partial(step, mixture=Mixture(*zip(*kept, strict=True))),
-        steps_per_swap=STEPS_PER_SWAP,
-        crossover=TimeCrossover(setup.problem),
-        track=partial(SceneTracker, setup.problem),
-    )
-    every = islice(chain, 0, None, EVERY // STEPS_PER_SWAP)
-    return (at.position.chains[-1].state for at in every)
+    rngs, betas = np.random.default_rng(seed).spawn(RUNGS + 1), power_ladder(RUNGS)
+    states, visits = [first] * RUNGS, Visits()
+    for state in setup.staged:
+        visits.note(state, 1.0)
+    for rounds in (*LEARNT_AFTER, None):
+        reference = learn(setup.problem, setup.candidates, setup.similarity, visits)
+        target = partial(tempering_split, setup.problem, reference)
+        chain = temper(
+            rngs,
+            start(states, target=target, betas=betas),
+            target=target,
+            kernel=partial(step, mixture=Mixture(*zip(*kept, strict=True))),
+            steps_per_swap=STEPS_PER_SWAP,
+            adapt=rounds is not None,
+            crossover=TimeCrossover(setup.problem),
+            track=partial(SceneTracker, setup.problem, reference),
+            independent=partial(_still_scene, reference),
+        )
+        visits = Visits()
+        for number, at in enumerate(islice(chain, rounds)):
+            if rounds is not None:
+                for beta, rung in zip(at.position.betas, at.position.chains, strict=True):
+                    visits.note(rung.state, beta)
+            if number % (EVERY // STEPS_PER_SWAP) == 0:
+                yield at.position.chains[-1].state
+        states, betas = [rung.state for rung in at.position.chains], at.position.betas
+
+
+def _still_scene(reference: Reference, rng: np.random.Generator) -> State:
+    """A scene of the reference with the mean path, which stays as it is here."""
+    drawn = draw_scene(reference, rng)
+    return replace(drawn, latent=np.zeros_like(drawn.latent))
 
 
 def padded(states: list[State], most: int) -> dict[str, Array]:

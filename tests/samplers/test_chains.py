@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from imapper_prob.samplers.chains import ChainError, run_chains
+from imapper_prob.samplers.chains import ChainError, Workers, run_chains
 from tests.samplers import tasks
 
 ROOT = Path(__file__).parents[2]
@@ -32,6 +32,29 @@ def test_draws_do_not_depend_on_the_number_of_workers():
         other = run_chains(tasks.walk, 50, starts, seed=5, executor=executor)
     np.testing.assert_array_equal(one, two)
     np.testing.assert_array_equal(one, other)
+
+
+def test_processes_serve_several_calls():
+    alone = run_chains(tasks.walk, 50, [0.0, 10.0, 20.0], seed=5)
+    with Workers(2) as workers:
+        pids = run_chains(tasks.process, 0.2, [0, 0, 0, 0], seed=1, workers=workers)
+        again = run_chains(tasks.process, 0.2, [0, 0], seed=1, workers=workers)
+        walked = run_chains(tasks.walk, 50, [0.0, 10.0, 20.0], seed=5, workers=workers)
+        # Nobody reads this progress, and it does not stop the pipe.
+        run_chains(tasks.walk, 20_000, [0.0], seed=5, workers=workers)
+    np.testing.assert_array_equal(alone, walked)
+    assert len(set(pids)) == 2
+    assert set(again) <= set(pids)
+
+
+def test_processes_are_started_again_after_one_died():
+    with Workers(2) as workers:
+        with pytest.raises(ChainError, match="chain 1: its process died"):
+            run_chains(tasks.kill_one, 1, [0, 1], seed=1, workers=workers)
+        with pytest.raises(FloatingPointError, match="bad density"):
+            run_chains(tasks.fail_one, 1, [0, 1], seed=1, workers=workers)
+        walked = run_chains(tasks.walk, 50, [0.0], seed=5, workers=workers)
+    np.testing.assert_array_equal(walked, run_chains(tasks.walk, 50, [0.0], seed=5))
 
 
 def test_chains_differ_and_so_do_seeds():
@@ -159,7 +182,7 @@ def test_an_error_elsewhere_does_not_wait_for_the_others():
 
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
 def test_a_process_that_cannot_begin_says_what_to_look_at(capfd):
-    with pytest.raises(ChainError, match="before its chain began"):
+    with pytest.raises(ChainError, match=r"chain [01]: its process could not begin"):
         run_chains(tasks.walk, tasks.Unloadable(), [0.0, 0.0], seed=5, workers=2)
 
 

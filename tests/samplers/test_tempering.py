@@ -76,6 +76,52 @@ def test_the_same_test_fails_a_wrong_swap_ratio(monkeypatch, wrong):
     assert chi_square(cells(seed=1), EXACT) < FAIL
 
 
+def test_draws_of_the_prior_take_the_place_of_its_steps():
+    """The coldest of two rungs gets every other state from independent draws."""
+    target = partial(_normal, centre=1.0)
+    seen = []
+
+    def independent(rng):
+        seen.append(rng.standard_normal())
+        return seen[-1]
+
+    at = start([0.0, 0.0], target=target, betas=(0.0, 1.0))
+    rngs = np.random.default_rng(3).spawn(3)
+    chain = temper(rngs, at, target=target, kernel=_stay, steps_per_swap=1, independent=independent)
+    items = list(islice(chain, 20_000))
+    assert len(seen) == 20_000
+    assert {item.steps[0][0].move for item in items} == {"independent"}
+    cold = np.array([item.position.chains[-1].state for item in items])
+    assert set(cold) <= {0.0, *seen}
+    # Posterior: normal, precision 2, mean half. About every third draw is accepted.
+    error = cold.std() * np.sqrt(6 / len(cold))
+    assert abs(cold.mean() - 0.5) < 4.5 * error
+    assert abs(cold.var() - 0.5) < 4.5 * np.sqrt(2) * 0.5 * np.sqrt(6 / len(cold))
+
+
+def test_draws_outside_the_support_are_not_taken(rng):
+    def target(x):
+        return Parts(0.0, 0.0 if x > 0.999 else -math.inf)
+
+    at = start([1.0, 1.0], target=target, betas=(0.0, 1.0))
+    chain = temper(
+        rng.spawn(3), at, target=target, kernel=_stay, steps_per_swap=1,
+        independent=lambda rng: rng.random(),
+    )  # fmt: skip
+    items = list(islice(chain, 300))
+    drawn = [item.steps[0][0].accepted for item in items]
+    assert 0 < sum(drawn) < 300  # one in a thousand draws, a hundred tries
+    assert all(chain.state > 0.999 for item in items for chain in item.position.chains)
+
+
+def _normal(x, *, centre):
+    return Parts(-0.5 * x**2, -0.5 * (x - centre) ** 2)
+
+
+def _stay(rng, chain_state, *, log_density_fn):
+    return chain_state, StepInfo("stay", False, 0.0)
+
+
 D, SHARPNESS = 6, 1e4
 
 

@@ -10,7 +10,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import fields, replace
-from functools import cache, partial
+from functools import partial
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -18,21 +19,23 @@ import pytest
 
 from imapper_prob.config import SampleSettings
 from imapper_prob.models.detector import DetectionModel
-from imapper_prob.models.log_posterior import State, log_posterior, motion, terms
+from imapper_prob.models.log_posterior import State, empty_state, log_posterior, motion, terms
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.settings import ModelSettings
 from imapper_prob.models.skeleton import PELV
 from imapper_prob.samplers.reversible_jump import Mixture, Proposal, init, step
+from imapper_prob.samplers.tempering import Parts, start, temper
 from imapper_prob.sampling import moves
 from imapper_prob.sampling.camera_moves import AdaptedCameraWalk, CompensatedCameraWalk
-from imapper_prob.sampling.chain import Setup, scene_moves
-from imapper_prob.sampling.pool_kernels import Table
+from imapper_prob.sampling.chain import Setup, scene_moves, tempering_split
+from imapper_prob.sampling.learning import learn
 from imapper_prob.sampling.proposals import Candidates, Proposals
-from imapper_prob.sampling.redraw import StretchRedraw
+from imapper_prob.sampling.reference import Reference, draw_scene
+from imapper_prob.sampling.reference_moves import SceneRedraw, StretchRedraw
 from imapper_prob.sampling.replace_moves import Refurnish, ReplaceAndShift
+from imapper_prob.sampling.visits import Visits
 from lab.prior import Experiment, draw_state
 from tests.models import worlds
-from tests.sampling.tables import visited
 
 N_FRAMES = 20
 LIMIT = 4.2
@@ -68,14 +71,7 @@ def setup(problem: Problem, *, fitted: bool = True) -> Setup:
     similarity = (np.ones((n, n)) - np.eye(n)) / (n - 1)
     weights = fitted * np.linspace(0.5, 1.5, n) * np.ones((len(centres), n))
     candidates = Candidates(centres, places, np.zeros_like(weights), weights)
-    return Setup(problem, candidates, similarity, SampleSettings())
-
-
-@cache
-def known_table() -> Table:
-    """One for all data: draws need not fit to be right."""
-    problem = poor_data(rate=0.3).problem
-    return visited(problem, setup(problem, fitted=False).candidates, spread=2.0)
+    return Setup(problem, candidates, similarity, SampleSettings(), (empty_state(problem),))
 
 
 def asked(problem: Problem, state: State) -> dict[str, float]:
@@ -111,7 +107,7 @@ def scores(
     drawn_with: DetectionModel | None = None,
     given: Experiment | None = None,
     fitted: bool = True,
-    redrawn: bool = True,
+    reference: Reference | None = None,
     seed: int = 0,
 ) -> dict[str, float]:
     """How many standard errors each quantity has changed by, on average over pairs."""
@@ -122,9 +118,8 @@ def scores(
         state = draw_state(rng, given.problem)
         seen = replace(source.observed(rng, state), detections=given.detections)
         problem = seen.problem
-        table = known_table() if fitted and redrawn else None
         shape = 0.5 * np.linalg.cholesky(np.linalg.inv(problem.camera_precision))
-        mixture = change(scene_moves(setup(problem, fitted=fitted), table, shape))
+        mixture = change(scene_moves(setup(problem, fitted=fitted), reference, shape))
         density = partial(log_posterior, problem)
         at = init(density, state)
         for _ in range(steps):
@@ -181,24 +176,85 @@ def only(
 def test_a_move_by_itself_leaves_scene_and_data(kind: type) -> None:
     """With so many scenelets that some have no gap to the next."""
     change = only(kind, lambda proposal: proposal)
-    found = scores(400, change=change, given=poor_data(rate=0.3), redrawn=False)
+    found = scores(400, change=change, given=poor_data(rate=0.3))
     assert largest(found) < LIMIT, found
 
 
-def test_stretches_drawn_anew_leave_scene_and_data() -> None:
-    """By themselves; errors made on purpose are in ``test_redraw``."""
+def reference_of(problem: Problem) -> Reference:
+    """Learnt from scenes of the prior: it knows nothing of the data."""
+    rng, visits = np.random.default_rng(0), Visits()
+    for _ in range(200):
+        visits.note(draw_state(rng, problem), 1.0)
+    return learn(problem, setup(problem).candidates, setup(problem).similarity, visits)
 
-    def change(mixture: Mixture[State]) -> Mixture[State]:
-        (redraw,) = (move for move in mixture.moves if isinstance(move, StretchRedraw))
-        return Mixture([redraw], [1.0])
 
-    found = scores(200, steps=20, change=change, given=poor_data(rate=0.3))
-    assert largest(found) < LIMIT, found
+def two_rungs(n_pairs: int, *, off: float = 0.0) -> dict[str, float]:
+    """As :func:`scores`, of the colder of two rungs after a few rounds of exchanges.
+
+    The hotter one is at the reference itself, from which every state of it is drawn, so that both
+    are where they should be from the beginning.
+    """
+    given = poor_data(rate=0.3)
+    reference = reference_of(given.problem)
+    differences: dict[str, list[float]] = {}
+    for rng in np.random.default_rng(0).spawn(n_pairs):
+        state = draw_state(rng, given.problem)
+        problem = replace(given.observed(rng, state), detections=given.detections).problem
+
+        def target(state: State, problem: Problem = problem) -> Parts:
+            parts = tempering_split(problem, reference, state)
+            wrong = off * state.n_scenelets
+            return Parts(parts.log_prior + wrong, parts.log_likelihood - wrong)
+
+        independent = partial(draw_scene, reference)
+        hot = independent(rng)
+        while not np.isfinite(log_posterior(problem, hot)):
+            hot = independent(rng)
+        position = start((hot, state), target=target, betas=(0.0, 1.0))
+        rounds = temper(
+            rng.spawn(3), position, target=target, steps_per_swap=1, independent=independent,
+            kernel=partial(step, mixture=Mixture([moves.PlacementWalk()], [1.0])),
+            crossover=moves.TimeCrossover(problem),
+        )  # fmt: skip
+        *_, last = islice(rounds, 12)
+        before, after = asked(problem, state), asked(problem, last.position.chains[-1].state)
+        for name, value in after.items():
+            differences.setdefault(name, []).append(value - before[name])
+    return {
+        name: float(np.mean(d) / (np.std(d) / np.sqrt(n_pairs)))
+        for name, d in differences.items()
+        if np.std(d) > 0
+    }
+
+
+@pytest.mark.parametrize("off", [0.0, 4.0])
+@pytest.mark.parametrize("kind", [SceneRedraw, StretchRedraw])
+def test_draws_of_the_reference_leave_scene_and_data(kind: type, off: float) -> None:
+    """Unless what is drawn is not as dense as is said, here by a factor a scenelet."""
+    given = poor_data(rate=0.3)
+
+    def wrong(proposal: Proposal[State]) -> Proposal[State]:
+        return proposal._replace(
+            log_ratio=proposal.log_ratio + off * proposal.state.n_scenelets
+        )  # fmt: skip
+
+    found = scores(
+        400, steps=20, change=only(kind, wrong), given=given,
+        reference=reference_of(given.problem),
+    )  # fmt: skip
+    assert (largest(found) > LIMIT) == (off > 0), found
+
+
+@pytest.mark.parametrize("off", [0.0, 2.0])
+def test_exchanges_with_the_reference_leave_scene_and_data(off: float) -> None:
+    """Unless its density is not that of its draws: here by a factor a scenelet."""
+    found = two_rungs(500, off=off)
+    assert (largest(found) > LIMIT) == (off > 0), found
 
 
 def test_a_forgotten_look_is_seen() -> None:
     change = only(CompensatedCameraWalk, lambda p: p._replace(log_ratio=0.0), scales=(1.0,))
-    found = scores(900, change=change, given=poor_data(rate=0.3, depth=0.4), redrawn=False)
+    found = scores(900, change=change, given=poor_data(rate=0.3, depth=0.4))
     assert largest(found) > LIMIT, found
 
 
@@ -209,7 +265,7 @@ def test_a_forgotten_jacobian_is_seen(forgotten: bool) -> None:
         lambda p: p._replace(log_ratio=0.0) if forgotten else p,
         scales=(4.0, 12.0),
     )
-    found = scores(300, change=change, given=poor_data(rate=0.3, depth=0.4), redrawn=False)
+    found = scores(300, change=change, given=poor_data(rate=0.3, depth=0.4))
     assert (largest(found) > LIMIT) == forgotten, found
 
 

@@ -34,7 +34,6 @@ from imapper_prob.sampling.replace_moves import (
     window_of,
 )
 from tests.models import worlds
-from tests.sampling.tables import visited
 
 N_FRAMES = 20
 
@@ -61,9 +60,13 @@ def even_candidates() -> Candidates:
     )
 
 
+def similarity() -> np.ndarray:
+    """The second is more like the first than the third is."""
+    return np.array([[0.0, 0.7, 0.3], [0.6, 0.0, 0.4], [0.5, 0.5, 0.0]])
+
+
 def setup(problem: Problem) -> Setup:
-    even = (np.ones((3, 3)) - np.eye(3)) / 2
-    return Setup(problem, candidates(), even, SampleSettings())
+    return Setup(problem, candidates(), similarity(), SampleSettings(), (empty_state(problem),))
 
 
 def random_state(problem: Problem, seed: int) -> State:
@@ -221,7 +224,7 @@ def prior_problem() -> Problem:
 def prior_draws(request: pytest.FixtureRequest) -> list[State]:
     problem = prior_problem()
     shape = 0.5 * np.linalg.cholesky(np.linalg.inv(problem.camera_precision))
-    moves = scene_moves(setup(problem), visited(problem, candidates(), spread=4.0), shape)
+    moves = scene_moves(setup(problem), shape=shape)
     # Under the prior most births are refused: candidates are far too narrow for it.
     often = [
         10 * weight if move.name in ("birth", "death") else weight

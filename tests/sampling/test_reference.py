@@ -1,0 +1,213 @@
+"""The reference is a distribution: what is drawn has the density that is said, and all of it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import settings as hypothesis_settings
+from hypothesis import strategies as st
+
+from imapper_prob.models.log_posterior import State, empty_state
+from imapper_prob.models.problem import Problem
+from imapper_prob.models.settings import ModelSettings
+from imapper_prob.models.view import to_view
+from imapper_prob.sampling.camera_moves import CameraFrame, middle_heights
+from imapper_prob.sampling.learning import learn
+from imapper_prob.sampling.reference import (
+    Reference,
+    draw_scene,
+    log_reference,
+    next_probability,
+)
+from imapper_prob.sampling.visits import Visits
+from lab.prior import draw_state
+from tests.models import worlds
+from tests.sampling.test_moves import candidates, similarity
+
+N_FRAMES = 20
+PROBLEM = worlds.problem(N_FRAMES, settings=ModelSettings(likelihood=0.0, scenelet_rate=0.5))
+LIMIT = 4.5
+"""Standard errors; one mean in 150,000 is beyond."""
+
+
+def two_films() -> Problem:
+    starts = np.array(PROBLEM.path_starts)
+    starts[9] = True
+    return PROBLEM._replace(path_starts=starts)
+
+
+@cache
+def known(films: int = 1, count: int = 80, seed: int = 0) -> Reference:
+    """Learnt from scenes of the prior."""
+    problem = PROBLEM if films == 1 else two_films()
+    rng, visits = np.random.default_rng(seed), Visits()
+    for _ in range(count):
+        visits.note(draw_state(rng, problem), 1.0)
+    return learn(problem, candidates(), similarity(), visits)
+
+
+def log_density(reference: Reference, state: State) -> float:
+    return log_reference(reference, state.camera, state.items, state.placements, state.sizes)
+
+
+@hypothesis_settings(max_examples=30, deadline=None)
+@given(films=st.sampled_from([1, 2]), end=st.integers(0, N_FRAMES), seed=st.integers(0, 3))
+def test_something_comes_next_or_nothing(films: int, end: int, seed: int) -> None:
+    reference = known(films, count=(2, 80)[seed % 2], seed=seed)
+    for kind in range(int(reference.kinds.max()) + 1):
+        total, probability = 0.0, np.empty(5)
+        for code in range(N_FRAMES * len(reference.kinds) + 1):
+            next_probability(reference, kind, end, code, probability)
+            assert (probability >= 0).all()
+            total += probability.sum()
+        assert total == pytest.approx(1.0, abs=1e-12)
+
+
+@pytest.mark.parametrize("films", [1, 2])
+def test_scenes_are_as_frequent_as_is_said(films: int) -> None:
+    """The five most frequent sequences, and how many scenelets there are."""
+    reference, n = known(films), 4000
+    n_scenelets, end_code = len(reference.kinds), N_FRAMES * len(reference.kinds)
+    rng = np.random.default_rng(1)
+    drawn = [draw_scene(reference, rng) for _ in range(n)]
+    keys = [tuple(map(tuple, state.items.tolist())) for state in drawn]
+    for key in sorted(set(keys), key=keys.count)[-5:]:
+        kind, end, chance, probability = 0, 0, 1.0, np.empty(5)
+        for scenelet, start in key:
+            next_probability(reference, kind, end, start * n_scenelets + scenelet, probability)
+            chance *= probability.sum()
+            kind, end = reference.kinds[scenelet], start + reference.lengths[scenelet]
+        next_probability(reference, kind, end, end_code, probability)
+        chance *= probability.sum()
+        error = np.sqrt(chance * (1 - chance) / n)
+        assert abs(keys.count(key) / n - chance) < LIMIT * error
+    begins = np.flatnonzero(PROBLEM.path_starts if films == 1 else two_films().path_starts)
+    for state in drawn:
+        ends = state.items[:, 1] + PROBLEM.lengths[state.items[:, 0]]
+        assert (ends[:-1] <= state.items[1:, 1]).all()
+        for start, end in zip(state.items[:, 1], ends, strict=True):
+            assert end <= N_FRAMES
+            assert not ((begins > start) & (begins < end)).any()
+
+
+def narrower(reference: Reference) -> Reference:
+    """Another distribution of scenes, whose density is nowhere much higher.
+
+    Yaws scatter as before, so that as many of them lie within half a turn.
+    """
+    return reference._replace(
+        camera_factor=0.8 * reference.camera_factor,
+        camera_constant=reference.camera_constant - 5 * np.log(0.8),
+        factors=np.diag([0.8, 0.8, 1.0, 0.8]) @ reference.factors,
+        constants=reference.constants - 3 * np.log(0.8),
+    )
+
+
+def mean_ratio(one: Reference, drawn_of: Reference, said: Reference, n: int) -> float:
+    """How far the mean of ``one`` over ``said``, for draws, is from one, in standard errors."""
+    rng = np.random.default_rng(2)
+    states = [draw_scene(drawn_of, rng) for _ in range(n)]
+    ratios = np.exp([log_density(one, s) - log_density(said, s) for s in states])
+    assert ratios.std() > 0
+    return float((ratios.mean() - 1) / (ratios.std() / np.sqrt(n)))
+
+
+@pytest.mark.parametrize("films", [1, 2])
+def test_the_density_is_that_of_the_draws(films: int) -> None:
+    """The mean of h / q over draws of q is the integral of h: one."""
+    reference = known(films)
+    assert abs(mean_ratio(narrower(reference), reference, reference, 6000)) < LIMIT
+    other = known(films, seed=5)
+    flat = reference._replace(factors=other.factors, constants=other.constants)
+    mixed = flat._replace(camera_mean=reference.camera_mean + 0.2 * reference.camera_factor[:, 0])
+    assert abs(mean_ratio(mixed, reference, reference, 6000)) < LIMIT
+
+
+@pytest.mark.parametrize("error", ["constant", "carried", "onward", "ends"])
+def test_wrong_densities_are_seen(error: str) -> None:
+    """What is as wrong again is, on average over draws, not as dense as it should be."""
+    right = known()
+
+    def wrong(by: float) -> Reference:
+        camera = right.library_camera + 0.1 * by * np.eye(5)[1]
+        ends = right.later_probability ** (1 - 0.1 * by)
+        changes = {
+            "constant": {"constants": right.constants - 0.1 * by},
+            "carried": {"library_camera": camera},
+            "onward": {"onward": right.onward + 0.4 * by * np.eye(4)},
+            "ends": {"later_probability": ends},
+        }
+        return right._replace(**changes[error])
+
+    assert abs(mean_ratio(wrong(2), right, wrong(1), 6000)) > LIMIT
+    assert abs(mean_ratio(narrower(right), right, right, 6000)) < LIMIT
+
+
+def test_scenelets_are_carried_as_moves_carry_them() -> None:
+    """What looks the same through another camera is as far from what was met."""
+    reference = known()
+    heights = middle_heights(PROBLEM)
+    before, after = np.array(PROBLEM.camera_mean), np.array(PROBLEM.camera_mean)
+    after += [0.01, 0.05, -0.02, 0.03, 0.02]
+    state = empty_state(PROBLEM).with_item(0, 5, np.array([0.4, 4.0, 0.3]), 0.02)
+    look = CameraFrame(before).look(0.4, 4.0, 0.02, float(heights[0]))
+    assert look is not None
+    stand = CameraFrame(after).stand(look, float(heights[0]))
+    assert stand is not None
+    there, size = np.array([[stand.x, stand.y, 0.3]]), np.array([stand.size])
+    moved = State(after, state.items, there, size, state.latent)
+    # Known places alone, as likely in both cameras.
+    only = reference._replace(camera_factor=reference.camera_factor * 1e6)
+    code = 5 * len(reference.kinds)
+    at = int(np.searchsorted(reference.met, code))
+    assert reference.met[at] == code
+    where = np.array(reference.met_where)
+    where[at] = to_view(state.placements[0], state.sizes[0])
+    only = only._replace(met_where=where)
+    area = 2 * np.log([state.placements[0, 1], moved.placements[0, 1]])
+    one, other = (log_density(only, s) for s in (state, moved))
+    assert one + area[0] == pytest.approx(other + area[1], abs=0.02)
+
+
+def test_nobody_is_behind_the_camera_nor_overlaps() -> None:
+    reference, state = known(), empty_state(PROBLEM)
+    ahead = state.with_item(0, 2, np.array([0.1, 4.0, 0.0]))
+    assert np.isfinite(log_density(reference, ahead))
+    behind = state.with_item(0, 2, np.array([0.1, -4.0, 0.0]))
+    assert log_density(reference, behind) == -np.inf
+    twice = ahead.with_item(1, 3, np.array([0.1, 4.0, 0.0]))
+    assert log_density(reference, twice) == -np.inf
+    late = replace(ahead, items=np.array([[0, N_FRAMES - 1]]))
+    assert log_density(reference, late) == -np.inf
+
+
+def test_what_was_visited_is_drawn_more_often() -> None:
+    visits = Visits()
+    state = empty_state(PROBLEM).with_item(1, 4, np.array([0.3, 3.5, 1.0]))
+    for _ in range(50):
+        visits.note(state, 1.0)
+    for _ in range(50):
+        visits.note(empty_state(PROBLEM), 0.1)  # hot: does not count
+    reference = learn(PROBLEM, candidates(), similarity(), visits)
+    rng = np.random.default_rng(0)
+    drawn = [draw_scene(reference, rng) for _ in range(400)]
+    same = [s for s in drawn if s.n_scenelets == 1 and s.items[0].tolist() == [1, 4]]
+    assert len(same) > 80
+    near = np.array([to_view(s.placements[0], s.sizes[0]) for s in same])
+    # Through the camera that was drawn, bearing and depth are elsewhere; the yaw is not.
+    assert np.median(np.abs(near[:, 2] - 1.0)) < 0.1
+
+
+def test_an_empty_scene_is_enough_to_learn_from() -> None:
+    visits = Visits()
+    visits.note(empty_state(PROBLEM), 1.0)
+    reference = learn(PROBLEM, candidates(), similarity(), visits)
+    assert len(reference.met) == 0
+    rng = np.random.default_rng(0)
+    drawn = [draw_scene(reference, rng) for _ in range(300)]
+    assert all(np.isfinite(log_density(reference, state)) for state in drawn)
+    assert 0 < sum(s.n_scenelets == 0 for s in drawn) < 300
