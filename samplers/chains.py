@@ -298,7 +298,25 @@ class Workers:
         on_progress: OnProgress | None,
         scratch: Path | None,
     ) -> list[R]:
-        """See :func:`run_chains`."""
+        """Run jobs; see :func:`run_chains`, which makes them.
+
+        Parameters
+        ----------
+        task, problem, on_progress, scratch
+            As there.
+        jobs : sequence
+            One a chain.
+
+        Returns
+        -------
+        list
+            Results in the order of ``jobs``.
+
+        Raises
+        ------
+        ChainError
+            A process died.
+        """
         if self._count == 1:
             return _run_here(task, problem, jobs, on_progress)
         if self._pool is not None and len(self._shared.pids) < len(jobs):

@@ -385,7 +385,7 @@ def _learnt(setup: Setup, noted: Sequence[Visits]) -> _Learnt:
     if not noted:
         visits = Visits()
         for state in setup.staged:
-            visits.note(state, 1.0)
+            visits.note(state)
     else:
         own = len(noted) - 1
         visits = setup.known[own] if own < len(setup.known) else noted[own]

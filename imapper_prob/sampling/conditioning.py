@@ -328,7 +328,7 @@ def _evenly(samples: Samples, count: int) -> NDArray[np.int64]:
 def _noted(states: Sequence[State]) -> Visits:
     visits = Visits()
     for state in states:
-        visits.note(state, 1.0)
+        visits.note(state)
     return visits
 
 

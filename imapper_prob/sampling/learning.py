@@ -47,7 +47,6 @@ def learn(problem: Problem, candidates: Candidates, similarity: Array, visits: V
     similarity : (L, L) float
         Probabilities of exchanging one scenelet for another.
     visits : Visits
-        Those at the colder temperatures count.
 
     Returns
     -------
@@ -66,7 +65,7 @@ def learn(problem: Problem, candidates: Candidates, similarity: Array, visits: V
     if covariance is None:
         covariance = np.linalg.inv(problem.camera_precision).astype(np.float64)
     else:
-        camera_mean = visits.cold()["cameras"].mean(0)
+        camera_mean = visits.arrays()["cameras"].mean(0)
     camera_factor = np.linalg.cholesky(covariance).astype(np.float64)
     followed, later = _rows(visits, own, lengths, room, len(numbers) + 1)
     places = _places(problem, visits, heights, room, np.concatenate([followed[1], later[1]]))
@@ -137,7 +136,7 @@ def _rows(
 ) -> tuple[Rows, Rows]:
     """What followed, by kind and end of the scenelet before, and what came later, by frame."""
     n_scenelets, n_frames = len(kinds), len(room) - 1
-    visited = visits.cold()
+    visited = visits.arrays()
     items, counts = visited["items"], visited["counts"]
     ends = np.cumsum(counts + 1)  # of states, each with an end of the scene
     codes = np.full(len(items) + len(counts), n_frames * n_scenelets)
@@ -228,7 +227,7 @@ class _Places(NamedTuple):
 def _places(problem: Problem, visits: Visits, heights: Array, room: Ints, codes: Ints) -> _Places:
     """Where scenelets of some codes stand; the code at the end of the scene is left out."""
     n_scenelets, n_frames = len(heights), len(room) - 1
-    visited = visits.cold()
+    visited = visits.arrays()
     items, counts = visited["items"], visited["counts"]
     cameras = np.repeat(visited["cameras"], counts, axis=0)
     where = carried(heights[items[:, 0]], visited["where"], cameras, np.array(problem.camera_mean))

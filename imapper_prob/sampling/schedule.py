@@ -33,8 +33,8 @@ _PIECE: Final = 200
 _LEARNT_AT: Final = (8, 4, 2, 1)
 """Parts of the burn-in after which the reference is learnt: each round of learning is as long as
 all before together, so that the last one is half of it (Surjanovic et al. 2022)."""
-_NOTED: Final = 300
-"""Rounds of each of these that are noted, about: more hardly add a scenelet."""
+_NOTED: Final = 1500
+"""Rounds of each of these that are noted, about; chosen: what is noted of them takes megabytes."""
 _BLOCKS: Final = 4
 """Blocks of a run of ``steps``: each a tenth or more of it, long beside the start of processes."""
 

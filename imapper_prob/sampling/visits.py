@@ -1,6 +1,6 @@
 """States that chains visit while they burn in, of which later proposals are learnt.
 
-A chain notes at all its temperatures which scenelets stand when and where, and with which camera.
+At its colder temperatures a chain notes which scenelets stand when and where, with which camera.
 Places are noted as they look: bearing, log depth, yaw, log size (:mod:`imapper_prob.models.view`).
 """
 
@@ -18,13 +18,13 @@ from imapper_prob.models.log_posterior import State
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.view import to_view
 
-__all__ = ["COLD", "Visits", "camera_covariance", "camera_shape"]
+__all__ = ["Visits", "camera_covariance", "camera_shape"]
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-COLD: Final = 0.5
-"""Inverse temperature above which a visit is taken to be like one of the posterior; chosen."""
+_COLD: Final = 0.5
+"""Inverse temperature above which a state is taken to be like those of the posterior; chosen."""
 _CAMERAS: Final = 50
 """Cameras from which on their covariance is taken: ten for each of its five numbers."""
 _SINGULAR: Final = 1e10
@@ -40,8 +40,6 @@ class Visits:
     counts : list of (n,) int
         Scenelets of each state.
     cameras : list of (n, 5) float
-    powers : list of (n,) float
-        Inverse temperatures.
     items : list of (r, 2) int
         Scenelet and start frame.
     where : list of (r, 4) float
@@ -50,24 +48,22 @@ class Visits:
 
     counts: list[Ints] = field(default_factory=list)
     cameras: list[Array] = field(default_factory=list)
-    powers: list[Array] = field(default_factory=list)
     items: list[Ints] = field(default_factory=list)
     where: list[Array] = field(default_factory=list)
 
-    def note(self, state: State, power: float) -> None:
+    def note(self, state: State, beta: float = 1.0) -> None:
         """Add a state.
 
         Parameters
         ----------
         state : State
             One with a scenelet behind the camera is left out.
-        power : float
-            Inverse temperature.
+        beta : float
+            Inverse temperature; states of hotter ones are left out.
         """
-        if (state.placements[:, 1] > 0).all():
+        if beta > _COLD and (state.placements[:, 1] > 0).all():
             self.counts.append(np.array([state.n_scenelets]))
             self.cameras.append(state.camera[None])
-            self.powers.append(np.array([float(power)]))
             self.items.append(state.items)
             self.where.append(to_view(state.placements, state.sizes))
 
@@ -78,7 +74,6 @@ class Visits:
         for visits in several:
             whole.counts += visits.counts
             whole.cameras += visits.cameras
-            whole.powers += visits.powers
             whole.items += visits.items
             whole.where += visits.where
         return whole
@@ -88,7 +83,6 @@ class Visits:
         return {
             "counts": np.concatenate([np.empty(0, np.int64), *self.counts]),
             "cameras": np.concatenate([np.empty((0, 5)), *self.cameras]),
-            "powers": np.concatenate([np.empty(0), *self.powers]),
             "items": np.concatenate([np.empty((0, 2), np.int64), *self.items]),
             "where": np.concatenate([np.empty((0, 4)), *self.where]),
         }
@@ -96,17 +90,8 @@ class Visits:
     @classmethod
     def of(cls, arrays: Mapping[str, NDArray[Any]]) -> Visits:
         """The visits that :meth:`arrays` gave."""
-        names = ("counts", "cameras", "powers", "items", "where")
+        names = ("counts", "cameras", "items", "where")
         return cls(*([arrays[name]] for name in names))
-
-    def cold(self) -> dict[str, NDArray[Any]]:
-        """As :meth:`arrays`, of the states alone that are like those of the posterior."""
-        rows = self.arrays()
-        kept = rows["powers"] > COLD
-        own = np.repeat(kept, rows["counts"])
-        return {
-            name: array[own if name in ("items", "where") else kept] for name, array in rows.items()
-        }
 
     def check(self, problem: Problem) -> None:
         """Refuse visits that no chain of a problem can have noted.
@@ -119,13 +104,13 @@ class Visits:
         items, counts = rows["items"], rows["counts"]
         n, r = len(counts), len(items)
         shapes: dict[str, tuple[int, ...]] = {
-            "counts": (n,), "cameras": (n, 5), "powers": (n,), "items": (r, 2), "where": (r, 4),
+            "counts": (n,), "cameras": (n, 5), "items": (r, 2), "where": (r, 4),
         }  # fmt: skip
         sound = all(rows[name].shape == shape for name, shape in shapes.items())
         sound = sound and items.dtype == counts.dtype == np.int64
         sound = sound and all(
             rows[name].dtype == np.float64 and bool((np.abs(rows[name]) < 1e6).all())
-            for name in ("cameras", "powers", "where")
+            for name in ("cameras", "where")
         )
         sound = sound and bool((counts >= 0).all()) and int(counts.sum()) == r
         if sound and r:
@@ -138,7 +123,7 @@ class Visits:
 
 
 def camera_covariance(visits: Visits) -> Array | None:
-    """How camera and body scatter at the colder temperatures.
+    """How camera and body scatter.
 
     Parameters
     ----------
@@ -149,7 +134,7 @@ def camera_covariance(visits: Visits) -> Array | None:
     (5, 5) float or None
         Their covariance; None where that is not known.
     """
-    cameras = np.unique(visits.cold()["cameras"], axis=0)
+    cameras = np.unique(visits.arrays()["cameras"], axis=0)
     if len(cameras) < _CAMERAS:
         return None
     covariance: Array = np.cov(cameras.T).astype(np.float64)

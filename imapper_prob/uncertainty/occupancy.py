@@ -97,8 +97,8 @@ class Occupancy:
         Examples
         --------
         >>> axes = posterior.occupancy().plot()
-        >>> axes.get_legend().get_texts()[0].get_text()
-        'couch, at most p = 1.00'
+        >>> axes.get_legend().get_texts()[0].get_text()[:18]
+        'couch, at most p ='
         """
         from imapper_prob.uncertainty.drawing import draw_occupancy
 

@@ -116,7 +116,7 @@ def scene_chain(setup: Setup, first: State, seed: int) -> Iterator[State]:
     rngs, betas = np.random.default_rng(seed).spawn(RUNGS + 1), power_ladder(RUNGS)
     states, visits = [first] * RUNGS, Visits()
     for state in setup.staged:
-        visits.note(state, 1.0)
+        visits.note(state)
     for rounds in (*LEARNT_AFTER, None):
         reference = learn(setup.problem, setup.candidates, setup.similarity, visits)
         target = partial(tempering_split, setup.problem, reference)

@@ -19,6 +19,7 @@ from imapper_prob.models.log_posterior import State, empty_state, log_posterior
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.settings import ModelSettings
 from imapper_prob.samplers.reversible_jump import ChainState, Mixture, StepInfo, sample
+from imapper_prob.sampling.learning import learn
 from imapper_prob.sampling.moves import (
     Birth,
     Death,
@@ -29,7 +30,10 @@ from imapper_prob.sampling.moves import (
     Shift,
 )
 from imapper_prob.sampling.proposals import Candidates, Proposals
+from imapper_prob.sampling.reference import Reference
+from imapper_prob.sampling.reference_moves import StretchRedraw
 from imapper_prob.sampling.replace_moves import Replace, ReplaceAndShift
+from imapper_prob.sampling.visits import Visits
 from tests.models import worlds
 from tests.sampling.test_moves import chain_error
 
@@ -107,6 +111,30 @@ def test_every_assignment_has_its_exact_probability() -> None:
         mixture=Mixture(moves, (0.2, 0.15, 0.1, 0.05, 0.05, 0.1, 0.1, 0.2, 0.1)),
     )
     check(chain, steps=150_000)
+
+
+def learnt(problem: Problem) -> Reference:
+    """Of two scenelets, each met once: the third one is drawn seldom, and so is no scenelet."""
+    visits = Visits()
+    for scenelet, start in ((0, 1), (2, 2)):
+        visits.note(empty_state(problem).with_item(scenelet, start, np.array([0.0, 4.0, 0.1])))
+    even = (np.ones((3, 3)) - np.eye(3)) / 2
+    return learn(problem, candidates(), even, visits)
+
+
+@pytest.mark.slow
+def test_every_assignment_has_its_exact_probability_by_draws_of_a_reference() -> None:
+    problem = tiny()
+    chain = sample(
+        np.random.default_rng(8),
+        empty_state(problem),
+        log_density_fn=lambda s: log_posterior(problem, s),
+        mixture=Mixture(
+            (StretchRedraw(learnt(problem)), PlacementWalk(turn_about=0.2, yaw=0.3)), (0.5, 0.5)
+        ),
+    )
+    # Some have a probability of .003: enough visits to each that their spread is known.
+    check(chain, steps=400_000)
 
 
 def check(chain: Iterator[tuple[ChainState[State], StepInfo]], *, steps: int) -> None:

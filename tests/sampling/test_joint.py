@@ -184,7 +184,7 @@ def reference_of(problem: Problem) -> Reference:
     """Learnt from scenes of the prior: it knows nothing of the data."""
     rng, visits = np.random.default_rng(0), Visits()
     for _ in range(200):
-        visits.note(draw_state(rng, problem), 1.0)
+        visits.note(draw_state(rng, problem))
     return learn(problem, setup(problem).candidates, setup(problem).similarity, visits)
 
 

@@ -46,7 +46,7 @@ def known(films: int = 1, count: int = 80, seed: int = 0) -> Reference:
     problem = PROBLEM if films == 1 else two_films()
     rng, visits = np.random.default_rng(seed), Visits()
     for _ in range(count):
-        visits.note(draw_state(rng, problem), 1.0)
+        visits.note(draw_state(rng, problem))
     return learn(problem, candidates(), similarity(), visits)
 
 
@@ -189,7 +189,7 @@ def test_what_was_visited_is_drawn_more_often() -> None:
     visits = Visits()
     state = empty_state(PROBLEM).with_item(1, 4, np.array([0.3, 3.5, 1.0]))
     for _ in range(50):
-        visits.note(state, 1.0)
+        visits.note(state)
     for _ in range(50):
         visits.note(empty_state(PROBLEM), 0.1)  # hot: does not count
     reference = learn(PROBLEM, candidates(), similarity(), visits)
@@ -204,7 +204,7 @@ def test_what_was_visited_is_drawn_more_often() -> None:
 
 def test_an_empty_scene_is_enough_to_learn_from() -> None:
     visits = Visits()
-    visits.note(empty_state(PROBLEM), 1.0)
+    visits.note(empty_state(PROBLEM))
     reference = learn(PROBLEM, candidates(), similarity(), visits)
     assert len(reference.met) == 0
     rng = np.random.default_rng(0)

@@ -18,7 +18,7 @@ PROBLEM = worlds.problem(20)
 
 def reference() -> Reference:
     visits = Visits()
-    visits.note(empty_state(PROBLEM).with_item(1, 4, np.array([0.1, 4.0, 0.3])), 1.0)
+    visits.note(empty_state(PROBLEM).with_item(1, 4, np.array([0.1, 4.0, 0.3])))
     return learn(PROBLEM, candidates(), similarity(), visits)
 
 
