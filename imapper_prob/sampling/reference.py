@@ -44,9 +44,11 @@ __all__ = [
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-_SHARES: Final = np.array([0.45, 0.2, 0.2, 0.1, 0.05])
-"""Of followed, later, similar, candidates and anywhere: most for what is known best; chosen."""
-_ENDS: Final = 0.5
+_SHARES: Final = np.array([0.2, 0.1, 0.5, 0.15, 0.05])
+"""Of followed, later, similar, candidates and anywhere. Half goes to what was not met itself: with
+two thousand scenelets a posterior is wider than what was met of it. Chosen: on draws of Scene04 the
+mean of posterior over reference is then lowest."""
+_ENDS: Final = 0.2
 """Probability that candidates, or anywhere, end the scene; chosen."""
 DOF: Final = 5.0
 """Degrees of freedom of camera and places: tails for what was not visited yet; chosen."""
