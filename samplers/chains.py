@@ -302,10 +302,12 @@ class Workers:
 
         Parameters
         ----------
-        task, problem, on_progress, scratch
+        task, problem
             As there.
         jobs : sequence
             One a chain.
+        on_progress, scratch
+            As there.
 
         Returns
         -------
