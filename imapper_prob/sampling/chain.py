@@ -230,7 +230,8 @@ def scene_moves(
     """The moves and how often each is tried.
 
     Births and deaths are refused far more often than walks, so they are tried more often
-    than their share of the accepted moves suggests. From a ``reference`` scenes and stretches are
+    than their share of the accepted moves suggests. Exchanges for a scenelet of similar motion
+    lead to what nobody has met, a few nats at a time. From a ``reference`` scenes and stretches are
     drawn anew; with a ``shape`` (5, 5), see :func:`imapper_prob.sampling.visits.camera_shape`,
     camera and body walk in it.
     """
@@ -244,10 +245,10 @@ def scene_moves(
         (ReplaceNearby(proposals), 0.04),
         (Replace(proposals), 0.10),
         (ReplaceAndShift(proposals), 0.05),
-        (ReplaceSimilar(problem, setup.similarity), 0.06),
+        (ReplaceSimilar(problem, setup.similarity), 0.4),
         (Refurnish(proposals, kinds), 0.08),
         (Shift(problem), 0.06),
-        (PlacementWalk(), 0.18),
+        (PlacementWalk(), 0.3),
         (CameraWalk(factor), 0.03),
         (CompensatedCameraWalk(problem, factor), 0.07),
         (DepthScale(), 0.06),
