@@ -220,14 +220,14 @@ def prior_problem() -> Problem:
     return worlds.problem(N_FRAMES, settings=ModelSettings(likelihood=0.0, scenelet_rate=0.3))
 
 
-@pytest.fixture(scope="module", params=[60_000, pytest.param(200_000, marks=pytest.mark.slow)])
+@pytest.fixture(scope="module", params=[120_000, pytest.param(300_000, marks=pytest.mark.slow)])
 def prior_draws(request: pytest.FixtureRequest) -> list[State]:
     problem = prior_problem()
     shape = 0.5 * np.linalg.cholesky(np.linalg.inv(problem.camera_precision))
     moves = scene_moves(setup(problem), shape=shape)
     # Under the prior most births are refused: candidates are far too narrow for it.
     often = [
-        10 * weight if move.name in ("birth", "death") else weight
+        20 * weight if move.name in ("birth", "death") else weight
         for move, weight in zip(moves.moves, moves.weights, strict=True)
     ]
     return draw_prior(Mixture(moves.moves, often), problem, seed=2, steps=request.param)

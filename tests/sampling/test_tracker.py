@@ -28,7 +28,7 @@ def test_both_ways_say_the_same_of_every_proposal(learnt: bool) -> None:
     known = reference() if learnt else None
     mixture, tracker = scene_moves(setup(PROBLEM)), SceneTracker(PROBLEM, known, state)
     counts = set()
-    for _ in range(400):
+    for _ in range(1000):
         move = mixture.choose(rng)
         proposal = move.propose(rng, state)
         if proposal is None:
