@@ -287,7 +287,9 @@ def sample_scenes(
             workers=processes,
             executor=executor,
             folder=None if checkpoints is None else checkpoints.resolve(),
-            identity=identity_of(cast.problem, setup.candidates, starts, settings, chain_seed),
+            identity=identity_of(
+                cast.problem, setup.candidates, [*starts, setup.staged], settings, chain_seed
+            ),
             anew=anew,
         )
         drawn = _in_blocks(run, cast, settings, layout_seed, limits, progress, on_block)
