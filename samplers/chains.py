@@ -335,7 +335,7 @@ class Workers:
                         pool.submit(_run_in_worker, _Parcelled(parcel, job)) for job in jobs
                     ]
                     # A pool notices the death of those processes that were there when it was last
-                    # handed a job (CPython issue 94777), which it starts after it has looked.
+                    # handed a job, and it starts another one only after it has looked.
                     pool.submit(_nothing)
                 self._started |= set(multiprocessing.active_children()) - self._strangers
                 _await(futures, self._shared, on_progress)

@@ -163,7 +163,7 @@ Array = NDArray[np.float64]
 
 _REDRAWN = 0.6
 """How often a stretch is drawn anew from the reference, over all moves but these and the adapted
-walk together; whole scenes half as often. Chosen: about half of a chain's time."""
+walk together; whole scenes half as often. Chosen."""
 
 
 @dataclass(frozen=True)

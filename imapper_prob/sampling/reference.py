@@ -46,8 +46,8 @@ Ints = NDArray[np.int64]
 
 _SHARES: Final = np.array([0.2, 0.1, 0.5, 0.15, 0.05])
 """Of followed, later, similar, candidates and anywhere. Half goes to what was not met itself: with
-two thousand scenelets a posterior is wider than what was met of it. Chosen: on draws of Scene04 the
-mean of posterior over reference is then lowest."""
+two thousand scenelets a posterior is wider than what was met of it. Chosen on draws of Scene04, by
+the mean of posterior over reference."""
 _ENDS: Final = 0.2
 """Probability that candidates, or anywhere, end the scene; chosen."""
 DOF: Final = 5.0

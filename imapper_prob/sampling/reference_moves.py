@@ -2,7 +2,7 @@
 
 What is drawn does not depend on what it replaces. At an inverse temperature beta the acceptance
 probability is the ratio of the weights (posterior / reference)^beta: hot chains change with nearly
-every draw, and even at the posterior some draws in a hundred are good enough.
+every draw, and even at the posterior some draws are good enough.
 """
 
 from __future__ import annotations

@@ -127,8 +127,13 @@ def scores(
         before, after = asked(problem, state), asked(problem, at.state)
         for name, value in after.items():
             differences.setdefault(name, []).append(value - before[name])
+    return in_standard_errors(differences)
+
+
+def in_standard_errors(differences: dict[str, list[float]]) -> dict[str, float]:
+    """Means over pairs of what has changed at all."""
     return {
-        name: float(np.mean(d) / (np.std(d) / np.sqrt(n_pairs)))
+        name: float(np.mean(d) / (np.std(d) / np.sqrt(len(d))))
         for name, d in differences.items()
         if np.std(d) > 0
     }
@@ -220,11 +225,7 @@ def two_rungs(n_pairs: int, *, off: float = 0.0) -> dict[str, float]:
         before, after = asked(problem, state), asked(problem, last.position.chains[-1].state)
         for name, value in after.items():
             differences.setdefault(name, []).append(value - before[name])
-    return {
-        name: float(np.mean(d) / (np.std(d) / np.sqrt(n_pairs)))
-        for name, d in differences.items()
-        if np.std(d) > 0
-    }
+    return in_standard_errors(differences)
 
 
 @pytest.mark.parametrize("off", [0.0, 4.0])
