@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Literal
@@ -17,6 +17,7 @@ from imapper_prob.memory import require_memory
 from imapper_prob.models.scene import Clip
 from imapper_prob.models.scenelet import Library
 from imapper_prob.models.statements import Statement, check_statements, tell
+from imapper_prob.progress import Progress, shown
 from imapper_prob.results.posterior import Posterior
 from imapper_prob.sampling.actors import join_actors
 from imapper_prob.sampling.blocks import Limits, OnBlock
@@ -61,9 +62,6 @@ def demo_clip(seed: int = 4) -> Clip:
     return simulate_clip(
         rng, load_library(), n_frames=130, script=_STORY, n_bystanders=0, name="demo"
     )
-
-
-Progress = Callable[[str, float], None]
 
 
 def load_clip(
@@ -111,7 +109,7 @@ def solve(
     *,
     config: Config | None = None,
     scenes: int = 5,
-    progress: Progress | None = None,
+    progress: Progress | bool | None = True,
 ) -> Solved:
     """The best scenes of a clip with everybody in it, by the deterministic staged solver.
 
@@ -124,8 +122,9 @@ def solve(
     config : Config, optional
     scenes : int
         How many, of which no two have the same scenelet at nearby times.
-    progress : callable, optional
-        Called with the name of a stage and the part of it that is done.
+    progress : callable or bool
+        Bars in a terminal or notebook if ``True``, nothing if ``False``; a callable is called with
+        the name of a stage and the part of it that is done.
 
     Returns
     -------
@@ -140,7 +139,8 @@ def solve(
     """
     settings = config.settings if config is not None else None
     known = load_library() if library is None else library
-    actors = solve_actors(clip, known, settings=settings, progress=progress)
+    with shown(progress) as report:
+        actors = solve_actors(clip, known, settings=settings, progress=report)
     return solved(clip, actors, count=scenes)
 
 
@@ -159,7 +159,7 @@ def sample(
     anew: bool = False,
     minutes: float | None = None,
     until: Literal["good"] | None = None,
-    progress: Progress | None = None,
+    progress: Progress | bool | None = True,
     on_block: OnBlock | None = None,
 ) -> Posterior:
     """Sample scenes from the posterior of a clip, with everybody in it.
@@ -196,7 +196,7 @@ def sample(
         Of sampling, after solving: no block is begun that would not end in time, but the first.
     until : "good", optional
         Stop as soon as the verdict is good; at the latest after ``minutes``, or an hour.
-    progress : callable, optional
+    progress : callable or bool
         See `solve`.
     on_block : callable, optional
         Called with what is known after each block.
@@ -228,30 +228,31 @@ def sample(
     require_memory(clip, known, _most(config.sample) if limits.any else config.sample)
     check_statements(given, clip, known)
     begun = time.perf_counter()
-    if start is None:
-        solutions = solve_actors(clip, known, settings=config.settings, progress=progress)
-    elif isinstance(start, Solved):
-        solutions = start.actors
-    else:
-        solutions = (start,) if isinstance(start, Solution) else tuple(start)
-    source = solutions[0] if len(solutions) == 1 else join_actors(solutions)
-    told = None
-    if given:
-        source = with_statements(source, tell(source.problem, given, clip, known))
-        told = Told(tuple(given))
-    ready = time.perf_counter()
-    samples = sample_scenes(
-        source,
-        config.sample,
-        seed=np.random.SeedSequence(config.seed),
-        workers=workers,
-        cluster=cluster,
-        checkpoints=None if checkpoints is None else Path(checkpoints),
-        anew=anew,
-        progress=progress,
-        limits=limits,
-        on_block=on_block,
-    )
+    with shown(progress) as report:
+        if start is None:
+            solutions = solve_actors(clip, known, settings=config.settings, progress=report)
+        elif isinstance(start, Solved):
+            solutions = start.actors
+        else:
+            solutions = (start,) if isinstance(start, Solution) else tuple(start)
+        source = solutions[0] if len(solutions) == 1 else join_actors(solutions)
+        told = None
+        if given:
+            source = with_statements(source, tell(source.problem, given, clip, known))
+            told = Told(tuple(given))
+        ready = time.perf_counter()
+        samples = sample_scenes(
+            source,
+            config.sample,
+            seed=np.random.SeedSequence(config.seed),
+            workers=workers,
+            cluster=cluster,
+            checkpoints=None if checkpoints is None else Path(checkpoints),
+            anew=anew,
+            progress=report,
+            limits=limits,
+            on_block=on_block,
+        )
     seconds = {"solving": ready - begun, "sampling": time.perf_counter() - ready}
     end = samples.end(config.sample)
     if limits.any or (samples.finished and end > end_of(config.sample)):

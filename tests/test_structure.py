@@ -26,7 +26,7 @@ SOURCES = sorted(
 LABORATORY = sorted((ROOT / "lab").rglob("*.py"))
 FLOORS = [
     {"models", "samplers"},
-    {"config", "files", "layouts", "memory", "people", "plotting", "simulate"},
+    {"config", "files", "layouts", "memory", "people", "plotting", "progress", "simulate"},
     {"clips"},
     {"scenelets"},
     {"solver"},

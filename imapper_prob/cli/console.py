@@ -9,11 +9,13 @@ import signal
 import sys
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import Any, Final
 
+from imapper_prob import progress
 from imapper_prob.models.text import readable
+from imapper_prob.progress import Bars
 
 __all__ = [
     "Stopped",
@@ -94,57 +96,15 @@ class _Plain(logging.Formatter):
 # How far a run is.
 
 
-class Bars:
-    """One line a stage, and what is said in between.
+def progress_bars() -> AbstractContextManager[Bars]:
+    """Bars on standard error: one line a stage, what, how much of it and how long.
 
-    Parameters
-    ----------
-    bars : rich.progress.Progress
+    Returns
+    -------
+    context manager
+        Of Bars.
     """
-
-    def __init__(self, bars: Any) -> None:
-        self._bars = bars
-        self._tasks: dict[str, Any] = {}
-
-    def __call__(self, stage: str, part: float) -> None:
-        """So much of a stage is done; those before it are over."""
-        if stage not in self._tasks:
-            for earlier in self._tasks.values():
-                self._bars.update(earlier, completed=1.0)
-            self._tasks[stage] = self._bars.add_task(stage, total=1.0)
-        self._bars.update(self._tasks[stage], completed=part)
-
-    def say(self, text: str) -> None:
-        """A line above the bars."""
-        self._bars.console.print(text, markup=False, highlight=False)
-
-
-@contextmanager
-def progress_bars() -> Iterator[Bars]:
-    """One line a stage: what, how much of it, how long it took and will take.
-
-    Yields
-    ------
-    bars : Bars
-    """
-    from rich.progress import (
-        BarColumn,
-        Progress,
-        TextColumn,
-        TimeElapsedColumn,
-        TimeRemainingColumn,
-    )
-
-    bars = Progress(
-        TextColumn("{task.description:<24}", markup=False),
-        BarColumn(),
-        TextColumn("{task.percentage:>3.0f}%", markup=False),
-        TimeElapsedColumn(),
-        TimeRemainingColumn(),
-        console=console(stderr=True),
-    )
-    with bars:
-        yield Bars(bars)
+    return progress.progress_bars(console(stderr=True))
 
 
 # ------------------------------------------------------------------------------------------------

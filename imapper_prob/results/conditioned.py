@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final
 
@@ -14,6 +14,7 @@ from imapper_prob.models.errors import InputError
 from imapper_prob.models.log_posterior import State
 from imapper_prob.models.scenelet import Library
 from imapper_prob.models.statements import Statement, check_statements, tell
+from imapper_prob.progress import Progress
 from imapper_prob.results.posterior import Posterior
 from imapper_prob.samplers.reweighting import reweigh
 from imapper_prob.sampling.actors import JointProblem, join_actors
@@ -33,7 +34,6 @@ from imapper_prob.uncertainty.stored import StoredSource, library_digest
 
 __all__ = ["conditioned"]
 
-Progress = Callable[[str, float], None]
 _PART: Final = 4
 """Chains that go on make a fourth of the steps that the run made: they begin where draws are."""
 _BURN_IN: Final = 0.2

@@ -23,6 +23,7 @@ from imapper_prob.models.log_posterior import camera_at, motion
 from imapper_prob.models.scene import Clip, Scene, SceneObject
 from imapper_prob.models.skeleton import PELV
 from imapper_prob.people import by_person
+from imapper_prob.progress import shown
 from imapper_prob.samplers.diagnostics import (
     LayoutProbabilities,
     ShortChainWarning,
@@ -46,7 +47,7 @@ from imapper_prob.uncertainty.stored import read_samples, read_source
 from imapper_prob.uncertainty.tree import FORMAT, seconds_of, told_of
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Iterator, Sequence
 
     import xarray
     from matplotlib.axes import Axes
@@ -54,6 +55,7 @@ if TYPE_CHECKING:
 
     from imapper_prob.models.scenelet import Library
     from imapper_prob.models.statements import Statement
+    from imapper_prob.progress import Progress
     from imapper_prob.recording.posterior import Certainty, DrawnChain
     from imapper_prob.uncertainty.clusters import ObjectCluster
     from imapper_prob.uncertainty.hidden import HiddenJoints
@@ -859,7 +861,7 @@ class Posterior:
         library: Library | None = None,
         steps: int | None = None,
         workers: int = 1,
-        progress: Callable[[str, float], None] | None = None,
+        progress: Progress | bool | None = True,
     ) -> Posterior:
         """The posterior given what is known besides the clip.
 
@@ -877,8 +879,9 @@ class Posterior:
             Of chains that go on, at each temperature; a fourth of the run's if not given.
         workers : int
             Processes of chains that go on; draws do not depend on it.
-        progress : callable, optional
-            Called with the name of a stage and the part of it that is done.
+        progress : callable or bool
+            Bars in a terminal or notebook if ``True``, nothing if ``False``; a callable is called
+            with the name of a stage and the part of it that is done.
 
         Returns
         -------
@@ -899,9 +902,10 @@ class Posterior:
         """
         from imapper_prob.results.conditioned import conditioned
 
-        return conditioned(
-            self, statements, library=library, steps=steps, workers=workers, progress=progress
-        )
+        with shown(progress) as report:
+            return conditioned(
+                self, statements, library=library, steps=steps, workers=workers, progress=report
+            )
 
     def questions(self) -> tuple[Question, ...]:
         """What would settle which layout it is: questions, those first that would tell most.
