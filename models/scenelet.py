@@ -16,7 +16,7 @@ from imapper_prob.models.errors import InputError
 from imapper_prob.models.scene import SceneObject, read_only
 from imapper_prob.models.settings import QUICKEST_FILM, SLOWEST_FILM
 from imapper_prob.models.skeleton import N_JOINTS
-from imapper_prob.models.text import brief, readable
+from imapper_prob.models.text import Listed, brief, readable
 
 __all__ = ["Library", "Scenelet"]
 
@@ -123,7 +123,7 @@ class Library(Sequence[Scenelet]):
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "name", readable(self.name))
-        object.__setattr__(self, "scenelets", tuple(self.scenelets))
+        object.__setattr__(self, "scenelets", Listed(self.scenelets))
         if not self.scenelets:
             raise InputError(f"library {self.name} is empty")
         names = [s.name for s in self.scenelets]

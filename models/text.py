@@ -9,12 +9,13 @@ from __future__ import annotations
 import unicodedata
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 import numpy as np
 
-__all__ = ["brief", "readable"]
+__all__ = ["Listed", "brief", "readable"]
 
+T = TypeVar("T")
 _UNKNOWN: Final = "\N{REPLACEMENT CHARACTER}"
 _BLANKS: Final = frozenset("\t\n\v\f\r\x85\u2028\u2029")
 _UNDECODED: Final = range(0xDC80, 0xDD00)
@@ -54,6 +55,23 @@ _SHORT: Final = 60
 """Characters up to which a value is written out."""
 _FEW: Final = 6
 """Numbers up to which an array is written out."""
+_PAGE: Final = 600
+"""Characters up to which a tuple is written out."""
+
+
+class Listed(tuple[T, ...]):
+    """A tuple whose text says how many there are of what, where all of them would be pages.
+
+    Parameters
+    ----------
+    iterable : iterable
+        What it holds.
+    """
+
+    def __repr__(self) -> str:
+        """All that it holds if that is short."""
+        whole = super().__repr__() if len(self) <= _FEW else ""
+        return whole if 0 < len(whole) <= _PAGE else f"({_sequence(self)})"
 
 
 def brief(value: object) -> str:

@@ -9,13 +9,23 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from html import escape
 from itertools import combinations
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 from shapely import Polygon
 
 from imapper_prob.models.camera import Camera
+from imapper_prob.models.drawing import (
+    axes_for,
+    draw_furniture,
+    draw_paths,
+    name_axes_of_floor,
+    picture_of,
+    show_legend,
+)
 from imapper_prob.models.geometry import pack_boxes
 from imapper_prob.models.kernels.intersection import footprint_depth
 from imapper_prob.models.log_posterior import State, log_posterior, state_camera
@@ -31,6 +41,9 @@ from imapper_prob.solver.combinations import polish, state_of
 from imapper_prob.solver.elsewhere import own_detections
 from imapper_prob.solver.limbs import limbs_of
 from imapper_prob.solver.solver import METHODS, Solution, method_of, solve
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 __all__ = [
     "Part",
@@ -210,6 +223,40 @@ class SolvedScene:
     states: tuple[State, ...]
     log_posterior: float
 
+    def __repr__(self) -> str:
+        names = ", ".join(o.label for o in self.objects) or "nothing"
+        return f"SolvedScene(log posterior {self.log_posterior:.1f} nat: {names:.200})"
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw the scene from above: furniture by category, and everybody's way.
+
+        Parameters
+        ----------
+        ax : matplotlib.axes.Axes, optional
+            Those of a new figure if not given.
+
+        Returns
+        -------
+        matplotlib.axes.Axes
+
+        Examples
+        --------
+        >>> axes = im.solve(clip, library).scenes[0].plot()
+        >>> axes.get_xlabel(), axes.get_ylabel()
+        ('x, to the right [m]', 'y, away from the camera [m]')
+        """
+        axes = axes_for(ax, size=(5.0, 4.6))
+        joints = np.concatenate(self.motions)
+        draw_paths(axes, joints, people=len(self.motions), label="pelvis")
+        draw_furniture(axes, self.objects)
+        name_axes_of_floor(axes)
+        show_legend(axes, below=True)
+        return axes
+
+    def _repr_html_(self) -> str:
+        """The scene from above, with its text, for a notebook."""
+        return f"<p>{escape(repr(self))}</p>{picture_of(self.plot, size=(5.0, 4.6))}"
+
 
 @dataclass(frozen=True)
 class Solved:
@@ -237,6 +284,21 @@ class Solved:
     clip: Clip
     actors: tuple[Solution, ...]
     scenes: tuple[SolvedScene, ...]
+
+    def __repr__(self) -> str:
+        best = f", the best {self.scenes[0]!r:.400}" if self.scenes else ""
+        return f"Solved(clip={self.clip.name!r:.80}, scenes={len(self.scenes)}{best})"
+
+    def _repr_html_(self) -> str:
+        """All scenes with what they cost, and the best from above, for a notebook."""
+        rows = "".join(
+            f"<tr><td>{number}<td>{scene.log_posterior:.1f}"
+            f"<td>{escape(', '.join(o.label for o in scene.objects)) or 'none'}"
+            for number, scene in enumerate(self.scenes, 1)
+        )
+        head = "<tr><th>scene<th>log posterior [nat]<th>furniture"
+        best = picture_of(self.scenes[0].plot, size=(5.0, 4.6)) if self.scenes else ""
+        return f"<p>{escape(repr(self))}</p><table>{head}{rows}</table>{best}"
 
 
 def solved(clip: Clip, actors: Sequence[Solution], *, count: int = 5) -> Solved:

@@ -28,6 +28,7 @@ from imapper_prob.models.log_posterior import (
     terms,
 )
 from imapper_prob.models.problem import Problem
+from imapper_prob.models.text import Listed, brief
 from imapper_prob.models.view import to_floor, to_view
 from imapper_prob.solver.fits import Fits
 
@@ -497,6 +498,11 @@ class MaximumTable:
     window: int
     fitted: int
     rows: tuple[Shortlisted, ...]
+
+    __repr__ = brief
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "rows", Listed(self.rows))
 
     def counts(self) -> dict[str, int]:
         """How many are left after each step, from all that were fitted to those kept.

@@ -40,7 +40,7 @@ from scipy.optimize import minimize
 from imapper_prob.layouts import furniture_kinds
 from imapper_prob.models.log_posterior import State, empty_state, log_posterior
 from imapper_prob.models.problem import Problem
-from imapper_prob.models.text import brief
+from imapper_prob.models.text import Listed, brief
 from imapper_prob.models.view import to_floor, to_view
 from imapper_prob.solver.candidates import (
     Candidate,
@@ -273,6 +273,10 @@ class Combinations:
     states: tuple[State, ...]
 
     __repr__ = brief
+
+    def __post_init__(self) -> None:
+        for name in ("pool", "tried", "exchanges", "states"):
+            object.__setattr__(self, name, Listed(getattr(self, name)))
 
     @property
     def complete(self) -> bool:

@@ -18,6 +18,7 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from imapper_prob.models import skeleton as sk
 from imapper_prob.models.scene import Track
+from imapper_prob.models.text import brief
 
 __all__ = [
     "ANCESTORS",
@@ -329,6 +330,8 @@ class FrameTable:
     detected: NDArray[np.int64]
     miss: Array
     outlier: NDArray[np.bool_]
+
+    __repr__ = brief
 
     @classmethod
     def unexamined(cls, detected: NDArray[np.int64]) -> FrameTable:

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property, partial
+from html import escape
 from types import MappingProxyType
 from typing import Final
 
@@ -24,7 +25,7 @@ from imapper_prob.models.problem import Problem, pack_problem, with_stays
 from imapper_prob.models.scene import Clip, SceneObject
 from imapper_prob.models.scenelet import Library
 from imapper_prob.models.settings import Settings
-from imapper_prob.models.text import brief
+from imapper_prob.models.text import Listed, brief
 from imapper_prob.scenelets.charness import charness, motion_distances
 from imapper_prob.solver.camera_prior import estimate_camera, find_stays
 from imapper_prob.solver.candidates import (
@@ -173,6 +174,25 @@ class Solution:
     fits: Fits = field(repr=False)
 
     __repr__ = brief
+
+    def __post_init__(self) -> None:
+        for name in ("candidates", "shortlists"):
+            object.__setattr__(self, name, Listed(getattr(self, name)))
+
+    def _repr_html_(self) -> str:
+        """How many candidates each maximum of charness leaves, for a notebook."""
+        ids, rows = self.clip.frame_ids, []
+        for table in self.shortlists:
+            counts = table.counts()
+            told = "".join(f"<td>{count}" for count in counts.values())
+            value = self.curve.values[table.window]
+            rows.append(f"<tr><td>{ids[self.curve.centres[table.window]]}<td>{value:.2f}{told}")
+        steps = (
+            "".join(f"<th>{escape(step)}" for step in self.shortlists[0].counts()) if rows else ""
+        )
+        said = f"{self!r}; candidates left at the maxima of charness, step by step:"
+        head = f"<tr><th>frame<th>charness{steps}"
+        return f"<p>{escape(said)}</p><table>{head}{''.join(rows)}</table>"
 
     @property
     def states(self) -> tuple[State, ...]:

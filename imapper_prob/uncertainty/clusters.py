@@ -12,6 +12,7 @@ import warnings
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from html import escape
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import linear_sum_assignment
 
 from imapper_prob.layouts import SEATS
-from imapper_prob.models.drawing import axes_for
+from imapper_prob.models.drawing import axes_for, picture_of
 from imapper_prob.models.scene import FRONTLESS, SceneObject
 from imapper_prob.samplers.diagnostics import ShortChainWarning, mean_error
 
@@ -198,6 +199,10 @@ class ObjectCluster:
         axes = axes_for(ax, size=(4.6, 4.2))
         draw_clusters(axes, [self])
         return axes
+
+    def _repr_html_(self) -> str:
+        """It from above, with its text, for a notebook."""
+        return f"<p>{escape(repr(self))}</p>{picture_of(self.plot, size=(4.0, 4.0))}"
 
 
 def names_of(clusters: Sequence[ObjectCluster]) -> tuple[str, ...]:

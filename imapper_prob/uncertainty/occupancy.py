@@ -8,12 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from html import escape
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from imapper_prob.models.drawing import axes_for
+from imapper_prob.models.drawing import axes_for, picture_of
 from imapper_prob.models.scene import SceneObject
 from imapper_prob.models.text import brief
 
@@ -105,6 +106,10 @@ class Occupancy:
         axes = axes_for(ax, size=(5.6, 4.6))
         draw_occupancy(axes, self)
         return axes
+
+    def _repr_html_(self) -> str:
+        """The map from above, with its text, for a notebook."""
+        return f"<p>{escape(repr(self))}</p>{picture_of(self.plot, size=(5.6, 4.6))}"
 
 
 def occupancy(draws: Sequence[Sequence[SceneObject]], *, cell: float = 0.1) -> Occupancy:

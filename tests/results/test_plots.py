@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import replace
+from collections.abc import Callable, Iterator
+from dataclasses import fields, is_dataclass, replace
+from functools import cache
 from typing import Any
 
 import matplotlib.pyplot as plt
@@ -14,19 +15,33 @@ from matplotlib.figure import Figure
 
 from imapper_prob.models.skeleton import PELV
 from imapper_prob.results.solution import charness_figure, plot_charness
-from imapper_prob.solver.actors import solved
+from imapper_prob.sampling.sample import Samples
+from imapper_prob.scenelets.library import load_library
+from imapper_prob.solver.actors import Solved, solved
 from imapper_prob.uncertainty.clusters import ObjectCluster, names_of
 from imapper_prob.uncertainty.occupancy import occupancy
-from tests.runs import small_posterior
+from tests.runs import small_posterior, small_solution
 from tests.uncertainty.pieces import piece
 from tests.uncertainty.rooms import couch_and_table
 
 Plot = Callable[..., Axes]
+PICTURED = ("clip", "scene", "weighted scene", "solved scene", "object", "occupancy", "cluster")
+LONGEST = 2000
+"""Characters of what a console prints of anything."""
+
+
+@cache
+def solved_scenes() -> Solved:
+    """What ``im.solve`` returns of the small clip."""
+    return solved(small_solution().clip, (small_solution(),), count=2)
+
+
 FLOOR = ("x, to the right [m]", "y, away from the camera [m]")
 PLOTS: dict[str, tuple[Callable[[], Plot], tuple[str, str]]] = {
     "clip": (lambda: small_posterior().clip.plot, ("u, to the right [px]", "v, down [px]")),
     "scene": (lambda: small_posterior()[0].scene.plot, FLOOR),
     "weighted scene": (lambda: small_posterior()[0].plot, FLOOR),
+    "solved scene": (lambda: solved_scenes().scenes[0].plot, FLOOR),
     "posterior": (lambda: small_posterior().plot, FLOOR),
     "occupancy": (lambda: small_posterior().occupancy().plot, FLOOR),
     "cluster": (lambda: small_posterior().clusters()[0].plot, FLOOR),
@@ -134,10 +149,53 @@ def test_charness_has_a_panel_for_each_person() -> None:
     np.testing.assert_array_equal(smoothed.get_ydata(), curve.values)
 
 
-@pytest.mark.parametrize("name", ["clip", "scene", "weighted scene", "object"])
+@pytest.mark.parametrize("name", PICTURED)
 def test_a_notebook_shows_a_picture(name: str) -> None:
     shown: Any = PLOTS[name][0]()
     page = shown.__self__._repr_html_()
     assert page.count("<svg") == 1
     assert page.startswith(f"<p>{type(shown.__self__).__name__}(")
     assert plt.get_fignums() == []
+
+
+def test_a_solution_is_shown_as_tables_and_its_best_scene() -> None:
+    found = solved_scenes()
+    page = found._repr_html_()
+    assert page.count("<svg") == 1
+    for scene in found.scenes:
+        assert f"{scene.log_posterior:.1f}" in page
+    page = small_solution()._repr_html_()
+    for table in small_solution().shortlists:
+        assert "".join(f"<td>{n}" for n in table.counts().values()) in page
+
+
+def everything(value: Any, path: str, *, deeper: int = 4) -> Iterator[tuple[str, Any]]:
+    """What a user reaches from a result by fields and by the first of what they hold."""
+    yield path, value
+    if deeper == 0 or isinstance(value, Samples):
+        return
+    inside: list[tuple[str, Any]] = []
+    if is_dataclass(value):
+        parts = [(f".{f.name}", getattr(value, f.name)) for f in fields(value)]
+        # Arrays print as NumPy has it.
+        inside = [(name, part) for name, part in parts if not isinstance(part, np.ndarray)]
+    elif isinstance(value, tuple) and value:
+        inside = [("[0]", value[0])]
+    for name, part in inside:
+        yield from everything(part, path + name, deeper=deeper - 1)
+
+
+def test_nothing_that_is_reached_prints_pages() -> None:
+    run = small_posterior()
+    reached = {
+        "solved": solved_scenes(), "library": load_library(), "posterior": run,
+        "scenes": run.scenes(), "clusters": run.clusters(), "occupancy": run.occupancy(),
+        "hidden": run.hidden(), "joints": run.joints(), "furniture": run.furniture,
+        "questions": run.questions(), "nuisances": tuple(run.nuisances().values()),
+    }  # fmt: skip
+    lengths = {
+        path: len(repr(part))
+        for name, value in reached.items()
+        for path, part in everything(value, name)
+    }
+    assert {path: n for path, n in lengths.items() if n >= LONGEST} == {}
