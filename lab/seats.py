@@ -9,20 +9,18 @@ line for each in seconds; with ``-o`` it draws maps of the runs side by side.
 from __future__ import annotations
 
 import argparse
-import base64
-import io
 import sys
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
-from PIL import Image
 
 from imapper_prob.models.scene import SceneObject
+from imapper_prob.plotting import save_figure
 from imapper_prob.results.posterior import Posterior, load_posterior
-from imapper_prob.results.report_parts import Floor, map_picture
 from imapper_prob.samplers.diagnostics import ess
 
 Array = NDArray[np.float64]
@@ -46,24 +44,18 @@ def main(arguments: Sequence[str] | None = None) -> None:
     for run, posterior in zip(said.runs, posteriors, strict=True):
         sys.stdout.write(f"{run.name}: {describe(posterior)}\n")
     if said.picture is not None:
-        side_by_side([floor_map(posterior) for posterior in posteriors]).save(said.picture)
+        save_figure(floor_maps(posteriors), said.picture, dpi=110)
 
 
-def floor_map(posterior: Posterior) -> Image.Image:
-    """Where furniture stands over all draws, from above."""
-    floor = Floor.of(posterior.clip, posterior.scenes())
-    address = map_picture(floor, posterior.occupancy(), posterior.clusters(), width=3.6)
-    return Image.open(io.BytesIO(base64.b64decode(address.partition(",")[2]))).convert("RGB")
-
-
-def side_by_side(pictures: Sequence[Image.Image]) -> Image.Image:
-    """Pictures in a row, on white."""
-    size = (sum(p.width for p in pictures), max(p.height for p in pictures))
-    row, left = Image.new("RGB", size, "white"), 0
-    for picture in pictures:
-        row.paste(picture, (left, size[1] - picture.height))
-        left += picture.width
-    return row
+def floor_maps(posteriors: Sequence[Posterior]) -> Figure:
+    """Where furniture stands over all draws, from above, run beside run."""
+    figure = Figure(figsize=(6.4 * len(posteriors), 5.6), layout="constrained")
+    panels = figure.subplots(1, len(posteriors), squeeze=False)[0]
+    for axes, posterior in zip(panels, posteriors, strict=True):
+        posterior.occupancy().plot(axes)
+        axes.set_aspect("equal", adjustable="box")
+        axes.set_title(posterior.clip.name, fontsize=10)
+    return figure
 
 
 def describe(posterior: Posterior) -> str:

@@ -20,7 +20,10 @@ pytestmark = pytest.mark.slow
 
 def expected_files() -> set[str]:
     """Every module, as the package reaches it."""
-    found = {"imapper_prob/py.typed", "imapper_prob/models/calibrated.toml"}
+    found = {
+        "imapper_prob/py.typed", "imapper_prob/models/calibrated.toml",
+        "imapper_prob/results/report.js",
+    }  # fmt: skip
     for folder in ("imapper_prob", "imapper_prob/models", "imapper_prob/samplers"):
         found |= {str(p.relative_to(ROOT)) for p in (ROOT / folder).rglob("*.py")}
     return found

@@ -1,6 +1,7 @@
 """``report.html``: one page with the whole result, which opens offline.
 
-No script, no font and no picture comes from elsewhere.
+Scenes are switched, plots are hovered, and a slider moves the person. All scripts lie in the page,
+and its policy forbids the browser to fetch anything.
 """
 
 from __future__ import annotations
@@ -13,34 +14,65 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.files import written_whole
+from imapper_prob.models.drawing import INK, QUIET
 from imapper_prob.models.scene import Clip, SceneObject
+from imapper_prob.models.skeleton import PELV
 from imapper_prob.people import by_person, everybody, own_part
 from imapper_prob.recording.blueprint import TITLES
 from imapper_prob.recording.posterior import HIDDEN
 from imapper_prob.results.posterior import Posterior
+from imapper_prob.results.report_moments import moments, moments_of
 from imapper_prob.results.report_parts import (
-    Floor,
+    cross,
     details,
-    figure,
+    dots,
+    folded,
     heading,
-    map_picture,
+    legend,
+    line,
     notes,
+    numbers,
     page,
     paragraph,
-    scene_picture,
+    patch,
+    plot,
     section,
+    shades,
     table,
-    trace_picture,
+)
+from imapper_prob.results.report_plots import (
+    CHAIN_COLOURS,
+    HIDDEN_COLOURS,
+    SEEN_COLOUR,
+    SIGHT_COLOUR,
+    Floor,
+    chains_plot,
+    floor_plot,
+    hiding_plot,
+    hue,
+    line_of_object,
+    map_plot,
+    person_colour,
+    view_plot,
 )
 from imapper_prob.sampling.placements import describe_agreement
 from imapper_prob.sampling.sample import Samples
 from imapper_prob.uncertainty.checks import alarms, elsewhere_frames, named
-from imapper_prob.uncertainty.clusters import ObjectCluster
+from imapper_prob.uncertainty.clusters import ObjectCluster, names_of
 from imapper_prob.uncertainty.parameters import Nuisance
 from imapper_prob.uncertainty.scenes import WeightedScene
 from imapper_prob.uncertainty.tree import seconds_of
 
-__all__ = ["answer", "listed", "report", "runner_up", "sides_of", "warnings_of", "write_report"]
+__all__ = [
+    "answer",
+    "listed",
+    "report",
+    "runner_up",
+    "sides_of",
+    "trust",
+    "warnings_of",
+    "write_report",
+]
 
 _NUMBERS: Final = (
     "no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten",
@@ -183,6 +215,34 @@ def warnings_of(
     return tuple(said)
 
 
+def trust(samples: Samples, *, alarmed: int, checked: int) -> str:
+    """How far the result can be relied on, in plain words.
+
+    Parameters
+    ----------
+    samples : Samples
+    alarmed, checked : int
+        Checks that speak against the result, and all of them.
+
+    Returns
+    -------
+    str
+    """
+    chains = samples.shape[0]
+    count = _NUMBERS[chains] if chains < len(_NUMBERS) else str(chains)
+    whose = "One run of the sampler" if chains == 1 else f"{count.capitalize()} runs of the sampler"
+    apart = "" if chains == 1 else ", begun apart,"
+    if samples.verdict.good:
+        said = f"{whose}{apart} came to the same answer, and probabilities are well known."
+    elif samples.verdict.disagreement is not None:
+        said = f"{whose}{apart} ended with different answers: which is right is not known."
+    else:
+        said = f"{whose}{apart} did not go on for long enough: what is said here is preliminary."
+    if alarmed:
+        return f"{said} {alarmed} of {checked} checks speak against the whole result."
+    return f"{said} Nothing else speaks against the result ({checked} checks)."
+
+
 def sides_of(clip: Clip, flipped: NDArray[np.float64]) -> tuple[str, ...]:
     """In which frames the detector took left for right, more probably than not, by person.
 
@@ -243,7 +303,7 @@ def write_report(path: Path, posterior: Posterior) -> None:
 
 
 def report(posterior: Posterior) -> str:
-    """The page as text: pictures inside, no script, nothing to fetch.
+    """The page as text: plots, their numbers and scripts inside, nothing to fetch.
 
     Parameters
     ----------
@@ -257,7 +317,6 @@ def report(posterior: Posterior) -> str:
     clip, samples, scenes = posterior.clip, posterior.samples, posterior.scenes()
     floor = Floor.of(clip, scenes)
     wrong = alarms(posterior.checks)
-    verdict = "verdict" if samples.verdict.good and not wrong else "verdict doubt"
     return page(
         f"{clip.name}: furniture behind a motion",
         [
@@ -265,18 +324,25 @@ def report(posterior: Posterior) -> str:
             notes(wrong),
             paragraph(answer(scenes), style="answer"),
             paragraph(runner_up(scenes)),
-            paragraph(posterior.chain_verdict, style=verdict),
+            _trust_of(posterior),
             *([paragraph(posterior.told.text)] if posterior.told is not None else []),
             notes(warnings_of(clip, samples, scenes, disputed=posterior.disputed)),
+            numbers("moments", moments(posterior)),
             _scenes(posterior, floor),
             _objects(posterior, floor),
+            _hiding(posterior),
             _questions(posterior),
             _person(posterior),
-            _checks(posterior),
             _diagnostics(posterior),
             _provenance(posterior),
         ],
     )
+
+
+def _trust_of(posterior: Posterior) -> str:
+    checks = posterior.checks
+    said = trust(posterior.samples, alarmed=len(alarms(checks)), checked=len(checks))
+    return paragraph(said, style="verdict" if posterior.converged else "verdict doubt")
 
 
 def _title(posterior: Posterior) -> str:
@@ -291,15 +357,58 @@ def _title(posterior: Posterior) -> str:
 
 def _scenes(posterior: Posterior, floor: Floor) -> str:
     scenes, clip = posterior.scenes(), posterior.clip
-    cards = [
-        figure(
-            scene_picture(floor, weighted, clip),
-            alt=f"Scene {number} from above: {listed(weighted.scene.objects)}",
-            title=f"Scene {number}: {weighted.probability:.2f} ± {weighted.error:.2f}",
-            text=_caption(weighted),
-        )
-        for number, weighted in enumerate(scenes, 1)
-    ]
+    buttons = "".join(
+        f'<button type="button" data-scene="{k}" aria-pressed="{str(not k).lower()}">'
+        f"Scene {k + 1}: {weighted.probability:.2f}</button>"
+        for k, weighted in enumerate(scenes)
+    )
+    captions = _of_scenes([paragraph(_caption(k, w)) for k, w in enumerate(scenes, 1)])
+    legends = _of_scenes([_legend_of_scene(clip, weighted) for weighted in scenes])
+    last = len(moments_of(clip)) - 1
+    player = (
+        '<div class="player"><button type="button" id="play">Play</button>'
+        f'<input type="range" id="time" min="0" max="{last}" value="0" step="1" '
+        'aria-label="Time"><output id="now" for="time"></output></div>'
+    )
+    width, height = clip.camera.width, clip.camera.height
+    above = plot(
+        "floor", floor_plot(floor, clip, scenes), proportion=floor.proportion, title="From above",
+        alt="The chosen scene from above, with everybody at the chosen time",
+    )  # fmt: skip
+    view = plot(
+        "view", view_plot(clip, scenes), proportion=width / height, title="As the camera sees it",
+        alt="Furniture of the chosen scene and joints in the image at the chosen time",
+    )  # fmt: skip
+    seen = legend(
+        [
+            (cross(SEEN_COLOUR), "detected joint, pale where unsure"),
+            *_people(clip, "person in this scene"),
+            (shades(*HIDDEN_COLOURS), "joint, from surely seen to surely hidden, over all draws"),
+        ]
+    )
+    return section(
+        "Which rooms",
+        f'<div class="choice">{buttons}</div>',
+        player,
+        captions,
+        f'<div class="pair"><div class="card">{above}{legends}</div>'
+        f'<div class="card">{view}{seen}<p id="hidden-now"></p></div></div>',
+        folded("All scenes in a table, and what each chain says of them", _scene_table(posterior)),
+        hint="Choose a scene, and move the slider or press Play to see the person move. The "
+        "number of a scene is its probability.",
+    )
+
+
+def _of_scenes(pieces: Sequence[str]) -> str:
+    """Pieces of which that of the chosen scene is seen."""
+    return "".join(
+        f'<div data-scene="{k}"{" hidden" if k else ""}>{piece}</div>'
+        for k, piece in enumerate(pieces)
+    )
+
+
+def _scene_table(posterior: Posterior) -> str:
+    scenes = posterior.scenes()
     rows = [
         [
             str(number),
@@ -312,20 +421,35 @@ def _scenes(posterior: Posterior, floor: Floor) -> str:
     ]
     chains = [f"chain {n}" for n in range(1, posterior.samples.shape[0] + 1)]
     rest = 1 - sum(weighted.probability for weighted in scenes)
-    return section(
-        "Which rooms",
-        f'<div class="scenes">{"".join(cards)}</div>',
-        table(
-            ["scene", "furniture", "unlike the first", "probability", *chains],
-            rows,
-            words=3,
-            caption=f"All other scenes together: {max(rest, 0.0):.2f}. Where chains differ, the "
-            "sampler has not found its way between rooms.",
-        ),
-        hint="From above, the camera below each picture. Arrows point to the front of furniture, "
-        "dotted ellipses hold its position with 90 %; thin lines are other draws of the way, "
-        "dashed outlines what really was there, where somebody knows.",
+    return table(
+        ["scene", "furniture", "unlike the first", "probability", *chains],
+        rows,
+        words=3,
+        caption=f"All other scenes together: {max(rest, 0.0):.2f}. Where chains differ, the "
+        "sampler has not found its way between rooms.",
     )
+
+
+def _people(clip: Clip, what: str) -> list[tuple[str, str]]:
+    """Entries of a legend, one a person."""
+    if len(clip.tracks) == 1:
+        return [(line(person_colour(0), width=3), what)]
+    return [
+        (line(person_colour(k), width=3), f"{track.name}, {what}")
+        for k, track in enumerate(clip.tracks)
+    ]
+
+
+def _legend_of_scene(clip: Clip, weighted: WeightedScene) -> str:
+    entries = [(patch(hue(o.label)), o.label) for o in weighted.objects]
+    if entries:
+        entries.append((line(INK, dash="dot"), "holds the middle of an object with 90 %"))
+    entries += _people(clip, "pelvis, and the person now")
+    entries.append((line(QUIET, width=1), "pelvis in other draws"))
+    entries.append((line(SIGHT_COLOUR, dash="dash", width=1), "edge of what the camera sees"))
+    if clip.truth is not None and clip.truth.objects:
+        entries.append((line(QUIET, dash="dash"), "what really was there (a box)"))
+    return legend(entries)
 
 
 def _questions(posterior: Posterior) -> str:
@@ -342,8 +466,10 @@ def _questions(posterior: Posterior) -> str:
     )
 
 
-def _caption(weighted: WeightedScene) -> str:
-    parts = [listed(weighted.scene.objects).capitalize()]
+def _caption(number: int, weighted: WeightedScene) -> str:
+    parts = [
+        f"Scene {number}, {_share(weighted)}: {listed(weighted.scene.objects)}",
+    ]
     if weighted.difference:
         parts.append(f"Unlike the first: {weighted.difference}")
     if weighted.explains is not None:
@@ -352,24 +478,32 @@ def _caption(weighted: WeightedScene) -> str:
 
 
 def _objects(posterior: Posterior, floor: Floor) -> str:
-    certainty = posterior.certainty
-    hidden = certainty.hidden
+    certainty, clip = posterior.certainty, posterior.clip
+    hidden, clusters = certainty.hidden, certainty.clusters
     rows = [
-        _object_row(cluster, int((hidden.by_object[k] >= HIDDEN).sum()))
-        for k, cluster in enumerate(certainty.clusters)
+        _object_row(name, cluster, int((hidden.by_object[k] >= HIDDEN).sum()))
+        for k, (name, cluster) in enumerate(zip(names_of(clusters), clusters, strict=True))
     ]
     columns = [
         "object", "what it is called", "there", "right [m]", "away [m]", "facing", "hides joints",
     ]  # fmt: skip
-    picture = figure(
-        map_picture(floor, certainty.occupancy, certainty.clusters),
+    best = posterior.scenes(1)[0].scene.joints[:, PELV, :2]
+    where = plot(
+        "map",
+        map_plot(floor, certainty.occupancy, clusters, by_person(clip, best)),
         alt="Map of the floor: probability that furniture stands there",
-        text="Colours mix the categories by their probability; white is free floor. Ellipses hold "
-        "50 % (line) and 90 % (dots) of the position of an object, if it is there.",
+        proportion=floor.proportion,
     )
+    entries = [(patch(hue(c)), c) for c in certainty.occupancy.categories]
+    entries += [
+        (line(INK), "holds the middle of an object with 50 %, if it is there"),
+        (line(INK, dash="dot"), "with 90 %"),
+        (dots(QUIET), "middle of an object in one draw"),
+        (line(INK, width=1), "pelvis in the most probable scene"),
+    ]
     return section(
         "Where things stand, over all draws",
-        picture,
+        f'<div class="card map">{where}{legend(entries)}</div>',
         table(
             columns,
             rows,
@@ -378,16 +512,39 @@ def _objects(posterior: Posterior, floor: Floor) -> str:
             f"that the object hides with a probability of at least {HIDDEN:.1f}.",
         ),
         hint="Objects matched across all scenes, so that none of this depends on which of them "
-        "is the right one.",
+        "is the right one. The stronger a colour, the more probably the floor is covered there: "
+        "point at it to be told by what, and at a diamond for the object.",
     )
 
 
-def _object_row(cluster: ObjectCluster, hides: int) -> list[str]:
+def _hiding(posterior: Posterior) -> str:
+    clip, hidden = posterior.clip, posterior.certainty.hidden
+    people = len(clip.tracks)
+    picture = plot(
+        "hiding",
+        hiding_plot(clip, hidden, moments_of(clip)),
+        alt="Probability that each joint is hidden, by frame, and how many joints objects hide",
+        proportion=1.6 / people,
+        lowest=460 * people,
+    )
+    entries = [(shades(*HIDDEN_COLOURS), "joint, from surely seen to surely hidden")]
+    for number, name in enumerate(names_of(hidden.clusters)):
+        colour, dash = line_of_object(hidden.clusters, number)
+        entries.append((line(colour, dash=dash), f"joints that {name} hides"))
+    entries.append((line(INK), "time of the slider"))
+    return section(
+        "What hides what, and when",
+        f'<div class="card">{picture}{legend(entries)}</div>',
+        hint="Over all draws. Click at a frame to move the slider there.",
+    )
+
+
+def _object_row(name: str, cluster: ObjectCluster, hides: int) -> list[str]:
     across, away = np.sqrt(np.diag(cluster.covariance))
     turn = np.degrees(cluster.yaw_spread)
-    labels = ", ".join(f"{name} {share:.2f}" for name, share in cluster.labels.items())
+    labels = ", ".join(f"{label} {share:.2f}" for label, share in cluster.labels.items())
     return [
-        cluster.label,
+        name,
         labels,
         f"{cluster.presence:.2f} ± {cluster.presence_error:.2f}",
         f"{cluster.mean[0]:.2f} ± {across:.2f}",
@@ -436,11 +593,12 @@ def _checks(posterior: Posterior) -> str:
     rows = [
         [check.name, "yes" if check.alarmed else "no", check.sentence] for check in posterior.checks
     ]
-    return section(
-        "Does it go together",
-        table(["", "alarmed", "what was found"], rows, words=3),
-        hint="Chains agree as well on nonsense. Of clips that are as the model says, each of the "
-        "first six is alarmed by one in a hundred.",
+    return table(
+        ["check", "alarmed", "what was found"],
+        rows,
+        words=3,
+        caption="Of clips that are as the model says, each of the first six is alarmed by one in "
+        "a hundred.",
     )
 
 
@@ -464,31 +622,52 @@ def _diagnostics(posterior: Posterior) -> str:
         for number, ladder in enumerate(samples.ladders, 1)
         if ladder.swap_rates
     ]
+    chains = plot(
+        "chains",
+        chains_plot(samples.traces, burn_in=posterior.config.sample.burn_in),
+        alt="Log-posterior of every chain over the run",
+        proportion=2.6,
+    )
+    entries = [
+        (line(CHAIN_COLOURS[k % len(CHAIN_COLOURS)]), f"chain {k + 1}")
+        for k in range(len(samples.traces))
+    ]
     return section(
-        "How far to trust the chains",
-        paragraph(posterior.chain_verdict),
-        paragraph(describe_agreement(samples.agreements)),
-        figure(
-            trace_picture(samples.traces, burn_in=posterior.config.sample.burn_in),
-            alt="Log-posterior of every chain over the run",
-            text="All chains should look alike, and none should drift, after the grey part.",
+        "How far to trust it",
+        _trust_of(posterior),
+        paragraph(
+            "Two things can be wrong. The sampler may have stopped too early: then runs that "
+            "began apart differ, and more steps help. Or the clip is not what the model takes it "
+            "for, a wrong camera or a bad detector: then all runs agree on nonsense, and only "
+            "the checks tell."
         ),
-        table(
-            ["move", "proposed", "accepted", "rate"],
-            table_of_moves,
-            caption="A step of a chain proposes a change, which is accepted or not. Births and "
-            "deaths add and remove scenelets.",
-        ),
-        *(
-            [
-                table(
-                    ["", "round trips", "swap rates"],
-                    ladders,
-                    caption="Tempering: journeys from the hottest to the coldest and back.",
-                )
-            ]
-            if ladders
-            else []
+        folded("Does clip, camera and library go together? The checks", _checks(posterior)),
+        folded(
+            "Do the chains agree? The numbers",
+            paragraph(posterior.chain_verdict),
+            paragraph(describe_agreement(samples.agreements)),
+            f'<div class="card">{chains}{legend(entries)}</div>',
+            paragraph(
+                "All chains should look alike, and none should drift, after the grey part.",
+                style="hint",
+            ),
+            table(
+                ["move", "proposed", "accepted", "rate"],
+                table_of_moves,
+                caption="A step of a chain proposes a change, which is accepted or not. Births and "
+                "deaths add and remove scenelets.",
+            ),
+            *(
+                [
+                    table(
+                        ["", "round trips", "swap rates"],
+                        ladders,
+                        caption="Tempering: journeys from the hottest to the coldest and back.",
+                    )
+                ]
+                if ladders
+                else []
+            ),
         ),
     )
 
