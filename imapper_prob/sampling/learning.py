@@ -8,13 +8,27 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
+from scipy.signal import fftconvolve
 
 from imapper_prob.layouts import furniture_kinds
+from imapper_prob.models.camera import Camera
+from imapper_prob.models.jit import compiled
+from imapper_prob.models.kernels.placement import expected_facing
 from imapper_prob.models.problem import Problem
-from imapper_prob.models.view import to_view
-from imapper_prob.sampling.camera_moves import middle_heights
+from imapper_prob.models.settings import NEAREST
+from imapper_prob.models.skeleton import PELV
+from imapper_prob.models.view import to_floor
 from imapper_prob.sampling.proposals import Candidates
-from imapper_prob.sampling.reference import DOF, Reference, carried
+from imapper_prob.sampling.reference import (
+    DOF,
+    FIRST,
+    FLUSH,
+    LATER,
+    Reference,
+    carried,
+    displacements,
+    usual_offsets,
+)
 from imapper_prob.sampling.visits import Visits, camera_covariance
 
 __all__ = ["learn"]
@@ -25,16 +39,21 @@ Ints = NDArray[np.int64]
 _SHIFTS: Final = {0: 0.6, -1: 0.15, 1: 0.15, -2: 0.05, 2: 0.05}
 """Frames by which ends and starts are taken to be earlier or later than they were met, and how
 often; chosen."""
-_OFTEN: Final = 3
-"""Visits of one scenelet from which on they tell how places scatter; chosen."""
-_LEAST: Final = np.array([0.002, 0.01, 0.03, 0.01])
-"""Standard deviations of bearing (tangent), log depth, yaw (radians) and log size below which
-none is taken to scatter; chosen, a few times less than they scatter on the demo."""
-_FITTED: Final = np.array([0.01, 0.05, 0.2, 0.05])
-"""The same of candidates about their fits, and how much wider those scatter that stand where one
-of similar motion did; chosen, between the two blurs of births."""
-_RIDGE: Final = 10.0
-"""Visits without any displacement that are added where it is learnt how displacements go on."""
+_NEAR: Final = 2.0
+"""Frames within which visits tell where the person is; further ones count (1 + (dt / near)^2)^-2;
+chosen."""
+_DOUBT: Final = np.array([0.02, 5.0])
+"""Visits that are added of the static path, and of no difference between one scenelet and others;
+chosen."""
+_USUAL: Final = np.diag([0.006, 0.04, 0.12, 0.03]) ** 2
+"""How bearing (tangent), log depth, yaw (radians) and log size of one scenelet scatter at first;
+the standard deviations of long chains on the demo, rounded."""
+_STEP: Final = np.diag([0.004, 0.015, 0.12, 0.03]) ** 2
+"""The same from one scenelet to another that is flush with it."""
+_STATES: Final = 20.0
+"""Visits that these count as; chosen."""
+_IDS: Final = 5.0
+"""Scenelets that the first of these counts as, where it is learnt how they differ; chosen."""
 
 
 def learn(problem: Problem, candidates: Candidates, similarity: Array, visits: Visits) -> Reference:
@@ -54,12 +73,9 @@ def learn(problem: Problem, candidates: Candidates, similarity: Array, visits: V
     """
     kinds = furniture_kinds(problem)
     numbers = {kind: number for number, kind in enumerate(sorted(set(kinds)), start=1)}
-    lengths, n_frames = problem.lengths, problem.n_frames
+    lengths = problem.lengths
     own = np.array([numbers[kind] for kind in kinds])
-    heights = middle_heights(problem)
-    begins = np.append(np.flatnonzero(problem.path_starts), n_frames)
-    room = begins[np.searchsorted(begins, np.arange(n_frames), "right")] - np.arange(n_frames)
-    room = np.append(room, 0)
+    room = _room(problem)
     fitting = (lengths[:, None] <= room).sum(0)
     camera_mean, covariance = np.array(problem.camera_mean), camera_covariance(visits)
     if covariance is None:
@@ -68,22 +84,27 @@ def learn(problem: Problem, candidates: Candidates, similarity: Array, visits: V
         camera_mean = visits.arrays()["cameras"].mean(0)
     camera_factor = np.linalg.cholesky(covariance).astype(np.float64)
     followed, later = _rows(visits, own, lengths, room, len(numbers) + 1)
-    places = _places(problem, visits, heights, room, np.concatenate([followed[1], later[1]]))
     # In place of itself a scenelet is as frequent as the one most like it.
     alike = np.array(similarity)
     np.fill_diagonal(alike, alike.max(1))
-    hazard, scenelets, window = _fits(candidates, lengths, room)
-    return Reference(
+    hazard, scenelets = _fits(candidates, lengths, room)
+    path, yaw = _expectations(problem, visits)
+    sizes = visits.arrays()["where"][:, 3]
+    ends = np.stack([problem.joint_first[:-1], problem.joint_first[1:] - 1], -1)
+    reference = Reference(
         camera_mean=camera_mean,
         camera_factor=camera_factor,
         camera_constant=_log_peak(camera_factor),
         library_camera=np.array(problem.camera_mean),
         kinds=own,
         lengths=np.array(lengths),
-        heights=np.array(heights),
+        pelvis=np.ascontiguousarray(problem.joints[ends, PELV]),
         room=room,
-        met=places.met,
-        met_where=places.where,
+        path=path,
+        yaw=yaw,
+        size=float(sizes.mean()) if len(sizes) else 0.0,
+        habits=np.zeros((len(lengths), 2, 4)),
+        strange=np.zeros(len(lengths), np.int64),
         followed_first=followed[0],
         followed=followed[1],
         followed_probability=followed[2],
@@ -95,17 +116,27 @@ def learn(problem: Problem, candidates: Candidates, similarity: Array, visits: V
         hazard=hazard,
         survival=np.append(0.0, np.log1p(-hazard[:-1]).cumsum()),
         candidates=scenelets,
-        window=window,
-        candidate_where=_candidate_places(candidates),
         openings=np.append(fitting[::-1].cumsum()[::-1], 0),
         by_length=np.argsort(lengths, kind="stable"),
         anywhere_mean=np.array(problem.start_mean),
         anywhere_deviation=np.sqrt(problem.start_variance),
         size_spread=float(problem.size_spread),
-        onward=places.onward,
-        factors=places.factors,
-        constants=np.array([_log_peak(factor, yaw=True) for factor in places.factors]),
+        onward=np.zeros((2, 4, 4)),
+        factors=np.tile(np.eye(4), (3, 2, 1, 1)),
+        constants=np.zeros((3, 2)),
     )
+    habits = _habits(reference, visits, alike)
+    reference = reference._replace(habits=habits.mean, strange=habits.strange)
+    onward, factors = _scatter(reference, visits, habits.spread)
+    peaks = np.array([[_log_peak(factor, yaw=True) for factor in row] for row in factors])
+    return reference._replace(onward=onward, factors=factors, constants=peaks)
+
+
+def _room(problem: Problem) -> Ints:
+    """(T + 1,) frames from each to the end of its film."""
+    frames = np.arange(problem.n_frames)
+    begins = np.append(np.flatnonzero(problem.path_starts), problem.n_frames)
+    return np.append(begins[np.searchsorted(begins, frames, "right")] - frames, 0)
 
 
 def _sums_by_length(similarity: Array, lengths: Ints) -> Array:
@@ -215,63 +246,154 @@ def _gathered(entries: list[tuple[Ints, Ints, Array]], n_rows: int) -> Rows:
     return first, code, total / by_row[row]
 
 
-class _Places(NamedTuple):
-    """Where visited scenelets stand, and how they scatter."""
+@compiled
+def _pelvis_by_frame(
+    problem: Problem, cameras: Array, items: Ints, places: Array, sizes: Array
+) -> Array:
+    """(T, 3) sums, over scenelets, of the bearing and log depth of their pelvis in each frame,
+    carried from their cameras (R, 5) to the mean one, and how many there are."""
+    sums = np.zeros((len(problem.lift), 3))
+    where = np.empty(4)
+    for k in range(len(items)):
+        scenelet, start = items[k]
+        body = math.exp(cameras[k, 3] + sizes[k])
+        c, s = body * math.cos(places[k, 2]), body * math.sin(places[k, 2])
+        first = problem.joint_first[scenelet]
+        for n in range(first, problem.joint_first[scenelet + 1]):
+            x, y, height = problem.joints[n, PELV]
+            x, y = places[k, 0] + c * x - s * y, places[k, 1] + s * x + c * y
+            if y <= 0.0:
+                continue
+            where[0], where[1] = x / y, math.log(y)
+            where[2], where[3] = places[k, 2], sizes[k]
+            there = carried(height, where, cameras[k], problem.camera_mean)
+            sums[start + n - first, 0] += there[0]
+            sums[start + n - first, 1] += there[1]
+            sums[start + n - first, 2] += 1.0
+    return sums
 
-    met: Ints
-    where: Array
-    onward: Array
-    factors: Array
+
+@compiled
+def _expected_yaws(problem: Problem, room: Ints, yaws: Array) -> None:
+    """Put into ``yaws`` (T, L) where scenelets face as the static path does, by their starts."""
+    for scenelet in range(yaws.shape[1]):
+        length = problem.joint_first[scenelet + 1] - problem.joint_first[scenelet]
+        for start in range(len(yaws)):
+            if length <= room[start]:
+                along, aside = expected_facing(problem, scenelet, start)
+                yaws[start, scenelet] = math.atan2(aside, along)
 
 
-def _places(problem: Problem, visits: Visits, heights: Array, room: Ints, codes: Ints) -> _Places:
-    """Where scenelets of some codes stand; the code at the end of the scene is left out."""
-    n_scenelets, n_frames = len(heights), len(room) - 1
-    visited = visits.arrays()
-    items, counts = visited["items"], visited["counts"]
-    cameras = np.repeat(visited["cameras"], counts, axis=0)
-    where = carried(heights[items[:, 0]], visited["where"], cameras, np.array(problem.camera_mean))
-    code = items[:, 1] * n_scenelets + items[:, 0]
-    found, first, of, times = np.unique(
-        code, return_index=True, return_inverse=True, return_counts=True
+def _static_path(problem: Problem) -> Array:
+    """(T, 2) bearing and log depth on the floor of the static path's pelvis, by the mean camera."""
+    pitch, elevation, focal, body, roll = problem.camera_mean
+    depth = np.exp(problem.path_centre[:, 1] + focal + body)
+    right = problem.path_centre[:, 0] * np.exp(-focal) * depth
+    up = problem.lift * np.exp(-focal) * depth
+    camera = Camera(
+        1, 1, 1.0, 1.0, 0.0, 0.0, pitch=float(pitch), elevation=float(elevation), roll=float(roll)
     )
-    # Yaws within half a turn of the first one of the same scenelet.
-    yaw = where[first, 2][of]
-    where[:, 2] = yaw + np.remainder(where[:, 2] - yaw + np.pi, 2 * np.pi) - np.pi
-    total = np.stack([np.bincount(of, column, len(found)) for column in where.T], -1)
-    mean = total / times[:, None]
-    onward, factors = _scatter(where - mean[of], times[of], counts)
-    met = np.unique(codes[codes < n_frames * n_scenelets])
-    # The nearest visit of the same scenelet, the more frequent of two.
-    nearest, best = np.zeros(len(met), np.int64), np.full(len(met), -1.0)
-    for by, share in _SHIFTS.items():
-        at = np.searchsorted(found, met - by * n_scenelets).clip(0, max(len(found) - 1, 0))
-        there = found[at] == met - by * n_scenelets if len(found) else np.zeros(len(met), bool)
-        worth = np.where(there, share * times[at] if len(found) else 0.0, -1.0)
-        nearest, best = np.where(worth > best, at, nearest), np.maximum(worth, best)
-    return _Places(met, mean[nearest].reshape(-1, 4), onward, factors)
+    x, y, _ = camera.to_world(np.stack([right, depth, up], -1)).T
+    y = np.maximum(y, NEAREST)
+    return np.stack([x / y, np.log(y)], -1)
 
 
-def _scatter(offsets: Array, times: Ints, counts: Ints) -> tuple[Array, Array]:
-    """How displacements go on, and factors of how they scatter."""
-    often = times >= _OFTEN
-    least = np.diag(_LEAST**2)
-    own = offsets[often] * np.sqrt(times[often] / (times[often] - 1.0))[:, None]
-    alone = least + own.T @ own / max(len(own), 1)
-    place = np.concatenate([np.arange(count) for count in counts.tolist()] or [np.empty(0)])
-    pairs = np.flatnonzero((place[1:] > 0) & often[1:] & often[:-1]) + 1
-    before, after = offsets[pairs - 1], offsets[pairs]
-    gram = before.T @ before + _RIDGE * least
-    onward = np.linalg.solve(gram, before.T @ after).T.astype(np.float64)
-    left = after - before @ onward.T
-    linked = least + left.T @ left / len(pairs) if len(pairs) else alone
-    fitted = np.diag(_FITTED**2)
-    return onward, np.linalg.cholesky(np.stack([alone, linked, alone + fitted, fitted]))
+def _smoothed(sums: Array, weights: Array) -> Array:
+    """(T, ...) means of what was noted about each frame; 0 far from all of it."""
+    dt = np.arange(1 - len(sums), len(sums))
+    kernel = (1.0 + (dt / _NEAR) ** 2) ** -2
+    total = fftconvolve(sums, kernel[:, None], "same", axes=0)
+    weight = fftconvolve(weights, kernel, "same")
+    mean: Array = total / (np.maximum(weight, 0.0) + _DOUBT[0])[:, None]
+    return mean
 
 
-def _fits(candidates: Candidates, lengths: Ints, room: Ints) -> tuple[Array, Array, Ints]:
-    """How probable it is that a candidate begins at a frame, with which scenelet, and the window
-    of each middle frame.
+def _expectations(problem: Problem, visits: Visits) -> tuple[Array, Array]:
+    """Path (T, 2), and yaws (T, L) of scenelets by start: of visits, whatever the scenelet."""
+    visited = visits.arrays()
+    items, (places, sizes) = visited["items"], to_floor(visited["where"])
+    scenelet, start = items.T
+    cameras = np.repeat(visited["cameras"], visited["counts"], axis=0)
+    sums = _pelvis_by_frame(problem, cameras, items, places, sizes)
+    static = _static_path(problem)
+    path = static + _smoothed(sums[:, :2] - static * sums[:, 2:], sums[:, 2])
+    yaws = np.zeros((problem.n_frames, len(problem.lengths)))
+    _expected_yaws(problem, _room(problem), yaws)
+    middle = start + problem.lengths[scenelet] // 2
+    turn = visited["where"][:, 2] - yaws[start, scenelet]
+    seen: Array = np.stack(
+        [np.bincount(middle, f(turn), problem.n_frames) for f in (np.cos, np.sin)], -1
+    ).astype(np.float64)
+    number = np.bincount(middle, minlength=problem.n_frames).astype(np.float64)
+    along, aside = _smoothed(seen, number).T
+    middles = np.arange(problem.n_frames)[:, None] + problem.lengths // 2
+    yaws += np.arctan2(aside, along)[middles.clip(0, problem.n_frames - 1)]
+    return path, yaws
+
+
+class _Habits(NamedTuple):
+    """How each scenelet differs from the others, in its first and its last frame.
+
+    Parameters
+    ----------
+    mean : (L, 2, 4) float
+    strange : (L,) int
+        1 for those that are not known from visits of their own.
+    spread : (4, 4) float
+        Covariance of what strange ones are off by, beyond their scatter.
+    """
+
+    mean: Array
+    strange: Ints
+    spread: Array
+
+
+def _habits(reference: Reference, visits: Visits, alike: Array) -> _Habits:
+    visited = visits.arrays()
+    places, sizes = to_floor(visited["where"])
+    scenelet = visited["items"][:, 0]
+    offsets = usual_offsets(
+        reference, visited["cameras"], visited["counts"], visited["items"], places, sizes
+    ).reshape(-1, 8)
+    sound = np.isfinite(offsets).all(1)
+    number = np.bincount(scenelet[sound], minlength=len(alike)).astype(np.float64)
+    total = np.zeros((len(alike), 8))
+    np.add.at(total, scenelet[sound], offsets[sound])
+    weights = alike / alike.max(1)[:, None]
+    np.fill_diagonal(weights, 0.0)
+    similar = weights @ total / (weights @ number + _DOUBT[1])[:, None]
+    mean = (total + _DOUBT[1] * similar) / (number + _DOUBT[1])[:, None]
+    known = number >= _DOUBT[1]
+    off = (total[known] / number[known, None] - similar[known])[:, :4]
+    spread = (_IDS * _USUAL + off.T @ off) / (_IDS + len(off))
+    return _Habits(mean.reshape(-1, 2, 4), (~known).astype(np.int64), spread)
+
+
+def _scatter(reference: Reference, visits: Visits, spread: Array) -> tuple[Array, Array]:
+    """How displacements go on (2, 4, 4), and factors (3, 2, 4, 4) of how they scatter."""
+    visited = visits.arrays()
+    places, sizes = to_floor(visited["where"])
+    rows, before, offsets = displacements(
+        reference, visited["cameras"], visited["counts"], visited["items"], places, sizes
+    )
+    known = reference.strange[visited["items"][:, 0]] == 0
+    onward, factors = np.zeros((2, 4, 4)), np.empty((3, 2, 4, 4))
+    for row, usual in ((FIRST, _USUAL), (FLUSH, _STEP), (LATER, _USUAL)):
+        x, y = before[known & (rows == row)], offsets[known & (rows == row)]
+        beyond = np.array(spread)
+        if row != FIRST:
+            gram = x.T @ x + _STATES * _USUAL
+            onward[row - 1] = np.linalg.solve(gram, x.T @ y).T
+            y = y - x @ onward[row - 1].T
+        if row == FLUSH:
+            beyond[:2], beyond[:, :2] = 0.0, 0.0
+        scatter = (_STATES * usual + y.T @ y) / (_STATES + len(y))
+        factors[row] = np.linalg.cholesky(np.stack([scatter, scatter + beyond]))
+    return onward, factors
+
+
+def _fits(candidates: Candidates, lengths: Ints, room: Ints) -> tuple[Array, Array]:
+    """How probable it is that a candidate begins at a frame, and with which scenelet.
 
     Where the solver's weights are best, one begins within the length of a scenelet on average.
     """
@@ -293,11 +415,4 @@ def _fits(candidates: Candidates, lengths: Ints, room: Ints) -> tuple[Array, Arr
     usual = float(np.median(lengths))
     most = float(by_start.max())
     hazard: Array = by_start / (most * usual) if most > 0 else np.zeros(n_frames + 1)
-    return hazard, scenelets, window
-
-
-def _candidate_places(candidates: Candidates) -> Array:
-    """Where candidates stand; those without weight are nowhere, and are not looked at."""
-    ahead = candidates.placements[..., 1] > 0
-    placements = np.where(ahead[..., None], candidates.placements, [0.0, 1.0, 0.0])
-    return to_view(placements, candidates.sizes)
+    return hazard, scenelets

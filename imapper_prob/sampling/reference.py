@@ -14,14 +14,16 @@ A scene is drawn as follows.
    whatever came next after that frame (*later*), one of similar motion in place of that
    (*similar*), the solver's candidates (*candidates*), and any scenelet at any start (*anywhere*).
    Each of them may end the scene.
-3. Where each one stands, as it looks (:mod:`imapper_prob.models.view`): a visited one about the
-   mean of its visits, displaced in part as the scenelet before it is, for the error of the path
-   goes on; a similar one about the same mean, less closely; a candidate about its fit; any other
-   as in the prior. Means are carried to the camera that was drawn
-   (:mod:`imapper_prob.sampling.camera_moves`).
+3. Where each one stands, by where the pelvis is in its first frame, as it looks
+   (:mod:`imapper_prob.models.view`). All that was visited says where the person is in each frame,
+   whatever the scenelet; what is drawn is a displacement from there. A scenelet that begins as
+   the one before it ends goes on from its last pelvis; after a gap it is displaced in part as that
+   one is, for the error of the path goes on. Yaw and size are about those of visits of the
+   scenelet and of similar ones. Means are carried to the camera that was drawn
+   (:mod:`imapper_prob.sampling.camera_moves`). Now and then one stands anywhere, as in the prior.
 4. Latent numbers of the path from their normal distribution, which no density here includes.
 
-All densities are normalised over the space of scenes (with y > 0).
+All densities are normalised over the space of scenes in which scenelets begin ahead of the camera.
 """
 
 from __future__ import annotations
@@ -34,11 +36,11 @@ from numpy.typing import NDArray
 
 from imapper_prob.models.jit import compiled
 from imapper_prob.models.log_posterior import State
-from imapper_prob.models.view import floor_point, log_area, to_floor, to_view
+from imapper_prob.models.view import floor_point, log_area
 
 __all__ = [
-    "DOF", "Reference", "carried", "draw_scene", "draw_stretch", "log_reference", "log_stretch",
-    "next_probability",
+    "DOF", "FIRST", "FLUSH", "LATER", "Reference", "carried", "displacements", "draw_scene",
+    "draw_stretch", "log_reference", "log_stretch", "next_probability", "usual_offsets",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
@@ -50,13 +52,15 @@ two thousand scenelets a posterior is wider than what was met of it. Chosen on d
 the mean of posterior over reference."""
 _ENDS: Final = 0.2
 """Probability that candidates, or anywhere, end the scene; chosen."""
+_ASTRAY: Final = 0.05
+"""Probability that a scenelet stands anywhere; chosen."""
 DOF: Final = 5.0
 """Degrees of freedom of camera and places: tails for what was not visited yet; chosen."""
 _FOLLOWED, _LATER, _SIMILAR, _CANDIDATE, _ANYWHERE = range(5)
 """Components of the mixture."""
-_FIRST, _NEXT, _ALIKE, _FIT = range(4)
-"""Rows of the scatter of places: nothing known of a displacement before, something, about the
-place of one of similar motion, about a fit."""
+FIRST, FLUSH, LATER = range(3)
+"""Rows of the scatter of displacements: of a scenelet with none before it, of one that begins as
+the one before it ends, and of one that begins later."""
 
 
 class Reference(NamedTuple):
@@ -72,15 +76,22 @@ class Reference(NamedTuple):
     camera_constant : float
         Log density at the mean, nats.
     library_camera : (5,) float
-        The camera in which places below are.
+        The camera in which the path below is.
     kinds, lengths : (L,) int
         Kind of furniture, from 1 on (0 is the beginning), and frames.
-    heights : (L,) float
-        Of the pelvis in the middle frame, metres of the reference body.
+    pelvis : (L, 2, 3) float
+        In its first and last frame, metres of the reference body, local frame.
     room : (T + 1,) int
         Frames from each to the end of its film.
-    met, met_where : (M,) int, (M, 4) float
-        Codes of visited scenelets and their neighbours in time, ascending, and where they stand.
+    path : (T, 2) float
+        Bearing and log depth of the pelvis in each frame.
+    yaw : (T, L) float
+        Of each scenelet by its start, radians.
+    size : float
+        Log size of their persons.
+    habits : (L, 2, 4) float
+        By how much each differs from that in its first and in its last frame: bearing, log depth,
+        yaw, log size.
     followed_first, followed, followed_probability : (K (T + 1) + 1,), (E,), (E,)
         Rows by kind, then frame at which the scenelet before ended.
     later_first, later, later_probability : (T + 2,), (F,), (F,)
@@ -95,9 +106,6 @@ class Reference(NamedTuple):
         Log probability that none began before each frame.
     candidates : (T + 1, L) float
         Probability of each scenelet where a candidate begins.
-    window : (T + 1,) int
-        Of a middle frame, the window of its fits.
-    candidate_where : (W, L, 4) float
     openings : (T + 2,) int
         How many scenelets at starts from each frame on fit into their films.
     by_length : (L,) int
@@ -106,10 +114,13 @@ class Reference(NamedTuple):
         Of bearing and log depth.
     size_spread : float
         Standard deviation of the log size anywhere.
-    onward : (4, 4) float
-        How much of a displacement the next scenelet has.
-    factors, constants : (4, 4, 4), (4,) float
-        Lower Cholesky factors of places, and log densities in their middles.
+    strange : (L,) int
+        1 for those that were not visited themselves.
+    onward : (2, 4, 4) float
+        How much of a displacement at its end the next scenelet has, flush with it or later.
+    factors, constants : (3, 2, 4, 4), (3, 2) float
+        Lower Cholesky factors of displacements, and log densities in their middles; of strange
+        scenelets in the second column.
     """
 
     camera_mean: Array
@@ -118,10 +129,13 @@ class Reference(NamedTuple):
     library_camera: Array
     kinds: Ints
     lengths: Ints
-    heights: Array
+    pelvis: Array
     room: Ints
-    met: Ints
-    met_where: Array
+    path: Array
+    yaw: Array
+    size: float
+    habits: Array
+    strange: Ints
     followed_first: Ints
     followed: Ints
     followed_probability: Array
@@ -133,8 +147,6 @@ class Reference(NamedTuple):
     hazard: Array
     survival: Array
     candidates: Array
-    window: Ints
-    candidate_where: Array
     openings: Ints
     by_length: Ints
     anywhere_mean: Array
@@ -150,7 +162,7 @@ class Reference(NamedTuple):
 
 
 @compiled
-def _carried(height: float, where: Array, before: Array, after: Array) -> Array:
+def carried(height: float, where: Array, before: Array, after: Array) -> Array:
     """Where a scenelet looks through one camera as it did through another; as it is if nowhere.
 
     See :mod:`imapper_prob.sampling.camera_moves`; ``height`` is that of the pelvis.
@@ -180,15 +192,6 @@ def _carried(height: float, where: Array, before: Array, after: Array) -> Array:
     there[2] = where[2]
     there[3] = math.log(apparent * depth) - after[3]
     return there
-
-
-@compiled
-def carried(heights: Array, where: Array, cameras: Array, to: Array) -> Array:
-    """Places (n, 4) seen by cameras (n, 5), as :func:`_carried` for each."""
-    result = np.empty_like(where)
-    for i in range(len(where)):
-        result[i] = _carried(heights[i], where[i], cameras[i], to)
-    return result
 
 
 @compiled
@@ -304,48 +307,149 @@ def next_probability(
 
 
 @compiled
-def _displacement(
-    reference: Reference, camera: Array, code: int, where: Array, offset: Array
-) -> bool:
-    """How far a scenelet stands from where it was met; False where it was not."""
-    at = _find(reference.met, 0, len(reference.met), code)
-    if at < 0:
-        return False
-    scenelet = code % len(reference.kinds)
-    offset[:] = where - _carried(
-        reference.heights[scenelet], reference.met_where[at], reference.library_camera, camera
+def _pelvis_of(
+    reference: Reference, camera: Array, scenelet: int, last: int, place: Array, size: float
+) -> Array:
+    """Where the pelvis of a placed scenelet is in its first (0) or last (1) frame; its log depth is
+    not a number behind the camera."""
+    body = math.exp(camera[3] + size)
+    c, s = body * math.cos(place[2]), body * math.sin(place[2])
+    local = reference.pelvis[scenelet, last]
+    x, y = place[0] + c * local[0] - s * local[1], place[1] + s * local[0] + c * local[1]
+    where = np.empty(4)
+    where[0], where[1] = (x / y, math.log(y)) if y > 0.0 else (0.0, math.nan)
+    where[2], where[3] = place[2], size
+    return where
+
+
+@compiled
+def _usual(reference: Reference, camera: Array, scenelet: int, start: int, last: int) -> Array:
+    """Where its pelvis is on average of visits, through another camera."""
+    where = np.empty(4)
+    frame = start + (reference.lengths[scenelet] - 1) * last
+    where[0], where[1] = reference.path[frame]
+    where[2], where[3] = reference.yaw[start, scenelet], reference.size
+    where += reference.habits[scenelet, last]
+    height = reference.pelvis[scenelet, last, 2]
+    return carried(height, where, reference.library_camera, camera)
+
+
+@compiled
+def _expected(
+    reference: Reference, camera: Array, scenelet: int, start: int, end: int, before: Array
+) -> tuple[int, Array]:
+    """The middle of what is drawn of its pelvis in the first frame, and the row of its scatter.
+
+    ``end`` is the frame after the last of the scenelet before, -1 where there is none; ``before``
+    (2, 4) has that one's pelvis in its last frame, and how far that is from the usual.
+    """
+    middle = _usual(reference, camera, scenelet, start, 0)
+    if end < 0:
+        return FIRST, middle
+    row = FLUSH if start == end else LATER
+    if row == FLUSH:
+        for i in range(2):
+            step = reference.path[start, i] - reference.path[end - 1, i]
+            middle[i] = before[0, i] + step
+    middle += reference.onward[row - 1] @ before[1]
+    return row, middle
+
+
+@compiled
+def _leaves(
+    reference: Reference,
+    camera: Array,
+    scenelet: int,
+    start: int,
+    place: Array,
+    size: float,
+    before: Array,
+) -> int:
+    """Put into ``before`` what the next scenelet goes on from, see :func:`_expected`; its end."""
+    before[0] = _pelvis_of(reference, camera, scenelet, 1, place, size)
+    if math.isnan(before[0, 1]):
+        return -1
+    before[1] = before[0] - _usual(reference, camera, scenelet, start, 1)
+    _turned(before[1])
+    return int(start + reference.lengths[scenelet])
+
+
+@compiled
+def usual_offsets(
+    reference: Reference, cameras: Array, counts: Ints, items: Ints, places: Array, sizes: Array
+) -> Array:
+    """How far the scenelets of N states are from where they usually are.
+
+    Parameters
+    ----------
+    reference : Reference
+    cameras, counts, items, places, sizes
+        See :func:`displacements`.
+
+    Returns
+    -------
+    (R, 2, 4) float
+        In their first and last frames; not a number behind the camera.
+    """
+    offsets = np.empty((len(items), 2, 4))
+    k = 0
+    for n in range(len(counts)):
+        for _ in range(counts[n]):
+            scenelet, start = items[k]
+            for last in range(2):
+                where = _pelvis_of(reference, cameras[n], scenelet, last, places[k], sizes[k])
+                offsets[k, last] = where - _usual(reference, cameras[n], scenelet, start, last)
+                _turned(offsets[k, last])
+            k += 1
+    return offsets
+
+
+@compiled
+def displacements(
+    reference: Reference, cameras: Array, counts: Ints, items: Ints, places: Array, sizes: Array
+) -> tuple[Ints, Array, Array]:
+    """Of the scenelets of N states, one state after the other.
+
+    Parameters
+    ----------
+    reference : Reference
+    cameras : (N, 5) float
+    counts : (N,) int
+        Scenelets of each.
+    items : (R, 2) int
+    places : (R, 3) float
+    sizes : (R,) float
+
+    Returns
+    -------
+    rows : (R,) int
+        Of the scatter; -1 behind the camera.
+    before : (R, 4) float
+        How the scenelet before is displaced in its last frame; 0 where there is none.
+    offsets : (R, 4) float
+        How far each is from where it is expected.
+    """
+    rows, before, offsets = (
+        np.empty(len(items), np.int64),
+        np.zeros((2, 4)),
+        np.zeros((len(items), 4)),
     )
-    _turned(offset)
-    return True
-
-
-@compiled
-def _log_about(
-    reference: Reference, camera: Array, scenelet: int, middle: Array, where: Array, of: int
-) -> float:
-    """Log density of a place about another one, by a row of the scatter."""
-    height = reference.heights[scenelet]
-    off = where - _carried(height, middle, reference.library_camera, camera)
-    _turned(off)
-    return _log_t(off, reference.factors[of], reference.constants[of])
-
-
-@compiled
-def _log_similar(
-    reference: Reference, camera: Array, end: int, start: int, scenelet: int, where: Array
-) -> float:
-    """Log density of a place, where it is about that of whatever the scenelet replaces."""
-    first, last = _at_start(reference, end, start)
-    density, total = 0.0, 0.0
-    for at in range(first, last):
-        share = reference.later_probability[at] * _replaced(reference, at, scenelet)
-        if share > 0.0:
-            met = np.searchsorted(reference.met, reference.later[at])
-            middle = reference.met_where[met]
-            log_place = _log_about(reference, camera, scenelet, middle, where, _ALIKE)
-            density += share * math.exp(log_place)
-            total += share
-    return math.log(density / total) if density > 0.0 else -math.inf
+    displaced = np.zeros((len(items), 4))
+    k = 0
+    for n in range(len(counts)):
+        end = -1
+        for _ in range(counts[n]):
+            scenelet, start = items[k]
+            where = _pelvis_of(reference, cameras[n], scenelet, 0, places[k], sizes[k])
+            row, middle = _expected(reference, cameras[n], scenelet, start, end, before)
+            rows[k] = -1 if math.isnan(where[1]) else row
+            if end >= 0:
+                displaced[k] = before[1]
+            offsets[k] = where - middle
+            _turned(offsets[k])
+            end = _leaves(reference, cameras[n], scenelet, start, places[k], sizes[k], before)
+            k += 1
+    return rows, displaced, offsets
 
 
 @compiled
@@ -415,43 +519,25 @@ def log_stretch(
         camera, or where they overlap.
     """
     n_scenelets, n_frames = len(reference.kinds), len(reference.room) - 1
-    probability, log_place = np.empty(5), np.empty(5)
-    before, offset, where = np.empty(4), np.empty(4), np.empty(4)
-    kind, end, known, total = 0, 0, False, 0.0
+    probability, before = np.empty(5), np.empty((2, 4))
+    kind, end, left, total = 0, 0, -1, 0.0
     for k in range(max(first - 1, 0), last):
         scenelet, start = items[k]
-        if placements[k, 1] <= 0.0:
-            return -math.inf
-        code = start * n_scenelets + scenelet
-        where[0], where[1] = placements[k, 0] / placements[k, 1], math.log(placements[k, 1])
-        where[2], where[3] = placements[k, 2], sizes[k]
-        met = _displacement(reference, camera, code, where, offset)
         if k >= first:
-            next_probability(reference, kind, end, code, probability)
-            if probability[_ANYWHERE] == 0.0:
+            where = _pelvis_of(reference, camera, scenelet, 0, placements[k], sizes[k])
+            next_probability(reference, kind, end, start * n_scenelets + scenelet, probability)
+            if math.isnan(where[1]) or probability[_ANYWHERE] == 0.0:
                 return -math.inf
-            log_place[:] = -math.inf
-            if probability[_FOLLOWED] + probability[_LATER] > 0.0:
-                of, off = _FIRST, offset.copy()
-                if known:
-                    of = _NEXT
-                    off -= reference.onward @ before
-                    _turned(off)
-                log_place[_FOLLOWED] = _log_t(off, reference.factors[of], reference.constants[of])
-                log_place[_LATER] = log_place[_FOLLOWED]
-            if probability[_SIMILAR] > 0.0:
-                log_place[_SIMILAR] = _log_similar(reference, camera, end, start, scenelet, where)
-            if probability[_CANDIDATE] > 0.0:
-                window = reference.window[start + reference.lengths[scenelet] // 2]
-                middle = reference.candidate_where[window, scenelet]
-                log_place[_CANDIDATE] = _log_about(reference, camera, scenelet, middle, where, _FIT)
-            log_place[_ANYWHERE] = _log_anywhere(reference, where)
-            most, density = log_place.max(), 0.0
-            for of in range(5):
-                density += probability[of] * math.exp(log_place[of] - most)
-            total += most + math.log(density) - log_area(where[1])
-        known = met
-        before[:] = offset
+            row, middle = _expected(reference, camera, scenelet, start, left, before)
+            offset = where - middle
+            _turned(offset)
+            new = reference.strange[scenelet]
+            near = _log_t(offset, reference.factors[row, new], reference.constants[row, new])
+            far = _log_anywhere(reference, where)
+            most = max(near, far)
+            density = (1.0 - _ASTRAY) * math.exp(near - most) + _ASTRAY * math.exp(far - most)
+            total += math.log(probability.sum() * density) + most - log_area(where[1])
+        left = _leaves(reference, camera, scenelet, start, placements[k], sizes[k], before)
         kind, end = reference.kinds[scenelet], start + reference.lengths[scenelet]
     stop = items[last, 1] if last < len(items) else n_frames
     if end > stop:
@@ -535,15 +621,13 @@ def draw_stretch(
     """
     n_scenelets, n_frames = len(reference.kinds), len(reference.room) - 1
     stop = int(state.items[last, 1]) if last < state.n_scenelets else n_frames
-    items, places = [], []
-    kind, end, known = 0, 0, False
-    before, shares = np.empty(4), np.empty(5)
+    items, placements, sizes = [], [], []
+    kind, end, left = 0, 0, -1
+    before, shares = np.empty((2, 4)), np.empty(5)
     if first > 0:
         scenelet, start = state.items[first - 1].tolist()
-        where = to_view(state.placements[first - 1], state.sizes[first - 1])
-        known = _displacement(
-            reference, state.camera, start * n_scenelets + scenelet, where, before
-        )  # fmt: skip
+        place, size = state.placements[first - 1], float(state.sizes[first - 1])
+        left = _leaves(reference, state.camera, scenelet, start, place, size, before)
         kind, end = int(reference.kinds[scenelet]), start + int(reference.lengths[scenelet])
     while True:
         _shares(reference, kind, end, shares)
@@ -552,20 +636,26 @@ def draw_stretch(
         code = _draw_next(reference, rng, of, kind, end)
         if code is None or code >= stop * n_scenelets:
             break
-        alike = code
         if of == _SIMILAR:
-            code = _draw_alike(reference, rng, alike)
+            code = _draw_alike(reference, rng, code)
         start, scenelet = divmod(code, n_scenelets)
-        onward = reference.onward @ before if known else None
-        where = _draw_place(reference, rng, of, state.camera, code, alike, onward)
-        known = _displacement(reference, state.camera, code, where, before)
+        row, middle = _expected(reference, state.camera, scenelet, start, left, before)
+        factor = reference.factors[row, reference.strange[scenelet]]
+        where = _draw_where(reference, rng, factor, middle)
+        place = _placed(reference, state.camera, scenelet, where)
+        size = float(where[3])
+        left = _leaves(reference, state.camera, scenelet, start, place, size, before)
         items.append((scenelet, start))
-        places.append(where)
+        placements.append(place)
+        sizes.append(size)
         kind, end = int(reference.kinds[scenelet]), start + int(reference.lengths[scenelet])
         if end > stop:
             break
-    placements, sizes = to_floor(np.reshape(places, (-1, 4)))
-    return np.reshape(items, (-1, 2)).astype(np.int64), placements, sizes
+    return (
+        np.reshape(items, (-1, 2)).astype(np.int64),
+        np.reshape(placements, (-1, 3)),
+        np.array(sizes, float),
+    )
 
 
 def _draw_t(rng: np.random.Generator, factor: Array) -> Array:
@@ -617,37 +707,24 @@ def _draw_alike(reference: Reference, rng: np.random.Generator, code: int) -> in
     return start * len(reference.kinds) + int(fitting[min(at, len(fitting) - 1)])
 
 
-def _draw_place(
-    reference: Reference,
-    rng: np.random.Generator,
-    of: int,
-    camera: Array,
-    code: int,
-    alike: int,
-    onward: Array | None,
+def _draw_where(
+    reference: Reference, rng: np.random.Generator, factor: Array, middle: Array
 ) -> Array:
-    """Where it stands, by the same component.
-
-    If it is ``alike`` another one, where that was met; ``onward`` is how far it is displaced as
-    the one before is, where that is known.
-    """
-    start, scenelet = divmod(code, len(reference.kinds))
-    if of == _ANYWHERE:
+    """Where the pelvis is in the first frame."""
+    if rng.random() < _ASTRAY:
         seen = reference.anywhere_mean + reference.anywhere_deviation * rng.standard_normal(2)
         yaw, size = rng.uniform(-math.pi, math.pi), reference.size_spread * rng.standard_normal()
         return np.array([*seen, yaw, size])
-    if of == _CANDIDATE:
-        row = _FIT
-        window = reference.window[start + int(reference.lengths[scenelet]) // 2]
-        middle = reference.candidate_where[window, scenelet]
-    else:
-        row = _ALIKE if of == _SIMILAR else _FIRST if onward is None else _NEXT
-        middle = reference.met_where[np.searchsorted(reference.met, alike)]
-    height = float(reference.heights[scenelet])
-    where: Array = _carried(height, middle, reference.library_camera, camera)
-    if row == _NEXT and onward is not None:
-        where = where + onward
     while True:
-        offset = _draw_t(rng, reference.factors[row])
+        offset = _draw_t(rng, factor)
         if abs(offset[2]) <= math.pi:
-            return where + offset
+            return middle + offset
+
+
+def _placed(reference: Reference, camera: Array, scenelet: int, where: Array) -> Array:
+    """The placement with which the pelvis is there."""
+    x, y = floor_point(where[0], where[1])
+    body = math.exp(camera[3] + where[3])
+    c, s = body * math.cos(where[2]), body * math.sin(where[2])
+    local = reference.pelvis[scenelet, 0]
+    return np.array([x - c * local[0] + s * local[1], y - s * local[0] - c * local[1], where[2]])

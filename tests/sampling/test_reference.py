@@ -15,7 +15,7 @@ from imapper_prob.models.log_posterior import State, empty_state
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.settings import ModelSettings
 from imapper_prob.models.view import to_view
-from imapper_prob.sampling.camera_moves import CameraFrame, middle_heights
+from imapper_prob.sampling.camera_moves import CameraFrame
 from imapper_prob.sampling.learning import learn
 from imapper_prob.sampling.reference import (
     Reference,
@@ -150,28 +150,32 @@ def test_wrong_densities_are_seen(error: str) -> None:
 def test_scenelets_are_carried_as_moves_carry_them() -> None:
     """What looks the same through another camera is as far from what was met."""
     reference = known()
-    heights = middle_heights(PROBLEM)
     before, after = np.array(PROBLEM.camera_mean), np.array(PROBLEM.camera_mean)
     after += [0.01, 0.05, -0.02, 0.03, 0.02]
+    # Somebody of whom the first frame is the middle one, in the middle of the scenelet.
+    pelvis = np.array(reference.pelvis)
+    pelvis[..., :2] = 0.0
+    height = float(pelvis[0, 0, 2])
     state = empty_state(PROBLEM).with_item(0, 5, np.array([0.4, 4.0, 0.3]), 0.02)
-    look = CameraFrame(before).look(0.4, 4.0, 0.02, float(heights[0]))
+    look = CameraFrame(before).look(0.4, 4.0, 0.02, height)
     assert look is not None
-    stand = CameraFrame(after).stand(look, float(heights[0]))
+    stand = CameraFrame(after).stand(look, height)
     assert stand is not None
     there, size = np.array([[stand.x, stand.y, 0.3]]), np.array([stand.size])
     moved = State(after, state.items, there, size, state.latent)
-    # Known places alone, as likely in both cameras.
-    only = reference._replace(camera_factor=reference.camera_factor * 1e6)
-    code = 5 * len(reference.kinds)
-    at = int(np.searchsorted(reference.met, code))
-    assert reference.met[at] == code
-    where = np.array(reference.met_where)
-    where[at] = to_view(state.placements[0], state.sizes[0])
-    only = only._replace(met_where=where)
+    # Visited there, and hardly scattered.
+    path, yaw = np.array(reference.path), np.array(reference.yaw)
+    path[5], yaw[5, 0] = to_view(state.placements[0], state.sizes[0])[:2], 0.3
+    only = reference._replace(
+        pelvis=pelvis, path=path, yaw=yaw, size=0.02, habits=np.zeros_like(reference.habits),
+        camera_factor=reference.camera_factor * 1e6, factors=reference.factors * 0.1,
+    )  # fmt: skip
     area = 2 * np.log([state.placements[0, 1], moved.placements[0, 1]])
     one, other = (log_density(only, s) for s in (state, moved))
     # Not quite: scenelets anywhere are not carried. As much further off it would be nats.
-    assert one + area[0] == pytest.approx(other + area[1], abs=0.1)
+    assert one + area[0] == pytest.approx(other + area[1], abs=0.01)
+    astray = replace(moved, placements=there + np.array([[0.0, 0.2, 0.0]]))
+    assert log_density(only, astray) < other - 1
 
 
 def test_nobody_is_behind_the_camera_nor_overlaps() -> None:
@@ -207,7 +211,6 @@ def test_an_empty_scene_is_enough_to_learn_from() -> None:
     visits = Visits()
     visits.note(empty_state(PROBLEM))
     reference = learn(PROBLEM, candidates(), similarity(), visits)
-    assert len(reference.met) == 0
     rng = np.random.default_rng(0)
     drawn = [draw_scene(reference, rng) for _ in range(300)]
     assert all(np.isfinite(log_density(reference, state)) for state in drawn)
