@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +27,7 @@ from imapper_prob.sampling.reference import (
     Reference,
     carried,
     displacements,
+    foretell,
     usual_offsets,
 )
 from imapper_prob.sampling.visits import Visits, camera_covariance
@@ -39,6 +40,14 @@ Ints = NDArray[np.int64]
 _SHIFTS: Final = {0: 0.6, -1: 0.15, 1: 0.15, -2: 0.05, 2: 0.05}
 """Frames by which ends and starts are taken to be earlier or later than they were met, and how
 often; chosen."""
+_SHARES: Final = np.array([0.2, 0.1, 0.5, 0.15, 0.05])
+"""Of followed, later, similar, candidates and anywhere, before anything is learnt; chosen."""
+_KEPT: Final = 0.1
+"""How much of these is kept, so that what nobody has met is still drawn; chosen."""
+_ROUNDS: Final = 30
+"""Steps of expectation and maximisation, at most."""
+_SETTLED: Final = 0.005
+"""Change of the shares with which these end; chosen."""
 _NEAR: Final = 2.0
 """Frames within which visits tell where the person is; further ones count (1 + (dt / near)^2)^-2;
 chosen."""
@@ -105,12 +114,8 @@ def learn(problem: Problem, candidates: Candidates, similarity: Array, visits: V
         size=float(sizes.mean()) if len(sizes) else 0.0,
         habits=np.zeros((len(lengths), 2, 4)),
         strange=np.zeros(len(lengths), np.int64),
-        followed_first=followed[0],
-        followed=followed[1],
-        followed_probability=followed[2],
-        later_first=later[0],
-        later=later[1],
-        later_probability=later[2],
+        shares=_SHARES,
+        **_fields(followed, later),
         similarity=alike,
         alike=_sums_by_length(alike, lengths),
         hazard=hazard,
@@ -125,6 +130,7 @@ def learn(problem: Problem, candidates: Candidates, similarity: Array, visits: V
         factors=np.tile(np.eye(4), (3, 2, 1, 1)),
         constants=np.zeros((3, 2)),
     )
+    reference = reference._replace(shares=_shares(reference, visits))
     habits = _habits(reference, visits, alike)
     reference = reference._replace(habits=habits.mean, strange=habits.strange)
     onward, factors = _scatter(reference, visits, habits.spread)
@@ -160,6 +166,50 @@ def _log_peak(factor: Array, *, yaw: bool = False) -> float:
 
 
 Rows = tuple[Ints, Ints, Array]
+
+
+def _fields(followed: Rows, later: Rows) -> dict[str, Any]:
+    """Rows as a reference has them."""
+    names = ("first", "", "probability")
+    return {
+        "_".join(filter(None, (of, name))): values
+        for of, rows in (("followed", followed), ("later", later))
+        for name, values in zip(names, rows, strict=True)
+    }
+
+
+def _shares(reference: Reference, visits: Visits) -> Array:
+    """Shares of the mixture with which one half of the visits is best foretold by the other.
+
+    Visits of several chains come chain by chain, so that halves are of different chains.
+    """
+    halves = visits.halves()
+    if min(len(half.counts) for half in halves) == 0:
+        return _SHARES
+    foretelling = []
+    for known, other in (halves, halves[::-1]):
+        followed, later = _rows(
+            known,
+            reference.kinds,
+            reference.lengths,
+            reference.room,
+            int(reference.kinds.max()) + 1,
+        )
+        visited = other.arrays()
+        of_half = reference._replace(**_fields(followed, later))
+        foretelling.append((of_half, visited["counts"], visited["items"]))
+    shares = _SHARES
+    for _ in range(_ROUNDS):
+        joint = np.concatenate(
+            [
+                foretell(of._replace(shares=shares), counts, items)
+                for of, counts, items in foretelling
+            ]
+        )
+        before, shares = shares, (joint / joint.sum(1, keepdims=True)).mean(0)
+        if np.abs(shares - before).max() < _SETTLED:
+            break
+    return _KEPT * _SHARES + (1.0 - _KEPT) * shares
 
 
 def _rows(

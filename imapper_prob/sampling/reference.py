@@ -13,7 +13,8 @@ A scene is drawn as follows.
    from a mixture: what followed upon furniture of its kind that ended about then (*followed*),
    whatever came next after that frame (*later*), one of similar motion in place of that
    (*similar*), the solver's candidates (*candidates*), and any scenelet at any start (*anywhere*).
-   Each of them may end the scene.
+   Each of them may end the scene. Their shares are those with which one half of the visits is best
+   foretold by the other.
 3. Where each one stands, by where the pelvis is in its first frame, as it looks
    (:mod:`imapper_prob.models.view`). All that was visited says where the person is in each frame,
    whatever the scenelet; what is drawn is a displacement from there. A scenelet that begins as
@@ -40,16 +41,12 @@ from imapper_prob.models.view import floor_point, log_area
 
 __all__ = [
     "DOF", "FIRST", "FLUSH", "LATER", "Reference", "carried", "displacements", "draw_scene",
-    "draw_stretch", "log_reference", "log_stretch", "next_probability", "usual_offsets",
+    "draw_stretch", "foretell", "log_reference", "log_stretch", "next_probability", "usual_offsets",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-_SHARES: Final = np.array([0.2, 0.1, 0.5, 0.15, 0.05])
-"""Of followed, later, similar, candidates and anywhere. Half goes to what was not met itself: with
-two thousand scenelets a posterior is wider than what was met of it. Chosen on draws of Scene04, by
-the mean of posterior over reference."""
 _ENDS: Final = 0.2
 """Probability that candidates, or anywhere, end the scene; chosen."""
 _ASTRAY: Final = 0.05
@@ -92,6 +89,8 @@ class Reference(NamedTuple):
     habits : (L, 2, 4) float
         By how much each differs from that in its first and in its last frame: bearing, log depth,
         yaw, log size.
+    shares : (5,) float
+        Of the components of the mixture: followed, later, similar, candidates, anywhere.
     followed_first, followed, followed_probability : (K (T + 1) + 1,), (E,), (E,)
         Rows by kind, then frame at which the scenelet before ended.
     later_first, later, later_probability : (T + 2,), (F,), (F,)
@@ -136,6 +135,7 @@ class Reference(NamedTuple):
     size: float
     habits: Array
     strange: Ints
+    shares: Array
     followed_first: Ints
     followed: Ints
     followed_probability: Array
@@ -224,7 +224,7 @@ def _turned(offset: Array) -> None:
 @compiled
 def _shares(reference: Reference, kind: int, end: int, shares: Array) -> None:
     """Shares of the mixture after a scenelet of a kind that ended at a frame."""
-    shares[:] = _SHARES
+    shares[:] = reference.shares
     row = kind * len(reference.room) + end
     if reference.followed_first[row] == reference.followed_first[row + 1]:
         shares[_LATER], shares[_FOLLOWED] = shares[_LATER] + shares[_FOLLOWED], 0.0
@@ -304,6 +304,41 @@ def next_probability(
     begins = _begins(reference, end, start) if reference.candidates[start, scenelet] > 0.0 else 0.0
     probability[_CANDIDATE] *= (1.0 - _ENDS) * begins * reference.candidates[start, scenelet]
     probability[_ANYWHERE] *= (1.0 - _ENDS) / openings
+
+
+@compiled
+def foretell(reference: Reference, counts: Ints, items: Ints) -> Array:
+    """Probability of each scenelet of N states, and of their ends, by component of the mixture.
+
+    Parameters
+    ----------
+    reference : Reference
+    counts : (N,) int
+        Scenelets of each state.
+    items : (R, 2) int
+
+    Returns
+    -------
+    (R + N, 5) float
+        See :func:`next_probability`.
+    """
+    n_scenelets = len(reference.kinds)
+    found = np.empty((len(items) + len(counts), 5))
+    k = 0
+    for n in range(len(counts)):
+        kind, end = 0, 0
+        for i in range(counts[n] + 1):
+            code = (len(reference.room) - 1) * n_scenelets
+            if i < counts[n]:
+                code = items[k, 1] * n_scenelets + items[k, 0]
+            next_probability(reference, kind, end, code, found[k + n])
+            if i < counts[n]:
+                kind, end = (
+                    reference.kinds[items[k, 0]],
+                    items[k, 1] + reference.lengths[items[k, 0]],
+                )
+                k += 1
+    return found
 
 
 @compiled

@@ -78,6 +78,16 @@ class Visits:
             whole.where += visits.where
         return whole
 
+    def halves(self) -> tuple[Visits, Visits]:
+        """The states of the first half, and those of the second."""
+        rows = self.arrays()
+        states = len(rows["counts"]) // 2
+        scenelets = int(rows["counts"][:states].sum())
+        cut = {"counts": states, "cameras": states, "items": scenelets, "where": scenelets}
+        first = {name: values[: cut[name]] for name, values in rows.items()}
+        second = {name: values[cut[name] :] for name, values in rows.items()}
+        return Visits.of(first), Visits.of(second)
+
     def arrays(self) -> dict[str, NDArray[Any]]:
         """All of them as arrays, each under its name."""
         return {

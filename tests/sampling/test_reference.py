@@ -42,12 +42,13 @@ def two_films() -> Problem:
 
 @cache
 def known(films: int = 1, count: int = 80, seed: int = 0) -> Reference:
-    """Learnt from scenes of the prior."""
+    """Learnt from scenes of the prior; each component of the mixture is drawn often."""
     problem = PROBLEM if films == 1 else two_films()
     rng, visits = np.random.default_rng(seed), Visits()
     for _ in range(count):
         visits.note(draw_state(rng, problem))
-    return learn(problem, candidates(), similarity(), visits)
+    learnt = learn(problem, candidates(), similarity(), visits)
+    return learnt._replace(shares=np.array([0.2, 0.1, 0.5, 0.15, 0.05]))
 
 
 def log_density(reference: Reference, state: State) -> float:
@@ -205,6 +206,31 @@ def test_what_was_visited_is_drawn_more_often() -> None:
     near = np.array([to_view(s.placements[0], s.sizes[0]) for s in same])
     # Through the camera that was drawn, bearing and depth are elsewhere; the yaw is not.
     assert np.median(np.abs(near[:, 2] - 1.0)) < 0.1
+
+
+def test_shares_are_of_what_foretells_other_visits() -> None:
+    """What always comes at one frame is foretold by what came there; chance, by nothing met."""
+    rng, always, never = np.random.default_rng(0), Visits(), Visits()
+    for _ in range(200):
+        place = np.array([0.3, 3.5, 1.0])
+        always.note(empty_state(PROBLEM).with_item(1, 4, place))
+        never.note(draw_state(rng, PROBLEM))
+    met, unmet = (learn(PROBLEM, candidates(), similarity(), v).shares for v in (always, never))
+    for shares in (met, unmet):
+        assert shares.sum() == pytest.approx(1.0)
+        assert (shares > 0).all()
+    assert met[:2].sum() > 0.8 > unmet[:2].sum()
+
+
+def test_halves_are_the_whole() -> None:
+    rng, visits = np.random.default_rng(0), Visits()
+    for _ in range(7):
+        visits.note(draw_state(rng, PROBLEM))
+    first, second = visits.halves()
+    assert [len(half.arrays()["counts"]) for half in (first, second)] == [3, 4]
+    whole = Visits.together([first, second]).arrays()
+    for name, values in visits.arrays().items():
+        assert np.array_equal(whole[name], values)
 
 
 def test_an_empty_scene_is_enough_to_learn_from() -> None:
