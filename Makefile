@@ -36,7 +36,7 @@ kernels_of_models: $(STAMP)
 	$(PY) -m pytest --quiet tests/models/test_posterior.py tests/models/test_incremental.py
 
 kernels_of_moves: $(STAMP)
-	$(PY) -m pytest --quiet tests/sampling/test_alone.py \
+	$(PY) -m pytest --quiet tests/sampling/test_alone.py tests/sampling/test_steps.py \
 		tests/sampling/test_reference.py::test_what_was_visited_is_drawn_more_often
 
 lint: $(STAMP)

@@ -133,7 +133,7 @@ def short_clip(library: Library, *, every: int, frames: int = FRAMES) -> Experim
         Holds :data:`SCENELETS`.
     every : int
         Frames from one detection to the next. With 1 it is nearly always clear which scenelets
-        there are, and chains hardly jump; with 4 they jump once in thirty births.
+        there are, and chains hardly jump.
     frames : int
         How long it is.
     """

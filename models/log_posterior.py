@@ -2,7 +2,7 @@
 
 A :class:`State` is one hypothesis. :func:`log_posterior` evaluates a whole one;
 :class:`Incremental` evaluates what a proposal changes in a current state, to the same value.
-:func:`target_of` says which log-posterior a problem has: the default one
+A `Target` says which log-posterior a problem has: the default one
 (:mod:`imapper_prob.models.kernels.incremental`) or the published energy
 (:mod:`imapper_prob.models.published_energy`).
 """
@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from imapper_prob.models.camera import Camera
 from imapper_prob.models.kernels.cache import Evaluator, open_evaluator
 from imapper_prob.models.kernels.detection import flip_probabilities
-from imapper_prob.models.kernels.incremental import change, commit, evaluate
+from imapper_prob.models.kernels.incremental import commit, evaluate, propose
 from imapper_prob.models.problem import TERMS, Problem
 from imapper_prob.models.published_energy import PAPER_TERMS, evaluate_paper
 from imapper_prob.models.text import brief
@@ -38,7 +38,6 @@ __all__ = [
     "motion",
     "side_flips",
     "state_camera",
-    "target_of",
     "terms",
 ]
 
@@ -273,7 +272,7 @@ _DEFAULT: Final = Target(TERMS, _evaluate_terms, True)
 _PUBLISHED: Final = Target(PAPER_TERMS, _evaluate_published, False)
 
 
-def target_of(problem: Problem) -> Target:
+def _target_of(problem: Problem) -> Target:
     """The log-posterior that a problem was packed for: the default one, or the published energy.
 
     Parameters
@@ -298,7 +297,7 @@ def _term_names(problem: Problem) -> tuple[str, ...]:
     -------
     tuple of str
     """
-    return target_of(problem).names
+    return _target_of(problem).names
 
 
 def log_posterior(problem: Problem, state: State) -> float:
@@ -316,7 +315,7 @@ def log_posterior(problem: Problem, state: State) -> float:
     float
         Nats.
     """
-    return float(target_of(problem).evaluate(problem, state).sum())
+    return float(_target_of(problem).evaluate(problem, state).sum())
 
 
 def terms(problem: Problem, state: State) -> dict[str, float]:
@@ -332,7 +331,7 @@ def terms(problem: Problem, state: State) -> dict[str, float]:
     dict of str to float
         Nats; their sum is :func:`log_posterior`.
     """
-    target = target_of(problem)
+    target = _target_of(problem)
     return dict(zip(target.names, target.evaluate(problem, state).tolist(), strict=True))
 
 
@@ -457,7 +456,7 @@ class Incremental:
         if state.n_scenelets > self._capacity:
             self._start(2 * state.n_scenelets)
         now = self._state
-        parts: tuple[float, float] = change(
+        parts: tuple[float, float] = propose(
             self._evaluator, now.n_scenelets, now.camera, now.latent,
             state.camera, state.items, state.placements, state.sizes, state.latent,
         )  # fmt: skip
@@ -480,12 +479,12 @@ class Incremental:
 
     def _start(self, room: int) -> None:
         """Remember nothing but the current state, with room for so many scenelets."""
-        if not target_of(self._problem).incremental:
+        if not _target_of(self._problem).incremental:
             raise ValueError("the published energy has no incremental evaluation")
         state = self._state
         self._capacity = max(room, state.n_scenelets)
         self._evaluator: Evaluator = open_evaluator(self._problem, self._capacity)
-        parts: tuple[float, float] = change(
+        parts: tuple[float, float] = propose(
             self._evaluator, -1, state.camera, state.latent,
             state.camera, state.items, state.placements, state.sizes, state.latent,
         )  # fmt: skip
@@ -512,7 +511,7 @@ def log_posterior_near(problem: Problem, state: State) -> Callable[[State], floa
         From a state to nats.
     """
     whole = partial(log_posterior, problem)
-    if not target_of(problem).incremental or whole(state) == -math.inf:
+    if not _target_of(problem).incremental or whole(state) == -math.inf:
         return whole
     incremental = Incremental(problem, state)
     return lambda other: sum(incremental.propose(other))

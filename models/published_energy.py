@@ -54,6 +54,7 @@ __all__ = [
     "overlap",
     "overlaps",
     "signed_distance",
+    "sum_paper",
 ]
 
 Array = NDArray[np.float64]
@@ -407,6 +408,24 @@ def evaluate_paper(
     (10,) float
         Values of ``PAPER_TERMS``, nats; the first is -inf outside the support.
     """
+    return sum_paper(
+        problem, camera.copy(), items.copy(), placements.copy(), sizes.copy(), latent.copy(),
+        joints, by_frame,
+    )  # fmt: skip
+
+
+@inner
+def sum_paper(
+    problem: Problem,
+    camera: Array,
+    items: Ints,
+    placements: Array,
+    sizes: Array,
+    latent: Array,
+    joints: Array,
+    by_frame: Array,
+) -> Array:
+    """As :func:`evaluate_paper`, for kernels."""
     terms = np.zeros(len(PAPER_TERMS))
     evaluator = open_evaluator(problem, len(items))
     cache = evaluator.cache

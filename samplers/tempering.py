@@ -38,12 +38,14 @@ import numpy as np
 from imapper_prob.samplers.reversible_jump import ChainState, StepInfo, init
 
 __all__ = [
+    "KernelWalker",
     "LadderSummary",
     "Parts",
     "SwapTable",
     "Tempered",
     "TemperingInfo",
     "TemperingState",
+    "Walker",
     "power_ladder",
     "respaced",
     "start",
@@ -220,7 +222,6 @@ class SwapTable:
 # Chains.
 
 S = TypeVar("S")
-S_contra = TypeVar("S_contra", contravariant=True)
 
 # Robbins-Monro: gains of n^-0.6 sum to infinity and their squares do not.
 _ADAPTATION_DECAY = 0.6
@@ -262,14 +263,19 @@ class Parts(NamedTuple):
 Target = Callable[[S], Parts]
 
 
-class IncrementalLogDensity(Protocol[S_contra]):
-    """A target that knows where its chain stands, so that a proposal costs what it changes."""
+class Walker(Protocol[S]):
+    """A chain on one rung: it knows where it stands, so that a proposal costs what it changes."""
 
-    def __call__(self, state: S_contra, /) -> Parts:
+    def __call__(self, state: S, /) -> Parts:
         """The log density of ``state``; the chain stays where it is."""
 
-    def move(self, state: S_contra, /) -> None:
+    def move(self, state: S, /) -> None:
         """The chain has gone to ``state``."""
+
+    def advance(
+        self, rng: np.random.Generator, beta: float, steps: int, /
+    ) -> tuple[ChainState[S], tuple[StepInfo, ...]]:
+        """Where the chain is after some steps at an inverse temperature, and what happened."""
 
 
 @dataclass(frozen=True)
@@ -404,12 +410,10 @@ def temper(
     rngs: Sequence[np.random.Generator],
     position: TemperingState[S],
     *,
-    target: Target[S],
-    kernel: Kernel[S],
+    walker: Callable[[S], Walker[S]],
     steps_per_swap: int,
     adapt: bool = False,
     crossover: Crossover[S] | None = None,
-    track: Callable[[S], IncrementalLogDensity[S]] | None = None,
     independent: Callable[[np.random.Generator], S] | None = None,
 ) -> Iterator[TemperingInfo[S]]:
     """An endless tempered chain, one item a round.
@@ -420,9 +424,9 @@ def temper(
         One for each rung and one for the swaps, such as ``rng.spawn(K + 1)``.
     position : TemperingState
         From `start`, or where an earlier chain arrived; it is not yielded itself.
-    target : callable
-        ``target(state) -> Parts``.
-    kernel : Kernel
+    walker : callable
+        ``walker(state) -> Walker`` that stands at ``state``; one a rung. Such as
+        ``functools.partial(KernelWalker, target, kernel)``.
     steps_per_swap : int
         Proposals on each rung between two rounds of swaps.
     adapt : bool
@@ -430,9 +434,6 @@ def temper(
         its target invariant: adapt during burn-in, then go on from its last position without.
     crossover : Crossover, optional
         Exchanges parts of states across every second gap, before the swaps.
-    track : callable, optional
-        ``track(state) -> IncrementalLogDensity`` that stands at ``state`` and is asked instead of
-        ``target`` from then on; one a rung, which goes where its chain goes.
     independent : callable, optional
         ``independent(rng) -> S`` draws from the prior. Where beta = 0, one such draw a round
         takes the place of the kernel's steps.
@@ -454,30 +455,62 @@ def temper(
         raise ValueError(f"{len(rngs)} generators for {len(position.betas)} rungs and the swaps")
     if steps_per_swap < 1:
         raise ValueError(f"steps_per_swap must be at least 1, not {steps_per_swap}")
-    trackers = [
-        _Memoryless(target) if track is None else track(chain.state) for chain in position.chains
-    ]
-    return _rounds(rngs, position, trackers, kernel, steps_per_swap, adapt, crossover, independent)
+    walkers = [walker(chain.state) for chain in position.chains]
+    return _rounds(rngs, position, walkers, steps_per_swap, adapt, crossover, independent)
 
 
-@dataclass(frozen=True)
-class _Memoryless(Generic[S]):
-    """A target as a tracker."""
+class KernelWalker(Generic[S]):
+    """A walker by a kernel and a target that know nothing of where the chain has been.
 
-    target: Target[S]
+    Parameters
+    ----------
+    target : callable
+        ``target(state) -> Parts``.
+    kernel : Kernel
+    state : S
+        Where it stands.
+    """
+
+    def __init__(self, target: Target[S], kernel: Kernel[S], state: S) -> None:
+        self._target, self._kernel, self._state = target, kernel, state
 
     def __call__(self, state: S) -> Parts:
-        return self.target(state)
+        """The log density of ``state``."""
+        return self._target(state)
 
     def move(self, state: S) -> None:
-        """Nothing depends on where the chain is."""
+        """The chain has gone to ``state``."""
+        self._state = state
+
+    def advance(
+        self, rng: np.random.Generator, beta: float, steps: int
+    ) -> tuple[ChainState[S], tuple[StepInfo, ...]]:
+        """Some steps of the kernel.
+
+        Parameters
+        ----------
+        rng : numpy.random.Generator
+        beta : float
+        steps : int
+
+        Returns
+        -------
+        ChainState
+        tuple of StepInfo
+        """
+        density, infos = Tempered(self._target, beta), []
+        at = ChainState(self._state, density(self._state))
+        for _ in range(steps):
+            at, info = self._kernel(rng, at, log_density_fn=density)
+            infos.append(info)
+        self._state = at.state
+        return at, tuple(infos)
 
 
 def _rounds(
     rngs: Sequence[np.random.Generator],
     position: TemperingState[S],
-    trackers: list[IncrementalLogDensity[S]],
-    kernel: Kernel[S],
+    walkers: list[Walker[S]],
     steps_per_swap: int,
     adapt: bool,
     crossover: Crossover[S] | None,
@@ -487,39 +520,32 @@ def _rounds(
     while True:
         chains: list[ChainState[S]] = []
         steps: list[tuple[StepInfo, ...]] = []
-        for rng, chain, beta, tracker in zip(
-            rung_rngs, position.chains, position.betas, trackers, strict=True
+        for rng, chain, beta, walker in zip(
+            rung_rngs, position.chains, position.betas, walkers, strict=True
         ):
             if beta == 0 and independent is not None:
-                chain, info = _drawn(rng, chain, independent, tracker)
-                chains.append(chain)
-                steps.append((info,))
-                continue
-            density, infos = Tempered(tracker, beta), []
-            for _ in range(steps_per_swap):
-                chain, info = kernel(rng, chain, log_density_fn=density)
-                if info.accepted:
-                    tracker.move(chain.state)
-                infos.append(info)
+                chain, info = _drawn(rng, chain, independent, walker)
+                infos: tuple[StepInfo, ...] = (info,)
+            else:
+                chain, infos = walker.advance(rng, beta, steps_per_swap)
             chains.append(chain)
-            steps.append(tuple(infos))
+            steps.append(infos)
         crossed = []
         if crossover is not None:
             # The gaps that do not swap in this round.
             for gap in range(1 - position.rounds % 2, len(chains) - 1, 2):
                 pair = slice(gap, gap + 2)
                 chains[pair], info = _crossed(
-                    swap_rng, chains[pair], trackers[pair], position.betas[pair], crossover
+                    swap_rng, chains[pair], walkers[pair], position.betas[pair], crossover
                 )
                 crossed.append(info)
-        # One evaluation a rung and round, so that kernels need not hand on the two parts.
-        parts = [tracker(chain.state) for tracker, chain in zip(trackers, chains, strict=True)]
+        parts = [walker(chain.state) for walker, chain in zip(walkers, chains, strict=True)]
         rungs = zip(parts, position.betas, strict=True)
         acceptance = tuple(
             math.exp(min(0.0, _log_swap_ratio(hot, cold))) for hot, cold in pairwise(rungs)
         )
         order = _swapped(swap_rng, acceptance, odd=position.rounds % 2)
-        trackers = [trackers[i] for i in order]
+        walkers = [walkers[i] for i in order]
         betas = position.betas
         if adapt:
             gain = (position.rounds + 1) ** -_ADAPTATION_DECAY
@@ -541,7 +567,7 @@ def _drawn(
     rng: np.random.Generator,
     chain: ChainState[S],
     independent: Callable[[np.random.Generator], S],
-    tracker: IncrementalLogDensity[S],
+    walker: Walker[S],
 ) -> tuple[ChainState[S], StepInfo]:
     """A draw from the prior where the likelihood is not zero.
 
@@ -549,9 +575,9 @@ def _drawn(
     """
     for _ in range(_TRIES):
         state = independent(rng)
-        parts = tracker(state)
+        parts = walker(state)
         if math.isfinite(parts.log_prior) and math.isfinite(parts.log_likelihood):
-            tracker.move(state)
+            walker.move(state)
             return ChainState(state, parts.log_prior), StepInfo("independent", True, 0.0)
     return chain, StepInfo("independent", False, -math.inf)
 
@@ -559,7 +585,7 @@ def _drawn(
 def _crossed(
     rng: np.random.Generator,
     pair: Sequence[ChainState[S]],
-    trackers: Sequence[IncrementalLogDensity[S]],
+    walkers: Sequence[Walker[S]],
     betas: Sequence[float],
     crossover: Crossover[S],
 ) -> tuple[list[ChainState[S]], StepInfo]:
@@ -569,15 +595,15 @@ def _crossed(
         return list(pair), StepInfo("crossover", False, -math.inf)
     *states, log_ratio = proposal
     new = [
-        ChainState(state, tracker(state).at(beta))
-        for state, tracker, beta in zip(states, trackers, betas, strict=True)
+        ChainState(state, walker(state).at(beta))
+        for state, walker, beta in zip(states, walkers, betas, strict=True)
     ]
     gain = sum(chain.log_density for chain in new) - sum(chain.log_density for chain in pair)
     log_acceptance = min(0.0, gain + log_ratio)
     accepted = bool(rng.standard_exponential() > -log_acceptance)
     if accepted:
-        for chain, tracker in zip(new, trackers, strict=True):
-            tracker.move(chain.state)
+        for chain, walker in zip(new, walkers, strict=True):
+            walker.move(chain.state)
     return (new if accepted else list(pair)), StepInfo("crossover", accepted, log_acceptance)
 
 

@@ -36,7 +36,7 @@ def rng() -> np.random.Generator:
 def _prepared_once() -> Iterator[None]:
     """What chains need of a solution takes 3 s of the demo: a process of tests makes it once."""
     from imapper_prob.sampling import actors
-    from imapper_prob.sampling.proposals import Candidates
+    from imapper_prob.sampling.candidates import Candidates
     from imapper_prob.solver.solver import Solution
 
     # With the solution itself, so that no other has its number.

@@ -654,8 +654,8 @@ def _diagnostics(posterior: Posterior) -> str:
             table(
                 ["move", "proposed", "accepted", "rate"],
                 table_of_moves,
-                caption="A step of a chain proposes a change, which is accepted or not. Births and "
-                "deaths add and remove scenelets.",
+                caption="A step of a chain proposes a change, which is accepted or not. Redraws "
+                "add and remove scenelets.",
             ),
             *(
                 [

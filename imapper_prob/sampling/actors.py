@@ -22,7 +22,7 @@ from imapper_prob.models.path_prior import CameraPrior
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.scene import Clip
 from imapper_prob.models.scenelet import Library
-from imapper_prob.sampling.proposals import Candidates, weighted_candidates
+from imapper_prob.sampling.candidates import Candidates, weighted_candidates
 from imapper_prob.solver.candidates import refine
 from imapper_prob.solver.solver import Solution
 

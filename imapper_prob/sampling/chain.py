@@ -2,28 +2,19 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
 from itertools import islice
 
 import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.config import SampleSettings
-from imapper_prob.layouts import furniture_kinds
-from imapper_prob.models.log_posterior import (
-    Incremental,
-    State,
-    empty_state,
-    log_posterior,
-    target_of,
-)
+from imapper_prob.models.log_posterior import State, empty_state
 from imapper_prob.models.problem import Problem
 from imapper_prob.samplers.chains import Report
 from imapper_prob.samplers.checkpoint import Checkpointer, CheckpointError
-from imapper_prob.samplers.reversible_jump import AcceptanceTable, ChainState, Mixture, Move, step
+from imapper_prob.samplers.reversible_jump import AcceptanceTable, ChainState
 from imapper_prob.samplers.tempering import (
     LadderSummary,
     Parts,
@@ -33,29 +24,12 @@ from imapper_prob.samplers.tempering import (
     temper,
 )
 from imapper_prob.sampling.actors import JointProblem
-from imapper_prob.sampling.camera_moves import (
-    AdaptedCameraWalk,
-    CameraWalk,
-    CompensatedCameraWalk,
-    DepthScale,
-    FocalScale,
-)
+from imapper_prob.sampling.candidates import Candidates
 from imapper_prob.sampling.checkpoints import ChainProgress
+from imapper_prob.sampling.crossover import TimeCrossover
 from imapper_prob.sampling.learning import learn
-from imapper_prob.sampling.moves import (
-    Birth,
-    Death,
-    PathRefresh,
-    PlacementWalk,
-    ReplaceNearby,
-    ReplaceSimilar,
-    Shift,
-    TimeCrossover,
-)
-from imapper_prob.sampling.proposals import Candidates, Proposals
-from imapper_prob.sampling.reference import Reference, draw_scene, log_reference
-from imapper_prob.sampling.reference_moves import SceneRedraw, StretchRedraw
-from imapper_prob.sampling.replace_moves import Refurnish, Replace, ReplaceAndShift
+from imapper_prob.sampling.redraws import draw_scene
+from imapper_prob.sampling.scene import state_of
 from imapper_prob.sampling.schedule import (
     burn_in_of,
     draws_of,
@@ -64,78 +38,10 @@ from imapper_prob.sampling.schedule import (
     piece_of,
     trace_of,
 )
+from imapper_prob.sampling.steps import Moves, Walker, parts_of, scene_moves
 from imapper_prob.sampling.visits import Visits, camera_shape
 
-__all__ = [
-    "Chain",
-    "SceneTracker",
-    "Setup",
-    "run_chain",
-    "scene_moves",
-    "starts_of",
-    "tempering_split",
-]
-
-
-def tempering_split(problem: Problem, reference: Reference | None, state: State) -> Parts:
-    """The reference's log density and what the posterior's is beyond it; all without one."""
-    return _split(reference, state, log_posterior(problem, state))
-
-
-def _split(reference: Reference | None, state: State, log_density: float) -> Parts:
-    if reference is None:
-        return Parts(0.0, log_density)
-    log_prior = log_reference(
-        reference, state.camera, state.items, state.placements, state.sizes
-    )  # fmt: skip
-    return Parts(log_prior, log_density - log_prior if math.isfinite(log_prior) else 0.0)
-
-
-class SceneTracker:
-    """What :func:`tempering_split` says, worked out from where a chain stands.
-
-    Values depend by some 1e-6 nats on how the chain came to where it is, because what moves by
-    nanometres is not looked at again. Chains that are to be repeated exactly from the middle
-    begin with a new tracker there.
-
-    Parameters
-    ----------
-    problem : Problem
-        Not with the published energy, which has no incremental evaluation.
-    reference : Reference or None
-    state : State
-        Where the chain stands.
-    """
-
-    def __init__(self, problem: Problem, reference: Reference | None, state: State) -> None:
-        self._incremental = Incremental(problem, state)
-        self._reference = reference
-        self._last: State | None = None
-
-    def __call__(self, state: State) -> Parts:
-        """The parts of ``state``; the chain stays where it is."""
-        if state is self._incremental.state:
-            return _split(self._reference, state, sum(self._incremental.parts))
-        self._last = state
-        return _split(self._reference, state, sum(self._incremental.propose(state)))
-
-    def move(self, state: State) -> None:
-        """The chain has gone to ``state``."""
-        if state is self._incremental.state:
-            return
-        if state is not self._last:
-            self._incremental.propose(state)
-        self._incremental.accept()
-        self._last = None
-
-
-def tracker_of(
-    problem: Problem, reference: Reference | None = None
-) -> Callable[[State], SceneTracker] | None:
-    """What makes trackers of chains; None where every state is evaluated as a whole."""
-    if not target_of(problem).incremental:
-        return None
-    return partial(SceneTracker, problem, reference)
+__all__ = ["Chain", "Setup", "Tempered", "run_chain", "starts_of", "tempered"]
 
 
 # ------------------------------------------------------------------------------------------------
@@ -161,11 +67,6 @@ def starts_of(cast: JointProblem, count: int) -> list[tuple[State, ...]]:
 Array = NDArray[np.float64]
 
 
-_REDRAWN = 0.6
-"""How often a stretch is drawn anew from the reference, over all moves but these and the adapted
-walk together; whole scenes half as often. Chosen."""
-
-
 @dataclass(frozen=True)
 class Setup:
     """What all chains share.
@@ -174,7 +75,7 @@ class Setup:
     ----------
     problem : Problem
     candidates : Candidates
-        Where births and swaps look.
+        Fits of the solver, with weights.
     similarity : (L, L) float
         Probabilities of exchanging one scenelet for another.
     settings : SampleSettings
@@ -224,44 +125,6 @@ class Chain:
     progress: ChainProgress
 
 
-def scene_moves(
-    setup: Setup, reference: Reference | None = None, shape: Array | None = None
-) -> Mixture[State]:
-    """The moves and how often each is tried.
-
-    Births and deaths are refused far more often than walks, so they are tried more often
-    than their share of the accepted moves suggests. Exchanges for a scenelet of similar motion
-    lead to what nobody has met, a few nats at a time. From a ``reference`` scenes and stretches are
-    drawn anew; with a ``shape`` (5, 5), see :func:`imapper_prob.sampling.visits.camera_shape`,
-    camera and body walk in it.
-    """
-    problem = setup.problem
-    proposals = Proposals(problem, setup.candidates)
-    factor = np.linalg.cholesky(np.linalg.inv(problem.camera_precision))
-    kinds = furniture_kinds(problem)
-    weighted: list[tuple[Move[State], float]] = [
-        (Birth(proposals), 0.09),
-        (Death(proposals), 0.09),
-        (ReplaceNearby(proposals), 0.04),
-        (Replace(proposals), 0.10),
-        (ReplaceAndShift(proposals), 0.05),
-        (ReplaceSimilar(problem, setup.similarity), 0.4),
-        (Refurnish(proposals, kinds), 0.08),
-        (Shift(problem), 0.06),
-        (PlacementWalk(), 0.3),
-        (CameraWalk(factor), 0.03),
-        (CompensatedCameraWalk(problem, factor), 0.07),
-        (DepthScale(), 0.06),
-        (FocalScale(float(np.linalg.norm(factor[2]))), 0.04),
-        (PathRefresh(), 0.05),
-    ]
-    if shape is not None:
-        weighted.append((AdaptedCameraWalk(problem, shape), 0.4))
-    if reference is not None:
-        weighted += [(SceneRedraw(reference), _REDRAWN / 2), (StretchRedraw(reference), _REDRAWN)]
-    return Mixture([move for move, _ in weighted], [weight for _, weight in weighted])
-
-
 def run_chain(
     setup: Setup,
     starts: Sequence[State] | ChainProgress,
@@ -291,7 +154,7 @@ def run_chain(
     done = None if keeper is None else _resumed(keeper, setup)
     if done is None and isinstance(starts, ChainProgress):
         done = starts
-    learnt = _learnt(setup, [] if done is None else done.visits[:-1])
+    learnt = _of_noted(setup, [] if done is None else done.visits[:-1])
     if done is None:
         assert not isinstance(starts, ChainProgress)
         betas = power_ladder(settings.temperatures) if settings.temperatures > 1 else (1.0,)
@@ -304,21 +167,19 @@ def run_chain(
         now = done.position.rounds
         adapt = now < burn_in
         if now in learning.ends:
-            learnt = _learnt(setup, done.visits[:-1])
+            learnt = _of_noted(setup, done.visits[:-1])
             done.position = _anew(done.position, learnt)
-        # A piece begins with new trackers, as a chain does that goes on from a checkpoint.
+        # A piece begins with new walkers, as a chain does that goes on from a checkpoint.
         stops = (*learning.ends, burn_in, settings.rounds, end)
         last = next(stop for stop in stops if now < stop)
         piece = min(piece_of(settings), min(last, end) - now)
         rounds = temper(
             done.rngs,
             done.position,
-            target=learnt.target,
-            kernel=partial(step, mixture=learnt.mixture),
+            walker=learnt.walker,
             steps_per_swap=settings.swap_every,
             adapt=adapt,
             crossover=crossover,
-            track=learnt.track,
             independent=learnt.independent,
         )
         for at in islice(rounds, piece):
@@ -359,29 +220,49 @@ def run_chain(
 
 
 @dataclass(frozen=True)
-class _Learnt:
-    """What a chain moves with, as far as it has learnt."""
+class Tempered:
+    """What a chain over scenes walks by, from a reference to the posterior.
+
+    Parameters
+    ----------
+    problem : Problem
+    moves : Moves
+    """
 
     problem: Problem
-    reference: Reference | None
-    mixture: Mixture[State]
+    moves: Moves
 
     def target(self, state: State) -> Parts:
         """The log density in two parts."""
-        return tempering_split(self.problem, self.reference, state)
+        return parts_of(self.problem, self.moves.reference, state)
 
-    @property
-    def track(self) -> Callable[[State], SceneTracker] | None:
-        """What makes trackers."""
-        return tracker_of(self.problem, self.reference)
+    def walker(self, state: State) -> Walker:
+        """A chain that stands at a state."""
+        return Walker(self.problem, self.moves, state)
 
-    @property
-    def independent(self) -> Callable[[np.random.Generator], State] | None:
-        """Draws from the reference."""
-        return None if self.reference is None else partial(draw_scene, self.reference)
+    def independent(self, rng: np.random.Generator) -> State:
+        """A draw from the reference."""
+        return state_of(draw_scene(self.moves.reference, rng))
 
 
-def _learnt(setup: Setup, noted: Sequence[Visits]) -> _Learnt:
+def tempered(setup: Setup, visits: Visits) -> Tempered:
+    """What is learnt of some visits.
+
+    Parameters
+    ----------
+    setup : Setup
+    visits : Visits
+
+    Returns
+    -------
+    Tempered
+    """
+    reference = learn(setup.problem, setup.candidates, setup.similarity, visits)
+    moves = scene_moves(setup.problem, setup.similarity, reference, camera_shape(visits))
+    return Tempered(setup.problem, moves)
+
+
+def _of_noted(setup: Setup, noted: Sequence[Visits]) -> Tempered:
     """Of what the chains have noted last, or this one alone; of the solver's scenes at first."""
     if not noted:
         visits = Visits()
@@ -390,13 +271,10 @@ def _learnt(setup: Setup, noted: Sequence[Visits]) -> _Learnt:
     else:
         own = len(noted) - 1
         visits = setup.known[own] if own < len(setup.known) else noted[own]
-    reference = None
-    if setup.settings.temperatures > 1:
-        reference = learn(setup.problem, setup.candidates, setup.similarity, visits)
-    return _Learnt(setup.problem, reference, scene_moves(setup, reference, camera_shape(visits)))
+    return tempered(setup, visits)
 
 
-def _anew(position: TemperingState[State], learnt: _Learnt) -> TemperingState[State]:
+def _anew(position: TemperingState[State], learnt: Tempered) -> TemperingState[State]:
     """Where a ladder stands, seen with another reference."""
     parts = [learnt.target(chain.state) for chain in position.chains]
     return position._replace(

@@ -30,7 +30,7 @@ from imapper_prob.samplers.checkpoint import (
 )
 from imapper_prob.samplers.reversible_jump import AcceptanceTable, ChainState
 from imapper_prob.samplers.tempering import SwapTable, TemperingInfo, TemperingState
-from imapper_prob.sampling.proposals import Candidates
+from imapper_prob.sampling.candidates import Candidates
 from imapper_prob.sampling.schedule import draws_of, trace_of
 from imapper_prob.sampling.visits import Visits
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Final
@@ -20,19 +20,19 @@ from numpy.typing import NDArray
 
 from imapper_prob.config import SampleSettings
 from imapper_prob.layouts import group_layouts, through_one_lens
-from imapper_prob.models.log_posterior import State, log_posterior, terms
+from imapper_prob.models.log_posterior import State, terms
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.scene import Clip
 from imapper_prob.models.scenelet import Library
 from imapper_prob.models.statements import Statement, describe, log_by_chance, tell
 from imapper_prob.samplers.diagnostics import ShortChainWarning, layout_probabilities
-from imapper_prob.samplers.reversible_jump import ChainState, Mixture, step
 from imapper_prob.samplers.reweighting import Reweighted, bridge, families_of, resample
 from imapper_prob.samplers.verdict import Verdict, judge
 from imapper_prob.sampling.actors import JointProblem
-from imapper_prob.sampling.chain import SceneTracker, Setup, scene_moves, tracker_of
+from imapper_prob.sampling.chain import Setup, tempered
 from imapper_prob.sampling.sample import Progress, Samples, functionals, sample_scenes, setup_of
-from imapper_prob.sampling.visits import Visits, camera_shape
+from imapper_prob.sampling.steps import Walker
+from imapper_prob.sampling.visits import Visits
 from imapper_prob.solver.solver import Solution
 
 __all__ = [
@@ -336,30 +336,10 @@ class _Advance:
     """Moves a state by the moves of chains, at some power of statements that are new."""
 
     def __init__(self, setup: Setup, fresh: Array, visits: Visits) -> None:
-        self._setup, self._fresh, self._visits = setup, fresh, visits
-        self._made: tuple[float, Problem, Mixture[State]] | None = None
+        self._problem, self._fresh = setup.problem, fresh
+        self._moves = tempered(setup, visits).moves
 
     def __call__(self, rng: np.random.Generator, state: State, power: float) -> State:
-        if self._made is None or self._made[0] != power:
-            self._made = power, *self._at(power)
-        _, problem, mixture = self._made
-        make = tracker_of(problem)
-        tracker = None if make is None else make(state)
-        density = partial(log_posterior, problem) if tracker is None else _whole(tracker)
-        at = ChainState(state, density(state))
-        for _ in range(_STEPS):
-            new, info = step(rng, at, log_density_fn=density, mixture=mixture)
-            if info.accepted and tracker is not None:
-                tracker.move(new.state)
-            at = new
-        return at.state
-
-    def _at(self, power: float) -> tuple[Problem, Mixture[State]]:
-        problem = self._setup.problem
-        problem = problem._replace(given_power=np.where(self._fresh > 0, power, 1.0))
-        setup = replace(self._setup, problem=problem)
-        return problem, scene_moves(setup, shape=camera_shape(self._visits))
-
-
-def _whole(tracker: SceneTracker) -> Callable[[State], float]:
-    return lambda state: tracker(state).at(1.0)
+        powers = np.where(self._fresh > 0, power, 1.0)
+        walker = Walker(self._problem._replace(given_power=powers), self._moves, state)
+        return walker.advance(rng, 1.0, _STEPS)[0].state

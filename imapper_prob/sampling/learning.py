@@ -12,18 +12,18 @@ from scipy.signal import fftconvolve
 
 from imapper_prob.layouts import furniture_kinds
 from imapper_prob.models.camera import Camera
-from imapper_prob.models.jit import compiled
 from imapper_prob.models.kernels.placement import expected_facing
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.settings import NEAREST
 from imapper_prob.models.skeleton import PELV
 from imapper_prob.models.view import to_floor
-from imapper_prob.sampling.proposals import Candidates
+from imapper_prob.sampling.candidates import Candidates
+from imapper_prob.sampling.jit import compiled
 from imapper_prob.sampling.reference import (
     DOF,
     FIRST,
     FLUSH,
-    LATER,
+    GAP,
     Reference,
     carried,
     displacements,
@@ -428,7 +428,7 @@ def _scatter(reference: Reference, visits: Visits, spread: Array) -> tuple[Array
     )
     known = reference.strange[visited["items"][:, 0]] == 0
     onward, factors = np.zeros((2, 4, 4)), np.empty((3, 2, 4, 4))
-    for row, usual in ((FIRST, _USUAL), (FLUSH, _STEP), (LATER, _USUAL)):
+    for row, usual in ((FIRST, _USUAL), (FLUSH, _STEP), (GAP, _USUAL)):
         x, y = before[known & (rows == row)], offsets[known & (rows == row)]
         beyond = np.array(spread)
         if row != FIRST:

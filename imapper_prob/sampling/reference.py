@@ -35,27 +35,28 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from imapper_prob.models.jit import compiled
-from imapper_prob.models.log_posterior import State
-from imapper_prob.models.view import floor_point, log_area
+from imapper_prob.models.view import floor_point, log_area, seen_point
+from imapper_prob.sampling.jit import compiled
+from imapper_prob.sampling.looks import look, stand
 
 __all__ = [
-    "DOF", "FIRST", "FLUSH", "LATER", "Reference", "carried", "displacements", "draw_scene",
-    "draw_stretch", "foretell", "log_reference", "log_stretch", "next_probability", "usual_offsets",
+    "ANYWHERE", "ASTRAY", "CANDIDATE", "DOF", "ENDS", "FIRST", "FLUSH", "FOLLOWED", "GAP",
+    "SIMILAR", "Reference", "carried", "displacements", "expected", "foretell", "leaves",
+    "log_reference", "log_stretch", "next_probability", "shares_after", "usual_offsets",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-_ENDS: Final = 0.2
+ENDS: Final = 0.2
 """Probability that candidates, or anywhere, end the scene; chosen."""
-_ASTRAY: Final = 0.05
+ASTRAY: Final = 0.05
 """Probability that a scenelet stands anywhere; chosen."""
 DOF: Final = 5.0
 """Degrees of freedom of camera and places: tails for what was not visited yet; chosen."""
-_FOLLOWED, _LATER, _SIMILAR, _CANDIDATE, _ANYWHERE = range(5)
+FOLLOWED, _LATER, SIMILAR, CANDIDATE, ANYWHERE = range(5)
 """Components of the mixture."""
-FIRST, FLUSH, LATER = range(3)
+FIRST, FLUSH, GAP = range(3)
 """Rows of the scatter of displacements: of a scenelet with none before it, of one that begins as
 the one before it ends, and of one that begins later."""
 
@@ -165,32 +166,15 @@ class Reference(NamedTuple):
 def carried(height: float, where: Array, before: Array, after: Array) -> Array:
     """Where a scenelet looks through one camera as it did through another; as it is if nowhere.
 
-    See :mod:`imapper_prob.sampling.camera_moves`; ``height`` is that of the pelvis.
+    See :mod:`imapper_prob.sampling.looks`; ``height`` is that of the pelvis.
     """
     x, y = floor_point(where[0], where[1])
-    cp, sp, cr, sr = (
-        math.cos(before[0]), math.sin(before[0]), math.cos(before[4]), math.sin(before[4]),
-    )  # fmt: skip
-    body = math.exp(before[3] + where[3])
-    z = body * height - before[1]
-    depth = cp * y + sp * z
-    if depth <= 0.0:
+    x, y, size = stand(after, look(before, x, y, where[3], height), height)
+    if math.isnan(size):
         return where.copy()
-    by = math.exp(before[2] - after[2]) / depth
-    right = by * (cr * x + sr * (cp * z - sp * y))
-    up = by * (cr * (cp * z - sp * y) - sr * x)
-    apparent = by * body
-    cp, sp, cr, sr = math.cos(after[0]), math.sin(after[0]), math.cos(after[4]), math.sin(after[4])
-    rise = sr * right + cr * up
-    ahead, drop = cp - sp * rise, apparent * height - (sp + cp * rise)
-    if not drop * after[1] > 0.0 or ahead <= 0.0:
-        return where.copy()
-    depth = after[1] / drop
     there = np.empty(4)
-    there[0] = (cr * right - sr * up) / ahead
-    there[1] = math.log(depth * ahead)
-    there[2] = where[2]
-    there[3] = math.log(apparent * depth) - after[3]
+    there[0], there[1] = seen_point(x, y)
+    there[2], there[3] = where[2], size
     return there
 
 
@@ -222,15 +206,15 @@ def _turned(offset: Array) -> None:
 
 
 @compiled
-def _shares(reference: Reference, kind: int, end: int, shares: Array) -> None:
+def shares_after(reference: Reference, kind: int, end: int, shares: Array) -> None:
     """Shares of the mixture after a scenelet of a kind that ended at a frame."""
     shares[:] = reference.shares
     row = kind * len(reference.room) + end
     if reference.followed_first[row] == reference.followed_first[row + 1]:
-        shares[_LATER], shares[_FOLLOWED] = shares[_LATER] + shares[_FOLLOWED], 0.0
+        shares[_LATER], shares[FOLLOWED] = shares[_LATER] + shares[FOLLOWED], 0.0
     if reference.later_first[end] == reference.later_first[end + 1]:
-        shares[_ANYWHERE] += shares[_LATER] + shares[_SIMILAR]
-        shares[_LATER], shares[_SIMILAR] = 0.0, 0.0
+        shares[ANYWHERE] += shares[_LATER] + shares[SIMILAR]
+        shares[_LATER], shares[SIMILAR] = 0.0, 0.0
 
 
 @compiled
@@ -276,22 +260,22 @@ def next_probability(
     probability : (5,) float
         Out; their sum is that of the mixture.
     """
-    _shares(reference, kind, end, probability)
+    shares_after(reference, kind, end, probability)
     n_scenelets, n_frames = len(reference.kinds), len(reference.room) - 1
     row = kind * (n_frames + 1) + end
     at = _find(
         reference.followed, reference.followed_first[row], reference.followed_first[row + 1], code
     )
-    probability[_FOLLOWED] *= reference.followed_probability[at] if at >= 0 else 0.0
+    probability[FOLLOWED] *= reference.followed_probability[at] if at >= 0 else 0.0
     at = _find(reference.later, reference.later_first[end], reference.later_first[end + 1], code)
     met = reference.later_probability[at] if at >= 0 else 0.0
     probability[_LATER] *= met
     openings = reference.openings[end]
     if code == n_frames * n_scenelets:
         none = _begins(reference, end, n_frames)
-        probability[_SIMILAR] *= met
-        probability[_CANDIDATE] *= _ENDS + (1.0 - _ENDS) * none
-        probability[_ANYWHERE] *= _ENDS if openings > 0 else 1.0
+        probability[SIMILAR] *= met
+        probability[CANDIDATE] *= ENDS + (1.0 - ENDS) * none
+        probability[ANYWHERE] *= ENDS if openings > 0 else 1.0
         return
     start, scenelet = code // n_scenelets, code % n_scenelets
     if start < end or reference.lengths[scenelet] > reference.room[start]:
@@ -300,10 +284,10 @@ def next_probability(
     alike, (first, last) = 0.0, _at_start(reference, end, start)
     for at in range(first, last):
         alike += reference.later_probability[at] * _replaced(reference, at, scenelet)
-    probability[_SIMILAR] *= alike
+    probability[SIMILAR] *= alike
     begins = _begins(reference, end, start) if reference.candidates[start, scenelet] > 0.0 else 0.0
-    probability[_CANDIDATE] *= (1.0 - _ENDS) * begins * reference.candidates[start, scenelet]
-    probability[_ANYWHERE] *= (1.0 - _ENDS) / openings
+    probability[CANDIDATE] *= (1.0 - ENDS) * begins * reference.candidates[start, scenelet]
+    probability[ANYWHERE] *= (1.0 - ENDS) / openings
 
 
 @compiled
@@ -370,7 +354,7 @@ def _usual(reference: Reference, camera: Array, scenelet: int, start: int, last:
 
 
 @compiled
-def _expected(
+def expected(
     reference: Reference, camera: Array, scenelet: int, start: int, end: int, before: Array
 ) -> tuple[int, Array]:
     """The middle of what is drawn of its pelvis in the first frame, and the row of its scatter.
@@ -381,7 +365,7 @@ def _expected(
     middle = _usual(reference, camera, scenelet, start, 0)
     if end < 0:
         return FIRST, middle
-    row = FLUSH if start == end else LATER
+    row = FLUSH if start == end else GAP
     if row == FLUSH:
         for i in range(2):
             step = reference.path[start, i] - reference.path[end - 1, i]
@@ -391,7 +375,7 @@ def _expected(
 
 
 @compiled
-def _leaves(
+def leaves(
     reference: Reference,
     camera: Array,
     scenelet: int,
@@ -400,7 +384,7 @@ def _leaves(
     size: float,
     before: Array,
 ) -> int:
-    """Put into ``before`` what the next scenelet goes on from, see :func:`_expected`; its end."""
+    """Put into ``before`` what the next scenelet goes on from, see :func:`expected`; its end."""
     before[0] = _pelvis_of(reference, camera, scenelet, 1, place, size)
     if math.isnan(before[0, 1]):
         return -1
@@ -476,13 +460,13 @@ def displacements(
         for _ in range(counts[n]):
             scenelet, start = items[k]
             where = _pelvis_of(reference, cameras[n], scenelet, 0, places[k], sizes[k])
-            row, middle = _expected(reference, cameras[n], scenelet, start, end, before)
+            row, middle = expected(reference, cameras[n], scenelet, start, end, before)
             rows[k] = -1 if math.isnan(where[1]) else row
             if end >= 0:
                 displaced[k] = before[1]
             offsets[k] = where - middle
             _turned(offsets[k])
-            end = _leaves(reference, cameras[n], scenelet, start, places[k], sizes[k], before)
+            end = leaves(reference, cameras[n], scenelet, start, places[k], sizes[k], before)
             k += 1
     return rows, displaced, offsets
 
@@ -503,7 +487,7 @@ def _log_anywhere(reference: Reference, where: Array) -> float:
 def _stops(reference: Reference, kind: int, end: int, start: int) -> float:
     """Probability that nothing begins before a start; the end of the clip is that of the scene."""
     shares = np.empty(5)
-    _shares(reference, kind, end, shares)
+    shares_after(reference, kind, end, shares)
     n_scenelets, n_frames = len(reference.kinds), len(reference.room) - 1
     code = start * n_scenelets
     row = kind * (n_frames + 1) + end
@@ -516,9 +500,9 @@ def _stops(reference: Reference, kind: int, end: int, start: int) -> float:
     none = math.exp(reference.survival[start] - reference.survival[end])
     empty = 1.0
     if reference.openings[end] > 0:
-        empty = _ENDS + (1.0 - _ENDS) * reference.openings[start] / reference.openings[end]
-    total = shares[_FOLLOWED] * followed + (shares[_LATER] + shares[_SIMILAR]) * later
-    total += shares[_CANDIDATE] * (_ENDS + (1.0 - _ENDS) * none) + shares[_ANYWHERE] * empty
+        empty = ENDS + (1.0 - ENDS) * reference.openings[start] / reference.openings[end]
+    total = shares[FOLLOWED] * followed + (shares[_LATER] + shares[SIMILAR]) * later
+    total += shares[CANDIDATE] * (ENDS + (1.0 - ENDS) * none) + shares[ANYWHERE] * empty
     return float(total)
 
 
@@ -561,18 +545,18 @@ def log_stretch(
         if k >= first:
             where = _pelvis_of(reference, camera, scenelet, 0, placements[k], sizes[k])
             next_probability(reference, kind, end, start * n_scenelets + scenelet, probability)
-            if math.isnan(where[1]) or probability[_ANYWHERE] == 0.0:
+            if math.isnan(where[1]) or probability[ANYWHERE] == 0.0:
                 return -math.inf
-            row, middle = _expected(reference, camera, scenelet, start, left, before)
+            row, middle = expected(reference, camera, scenelet, start, left, before)
             offset = where - middle
             _turned(offset)
             new = reference.strange[scenelet]
             near = _log_t(offset, reference.factors[row, new], reference.constants[row, new])
             far = _log_anywhere(reference, where)
             most = max(near, far)
-            density = (1.0 - _ASTRAY) * math.exp(near - most) + _ASTRAY * math.exp(far - most)
+            density = (1.0 - ASTRAY) * math.exp(near - most) + ASTRAY * math.exp(far - most)
             total += math.log(probability.sum() * density) + most - log_area(where[1])
-        left = _leaves(reference, camera, scenelet, start, placements[k], sizes[k], before)
+        left = leaves(reference, camera, scenelet, start, placements[k], sizes[k], before)
         kind, end = reference.kinds[scenelet], start + reference.lengths[scenelet]
     stop = items[last, 1] if last < len(items) else n_frames
     if end > stop:
@@ -606,160 +590,3 @@ def log_reference(
     return log_camera + log_stretch(
         reference, camera, items, placements, sizes, 0, len(items)
     )  # fmt: skip
-
-
-# ------------------------------------------------------------------------------------------------
-# Drawing from it.
-
-
-def draw_scene(reference: Reference, rng: np.random.Generator) -> State:
-    """A scene.
-
-    Parameters
-    ----------
-    reference : Reference
-    rng : numpy.random.Generator
-
-    Returns
-    -------
-    State
-        It may lie outside the support of the posterior.
-    """
-    n_frames = len(reference.room) - 1
-    camera = reference.camera_mean + _draw_t(rng, reference.camera_factor)
-    nothing = np.empty((0, 2), np.int64)
-    empty = State(camera, nothing, np.empty((0, 3)), np.empty(0), np.empty((n_frames, 2)))
-    items, placements, sizes = draw_stretch(reference, rng, empty, 0, 0)
-    latent = rng.standard_normal((n_frames, 2))
-    return State(camera, items, placements, sizes, latent)
-
-
-def draw_stretch(
-    reference: Reference, rng: np.random.Generator, state: State, first: int, last: int
-) -> tuple[Ints, Array, Array]:
-    """Scenelets in place of some of a state in a row, see :func:`log_stretch`.
-
-    Parameters
-    ----------
-    reference : Reference
-    rng : numpy.random.Generator
-    state : State
-    first, last : int
-        The first of them and the one after the last.
-
-    Returns
-    -------
-    items : (n, 2) int
-    placements : (n, 3) float
-    sizes : (n,) float
-        The last one may overlap with the scenelet that follows.
-    """
-    n_scenelets, n_frames = len(reference.kinds), len(reference.room) - 1
-    stop = int(state.items[last, 1]) if last < state.n_scenelets else n_frames
-    items, placements, sizes = [], [], []
-    kind, end, left = 0, 0, -1
-    before, shares = np.empty((2, 4)), np.empty(5)
-    if first > 0:
-        scenelet, start = state.items[first - 1].tolist()
-        place, size = state.placements[first - 1], float(state.sizes[first - 1])
-        left = _leaves(reference, state.camera, scenelet, start, place, size, before)
-        kind, end = int(reference.kinds[scenelet]), start + int(reference.lengths[scenelet])
-    while True:
-        _shares(reference, kind, end, shares)
-        of = int(np.searchsorted(shares.cumsum(), rng.random() * shares.sum(), "right"))
-        of = min(of, _ANYWHERE)
-        code = _draw_next(reference, rng, of, kind, end)
-        if code is None or code >= stop * n_scenelets:
-            break
-        if of == _SIMILAR:
-            code = _draw_alike(reference, rng, code)
-        start, scenelet = divmod(code, n_scenelets)
-        row, middle = _expected(reference, state.camera, scenelet, start, left, before)
-        factor = reference.factors[row, reference.strange[scenelet]]
-        where = _draw_where(reference, rng, factor, middle)
-        place = _placed(reference, state.camera, scenelet, where)
-        size = float(where[3])
-        left = _leaves(reference, state.camera, scenelet, start, place, size, before)
-        items.append((scenelet, start))
-        placements.append(place)
-        sizes.append(size)
-        kind, end = int(reference.kinds[scenelet]), start + int(reference.lengths[scenelet])
-        if end > stop:
-            break
-    return (
-        np.reshape(items, (-1, 2)).astype(np.int64),
-        np.reshape(placements, (-1, 3)),
-        np.array(sizes, float),
-    )
-
-
-def _draw_t(rng: np.random.Generator, factor: Array) -> Array:
-    offset: Array = factor @ rng.standard_normal(len(factor))
-    return offset / math.sqrt(float(rng.chisquare(DOF)) / DOF)
-
-
-def _draw_next(
-    reference: Reference, rng: np.random.Generator, of: int, kind: int, end: int
-) -> int | None:
-    """What comes next by one component of the mixture, or what it is similar to; None for the end
-    of the scene."""
-    n_scenelets, n_frames = len(reference.kinds), len(reference.room) - 1
-    if of in (_FOLLOWED, _LATER, _SIMILAR):
-        first, codes, chances = (
-            (reference.followed_first, reference.followed, reference.followed_probability)
-            if of == _FOLLOWED
-            else (reference.later_first, reference.later, reference.later_probability)
-        )
-        row = kind * (n_frames + 1) + end if of == _FOLLOWED else end
-        low, high = int(first[row]), int(first[row + 1])
-        at = low + int(np.searchsorted(chances[low:high].cumsum(), rng.random(), "right"))
-        code = int(codes[min(at, high - 1)])
-        return None if code == n_frames * n_scenelets else code
-    if rng.random() < _ENDS:
-        return None
-    if of == _CANDIDATE:
-        for start in range(end, n_frames):
-            if rng.random() < reference.hazard[start]:
-                row = reference.candidates[start].cumsum()
-                scenelet = int(np.searchsorted(row, rng.random() * row[-1], "right"))
-                return start * n_scenelets + min(scenelet, n_scenelets - 1)
-        return None
-    if reference.openings[end] == 0:
-        return None
-    left = int(rng.integers(reference.openings[end]))
-    # The start with that many openings or more, but not with the next one, left behind it.
-    start = int(np.searchsorted(-reference.openings, -left, "left")) - 1
-    scenelet = int(reference.by_length[left - int(reference.openings[start + 1])])
-    return start * n_scenelets + scenelet
-
-
-def _draw_alike(reference: Reference, rng: np.random.Generator, code: int) -> int:
-    """A scenelet of similar motion in place of another."""
-    start, scenelet = divmod(code, len(reference.kinds))
-    fitting = np.flatnonzero(reference.lengths <= reference.room[start])
-    weights = reference.similarity[scenelet, fitting].cumsum()
-    at = int(np.searchsorted(weights, rng.random() * weights[-1], "right"))
-    return start * len(reference.kinds) + int(fitting[min(at, len(fitting) - 1)])
-
-
-def _draw_where(
-    reference: Reference, rng: np.random.Generator, factor: Array, middle: Array
-) -> Array:
-    """Where the pelvis is in the first frame."""
-    if rng.random() < _ASTRAY:
-        seen = reference.anywhere_mean + reference.anywhere_deviation * rng.standard_normal(2)
-        yaw, size = rng.uniform(-math.pi, math.pi), reference.size_spread * rng.standard_normal()
-        return np.array([*seen, yaw, size])
-    while True:
-        offset = _draw_t(rng, factor)
-        if abs(offset[2]) <= math.pi:
-            return middle + offset
-
-
-def _placed(reference: Reference, camera: Array, scenelet: int, where: Array) -> Array:
-    """The placement with which the pelvis is there."""
-    x, y = floor_point(where[0], where[1])
-    body = math.exp(camera[3] + where[3])
-    c, s = body * math.cos(where[2]), body * math.sin(where[2])
-    local = reference.pelvis[scenelet, 0]
-    return np.array([x - c * local[0] + s * local[1], y - s * local[0] - c * local[1], where[2]])

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.models.problem import Problem
-from imapper_prob.sampling.proposals import Candidates
+from imapper_prob.sampling.candidates import Candidates
 from lab.eryn.leaves import LeafDensity
 
 __all__ = ["during", "load_problem", "load_runs", "save_problem", "save_runs"]

@@ -17,13 +17,12 @@ from numpy.typing import NDArray
 
 from imapper_prob.config import SampleSettings
 from imapper_prob.models.log_posterior import State, empty_state
-from imapper_prob.samplers.reversible_jump import Mixture, Proposal, sample, step
+from imapper_prob.samplers.reversible_jump import Mixture, Proposal, sample
 from imapper_prob.samplers.tempering import power_ladder, start, temper
-from imapper_prob.sampling.chain import SceneTracker, Setup, scene_moves, tempering_split
-from imapper_prob.sampling.learning import learn
-from imapper_prob.sampling.moves import TimeCrossover
-from imapper_prob.sampling.reference import Reference, draw_scene
+from imapper_prob.sampling.chain import Setup, Tempered, tempered
+from imapper_prob.sampling.crossover import TimeCrossover
 from imapper_prob.sampling.sample import setup_of
+from imapper_prob.sampling.steps import MOVES
 from imapper_prob.sampling.visits import Visits
 from lab.eryn import gaussian
 from lab.eryn.exchange import during, save_runs
@@ -107,29 +106,20 @@ def gaussian_chain(seed: int) -> Iterator[Array]:
 
 def scene_chain(setup: Setup, first: State, seed: int) -> Iterator[State]:
     """Every twentieth state, by the moves of the project without that of the path."""
-    moves = scene_moves(setup)
-    kept = [
-        (move, weight)
-        for move, weight in zip(moves.moves, moves.weights, strict=True)
-        if move.name != "path"
-    ]
     rngs, betas = np.random.default_rng(seed).spawn(RUNGS + 1), power_ladder(RUNGS)
     states, visits = [first] * RUNGS, Visits()
     for state in setup.staged:
         visits.note(state)
     for rounds in (*LEARNT_AFTER, None):
-        reference = learn(setup.problem, setup.candidates, setup.similarity, visits)
-        target = partial(tempering_split, setup.problem, reference)
+        learnt = _without_path(tempered(setup, visits))
         chain = temper(
             rngs,
-            start(states, target=target, betas=betas),
-            target=target,
-            kernel=partial(step, mixture=Mixture(*zip(*kept, strict=True))),
+            start(states, target=learnt.target, betas=betas),
+            walker=learnt.walker,
             steps_per_swap=STEPS_PER_SWAP,
             adapt=rounds is not None,
             crossover=TimeCrossover(setup.problem),
-            track=partial(SceneTracker, setup.problem, reference),
-            independent=partial(_still_scene, reference),
+            independent=partial(_still_scene, learnt),
         )
         visits = Visits()
         for number, at in enumerate(islice(chain, rounds)):
@@ -141,9 +131,16 @@ def scene_chain(setup: Setup, first: State, seed: int) -> Iterator[State]:
         states, betas = [rung.state for rung in at.position.chains], at.position.betas
 
 
-def _still_scene(reference: Reference, rng: np.random.Generator) -> State:
+def _without_path(learnt: Tempered) -> Tempered:
+    """Without moves of the path; redraws of stretches do what those of scenes do."""
+    still = [name not in ("path", "scene-redraw") for name in MOVES]
+    moves = learnt.moves._replace(weights=learnt.moves.weights * still)
+    return replace(learnt, moves=moves)
+
+
+def _still_scene(learnt: Tempered, rng: np.random.Generator) -> State:
     """A scene of the reference with the mean path, which stays as it is here."""
-    drawn = draw_scene(reference, rng)
+    drawn = learnt.independent(rng)
     return replace(drawn, latent=np.zeros_like(drawn.latent))
 
 

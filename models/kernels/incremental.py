@@ -22,7 +22,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from imapper_prob.models.jit import compiled, inner_inlined
+from imapper_prob.models.jit import compiled, inner, inner_inlined
 from imapper_prob.models.kernels.cache import (
     ADDED,
     KEPT,
@@ -62,13 +62,13 @@ from imapper_prob.models.problem import (
     Problem,
 )
 
-__all__ = ["change", "commit", "evaluate", "place"]
+__all__ = ["change", "commit", "evaluate", "place", "propose"]
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 
-@compiled
+@inner
 def change(
     evaluator: Evaluator,
     n_before: int,
@@ -124,6 +124,38 @@ def change(
     terms[SUPPORT] = -problem.likelihood * unsupported(problem.stays, problem.lowered, items)
     costs = terms[SMOOTHNESS] + terms[COLLISION] + terms[MOTION] + terms[SUPPORT] + terms[GIVEN]
     return prior, costs + forward_log_likelihood(problem, cache)
+
+
+@compiled
+def propose(
+    evaluator: Evaluator,
+    n_before: int,
+    camera_before: Array,
+    latent_before: Array,
+    camera: Array,
+    items: Ints,
+    placements: Array,
+    sizes: Array,
+    latent: Array,
+) -> tuple[float, float]:
+    """As :func:`change`, of arrays that nobody may write to, as states have them.
+
+    The compiler makes a kernel for each kind of array: kernels know one kind only.
+
+    Parameters
+    ----------
+    evaluator, n_before, camera_before, latent_before, camera, items, placements, sizes, latent
+        See :func:`change`.
+
+    Returns
+    -------
+    log_prior, log_likelihood : float
+        Nats.
+    """
+    return change(
+        evaluator, n_before, camera_before.copy(), latent_before.copy(),
+        camera.copy(), items.copy(), placements.copy(), sizes.copy(), latent.copy(),
+    )  # fmt: skip
 
 
 @inner_inlined
@@ -305,7 +337,7 @@ def evaluate(
         Values of ``TERMS``; the first is -inf outside the support.
     """
     evaluator = open_evaluator(problem, len(items))
-    prior, _ = change(evaluator, -1, camera, latent, camera, items, placements, sizes, latent)
+    prior, _ = propose(evaluator, -1, camera, latent, camera, items, placements, sizes, latent)
     cache = evaluator.cache
     terms = cache.terms
     if prior == -math.inf:

@@ -32,7 +32,6 @@ __all__ = [
     "expected_facing",
     "fill_slot",
     "in_support",
-    "log_size_density",
     "log_yaw_density",
     "place_boxes",
     "sum_pairs",
@@ -143,7 +142,7 @@ def fill_slot(problem: Problem, cache: Cache, camera: Array, slot: int) -> None:
     cache.placed[slot] = math.log(cosine / (depth * depth))
     start, yaw = cache.items[slot, 1], cache.placements[slot, 2]
     cache.placed[slot] += log_yaw_density(problem, scenelet, start, yaw)
-    cache.placed[slot] += log_size_density(cache.sizes[slot], problem.size_spread)
+    cache.placed[slot] += _log_size_density(cache.sizes[slot], problem.size_spread)
 
 
 @inner_inlined
@@ -318,7 +317,7 @@ def in_support(camera: NDArray[np.float64]) -> bool:
 
 
 @compiled
-def log_size_density(size: float, spread: float) -> float:
+def _log_size_density(size: float, spread: float) -> float:
     """log N(size; 0, spread^2) of the log size of one scenelet.
 
     Parameters

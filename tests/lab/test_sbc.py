@@ -14,8 +14,8 @@ import pytest
 
 from imapper_prob.models.detector import DetectionModel
 from imapper_prob.models.log_posterior import empty_state
-from imapper_prob.sampling.proposals import Proposals
 from imapper_prob.scenelets.library import built_in_library
+from lab import sbc
 from lab.prior import Experiment, draw_state
 from lab.sbc import SETTINGS, describe, rank_scene, short_clip
 
@@ -52,13 +52,15 @@ def test_a_prior_scene_leaves_something_to_ask() -> None:
     assert nothing["first object along"] == nothing["first size"] == -np.inf
 
 
-def births_count_too_much(patch: pytest.MonkeyPatch) -> str:
-    right = Proposals.log_density
+def scenelets_count_too_much(patch: pytest.MonkeyPatch) -> str:
+    right = sbc.setup_of
 
-    def log_density(self, *args, **options):  # type: ignore[no-untyped-def]
-        return right(self, *args, **options) - np.log(len(self.problem.lengths))
+    def setup_of(*args, **options):  # type: ignore[no-untyped-def]
+        found = right(*args, **options)
+        more = found.problem.log_rate + np.log(len(found.problem.lengths))
+        return replace(found, problem=found.problem._replace(log_rate=more))
 
-    patch.setattr(Proposals, "log_density", log_density)
+    patch.setattr(sbc, "setup_of", setup_of)
     return "scenelets"
 
 
@@ -86,7 +88,9 @@ def shift(name: str, found: Sequence[dict[str, int]]) -> float:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("error", "n_sets"), [(births_count_too_much, 150), (hidden_for_seen, 40)])
+@pytest.mark.parametrize(
+    ("error", "n_sets"), [(scenelets_count_too_much, 150), (hidden_for_seen, 40)]
+)
 def test_an_error_shifts_ranks(
     error: Callable[[pytest.MonkeyPatch], str], n_sets: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -27,7 +27,14 @@ from imapper_prob.samplers.checkpoint import (
     unpack_rng,
 )
 from imapper_prob.samplers.reversible_jump import ChainState, step
-from imapper_prob.samplers.tempering import SwapTable, TemperingState, power_ladder, start, temper
+from imapper_prob.samplers.tempering import (
+    KernelWalker,
+    SwapTable,
+    TemperingState,
+    power_ladder,
+    start,
+    temper,
+)
 from tests.samplers import polynomials
 
 BETAS = power_ladder(4)
@@ -98,8 +105,9 @@ def tempered(problem, first, rng, report, keeper) -> Snapshot:
         chain = temper(
             rngs,
             position,
-            target=polynomials.target,
-            kernel=partial(step, mixture=polynomials.mixture()),
+            walker=partial(
+                KernelWalker, polynomials.target, partial(step, mixture=polynomials.mixture())
+            ),
             steps_per_swap=3,
             adapt=position.rounds < BURN_IN,
         )

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from imapper_prob.samplers.reversible_jump import Mixture, Proposal, StepInfo, step
-from imapper_prob.samplers.tempering import Parts, start, temper
+from imapper_prob.samplers.tempering import KernelWalker, Parts, start, temper
 from tests.samplers.frequencies import chi_square
 
 PASS, FAIL = 1e-3, 1e-6
@@ -59,8 +59,7 @@ def visited(crossover, *, rounds: int = 20_000) -> np.ndarray:
     chain = temper(
         rngs,
         start([(0, 0, 0)] * 3, target=target, betas=BETAS),
-        target=target,
-        kernel=partial(step, mixture=Mixture([Flip()], [1.0])),
+        walker=partial(KernelWalker, target, partial(step, mixture=Mixture([Flip()], [1.0]))),
         steps_per_swap=1,
         crossover=crossover,
     )
@@ -83,10 +82,10 @@ def test_crossovers_take_the_gaps_that_do_not_swap():
     chain = temper(
         rngs,
         start([(0, 0, 0), (1, 1, 1), (0, 1, 0)], target=target, betas=BETAS),
-        target=target,
-        kernel=lambda rng, chain_state, *, log_density_fn: (
-            chain_state,
-            StepInfo("none", False, 0.0),
+        walker=partial(
+            KernelWalker,
+            target,
+            lambda rng, chain_state, *, log_density_fn: (chain_state, StepInfo("none", False, 0.0)),
         ),
         steps_per_swap=1,
         crossover=lambda rng, hot, cold: (cold, hot, math.inf),

@@ -11,7 +11,15 @@ import pytest
 
 from imapper_prob.samplers import tempering
 from imapper_prob.samplers.reversible_jump import Mixture, Proposal, StepInfo, sample, step
-from imapper_prob.samplers.tempering import Parts, SwapTable, Tempered, power_ladder, start, temper
+from imapper_prob.samplers.tempering import (
+    KernelWalker,
+    Parts,
+    SwapTable,
+    Tempered,
+    power_ladder,
+    start,
+    temper,
+)
 from tests.samplers import islands
 from tests.samplers.frequencies import chi_square
 from tests.samplers.rounds import check_rounds
@@ -19,6 +27,7 @@ from tests.samplers.rounds import check_rounds
 # A right sampler falls below by chance once in a thousand seeds; wrong ones are far below.
 PASS, FAIL = 1e-3, 1e-6
 KERNEL = partial(step, mixture=islands.MIXTURE)
+WALKER = partial(KernelWalker, islands.target, KERNEL)
 BETAS = power_ladder(6)
 EXACT = islands.masses() / islands.masses().sum()
 
@@ -26,7 +35,7 @@ EXACT = islands.masses() / islands.masses().sum()
 def cells(*, seed: int, rounds: int = 3_000) -> np.ndarray:
     """(rounds,) islands that the coldest rung is on; all rungs start on the same one."""
     rngs = np.random.default_rng(seed).spawn(len(BETAS) + 1)
-    options = {"target": islands.target, "kernel": KERNEL, "steps_per_swap": 4}
+    options = {"walker": WALKER, "steps_per_swap": 4}
     at = start([islands.START] * len(BETAS), target=islands.target, betas=BETAS)
     *_, last = islice(temper(rngs, at, adapt=True, **options), 300)
     chain = temper(rngs, last.position, **options)
@@ -87,7 +96,8 @@ def test_draws_of_the_prior_take_the_place_of_its_steps():
 
     at = start([0.0, 0.0], target=target, betas=(0.0, 1.0))
     rngs = np.random.default_rng(3).spawn(3)
-    chain = temper(rngs, at, target=target, kernel=_stay, steps_per_swap=1, independent=independent)
+    walker = partial(KernelWalker, target, _stay)
+    chain = temper(rngs, at, walker=walker, steps_per_swap=1, independent=independent)
     items = list(islice(chain, 20_000))
     assert len(seen) == 20_000
     assert {item.steps[0][0].move for item in items} == {"independent"}
@@ -105,7 +115,7 @@ def test_draws_outside_the_support_are_not_taken(rng):
 
     at = start([1.0, 1.0], target=target, betas=(0.0, 1.0))
     chain = temper(
-        rng.spawn(3), at, target=target, kernel=_stay, steps_per_swap=1,
+        rng.spawn(3), at, walker=partial(KernelWalker, target, _stay), steps_per_swap=1,
         independent=lambda rng: rng.random(),
     )  # fmt: skip
     items = list(islice(chain, 300))
@@ -152,7 +162,9 @@ def adapted(n_rungs: int, *, seed: int, rounds: int):
     betas = power_ladder(n_rungs)
     rngs = np.random.default_rng(seed).spawn(n_rungs + 1)
     at = start([np.zeros(D)] * n_rungs, target=gaussian, betas=betas)
-    chain = temper(rngs, at, target=gaussian, kernel=exact_step, steps_per_swap=1, adapt=True)
+    chain = temper(
+        rngs, at, walker=partial(KernelWalker, gaussian, exact_step), steps_per_swap=1, adapt=True
+    )
     *_, last = islice(chain, rounds)
     return rngs, last.position
 
@@ -171,7 +183,9 @@ def test_the_ladder_adapts_to_equal_swap_rates():
 def test_counted_swap_rates_are_the_known_ones():
     rngs, position = adapted(5, seed=2, rounds=300)
     table = SwapTable.empty(position.betas)
-    chain = temper(rngs, position, target=gaussian, kernel=exact_step, steps_per_swap=1)
+    chain = temper(
+        rngs, position, walker=partial(KernelWalker, gaussian, exact_step), steps_per_swap=1
+    )
     n = 4_000
     for item in islice(chain, n):
         assert item.position.betas == position.betas  # frozen
@@ -191,7 +205,9 @@ def test_counted_swap_rates_are_the_known_ones():
 
 def test_every_rung_samples_its_own_distribution():
     rngs, position = adapted(4, seed=3, rounds=50)
-    chain = temper(rngs, position, target=gaussian, kernel=exact_step, steps_per_swap=1)
+    chain = temper(
+        rngs, position, walker=partial(KernelWalker, gaussian, exact_step), steps_per_swap=1
+    )
     n = 4_000
     squares = [[at.state @ at.state for at in item.position.chains] for item in islice(chain, n)]
     scaled = np.mean(squares, axis=0) * (1 + SHARPNESS * np.array(position.betas))
@@ -199,9 +215,7 @@ def test_every_rung_samples_its_own_distribution():
 
 
 def run(position, rngs, n, **options):
-    chain = temper(
-        rngs, position, target=islands.target, kernel=KERNEL, steps_per_swap=3, **options
-    )
+    chain = temper(rngs, position, **{"walker": WALKER, "steps_per_swap": 3} | options)
     return list(islice(chain, n))
 
 
@@ -215,32 +229,31 @@ def test_a_chain_goes_on_from_its_position():
         assert first + run(first[-1].position, again, 11, adapt=adapt) == whole
 
 
-class Follower:
-    """A tracker that knows nothing but where it was told to be."""
+class Follower(KernelWalker):
+    """A walker that remembers what it was asked to be."""
 
     def __init__(self, state):
+        super().__init__(islands.target, KERNEL, state)
         self.at = state
 
-    def __call__(self, state):
-        return islands.target(state)
+    def advance(self, rng, beta, steps):
+        chain, infos = super().advance(rng, beta, steps)
+        self.at = chain.state
+        return chain, infos
 
-    def move(self, state):
-        self.at = state
 
-
-def test_trackers_go_where_their_chains_go():
+def test_walkers_go_where_their_chains_go():
     at = start([islands.START] * 4, target=islands.target, betas=power_ladder(4))
-    rngs, again = (np.random.default_rng(4).spawn(5) for _ in range(2))
+    rngs = np.random.default_rng(4).spawn(5)
     followers = []
 
-    def track(state):
+    def walker(state):
         followers.append(Follower(state))
         return followers[-1]
 
-    asked = run(at, rngs, 200, track=track)
-    assert asked == run(at, again, 200)
+    asked = run(at, rngs, 200, walker=walker)
     assert len(set(asked[-1].position.replicas)) == len(followers) == 4
-    # States travel between rungs, and each takes its tracker along.
+    # States travel between rungs, and each takes its walker along.
     assert asked[-1].position.replicas != (0, 1, 2, 3)
     stands = [followers[k].at for k in asked[-1].position.replicas]
     assert stands == [chain.state for chain in asked[-1].position.chains]
@@ -269,8 +282,7 @@ def test_even_and_odd_pairs_swap_in_turn():
     chain = temper(
         np.random.default_rng(6).spawn(5),
         at,
-        target=lambda _: Parts(0.0, 0.0),
-        kernel=partial(step, mixture=flat),
+        walker=partial(KernelWalker, lambda _: Parts(0.0, 0.0), partial(step, mixture=flat)),
         steps_per_swap=1,
     )
     # All swaps succeed: a replica moves one rung a round until it turns at an end.
@@ -307,8 +319,7 @@ def test_the_prior_may_visit_what_the_likelihood_forbids():
     chain = temper(
         np.random.default_rng(8).spawn(3),
         at,
-        target=half_line,
-        kernel=partial(step, mixture=walk),
+        walker=partial(KernelWalker, half_line, partial(step, mixture=walk)),
         steps_per_swap=2,
     )
     hot, cold = zip(
@@ -355,8 +366,7 @@ def test_what_does_not_fit_the_ladder_is_refused():
         temper(
             np.random.default_rng(0).spawn(3),
             at,
-            target=islands.target,
-            kernel=KERNEL,
+            walker=WALKER,
             steps_per_swap=0,
         )
     with pytest.raises(FloatingPointError, match="log density is -inf"):

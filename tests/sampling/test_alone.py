@@ -8,7 +8,7 @@ import pytest
 from imapper_prob.models.log_posterior import empty_state, log_posterior
 from imapper_prob.models.settings import ModelSettings
 from imapper_prob.models.view import to_floor
-from imapper_prob.sampling.proposals import SingleScenelet
+from imapper_prob.sampling.candidates import SingleScenelet
 from tests.models import worlds
 
 WHERE = np.array([0.02, np.log(4.0), 0.4, 0.03])

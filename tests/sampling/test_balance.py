@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterator
-from dataclasses import replace
+from collections.abc import Callable, Iterator
 from itertools import combinations
-from typing import Protocol, cast
+from typing import cast
 
 import numpy as np
 import pytest
 
-from imapper_prob.models.log_posterior import State, empty_state
-from imapper_prob.samplers.reversible_jump import Proposal
-from imapper_prob.sampling.moves import Shift, flush_run, in_order
+from imapper_prob.models.log_posterior import empty_state
+from imapper_prob.sampling import moves
+from imapper_prob.sampling.scene import (
+    Scene,
+    copied,
+    flush_run,
+    in_order,
+    scene_of,
+    state_of,
+)
 from tests.models import worlds
 
 PROBLEM = worlds.problem(20)
@@ -22,8 +28,7 @@ LENGTH = int(PROBLEM.lengths[0])
 Starts = tuple[int, ...]
 
 
-class Move(Protocol):
-    def propose(self, rng: np.random.Generator, state: State) -> Proposal[State] | None: ...
+Move = Callable[[np.random.Generator, Scene], tuple[Scene, float]]
 
 
 class Choices:
@@ -45,21 +50,22 @@ class Choices:
         return (0.25, 0.75)[self._choose(2)]
 
 
-def every_proposal(move: Move, state: State) -> Iterator[tuple[float, Proposal[State]]]:
+def every_proposal(move: Move, scene: Scene) -> Iterator[tuple[float, Scene]]:
     """Probability and result of every way in which the choices can fall."""
     waiting: list[tuple[int, ...]] = [()]
     while waiting:
         told = waiting.pop()
         choices = Choices(told)
-        proposal = move.propose(cast("np.random.Generator", choices), state)
+        new, ratio = move(cast("np.random.Generator", choices), scene)
         for k in range(len(told), len(choices.options)):
             first = (*told, *[0] * (k - len(told)))
             waiting += [(*first, other) for other in range(1, choices.options[k])]
-        if proposal is not None:
-            yield 1 / float(np.prod(choices.options)), proposal
+        if ratio > -np.inf and in_order(PROBLEM, state_of(copied(new))):
+            assert ratio == 0.0
+            yield 1 / float(np.prod(choices.options)), new
 
 
-def all_states() -> dict[Starts, State]:
+def all_scenes() -> dict[Starts, Scene]:
     """Three scenelets of one motion in 20 frames, wherever there is room."""
     states = {}
     for slots in combinations(range(PROBLEM.n_frames - 3 * LENGTH + 3), 3):
@@ -67,50 +73,50 @@ def all_states() -> dict[Starts, State]:
         state = empty_state(PROBLEM)
         for start in starts:
             state = state.with_item(0, start, np.array([0.0, 4.0, 0.0]))
-        states[starts] = state
+        states[starts] = copied(scene_of(state))
     return states
 
 
 def imbalance(move: Move) -> float:
     """Greatest difference between the probabilities of going one way and back."""
-    states, flow = all_states(), defaultdict[tuple[Starts, Starts], float](float)
-    assert len(states) == 10
-    for starts, state in states.items():
-        for probability, proposal in every_proposal(move, state):
-            assert proposal.log_ratio == 0.0
-            flow[starts, tuple(proposal.state.items[:, 1].tolist())] += probability
-    assert {pair[1] for pair in flow} == set(states)
+    scenes, flow = all_scenes(), defaultdict[tuple[Starts, Starts], float](float)
+    assert len(scenes) == 10
+    for starts, scene in scenes.items():
+        for probability, new in every_proposal(move, scene):
+            flow[starts, tuple(new.items[:, 1].tolist())] += probability
+    assert {pair[1] for pair in flow} == set(scenes)
     return max(abs(p - flow.get((b, a), 0.0)) for (a, b), p in flow.items())
 
 
-class Hasty(Shift):
-    """Shifts what is flush together wherever it goes, to others that it will be flush with too."""
+def shifts(rng: np.random.Generator, scene: Scene) -> tuple[Scene, float]:
+    return moves.shift.py_func(PROBLEM.lengths, rng, scene)
 
-    def propose(self, rng: np.random.Generator, state: State) -> Proposal[State] | None:
-        index, reach = int(rng.integers(state.n_scenelets)), self.reach
-        step = int(rng.integers(1, reach + 1)) * (1 if rng.random() < 0.5 else -1)
-        items = state.items.copy()
-        run, together = flush_run(self.problem, state, index), rng.random() < 0.5
-        items[run if together else slice(index, index + 1), 1] += step
-        changed = replace(state, items=items)
-        return Proposal(changed, 0.0) if in_order(self.problem, changed) else None
+
+def hasty(rng: np.random.Generator, scene: Scene) -> tuple[Scene, float]:
+    """Shifts what is flush together wherever it goes, to others that it will be flush with too."""
+    index = rng.integers(0, len(scene.items))
+    step = rng.integers(1, 2) * (1 if rng.random() < 0.5 else -1)
+    first, last = flush_run(PROBLEM.lengths, scene.items, index)
+    together, items = rng.random() < 0.5, scene.items.copy()
+    items[slice(first, last) if together else slice(index, index + 1), 1] += step
+    return scene._replace(items=items), 0.0
 
 
 @pytest.mark.parametrize("reach", [1, 4])
-def test_shifts_there_and_back_are_as_likely(reach: int) -> None:
-    assert imbalance(Shift(PROBLEM, reach=reach)) < 1e-12
+def test_shifts_there_and_back_are_as_likely(reach: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(moves, "_REACH", reach)
+    assert imbalance(shifts) < 1e-12
 
 
 def test_a_shift_that_gathers_others_on_its_way_is_seen() -> None:
-    assert imbalance(Hasty(PROBLEM, reach=1)) > 0.05
+    assert imbalance(hasty) > 0.05
 
 
 def test_every_choice_is_counted_once() -> None:
-    class Dice:
-        def propose(self, rng: np.random.Generator, state: State) -> Proposal[State] | None:
-            up = rng.random() < 0.5
-            step = int(rng.integers(3)) if up else 0
-            return Proposal(replace(state, camera=state.camera + step), 0.0)
+    def dice(rng: np.random.Generator, scene: Scene) -> tuple[Scene, float]:
+        up = rng.random() < 0.5
+        step = int(rng.integers(0, 3)) if up else 0
+        return scene._replace(camera=scene.camera + step), 0.0
 
-    ways = list(every_proposal(Dice(), empty_state(PROBLEM)))
+    ways = list(every_proposal(dice, copied(scene_of(empty_state(PROBLEM)))))
     assert sorted(p for p, _ in ways) == pytest.approx([1 / 6, 1 / 6, 1 / 6, 1 / 2])

@@ -33,7 +33,7 @@ from imapper_prob.results.folders import write_run
 from imapper_prob.results.posterior import Posterior
 from imapper_prob.results.scenes_file import read_scenes
 from imapper_prob.sampling.actors import JointProblem, join_actors
-from imapper_prob.sampling.proposals import weighted_candidates
+from imapper_prob.sampling.candidates import weighted_candidates
 from imapper_prob.sampling.sample import sample_scenes
 from imapper_prob.solver.actors import solve_actors
 from imapper_prob.solver.solver import Solution

@@ -11,10 +11,13 @@ from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 
 from imapper_prob.models.log_posterior import State
-from imapper_prob.sampling.camera_moves import CameraFrame, middle_heights
-from imapper_prob.sampling.moves import TimeCrossover, in_order
-from tests.sampling.test_moves import PROBLEM, random_state
+from imapper_prob.sampling.crossover import TimeCrossover
+from imapper_prob.sampling.looks import look, middle_heights
+from imapper_prob.sampling.scene import in_order
+from tests.models import worlds
+from tests.sampling.scenes import random_state
 
+PROBLEM = worlds.problem(20)
 CROSS = TimeCrossover(PROBLEM)
 
 
@@ -78,14 +81,11 @@ def test_what_is_exchanged_looks_the_same_afterwards() -> None:
     assert found is not None
 
     def looks(state: State) -> list[tuple[float, ...]]:
-        view = CameraFrame(state.camera)
         seen = []
         for (scenelet, _), (x, y, _), size in zip(
             state.items.tolist(), state.placements.tolist(), state.sizes.tolist(), strict=True
         ):
-            look = view.look(x, y, size, heights[scenelet])
-            assert look is not None
-            seen.append(tuple(look))
+            seen.append(tuple(look(state.camera, x, y, size, heights[scenelet])))
         return seen
 
     before, after = sorted(looks(hot) + looks(cold)), sorted(looks(found[0]) + looks(found[1]))

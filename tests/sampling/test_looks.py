@@ -10,11 +10,12 @@ from hypothesis import strategies as st
 
 from imapper_prob.models.camera import Camera
 from imapper_prob.models.log_posterior import State, empty_state
-from imapper_prob.sampling.camera_moves import CameraFrame, CompensatedCameraWalk, middle_heights
+from imapper_prob.sampling.looks import log_volume, look, middle_heights, stand
 from tests.models import worlds
+from tests.sampling.scenes import SceneMove, moves_of
 
 PROBLEM = worlds.problem(20)
-FACTOR = np.linalg.cholesky(np.linalg.inv(PROBLEM.camera_precision))
+CARRY = SceneMove(moves_of(PROBLEM), "camera-carry")
 
 
 def camera_of(seed: int) -> np.ndarray:
@@ -35,10 +36,10 @@ def state_of(seed: int) -> State:
 @given(seed=st.integers(0, 10**6))
 def test_who_looks_so_stands_there(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    view, height = CameraFrame(camera_of(seed)), rng.uniform(0.2, 1.0)
+    camera, height = camera_of(seed), rng.uniform(0.2, 1.0)
     x, y, size = rng.normal((0, 4, 0), (0.5, 0.5, 0.1))
-    stand = view.stand(view.look(x, y, size, height), height)
-    np.testing.assert_allclose(stand, (x, y, size), rtol=1e-9, atol=1e-9)
+    found = stand(camera, look(camera, x, y, size, height), height)
+    np.testing.assert_allclose(found, (x, y, size), rtol=1e-9, atol=1e-9)
 
 
 def test_a_look_is_what_the_camera_sees() -> None:
@@ -48,53 +49,54 @@ def test_a_look_is_what_the_camera_sees() -> None:
         1920, 1080, np.exp(focal), np.exp(focal), 0.0, 0.0,
         pitch=pitch, roll=roll, elevation=elevation,
     )  # fmt: skip
-    look = CameraFrame(camera).look(0.4, 3.5, 0.07, height)
+    right, up, apparent = look(camera, 0.4, 3.5, 0.07, height)
     pelvis = np.array([0.4, 3.5, np.exp(body + 0.07) * height])
-    np.testing.assert_allclose(seen.project(pelvis), (look.right, -look.up))
+    np.testing.assert_allclose(seen.project(pelvis), (right, -up))
     depth = seen.to_camera(pelvis)[1]
-    assert look.apparent == pytest.approx(np.exp(focal + body + 0.07) / depth)
+    assert apparent == pytest.approx(np.exp(focal + body + 0.07) / depth)
 
 
 @hypothesis_settings(max_examples=30, deadline=None)
 @given(seed=st.integers(0, 10**6))
 def test_volume_of_looks_is_their_derivative(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    view, height = CameraFrame(camera_of(seed)), rng.uniform(0.2, 1.0)
+    camera, height = camera_of(seed), rng.uniform(0.2, 1.0)
     where = rng.normal((0, 4, 0), (0.5, 0.5, 0.1))
 
     def seen(at: np.ndarray) -> np.ndarray:
-        right, up, apparent = view.look(*at, height)
+        right, up, apparent = look(camera, *at, height)
         return np.array([right, up, np.log(apparent)])
 
     step = 1e-5
     derivative = np.stack([seen(where + d) - seen(where - d) for d in step * np.eye(3)]) / 2 / step
     expected = np.log(abs(np.linalg.det(derivative)))
-    assert view.log_volume(view.look(*where, height), where[2]) == pytest.approx(expected, abs=1e-6)
+    apparent = look(camera, *where, height)[2]
+    assert log_volume(camera, apparent, where[2]) == pytest.approx(expected, abs=1e-6)
 
 
 def test_nobody_stands_above_the_horizon_or_behind_the_camera() -> None:
-    view = CameraFrame(np.array([0.0, 1.5, 0.0, 0.0, 0.0]))
-    assert view.look(0.0, -2.0, 0.0, 0.5) is None
-    look = view.look(0.0, 4.0, 0.0, 0.5)
-    assert view.stand(look._replace(up=0.5), 0.5) is None
+    camera = np.array([0.0, 1.5, 0.0, 0.0, 0.0])
+    assert np.isnan(look(camera, 0.0, -2.0, 0.0, 0.5)[2])
+    right, _, apparent = look(camera, 0.0, 4.0, 0.0, 0.5)
+    assert np.isnan(stand(camera, (right, 0.5, apparent), 0.5)[2])
 
 
 @hypothesis_settings(max_examples=50, deadline=None)
 @given(seed=st.integers(0, 10**6))
 def test_whoever_is_carried_along_looks_the_same(seed: int) -> None:
     state = state_of(seed)
-    proposal = CompensatedCameraWalk(PROBLEM, FACTOR).propose(np.random.default_rng(seed), state)
+    proposal = CARRY.propose(np.random.default_rng(seed), state)
     if proposal is None:
         return
     heights = middle_heights(PROBLEM)[state.items[:, 0]]
     looks = [
-        [CameraFrame(s.camera).look(x, y, size, h) for (x, y, _), size, h in rows(s, heights)]
+        [look(s.camera, x, y, size, h) for (x, y, _), size, h in rows(s, heights)]
         for s in (state, proposal.state)
     ]
     np.testing.assert_allclose(looks[1], looks[0], rtol=1e-8, atol=1e-10)
     np.testing.assert_array_equal(proposal.state.placements[:, 2], state.placements[:, 2])
     volumes = [
-        sum(CameraFrame(s.camera).log_volume(k, size) for k, size in zip(own, s.sizes, strict=True))
+        sum(log_volume(s.camera, k[2], size) for k, size in zip(own, s.sizes, strict=True))
         for s, own in zip((state, proposal.state), looks, strict=True)
     ]
     assert proposal.log_ratio == pytest.approx(volumes[0] - volumes[1], abs=1e-8)

@@ -15,18 +15,15 @@ from imapper_prob.models.log_posterior import State, empty_state
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.settings import ModelSettings
 from imapper_prob.models.view import to_view
-from imapper_prob.sampling.camera_moves import CameraFrame
 from imapper_prob.sampling.learning import learn
-from imapper_prob.sampling.reference import (
-    Reference,
-    draw_scene,
-    log_reference,
-    next_probability,
-)
+from imapper_prob.sampling.looks import look, stand
+from imapper_prob.sampling.redraws import draw_scene as _draw_scene
+from imapper_prob.sampling.reference import Reference, log_reference, next_probability
+from imapper_prob.sampling.scene import state_of
 from imapper_prob.sampling.visits import Visits
 from lab.prior import draw_state
 from tests.models import worlds
-from tests.sampling.test_moves import candidates, similarity
+from tests.sampling.scenes import candidates, similarity
 
 N_FRAMES = 20
 PROBLEM = worlds.problem(N_FRAMES, settings=ModelSettings(likelihood=0.0, scenelet_rate=0.5))
@@ -49,6 +46,10 @@ def known(films: int = 1, count: int = 80, seed: int = 0) -> Reference:
         visits.note(draw_state(rng, problem))
     learnt = learn(problem, candidates(), similarity(), visits)
     return learnt._replace(shares=np.array([0.2, 0.1, 0.5, 0.15, 0.05]))
+
+
+def draw_scene(reference: Reference, rng: np.random.Generator) -> State:
+    return state_of(_draw_scene(reference, rng))
 
 
 def log_density(reference: Reference, state: State) -> float:
@@ -158,11 +159,8 @@ def test_scenelets_are_carried_as_moves_carry_them() -> None:
     pelvis[..., :2] = 0.0
     height = float(pelvis[0, 0, 2])
     state = empty_state(PROBLEM).with_item(0, 5, np.array([0.4, 4.0, 0.3]), 0.02)
-    look = CameraFrame(before).look(0.4, 4.0, 0.02, height)
-    assert look is not None
-    stand = CameraFrame(after).stand(look, height)
-    assert stand is not None
-    there, size = np.array([[stand.x, stand.y, 0.3]]), np.array([stand.size])
+    x, y, size = stand(after, look(before, 0.4, 4.0, 0.02, height), height)
+    there, size = np.array([[x, y, 0.3]]), np.array([size])
     moved = State(after, state.items, there, size, state.latent)
     # Visited there, and hardly scattered.
     path, yaw = np.array(reference.path), np.array(reference.yaw)

@@ -23,13 +23,13 @@ from imapper_prob.models.statements import Statement, tell
 from imapper_prob.samplers.diagnostics import mean_error
 from imapper_prob.samplers.reweighting import reweigh
 from imapper_prob.sampling.actors import JointProblem
+from imapper_prob.sampling.candidates import Candidates
 from imapper_prob.sampling.conditioning import (
     continued,
     reweighted,
     statement_values,
     with_statements,
 )
-from imapper_prob.sampling.proposals import Candidates
 from imapper_prob.sampling.sample import Samples, sample_scenes
 from tests.models import worlds
 

@@ -1,0 +1,131 @@
+"""Two scenes exchange what happens in a stretch of time.
+
+What somebody does at the beginning of a clip and at its end hardly know of each other. A hot
+scene has found a better seat for the one, and a cold scene for the other: exchanged as wholes
+neither gets anywhere. So scenes of neighbouring temperatures exchange all scenelets of a
+stretch, and the latent numbers of the path with them.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imapper_prob.models.log_posterior import State
+from imapper_prob.models.problem import Problem
+from imapper_prob.sampling.jit import compiled
+from imapper_prob.sampling.looks import middle_heights, reprojected
+from imapper_prob.sampling.scene import Scene, copied, scene_of, state_of
+
+__all__ = ["TimeCrossover"]
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+Ints = NDArray[np.int64]
+
+_ONE_MORE: Final = 0.4
+"""Probability that the stretch takes in one block more; chosen."""
+
+
+class TimeCrossover:
+    """Exchange the scenelets of one or several blocks of time.
+
+    A block is a run of frames that are under a scenelet in either scene, without a gap. Both
+    scenes together have the same blocks afterwards, so that the way back is as likely as
+    the way there. Scenelets are taken to where they look the same through the other camera
+    (:mod:`imapper_prob.sampling.looks`).
+
+    Parameters
+    ----------
+    problem : Problem
+    """
+
+    def __init__(self, problem: Problem) -> None:
+        self._lengths, self._heights = np.array(problem.lengths), middle_heights(problem).copy()
+
+    def __call__(
+        self, rng: np.random.Generator, hot: State, cold: State
+    ) -> tuple[State, State, float] | None:
+        """Both scenes afterwards and the log Jacobian.
+
+        None where both are empty, or a scenelet would have nowhere to stand.
+        """
+        warm, cool, ratio = _exchange(
+            self._lengths, self._heights, rng, scene_of(hot), scene_of(cold)
+        )
+        return None if math.isnan(ratio) else (state_of(warm), state_of(cool), float(ratio))
+
+
+@compiled
+def _exchange(
+    lengths: Ints, heights: Array, rng: np.random.Generator, warm: Scene, cool: Scene
+) -> tuple[Scene, Scene, float]:
+    """Both scenes afterwards and the log Jacobian, NaN where it is impossible."""
+    hot, cold = copied(warm), copied(cool)
+    cuts = _cuts(lengths, hot.items, cold.items, len(hot.latent))
+    n_blocks = len(cuts) - 1
+    if n_blocks < 1:
+        return hot, cold, math.nan
+    first = int(rng.integers(0, n_blocks))
+    last = min(n_blocks, first + int(rng.geometric(1.0 - _ONE_MORE)))
+    begin, end = cuts[first], cuts[last]
+    of_hot, of_cold = _inside(hot, begin, end), _inside(cold, begin, end)
+    if not of_hot.any() and not of_cold.any():
+        return hot, cold, math.nan
+    to_cold, sizes_cold, ratio_cold = reprojected(heights, hot, hot.camera, cold.camera, of_hot)
+    to_hot, sizes_hot, ratio_hot = reprojected(heights, cold, cold.camera, hot.camera, of_cold)
+    new_hot = _merged(hot, ~of_hot, cold, of_cold, to_hot, sizes_hot, begin, end)
+    new_cold = _merged(cold, ~of_cold, hot, of_hot, to_cold, sizes_cold, begin, end)
+    return new_hot, new_cold, ratio_hot + ratio_cold
+
+
+@compiled
+def _cuts(lengths: Ints, one: Ints, other: Ints, n_frames: int) -> Ints:
+    """Frames between blocks, in the middle of their gaps, and both ends of the clip."""
+    items = np.concatenate((one, other))
+    if len(items) == 0:
+        return np.zeros(0, np.int64)
+    items = items[np.argsort(items[:, 1], kind="mergesort")]
+    cuts, n = np.zeros(len(items) + 1, np.int64), 1
+    end = items[0, 1] + lengths[items[0, 0]]
+    for i in range(1, len(items)):
+        if end <= items[i, 1]:
+            cuts[n] = (end + items[i, 1]) // 2
+            n += 1
+        end = max(end, items[i, 1] + lengths[items[i, 0]])
+    cuts[n] = n_frames
+    return cuts[: n + 1].copy()
+
+
+@compiled
+def _inside(scene: Scene, begin: int, end: int) -> Flags:
+    starts = scene.items[:, 1]
+    return (starts >= begin) & (starts < end)
+
+
+@compiled
+def _merged(
+    own: Scene,
+    kept: Flags,
+    others: Scene,
+    taken: Flags,
+    placements: Array,
+    sizes: Array,
+    begin: int,
+    end: int,
+) -> Scene:
+    """One scene with the other's scenelets in a stretch, where its own camera sees them."""
+    items = np.concatenate((own.items[kept], others.items[taken]))
+    order = np.argsort(items[:, 1], kind="mergesort")
+    latent = own.latent.copy()
+    latent[begin:end] = others.latent[begin:end]
+    return Scene(
+        own.camera,
+        items[order],
+        np.concatenate((own.placements[kept], placements[taken]))[order],
+        np.concatenate((own.sizes[kept], sizes[taken]))[order],
+        latent,
+    )

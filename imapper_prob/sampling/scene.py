@@ -1,0 +1,89 @@
+"""A scene as compiled code has it, and the way from a state and back.
+
+A move takes a scene and a generator and gives another scene and the log ratio of the reverse to
+the forward proposal density, Jacobians included (Green 1995); -inf where it is impossible. Scenes
+are never written to: a move copies what it changes and hands on the rest.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imapper_prob.models.log_posterior import State
+from imapper_prob.models.problem import Problem
+from imapper_prob.sampling.jit import compiled
+
+__all__ = ["Scene", "copied", "flush_run", "in_order", "scene_of", "state_of"]
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+class Scene(NamedTuple):
+    """See :class:`imapper_prob.models.log_posterior.State`.
+
+    Parameters
+    ----------
+    camera : (5,) float
+    items : (k, 2) int
+    placements : (k, 3) float
+    sizes : (k,) float
+    latent : (T, 2) float
+    """
+
+    camera: Array
+    items: Ints
+    placements: Array
+    sizes: Array
+    latent: Array
+
+
+@compiled
+def copied(scene: Scene) -> Scene:
+    """The same scene in arrays of its own.
+
+    Arrays of states are of another kind to the compiler, for nobody may write to them.
+    """
+    return Scene(
+        scene.camera.copy(),
+        scene.items.copy(),
+        scene.placements.copy(),
+        scene.sizes.copy(),
+        scene.latent.copy(),
+    )
+
+
+def scene_of(state: State) -> Scene:
+    """The scene of a state, in its own arrays; for compiled code that copies it first."""
+    return Scene(state.camera, state.items, state.placements, state.sizes, state.latent)
+
+
+def state_of(scene: Scene) -> State:
+    """The state of a scene."""
+    return State(*scene)
+
+
+def in_order(problem: Problem, state: State) -> bool:
+    """Whether scenelets lie in the clip, one after the other."""
+    end = 0
+    for scenelet, start in state.items.tolist():
+        if start < end:
+            return False
+        end = start + int(problem.lengths[scenelet])
+    return end <= problem.n_frames
+
+
+@compiled
+def flush_run(lengths: Ints, items: Ints, index: int) -> tuple[int, int]:
+    """The scenelets around one that follow one another without a gap: the first of them, and the
+    one after the last."""
+    first = index
+    while first > 0 and items[first - 1, 1] + lengths[items[first - 1, 0]] == items[first, 1]:
+        first -= 1
+    last = index + 1
+    while last < len(items) and items[last - 1, 1] + lengths[items[last - 1, 0]] == items[last, 1]:
+        last += 1
+    return first, last

@@ -1,0 +1,388 @@
+"""Steps of a chain over scenes, compiled: choose a move, propose, judge, accept.
+
+It is what :func:`imapper_prob.samplers.reversible_jump.step` does with the moves that
+:func:`scene_moves` lists, for as many steps as are asked for at once.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imapper_prob.models.kernels.cache import Evaluator, open_evaluator
+from imapper_prob.models.kernels.incremental import change, commit
+from imapper_prob.models.kernels.incremental import propose as change_from
+from imapper_prob.models.log_posterior import State, log_posterior
+from imapper_prob.models.problem import Problem
+from imapper_prob.models.published_energy import sum_paper
+from imapper_prob.samplers.reversible_jump import ChainState, StepInfo
+from imapper_prob.samplers.tempering import Parts
+from imapper_prob.sampling import camera_moves, moves, redraws
+from imapper_prob.sampling.jit import compiled
+from imapper_prob.sampling.looks import middle_heights
+from imapper_prob.sampling.reference import Reference, log_reference
+from imapper_prob.sampling.scene import Scene, copied, scene_of, state_of
+
+__all__ = ["MOVES", "Moves", "Walker", "parts_of", "propose", "scene_moves"]
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+MOVES: Final = {
+    "exchange": 0.4,
+    "shift": 0.06,
+    "placement": 0.3,
+    "camera": 0.03,
+    "camera-carry": 0.07,
+    "depth-scale": 0.06,
+    "focal-scale": 0.04,
+    "path": 0.05,
+    "camera-adapted": 0.4,
+    "scene-redraw": 0.3,
+    "redraw": 0.6,
+}
+"""The moves and how often each is tried, up to a factor. Chosen: exchanges for a scenelet of
+similar motion lead to what nobody has met, a few nats at a time; draws of the reference to all
+else."""
+(
+    _EXCHANGE, _SHIFT, _PLACEMENT, _CAMERA, _CAMERA_CARRY, _DEPTH_SCALE, _FOCAL_SCALE, _PATH,
+    _CAMERA_ADAPTED, _SCENE_REDRAW, _REDRAW,
+) = range(len(MOVES))  # fmt: skip
+_NAMES: Final = tuple(MOVES)
+_CAPACITY: Final = 8
+"""Scenelets there is room for at first; it is doubled when it runs out."""
+
+
+class Moves(NamedTuple):
+    """What moves know of a problem, and how often each is tried.
+
+    Parameters
+    ----------
+    lengths : (L,) int
+        Frames of each scenelet.
+    heights : (L,) float
+        Of the pelvis in its middle frame, metres of the reference body.
+    similarity : (L, L) float
+        Probabilities of exchanging one scenelet for another.
+    factor : (5, 5) float
+        Lower Cholesky factor of the prior's covariance of camera and body.
+    shape : (5, 5) float
+        That of the posterior, as far as it is known.
+    focal_spread : float
+        Standard deviation of the log focal length in the prior.
+    reference : Reference
+    weights : (M,) float
+        How often each of ``MOVES`` is tried, up to a factor.
+    """
+
+    lengths: Ints
+    heights: Array
+    similarity: Array
+    factor: Array
+    shape: Array
+    focal_spread: float
+    reference: Reference
+    weights: Array
+
+
+def scene_moves(
+    problem: Problem, similarity: Array, reference: Reference, shape: Array | None
+) -> Moves:
+    """The moves of a problem.
+
+    Parameters
+    ----------
+    problem : Problem
+    similarity : (L, L) float
+    reference : Reference
+    shape : (5, 5) float or None
+        See :func:`imapper_prob.sampling.visits.camera_shape`; None where that is not known.
+
+    Returns
+    -------
+    Moves
+    """
+    factor = np.linalg.cholesky(np.linalg.inv(problem.camera_precision)).astype(np.float64)
+    weights = np.array([*MOVES.values()])
+    if shape is None:
+        weights[_CAMERA_ADAPTED] = 0.0
+    return Moves(
+        lengths=np.array(problem.lengths),
+        heights=np.array(middle_heights(problem)),
+        similarity=np.array(similarity),
+        factor=factor,
+        shape=factor if shape is None else shape,
+        focal_spread=float(np.linalg.norm(factor[2])),
+        reference=reference,
+        weights=weights,
+    )
+
+
+@compiled
+def propose(known: Moves, move: int, rng: np.random.Generator, scene: Scene) -> tuple[Scene, float]:
+    """What a move makes of a scene.
+
+    Parameters
+    ----------
+    known : Moves
+    move : int
+        Number of one of ``MOVES``.
+    rng : numpy.random.Generator
+    scene : Scene
+
+    Returns
+    -------
+    Scene
+    float
+        Log of the reverse over the forward proposal density, nats; -inf where it is impossible.
+    """
+    if move == _EXCHANGE:
+        return moves.exchange_similar(known.similarity, known.lengths, rng, scene)
+    if move == _SHIFT:
+        return moves.shift(known.lengths, rng, scene)
+    if move == _PLACEMENT:
+        return moves.walk_placement(rng, scene)
+    if move == _CAMERA:
+        return camera_moves.walk_camera(known.factor, rng, scene)
+    if move == _CAMERA_CARRY:
+        return camera_moves.walk_compensated(known.factor, known.heights, rng, scene)
+    if move == _DEPTH_SCALE:
+        return camera_moves.scale_depth(rng, scene)
+    if move == _FOCAL_SCALE:
+        return camera_moves.scale_focal(known.focal_spread, rng, scene)
+    if move == _PATH:
+        return moves.refresh_path(rng, scene)
+    if move == _CAMERA_ADAPTED:
+        return camera_moves.walk_adapted(known.shape, known.heights, rng, scene)
+    if move == _SCENE_REDRAW:
+        return redraws.redraw_scene(known.reference, rng, scene)
+    return redraws.redraw_stretch(known.reference, rng, scene)
+
+
+# ------------------------------------------------------------------------------------------------
+# Judging.
+
+
+@compiled
+def _log_posterior(
+    evaluator: Evaluator, of_paper: bool, n_before: int, now: Scene, new: Scene
+) -> float:
+    """Of a scene, beside the one that the evaluator stands at; nats."""
+    if of_paper:
+        joints, by_frame = np.empty((len(new.latent), 3, 16)), np.empty((len(new.latent), 4))
+        terms = sum_paper(
+            evaluator.problem, new.camera, new.items, new.placements, new.sizes, new.latent,
+            joints, by_frame,
+        )  # fmt: skip
+        return float(terms.sum())
+    prior, likelihood = change(
+        evaluator, n_before, now.camera, now.latent,
+        new.camera, new.items, new.placements, new.sizes, new.latent,
+    )  # fmt: skip
+    return float(prior + likelihood)
+
+
+@compiled
+def _roomy(
+    evaluator: Evaluator, of_paper: bool, capacity: int, now: Scene, needed: int
+) -> tuple[Evaluator, int]:
+    """An evaluator with room for so many scenelets that stands at a scene."""
+    if needed <= capacity:
+        return evaluator, capacity
+    evaluator = open_evaluator(evaluator.problem, 2 * needed)
+    if not of_paper:
+        _log_posterior(evaluator, of_paper, -1, now, now)
+        commit(evaluator)
+    return evaluator, 2 * needed
+
+
+@compiled
+def _log_reference(reference: Reference, log_density: float, scene: Scene) -> float:
+    """Of a scene, nats; -inf where the posterior has no density, as well."""
+    if log_density == -math.inf:
+        return -math.inf
+    return log_reference(
+        reference, scene.camera, scene.items, scene.placements, scene.sizes
+    )  # fmt: skip
+
+
+@compiled
+def _advance(
+    known: Moves,
+    evaluator: Evaluator,
+    of_paper: bool,
+    capacity: int,
+    rng: np.random.Generator,
+    beta: float,
+    state: Scene,
+    log_prior: float,
+    log_likelihood: float,
+    chosen: Ints,
+    log_acceptance: Array,
+    accepted: NDArray[np.bool_],
+) -> tuple[Scene, float, float, Evaluator, int, int]:
+    """Where a chain is after some steps; the last is the move whose density is no number, or -1."""
+    scene, weights = copied(state), known.weights.cumsum()
+    for n in range(len(chosen)):
+        move = min(np.searchsorted(weights, rng.random() * weights[-1], "right"), len(weights) - 1)
+        chosen[n], log_acceptance[n], accepted[n] = move, -math.inf, False
+        new, ratio = propose(known, move, rng, scene)
+        if ratio == -math.inf:
+            continue
+        evaluator, capacity = _roomy(evaluator, of_paper, capacity, scene, len(new.items))
+        density = _log_posterior(evaluator, of_paper, len(scene.items), scene, new)
+        prior = _log_reference(known.reference, density, new)
+        likelihood, gain = 0.0, -math.inf
+        if prior > -math.inf:
+            likelihood = density - prior
+            gain = prior - log_prior + beta * (likelihood - log_likelihood) + ratio
+        if not gain < math.inf:
+            return scene, log_prior, log_likelihood, evaluator, capacity, move
+        log_acceptance[n] = min(0.0, gain)
+        # P(Exponential > -log a) = a: no logarithm of a uniform that may be zero.
+        if rng.standard_exponential() > -log_acceptance[n]:
+            accepted[n] = True
+            if not of_paper:
+                commit(evaluator)
+            scene, log_prior, log_likelihood = new, prior, likelihood
+    return scene, log_prior, log_likelihood, evaluator, capacity, -1
+
+
+# ------------------------------------------------------------------------------------------------
+# For Python.
+
+
+def parts_of(problem: Problem, reference: Reference, state: State) -> Parts:
+    """The log density of a state under the reference, and the posterior's beyond it.
+
+    Parameters
+    ----------
+    problem : Problem
+    reference : Reference
+    state : State
+
+    Returns
+    -------
+    Parts
+    """
+    return _in_parts(reference, log_posterior(problem, state), state)
+
+
+def _in_parts(reference: Reference, log_density: float, state: State) -> Parts:
+    if log_density == -math.inf:
+        return Parts(-math.inf, 0.0)
+    log_prior = float(
+        log_reference(reference, state.camera, state.items, state.placements, state.sizes)
+    )
+    return Parts(log_prior, log_density - log_prior if log_prior > -math.inf else 0.0)
+
+
+class Walker:
+    """A chain at one temperature: it knows where it stands, and what that is worth.
+
+    Values depend by some 1e-6 nats on how the chain came to where it is, because what moves by
+    nanometres is not looked at again. Chains that are to be repeated exactly from the middle
+    begin with a new walker there.
+
+    Parameters
+    ----------
+    problem : Problem
+    moves : Moves
+    state : State
+        Where the chain stands; within the support.
+    """
+
+    def __init__(self, problem: Problem, moves: Moves, state: State) -> None:
+        self._problem, self._moves, self._of_paper = problem, moves, problem.of_paper
+        self._state = self._last = state
+        self._parts = self._last_parts = Parts(0.0, 0.0)
+        self._capacity: int = max(_CAPACITY, state.n_scenelets)
+        self._evaluator: Evaluator = open_evaluator(problem, self._capacity)
+        self._stand()
+
+    def __call__(self, state: State) -> Parts:
+        """The parts of ``state``; the chain stays where it is."""
+        if state is self._state:
+            return self._parts
+        self._last, self._last_parts = state, self._judged(state, self._state.n_scenelets)
+        return self._last_parts
+
+    def move(self, state: State) -> None:
+        """The chain has gone to ``state``."""
+        if state is self._state:
+            return
+        if state is not self._last:
+            self(state)
+        self._state, self._parts = state, self._last_parts
+        self._accept()
+
+    def advance(
+        self, rng: np.random.Generator, beta: float, steps: int
+    ) -> tuple[ChainState[State], tuple[StepInfo, ...]]:
+        """Some steps at an inverse temperature.
+
+        Parameters
+        ----------
+        rng : numpy.random.Generator
+        beta : float
+        steps : int
+
+        Returns
+        -------
+        ChainState
+            Where the chain is then.
+        tuple of StepInfo
+
+        Raises
+        ------
+        FloatingPointError
+            A log density or ratio is NaN or +inf; the message names the move.
+        """
+        chosen, log_acceptance = np.empty(steps, np.int64), np.empty(steps)
+        accepted = np.empty(steps, np.bool_)
+        scene, log_prior, log_likelihood, self._evaluator, self._capacity, fault = _advance(
+            self._moves, self._evaluator, self._of_paper, self._capacity, rng, beta,
+            scene_of(self._state), self._parts.log_prior, self._parts.log_likelihood,
+            chosen, log_acceptance, accepted,
+        )  # fmt: skip
+        if fault >= 0:
+            raise FloatingPointError(
+                f"move '{_NAMES[fault]}': the log density or log ratio of a proposal is no number"
+            )
+        if accepted.any():
+            self._state, self._parts = state_of(scene), Parts(log_prior, log_likelihood)
+        self._last, self._last_parts = self._state, self._parts
+        steps_made = zip(chosen.tolist(), accepted.tolist(), log_acceptance.tolist(), strict=True)
+        return ChainState(self._state, self._parts.at(beta)), tuple(
+            StepInfo(_NAMES[move], taken, log_a) for move, taken, log_a in steps_made
+        )
+
+    def _judged(self, state: State, n_before: int) -> Parts:
+        """The parts of a state, beside ``n_before`` scenelets that the evaluator knows."""
+        if self._of_paper:
+            density = log_posterior(self._problem, state)
+        else:
+            if state.n_scenelets > self._capacity:
+                self._capacity = 2 * state.n_scenelets
+                self._evaluator = open_evaluator(self._problem, self._capacity)
+                self._stand()
+            now = self._state
+            density = sum(
+                change_from(
+                    self._evaluator, n_before, now.camera, now.latent,
+                    state.camera, state.items, state.placements, state.sizes, state.latent,
+                )
+            )  # fmt: skip
+        return _in_parts(self._moves.reference, density, state)
+
+    def _stand(self) -> None:
+        """An evaluator that knows nothing yet stands where the chain does."""
+        self._parts = self._last_parts = self._judged(self._state, -1)
+        self._accept()
+
+    def _accept(self) -> None:
+        if not self._of_paper:
+            commit(self._evaluator)

@@ -1,0 +1,90 @@
+"""Moves of scenes one by one, for the samplers and checks that are not compiled."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from imapper_prob.models.log_posterior import State, empty_state
+from imapper_prob.models.problem import Problem
+from imapper_prob.samplers.reversible_jump import Mixture, Proposal
+from imapper_prob.sampling.candidates import Candidates
+from imapper_prob.sampling.learning import learn
+from imapper_prob.sampling.reference import Reference
+from imapper_prob.sampling.scene import copied, in_order, scene_of, state_of
+from imapper_prob.sampling.steps import MOVES, Moves, propose, scene_moves
+from imapper_prob.sampling.visits import Visits
+
+
+@dataclass(frozen=True)
+class SceneMove:
+    """One of ``MOVES``, which undoes itself."""
+
+    moves: Moves
+    name: str
+
+    @property
+    def reverse(self) -> str:
+        return self.name
+
+    def propose(self, rng: np.random.Generator, state: State) -> Proposal[State] | None:
+        number = list(MOVES).index(self.name)
+        scene, ratio = propose(self.moves, number, rng, copied(scene_of(state)))
+        return None if ratio == -math.inf else Proposal(state_of(scene), float(ratio))
+
+
+def mixture_of(moves: Moves, names: Sequence[str] = tuple(MOVES)) -> Mixture[State]:
+    """Those that are ever tried."""
+    chosen = {
+        name: weight
+        for name, weight in zip(MOVES, moves.weights.tolist(), strict=True)
+        if weight > 0 and name in names
+    }
+    return Mixture([SceneMove(moves, name) for name in chosen], list(chosen.values()))
+
+
+def candidates(seed: int = 0) -> Candidates:
+    """Three scenelets in five windows, the last of which has not fitted everywhere."""
+    rng = np.random.default_rng(seed)
+    shape = (5, 3)
+    places = np.stack(
+        [rng.normal(0, 0.5, shape), rng.uniform(3, 5, shape), rng.uniform(-3, 3, shape)], -1
+    )
+    weights = rng.uniform(0.2, 1, shape)
+    weights[1, 2] = 0.0
+    return Candidates(np.array([3, 6, 9, 13, 16]), places, rng.normal(0, 0.03, shape), weights)
+
+
+def similarity() -> np.ndarray:
+    """The second is more like the first than the third is."""
+    return np.array([[0.0, 0.7, 0.3], [0.6, 0.0, 0.4], [0.5, 0.5, 0.0]])
+
+
+def learnt_at_random(problem: Problem, count: int = 200) -> Reference:
+    """A reference of scenes at random: it knows nothing of the data."""
+    visits = Visits()
+    for seed in range(count):
+        visits.note(random_state(problem, seed))
+    return learn(problem, candidates(), similarity(), visits)
+
+
+def moves_of(problem: Problem) -> Moves:
+    """All moves, the camera's in half of its prior."""
+    shape = 0.5 * np.linalg.cholesky(np.linalg.inv(problem.camera_precision))
+    return scene_moves(problem, similarity(), learnt_at_random(problem), shape)
+
+
+def random_state(problem: Problem, seed: int) -> State:
+    """A state with up to four scenelets, wherever there is room."""
+    rng = np.random.default_rng(seed)
+    state = empty_state(problem)
+    for _ in range(int(rng.integers(0, 5))):
+        scenelet = int(rng.integers(len(problem.lengths)))
+        start = int(rng.integers(problem.n_frames - problem.lengths[scenelet] + 1))
+        place = np.array([rng.normal(0, 0.5), rng.uniform(3, 5), rng.uniform(-3, 3)])
+        more = state.with_item(scenelet, start, place, rng.normal(0, 0.03))
+        state = more if in_order(problem, more) else state
+    return state

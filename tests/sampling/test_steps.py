@@ -1,0 +1,131 @@
+"""Compiled steps are those of the sampler, and what walkers say is the log-posterior."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from imapper_prob.models.log_posterior import State, empty_state, log_posterior
+from imapper_prob.models.settings import ModelSettings
+from imapper_prob.samplers.reversible_jump import init, step
+from imapper_prob.sampling import steps
+from imapper_prob.sampling.learning import learn
+from imapper_prob.sampling.reference import Reference, log_reference
+from imapper_prob.sampling.steps import MOVES, Walker, parts_of
+from imapper_prob.sampling.visits import Visits
+from tests.models import worlds
+from tests.sampling.scenes import candidates, mixture_of, moves_of, random_state, similarity
+
+PROBLEM = worlds.problem(20)
+
+
+def reference() -> Reference:
+    visits = Visits()
+    visits.note(empty_state(PROBLEM).with_item(1, 4, np.array([0.1, 4.0, 0.3])))
+    return learn(PROBLEM, candidates(), similarity(), visits)
+
+
+@pytest.mark.parametrize("energy", ["default", "paper"])
+def test_walkers_say_of_every_proposal_what_the_model_says(energy: str) -> None:
+    problem = worlds.problem(20, settings=ModelSettings(energy=energy))
+    state, rng = empty_state(problem), np.random.default_rng(4)
+    moves = moves_of(problem)
+    mixture, walker = mixture_of(moves), Walker(problem, moves, state)
+    counts = set()
+    for _ in range(1000):
+        proposal = mixture.choose(rng).propose(rng, state)
+        if proposal is None:
+            continue
+        told, whole = walker(proposal.state), parts_of(problem, moves.reference, proposal.state)
+        assert told.log_prior == pytest.approx(whole.log_prior, abs=1e-4)
+        assert told.log_likelihood == pytest.approx(whole.log_likelihood, abs=1e-4)
+        if np.isfinite(whole.at(0.5)) and rng.random() < 0.3:
+            state = proposal.state
+            walker.move(state)
+            counts.add(state.n_scenelets)
+    assert len(counts) > 2
+
+
+@pytest.mark.parametrize("energy", ["default", "paper"])
+def test_compiled_steps_are_those_of_the_sampler(energy: str) -> None:
+    """Step by step, from the same numbers at random; values differ in their last digits."""
+    problem = worlds.problem(20, settings=ModelSettings(energy=energy, scenelet_rate=0.3))
+    moves, beta = moves_of(problem), 0.02
+
+    def density(state: State) -> float:
+        return parts_of(problem, moves.reference, state).at(beta)
+
+    one, other = (np.random.default_rng(5) for _ in range(2))
+    walker, mixture = Walker(problem, moves, empty_state(problem)), mixture_of(moves)
+    at, seen = init(density, empty_state(problem)), set()
+    for _ in range(1500):
+        chain, (made,) = walker.advance(one, beta, 1)
+        # A mixture draws one number to choose by, as compiled steps do.
+        at, info = step(other, at, log_density_fn=density, mixture=mixture)
+        assert (made.move, made.accepted) == (info.move, info.accepted)
+        assert made.log_acceptance == pytest.approx(info.log_acceptance, abs=1e-4)
+        np.testing.assert_array_equal(chain.state.items, at.state.items)
+        np.testing.assert_allclose(chain.state.placements, at.state.placements)
+        assert chain.log_density == pytest.approx(at.log_density, abs=1e-4)
+        seen.add((made.move, made.accepted))
+    assert {move for move, _ in seen} == {move.name for move in mixture.moves}
+    assert len({move for move, accepted in seen if accepted}) > 8
+
+
+def test_more_scenelets_find_room(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Than there was room for in the beginning, in compiled steps and outside of them."""
+    monkeypatch.setattr(steps, "_CAPACITY", 1)
+    problem = worlds.problem(20, settings=ModelSettings(likelihood=0.0, scenelet_rate=5.0))
+    moves, rng = moves_of(problem), np.random.default_rng(1)
+    walker, counts = Walker(problem, moves, empty_state(problem)), []
+    for _ in range(500):
+        chain, _ = walker.advance(rng, 0.0, 10)
+        assert walker(chain.state) == walker(State(**vars(chain.state)))
+        whole = parts_of(problem, moves.reference, chain.state)
+        assert chain.log_density == pytest.approx(whole.at(0.0), abs=1e-4)
+        counts.append(chain.state.n_scenelets)
+    assert max(counts) > 2
+    several = max((random_state(problem, seed) for seed in range(20)), key=lambda s: s.n_scenelets)
+    walker = Walker(problem, moves, empty_state(problem))
+    told = walker(several)
+    walker.move(several)
+    assert walker(several) == told
+    assert told.at(1.0) == pytest.approx(log_posterior(problem, several), abs=1e-4)
+
+
+def test_steps_at_once_or_one_by_one() -> None:
+    moves = moves_of(PROBLEM)
+    whole, single = (Walker(PROBLEM, moves, empty_state(PROBLEM)) for _ in range(2))
+    one, other = (np.random.default_rng(3) for _ in range(2))
+    chain, infos = whole.advance(one, 0.5, 200)
+    made = [single.advance(other, 0.5, 1) for _ in range(200)]
+    assert infos == tuple(info for _, (info,) in made)
+    assert chain.log_density == made[-1][0].log_density
+
+
+def test_no_number_is_refused_by_the_name_of_the_move() -> None:
+    back = similarity()
+    back[1:, 0] = np.inf
+    only = np.array([float(name == "exchange") for name in MOVES])
+    moves = moves_of(PROBLEM)._replace(similarity=back, weights=only)
+    state = empty_state(PROBLEM).with_item(0, 4, np.array([0.1, 4.0, 0.3]))
+    walker = Walker(PROBLEM, moves, state)
+    with pytest.raises(FloatingPointError, match="move 'exchange'"):
+        walker.advance(np.random.default_rng(0), 1.0, 200)
+
+
+def test_parts_go_from_the_reference_to_the_log_posterior() -> None:
+    known = reference()
+    state: State = empty_state(PROBLEM).with_item(1, 4, np.array([0.1, 4.0, 0.3]))
+    parts = parts_of(PROBLEM, known, state)
+    assert parts.at(1.0) == pytest.approx(log_posterior(PROBLEM, state), rel=1e-12)
+    of_reference = log_reference(
+        known, state.camera, state.items, state.placements, state.sizes
+    )  # fmt: skip
+    assert parts.at(0.0) == of_reference
+
+
+def test_outside_the_support_of_the_reference_nothing_is_said() -> None:
+    state = empty_state(PROBLEM).with_item(1, 4, np.array([0.1, -4.0, 0.3]))
+    parts = parts_of(PROBLEM, reference(), state)
+    assert parts.at(0.0) == parts.at(0.5) == -np.inf
