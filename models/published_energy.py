@@ -425,7 +425,18 @@ def sum_paper(
     joints: Array,
     by_frame: Array,
 ) -> Array:
-    """As :func:`evaluate_paper`, for kernels."""
+    """As :func:`evaluate_paper`, for kernels.
+
+    Parameters
+    ----------
+    problem, camera, items, placements, sizes, latent, joints, by_frame
+        See :func:`evaluate_paper`.
+
+    Returns
+    -------
+    (10,) float
+        Values of ``PAPER_TERMS``, nats.
+    """
     terms = np.zeros(len(PAPER_TERMS))
     evaluator = open_evaluator(problem, len(items))
     cache = evaluator.cache

@@ -264,18 +264,52 @@ Target = Callable[[S], Parts]
 
 
 class Walker(Protocol[S]):
-    """A chain on one rung: it knows where it stands, so that a proposal costs what it changes."""
+    """A chain on one rung: it knows where it stands, so that a proposal costs what it changes.
+
+    Parameters
+    ----------
+    *args, **kwargs
+        A walker is made as its own class says.
+    """
 
     def __call__(self, state: S, /) -> Parts:
-        """The log density of ``state``; the chain stays where it is."""
+        """The log density of a state; the chain stays where it is.
+
+        Parameters
+        ----------
+        state : S
+
+        Returns
+        -------
+        Parts
+        """
 
     def move(self, state: S, /) -> None:
-        """The chain has gone to ``state``."""
+        """The chain has gone to a state.
+
+        Parameters
+        ----------
+        state : S
+        """
 
     def advance(
         self, rng: np.random.Generator, beta: float, steps: int, /
     ) -> tuple[ChainState[S], tuple[StepInfo, ...]]:
-        """Where the chain is after some steps at an inverse temperature, and what happened."""
+        """Go some steps at an inverse temperature.
+
+        Parameters
+        ----------
+        rng : numpy.random.Generator
+        beta : float
+        steps : int
+
+        Returns
+        -------
+        ChainState
+            Where the chain is then.
+        tuple of StepInfo
+            What happened.
+        """
 
 
 @dataclass(frozen=True)
@@ -479,13 +513,18 @@ class KernelWalker(Generic[S]):
         return self._target(state)
 
     def move(self, state: S) -> None:
-        """The chain has gone to ``state``."""
+        """The chain has gone to a state.
+
+        Parameters
+        ----------
+        state : S
+        """
         self._state = state
 
     def advance(
         self, rng: np.random.Generator, beta: float, steps: int
     ) -> tuple[ChainState[S], tuple[StepInfo, ...]]:
-        """Some steps of the kernel.
+        """Go some steps of the kernel.
 
         Parameters
         ----------
@@ -496,7 +535,9 @@ class KernelWalker(Generic[S]):
         Returns
         -------
         ChainState
+            Where the chain is then.
         tuple of StepInfo
+            What happened.
         """
         density, infos = Tempered(self._target, beta), []
         at = ChainState(self._state, density(self._state))

@@ -29,8 +29,8 @@ from imapper_prob.solver.static_path import estimate_static_path
 from tests.models import worlds
 
 Move = Callable[[np.random.Generator, Problem, State], State]
-ARGUMENTS = 7
-"""Arrays handed to compiled code with a proposal."""
+ARGUMENTS = 14
+"""Arrays handed to compiled code with a proposal, seven, and copies that kernels may write to."""
 AHEAD = np.array([0.0, 4.0, 0.0])
 
 

@@ -156,7 +156,8 @@ def test_the_error_of_a_scene_is_that_of_its_indicator() -> None:
     best = run.scenes(1)[0]
     inside = np.isin(run.samples.layouts.indicator + 1, best.layouts).reshape(run.samples.shape)
     alone = layout_probabilities(inside.astype(int), rng=np.random.default_rng(0))
-    assert best.error == pytest.approx(alone.standard_error[0], rel=0.5, abs=0.02)
+    # Of a run of a few dozen draws, from transitions of two states or of several.
+    assert 0.5 < best.error / alone.standard_error[0] < 2.0
     assert run.scenes(1)[0] is best  # a call costs nothing the second time
 
 
