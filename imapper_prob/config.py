@@ -48,6 +48,8 @@ class SampleSettings:
     temperatures : int
         Copies of each chain, from a learnt distribution of scenes that is drawn from at once to
         the posterior, that exchange their states; only the last one is drawn from. 1 does without.
+        Twice the barrier between the two, and one more, serve best (Syed et al. 2022); barriers of
+        long runs on public scenes are 2 to 3.
     swap_every : int
         Steps between two rounds of exchanges; draws are kept after a round.
     burn_in : float
@@ -68,8 +70,8 @@ class SampleSettings:
     """
 
     chains: int = 4
-    steps: int = 30_000
-    temperatures: int = 10
+    steps: int = 100_000
+    temperatures: int = 8
     swap_every: int = 5
     burn_in: float = 0.4
     draws: int = 400

@@ -10,7 +10,8 @@ The scenes of all seeds of a clip are sorted into layouts together. What a seed 
 probability is the share of its draws in it, with the standard error that a run states. Between
 seeds probabilities scatter; the mean square of that should be the square of what is stated.
 The distance of a seed from the others is the total variation between the shares of its draws and
-those of all the other seeds' draws.
+those of all the other seeds' draws. Where there are long computations (:mod:`lab.gold`), that of
+sets of labels from these is given as well.
 """
 
 from __future__ import annotations
@@ -30,6 +31,7 @@ from imapper_prob.config import SampleSettings
 from imapper_prob.layouts import group_layouts, through_one_lens
 from imapper_prob.results.posterior import Posterior, load_posterior
 from imapper_prob.samplers.diagnostics import ShortChainWarning, layout_probabilities, rhat
+from lab.gold import GOLD, distance, known, shares
 from lab.mixing import OPEN
 
 Array = NDArray[np.float64]
@@ -54,6 +56,8 @@ class Seeds:
         Whether the run's verdict is that it has converged.
     seconds : (S,) float
         Of sampling.
+    labels : tuple of S dict of str to float
+        Share of draws with each set of labels.
     """
 
     probability: Array
@@ -63,6 +67,7 @@ class Seeds:
     best: Array
     good: NDArray[np.bool_]
     seconds: Array
+    labels: tuple[dict[str, float], ...] = ()
 
     @property
     def scatter(self) -> Array:
@@ -115,6 +120,7 @@ def compared(posteriors: Sequence[Posterior]) -> Seeds:
         np.array([one.log_posterior.max() for one in samples]),
         np.array([one.verdict.good for one in samples]),
         np.array([p.seconds.get("sampling", np.nan) for p in posteriors]),
+        tuple(shares(one.objects) for one in samples),
     )
 
 
@@ -142,14 +148,17 @@ def tables(found: dict[str, Seeds]) -> str:
     """Clips, and their most probable layouts, in Markdown."""
     lines = [
         "| clip | seeds | converged | s | R-hat of layouts | effective draws of layouts "
-        "| best log posterior | distance of a seed from the others |",
-        "|---|" + "---:|" * 7,
+        "| best log posterior | distance of a seed from the others | of labels, from long runs |",
+        "|---|" + "---:|" * 8,
     ]
+    long = known() if GOLD.exists() else {}
     for clip, one in found.items():
+        away = np.array([distance(own, long[clip]) for own in one.labels if clip in long])
         lines.append(
             f"| {clip} | {len(one.best)} | {int(one.good.sum())} | {one.seconds.mean():.0f} "
             f"| {_spread(one.worst_rhat, '.2f')} | {_spread(one.effective, '.0f')} "
-            f"| {_spread(one.best, '.0f')} | {_spread(one.distance, '.2f')} |"
+            f"| {_spread(one.best, '.0f')} | {_spread(one.distance, '.2f')} "
+            f"| {_spread(away, '.2f') if len(away) else 'not known'} |"
         )
     lines += [
         "",

@@ -62,8 +62,12 @@ from imapper_prob.models.scene import Clip, Placement, SceneObject
 from imapper_prob.models.scenelet import Library
 from imapper_prob.models.settings import NOTHING_IN_SIGHT, OPAQUE
 from imapper_prob.models.skeleton import PELV
+from imapper_prob.sampling.candidates import Candidates
 from imapper_prob.sampling.chain import run_chain
+from imapper_prob.sampling.learning import learn
 from imapper_prob.sampling.sample import setup_of
+from imapper_prob.sampling.steps import MOVES, Walker, scene_moves
+from imapper_prob.sampling.visits import Visits
 from imapper_prob.scenelets.build import build_library_from
 from imapper_prob.scenelets.captures import Capture
 from imapper_prob.scenelets.charness import (
@@ -82,6 +86,8 @@ Array = NDArray[np.float64]
 RESULTS = Path(__file__).with_name("results.json")
 CUBOIDS = 4
 """Of a couch: seat, back, two arms."""
+STEPS = 200
+"""Of a chain that is timed: the start is a small part of it, and the state hardly changes."""
 CAMERA_DOUBT = np.array([0.05, 0.1, 0.05, 0.05, 0.02])
 """Standard deviations of pitch (rad), elevation (m), log focal and log body scale."""
 
@@ -334,6 +340,35 @@ def evaluation_figures(seconds: float) -> dict[str, float]:
         "full_evaluation_over_bare_kernel": bare / full,
         "torch_eager_evaluations_per_second": rate(torch_kernel(world)),
         "numpy_evaluations_per_second": rate(numpy_kernel(world)),
+        **step_figures(world, seconds),
+    }
+
+
+def step_figures(world: World, seconds: float) -> dict[str, float]:
+    """Steps of a chain a second, and microseconds of a step by move, each timed for so long."""
+    problem, n = world.problem, len(world.problem.lengths)
+    every = Candidates(np.zeros(1, int), np.zeros((1, n, 3)), np.zeros((1, n)), np.ones((1, n)))
+    alike = (np.ones((n, n)) - np.eye(n)) / (n - 1)
+    visits = Visits()
+    visits.note(world.state)
+    moves = scene_moves(
+        problem, alike, learn(problem, every, alike, visits), np.diag(0.1 * CAMERA_DOUBT)
+    )
+
+    def steps(weights: Array) -> float:
+        """The quickest of short chains from the same state, which they hardly leave."""
+        rng, best, until = np.random.default_rng(0), np.inf, time.perf_counter() + seconds
+        while time.perf_counter() < until:
+            walker = Walker(problem, moves._replace(weights=weights), world.state)
+            start = time.perf_counter()
+            walker.advance(rng, 1.0, STEPS)
+            best = min(best, time.perf_counter() - start)
+        return STEPS / best
+
+    one = np.eye(len(MOVES))
+    steps(moves.weights)  # compiles what is not compiled
+    return {"steps_per_second": steps(moves.weights)} | {
+        f"step_microseconds_{name}": 1e6 / steps(one[k]) for k, name in enumerate(MOVES)
     }
 
 

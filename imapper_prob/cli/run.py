@@ -74,7 +74,7 @@ def show_energy(folder: Path) -> None:
 # ------------------------------------------------------------------------------------------------
 # ``demo``, ``run`` and ``info``: scenes of a clip, sampled, written and shown again.
 
-_DEMO_STEPS = 6000
+_DEMO_STEPS = 20_000
 """Steps of a demo chain at each temperature: what fits, with all else, within a minute on two
 cores."""
 _STEPS = SampleSettings().steps

@@ -87,7 +87,7 @@ def test_default_blocks() -> None:
     while len(ends) < 14:
         ends.append(block_end(sample, ends[-1]))
     steps = [5 * end for end in ends]
-    assert steps[:5] == [16_600, 21_200, 25_800, 30_000, 34_600]
+    assert steps[:5] == [55_000, 70_000, 85_000, 100_000, 115_000]
     kept = [draws_of(sample).kept(end) for end in ends]
     assert kept[3] == 400
     assert max(kept) <= 800
@@ -95,8 +95,8 @@ def test_default_blocks() -> None:
 
 
 def test_a_last_step_within_burn_in_is_refused() -> None:
-    assert end_of(SampleSettings(last_step=12_001)) == 2400 + 40
-    assert end_of(SampleSettings(last_step=30_001)) == 6000 + 40
-    assert end_of(SampleSettings(last_step=29_999)) == 6000
-    with pytest.raises(InputError, match="last_step = 12000 must be beyond the burn-in"):
-        SampleSettings(last_step=12_000)
+    assert end_of(SampleSettings(last_step=40_001)) == 8000 + 40
+    assert end_of(SampleSettings(last_step=100_001)) == 20_000 + 40
+    assert end_of(SampleSettings(last_step=99_999)) == 20_000
+    with pytest.raises(InputError, match="last_step = 40000 must be beyond the burn-in"):
+        SampleSettings(last_step=40_000)

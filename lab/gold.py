@@ -1,0 +1,169 @@
+"""How probable sets of labels are by long computations, which shorter runs are held against.
+
+    python -m lab.gold FOLDER [CLIP ...] [--runs 3] [--steps 200000] [--workers 2]
+
+samples each clip, ``demo`` if none is named, in several long runs that know nothing of one another:
+every copy of every chain starts from a scene of its own at random, and each run learns its own
+reference. A killed command goes on where it was. What is found of a clip goes into
+``lab/gold.json``: the share of draws with each set of labels of merged objects, and its standard
+error from the scatter between runs.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import sys
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+import imapper_prob as im
+from imapper_prob.config import SampleSettings
+from imapper_prob.files import written_whole
+from imapper_prob.models.log_posterior import State, log_posterior
+from imapper_prob.models.scene import SceneObject
+from imapper_prob.sampling.actors import join_actors
+from imapper_prob.sampling.chain import Setup, tempered
+from imapper_prob.sampling.sample import sample_scenes, setup_of
+from imapper_prob.sampling.visits import Visits
+
+__all__ = ["GOLD", "distance", "known", "shares", "tabled"]
+
+Array = NDArray[np.float64]
+GOLD: Final = Path(__file__).with_name("gold.json")
+_RAREST: Final = 0.005
+"""Share from which on a set of labels is listed; rarer ones are together."""
+_OTHERS: Final = "all others"
+
+
+def shares(objects: Sequence[Sequence[SceneObject]]) -> dict[str, float]:
+    """Share of draws with each set of labels.
+
+    Parameters
+    ----------
+    objects : sequence of sequence of SceneObject
+        Of each draw.
+
+    Returns
+    -------
+    dict of str to float
+    """
+    counts = Counter(", ".join(sorted(o.label for o in own)) or "nothing" for own in objects)
+    return {labels: n / len(objects) for labels, n in counts.items()}
+
+
+def tabled(runs: Sequence[dict[str, float]]) -> dict[str, list[float]]:
+    """Mean of runs and its standard error, the most probable set first.
+
+    Parameters
+    ----------
+    runs : sequence of dict of str to float
+        :func:`shares` of each.
+
+    Returns
+    -------
+    dict of str to list of float
+    """
+    values = {
+        labels: np.array([run.get(labels, 0.0) for run in runs])
+        for labels in {labels for run in runs for labels in run}
+    }
+    often = {labels: own for labels, own in values.items() if own.mean() >= _RAREST}
+    rest = 1.0 - sum(often.values(), np.zeros(len(runs)))
+    rows = [*sorted(often.items(), key=lambda row: -row[1].mean()), (_OTHERS, rest)]
+    error = {labels: own.std(ddof=1) / math.sqrt(len(runs)) for labels, own in rows}
+    return {labels: [round(float(own.mean()), 4), round(error[labels], 4)] for labels, own in rows}
+
+
+def distance(found: dict[str, float], gold: dict[str, list[float]]) -> float:
+    """Total variation between the shares of a run and those of long computations.
+
+    Parameters
+    ----------
+    found : dict of str to float
+    gold : dict of str to list of float
+
+    Returns
+    -------
+    float
+        From 0 to 1; sets that are not listed count as one.
+    """
+    listed = {labels: p for labels, (p, _) in gold.items() if labels != _OTHERS}
+    rest = abs(gold[_OTHERS][0] - (1.0 - sum(found.get(labels, 0.0) for labels in listed)))
+    return 0.5 * (rest + sum(abs(p - found.get(labels, 0.0)) for labels, p in listed.items()))
+
+
+def known() -> dict[str, dict[str, list[float]]]:
+    """What there is, by clip."""
+    tables: dict[str, dict[str, list[float]]] = json.loads(GOLD.read_text(encoding="utf-8"))
+    return tables
+
+
+def scattered(setup: Setup, seed: np.random.SeedSequence) -> list[list[State]]:
+    """Scenes at random for every copy of every chain, from what the solver's scenes teach."""
+    visits, rng = Visits(), np.random.default_rng(seed)
+    for state in setup.staged:
+        visits.note(state)
+    learnt = tempered(setup, visits)
+
+    def possible() -> State:
+        while True:
+            state = learnt.independent(rng)
+            if math.isfinite(log_posterior(setup.problem, state)):
+                return state
+
+    settings = setup.settings
+    return [[possible() for _ in range(settings.temperatures)] for _ in range(settings.chains)]
+
+
+def long_runs(
+    name: str, folder: Path, count: int, settings: SampleSettings, workers: int
+) -> list[dict[str, float]]:
+    """Shares of sets of labels in each of some runs of a clip."""
+    clip = im.demo_clip() if name == "demo" else im.load_clip(name)
+    everybody = join_actors(im.solve(clip, im.load_library()).actors)
+    setup, found = setup_of(everybody, settings), []
+    for run in range(count):
+        start_seed, seed = np.random.SeedSequence([20261125, run]).spawn(2)
+        samples = sample_scenes(
+            everybody, settings, seed=seed, workers=workers, starts=scattered(setup, start_seed),
+            checkpoints=folder / f"{Path(name).stem}-{run}",
+        )  # fmt: skip
+        found.append(shares(samples.objects))
+        sys.stderr.write(f"{name}, run {run}: {samples.verdict.text}\n")
+    return found
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Make the runs that are missing, and put the tables of their clips into the file."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("clips", nargs="*", default=["demo"])
+    parser.add_argument("--runs", type=int, default=3, help="two at least")
+    parser.add_argument("--steps", type=int, default=200_000)
+    parser.add_argument("--workers", type=int, default=2)
+    options = parser.parse_args(arguments)
+    if options.runs < 2:
+        parser.error("one run has no scatter: --runs 2 or more")
+    settings = SampleSettings(steps=options.steps, ensemble_layouts=0)
+    options.folder.mkdir(parents=True, exist_ok=True)
+    for clip in options.clips:
+        table = tabled(long_runs(clip, options.folder, options.runs, settings, options.workers))
+        tables = (known() if GOLD.exists() else {}) | {Path(clip).stem: table}
+        with written_whole(GOLD) as path:
+            path.write_text(json.dumps(tables, indent=1) + "\n", encoding="utf-8")
+        sys.stdout.write(f"{clip}\n")
+        for labels, (share, error) in table.items():
+            sys.stdout.write(f"  {labels:40} {share:.3f} ± {error:.3f}\n")
+
+
+if __name__ == "__main__":
+    main()
