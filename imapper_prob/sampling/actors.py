@@ -73,6 +73,15 @@ class JointProblem:
 def join_actors(solutions: Sequence[Solution]) -> JointProblem:
     """Put the solutions of all actors of a clip together; one actor's stays as it is.
 
+    Parameters
+    ----------
+    solutions : sequence of Solution
+        One of each.
+
+    Returns
+    -------
+    JointProblem
+
     Raises
     ------
     InputError

@@ -117,29 +117,79 @@ class Clock:
         self._block_begun = time.monotonic()
 
     def end(self, rounds: float) -> None:
-        """The block ends, in which chains made so many ``rounds`` each in the mean."""
+        """The block ends, in which chains made so many ``rounds`` each in the mean.
+
+        Parameters
+        ----------
+        rounds : float
+            That chains made in the block, each in the mean.
+        """
         if rounds > 0:
             self._pace = (time.monotonic() - self._block_begun) / rounds
 
     def part(self, of_block: float) -> float:
-        """Part of all the sampling that is done, with a part of the block."""
+        """Part of all the sampling that is done, with a part of the block.
+
+        Parameters
+        ----------
+        of_block : float
+            Part of the block that is done, 0 to 1.
+
+        Returns
+        -------
+        float
+            0 to 1.
+        """
         in_block = time.monotonic() - self._block_begun
         ends = self.seconds - in_block + in_block / max(of_block, 1e-3)
         return min(1.0, self.seconds / max(self._limits.seconds, ends))
 
     def takes(self, rounds: float) -> float:
-        """Seconds for so many rounds, at the pace of the last block; NaN where that is unknown."""
+        """Seconds for so many rounds, at the pace of the last block; NaN where that is unknown.
+
+        Parameters
+        ----------
+        rounds : float
+
+        Returns
+        -------
+        float
+            Seconds.
+        """
         return rounds * self._pace
 
     def allows(self, rounds: float, verdict: Verdict) -> bool:
-        """Whether a block of so many rounds is to follow."""
+        """Whether a block of so many rounds is to follow.
+
+        Parameters
+        ----------
+        rounds : float
+            Of the block.
+        verdict : Verdict
+            So far.
+
+        Returns
+        -------
+        bool
+        """
         if not self._limits.any or (self._limits.until == "good" and verdict.good):
             return False
         takes = self.takes(rounds)
         return self.seconds + (0.0 if math.isnan(takes) else takes) < self._limits.seconds
 
     def left(self, to_good: float) -> float:
-        """Seconds until sampling stops, where it is good after ``to_good``, perhaps NaN."""
+        """Seconds until sampling stops, where it is good after ``to_good``, perhaps NaN.
+
+        Parameters
+        ----------
+        to_good : float
+            Seconds of sampling until it is good; NaN where nobody can tell.
+
+        Returns
+        -------
+        float
+            Seconds.
+        """
         left = max(0.0, self._limits.seconds - self.seconds)
         good_first = self._limits.until == "good" and to_good < left
         return to_good if good_first else left

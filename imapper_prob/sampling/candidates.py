@@ -73,6 +73,10 @@ class SingleScenelet:
     """Scenes of one scenelet.
 
     Where it stands is (4,): bearing (tangent), log depth (log m), yaw (radians) and log size.
+
+    Parameters
+    ----------
+    problem : Problem
     """
 
     def __init__(self, problem: Problem) -> None:
@@ -82,13 +86,44 @@ class SingleScenelet:
         self._nothing = self._judge(self._scene)
 
     def gain(self, scenelet: int, start: int, where: Array) -> float:
-        """Nats over the scene without it."""
+        """Nats over the scene without it.
+
+        Parameters
+        ----------
+        scenelet : int
+        start : int
+            Its first frame.
+        where : (4,) float
+            Bearing (tangent), log depth (log m), yaw (radians), log size.
+
+        Returns
+        -------
+        float
+            Nats.
+        """
         placement, size = to_floor(where)
         there = self._scene.with_item(scenelet, start, placement, float(size))
         return self._judge(there) - self._nothing
 
     def mended(self, scenelet: int, start: int, where: Array, gain: float) -> tuple[Array, float]:
-        """A better place nearby and its gain, by parabolas along one direction after the other."""
+        """A better place nearby and its gain, by parabolas along one direction after the other.
+
+        Parameters
+        ----------
+        scenelet : int
+        start : int
+            Its first frame.
+        where : (4,) float
+            Bearing (tangent), log depth (log m), yaw (radians), log size.
+        gain : float
+            There, nats.
+
+        Returns
+        -------
+        where : (4,) float
+        gain : float
+            Nats.
+        """
         for step in [*_STEPS] * _ROUNDS:
             less, more = (self.gain(scenelet, start, where + sign * step) for sign in (-1, 1))
             bend = 2 * gain - less - more
@@ -126,7 +161,16 @@ _HOPELESS = 0.1
 
 
 def weighted_candidates(solution: Solution) -> Candidates:
-    """All fits of the solver, weighted by how much they may gain."""
+    """All fits of the solver, weighted by how much they may gain.
+
+    Parameters
+    ----------
+    solution : Solution
+
+    Returns
+    -------
+    Candidates
+    """
     problem, fits = solution.problem, solution.fits
     weights = np.zeros(fits.cost.shape)
     placements, sizes = np.array(fits.placements), np.zeros(fits.cost.shape)

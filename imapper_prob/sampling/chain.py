@@ -54,6 +54,16 @@ def starts_of(cast: JointProblem, count: int) -> list[tuple[State, ...]]:
     The coldest are far apart on purpose: the best scene, none at all, and the alternatives, worst
     first. The hotter ones are at all that the solver found, the better the colder, so that what is
     worth more than where the coldest started can come to it, stretch by stretch.
+
+    Parameters
+    ----------
+    cast : JointProblem
+    count : int
+        Chains.
+
+    Returns
+    -------
+    list of tuple of State
     """
     others = list(cast.states[:0:-1]) or [cast.states[0]]
     pool = [cast.states[0], empty_state(cast.problem), *others]
@@ -146,6 +156,21 @@ def run_chain(
     goes on from its checkpoint, if there is one, a finished chain's too. It stops after ``end``
     rounds, that of the settings if not given; see :mod:`imapper_prob.sampling.schedule` for where
     it may.
+
+    Parameters
+    ----------
+    setup : Setup
+    starts : sequence of State, or ChainProgress
+    rng : numpy.random.Generator
+    report : callable
+        Told how much is done, 0 to 1; says whether to go on.
+    keeper : Checkpointer, optional
+    end : int, optional
+        Rounds.
+
+    Returns
+    -------
+    Chain
     """
     settings = setup.settings
     end = end_of(settings) if end is None else end
@@ -233,15 +258,42 @@ class Tempered:
     moves: Moves
 
     def target(self, state: State) -> Parts:
-        """The log density in two parts."""
+        """The log density in two parts.
+
+        Parameters
+        ----------
+        state : State
+
+        Returns
+        -------
+        Parts
+        """
         return parts_of(self.problem, self.moves.reference, state)
 
     def walker(self, state: State) -> Walker:
-        """A chain that stands at a state."""
+        """A chain that stands at a state.
+
+        Parameters
+        ----------
+        state : State
+
+        Returns
+        -------
+        Walker
+        """
         return Walker(self.problem, self.moves, state)
 
     def independent(self, rng: np.random.Generator) -> State:
-        """A draw from the reference."""
+        """A draw from the reference.
+
+        Parameters
+        ----------
+        rng : numpy.random.Generator
+
+        Returns
+        -------
+        State
+        """
         return state_of(draw_scene(self.moves.reference, rng))
 
 

@@ -78,11 +78,27 @@ class ChainProgress:
     def begin(
         cls, rngs: Sequence[np.random.Generator], position: TemperingState[State]
     ) -> ChainProgress:
-        """Nothing done yet."""
+        """Nothing done yet.
+
+        Parameters
+        ----------
+        rngs : sequence of numpy.random.Generator
+            One for each temperature and one for the swaps.
+        position : TemperingState
+
+        Returns
+        -------
+        ChainProgress
+        """
         return cls(list(rngs), position, SwapTable.empty(position.betas))
 
     def record(self, at: TemperingInfo[State]) -> None:
-        """Count a round at fixed temperatures."""
+        """Count a round at fixed temperatures.
+
+        Parameters
+        ----------
+        at : TemperingInfo
+        """
         if self.table.rounds == 0:
             self.table = SwapTable.empty(at.position.betas)
         self.table = self.table.recorded(at.swap_acceptance, at.position.replicas)
@@ -90,14 +106,24 @@ class ChainProgress:
             self.acceptance.record(info)
 
     def thin(self, most: int) -> None:
-        """Drop every second draw, or number of the trace, where there are more than ``most``."""
+        """Drop every second draw, or number of the trace, where there are more than ``most``.
+
+        Parameters
+        ----------
+        most : int
+        """
         if len(self.states) > most:
             del self.states[1::2], self.values[1::2]
         if len(self.trace) > most:
             del self.trace[1::2]
 
     def snapshot(self) -> Snapshot:
-        """All of it as arrays and plain values."""
+        """All of it as arrays and plain values.
+
+        Returns
+        -------
+        Snapshot
+        """
         position = self.position
         return Snapshot(
             {
@@ -122,7 +148,16 @@ class ChainProgress:
 
     @classmethod
     def of(cls, snapshot: Snapshot) -> ChainProgress:
-        """The progress that :meth:`snapshot` was taken of."""
+        """The progress that :meth:`snapshot` was taken of.
+
+        Parameters
+        ----------
+        snapshot : Snapshot
+
+        Returns
+        -------
+        ChainProgress
+        """
         arrays, values = snapshot
         return cls(
             rngs=[unpack_rng(kept) for kept in values["rngs"]],
@@ -148,6 +183,11 @@ class ChainProgress:
 
     def check(self, problem: Problem, settings: SampleSettings) -> None:
         """Refuse what no chain of these settings can have left.
+
+        Parameters
+        ----------
+        problem : Problem
+        settings : SampleSettings
 
         Raises
         ------
@@ -192,6 +232,17 @@ class ChainProgress:
 def rounds_done(path: Path, *, identity: str) -> int:
     """How many rounds a chain has left in its checkpoint; 0 where there is none.
 
+    Parameters
+    ----------
+    path : Path
+        Of the checkpoint.
+    identity : str
+        See :func:`identity_of`.
+
+    Returns
+    -------
+    int
+
     Raises
     ------
     CheckpointError
@@ -233,6 +284,20 @@ def identity_of(
     """A hash of all that the draws depend on: a checkpoint of anything else is refused.
 
     Where chains stop is not in it, for they may go on.
+
+    Parameters
+    ----------
+    problem : Problem
+    candidates : Candidates
+    starts : sequence of sequence of State
+        Of each chain, by temperature.
+    settings : SampleSettings
+    seed : numpy.random.SeedSequence
+
+    Returns
+    -------
+    str
+        Hexadecimal.
     """
     endless = dataclasses.replace(settings, last_step=0)
     parts = (version("imapper-prob"), endless, seed.entropy, seed.spawn_key)

@@ -118,7 +118,16 @@ def log_volume(camera: Array, apparent: float, size: float) -> float:
 
 
 def middle_heights(problem: Problem) -> Array:
-    """(L,) height of the pelvis in each scenelet's middle frame, metres of the reference body."""
+    """(L,) height of the pelvis in each scenelet's middle frame, metres of the reference body.
+
+    Parameters
+    ----------
+    problem : Problem
+
+    Returns
+    -------
+    (L,) float
+    """
     middles = problem.joint_first[:-1] + problem.lengths // 2
     heights: Array = problem.joints[middles, PELV, 2]
     return heights

@@ -111,7 +111,17 @@ def _schedule(settings: SampleSettings) -> tuple[int, int]:
 
 
 def is_complete(draws: PlacementDraws, settings: SampleSettings) -> bool:
-    """Whether the ensembles walked to their end."""
+    """Whether the ensembles walked to their end.
+
+    Parameters
+    ----------
+    draws : PlacementDraws
+    settings : SampleSettings
+
+    Returns
+    -------
+    bool
+    """
     half, thin_by = _schedule(settings)
     return int(draws.camera.shape[1]) == half // thin_by
 
@@ -128,6 +138,21 @@ def sample_placements(
     """Ensembles around ``state``, its assignment held fixed.
 
     Interrupted, they have fewer draws, see `is_complete`.
+
+    Parameters
+    ----------
+    problem : Problem
+    state : State
+    settings : SampleSettings
+    seed : numpy.random.SeedSequence
+    workers : int or Workers
+        Processes.
+    scratch : Path, optional
+        Folder for what processes hand one another.
+
+    Returns
+    -------
+    PlacementDraws
     """
     start_seed, run_seed = seed.spawn(2)
     rng = np.random.default_rng(start_seed)
@@ -199,7 +224,19 @@ class Agreement:
 
 
 def compare(library: Library, draws: PlacementDraws, states: Sequence[State]) -> Agreement:
-    """Hold the ensembles of an assignment against the chains' draws of it."""
+    """Hold the ensembles of an assignment against the chains' draws of it.
+
+    Parameters
+    ----------
+    library : Library
+    draws : PlacementDraws
+    states : sequence of State
+        Draws of the chains.
+
+    Returns
+    -------
+    Agreement
+    """
     same = [s.placements for s in states if np.array_equal(s.items, draws.items)]
     # An assignment may be empty; how many draws there are is then not to be had from the size.
     shape = draws.placements.shape
@@ -223,7 +260,16 @@ def compare(library: Library, draws: PlacementDraws, states: Sequence[State]) ->
 
 
 def describe_agreement(agreements: Sequence[Agreement]) -> str:
-    """One line for a person: whether both roads arrive at the same place."""
+    """One line for a person: whether both roads arrive at the same place.
+
+    Parameters
+    ----------
+    agreements : sequence of Agreement
+
+    Returns
+    -------
+    str
+    """
     known = [a for a in agreements if a.labels and a.draws >= _FEWEST]
     if not known:
         return (

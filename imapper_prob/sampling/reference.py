@@ -90,6 +90,8 @@ class Reference(NamedTuple):
     habits : (L, 2, 4) float
         By how much each differs from that in its first and in its last frame: bearing, log depth,
         yaw, log size.
+    strange : (L,) int
+        1 for those that were not visited themselves.
     shares : (5,) float
         Of the components of the mixture: followed, later, similar, candidates, anywhere.
     followed_first, followed, followed_probability : (K (T + 1) + 1,), (E,), (E,)
@@ -114,8 +116,6 @@ class Reference(NamedTuple):
         Of bearing and log depth.
     size_spread : float
         Standard deviation of the log size anywhere.
-    strange : (L,) int
-        1 for those that were not visited themselves.
     onward : (2, 4, 4) float
         How much of a displacement at its end the next scenelet has, flush with it or later.
     factors, constants : (3, 2, 4, 4), (3, 2) float
@@ -167,6 +167,22 @@ def carried(height: float, where: Array, before: Array, after: Array) -> Array:
     """Where a scenelet looks through one camera as it did through another; as it is if nowhere.
 
     See :mod:`imapper_prob.sampling.looks`; ``height`` is that of the pelvis.
+
+    Parameters
+    ----------
+    height : float
+        Of the pelvis, metres of the reference body.
+    where : (4,) float
+        Bearing, log depth, yaw, log size.
+    before : (5,) float
+        Camera.
+    after : (5,) float
+        Camera.
+
+    Returns
+    -------
+    (4,) float
+        Bearing, log depth, yaw, log size.
     """
     x, y = floor_point(where[0], where[1])
     x, y, size = stand(after, look(before, x, y, where[3], height), height)
@@ -207,7 +223,18 @@ def _turned(offset: Array) -> None:
 
 @compiled
 def shares_after(reference: Reference, kind: int, end: int, shares: Array) -> None:
-    """Shares of the mixture after a scenelet of a kind that ended at a frame."""
+    """Shares of the mixture after a scenelet of a kind that ended at a frame.
+
+    Parameters
+    ----------
+    reference : Reference
+    kind : int
+        Of the scenelet before, 0 at the beginning.
+    end : int
+        Frame after its last.
+    shares : (5,) float
+        Out.
+    """
     shares[:] = reference.shares
     row = kind * len(reference.room) + end
     if reference.followed_first[row] == reference.followed_first[row + 1]:
@@ -361,6 +388,25 @@ def expected(
 
     ``end`` is the frame after the last of the scenelet before, -1 where there is none; ``before``
     (2, 4) has that one's pelvis in its last frame, and how far that is from the usual.
+
+    Parameters
+    ----------
+    reference : Reference
+    camera : (5,) float
+    scenelet : int
+    start : int
+        Its first frame.
+    end : int
+        Frame after the last of the scenelet before, -1 where there is none.
+    before : (2, 4) float
+        That one's pelvis in its last frame, and how far that is from the usual.
+
+    Returns
+    -------
+    row : int
+        Of the scatter.
+    middle : (4,) float
+        Bearing, log depth, yaw, log size.
     """
     middle = _usual(reference, camera, scenelet, start, 0)
     if end < 0:
@@ -384,7 +430,25 @@ def leaves(
     size: float,
     before: Array,
 ) -> int:
-    """Put into ``before`` what the next scenelet goes on from, see :func:`expected`; its end."""
+    """Put into ``before`` what the next scenelet goes on from, see :func:`expected`; its end.
+
+    Parameters
+    ----------
+    reference : Reference
+    camera : (5,) float
+    scenelet : int
+    start : int
+        Its first frame.
+    place : (3,) float
+    size : float
+    before : (2, 4) float
+        Out.
+
+    Returns
+    -------
+    int
+        Frame after its last; -1 behind the camera.
+    """
     before[0] = _pelvis_of(reference, camera, scenelet, 1, place, size)
     if math.isnan(before[0, 1]):
         return -1

@@ -68,21 +68,67 @@ _PATIENCE = "10s"
 
 
 class Cluster(Protocol):
-    """What is asked of a `distributed.Client`."""
+    """What is asked of a `distributed.Client`.
+
+    Parameters
+    ----------
+    *args, **kwargs
+        A client is made as its own class says.
+    """
 
     def get_executor(self) -> Executor:
-        """Runs tasks on the workers."""
+        """Runs tasks on the workers.
+
+        Returns
+        -------
+        Executor
+        """
 
     def run(self, function: Callable[..., Any], *args: Any, on_error: str) -> dict[str, Any]:
-        """What a function returns on every worker, or the error that it raises."""
+        """What a function returns on every worker, or the error that it raises.
+
+        Parameters
+        ----------
+        function : callable
+        *args : object
+            Its arguments.
+        on_error : str
+            ``"return"`` for the error in place of what is returned.
+
+        Returns
+        -------
+        dict of str to object
+            By the address of the worker.
+        """
 
     def scatter(self, data: Any, *, broadcast: bool) -> Any:
-        """Send something to every worker once, and stand for it."""
+        """Send something to every worker once, and stand for it.
+
+        Parameters
+        ----------
+        data : object
+        broadcast : bool
+            Whether to all workers.
+
+        Returns
+        -------
+        object
+            What stands for the data.
+        """
 
 
 @contextmanager
 def connected(address: str | None) -> Iterator[Cluster | None]:
     """A client of the scheduler at an address such as ``tcp://host:8786``; None without one.
+
+    Parameters
+    ----------
+    address : str or None
+
+    Returns
+    -------
+    iterator of Cluster or None
+        To be entered by ``with``.
 
     Raises
     ------
@@ -132,6 +178,15 @@ def executor_of(cluster: Cluster | None) -> Iterator[Executor | None]:
 
     Left by an error or an interrupt, it does not wait for tasks: those of workers that are gone
     never end.
+
+    Parameters
+    ----------
+    cluster : Cluster or None
+
+    Returns
+    -------
+    iterator of Executor or None
+        To be entered by ``with``.
     """
     if cluster is None:
         yield None
@@ -198,7 +253,17 @@ class Samples:
     __repr__ = brief
 
     def end(self, settings: SampleSettings) -> int:
-        """Rounds at which the block of these draws ends; ``settings`` are those of the run."""
+        """Rounds at which the block of these draws ends; ``settings`` are those of the run.
+
+        Parameters
+        ----------
+        settings : SampleSettings
+
+        Returns
+        -------
+        int
+            Rounds.
+        """
         kept = max(ladder.rounds for ladder in self.ladders)
         done = burn_in_of(settings) + kept
         return done if self.finished else block_end(settings, done - 1)
@@ -250,6 +315,10 @@ def sample_scenes(
         Sample in blocks until they are reached, whatever the settings say about the end.
     on_block : callable, optional
         Called with what is known after each block; a run without limits has one.
+
+    Returns
+    -------
+    Samples
 
     Raises
     ------
@@ -514,7 +583,17 @@ def _told_plainly(checkpoints: Path | None) -> Iterator[None]:
 
 
 def setup_of(solution: Solution | JointProblem, settings: SampleSettings) -> Setup:
-    """What the chains need of a solved clip."""
+    """What the chains need of a solved clip.
+
+    Parameters
+    ----------
+    solution : Solution or JointProblem
+    settings : SampleSettings
+
+    Returns
+    -------
+    Setup
+    """
     cast = solution if isinstance(solution, JointProblem) else join_actors([solution])
     return Setup(
         cast.problem, cast.candidates, similarity(cast.distances), settings, cast.states
@@ -524,7 +603,20 @@ def setup_of(solution: Solution | JointProblem, settings: SampleSettings) -> Set
 def functionals(
     values: Array, states: Sequence[State], objects: Sequence[Sequence[SceneObject]]
 ) -> dict[str, Array]:
-    """What every draw has, whatever its dimension."""
+    """What every draw has, whatever its dimension.
+
+    Parameters
+    ----------
+    values : (C, n) float
+        Log-posterior, nats.
+    states : sequence of C n State
+    objects : sequence of C n sequence of SceneObject
+
+    Returns
+    -------
+    dict of str to (C, n) float
+        By name.
+    """
     return {
         "log posterior": values,
         "number of objects": np.reshape([len(o) for o in objects], values.shape).astype(float),

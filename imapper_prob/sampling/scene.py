@@ -46,6 +46,15 @@ def copied(scene: Scene) -> Scene:
     """The same scene in arrays of its own.
 
     Arrays of states are of another kind to the compiler, for nobody may write to them.
+
+    Parameters
+    ----------
+    scene : Scene
+        In anybody's arrays.
+
+    Returns
+    -------
+    Scene
     """
     return Scene(
         scene.camera.copy(),
@@ -57,17 +66,45 @@ def copied(scene: Scene) -> Scene:
 
 
 def scene_of(state: State) -> Scene:
-    """The scene of a state, in its own arrays; for compiled code that copies it first."""
+    """The scene of a state, in its own arrays; for compiled code that copies it first.
+
+    Parameters
+    ----------
+    state : State
+
+    Returns
+    -------
+    Scene
+    """
     return Scene(state.camera, state.items, state.placements, state.sizes, state.latent)
 
 
 def state_of(scene: Scene) -> State:
-    """The state of a scene."""
+    """The state of a scene.
+
+    Parameters
+    ----------
+    scene : Scene
+
+    Returns
+    -------
+    State
+    """
     return State(*scene)
 
 
 def in_order(problem: Problem, state: State) -> bool:
-    """Whether scenelets lie in the clip, one after the other."""
+    """Whether scenelets lie in the clip, one after the other.
+
+    Parameters
+    ----------
+    problem : Problem
+    state : State
+
+    Returns
+    -------
+    bool
+    """
     end = 0
     for scenelet, start in state.items.tolist():
         if start < end:
@@ -79,7 +116,23 @@ def in_order(problem: Problem, state: State) -> bool:
 @compiled
 def flush_run(lengths: Ints, items: Ints, index: int) -> tuple[int, int]:
     """The scenelets around one that follow one another without a gap: the first of them, and the
-    one after the last."""
+    one after the last.
+
+    Parameters
+    ----------
+    lengths : (L,) int
+        Frames of each scenelet.
+    items : (k, 2) int
+        Scenelet and start frame.
+    index : int
+        Row of ``items``.
+
+    Returns
+    -------
+    first : int
+    last : int
+        The one after the last.
+    """
     first = index
     while first > 0 and items[first - 1, 1] + lengths[items[first - 1, 0]] == items[first, 1]:
         first -= 1

@@ -58,35 +58,94 @@ class Marks:
     most: int
 
     def at(self, number: int) -> int:
-        """The round of a mark, counted from 0."""
+        """The round of a mark, counted from 0.
+
+        Parameters
+        ----------
+        number : int
+
+        Returns
+        -------
+        int
+            Rounds.
+        """
         return round(self.first + number * self.spacing)
 
     def count(self, rounds: int) -> int:
-        """How many there are before ``rounds``, those dropped included."""
+        """How many there are before ``rounds``, those dropped included.
+
+        Parameters
+        ----------
+        rounds : int
+            Of a chain.
+
+        Returns
+        -------
+        int
+        """
         number = max(0, int((rounds - self.first) / self.spacing) - 1)
         while self.at(number) < rounds:
             number += 1
         return number
 
     def stride(self, rounds: int) -> int:
-        """Of how many marks one is kept after ``rounds`` rounds."""
+        """Of how many marks one is kept after ``rounds`` rounds.
+
+        Parameters
+        ----------
+        rounds : int
+            Of a chain.
+
+        Returns
+        -------
+        int
+        """
         stride = 1
         while -(-self.count(rounds) // stride) > self.most:
             stride *= 2
         return stride
 
     def kept(self, rounds: int) -> int:
-        """How many are kept after ``rounds`` rounds."""
+        """How many are kept after ``rounds`` rounds.
+
+        Parameters
+        ----------
+        rounds : int
+            Of a chain.
+
+        Returns
+        -------
+        int
+        """
         return -(-self.count(rounds) // self.stride(rounds))
 
     def has(self, at: int) -> bool:
-        """Whether round ``at`` is one that is kept when it comes."""
+        """Whether round ``at`` is one that is kept when it comes.
+
+        Parameters
+        ----------
+        at : int
+
+        Returns
+        -------
+        bool
+        """
         number = self.count(at)
         return self.at(number) == at and number % self.stride(at) == 0
 
 
 def burn_in_of(settings: SampleSettings) -> int:
-    """Rounds that are not kept."""
+    """Rounds that are not kept.
+
+    Parameters
+    ----------
+    settings : SampleSettings
+
+    Returns
+    -------
+    int
+        Rounds.
+    """
     return int(settings.rounds * settings.burn_in)
 
 
@@ -112,28 +171,75 @@ class Learning:
 
 
 def learning_of(settings: SampleSettings) -> Learning:
-    """When a chain learns."""
+    """When a chain learns.
+
+    Parameters
+    ----------
+    settings : SampleSettings
+
+    Returns
+    -------
+    Learning
+    """
     burn_in = burn_in_of(settings)
     return Learning(tuple(sorted({burn_in // part for part in _LEARNT_AT} - {0})))
 
 
 def piece_of(settings: SampleSettings) -> int:
-    """Rounds of a piece."""
+    """Rounds of a piece.
+
+    Parameters
+    ----------
+    settings : SampleSettings
+
+    Returns
+    -------
+    int
+        Rounds.
+    """
     return max(1, _PIECE // settings.swap_every)
 
 
 def draws_of(settings: SampleSettings) -> Marks:
-    """Rounds after which a draw is kept."""
+    """Rounds after which a draw is kept.
+
+    Parameters
+    ----------
+    settings : SampleSettings
+
+    Returns
+    -------
+    Marks
+    """
     return _evenly(burn_in_of(settings), settings)
 
 
 def trace_of(settings: SampleSettings) -> Marks:
-    """Rounds after which the log-posterior is noted, burn-in included."""
+    """Rounds after which the log-posterior is noted, burn-in included.
+
+    Parameters
+    ----------
+    settings : SampleSettings
+
+    Returns
+    -------
+    Marks
+    """
     return _evenly(0, settings)
 
 
 def end_of(settings: SampleSettings) -> int:
-    """Rounds at which chains stop: those planned, or of ``last_step``, rounded up to a piece."""
+    """Rounds at which chains stop: those planned, or of ``last_step``, rounded up to a piece.
+
+    Parameters
+    ----------
+    settings : SampleSettings
+
+    Returns
+    -------
+    int
+        Rounds.
+    """
     planned = settings.rounds
     if settings.last_step == 0:
         return planned
@@ -144,7 +250,19 @@ def end_of(settings: SampleSettings) -> int:
 
 
 def block_end(settings: SampleSettings, rounds: int) -> int:
-    """Rounds at the end of the first block that ends after ``rounds``."""
+    """Rounds at the end of the first block that ends after ``rounds``.
+
+    Parameters
+    ----------
+    settings : SampleSettings
+    rounds : int
+        Of a chain.
+
+    Returns
+    -------
+    int
+        Rounds.
+    """
     planned, burn_in = settings.rounds, burn_in_of(settings)
     length = _up(-(-(planned - burn_in) // _BLOCKS), piece_of(settings))
     end = burn_in
@@ -159,7 +277,18 @@ def block_end(settings: SampleSettings, rounds: int) -> int:
 
 
 def stopped_at(settings: SampleSettings, rounds: int) -> SampleSettings:
-    """The same settings for chains that stop after so many ``rounds``."""
+    """The same settings for chains that stop after so many ``rounds``.
+
+    Parameters
+    ----------
+    settings : SampleSettings
+    rounds : int
+        Of a chain.
+
+    Returns
+    -------
+    SampleSettings
+    """
     last_step = 0 if rounds == settings.rounds else rounds * settings.swap_every
     return replace(settings, last_step=last_step)
 

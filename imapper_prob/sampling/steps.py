@@ -311,7 +311,12 @@ class Walker:
         return self._last_parts
 
     def move(self, state: State) -> None:
-        """The chain has gone to ``state``."""
+        """The chain has gone to ``state``.
+
+        Parameters
+        ----------
+        state : State
+        """
         if state is self._state:
             return
         if state is not self._last:

@@ -69,7 +69,17 @@ class Visits:
 
     @classmethod
     def together(cls, several: Iterable[Visits]) -> Visits:
-        """The visits of several chains, one chain after the other."""
+        """The visits of several chains, one chain after the other.
+
+        Parameters
+        ----------
+        several : iterable of Visits
+            One of each chain.
+
+        Returns
+        -------
+        Visits
+        """
         whole = cls()
         for visits in several:
             whole.counts += visits.counts
@@ -79,7 +89,13 @@ class Visits:
         return whole
 
     def halves(self) -> tuple[Visits, Visits]:
-        """The states of the first half, and those of the second."""
+        """The states of the first half, and those of the second.
+
+        Returns
+        -------
+        Visits
+        Visits
+        """
         rows = self.arrays()
         states = len(rows["counts"]) // 2
         scenelets = int(rows["counts"][:states].sum())
@@ -89,7 +105,13 @@ class Visits:
         return Visits.of(first), Visits.of(second)
 
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """All of them as arrays, each under its name."""
+        """All of them as arrays, each under its name.
+
+        Returns
+        -------
+        dict of str to array
+            By name.
+        """
         return {
             "counts": np.concatenate([np.empty(0, np.int64), *self.counts]),
             "cameras": np.concatenate([np.empty((0, 5)), *self.cameras]),
@@ -99,12 +121,25 @@ class Visits:
 
     @classmethod
     def of(cls, arrays: Mapping[str, NDArray[Any]]) -> Visits:
-        """The visits that :meth:`arrays` gave."""
+        """The visits that :meth:`arrays` gave.
+
+        Parameters
+        ----------
+        arrays : mapping of str to array
+
+        Returns
+        -------
+        Visits
+        """
         names = ("counts", "cameras", "items", "where")
         return cls(*([arrays[name]] for name in names))
 
     def check(self, problem: Problem) -> None:
         """Refuse visits that no chain of a problem can have noted.
+
+        Parameters
+        ----------
+        problem : Problem
 
         Raises
         ------
@@ -152,7 +187,16 @@ def camera_covariance(visits: Visits) -> Array | None:
 
 
 def camera_shape(visits: Visits) -> Array | None:
-    """The lower Cholesky factor (5, 5) of :func:`camera_covariance`; None where that is."""
+    """The lower Cholesky factor (5, 5) of :func:`camera_covariance`; None where that is.
+
+    Parameters
+    ----------
+    visits : Visits
+
+    Returns
+    -------
+    (5, 5) float or None
+    """
     covariance = camera_covariance(visits)
     if covariance is None:
         return None
