@@ -41,7 +41,12 @@ class Bars:
         self._bars.update(self._tasks[stage], completed=part)
 
     def say(self, text: str) -> None:
-        """A line above the bars."""
+        """A line above the bars.
+
+        Parameters
+        ----------
+        text : str
+        """
         self._bars.console.print(text, markup=False, highlight=False)
 
 

@@ -20,8 +20,8 @@ import imapper_prob
 ROOT = Path(__file__).parents[1]
 DONE = (
     "api", "clips", "cli", "config", "evaluate", "files", "layouts", "lifting", "memory", "models",
-    "people", "plotting", "recording", "results", "samplers", "sampling", "scenelets", "simulate",
-    "solver", "uncertainty",
+    "people", "plotting", "progress", "recording", "results", "samplers", "sampling", "scenelets",
+    "simulate", "solver", "uncertainty",
 )  # fmt: skip
 """Packages and modules in which all names of ``__all__`` are held to it."""
 CHECKS = {
