@@ -61,12 +61,9 @@ class SampleSettings:
         of 200 steps; 0 to stop at ``steps``. A run that was gone on with has it.
     layout_radius : float
         Metres within which objects of two draws count as the same.
-    ensemble_layouts : int
-        Of how many layouts, the most probable first, placements are sampled by ensembles.
-    ensembles : int
-        Independent ensembles a layout.
     ensemble_steps : int
-        Steps of each ensemble, the first half of which is not kept.
+        Steps by which draws of chains walk together afterwards, each in its own scenelets; 0 to
+        leave them where they are.
     """
 
     chains: int = 4
@@ -77,14 +74,12 @@ class SampleSettings:
     draws: int = 400
     last_step: int = 0
     layout_radius: float = 0.8
-    ensemble_layouts: int = 2
-    ensembles: int = 4
-    ensemble_steps: int = 200
+    ensemble_steps: int = 100
 
     def __post_init__(self) -> None:
         least = {
             "chains": 2, "steps": 1, "temperatures": 1, "swap_every": 1, "draws": 1,
-            "last_step": 0, "ensembles": 2, "ensemble_steps": 2,
+            "last_step": 0, "ensemble_steps": 0,
         }  # fmt: skip
         for name, value in least.items():
             if getattr(self, name) < value:

@@ -21,10 +21,8 @@ and what these are made of."""
 _EACH_POSE: Final = 200
 """Bytes for a frame of a draw: its normal numbers, its pelvis, its sides, and copies in the file
 that is made."""
-_CLIPS_BETWEEN: Final = 20
-"""Frames of a long clip to one of its scenelets, at most as many as it has seconds to do things."""
 _WALKER_COPIES: Final = 4
-"""Times that an ensemble has its walkers in memory."""
+"""Times that ensembles have the normal numbers of their walkers in memory."""
 
 _AVAILABLE: Final = Path("/proc/meminfo")
 _GROUPS: Final = (
@@ -54,10 +52,8 @@ def _memory_needed(rows: int, scenelets: int, settings: SampleSettings | None) -
         return needed
     # A chain that goes on keeps up to twice as many draws.
     draws = settings.chains * settings.draws * (2 if settings.last_step > settings.steps else 1)
-    parameters = 5 + 4 * rows / _CLIPS_BETWEEN
-    walkers = 2 * parameters + 2
-    ensembles = _WALKER_COPIES * settings.ensembles * walkers * 2 * rows * 8
-    return needed + draws * rows * _EACH_POSE + ensembles * bool(settings.ensemble_layouts)
+    walkers = _WALKER_COPIES * draws * 2 * rows * 8 * bool(settings.ensemble_steps)
+    return needed + draws * rows * _EACH_POSE + walkers
 
 
 def memory_there() -> float:

@@ -38,9 +38,7 @@ from imapper_prob.solver.solver import fit_clip
 __all__ = ["shortened", "simulated"]
 
 CONFIG: Final = Config(
-    sample=SampleSettings(
-        chains=2, steps=600, draws=60, temperatures=3, ensemble_layouts=0, ensemble_steps=2
-    )
+    sample=SampleSettings(chains=2, steps=600, draws=60, temperatures=3, ensemble_steps=0)
 )
 CHECKS: Final = (
     "upright", "height", "slope", "camera", "prediction", "resemblance", "elsewhere",

@@ -190,8 +190,7 @@ DRAWN_SETTINGS = replace(RANK_SETTINGS, steps=40_000, draws=39)
 """With 870 steps from draw to draw: ranks are uniform if draws are independent, not if they are
 many, and of 39 both .5 and .9 are borders between two."""
 SETTINGS = SampleSettings(
-    chains=2, steps=1500, temperatures=3, swap_every=5, draws=100, ensemble_layouts=1,
-    ensembles=2, ensemble_steps=2,
+    chains=2, steps=1500, temperatures=3, swap_every=5, draws=100, ensemble_steps=2,
 )  # fmt: skip
 """Short: about ten seconds a clip. That chains have not met is part of what is measured."""
 BINS = 50

@@ -153,7 +153,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     options = parser.parse_args(arguments)
     if options.runs < 2:
         parser.error("one run has no scatter: --runs 2 or more")
-    settings = SampleSettings(steps=options.steps, ensemble_layouts=0)
+    settings = SampleSettings(steps=options.steps, ensemble_steps=0)
     options.folder.mkdir(parents=True, exist_ok=True)
     for clip in options.clips:
         table = tabled(long_runs(clip, options.folder, options.runs, settings, options.workers))

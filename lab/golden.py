@@ -39,8 +39,7 @@ from lab.couple import at_one_table, chairs_and_tables
 __all__ = ["differences", "digests"]
 
 SETTINGS: Final = SampleSettings(
-    chains=2, steps=600, draws=40, temperatures=3, ensemble_layouts=1, ensembles=2,
-    ensemble_steps=4,
+    chains=2, steps=600, draws=40, temperatures=3, ensemble_steps=4,
 )  # fmt: skip
 """Short; every stage has something to do."""
 RUNS: Final = {

@@ -50,7 +50,7 @@ REPEATS = 3
 
 def settings_of(kind: str, steps: int) -> SampleSettings:
     """Chains as always, or the same number of steps at the posterior itself."""
-    few = SampleSettings(steps=steps, draws=1, ensemble_layouts=0)
+    few = SampleSettings(steps=steps, draws=1, ensemble_steps=0)
     usual = replace(few, draws=min(SampleSettings().draws, few.most_draws))
     if kind == "tempered":
         return usual

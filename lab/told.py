@@ -38,7 +38,7 @@ from imapper_prob.models.statements import Statement
 from lab.kept import digest
 from lab.mixing import note
 
-_BRIEF: Final = SampleSettings(chains=4, steps=2000, draws=100, temperatures=4, ensemble_layouts=0)
+_BRIEF: Final = SampleSettings(chains=4, steps=2000, draws=100, temperatures=4, ensemble_steps=0)
 _NAMES: Final = ("nothing", "camera height", "walls", "a label", "a place", "boxes", "depths")
 _MISSED, _PIXELS, _DEPTH_ERROR, _FRAMES = 0.1, 10.0, 0.05, 10
 _WALL: Final = 0.3

@@ -8,7 +8,6 @@ References
 ----------
 Heck, Overstall, Gronau & Wagenmakers 2019, Stat. Comput. 29, 631 (layout indicators).
 Vehtari, Gelman, Simpson, Carpenter & Buerkner 2021, Bayesian Anal. 16, 667 (R-hat).
-Margossian et al. 2024, Bayesian Anal. (nested R-hat).
 Grassmann, Taksar & Heyman 1985, Oper. Res. 33, 1107 (stationary distributions).
 """
 
@@ -28,7 +27,6 @@ __all__ = [
     "layout_probabilities",
     "mean_error",
     "rhat",
-    "rhat_nested",
     "stationary_distribution",
 ]
 
@@ -213,37 +211,6 @@ def rhat(draws: ArrayLike) -> Array:
     with np.errstate(divide="ignore", invalid="ignore"):
         values = array_stats.rhat(draws, chain_axis=0, draw_axis=1)
     return _settle_constants(np.asarray(values, float), draws)
-
-
-def rhat_nested(draws: ArrayLike) -> Array:
-    """Nested R-hat of ensembles.
-
-    Walkers of an ensemble know each other and are no chains; the ensembles are compared,
-    each a superchain of its walkers (Margossian et al. 2024).
-
-    Parameters
-    ----------
-    draws : (E, n, W, ...) float
-        Of E ensembles of W walkers.
-
-    Returns
-    -------
-    (...) float
-
-    Warns
-    -----
-    ShortChainWarning
-        Fewer than 4 draws or one ensemble only: NaN.
-    """
-    draws = np.asarray(draws, float)
-    n_ensembles, n_draws, n_walkers = draws.shape[:3]
-    if _too_short(n_ensembles, n_draws):
-        return np.full(draws.shape[3:], np.nan)
-    chains = np.moveaxis(draws, 2, 1).reshape(n_ensembles * n_walkers, n_draws, *draws.shape[3:])
-    superchains = np.repeat(np.arange(n_ensembles), n_walkers)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        values = array_stats.rhat_nested(chains, superchains, chain_axis=0, draw_axis=1)
-    return _settle_constants(np.asarray(values, float), chains)
 
 
 def ess(draws: ArrayLike) -> Array:

@@ -1,11 +1,15 @@
 """Ensembles of walkers over a few parameters, with many latent normal numbers behind them.
 
-The target is ``p(theta, z) = pi(theta, z) N(z; 0, I)`` with ``theta`` of perhaps twenty
-dimensions and ``z`` of many hundreds. Walkers learn the shape of ``theta`` from each other
+Walker w has the target ``p_w(theta, z) = pi_w(theta, z) N(z; 0, I)`` with ``theta`` of perhaps
+twenty dimensions and ``z`` of many hundreds. Walkers learn the shape of ``theta`` from each other
 (differential evolution and snooker moves, which need more walkers than dimensions);
 ``z`` moves by the preconditioned Crank-Nicolson proposal, whose acceptance does not
 deteriorate with dimension. Neither kind needs N(z): the first leaves ``z`` alone and the
-second is reversible with respect to it, so that only ``pi`` is ever evaluated.
+second is reversible with respect to it, so that only ``pi_w`` is ever evaluated.
+
+A move of one walker is reversible with respect to its own target, wherever the others are. So
+walkers need not have the same one: draws of a posterior over several models can walk together, each
+within its own model, and remain draws of it. The more alike the models are, the more is accepted.
 
 References
 ----------
@@ -19,9 +23,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass
-from pathlib import Path
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, Final, NamedTuple
 
 import numpy as np
 from emcee import EnsembleSampler, State
@@ -29,168 +31,122 @@ from emcee.moves import MHMove, RedBlueMove
 from emcee.moves.move import Move
 from numpy.typing import ArrayLike, NDArray
 
-from imapper_prob.samplers.chains import OnProgress, Report, Workers, run_chains
+from imapper_prob.samplers.chains import Report
 
 __all__ = [
     "CrankNicolson",
     "DifferentialEvolution",
-    "EnsembleSettings",
+    "Ensemble",
     "Snooker",
-    "run_ensembles",
+    "can_walk",
+    "walk_ensemble",
 ]
 
 Array = NDArray[np.float64]
-LogDensity = Callable[[Array, Array], Array]
+Ints = NDArray[np.int64]
+LogDensity = Callable[[Array, Array, Ints], Array]
 
 
-@dataclass(frozen=True)
-class EnsembleSettings:
-    """How the moves are mixed and how long they run.
-
-    Parameters
-    ----------
-    burn_in, n_draws, thin_by : int
-        Steps that are thrown away while the step of ``z`` adapts; draws that are kept; steps
-        between them.
-    differential_evolution, snooker, latent : float
-        Weights of the moves; without latent coordinates the last does not count.
-    jump_between_modes : float
-        Share of differential-evolution steps with factor 1, which lead from one mode to
-        another (ter Braak 2006 takes every tenth).
-    latent_step : float
-        First step of the Crank-Nicolson move, in (0, 1].
-    keep_latent : bool
-        Whether draws of ``z`` are wanted; they are nearly all of the memory.
-    """
-
-    burn_in: int = 1000
-    n_draws: int = 1000
-    thin_by: int = 1
-    differential_evolution: float = 0.6
-    snooker: float = 0.15
-    latent: float = 0.25
-    jump_between_modes: float = 0.1
-    latent_step: float = 0.2
-    keep_latent: bool = True
-
-
-class EnsembleDraws(NamedTuple):
-    """What the ensembles visited.
+class Ensemble(NamedTuple):
+    """Where W walkers are.
 
     Parameters
     ----------
-    theta : (E, n, W, D) float
-    latent : (E, n, W, Z) float
-        Of no coordinates where they were not wanted.
-    log_density : (E, n, W) float
+    theta : (W, D) float
+    latent : (W, Z) float
+    log_density : (W,) float
         ``log pi``, N(z) not included.
-    acceptance : dict of str to (E,) float
-        Accepted share by move, after burn-in.
+    steps : int
+        That were made.
+    acceptance : dict of str to float
+        Accepted share by move; NaN of one never tried.
     """
 
     theta: Array
     latent: Array
     log_density: Array
-    acceptance: dict[str, Array]
+    steps: int
+    acceptance: dict[str, float]
 
 
-def run_ensembles(
+def _fewest_walkers(n_theta: int) -> int:
+    """The half that is looked at must span the space, and snooker looks at three of it."""
+    return max(2 * n_theta, 8)
+
+
+def can_walk(theta: Array) -> bool:
+    """Whether walkers are enough, and span the space that they have to walk in.
+
+    Parameters
+    ----------
+    theta : (W, D) float
+
+    Returns
+    -------
+    bool
+    """
+    n_walkers, n_theta = theta.shape
+    if n_walkers < _fewest_walkers(n_theta):
+        return False
+    spread = theta.std(0)
+    if not (spread > 0).all():
+        return False
+    return bool(np.linalg.matrix_rank((theta - theta[0]) / spread) == n_theta)
+
+
+def walk_ensemble(
     log_density_fn: LogDensity,
     theta: ArrayLike,
     latent: ArrayLike,
     *,
-    seed: int | np.random.SeedSequence,
-    settings: EnsembleSettings | None = None,
-    workers: int | Workers = 1,
-    on_progress: OnProgress | None = None,
-    scratch: Path | None = None,
-) -> EnsembleDraws:
-    """Run independent ensembles; at least four let nested R-hat judge them.
+    steps: int,
+    rng: np.random.Generator,
+    report: Report | None = None,
+) -> Ensemble:
+    """Let walkers walk; those that are draws of their targets remain so.
 
     Parameters
     ----------
     log_density_fn : callable
-        ``(theta (w, D), z (w, Z)) -> log pi (w,)``; -inf outside the support.
-    theta : (E, W, D) float
-        Starts: E ensembles of W walkers, W at least 8 and 2 D, better more.
-    latent : (E, W, Z) float
+        ``(theta (w, D), z (w, Z), walker (w,)) -> log pi (w,)`` of some of the walkers, by their
+        numbers; -inf outside the support.
+    theta : (W, D) float
+        Starts, W at least 8 and 2 D, better more.
+    latent : (W, Z) float
         Starts of ``z``; Z may be 0.
-    seed : int or numpy.random.SeedSequence
-    settings : EnsembleSettings, optional
-    workers, on_progress, scratch
-        See `imapper_prob.samplers.chains.run_chains`; progress is (steps done, steps).
+    steps : int
+        In each of which every walker tries one move.
+    rng : numpy.random.Generator
+    report : callable, optional
+        Told how much is done, 0 to 1; says whether to go on.
 
     Returns
     -------
-    EnsembleDraws
-        Of an interrupted run as many draws as every ensemble has.
+    Ensemble
 
     Raises
     ------
     ValueError
         Starts of the wrong shape, too few walkers, walkers in a subspace, or a start
         where the density is not finite.
-
-    Notes
-    -----
-    All draws are kept in memory, 8 E n W (D + Z) bytes, or 8 E n W D without ``keep_latent``.
     """
     theta, latent = np.asarray(theta, float), np.asarray(latent, float)
-    if theta.ndim != 3 or latent.ndim != 3 or theta.shape[:2] != latent.shape[:2]:
+    if theta.ndim != 2 or latent.ndim != 2 or len(theta) != len(latent):
+        raise ValueError(f"starts must be (W, D) and (W, Z), not {theta.shape} and {latent.shape}")
+    n_walkers, n_theta = theta.shape
+    if not can_walk(theta):
         raise ValueError(
-            f"starts must be (E, W, D) and (E, W, Z), not {theta.shape} and {latent.shape}"
+            f"{n_theta} parameters need at least {_fewest_walkers(n_theta)} walkers that are not "
+            f"all in a subspace, which they could not leave; there are {n_walkers}"
         )
-    for index, walkers in enumerate(theta):
-        _check_walkers(walkers, index)
-    runs = run_chains(
-        _run_one,
-        (log_density_fn, settings or EnsembleSettings()),
-        list(zip(theta, latent, strict=True)),
-        seed=seed,
-        workers=workers,
-        on_progress=on_progress,
-        scratch=scratch,
-    )
-    n = min(len(run.log_density) for run in runs)
-    return EnsembleDraws(
-        theta=np.stack([run.theta[:n] for run in runs]),
-        latent=np.stack([run.latent[:n] for run in runs]),
-        log_density=np.stack([run.log_density[:n] for run in runs]),
-        acceptance={
-            name: np.array([run.acceptance[name] for run in runs]) for name in runs[0].acceptance
-        },
-    )
-
-
-def _check_walkers(walkers: Array, index: int) -> None:
-    n_walkers, n_theta = walkers.shape
-    if n_walkers < max(2 * n_theta, 8):
-        # The half that is looked at must span the space, and snooker looks at three of it.
-        raise ValueError(
-            f"ensemble {index}: {n_theta} parameters need at least {max(2 * n_theta, 8)} "
-            f"walkers, not {n_walkers}"
-        )
-    if len(np.unique(walkers, axis=0)) < n_walkers:
-        raise ValueError(f"ensemble {index}: two walkers start at the same place")
-    spread = walkers.std(0)
-    if not np.all(spread > 0) or np.linalg.matrix_rank((walkers - walkers[0]) / spread) < n_theta:
-        raise ValueError(f"ensemble {index}: the walkers start in a subspace and cannot leave it")
-
-
-def _run_one(
-    problem: tuple[LogDensity, EnsembleSettings],
-    start: tuple[Array, Array],
-    rng: np.random.Generator,
-    report: Report,
-) -> EnsembleDraws:
-    log_density_fn, settings = problem
-    n_theta = start[0].shape[1]
-    coordinates = np.concatenate(start, axis=1)
-    moves = _moves(settings, n_theta, coordinates.shape[1] - n_theta)
+    # The number of a walker is a coordinate that no move changes: emcee does not tell it.
+    numbers = np.arange(n_walkers, dtype=float)[:, None]
+    coordinates = np.concatenate([theta, latent, numbers], axis=1)
+    chosen = _moves(n_theta, latent.shape[1])
     sampler = EnsembleSampler(
         *coordinates.shape,
-        lambda x: log_density_fn(x[:, :n_theta], x[:, n_theta:]),
-        moves=moves,
+        lambda x: log_density_fn(x[:, :n_theta], x[:, n_theta:-1], x[:, -1].astype(np.int64)),
+        moves=chosen,
         vectorize=True,
     )
     # emcee seeds itself from numpy's global state unless told otherwise.
@@ -199,62 +155,48 @@ def _run_one(
     if not np.isfinite(log_density).all():
         bad = int(np.count_nonzero(~np.isfinite(log_density)))
         raise ValueError(f"{bad} walkers start where the log density is not finite")
-
-    state = State(coordinates, log_prob=log_density)
-    total = settings.burn_in + settings.n_draws * settings.thin_by
-    # `_check_walkers` has seen to theta; the check of emcee would look at z as well.
-    options = {"store": False, "skip_initial_state_check": True}
-    burn_in = sampler.sample(state, iterations=settings.burn_in, tune=True, **options)
-    for done, at in enumerate(burn_in, 1):
+    state, done = State(coordinates, log_prob=log_density), 0
+    # What spans the space has been looked at; the check of emcee would look at z as well.
+    for done, at in enumerate(
+        sampler.sample(state, iterations=steps, store=False, skip_initial_state_check=True), 1
+    ):
         state = at
-        if not report((done, total)):
+        if report is not None and not report(done / steps):
             break
-    for move, _ in moves:
-        move.reset()
-    n_kept = coordinates.shape[1] if settings.keep_latent else n_theta
-    draws = np.zeros((settings.n_draws, len(coordinates), n_kept))
-    log_densities = np.zeros((settings.n_draws, len(coordinates)))
-    n = 0
-    kept = sampler.sample(state, iterations=settings.n_draws, thin_by=settings.thin_by, **options)
-    for n, at in enumerate(kept, 1):
-        # emcee changes its state in place: what is kept must be a copy.
-        draws[n - 1], log_densities[n - 1] = at.coords[:, :n_kept], at.log_prob
-        if not report((settings.burn_in + n * settings.thin_by, total)):
-            break
-    return EnsembleDraws(
-        theta=draws[:n, :, :n_theta],
-        latent=draws[:n, :, n_theta:],
-        log_density=log_densities[:n],
-        acceptance={move.name: np.asarray(move.rate) for move, _ in moves},
+    return Ensemble(
+        theta=state.coords[:, :n_theta].copy(),
+        latent=state.coords[:, n_theta:-1].copy(),
+        log_density=np.array(state.log_prob),
+        steps=done,
+        acceptance={move.name: move.rate for move, _ in chosen},
     )
 
 
-def _moves(settings: EnsembleSettings, n_theta: int, n_latent: int) -> list[tuple[Any, float]]:
+def _moves(n_theta: int, n_latent: int) -> list[tuple[Any, float]]:
+    """Moves and how often each is tried."""
     moves: list[tuple[Any, float]] = [
-        (
-            DifferentialEvolution(n_theta, jump_between_modes=settings.jump_between_modes),
-            settings.differential_evolution,
-        ),
-        (Snooker(n_theta), settings.snooker),
+        (DifferentialEvolution(n_theta, jump_between_modes=_JUMPS), 0.6),
+        (Snooker(n_theta), 0.15),
     ]
     if n_latent:
-        moves.append((CrankNicolson(n_theta, step=settings.latent_step), settings.latent))
+        moves.append((CrankNicolson(n_theta), 0.25))
     return moves
 
 
 # ------------------------------------------------------------------------------------------------
-# Moves, by emcee's protocol. The leading coordinates are `theta`, the others `z`.
+# Moves, by emcee's protocol. The leading coordinates are `theta`, then comes `z`, and the last is
+# the number of the walker.
 
-
-# Relative spread of the differential-evolution factor (Nelson, Ford & Payne 2013, ApJS
-# 210, 11): without it walkers would stay on a lattice.
-_FACTOR_SPREAD = 0.01
-# Snooker factor recommended by ter Braak & Vrugt.
-_SNOOKER_FACTOR = 1.7
-# Best acceptance of a random walk in many dimensions (Roberts, Gelman & Gilks 1997).
-_ACCEPTANCE_GOAL = 0.234
-# Robbins-Monro: steps of n^-0.6 sum to infinity and their squares do not.
-_ADAPTATION_DECAY = 0.6
+_FACTOR_SPREAD: Final = 0.01
+"""Relative spread of the differential-evolution factor (Nelson, Ford & Payne 2013, ApJS 210, 11):
+without it walkers would stay on a lattice."""
+_JUMPS: Final = 0.1
+"""Share of differential-evolution steps with factor 1, as ter Braak 2006 has it."""
+_SNOOKER_FACTOR: Final = 1.7
+"""Recommended by ter Braak & Vrugt."""
+_LEAST_LATENT_STEP: Final = 0.02
+"""Steps of the latent numbers are drawn between this and 1, uniform in the logarithm; chosen: the
+best one depends on what is known of the path, and none has to be found."""
 
 
 class _Counted(Move):  # type: ignore[misc]
@@ -269,10 +211,6 @@ class _Counted(Move):  # type: ignore[misc]
         self.proposed += accepted.size
         self.accepted += int(accepted.sum())
         return state, accepted
-
-    def reset(self) -> None:
-        """Forget the counts."""
-        self.proposed = self.accepted = 0
 
     @property
     def rate(self) -> float:
@@ -375,64 +313,55 @@ class Snooker(_ThetaMove):
         """
         anchor, first, second = others[_distinct(len(others), len(theta), 3, random)]
         distance = np.linalg.norm(theta - anchor, axis=1)
+        # Two walkers at one place have no line between them.
+        apart = distance > 0
+        distance[~apart] = 1.0
         direction = (theta - anchor) / distance[:, None]
         shift = _SNOOKER_FACTOR * np.sum((first - second) * direction, axis=1)
-        ratio = np.log(np.abs(distance + shift) / distance)
+        far = np.abs(distance + shift)
+        ratio = np.log(far, out=np.full(len(far), -np.inf), where=apart & (far > 0))
+        ratio -= np.log(distance)
         return theta + shift[:, None] * direction, (self.n_theta - 1) * ratio
 
 
 class CrankNicolson(_Counted, MHMove):  # type: ignore[misc]
     """``z' = sqrt(1 - b^2) z + b N(0, I)``, reversible with respect to N(0, I).
 
+    Each walker draws a step b of its own, between 0.02 and 1.
+
     Parameters
     ----------
     n_theta : int
         How many leading coordinates stay.
-    step : float
-        b, in (0, 1]; emcee's ``tune`` adapts it.
     """
 
     name = "latent"
 
-    def __init__(self, n_theta: int, *, step: float) -> None:
+    def __init__(self, n_theta: int) -> None:
         super().__init__(self.move)
         self.n_theta = n_theta
-        self.step = step
-        self.tunings = 0
 
     def move(self, coordinates: Array, random: Any) -> tuple[Array, Array]:
         """New coordinates and log ratios 0: the target is a density relative to N(z).
 
         Parameters
         ----------
-        coordinates : (w, D + Z) float
+        coordinates : (w, D + Z + 1) float
         random : numpy.random.RandomState
             Of emcee.
 
         Returns
         -------
-        coordinates : (w, D + Z) float
+        coordinates : (w, D + Z + 1) float
         log_ratio : (w,) float
             Zeros.
         """
         moved = coordinates.copy()
-        latent = moved[:, self.n_theta :]
-        latent *= np.sqrt(1 - self.step**2)
-        latent += self.step * random.standard_normal(latent.shape)
+        latent = moved[:, self.n_theta : -1]
+        step = _LEAST_LATENT_STEP ** random.rand(len(moved), 1)
+        latent *= np.sqrt(1 - step**2)
+        latent += step * random.standard_normal(latent.shape)
         return moved, np.zeros(len(moved))
-
-    def tune(self, state: Any, accepted: NDArray[np.bool_]) -> None:
-        """Lengthen the step where too much is accepted, and shorten it where too little.
-
-        Parameters
-        ----------
-        state : emcee.State
-            Not looked at.
-        accepted : (w,) bool
-        """
-        self.tunings += 1
-        change = (accepted.mean() - _ACCEPTANCE_GOAL) / self.tunings**_ADAPTATION_DECAY
-        self.step = min(1.0, self.step * float(np.exp(change)))
 
 
 def _distinct(n: int, size: int, count: int, random: Any) -> NDArray[np.intp]:

@@ -19,8 +19,7 @@ from imapper_prob.solver.solver import Solution, solve
 SHORT = Config(
     seed=3,
     sample=SampleSettings(
-        chains=2, steps=400, draws=40, temperatures=3, ensemble_layouts=1, ensembles=2,
-        ensemble_steps=8,
+        chains=2, steps=400, draws=40, temperatures=3, ensemble_steps=8,
     ),
 )  # fmt: skip
 """Far too short to be good, long enough for every file to have something in it."""

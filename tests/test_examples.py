@@ -34,8 +34,7 @@ def _names(folder: Path) -> dict[str, Any]:
     library = im.Library("few", tuple(library)[::20])
     config = im.Config()
     sample = replace(
-        config.sample, chains=2, steps=100, draws=10, temperatures=2, ensemble_layouts=1,
-        ensembles=2, ensemble_steps=2,
+        config.sample, chains=2, steps=100, draws=10, temperatures=2, ensemble_steps=2,
     )  # fmt: skip
     config = replace(config, sample=sample)
     solved = im.solve(clip, library)

@@ -36,14 +36,14 @@ def long_clip(n_frames: int) -> Clip:
 def test_a_clip_that_does_not_fit_is_refused_before_the_work(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(memory, "memory_there", lambda: 16e9)
+    monkeypatch.setattr(memory, "memory_there", lambda: 8e9)
     clip = long_clip(20_000)
     write_clip(tmp_path / "clip.npz", clip)
     arguments = ["run", str(tmp_path / "clip.npz"), "-o", str(tmp_path / "out")]
     assert main(arguments) == 2
     said = capsys.readouterr().err
     assert "20000 frames of 1 need about" in said
-    assert "16.0 GB are there; take parts of up to" in said
+    assert "8.0 GB are there; take parts of up to" in said
     assert not (tmp_path / "out").exists()
     last = int(said.split("--frames 0:")[1].split(",")[0])
     part = load_clip(tmp_path / "clip.npz", frames=(0, last))

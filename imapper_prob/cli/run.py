@@ -344,7 +344,7 @@ def _print(text: str) -> None:
 def _show(posterior: Posterior, folder: Path) -> None:
     from imapper_prob.cli.console import console
     from imapper_prob.results.report import sides_of
-    from imapper_prob.sampling.placements import describe_agreement
+    from imapper_prob.sampling.ensembles import describe_walked
     from imapper_prob.uncertainty.summary import (
         check_table,
         object_rows,
@@ -362,7 +362,7 @@ def _show(posterior: Posterior, folder: Path) -> None:
     out.print(posterior.chain_verdict)
     if posterior.told is not None:
         out.print(posterior.told.text)
-    out.print(describe_agreement(posterior.samples.agreements))
+    out.print(describe_walked(posterior.samples.walked))
     if not posterior.samples.finished:
         out.print("Interrupted: these are the draws that there were.")
     out.print(f"Written to {folder}; look at it with: imapper-prob view {folder}")
@@ -439,6 +439,6 @@ def _show_run(options: argparse.Namespace) -> None:
         out.print(object_table(found))
     out.print(check_table(checks))
     out.print(attributes["verdict"])
-    out.print(attributes["agreement"])
+    out.print(attributes["ensembles"])
     if options.energy:
         show_energy(folder)

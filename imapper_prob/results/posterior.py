@@ -1012,7 +1012,7 @@ class Posterior:
 # Opening a finished run from its folder.
 
 _SAID = (
-    "agreement", "clip", "clip_digest", "config", "config_digest", "library", "library_digest",
+    "clip", "clip_digest", "config", "config_digest", "ensembles", "library", "library_digest",
     "program", "seed", "verdict",
 )  # fmt: skip
 """Attributes that reports quote."""

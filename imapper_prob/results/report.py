@@ -55,7 +55,7 @@ from imapper_prob.results.report_plots import (
     person_colour,
     view_plot,
 )
-from imapper_prob.sampling.placements import describe_agreement
+from imapper_prob.sampling.ensembles import describe_walked
 from imapper_prob.sampling.sample import Samples
 from imapper_prob.uncertainty.checks import alarms, elsewhere_frames, named
 from imapper_prob.uncertainty.clusters import ObjectCluster, names_of
@@ -645,7 +645,7 @@ def _diagnostics(posterior: Posterior) -> str:
         folded(
             "Do the chains agree? The numbers",
             paragraph(posterior.chain_verdict),
-            paragraph(describe_agreement(samples.agreements)),
+            paragraph(describe_walked(samples.walked)),
             f'<div class="card">{chains}{legend(entries)}</div>',
             paragraph(
                 "All chains should look alike, and none should drift, after the grey part.",

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import islice
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +25,7 @@ from imapper_prob.samplers.tempering import (
     temper,
 )
 from imapper_prob.sampling.actors import JointProblem
+from imapper_prob.sampling.ascent import alternatives, climb
 from imapper_prob.sampling.candidates import Candidates
 from imapper_prob.sampling.checkpoints import ChainProgress
 from imapper_prob.sampling.crossover import TimeCrossover
@@ -35,6 +37,7 @@ from imapper_prob.sampling.schedule import (
     draws_of,
     end_of,
     learning_of,
+    looks_of,
     piece_of,
     trace_of,
 )
@@ -75,6 +78,15 @@ def starts_of(cast: JointProblem, count: int) -> list[tuple[State, ...]]:
 # One tempered reversible-jump chain over scenes, as a task that any process can run.
 
 Array = NDArray[np.float64]
+_CLIMBING: Final = 0.25
+"""Evaluations of the ascent over those of the chain's own steps, at most; chosen: on public clips
+it ends after a tenth, and short chains should be short."""
+_ALONE, _ALONE_APART = 1.0, 100
+"""Steps that are made alone first, over those of a temperature, and from one note to the next;
+chosen: an eighth of all steps, and visits to learn from in every scene that was climbed to."""
+
+_LOOKED_AT: Final = 25
+"""Scenes that are noted where it is looked around one; chosen: as many as there are likely ones."""
 
 
 @dataclass(frozen=True)
@@ -146,9 +158,10 @@ def run_chain(
 ) -> Chain:
     """Run a chain; asked to stop, it returns what it has.
 
-    It starts from the first of ``starts`` at the posterior itself, from the second at the next
-    hotter temperature and so on, from the last wherever there are not enough; or it goes on from
-    what an earlier call has left.
+    It starts at the posterior itself near what the first of ``starts`` is climbed to
+    (:mod:`imapper_prob.sampling.ascent`), at the next hotter temperature from the second as it is,
+    and so on, from the last wherever there are not enough; or it goes on from what an earlier call
+    has left.
 
     While it burns in, the ladder of temperatures adapts, and the chain notes what it visits, from
     which references and the shape of the camera's walk are learnt; then all of them stay. Only
@@ -175,19 +188,24 @@ def run_chain(
     settings = setup.settings
     end = end_of(settings) if end is None else end
     burn_in, keep, mark = burn_in_of(settings), draws_of(settings), trace_of(settings)
-    learning = learning_of(settings)
+    learning = learning_of(settings, len(setup.problem.lengths))
     done = None if keeper is None else _resumed(keeper, setup)
     if done is None and isinstance(starts, ChainProgress):
         done = starts
     learnt = _of_noted(setup, [] if done is None else done.visits[:-1])
+    finished = True
     if done is None:
         assert not isinstance(starts, ChainProgress)
         betas = power_ladder(settings.temperatures) if settings.temperatures > 1 else (1.0,)
-        coldest_first = [starts[min(k, len(starts) - 1)] for k in range(len(betas))]
+        streams, (alone,) = rng.spawn(len(betas) + 1), rng.spawn(1)
+        visits, first = _visited_alone(setup, learnt, starts[0], alone, report)
+        coldest_first = [first, *(starts[min(k, len(starts) - 1)] for k in range(1, len(betas)))]
         position = start(coldest_first[::-1], target=learnt.target, betas=betas)
-        done = ChainProgress.begin(rng.spawn(len(betas) + 1), position)
+        done = ChainProgress.begin(streams, position)
+        if 0 in learning.ends:
+            done.visits = [visits, Visits()]
+        finished = report(0.0)
     crossover = TimeCrossover(setup.problem)
-    finished = True
     while done.position.rounds < end and finished:
         now = done.position.rounds
         adapt = now < burn_in
@@ -221,12 +239,15 @@ def run_chain(
             if learning.has(at.position.rounds):
                 for beta, rung in zip(at.position.betas, at.position.chains, strict=True):
                     done.visits[-1].note(rung.state, beta)
+            if learning.looks_around(at.position.rounds):
+                _look_around(setup.problem, learnt, coldest.state, done.visits[-1], done.rngs[-1])
         if done.position.rounds in learning.ends:
             done.visits.append(Visits())
         finished = report(done.position.rounds / end)
         if keeper is not None:
             keeper.offer(done.snapshot)
-    if keeper is not None:
+    if keeper is not None and (finished or done.position.rounds):
+        # Where it was climbed to when it was asked to stop depends on when that was.
         keeper.save(done.snapshot())
     states, values = done.states, done.values
     if not states:
@@ -314,16 +335,53 @@ def tempered(setup: Setup, visits: Visits) -> Tempered:
     return Tempered(setup.problem, moves)
 
 
+def _visited_alone(
+    setup: Setup, learnt: Tempered, state: State, rng: np.random.Generator, report: Report
+) -> tuple[Visits, State]:
+    """What a chain without other temperatures visits from where it climbs to, and its last state.
+
+    What is near a scene is noted here whatever there is elsewhere, for a reference that does not
+    draw such scenes loses them.
+    """
+    settings, visits = setup.settings, Visits()
+    state = climb(
+        setup.problem, learnt.moves, state, rng,
+        most=int(_CLIMBING * settings.steps * settings.temperatures), report=report,
+    )  # fmt: skip
+    visits.note(state)
+    walker, count = learnt.walker(state), int(_ALONE * settings.steps) // _ALONE_APART
+    looks = looks_of(settings, count * _ALONE_APART // settings.swap_every, len(setup.similarity))
+    for n in range(count):
+        if not report(0.0):
+            break
+        state = walker.advance(rng, 1.0, _ALONE_APART)[0].state
+        visits.note(state)
+        if looks and n % (count // looks) == 0:
+            _look_around(setup.problem, learnt, state, visits, rng)
+    return visits, state
+
+
+def _look_around(
+    problem: Problem, learnt: Tempered, state: State, visits: Visits, rng: np.random.Generator
+) -> None:
+    """Note what may stand in place of each scenelet of a state."""
+    for index in range(state.n_scenelets):
+        for other in alternatives(problem, learnt.moves, state, index, _LOOKED_AT, rng):
+            visits.note(other)
+
+
 def _of_noted(setup: Setup, noted: Sequence[Visits]) -> Tempered:
-    """Of what the chains have noted last, or this one alone; of the solver's scenes at first."""
-    if not noted:
-        visits = Visits()
-        for state in setup.staged:
-            visits.note(state)
-    else:
-        own = len(noted) - 1
-        visits = setup.known[own] if own < len(setup.known) else noted[own]
-    return tempered(setup, visits)
+    """Of what the chains have noted last, or this one alone.
+
+    At first of the solver's scenes, and then of these and of what was climbed to.
+    """
+    known = [*setup.known, *noted[len(setup.known) :]][: len(noted)]
+    if len(known) > 1:
+        return tempered(setup, known[-1])
+    staged = Visits()
+    for state in setup.staged:
+        staged.note(state)
+    return tempered(setup, Visits.together([staged, *known]))
 
 
 def _anew(position: TemperingState[State], learnt: Tempered) -> TemperingState[State]:

@@ -239,8 +239,7 @@ def reweighted(
         objects=objects,
         layouts=layouts,
         probabilities=probabilities,
-        placements=(),
-        agreements=(),
+        walked=None,
         verdict=_verdict_of_chosen(samples.verdict, judged, len(states)),
     )
 

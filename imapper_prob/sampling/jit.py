@@ -22,7 +22,16 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 _FOLDER: Final = Path(__file__).parent
 _KERNELS: Final = tuple(
     _FOLDER / f"{name}.py"
-    for name in ("camera_moves", "crossover", "moves", "redraws", "reference", "scene", "steps")
+    for name in (
+        "camera_moves",
+        "crossover",
+        "looks",
+        "moves",
+        "redraws",
+        "reference",
+        "scene",
+        "steps",
+    )
 )
 """Modules with kernels that kernels of other modules call, or are called by."""
 

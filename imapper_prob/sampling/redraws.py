@@ -32,7 +32,7 @@ from imapper_prob.sampling.reference import (
 )
 from imapper_prob.sampling.scene import Scene
 
-__all__ = ["draw_scene", "redraw_scene", "redraw_stretch"]
+__all__ = ["draw_scene", "redraw_scene", "redraw_stretch", "set_placement"]
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -99,7 +99,7 @@ def _with_stretch(
         row, middle = expected(reference, camera, scenelet, start, left, before)
         where = _draw_where(reference, rng, row, scenelet, middle)
         items[n, 0], items[n, 1], sizes[n] = scenelet, start, where[3]
-        _place(reference, camera, scenelet, where, placements[n])
+        set_placement(reference, camera, scenelet, where, placements[n])
         left = leaves(reference, camera, scenelet, start, placements[n], sizes[n], before)
         kind, end = reference.kinds[scenelet], start + reference.lengths[scenelet]
         n += 1
@@ -197,10 +197,21 @@ def _draw_where(
 
 
 @compiled
-def _place(
+def set_placement(
     reference: Reference, camera: Array, scenelet: int, where: Array, placement: Array
 ) -> None:
-    """Put into ``placement`` that with which the pelvis is there."""
+    """Put into ``placement`` that with which the pelvis is there.
+
+    Parameters
+    ----------
+    reference : Reference
+    camera : (5,) float
+    scenelet : int
+    where : (4,) float
+        Bearing, log depth, yaw and log size of its pelvis in the first frame.
+    placement : (3,) float
+        Out.
+    """
     x, y = floor_point(where[0], where[1])
     body = math.exp(camera[3] + where[3])
     c, s = body * math.cos(where[2]), body * math.sin(where[2])

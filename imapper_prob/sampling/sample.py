@@ -1,10 +1,9 @@
-"""Sample the posterior of a solved clip: jump chains, layouts, ensembles of placements."""
+"""Sample the posterior of a solved clip: jump chains, ensembles of their draws, layouts."""
 
 from __future__ import annotations
 
 import math
 import warnings
-from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor
 from contextlib import contextmanager
@@ -23,7 +22,6 @@ from imapper_prob.config import SampleSettings
 from imapper_prob.layouts import Layouts, group_layouts, merged_objects, through_one_lens
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.log_posterior import State
-from imapper_prob.models.problem import Problem
 from imapper_prob.models.scene import SceneObject
 from imapper_prob.models.text import brief
 from imapper_prob.samplers.chains import ChainError, Workers, run_chains
@@ -40,13 +38,7 @@ from imapper_prob.sampling.actors import JointProblem, join_actors
 from imapper_prob.sampling.blocks import Block, Clock, Limits, OnBlock
 from imapper_prob.sampling.chain import Chain, Setup, run_chain, starts_of
 from imapper_prob.sampling.checkpoints import ChainProgress, identity_of, rounds_done
-from imapper_prob.sampling.placements import (
-    Agreement,
-    PlacementDraws,
-    compare,
-    is_complete,
-    sample_placements,
-)
+from imapper_prob.sampling.ensembles import Walked, walk_draws
 from imapper_prob.sampling.schedule import block_end, burn_in_of, end_of, learning_of
 from imapper_prob.sampling.visits import Visits
 from imapper_prob.scenelets.charness import similarity
@@ -199,7 +191,7 @@ def executor_of(cluster: Cluster | None) -> Iterator[Executor | None]:
 
 
 # ------------------------------------------------------------------------------------------------
-# Sample the posterior of a solved clip: jump chains, layouts, ensembles of placements.
+# Sample the posterior of a solved clip: jump chains, ensembles of their draws, layouts.
 
 Array = NDArray[np.float64]
 Progress = Callable[[str, float], None]
@@ -224,10 +216,8 @@ class Samples:
         Which draws say the same.
     probabilities : LayoutProbabilities
         Of layouts counted from 1, as people do and the verdict does.
-    placements : tuple of PlacementDraws
-        Ensembles of the most probable layouts, in their order.
-    agreements : tuple of Agreement
-        Each of these held against the chains' own draws.
+    walked : Walked or None
+        What ensembles of walkers did to the chains' draws; None where none walked.
     acceptance : AcceptanceTable
         Over all chains.
     ladders : tuple of C LadderSummary
@@ -243,8 +233,7 @@ class Samples:
     objects: tuple[tuple[SceneObject, ...], ...]
     layouts: Layouts
     probabilities: LayoutProbabilities
-    placements: tuple[PlacementDraws, ...]
-    agreements: tuple[Agreement, ...]
+    walked: Walked | None
     acceptance: AcceptanceTable
     ladders: tuple[LadderSummary, ...]
     verdict: Verdict
@@ -362,11 +351,10 @@ def sample_scenes(
             anew=anew,
         )
         drawn = _in_blocks(run, cast, settings, layout_seed, limits, progress, on_block)
-        with warnings.catch_warnings():
-            # Short ensembles are compared with the chains, and that is said.
-            warnings.simplefilter("ignore", ShortChainWarning)
-            placements = _ensembles(
-                cast.problem, drawn, settings, ensemble_seed, processes, checkpoints, progress
+        walked = None
+        if settings.ensemble_steps:
+            drawn, walked = _walked(
+                drawn, cast, settings, layout_seed, ensemble_seed, processes, checkpoints, progress
             )
     chains = drawn.chains
     return Samples(
@@ -376,14 +364,12 @@ def sample_scenes(
         objects=drawn.objects,
         layouts=drawn.layouts,
         probabilities=drawn.probabilities,
-        placements=placements,
-        agreements=tuple(compare(cast.library, draws, drawn.states) for draws in placements),
+        walked=walked,
         acceptance=sum((chain.acceptance for chain in chains), AcceptanceTable()),
         ladders=tuple(chain.ladder for chain in chains),
         verdict=drawn.verdict,
         finished=all(chain.finished for chain in chains)
-        and len(placements) == min(settings.ensemble_layouts, len(drawn.layouts.leaders))
-        and all(is_complete(draws, settings) for draws in placements),
+        and (walked is None or not walked.walkers or walked.steps == settings.ensemble_steps),
     )
 
 
@@ -420,7 +406,7 @@ class _ChainRun:
         of them have noted.
         """
         setup, at = self.setup, list[Sequence[State] | ChainProgress](self.starts)
-        marks = learning_of(setup.settings).ends
+        marks = learning_of(setup.settings, len(setup.problem.lengths)).ends
         for stop in (*(mark for mark in marks if mark < end), end):
 
             def report(chain: int, part: object, share: float = stop / end) -> None:
@@ -552,6 +538,18 @@ def _drawn(
     n = min(len(chain.states) for chain in chains)
     states = tuple(state for chain in chains for state in chain.states[-n:])
     values = np.stack([chain.log_posterior[-n:] for chain in chains])
+    return _said_by(cast, settings, chains, states, values, layout_seed)
+
+
+def _said_by(
+    cast: JointProblem,
+    settings: SampleSettings,
+    chains: Sequence[Chain],
+    states: tuple[State, ...],
+    values: Array,
+    layout_seed: np.random.SeedSequence,
+) -> _Drawn:
+    """What draws of chains say."""
     objects = tuple(merged_objects(cast.problem, cast.library, state) for state in states)
     seen = through_one_lens(objects, [state.camera[2] for state in states])
     layouts = group_layouts(seen, values.ravel(), radius=settings.layout_radius)
@@ -568,6 +566,29 @@ def _drawn(
     return _Drawn(
         chains, states, values, objects, layouts, probabilities, measures, verdict
     )  # fmt: skip
+
+
+def _walked(
+    drawn: _Drawn,
+    cast: JointProblem,
+    settings: SampleSettings,
+    layout_seed: np.random.SeedSequence,
+    seed: np.random.SeedSequence,
+    workers: Workers,
+    scratch: Path | None,
+    progress: Progress | None,
+) -> tuple[_Drawn, Walked]:
+    """Draws that have walked in ensembles, and what they say."""
+
+    def report(part: float) -> None:
+        if progress is not None:
+            progress("walking the draws", part)
+
+    states, values, walked = walk_draws(
+        cast.problem, drawn.states, drawn.values, settings.ensemble_steps,
+        seed=seed, workers=workers, scratch=scratch, on_progress=report,
+    )  # fmt: skip
+    return _said_by(cast, settings, drawn.chains, states, values, layout_seed), walked
 
 
 @contextmanager
@@ -622,38 +643,6 @@ def functionals(
         "number of objects": np.reshape([len(o) for o in objects], values.shape).astype(float),
         "body scale": np.reshape([s.camera[3] for s in states], values.shape),
     }
-
-
-def _ensembles(
-    problem: Problem,
-    drawn: _Drawn,
-    settings: SampleSettings,
-    seed: np.random.SeedSequence,
-    workers: Workers,
-    scratch: Path | None,
-    progress: Progress | None,
-) -> tuple[PlacementDraws, ...]:
-    """Ensembles on the most visited assignment of each of the most probable layouts.
-
-    None follow upon those that were interrupted.
-    """
-    states, values, layouts = drawn.states, drawn.values.ravel(), drawn.layouts
-    count = min(settings.ensemble_layouts, len(layouts.leaders))
-    results = []
-    for layout, child in enumerate(seed.spawn(count)):
-        members = np.flatnonzero(layouts.indicator == layout).tolist()
-        keys = [states[m].items.tobytes() for m in members]
-        common = Counter(keys).most_common(1)[0][0]
-        own = [m for m, key in zip(members, keys, strict=True) if key == common]
-        best = states[max(own, key=lambda m: values[m])]
-        results.append(
-            sample_placements(problem, best, settings, seed=child, workers=workers, scratch=scratch)
-        )
-        if not is_complete(results[-1], settings):
-            break
-        if progress is not None:
-            progress("walking placements", (layout + 1) / count)
-    return tuple(results)
 
 
 def _aligned(traces: Sequence[Array]) -> Array:

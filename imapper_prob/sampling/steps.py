@@ -26,7 +26,7 @@ from imapper_prob.sampling.looks import middle_heights
 from imapper_prob.sampling.reference import Reference, log_reference
 from imapper_prob.sampling.scene import Scene, copied, scene_of, state_of
 
-__all__ = ["MOVES", "Moves", "Walker", "parts_of", "propose", "scene_moves"]
+__all__ = ["MOVES", "Moves", "Walker", "log_posterior_of", "parts_of", "propose", "scene_moves"]
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -167,10 +167,25 @@ def propose(known: Moves, move: int, rng: np.random.Generator, scene: Scene) -> 
 
 
 @compiled
-def _log_posterior(
+def log_posterior_of(
     evaluator: Evaluator, of_paper: bool, n_before: int, now: Scene, new: Scene
 ) -> float:
-    """Of a scene, beside the one that the evaluator stands at; nats."""
+    """The log-posterior of a scene, beside the one that the evaluator stands at.
+
+    Parameters
+    ----------
+    evaluator : Evaluator
+    of_paper : bool
+        Whether of the published energy.
+    n_before : int
+        Scenelets of the one it stands at; -1 where it stands nowhere, or nothing is in common.
+    now, new : Scene
+
+    Returns
+    -------
+    float
+        Nats.
+    """
     if of_paper:
         joints, by_frame = np.empty((len(new.latent), 3, 16)), np.empty((len(new.latent), 4))
         terms = sum_paper(
@@ -194,7 +209,7 @@ def _roomy(
         return evaluator, capacity
     evaluator = open_evaluator(evaluator.problem, 2 * needed)
     if not of_paper:
-        _log_posterior(evaluator, of_paper, -1, now, now)
+        log_posterior_of(evaluator, of_paper, -1, now, now)
         commit(evaluator)
     return evaluator, 2 * needed
 
@@ -233,7 +248,7 @@ def _advance(
         if ratio == -math.inf:
             continue
         evaluator, capacity = _roomy(evaluator, of_paper, capacity, scene, len(new.items))
-        density = _log_posterior(evaluator, of_paper, len(scene.items), scene, new)
+        density = log_posterior_of(evaluator, of_paper, len(scene.items), scene, new)
         prior = _log_reference(known.reference, density, new)
         likelihood, gain = 0.0, -math.inf
         if prior > -math.inf:

@@ -12,7 +12,9 @@ library only those scenelets are kept that some draw has. Groups, beside those o
 ``layouts``     probability, error and founding draw of each layout
 ``traces``      log-posterior over the whole run, burn-in included
 ``moves``       how often each move was proposed and accepted
-``ensembles``   placements of the most probable layouts, drawn by walkers
+``walked``      what ensembles of walkers did to the draws: how far means moved, in standard
+                deviations, its error, effective draws before and after, and R-hat; of no quantity
+                where no draw walked
 """
 
 from __future__ import annotations
@@ -41,7 +43,7 @@ from imapper_prob.samplers.diagnostics import LayoutProbabilities
 from imapper_prob.samplers.reversible_jump import AcceptanceTable
 from imapper_prob.samplers.tempering import LadderSummary
 from imapper_prob.samplers.verdict import Verdict
-from imapper_prob.sampling.placements import Agreement, PlacementDraws
+from imapper_prob.sampling.ensembles import QUANTITIES, Walked
 from imapper_prob.sampling.sample import Samples
 from imapper_prob.scenelets.library import library_of, pack_library
 from imapper_prob.solver.selection import of_scenelets
@@ -102,8 +104,6 @@ def _check_samples(problem: Problem, samples: Samples) -> None:
     _check_probabilities(samples.probabilities, chains, number)
     pair = samples.verdict.disagreement or ()
     _require(all(1 <= layout <= number for layout in pair), "the verdict speaks of no layout")
-    for placements in samples.placements:
-        _check_placements(problem, placements)
     _require(len(samples.ladders) == chains, "ladders are not those of the chains")
     table = samples.acceptance
     rates = zip(table.proposed.values(), table.accepted.values(), strict=True)
@@ -119,19 +119,6 @@ def _check_probabilities(found: LayoutProbabilities, chains: int, number: int) -
     _require(found.by_half.shape == (chains, 2, number), "layouts are not by half")
     for values in (found.probability, found.by_chain, found.by_half):
         _require(_finite(values, most=1 + 1e-9) and (values >= 0).all(), "a probability is none")
-
-
-def _check_placements(problem: Problem, draws: PlacementDraws) -> None:
-    shape, slots = draws.camera.shape[:3], len(draws.items)
-    _require(draws.camera.ndim == 4 and draws.camera.shape[3] == 5, "ensembles lack cameras")
-    _require(min(shape) > 0, "ensembles have no draws")
-    _require(draws.placements.shape == (*shape, slots, 3), "ensembles lack placements")
-    _require(draws.sizes.shape == (*shape, slots), "ensembles lack sizes")
-    scenelets = draws.items[:, 0]
-    inside = (scenelets >= 0) & (scenelets < len(problem.log_rate))
-    _require(inside.all(), "ensembles have a scenelet that is not there")
-    for values in (draws.camera, draws.placements, draws.sizes):
-        _require(_finite(values, most=_LARGEST), "ensembles are not finite")
 
 
 def _finite(values: NDArray[np.float64], *, most: float) -> bool:
@@ -310,6 +297,8 @@ Groups = Mapping[str, xr.Dataset]
 """A tree by the paths of its groups."""
 _ACCEPTANCE = "acceptance_"
 """Begins the attributes that hold the accepted share of a move of walkers."""
+_WALKED = ("change", "error", "before", "after", "rhat")
+"""Numbers of :class:`imapper_prob.sampling.ensembles.Walked`, by quantity."""
 
 
 def sample_groups(samples: Samples) -> dict[str, xr.Dataset]:
@@ -326,7 +315,7 @@ def sample_groups(samples: Samples) -> dict[str, xr.Dataset]:
     found, table = samples.probabilities, samples.acceptance
     latent = np.array([state.latent for state in samples.states], dtype=np.float32)
     moves = sorted(table.proposed)
-    groups = {
+    return {
         "latent": xr.Dataset(
             {
                 "latent": (
@@ -354,25 +343,19 @@ def sample_groups(samples: Samples) -> dict[str, xr.Dataset]:
             },
             {"move": np.array(moves, dtype=np.str_)},
         ),
+        "walked": _walked(samples.walked),
     }
-    pairs = zip(samples.placements, samples.agreements, strict=True)
-    for layout, (draws, agreement) in enumerate(pairs):
-        groups[f"ensembles/{layout}"] = _ensemble(draws, agreement)
-    return groups
 
 
-def _ensemble(draws: PlacementDraws, agreement: Agreement) -> xr.Dataset:
-    walked = ("ensemble", "step", "walker")
-    rates = {f"{_ACCEPTANCE}{name}": rate for name, rate in draws.acceptance.items()}
+def _walked(walked: Walked | None) -> xr.Dataset:
+    """What ensembles did, by quantity; of no quantity where no draw walked."""
+    if walked is None:
+        return xr.Dataset(coords={"quantity": np.array([], dtype=np.str_)})
+    rates = {f"{_ACCEPTANCE}{name}": rate for name, rate in walked.acceptance.items()}
     return xr.Dataset(
-        {
-            "items": (("slot", "entry"), draws.items),
-            "camera": ((*walked, "parameter"), draws.camera),
-            "placements": ((*walked, "slot", "pose"), draws.placements),
-            "sizes": ((*walked, "slot"), draws.sizes),
-            "rhat": ("number", draws.rhat),
-        },
-        attrs={"draws_of_chains": agreement.draws, **rates},
+        {name: ("quantity", getattr(walked, name)) for name in _WALKED},
+        {"quantity": np.array(QUANTITIES)},
+        attrs={"walkers": walked.walkers, "steps": walked.steps, **rates},
     )
 
 
@@ -459,7 +442,6 @@ def read_samples(groups: Groups, source: Source) -> Samples:
         _objects(library, state, rows[rows[:, 0] >= 0])
         for state, rows in zip(states, origins, strict=True)
     )
-    placements, agreements = _read_ensembles(groups, chosen)
     said = groups["/"].attrs
     disagreement = tuple(int(n) for n in np.atleast_1d(said["verdict_disagreement"]))
     layouts, moves = groups["/layouts"], groups["/moves"]
@@ -479,8 +461,7 @@ def read_samples(groups: Groups, source: Source) -> Samples:
             tuple(layouts["leader"].sortby("layout").to_numpy().tolist()),
         ),
         probabilities=_probabilities(layouts, values.shape[1]),
-        placements=placements,
-        agreements=agreements,
+        walked=_read_walked(groups["/walked"]),
         acceptance=AcceptanceTable(
             Counter(dict(zip(names, moves["proposed"].to_numpy().tolist(), strict=True))),
             Counter(dict(zip(names, moves["accepted"].to_numpy().tolist(), strict=True))),
@@ -560,35 +541,19 @@ def _probabilities(group: xr.Dataset, n_draws: int) -> LayoutProbabilities:
     )
 
 
-def _read_ensembles(
-    groups: Groups, chosen: Ints
-) -> tuple[tuple[PlacementDraws, ...], tuple[Agreement, ...]]:
-    compared = groups["/agreement"]
-    placements, agreements = [], []
-    for layout in range(sum(name.startswith("/ensembles/") for name in groups)):
-        group = groups[f"/ensembles/{layout}"]
-        items = group["items"].to_numpy()
-        placements.append(
-            PlacementDraws(
-                items=np.stack([_own(chosen, items[:, 0]), items[:, 1]], -1),
-                camera=group["camera"].to_numpy(),
-                placements=group["placements"].to_numpy(),
-                sizes=group["sizes"].to_numpy(),
-                rhat=group["rhat"].to_numpy(),
-                acceptance={
-                    str(name).removeprefix(_ACCEPTANCE): float(rate)
-                    for name, rate in group.attrs.items()
-                    if str(name).startswith(_ACCEPTANCE)
-                },
-            )
-        )
-        own = compared["layout"].to_numpy() == layout
-        agreements.append(
-            Agreement(
-                tuple(compared["label"].to_numpy()[own].astype(str).tolist()),
-                compared["difference"].to_numpy()[own],
-                compared["ratio"].to_numpy()[own],
-                int(group.attrs["draws_of_chains"]),
-            )
-        )
-    return tuple(placements), tuple(agreements)
+def _read_walked(group: xr.Dataset) -> Walked | None:
+    if not group.sizes["quantity"]:
+        return None
+    numbers = {name: group[name].to_numpy() for name in _WALKED}
+    for values in numbers.values():
+        _require(values.shape == (len(QUANTITIES),), "ensembles have other quantities")
+    return Walked(
+        walkers=int(group.attrs["walkers"]),
+        steps=int(group.attrs["steps"]),
+        acceptance={
+            str(name).removeprefix(_ACCEPTANCE): float(rate)
+            for name, rate in group.attrs.items()
+            if str(name).startswith(_ACCEPTANCE)
+        },
+        **numbers,
+    )

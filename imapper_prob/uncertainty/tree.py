@@ -14,8 +14,6 @@ Groups, as ArviZ names them:
 ``draws``          scenelets and merged objects of each draw, padded, with their numbers
 ``sample_stats``   log-posterior; temperatures of each chain, rates of exchange between them, and
                    round trips of states; in the attributes how often each move was accepted
-``agreement``      objects of the assignments whose placements ensembles of walkers drew as well:
-                   difference of means and ratio of standard deviations, x and y
 ``observed_data``  detections
 ``constant_data``  names and numbers that the others refer to
 
@@ -50,7 +48,7 @@ from imapper_prob.models.statements import from_json as statements_from_json
 from imapper_prob.models.statements import to_json as statements_to_json
 from imapper_prob.people import everybody, names_of_rows
 from imapper_prob.sampling.conditioning import Evidence, Told
-from imapper_prob.sampling.placements import describe_agreement
+from imapper_prob.sampling.ensembles import describe_walked
 from imapper_prob.sampling.sample import Samples
 from imapper_prob.uncertainty.checks import Check, to_json
 from imapper_prob.uncertainty.stored import (
@@ -155,7 +153,7 @@ EVIDENCE: Final = "given_evidence"
 """Attribute that says how probable they were."""
 FORMAT: Final = "imapper-prob posterior 5"
 """Attribute of the file; the number rises when a reader of old files would go wrong."""
-_SAID: Final = ("agreement", "clip", "program", "verdict")
+_SAID: Final = ("ensembles", "clip", "program", "verdict")
 """Attributes that are shown without the draws."""
 Variable = tuple[tuple[str, ...], NDArray[Any]]
 """Names of the dimensions, and values."""
@@ -246,7 +244,6 @@ def posterior_tree(
             _labelled({"log_posterior": (per_draw, samples.log_posterior)} | _tempering(samples)),
             attrs={f"acceptance_{k}": v for k, v in samples.acceptance.rates().items()},
         ),
-        "agreement": xr.Dataset(_agreement(samples), {"axis": list("xy")}),
         "observed_data": xr.Dataset(
             _labelled(
                 {
@@ -277,7 +274,7 @@ def posterior_tree(
         **sample_attributes(samples),
         "checks": to_json(checks),
         **_given(told),
-        "agreement": describe_agreement(samples.agreements),
+        "ensembles": describe_walked(samples.walked),
         "frame": "world: metres, z up, floor at z = 0, camera above the origin, looking along y",
     }
     return tree
@@ -367,24 +364,6 @@ def _tempering(samples: Samples) -> dict[str, Variable]:
     }
 
 
-def _agreement(samples: Samples) -> dict[str, Variable]:
-    """One row for each object of each assignment; layouts are counted from 0, as elsewhere."""
-    found = samples.agreements
-    rows = [(layout, a) for layout, a in enumerate(found) for _ in a.labels]
-    return {
-        "layout": (("row",), np.array([layout for layout, _ in rows], dtype=np.int64)),
-        "label": (("row",), np.array([label for a in found for label in a.labels], dtype=str)),
-        "draws": (("row",), np.array([a.draws for _, a in rows], dtype=np.int64)),
-        **{
-            name: (
-                ("row", "axis"),
-                np.concatenate([np.empty((0, 2)), *(getattr(a, name) for a in found)]),
-            )
-            for name in ("difference", "ratio")
-        },
-    }
-
-
 def _categories(samples: Samples) -> list[str]:
     return sorted({o.label for objects in samples.objects for o in objects}) or [""]
 
@@ -392,7 +371,6 @@ def _categories(samples: Samples) -> list[str]:
 def _drawn_scenelets(samples: Samples) -> NDArray[np.int64]:
     """Which scenelets some draw has, ascending; one where none has any, for a library needs it."""
     items = [state.items[:, 0] for state in samples.states]
-    items += [draws.items[:, 0] for draws in samples.placements]
     drawn = np.unique(np.concatenate(items)).astype(np.int64)
     return drawn if len(drawn) else np.zeros(1, np.int64)
 

@@ -74,8 +74,7 @@ SEED: Final = 3
 CONFIG: Final = Config(
     seed=SEED,
     sample=SampleSettings(
-        chains=2, steps=60, temperatures=2, draws=4, ensemble_layouts=1, ensembles=2,
-        ensemble_steps=2,
+        chains=2, steps=60, temperatures=2, draws=4, ensemble_steps=2,
     ),
 )  # fmt: skip
 """Far too short to be good; every file has something in it."""

@@ -136,7 +136,7 @@ def _sampled(clip: Clip, truth: TruthInView, affected: Flags, steps: int) -> dic
 def settings(steps: int) -> SampleSettings:
     """The default settings with fewer steps, and without ensembles, which are not scored."""
     usual = SampleSettings()
-    short = replace(usual, steps=steps, draws=1, ensemble_layouts=0)
+    short = replace(usual, steps=steps, draws=1, ensemble_steps=0)
     return replace(short, draws=min(usual.draws, short.most_draws))
 
 

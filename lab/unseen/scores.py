@@ -35,8 +35,7 @@ __all__ = ["Answer", "Outcome", "Share", "outcome_of", "score"]
 Array = NDArray[np.float64]
 
 SETTINGS: Final = SampleSettings(
-    chains=2, steps=2000, temperatures=3, draws=100, ensemble_layouts=1, ensembles=2,
-    ensemble_steps=2,
+    chains=2, steps=2000, temperatures=3, draws=100, ensemble_steps=2,
 )  # fmt: skip
 """Short: what the staged solver starts them with they keep or lose."""
 AWAY: Final = 0.6

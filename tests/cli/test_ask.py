@@ -17,7 +17,7 @@ from imapper_prob.scenelets.library import load_library, save_library
 
 BRIEF = (
     "seed = 4\n[sample]\nsteps = 200\ndraws = 10\nchains = 2\ntemperatures = 2\n"
-    "ensemble_layouts = 1\nensembles = 2\nensemble_steps = 2\n"
+    "ensemble_steps = 2\n"
 )
 MILD = "[camera]\nheight = [1.5, 1.0]\n"
 

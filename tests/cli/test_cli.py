@@ -21,10 +21,7 @@ from imapper_prob.models.skeleton import DETECTED
 from imapper_prob.scenelets.library import load_library, save_library
 from tests.clips.i3db_folder import I3dbFolder
 
-SHORT = (
-    "[sample]\nchains = 2\nsteps = 300\ndraws = 30\ntemperatures = 2\n"
-    "ensemble_layouts = 1\nensembles = 2\nensemble_steps = 8\n"
-)
+SHORT = "[sample]\nchains = 2\nsteps = 300\ndraws = 30\ntemperatures = 2\nensemble_steps = 8\n"
 
 
 @pytest.fixture(scope="module")

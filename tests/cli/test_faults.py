@@ -8,7 +8,6 @@ import shutil
 import signal
 import time
 from argparse import Namespace
-from collections.abc import Callable
 from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import replace
 from pathlib import Path
@@ -23,19 +22,14 @@ from imapper_prob.cli.console import Stopped, Terminated, console, last_words, p
 from imapper_prob.clips.load import write_clip
 from imapper_prob.config import SampleSettings
 from imapper_prob.evaluate.suite import first_part
-from imapper_prob.models.log_posterior import State
-from imapper_prob.models.problem import Problem
 from imapper_prob.models.scene import SceneObject
 from imapper_prob.models.scenelet import Library
-from imapper_prob.sampling import placements
+from imapper_prob.sampling import ensembles
 from imapper_prob.sampling.sample import sample_scenes
 from imapper_prob.scenelets.library import load_library, save_library
 from tests.runs import SHORT, posterior, small_posterior, small_solution
 
-TINY = (
-    "[sample]\nsteps = 60\ndraws = 5\ntemperatures = 2\nchains = 2\n"
-    "ensemble_layouts = 1\nensembles = 2\nensemble_steps = 2\n"
-)
+TINY = "[sample]\nsteps = 60\ndraws = 5\ntemperatures = 2\nchains = 2\nensemble_steps = 2\n"
 HOSTILE = "a[/red]\x1b[31m$\\frac{$\n<script>\udce8"
 """Markup of rich, an order to the terminal, half a formula, HTML, and a byte of Latin-1."""
 
@@ -103,41 +97,35 @@ def test_what_is_printed_is_what_is_written(capsys: pytest.CaptureFixture[str]) 
 
 def interrupted_once(monkeypatch: pytest.MonkeyPatch) -> None:
     """Ctrl-C when walkers have begun to walk."""
-    log_posterior_near, calls = placements.log_posterior_near, []
+    judge, calls = ensembles._log_posteriors, []
 
-    def near(problem: Problem, state: State) -> Callable[[State], float]:
-        value = log_posterior_near(problem, state)
+    def judged(*scenes: object) -> object:
+        calls.append(None)
+        if len(calls) == 4:
+            os.kill(os.getpid(), signal.SIGINT)
+        return judge(*scenes)
 
-        def called(other: State) -> float:
-            calls.append(None)
-            if len(calls) == 100:
-                os.kill(os.getpid(), signal.SIGINT)
-            return value(other)
-
-        return called
-
-    monkeypatch.setattr(placements, "log_posterior_near", near)
+    monkeypatch.setattr(ensembles, "_log_posteriors", judged)
 
 
 def test_ensembles_that_were_interrupted_are_not_finished_and_go_on(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     settings = SampleSettings(
-        steps=60, draws=5, temperatures=2, chains=2, ensemble_layouts=2, ensembles=2,
-        ensemble_steps=8, layout_radius=0.001,
+        steps=300, draws=30, temperatures=2, chains=2, ensemble_steps=8,
     )  # fmt: skip
     seed = np.random.SeedSequence(3)
     with monkeypatch.context() as patch:
         interrupted_once(patch)
         part = sample_scenes(small_solution(), settings, seed=seed, checkpoints=tmp_path)
     assert not part.finished
-    assert len(part.placements) == 1
+    assert part.walked is not None
+    assert part.walked.steps < settings.ensemble_steps
     seed = np.random.SeedSequence(3)
     whole = sample_scenes(small_solution(), settings, seed=seed, checkpoints=tmp_path)
     assert whole.finished
-    assert len(whole.placements) == 2
     undisturbed = sample_scenes(small_solution(), settings, seed=np.random.SeedSequence(3))
-    for one, other in zip(whole.placements, undisturbed.placements, strict=True):
+    for one, other in zip(whole.states, undisturbed.states, strict=True):
         np.testing.assert_array_equal(one.camera, other.camera)
 
 
@@ -233,7 +221,7 @@ def test_overwrite_deletes_nothing_before_there_is_something_else(
 def test_overwrite_goes_on_with_its_own_checkpoints_and_drops_those_of_others(
     tmp_path: Path,
 ) -> None:
-    brief = replace(SHORT.sample, steps=60, draws=5, chains=2, ensembles=2, ensemble_steps=2)
+    brief = replace(SHORT.sample, steps=60, draws=5, chains=2, ensemble_steps=2)
     for seed in (1, 2):
         sample_scenes(
             small_solution(),

@@ -23,8 +23,7 @@ from imapper_prob.sampling.blocks import Block
 from imapper_prob.scenelets.library import load_library, save_library
 
 BRIEF = (
-    "seed = 4\n[sample]\nsteps = 300\ndraws = 6\nchains = 2\ntemperatures = 2\n"
-    "ensemble_layouts = 1\nensembles = 2\nensemble_steps = 2\n"
+    "seed = 4\n[sample]\nsteps = 300\ndraws = 6\nchains = 2\ntemperatures = 2\nensemble_steps = 2\n"
 )
 
 

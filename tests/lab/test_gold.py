@@ -42,9 +42,7 @@ def test_the_distance_is_half_of_what_differs() -> None:
 def test_long_runs_start_scattered_and_go_into_the_file(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    brief = SampleSettings(
-        chains=2, steps=60, temperatures=2, draws=5, ensemble_layouts=0, ensembles=2
-    )
+    brief = SampleSettings(chains=2, steps=60, temperatures=2, draws=5, ensemble_steps=0)
     monkeypatch.setattr(gold, "GOLD", tmp_path / "gold.json")
     monkeypatch.setattr(gold, "SampleSettings", lambda **_: brief)
     solved = SimpleNamespace(actors=(small_solution(),))

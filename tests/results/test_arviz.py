@@ -16,6 +16,7 @@ import imapper_prob as im
 from imapper_prob.models.log_posterior import motion
 from imapper_prob.models.path_prior import CAMERA
 from imapper_prob.models.skeleton import PELV
+from imapper_prob.sampling.ensembles import QUANTITIES
 from imapper_prob.uncertainty.clusters import names_of, object_clusters
 from imapper_prob.uncertainty.furniture import object_draws
 from imapper_prob.uncertainty.tree import clip_digest, read_attributes, seconds_of, write_tree
@@ -148,10 +149,12 @@ def test_turns_are_near_their_mean_whichever_way_round_they_are() -> None:
     np.testing.assert_allclose(drawn - table.yaw, [-0.05, -0.05, 0.05, 0.05], atol=1e-9)
 
 
-def test_dense_draws_of_a_layout_are_arrays_too(tree: xr.DataTree) -> None:
-    draws = posterior().samples.placements[0]
-    np.testing.assert_array_equal(tree["ensembles/0/placements"], draws.placements)
-    assert tree["ensembles/0/placements"].dims == ("ensemble", "step", "walker", "slot", "pose")
+def test_what_ensembles_did_is_an_array_too(tree: xr.DataTree) -> None:
+    walked = posterior().samples.walked
+    assert walked is not None
+    np.testing.assert_array_equal(tree["walked/change"], walked.change)
+    assert tree["walked/quantity"].values.tolist() == list(QUANTITIES)
+    assert tree["walked"].attrs["walkers"] == walked.walkers
 
 
 def test_where_it_is_from_is_in_the_file(path: Path) -> None:

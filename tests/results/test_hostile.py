@@ -62,7 +62,6 @@ def small_tree(tmp_path_factory: pytest.TempPathFactory) -> Path:
         ("layouts/leader", 10**9, "a leader is no draw"),
         ("layouts/by_chain", np.nan, "a probability is none"),
         ("sample_stats/log_posterior", np.nan, "log_posterior is not finite"),
-        ("ensembles/0/items", 10**9, "unknown scenelet"),
         ("motion/sides_flipped", 1e30, "no probabilities"),
     ],
 )

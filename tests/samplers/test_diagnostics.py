@@ -13,7 +13,6 @@ from imapper_prob.samplers.diagnostics import (
     ess,
     layout_probabilities,
     rhat,
-    rhat_nested,
     stationary_distribution,
 )
 from tests.samplers.markov import autoregressive, two_states, two_states_error
@@ -141,28 +140,6 @@ def test_rhat_of_constants_is_settled():
     assert float(rhat(same)) == 1
     assert float(rhat(apart)) == np.inf
     assert float(ess(same)) == 150
-    walkers = np.full((3, 50, 8), 2.0)
-    assert float(rhat_nested(walkers)) == 1
-    assert float(rhat_nested(walkers + np.arange(3)[:, None, None])) == np.inf
-
-
-def test_nested_rhat_finds_ensembles_that_are_stuck(rng):
-    # Every walker moves freely about the place of its own ensemble.
-    draws = rng.standard_normal((4, 100, 12))
-    assert float(rhat_nested(draws)) < 1.01
-    stuck = draws + np.array([0.0, 0.0, 3.0, 3.0])[:, None, None]
-    assert float(rhat_nested(stuck)) > 1.2
-    both = np.stack([draws, stuck], axis=-1)
-    np.testing.assert_allclose(rhat_nested(both), [rhat_nested(draws), rhat_nested(stuck)])
-
-
-def test_nested_rhat_is_of_ensembles_not_of_walkers(rng):
-    # Walkers stand still at places drawn from the target: each chain is stuck, but the
-    # ensembles agree about the target, which is all that many short chains can show.
-    places = rng.standard_normal((4, 1, 200))
-    draws = places + 0.01 * rng.standard_normal((4, 20, 200))
-    assert float(rhat_nested(draws)) < 1.05
-    assert float(rhat(np.moveaxis(draws, 2, 1).reshape(800, 20))) > 2
 
 
 def test_short_chains_warn():
@@ -172,8 +149,6 @@ def test_short_chains_warn():
         assert np.isnan(rhat(np.zeros((1, 50))))
     with pytest.warns(ShortChainWarning):
         assert np.isnan(ess(np.zeros((2, 3, 2)))).all()
-    with pytest.warns(ShortChainWarning):
-        assert np.isnan(rhat_nested(np.zeros((4, 3, 10))))
     with pytest.warns(ShortChainWarning):
         found = layout_probabilities(np.array([[1], [2]]), rng=np.random.default_rng(0))
     assert np.isnan(found.standard_error).all()

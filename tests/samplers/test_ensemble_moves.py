@@ -89,10 +89,15 @@ def test_the_ratio_of_snooker_is_a_jacobian(given_walkers):
 
 
 class Noise:
-    """Draws the numbers it is given."""
+    """Draws the steps and numbers it is given."""
 
-    def __init__(self, values) -> None:
-        self.values = values
+    def __init__(self, steps, values) -> None:
+        self.steps, self.values = steps, values
+
+    def rand(self, *shape):
+        assert shape == self.steps.shape
+        # A step is the least one, .02, to the power of a uniform number.
+        return np.log(self.steps) / np.log(0.02)
 
     def standard_normal(self, shape):
         assert shape == self.values.shape
@@ -102,16 +107,17 @@ class Noise:
 @given(
     latent=hnp.arrays(float, (3, 6), elements=numbers),
     noise=hnp.arrays(float, (3, 6), elements=numbers),
-    step=st.floats(0.01, 1.0),
+    step=hnp.arrays(float, (3, 1), elements=st.floats(0.02, 1.0)),
 )
 def test_crank_nicolson_turns_numbers_and_noise_into_each_other(latent, noise, step):
     """With the noise of the way back the move is a rotation, which keeps N(z) N(noise)."""
-    move = CrankNicolson(1, step=step)
-    moved, ratio = move.move(np.concatenate([np.ones((3, 1)), latent], axis=1), Noise(noise))
+    move = CrankNicolson(1)
+    ends = np.ones((3, 1))
+    moved, ratio = move.move(np.concatenate([ends, latent, ends], axis=1), Noise(step, noise))
     returning = step * latent - np.sqrt(1 - step**2) * noise
-    back, _ = move.move(moved, Noise(returning))
-    np.testing.assert_allclose(back[:, 1:], latent, atol=1e-9)
-    before, after = (latent**2 + noise**2), (moved[:, 1:] ** 2 + returning**2)
+    back, _ = move.move(moved, Noise(step, returning))
+    np.testing.assert_allclose(back[:, 1:-1], latent, atol=1e-9)
+    before, after = (latent**2 + noise**2), (moved[:, 1:-1] ** 2 + returning**2)
     np.testing.assert_allclose(before, after, atol=1e-9)
-    np.testing.assert_array_equal(moved[:, 0], 1)
+    np.testing.assert_array_equal(moved[:, [0, -1]], 1)
     assert not ratio.any()

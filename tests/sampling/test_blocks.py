@@ -19,9 +19,7 @@ from imapper_prob.sampling.sample import Samples, sample_scenes
 from imapper_prob.sampling.schedule import block_end, end_of, stopped_at
 from tests.runs import solution
 
-SETTINGS = SampleSettings(
-    steps=300, draws=6, temperatures=2, chains=2, ensemble_layouts=1, ensembles=2, ensemble_steps=2
-)
+SETTINGS = SampleSettings(steps=300, draws=6, temperatures=2, chains=2, ensemble_steps=2)
 """Blocks end after 60, 100 and 140 rounds."""
 AN_HOUR = Limits(minutes=60.0)
 
@@ -56,8 +54,6 @@ def assert_same(one: Samples, other: Samples) -> None:
     for a, b in zip(one.states, other.states, strict=True):
         for name in ("camera", "items", "placements", "sizes", "latent"):
             np.testing.assert_array_equal(getattr(a, name), getattr(b, name))
-    for c, d in zip(one.placements, other.placements, strict=True):
-        np.testing.assert_array_equal(c.placements, d.placements)
 
 
 def test_blocks_are_where_they_are_thought_to_be() -> None:

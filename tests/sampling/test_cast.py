@@ -41,9 +41,7 @@ from imapper_prob.uncertainty.summary import distances_to_truth
 from lab.couple import N_FRAMES, chairs_and_tables, couple_at_one_table
 from tests.recording.reading import read
 
-SHORT = SampleSettings(
-    chains=2, steps=1500, draws=100, temperatures=3, ensemble_layouts=1, ensemble_steps=8
-)
+SHORT = SampleSettings(chains=2, steps=1500, draws=100, temperatures=3, ensemble_steps=8)
 
 
 @cache

@@ -25,9 +25,7 @@ from imapper_prob.sampling.sample import sample_scenes, setup_of
 from imapper_prob.scenelets.library import load_library, save_library
 from tests.runs import small_solution
 
-SETTINGS = SampleSettings(
-    steps=600, draws=40, temperatures=3, ensemble_layouts=1, ensemble_steps=4, chains=2, ensembles=2
-)
+SETTINGS = SampleSettings(steps=600, draws=40, temperatures=3, ensemble_steps=4, chains=2)
 
 
 @pytest.fixture(scope="module")
@@ -96,10 +94,8 @@ def test_checkpoints_of_another_run_are_refused(tmp_path: Path) -> None:
         steps=100,
         draws=5,
         temperatures=2,
-        ensemble_layouts=1,
         ensemble_steps=2,
         chains=2,
-        ensembles=2,
     )
     for seed in (1, 1):
         sample_scenes(
@@ -117,8 +113,7 @@ def test_a_killed_command_goes_on_to_the_same_scenes(tmp_path: Path) -> None:
     write_clip(tmp_path / "clip.npz", demo_clip())
     save_library(Library("part", tuple(load_library())[::8]), tmp_path / "part.npz")
     (tmp_path / "short.toml").write_text(
-        "[sample]\nsteps = 3000\ndraws = 30\nensemble_layouts = 1\nensemble_steps = 4\n"
-        "chains = 2\nensembles = 2\n"
+        "[sample]\nsteps = 3000\ndraws = 30\nensemble_steps = 4\nchains = 2\n"
     )
 
     def command(out: str) -> list[str]:

@@ -21,10 +21,7 @@ distributed = pytest.importorskip(
     "distributed", reason="dask's distributed is not installed: install the extra `cluster`"
 )
 
-BRIEF = (
-    "[sample]\nsteps = 60\ndraws = 6\nchains = 2\ntemperatures = 2\n"
-    "ensemble_layouts = 1\nensembles = 2\nensemble_steps = 2\n"
-)
+BRIEF = "[sample]\nsteps = 60\ndraws = 6\nchains = 2\ntemperatures = 2\nensemble_steps = 2\n"
 
 
 def run(folder: Path, out: str, *more: str) -> bytes:

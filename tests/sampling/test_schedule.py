@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import hypothesis
 import numpy as np
 import pytest
@@ -15,6 +17,7 @@ from imapper_prob.sampling.schedule import (
     burn_in_of,
     draws_of,
     end_of,
+    learning_of,
     piece_of,
     stopped_at,
     trace_of,
@@ -100,3 +103,18 @@ def test_a_last_step_within_burn_in_is_refused() -> None:
     assert end_of(SampleSettings(last_step=99_999)) == 20_000
     with pytest.raises(InputError, match="last_step = 40000 must be beyond the burn-in"):
         SampleSettings(last_step=40_000)
+
+
+def test_learning_is_as_often_as_said_and_looks_cost_what_they_may() -> None:
+    usual = SampleSettings()
+    learning = learning_of(usual, 2000)
+    assert learning.ends == (0, 1000, 2000, 4000, 8000)
+    rounds = range(1, usual.rounds)
+    for low, high, looks in zip(learning.ends, learning.ends[1:], learning.looks[1:], strict=False):
+        inside = [at for at in rounds if low < at <= high]
+        assert len([at for at in inside if learning.has(at)]) == pytest.approx(1000, abs=1000)
+        assert len([at for at in inside if learning.looks_around(at)]) == looks
+        assert looks * 2000 <= (high - low) * usual.swap_every * usual.temperatures
+    assert not any(learning.has(at) or learning.looks_around(at) for at in rounds[8000:])
+    assert not any(learning_of(replace(usual, steps=100, draws=1), 2000).looks)
+    assert learning_of(replace(usual, burn_in=0.0), 2000).ends == ()

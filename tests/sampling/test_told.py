@@ -40,7 +40,7 @@ LIBRARY = worlds.library()
 CHAIR = N_STARTS * RATE / 3 / (1 + N_STARTS * RATE)
 """Probability that the one scenelet of three that has a chair is there, at any of three starts."""
 SETTINGS = SampleSettings(
-    chains=4, steps=3000, draws=300, temperatures=3, burn_in=0.2, ensemble_layouts=0
+    chains=4, steps=3000, draws=300, temperatures=3, burn_in=0.2, ensemble_steps=0
 )
 SURE = im.Presence("chair", doubt=DOUBT)
 EVIDENCE = (1 - DOUBT) * CHAIR + DOUBT / 2

@@ -283,7 +283,7 @@ def test_a_path_is_the_pelvis(rng: np.random.Generator) -> None:
 def test_a_recording_says_alarms_first() -> None:
     from types import SimpleNamespace
 
-    samples = SimpleNamespace(shape=(2, 3), agreements=())
+    samples = SimpleNamespace(shape=(2, 3), walked=None)
     told = describe(CLIP, samples, verdict="Good.", alarms=["It cannot be."])  # type: ignore[arg-type]
     assert told.startswith("**It cannot be.**")
     assert "Good." in told

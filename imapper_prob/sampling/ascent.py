@@ -1,0 +1,261 @@
+"""Scenes to start from that are better than the solver's: any scenelet of the library for one.
+
+The solver knows of each scenelet what it is worth alone, and joins those that are worth most. What
+is worth little alone may be what goes on best from the one before it. Here each scenelet of a
+scene is exchanged for every one of the library, where the reference expects it beside the others
+(:mod:`imapper_prob.sampling.reference`), judged by the whole log-posterior, and the scene is
+brought to a better place nearby; one is put between others in the same way.
+
+What may stand in place of one scenelet is also drawn (:func:`alternatives`), for chains to learn
+of: few of the library can, and chains meet them one by one.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imapper_prob.models.kernels.cache import Evaluator, open_evaluator
+from imapper_prob.models.kernels.incremental import change, commit
+from imapper_prob.models.log_posterior import State, log_posterior
+from imapper_prob.models.problem import Problem
+from imapper_prob.samplers.chains import Report
+from imapper_prob.sampling.jit import compiled
+from imapper_prob.sampling.redraws import set_placement
+from imapper_prob.sampling.reference import Reference, expected, leaves
+from imapper_prob.sampling.scene import Scene, copied, scene_of, state_of
+from imapper_prob.sampling.steps import MOVES, Moves, Walker
+
+__all__ = ["alternatives", "climb"]
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+_STRIDE: Final = 8
+"""Frames between starts at which one is put between others, at first; chosen."""
+_REACH: Final = 4
+"""Frames by which the most promising may begin earlier or later; chosen."""
+_PROMISING: Final = 100
+"""How many these are; chosen: as many as are tried in the time of a tenth of the library."""
+_SWEEPS: Final = 6
+"""Times that all scenelets are tried, at most; chosen."""
+_WORTH: Final = 0.5
+"""Nats that a sweep has to gain, or it is the last."""
+_NEARBY: Final = (
+    "shift",
+    "placement",
+    "camera",
+    "camera-carry",
+    "depth-scale",
+    "focal-scale",
+    "path",
+)
+"""Moves that bring a scene to a better place, its scenelets kept."""
+_BETA, _STEPS, _LOOKS = 12.0, 1200, 40
+"""Inverse temperature at which these are made, how many, and how often the best is looked for;
+chosen: few steps back, and places settle."""
+
+
+def climb(
+    problem: Problem,
+    moves: Moves,
+    state: State,
+    rng: np.random.Generator,
+    *,
+    most: int,
+    report: Report,
+) -> State:
+    """A better scene, by exchanges of single scenelets.
+
+    Parameters
+    ----------
+    problem : Problem
+    moves : Moves
+        Their reference says where scenelets are expected.
+    state : State
+    rng : numpy.random.Generator
+    most : int
+        Evaluations after which no other exchange is begun; none is if one takes as many.
+    report : callable
+        Asked after each exchange whether to go on.
+
+    Returns
+    -------
+    State
+        The best that was met; not one of the published energy, which stays as it is.
+    """
+    if problem.of_paper:
+        return state
+    best = log_posterior(problem, state)
+    for _ in range(_SWEEPS):
+        before, first, last = best, 0, 0
+        while last <= state.n_scenelets:
+            pairs = _pairs(problem, state, first, last)
+            most -= len(pairs) + _STEPS
+            if most < 0 or not report(0.0):
+                return state
+            tried = _nearby(
+                problem, moves, _exchanged(problem, moves, state, first, last, pairs), rng
+            )
+            value = log_posterior(problem, tried)
+            if value > best:
+                state, best = tried, value
+            first, last = (first, last + 1) if first == last else (last, last)
+        if best < before + _WORTH:
+            break
+    return state
+
+
+def alternatives(
+    problem: Problem, moves: Moves, state: State, index: int, count: int, rng: np.random.Generator
+) -> list[State]:
+    """Scenes with another scenelet in place of one, by their posterior probability.
+
+    Parameters
+    ----------
+    problem : Problem
+    moves : Moves
+        Their reference says where scenelets are expected.
+    state : State
+    index : int
+        Of the scenelet that is replaced, at the same start.
+    count : int
+        Scenes to draw.
+    rng : numpy.random.Generator
+
+    Returns
+    -------
+    list of State
+        None where nothing fits, or with the published energy.
+    """
+    library = np.arange(len(problem.lengths))
+    pairs = np.stack([library, np.full(len(library), state.items[index, 1])], -1)
+    pairs = _inside(problem, state, index, index + 1, pairs)
+    if problem.of_paper or not len(pairs):
+        return []
+    evaluator = open_evaluator(problem, state.n_scenelets + 2)
+    scene = copied(scene_of(state))
+    values = _values(moves.reference, evaluator, scene_of(state), index, index + 1, pairs)
+    weights = np.exp(values - values.max()) if values.max() > -math.inf else 0.0 * values
+    if not weights.any():
+        return []
+    return [
+        state_of(_with(moves.reference, scene, index, index + 1, scenelet, start))
+        for scenelet, start in rng.choice(pairs, count, p=weights / weights.sum()).tolist()
+    ]
+
+
+def _pairs(problem: Problem, state: State, first: int, last: int) -> Ints:
+    """(n, 2) scenelets and starts to try in place of the one or none from ``first`` to ``last``.
+
+    All of the library, where the one in their place begins, and where it ends; or every few frames.
+    """
+    lengths = np.asarray(problem.lengths)
+    library = np.arange(len(lengths))
+    if first < last:
+        scenelet, begin = state.items[first]
+        starts = np.stack([np.full(len(library), begin), begin + lengths[scenelet] - lengths], -1)
+    else:
+        starts = np.tile(np.arange(*_room(problem, state, first, last), _STRIDE), (len(library), 1))
+    pairs = np.stack([np.repeat(library, starts.shape[1]), starts.ravel()], -1)
+    return _inside(problem, state, first, last, pairs)
+
+
+def _room(problem: Problem, state: State, first: int, last: int) -> tuple[int, int]:
+    """Frames between the scenelet before ``first`` and that of ``last``."""
+    low, high = 0, problem.n_frames
+    if first > 0:
+        scenelet, start = state.items[first - 1].tolist()
+        low = start + int(problem.lengths[scenelet])
+    if last < state.n_scenelets:
+        high = int(state.items[last, 1])
+    return low, high
+
+
+def _inside(problem: Problem, state: State, first: int, last: int, pairs: Ints) -> Ints:
+    low, high = _room(problem, state, first, last)
+    fits = (pairs[:, 1] >= low) & (pairs[:, 1] + problem.lengths[pairs[:, 0]] <= high)
+    found: Ints = np.unique(pairs[fits], axis=0)
+    return found
+
+
+def _exchanged(
+    problem: Problem, moves: Moves, state: State, first: int, last: int, pairs: Ints
+) -> State:
+    """The best scene with one scenelet in place of the one or none from ``first`` to ``last``.
+
+    The most promising are tried a few frames earlier and later as well.
+    """
+    if not len(pairs):
+        return state
+    reference = moves.reference
+    evaluator = open_evaluator(problem, state.n_scenelets + 2)
+    scene = scene_of(state)
+    values = _values(reference, evaluator, scene, first, last, pairs)
+    promising = pairs[np.argsort(-values, kind="stable")[:_PROMISING]]
+    near = np.stack([np.zeros(2 * _REACH + 1, int), np.arange(-_REACH, _REACH + 1)], -1)
+    pairs = _inside(problem, state, first, last, (promising[:, None] + near).reshape(-1, 2))
+    values = _values(reference, evaluator, scene, first, last, pairs)
+    if not values.max() > -math.inf:
+        return state
+    scenelet, start = pairs[values.argmax()].tolist()
+    return state_of(_with(reference, copied(scene), first, last, scenelet, start))
+
+
+def _nearby(problem: Problem, moves: Moves, state: State, rng: np.random.Generator) -> State:
+    """The best scene on a cold walk that keeps the scenelets."""
+    weights = moves.weights * [name in _NEARBY for name in MOVES]
+    walker = Walker(problem, moves._replace(weights=weights), state)
+    best = walker(state).at(1.0), state
+    for _ in range(_LOOKS):
+        there = walker.advance(rng, _BETA, _STEPS // _LOOKS)[0].state
+        best = max(best, (walker(there).at(1.0), there), key=lambda found: found[0])
+    return best[1]
+
+
+@compiled
+def _with(
+    reference: Reference, scene: Scene, first: int, last: int, scenelet: int, start: int
+) -> Scene:
+    """A scene with a scenelet in place of some in a row, where it is expected."""
+    left, before = -1, np.empty((2, 4))
+    if first > 0:
+        left = leaves(
+            reference, scene.camera, scene.items[first - 1, 0], scene.items[first - 1, 1],
+            scene.placements[first - 1], scene.sizes[first - 1], before,
+        )  # fmt: skip
+    _, middle = expected(reference, scene.camera, scenelet, start, left, before)
+    item, placement, size = np.empty((1, 2), np.int64), np.empty((1, 3)), np.empty(1)
+    item[0, 0], item[0, 1], size[0] = scenelet, start, middle[3]
+    set_placement(reference, scene.camera, scenelet, middle, placement[0])
+    return Scene(
+        scene.camera,
+        np.concatenate((scene.items[:first], item, scene.items[last:])),
+        np.concatenate((scene.placements[:first], placement, scene.placements[last:])),
+        np.concatenate((scene.sizes[:first], size, scene.sizes[last:])),
+        scene.latent,
+    )
+
+
+@compiled
+def _values(
+    reference: Reference, evaluator: Evaluator, state: Scene, first: int, last: int, tried: Ints
+) -> Array:
+    """(n,) log-posteriors, nats, with each of n pairs of scenelet and start."""
+    scene, values = copied(state), np.empty(len(tried))
+    change(
+        evaluator, -1, scene.camera, scene.latent,
+        scene.camera, scene.items, scene.placements, scene.sizes, scene.latent,
+    )  # fmt: skip
+    commit(evaluator)
+    for n in range(len(tried)):
+        new = _with(reference, scene, first, last, tried[n, 0], tried[n, 1])
+        prior, likelihood = change(
+            evaluator, len(scene.items), scene.camera, scene.latent,
+            new.camera, new.items, new.placements, new.sizes, new.latent,
+        )  # fmt: skip
+        values[n] = prior + likelihood
+    return values

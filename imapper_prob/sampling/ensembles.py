@@ -1,0 +1,315 @@
+"""Draws of the chains walk together: emcee moves camera, placements and path of each.
+
+A chain's draws of camera and places follow one another closely, for its steps are spent on which
+scenelets there are. Here those of a chain that have as many scenelets become the walkers of an
+ensemble. Each keeps its own scenelets and starts; camera and body, and where scenelets stand, are a
+few dozen smooth dimensions, with the latent numbers of the path behind them. A walker that is a
+draw of the posterior remains one (:mod:`imapper_prob.samplers.ensemble`), and where it arrives
+depends less on the draws before it in the chain.
+
+Walkers live in (bearing, log depth, yaw, log size), where the posterior is nearly Gaussian; the
+density carries the Jacobian.
+
+Other moves and other code have the same target: means that they change by more than Monte-Carlo
+error say that the chains had not arrived.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imapper_prob.models.kernels.cache import Evaluator, open_evaluator
+from imapper_prob.models.log_posterior import State
+from imapper_prob.models.path_prior import CAMERA
+from imapper_prob.models.problem import Problem
+from imapper_prob.models.text import brief
+from imapper_prob.models.view import log_area, to_floor, to_view
+from imapper_prob.samplers.chains import Report, Workers, run_chains
+from imapper_prob.samplers.diagnostics import ShortChainWarning, ess, mean_error, rhat
+from imapper_prob.samplers.ensemble import Ensemble, can_walk, walk_ensemble
+from imapper_prob.sampling.jit import compiled
+from imapper_prob.sampling.scene import Scene
+from imapper_prob.sampling.steps import log_posterior_of
+
+__all__ = ["QUANTITIES", "Walked", "describe_walked", "walk_draws"]
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+QUANTITIES: Final = ("log_posterior", *CAMERA, "log_depth", "log_size")
+"""What is compared: the last two are means over the scenelets of a draw."""
+_ERRORS: Final = 3.5
+"""Standard errors that a mean may change by: one in 250 comparisons of eight quantities is beyond
+by chance."""
+
+
+@dataclass(frozen=True)
+class Walked:
+    """What the ensembles did to the draws.
+
+    Parameters
+    ----------
+    walkers : int
+        Draws that walked; the others have too few others with as many scenelets.
+    steps : int
+        Of each.
+    acceptance : dict of str to float
+        Accepted share by move.
+    change : (8,) float
+        Of the means of ``QUANTITIES``, in standard deviations of the chains' draws.
+    error : (8,) float
+        Monte-Carlo standard error of the change, in the same.
+    before, after : (8,) float
+        Effective draws.
+    rhat : (8,) float
+        Of the draws that have walked.
+    """
+
+    walkers: int
+    steps: int
+    acceptance: dict[str, float]
+    change: Array
+    error: Array
+    before: Array
+    after: Array
+    rhat: Array
+
+    __repr__ = brief
+
+    @property
+    def agrees(self) -> bool:
+        """Whether no mean is known to change by more than Monte-Carlo error."""
+        return not (np.abs(self.change) > _ERRORS * self.error).any()
+
+
+def walk_draws(
+    problem: Problem,
+    states: Sequence[State],
+    values: Array,
+    steps: int,
+    *,
+    seed: np.random.SeedSequence,
+    workers: int | Workers = 1,
+    scratch: Path | None = None,
+    on_progress: Callable[[float], None] | None = None,
+) -> tuple[tuple[State, ...], Array, Walked]:
+    """Let the draws of chains walk, each in its own scenelets.
+
+    Parameters
+    ----------
+    problem : Problem
+    states : sequence of C N State
+        Draws of C chains, chain by chain.
+    values : (C, N) float
+        Their log-posteriors, nats.
+    steps : int
+        In which each walker tries one move.
+    seed : numpy.random.SeedSequence
+    workers : int or Workers
+        Processes.
+    scratch : Path, optional
+        Folder for what processes hand one another.
+    on_progress : callable, optional
+        Called with the share of the walkers' steps that is done.
+
+    Returns
+    -------
+    states : tuple of C N State
+    values : (C, N) float
+    Walked
+    """
+    groups = _groups(states, values.shape)
+    done = np.zeros(len(groups))
+    sizes = np.array([len(group) for group in groups], float)
+
+    def report(group: int, part: object) -> None:
+        done[group] = part if isinstance(part, float) else 0.0
+        if on_progress is not None:
+            on_progress(float(done @ sizes / sizes.sum()))
+
+    arrived = run_chains(
+        _walk,
+        (problem, steps),
+        [tuple(states[n] for n in group) for group in groups],
+        seed=seed,
+        workers=workers,
+        on_progress=report,
+        scratch=scratch,
+    )
+    moved, new_values = list(states), values.ravel().copy()
+    for group, ensemble in zip(groups, arrived, strict=True):
+        camera, placements, sizes_of = _from_theta(ensemble.theta)
+        for w, n in enumerate(group):
+            path = ensemble.latent[w].reshape(problem.n_frames, 2)
+            moved[n] = State(camera[w], states[n].items, placements[w], sizes_of[w], path)
+            new_values[n] = ensemble.log_density[w] - log_area(ensemble.theta[w, 6::4].sum())
+    new = new_values.reshape(values.shape)
+    first, second = _quantities(states, values), _quantities(moved, new)
+    with warnings.catch_warnings():
+        # The verdict says in words what short chains cannot tell.
+        warnings.simplefilter("ignore", ShortChainWarning)
+        walked = _compared(groups, arrived, first, second)
+    return tuple(moved), new, walked
+
+
+def describe_walked(walked: Walked | None) -> str:
+    """A sentence for a person: whether chains and ensembles arrive at the same place.
+
+    Parameters
+    ----------
+    walked : Walked or None
+
+    Returns
+    -------
+    str
+    """
+    if walked is None or not walked.walkers:
+        return "No draws walked in ensembles: too few have as many scenelets as others."
+    first = f"Ensembles of emcee moved {walked.walkers} draws by {walked.steps} steps each"
+    known = np.isfinite(walked.error)
+    if not known.any():
+        return f"{first}; so few draws cannot be held against those of the chains."
+    errors = np.abs(walked.change[known]) / np.maximum(walked.error[known], np.finfo(float).tiny)
+    worst = np.flatnonzero(known)[errors.argmax()]
+    said = (
+        f"the mean of {QUANTITIES[worst].replace('_', ' ')} changes by "
+        f"{abs(walked.change[worst]):.2f} standard deviations, ± {walked.error[worst]:.2f}"
+    )
+    if not walked.agrees:
+        return f"{first} and do not agree with the chains, which have not arrived: {said}."
+    return (
+        f"{first} and agree with the chains: {said}. R-hat of {len(QUANTITIES)} numbers is then "
+        f"{np.nanmax(walked.rhat):.2f} or less, with {np.nanmin(walked.after):.0f} effective draws "
+        f"or more ({np.nanmin(walked.before):.0f} before)."
+    )
+
+
+# ------------------------------------------------------------------------------------------------
+# Who walks with whom, and where.
+
+
+def _groups(states: Sequence[State], shape: tuple[int, ...]) -> list[Ints]:
+    """Draws of a chain that have as many scenelets, where they are enough to walk together."""
+    together: dict[tuple[int, int], list[int]] = {}
+    for n, state in enumerate(states):
+        together.setdefault((n // shape[1], state.n_scenelets), []).append(n)
+    groups = [np.array(group) for group in together.values()]
+    return [group for group in groups if can_walk(_to_theta([states[n] for n in group]))]
+
+
+def _walk(
+    problem: tuple[Problem, int],
+    states: tuple[State, ...],
+    rng: np.random.Generator,
+    report: Report,
+) -> Ensemble:
+    """One ensemble, as a task that any process can run."""
+    target = _Target(problem[0], states)
+    latent = np.stack([state.latent.ravel() for state in states])
+    return walk_ensemble(
+        target, _to_theta(states), latent, steps=problem[1], rng=rng, report=report
+    )
+
+
+def _to_theta(states: Sequence[State]) -> Array:
+    """(W, 5 + 4 k) camera, then bearing, log depth, yaw and log size of each scenelet."""
+    where = [to_view(state.placements, state.sizes).ravel() for state in states]
+    return np.concatenate([np.stack([s.camera for s in states]), np.stack(where)], axis=1)
+
+
+def _from_theta(theta: Array) -> tuple[Array, Array, Array]:
+    """Camera (W, 5), placements (W, k, 3), sizes (W, k) of ``theta`` (W, 5 + 4 k)."""
+    return theta[:, :5].copy(), *to_floor(theta[:, 5:].reshape(len(theta), -1, 4))
+
+
+class _Target:
+    """Log density of (theta, z), each walker with scenelets of its own."""
+
+    def __init__(self, problem: Problem, states: Sequence[State]) -> None:
+        self._of_paper = problem.of_paper
+        self._items = np.stack([state.items for state in states])
+        self._evaluator = open_evaluator(problem, max(1, self._items.shape[1]))
+        self._path = (problem.n_frames, 2)
+
+    def __call__(self, theta: Array, latent: Array, walker: Ints) -> Array:
+        camera, placements, sizes = _from_theta(theta)
+        values = _log_posteriors(
+            self._evaluator, self._of_paper, camera, self._items[walker],
+            np.ascontiguousarray(placements), np.ascontiguousarray(sizes),
+            np.ascontiguousarray(latent).reshape(-1, *self._path),
+        )  # fmt: skip
+        density: Array = values + log_area(theta[:, 6::4].sum(1))
+        return density
+
+
+@compiled
+def _log_posteriors(
+    evaluator: Evaluator,
+    of_paper: bool,
+    cameras: Array,
+    items: Ints,
+    placements: Array,
+    sizes: Array,
+    latents: Array,
+) -> Array:
+    """(W,) log-posteriors of W scenes with as many scenelets each, nats."""
+    values = np.empty(len(cameras))
+    for w in range(len(cameras)):
+        # Each walker has a camera of its own: nothing is left of the scene gone on from.
+        scene = Scene(cameras[w], items[w], placements[w], sizes[w], latents[w])
+        values[w] = log_posterior_of(evaluator, of_paper, -1, scene, scene)
+    return values
+
+
+# ------------------------------------------------------------------------------------------------
+# What walking changes.
+
+
+def _quantities(states: Sequence[State], values: Array) -> Array:
+    """(8, C, N) of ``QUANTITIES``; means over no scenelets are 0."""
+    rows = []
+    for state in states:
+        where = to_view(state.placements, state.sizes)
+        depth, size = where[:, [1, 3]].mean(0) if len(where) else (0.0, 0.0)
+        rows.append([*state.camera, depth, size])
+    others = np.array(rows).T.reshape(len(QUANTITIES) - 1, *values.shape)
+    return np.concatenate([values[None], others])
+
+
+def _compared(
+    groups: Sequence[Ints], arrived: Sequence[Ensemble], before: Array, after: Array
+) -> Walked:
+    spread = np.maximum(before.std((1, 2)), np.finfo(float).tiny)
+    return Walked(
+        walkers=sum(map(len, groups)),
+        steps=min((ensemble.steps for ensemble in arrived), default=0),
+        acceptance=_rates(arrived),
+        change=(after - before).mean((1, 2)) / spread,
+        error=np.array([float(mean_error(row)) for row in after - before]) / spread,
+        before=np.array([float(ess(row)) for row in before]),
+        after=np.array([float(ess(row)) for row in after]),
+        rhat=np.array([float(rhat(row)) for row in after]),
+    )
+
+
+def _rates(arrived: Sequence[Ensemble]) -> dict[str, float]:
+    """Accepted shares, each walker of each ensemble with the same weight."""
+    names = sorted({name for ensemble in arrived for name in ensemble.acceptance})
+    found = {}
+    for name in names:
+        tried = [
+            (ensemble.acceptance[name], len(ensemble.theta))
+            for ensemble in arrived
+            if np.isfinite(ensemble.acceptance.get(name, np.nan))
+        ]
+        if tried:
+            rates, weights = np.transpose(tried)
+            found[name] = float(np.average(rates, weights=weights))
+    return found

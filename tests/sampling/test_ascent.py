@@ -1,0 +1,92 @@
+"""Scenes that chains start from are climbed to."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import numpy as np
+import pytest
+
+from imapper_prob.models.log_posterior import State, empty_state, log_posterior
+from imapper_prob.models.problem import Problem
+from imapper_prob.sampling.ascent import alternatives, climb
+from imapper_prob.sampling.scene import in_order
+from imapper_prob.sampling.steps import Moves
+from tests.models import worlds
+from tests.sampling import scenes
+
+
+@pytest.fixture(scope="module")
+def problem() -> Problem:
+    return worlds.problem(20)
+
+
+@pytest.fixture(scope="module")
+def moves(problem: Problem) -> Moves:
+    return scenes.moves_of(problem)
+
+
+def climbed(problem: Problem, moves: Moves, state: State, *, most: int = 10**6) -> State:
+    return climb(problem, moves, state, np.random.default_rng(0), most=most, report=lambda _: True)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_no_exchange_of_a_scenelet_is_much_better_where_it_ends(problem, moves, seed):
+    """Beside what was gained, wherever others are expected."""
+    start = scenes.random_state(problem, seed)
+    end = climbed(problem, moves, start)
+    best = log_posterior(problem, end)
+    assert in_order(problem, end)
+    gained = best - log_posterior(problem, start)
+    assert gained > 0
+    for index in range(end.n_scenelets):
+        place, size = end.placements[index], float(end.sizes[index])
+        without = end.without_item(index)
+        for scenelet in range(len(problem.lengths)):
+            for at in range(problem.n_frames - int(problem.lengths[scenelet]) + 1):
+                other = without.with_item(scenelet, at, place, size)
+                if in_order(problem, other):
+                    assert log_posterior(problem, other) < best + 0.1 * gained
+
+
+def test_starts_far_apart_arrive_at_scenes_as_good(problem, moves):
+    starts = [empty_state(problem), *(scenes.random_state(problem, seed) for seed in range(8))]
+    before = [log_posterior(problem, state) for state in starts]
+    after = [log_posterior(problem, climbed(problem, moves, state)) for state in starts]
+    assert np.ptp(after) < 0.1 * np.ptp(before)
+
+
+def test_no_more_is_evaluated_than_allowed(problem, moves):
+    start = scenes.random_state(problem, 1)
+    assert climbed(problem, moves, start, most=100) is start
+
+
+def test_asked_to_stop_it_returns_what_it_has(problem, moves):
+    start = scenes.random_state(problem, 1)
+    rng = np.random.default_rng(0)
+    end = climb(problem, moves, start, rng, most=10**6, report=lambda _: False)
+    assert end is start
+
+
+def test_alternatives_are_drawn_by_their_posterior_probability(problem, moves):
+    state = scenes.random_state(problem, 1)
+    rng = np.random.default_rng(0)
+    drawn = alternatives(problem, moves, state, 0, 4000, rng)
+    values, counts = {}, Counter(int(other.items[0, 0]) for other in drawn)
+    for other in drawn:
+        assert in_order(problem, other)
+        np.testing.assert_array_equal(other.items[:, 1], state.items[:, 1])
+        np.testing.assert_array_equal(other.items[1:], state.items[1:])
+        values[int(other.items[0, 0])] = log_posterior(problem, other)
+    weights = np.exp(np.array([*values.values()]) - max(values.values()))
+    expected = weights / weights.sum()
+    assert len(values) > 1
+    shares = np.array([counts[scenelet] for scenelet in values]) / 4000
+    # Binomial, beyond by chance once in 15,000 times.
+    assert (np.abs(shares - expected) < 4 * np.sqrt(expected * (1 - expected) / 4000)).all()
+
+
+def test_nothing_fits_where_there_is_no_room(problem, moves):
+    short = problem._replace(lengths=problem.lengths + problem.n_frames)
+    state = scenes.random_state(problem, 1)
+    assert alternatives(short, moves, state, 0, 5, np.random.default_rng(0)) == []
