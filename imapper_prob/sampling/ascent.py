@@ -5,9 +5,6 @@ is worth little alone may be what goes on best from the one before it. Here each
 scene is exchanged for every one of the library, where the reference expects it beside the others
 (:mod:`imapper_prob.sampling.reference`), judged by the whole log-posterior, and the scene is
 brought to a better place nearby; one is put between others in the same way.
-
-What may stand in place of one scenelet is also drawn (:func:`alternatives`), for chains to learn
-of: few of the library can, and chains meet them one by one.
 """
 
 from __future__ import annotations
@@ -29,7 +26,7 @@ from imapper_prob.sampling.reference import Reference, expected, leaves
 from imapper_prob.sampling.scene import Scene, copied, scene_of, state_of
 from imapper_prob.sampling.steps import MOVES, Moves, Walker
 
-__all__ = ["alternatives", "climb"]
+__all__ = ["climb"]
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -107,45 +104,6 @@ def climb(
         if best < before + _WORTH:
             break
     return state
-
-
-def alternatives(
-    problem: Problem, moves: Moves, state: State, index: int, count: int, rng: np.random.Generator
-) -> list[State]:
-    """Scenes with another scenelet in place of one, by their posterior probability.
-
-    Parameters
-    ----------
-    problem : Problem
-    moves : Moves
-        Their reference says where scenelets are expected.
-    state : State
-    index : int
-        Of the scenelet that is replaced, at the same start.
-    count : int
-        Scenes to draw.
-    rng : numpy.random.Generator
-
-    Returns
-    -------
-    list of State
-        None where nothing fits, or with the published energy.
-    """
-    library = np.arange(len(problem.lengths))
-    pairs = np.stack([library, np.full(len(library), state.items[index, 1])], -1)
-    pairs = _inside(problem, state, index, index + 1, pairs)
-    if problem.of_paper or not len(pairs):
-        return []
-    evaluator = open_evaluator(problem, state.n_scenelets + 2)
-    scene = copied(scene_of(state))
-    values = _values(moves.reference, evaluator, scene_of(state), index, index + 1, pairs)
-    weights = np.exp(values - values.max()) if values.max() > -math.inf else 0.0 * values
-    if not weights.any():
-        return []
-    return [
-        state_of(_with(moves.reference, scene, index, index + 1, scenelet, start))
-        for scenelet, start in rng.choice(pairs, count, p=weights / weights.sum()).tolist()
-    ]
 
 
 def _pairs(problem: Problem, state: State, first: int, last: int) -> Ints:

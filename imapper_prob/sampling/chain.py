@@ -25,7 +25,7 @@ from imapper_prob.samplers.tempering import (
     temper,
 )
 from imapper_prob.sampling.actors import JointProblem
-from imapper_prob.sampling.ascent import alternatives, climb
+from imapper_prob.sampling.ascent import climb
 from imapper_prob.sampling.candidates import Candidates
 from imapper_prob.sampling.checkpoints import ChainProgress
 from imapper_prob.sampling.crossover import TimeCrossover
@@ -37,7 +37,6 @@ from imapper_prob.sampling.schedule import (
     draws_of,
     end_of,
     learning_of,
-    looks_of,
     piece_of,
     trace_of,
 )
@@ -81,12 +80,6 @@ Array = NDArray[np.float64]
 _CLIMBING: Final = 0.25
 """Evaluations of the ascent over those of the chain's own steps, at most; chosen: on public clips
 it ends after a tenth, and short chains should be short."""
-_ALONE, _ALONE_APART = 1.0, 100
-"""Steps that are made alone first, over those of a temperature, and from one note to the next;
-chosen: an eighth of all steps, and visits to learn from in every scene that was climbed to."""
-
-_LOOKED_AT: Final = 25
-"""Scenes that are noted where it is looked around one; chosen: as many as there are likely ones."""
 
 
 @dataclass(frozen=True)
@@ -188,7 +181,7 @@ def run_chain(
     settings = setup.settings
     end = end_of(settings) if end is None else end
     burn_in, keep, mark = burn_in_of(settings), draws_of(settings), trace_of(settings)
-    learning = learning_of(settings, len(setup.problem.lengths))
+    learning = learning_of(settings)
     done = None if keeper is None else _resumed(keeper, setup)
     if done is None and isinstance(starts, ChainProgress):
         done = starts
@@ -197,13 +190,17 @@ def run_chain(
     if done is None:
         assert not isinstance(starts, ChainProgress)
         betas = power_ladder(settings.temperatures) if settings.temperatures > 1 else (1.0,)
-        streams, (alone,) = rng.spawn(len(betas) + 1), rng.spawn(1)
-        visits, first = _visited_alone(setup, learnt, starts[0], alone, report)
+        streams, (climbing,) = rng.spawn(len(betas) + 1), rng.spawn(1)
+        first = climb(
+            setup.problem, learnt.moves, starts[0], climbing,
+            most=int(_CLIMBING * settings.steps * settings.temperatures), report=report,
+        )  # fmt: skip
         coldest_first = [first, *(starts[min(k, len(starts) - 1)] for k in range(1, len(betas)))]
         position = start(coldest_first[::-1], target=learnt.target, betas=betas)
         done = ChainProgress.begin(streams, position)
         if 0 in learning.ends:
-            done.visits = [visits, Visits()]
+            done.visits = [Visits(), Visits()]
+            done.visits[0].note(first)
         finished = report(0.0)
     crossover = TimeCrossover(setup.problem)
     while done.position.rounds < end and finished:
@@ -239,8 +236,6 @@ def run_chain(
             if learning.has(at.position.rounds):
                 for beta, rung in zip(at.position.betas, at.position.chains, strict=True):
                     done.visits[-1].note(rung.state, beta)
-            if learning.looks_around(at.position.rounds):
-                _look_around(setup.problem, learnt, coldest.state, done.visits[-1], done.rngs[-1])
         if done.position.rounds in learning.ends:
             done.visits.append(Visits())
         finished = report(done.position.rounds / end)
@@ -333,41 +328,6 @@ def tempered(setup: Setup, visits: Visits) -> Tempered:
     reference = learn(setup.problem, setup.candidates, setup.similarity, visits)
     moves = scene_moves(setup.problem, setup.similarity, reference, camera_shape(visits))
     return Tempered(setup.problem, moves)
-
-
-def _visited_alone(
-    setup: Setup, learnt: Tempered, state: State, rng: np.random.Generator, report: Report
-) -> tuple[Visits, State]:
-    """What a chain without other temperatures visits from where it climbs to, and its last state.
-
-    What is near a scene is noted here whatever there is elsewhere, for a reference that does not
-    draw such scenes loses them.
-    """
-    settings, visits = setup.settings, Visits()
-    state = climb(
-        setup.problem, learnt.moves, state, rng,
-        most=int(_CLIMBING * settings.steps * settings.temperatures), report=report,
-    )  # fmt: skip
-    visits.note(state)
-    walker, count = learnt.walker(state), int(_ALONE * settings.steps) // _ALONE_APART
-    looks = looks_of(settings, count * _ALONE_APART // settings.swap_every, len(setup.similarity))
-    for n in range(count):
-        if not report(0.0):
-            break
-        state = walker.advance(rng, 1.0, _ALONE_APART)[0].state
-        visits.note(state)
-        if looks and n % (count // looks) == 0:
-            _look_around(setup.problem, learnt, state, visits, rng)
-    return visits, state
-
-
-def _look_around(
-    problem: Problem, learnt: Tempered, state: State, visits: Visits, rng: np.random.Generator
-) -> None:
-    """Note what may stand in place of each scenelet of a state."""
-    for index in range(state.n_scenelets):
-        for other in alternatives(problem, learnt.moves, state, index, _LOOKED_AT, rng):
-            visits.note(other)
 
 
 def _of_noted(setup: Setup, noted: Sequence[Visits]) -> Tempered:

@@ -406,7 +406,7 @@ class _ChainRun:
         of them have noted.
         """
         setup, at = self.setup, list[Sequence[State] | ChainProgress](self.starts)
-        marks = learning_of(setup.settings, len(setup.problem.lengths)).ends
+        marks = learning_of(setup.settings).ends
         for stop in (*(mark for mark in marks if mark < end), end):
 
             def report(chain: int, part: object, share: float = stop / end) -> None:

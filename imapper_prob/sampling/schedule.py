@@ -22,13 +22,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Final
 
-import numpy as np
-
 from imapper_prob.config import SampleSettings
 
 __all__ = [
-    "Marks", "block_end", "burn_in_of", "draws_of", "end_of", "learning_of", "looks_of",
-    "piece_of", "stopped_at", "trace_of",
+    "Marks", "block_end", "burn_in_of", "draws_of", "end_of", "learning_of", "piece_of",
+    "stopped_at", "trace_of",
 ]  # fmt: skip
 
 _PIECE: Final = 200
@@ -38,14 +36,6 @@ _LEARNT_AT: Final = (8, 4, 2, 1)
 all before together, so that the last one is half of it (Surjanovic et al. 2022)."""
 _NOTED: Final = 1500
 """Rounds of each of these that are noted, about; chosen: what is noted of them takes megabytes."""
-_AROUND: Final = 0.5
-"""Evaluations of what may stand in place of scenelets over those of the steps of the same rounds,
-at most, and"""
-_AROUND_MOST: Final = 20
-"""states of these rounds, at most; chosen: a scene of three scenelets has some thirty of a length
-in its middle, and a look at the library finds them."""
-_PLACES: Final = 3
-"""Scenelets of such a state, about."""
 _BLOCKS: Final = 4
 """Blocks of a run of ``steps``: each a tenth or more of it, long beside the start of processes."""
 
@@ -168,41 +158,25 @@ class Learning:
     ----------
     ends : tuple of int
         After each of these is learnt from what was noted since the one before.
-    looks : tuple of int
-        In how many of the rounds before each is looked at what may stand in place of scenelets.
     """
 
     ends: tuple[int, ...]
-    looks: tuple[int, ...]
 
     def has(self, rounds: int) -> bool:
         """Whether the state after so many rounds is noted."""
         if not self.ends or rounds > self.ends[-1]:
             return False
-        _, length = self._stage(rounds)
+        at = next(i for i, end in enumerate(self.ends) if rounds <= end)
+        length = self.ends[at] - (self.ends[at - 1] if at else 0)
         return rounds % max(1, length // _NOTED) == 0
 
-    def looks_around(self, rounds: int) -> bool:
-        """Whether it is looked around the state after so many rounds."""
-        if not self.ends or rounds > self.ends[-1]:
-            return False
-        at, length = self._stage(rounds)
-        return self.looks[at] > 0 and rounds % (length // self.looks[at]) == 0
 
-    def _stage(self, rounds: int) -> tuple[int, int]:
-        """Which of the ends comes next, and the rounds from the one before to it."""
-        at = next(i for i, end in enumerate(self.ends) if rounds <= end)
-        return at, self.ends[at] - (self.ends[at - 1] if at else 0)
-
-
-def learning_of(settings: SampleSettings, n_scenelets: int) -> Learning:
+def learning_of(settings: SampleSettings) -> Learning:
     """When a chain learns.
 
     Parameters
     ----------
     settings : SampleSettings
-    n_scenelets : int
-        Of the library.
 
     Returns
     -------
@@ -210,29 +184,8 @@ def learning_of(settings: SampleSettings, n_scenelets: int) -> Learning:
     """
     burn_in = burn_in_of(settings)
     if not burn_in:
-        return Learning((), ())
-    ends = (0, *sorted({burn_in // part for part in _LEARNT_AT} - {0}))
-    return Learning(
-        ends, (0, *(looks_of(settings, n, n_scenelets) for n in np.diff(ends).tolist()))
-    )
-
-
-def looks_of(settings: SampleSettings, rounds: int, n_scenelets: int) -> int:
-    """Around how many states is looked in some rounds.
-
-    Parameters
-    ----------
-    settings : SampleSettings
-    rounds : int
-    n_scenelets : int
-        Of the library.
-
-    Returns
-    -------
-    int
-    """
-    evaluations = rounds * settings.swap_every * settings.temperatures
-    return min(_AROUND_MOST, int(_AROUND * evaluations / (_PLACES * n_scenelets)))
+        return Learning(())
+    return Learning((0, *sorted({burn_in // part for part in _LEARNT_AT} - {0})))
 
 
 def piece_of(settings: SampleSettings) -> int:

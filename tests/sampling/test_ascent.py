@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections import Counter
-
 import numpy as np
 import pytest
 
 from imapper_prob.models.log_posterior import State, empty_state, log_posterior
 from imapper_prob.models.problem import Problem
-from imapper_prob.sampling.ascent import alternatives, climb
+from imapper_prob.sampling.ascent import climb
 from imapper_prob.sampling.scene import in_order
 from imapper_prob.sampling.steps import Moves
 from tests.models import worlds
@@ -66,27 +64,3 @@ def test_asked_to_stop_it_returns_what_it_has(problem, moves):
     rng = np.random.default_rng(0)
     end = climb(problem, moves, start, rng, most=10**6, report=lambda _: False)
     assert end is start
-
-
-def test_alternatives_are_drawn_by_their_posterior_probability(problem, moves):
-    state = scenes.random_state(problem, 1)
-    rng = np.random.default_rng(0)
-    drawn = alternatives(problem, moves, state, 0, 4000, rng)
-    values, counts = {}, Counter(int(other.items[0, 0]) for other in drawn)
-    for other in drawn:
-        assert in_order(problem, other)
-        np.testing.assert_array_equal(other.items[:, 1], state.items[:, 1])
-        np.testing.assert_array_equal(other.items[1:], state.items[1:])
-        values[int(other.items[0, 0])] = log_posterior(problem, other)
-    weights = np.exp(np.array([*values.values()]) - max(values.values()))
-    expected = weights / weights.sum()
-    assert len(values) > 1
-    shares = np.array([counts[scenelet] for scenelet in values]) / 4000
-    # Binomial, beyond by chance once in 15,000 times.
-    assert (np.abs(shares - expected) < 4 * np.sqrt(expected * (1 - expected) / 4000)).all()
-
-
-def test_nothing_fits_where_there_is_no_room(problem, moves):
-    short = problem._replace(lengths=problem.lengths + problem.n_frames)
-    state = scenes.random_state(problem, 1)
-    assert alternatives(short, moves, state, 0, 5, np.random.default_rng(0)) == []
