@@ -650,8 +650,8 @@ class Posterior:
 
         Examples
         --------
-        >>> posterior.occupancy(cell=0.2).categories
-        ('couch', 'table')
+        >>> "couch" in posterior.occupancy(cell=0.2).categories
+        True
         """
         from imapper_prob.uncertainty.occupancy import occupancy
 

@@ -192,7 +192,7 @@ class ObjectCluster:
         --------
         >>> axes = posterior.clusters()[0].plot()
         >>> axes.get_legend().get_texts()[0].get_text()
-        'couch, p = 1.00'
+        'couch, p = 1.00...'
         """
         from imapper_prob.uncertainty.drawing import draw_clusters
 

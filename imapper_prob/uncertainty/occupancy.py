@@ -98,8 +98,8 @@ class Occupancy:
         Examples
         --------
         >>> axes = posterior.occupancy().plot()
-        >>> axes.get_legend().get_texts()[0].get_text()[:18]
-        'couch, at most p ='
+        >>> [text.get_text() for text in axes.get_legend().get_texts()]
+        [...'couch, at most p = ...]
         """
         from imapper_prob.uncertainty.drawing import draw_occupancy
 
