@@ -37,6 +37,7 @@ _HOMES = {
     "read_camera": "imapper_prob.clips.load",
     "read_config": "imapper_prob.config",
     "read_statements": "imapper_prob.clips.statements_file",
+    "same_room": "imapper_prob.clips.takes",
     "sample": "imapper_prob.api",
     "solve": "imapper_prob.api",
     "write_clip": "imapper_prob.clips.load",

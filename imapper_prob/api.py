@@ -11,6 +11,7 @@ from typing import Literal
 import numpy as np
 
 from imapper_prob.clips.load import ClipOptions, read_frames, require_people
+from imapper_prob.clips.takes import same_room
 from imapper_prob.config import Config, SampleSettings
 from imapper_prob.lifting import lift_clip
 from imapper_prob.memory import require_memory
@@ -104,7 +105,7 @@ def load_clip(
 
 
 def solve(
-    clip: Clip,
+    clip: Clip | Sequence[Clip],
     library: Library | None = None,
     *,
     config: Config | None = None,
@@ -115,8 +116,8 @@ def solve(
 
     Parameters
     ----------
-    clip : Clip
-        What was seen, see `load_clip`.
+    clip : Clip or sequence of Clip
+        What was seen, see `load_clip`; several takes of one room are put together, see `same_room`.
     library : Library, optional
         What people do near furniture, see `load_library`; the built-in one if not given.
     config : Config, optional
@@ -139,13 +140,14 @@ def solve(
     """
     settings = config.settings if config is not None else None
     known = load_library() if library is None else library
+    clip = _one(clip)
     with shown(progress) as report:
         actors = solve_actors(clip, known, settings=settings, progress=report)
     return solved(clip, actors, count=scenes)
 
 
 def sample(
-    clip: Clip,
+    clip: Clip | Sequence[Clip],
     library: Library | None = None,
     *,
     start: Solved | Solution | Sequence[Solution] | None = None,
@@ -224,6 +226,7 @@ def sample(
         sample=replace(config.sample, chains=chains or config.sample.chains),
     )
     limits = Limits(minutes, until)
+    clip = _one(clip)
     known = load_library() if library is None else library
     require_memory(clip, known, _most(config.sample) if limits.any else config.sample)
     check_statements(given, clip, known)
@@ -258,6 +261,10 @@ def sample(
     if limits.any or (samples.finished and end > end_of(config.sample)):
         config = replace(config, sample=stopped_at(config.sample, end))
     return Posterior(source, samples, config, seconds=seconds, told=told)
+
+
+def _one(clip: Clip | Sequence[Clip]) -> Clip:
+    return clip if isinstance(clip, Clip) else same_room(clip)
 
 
 def _most(settings: SampleSettings) -> SampleSettings:

@@ -116,9 +116,21 @@ def add_run_commands(
             "run keypoints/ -o out/clip --size 1920x1080 --fps 30",
             "run i3db/Scene04 -o out/Scene04 --until good --minutes 20",
             "run clip.npz -o out/clip --json > result.json",
+            "run monday.mp4 tuesday.mp4 --same-room -o out/room",
         ),
     )
-    run.add_argument("clip", type=Path, help="clip file, keypoints, i3DB scene or video")
+    run.add_argument(
+        "clips",
+        type=Path,
+        nargs="+",
+        metavar="CLIP",
+        help="clip file, keypoints, i3DB scene or video; several with --same-room",
+    )
+    run.add_argument(
+        "--same-room",
+        action="store_true",
+        help="the clips are takes of one room by one camera that does not move",
+    )
     run.add_argument(
         "--config",
         type=Path,
@@ -237,8 +249,21 @@ def _demo(options: argparse.Namespace) -> None:
 
 
 def _run(options: argparse.Namespace) -> None:
-    video = options.clip if is_video(options.clip) else None
-    _begun_or_gone_on_with(options, lambda: clip_from(options.clip, options), video=video)
+    from imapper_prob.clips.takes import same_room
+
+    clips = options.clips
+    if len(clips) > 1 and not options.same_room:
+        raise InputError(
+            f"{len(clips)} clips: takes of one room need --same-room; clips of different rooms "
+            "are runs of their own"
+        )
+    if options.same_room and len(clips) == 1:
+        raise InputError("--same-room: several takes are needed, and there is one clip")
+    # Of several takes a recording shows no pictures, for their frames are at one time.
+    video = clips[0] if len(clips) == 1 and is_video(clips[0]) else None
+    _begun_or_gone_on_with(
+        options, lambda: same_room([clip_from(path, options) for path in clips]), video=video
+    )
 
 
 def _begun_or_gone_on_with(

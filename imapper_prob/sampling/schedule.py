@@ -11,8 +11,9 @@ an earlier end keeps what one run of that length would have kept.
   sum in another order than old ones: a chain may end where a piece ends, and nowhere else.
 - *Visits* are noted in some rounds of the burn-in (:mod:`imapper_prob.sampling.visits`). The
   reference (:mod:`imapper_prob.sampling.reference`) is learnt before the first of them, of what was
-  climbed to (:mod:`imapper_prob.sampling.ascent`), and after an eighth, a fourth, a half and all of
-  the burn-in, each time from what was noted since the last time.
+  climbed to (:mod:`imapper_prob.sampling.ascent`), and four times more, after three fourths of the
+  burn-in for the last time, each time from what was noted since the time before. The rest of the
+  burn-in is for the temperatures, which have to fit the last reference.
 - *Blocks* are some pieces long: a fourth of what is planned after burn-in, and twice as long each
   time that there are twice as many rounds. The first one holds the burn-in as well.
 """
@@ -31,9 +32,11 @@ __all__ = [
 
 _PIECE: Final = 200
 """Steps between two progress reports and chances of a checkpoint; a fraction of a second."""
+_LEARNING: Final = 0.75
+"""Part of the burn-in in which is learnt; chosen, and"""
 _LEARNT_AT: Final = (8, 4, 2, 1)
-"""Parts of the burn-in after which the reference is learnt: each round of learning is as long as
-all before together, so that the last one is half of it (Surjanovic et al. 2022)."""
+"""parts of that after which the reference is learnt: each round of learning is as long as all
+before together, so that the last one is half of it (Surjanovic et al. 2022)."""
 _NOTED: Final = 1500
 """Rounds of each of these that are noted, about; chosen: what is noted of them takes megabytes."""
 _BLOCKS: Final = 4
@@ -185,7 +188,8 @@ def learning_of(settings: SampleSettings) -> Learning:
     burn_in = burn_in_of(settings)
     if not burn_in:
         return Learning(())
-    return Learning((0, *sorted({burn_in // part for part in _LEARNT_AT} - {0})))
+    ends = {int(_LEARNING * burn_in / part) for part in _LEARNT_AT}
+    return Learning((0, *sorted(ends - {0})))
 
 
 def piece_of(settings: SampleSettings) -> int:

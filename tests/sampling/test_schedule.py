@@ -108,10 +108,10 @@ def test_a_last_step_within_burn_in_is_refused() -> None:
 def test_learning_is_as_often_as_said() -> None:
     usual = SampleSettings()
     learning = learning_of(usual)
-    assert learning.ends == (0, 1000, 2000, 4000, 8000)
+    assert learning.ends == (0, 750, 1500, 3000, 6000)
     rounds = range(1, usual.rounds)
     for low, high in zip(learning.ends, learning.ends[1:], strict=False):
         noted = [at for at in rounds if low < at <= high and learning.has(at)]
         assert len(noted) == pytest.approx(1000, abs=1000)
-    assert not any(learning.has(at) for at in rounds[8000:])
+    assert not any(learning.has(at) for at in rounds[6000:])
     assert learning_of(replace(usual, burn_in=0.0)).ends == ()

@@ -1,0 +1,114 @@
+"""Several takes of one room by one camera, as one clip.
+
+Furniture stands still between the takes and the camera does not move, so that what one take leaves
+open another may settle. Each take's people become tracks of the clip, beginning at its first frame;
+after the end of a shorter take nobody is seen. Real time plays no part in the model: who is in
+which take at the same frame do not meet.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import fields
+
+import numpy as np
+
+from imapper_prob.models.camera import Camera
+from imapper_prob.models.errors import InputError
+from imapper_prob.models.scene import Clip, Track
+from imapper_prob.models.skeleton import N_JOINTS
+
+__all__ = ["same_room"]
+
+
+def same_room(takes: Sequence[Clip]) -> Clip:
+    """Takes of one room as one clip, for `solve` and `sample`.
+
+    Parameters
+    ----------
+    takes : sequence of Clip
+        With the same camera and frame rate.
+
+    Returns
+    -------
+    Clip
+        As long as the longest, with everybody of all takes, named by take; without truth. A
+        single take as it is.
+
+    Raises
+    ------
+    InputError
+        There is no take, or cameras or frame rates differ.
+
+    Examples
+    --------
+    >>> together = im.same_room([im.demo_clip(), im.demo_clip(seed=4)])
+    >>> [track.name for track in together.tracks]
+    ['demo', 'demo (2)']
+    """
+    if not takes:
+        raise InputError("no take of a room is given")
+    first = takes[0]
+    if len(takes) == 1:
+        return first
+    for other in takes[1:]:
+        _require_same(first, other)
+    n_frames = max(take.n_frames for take in takes)
+    tracks = [_as_long(track, n_frames) for take in takes for track in take.tracks]
+    return Clip(
+        name=" + ".join(dict.fromkeys(take.name for take in takes)),
+        camera=first.camera,
+        fps=first.fps,
+        frame_ids=np.arange(n_frames),
+        tracks=tuple(
+            _named(track, name) for track, name in zip(tracks, _names(takes), strict=True)
+        ),
+        focal_spread=first.focal_spread,
+    )
+
+
+def _require_same(first: Clip, other: Clip) -> None:
+    pair = f"takes {first.name} and {other.name}"
+    for one in fields(Camera):
+        values = [getattr(take.camera, one.name) for take in (first, other)]
+        if values[0] != values[1]:
+            raise InputError(
+                f"{pair}: their cameras differ, {one.name} is {values[0]:g} and {values[1]:g}; "
+                "takes of one room are by one camera that does not move"
+            )
+    for name, word in (("fps", "frames a second"), ("focal_spread", "as focal spread")):
+        values = [getattr(take, name) for take in (first, other)]
+        if values[0] != values[1]:
+            raise InputError(f"{pair}: {values[0]:g} and {values[1]:g} {word}; say what both have")
+
+
+def _as_long(track: Track, n_frames: int) -> Track:
+    """A track that goes on with frames in which nobody is seen."""
+    more = n_frames - len(track.keypoints)
+    if not more:
+        return track
+    return Track(
+        track.name,
+        np.concatenate([track.keypoints, np.full((more, N_JOINTS, 2), np.nan)]),
+        np.concatenate([track.confidences, np.zeros((more, N_JOINTS))]),
+        np.concatenate([track.poses, np.full((more, N_JOINTS, 3), np.nan)]),
+        np.concatenate([track.interpolated, np.zeros(more, bool)]),
+    )
+
+
+def _named(track: Track, name: str) -> Track:
+    return Track(name, track.keypoints, track.confidences, track.poses, track.interpolated)
+
+
+def _names(takes: Sequence[Clip]) -> list[str]:
+    """Of the take, and of the person where several are in it; no two alike."""
+    names: list[str] = []
+    for take in takes:
+        for track in take.tracks:
+            alone = len(take.tracks) == 1
+            name = take.name if alone else f"{take.name} {track.name}"
+            number = 1
+            while (name if number == 1 else f"{name} ({number})") in names:
+                number += 1
+            names.append(name if number == 1 else f"{name} ({number})")
+    return names
