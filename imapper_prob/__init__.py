@@ -14,6 +14,7 @@ from typing import Any
 __version__ = "0.2.0"
 
 _HOMES = {
+    "Behind": "imapper_prob.models.statements",
     "Clip": "imapper_prob.models.scene",
     "ClipOptions": "imapper_prob.clips.load",
     "Config": "imapper_prob.config",
@@ -27,6 +28,7 @@ _HOMES = {
     "Posterior": "imapper_prob.results.posterior",
     "Presence": "imapper_prob.models.statements",
     "Room": "imapper_prob.models.statements",
+    "SameObject": "imapper_prob.models.statements",
     "Seen": "imapper_prob.models.statements",
     "Solution": "imapper_prob.solver.solver",
     "Solved": "imapper_prob.solver.actors",

@@ -1,7 +1,7 @@
 """Statements about a scene: what somebody knows besides the detections, as terms of the posterior.
 
 Each is an answer or a measurement. Its term is the density of what was said given the scene
-(docs/explanation/model.md 25 to 32), which :mod:`imapper_prob.models.kernels.given` evaluates.
+(docs/explanation/model.md 25 to 33), which :mod:`imapper_prob.models.kernels.given` evaluates.
 Lengths are in metres in the world of a scene: floor at z = 0, camera above the origin, looking
 along y. Frames are numbered as in the clip. ``doubt`` is the probability that an answer was given
 by chance.
@@ -22,6 +22,7 @@ from shapely import Point, Polygon
 
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.kernels.given import (
+    BEHIND,
     CONTACT,
     DEPTH,
     DETECTIONS_OF_OBJECTS,
@@ -30,6 +31,7 @@ from imapper_prob.models.kernels.given import (
     POINT,
     PRESENCE,
     ROOM,
+    SAME_OBJECT,
 )
 from imapper_prob.models.problem import (
     GIVEN_KINDS,
@@ -45,6 +47,7 @@ from imapper_prob.models.skeleton import JOINTS, PELV
 
 __all__ = [
     "ROOM_AREA",
+    "Behind",
     "Contact",
     "DepthOf",
     "JointAt",
@@ -52,6 +55,7 @@ __all__ = [
     "ObjectAt",
     "Presence",
     "Room",
+    "SameObject",
     "Seen",
     "Statement",
     "check_statements",
@@ -393,6 +397,97 @@ class Contact:
 
 
 @dataclass(frozen=True)
+class SameObject:
+    """One object of some labels is sat on, or touched, all through several spans of frames.
+
+    Parameters
+    ----------
+    labels : str or sequence of str
+    spans : sequence of (int, int)
+        First and last frame of each, two or more.
+    sits : bool
+        On it; else a hand, a knee or the pelvis touches it.
+    doubt : float
+    people : sequence of int, optional
+        Whose frames each span has, tracks of the clip from 1; those of the first if not given.
+
+    Raises
+    ------
+    InputError
+        There are fewer than two spans, or not one person for each, or one ends before it begins.
+
+    Examples
+    --------
+    >>> im.SameObject("chair", [(20, 40), (90, 120)]).people
+    (1, 1)
+    """
+
+    labels: tuple[str, ...]
+    spans: tuple[tuple[int, int], ...]
+    sits: bool = True
+    doubt: float = _DOUBT
+    people: tuple[int, ...] = ()
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "labels", _labels(self.labels))
+        spans = tuple((int(first), int(last)) for first, last in self.spans)
+        object.__setattr__(self, "spans", spans)
+        people = tuple(int(person) for person in self.people) or (1,) * len(spans)
+        object.__setattr__(self, "people", people)
+        if len(spans) < 2 or len(people) != len(spans):
+            raise InputError(
+                f"{self}: {len(spans)} spans of frames of {len(people)} people; say two spans or "
+                "more, and a person for each"
+            )
+        for first, last in spans:
+            if last < first:
+                raise InputError(f"{self}: the last frame {last} is before the first, {first}")
+        _require_doubt(self.doubt, str(self))
+
+    def __str__(self) -> str:
+        what = "sits on" if self.sits else "touches"
+        return f"{what} the same {' or '.join(self.labels)}"
+
+
+@dataclass(frozen=True)
+class Behind:
+    """An object of some labels stands behind one of others, as the camera sees them.
+
+    Its centre is further from the camera, and there is a direction in which both are.
+
+    Parameters
+    ----------
+    labels : str or sequence of str
+        What stands behind.
+    before : str or sequence of str
+        What stands before it.
+    doubt : float
+
+    Raises
+    ------
+    InputError
+        Labels are none.
+
+    Examples
+    --------
+    >>> im.Behind("couch", "table").before
+    ('table',)
+    """
+
+    labels: tuple[str, ...]
+    before: tuple[str, ...]
+    doubt: float = _DOUBT
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "labels", _labels(self.labels))
+        object.__setattr__(self, "before", _labels(self.before))
+        _require_doubt(self.doubt, str(self))
+
+    def __str__(self) -> str:
+        return f"a {' or '.join(self.labels)} behind a {' or '.join(self.before)}"
+
+
+@dataclass(frozen=True)
 class Seen:
     """What a detector of objects found in the picture of one frame, all of it.
 
@@ -454,7 +549,9 @@ class Seen:
         _require_positive(self.std, "std of the boxes in the picture")
 
 
-Statement = Measured | ObjectAt | Presence | Room | JointAt | DepthOf | Contact | Seen
+Statement = (
+    Measured | ObjectAt | Presence | Room | JointAt | DepthOf | Contact | SameObject | Behind | Seen
+)
 
 
 def describe(statement: Statement) -> str:
@@ -497,11 +594,18 @@ def describe(statement: Statement) -> str:
             what = "sits on" if statement.sits else "touches"
             labels = " or ".join(statement.labels)
             return f"{what} a {labels} from frame {statement.first} to {statement.last}"
+        case SameObject():
+            spans = " and ".join(f"{first} to {last}" for first, last in statement.spans)
+            return f"{statement} in frames {spans}"
+        case Behind():
+            return str(statement)
         case Seen():
             return f"{len(statement.boxes)} boxes in the picture of frame {statement.frame}"
 
 
-_CLASSES: Final = (Measured, ObjectAt, Presence, Room, JointAt, DepthOf, Contact, Seen)
+_CLASSES: Final = (
+    Measured, ObjectAt, Presence, Room, JointAt, DepthOf, Contact, SameObject, Behind, Seen,
+)  # fmt: skip
 
 
 def to_json(statements: Sequence[Statement]) -> str:
@@ -570,12 +674,12 @@ def check_statements(statements: Sequence[Statement], clip: Clip, library: Libra
                     f"{describe(statement)}: clip {clip.name} has no frame {frame}; its frames are "
                     f"{clip.frame_ids[0]} to {clip.frame_ids[-1]}"
                 )
-        person = getattr(statement, "person", 1)
-        if not 1 <= person <= len(clip.tracks):
-            raise InputError(
-                f"{describe(statement)}: clip {clip.name} has no person {person}, but "
-                f"{len(clip.tracks)}"
-            )
+        for person in _people_said(statement):
+            if not 1 <= person <= len(clip.tracks):
+                raise InputError(
+                    f"{describe(statement)}: clip {clip.name} has no person {person}, but "
+                    f"{len(clip.tracks)}"
+                )
         _check_view(statement, clip)
     for one, other in combinations(statements, 2):
         if _contradict(one, other) or _contradict(other, one):
@@ -585,7 +689,15 @@ def check_statements(statements: Sequence[Statement], clip: Clip, library: Libra
 def _labels_said(statement: Statement) -> set[str]:
     if isinstance(statement, Seen):
         return {label for row in statement.confusion for label in row}
+    if isinstance(statement, Behind):
+        return {*statement.labels, *statement.before}
     return set(getattr(statement, "labels", ()))
+
+
+def _people_said(statement: Statement) -> tuple[int, ...]:
+    if isinstance(statement, SameObject):
+        return statement.people
+    return (getattr(statement, "person", 1),)
 
 
 def _frames_said(statement: Statement) -> tuple[int, ...]:
@@ -596,6 +708,8 @@ def _frames_said(statement: Statement) -> tuple[int, ...]:
             return statement.frames
         case Contact():
             return (statement.first, statement.last)
+        case SameObject():
+            return tuple(frame for span in statement.spans for frame in span)
         case _:
             return ()
 
@@ -636,7 +750,9 @@ def _contradict(one: Statement, other: Statement) -> bool:
         ):  # fmt: skip
             apart = math.dist(one.point, other.point)
             return apart > _FAR_APART * math.hypot(one.std, other.std)
-        case Presence(there=False), Presence(there=True) | ObjectAt() | Contact():
+        case Presence(there=False, region=None), Behind():
+            return any(set(said) <= set(one.labels) for said in (other.labels, other.before))
+        case Presence(there=False), Presence(there=True) | ObjectAt() | Contact() | SameObject():
             # None of some labels where one of these labels is said to be.
             if not set(other.labels) <= set(one.labels):
                 return False
@@ -773,6 +889,18 @@ def _packed(statement: Statement, clip: Clip) -> _Packed:
             first, last = before + row_of[statement.first], before + row_of[statement.last]
             said_sits = (statement.doubt, float(statement.sits))
             return _Packed(CONTACT, said_sits, joint=PELV, first=first, end=last + 1)
+        case SameObject():
+            spans: list[tuple[float, ...]] = [
+                tuple(
+                    float((person - 1) * clip.n_frames + row_of[frame] + more)
+                    for frame, more in zip(span, (0, 1), strict=True)
+                )
+                for span, person in zip(statement.spans, statement.people, strict=True)
+            ]
+            return _Packed(SAME_OBJECT, (statement.doubt, float(statement.sits)), spans)
+        case Behind():
+            both = [dict.fromkeys(said, 1.0) for said in (statement.labels, statement.before)]
+            return _Packed(BEHIND, (statement.doubt,), labels=both)
         case Seen():
             t, (width, height) = before + row_of[statement.frame], picture
             # Two edges either way, in order; and any of the labels.
@@ -805,7 +933,7 @@ def log_by_chance(statement: Statement, clip: Clip) -> float | None:
     match statement:
         case ObjectAt():
             return math.log(packed.numbers[0]) + packed.numbers[1]
-        case Presence() | Room() | Contact():
+        case Presence() | Room() | Contact() | SameObject() | Behind():
             return math.log(0.5 * packed.numbers[0])
         case _:
             return None

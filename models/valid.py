@@ -14,12 +14,14 @@ from numpy.typing import NDArray
 
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.kernels.given import (
+    BEHIND,
     CONTACT,
     DEPTH,
     DETECTIONS_OF_OBJECTS,
     OBJECT,
     POINT,
     PRESENCE,
+    SAME_OBJECT,
 )
 from imapper_prob.models.log_posterior import State
 from imapper_prob.models.problem import GIVEN_KINDS, GIVEN_NUMBERS, GIVEN_ROW, Problem
@@ -140,19 +142,25 @@ def _check_pointers(problem: Problem, lengths: Mapping[str, int]) -> None:
 
 def _check_statements(problem: Problem, lengths: Mapping[str, int]) -> None:
     kind, label, first, end, joint, begin, last = problem.given_kinds.T
-    detected = np.where(kind == DETECTIONS_OF_OBJECTS, end - first, np.where(label >= 0, 1, 0))
-    framed = problem.given_rows[
-        [k for s in np.flatnonzero(kind == DEPTH) for k in range(first[s], end[s])]
-    ][:, 0]
+    rows_of_labels = np.where(label >= 0, np.where(kind == BEHIND, 2, 1), 0)
+    detected = np.where(kind == DETECTIONS_OF_OBJECTS, end - first, rows_of_labels)
+    framed, spans = (
+        problem.given_rows[
+            [k for s in np.flatnonzero(kind == one) for k in range(first[s], end[s])]
+        ]
+        for one in (DEPTH, SAME_OBJECT)
+    )
     holds = (
-        ((kind >= 0) & (kind <= DETECTIONS_OF_OBJECTS)).all()
+        ((kind >= 0) & (kind <= BEHIND)).all()
         and (label + detected <= lengths["Q"]).all()
         and ((first >= 0) & (first <= end) & (end <= lengths["R"])).all()
         and ((joint >= 0) & (joint < N_JOINTS)).all()
         and ((begin >= 0) & (begin <= last) & (last <= lengths["T"])).all()
         and (last > begin)[np.isin(kind, (POINT, CONTACT, DETECTIONS_OF_OBJECTS))].all()
-        and (label >= 0)[np.isin(kind, (OBJECT, PRESENCE, CONTACT))].all()
-        and ((framed >= 0) & (framed < lengths["T"])).all()
+        and (label >= 0)[np.isin(kind, (OBJECT, PRESENCE, CONTACT, SAME_OBJECT, BEHIND))].all()
+        and ((framed[:, 0] >= 0) & (framed[:, 0] < lengths["T"])).all()
+        and ((spans[:, 0] >= 0) & (spans[:, 0] < spans[:, 1])).all()
+        and (spans[:, 1] <= lengths["T"]).all()
     )
     if not holds:
         raise InputError("a statement names something that is not there")

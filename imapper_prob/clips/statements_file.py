@@ -17,7 +17,9 @@ from typing import Any, Final
 import numpy as np
 
 from imapper_prob.models.errors import InputError
+from imapper_prob.models.settings import LARGEST_IMAGE
 from imapper_prob.models.statements import (
+    Behind,
     Contact,
     DepthOf,
     JointAt,
@@ -25,6 +27,7 @@ from imapper_prob.models.statements import (
     ObjectAt,
     Presence,
     Room,
+    SameObject,
     Seen,
     Statement,
 )
@@ -158,14 +161,34 @@ def _joint(entry: dict[str, Any], _: Path) -> Statement:
 
 
 def _contact(entry: dict[str, Any], _: Path) -> Statement:
-    frames, kind = entry["frames"], entry.get("kind", "sits")
+    if not _is_span(entry["frames"]):
+        raise InputError("frames must be [first, last]")
+    first, last = entry["frames"]
+    more = _without(entry, "label", "frames", "kind")
+    return Contact(entry["label"], first, last, _sits(entry), **more)
+
+
+def _same_object(entry: dict[str, Any], _: Path) -> Statement:
+    spans = entry["frames"]
+    if not isinstance(spans, list) or not all(map(_is_span, spans)):
+        raise InputError("frames must be [[first, last], [first, last]]")
+    more = _without(entry, "label", "frames", "kind")
+    return SameObject(entry["label"], tuple(map(tuple, spans)), _sits(entry), **more)
+
+
+def _behind(entry: dict[str, Any], _: Path) -> Statement:
+    return Behind(entry["label"], **_without(entry, "label"))
+
+
+def _sits(entry: dict[str, Any]) -> bool:
+    kind = entry.get("kind", "sits")
     if kind not in ("sits", "touches"):
         raise InputError(f"kind = {kind!r:.60} must be 'sits' or 'touches'")
-    if not isinstance(frames, list) or len(frames) != 2 or not all(_is_whole(f) for f in frames):
-        raise InputError("frames must be [first, last]")
-    first, last = frames
-    more = _without(entry, "label", "frames", "kind")
-    return Contact(entry["label"], first, last, kind == "sits", **more)
+    return bool(kind == "sits")
+
+
+def _is_span(frames: Any) -> bool:
+    return isinstance(frames, list) and len(frames) == 2 and all(map(_is_whole, frames))
 
 
 def _depth(entry: dict[str, Any], folder: Path) -> Statement:
@@ -253,15 +276,59 @@ def _results(path: Path, image: Any) -> Iterator[tuple[list[float], float, str]]
         try:
             if result["image_id"] != image:
                 continue
-            box = [float(x) for x in result["bbox"]]
+            there = "bbox" in result or "segmentation" not in result
+            box = result["bbox"] if there else _box_of_mask(result["segmentation"])
+            box = [float(x) for x in box]
             label, score = str(result["category_id"]), float(result["score"])
-        except (KeyError, TypeError, ValueError) as error:
+        except (KeyError, TypeError, ValueError, IndexError, OverflowError) as error:
             raise InputError(
-                f"{path}: result {number} must have image_id, category_id, bbox and score ({error})"
+                f"{path}: result {number} must have image_id, category_id, score, and bbox or "
+                f"segmentation ({error})"
             ) from error
         if len(box) != 4 or not np.isfinite([*box, score]).all() or min(box[2:]) <= 0:
             raise InputError(f"{path}: result {number}: bbox must be left, top, width, height")
         yield box, score, label
+
+
+def _box_of_mask(mask: Any) -> list[float]:
+    """Left, top, width and height of a mask: polygons, or runs of 0 and 1 down the columns."""
+    if isinstance(mask, list):
+        points = np.concatenate([np.asarray(part, float).reshape(-1, 2) for part in mask])
+        low, high = points.min(0), points.max(0)
+        return [*low.tolist(), *(high - low).tolist()]
+    height, width = (int(side) for side in mask["size"])
+    counts = mask["counts"]
+    runs = np.array(_counts(counts) if isinstance(counts, str) else counts, np.int64)
+    if not 0 < height * width <= LARGEST_IMAGE**2 or (runs < 0).any():
+        raise ValueError("no runs of a mask")
+    ends = runs.cumsum()
+    first, last = ends[:-1:2], ends[1::2] - 1
+    first, last = first[last >= first], last[last >= first]
+    if not len(first) or ends[-1] != height * width:
+        raise ValueError("the runs of a mask are not as many as its pixels, or all of them are 0")
+    whole = last // height > first // height
+    top = np.where(whole, 0, first % height).min()
+    bottom = np.where(whole, height - 1, last % height).max()
+    left, right = (first // height).min(), (last // height).max()
+    return [float(x) for x in (left, top, right + 1 - left, bottom + 1 - top)]
+
+
+def _counts(text: str) -> list[int]:
+    """Runs of COCO's compressed text: differences to the last but one, five bits a character."""
+    counts: list[int] = []
+    value, shift = 0, 0
+    for character in text:
+        bits = ord(character) - 48
+        if not 0 <= bits < 64 or shift > 50:
+            raise ValueError("no runs of a mask")
+        value |= (bits & 31) << shift
+        shift += 5
+        if not bits & 32:
+            if bits & 16:
+                value -= 1 << shift
+            counts.append(value + (counts[-2] if len(counts) > 2 else 0))
+            value, shift = 0, 0
+    return counts
 
 
 _Reader = tuple[set[str], set[str], Callable[[dict[str, Any], Path], Statement]]
@@ -281,6 +348,8 @@ _READERS: Final[Mapping[str, _Reader]] = {
         _depth,
     ),
     "contact": ({"label", "frames"}, {"kind", "doubt", "person"}, _contact),
+    "same_object": ({"label", "frames"}, {"kind", "doubt", "people"}, _same_object),
+    "behind": ({"label", "before"}, {"doubt"}, _behind),
     "detections": (
         {"file", "frame", "labels"},
         {"image", "score", "rate", "clutter", "std", "person"},

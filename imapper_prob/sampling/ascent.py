@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.models.kernels.cache import Evaluator, open_evaluator
-from imapper_prob.models.kernels.incremental import change, commit
+from imapper_prob.models.kernels.incremental import NOWHERE, change, commit
 from imapper_prob.models.log_posterior import State, log_posterior
 from imapper_prob.models.problem import Problem
 from imapper_prob.samplers.chains import Report
@@ -205,7 +205,7 @@ def _values(
     """(n,) log-posteriors, nats, with each of n pairs of scenelet and start."""
     scene, values = copied(state), np.empty(len(tried))
     change(
-        evaluator, -1, scene.camera, scene.latent,
+        evaluator, NOWHERE, scene.camera, scene.latent,
         scene.camera, scene.items, scene.placements, scene.sizes, scene.latent,
     )  # fmt: skip
     commit(evaluator)

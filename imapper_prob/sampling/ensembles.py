@@ -26,6 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.models.kernels.cache import Evaluator, open_evaluator
+from imapper_prob.models.kernels.incremental import NOWHERE
 from imapper_prob.models.log_posterior import State
 from imapper_prob.models.path_prior import CAMERA
 from imapper_prob.models.problem import Problem
@@ -264,7 +265,7 @@ def _log_posteriors(
     for w in range(len(cameras)):
         # Each walker has a camera of its own: nothing is left of the scene gone on from.
         scene = Scene(cameras[w], items[w], placements[w], sizes[w], latents[w])
-        values[w] = log_posterior_of(evaluator, of_paper, -1, scene, scene)
+        values[w] = log_posterior_of(evaluator, of_paper, NOWHERE, scene, scene)
     return values
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.models.kernels.cache import Evaluator, open_evaluator
-from imapper_prob.models.kernels.incremental import change, commit
+from imapper_prob.models.kernels.incremental import NOWHERE, change, commit
 from imapper_prob.models.kernels.incremental import propose as change_from
 from imapper_prob.models.log_posterior import State, log_posterior
 from imapper_prob.models.problem import Problem
@@ -178,7 +178,7 @@ def log_posterior_of(
     of_paper : bool
         Whether of the published energy.
     n_before : int
-        Scenelets of the one it stands at; -1 where it stands nowhere, or nothing is in common.
+        Scenelets of the one it stands at; ``NOWHERE`` also where nothing is in common.
     now, new : Scene
 
     Returns
@@ -209,7 +209,7 @@ def _roomy(
         return evaluator, capacity
     evaluator = open_evaluator(evaluator.problem, 2 * needed)
     if not of_paper:
-        log_posterior_of(evaluator, of_paper, -1, now, now)
+        log_posterior_of(evaluator, of_paper, NOWHERE, now, now)
         commit(evaluator)
     return evaluator, 2 * needed
 

@@ -1,4 +1,4 @@
-"""The likelihood of statements about a scene (docs/explanation/model.md 25 to 32).
+"""The likelihood of statements about a scene (docs/explanation/model.md 25 to 33).
 
 A statement is an answer that somebody gave, or a measurement that something else made. Its term is
 the density of that answer given the scene, normalised over all answers that there might have been,
@@ -22,6 +22,7 @@ from imapper_prob.models.settings import NEAREST
 from imapper_prob.models.skeleton import LKNE, LWRI, PELV, REFERENCE_STATURE, RKNE, RWRI
 
 __all__ = [
+    "BEHIND",
     "CONTACT",
     "DEPTH",
     "DETECTIONS_OF_OBJECTS",
@@ -30,12 +31,16 @@ __all__ = [
     "POINT",
     "PRESENCE",
     "ROOM",
+    "SAME_OBJECT",
     "sum_given",
 ]
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
-NUMBER, OBJECT, PRESENCE, ROOM, POINT, DEPTH, CONTACT, DETECTIONS_OF_OBJECTS = range(8)
+(
+    NUMBER, OBJECT, PRESENCE, ROOM, POINT, DEPTH, CONTACT, DETECTIONS_OF_OBJECTS, SAME_OBJECT,
+    BEHIND,
+) = range(10)  # fmt: skip
 """Kinds of statements, the first number of a row of ``Problem.given_kinds``."""
 _LOG_2PI: Final = math.log(2.0 * math.pi)
 _REACH: Final = 0.25
@@ -60,7 +65,9 @@ def _log_normal(x: float, variance: float) -> float:
 
 
 @inner
-def _find_pieces(problem: Problem, cache: Cache, n: int, pieces: Array, turns: Array) -> Ints:
+def _find_pieces(
+    problem: Problem, cache: Cache, n: int, pieces: Array, turns: Array, owners: Ints
+) -> Ints:
     """Pieces of furniture of a proposal, those met twice once.
 
     Of two of one label whose outlines overlap, and face one way if they have a front, the first in
@@ -74,6 +81,8 @@ def _find_pieces(problem: Problem, cache: Cache, n: int, pieces: Array, turns: A
         Out: bounding boxes in the world, see :data:`PIECE`.
     turns : (K, 2) float
         Out: cosine and sine of their yaws.
+    owners : (B,) int
+        Out: the piece of each of the cache's boxes that is in use.
 
     Returns
     -------
@@ -88,7 +97,7 @@ def _find_pieces(problem: Problem, cache: Cache, n: int, pieces: Array, turns: A
         first = problem.box_first[cache.items[slot, 0]]
         b, first_new = 0, count
         while b < cache.counts[slot]:
-            own = problem.box_object[first + b]
+            own, begins = problem.box_object[first + b], b
             k = slot * size + b
             yaw = cache.yaws[k]
             c, s = math.cos(yaw), math.sin(yaw)
@@ -108,14 +117,15 @@ def _find_pieces(problem: Problem, cache: Cache, n: int, pieces: Array, turns: A
                 piece[3 + a] = 0.5 * (high[a] - low[a])
             piece[6], turn[0], turn[1] = yaw, c, s
             labels[count] = cache.labels[k]
-            again = False
+            met = count
             for j in range(first_new):
-                if labels[j] == labels[count]:
+                if met == count and labels[j] == labels[count]:
                     front = problem.label_front[labels[j]]
                     alike = not front or math.cos(pieces[j, 6] - yaw) > merges
                     if alike and overlap_depth(pieces[j], turns[j], piece, turn) > 0.0:
-                        again = True
-            if not again:
+                        met = j
+            owners[slot * size + begins : slot * size + b] = met
+            if met == count:
                 count += 1
     return labels[:count]
 
@@ -332,18 +342,17 @@ def _depth(problem: Problem, cache: Cache, camera: Array, s: int) -> float:
 
 @inner_inlined
 def _far_from(
-    problem: Problem, cache: Cache, s: int, x: float, y: float, z: float, n: int
+    cache: Cache, wanted: NDArray[np.bool_], sits: bool, x: float, y: float, z: float, n: int
 ) -> float:
-    """How far inside reach the nearest object of some labels is from a joint, metres.
+    """How far inside reach the nearest of some boxes is from a joint, metres.
 
-    Of somebody who sits the joint is above an object, else anywhere about one.
+    Of somebody who sits the joint is above a box, else anywhere about one.
     """
-    size, row = len(cache.boxes) // len(cache.counts), problem.given_kinds[s, 1]
-    sits, best = problem.given[s, 1] > 0.0, -math.inf
+    size, best = len(cache.boxes) // len(cache.counts), -math.inf
     for i in range(n):
         slot = cache.slots[1, i]
         for k in range(slot * size, slot * size + cache.counts[slot]):
-            if problem.given_labels[row, cache.labels[k]] == 0.0:
+            if not wanted[k]:
                 continue
             box, turn = cache.boxes[k], cache.turns[k]
             dx, dy = x - box[0], y - box[1]
@@ -359,20 +368,95 @@ def _far_from(
 
 
 @inner
-def _contact(problem: Problem, cache: Cache, s: int, n: int) -> float:
+def _touched(
+    cache: Cache, wanted: NDArray[np.bool_], sits: bool, first: int, end: int, n: int
+) -> float:
+    """The least over some frames of how far inside reach the nearest of some boxes is, metres."""
+    least = math.inf
+    for t in range(first, end):
+        joints, best = cache.joints[cache.pose_row[t]], -math.inf
+        for joint in _TOUCHING[: 1 if sits else len(_TOUCHING)]:
+            x, y, z = joints[0, joint], joints[1, joint], joints[2, joint]
+            best = max(best, _far_from(cache, wanted, sits, x, y, z, n))
+        least = min(least, best)
+    return least
+
+
+@inner
+def _contact(problem: Problem, cache: Cache, s: int, owners: Ints, labels: Ints, n: int) -> float:
     """Whether the person sits on, or touches, an object all through some frames: an answer, yes.
 
     Numbers: doubt, 1 for sitting.
     """
-    kinds, numbers, least = problem.given_kinds[s], problem.given[s], math.inf
-    for t in range(kinds[5], kinds[6]):
-        joints, best = cache.joints[cache.pose_row[t]], -math.inf
-        for joint in _TOUCHING[: 1 if numbers[1] > 0.0 else len(_TOUCHING)]:
-            x, y, z = joints[0, joint], joints[1, joint], joints[2, joint]
-            best = max(best, _far_from(problem, cache, s, x, y, z, n))
-        least = min(least, best)
+    kinds, numbers = problem.given_kinds[s], problem.given[s]
+    wanted = np.zeros(len(owners), np.bool_)
+    for k in range(len(owners)):
+        if owners[k] >= 0:
+            wanted[k] = problem.given_labels[kinds[1], labels[owners[k]]] > 0.0
+    least = _touched(cache, wanted, numbers[1] > 0.0, kinds[5], kinds[6], n)
     probability = _normal_cdf(least / _SOFT) if least > -math.inf else 0.0
     return _answered(probability, True, numbers[0])
+
+
+@inner
+def _same_object(
+    problem: Problem, cache: Cache, s: int, owners: Ints, labels: Ints, n: int
+) -> float:
+    """Whether it is one object that is sat on, or touched, all through several spans of frames.
+
+    An answer, yes. Numbers: doubt, 1 for sitting. Rows: first frame, and the one after the last.
+    """
+    kinds, numbers, best = problem.given_kinds[s], problem.given[s], -math.inf
+    for piece in range(len(labels)):
+        if problem.given_labels[kinds[1], labels[piece]] == 0.0:
+            continue
+        wanted, least = owners == piece, math.inf
+        for row in range(kinds[2], kinds[3]):
+            first, end = int(problem.given_rows[row, 0]), int(problem.given_rows[row, 1])
+            least = min(least, _touched(cache, wanted, numbers[1] > 0.0, first, end, n))
+        best = max(best, least)
+    probability = _normal_cdf(best / _SOFT) if best > -math.inf else 0.0
+    return _answered(probability, True, numbers[0])
+
+
+@inner
+def _directions(piece: Array, turn: Array, angles: Array) -> None:
+    """Least and greatest direction of a piece's corners from the camera, rad from straight on."""
+    angles[0], angles[1] = math.inf, -math.inf
+    for corner in range(4):
+        a = piece[3] if corner & 1 else -piece[3]
+        b = piece[4] if corner & 2 else -piece[4]
+        x, y = piece[0] + turn[0] * a - turn[1] * b, piece[1] + turn[1] * a + turn[0] * b
+        angle = math.atan2(x, y)
+        angles[0], angles[1] = min(angles[0], angle), max(angles[1], angle)
+
+
+@inner
+def _behind(problem: Problem, s: int, pieces: Array, turns: Array, labels: Ints) -> float:
+    """Whether an object of some labels is behind one of others, from the camera: an answer, yes.
+
+    Its centre is further off, and both are in one direction. Numbers: doubt. Of the two rows of
+    labels the second is of what stands before it.
+    """
+    numbers, row = problem.given[s], problem.given_kinds[s, 1]
+    none, own, other = 1.0, np.empty(2), np.empty(2)
+    for k in range(len(labels)):
+        if problem.given_labels[row, labels[k]] == 0.0:
+            continue
+        far = math.hypot(pieces[k, 0], pieces[k, 1])
+        _directions(pieces[k], turns[k], own)
+        for j in range(len(labels)):
+            if j == k or problem.given_labels[row + 1, labels[j]] == 0.0:
+                continue
+            near = math.hypot(pieces[j, 0], pieces[j, 1])
+            _directions(pieces[j], turns[j], other)
+            one = _spread_at(problem, pieces[k], 0.0)
+            two = _spread_at(problem, pieces[j], 0.0)
+            shared = min(own[1], other[1]) - max(own[0], other[0])
+            aside = math.sqrt(one / (far * far) + two / (near * near))
+            there = _normal_cdf((far - near) / math.sqrt(one + two)) * _normal_cdf(shared / aside)
+            none *= 1.0 - there
+    return _answered(1.0 - none, True, numbers[0])
 
 
 @inner_inlined
@@ -488,7 +572,8 @@ def sum_given(problem: Problem, cache: Cache, n: int, camera: Array) -> float:
     for i in range(n):
         most += cache.counts[cache.slots[1, i]]
     pieces, turns = np.empty((most, PIECE)), np.empty((most, 2))
-    labels, total = _find_pieces(problem, cache, n, pieces, turns), 0.0
+    owners, total = np.full(len(cache.boxes), -1, np.int64), 0.0
+    labels = _find_pieces(problem, cache, n, pieces, turns, owners)
     for s in range(len(problem.given)):
         kind = problem.given_kinds[s, 0]
         if kind == NUMBER:
@@ -504,7 +589,11 @@ def sum_given(problem: Problem, cache: Cache, n: int, camera: Array) -> float:
         elif kind == DEPTH:
             value = _depth(problem, cache, camera, s)
         elif kind == CONTACT:
-            value = _contact(problem, cache, s, n)
+            value = _contact(problem, cache, s, owners, labels, n)
+        elif kind == SAME_OBJECT:
+            value = _same_object(problem, cache, s, owners, labels, n)
+        elif kind == BEHIND:
+            value = _behind(problem, s, pieces, turns, labels)
         else:
             value = _pictured(problem, cache, camera, s, pieces, turns, labels)
         total += problem.given_power[s] * value

@@ -18,6 +18,7 @@ from nothing.
 from __future__ import annotations
 
 import math
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,10 +63,13 @@ from imapper_prob.models.problem import (
     Problem,
 )
 
-__all__ = ["change", "commit", "evaluate", "place", "propose"]
+__all__ = ["NOWHERE", "change", "commit", "evaluate", "place", "propose"]
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
+NOWHERE: Final[Any] = np.int64(-1)
+"""Scenelets of the state that an evaluator stands at where it stands nowhere. A plain number would
+have whatever takes it compiled once more, for that number alone."""
 
 
 @inner
@@ -87,7 +91,7 @@ def change(
     evaluator : Evaluator
         Its cache is written only where the current state does not look.
     n_before : int
-        Scenelets of the current state; -1 where there is none yet to remember.
+        Scenelets of the current state; ``NOWHERE`` where there is none yet to remember.
     camera_before, latent_before : (5,), (T, 2) float
         Of the current state.
     camera, items, placements, sizes, latent
@@ -337,7 +341,7 @@ def evaluate(
         Values of ``TERMS``; the first is -inf outside the support.
     """
     evaluator = open_evaluator(problem, len(items))
-    prior, _ = propose(evaluator, -1, camera, latent, camera, items, placements, sizes, latent)
+    prior, _ = propose(evaluator, NOWHERE, camera, latent, camera, items, placements, sizes, latent)
     cache = evaluator.cache
     terms = cache.terms
     if prior == -math.inf:

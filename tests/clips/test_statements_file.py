@@ -5,10 +5,14 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import hypothesis
+import hypothesis.strategies as st
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 import imapper_prob as im
+from imapper_prob.clips.statements_file import _box_of_mask, _counts
 
 EVERYTHING = """
 [camera]
@@ -54,6 +58,15 @@ scale_error = 0.1
 label = "couch"
 frames = [3, 9]
 
+[[same_object]]
+label = "couch"
+frames = [[1, 3], [7, 9]]
+kind = "touches"
+
+[[behind]]
+label = "couch"
+before = ["table", "chair"]
+
 [[detections]]
 file = "boxes.json"
 frame = 3
@@ -91,8 +104,84 @@ def test_a_file_says_what_the_classes_say(tmp_path: Path) -> None:
         im.JointAt("PELV", 3, (0, 3, 0.9), 0.1),
         im.DepthOf((3, 5), (3.1, 3.25), 0.05, 0.1),
         im.Contact("couch", 3, 9),
+        im.SameObject("couch", ((1, 3), (7, 9)), sits=False),
+        im.Behind("couch", ("table", "chair")),
         im.Seen(3, ((10, 20, 110, 70),), ({"couch": 0.9, "chair": 0.2},)),
     )
+
+
+def mask_of(box: tuple[int, int, int, int], height: int, width: int) -> NDArray[np.bool_]:
+    left, top, right, bottom = box
+    mask = np.zeros((height, width), bool)
+    mask[top:bottom, left:right] = True
+    return mask
+
+
+def runs_of(mask: NDArray[np.bool_]) -> list[int]:
+    """Lengths of runs down the columns, of 0 first."""
+    flat = mask.T.ravel().astype(int)
+    edges = np.flatnonzero(np.diff(flat, prepend=0, append=1 - flat[-1]))
+    return np.diff(edges, prepend=0).tolist()
+
+
+def compressed(runs: list[int]) -> str:
+    """As COCO writes runs, five bits a character, the low ones first."""
+    text = ""
+    for k, run in enumerate(runs):
+        value, more = run - (runs[k - 2] if k > 2 else 0), True
+        while more:
+            bits = value & 31
+            value >>= 5
+            more = value != (-1 if bits & 16 else 0)
+            text += chr(48 + bits + (32 if more else 0))
+    return text
+
+
+@hypothesis.given(st.tuples(*[st.integers(0, 29)] * 4), st.booleans())
+def test_a_mask_has_the_box_of_its_pixels(box: tuple[int, int, int, int], short: bool) -> None:
+    left, right = sorted((box[0], box[2]))
+    top, bottom = sorted((box[1], box[3]))
+    mask = mask_of((left, top, right + 1, bottom + 1), 31, 33)
+    mask |= mask_of((left, bottom, left + 1, bottom + 1), 31, 33)
+    runs = runs_of(mask)
+    said = {"size": [31, 33], "counts": compressed(runs) if short else runs}
+    assert _box_of_mask(said) == [left, top, right + 1 - left, bottom + 1 - top]
+
+
+def test_runs_are_decompressed_as_coco_does() -> None:
+    """Worked by hand: 6, 1, 40, then 40 = 1 + 39 and 5 = 40 - 35."""
+    assert _counts("61X1W1mN") == [6, 1, 40, 40, 5]
+
+
+def test_polygons_are_masks_too() -> None:
+    assert _box_of_mask([[10, 20, 60, 20, 60, 50], [5, 30, 9, 44, 7, 40]]) == [5, 20, 55, 30]
+
+
+def test_masks_stand_for_their_boxes(tmp_path: Path) -> None:
+    text = '[[detections]]\nfile = "masks.json"\nframe = 3\nlabels = { 62 = "chair" }'
+    path = written(tmp_path, text)
+    mask = {"size": [50, 60], "counts": runs_of(mask_of((10, 20, 25, 45), 50, 60))}
+    result = {"image_id": 3, "category_id": 62, "score": 0.9, "segmentation": mask}
+    (tmp_path / "masks.json").write_text(json.dumps([result]))
+    assert im.read_statements(path) == (im.Seen(3, ((10, 20, 25, 45),), ({"chair": 1.0},)),)
+
+
+@pytest.mark.parametrize(
+    "mask",
+    [
+        3, [], [[1, 2, 3]], {"size": [5, 5]}, {"size": [5, 5], "counts": [3, 4]},
+        {"size": [5, 5], "counts": [25]}, {"size": [5, 5], "counts": [30, -5]},
+        {"size": [10**9, 10**9], "counts": [1, 2]}, {"size": [5, 5], "counts": "~~~"},
+        {"size": [5, 5], "counts": "oooooooooooooooo"}, {"size": [5, 5], "counts": [10**30, 1]},
+    ],
+)  # fmt: skip
+def test_what_is_no_mask_is_refused_by_its_number(mask: object, tmp_path: Path) -> None:
+    text = '[[detections]]\nfile = "masks.json"\nframe = 3\nlabels = { 62 = "chair" }'
+    path = written(tmp_path, text)
+    result = {"image_id": 3, "category_id": 62, "score": 0.9, "segmentation": mask}
+    (tmp_path / "masks.json").write_text(json.dumps([result]))
+    with pytest.raises(im.InputError, match=r"masks\.json: result 0"):
+        im.read_statements(path)
 
 
 def test_depths_are_read_from_arrays_too(tmp_path: Path) -> None:
@@ -106,7 +195,7 @@ def test_depths_are_read_from_arrays_too(tmp_path: Path) -> None:
     [
         ("", "says nothing"),
         ("[camera", "not a TOML file"),
-        ("[walls]\nx = 1", "unknown table 'walls'; known are absent, camera"),
+        ("[walls]\nx = 1", "unknown table 'walls'; known are absent, behind, camera"),
         ("[camera]\nheigth = [1, 1]", "unknown key 'heigth'; known are pitch, height, focal"),
         ("[camera]\nheight = 1.6", "height must be \\[value, standard deviation\\]"),
         ("[camera]\nheight = [1.6, -1]", "std of the measured height must be positive"),
@@ -120,6 +209,14 @@ def test_depths_are_read_from_arrays_too(tmp_path: Path) -> None:
         ('[[contact]]\nlabel = "couch"\nframes = [1, 2]\nkind = "lies"', "'sits' or 'touches'"),
         ('[[joint]]\njoint = "PELV"\nframe = 1.5\npoint = [0, 1, 1]\nstd = 1', "whole number"),
         ("[[depth]]\nerror = 0.1", "neither a file nor frames"),
+        ('[[same_object]]\nlabel = "couch"\nframes = [1, 2]', "must be \\[\\[first, last\\]"),
+        ('[[same_object]]\nlabel = "couch"\nframes = [[1, 2]]', "two spans or more"),
+        (
+            '[[same_object]]\nlabel = "couch"\nframes = [[1, 2], [3, 4]]\npeople = 3',
+            "has a value that is none",
+        ),
+        ('[[behind]]\nlabel = "couch"', "behind 1: has no 'before'"),
+        ('[[behind]]\nlabel = "couch"\nbefore = 3', "has a value that is none"),
         ('[[depth]]\nerror = 0.1\nfile = "no.csv"', "no.csv: cannot be read"),
         ('[[depth]]\nerror = 0.1\nfile = "boxes.json"', "must have frame"),
         ('[[detections]]\nfile = "no.json"\nframe = 1\nlabels = {}', "no.json: cannot be read"),

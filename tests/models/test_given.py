@@ -219,16 +219,14 @@ def test_depths_share_the_error_of_their_scale(scale_error: float) -> None:
     assert given(said) == pytest.approx(expected - np.log(said.depths).sum())
 
 
-@pytest.mark.parametrize("sits", [True, False])
-@pytest.mark.parametrize("span", [(1, 4), (14, 17), (5, 14)])
-def test_somebody_touches_an_object_all_through(sits: bool, span: tuple[int, int]) -> None:
-    said = im.Contact("couch", *span, sits=sits, doubt=0.01)
+def touched(label: str, span: tuple[int, int], sits: bool) -> float:
+    """How far inside reach the nearest box of a label is, the least over frames; metres."""
     least = math.inf
     for t in range(span[0], span[1] + 1):
         best = -math.inf
         for j in (PELV,) if sits else (PELV, RKNE, LKNE, RWRI, LWRI):
             point = motion(problem(0.0), state())[t, j]
-            for piece in (o for _, o in placed_objects(state(), LIBRARY) if o.label == "couch"):
+            for piece in (o for _, o in placed_objects(state(), LIBRARY) if o.label == label):
                 x, y = piece.placement.rotation.T @ (
                     point[:2] - [piece.placement.x, piece.placement.y]
                 )
@@ -240,7 +238,52 @@ def test_somebody_touches_an_object_all_through(sits: bool, span: tuple[int, int
                     near = 0.25 - np.linalg.norm(np.maximum(outside, 0))
                     best = max(best, on if sits else near)
         least = min(least, best)
-    assert given(said) == pytest.approx(answered(norm.cdf(least / 0.05), 0.01), rel=1e-6)
+    return least
+
+
+@pytest.mark.parametrize("sits", [True, False])
+@pytest.mark.parametrize("span", [(1, 4), (14, 17), (5, 14)])
+def test_somebody_touches_an_object_all_through(sits: bool, span: tuple[int, int]) -> None:
+    said = im.Contact("couch", *span, sits=sits, doubt=0.01)
+    probability = norm.cdf(touched("couch", span, sits) / 0.05)
+    assert given(said) == pytest.approx(answered(probability, 0.01), rel=1e-6)
+
+
+@pytest.mark.parametrize("sits", [True, False])
+@pytest.mark.parametrize("labels", ["couch", "chair", ("chair", "couch")])
+@pytest.mark.parametrize(
+    "spans", [((1, 4), (7, 9)), ((2, 3), (14, 16)), ((1, 1), (8, 8), (15, 17))]
+)
+def test_one_object_is_touched_in_all_spans(sits, labels, spans) -> None:
+    """The couch that stands twice is one; a couch and then a chair are not."""
+    said = im.SameObject(labels, spans, sits=sits, doubt=0.01)
+    best = max(min(touched(label, span, sits) for span in spans) for label in said.labels)
+    expected = answered(norm.cdf(best / 0.05), 0.01)
+    assert given(said) == pytest.approx(expected, rel=1e-6)
+
+
+@pytest.mark.parametrize("yaw", [-0.5, 1.2])
+@pytest.mark.parametrize("aside", [-1.5, 0.0, 0.7])
+@pytest.mark.parametrize("labels", [("chair", "couch"), ("couch", "chair")])
+def test_one_object_is_behind_another_as_the_camera_sees_them(labels, aside, yaw) -> None:
+    moved = state().with_placement(2, np.array([aside, 5.6, yaw]), 0.01)
+    by_label = {piece.label: piece for piece in pieces(moved)}
+    back, front = (by_label[label] for label in labels)
+    far, near = (np.hypot(*piece.centre[:2]) for piece in (back, front))
+    angles = [np.arctan2(*piece.footprint.T) for piece in (back, front)]
+    overlap = min(a.max() for a in angles) - max(a.min() for a in angles)
+    one, two = softened(back, 0.0), softened(front, 0.0)
+    probability = norm.cdf((far - near) / math.hypot(one, two))
+    probability *= norm.cdf(overlap / math.hypot(one / far, two / near))
+    said = im.Behind(*labels, doubt=0.02)
+    assert given(said, moved) == pytest.approx(answered(probability, 0.02), rel=1e-9)
+
+
+def test_nothing_is_behind_what_is_not_there() -> None:
+    said = im.Behind("chair", "couch", doubt=0.02)
+    assert given(said, empty_state(problem())) == pytest.approx(math.log(0.01))
+    same = im.SameObject("couch", [(1, 2), (5, 6)], doubt=0.02)
+    assert given(same, empty_state(problem())) == pytest.approx(math.log(0.01))
 
 
 def test_what_is_seen_is_a_poisson_process_of_boxes() -> None:
@@ -343,6 +386,8 @@ ALL: tuple[Statement, ...] = (
     im.JointAt("RWRI", 4, (0.1, 3.5, 1.0), 0.2),
     im.DepthOf((2, 9), (3.2, 3.9), 0.05, 0.1),
     im.Contact("couch", 3, 8, sits=False),
+    im.SameObject(("chair", "couch"), [(2, 4), (8, 9)], sits=False),
+    im.Behind("chair", ("couch", "chair")),
     im.Seen(3, (BOX,), ({"couch": 0.8},)),
 )
 
@@ -403,6 +448,17 @@ def test_statements_add_up_and_have_a_power() -> None:
         ([im.JointAt("PELV", 99, (0, 3, 1), 0.1)], "no frame 99"),
         ([im.Contact("couch", 3, 20)], "no frame 20"),
         ([im.DepthOf((0,), (3.0,), 0.1, person=2)], "no person 2"),
+        ([im.SameObject("couch", [(1, 2), (4, 5)], people=(1, 2))], "no person 2"),
+        ([im.SameObject("couch", [(1, 2), (4, 55)])], "no frame 55"),
+        ([im.Behind("couch", "piano")], "no 'piano'"),
+        (
+            [im.Presence("chair", there=False), im.Behind("couch", "chair")],
+            "contradict each other",
+        ),
+        (
+            [im.Presence("couch", there=False), im.SameObject("couch", [(1, 2), (4, 5)])],
+            "contradict each other",
+        ),
         (
             [im.Measured("height", 1.5, 0.01), im.Measured("height", 1.6, 0.01)],
             "contradict each other",
@@ -439,6 +495,10 @@ def test_what_no_scene_can_be_is_refused(statements: list[Statement], words: str
         (lambda: im.Contact("couch", 5, 4), "before its first"),
         (lambda: im.Seen(0, ((0, 0, 1, 1),), ()), "1 boxes in the picture, but 0 labels"),
         (lambda: im.Presence(()), "must be a label"),
+        (lambda: im.SameObject("couch", [(1, 2)]), "two spans or more"),
+        (lambda: im.SameObject("couch", [(1, 2), (4, 5)], people=[1]), "a person for each"),
+        (lambda: im.SameObject("couch", [(1, 2), (5, 4)]), "frame 4 is before the first, 5"),
+        (lambda: im.Behind("couch", ()), "must be a label"),
     ],
 )
 def test_what_is_no_statement_is_refused(make, words: str) -> None:
@@ -461,10 +521,12 @@ def test_frames_of_the_second_person_follow_those_of_the_first() -> None:
         im.JointAt("PELV", 3, (0, 3, 1), 0.1, person=2),
         im.Contact("couch", 4, 9, person=2),
         im.DepthOf((5, 7), (3.0, 3.1), 0.1, person=2),
+        im.SameObject("couch", [(4, 9), (1, 2)], people=[2, 1]),
     ]
     told = tell(problem(0.0), said, two, LIBRARY)
     assert told.given_kinds[:2, 5:].tolist() == [[23, 24], [24, 30]]
-    assert told.given_rows[:, 0].tolist() == [25, 27]
+    assert told.given_rows[:, 0].tolist() == [25, 27, 24, 1]
+    assert told.given_rows[2:, 1].tolist() == [30, 3]
 
 
 def test_a_part_of_a_library_numbers_labels_as_the_whole() -> None:
