@@ -374,8 +374,9 @@ class Evaluator(structref.StructRefProxy):
 
     Parameters
     ----------
-    *args
-        Problem and cache.
+    problem : Problem
+    cache : Cache
+        What is remembered of the states that were evaluated.
     """
 
     problem: Problem
