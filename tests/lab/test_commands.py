@@ -103,6 +103,24 @@ def test_couple(tmp_path: Path) -> None:
     assert (tmp_path / "table" / "chairs.npz").exists()
 
 
+def test_takes_hold_one_piece_each() -> None:
+    from lab.takes import takes_of
+
+    takes, pieces = takes_of(0)
+    assert [piece.label for piece in pieces] == ["couch", "shelf", "bed"]
+    assert [take.name for take in takes] == ["take 1", "take 2", "take 3"]
+    assert sum(take.n_frames for take in takes) == 240
+    assert min(take.n_frames for take in takes) >= 50
+
+
+@pytest.mark.slow
+def test_takes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    run("lab.takes", tmp_path / "takes", "--steps", "100")
+    told = capsys.readouterr().out
+    assert "| piece | take 1 | take 2 | take 3 | together |" in told
+    assert told.count("| ") > 15
+
+
 @pytest.mark.slow
 def test_speed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     run("lab.speed", "--seconds", "0.1", "-o", tmp_path / "results.json")
