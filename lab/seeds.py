@@ -1,8 +1,9 @@
 """Do probabilities of scenes hold from seed to seed, and are they as sure as is said?
 
-    python -m lab.seeds FOLDER [CLIP ...] [--seeds 5] [--steps N] [--workers 2]
+    python -m lab.seeds FOLDER [CLIP ...] [--seeds 5] [--steps N] [--workers 2] [--picture PNG]
 
-samples each clip, ``demo`` if none is named, with several seeds and prints two tables in Markdown.
+samples each clip, ``demo`` if none is named, with several seeds and prints two tables in Markdown;
+the picture has what each seed and each of its chains says of the largest layouts.
 Every run is kept in FOLDER as a folder that ``imapper-prob view`` opens, so that a killed command
 goes on where it was; runs of another program are refused by the readers of such folders.
 
@@ -23,12 +24,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import matplotlib.pyplot as plt
 import numpy as np
 from numpy.typing import NDArray
 
 import imapper_prob as im
 from imapper_prob.config import SampleSettings
 from imapper_prob.layouts import group_layouts, through_one_lens
+from imapper_prob.plotting import save_figure
 from imapper_prob.results.posterior import Posterior, load_posterior
 from imapper_prob.samplers.diagnostics import ShortChainWarning, layout_probabilities, rhat
 from lab.gold import GOLD, distance, known, shares
@@ -58,6 +61,8 @@ class Seeds:
         Of sampling.
     labels : tuple of S dict of str to float
         Share of draws with each set of labels.
+    chains : tuple of S (C, K) float
+        Share of the draws of each chain.
     """
 
     probability: Array
@@ -68,6 +73,7 @@ class Seeds:
     good: NDArray[np.bool_]
     seconds: Array
     labels: tuple[dict[str, float], ...] = ()
+    chains: tuple[Array, ...] = ()
 
     @property
     def scatter(self) -> Array:
@@ -96,11 +102,12 @@ def compared(posteriors: Sequence[Posterior]) -> Seeds:
     layouts = group_layouts(objects, values, radius=radius)
     count = 1 + int(layouts.indicator.max())
     probability, stated = np.zeros((2, len(samples), count))
-    rhats, effective, first = [], [], 0
+    rhats, effective, chains, first = [], [], [], 0
     for s, one in enumerate(samples):
         shape = one.shape
         own = layouts.indicator[first : first + shape[0] * shape[1]].reshape(shape)
         first += own.size
+        chains.append(np.stack([(own == k).mean(1) for k in range(count)], -1))
         found = layout_probabilities(1 + own, rng=np.random.default_rng(s))
         probability[s, found.layouts - 1] = found.probability
         stated[s, found.layouts - 1] = found.standard_error
@@ -121,6 +128,7 @@ def compared(posteriors: Sequence[Posterior]) -> Seeds:
         np.array([one.verdict.good for one in samples]),
         np.array([p.seconds.get("sampling", np.nan) for p in posteriors]),
         tuple(shares(one.objects) for one in samples),
+        tuple(chains),
     )
 
 
@@ -176,6 +184,29 @@ def tables(found: dict[str, Seeds]) -> str:
     return "\n".join(lines) + "\n"
 
 
+def picture(found: dict[str, Seeds], path: Path) -> None:
+    """Write what seeds and their chains say of the largest layouts, clip by clip."""
+    figure, panels = plt.subplots(
+        1, len(found), figsize=(4.6 * len(found), 3.4), squeeze=False, sharey=True
+    )
+    for axes, (clip, one) in zip(panels[0], found.items(), strict=True):
+        seeds, layouts = len(one.best), min(LARGEST, one.probability.shape[1])
+        for s in range(seeds):
+            at = 1 + np.arange(layouts) + 0.6 * ((s + 0.5) / seeds - 0.5)
+            for own in one.chains[s]:
+                axes.plot(at, own[:layouts], ".", color="0.6", zorder=1)
+            axes.errorbar(
+                at, one.probability[s, :layouts], one.stated[s, :layouts],
+                fmt="o", markersize=4, capsize=3, label=f"seed {s}", zorder=2,
+            )  # fmt: skip
+        axes.set(title=clip, xlabel="layout, largest first", xticks=1 + np.arange(layouts))
+        axes.legend(title="± as stated; grey: chains", fontsize="small", title_fontsize="small")
+    panels[0, 0].set(ylabel="probability", ylim=(-0.02, 1.02))
+    figure.tight_layout()
+    save_figure(figure, path, dpi=120)
+    plt.close(figure)
+
+
 def _spread(values: Array, form: str) -> str:
     return f"{np.median(values):{form}} ({values.min():{form}} to {values.max():{form}})"
 
@@ -190,6 +221,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--seeds", type=int, default=5, help="two at least")
     parser.add_argument("--steps", type=int, default=SampleSettings().steps)
     parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--picture", type=Path, metavar="PNG", help="(default: none)")
     options = parser.parse_args(arguments)
     if options.seeds < 2:
         parser.error("one seed has nothing to be compared with: --seeds 2 or more")
@@ -203,6 +235,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
             )
             for clip in options.clips
         }
+    if options.picture is not None:
+        picture(found, options.picture)
     sys.stdout.write(tables(found))
 
 

@@ -95,7 +95,8 @@ def scope_of(nodeid: str) -> str:
         return "notebooks/ that look at one run"
     if file in APART:
         return nodeid
-    return DEMO if "from tests.runs import" in _text(file) else file
+    shares = any(word in _text(file) for word in ("from tests.runs import", "run_of_demo"))
+    return DEMO if shares else file
 
 
 @cache

@@ -32,8 +32,8 @@ def same_room(takes: Sequence[Clip]) -> Clip:
     Returns
     -------
     Clip
-        As long as the longest, with everybody of all takes, named by take; without truth. A
-        single take as it is.
+        As long as the longest, its frames counted from 0, with everybody of all takes, named by
+        take; without truth. A single take as it is.
 
     Raises
     ------

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
-from lab.seeds import Seeds, compared, tables
+from lab.seeds import Seeds, compared, picture, tables
 from tests.runs import posterior
 
 
@@ -34,7 +36,15 @@ def test_the_same_scenes_are_the_same_layouts_in_all_seeds() -> None:
     assert shares.sum() == pytest.approx(2.0)
     own = one.samples.probabilities.probability
     np.testing.assert_allclose(np.sort(shares[0])[::-1], np.sort(own)[::-1])
+    np.testing.assert_allclose(compared([one, one]).chains[0].mean(0), shares[0])
     empty = replace(one.samples, objects=tuple(() for _ in one.samples.objects))
     other = compared([one, replace(one, samples=empty)])
     nothing = sum(not objects for objects in one.samples.objects) / len(one.samples.objects)
     np.testing.assert_allclose(other.distance, 1.0 - nothing)
+
+
+def test_seeds_and_chains_are_drawn(tmp_path: Path) -> None:
+    both = compared([posterior(), posterior()])
+    picture({"one": both, "another": both}, tmp_path / "seeds.png")
+    with Image.open(tmp_path / "seeds.png") as drawn:
+        assert drawn.size == (1104, 408)
