@@ -374,9 +374,8 @@ class Evaluator(structref.StructRefProxy):
 
     Parameters
     ----------
-    problem : Problem
-    cache : Cache
-        What is remembered of the states that were evaluated.
+    *args
+        Problem and cache.
     """
 
     problem: Problem

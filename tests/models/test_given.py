@@ -14,6 +14,7 @@ from shapely import Point, Polygon
 
 import imapper_prob as im
 from imapper_prob.layouts import placed_objects
+from imapper_prob.models.given import check_statements, tell
 from imapper_prob.models.log_posterior import (
     Incremental,
     State,
@@ -30,10 +31,8 @@ from imapper_prob.models.settings import ModelSettings
 from imapper_prob.models.skeleton import JOINTS, LKNE, LWRI, PELV, RKNE, RWRI
 from imapper_prob.models.statements import (
     Statement,
-    check_statements,
     describe,
     from_json,
-    tell,
     to_json,
 )
 from imapper_prob.models.valid import check_problem

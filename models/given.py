@@ -1,0 +1,383 @@
+"""Statements as a term of a problem: checked against clip and library, and packed as flat rows.
+
+What a statement is says :mod:`imapper_prob.models.statements`; what its term is,
+:mod:`imapper_prob.models.kernels.given`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from shapely import Point, Polygon
+
+from imapper_prob.models.errors import InputError
+from imapper_prob.models.kernels.given import (
+    BEHIND,
+    CONTACT,
+    DEPTH,
+    DETECTIONS_OF_OBJECTS,
+    NUMBER,
+    OBJECT,
+    POINT,
+    PRESENCE,
+    ROOM,
+    SAME_OBJECT,
+)
+from imapper_prob.models.problem import (
+    GIVEN_KINDS,
+    GIVEN_NUMBERS,
+    GIVEN_ROW,
+    Problem,
+    labels_of,
+)
+from imapper_prob.models.scene import Clip
+from imapper_prob.models.scenelet import Library
+from imapper_prob.models.settings import NEAREST
+from imapper_prob.models.skeleton import JOINTS, PELV
+from imapper_prob.models.statements import (
+    QUANTITIES,
+    Behind,
+    Contact,
+    DepthOf,
+    JointAt,
+    Measured,
+    ObjectAt,
+    Points,
+    Presence,
+    Room,
+    SameObject,
+    Seen,
+    Statement,
+    describe,
+)
+
+__all__ = ["ROOM_AREA", "check_statements", "log_by_chance", "tell"]
+
+Array = NDArray[np.float64]
+ROOM_AREA: Final = 100.0
+"""m^2 over which a place that was named by chance may be; chosen, a large room."""
+_LARGEST_SIDE: Final = 3.0
+"""Metres up to which each side of an object that was named by chance may be; chosen."""
+_FAR_APART: Final = 6.0
+"""Standard deviations at which two measurements of one thing contradict each other; chosen."""
+
+
+# ------------------------------------------------------------------------------------------------
+# Against clip and library, and against each other.
+
+
+def check_statements(statements: Sequence[Statement], clip: Clip, library: Library) -> None:
+    """Refuse what no scene of a clip and a library can be, before anything is sampled.
+
+    Parameters
+    ----------
+    statements : sequence of Statement
+    clip : Clip
+    library : Library
+
+    Raises
+    ------
+    InputError
+        A label is not in the library, a frame not in the clip, a box not in the picture, a place
+        behind the camera, or two statements contradict each other.
+    """
+    known = set(labels_of(library))
+    for statement in statements:
+        for label in sorted(_labels_said(statement) - known):
+            raise InputError(
+                f"{describe(statement)}: library {library.name} has no {label!r}; it has "
+                f"{', '.join(sorted(known))}"
+            )
+        for frame in _frames_said(statement):
+            if frame not in clip.frame_ids:
+                raise InputError(
+                    f"{describe(statement)}: clip {clip.name} has no frame {frame}; its frames are "
+                    f"{clip.frame_ids[0]} to {clip.frame_ids[-1]}"
+                )
+        for person in _people_said(statement):
+            if not 1 <= person <= len(clip.tracks):
+                raise InputError(
+                    f"{describe(statement)}: clip {clip.name} has no person {person}, but "
+                    f"{len(clip.tracks)}"
+                )
+        _check_view(statement, clip)
+    for one, other in combinations(statements, 2):
+        if _contradict(one, other) or _contradict(other, one):
+            raise InputError(f"{describe(one)} and {describe(other)} contradict each other")
+
+
+def _labels_said(statement: Statement) -> set[str]:
+    if isinstance(statement, Seen):
+        return {label for row in statement.confusion for label in row}
+    if isinstance(statement, Behind):
+        return {*statement.labels, *statement.before}
+    return set(getattr(statement, "labels", ()))
+
+
+def _people_said(statement: Statement) -> tuple[int, ...]:
+    if isinstance(statement, SameObject):
+        return statement.people
+    return (getattr(statement, "person", 1),)
+
+
+def _frames_said(statement: Statement) -> tuple[int, ...]:
+    match statement:
+        case JointAt() | Seen():
+            return (statement.frame,)
+        case DepthOf():
+            return statement.frames
+        case Contact():
+            return (statement.first, statement.last)
+        case SameObject():
+            return tuple(frame for span in statement.spans for frame in span)
+        case _:
+            return ()
+
+
+def _check_view(statement: Statement, clip: Clip) -> None:
+    """Boxes are in the picture, and places before the camera."""
+    width, height = clip.camera.width, clip.camera.height
+    boxes = statement.boxes if isinstance(statement, Seen) else ()
+    if isinstance(statement, ObjectAt):
+        boxes = () if statement.box is None else (statement.box,)
+    for left, top, right, bottom in boxes:
+        if right <= 0 or bottom <= 0 or left >= width or top >= height:
+            raise InputError(
+                f"{describe(statement)}: the box {left:g}, {top:g}, {right:g}, {bottom:g} is "
+                f"outside the picture of {width} x {height} px"
+            )
+    place: tuple[float, ...] | None = None
+    if isinstance(statement, ObjectAt) and statement.place is not None:
+        place = (*statement.place, 0.0)
+    elif isinstance(statement, JointAt):
+        place = statement.point
+    if place is not None:
+        depth = float(clip.camera.to_camera(np.array(place))[1])
+        if depth <= NEAREST:
+            raise InputError(
+                f"{describe(statement)}: that is {-depth:.1f} m behind the camera, which looks "
+                "along y"
+            )
+
+
+def _contradict(one: Statement, other: Statement) -> bool:
+    """Whether the first makes the second as good as impossible."""
+    match one, other:
+        case Measured(), Measured() if one.quantity == other.quantity:
+            return abs(one.value - other.value) > _FAR_APART * math.hypot(one.std, other.std)
+        case JointAt(), JointAt() if (one.joint, one.frame, one.person) == (
+            other.joint, other.frame, other.person,
+        ):  # fmt: skip
+            apart = math.dist(one.point, other.point)
+            return apart > _FAR_APART * math.hypot(one.std, other.std)
+        case Presence(there=False, region=None), Behind():
+            return any(set(said) <= set(one.labels) for said in (other.labels, other.before))
+        case Presence(there=False), Presence(there=True) | ObjectAt() | Contact() | SameObject():
+            # None of some labels where one of these labels is said to be.
+            if not set(other.labels) <= set(one.labels):
+                return False
+            if one.region is None:
+                return True
+            if isinstance(other, Presence) and other.region is not None:
+                return bool(Polygon(one.region).covers(Polygon(other.region)))
+            return (
+                isinstance(other, ObjectAt)
+                and other.place is not None
+                and _deep_in(
+                    one.region, other.place, _FAR_APART * math.hypot(one.std, other.place_std)
+                )
+            )
+        case Room(), ObjectAt() if other.place is not None:
+            far = _FAR_APART * math.hypot(one.std, other.place_std)
+            return bool(Polygon(one.walls).distance(Point(other.place)) > far)
+        case Room(), Presence(there=True) if other.region is not None:
+            far = _FAR_APART * math.hypot(one.std, other.std)
+            return bool(Polygon(one.walls).distance(Polygon(other.region)) > far)
+        case _:
+            return False
+
+
+def _deep_in(region: Points, place: tuple[float, float], by: float) -> bool:
+    polygon, point = Polygon(region), Point(place)
+    return bool(polygon.contains(point) and polygon.exterior.distance(point) > by)
+
+
+# ------------------------------------------------------------------------------------------------
+# As flat rows of a problem.
+
+
+def tell(
+    problem: Problem, statements: Sequence[Statement], clip: Clip, library: Library
+) -> Problem:
+    """The problem with statements as a term of its log-posterior, in place of any it has.
+
+    Parameters
+    ----------
+    problem : Problem
+        Of the clip's people, one after the other.
+    statements : sequence of Statement
+    clip : Clip
+    library : Library
+        All of it, or exactly the scenelets of the problem.
+
+    Returns
+    -------
+    Problem
+
+    Raises
+    ------
+    InputError
+        See :func:`check_statements`.
+    """
+    check_statements(statements, clip, library)
+    names = _names(problem, library)
+    kinds = np.zeros((len(statements), GIVEN_KINDS), np.int64)
+    numbers = np.zeros((len(statements), GIVEN_NUMBERS))
+    labels: list[Array] = []
+    rows: list[tuple[float, ...]] = []
+    for kind, number, statement in zip(kinds, numbers, statements, strict=True):
+        found = _packed(statement, clip)
+        mine = found.labels or [dict.fromkeys(_labels_said(statement), 1.0)]
+        kind[:] = (
+            found.kind, len(labels), len(rows), len(rows) + len(found.rows), found.joint,
+            found.first, found.end,
+        )  # fmt: skip
+        number[: len(found.numbers)] = found.numbers
+        if not isinstance(statement, Seen) or statement.boxes:
+            labels += [np.array([row.get(name, 0.0) for name in names]) for row in mine]
+        rows += [(*row, *[0.0] * (GIVEN_ROW - len(row))) for row in found.rows]
+    return problem._replace(
+        given_kinds=kinds,
+        given=numbers,
+        given_labels=np.array(labels).reshape(-1, len(names)),
+        given_rows=np.array(rows, dtype=np.float64).reshape(-1, GIVEN_ROW),
+        given_power=np.ones(len(statements)),
+    )
+
+
+def _names(problem: Problem, library: Library) -> list[str]:
+    """Labels by the numbers that a problem has for them; empty where its scenelets have none."""
+    names = labels_of(library)
+    if len(names) < len(problem.label_front):
+        known = [o.label for s in library for o in s.objects for _ in o.cuboids]
+        named = dict(zip(problem.box_label.tolist(), known, strict=True))
+        names = [named.get(number, "") for number in range(len(problem.label_front))]
+    return names
+
+
+@dataclass(frozen=True)
+class _Packed:
+    """A statement as numbers."""
+
+    kind: int
+    numbers: Sequence[float]
+    rows: Sequence[tuple[float, ...]] = ()
+    labels: Sequence[dict[str, float]] = ()
+    joint: int = 0
+    first: int = 0
+    end: int = 0
+
+
+def _packed(statement: Statement, clip: Clip) -> _Packed:
+    picture = (float(clip.camera.width), float(clip.camera.height))
+    row_of = {int(frame): t for t, frame in enumerate(clip.frame_ids.tolist())}
+    before = (getattr(statement, "person", 1) - 1) * clip.n_frames
+    match statement:
+        case Measured(quantity, value, std):
+            unit = math.pi / 180 if quantity == "pitch" else 1.0
+            return _Packed(NUMBER, (unit * value, unit * std), joint=QUANTITIES.index(quantity))
+        case ObjectAt():
+            return _Packed(OBJECT, _object_numbers(statement, picture))
+        case Presence():
+            said = (statement.doubt, float(statement.there), statement.std)
+            return _Packed(PRESENCE, said, statement.region or ())
+        case Room():
+            return _Packed(ROOM, (statement.doubt, statement.std), statement.walls)
+        case JointAt():
+            t = before + row_of[statement.frame]
+            said_point = (*statement.point, statement.std)
+            joint = JOINTS.index(statement.joint)
+            return _Packed(POINT, said_point, joint=joint, first=t, end=t + 1)
+        case DepthOf():
+            rows = [
+                (float(before + row_of[frame]), depth)
+                for frame, depth in zip(statement.frames, statement.depths, strict=True)
+            ]
+            errors = (statement.error, statement.scale_error)
+            return _Packed(DEPTH, errors, rows, joint=JOINTS.index(statement.joint))
+        case Contact():
+            first, last = before + row_of[statement.first], before + row_of[statement.last]
+            said_sits = (statement.doubt, float(statement.sits))
+            return _Packed(CONTACT, said_sits, joint=PELV, first=first, end=last + 1)
+        case SameObject():
+            spans: list[tuple[float, ...]] = [
+                tuple(
+                    float((person - 1) * clip.n_frames + row_of[frame] + more)
+                    for frame, more in zip(span, (0, 1), strict=True)
+                )
+                for span, person in zip(statement.spans, statement.people, strict=True)
+            ]
+            return _Packed(SAME_OBJECT, (statement.doubt, float(statement.sits)), spans)
+        case Behind():
+            both = [dict.fromkeys(said, 1.0) for said in (statement.labels, statement.before)]
+            return _Packed(BEHIND, (statement.doubt,), labels=both)
+        case Seen():
+            t, (width, height) = before + row_of[statement.frame], picture
+            # Two edges either way, in order; and any of the labels.
+            anywhere = 2 * math.log(2 / (width * height)) - math.log(_LABELS_OF_DETECTORS)
+            said_seen = (statement.rate, statement.clutter, anywhere, statement.std, width, height)
+            return _Packed(
+                DETECTIONS_OF_OBJECTS, said_seen, statement.boxes, statement.confusion, first=t,
+                end=t + 1,
+            )  # fmt: skip
+
+
+_LABELS_OF_DETECTORS: Final = 80
+"""Labels among which a box of nothing has one; COCO's."""
+
+
+def log_by_chance(statement: Statement, clip: Clip) -> float | None:
+    """Log density of an answer by chance, the least that its term can be, nats.
+
+    Parameters
+    ----------
+    statement : Statement
+    clip : Clip
+
+    Returns
+    -------
+    float or None
+        None of measurements, which are never by chance.
+    """
+    packed = _packed(statement, clip)
+    match statement:
+        case ObjectAt():
+            return math.log(packed.numbers[0]) + packed.numbers[1]
+        case Presence() | Room() | Contact() | SameObject() | Behind():
+            return math.log(0.5 * packed.numbers[0])
+        case _:
+            return None
+
+
+def _object_numbers(said: ObjectAt, picture: tuple[float, float]) -> tuple[float, ...]:
+    """As the kernel reads them; half of all answers by chance are that there is no such object."""
+    wrong, nothing = -math.log(2.0), 0.0
+    place, size, box = said.place, said.size, said.box
+    if place is not None:
+        wrong -= math.log(ROOM_AREA)
+    if size is not None:
+        wrong -= 3 * math.log(_LARGEST_SIDE)
+    if box is not None:
+        wrong += 2 * math.log(2 / (picture[0] * picture[1]))
+    return (
+        said.doubt, wrong,
+        *(place or (0.0, 0.0)), said.place_std if place else nothing,
+        *(size or (0.0,) * 3), said.size_std if size else nothing,
+        *(box or (0.0,) * 4), said.box_std if box else nothing, *picture,
+    )  # fmt: skip
