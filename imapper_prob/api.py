@@ -15,9 +15,9 @@ from imapper_prob.clips.takes import same_room
 from imapper_prob.config import Config, SampleSettings
 from imapper_prob.lifting import lift_clip
 from imapper_prob.memory import require_memory
-from imapper_prob.models.given import check_statements, tell
 from imapper_prob.models.scene import Clip
 from imapper_prob.models.scenelet import Library
+from imapper_prob.models.statement_rows import check_statements, tell
 from imapper_prob.models.statements import Statement
 from imapper_prob.progress import Progress, shown
 from imapper_prob.results.posterior import Posterior

@@ -9,7 +9,7 @@ which take at the same frame do not meet.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import fields
+from dataclasses import fields, replace
 
 import numpy as np
 
@@ -61,7 +61,7 @@ def same_room(takes: Sequence[Clip]) -> Clip:
         fps=first.fps,
         frame_ids=np.arange(n_frames),
         tracks=tuple(
-            _named(track, name) for track, name in zip(tracks, _names(takes), strict=True)
+            replace(track, name=name) for track, name in zip(tracks, _names(takes), strict=True)
         ),
         focal_spread=first.focal_spread,
     )
@@ -87,17 +87,13 @@ def _as_long(track: Track, n_frames: int) -> Track:
     more = n_frames - len(track.keypoints)
     if not more:
         return track
-    return Track(
-        track.name,
-        np.concatenate([track.keypoints, np.full((more, N_JOINTS, 2), np.nan)]),
-        np.concatenate([track.confidences, np.zeros((more, N_JOINTS))]),
-        np.concatenate([track.poses, np.full((more, N_JOINTS, 3), np.nan)]),
-        np.concatenate([track.interpolated, np.zeros(more, bool)]),
+    return replace(
+        track,
+        keypoints=np.concatenate([track.keypoints, np.full((more, N_JOINTS, 2), np.nan)]),
+        confidences=np.concatenate([track.confidences, np.zeros((more, N_JOINTS))]),
+        poses=np.concatenate([track.poses, np.full((more, N_JOINTS, 3), np.nan)]),
+        interpolated=np.concatenate([track.interpolated, np.zeros(more, bool)]),
     )
-
-
-def _named(track: Track, name: str) -> Track:
-    return Track(name, track.keypoints, track.confidences, track.poses, track.interpolated)
 
 
 def _names(takes: Sequence[Clip]) -> list[str]:

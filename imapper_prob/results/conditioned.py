@@ -11,9 +11,9 @@ import numpy as np
 
 from imapper_prob.config import SampleSettings
 from imapper_prob.models.errors import InputError
-from imapper_prob.models.given import check_statements, tell
 from imapper_prob.models.log_posterior import State
 from imapper_prob.models.scenelet import Library
+from imapper_prob.models.statement_rows import check_statements, tell
 from imapper_prob.models.statements import Statement
 from imapper_prob.progress import Progress
 from imapper_prob.results.posterior import Posterior

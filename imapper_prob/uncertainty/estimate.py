@@ -23,10 +23,10 @@ from shapely import area, intersection, polygons
 
 from imapper_prob.layouts import SEATS
 from imapper_prob.models.camera import Camera
-from imapper_prob.models.given import ROOM_AREA
 from imapper_prob.models.scene import FRONTLESS, Placement, Scene, SceneObject
 from imapper_prob.models.settings import ModelSettings
 from imapper_prob.models.skeleton import PELV
+from imapper_prob.models.statement_rows import ROOM_AREA
 from imapper_prob.models.statements import ObjectAt, Statement
 from imapper_prob.uncertainty.clusters import ObjectCluster, circular_mean_and_spread
 

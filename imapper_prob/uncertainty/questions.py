@@ -19,8 +19,8 @@ from typing import Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from imapper_prob.models.given import tell
 from imapper_prob.models.skeleton import REFERENCE_STATURE
+from imapper_prob.models.statement_rows import tell
 from imapper_prob.models.statements import Measured, Presence, Statement
 from imapper_prob.samplers.diagnostics import ShortChainWarning, mean_error
 from imapper_prob.sampling.conditioning import statement_values

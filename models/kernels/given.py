@@ -3,7 +3,7 @@
 A statement is an answer that somebody gave, or a measurement that something else made. Its term is
 the density of that answer given the scene, normalised over all answers that there might have been,
 so that ratios of evidence mean something. Statements are flat rows of a problem;
-:mod:`imapper_prob.models.given` packs them. With none of them nothing of this is called.
+:mod:`imapper_prob.models.statement_rows` packs them. With none of them nothing of this is called.
 """
 
 from __future__ import annotations

@@ -14,7 +14,6 @@ from shapely import Point, Polygon
 
 import imapper_prob as im
 from imapper_prob.layouts import placed_objects
-from imapper_prob.models.given import check_statements, tell
 from imapper_prob.models.log_posterior import (
     Incremental,
     State,
@@ -29,6 +28,7 @@ from imapper_prob.models.scene import Clip, SceneObject
 from imapper_prob.models.scenelet import Library
 from imapper_prob.models.settings import ModelSettings
 from imapper_prob.models.skeleton import JOINTS, LKNE, LWRI, PELV, RKNE, RWRI
+from imapper_prob.models.statement_rows import check_statements, tell
 from imapper_prob.models.statements import (
     Statement,
     describe,

@@ -16,10 +16,10 @@ from scipy.stats import norm
 
 import imapper_prob as im
 from imapper_prob.config import SampleSettings
-from imapper_prob.models.given import tell
 from imapper_prob.models.log_posterior import empty_state
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.settings import ModelSettings
+from imapper_prob.models.statement_rows import tell
 from imapper_prob.models.statements import Statement
 from imapper_prob.samplers.diagnostics import mean_error
 from imapper_prob.samplers.reweighting import reweigh
