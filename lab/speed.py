@@ -2,6 +2,7 @@
 
     python -m lab.speed [--seconds 2] [-o FILE]     (or: make bench)
     python -m lab.speed --solver
+    python -m lab.speed --fits DEVICE
 
 The first prints a figure a line and merges them into ``lab/results.json``; of one process and one
 thread, most of the demo's clip. It takes about a minute. Kernels that are not compiled yet take two
@@ -16,6 +17,10 @@ With ``--solver`` a simulated clip of 430 frames is solved twice with 1,500 scen
 processor seconds by stage (the machine may be busy with other things; torch and numba use one
 thread here, so that this is also the time on an idle one), and whether both runs agree to the last
 bit. Loading the library and compiling are not counted. It takes a minute and a half.
+
+With ``--fits`` the fits of all scenelets in all windows of that clip are made on one processor and
+on a device of torch, ``cuda`` say, each in batches of its own. Printed are seconds, and by how much
+placements and costs differ.
 """
 
 from __future__ import annotations
@@ -79,7 +84,8 @@ from imapper_prob.scenelets.charness import (
 from imapper_prob.scenelets.library import load_library
 from imapper_prob.scenelets.procedural.catalogue import build_library
 from imapper_prob.simulate.clips import NOMINAL_CAMERA, simulate_clip, simulate_track
-from imapper_prob.solver.solver import Solution, solve
+from imapper_prob.solver.fits import Fits, FitSettings, fit_windows
+from imapper_prob.solver.solver import Solution, fit_clip, solve
 
 Array = NDArray[np.float64]
 
@@ -460,6 +466,8 @@ def _go_on(_part: object = None, /) -> bool:
 FRAMES, SCENELETS, INTERACTIONS = 430, 1500, 5
 AIM = 60.0
 """Seconds."""
+SAME = 0.001
+"""Nats a confident joint by which two fits may differ and be one: other minima differ by more."""
 
 
 def workload() -> tuple[Clip, Library]:
@@ -531,6 +539,36 @@ def print_solver() -> None:
     console.print(f"Both runs agree to the last bit: {'yes' if same else 'no'}.")
 
 
+def print_fits(device: str) -> None:
+    """Seconds of the fits on a processor and on a device, and how far apart they are."""
+    clip, library = workload()
+    few = fit_clip(clip, Library("few", tuple(library)[::60]))
+    found = fit_clip(clip, library)
+
+    def fits(problem: Problem, where: str) -> Fits:
+        settings = FitSettings(device=where)
+        return fit_windows(problem, found.path, fps=clip.fps, settings=settings)
+
+    seconds, made = {}, {}
+    for where in ("cpu", device):
+        fits(few.problem, where)
+        start = time.perf_counter()
+        made[where] = fits(found.problem, where)
+        seconds[where] = time.perf_counter() - start
+    here, there = made["cpu"], made[device]
+    fitted = np.isfinite(here.cost)
+    same = np.abs(here.cost[fitted] - there.cost[fitted]) < SAME
+    apart = np.abs(here.placements[fitted] - there.placements[fitted])[same].max()
+    share = same.mean()
+    windows, scenelets = here.cost.shape
+    sys.stdout.write(
+        f"{windows} windows, {scenelets} scenelets: cpu {seconds['cpu']:.2f} s, "
+        f"{device} {seconds[device]:.2f} s\n"
+        f"costs agree within {SAME} nats in {share:.4f} of the fits, "
+        f"whose placements differ by {apart:.2g} m or rad at most\n"
+    )
+
+
 def note(figures: dict[str, float], path: Path) -> None:
     """Print figures, and add them to those of other commands in a file."""
     figures = {name: float(f"{value:.4g}") for name, value in figures.items()}
@@ -550,10 +588,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
         "--seconds", type=float, default=2.0, help="each thing is timed, 2 if not given"
     )
     parser.add_argument("--solver", action="store_true", help="the solver's stages instead")
+    parser.add_argument("--fits", metavar="DEVICE", help="the fits on a device of torch instead")
     parser.add_argument("-o", "--output", type=Path, default=RESULTS, help="file of all figures")
     options = parser.parse_args(arguments)
     if options.solver:
         print_solver()
+        return
+    if options.fits is not None:
+        print_fits(options.fits)
         return
     figures = {
         **demo_figures(options.seconds),

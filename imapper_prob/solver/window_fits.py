@@ -25,8 +25,8 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 _BATCH: Final = 512
-"""Scenelets at once: what is worked out of them stays in a processor's cache, as it does not of all
-of a library."""
+"""Scenelets at once on a CPU: what is worked out of them stays in its cache, as it does not of all
+of a library. Other devices take all at once."""
 
 _SYMMETRIC: Final = [[0, 1, 2], [1, 3, 4], [2, 4, 5]]
 """Where the upper triangle's entries stand in a symmetric matrix."""
@@ -136,8 +136,9 @@ class WindowFitter:
         dof = self._tensor(problem.error_dof[frames, :, 1])
         theta = self._tensor(start)
         cost = theta.new_zeros(theta.shape[:2])
-        for first in range(0, len(index), _BATCH):
-            batch = slice(first, first + _BATCH)
+        size = _BATCH if self.device.type == "cpu" else len(index)
+        for first in range(0, len(index), size):
+            batch = slice(first, first + size)
             args = (self.joints[index[batch]], target, scale, dof, weight[batch])
             for _ in range(steps):
                 theta[:, batch], cost[:, batch] = self._step(theta[:, batch], *args)

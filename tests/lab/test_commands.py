@@ -142,6 +142,8 @@ def test_stages_of_the_solver(
     monkeypatch.setattr(speed, "INTERACTIONS", 1)
     run("lab.speed", "--solver")
     assert "Both runs agree to the last bit: yes" in capsys.readouterr().out
+    run("lab.speed", "--fits", "cpu")
+    assert "in 1.0000 of the fits" in capsys.readouterr().out
 
 
 @pytest.mark.slow
