@@ -32,13 +32,6 @@ def at_one_table(seed: int = 0, *, depth: float = 3.6, name: str = "sit-table-01
 
     Both do what one scenelet of the built-in library shows; its table is theirs.
     """
-    return couple_at_one_table(seed, depth=depth, name=name)[0]
-
-
-def couple_at_one_table(
-    seed: int = 0, *, depth: float = 3.6, name: str = "sit-table-016"
-) -> tuple[Clip, np.ndarray]:
-    """:func:`at_one_table` and how both really moved, (2, T, 16, 3) in the world, metres."""
     rng = np.random.default_rng(seed)
     scenelet = next(s for s in load_library() if s.name == name)
     table = next(o for o in scenelet.objects if o.label == "table")
@@ -56,10 +49,9 @@ def couple_at_one_table(
         simulate_track(rng, joints, behind, camera=CAMERA, fps=scenelet.fps, name=actor)
         for actor, joints, behind in zip("AB", motions, hidden, strict=True)
     ]
-    truth = Truth(CAMERA, tuple(objects), motions[0], hidden[0])
+    truth = Truth(CAMERA, tuple(objects), np.concatenate(motions), np.concatenate(hidden))
     frames = np.arange(N_FRAMES)
-    clip = Clip("couple", CAMERA, scenelet.fps, frames, tuple(tracks), truth=truth)
-    return clip, np.array(motions)
+    return Clip("couple", CAMERA, scenelet.fps, frames, tuple(tracks), truth=truth)
 
 
 def chairs_and_tables(every: int, *, name: str = "sit-table-016") -> Library:

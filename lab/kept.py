@@ -1,13 +1,40 @@
-"""Results that commands keep: of which program they are. (No command of its own.)"""
+"""Results that commands keep: runs, and of which program they are. (No command of its own.)"""
 
 from __future__ import annotations
 
 import hashlib
+from dataclasses import replace
 from pathlib import Path
 
 import imapper_prob
+import imapper_prob as im
+from imapper_prob.config import Config, SampleSettings
+from imapper_prob.models.scene import Clip
+from imapper_prob.models.scenelet import Library
+from imapper_prob.results.posterior import Posterior, load_posterior
 
-__all__ = ["digest"]
+__all__ = ["digest", "sampled", "with_steps"]
+
+
+def with_steps(steps: int) -> Config:
+    """The usual settings with chains of so many steps, and as many draws as these have."""
+    few = SampleSettings(steps=steps, draws=1)
+    return Config(sample=replace(few, draws=min(SampleSettings().draws, few.most_draws)))
+
+
+def sampled(
+    clip: Clip,
+    folder: Path,
+    *,
+    library: Library | None = None,
+    seed: int,
+    steps: int,
+    workers: int,
+) -> Posterior:
+    """The run of a clip in a folder, made if it is not there."""
+    if not folder.exists():
+        im.sample(clip, library, rng=seed, workers=workers, config=with_steps(steps)).save(folder)
+    return load_posterior(folder)
 
 
 def digest(*more: Path) -> str:

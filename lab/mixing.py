@@ -35,6 +35,7 @@ from imapper_prob.samplers.chains import run_chains
 from imapper_prob.samplers.diagnostics import ShortChainWarning, ess, rhat
 from imapper_prob.sampling.chain import run_chain
 from imapper_prob.scenelets.library import load_library
+from lab.kept import with_steps
 
 if TYPE_CHECKING:
     # Processes that run chains load this script again, and need no torch.
@@ -50,8 +51,7 @@ REPEATS = 3
 
 def settings_of(kind: str, steps: int) -> SampleSettings:
     """Chains as always, or the same number of steps at the posterior itself."""
-    few = SampleSettings(steps=steps, draws=1, ensemble_steps=0)
-    usual = replace(few, draws=min(SampleSettings().draws, few.most_draws))
+    usual = replace(with_steps(steps).sample, ensemble_steps=0)
     if kind == "tempered":
         return usual
     return replace(usual, temperatures=1, steps=steps * usual.temperatures)

@@ -21,7 +21,7 @@ import argparse
 import sys
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import matplotlib.pyplot as plt
@@ -35,6 +35,7 @@ from imapper_prob.plotting import save_figure
 from imapper_prob.results.posterior import Posterior, load_posterior
 from imapper_prob.samplers.diagnostics import ShortChainWarning, layout_probabilities, rhat
 from lab.gold import GOLD, distance, known, shares
+from lab.kept import with_steps
 from lab.mixing import OPEN
 
 Array = NDArray[np.float64]
@@ -134,9 +135,7 @@ def compared(posteriors: Sequence[Posterior]) -> Seeds:
 
 def runs(name: str, folder: Path, seeds: int, steps: int, workers: int) -> list[Posterior]:
     """The runs of a clip; those that are missing are made."""
-    few = SampleSettings(steps=steps, draws=1)
-    draws = min(SampleSettings().draws, few.most_draws)
-    config = im.Config(sample=replace(few, draws=draws))
+    config = with_steps(steps)
     paths = [folder / f"{Path(name).stem}-{steps}-{seed}" for seed in range(seeds)]
     missing = [path for path in paths if not path.exists()]
     if missing:

@@ -27,8 +27,9 @@ from imapper_prob.clips.takes import same_room
 from imapper_prob.config import SampleSettings
 from imapper_prob.layouts import SEATS
 from imapper_prob.models.scene import Clip, SceneObject
-from imapper_prob.results.posterior import Posterior, load_posterior
+from imapper_prob.results.posterior import Posterior
 from imapper_prob.simulate.clips import simulate_clip
+from lab.kept import sampled
 
 _SCRIPT = ("sit-couch-001", "reach-shelf-001", "sit-bed-001")
 _FRAMES = 240
@@ -80,16 +81,6 @@ def presence(posterior: Posterior, true: SceneObject) -> float:
 def _kind(label: str) -> str:
     """Beds are sat on like seats; motion hardly tells one from another."""
     return "to sit on" if label in (*SEATS, "bed") else label
-
-
-def sampled(clip: Clip, folder: Path, *, seed: int, steps: int, workers: int) -> Posterior:
-    """The run of a clip in a folder, made if it is not there."""
-    if not folder.exists():
-        few = SampleSettings(steps=steps, draws=1)
-        settings = replace(few, draws=min(SampleSettings().draws, few.most_draws))
-        config = im.Config(sample=settings)
-        im.sample(clip, rng=seed, workers=workers, config=config).save(folder)
-    return load_posterior(folder)
 
 
 def table(takes: Sequence[Posterior], together: Posterior, pieces: Sequence[SceneObject]) -> str:

@@ -416,12 +416,13 @@ class Truth:
         The camera whose world frame ``objects`` and ``joints`` are in.
     objects : tuple of SceneObject
         Furniture in that world frame.
-    joints : (T, 16, 3) float
-        Joints in that world frame, metres; NaN in frames without annotation.
-    hidden : (T, 16) bool
+    joints : (T, 16, 3) or (K T, 16, 3) float
+        Joints in that world frame, metres; NaN in frames without annotation. Of the first person,
+        or of all K people of the clip, all frames of the first, then of the next.
+    hidden : (T, 16) or (K T, 16) bool
         Joints behind furniture, seen from the camera.
     actions : tuple of str
-        A word a frame (``"sitting"``, …), or empty.
+        A word a row of ``joints`` (``"sitting"``, …), or empty.
     """
 
     camera: Camera

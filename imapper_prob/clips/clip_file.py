@@ -20,10 +20,11 @@ entry                         shape               meaning
 ``interpolated``              (A, T) bool         poses that the input had filled in
 ============================  ==================  =============================================
 
-A file with truth also has ``truth_camera`` (9,), ``truth_joints`` (T, 16, 3), ``truth_hidden``
-(T, 16), ``truth_actions`` (T or 0,), ``object_labels`` (K,), ``object_placements`` (K, 3), and its
+A file with truth also has ``truth_camera`` (9,), ``truth_joints`` (R, 16, 3), ``truth_hidden``
+(R, 16), ``truth_actions`` (R or 0,), ``object_labels`` (K,), ``object_placements`` (K, 3), and its
 boxes one after the other: ``cuboid_owners`` (C,) int index of the object, ``cuboid_parts`` (C,),
-``cuboid_boxes`` (C, 6) centre and size.
+``cuboid_boxes`` (C, 6) centre and size. R is T, where the first actor's motion is known, or A T,
+everybody's one after the other.
 """
 
 from __future__ import annotations
@@ -186,7 +187,9 @@ def clip_of(arrays: Arrays, path: Path) -> Clip:
                 for a, name in enumerate(names)
             ),
             focal_spread=_focal_spread(path, arrays),
-            truth=_truth(path, arrays, n_frames) if "truth_joints" in arrays else None,
+            truth=_truth(path, arrays, (n_frames, len(names) * n_frames))
+            if "truth_joints" in arrays
+            else None,
         )
     except InputError as error:
         message = str(error)
@@ -264,15 +267,22 @@ def _truth_arrays(truth: Truth) -> Arrays:
     }
 
 
-def _truth(path: Path, arrays: Arrays, n_frames: int) -> Truth:
+def _truth(path: Path, arrays: Arrays, possible: tuple[int, int]) -> Truth:
+    """The truth, of the first actor or of everybody: that many rows."""
+    joints = _entry(path, arrays, "truth_joints", (None, 16, 3), "f")
+    if len(joints) not in possible:
+        raise InputError(
+            f"{path}: truth_joints has {len(joints)} rows; the first actor has {possible[0]}, "
+            f"everybody {possible[1]}"
+        )
     labels = _entry(path, arrays, "object_labels", (None,), "U")
     placements = _entry(path, arrays, "object_placements", (len(labels), 3), "f")
     owners = _entry(path, arrays, "cuboid_owners", (None,), "i")
     parts = _entry(path, arrays, "cuboid_parts", owners.shape, "U")
     boxes = _entry(path, arrays, "cuboid_boxes", (len(owners), 6), "f")
     actions = _entry(path, arrays, "truth_actions", (None,), "U")
-    if len(actions) not in (0, n_frames):
-        raise InputError(f"{path}: {len(actions)} actions for {n_frames} frames")
+    if len(actions) not in (0, len(joints)):
+        raise InputError(f"{path}: {len(actions)} actions for {len(joints)} rows of truth_joints")
     if len(owners) and not (owners.min() >= 0 and owners.max() < len(labels)):
         raise InputError(f"{path}: a cuboid belongs to an object that is not there")
     objects = [
@@ -290,7 +300,7 @@ def _truth(path: Path, arrays: Arrays, n_frames: int) -> Truth:
     return Truth(
         camera=_camera(_entry(path, arrays, "truth_camera", (9,), "f")),
         objects=tuple(objects),
-        joints=_entry(path, arrays, "truth_joints", (n_frames, 16, 3), "f"),
-        hidden=_entry(path, arrays, "truth_hidden", (n_frames, 16), "b"),
+        joints=joints,
+        hidden=_entry(path, arrays, "truth_hidden", (len(joints), 16), "b"),
         actions=tuple(str(a) for a in actions),
     )

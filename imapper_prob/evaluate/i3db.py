@@ -87,7 +87,7 @@ def read_truth_in_view(folder: str | Path, clip: Clip | None = None) -> TruthInV
         pixels=_pixels(folder / "gt" / "skel_GT_2d.json", clip, joints),
         hidden=truth.hidden,
         objects=tuple(objects),
-        used=used_objects(tuple(objects), joints, truth.actions),
+        used=used_objects(tuple(objects), joints, truth.actions, clip.n_frames),
         actions=truth.actions,
     )
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -36,6 +36,7 @@ __all__ = [
     "Prediction",
     "between_frames",
     "is_solution",
+    "of_people",
     "prediction_of_scene",
     "prediction_of_solved",
     "prediction_of_state",
@@ -55,10 +56,10 @@ class Prediction:
     ----------
     name : str
         Heads its row.
-    joints : (T, 16, 3) float
+    joints : (R, 16, 3) float
         In the axes of the camera (x right, y forward, z up), metres; NaN for joints and frames
-        about which nothing is claimed.
-    pixels : (T, 16, 2) float
+        about which nothing is claimed. All frames of the first person, then of the next.
+    pixels : (R, 16, 2) float
         Where its own camera sees them.
     objects : tuple of Outline
     """
@@ -67,6 +68,30 @@ class Prediction:
     joints: Array
     pixels: Array
     objects: tuple[Outline, ...]
+
+
+def of_people(prediction: Prediction, rows: int) -> Prediction:
+    """What is said of the first people, of whom there are so many rows.
+
+    Parameters
+    ----------
+    prediction : Prediction
+    rows : int
+        Frames times people.
+
+    Returns
+    -------
+    Prediction
+        Rows of the others are left out; NaN where nothing is said of somebody.
+    """
+    if len(prediction.joints) == rows:
+        return prediction
+
+    def own(values: Array) -> Array:
+        missing = np.full((max(0, rows - len(values)), *values.shape[1:]), np.nan)
+        return np.concatenate([values[:rows], missing])
+
+    return replace(prediction, joints=own(prediction.joints), pixels=own(prediction.pixels))
 
 
 def between_frames(joints: ArrayLike) -> Array:
@@ -137,9 +162,7 @@ def prediction_of_state(source: Source, state: State, *, name: str) -> Predictio
 
 
 def prediction_of_solved(solved: Solved, *, name: str) -> Prediction:
-    """The staged solver's best scene: everybody's furniture, and the motion of the first actor.
-
-    Of several people in a clip the truth knows one, the first.
+    """The staged solver's best scene: everybody's furniture and motion.
 
     Parameters
     ----------
@@ -152,7 +175,8 @@ def prediction_of_solved(solved: Solved, *, name: str) -> Prediction:
     Prediction
     """
     best = solved.scenes[0]
-    scene = Scene(best.camera, best.objects, best.motions[0], (), best.log_posterior)
+    joints = np.concatenate(best.motions)
+    scene = Scene(best.camera, best.objects, joints, (), best.log_posterior)
     return prediction_of_scene(scene, name=name)
 
 
@@ -172,7 +196,8 @@ def prediction_of_solved(solved: Solved, *, name: str) -> Prediction:
 # corners of all boxes of an object, ``sideways`` points to the right of its front. ``pixels``
 # beside ``joints``, of the same form with pairs, is for methods with a camera of their own;
 # without it the clip's camera projects the joints. ``joints`` may be missing, and so may
-# ``objects``: methods that only do one of the two have no scores for the other.
+# ``objects``: methods that only do one of the two have no scores for the other. Of several people
+# a file has the first.
 
 PREDICTION_FORMAT: Final = "imapper-prob prediction"
 _PREDICTION_VERSION: Final = 1
@@ -218,6 +243,8 @@ def read_prediction(path: str | Path, clip: Clip) -> Prediction:
 
 def write_prediction(path: str | Path, prediction: Prediction, clip: Clip) -> None:
     """Write what :func:`read_prediction` reads; a file in the way is replaced.
+
+    Of several people it has the motion of the first.
 
     Parameters
     ----------
@@ -293,7 +320,7 @@ def _frames(values: Array, clip: Clip) -> dict[str, Any]:
         "names": list(JOINTS),
         "frames": {
             str(frame): [None if np.isnan(v).any() else v.tolist() for v in row]
-            for frame, row in zip(clip.frame_ids.tolist(), values, strict=True)
+            for frame, row in zip(clip.frame_ids.tolist(), values[: clip.n_frames], strict=True)
             if not np.isnan(row).all()
         },
     }
@@ -330,7 +357,7 @@ def is_solution(folder: Path) -> bool:
 
 
 def read_solution_folder(folder: Path, clip: Clip) -> Prediction:
-    """The best scene of the staged solver, with the motion of the first actor.
+    """The best scene of the staged solver.
 
     Parameters
     ----------
@@ -358,7 +385,9 @@ def read_solution_folder(folder: Path, clip: Clip) -> Prediction:
         raise InputError(f"{path}: is of the clip {data.get('clip')!r}, not of {clip.name}")
     scenes = field(path, data, "scenes")
     try:
-        joints = load_archive(folder / "solution.npz", what="solution")["actor0/joints"][0]
+        arrays = load_archive(folder / "solution.npz", what="solution")
+        people = [name for name in arrays if name.startswith("actor") and name.endswith("/joints")]
+        joints = np.concatenate([arrays[f"actor{k}/joints"][0] for k in range(len(people))])
         if np.isinf(joints).any() or (np.abs(joints) > FARTHEST).any():
             raise ValueError("joints are no metres")
         best = scenes[0]

@@ -62,9 +62,9 @@ class Draws:
 
     Parameters
     ----------
-    joints : (N, T, 16, 3) float
+    joints : (N, R, 16, 3) float
         In the axes of the camera, metres.
-    pixels : (N, T, 16, 2) float
+    pixels : (N, R, 16, 2) float
         As each draw's own camera sees them.
     objects : tuple of N tuples of Outline
     """
@@ -93,12 +93,14 @@ class Draws:
         return Prediction(name, self.joints[draw], self.pixels[draw], self.objects[draw])
 
 
-def draws_of(posterior: Posterior) -> Draws:
+def draws_of(posterior: Posterior, *, rows: int | None = None) -> Draws:
     """At most 200 draws of a posterior, evenly spaced over its chains.
 
     Parameters
     ----------
     posterior : Posterior
+    rows : int, optional
+        Frames times people, of the first people; of everybody if not given.
 
     Returns
     -------
@@ -112,7 +114,7 @@ def draws_of(posterior: Posterior) -> Draws:
     for k in chosen.tolist():
         state = samples.states[k]
         camera = state_camera(posterior.clip.camera, state)
-        world = drawn_motion(rng, source.problem, state, camera)
+        world = drawn_motion(rng, source.problem, state, camera)[:rows]
         joints.append(camera.to_camera(world))
         pixels.append(camera.project(world))
         objects.append(tuple(outline_of(o, camera) for o in posterior.furniture[k]))
@@ -588,16 +590,15 @@ def score_posterior(posterior: Posterior, truth: TruthInView, *, name: str) -> P
     Raises
     ------
     InputError
-        If it is of another clip or of several people.
+        If it is of another clip.
     """
-    if len(posterior.clip.tracks) > 1:
-        raise InputError(f"the run of {posterior.clip.name} is of several people, its truth of one")
-    if posterior.clip.name != truth.name or posterior.clip.n_frames != len(truth.joints):
+    if posterior.clip.name != truth.name or posterior.clip.n_frames != len(truth.frame_ids):
         raise InputError(
             f"the run is of {posterior.clip.name} with {posterior.clip.n_frames} frames, the "
-            f"truth of {truth.name} with {len(truth.joints)}; name the truth of its clip"
+            f"truth of {truth.name} with {len(truth.frame_ids)}; name the truth of its clip"
         )
-    claims, draws, true = claims_of(posterior), draws_of(posterior), truth.used_objects
+    claims, true = claims_of(posterior), truth.used_objects
+    draws = draws_of(posterior, rows=len(truth.joints))
     shown = [scene_distance(p.objects, true) for p in _shown(posterior, _SHOWN)]
     expected, energy = energy_score(draws.objects, true)
     joints = joint_energy_score(draws, truth)

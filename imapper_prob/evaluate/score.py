@@ -7,7 +7,7 @@ several clips, :func:`paired_difference` compares two methods object by object.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
@@ -18,7 +18,7 @@ from imapper_prob.clips.i3db import DETECTIONS
 from imapper_prob.clips.load import load_clip
 from imapper_prob.evaluate.i3db import read_authors, read_input_path, read_truth_in_view
 from imapper_prob.evaluate.objects import ObjectScore, object_scores
-from imapper_prob.evaluate.prediction import Prediction
+from imapper_prob.evaluate.prediction import Prediction, of_people
 from imapper_prob.evaluate.truth import Outline, TruthInView, box_corners, segments, truth_in_view
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.scene import Clip
@@ -77,7 +77,7 @@ class PoseScore:
 
 
 def pose_scores(prediction: Prediction, truth: TruthInView) -> dict[str, PoseScore]:
-    """Errors of the fourteen scored joints by :data:`SUBSETS`.
+    """Errors of the fourteen scored joints of everybody whom the truth knows, by :data:`SUBSETS`.
 
     Parameters
     ----------
@@ -93,11 +93,13 @@ def pose_scores(prediction: Prediction, truth: TruthInView) -> dict[str, PoseSco
     InputError
         If the numbers of frames differ.
     """
-    if len(prediction.joints) != len(truth.joints):
+    frames = len(truth.frame_ids)
+    if len(prediction.joints) == 0 or len(prediction.joints) % frames:
         raise InputError(
             f"{prediction.name}: has {len(prediction.joints)} frames, the truth of {truth.name} "
-            f"has {len(truth.joints)}; the frames of a result must be those of its clip"
+            f"has {frames}; the frames of a result must be those of its clip"
         )
+    prediction = of_people(prediction, len(truth.joints))
     scored = list(SCORED)
     known = np.repeat(truth.known[:, None], len(scored), 1)
     hidden = truth.hidden[:, scored]
@@ -205,18 +207,18 @@ _COUCH: Final = (2.4, 0.8, 0.45)
 """Metres of width, depth and height: the usual couch of i3DB."""
 
 
-def _couch_where_sat(path: Prediction, actions: tuple[str, ...]) -> Prediction:
+def _couch_where_sat(path: Prediction, truth: TruthInView) -> Prediction:
     """A couch around the median pelvis of each stay on a seat, facing as the hips do.
 
     Parameters
     ----------
     path : Prediction
         Whose joints are used, and kept; its furniture is not.
-    actions : tuple of str
-        When somebody sits. It is told the truth about that, which nothing else is.
+    truth : TruthInView
+        Says when somebody sits, which nothing else is told.
     """
     couches = []
-    for action, frames in segments(actions):
+    for action, frames in segments(truth.actions, len(truth.frame_ids)):
         body = path.joints[frames]
         body = body[np.isfinite(body).all((1, 2))]
         if action == "sitting" and len(body):
@@ -226,7 +228,7 @@ def _couch_where_sat(path: Prediction, actions: tuple[str, ...]) -> Prediction:
 
 
 def static_path(clip: Clip) -> Prediction:
-    """The smooth path through the detections that the solver starts from, without furniture.
+    """The smooth paths through the detections that the solver starts from, without furniture.
 
     With constants estimated without a scene of that name.
 
@@ -238,7 +240,11 @@ def static_path(clip: Clip) -> Prediction:
     -------
     Prediction
     """
-    joints = estimate_static_path(clip, settings=Settings().without(clip.name).path).joints
+    settings = Settings().without(clip.name).path
+    people = [replace(clip, tracks=(track,)) for track in clip.tracks]
+    joints = np.concatenate(
+        [estimate_static_path(person, settings=settings).joints for person in people]
+    )
     return Prediction("static path", joints, clip.camera.project_camera(joints), ())
 
 
@@ -448,7 +454,7 @@ def known_scene(path: str | Path) -> KnownScene:
     lifted = read_input_path(path, clip)
     paths = (lifted, static_path(clip))
     return KnownScene(
-        clip, truth, (*published, lifted, *(_couch_where_sat(p, truth.actions) for p in paths))
+        clip, truth, (*published, lifted, *(_couch_where_sat(p, truth) for p in paths))
     )
 
 
@@ -469,7 +475,7 @@ def known_clip(clip: Clip) -> KnownScene:
         If it does not.
     """
     truth = truth_in_view(clip)
-    return KnownScene(clip, truth, (_couch_where_sat(static_path(clip), truth.actions),))
+    return KnownScene(clip, truth, (_couch_where_sat(static_path(clip), truth),))
 
 
 def scenes_with_truth(folder: str | Path) -> list[Path]:

@@ -393,8 +393,13 @@ def top_view_figure(truth: TruthInView, predictions: Sequence[Prediction]) -> Fi
         for k, item in enumerate(truth.objects):
             shade = 0.28 if k in truth.used else 0.1
             axes.fill(*_edge(item), color=_INK, alpha=shade, linewidth=0)
-        axes.plot(*_walk(truth.joints), color=_QUIET, linewidth=1.2)
-        axes.plot(*_walk(prediction.joints), color=_INK, linewidth=0.9)
+        for joints, colour, width in (
+            (truth.joints, _QUIET, 1.2),
+            (prediction.joints, _INK, 0.9),
+        ):
+            for first in range(0, len(joints), len(truth.frame_ids)):
+                own = joints[first : first + len(truth.frame_ids)]
+                axes.plot(*_walk(own), color=colour, linewidth=width)
         for item in prediction.objects:
             _draw(axes, item)
         axes.set_title(prediction.name, fontsize=8, color=_INK)

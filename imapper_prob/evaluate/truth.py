@@ -184,18 +184,19 @@ class TruthInView:
     name : str
         Of the clip.
     frame_ids : (T,) int
-    joints : (T, 16, 3) float
-        x right, y forward, z up from the optical centre, metres; NaN where not annotated.
-    pixels : (T, 16, 2) float
+    joints : (R, 16, 3) float
+        x right, y forward, z up from the optical centre, metres; NaN where not annotated. T rows
+        of the first person, or as many of each, one after the other.
+    pixels : (R, 16, 2) float
         True joints in the image, NaN where not annotated.
-    hidden : (T, 16) bool
+    hidden : (R, 16) bool
         Joints behind furniture.
     objects : tuple of Outline
         All furniture that was annotated.
     used : tuple of int
         Which of ``objects`` take part in an interaction; these are scored.
     actions : tuple of str
-        A word a frame, or empty.
+        A word a row, or empty.
     """
 
     name: str
@@ -209,7 +210,7 @@ class TruthInView:
 
     @property
     def known(self) -> Flags:
-        """(T,) bool, frames that somebody annotated."""
+        """(R,) bool, rows that somebody annotated."""
         flags: Flags = np.all(np.isfinite(self.joints), axis=(1, 2))
         return flags
 
@@ -219,28 +220,30 @@ class TruthInView:
         return tuple(self.objects[k] for k in self.used)
 
 
-def segments(actions: tuple[str, ...]) -> Iterator[tuple[str, slice]]:
-    """Stretches of frames in which the same is done, in order of time.
+def segments(actions: tuple[str, ...], n_frames: int) -> Iterator[tuple[str, slice]]:
+    """Stretches of rows in which one person does the same, in order of time.
 
     Parameters
     ----------
     actions : tuple of str
-        A word a frame.
+        A word a row.
+    n_frames : int
+        Rows of each person.
 
     Yields
     ------
     action : str
-    frames : slice
+    rows : slice
     """
     first = 0
     for t in range(1, len(actions) + 1):
-        if t == len(actions) or actions[t] != actions[first]:
+        if t % n_frames == 0 or t == len(actions) or actions[t] != actions[first]:
             yield actions[first], slice(first, t)
             first = t
 
 
 def used_objects(
-    objects: tuple[Outline, ...], joints: Array, actions: tuple[str, ...]
+    objects: tuple[Outline, ...], joints: Array, actions: tuple[str, ...], n_frames: int
 ) -> tuple[int, ...]:
     """Which objects somebody interacts with.
 
@@ -256,7 +259,7 @@ def used_objects(
         for group in ("seat", "table", "shelf")
     }
     used: set[int] = set()
-    for action, frames in segments(actions):
+    for action, frames in segments(actions, n_frames):
         body = joints[frames]
         body = body[np.isfinite(body).all((1, 2)), :, :2]
         if not len(body):
@@ -305,7 +308,7 @@ def truth_in_view(clip: Clip, truth: Truth | None = None) -> TruthInView:
     truth = truth if truth is not None else clip.truth
     if truth is None:
         raise InputError(f"clip {clip.name}: nobody knows its truth; nothing to hold a result to")
-    if len(truth.joints) != clip.n_frames:
+    if len(truth.joints) not in (clip.n_frames, len(clip.tracks) * clip.n_frames):
         raise InputError(
             f"clip {clip.name}: has {clip.n_frames} frames, its truth {len(truth.joints)}"
         )
@@ -318,6 +321,6 @@ def truth_in_view(clip: Clip, truth: Truth | None = None) -> TruthInView:
         pixels=truth.camera.project(truth.joints),
         hidden=truth.hidden,
         objects=objects,
-        used=used_objects(objects, joints, truth.actions),
+        used=used_objects(objects, joints, truth.actions, clip.n_frames),
         actions=truth.actions,
     )

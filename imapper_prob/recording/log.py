@@ -301,12 +301,13 @@ def _check(
         raise InputError(f"{path}: the folder {path.parent} does not exist; make it first")
     if not scenes:
         raise InputError(f"{path}: a recording needs at least one scene")
-    n_people, n_frames = len(clip.tracks), clip.n_frames
-    motions = {f"scene {i}": (s.scene.joints, n_people) for i, s in enumerate(scenes, 1)}
+    people, n_frames = len(clip.tracks), clip.n_frames
+    motions = {f"scene {i}": s.scene.joints for i, s in enumerate(scenes, 1)}
     if truth is not None:
-        motions["the truth"] = truth.joints, 1
-    for name, (joints, people) in motions.items():
-        if len(joints) != people * n_frames:
+        motions["the truth"] = truth.joints
+    for name, joints in motions.items():
+        first_alone = joints is motions.get("the truth") and len(joints) == n_frames
+        if len(joints) != people * n_frames and not first_alone:
             raise InputError(
                 f"{path}: {name} has {len(joints)} frames, clip {clip.name} has {n_frames}"
                 + (f" of each of {people} people" if people > 1 else "")
@@ -335,7 +336,10 @@ def _log_all(recording: rr.RecordingStream, told: _RecordingContent) -> None:
             recording, "world/truth/furniture", shapes.boxes(truth.objects, {}, outlined=True)
         )
         log_static(recording, "world/truth/outlines", shapes.outlines(truth.objects))
-        log_person(recording, "world/truth", truth.joints, palette.TRUTH, frames)
+        for person, joints in enumerate(by_person(clip, truth.joints)):
+            log_person(
+                recording, own_entity(clip, "world/truth", person), joints, palette.TRUTH, frames
+            )
     if told.certainty is not None:
         log_certainty(recording, told.certainty, clip)
         log_hidden_joints(

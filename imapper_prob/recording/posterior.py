@@ -89,9 +89,12 @@ def log_fit(
             miss = _mean_miss(camera, joints, clip.tracks[person])
             curve(recording, f"fit/miss/{entity}", "frame", frames, miss, style)
     if truth is not None:
-        far = _distance(truth.camera, truth.joints)
-        style = rr.SeriesLines(colors=TRUE_COLOUR, names="truth", widths=_WIDTH)
-        curve(recording, "fit/distance/truth", "frame", frames, far, style)
+        for person, joints in enumerate(by_person(clip, truth.joints)):
+            entity = own_entity(clip, "truth", person)
+            name = f"truth{own_part(clip, person)}"
+            style = rr.SeriesLines(colors=TRUE_COLOUR, names=name, widths=_WIDTH)
+            far = _distance(truth.camera, joints)
+            curve(recording, f"fit/distance/{entity}", "frame", frames, far, style)
 
 
 def log_traces(recording: rr.RecordingStream, traces: Mapping[str, Array]) -> None:

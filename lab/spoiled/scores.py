@@ -31,6 +31,7 @@ from imapper_prob.models.scene import Clip
 from imapper_prob.models.skeleton import SCORED
 from imapper_prob.scenelets.library import load_library
 from imapper_prob.solver.actors import solve_actors
+from lab.kept import with_steps
 from lab.spoiled.spoilings import SPOILINGS, Spoiled
 
 __all__ = ["UNSPOILED", "Task", "at_times", "score_task", "spoil"]
@@ -135,9 +136,7 @@ def _sampled(clip: Clip, truth: TruthInView, affected: Flags, steps: int) -> dic
 
 def settings(steps: int) -> SampleSettings:
     """The default settings with fewer steps, and without ensembles, which are not scored."""
-    usual = SampleSettings()
-    short = replace(usual, steps=steps, draws=1, ensemble_steps=0)
-    return replace(short, draws=min(usual.draws, short.most_draws))
+    return replace(with_steps(steps).sample, ensemble_steps=0)
 
 
 def errors(prediction: Prediction, clip: Clip, truth: TruthInView) -> dict[str, Any]:

@@ -63,7 +63,7 @@ def truth(objects: tuple[Outline, ...] | None = None) -> TruthInView:
         pixels=CAMERA.project_camera(joints),
         hidden=hidden,
         objects=objects,
-        used=used_objects(objects, joints, ACTIONS),
+        used=used_objects(objects, joints, ACTIONS, N_FRAMES),
         actions=ACTIONS,
     )
 

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from imapper_prob.evaluate.prediction import between_frames
 from imapper_prob.evaluate.score import pose_scores
+from imapper_prob.evaluate.truth import segments
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.skeleton import NECK, PELV, SCORED
 from tests.evaluate.scenes import CAMERA, N_FRAMES, prediction, truth, walk
@@ -74,6 +77,33 @@ def test_joints_that_a_method_does_not_have_are_counted() -> None:
     assert found.left_out == KNOWN
     # The pelvis is the middle of the hips then, and of the truth its own.
     assert np.isfinite(found.local)
+
+
+def test_everybody_whom_the_truth_knows_is_scored() -> None:
+    """The second person is a metre off; of them nothing is said, or nothing is known."""
+    one, other = walk(), walk() + np.array([0.0, 1.0, 0.0])
+    everybody = prediction(np.concatenate([one, other]))
+    first = truth()
+    both = replace(
+        first,
+        joints=np.concatenate([first.joints] * 2),
+        pixels=np.concatenate([first.pixels] * 2),
+        hidden=np.concatenate([first.hidden] * 2),
+    )
+    found = pose_scores(everybody, both)["all frames"]
+    assert found.world == pytest.approx(100 * np.sqrt(0.5))
+    assert found.joints == 2 * KNOWN * len(SCORED)
+    assert pose_scores(everybody, first)["all frames"].world == 0
+    alone = pose_scores(prediction(one), both)["all frames"]
+    assert (alone.world, alone.left_out) == (0, KNOWN * len(SCORED))
+
+
+def test_what_two_people_do_is_apart() -> None:
+    words = ("walk", "sit", "sit", "walk")
+    assert [frames for _, frames in segments(words, 2)] == [
+        slice(0, 1), slice(1, 2), slice(2, 3), slice(3, 4)
+    ]  # fmt: skip
+    assert [frames for _, frames in segments(words, 4)] == [slice(0, 1), slice(1, 3), slice(3, 4)]
 
 
 def test_an_empty_prediction_has_no_errors() -> None:

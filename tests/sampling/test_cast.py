@@ -12,8 +12,11 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 import imapper_prob as im
+from imapper_prob.cli import main
 from imapper_prob.cli.run import _show
 from imapper_prob.config import Config, SampleSettings
+from imapper_prob.evaluate.probability import posterior_predictions, score_posterior
+from imapper_prob.evaluate.score import known_clip, pose_scores
 from imapper_prob.layouts import merged_objects
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.log_posterior import (
@@ -38,7 +41,7 @@ from imapper_prob.sampling.sample import sample_scenes
 from imapper_prob.solver.actors import solve_actors
 from imapper_prob.solver.solver import Solution
 from imapper_prob.uncertainty.summary import distances_to_truth
-from lab.couple import N_FRAMES, chairs_and_tables, couple_at_one_table
+from lab.couple import N_FRAMES, at_one_table, chairs_and_tables
 from tests.recording.reading import read
 
 SHORT = SampleSettings(chains=2, steps=1500, draws=100, temperatures=3, ensemble_steps=8)
@@ -46,7 +49,7 @@ SHORT = SampleSettings(chains=2, steps=1500, draws=100, temperatures=3, ensemble
 
 @cache
 def solutions() -> tuple[Solution, ...]:
-    return solve_actors(couple_at_one_table(1)[0], chairs_and_tables(12))
+    return solve_actors(at_one_table(1), chairs_and_tables(12))
 
 
 @cache
@@ -147,7 +150,7 @@ def test_no_scenelet_reaches_from_one_actor_to_the_next() -> None:
 
 
 def test_both_tracks_and_their_table_are_found_and_the_table_is_one() -> None:
-    clip, true = couple_at_one_table(1)
+    clip = at_one_table(1)
     assert clip.truth is not None
     run = posterior()
     best = run.scenes(1)[0]
@@ -160,7 +163,8 @@ def test_both_tracks_and_their_table_are_found_and_the_table_is_one() -> None:
     kinds = [run.solution.library[s].labels for s in run.samples.states[best.draw].items[:, 0]]
     assert sum("table" in kind for kind in kinds) > 1
     found = by_person(run.clip, run.joints().mean[:, PELV])
-    error = np.linalg.norm((found - true[:, :, PELV])[..., :2], axis=-1)
+    true = by_person(clip, clip.truth.joints[:, PELV])
+    error = np.linalg.norm((found - true)[..., :2], axis=-1)
     assert error.mean(1).max() < 0.35
 
 
@@ -209,6 +213,9 @@ def test_every_file_has_everybody(folder: Path, tmp_path: Path) -> None:
         assert set(frames.tolist()) <= set(poses)
         assert (f"/world/camera/image/reprojection/{name}", "Points2D:positions") in columns
         assert (f"/fit/distance/scene_1/{name}", "Scalars:scalars") in columns
+        assert set(frames.tolist()) <= set(
+            columns[f"/world/truth/{name}/person", "Points3D:positions"]
+        )
     first, second_place = (
         np.array(columns[f"/world/scene_1/{n}/person", "Points3D:positions"][0])[PELV] for n in "AB"
     )
@@ -232,6 +239,26 @@ def test_who_sits_opposite_has_the_same_table_and_another_chair(label: str, paid
     cost = terms(problem, state)["collision"]
     assert (cost < -1.0) == paid
     assert (cost == 0.0) != paid
+
+
+def test_everybody_is_scored(folder: Path) -> None:
+    known = known_clip(posterior().clip)
+    both = score_posterior(posterior(), known.truth, name="couple")
+    first = replace(
+        known.truth,
+        joints=known.truth.joints[:N_FRAMES],
+        pixels=known.truth.pixels[:N_FRAMES],
+        hidden=known.truth.hidden[:N_FRAMES],
+    )
+    one = score_posterior(posterior(), first, name="couple")
+    assert len(both.pelvis_ranks) == 2 * N_FRAMES
+    assert_array_equal(one.pelvis_ranks, both.pelvis_ranks[:N_FRAMES])
+    for answer in posterior_predictions(posterior()):
+        of_both, of_first = (pose_scores(answer, t)["all frames"] for t in (known.truth, first))
+        assert of_both.joints == 2 * of_first.joints
+        assert 0 < of_both.world < 40
+    assert main(["evaluate", str(folder)]) == 0
+    assert (folder / "evaluation.png").is_file()
 
 
 def test_several_people_are_shown(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
