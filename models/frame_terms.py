@@ -10,9 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.models.kernels.detection import forward_filter
-from imapper_prob.models.kernels.incremental import evaluate
 from imapper_prob.models.kernels.path import pose_jump
-from imapper_prob.models.log_posterior import State, terms
+from imapper_prob.models.log_posterior import State, evaluate, terms
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.published_terms import paper_energy
 from imapper_prob.models.settings import PaperWeights
@@ -48,11 +47,7 @@ def _published(problem: Problem, state: State) -> dict[str, Array]:
 
 def _default(problem: Problem, state: State) -> dict[str, Array]:
     n_frames = problem.n_frames
-    joints, by_frame = np.empty((n_frames, 3, 16)), np.zeros((n_frames, 2))
-    evaluate(
-        problem, state.camera, state.items, state.placements, state.sizes, state.latent,
-        joints, by_frame,
-    )  # fmt: skip
+    _, joints, by_frame = evaluate(problem, state)
     weight = problem.frame_weight * problem.likelihood
     detections, _ = forward_filter(
         by_frame, problem.path_starts, weight, problem.flip_begins, problem.flip_ends

@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 from imapper_prob.models.camera import Camera
 from imapper_prob.models.kernels.cache import Evaluator, open_evaluator
 from imapper_prob.models.kernels.detection import flip_probabilities
-from imapper_prob.models.kernels.incremental import commit, evaluate, propose
-from imapper_prob.models.problem import TERMS, Problem
+from imapper_prob.models.kernels.incremental import NOWHERE, change, commit, read_proposed
+from imapper_prob.models.problem import CAMERA, TERMS, Problem
 from imapper_prob.models.published_energy import PAPER_TERMS, evaluate_paper
 from imapper_prob.models.text import brief
 
@@ -31,7 +31,9 @@ __all__ = [
     "State",
     "Target",
     "camera_at",
+    "change_from",
     "empty_state",
+    "evaluate",
     "frame_log_likelihood",
     "log_posterior",
     "log_posterior_near",
@@ -88,6 +90,18 @@ class State:
         """Another process's state is as read-only as it was there."""
         self.__dict__.update(state)
         self.__post_init__()
+
+    def copies(self) -> tuple[Array, NDArray[np.int64], Array, Array, Array]:
+        """The arrays, in order, of one's own: kernels are compiled for arrays that can be written.
+
+        Returns
+        -------
+        tuple of array
+        """
+        return (
+            self.camera.copy(), self.items.copy(), self.placements.copy(), self.sizes.copy(),
+            self.latent.copy(),
+        )  # fmt: skip
 
     @property
     def n_scenelets(self) -> int:
@@ -223,18 +237,61 @@ def camera_at(nominal: Camera, phi: Array) -> Camera:
     )
 
 
-def _evaluate(problem: Problem, state: State) -> tuple[Array, Array, Array]:
-    joints = np.empty((problem.n_frames, 3, 16))
+def change_from(evaluator: Evaluator, n_before: int, now: State, new: State) -> tuple[float, float]:
+    """What a state is worth beside the one that an evaluator stands at.
+
+    Parameters
+    ----------
+    evaluator : Evaluator
+    n_before : int
+        Scenelets of the one it stands at; ``NOWHERE`` where there is none.
+    now : State
+        The one it stands at.
+    new : State
+
+    Returns
+    -------
+    log_prior, log_likelihood : float
+        See :func:`imapper_prob.models.kernels.incremental.change`.
+    """
+    parts: tuple[float, float] = change(
+        evaluator, n_before, now.camera.copy(), now.latent.copy(), *new.copies()
+    )
+    return parts
+
+
+def evaluate(problem: Problem, state: State) -> tuple[Array, Array, Array]:
+    """All that there is to say of one state under the default log-posterior.
+
+    Parameters
+    ----------
+    problem : Problem
+    state : State
+
+    Returns
+    -------
+    terms : (12,) float
+        Values of ``TERMS``, nats; the first is -inf outside the support.
+    joints : (T, 3, 16) float
+        The motion in the world, metres; NaN outside the support.
+    by_frame : (T, 2) float
+        Log-likelihood of each frame's detections, as they are and with left and right flipped,
+        nats, unweighted; 0 outside the support, and where the likelihood is switched off.
+    """
+    joints = np.full((problem.n_frames, 3, 16), np.nan)
     by_frame = np.zeros((problem.n_frames, 2))
     return _evaluate_into(problem, state, joints, by_frame), joints, by_frame
 
 
 def _evaluate_into(problem: Problem, state: State, joints: Array, by_frame: Array) -> Array:
-    values: Array = evaluate(
-        problem, state.camera, state.items, state.placements, state.sizes, state.latent,
-        joints, by_frame,
-    )  # fmt: skip
-    return values
+    """The terms; and the rest where there is room for it."""
+    evaluator: Evaluator = open_evaluator(problem, state.n_scenelets)
+    prior, _ = change_from(evaluator, NOWHERE, state, state)
+    if prior == -math.inf:
+        values = np.zeros(len(TERMS))
+        values[CAMERA] = -math.inf
+        return values
+    return np.asarray(read_proposed(evaluator, joints, by_frame))
 
 
 def _evaluate_terms(problem: Problem, state: State) -> Array:
@@ -243,10 +300,7 @@ def _evaluate_terms(problem: Problem, state: State) -> Array:
 
 def _evaluate_published(problem: Problem, state: State) -> Array:
     joints, by_frame = np.empty((problem.n_frames, 3, 16)), np.empty((problem.n_frames, 4))
-    values: Array = evaluate_paper(
-        problem, state.camera, state.items, state.placements, state.sizes, state.latent,
-        joints, by_frame,
-    )  # fmt: skip
+    values: Array = evaluate_paper(problem, *state.copies(), joints, by_frame)
     return values
 
 
@@ -349,7 +403,7 @@ def side_flips(problem: Problem, state: State) -> Array:
     -------
     (T,) float
     """
-    by_frame = _evaluate(problem, state)[2]
+    by_frame = evaluate(problem, state)[2]
     return np.asarray(_flip_probabilities(problem, by_frame))
 
 
@@ -368,7 +422,7 @@ def frame_log_likelihood(problem: Problem, state: State) -> Array:
     (T,) float
         Nats.
     """
-    by_frame = _evaluate(problem, state)[2]
+    by_frame = evaluate(problem, state)[2]
     wrong = _flip_probabilities(problem, by_frame)
     mean: Array = (1 - wrong) * by_frame[:, 0] + wrong * by_frame[:, 1]
     return mean
@@ -394,7 +448,7 @@ def motion(problem: Problem, state: State) -> Array:
     (T, 16, 3) float
         Metres.
     """
-    return np.ascontiguousarray(_evaluate(problem, state)[1].transpose(0, 2, 1))
+    return np.ascontiguousarray(evaluate(problem, state)[1].transpose(0, 2, 1))
 
 
 _CAPACITY = 8
@@ -455,11 +509,7 @@ class Incremental:
         """
         if state.n_scenelets > self._capacity:
             self._start(2 * state.n_scenelets)
-        now = self._state
-        parts: tuple[float, float] = propose(
-            self._evaluator, now.n_scenelets, now.camera, now.latent,
-            state.camera, state.items, state.placements, state.sizes, state.latent,
-        )  # fmt: skip
+        parts = change_from(self._evaluator, self._state.n_scenelets, self._state, state)
         self._proposal = state, parts
         return parts
 
@@ -484,10 +534,7 @@ class Incremental:
         state = self._state
         self._capacity = max(room, state.n_scenelets)
         self._evaluator: Evaluator = open_evaluator(self._problem, self._capacity)
-        parts: tuple[float, float] = propose(
-            self._evaluator, -1, state.camera, state.latent,
-            state.camera, state.items, state.placements, state.sizes, state.latent,
-        )  # fmt: skip
+        parts = change_from(self._evaluator, NOWHERE, state, state)
         if parts[0] == -math.inf:
             raise ValueError("an evaluation cannot start from a state outside the support")
         self._proposal = state, parts

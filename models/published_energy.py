@@ -54,7 +54,6 @@ __all__ = [
     "overlap",
     "overlaps",
     "signed_distance",
-    "sum_paper",
 ]
 
 Array = NDArray[np.float64]
@@ -397,8 +396,10 @@ def evaluate_paper(
 
     Parameters
     ----------
-    problem, camera, items, placements, sizes, latent, joints
-        See :func:`imapper_prob.models.kernels.incremental.evaluate`.
+    problem, camera, items, placements, sizes, latent
+        See :func:`imapper_prob.models.kernels.incremental.change`.
+    joints : (T, 3, 16) float
+        Out: the motion in the world, metres; left as it is outside the support.
     by_frame : (T, 4) float
         Out: reprojection, occlusion, smoothness and motion of each frame, unweighted; no
         occlusion where that has no weight.
@@ -407,35 +408,6 @@ def evaluate_paper(
     -------
     (10,) float
         Values of ``PAPER_TERMS``, nats; the first is -inf outside the support.
-    """
-    return sum_paper(
-        problem, camera.copy(), items.copy(), placements.copy(), sizes.copy(), latent.copy(),
-        joints, by_frame,
-    )  # fmt: skip
-
-
-@inner
-def sum_paper(
-    problem: Problem,
-    camera: Array,
-    items: Ints,
-    placements: Array,
-    sizes: Array,
-    latent: Array,
-    joints: Array,
-    by_frame: Array,
-) -> Array:
-    """As :func:`evaluate_paper`, for kernels.
-
-    Parameters
-    ----------
-    problem, camera, items, placements, sizes, latent, joints, by_frame
-        See :func:`evaluate_paper`.
-
-    Returns
-    -------
-    (10,) float
-        Values of ``PAPER_TERMS``, nats.
     """
     terms = np.zeros(len(PAPER_TERMS))
     evaluator = open_evaluator(problem, len(items))

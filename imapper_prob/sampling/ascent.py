@@ -16,15 +16,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.models.kernels.cache import Evaluator, open_evaluator
-from imapper_prob.models.kernels.incremental import NOWHERE, change, commit
+from imapper_prob.models.kernels.incremental import NOWHERE, commit
 from imapper_prob.models.log_posterior import State, log_posterior
 from imapper_prob.models.problem import Problem
 from imapper_prob.samplers.chains import Report
 from imapper_prob.sampling.jit import compiled
 from imapper_prob.sampling.redraws import set_placement
 from imapper_prob.sampling.reference import Reference, expected, leaves
-from imapper_prob.sampling.scene import Scene, copied, scene_of, state_of
-from imapper_prob.sampling.steps import MOVES, Moves, Walker
+from imapper_prob.sampling.scene import Scene, scene_of, state_of
+from imapper_prob.sampling.steps import MOVES, Moves, Walker, log_posteriors
 
 __all__ = ["climb"]
 
@@ -151,16 +151,15 @@ def _exchanged(
         return state
     reference = moves.reference
     evaluator = open_evaluator(problem, state.n_scenelets + 2)
-    scene = scene_of(state)
-    values = _values(reference, evaluator, scene, first, last, pairs)
+    values = _values(reference, evaluator, state, first, last, pairs)
     promising = pairs[np.argsort(-values, kind="stable")[:_PROMISING]]
     near = np.stack([np.zeros(2 * _REACH + 1, int), np.arange(-_REACH, _REACH + 1)], -1)
     pairs = _inside(problem, state, first, last, (promising[:, None] + near).reshape(-1, 2))
-    values = _values(reference, evaluator, scene, first, last, pairs)
+    values = _values(reference, evaluator, state, first, last, pairs)
     if not values.max() > -math.inf:
         return state
     scenelet, start = pairs[values.argmax()].tolist()
-    return state_of(_with(reference, copied(scene), first, last, scenelet, start))
+    return state_of(_with(reference, scene_of(state), first, last, scenelet, start))
 
 
 def _nearby(problem: Problem, moves: Moves, state: State, rng: np.random.Generator) -> State:
@@ -199,21 +198,27 @@ def _with(
 
 
 @compiled
-def _values(
-    reference: Reference, evaluator: Evaluator, state: Scene, first: int, last: int, tried: Ints
-) -> Array:
-    """(n,) log-posteriors, nats, with each of n pairs of scenelet and start."""
-    scene, values = copied(state), np.empty(len(tried))
-    change(
-        evaluator, NOWHERE, scene.camera, scene.latent,
-        scene.camera, scene.items, scene.placements, scene.sizes, scene.latent,
-    )  # fmt: skip
-    commit(evaluator)
+def _scenes_with(
+    reference: Reference, scene: Scene, first: int, last: int, tried: Ints
+) -> tuple[Ints, Array, Array]:
+    """Items, placements and sizes of a scene with each of n pairs of scenelet and start."""
+    k = len(scene.items) - (last - first) + 1
+    items = np.empty((len(tried), k, 2), np.int64)
+    placements, sizes = np.empty((len(tried), k, 3)), np.empty((len(tried), k))
     for n in range(len(tried)):
         new = _with(reference, scene, first, last, tried[n, 0], tried[n, 1])
-        prior, likelihood = change(
-            evaluator, len(scene.items), scene.camera, scene.latent,
-            new.camera, new.items, new.placements, new.sizes, new.latent,
-        )  # fmt: skip
-        values[n] = prior + likelihood
-    return values
+        items[n], placements[n], sizes[n] = new.items, new.placements, new.sizes
+    return items, placements, sizes
+
+
+def _values(
+    reference: Reference, evaluator: Evaluator, state: State, first: int, last: int, tried: Ints
+) -> Array:
+    """(n,) log-posteriors, nats, with each of n pairs of scenelet and start."""
+    scene = scene_of(state)
+    camera, latent = scene.camera[None], scene.latent[None]
+    now = scene.items[None], scene.placements[None], scene.sizes[None]
+    log_posteriors(evaluator, None, NOWHERE, scene, camera, *now, latent)
+    commit(evaluator)
+    new = _scenes_with(reference, scene, first, last, tried)
+    return log_posteriors(evaluator, None, len(scene.items), scene, camera, *new, latent)

@@ -18,7 +18,7 @@ from imapper_prob.models.log_posterior import State
 from imapper_prob.models.problem import Problem
 from imapper_prob.sampling.jit import compiled
 from imapper_prob.sampling.looks import middle_heights, reprojected
-from imapper_prob.sampling.scene import Scene, copied, scene_of, state_of
+from imapper_prob.sampling.scene import Scene, scene_of, state_of
 
 __all__ = ["TimeCrossover"]
 
@@ -61,10 +61,9 @@ class TimeCrossover:
 
 @compiled
 def _exchange(
-    lengths: Ints, heights: Array, rng: np.random.Generator, warm: Scene, cool: Scene
+    lengths: Ints, heights: Array, rng: np.random.Generator, hot: Scene, cold: Scene
 ) -> tuple[Scene, Scene, float]:
     """Both scenes afterwards and the log Jacobian, NaN where it is impossible."""
-    hot, cold = copied(warm), copied(cool)
     cuts = _cuts(lengths, hot.items, cold.items, len(hot.latent))
     n_blocks = len(cuts) - 1
     if n_blocks < 1:

@@ -25,7 +25,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from imapper_prob.models.kernels.cache import Evaluator, open_evaluator
+from imapper_prob.models.kernels.cache import open_evaluator
 from imapper_prob.models.kernels.incremental import NOWHERE
 from imapper_prob.models.log_posterior import State
 from imapper_prob.models.path_prior import CAMERA
@@ -35,9 +35,8 @@ from imapper_prob.models.view import log_area, to_floor, to_view
 from imapper_prob.samplers.chains import Report, Workers, run_chains
 from imapper_prob.samplers.diagnostics import ShortChainWarning, ess, mean_error, rhat
 from imapper_prob.samplers.ensemble import Ensemble, can_walk, walk_ensemble
-from imapper_prob.sampling.jit import compiled
-from imapper_prob.sampling.scene import Scene
-from imapper_prob.sampling.steps import log_posterior_of
+from imapper_prob.sampling.scene import scene_of
+from imapper_prob.sampling.steps import log_posteriors
 
 __all__ = ["QUANTITIES", "Walked", "describe_walked", "walk_draws"]
 
@@ -234,39 +233,22 @@ class _Target:
     """Log density of (theta, z), each walker with scenelets of its own."""
 
     def __init__(self, problem: Problem, states: Sequence[State]) -> None:
-        self._of_paper = problem.of_paper
+        self._published = problem.paper_nats if problem.of_paper else None
+        self._anywhere = scene_of(states[0])
         self._items = np.stack([state.items for state in states])
         self._evaluator = open_evaluator(problem, max(1, self._items.shape[1]))
         self._path = (problem.n_frames, 2)
 
     def __call__(self, theta: Array, latent: Array, walker: Ints) -> Array:
         camera, placements, sizes = _from_theta(theta)
-        values = _log_posteriors(
-            self._evaluator, self._of_paper, camera, self._items[walker],
+        # Each walker has a camera of its own: nothing is left of any scene gone on from.
+        values = log_posteriors(
+            self._evaluator, self._published, NOWHERE, self._anywhere, camera, self._items[walker],
             np.ascontiguousarray(placements), np.ascontiguousarray(sizes),
             np.ascontiguousarray(latent).reshape(-1, *self._path),
         )  # fmt: skip
         density: Array = values + log_area(theta[:, 6::4].sum(1))
         return density
-
-
-@compiled
-def _log_posteriors(
-    evaluator: Evaluator,
-    of_paper: bool,
-    cameras: Array,
-    items: Ints,
-    placements: Array,
-    sizes: Array,
-    latents: Array,
-) -> Array:
-    """(W,) log-posteriors of W scenes with as many scenelets each, nats."""
-    values = np.empty(len(cameras))
-    for w in range(len(cameras)):
-        # Each walker has a camera of its own: nothing is left of the scene gone on from.
-        scene = Scene(cameras[w], items[w], placements[w], sizes[w], latents[w])
-        values[w] = log_posterior_of(evaluator, of_paper, NOWHERE, scene, scene)
-    return values
 
 
 # ------------------------------------------------------------------------------------------------

@@ -23,6 +23,7 @@ from imapper_prob.sampling.reference import (
     ENDS,
     FOLLOWED,
     SIMILAR,
+    START,
     Reference,
     expected,
     leaves,
@@ -66,7 +67,7 @@ def draw_scene(reference: Reference, rng: np.random.Generator) -> Scene:
     camera = reference.camera_mean + _draw_t(reference.camera_factor, rng)
     latent = rng.standard_normal((n_frames, 2))
     empty = Scene(camera, np.empty((0, 2), np.int64), np.empty((0, 3)), np.empty(0), latent)
-    return _with_stretch(reference, rng, empty, 0, 0)[0]
+    return _with_stretch(reference, rng, empty, START, START)[0]
 
 
 @compiled

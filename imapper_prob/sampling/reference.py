@@ -30,7 +30,7 @@ All densities are normalised over the space of scenes in which scenelets begin a
 from __future__ import annotations
 
 import math
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,13 +41,15 @@ from imapper_prob.sampling.looks import look, stand
 
 __all__ = [
     "ANYWHERE", "ASTRAY", "CANDIDATE", "DOF", "ENDS", "FIRST", "FLUSH", "FOLLOWED", "GAP",
-    "SIMILAR", "Reference", "carried", "displacements", "expected", "foretell", "leaves",
+    "SIMILAR", "START", "Reference", "carried", "displacements", "expected", "foretell", "leaves",
     "log_reference", "log_stretch", "next_probability", "shares_after", "usual_offsets",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
+START: Final[Any] = np.int64(0)
+"""The first scenelet of a scene. A plain number would have whatever takes it compiled once more."""
 ENDS: Final = 0.2
 """Probability that candidates, or anywhere, end the scene; chosen."""
 ASTRAY: Final = 0.05
@@ -652,5 +654,5 @@ def log_reference(
         camera - reference.camera_mean, reference.camera_factor, reference.camera_constant
     )
     return log_camera + log_stretch(
-        reference, camera, items, placements, sizes, 0, len(items)
+        reference, camera, items, placements, sizes, START, len(items)
     )  # fmt: skip

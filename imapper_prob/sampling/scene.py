@@ -16,7 +16,7 @@ from imapper_prob.models.log_posterior import State
 from imapper_prob.models.problem import Problem
 from imapper_prob.sampling.jit import compiled
 
-__all__ = ["Scene", "copied", "flush_run", "in_order", "scene_of", "state_of"]
+__all__ = ["Scene", "flush_run", "in_order", "scene_of", "state_of"]
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -41,32 +41,8 @@ class Scene(NamedTuple):
     latent: Array
 
 
-@compiled
-def copied(scene: Scene) -> Scene:
-    """The same scene in arrays of its own.
-
-    Arrays of states are of another kind to the compiler, for nobody may write to them.
-
-    Parameters
-    ----------
-    scene : Scene
-        In anybody's arrays.
-
-    Returns
-    -------
-    Scene
-    """
-    return Scene(
-        scene.camera.copy(),
-        scene.items.copy(),
-        scene.placements.copy(),
-        scene.sizes.copy(),
-        scene.latent.copy(),
-    )
-
-
 def scene_of(state: State) -> Scene:
-    """The scene of a state, in its own arrays; for compiled code that copies it first.
+    """The scene of a state, in arrays of its own that may be written to.
 
     Parameters
     ----------
@@ -76,7 +52,7 @@ def scene_of(state: State) -> Scene:
     -------
     Scene
     """
-    return Scene(state.camera, state.items, state.placements, state.sizes, state.latent)
+    return Scene(*state.copies())
 
 
 def state_of(scene: Scene) -> State:

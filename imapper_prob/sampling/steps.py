@@ -14,19 +14,18 @@ from numpy.typing import NDArray
 
 from imapper_prob.models.kernels.cache import Evaluator, open_evaluator
 from imapper_prob.models.kernels.incremental import NOWHERE, change, commit
-from imapper_prob.models.kernels.incremental import propose as change_from
-from imapper_prob.models.log_posterior import State, log_posterior
+from imapper_prob.models.log_posterior import State, change_from, log_posterior
 from imapper_prob.models.problem import Problem
-from imapper_prob.models.published_energy import sum_paper
+from imapper_prob.models.published_energy import evaluate_paper
 from imapper_prob.samplers.reversible_jump import ChainState, StepInfo
 from imapper_prob.samplers.tempering import Parts
 from imapper_prob.sampling import camera_moves, moves, redraws
 from imapper_prob.sampling.jit import compiled
 from imapper_prob.sampling.looks import middle_heights
 from imapper_prob.sampling.reference import Reference, log_reference
-from imapper_prob.sampling.scene import Scene, copied, scene_of, state_of
+from imapper_prob.sampling.scene import Scene, scene_of, state_of
 
-__all__ = ["MOVES", "Moves", "Walker", "log_posterior_of", "parts_of", "propose", "scene_moves"]
+__all__ = ["MOVES", "Moves", "Walker", "log_posteriors", "parts_of", "propose", "scene_moves"]
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -167,51 +166,64 @@ def propose(known: Moves, move: int, rng: np.random.Generator, scene: Scene) -> 
 
 
 @compiled
-def log_posterior_of(
-    evaluator: Evaluator, of_paper: bool, n_before: int, now: Scene, new: Scene
-) -> float:
-    """The log-posterior of a scene, beside the one that the evaluator stands at.
+def log_posteriors(
+    evaluator: Evaluator,
+    published: Array | None,
+    n_before: int,
+    now: Scene,
+    cameras: Array,
+    items: Ints,
+    placements: Array,
+    sizes: Array,
+    latents: Array,
+) -> Array:
+    """The log-posteriors of W scenes with k scenelets each.
 
     Parameters
     ----------
     evaluator : Evaluator
-    of_paper : bool
-        Whether of the published energy.
+    published : array, optional
+        Weights of the published energy, if that is asked for. The compiler leaves out what is not.
     n_before : int
-        Scenelets of the one it stands at; ``NOWHERE`` also where nothing is in common.
-    now, new : Scene
+        Scenelets of the scene that the evaluator stands at; ``NOWHERE`` also where nothing is in
+        common with it.
+    now : Scene
+        The one it stands at.
+    cameras : (W, 5) float
+    items : (W, k, 2) int
+    placements : (W, k, 3) float
+    sizes : (W, k) float
+    latents : (W, T, 2) float
+        Or one camera, or one (T, 2), for all.
 
     Returns
     -------
-    float
+    (W,) float
         Nats.
     """
-    if of_paper:
-        joints, by_frame = np.empty((len(new.latent), 3, 16)), np.empty((len(new.latent), 4))
-        terms = sum_paper(
-            evaluator.problem, new.camera, new.items, new.placements, new.sizes, new.latent,
-            joints, by_frame,
-        )  # fmt: skip
-        return float(terms.sum())
-    prior, likelihood = change(
-        evaluator, n_before, now.camera, now.latent,
-        new.camera, new.items, new.placements, new.sizes, new.latent,
-    )  # fmt: skip
-    return float(prior + likelihood)
+    values = np.empty(len(items))
+    for w in range(len(items)):
+        camera, latent = cameras[min(w, len(cameras) - 1)], latents[min(w, len(latents) - 1)]
+        if published is not None:
+            values[w] = _log_published(
+                evaluator.problem, camera, items[w], placements[w], sizes[w], latent
+            )
+        else:
+            prior, likelihood = change(
+                evaluator, n_before, now.camera, now.latent,
+                camera, items[w], placements[w], sizes[w], latent,
+            )  # fmt: skip
+            values[w] = prior + likelihood
+    return values
 
 
 @compiled
-def _roomy(
-    evaluator: Evaluator, of_paper: bool, capacity: int, now: Scene, needed: int
-) -> tuple[Evaluator, int]:
-    """An evaluator with room for so many scenelets that stands at a scene."""
-    if needed <= capacity:
-        return evaluator, capacity
-    evaluator = open_evaluator(evaluator.problem, 2 * needed)
-    if not of_paper:
-        log_posterior_of(evaluator, of_paper, NOWHERE, now, now)
-        commit(evaluator)
-    return evaluator, 2 * needed
+def _log_published(
+    problem: Problem, camera: Array, items: Ints, placements: Array, sizes: Array, latent: Array
+) -> float:
+    joints, by_frame = np.empty((len(latent), 3, 16)), np.empty((len(latent), 4))
+    terms = evaluate_paper(problem, camera, items, placements, sizes, latent, joints, by_frame)
+    return float(terms.sum())
 
 
 @compiled
@@ -228,27 +240,47 @@ def _log_reference(reference: Reference, log_density: float, scene: Scene) -> fl
 def _advance(
     known: Moves,
     evaluator: Evaluator,
-    of_paper: bool,
+    published: Array | None,
     capacity: int,
     rng: np.random.Generator,
     beta: float,
-    state: Scene,
+    scene: Scene,
     log_prior: float,
     log_likelihood: float,
     chosen: Ints,
     log_acceptance: Array,
     accepted: NDArray[np.bool_],
 ) -> tuple[Scene, float, float, Evaluator, int, int]:
-    """Where a chain is after some steps; the last is the move whose density is no number, or -1."""
-    scene, weights = copied(state), known.weights.cumsum()
+    """Where a chain is after some steps; the last is the move whose density is no number, or -1.
+
+    The compiler leaves out the published energy where its weights are None.
+    """
+    weights = known.weights.cumsum()
     for n in range(len(chosen)):
         move = min(np.searchsorted(weights, rng.random() * weights[-1], "right"), len(weights) - 1)
         chosen[n], log_acceptance[n], accepted[n] = move, -math.inf, False
         new, ratio = propose(known, move, rng, scene)
         if ratio == -math.inf:
             continue
-        evaluator, capacity = _roomy(evaluator, of_paper, capacity, scene, len(new.items))
-        density = log_posterior_of(evaluator, of_paper, len(scene.items), scene, new)
+        if published is not None:
+            density = _log_published(
+                evaluator.problem, new.camera, new.items, new.placements, new.sizes, new.latent
+            )
+        else:
+            if len(new.items) > capacity:
+                # One with more room, that stands where the chain does.
+                capacity = 2 * len(new.items)
+                evaluator = open_evaluator(evaluator.problem, capacity)
+                change(
+                    evaluator, NOWHERE, scene.camera, scene.latent,
+                    scene.camera, scene.items, scene.placements, scene.sizes, scene.latent,
+                )  # fmt: skip
+                commit(evaluator)
+            prior, likelihood = change(
+                evaluator, len(scene.items), scene.camera, scene.latent,
+                new.camera, new.items, new.placements, new.sizes, new.latent,
+            )  # fmt: skip
+            density = prior + likelihood
         prior = _log_reference(known.reference, density, new)
         likelihood, gain = 0.0, -math.inf
         if prior > -math.inf:
@@ -260,7 +292,7 @@ def _advance(
         # P(Exponential > -log a) = a: no logarithm of a uniform that may be zero.
         if rng.standard_exponential() > -log_acceptance[n]:
             accepted[n] = True
-            if not of_paper:
+            if published is None:
                 commit(evaluator)
             scene, log_prior, log_likelihood = new, prior, likelihood
     return scene, log_prior, log_likelihood, evaluator, capacity, -1
@@ -289,8 +321,9 @@ def parts_of(problem: Problem, reference: Reference, state: State) -> Parts:
 def _in_parts(reference: Reference, log_density: float, state: State) -> Parts:
     if log_density == -math.inf:
         return Parts(-math.inf, 0.0)
+    scene = scene_of(state)
     log_prior = float(
-        log_reference(reference, state.camera, state.items, state.placements, state.sizes)
+        log_reference(reference, scene.camera, scene.items, scene.placements, scene.sizes)
     )
     return Parts(log_prior, log_density - log_prior if log_prior > -math.inf else 0.0)
 
@@ -311,7 +344,8 @@ class Walker:
     """
 
     def __init__(self, problem: Problem, moves: Moves, state: State) -> None:
-        self._problem, self._moves, self._of_paper = problem, moves, problem.of_paper
+        self._problem, self._moves = problem, moves
+        self._published = problem.paper_nats if problem.of_paper else None
         self._state = self._last = state
         self._parts = self._last_parts = Parts(0.0, 0.0)
         self._capacity: int = max(_CAPACITY, state.n_scenelets)
@@ -364,7 +398,7 @@ class Walker:
         chosen, log_acceptance = np.empty(steps, np.int64), np.empty(steps)
         accepted = np.empty(steps, np.bool_)
         scene, log_prior, log_likelihood, self._evaluator, self._capacity, fault = _advance(
-            self._moves, self._evaluator, self._of_paper, self._capacity, rng, beta,
+            self._moves, self._evaluator, self._published, self._capacity, rng, beta,
             scene_of(self._state), self._parts.log_prior, self._parts.log_likelihood,
             chosen, log_acceptance, accepted,
         )  # fmt: skip
@@ -382,20 +416,14 @@ class Walker:
 
     def _judged(self, state: State, n_before: int) -> Parts:
         """The parts of a state, beside ``n_before`` scenelets that the evaluator knows."""
-        if self._of_paper:
+        if self._published is not None:
             density = log_posterior(self._problem, state)
         else:
             if state.n_scenelets > self._capacity:
                 self._capacity = 2 * state.n_scenelets
                 self._evaluator = open_evaluator(self._problem, self._capacity)
                 self._stand()
-            now = self._state
-            density = sum(
-                change_from(
-                    self._evaluator, n_before, now.camera, now.latent,
-                    state.camera, state.items, state.placements, state.sizes, state.latent,
-                )
-            )  # fmt: skip
+            density = sum(change_from(self._evaluator, n_before, self._state, state))
         return _in_parts(self._moves.reference, density, state)
 
     def _stand(self) -> None:
@@ -404,5 +432,5 @@ class Walker:
         self._accept()
 
     def _accept(self) -> None:
-        if not self._of_paper:
+        if self._published is None:
             commit(self._evaluator)

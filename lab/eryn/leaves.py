@@ -22,7 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.models.jit import compiled
-from imapper_prob.models.kernels.incremental import evaluate
+from imapper_prob.models.kernels.cache import open_evaluator
+from imapper_prob.models.kernels.incremental import NOWHERE, change
 from imapper_prob.models.log_posterior import State, empty_state
 from imapper_prob.models.problem import Problem
 
@@ -62,7 +63,6 @@ def log_posteriors(problem: Problem, cameras: Array, leaves: Array, first: Ints)
     """(n,) log-posterior of states whose leaves are ``leaves[first[i]:first[i + 1]]``."""
     n_frames = len(problem.lift)
     latent = np.zeros((n_frames, 2))
-    joints, by_frame = np.empty((n_frames, 3, 16)), np.empty((n_frames, 2))
     result = np.empty(len(cameras))
     for i in range(len(cameras)):
         own = leaves[first[i] : first[i + 1]]
@@ -71,11 +71,11 @@ def log_posteriors(problem: Problem, cameras: Array, leaves: Array, first: Ints)
         for k in range(len(own)):
             items[k, 0], items[k, 1] = math.floor(own[k, -2]), math.floor(own[k, -1])
         placements, sizes = np.ascontiguousarray(own[:, :3]), own[:, 3].copy()
-        by_frame[:] = 0.0
-        terms = evaluate(
-            problem, cameras[i], items, placements, sizes, latent, joints, by_frame
-        )  # fmt: skip
-        result[i] = terms.sum()
+        evaluator = open_evaluator(problem, len(own))
+        prior, likelihood = change(
+            evaluator, NOWHERE, cameras[i], latent, cameras[i], items, placements, sizes, latent
+        )
+        result[i] = prior + likelihood
     return result
 
 

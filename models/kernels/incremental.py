@@ -11,8 +11,7 @@ number of scenelets.
 
 A proposal is evaluated beside what the cache keeps and becomes part of it when it is accepted.
 :func:`change` works out what is different and leaves the rest, in this order: scenelets, path,
-joints and lines of sight, likelihood of frames, sum. A whole state (:func:`evaluate`) is a change
-from nothing.
+joints and lines of sight, likelihood of frames, sum. A whole state is a change from nothing.
 """
 
 from __future__ import annotations
@@ -23,7 +22,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from imapper_prob.models.jit import compiled, inner, inner_inlined
+from imapper_prob.models.jit import compiled, inner_inlined
 from imapper_prob.models.kernels.cache import (
     ADDED,
     KEPT,
@@ -33,7 +32,6 @@ from imapper_prob.models.kernels.cache import (
     WRONG,
     Cache,
     Evaluator,
-    open_evaluator,
 )
 from imapper_prob.models.kernels.detection import forward_log_likelihood, update_emissions
 from imapper_prob.models.kernels.given import sum_given
@@ -63,7 +61,7 @@ from imapper_prob.models.problem import (
     Problem,
 )
 
-__all__ = ["NOWHERE", "change", "commit", "evaluate", "place", "propose"]
+__all__ = ["NOWHERE", "change", "commit", "place", "read_proposed"]
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -72,7 +70,7 @@ NOWHERE: Final[Any] = np.int64(-1)
 have whatever takes it compiled once more, for that number alone."""
 
 
-@inner
+@compiled
 def change(
     evaluator: Evaluator,
     n_before: int,
@@ -85,6 +83,8 @@ def change(
     latent: Array,
 ) -> tuple[float, float]:
     """The log-posterior of a proposed state; what differs is worked out, the rest remembered.
+
+    It is compiled for arrays that may be written to: states of Python are handed over as copies.
 
     Parameters
     ----------
@@ -108,13 +108,12 @@ def change(
         problem, cache, n_before, camera_before, latent_before,
         camera, items, placements, sizes, latent,
     )  # fmt: skip
-    told = len(problem.given) > 0
-    if prior == -math.inf or (problem.likelihood == 0.0 and not told):
+    if prior == -math.inf:
         return prior, 0.0
     n, terms = len(items), cache.terms
     n_moved = list_moved(cache)
     pose_joints(problem, cache, n, n_moved, camera)
-    if told:
+    if len(problem.given) > 0:
         terms[GIVEN] = sum_given(problem, cache, n, camera)
     if problem.likelihood == 0.0:
         return prior, terms[GIVEN]
@@ -128,38 +127,6 @@ def change(
     terms[SUPPORT] = -problem.likelihood * unsupported(problem.stays, problem.lowered, items)
     costs = terms[SMOOTHNESS] + terms[COLLISION] + terms[MOTION] + terms[SUPPORT] + terms[GIVEN]
     return prior, costs + forward_log_likelihood(problem, cache)
-
-
-@compiled
-def propose(
-    evaluator: Evaluator,
-    n_before: int,
-    camera_before: Array,
-    latent_before: Array,
-    camera: Array,
-    items: Ints,
-    placements: Array,
-    sizes: Array,
-    latent: Array,
-) -> tuple[float, float]:
-    """As :func:`change`, of arrays that nobody may write to, as states have them.
-
-    The compiler makes a kernel for each kind of array: kernels know one kind only.
-
-    Parameters
-    ----------
-    evaluator, n_before, camera_before, latent_before, camera, items, placements, sizes, latent
-        See :func:`change`.
-
-    Returns
-    -------
-    log_prior, log_likelihood : float
-        Nats.
-    """
-    return change(
-        evaluator, n_before, camera_before.copy(), latent_before.copy(),
-        camera.copy(), items.copy(), placements.copy(), sizes.copy(), latent.copy(),
-    )  # fmt: skip
 
 
 @inner_inlined
@@ -302,57 +269,28 @@ def commit(evaluator: Evaluator) -> None:
 
 
 @compiled
-def evaluate(
-    problem: Problem,
-    camera: Array,
-    items: Ints,
-    placements: Array,
-    sizes: Array,
-    latent: Array,
-    joints: Array,
-    by_frame: Array,
-) -> Array:
-    """The terms of the log-posterior of one state.
+def read_proposed(evaluator: Evaluator, joints: Array, by_frame: Array) -> Array:
+    """What was worked out for the state last proposed, which is within the support.
 
     Parameters
     ----------
-    problem : Problem
-    camera : (5,) float
-        phi: pitch (rad), elevation (m), log focal scale, log body scale, roll (rad).
-    items : (k, 2) int
-        Scenelet and start frame, sorted by start.
-    placements : (k, 3) float
-        x, y (m), yaw (rad) of each scenelet's local frame in the world.
-    sizes : (k,) float
-        Log size of each scenelet's person, on top of the body scale.
-    latent : (T, 2) float
-        Standard normal numbers of the path.
+    evaluator : Evaluator
     joints : (T, 3, 16) float
-        Out: the motion in the world, metres; left as it is outside the support. Empty where nobody
-        asks for it, as the next.
+        Out: the motion in the world, metres. Empty where nobody asks for it, as the next.
     by_frame : (T, 2) float
         Out: log-likelihood of each frame's detections, as they are and with left and right
-        flipped, nats, unweighted; left as it is outside the support, and where the likelihood is
-        switched off.
+        flipped, nats, unweighted; left as it is where the likelihood is switched off.
 
     Returns
     -------
     (12,) float
-        Values of ``TERMS``; the first is -inf outside the support.
+        Values of ``TERMS``, nats.
     """
-    evaluator = open_evaluator(problem, len(items))
-    prior, _ = propose(evaluator, NOWHERE, camera, latent, camera, items, placements, sizes, latent)
     cache = evaluator.cache
-    terms = cache.terms
-    if prior == -math.inf:
-        terms[:] = 0.0
-        terms[CAMERA] = -math.inf
-        return terms
-    if problem.likelihood == 0.0:
-        pose_joints(problem, cache, len(items), list_moved(cache), camera)
-    else:
-        emissions, rows = cache.emissions, cache.sum_row
+    if evaluator.problem.likelihood != 0.0:
         for t in range(len(by_frame)):
-            by_frame[t, 0], by_frame[t, 1] = emissions[rows[t], RIGHT], emissions[rows[t], WRONG]
+            row = cache.sum_row[t]
+            by_frame[t, 0] = cache.emissions[row, RIGHT]
+            by_frame[t, 1] = cache.emissions[row, WRONG]
     copy_joints(cache, joints)
-    return terms
+    return cache.terms.copy()

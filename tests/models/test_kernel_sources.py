@@ -121,7 +121,7 @@ def test_caches_that_nobody_opened_for_a_day_are_removed(tmp_path: Path) -> None
 def test_kernels_in_use_are_kept_under_their_digest() -> None:
     import imapper_prob.models.kernels.incremental as kernels
 
-    folder = Path(kernels.evaluate.stats.cache_path)
+    folder = Path(kernels.change.stats.cache_path)
     assert f"kernels-{present()}" in folder.parts
 
 
