@@ -91,8 +91,13 @@ def to_view(placements: ArrayLike, sizes: ArrayLike) -> Array:
     (..., 4) float
         Bearing (tangent), log depth (log m), yaw (radians) and log size.
     """
-    x, y, yaw = np.moveaxis(np.asarray(placements, float), -1, 0)
-    return np.stack([x / y, np.log(y), yaw, np.asarray(sizes, float)], -1)
+    placements = np.asarray(placements, float)
+    where = np.empty((*placements.shape[:-1], 4))
+    where[..., 0] = placements[..., 0] / placements[..., 1]
+    where[..., 1] = np.log(placements[..., 1])
+    where[..., 2] = placements[..., 2]
+    where[..., 3] = sizes
+    return where
 
 
 def to_floor(where: ArrayLike) -> tuple[Array, Array]:
@@ -110,6 +115,9 @@ def to_floor(where: ArrayLike) -> tuple[Array, Array]:
     sizes : (...) float
         Log sizes.
     """
-    bearing, log_depth, yaw, size = np.moveaxis(np.asarray(where, float), -1, 0)
-    y = np.exp(log_depth)
-    return np.stack([bearing * y, y, yaw], -1), size
+    where = np.asarray(where, float)
+    placements = np.empty((*where.shape[:-1], 3))
+    placements[..., 1] = y = np.exp(where[..., 1])
+    placements[..., 0] = where[..., 0] * y
+    placements[..., 2] = where[..., 2]
+    return placements, where[..., 3]
