@@ -23,7 +23,7 @@ from imapper_prob.layouts import Layouts, group_layouts, merged_objects, through
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.log_posterior import State
 from imapper_prob.models.scene import SceneObject
-from imapper_prob.models.text import brief
+from imapper_prob.models.text import Listed, brief
 from imapper_prob.samplers.chains import ChainError, Workers, run_chains
 from imapper_prob.samplers.checkpoint import CheckpointError, checkpoint_of, run_resumable_chains
 from imapper_prob.samplers.diagnostics import (
@@ -240,6 +240,10 @@ class Samples:
     finished: bool
 
     __repr__ = brief
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "states", Listed(self.states))
+        object.__setattr__(self, "objects", Listed(self.objects))
 
     def end(self, settings: SampleSettings) -> int:
         """Rounds at which the block of these draws ends; ``settings`` are those of the run.
