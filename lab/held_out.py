@@ -42,7 +42,7 @@ from imapper_prob.simulate.scene import hidden_joints, in_image
 from lab.kept import sampled
 from lab.unseen.clips import CAMERA, DISTANCES, FPS
 
-__all__ = ["filmed", "longest_stretch"]
+__all__ = ["filmed"]
 
 Array = NDArray[np.float64]
 
@@ -57,21 +57,10 @@ _WORDS: Final = {
 """Words for what goes on, as scores have them."""
 
 
-def longest_stretch(capture: Capture, seconds: float) -> tuple[Array, tuple[str, ...]]:
+def _longest_stretch(capture: Capture, seconds: float) -> tuple[Array, tuple[str, ...]]:
     """The first seconds of the longest stretch of frames in which somebody is tracked.
 
-    Parameters
-    ----------
-    capture : Capture
-    seconds : float
-        At most.
-
-    Returns
-    -------
-    joints : (T, 16, 3) float
-        Metres, at ten frames a second.
-    actions : tuple of str
-        A word a frame, or empty.
+    Joints (T, 16, 3) in metres at ten frames a second, and a word a frame, or none.
     """
     there = np.isfinite(capture.joints).all((1, 2))
     edges = np.flatnonzero(np.diff(np.concatenate([[False], there, [False]])))
@@ -105,7 +94,7 @@ def filmed(rng: np.random.Generator, capture: Capture, seconds: float) -> Clip:
     InputError
         From no side is enough of the person seen.
     """
-    joints, actions = longest_stretch(capture, seconds)
+    joints, actions = _longest_stretch(capture, seconds)
     middle = np.median(joints[:, PELV, :2], axis=0)
     for _ in range(_TRIES):
         camera = draw_camera(rng, nominal=CAMERA)

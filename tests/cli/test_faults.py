@@ -97,7 +97,7 @@ def test_what_is_printed_is_what_is_written(capsys: pytest.CaptureFixture[str]) 
 
 def interrupted_once(monkeypatch: pytest.MonkeyPatch) -> None:
     """Ctrl-C when walkers have begun to walk."""
-    judge, calls = ensembles._log_posteriors, []
+    judge, calls = ensembles.log_posteriors, []
 
     def judged(*scenes: object) -> object:
         calls.append(None)
@@ -105,7 +105,7 @@ def interrupted_once(monkeypatch: pytest.MonkeyPatch) -> None:
             os.kill(os.getpid(), signal.SIGINT)
         return judge(*scenes)
 
-    monkeypatch.setattr(ensembles, "_log_posteriors", judged)
+    monkeypatch.setattr(ensembles, "log_posteriors", judged)
 
 
 def test_ensembles_that_were_interrupted_are_not_finished_and_go_on(

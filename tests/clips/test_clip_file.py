@@ -88,22 +88,24 @@ def clips(draw: st.DrawFn) -> Clip:
         poses[rng.random(n_frames) < 0.3] = np.nan
         return Track(name, keypoints, confidences, poses, rng.random(n_frames) < 0.5)
 
+    tracks = tuple(track(n) for n in draw(st.lists(word, min_size=1, max_size=3)))
     truth = None
     if draw(st.booleans()):
         spoken = draw(st.booleans())
+        rows = n_frames * draw(st.sampled_from((1, len(tracks))))
         truth = Truth(
             camera=draw(cameras()),
             objects=tuple(draw(st.lists(objects(), max_size=3))),
-            joints=np.where(rng.random((n_frames, 1, 1)) < 0.5, np.nan, 1.5) * np.ones((16, 3)),
-            hidden=rng.random((n_frames, 16)) < 0.5,
-            actions=tuple(draw(word) for _ in range(n_frames)) if spoken else (),
+            joints=np.where(rng.random((rows, 1, 1)) < 0.5, np.nan, 1.5) * np.ones((16, 3)),
+            hidden=rng.random((rows, 16)) < 0.5,
+            actions=tuple(draw(word) for _ in range(rows)) if spoken else (),
         )
     return Clip(
         name=draw(word),
         camera=draw(clip_cameras()),
         fps=draw(st.floats(0.1, 1000.0)),
         frame_ids=np.arange(n_frames) + draw(st.integers(-5, 10**9)),
-        tracks=tuple(track(n) for n in draw(st.lists(word, min_size=1, max_size=3))),
+        tracks=tracks,
         focal_spread=draw(st.floats(0.001, 0.9)),
         truth=truth,
     )
@@ -235,7 +237,7 @@ FAULTS: dict[str, tuple[Callable[[Arrays], object], str]] = {
     ),
     "actions too few": (
         lambda a: a.update(truth_actions=a["truth_actions"][:2]),
-        "2 actions for 12 frames",
+        "2 actions for 12 rows",
     ),
 }
 

@@ -13,7 +13,7 @@ from imapper_prob.models.errors import InputError
 from imapper_prob.models.skeleton import DETECTED, PELV
 from imapper_prob.scenelets.captures import Capture
 from imapper_prob.simulate.scene import in_image
-from lab.held_out import SEEN, filmed, longest_stretch, main
+from lab.held_out import SEEN, _longest_stretch, filmed, main
 from tests.conftest import CORPUS
 from tests.scenelets.motions import box, standing
 
@@ -31,14 +31,14 @@ def test_the_longest_stretch_is_cut_and_has_its_words(capture: Capture) -> None:
     joints[4] = np.nan
     words = ("walk",) * 5 + ("sit",) * (len(joints) - 5)
     gappy = replace(capture, joints=joints, actions=words)
-    found, actions = longest_stretch(gappy, 1.0)
+    found, actions = _longest_stretch(gappy, 1.0)
     assert_array_equal(found, capture.joints[5:15])
     assert actions == ("sitting",) * 10
 
 
 def test_other_rates_become_ten_a_second(capture: Capture) -> None:
     slow = replace(capture, joints=capture.joints[::2], fps=5.0, actions=())
-    found, actions = longest_stretch(slow, 2.0)
+    found, actions = _longest_stretch(slow, 2.0)
     assert actions == ()
     assert_allclose(found[::2], slow.joints[: len(found[::2])], atol=1e-12)
 
@@ -48,7 +48,7 @@ def test_the_room_goes_before_the_camera_as_a_whole(capture: Capture) -> None:
     truth = clip.truth
     assert truth is not None
     assert clip.n_frames == 50
-    joints, _ = longest_stretch(capture, 5.0)
+    joints, _ = _longest_stretch(capture, 5.0)
     for piece, before in zip(truth.objects, capture.objects, strict=True):
         apart = np.linalg.norm(truth.joints[:, PELV, :2] - piece.centre[:2], axis=-1)
         once = np.linalg.norm(joints[:, PELV, :2] - before.centre[:2], axis=-1)
