@@ -1,12 +1,12 @@
 """What is it worth to be told something about a scene?
 
-    python -m lab.told I3DB_FOLDER FOLDER [--steps 2000]
+    python -m lab.told I3DB_FOLDER FOLDER [--steps 20000] [--workers 2]
 
 samples each scene briefly, then gives the posterior one thing that is true, each in turn: the
 height of the camera; walls; what one seat is called; where one object stands; boxes of furniture
 that a detector of objects might have found; depths of the pelvis. It prints a table of scores over
-all scenes before and after, keeps what is done in FOLDER, and goes on from there. It takes some ten
-minutes a scene. Figures go to `lab/results.json`.
+all scenes before and after and one scene by scene, keeps what is done in FOLDER, and goes on from
+there. It takes some five minutes a scene. Figures go to `lab/results.json`.
 
 The truth of the files is what is told, with errors drawn for boxes (10 px, one object in ten
 missed) and depths (5 %). Constants are estimated without the scene.
@@ -35,10 +35,9 @@ from imapper_prob.models.problem import labels_of
 from imapper_prob.models.scene import Clip, SceneObject, Truth
 from imapper_prob.models.skeleton import PELV
 from imapper_prob.models.statements import Statement
-from lab.kept import digest
+from lab.kept import digest, with_steps
 from lab.mixing import note
 
-_BRIEF: Final = SampleSettings(chains=4, steps=2000, draws=100, temperatures=4, ensemble_steps=0)
 _NAMES: Final = ("nothing", "camera height", "walls", "a label", "a place", "boxes", "depths")
 _MISSED, _PIXELS, _DEPTH_ERROR, _FRAMES = 0.1, 10.0, 0.05, 10
 _WALL: Final = 0.3
@@ -113,19 +112,18 @@ def depths(clip: Clip, truth: Truth, rng: np.random.Generator) -> im.DepthOf:
     return im.DepthOf(clip.frame_ids[frames].tolist(), said.tolist(), error=_DEPTH_ERROR)
 
 
-def measured(folder: Path, steps: int) -> dict[str, Any]:
+def measured(folder: Path, steps: int, workers: int) -> dict[str, Any]:
     """All rows of one scene."""
     known, library = known_scene(folder), im.load_library()
     truth = read_i3db_truth(folder, known.clip)
     used = [o.label for o in known.truth.used_objects]
-    sample = replace(_BRIEF, steps=steps)
-    config = replace(im.Config(seed=0).without(folder.name), sample=sample)
-    before = im.sample(known.clip, library, config=config)
+    config = replace(with_steps(steps), seed=0).without(folder.name)
+    before = im.sample(known.clip, library, config=config, workers=workers)
     told = statements_of(known.clip, truth, used, labels_of(library), np.random.default_rng(0))
     rows: dict[str, Any] = {"nothing": _row(before, known.truth, 0.0)}
     for name, statements in told.items():
         begun = time.perf_counter()
-        after = before.given(statements)
+        after = before.given(statements, workers=workers)
         rows[name] = _row(after, known.truth, time.perf_counter() - begun)
         sys.stderr.write(f"{folder.name} {name}: {rows[name]['evidence']}\n")
     return rows
@@ -173,6 +171,21 @@ def table(scenes: dict[str, dict[str, Any]]) -> str:
     return "\n".join(lines) + "\n"
 
 
+def by_scene(scenes: dict[str, dict[str, Any]]) -> str:
+    """Markdown: a row for each scene and thing that is told."""
+    lines = [
+        "| scene | told | found | loss, cm | joints, cm | log evidence ratio, nats | way |",
+        "|---|---|---:|---:|---:|---:|---|",
+    ]
+    lines += [
+        f"| {scene} | {name} | {row['found']} of {row['true']} | {row['loss']:.0f} "
+        f"| {row['joints']:.1f} | {row['evidence']} | {row['method']} |"
+        for scene, rows in scenes.items()
+        for name, row in rows.items()
+    ]
+    return "\n".join(lines) + "\n"
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
     """Measure, keep, print."""
     parser = argparse.ArgumentParser(
@@ -180,16 +193,18 @@ def main(arguments: Sequence[str] | None = None) -> None:
     )
     parser.add_argument("scenes", type=Path, help="folder of i3DB scenes with their truth")
     parser.add_argument("folder", type=Path, help="what is done is kept here")
-    parser.add_argument("--steps", type=int, default=_BRIEF.steps, help="of chains (default: 2000)")
+    parser.add_argument("--steps", type=int, default=SampleSettings().steps // 5, help="of chains")
+    parser.add_argument("--workers", type=int, default=2)
     options = parser.parse_args(arguments)
     options.folder.mkdir(parents=True, exist_ok=True)
     found = {}
     for scene in scenes_with_truth(options.scenes):
         path = options.folder / f"{scene.name}-{options.steps}-{digest(Path(__file__))}.json"
         if not path.is_file():
-            path.write_text(json.dumps(measured(scene, options.steps), indent=1))
+            rows = measured(scene, options.steps, options.workers)
+            path.write_text(json.dumps(rows, indent=1))
         found[scene.name] = json.loads(path.read_text())
-    sys.stdout.write(table(found))
+    sys.stdout.write(table(found) + "\n" + by_scene(found))
     note(
         {
             f"told_{name}_{scene}_{what}": float(rows[name][what])
