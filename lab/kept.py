@@ -13,13 +13,18 @@ from imapper_prob.models.scene import Clip
 from imapper_prob.models.scenelet import Library
 from imapper_prob.results.posterior import Posterior, load_posterior
 
-__all__ = ["digest", "sampled", "with_steps"]
+__all__ = ["digest", "is_whole", "sampled", "with_steps"]
 
 
 def with_steps(steps: int) -> Config:
     """The usual settings with chains of so many steps, and as many draws as these have."""
     few = SampleSettings(steps=steps, draws=1)
     return Config(sample=replace(few, draws=min(SampleSettings().draws, few.most_draws)))
+
+
+def is_whole(folder: Path) -> bool:
+    """Whether a run lies in a folder; who killed a command may have left a part of it."""
+    return (folder / "posterior.nc").is_file()
 
 
 def sampled(
@@ -31,9 +36,10 @@ def sampled(
     steps: int,
     workers: int,
 ) -> Posterior:
-    """The run of a clip in a folder, made if it is not there."""
-    if not folder.exists():
-        im.sample(clip, library, rng=seed, workers=workers, config=with_steps(steps)).save(folder)
+    """The run of a clip in a folder, made if it is not there, or not all of it."""
+    if not is_whole(folder):
+        posterior = im.sample(clip, library, rng=seed, workers=workers, config=with_steps(steps))
+        posterior.save(folder, overwrite=True)
     return load_posterior(folder)
 
 

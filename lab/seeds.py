@@ -35,7 +35,7 @@ from imapper_prob.plotting import save_figure
 from imapper_prob.results.posterior import Posterior, load_posterior
 from imapper_prob.samplers.diagnostics import ShortChainWarning, layout_probabilities, rhat
 from lab.gold import GOLD, distance, known, shares
-from lab.kept import with_steps
+from lab.kept import is_whole, with_steps
 from lab.mixing import OPEN
 
 Array = NDArray[np.float64]
@@ -137,7 +137,7 @@ def runs(name: str, folder: Path, seeds: int, steps: int, workers: int) -> list[
     """The runs of a clip; those that are missing are made."""
     config = with_steps(steps)
     paths = [folder / f"{Path(name).stem}-{steps}-{seed}" for seed in range(seeds)]
-    missing = [path for path in paths if not path.exists()]
+    missing = [path for path in paths if not is_whole(path)]
     if missing:
         clip = im.demo_clip() if name == "demo" else im.load_clip(name)
         library = im.load_library()
@@ -145,7 +145,7 @@ def runs(name: str, folder: Path, seeds: int, steps: int, workers: int) -> list[
         for path in missing:
             seed = paths.index(path)
             im.sample(clip, library, start=solved, config=config, rng=seed, workers=workers).save(
-                path
+                path, overwrite=True
             )
             sys.stderr.write(f"{path.name} is done\n")
     return [load_posterior(path) for path in paths]

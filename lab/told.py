@@ -179,11 +179,16 @@ def by_scene(scenes: dict[str, dict[str, Any]]) -> str:
     ]
     lines += [
         f"| {scene} | {name} | {row['found']} of {row['true']} | {row['loss']:.0f} "
-        f"| {row['joints']:.1f} | {row['evidence']} | {row['method']} |"
+        f"| {row['joints']:.1f} | {_ratio(row['evidence'])} | {row['method']} |"
         for scene, rows in scenes.items()
         for name, row in rows.items()
     ]
     return "\n".join(lines) + "\n"
+
+
+def _ratio(text: str) -> str:
+    """The figure in what is said of an evidence ratio."""
+    return text.removeprefix("Log evidence ratio ").partition(" nats")[0]
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
