@@ -29,15 +29,17 @@ docs: $(STAMP) $(STAMP_DOCS)
 	$(PY) -m sphinx -b html -W --keep-going docs out/site
 
 beforehand: $(STAMP)
-	$(MAKE) --no-print-directory --jobs=2 lint kernels_of_models kernels_of_moves
+	$(MAKE) --no-print-directory --jobs=2 kernels_of_models kernels_of_moves lint
 
-# What several processes of the tests would otherwise each compile, the longer part beside lint.
+# What several processes of the tests would otherwise each compile. Moves begin with what they have of their own, until the
+# other has compiled what both need.
 kernels_of_models: $(STAMP)
 	$(PY) -m pytest --quiet tests/models/test_posterior.py tests/models/test_incremental.py
 
 kernels_of_moves: $(STAMP)
-	$(PY) -m pytest --quiet tests/sampling/test_alone.py tests/sampling/test_steps.py \
-		tests/sampling/test_reference.py::test_what_was_visited_is_drawn_more_often
+	$(PY) -m pytest --quiet tests/sampling/test_crossover.py \
+		tests/sampling/test_reference.py::test_what_was_visited_is_drawn_more_often \
+		tests/sampling/test_steps.py tests/sampling/test_alone.py
 
 lint: $(STAMP)
 	$(VENV)/bin/ruff check
