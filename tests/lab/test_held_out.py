@@ -69,9 +69,9 @@ def test_a_room_is_held_out(tmp_path: Path, capsys: pytest.CaptureFixture[str]) 
     if not CORPUS.is_dir():
         pytest.skip(f"the i3DB scenes are not at {CORPUS}")
     how = ("--from", "i3db", "--room", "Scene04", "--seconds", "6", "--steps", "100")
-    for _ in range(2):
-        main([str(CORPUS), str(tmp_path), *how])
-    first, second = capsys.readouterr().out.split("\n\n")[:2]
-    assert first.strip().splitlines()[2].startswith("| posterior, most probable scene | Scene04 |")
-    assert first.strip() == second.strip()
+    main([str(CORPUS), str(tmp_path), *how])
+    first = capsys.readouterr().out
+    assert first.splitlines()[2].startswith("| posterior, most probable scene | Scene04 |")
+    main([str(CORPUS), str(tmp_path), *how])
+    assert capsys.readouterr().out == first
     assert [path.name for path in tmp_path.iterdir()] == ["Scene04"]
