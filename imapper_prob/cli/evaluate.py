@@ -33,7 +33,12 @@ from imapper_prob.evaluate.published import (
     read_depths,
     read_regions,
 )
-from imapper_prob.evaluate.report import Exploration, benchmark_page, write_page
+from imapper_prob.evaluate.report import (
+    Exploration,
+    benchmark_page,
+    exploration_figure,
+    write_page,
+)
 from imapper_prob.evaluate.score import KnownScene, known_clip, known_scene, scenes_with_truth
 from imapper_prob.evaluate.suite import (
     PARTS,
@@ -308,6 +313,8 @@ def _scored(
         for truth, _ in whole
     }  # fmt: skip
     explored = explored if len(parts) > 1 else []
+    if explored:
+        figures["exploration.png"] = exploration_figure(explored)
     return SuiteResult(evaluation, ours, theirs, figures, explored, clips)
 
 

@@ -6,6 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from matplotlib.figure import Figure
+
 from imapper_prob.evaluate.probability import LIKELY
 from imapper_prob.evaluate.published import (
     OnClip,
@@ -27,7 +29,7 @@ from imapper_prob.evaluate.tables import (
 )
 from imapper_prob.files import written_whole
 
-__all__ = ["Exploration", "benchmark_page", "write_page"]
+__all__ = ["Exploration", "benchmark_page", "exploration_figure", "write_page"]
 
 AUTHORS = "authors' output"
 
@@ -74,6 +76,41 @@ def _exploration_rows(found: Sequence[Exploration]) -> Rows:
                 )
             )
     return rows
+
+
+def exploration_figure(explored: Sequence[Exploration]) -> Figure:
+    """What is known after parts of the clips: furniture, motion, and how sure the draws are.
+
+    Parameters
+    ----------
+    explored : sequence of Exploration
+        In order of time.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
+    seen = [100 * exploration.part for exploration in explored]
+    names = dict.fromkeys(s.name for exploration in explored for s in exploration.summaries)
+    figure = Figure(figsize=(11.5, 3.4), layout="constrained")
+    found, furniture, joints = figure.subplots(1, 3)
+    for name in names:
+        rows = [next(s for s in e.summaries if s.name == name) for e in explored]
+        for axes, values in (
+            (found, [s.found / s.true if s.true else float("nan") for s in rows]),
+            (furniture, [s.loss for s in rows]),
+            (joints, [s.pose[SUBSETS[0]][0] for s in rows]),
+        ):
+            axes.plot(seen, values, marker="o", markersize=4, label=name)
+    spread = [exploration.spread for exploration in explored]
+    furniture.plot(seen, spread, "k--", marker="o", markersize=4, label="between draws")
+    found.set(ylabel="found within 1 m, share of objects", ylim=(0, 1.02))
+    furniture.set(ylabel="furniture, misses as a metre [cm]", ylim=(0, None))
+    joints.set(ylabel="joints in the world [cm]", ylim=(0, None))
+    for axes in (found, furniture, joints):
+        axes.set(xlabel="seen of each clip [%]", xticks=seen)
+    furniture.legend(fontsize=7, frameon=False)
+    return figure
 
 
 def benchmark_page(

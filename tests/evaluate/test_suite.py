@@ -16,8 +16,10 @@ from imapper_prob.clips.load import load_clip, write_clip
 from imapper_prob.config import Config, SampleSettings
 from imapper_prob.evaluate.i3db import read_authors
 from imapper_prob.evaluate.prediction import SOLVER, write_prediction
+from imapper_prob.evaluate.report import Exploration, exploration_figure
 from imapper_prob.evaluate.score import scenes_with_truth
 from imapper_prob.evaluate.suite import (
+    evaluate,
     first_part,
     library_of,
     prepare_suite,
@@ -30,7 +32,7 @@ from imapper_prob.evaluate.suite import (
 from imapper_prob.models.errors import InputError
 from imapper_prob.results.posterior import Posterior
 from tests.conftest import CORPUS
-from tests.evaluate.scenes import truth
+from tests.evaluate.scenes import prediction, truth
 from tests.evaluate.test_prediction_file import clip
 from tests.runs import small_posterior
 
@@ -79,6 +81,20 @@ def test_a_folder_of_other_settings_is_refused(tmp_path: Path) -> None:
     (tmp_path / "thesis.txt").write_text("years of work")
     with pytest.raises(InputError, match="holds no suite"):
         prepare_suite(tmp_path, Config(), others=None)
+
+
+def test_what_is_known_after_parts_of_a_clip_is_drawn() -> None:
+    explored = [
+        Exploration(part, evaluate([(truth(), [prediction(), empty])]).summaries, spread)
+        for empty in [replace(prediction(), name="nothing")]
+        for part, spread in ((0.5, 40.0), (1.0, 20.0))
+    ]
+    found, furniture, joints = exploration_figure(explored).axes
+    assert [line.get_label() for line in furniture.lines] == ["guess", "nothing", "between draws"]
+    assert furniture.lines[-1].get_ydata().tolist() == [40.0, 20.0]
+    for axes, unit in ((found, "share"), (furniture, "[cm]"), (joints, "[cm]")):
+        assert unit in axes.get_ylabel()
+        assert axes.lines[0].get_xdata().tolist() == [50.0, 100.0]
 
 
 def test_no_scenes_is_an_error(tmp_path: Path) -> None:
