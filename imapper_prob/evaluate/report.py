@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 from matplotlib.figure import Figure
 
 from imapper_prob.evaluate.probability import LIKELY
@@ -103,12 +104,15 @@ def exploration_figure(explored: Sequence[Exploration]) -> Figure:
         ):
             axes.plot(seen, values, marker="o", markersize=4, label=name)
     spread = [exploration.spread for exploration in explored]
-    furniture.plot(seen, spread, "k--", marker="o", markersize=4, label="between draws")
-    found.set(ylabel="found within 1 m, share of objects", ylim=(0, 1.02))
-    furniture.set(ylabel="furniture, misses as a metre [cm]", ylim=(0, None))
-    joints.set(ylabel="joints in the world [cm]", ylim=(0, None))
+    if np.isfinite(spread).any():
+        furniture.plot(seen, spread, "k--", marker="o", markersize=4, label="between draws")
+    found.set(ylabel="found within 1 m, share of objects")
+    furniture.set(ylabel="furniture, misses as a metre [cm]")
+    joints.set(ylabel="joints in the world [cm]")
     for axes in (found, furniture, joints):
         axes.set(xlabel="seen of each clip [%]", xticks=seen)
+        axes.margins(y=0.08)
+        axes.set_ylim(bottom=0)
     furniture.legend(fontsize=7, frameon=False)
     return figure
 
