@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
+import pytest
 
 from imapper_prob.api import demo_clip
-from lab.passers import passed, passing
+from lab.passers import main, passed, passing
 
 
 def test_a_passer_hides_some_of_the_body_some_of_the_time() -> None:
@@ -25,3 +28,15 @@ def test_clips_differ_by_what_is_hidden() -> None:
     behind = passing(clip)
     sure = [t.tracks[0].confidences[behind].mean() for t in (alone, crossed)]
     assert sure[1] < sure[0]
+
+
+@pytest.mark.slow
+def test_clips_are_scored_with_and_without(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    main([str(tmp_path), "--clips", "1", "--steps", "100"])
+    rows = [
+        line.split("|")[1].strip() for line in capsys.readouterr().out.splitlines() if "|" in line
+    ]
+    assert rows.count("alone") == rows.count("passed") == 2
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["clip-0-alone", "clip-0-passed"]
