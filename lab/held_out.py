@@ -40,8 +40,8 @@ from imapper_prob.models.skeleton import DETECTED, PELV
 from imapper_prob.scenelets.build import SOURCES, build_library_from, captures_from
 from imapper_prob.scenelets.captures import Capture
 from imapper_prob.scenelets.library import joined, load_library
-from imapper_prob.simulate.clips import FEWEST_IN_IMAGE, draw_camera, simulate_track
-from imapper_prob.simulate.scene import hidden_joints, in_image
+from imapper_prob.simulate.clips import ACTION_WORDS, FEWEST_IN_IMAGE, draw_camera, simulate_track
+from imapper_prob.simulate.scene import FEWEST_SEEN, hidden_joints, in_image
 from lab.kept import sampled
 from lab.unseen.clips import CAMERA, DISTANCES, FPS
 
@@ -49,15 +49,9 @@ __all__ = ["filmed"]
 
 Array = NDArray[np.float64]
 
-SEEN: Final = 0.55
-"""Share of the joints that is seen, as in `lab.unseen`: less is a film of furniture."""
 NEAREST: Final = 1.5
 """Metres from the camera that somebody has to stay away."""
 _TRIES: Final = 500
-_WORDS: Final = {
-    "sit": "sitting", "stand": "standing", "reach": "reaching", "walk": "walking", "lie": "lying",
-}  # fmt: skip
-"""Words for what goes on, as scores have them."""
 
 
 def _longest_stretch(capture: Capture, seconds: float) -> tuple[Array, tuple[str, ...]]:
@@ -72,7 +66,7 @@ def _longest_stretch(capture: Capture, seconds: float) -> tuple[Array, tuple[str
     first = int(begins[longest])
     last = min(int(ends[longest]), first + round(seconds * capture.fps))
     joints = resample(capture.joints[first:last], fps=capture.fps, to_fps=FPS)
-    words = [_WORDS.get(word, word) for word in capture.actions[first:last]]
+    words = [ACTION_WORDS.get(word, word) for word in capture.actions[first:last]]
     at = np.linspace(0, len(words) - 1, len(joints)).round().astype(int) if words else ()
     return joints, tuple(words[k] for k in at)
 
@@ -110,7 +104,7 @@ def filmed(rng: np.random.Generator, capture: Capture, seconds: float) -> Clip:
             continue
         objects = tuple(piece.moved(place) for piece in capture.objects)
         hidden = hidden_joints(camera, motion, objects)
-        if (inside & ~hidden)[:, list(DETECTED)].mean() < SEEN:
+        if (inside & ~hidden)[:, list(DETECTED)].mean() < FEWEST_SEEN:
             continue
         track = simulate_track(rng, motion, hidden, camera=camera, fps=FPS)
         return Clip(

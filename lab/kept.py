@@ -6,7 +6,6 @@ import hashlib
 from dataclasses import replace
 from pathlib import Path
 
-import imapper_prob
 import imapper_prob as im
 from imapper_prob.config import Config, SampleSettings
 from imapper_prob.models.scene import Clip
@@ -49,7 +48,7 @@ def digest(*more: Path) -> str:
     Twelve hexadecimal digits.
     """
     state = hashlib.sha256()
-    root = Path(imapper_prob.__file__).parent
+    root = Path(im.__file__).parent
     for folder in (root, root / "models", root / "samplers"):
         for path in sorted(folder.rglob("*.py")):
             state.update(path.read_bytes())

@@ -55,6 +55,7 @@ def passing(clip: Clip) -> NDArray[np.bool_]:
     body = Cuboid("body", np.array([0.0, 0.0, SIZE[2] / 2]), np.array(SIZE))
     hidden = np.zeros(truth.hidden.shape, bool)
     for t in range(clip.n_frames):
+        # What is in the way is a box, whatever it is called.
         passer = SceneObject("shelf", Placement(float(x + aside[t]), float(y), 0.0), (body,))
         hidden[t] = hidden_joints(truth.camera, truth.joints[t][None], (passer,))[0]
     return hidden

@@ -41,6 +41,7 @@ from imapper_prob.simulate.scene import (
 )
 
 __all__ = [
+    "ACTION_WORDS",
     "NOMINAL_CAMERA",
     "draw_camera",
     "draw_camera_and_body",
@@ -184,7 +185,7 @@ SHORTEST_STAY: Final = 2.0
 """Seconds; what takes less is not told from walking past."""
 STAYS_PUT: Final = 0.15
 """Metres the pelvis may move in a scenelet that can be done for any length of time."""
-_ACTIONS: Final = {
+ACTION_WORDS: Final = {
     "sit": "sitting", "stand": "standing", "reach": "reaching", "walk": "walking", "lie": "lying",
 }  # fmt: skip
 """Words for what goes on, as i3DB has them."""
@@ -449,4 +450,4 @@ def _act(
     if in_image(camera, joints).mean(1).min() < FEWEST_IN_IMAGE:
         return None
     actions = [scenelets[k].action if k >= 0 else "walk" for k in which]
-    return _Acted(tuple(furniture), joints, tuple(_ACTIONS.get(a, a) for a in actions))
+    return _Acted(tuple(furniture), joints, tuple(ACTION_WORDS.get(a, a) for a in actions))

@@ -12,8 +12,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.skeleton import DETECTED, PELV
 from imapper_prob.scenelets.captures import Capture
-from imapper_prob.simulate.scene import in_image
-from lab.held_out import SEEN, _longest_stretch, filmed, main
+from imapper_prob.simulate.scene import FEWEST_SEEN, in_image
+from lab.held_out import _longest_stretch, filmed, main
 from tests.conftest import CORPUS
 from tests.scenelets.motions import box, standing
 
@@ -54,7 +54,7 @@ def test_the_room_goes_before_the_camera_as_a_whole(capture: Capture) -> None:
         once = np.linalg.norm(joints[:, PELV, :2] - before.centre[:2], axis=-1)
         assert_allclose(apart, once, atol=1e-9)
     seen = in_image(truth.camera, truth.joints) & ~truth.hidden
-    assert seen[:, list(DETECTED)].mean() >= SEEN
+    assert seen[:, list(DETECTED)].mean() >= FEWEST_SEEN
 
 
 def test_who_is_never_in_view_is_refused(capture: Capture) -> None:
