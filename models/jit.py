@@ -39,9 +39,14 @@ _UNUSED_AFTER = 24 * 3600.0
 
 
 @cache
+def _model_digest() -> str:
+    return digest(_HERE)
+
+
+@cache
 def _cache_folder(beside: tuple[Path, ...] = ()) -> str:
     """Beside the sources, or where the user keeps numba's cache; its time is that of last use."""
-    made_of = digest(_HERE)
+    made_of = _model_digest()
     if beside:
         texts = [made_of, *(path.read_text(encoding="utf-8") for path in beside)]
         made_of = hashlib.sha256("\n".join(texts).encode()).hexdigest()[:16]

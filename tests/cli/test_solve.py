@@ -143,6 +143,7 @@ def test_the_clock_gives_every_second_to_one_stage() -> None:
     assert heard == [("one", 1.0), ("two", 0.5), ("two", 1.0)]
 
 
+@pytest.mark.slow
 def test_another_process_writes_the_same_bytes(folder: Path) -> None:
     """Same clip, same library: whatever the order of hashes.
 

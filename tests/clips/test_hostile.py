@@ -15,7 +15,7 @@ from lab.robustness.attack import attack
 from lab.robustness.inputs import READERS
 from tests.clips import bodies
 
-INPUTS = 12
+INPUTS = 6
 """Of each kind; ``python -m lab.robustness`` tries more."""
 
 

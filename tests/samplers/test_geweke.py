@@ -164,6 +164,7 @@ class ForgottenCount(needles.Death):
         return proposal._replace(log_ratio=proposal.log_ratio + math.log(len(state)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("test", "moves", "kind"),
     [

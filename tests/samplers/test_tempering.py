@@ -79,6 +79,7 @@ def always(hot, cold):
     return 0.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("wrong", [with_priors, cold_only, always])
 def test_the_same_test_fails_a_wrong_swap_ratio(monkeypatch, wrong):
     monkeypatch.setattr(tempering, "_log_swap_ratio", wrong)

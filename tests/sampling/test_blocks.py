@@ -92,6 +92,7 @@ def test_blocks_do_not_depend_on_the_number_of_workers(
     assert_same(samples(limits=AN_HOUR, workers=2, checkpoints=tmp_path), whole)
 
 
+@pytest.mark.slow
 def test_a_finished_run_goes_on_to_the_draws_of_a_longer_one(
     whole: Samples, tmp_path: Path
 ) -> None:

@@ -224,7 +224,7 @@ def two_rungs(n_pairs: int, *, off: float = 0.0) -> dict[str, float]:
     return in_standard_errors(differences)
 
 
-@pytest.mark.parametrize("off", [0.0, 4.0])
+@pytest.mark.parametrize("off", [0.0, pytest.param(4.0, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("name", ["scene-redraw", "redraw"])
 def test_draws_of_the_reference_leave_scene_and_data(name: str, off: float) -> None:
     """Unless what is drawn is not as dense as is said, here by a factor a scenelet."""
@@ -239,26 +239,28 @@ def test_draws_of_the_reference_leave_scene_and_data(name: str, off: float) -> N
     assert (largest(found) > LIMIT) == (off > 0), found
 
 
-@pytest.mark.parametrize("off", [0.0, 2.0])
+@pytest.mark.parametrize("off", [0.0, pytest.param(2.0, marks=pytest.mark.slow)])
 def test_exchanges_with_the_reference_leave_scene_and_data(off: float) -> None:
     """Unless its density is not that of its draws: here by a factor a scenelet."""
     found = two_rungs(500, off=off)
     assert (largest(found) > LIMIT) == (off > 0), found
 
 
+@pytest.mark.slow
 def test_a_look_the_wrong_way_is_seen() -> None:
     change = only("camera-carry", lambda p: p._replace(log_ratio=-p.log_ratio))
     found = scores(900, change=change, given=poor_data(rate=0.3, depth=0.4))
     assert largest(found) > LIMIT, found
 
 
-@pytest.mark.parametrize("wrong", [False, True])
+@pytest.mark.parametrize("wrong", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_a_jacobian_the_wrong_way_is_seen(wrong: bool) -> None:
     change = only("placement", lambda p: p._replace(log_ratio=-p.log_ratio) if wrong else p)
     found = scores(300, change=change, given=poor_data(rate=0.3, depth=0.4))
     assert (largest(found) > LIMIT) == wrong, found
 
 
+@pytest.mark.slow
 def test_hidden_and_seen_exchanged_is_seen() -> None:
     model = poor_data().detections
     exchanged = replace(

@@ -120,6 +120,7 @@ def _pixels(problem: Problem, state: State) -> np.ndarray:
     return seen.project(motion(problem, state)[start : start + n])
 
 
+@pytest.mark.slow
 def test_a_forgotten_jacobian_is_noticed() -> None:
     """Mutation: a placement walk without (y' / y)^2 must fail the prior test's statistic."""
 
