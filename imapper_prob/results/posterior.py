@@ -911,7 +911,8 @@ class Posterior:
         """What would settle which layout it is: questions, those first that would tell most.
 
         Whether an object is there or is called so, how high the camera hangs, how tall the person
-        is; each with the bits by which its answer would lower the entropy of layouts on average.
+        is, how far away and where everybody is in the frame that parts layouts best; each with the
+        bits by which its answer would lower the entropy of layouts on average.
 
         Returns
         -------

@@ -19,9 +19,12 @@ from typing import Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from imapper_prob.models.skeleton import REFERENCE_STATURE
+from imapper_prob.models.errors import InputError
+from imapper_prob.models.log_posterior import motion
+from imapper_prob.models.settings import NEAREST
+from imapper_prob.models.skeleton import PELV, REFERENCE_STATURE
 from imapper_prob.models.statement_rows import tell
-from imapper_prob.models.statements import Measured, Presence, Statement
+from imapper_prob.models.statements import DepthOf, JointAt, Measured, Presence, Statement
 from imapper_prob.samplers.diagnostics import ShortChainWarning, mean_error
 from imapper_prob.sampling.conditioning import statement_values
 from imapper_prob.sampling.sample import Samples
@@ -41,6 +44,17 @@ _MEASURED: Final[tuple[tuple[str, Literal["height", "stature"], float], ...]] = 
     ("How tall is the person, to 2 cm?", "stature", 0.02),
 )
 """Questions that are always asked, with their standard deviation in metres."""
+_DEPTH_ERROR: Final = 0.05
+"""Share of the depth that another system errs by; chosen, as in ``docs/research/told.md``."""
+_VIEW_ERROR: Final = 0.05
+"""Metres along each axis to which a second camera places a pelvis; chosen."""
+_COMPARED: Final = 200
+"""Draws whose whole motion is made, to choose the frame that is asked for."""
+_FEWEST: Final = 5
+"""Draws of a layout from which its mean motion is known well enough to choose a frame by."""
+
+Open = Presence | Measured | DepthOf | JointAt
+"""A statement of which the answer is open."""
 
 
 @dataclass(frozen=True)
@@ -54,14 +68,14 @@ class Question:
         By which the entropy of layouts would fall, on average over answers.
     error : float
         Standard error of ``bits``.
-    open : Presence or Measured
+    open : Presence, Measured, DepthOf or JointAt
         The statement of which the answer is open; see :meth:`answered`.
     """
 
     text: str
     bits: float
     error: float
-    open: Presence | Measured
+    open: Open
 
     def __repr__(self) -> str:
         return f"Question({self.text!r}, bits={self.bits:.2f}, error={self.error:.2f})"
@@ -69,17 +83,22 @@ class Question:
     def __str__(self) -> str:
         return f"{self.text} {self.bits:.2f} ± {self.error:.2f} bit"
 
-    def answered(self, answer: bool | float) -> Statement:
+    def answered(self, answer: bool | float | Sequence[float]) -> Statement:
         """The statement that an answer makes.
 
         Parameters
         ----------
-        answer : bool or float
-            Yes or no, or a number in metres.
+        answer : bool, float or (3,) sequence of float
+            Yes or no, a length or depth in metres, or a place: x, y and z in metres.
 
         Returns
         -------
         Statement
+
+        Raises
+        ------
+        InputError
+            The answer does not have as many numbers as the question asks for.
 
         Examples
         --------
@@ -87,9 +106,22 @@ class Question:
         >>> question.bits > -1
         True
         """
-        if isinstance(self.open, Presence):
-            return replace(self.open, there=bool(answer))
-        return replace(self.open, value=float(answer))
+        match self.open:
+            case Presence():
+                return replace(self.open, there=bool(answer))
+            case JointAt():
+                x, y, z = _numbers(answer, 3, "x, y and z")
+                return replace(self.open, point=(x, y, z))
+            case DepthOf():
+                return replace(self.open, depths=tuple(_numbers(answer, 1, "a depth")))
+        return replace(self.open, value=_numbers(answer, 1, "a length")[0])
+
+
+def _numbers(answer: bool | float | Sequence[float], count: int, wanted: str) -> list[float]:
+    numbers: list[float] = np.ravel(np.asarray(answer, float)).tolist()
+    if len(numbers) != count:
+        raise InputError(f"an answer of {len(numbers)} numbers; give {wanted} in metres")
+    return numbers
 
 
 def questions_of(
@@ -132,6 +164,8 @@ def questions_of(
         heard = values + std * rng.standard_normal(len(values))
         densities = _normal(heard[:, None] - values, std**2)
         found.append(_question(text, open_one, samples, densities))
+    for text, told_of, densities in _about_people(samples, source, rng):
+        found.append(_question(text, told_of, samples, densities))
     return tuple(sorted(found, key=lambda question: -question.bits))
 
 
@@ -157,9 +191,82 @@ def _about_objects(clusters: Sequence[ObjectCluster], radius: float) -> list[tup
     return asked
 
 
-def _question(
-    text: str, asked: Presence | Measured, samples: Samples, densities: Array
-) -> Question:
+def _about_people(
+    samples: Samples, source: Source, rng: np.random.Generator
+) -> list[tuple[str, Open, Array]]:
+    """How far away everybody is, and where, in the frame that parts layouts best.
+
+    Parameters
+    ----------
+    samples : Samples
+    source : Source
+    rng : numpy.random.Generator
+        For the answers.
+
+    Returns
+    -------
+    list of (str, DepthOf or JointAt, (N, N) float)
+        Question, statement, and the density of the answer that each draw gives, by all draws.
+    """
+    clip, states = source.clip, samples.states
+    # The statements' own terms do not depend on detections, which take most of the time.
+    problem = source.problem._replace(likelihood=0.0)
+    chosen = np.unique(np.linspace(0, len(states) - 1, _COMPARED).astype(np.int64))
+    paths = np.stack([motion(problem, states[n])[:, PELV] for n in chosen])
+    parted = _parted(paths, samples.layouts.indicator[chosen])
+    cameras = np.array([state.camera for state in states])
+    pose = problem.pose_tolerance * np.exp(cameras[:, 3])
+    asked: list[tuple[str, Open, Array]] = []
+    for person, index in enumerate(
+        parted.reshape(len(clip.tracks), clip.n_frames).argmax(1).tolist()
+    ):
+        row, frame = person * clip.n_frames + index, int(clip.frame_ids[index])
+        who = "the person" if len(clip.tracks) == 1 else clip.tracks[person].name
+        points = np.stack([motion(problem, state)[row, PELV] for state in states])
+        along = np.cos(cameras[:, 0]) * points[:, 1]
+        along = along + np.sin(cameras[:, 0]) * (points[:, 2] - cameras[:, 1])
+        depths = np.maximum(along, NEAREST)
+        variance = _DEPTH_ERROR**2 + (pose / depths) ** 2
+        heard = np.log(depths) + np.sqrt(variance) * rng.standard_normal(len(depths))
+        asked.append((
+            f"How far is {who} from the camera in frame {frame}, to {_DEPTH_ERROR:.0%}?",
+            DepthOf((frame,), (float(np.exp(heard.mean())),), _DEPTH_ERROR, person=person + 1),
+            _normal(heard[:, None] - np.log(depths), variance),
+        ))  # fmt: skip
+        variance = _VIEW_ERROR**2 + pose**2
+        seen = points + np.sqrt(variance)[:, None] * rng.standard_normal(points.shape)
+        x, y, z = points.mean(0).tolist()
+        densities = [_normal(seen[:, None, k] - points[:, k], variance) for k in range(3)]
+        asked.append((
+            f"Where is {who} in frame {frame}, to {100 * _VIEW_ERROR:.0f} cm (from a second view)?",
+            JointAt("PELV", frame, (x, y, z), _VIEW_ERROR, person + 1),
+            densities[0] * densities[1] * densities[2],
+        ))  # fmt: skip
+    return asked
+
+
+def _parted(paths: Array, layouts: Ints) -> Array:
+    """(T,) squared distance between the two most frequent layouts, in variances of one of them.
+
+    Where one layout has nearly all draws, their variance.
+
+    Parameters
+    ----------
+    paths : (N, T, 3) float
+        Pelvis in each frame, metres.
+    layouts : (N,) int
+    """
+    names, counts = np.unique(layouts, return_counts=True)
+    frequent = names[np.argsort(-counts)][:2]
+    if len(names) < 2 or np.sort(counts)[-2] < _FEWEST:
+        return np.asarray(paths.var(0).sum(-1))
+    one, other = (paths[layouts == name] for name in frequent)
+    apart = ((one.mean(0) - other.mean(0)) ** 2).sum(-1)
+    # A millimetre more, so that draws of a layout may all be one.
+    return np.asarray(apart / ((one.var(0) + other.var(0)).sum(-1) + 1e-6))
+
+
+def _question(text: str, asked: Open, samples: Samples, densities: Array) -> Question:
     bits, error = information(samples.layouts.indicator.reshape(samples.shape), densities)
     return Question(text, bits, error, asked)
 
@@ -202,5 +309,5 @@ def information(layouts: Ints, densities: Array) -> tuple[float, float]:
     return float(gained.mean()), error
 
 
-def _normal(off: Array, variance: float) -> Array:
-    return np.asarray(np.exp(-0.5 * off**2 / variance) / math.sqrt(2 * math.pi * variance))
+def _normal(off: Array, variance: float | Array) -> Array:
+    return np.asarray(np.exp(-0.5 * off**2 / variance) / np.sqrt(2 * math.pi * variance))

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.stats import entropy, norm
 
 import imapper_prob as im
-from imapper_prob.uncertainty.questions import information
+from imapper_prob.uncertainty.questions import Open, Question, _about_people, _parted, information
 from tests.runs import small_posterior
 
 CHAINS, DRAWS = 4, 200
@@ -84,9 +86,49 @@ def test_questions_are_asked_of_a_posterior() -> None:
     assert {"height", "stature"} <= {
         q.open.quantity for q in questions if isinstance(q.open, im.Measured)
     }
+    kinds = [type(q.open) for q in questions]
+    assert kinds.count(im.DepthOf) == kinds.count(im.JointAt) == 1
     for question in questions:
         assert question.bits < 1.5
         assert str(question).endswith(" bit")
-        answer = question.answered(1.6 if isinstance(question.open, im.Measured) else False)
-        assert posterior.given([answer], steps=20).told is not None
-        break
+    depth = questions[kinds.index(im.DepthOf)]
+    assert isinstance(depth.open, im.DepthOf)
+    (nearly,) = depth.open.depths
+    assert posterior.given([depth.answered(nearly)], steps=20).told is not None
+
+
+def test_answers_become_statements() -> None:
+    def of(about: Open, answer: bool | float | tuple[float, ...]) -> object:
+        return Question("?", 0.5, 0.1, about).answered(answer)
+
+    presence = im.Presence("chair", region=((0, 0), (1, 0), (1, 1)))
+    assert of(presence, False) == replace(presence, there=False)
+    assert of(im.Measured("height", 1.4, 0.02), 1.5) == im.Measured("height", 1.5, 0.02)
+    assert of(im.DepthOf((3,), (2.0,), 0.05), 2.5) == im.DepthOf((3,), (2.5,), 0.05)
+    asked = im.JointAt("PELV", 3, (0.0, 3.0, 0.9), 0.05)
+    assert of(asked, (0.1, 3.2, 0.8)) == replace(asked, point=(0.1, 3.2, 0.8))
+    with pytest.raises(im.InputError, match="an answer of 1 numbers; give x, y and z in metres"):
+        of(asked, 1.0)
+
+
+def test_the_frame_that_parts_layouts_is_asked_for(rng: np.random.Generator) -> None:
+    """Not the one in which all of them are widely scattered."""
+    layouts = rng.choice(2, 100)
+    paths = 0.1 * rng.standard_normal((100, 5, 3))
+    paths[:, 1] *= 10
+    paths[:, 3, 0] += layouts
+    assert _parted(paths, layouts).argmax() == 3
+    assert _parted(paths, np.zeros(100, int)).argmax() == 1
+    assert np.isfinite(_parted(np.zeros((100, 5, 3)), layouts)).all()
+
+
+def test_draws_answer_where_their_own_person_is() -> None:
+    posterior = small_posterior()
+    samples = posterior.samples
+    found = _about_people(samples, posterior.solution, np.random.default_rng(0))
+    depth, place = (densities for _, _, densities in found)
+    n = len(samples.states)
+    assert depth.shape == place.shape == (n, n)
+    # Each answer is most probable by draws as far away as the one that gives it.
+    own = [np.median(d.diagonal() / d.max(1)) for d in (depth, place)]
+    assert min(own) > 0.2
