@@ -152,7 +152,8 @@ def _row(posterior: im.Posterior, truth: Any, seconds: float) -> dict[str, Any]:
 def table(scenes: dict[str, dict[str, Any]]) -> str:
     """Markdown: scenes together, a row for each thing that is told."""
     lines = [
-        "| told | found | too many | loss, cm | IoU | joints, cm | weighed / gone on | seconds |",
+        "| statement | found | spurious | loss, cm | IoU | joints, cm | reweighted / continued "
+        "| seconds |",
         "|---|---:|---:|---:|---:|---:|---:|---:|",
     ]
     for name in _NAMES:
@@ -174,7 +175,7 @@ def table(scenes: dict[str, dict[str, Any]]) -> str:
 def by_scene(scenes: dict[str, dict[str, Any]]) -> str:
     """Markdown: a row for each scene and thing that is told."""
     lines = [
-        "| scene | told | found | loss, cm | joints, cm | log evidence ratio, nats | way |",
+        "| scene | statement | found | loss, cm | joints, cm | log evidence ratio, nats | method |",
         "|---|---|---:|---:|---:|---:|---|",
     ]
     lines += [

@@ -168,13 +168,13 @@ def benchmark_page(
     differences = evaluation.differences(ours, theirs)
     if differences:
         sections += [
-            "\n## Is it better?\n",
+            "\n## Paired differences\n",
             "Differences object by object, a miss counting as a metre; negative is nearer.\n",
             markdown_table(difference_rows(differences)),
         ]
     if evaluation.posteriors:
         sections += [
-            "\n## Is it honest?\n",
+            "\n## Coverage\n",
             markdown_table(posterior_rows(evaluation.posteriors)),
             "\nPooled over clips:\n",
             markdown_table(coverage_rows(posterior_coverage(evaluation.posteriors))),
