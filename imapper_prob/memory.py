@@ -9,6 +9,7 @@ from imapper_prob.config import SampleSettings
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.scene import Clip
 from imapper_prob.models.scenelet import Library
+from imapper_prob.models.settings import SHORTEST_CLIP
 
 __all__ = ["memory_there", "require_memory"]
 
@@ -102,8 +103,12 @@ def require_memory(clip: Clip, library: Library, settings: SampleSettings | None
     while fits > 1 and _memory_needed(people * fits, len(library), settings) > there:
         fits = int(0.9 * fits)
     first = int(clip.frame_ids[0])
+    if fits < SHORTEST_CLIP:
+        cure = "end other programs, or take a machine that has more"
+    else:
+        last = first + fits - 1
+        cure = f"take parts of up to {fits} frames, such as --frames {first}:{last}, or fewer draws"
     raise InputError(
         f"clip {clip.name}: {clip.n_frames} frames of {people} need about "
-        f"{needed / _GIGABYTE:.1f} GB of memory, {there / _GIGABYTE:.1f} GB are there; take parts "
-        f"of up to {fits} frames, such as --frames {first}:{first + fits - 1}, or fewer draws"
+        f"{needed / _GIGABYTE:.1f} GB of memory, {there / _GIGABYTE:.1f} GB are there; {cure}"
     )

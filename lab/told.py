@@ -130,7 +130,9 @@ def measured(folder: Path, steps: int, workers: int) -> dict[str, Any]:
 
 
 def _row(posterior: im.Posterior, truth: Any, seconds: float) -> dict[str, Any]:
-    found = score(prediction_of_scene(posterior.estimate, name="estimate"), truth)
+    people = len(posterior.clip.tracks)
+    answer = prediction_of_scene(posterior.estimate, name="estimate", people=people)
+    found = score(answer, truth)
     evidence = None if posterior.told is None else posterior.told.evidence
     summary = summarise([found])
     return {

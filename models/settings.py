@@ -30,6 +30,7 @@ __all__ = [
     "NOTHING_IN_SIGHT",
     "OPAQUE",
     "QUICKEST_FILM",
+    "SHORTEST_CLIP",
     "SHORTEST_FOCAL",
     "SLOWEST_FILM",
     "STEEPEST_CAMERA",
@@ -70,6 +71,8 @@ QUICKEST_FILM: Final = 1_000.0
 """Frames a second: one in ten seconds, and what laboratories film people with."""
 LONGEST_CLIP: Final = 36_000
 """Frames: an hour at ten a second. A longer clip is a damaged frame number."""
+SHORTEST_CLIP: Final = 8
+"""Frames; in less than a second nobody does anything that furniture explains."""
 MOST_PEOPLE: Final = 64
 """In one clip: a crowd."""
 

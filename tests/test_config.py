@@ -37,6 +37,10 @@ def test_settings_survive_a_file(tmp_path: Path) -> None:
         ("[sample]\nsteps = 10", "cannot be kept"),
         ("model = 3", "must be a table"),
         ("seed = ", "not a TOML file"),
+        ("seed = " + "[" * 3000, "not a TOML file"),
+        ("seed = " + "9" * 5000, "not a TOML file"),
+        ("seed = " + "9" * 50, "too large to be true"),
+        ("seed = -1", "must not be negative"),
     ],
 )
 def test_a_wrong_setting_is_named(tmp_path: Path, text: str, words: str) -> None:

@@ -81,6 +81,24 @@ def test_links_lead_somewhere(path: Path) -> None:
             assert (path.parent / target.partition("#")[0]).exists(), f"{name_of(path)}: {target}"
 
 
+@pytest.mark.parametrize("path", PAGES, ids=name_of)
+def test_tests_that_a_page_names_are_there(path: Path) -> None:
+    for file, name in re.findall(r"`(tests/[\w/]+\.py)::(\w+)", path.read_text(encoding="utf-8")):
+        assert (ROOT / file).is_file(), f"{name_of(path)}: {file}"
+        tree = ast.parse((ROOT / file).read_text(encoding="utf-8"))
+        there = [node.name for node in tree.body if isinstance(node, ast.FunctionDef)]
+        assert name in there, f"{name_of(path)}: {file} has no {name}"
+
+
+def test_every_fault_of_the_page_on_robustness_has_a_test() -> None:
+    text = (ROOT / "docs" / "reference" / "robustness.md").read_text(encoding="utf-8")
+    _, _, section = text.partition("## Faults and the tests that hold them\n")
+    rows = [line for line in section.partition("\n## ")[0].splitlines() if line.startswith("| ")]
+    assert len(rows) > 30
+    for row in rows[1:]:
+        assert re.search(r"\| `tests/[\w/]+\.py::test_\w+`[^|]*\|$", row), row
+
+
 def test_every_page_is_in_an_index() -> None:
     pages = [*(ROOT / "docs").rglob("*.md"), *(ROOT / "docs").rglob("*.ipynb")]
     for path in pages:

@@ -16,6 +16,7 @@ from imapper_prob.config import SampleSettings
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.scene import Clip
 from imapper_prob.scenelets.library import load_library
+from tests.conftest import ROOT
 
 
 def long_clip(n_frames: int) -> Clip:
@@ -51,6 +52,34 @@ def test_a_clip_that_does_not_fit_is_refused_before_the_work(
     memory.require_memory(part, load_library(), SampleSettings())
     with pytest.raises(InputError, match="GB of memory"):
         memory.require_memory(load_clip(tmp_path / "clip.npz"), load_library(), SampleSettings())
+
+
+@pytest.mark.parametrize(
+    ("n_frames", "gigabytes"), [(400, "1.3"), (5_000, "4.2"), (20_000, "13.9")]
+)
+def test_what_the_pages_say_of_long_clips_is_what_is_asked_for(
+    monkeypatch: pytest.MonkeyPatch, n_frames: int, gigabytes: str
+) -> None:
+    page = " ".join((ROOT / "docs" / "reference" / "robustness.md").read_text().split())
+    assert f"{gigabytes} GB for {n_frames:,}" in page
+    clip, library = long_clip(n_frames), load_library()
+    needed = float(gigabytes) * 1e9
+    monkeypatch.setattr(memory, "memory_there", lambda: 1.05 * needed)
+    memory.require_memory(clip, library, SampleSettings())
+    monkeypatch.setattr(memory, "memory_there", lambda: max(0.9 * needed, 1.1e9))
+    with pytest.raises(InputError, match=f"need about {gigabytes} GB .* --frames 0:") as refused:
+        memory.require_memory(clip, library, SampleSettings())
+    fits = int(str(refused.value).split("parts of up to ")[1].split()[0])
+    assert 0 < fits < n_frames
+    memory.require_memory(long_clip(fits), library, SampleSettings())
+    # To solve takes less, and is asked for by itself.
+    monkeypatch.setattr(memory, "memory_there", lambda: 1.01e9)
+    with pytest.raises(InputError, match="GB of memory"):
+        memory.require_memory(clip, library)
+    # Where no part would fit, none is named.
+    monkeypatch.setattr(memory, "memory_there", lambda: 1e8)
+    with pytest.raises(InputError, match=r"0\.1 GB are there; end other programs, or take a"):
+        memory.require_memory(clip, library)
 
 
 def test_frames_that_are_not_there_are_refused(tmp_path: Path) -> None:

@@ -33,6 +33,7 @@ from imapper_prob.clips.result_lists import (
 )
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.scene import Clip, Track
+from imapper_prob.models.settings import SHORTEST_CLIP
 from imapper_prob.models.skeleton import DETECTED, JOINTS
 
 if TYPE_CHECKING:
@@ -317,8 +318,6 @@ def _read(path: Path, form: str, options: ClipOptions) -> tuple[RawDetections, C
 
 _SMALLEST: Final = 4.0
 """Pixels, height or width of a person: detectors place joints no better than that."""
-_SHORTEST_CLIP: Final = 8
-"""Frames; in less than a second nobody does anything that furniture explains."""
 
 
 def load_clip(
@@ -382,9 +381,9 @@ def read_frames(
     clip = read_whatever(path, options or ClipOptions())
     if frames is not None:
         clip = window(clip, *frames)
-    if clip.n_frames < _SHORTEST_CLIP:
+    if clip.n_frames < SHORTEST_CLIP:
         raise InputError(
-            f"{path}: a clip of {clip.n_frames} frames; at least {_SHORTEST_CLIP} are needed"
+            f"{path}: a clip of {clip.n_frames} frames; at least {SHORTEST_CLIP} are needed"
         )
     return clip
 

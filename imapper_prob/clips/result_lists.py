@@ -164,8 +164,13 @@ def _numbers(place: str, values: Any) -> Array:
         table = table.astype(np.float64)
     except (ValueError, OverflowError, TypeError):
         raise InputError(f"{place}: keypoints and their scores must be lists of numbers") from None
-    if not (np.abs(table) <= FARTHEST).all():
-        raise InputError(f"{place}: a keypoint is not finite, or too far away to be a pixel")
+    fits = np.abs(table.ravel()) <= FARTHEST
+    if not fits.all():
+        first = int(np.argmin(fits))
+        raise InputError(
+            f"{place}: number {first} of its keypoints, {table.ravel()[first]:g}, is not finite or "
+            "too far away to be a pixel; leave that person out of that frame"
+        )
     return table
 
 

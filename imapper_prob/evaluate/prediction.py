@@ -62,36 +62,58 @@ class Prediction:
     pixels : (R, 16, 2) float
         Where its own camera sees them.
     objects : tuple of Outline
+    people : int
+        How many the rows are of.
     """
 
     name: str
     joints: Array
     pixels: Array
     objects: tuple[Outline, ...]
+    people: int = 1
 
 
-def of_people(prediction: Prediction, rows: int) -> Prediction:
-    """What is said of the first people, of whom there are so many rows.
+def of_people(prediction: Prediction, people: int, *, frames: int, clip: str) -> Prediction:
+    """What is said of the first people of a clip.
 
     Parameters
     ----------
     prediction : Prediction
-    rows : int
-        Frames times people.
+    people : int
+        How many.
+    frames : int
+        Of the clip.
+    clip : str
+        Its name.
 
     Returns
     -------
     Prediction
         Rows of the others are left out; NaN where nothing is said of somebody.
+
+    Raises
+    ------
+    InputError
+        If its rows are not the clip's frames for each of its people.
     """
-    if len(prediction.joints) == rows:
-        return prediction
+    if prediction.people < 1:
+        raise InputError(f"{prediction.name}: a prediction is of one person at least")
+    for what, values in (("joints", prediction.joints), ("pixels", prediction.pixels)):
+        if len(values) != prediction.people * frames:
+            whom = "one person" if prediction.people == 1 else f"{prediction.people} people"
+            raise InputError(
+                f"{prediction.name}: has {len(values)} rows of {what} of {whom}, but {clip} has "
+                f"{frames} frames; give each person a row for every frame of the clip"
+            )
+    rows = people * frames
 
     def own(values: Array) -> Array:
         missing = np.full((max(0, rows - len(values)), *values.shape[1:]), np.nan)
         return np.concatenate([values[:rows], missing])
 
-    return replace(prediction, joints=own(prediction.joints), pixels=own(prediction.pixels))
+    return replace(
+        prediction, joints=own(prediction.joints), pixels=own(prediction.pixels), people=people
+    )
 
 
 def between_frames(joints: ArrayLike) -> Array:
@@ -120,7 +142,7 @@ def between_frames(joints: ArrayLike) -> Array:
     return filled
 
 
-def prediction_of_scene(scene: Scene, *, name: str) -> Prediction:
+def prediction_of_scene(scene: Scene, *, name: str, people: int = 1) -> Prediction:
     """A scene turned by its own camera, which may be tilted otherwise than the true one.
 
     Parameters
@@ -128,6 +150,8 @@ def prediction_of_scene(scene: Scene, *, name: str) -> Prediction:
     scene : Scene
     name : str
         Of the method.
+    people : int
+        Whose motion it has.
 
     Returns
     -------
@@ -138,6 +162,7 @@ def prediction_of_scene(scene: Scene, *, name: str) -> Prediction:
         joints=scene.camera.to_camera(scene.joints),
         pixels=scene.camera.project(scene.joints),
         objects=tuple(outline_of(o, scene.camera) for o in scene.objects),
+        people=people,
     )
 
 
@@ -158,7 +183,8 @@ def prediction_of_state(source: Source, state: State, *, name: str) -> Predictio
     camera = state_camera(source.clip.camera, state)
     joints = limbs_of(source.problem, state, camera).joints
     objects = method_of(source.problem).objects(source.problem, source.library, state)
-    return prediction_of_scene(Scene(camera, objects, joints, (), 0.0), name=name)
+    scene = Scene(camera, objects, joints, (), 0.0)
+    return prediction_of_scene(scene, name=name, people=len(source.clip.tracks))
 
 
 def prediction_of_solved(solved: Solved, *, name: str) -> Prediction:
@@ -177,7 +203,7 @@ def prediction_of_solved(solved: Solved, *, name: str) -> Prediction:
     best = solved.scenes[0]
     joints = np.concatenate(best.motions)
     scene = Scene(best.camera, best.objects, joints, (), best.log_posterior)
-    return prediction_of_scene(scene, name=name)
+    return prediction_of_scene(scene, name=name, people=len(best.motions))
 
 
 # ------------------------------------------------------------------------------------------------
@@ -395,7 +421,7 @@ def read_solution_folder(folder: Path, clip: Clip) -> Prediction:
         scene = Scene(Camera(**best["camera"]), objects, joints, (), float(best["log_posterior"]))
     except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
         raise InputError(f"{folder}: damaged solution ({error}); solve the clip again") from error
-    return prediction_of_scene(scene, name=SOLVER)
+    return prediction_of_scene(scene, name=SOLVER, people=len(people))
 
 
 def _read_object(values: Mapping[str, Any]) -> SceneObject:

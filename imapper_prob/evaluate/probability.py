@@ -76,22 +76,6 @@ class Draws:
     def __len__(self) -> int:
         return len(self.objects)
 
-    def prediction(self, draw: int, *, name: str) -> Prediction:
-        """One draw as an answer.
-
-        Parameters
-        ----------
-        draw : int
-            From 0.
-        name : str
-            Of the method.
-
-        Returns
-        -------
-        Prediction
-        """
-        return Prediction(name, self.joints[draw], self.pixels[draw], self.objects[draw])
-
 
 def draws_of(posterior: Posterior, *, rows: int | None = None) -> Draws:
     """At most 200 draws of a posterior, evenly spaced over its chains.
@@ -570,7 +554,9 @@ def posterior_predictions(posterior: Posterior) -> tuple[Prediction, ...]:
     -------
     tuple of Prediction
     """
-    return (*_shown(posterior, 1), prediction_of_scene(posterior.estimate, name=LIKELY))
+    people = len(posterior.clip.tracks)
+    likely = prediction_of_scene(posterior.estimate, name=LIKELY, people=people)
+    return (*_shown(posterior, 1), likely)
 
 
 def score_posterior(posterior: Posterior, truth: TruthInView, *, name: str) -> PosteriorScore:
@@ -628,4 +614,8 @@ def score_posterior(posterior: Posterior, truth: TruthInView, *, name: str) -> P
 
 
 def _shown(posterior: Posterior, count: int) -> Sequence[Prediction]:
-    return [prediction_of_scene(w.scene, name=MOST_PROBABLE) for w in posterior.scenes(count)]
+    people = len(posterior.clip.tracks)
+    return [
+        prediction_of_scene(w.scene, name=MOST_PROBABLE, people=people)
+        for w in posterior.scenes(count)
+    ]

@@ -91,15 +91,11 @@ def pose_scores(prediction: Prediction, truth: TruthInView) -> dict[str, PoseSco
     Raises
     ------
     InputError
-        If the numbers of frames differ.
+        If its frames and people are not those of its rows.
     """
     frames = len(truth.frame_ids)
-    if len(prediction.joints) == 0 or len(prediction.joints) % frames:
-        raise InputError(
-            f"{prediction.name}: has {len(prediction.joints)} frames, the truth of {truth.name} "
-            f"has {frames}; the frames of a result must be those of its clip"
-        )
-    prediction = of_people(prediction, len(truth.joints))
+    people = len(truth.joints) // frames
+    prediction = of_people(prediction, people, frames=frames, clip=truth.name)
     scored = list(SCORED)
     known = np.repeat(truth.known[:, None], len(scored), 1)
     hidden = truth.hidden[:, scored]
@@ -224,7 +220,7 @@ def _couch_where_sat(path: Prediction, truth: TruthInView) -> Prediction:
         if action == "sitting" and len(body):
             sideways = np.median(body[:, RHIP] - body[:, LHIP], axis=0) * (1, 1, 0)
             couches.append(_couch(np.median(body[:, PELV], axis=0), sideways))
-    return Prediction(f"couch on {path.name}", path.joints, path.pixels, tuple(couches))
+    return replace(path, name=f"couch on {path.name}", objects=tuple(couches))
 
 
 def static_path(clip: Clip) -> Prediction:
@@ -245,7 +241,8 @@ def static_path(clip: Clip) -> Prediction:
     joints = np.concatenate(
         [estimate_static_path(person, settings=settings).joints for person in people]
     )
-    return Prediction("static path", joints, clip.camera.project_camera(joints), ())
+    pixels = clip.camera.project_camera(joints)
+    return Prediction("static path", joints, pixels, (), people=len(people))
 
 
 def _couch(centre: Array, sideways: Array) -> Outline:

@@ -6,6 +6,7 @@ and its policy forbids the browser to fetch anything.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
@@ -620,7 +621,7 @@ def _diagnostics(posterior: Posterior) -> str:
             f"{min(ladder.swap_rates):.2f} to {max(ladder.swap_rates):.2f}",
         ]
         for number, ladder in enumerate(samples.ladders, 1)
-        if ladder.swap_rates
+        if ladder.swap_rates and math.isfinite(ladder.barrier)
     ]
     chains = plot(
         "chains",

@@ -244,15 +244,18 @@ def run_chain(
     if keeper is not None and (finished or done.position.rounds):
         # Where it was climbed to when it was asked to stop depends on when that was.
         keeper.save(done.snapshot())
-    states, values = done.states, done.values
+    states, values, trace = done.states, done.values, done.trace
+    coldest = done.position.chains[-1]
     if not states:
         # Stopped during burn-in: the last state is all there is.
-        coldest = done.position.chains[-1]
         states, values = [coldest.state], [coldest.log_density]
+    if not trace:
+        # Stopped before the first of them was due.
+        trace = [coldest.log_density]
     return Chain(
         tuple(states),
         np.array(values),
-        np.array(done.trace),
+        np.array(trace),
         done.acceptance,
         done.table.summary(),
         finished,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 import warnings
 from collections.abc import Callable, Iterator, Sequence
@@ -55,6 +56,7 @@ __all__ = [
     "setup_of",
 ]
 
+_LOG = logging.getLogger(__name__)
 _PATIENCE = "10s"
 """How long a scheduler may take to answer."""
 
@@ -155,7 +157,10 @@ def connected(address: str | None) -> Iterator[Cluster | None]:
 def _require_same_program(address: str, client: Cluster) -> None:
     """Refuse workers on which other draws would be made, or none."""
     own = version("imapper-prob")
-    for worker, found in client.run(version, "imapper-prob", on_error="return").items():
+    workers = client.run(version, "imapper-prob", on_error="return")
+    if not workers:
+        _LOG.warning("%s: has no worker yet; chains wait until one is started", address)
+    for worker, found in workers.items():
         if found != own:
             has = f"has imapper-prob {found}" if isinstance(found, str) else "has no imapper-prob"
             raise InputError(

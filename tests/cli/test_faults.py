@@ -24,6 +24,7 @@ from imapper_prob.config import SampleSettings
 from imapper_prob.evaluate.suite import first_part
 from imapper_prob.models.scene import SceneObject
 from imapper_prob.models.scenelet import Library
+from imapper_prob.results.posterior import Posterior
 from imapper_prob.sampling import ensembles
 from imapper_prob.sampling.sample import sample_scenes
 from imapper_prob.scenelets.library import load_library, save_library
@@ -149,6 +150,43 @@ def test_an_interrupted_run_is_written_and_says_so(
     assert main(arguments) == 0
     assert not (out / "checkpoints").exists()
     assert main(arguments) == 2
+
+
+@pytest.mark.parametrize("reports", [1, 5])
+def test_a_run_that_is_stopped_while_chains_burn_in_is_written_and_read(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    reports: int,
+) -> None:
+    """In the first round, and before temperatures stay."""
+    settings = replace(SHORT.sample, ensemble_steps=0)
+    heard = []
+
+    def sample(*_: object, checkpoints: Path, **__: object) -> object:
+        def progress(stage: str, part: float) -> None:
+            heard.append(part)
+            if len(heard) == reports:
+                os.kill(os.getpid(), signal.SIGINT)
+
+        samples = sample_scenes(
+            small_solution(),
+            settings,
+            seed=np.random.SeedSequence(3),
+            checkpoints=checkpoints,
+            progress=progress,
+        )
+        assert samples.shape == (2, 1)
+        return Posterior(small_solution(), samples, replace(SHORT, sample=settings))
+
+    monkeypatch.setattr(imapper_prob, "sample", sample)
+    out = tmp_path / "out"
+    assert main(["demo", "-o", str(out), "--workers", "1"]) == 130
+    assert "1 draws of each of 2 chains" in capsys.readouterr().err
+    assert (out / "posterior.nc").exists()
+    for command in ("info", "report"):
+        assert main([command, str(out)]) == 0
+    assert "nan to nan" not in (out / "report.html").read_text()
 
 
 @pytest.mark.parametrize("stage", ["sample", "write_run"])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import os
 from pathlib import Path
 
 import pytest
@@ -44,6 +46,27 @@ def test_pictures_of_the_clip_can_be_shown(folder: Path, tmp_path: Path) -> None
     output = tmp_path / "run.rrd"
     assert main(["record", str(folder), "-o", str(output), "--video", str(frames)]) == 0
     assert list(read(output)["/world/camera/image/video", "EncodedImage:blob"]) == [first]
+
+
+def test_a_full_disk_keeps_the_old_recording(
+    folder: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    output = tmp_path / "run.rrd"
+    output.write_bytes(b"old")
+
+    def full(path: Path, content: bytes) -> None:
+        with path.open("wb") as file:
+            file.write(content[: len(content) // 2])
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(Path, "write_bytes", full)
+    assert main(["record", str(folder), "-o", str(output)]) == 2
+    assert "run.rrd: cannot be written (No space left" in capsys.readouterr().err
+    assert output.read_bytes() == b"old"
+    assert list(tmp_path.iterdir()) == [output]
 
 
 def test_view_opens_the_recording_and_makes_it_if_need_be(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -65,6 +66,22 @@ def test_any_bytes_are_refused(tmp_path_factory: pytest.TempPathFactory, content
         (folder / name).write_bytes(content)
         with pytest.raises(InputError):
             load_clip(folder / name)
+
+
+def test_a_keypoint_beyond_reason_is_named(tmp_path: Path) -> None:
+    options = ClipOptions(size=bodies.SIZE, fps=10.0, focal=600.0)
+    folder = bodies.write_openpose(tmp_path / "openpose", "body_25")
+    file = sorted(folder.iterdir())[3]
+    data = json.loads(file.read_text())
+    data["people"][0]["pose_keypoints_2d"][3] = 1e90
+    bodies.write_json(file, data)
+    with pytest.raises(InputError, match=rf"{file.name}, person 0, keypoint 1: .*is no pixel"):
+        load_clip(folder, options=options)
+    entries = bodies.results("coco_17")
+    entries[3]["keypoints"][3] = 1e90
+    path = bodies.write_json(tmp_path / "results.json", entries)
+    with pytest.raises(InputError, match=r"entry 3: number 3 of its keypoints, 1e\+90, is not"):
+        load_clip(path, options=options)
 
 
 def test_a_folder_that_cannot_be_read_as_a_file(tmp_path: Path) -> None:

@@ -190,6 +190,14 @@ TRUTH_FAULTS: dict[str, tuple[Spoil, str]] = {
         lambda f: f.truth["scenelets"]["obbs"].append("x/couch.obj"),
         r"object 'x/couch\.obj' is not named",
     ),
+    "object in another folder": (
+        lambda f: f.truth["scenelets"]["obbs"].append("../../00_couch_seat.obj"),
+        r"object '\.\./\.\./00_couch_seat\.obj' is not named",
+    ),
+    "object anywhere": (
+        lambda f: f.truth["scenelets"]["obbs"].append("/etc/00_couch_seat.obj"),
+        r"object '/etc/00_couch_seat\.obj' is not named",
+    ),
     "no objects": (
         lambda f: f.truth["scenelets"].update(obbs=[]),
         r"'scenelets\.obbs' lists no objects",

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import json
+import os
 import re
 from pathlib import Path
 
 import pytest
 
+from imapper_prob.cli import main
 from imapper_prob.clips.load import load_clip, write_clip
 from imapper_prob.models.errors import InputError
 from tests.clips.i3db_folder import FRAMES, I3dbFolder
@@ -62,6 +65,35 @@ def test_three_frames_are_too_few(tmp_path: Path) -> None:
         files.drop_detection(frame)
     with pytest.raises(InputError, match=r"Hall: a clip of 3 frames; at least 8 are needed"):
         load_clip(files.write(tmp_path / "Hall"))
+
+
+@pytest.mark.parametrize("name", [b"Sc\xe8ne", b"Sc\x1b[31m\xff\nne"])
+def test_a_folder_whose_name_is_no_text_is_read_and_written(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], name: bytes
+) -> None:
+    folder = I3dbFolder().write(tmp_path / os.fsdecode(name))
+    clip = load_clip(folder)
+    assert clip.name.isprintable()
+    write_clip(tmp_path / "clip.npz", clip)
+    assert load_clip(tmp_path / "clip.npz").name == clip.name
+    assert main(["info", str(folder)]) == 0
+    # The folder that a run would be written to may be called so, too.
+    assert main(["run", str(folder), "-o", str(folder / "out"), "--seed", "-1"]) == 2
+    said = capsys.readouterr()
+    assert "\x1b" not in said.out + said.err
+
+
+def test_joints_at_one_pixel_are_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    one = [{"x": 0.5, "y": 0.5, "visibility": 0.9}] * 33
+    (tmp_path / "clip.json").write_text(
+        json.dumps([{"frame": t, "landmarks": one} for t in range(20)])
+    )
+    arguments = ["run", str(tmp_path / "clip.json"), "--size", "1920x1080", "--fps", "10"]
+    assert main([*arguments, "--focal", "1000", "-o", str(tmp_path / "out")]) == 2
+    assert "track clip is 0.0 pixels high and wide" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
 
 
 def test_no_frame_with_both_joint_and_pose(tmp_path: Path) -> None:

@@ -68,6 +68,8 @@ def truth(objects: tuple[Outline, ...] | None = None) -> TruthInView:
     )
 
 
-def prediction(joints: np.ndarray | None = None, objects: tuple[Outline, ...] = ()) -> Prediction:
+def prediction(
+    joints: np.ndarray | None = None, objects: tuple[Outline, ...] = (), *, people: int = 1
+) -> Prediction:
     joints = walk() if joints is None else joints
-    return Prediction("guess", joints, CAMERA.project_camera(joints), objects)
+    return Prediction("guess", joints, CAMERA.project_camera(joints), objects, people)

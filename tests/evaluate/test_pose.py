@@ -82,7 +82,7 @@ def test_joints_that_a_method_does_not_have_are_counted() -> None:
 def test_everybody_whom_the_truth_knows_is_scored() -> None:
     """The second person is a metre off; of them nothing is said, or nothing is known."""
     one, other = walk(), walk() + np.array([0.0, 1.0, 0.0])
-    everybody = prediction(np.concatenate([one, other]))
+    everybody = prediction(np.concatenate([one, other]), people=2)
     first = truth()
     both = replace(
         first,
@@ -112,6 +112,22 @@ def test_an_empty_prediction_has_no_errors() -> None:
     assert (found.joints, found.left_out) == (0, KNOWN * len(SCORED))
 
 
-def test_other_frames_are_refused() -> None:
-    with pytest.raises(InputError, match="frames of a result must be those of its clip"):
-        pose_scores(prediction(walk()[:-1]), truth())
+@pytest.mark.parametrize(
+    ("frames", "people", "said"),
+    [
+        (N_FRAMES - 1, 1, "has 11 rows of joints of one person, but made up has 12 frames"),
+        (2 * N_FRAMES, 1, "has 24 rows of joints of one person, but made up has 12 frames"),
+        (N_FRAMES, 2, "has 12 rows of joints of 2 people, but made up has 12 frames"),
+        (0, 1, "has 0 rows of joints of one person"),
+        (0, 0, "a prediction is of one person at least"),
+    ],
+)
+def test_rows_that_are_not_those_of_its_people_are_refused(
+    frames: int, people: int, said: str
+) -> None:
+    joints = np.resize(walk(), (frames, *walk().shape[1:]))
+    with pytest.raises(InputError, match=said):
+        pose_scores(prediction(joints, people=people), truth())
+    whole = prediction()
+    with pytest.raises(InputError, match="rows of pixels of one person"):
+        pose_scores(replace(whole, pixels=whole.pixels[:-1]), truth())

@@ -9,10 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from imapper_prob.evaluate.i3db import read_authors
 from imapper_prob.evaluate.prediction import PREDICTION_FORMAT, read_prediction, write_prediction
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.scene import Clip, Track
 from imapper_prob.models.skeleton import N_JOINTS
+from tests.clips.i3db_folder import I3dbFolder
 from tests.evaluate.scenes import CAMERA, N_FRAMES, furniture, prediction, walk
 
 
@@ -90,3 +92,14 @@ def test_some_joints_of_some_frames(tmp_path: Path) -> None:
 def test_faults_are_named(tmp_path: Path, change: dict[str, Any], message: str) -> None:
     with pytest.raises(InputError, match=message):
         read_prediction(written(tmp_path, document() | change), clip())
+
+
+@pytest.mark.parametrize("name", ["../../00_couch_seat.obj", "/etc/00_couch_seat.obj"])
+def test_a_published_result_names_files_of_its_own_folder_only(tmp_path: Path, name: str) -> None:
+    files = I3dbFolder()
+    folder = files.write(tmp_path / "Hall")
+    (folder / "iMapper").mkdir()
+    document = {"3d": files.lifted["3d"], "scenelets": {"obbs": [name]}}
+    (folder / "iMapper" / "skel_output.json").write_text(json.dumps(document))
+    with pytest.raises(InputError, match=r"skel_output\.json: object '.*' is not named"):
+        read_authors(folder)

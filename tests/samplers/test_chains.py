@@ -205,6 +205,70 @@ def test_what_cannot_be_asked_for_is_refused():
         )
 
 
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_who_is_stopped_leaves_no_process_and_no_file(
+    tmp_path: Path, number: signal.Signals
+) -> None:
+    """By SIGTERM once, by Ctrl-C twice; nor does Python speak of leaked semaphores."""
+    program = textwrap.dedent(
+        f"""
+        from pathlib import Path
+        from imapper_prob.cli.console import stoppable
+        from imapper_prob.samplers.chains import run_chains
+        from tests.samplers.tasks import leave_pid
+
+        if __name__ == "__main__":
+            pids = Path({str(tmp_path / "pids")!r})
+            try:
+                with stoppable():
+                    run_chains(leave_pid, pids, [0, 1], seed=0, workers=2)
+            except KeyboardInterrupt:
+                raise SystemExit(7)
+        """
+    )
+    for folder in ("pids", "tmp"):
+        (tmp_path / folder).mkdir()
+    (tmp_path / "script.py").write_text(program)
+    parent = subprocess.Popen(
+        [sys.executable, str(tmp_path / "script.py")],
+        env={**os.environ, "PYTHONPATH": str(ROOT), "TMPDIR": str(tmp_path / "tmp")},
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    until(lambda: len(pids_in(tmp_path / "pids")) == 2)
+    workers = pids_in(tmp_path / "pids")
+    parent.send_signal(number)
+    if number == signal.SIGINT:
+        time.sleep(1)
+        parent.send_signal(number)
+    _, said = parent.communicate(timeout=60)
+    assert (parent.returncode, said) == (7, "")
+    until(lambda: all(map(gone, workers)))
+    assert list((tmp_path / "tmp").iterdir()) == []
+
+
+def until(done: Callable[[], bool]) -> None:
+    deadline = time.monotonic() + 60
+    while not done():
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+
+
+def gone(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return True
+    # An orphan that nobody has waited for is a zombie: dead, but still listed.
+    status = Path(f"/proc/{pid}/stat")
+    return status.exists() and status.read_text().rsplit(")", 1)[1].split()[0] == "Z"
+
+
+def pids_in(folder: Path) -> list[int]:
+    """Of processes that said which they are."""
+    return [int(text) for text in (path.read_text() for path in folder.glob("*.pid")) if text]
+
+
 def test_workers_do_not_outlive_a_parent_that_is_killed(tmp_path: Path) -> None:
     program = textwrap.dedent(
         f"""
@@ -221,27 +285,8 @@ def test_workers_do_not_outlive_a_parent_that_is_killed(tmp_path: Path) -> None:
         [sys.executable, str(tmp_path / "script.py")],
         env={**os.environ, "PYTHONPATH": str(ROOT)},
     )
-
-    def until(done: Callable[[], bool]) -> None:
-        deadline = time.monotonic() + 60
-        while not done():
-            assert time.monotonic() < deadline
-            time.sleep(0.02)
-
-    def gone(pid: int) -> bool:
-        try:
-            os.kill(pid, 0)
-        except ProcessLookupError:
-            return True
-        # An orphan that nobody has waited for is a zombie: dead, but still listed.
-        status = Path(f"/proc/{pid}/stat")
-        return status.exists() and status.read_text().rsplit(")", 1)[1].split()[0] == "Z"
-
-    def pids() -> list[str]:
-        return [path.read_text() for path in tmp_path.glob("*.pid")]
-
-    until(lambda: len(pids()) == 2 and all(pids()))
-    workers = [int(pid) for pid in pids()]
+    until(lambda: len(pids_in(tmp_path)) == 2)
+    workers = pids_in(tmp_path)
     parent.kill()
     parent.wait()
-    until(lambda: all(gone(pid) for pid in workers))
+    until(lambda: all(map(gone, workers)))

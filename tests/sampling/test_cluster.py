@@ -85,6 +85,16 @@ def test_a_worker_with_another_version_is_refused_by_name(
         assert client is workers
 
 
+def test_a_scheduler_without_workers_is_spoken_of(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    workers = Workers()
+    monkeypatch.setattr(workers, "run", lambda *_, **__: {})
+    monkeypatch.setattr(distributed, "Client", lambda *_, **__: workers)
+    with connected("tcp://here:1"):
+        assert "tcp://here:1: has no worker yet" in caplog.text
+
+
 def test_an_address_that_needs_certificates_says_so() -> None:
     with (
         pytest.raises(InputError, match="needs certificates; name them in dask's settings"),

@@ -55,6 +55,15 @@ def test_the_area_is_that_of_the_footprint() -> None:
     assert found.anything.sum() * 0.02**2 == pytest.approx(3.0, abs=7 * 0.01)
 
 
+def test_what_stands_far_away_makes_no_larger_map() -> None:
+    """A draw of a spoiled run has furniture kilometres away."""
+    near, far = piece("chair", 0.0, 3.0), piece("chair", 4e4, 3e4)
+    found = occupancy([[near], [near], [near, far]])
+    assert max(found.anything.shape) <= 1001
+    assert found.at(0.0, 3.0) == {"chair": 1.0}
+    assert found.at(4e4, 3e4) == {"chair": 0.0}
+
+
 def test_an_empty_room_and_no_room() -> None:
     found = occupancy([[], []])
     assert found.anything.size == 0
