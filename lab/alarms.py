@@ -29,6 +29,7 @@ from imapper_prob.models.calibrated import calibrated
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.scene import Clip, Track
 from imapper_prob.models.scenelet import Library
+from imapper_prob.models.settings import ModelSettings
 from imapper_prob.models.skeleton import DETECTED, PELV
 from imapper_prob.scenelets.library import load_library
 from imapper_prob.simulate.clips import simulate_clip, simulate_track
@@ -73,7 +74,7 @@ def simulated(rng: np.random.Generator, library: Library, *, only: tuple[str, ..
     for t in range(1, len(off)):
         off[t] = memory * off[t - 1] + np.sqrt(1.0 - memory**2) * off[t]
     off[:, PELV] = 0.0
-    joints = truth.joints + calibrated("pose.tolerance") * off
+    joints = truth.joints + np.array(ModelSettings().pose_tolerance)[:, None] * off
     track = simulate_track(rng, joints, np.asarray(truth.hidden), camera=truth.camera, fps=clip.fps)
     return replace(clip, tracks=(track,), truth=replace(truth, joints=joints))
 

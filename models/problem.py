@@ -143,7 +143,9 @@ class Problem(NamedTuple):
         Factor on a frame's log-likelihood at the clip's frame rate.
     flip_begins, flip_ends : float
         Probability a frame that a flip of sides begins, and that one ends.
-    pose_tolerance, sight_width, visibility_error, joint_step, smoothness_cost : float
+    pose_tolerance : (16,) float
+        Metres by which a person's joints differ from a scenelet's.
+    sight_width, visibility_error, joint_step, smoothness_cost : float
         See the settings.
     collision_cost, motion_cost : float
         See the settings.
@@ -212,7 +214,7 @@ class Problem(NamedTuple):
     frame_weight: float
     flip_begins: float
     flip_ends: float
-    pose_tolerance: float
+    pose_tolerance: Array
     sight_width: float
     visibility_error: float
     joint_step: float
@@ -465,7 +467,7 @@ def _constants(settings: ModelSettings, fps: float) -> dict[str, Any]:
         "frame_weight": settings.frame_weight * 10.0 / fps,
         "flip_begins": min(0.5, settings.side_flip_rate / fps),
         "flip_ends": min(0.5, 1.0 / (settings.side_flip_length * fps)),
-        "pose_tolerance": settings.pose_tolerance,
+        "pose_tolerance": np.array(settings.pose_tolerance, dtype=np.float64),
         "sight_width": settings.sight_width,
         "visibility_error": settings.visibility_error,
         "joint_step": settings.joint_step,

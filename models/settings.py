@@ -14,6 +14,7 @@ import numpy as np
 from imapper_prob.models.calibrated import Number, from_data, values_without, with_values
 from imapper_prob.models.detector import DetectorSettings
 from imapper_prob.models.errors import InputError
+from imapper_prob.models.skeleton import JOINTS, N_JOINTS
 
 __all__ = [
     "ANKLE",
@@ -142,9 +143,10 @@ class ModelSettings:
         How often a second the detector begins to take left for right.
     side_flip_length : float
         Seconds that this lasts, on average.
-    pose_tolerance : float
+    pose_tolerance : tuple of 16 float
         Metres, of a body of the reference stature; standard deviation of a real joint about
-        the scenelet's. A library of a few hundred motions never holds exactly this person's.
+        the scenelet's, by joint, the same on both sides. A library of a few hundred motions never
+        holds exactly this person's, and differs most where limbs end.
     sight_width : float
         Metres; width of the step from hidden to seen over the clearance of the ray: furniture
         is neither quite of the scenelet's shape nor quite where it says.
@@ -219,7 +221,7 @@ class ModelSettings:
     frame_weight: float = from_data("scores.repeat_time", _share)
     side_flip_rate: float = from_data("side_flips.rate")
     side_flip_length: float = from_data("side_flips.length")
-    pose_tolerance: float = from_data("pose.tolerance")
+    pose_tolerance: tuple[float, ...] = from_data("pose.tolerance")
     sight_width: float = from_data("sight.width")
     visibility_error: float = 0.02
     correlation_time_bearing: float = from_data("bias.correlation_time_across")
@@ -251,7 +253,7 @@ class ModelSettings:
 
     def __post_init__(self) -> None:
         for name in (
-            "frame_weight", "side_flip_rate", "side_flip_length", "pose_tolerance", "sight_width",
+            "frame_weight", "side_flip_rate", "side_flip_length", "sight_width",
             "walk_bearing", "walk_log_depth", "correlation_time_bearing", "correlation_time_depth",
             "start_bearing", "start_log_depth", "start_depth", "scenelet_rate", "size_spread",
             "facing_spread", "joint_step", "paper_nats", "furniture_aside", "furniture_ahead",
@@ -259,6 +261,11 @@ class ModelSettings:
         ):  # fmt: skip
             if not getattr(self, name) > 0:
                 raise InputError(f"model setting {name} = {getattr(self, name)} must be positive")
+        if len(self.pose_tolerance) != N_JOINTS or not all(s > 0 for s in self.pose_tolerance):
+            raise InputError(
+                f"model setting pose_tolerance = {self.pose_tolerance} must be {N_JOINTS} positive "
+                f"numbers, of {', '.join(JOINTS)}"
+            )
         for name in ("bearing", "depth"):
             smoothing = getattr(self, f"smoothing_time_{name}")
             correlation = getattr(self, f"correlation_time_{name}")

@@ -16,7 +16,7 @@ def test_settings_survive_a_file(tmp_path: Path) -> None:
     config = Config(
         seed=5,
         library='odd "name" \\ here',
-        model=replace(ModelSettings(), pose_tolerance=0.1),
+        model=replace(ModelSettings(), pose_tolerance=(0.1,) * 16),
         sample=replace(SampleSettings(), steps=5000),
     )
     path = tmp_path / "config.toml"
@@ -28,8 +28,10 @@ def test_settings_survive_a_file(tmp_path: Path) -> None:
     ("text", "words"),
     [
         ("sed = 3", "unknown setting 'sed'"),
-        ("[model]\npose_tolerance = 'wide'", "must be of type float"),
-        ("[model]\npose_tolerance = -1.0", "must be positive"),
+        ("[model]\nsight_width = 'wide'", "must be of type float"),
+        ("[model]\nsight_width = -1.0", "must be positive"),
+        ("[model]\npose_tolerance = 0.08", "must be a list of numbers"),
+        ("[model]\npose_tolerance = [0.1, 0.1]", "must be 16 positive numbers, of RANK"),
         ("[sample]\nsteps = true", "must be of type int"),
         ("[model]\nsurprise = 0.02", "key surprise; it is called visibility_error"),
         ("[model]\nmemory_depth = 1.0", "key memory_depth; it is called correlation_time_depth"),

@@ -106,8 +106,8 @@ _LEVEL: Final = 0.175
 """Metres of a lower ankle beneath the pelvis. In the built-in library who has less lies or sits
 cross-legged (at most .15), and who has more is on their feet, on a seat or on their knees (at least
 .2); on i3DB nobody has less than .33."""
-_LEVEL_ERROR: Final = 0.11
-"""Standard deviation of that in a fitted pose, metres: of two joints, each off by
+_LEVEL_ERROR: Final = 0.10
+"""Standard deviation of that in a fitted pose, metres: of pelvis and ankle, each off by its
 ``pose.tolerance``."""
 _EITHER: Final = 0.5
 """Probability that somebody so low is on furniture: .57 of such frames of the built-in library."""

@@ -318,7 +318,7 @@ def _right_costs(problem: Problem) -> tuple[Array, Array]:
     weight = problem.used * problem.confidence_density.argmax(-1)
     focal = problem.fx * np.exp(problem.camera_mean[2])
     depth = np.exp(problem.path_centre[:, 1] + problem.camera_mean[2] + problem.camera_mean[3])
-    loose = focal * problem.pose_tolerance / np.maximum(depth, NEAREST)
-    variance = problem.error_scale[..., 1] ** 2 + loose[:, None] ** 2
+    loose = focal * problem.pose_tolerance / np.maximum(depth, NEAREST)[:, None]
+    variance = problem.error_scale[..., 1] ** 2 + loose**2
     cost = np.log(variance) + 1.0 + 2.0 / problem.error_dof[..., 1]
     return (weight * cost).sum(1), weight.sum(1).astype(np.float64)

@@ -114,7 +114,7 @@ def limbs_of(problem: Problem, state: State, camera: Camera) -> Limbs:
     expected[:, NECK] += ((expected - joints)[:, [THRX, HEAD]]).mean(1)
     rays = joints - camera.to_world(np.zeros(3))
     rays = rays / np.linalg.norm(rays, axis=-1, keepdims=True)
-    spread = np.full(joints.shape[1], problem.pose_tolerance)
+    spread = problem.pose_tolerance.copy()
     # The path has the pelvis, with an error of its own.
     spread[PELV] = 0.0
     return Limbs(expected, known, rays, spread)

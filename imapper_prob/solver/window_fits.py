@@ -120,6 +120,7 @@ class WindowFitter:
         self.problem = problem
         self.keypoints = _level(problem)
         self.focal = float(np.exp(problem.camera_mean[2]))
+        self.tolerance = self._tensor(problem.pose_tolerance)
 
     def __call__(self, centre: int, index: Ints, start: Array, steps: int) -> tuple[Array, Array]:
         """Fit scenelets to the window around ``centre``.
@@ -205,7 +206,7 @@ class WindowFitter:
     ) -> tuple[Tensor, Tensor]:
         """Cost of residuals in pixels at a depth in metres, and their weights."""
         fx = self.problem.fx * self.focal
-        variance = scale**2 + (fx * self.problem.pose_tolerance / depth) ** 2
+        variance = scale**2 + (fx * self.tolerance / depth) ** 2
         squared = (du**2 + dv**2) / variance
         cost = ((dof / 2 + 1) * (squared / dof).log1p() + variance.log()) * weight
         return cost, weight * (dof + 2) / (dof + squared) / variance

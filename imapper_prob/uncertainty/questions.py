@@ -215,7 +215,7 @@ def _about_people(
     paths = np.stack([motion(problem, states[n])[:, PELV] for n in chosen])
     parted = _parted(paths, samples.layouts.indicator[chosen])
     cameras = np.array([state.camera for state in states])
-    pose = problem.pose_tolerance * np.exp(cameras[:, 3])
+    pose = problem.pose_tolerance[PELV] * np.exp(cameras[:, 3])
     asked: list[tuple[str, Open, Array]] = []
     for person, index in enumerate(
         parted.reshape(len(clip.tracks), clip.n_frames).argmax(1).tolist()

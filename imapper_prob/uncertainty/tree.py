@@ -151,7 +151,7 @@ GIVEN: Final = "given"
 """Attribute with the statements that the run was given."""
 EVIDENCE: Final = "given_evidence"
 """Attribute that says how probable they were."""
-FORMAT: Final = "imapper-prob posterior 5"
+FORMAT: Final = "imapper-prob posterior 6"
 """Attribute of the file; the number rises when a reader of old files would go wrong."""
 _SAID: Final = ("ensembles", "clip", "program", "verdict")
 """Attributes that are shown without the draws."""

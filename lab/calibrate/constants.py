@@ -13,7 +13,7 @@ from imapper_prob.models.calibrated import Number
 from imapper_prob.models.detector import CONFIDENCE_EDGES, ERROR_EDGES, LOST_ERROR
 from imapper_prob.models.path_prior import remembered
 from imapper_prob.models.settings import ANKLE, ModelSettings
-from imapper_prob.models.skeleton import SCORED
+from imapper_prob.models.skeleton import MIRROR, SCORED
 from imapper_prob.solver.path_fit import REFERENCE_RATE
 from lab.calibrate.estimators import (
     autocorrelation,
@@ -162,6 +162,12 @@ def _walk_time(evidence: Sequence[Seen]) -> Number:
     ]
     seconds = evidence[0].motion.gap / evidence[0].clip.fps
     return correlation_length(series) * seconds / 2
+
+
+def _tolerances(across: Array) -> Number:
+    """(16,) root mean square by joint, both sides together, of (n, 16, 2) deviations."""
+    squares = (across**2).mean((0, 2))
+    return tuple(np.sqrt((squares + squares[list(MIRROR)]) / 2).tolist())
 
 
 def _support(which: int) -> Callable[[Sequence[Placed]], Number]:
@@ -427,9 +433,10 @@ FROM_PATH: Final = (
         lambda evidence: _ankles(evidence)[1],
     ),
     Estimator(
-        "pose.tolerance", "m", "a true joint about the right scenelet's, an axis",
-        "root mean square across the view of the truth minus the scenelet nearest to it",
-        lambda evidence: root_mean_square(np.concatenate([e.nearest.across for e in evidence])),
+        "pose.tolerance", "m", "a true joint about the right scenelet's, an axis, by joint",
+        "root mean square across the view of the truth minus the scenelet nearest to it, of both "
+        "sides",
+        lambda evidence: _tolerances(np.concatenate([e.nearest.across for e in evidence])),
     ),
     Estimator(
         "facing.spread", "rad", "where a scenelet faces about where the static path does",

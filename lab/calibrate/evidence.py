@@ -195,7 +195,7 @@ class Nearest:
 
     Parameters
     ----------
-    across : (n, 2) float
+    across : (n, 16, 2) float
         Metres across the viewing ray, right and up, by which true joints differ from theirs
         when they are placed and turned as well as can be.
     jumps : (m, 16, 3) float
@@ -262,7 +262,7 @@ def _nearest_scenelets(clip: Clip, truth: Truth, path: StaticPath, library: Libr
         own = np.flatnonzero(known[start:end])
         apart = joints[start + own] - best[own]
         apart = (apart - apart.mean((0, 1))) @ truth.camera.rotation
-        across.append(apart[..., [0, 2]].reshape(-1, 2))
+        across.append(apart[..., [0, 2]])
         jumps += [best[0] - static[start - 1], best[-1] - static[end]]
         expected = (faces[start:end] * own_faces[number].conj()).mean()
         turns.append(np.angle(np.exp(1j * yaw) * expected.conj()))
@@ -397,7 +397,7 @@ def repeats(
     truth: Truth,
     *,
     detections: DetectionModel,
-    tolerance: float,
+    tolerance: Number,
     track: int = 0,
 ) -> Array:
     """Squared scores over what independent detections would have, from one scenelet to others.
@@ -409,8 +409,8 @@ def repeats(
     truth : Truth
         Says which joints are hidden.
     detections : DetectionModel
-    tolerance : float
-        Metres an axis by which a pose differs from its scenelet's.
+    tolerance : tuple of 16 float
+        Metres an axis by which joints differ from the scenelet's.
 
     Returns
     -------
@@ -428,7 +428,7 @@ def repeats(
     )
     used = (confidence > 0) & np.isfinite(error).all(-1)
     error = np.where(used[..., None], error, 0.0)
-    variance = scale**2 + (tolerance * beside.per_metre) ** 2
+    variance = scale**2 + (np.array(tolerance)[joints] * beside.per_metre) ** 2
     listened = (dof + 2) / (dof * variance + (error**2).sum(-1))
     score = listened[..., None] * error
     information = np.where(used, (dof + 2) / ((dof + 4) * variance), 0.0)

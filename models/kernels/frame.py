@@ -38,7 +38,7 @@ __all__ = [
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
-Lens = tuple[float, float, float, float, float, float, float, float, float, float]
+Lens = tuple[float, float, float, float, float, float, float, float, float]
 """Both focal lengths, the principal point and the pose's doubt of one metre's depth, in
 pixels; cosine and sine of the camera's pitch, its elevation, cosine and sine of its roll."""
 
@@ -105,25 +105,28 @@ def lens_of(problem: Problem, camera: Array) -> Lens:
     focal = math.exp(camera[2])
     fx, fy = focal * problem.fx, focal * problem.fy
     return (
-        fx, fy, problem.cx, problem.cy, fx * problem.pose_tolerance,
+        fx, fy, problem.cx, problem.cy,
         math.cos(camera[0]), math.sin(camera[0]), camera[1],
         math.cos(camera[4]), math.sin(camera[4]),
     )  # fmt: skip
 
 
 @inner_inlined
-def _project(lens: Lens, body: float, joints: Array, row: int, scratch64: Array) -> None:
+def _project(
+    lens: Lens, tolerance: Array, body: float, joints: Array, row: int, scratch64: Array
+) -> None:
     """Pixels of the joints ``joints[row]``, and how loosely a scenelet's pose holds there."""
-    fx, fy, cx, cy, doubt, cp, sp, elevation, cr, sr = lens
+    fx, fy, cx, cy, cp, sp, elevation, cr, sr = lens
     # A larger body differs by more: else distance alone would seem to fit better.
-    doubt *= body
+    metre = fx * body
     for j in range(16):
         x, y, z = joints[row, 0, j], joints[row, 1, j], joints[row, 2, j] - elevation
         nearness = 1.0 / max(cp * y + sp * z, NEAREST)
         up = -sp * y + cp * z
         scratch64[_U + j] = cx + fx * (cr * x + sr * up) * nearness
         scratch64[_V + j] = cy - fy * (cr * up - sr * x) * nearness
-        scratch64[_LOOSE + j] = (doubt * nearness) * (doubt * nearness)
+        loose = metre * tolerance[j] * nearness
+        scratch64[_LOOSE + j] = loose * loose
 
 
 @inner_inlined
@@ -202,6 +205,7 @@ def _raise(scratch32: Singles) -> None:
 @inner_inlined
 def set_visibility_likelihoods(
     lens: Lens,
+    tolerance: Array,
     body: float,
     joints: Array,
     row: int,
@@ -219,6 +223,8 @@ def set_visibility_likelihoods(
     ----------
     lens : Lens
         Of the camera, see :func:`lens_of`.
+    tolerance : (16,) float
+        Metres by which a person's joints differ from a scenelet's.
     body : float
         How large the person is, a factor.
     joints : (R, 3, 16) float
@@ -233,7 +239,7 @@ def set_visibility_likelihoods(
         Out, in row ``to``; see ``LIKELIHOODS``.
     to : int
     """
-    _project(lens, body, joints, row, scratch64)
+    _project(lens, tolerance, body, joints, row, scratch64)
     _measure(uv, params, of, scratch64, scratch32)
     _raise(scratch32)
     for side in range(2):

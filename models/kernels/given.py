@@ -305,7 +305,7 @@ def _point(problem: Problem, cache: Cache, camera: Array, s: int) -> float:
     """Where a joint is in a frame, of one who knows; numbers: x, y, z, std (m)."""
     numbers, joint = problem.given[s], problem.given_kinds[s, 4]
     row = cache.pose_row[problem.given_kinds[s, 5]]
-    pose = problem.pose_tolerance * math.exp(camera[3])
+    pose = problem.pose_tolerance[joint] * math.exp(camera[3])
     total = 0.0
     for axis in range(3):
         off = numbers[axis] - cache.joints[row, axis, joint]
@@ -322,7 +322,7 @@ def _depth(problem: Problem, cache: Cache, camera: Array, s: int) -> float:
     """
     numbers, kinds = problem.given[s], problem.given_kinds[s]
     cp, sp, count = math.cos(camera[0]), math.sin(camera[0]), kinds[3] - kinds[2]
-    pose = problem.pose_tolerance * math.exp(camera[3])
+    pose = problem.pose_tolerance[kinds[4]] * math.exp(camera[3])
     a, b = numbers[0] ** 2, numbers[1] ** 2
     logs, squares, sums, weights = 0.0, 0.0, 0.0, 0.0
     for k in range(kinds[2], kinds[3]):

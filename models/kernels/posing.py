@@ -158,15 +158,16 @@ def _find_likelihoods(problem: Problem, cache: Cache, camera: Array, slot: int) 
     lens, body = lens_of(problem, camera), cache.bodies[slot]
     joints, rows, likelihoods = cache.joints, cache.pose_row, cache.likelihoods
     uv, params, scratch64, scratch32 = cache.uv, cache.params, cache.scratch64, cache.scratch32
-    told = cache.told
+    told, tolerance = cache.told, problem.pose_tolerance
     for t in range(cache.items[slot, 1], cache.items[slot, 2]):
         row = rows[t]
         if not told[t]:
             set_detections(problem, t, uv, params, t)
             told[t] = 1
         set_visibility_likelihoods(
-            lens, body, joints, row, uv, params, t, scratch64, scratch32, likelihoods, row
-        )
+            lens, tolerance, body, joints, row, uv, params, t,
+            scratch64, scratch32, likelihoods, row,
+        )  # fmt: skip
 
 
 @inner_inlined

@@ -220,7 +220,8 @@ def frames(problem: Problem, state: State, scene: Scene) -> Array:
         for side, j in enumerate((k, MIRROR[k])):
             density, i = problem.static_density[side, t, k], scene.item_of[t]
             if i >= 0:
-                rho = fx * np.exp(phi[3] + state.sizes[i]) * problem.pose_tolerance / depth[t, j]
+                sigma = np.exp(phi[3] + state.sizes[i]) * problem.pose_tolerance[j]
+                rho = fx * sigma / depth[t, j]
                 scale2, nu = problem.error_scale[t, k] ** 2 + rho**2, problem.error_dof[t, k]
                 error2 = ((problem.keypoints[t, k] - pixels[t, j]) ** 2).sum()
                 student = (1 + error2 / (nu * scale2)) ** (-(nu + 2) / 2)

@@ -27,7 +27,7 @@ from imapper_prob.models.problem import Problem, labels_of
 from imapper_prob.models.scene import Clip, SceneObject
 from imapper_prob.models.scenelet import Library
 from imapper_prob.models.settings import ModelSettings
-from imapper_prob.models.skeleton import JOINTS, LKNE, LWRI, PELV, RKNE, RWRI
+from imapper_prob.models.skeleton import LKNE, LWRI, NECK, PELV, RKNE, RWRI
 from imapper_prob.models.statement_rows import check_statements, tell
 from imapper_prob.models.statements import (
     Statement,
@@ -202,7 +202,7 @@ def test_camera_and_body_are_measured(quantity, value, std, there) -> None:
 def test_a_joint_is_at_a_point() -> None:
     said = im.JointAt("RKNE", 7, (0.1, 3.5, 0.5), 0.1)
     off = motion(problem(0.0), state())[7, RKNE] - said.point
-    spread = math.hypot(0.1, problem().pose_tolerance * math.exp(state().camera[3]))
+    spread = math.hypot(0.1, problem().pose_tolerance[RKNE] * math.exp(state().camera[3]))
     assert given(said) == pytest.approx(norm.logpdf(off, 0, spread).sum())
 
 
@@ -210,9 +210,9 @@ def test_a_joint_is_at_a_point() -> None:
 def test_depths_share_the_error_of_their_scale(scale_error: float) -> None:
     said = im.DepthOf((2, 9, 15), (3.2, 3.9, 4.4), 0.05, scale_error, "NECK")
     camera = camera_at(clip().camera, state().camera)
-    joints = motion(problem(0.0), state())[list(said.frames), JOINTS.index("NECK")]
+    joints = motion(problem(0.0), state())[list(said.frames), NECK]
     depth = camera.to_camera(joints)[:, 1]
-    pose = problem().pose_tolerance * math.exp(state().camera[3]) / depth
+    pose = problem().pose_tolerance[NECK] * math.exp(state().camera[3]) / depth
     covariance = np.diag(0.05**2 + pose**2) + scale_error**2
     expected = multivariate_normal.logpdf(np.log(said.depths), np.log(depth), covariance)
     assert given(said) == pytest.approx(expected - np.log(said.depths).sum())

@@ -210,8 +210,8 @@ def test_a_best_fit_is_counted_from_what_the_right_one_costs() -> None:
     rng = np.random.default_rng(3)
     problem = PROBLEM
     depth = np.exp(problem.path_centre[:, 1])
-    loose = problem.fx * problem.pose_tolerance / depth
-    variance = problem.error_scale[..., 1] ** 2 + loose[:, None] ** 2
+    loose = problem.fx * problem.pose_tolerance / depth[:, None]
+    variance = problem.error_scale[..., 1] ** 2 + loose**2
     dof = problem.error_dof[..., 1]
     squared = np.expm1(-2 / dof * np.log1p(-rng.random(dof.shape)))
     each = np.log(variance) + (dof / 2 + 1) * np.log1p(squared)

@@ -53,7 +53,7 @@ def squares(
         clip = replace(clip, tracks=(replace(track, keypoints=keypoints, confidences=confidences),))
         way = Neighbours(beside.frames, beside.pixels, looseness / TOLERANCE, apart[0][one][None])
         truth = replace(TRUTH, hidden=HIDDEN & (frames_alike == joints_alike == 1))
-        found.append(repeats(way, clip, truth, detections=model, tolerance=TOLERANCE))
+        found.append(repeats(way, clip, truth, detections=model, tolerance=(TOLERANCE,) * 16))
     return np.concatenate(found)
 
 
@@ -88,9 +88,9 @@ def test_unknown_frames_and_lost_joints_say_nothing() -> None:
     clip = worlds.clip_of(JOINTS, np.random.default_rng(0))
     lost = replace(clip.tracks[0], confidences=np.zeros((FRAMES, 16)))
     model = DetectionModel()
-    seen = repeats(beside, clip, truth, detections=model, tolerance=TOLERANCE)
+    seen = repeats(beside, clip, truth, detections=model, tolerance=(TOLERANCE,) * 16)
     assert seen.shape == (1,)
     nothing = repeats(
-        beside, replace(clip, tracks=(lost,)), truth, detections=model, tolerance=TOLERANCE
+        beside, replace(clip, tracks=(lost,)), truth, detections=model, tolerance=(TOLERANCE,) * 16
     )
     assert nothing.shape == (0,)
