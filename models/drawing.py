@@ -1,8 +1,8 @@
 """Draw clips and scenes on matplotlib axes, for ``plot`` methods and notebooks.
 
-matplotlib is imported on the first use of this package's plotting, not with other modules. Views
-from above use the world frame: the camera is above the origin and looks along y, which points up
-the page.
+Functions import matplotlib when they draw, so importing this module does not load it. Views from
+above use the world frame: the camera is above the origin and looks along y, which points up the
+page.
 """
 
 from __future__ import annotations

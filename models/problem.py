@@ -127,8 +127,8 @@ class Problem(NamedTuple):
     stays : (K, 3) float
         First frame, frame after the last, and evidence in nats from the pose for being supported.
     lowered : (L, 2) int
-        First and last frames in which the person of each scenelet is off their feet.
-    log_rate : (L,) float
+        First frame, and frame after the last, in which the scenelet's person is off their feet.
+    First frame, and frame after the last, in which the person of each scenelet is off their feet.
         Log prior odds that the scenelet starts at a given frame.
     camera_mean, camera_precision : (5,), (5, 5) float
         Mean and precision of the camera prior.
@@ -524,7 +524,7 @@ def _path_prior(
             np.array(path.deviation),
             remembered(seconds, smoothing, fps),
         )
-    # Without a likelihood, the path is a stationary random walk about the middle of the room.
+    # Without a likelihood, the path is a stationary AR(1) process about the middle of the room.
     size = (len(path.lift), 1)
     deviation = _start_deviation(settings)
     walk = np.array([settings.walk_bearing, settings.walk_log_depth]) * np.sqrt(10.0 / fps)
