@@ -56,9 +56,8 @@ _SHAPES: Final[Mapping[str, tuple[str | int, ...]]] = {
     "given_rows": ("R", GIVEN_ROW),
     "given_power": ("G",),
 }  # fmt: skip
-"""Fields of a problem that are arrays: of T frames of which at most P are of one person, N frames
-and B boxes of L scenelets, C categories, K stays and G statements with Q rows of labels and R
-others."""
+"""Shapes of a problem's arrays: T frames, at most P of them of one person, N frames and B boxes of
+L scenelets, C categories, K stays and G statements with Q rows of labels and R other rows."""
 _INDICES: Final = (
     "path_stay", "stay_steps", "joint_first", "box_first", "box_object", "box_label", "lowered",
     "given_kinds",
