@@ -273,8 +273,9 @@ def evaluate(problem: Problem, state: State) -> tuple[Array, Array, Array]:
         Values of ``TERMS``, nats; the first is -inf outside the support.
     joints : (T, 3, 16) float
         The motion in the world, metres; NaN outside the support.
-    Log-likelihood of each frame's detections, as they are and with left and right flipped, in nats,
-    before the frame weight. 0 outside the support, and if the likelihood is switched off.
+    by_frame : (T, 2) float
+        Log-likelihood of each frame's detections, as they are and with left and right flipped, in
+        nats, before the frame weight. 0 outside the support, and if the likelihood is switched off.
     """
     joints = np.full((problem.n_frames, 3, 16), np.nan)
     by_frame = np.zeros((problem.n_frames, 2))

@@ -128,7 +128,7 @@ class Problem(NamedTuple):
         First frame, frame after the last, and evidence in nats from the pose for being supported.
     lowered : (L, 2) int
         First frame, and frame after the last, in which the scenelet's person is off their feet.
-    First frame, and frame after the last, in which the person of each scenelet is off their feet.
+    log_rate : (L,) float
         Log prior odds that the scenelet starts at a given frame.
     camera_mean, camera_precision : (5,), (5, 5) float
         Mean and precision of the camera prior.

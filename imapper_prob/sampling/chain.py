@@ -60,8 +60,8 @@ def starts_of(cast: JointProblem, count: int) -> list[tuple[State, ...]]:
     Parameters
     ----------
     cast : JointProblem
-    Number of chains.
-        Chains.
+    count : int
+        Number of chains.
 
     Returns
     -------

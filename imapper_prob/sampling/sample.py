@@ -262,8 +262,8 @@ class Samples:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Chains C and draws N of each."""
         """Number of chains C, and of draws N per chain."""
+        chains, draws = self.log_posterior.shape
         return chains, draws
 
 
