@@ -84,7 +84,7 @@ def conditioned(
     found = reweigh(values.reshape(samples.shape))
     seed = np.random.SeedSequence(posterior.config.seed, spawn_key=(len(everything),))
     if denied(source.problem, samples.states, statements, clip, known):
-        # No draw agrees with a statement: all count as chance, and their equal weights tell nothing.
+        # No draw agrees with a statement, so all weights are those of chance, and tell nothing.
         found = replace(found, effective=0.0)
     if found.good:
         chosen = reweighted(

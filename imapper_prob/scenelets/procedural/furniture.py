@@ -1,8 +1,9 @@
-"""Furniture as unions of cuboids, with common sizes: seats, beds, tables and storage.
+"""Furniture as unions of cuboids with common sizes: seats, beds, tables and storage.
 
-Every piece stands on the floor with its origin below the middle of its bounding box in top view and
-its front towards +y: a seat is left that way, a table or shelf is used from there, a bed's foot end
-points there. All lengths are metres; each piece names the source of its sizes.
+Every object stands on the floor, with its origin below the middle of its bounding box and its front
+towards +y: people leave a seat towards +y, use a table or shelf from there, and a bed's foot end
+points there. All lengths are metres; each object names the source of its sizes. points there. All
+lengths are metres; each piece names the source of its sizes.
 """
 
 from __future__ import annotations
@@ -34,15 +35,15 @@ __all__ = [
 
 ORIGIN: Final = Placement(0.0, 0.0, 0.0)
 _LEG: Final = 0.04
-"""Side in metres of a wooden leg."""
+"""Side of a wooden leg, metres."""
 _BOARD: Final = 0.025
-"""Thickness in metres of table tops, shelves and panels: the common chipboard."""
+"""Thickness of table tops, shelves and panels of chipboard, metres."""
 
 
 def box(
     part: str, corner: tuple[float, float, float], opposite: tuple[float, float, float]
 ) -> Cuboid:
-    """A cuboid between two opposite corners, in any order.
+    """A cuboid from two opposite corners, in any order.
 
     Parameters
     ----------
@@ -76,7 +77,7 @@ def _top_on(width: float, depth: float, height: float) -> Cuboid:
 
 
 # ------------------------------------------------------------------------------------------------
-# Seats and beds. The part ``seat`` is the surface that carries the body.
+# Seats and beds. The part ``seat`` is the surface that supports the body.
 
 
 def _armrests(
