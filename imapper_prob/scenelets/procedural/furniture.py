@@ -391,12 +391,12 @@ def counter(rng: np.random.Generator) -> SceneObject:
 
 
 def seat_part(piece: SceneObject) -> Cuboid:
-    """What carries whoever sits or lies on a piece.
+    """The part of a piece of furniture that carries a person who sits or lies on it.
 
     Parameters
     ----------
     piece : SceneObject
-        With a part ``seat``.
+        Has a part named ``seat``.
 
     Returns
     -------
@@ -406,13 +406,13 @@ def seat_part(piece: SceneObject) -> Cuboid:
 
 
 def facing_back(piece: SceneObject, x: float, *, edge: float) -> SceneObject:
-    """A piece before somebody at the origin, whom it faces.
+    """A piece of furniture placed in front of a person at the origin, facing that person.
 
     Parameters
     ----------
     piece : SceneObject
     x : float
-        Of its middle, metres.
+        The x of its middle, metres.
     edge : float
         The y of its front edge, metres.
 
@@ -424,7 +424,7 @@ def facing_back(piece: SceneObject, x: float, *, edge: float) -> SceneObject:
 
 
 def knee_room(piece: SceneObject) -> tuple[float, float]:
-    """The x, from and to, of the gap between the two things that carry a table's front edge.
+    """Lower and upper end in x of the gap between the two supports at a table's front edge.
 
     Parameters
     ----------
