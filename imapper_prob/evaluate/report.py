@@ -80,7 +80,7 @@ def _exploration_rows(found: Sequence[Exploration]) -> Rows:
 
 
 def exploration_figure(explored: Sequence[Exploration]) -> Figure:
-    """Plot scores of furniture and motion, and the spread of draws, by fraction of the clips observed.
+    """Plot the scores and the spread of draws against the fraction of the clips observed.
 
     Parameters
     ----------
