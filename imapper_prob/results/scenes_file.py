@@ -4,6 +4,9 @@ Positions are metres in the world frame (z up, floor at z = 0, origin on the flo
 y the horizontal viewing direction), angles radians. An unknown number is ``null``. ``objects`` are
 matched over all draws, with standard deviations (``_sd``); the objects of a scene are those of its
 representative draw.
+
+The file has no joints, because a motion has hundreds of frames. ``posterior.nc`` in the same folder
+has the joints of every draw.
 """
 
 from __future__ import annotations

@@ -2,9 +2,9 @@
 
     python -m lab.calibrate I3DB_FOLDER [--write] [--clips 60]
 
-prints each constant in use, as measured, with its error and what it would be without each of the
-scenes, and the value found from simulated clips beside the one they were drawn with. Then it holds
-the static path, made with constants estimated from the *other* scenes, against the truth. With
+prints each constant in use, as measured, with its error and its value without each of the scenes,
+and the value estimated from simulated clips beside the one they were drawn with. It then compares
+the static path, made with constants estimated from the *other* scenes, with the truth. With
 ``--write`` the values go to ``models/calibrated.toml`` and the table to
 ``docs/research/calibration.md``.
 """
