@@ -4,10 +4,11 @@
     python -m lab.ablation I3DB_FOLDER --path
 
 The first form solves each scene with all terms and with one term at a time switched off, and prints
-the scores of ``docs/reference/metrics.md``. It then does the same for the five terms of the published
-energy, by the published method. With ``--path`` the static path of every scene is fitted as in the
-solver, then with one part at a time switched off. The output is a Markdown table of root mean square
-errors in camera axes over annotated frames, means over scenes; it takes 20 s of processor time.
+the scores of ``docs/reference/metrics.md``. It then does the same for the five terms of the
+published energy, by the published method. With ``--path`` the static path of every scene is fitted
+as in the solver, then with one part at a time switched off. The output is a Markdown table of root
+mean square errors in camera axes over annotated frames, means over scenes; it takes 20 s of
+processor time.
 """
 
 from __future__ import annotations

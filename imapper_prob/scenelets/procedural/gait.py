@@ -158,7 +158,7 @@ def arc(pace: Pace, curvature: float) -> Route:
     def route(times: Array) -> Array:
         walked = pace(times)
         yaw = curvature * walked
-        # The mean heading of the way so far is yaw / 2; the chord is the arc times a sinc.
+        # The mean heading of the way so far is yaw / 2; the chord is the arc shortened by a sinc.
         chord = walked * np.sinc(yaw / 2 / np.pi)
         return np.stack([-np.sin(yaw / 2) * chord, np.cos(yaw / 2) * chord, yaw], -1)
 
