@@ -393,7 +393,7 @@ def _smoothed(candidates: Candidates, gaps: Array) -> tuple[NDArray[np.intp], Ar
 
 
 def _towards_detections(views: Views, candidates: Candidates, best: NDArray[np.intp]) -> Array:
-    """The chosen poses, moved so that joints match the detections, with bone lengths preserved.
+    """The chosen poses, moved so that joints match the detections, at the reference bone lengths.
 
     Across the ray the image is more accurate than the library; along it only the library informs.
     """

@@ -55,8 +55,7 @@ def at_one_table(seed: int = 0, *, depth: float = 3.6, name: str = "sit-table-01
 
 
 def chairs_and_tables(every: int, *, name: str = "sit-table-016") -> Library:
-    """A library of one in ``every`` scenelet with chairs, with chairs and tables, or without
-    objects."""
+    """Every ``every``-th built-in scenelet with chairs, chairs and tables, or no objects."""
     able = [s for s in load_library() if s.labels in ((), ("chair",), ("chair", "table"))]
     kept = [s for k, s in enumerate(able) if k % every == 0 or s.name == name]
     return Library("chairs and tables", tuple(kept))

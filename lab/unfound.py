@@ -41,7 +41,7 @@ HEAD = "| scene | true | candidates | best with it | nats | mostly |\n|---|---|-
 
 
 def with_it(solution: Solution, truth: Outline) -> Iterator[tuple[Candidate, State]]:
-    """Candidates with the object, each with the best scene that includes it."""
+    """Candidates with the object, each with the best scene after it was put there."""
     problem, best = solution.problem, solution.states[0]
     starts = best.items[:, 1]
     ends = starts + problem.lengths[best.items[:, 0]]

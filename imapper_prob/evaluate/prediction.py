@@ -142,7 +142,7 @@ def prediction_of_scene(scene: Scene, *, name: str) -> Prediction:
 
 
 def prediction_of_state(source: Source, state: State, *, name: str) -> Prediction:
-    """The prediction of a state, with the objects that its proposal method lists.
+    """The prediction of a state, with the objects that the method of its problem reports.
 
     Parameters
     ----------

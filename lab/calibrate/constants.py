@@ -132,7 +132,7 @@ def _smoothing_time(evidence: Sequence[Placed], errors: Sequence[Array]) -> Numb
 def _stay_change(evidence: Sequence[Placed]) -> Number:
     """Time in seconds in which the error of depth changes as much elsewhere as within a whole stay.
 
-    It needs stays of a second or more.
+    Without a stay of a second or more, the change within a stay is taken to be the whole variance.
     """
     errors = _centred_depth(evidence)
     seconds, fps = (
