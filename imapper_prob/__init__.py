@@ -1,4 +1,4 @@
-"""Objects and motion behind furniture nobody has scanned, as a posterior.
+"""Posterior over furniture and human motion, occluded joints included, from one camera.
 
 >>> import imapper_prob as im  # doctest: +SKIP
 >>> clip = im.load_clip("Scene04")  # doctest: +SKIP
@@ -44,7 +44,7 @@ _HOMES = {
     "solve": "imapper_prob.api",
     "write_clip": "imapper_prob.clips.load",
 }
-"""Where the public names live; they are imported when first asked for, torch and all."""
+"""Modules of the public names; each is imported, with torch if needed, on first access."""
 
 __all__ = sorted(_HOMES)
 

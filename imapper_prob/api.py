@@ -1,4 +1,4 @@
-"""The functions most people need: load a clip, solve it, sample it."""
+"""The main functions: load a clip, solve it, sample it."""
 
 from __future__ import annotations
 
@@ -34,25 +34,24 @@ from imapper_prob.solver.solver import Solution
 __all__ = ["demo_clip", "load_clip", "sample", "solve"]
 
 _STORY = ("sit-couch-table-003", "reach-shelf-001")
-"""Scenelets performed: sitting on a couch at a low table, then reaching into a shelf."""
+"""Scenelets of the demo: sitting on a couch at a low table, then reaching into a shelf."""
 
 
 def demo_clip(seed: int = 4) -> Clip:
-    """Thirteen seconds at 10 frames a second: somebody comes in, sits down and goes to a shelf.
+    """Simulate 13 s at 10 frames a second: a person enters, sits down and goes to a shelf.
 
-    The table hides the feet of whoever sits there. The built-in library holds what
-    is performed, so the scene can be recovered; camera, body and detections are drawn from
-    the model.
+    The table hides the feet of the sitting person. The scenelets performed are in the built-in
+    library, so the scene can be recovered; camera, body and detections are drawn from the model.
 
     Parameters
     ----------
     seed : int
-        The same seed gives the same clip.
+        Equal seeds give equal clips.
 
     Returns
     -------
     Clip
-        With its truth.
+        Includes its ground truth.
 
     Examples
     --------
@@ -72,16 +71,16 @@ def load_clip(
     options: ClipOptions | None = None,
     frames: tuple[int, int] | None = None,
 ) -> Clip:
-    """Read a clip of any known format; 2D joints get poses from the built-in library.
+    """Read a clip of any known format; clips without poses are lifted with the built-in library.
 
     Parameters
     ----------
     path : path
         See ``docs/reference/inputs.md``.
     options : ClipOptions, optional
-        Camera, image size, frame rate, and whatever else the files do not say.
+        Camera, image size, frame rate, and whatever else the files do not state.
     frames : (int, int), optional
-        First and last frame to take, by the clip's own numbers; all if not given.
+        First and last frame to read, by the clip's own numbers; all if not given.
 
     Returns
     -------
@@ -90,7 +89,7 @@ def load_clip(
     Raises
     ------
     InputError
-        What is at ``path`` is no clip, or one too short or too empty to say anything.
+        The content of ``path`` is not a clip, or the clip is too short or has no usable person.
 
     Examples
     --------
@@ -113,25 +112,25 @@ def solve(
     scenes: int = 5,
     progress: Progress | bool | None = True,
 ) -> Solved:
-    """The best scenes of a clip with everybody in it, by the deterministic staged solver.
+    """Find the best scenes of a clip for all its people, by the deterministic staged solver.
 
     Parameters
     ----------
     clip : Clip or sequence of Clip
-        What was seen, see `load_clip`; several takes of one room are put together, see `same_room`.
+        The observed clip, see `load_clip`; several takes of one room are combined, see `same_room`.
     library : Library, optional
-        What people do near furniture, see `load_library`; the built-in one if not given.
+        Library of scenelets, see `load_library`; the built-in one if not given.
     config : Config, optional
     scenes : int
-        How many, of which no two have the same scenelet at nearby times.
+        Number of scenes; no two of them have the same scenelet at nearby times.
     progress : callable or bool
-        Bars in a terminal or notebook if ``True``, nothing if ``False``; a callable is called with
-        the name of a stage and the part of it that is done.
+        ``True`` shows bars in a terminal or notebook, ``False`` shows nothing; a callable is called
+        with the name of a stage and the fraction of it that is done.
 
     Returns
     -------
     Solved
-        ``scenes``, the best first, and by person (``actors``) what the solver found on the way.
+        ``scenes``, the best first, and intermediate results of the solver by person (``actors``).
 
     Examples
     --------
@@ -165,44 +164,46 @@ def sample(
     progress: Progress | bool | None = True,
     on_block: OnBlock | None = None,
 ) -> Posterior:
-    """Sample scenes from the posterior of a clip, with everybody in it.
+    """Sample scenes from the posterior of a clip, for all its people.
 
-    With ``minutes`` or ``until`` chains go on in blocks of steps, after each of which they are
-    judged. The clock decides how many blocks there are, and nothing else: the same seed and
-    number of steps give the same draws.
+    With ``minutes`` or ``until``, chains continue in blocks of steps and are assessed after each
+    block. The clock determines only the number of blocks: the same seed and number of steps give
+    the same draws.
 
     Parameters
     ----------
     clip, library
         See `solve`.
     start : Solved, Solution or sequence of Solution, optional
-        Where to start from: what `solve` returns, or the solutions by actor. All actors are
-        solved first if not given.
+        Starting point: the result of `solve`, or the solutions by actor. If not given, all actors
+        are solved first.
     given : sequence of Statement
-        What is known besides the clip, such as `ObjectAt`; a term of what the chains sample.
+        Statements known besides the clip, such as `ObjectAt`; each is a term of the target density.
     rng : int, optional
-        Seed; all randomness comes from it. That of ``config`` if not given.
+        Seed of all randomness. That of ``config`` if not given.
     chains : int, optional
-        How many chains. As ``config`` says if not given.
+        Number of chains. That of ``config`` if not given.
     workers : int
-        Processes; the draws do not depend on it.
+        Number of processes; the draws do not depend on it.
     cluster : Cluster, optional
-        Runs the chains elsewhere, such as a `distributed.Client`.
+        Runs the chains on other machines, such as a `distributed.Client`.
     config : Config, optional
     checkpoints : path, optional
-        Folder in which the chains leave what they have every few seconds. The same call goes
-        on from there after a kill, to the same draws. It stays when the run is done, and a call
-        with ``minutes``, ``until`` or a larger ``last_step`` in its settings goes on from the end.
+        Folder in which the chains store their state every few seconds. After a kill, the same call
+        continues from there and gives the same draws. The folder is kept after the run, and a call
+        with ``minutes``, ``until`` or a larger ``last_step`` in its settings continues from the
+        end.
     anew : bool
-        Delete checkpoints of another run, or damaged ones, instead of refusing them.
+        Delete checkpoints of another run, or damaged ones, instead of raising an error.
     minutes : float, optional
-        Of sampling, after solving: no block is begun that would not end in time, but the first.
+        Minutes of sampling, after solving. Apart from the first, no block is begun that would end
+        later.
     until : "good", optional
-        Stop as soon as the verdict is good; at the latest after ``minutes``, or an hour.
+        Stop when the verdict is good; at the latest after ``minutes``, or after an hour.
     progress : callable or bool
         See `solve`.
     on_block : callable, optional
-        Called with what is known after each block.
+        Called after each block with its assessment.
 
     Returns
     -------
@@ -211,8 +212,8 @@ def sample(
     Raises
     ------
     InputError
-        ``minutes`` or ``until`` make no sense, the clip does not fit into the memory that there
-        is, or what it holds cannot be used; or no scene of the clip can be as ``given`` says.
+        ``minutes`` or ``until`` is invalid, the clip needs more memory than is available, its
+        content cannot be used, or no scene of the clip agrees with ``given``.
 
     Examples
     --------
@@ -269,5 +270,5 @@ def _one(clip: Clip | Sequence[Clip]) -> Clip:
 
 
 def _most(settings: SampleSettings) -> SampleSettings:
-    """Settings under which as many draws are kept as ever are."""
+    """Settings for which chains keep the greatest number of draws."""
     return replace(settings, last_step=settings.steps + 1)

@@ -1,4 +1,4 @@
-"""Everything a run is made with besides its clip, readable and writable as TOML."""
+"""All settings of a run, readable and writable as TOML."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ __all__ = ["Config", "SampleSettings", "from_toml", "read_config", "to_toml"]
 
 
 _LARGEST: Final = 2**63
-"""Of any setting: seeds of 63 bits."""
+"""Largest magnitude of a setting; seeds have 63 bits."""
 _RENAMED: Final = {
     "ease_bearing": "smoothing_time_bearing",
     "ease_depth": "smoothing_time_depth",
@@ -32,38 +32,38 @@ _RENAMED: Final = {
     "swap_length": "side_flip_length",
     "swap_rate": "side_flip_rate",
 }
-"""Keys of older files, all of ``[model]``, and what they are called."""
+"""Keys of ``[model]`` in older files, and their present names."""
 
 
 @dataclass(frozen=True)
 class SampleSettings:
-    """How chains and ensembles sample.
+    """Settings of chains and ensembles.
 
     Parameters
     ----------
     chains : int
-        Independent chains from over-dispersed starts.
+        Number of independent chains, from over-dispersed starts.
     steps : int
-        Steps of each chain at each temperature. Burn-in and the distance of draws go by it.
+        Steps of each chain at each temperature. Burn-in and spacing of draws are relative to it.
     temperatures : int
-        Copies of each chain, from a learnt distribution of scenes that is drawn from at once to
-        the posterior, that exchange their states; only the last one is drawn from. 1 does without.
-        Twice the barrier between the two, and one more, serve best (Syed et al. 2022); barriers of
-        long runs on public scenes are 2 to 3.
+        Number of tempered copies of each chain that exchange their states. They reach from a learnt
+        reference distribution of scenes, sampled independently, to the posterior; draws are kept
+        from the last copy only. 1 means no tempering. The best number is twice the communication
+        barrier plus one (Syed et al. 2022); barriers of long runs on public scenes are 2 to 3.
     swap_every : int
         Steps between two rounds of exchanges; draws are kept after a round.
     burn_in : float
-        Share of the steps that is not kept; the temperatures adapt meanwhile.
+        Fraction of the steps that is discarded; the temperatures adapt during it.
     draws : int
-        Draws kept of each chain, evenly spaced; up to twice as many of one that goes on.
+        Draws kept of each chain, evenly spaced; a continued chain keeps up to twice as many.
     last_step : int
-        Where chains stop in place of ``steps``, earlier or later, rounded up to a whole piece
-        of 200 steps; 0 to stop at ``steps``. A run that was gone on with has it.
+        Step at which chains stop instead of at ``steps``, earlier or later, rounded up to a
+        multiple of 200 steps; 0 to stop at ``steps``. It is set in continued runs.
     layout_radius : float
-        Metres within which objects of two draws count as the same.
+        Distance in metres within which objects of two draws count as the same.
     ensemble_steps : int
-        Steps by which draws of chains walk together afterwards, each in its own scenelets; 0 to
-        leave them where they are.
+        Steps by which an ensemble of the draws moves together after the chains, each draw with its
+        scenelets fixed; 0 for no such steps.
     """
 
     chains: int = 4
@@ -102,32 +102,32 @@ class SampleSettings:
 
     @property
     def rounds(self) -> int:
-        """Rounds of ``steps``, each with an exchange."""
+        """Number of rounds of exchanges in ``steps``."""
         return -(-self.steps // self.swap_every)
 
     @property
     def most_draws(self) -> int:
-        """How many draws there are to keep of each chain."""
+        """Greatest number of draws that can be kept of each chain."""
         return self.rounds - int(self.rounds * self.burn_in)
 
     @property
     def steps_made(self) -> int:
-        """Steps at which chains stop."""
+        """Step at which chains stop."""
         return self.last_step or self.steps
 
 
 @dataclass(frozen=True)
 class Config:
-    """Everything a run is made with besides its clip.
+    """All settings of a run; only the clip and statements are separate.
 
     Parameters
     ----------
     seed : int
-        All randomness of a run comes from it.
+        Seed of all randomness of a run.
     library : str
         ``"built-in"`` or the path of a library file.
     device : str
-        Of torch, on which scenelets are fitted to windows: ``cpu``, ``cuda``, ``mps``.
+        Torch device on which scenelets are fitted to windows: ``cpu``, ``cuda``, ``mps``.
     model : ModelSettings
     path : StaticPathSettings
     camera : CameraSettings
@@ -174,12 +174,12 @@ class Config:
         return Settings(self.model, self.path, self.camera, self.detector, self.device)
 
     def without(self, scene: str) -> Config:
-        """The same with constants estimated without one scene of i3DB (`Settings.without`).
+        """The settings with constants estimated without one scene of i3DB (`Settings.without`).
 
         Parameters
         ----------
         scene : str
-            ``"Scene04"``.
+            Name of the scene, such as ``"Scene04"``.
 
         Returns
         -------
@@ -210,7 +210,7 @@ def to_toml(config: Config) -> str:
 
     def line(name: str, value: Any) -> str:
         if isinstance(value, str):
-            # JSON escapes as TOML does, but for one character.
+            # JSON escapes strings as TOML does, except for one character.
             return f"{name} = {json.dumps(value, ensure_ascii=False)}".replace("\x7f", "\\u007f")
         if isinstance(value, tuple):
             return f"{name} = [{', '.join(map(repr, value))}]"
@@ -266,7 +266,7 @@ def _row(value: Any, what: str) -> tuple[float, ...]:
 
 
 def read_config(path: str | Path) -> Config:
-    """Read settings from a TOML file; what it leaves out keeps its default.
+    """Read settings from a TOML file; missing settings keep their defaults.
 
     Parameters
     ----------
@@ -279,7 +279,7 @@ def read_config(path: str | Path) -> Config:
     Raises
     ------
     InputError
-        If the file is missing, no TOML, or names an unknown setting or a wrong type.
+        The file is missing, not TOML, or has an unknown setting or a value of the wrong type.
 
     Examples
     --------
@@ -305,7 +305,7 @@ def from_toml(text: str, *, where: str) -> Config:
     ----------
     text : str
     where : str
-        The text is from, for messages.
+        Name of the text's source, for messages.
 
     Returns
     -------
@@ -314,11 +314,11 @@ def from_toml(text: str, *, where: str) -> Config:
     Raises
     ------
     InputError
-        As :func:`read_config`.
+        See :func:`read_config`.
     """
     try:
         values = tomllib.loads(text)
-    except (ValueError, RecursionError) as error:  # not only TOML: also numbers of 5,000 digits
+    except (ValueError, RecursionError) as error:  # also covers numbers of more than 4,300 digits
         raise InputError(f"{where}: not a TOML file ({error})") from error
     config: Config = _build(Config, values, where)
     return config

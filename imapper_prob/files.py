@@ -1,15 +1,15 @@
-"""Files and folders that are there whole or not at all.
+"""Atomic writing of files and of folders of results.
 
-A folder is published file by file, so that it may be a mount point, or lie on a network drive,
-and so that nothing of an earlier result goes before its successor lies beside it:
+A folder's files are published one by one, because the folder may be a mount point or on a network
+drive. No file of an earlier result is removed before its successor is written:
 
 1. all files are written into ``.partial`` inside the folder, each flushed to the disk;
-2. ``.partial/manifest.json``, their sizes and checksums, says that they are complete;
-3. each is renamed to its place, then what the earlier result had and this has not is removed;
-4. the manifest follows as the last file.
+2. ``.partial/manifest.json`` with their sizes and checksums marks them as complete;
+3. each file is renamed to its place, then files that only the earlier result has are removed;
+4. the manifest is moved last.
 
-A process that ends before 2 leaves the earlier result as it was. One that ends after it leaves
-files whose renaming the next one who holds the folder finishes.
+If a process ends before step 2, the earlier result is unchanged. If it ends after step 2, the next
+process that holds the folder completes the renaming.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from imapper_prob.models.text import readable
 
 try:
     import fcntl
-except ImportError:  # where the system has no such locks, nobody is kept out
+except ImportError:  # systems without such locks exclude nobody
     fcntl = None  # type: ignore[assignment]
 
 __all__ = [
@@ -47,24 +47,24 @@ _FORMAT: Final = "imapper-prob manifest 1"
 _STAGE: Final = ".partial"
 _LOCK: Final = ".lock"
 _LEFT_BY_A_KILL: Final = (".*.partial-*", ".problem-*")
-"""Patterns of temporary files, of :func:`written_whole` and of processes of chains."""
+"""Patterns of temporary files of :func:`written_whole` and of processes of chains."""
 _LONGEST_NAME: Final = 100
-"""Characters of a name that a temporary file keeps: file systems allow 255 bytes."""
+"""Characters of a name that a temporary file's name repeats; file systems allow 255 bytes."""
 _NO_RENAME: Final = (errno.EXDEV, errno.EBUSY)
-"""Errors where a file is a mount point of its own: its content can be replaced, it cannot."""
+"""Errors on renaming to a file that is a mount point: its content is replaced instead."""
 _NO_LOCKS: Final = (errno.ENOLCK, errno.ENOTSUP, errno.ENOSYS, errno.EINVAL)
-"""Errors of network drives that have no locks: nobody is kept out there."""
+"""Errors of network drives without locks, on which nobody is excluded."""
 _NO_FLUSH: Final = (errno.EINVAL, errno.ENOTSUP, errno.EACCES, errno.EBADF)
 """Errors of file systems that cannot flush folders."""
 
 
 @contextmanager
 def written_whole(path: Path) -> Iterator[Path]:
-    """A path beside ``path`` to write to, renamed to it if nothing went wrong.
+    """Yield a temporary path to write to, renamed to ``path`` if no exception is raised.
 
-    Until then a file in the way stays as it was; afterwards nothing else is left. The name
-    ends as that of ``path`` does, for writers that go by it. A manifest that lists the file is
-    brought up to date.
+    An existing file stays unchanged until then, and no temporary file is left behind. The temporary
+    name has the suffix of ``path``, for writers that depend on it. If a manifest lists the file, it
+    is updated.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ def written_whole(path: Path) -> Iterator[Path]:
     Yields
     ------
     Path
-        Beside ``path``.
+        Temporary path in the same folder.
     """
     stem = path.stem[:_LONGEST_NAME]
     beside = path.with_name(f".{stem}.partial-{uuid4().hex}{path.suffix}")
@@ -89,10 +89,10 @@ def written_whole(path: Path) -> Iterator[Path]:
 
 @contextmanager
 def folder_held(folder: Path) -> Iterator[Path]:
-    """Hold a folder, made if need be, so that no other process writes to it.
+    """Lock a folder, made if necessary, so that no other process writes to it.
 
-    What a process left that was killed here is finished or cleaned. A folder that was made for
-    this and stayed empty is removed.
+    An unfinished publication of a killed process is completed, or its temporary files are removed.
+    A folder that was made here and stays empty is removed.
 
     Parameters
     ----------
@@ -101,12 +101,12 @@ def folder_held(folder: Path) -> Iterator[Path]:
     Yields
     ------
     Path
-        The folder with all links resolved.
+        The folder with symbolic links resolved.
 
     Raises
     ------
     InputError
-        Another process holds it, or the disk refuses.
+        Another process holds the folder, or a file operation fails.
     """
     with _told(folder):
         folder = _resolved(folder)
@@ -128,25 +128,26 @@ def folder_held(folder: Path) -> Iterator[Path]:
 
 @contextmanager
 def folder_published(folder: Path, *, names: Collection[str]) -> Iterator[Path]:
-    """A place inside ``folder`` to write to, whose files take theirs if nothing went wrong.
+    """Yield a folder inside ``folder`` to write to, published if no exception is raised.
 
     Parameters
     ----------
     folder : Path
-        Held by this process, see :func:`folder_held`, or not there yet.
+        Locked by this process, see :func:`folder_held`, or not existing.
     names : collection of str
-        All that results of this kind may have in their folder: what the new one lacks of them
-        is removed once the new one is in place.
+        All names that results of this kind may have. Those that the new result lacks are removed
+        after it is in place.
 
     Yields
     ------
     Path
-        Inside ``folder``.
+        A stage inside ``folder``.
 
     Raises
     ------
     InputError
-        If the disk refuses; the folder is as it was, or the next who holds it completes it.
+        A file operation fails. The folder is unchanged, or the next process that holds it completes
+        it.
     """
     with _told(folder):
         folder = _resolved(folder)
@@ -173,24 +174,24 @@ def folder_published(folder: Path, *, names: Collection[str]) -> Iterator[Path]:
 def require_own(
     folder: Path, files: Collection[str], *, what: str, overwrite: bool, unfinished: str = ""
 ) -> None:
-    """Refuse a folder that cannot be written to, or holds what is not to be replaced.
+    """Refuse an output folder that is not writable or holds files that must not be replaced.
 
     Parameters
     ----------
     folder : Path
     files : collection of str
-        Names that a result of this kind has.
+        Names of the files of a result of this kind.
     what : str
-        The kind: ``run`` or ``solution``.
+        Kind of the result: ``run`` or ``solution``.
     overwrite : bool
         Whether an earlier result may be replaced; other files never are.
     unfinished : str
-        Name that is there while a result is not finished and can be gone on with.
+        Name that exists while a result is unfinished and can be continued.
 
     Raises
     ------
     InputError
-        It is a file, holds another's files or an earlier result, or cannot be written to.
+        It is a file, holds other files or an earlier result, or is not writable.
     """
     require_writable(folder)
     if folder.exists() and not folder.is_dir():
@@ -209,26 +210,26 @@ def require_own(
 
 
 def _is_hidden(name: str) -> bool:
-    """Whether a name in a folder is of its keeping, not of its result."""
+    """Whether a name belongs to the administration of a folder and not to its result."""
     temporary = any(fnmatchcase(name, pattern) for pattern in _LEFT_BY_A_KILL)
     return name in (_LOCK, _MANIFEST, _STAGE) or temporary
 
 
 def require_intact(path: Path, *, below: Path | None = None) -> None:
-    """Refuse a file that is not what its folder's manifest says was written.
+    """Refuse a file that differs from what its folder's manifest lists.
 
-    A file without a manifest beside it, or that the manifest does not list, is not looked at.
+    Files without a manifest, or not listed in it, are not checked.
 
     Parameters
     ----------
     path : Path
     below : Path, optional
-        The folder that has the manifest, where it is not the one that the file is in.
+        Folder of the manifest, if it is not the folder of the file.
 
     Raises
     ------
     InputError
-        The file changed, or was being replaced when a process was killed.
+        The file was changed, or its replacement was interrupted by a kill.
     """
     folder = path.parent if below is None else below
     if (folder / _STAGE / _MANIFEST).is_file():
@@ -251,7 +252,7 @@ def require_intact(path: Path, *, below: Path | None = None) -> None:
 
 
 def require_writable(folder: Path) -> None:
-    """Refuse a folder that could not be made or written to.
+    """Refuse a folder that cannot be made or written to.
 
     Parameters
     ----------
@@ -260,7 +261,7 @@ def require_writable(folder: Path) -> None:
     Raises
     ------
     InputError
-        If the folder, or the nearest above it that exists, cannot be written to.
+        The folder, or its nearest existing parent, is not writable.
     """
     with _told(folder):
         there = _resolved(folder)
@@ -281,15 +282,15 @@ def _told(folder: Path) -> Iterator[None]:
 
 
 def _resolved(folder: Path) -> Path:
-    """Where a folder is: a link to it stays, what it points to is written to."""
+    """The folder with symbolic links resolved, so that the link itself stays."""
     try:
         return folder.resolve()
-    except RuntimeError as error:  # what Python 3.11 and 3.12 say of links in a circle
+    except RuntimeError as error:  # raised by Python 3.11 and 3.12 for circular links
         raise OSError(errno.ELOOP, os.strerror(errno.ELOOP)) from error
 
 
 def _make(folder: Path) -> list[Path]:
-    """Make a folder; those that were not there before, the innermost first."""
+    """Make a folder; return the folders that did not exist before, the innermost first."""
     made = []
     above = folder
     while not above.exists():
@@ -300,14 +301,14 @@ def _make(folder: Path) -> list[Path]:
 
 
 def _unmake(made: list[Path]) -> None:
-    """Remove those of them that are empty."""
+    """Remove those of the folders that are empty."""
     for empty in made:
         with suppress(OSError):
             empty.rmdir()
 
 
 def _lock(folder: Path) -> int:
-    """A lock that the system drops when this process ends, however it ends."""
+    """Acquire a lock that the system releases when this process ends in any way."""
     path = folder / _LOCK
     while True:
         descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
@@ -326,11 +327,11 @@ def _lock(folder: Path) -> int:
                 os.close(descriptor)
                 raise
         if _is_open(path, descriptor):
-            with suppress(OSError):  # a full disk keeps the name, not the lock
+            with suppress(OSError):  # on a full disk the name cannot be written; the lock holds
                 os.ftruncate(descriptor, 0)
                 os.write(descriptor, _own_name().encode())
             return descriptor
-        os.close(descriptor)  # its holder has removed it just now
+        os.close(descriptor)  # its holder has just removed it
 
 
 def _is_open(path: Path, descriptor: int) -> bool:
@@ -343,14 +344,14 @@ def _is_open(path: Path, descriptor: int) -> bool:
 def _own_name() -> str:
     try:
         user = getpass.getuser()
-    except (KeyError, OSError):  # containers run as users without a name
+    except (KeyError, OSError):  # containers may run as users without a name
         user = str(os.getuid())
     since = time.strftime("%Y-%m-%d %H:%M:%S")
     return f"process {os.getpid()} of {user} on {socket.gethostname()}, since {since},"
 
 
 def _settle(folder: Path) -> None:
-    """Finish or drop what a process left that was killed here."""
+    """Complete or remove what a process left in the folder when it was killed."""
     if (folder / _STAGE / _MANIFEST).is_file():
         _roll_forward(folder)
     shutil.rmtree(folder / _STAGE, ignore_errors=True)
@@ -363,13 +364,13 @@ def _settle(folder: Path) -> None:
 
 
 def _roll_forward(folder: Path) -> None:
-    """Put the files of a complete stage in their places; may be done again after any failure."""
+    """Move the files of a complete stage to their places; can be repeated after any failure."""
     stage = folder / _STAGE
     document = _read(stage / _MANIFEST)
     for name, listed in document["files"].items():
         if not (stage / name).is_file():
             if (folder / name).is_file() and _entry(folder / name) == listed:
-                continue  # by the process that was interrupted
+                continue  # moved already by the interrupted process
             raise InputError(f"{folder}: {name} is lost from {stage}; delete that, and run again")
         target = folder / name
         target.parent.mkdir(parents=True, exist_ok=True)
@@ -378,7 +379,7 @@ def _roll_forward(folder: Path) -> None:
         (folder / name).unlink(missing_ok=True)
     for below in {(folder / name).parent for name in [*document["files"], *document["stale"]]}:
         if below != folder and below.is_dir():
-            with suppress(OSError):  # where others are in it
+            with suppress(OSError):  # the folder may hold other files
                 below.rmdir()
             if below.is_dir():
                 _flush_folder(below)
@@ -389,20 +390,20 @@ def _roll_forward(folder: Path) -> None:
 
 
 def _stale(folder: Path, new: Collection[str], names: Collection[str]) -> list[str]:
-    """Files of an earlier result that the new one lacks."""
+    """Files of an earlier result that the new result lacks."""
     there = [name for name in _files(folder) if name.split("/")[0] in names]
     return [name for name in there if name not in new]
 
 
 def _files(folder: Path) -> list[str]:
-    """Files below a folder, by their paths from there; temporary ones left out."""
+    """Files below a folder by relative path, without temporary ones."""
     paths = sorted(path for path in folder.rglob("*") if path.is_file())
     names = [path.relative_to(folder).as_posix() for path in paths]
     return [name for name in names if not name.startswith(".") and name != _MANIFEST]
 
 
 def _entry(path: Path) -> dict[str, Any]:
-    """What a manifest says of a file."""
+    """Entry of a file in a manifest."""
     with path.open("rb") as file:
         digest = hashlib.file_digest(file, "sha256").hexdigest()
         size = file.tell()
@@ -431,17 +432,17 @@ def _read(path: Path) -> dict[str, Any]:
 
 
 def _inside(name: Any) -> bool:
-    """Whether a name is of a file below the folder that names it."""
+    """Whether a name is a relative path to a file inside the folder."""
     parts = Path(name).parts if isinstance(name, str) else ()
     return bool(parts) and not Path(name).is_absolute() and ".." not in parts
 
 
 def _note(path: Path) -> None:
-    """Bring the manifest beside a file that was replaced up to date."""
+    """Update the entry of a replaced file in the manifest of its folder."""
     manifest = path.parent / _MANIFEST
     if path == manifest or not manifest.is_file():
         return
-    with suppress(InputError):  # a damaged one is spoken of when something is read
+    with suppress(InputError):  # a damaged manifest is reported when something is read
         document = _read(manifest)
         if path.name in document["files"]:
             document["files"][path.name] = _entry(path)

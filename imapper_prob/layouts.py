@@ -1,7 +1,7 @@
-"""Layouts: which objects a draw has, which draws agree, and how far apart scenes are.
+"""Layouts: the objects of a draw, grouping of draws that agree, and distances of scenes.
 
-Chains group their draws in processes of their own, which start in half the time where nothing has
-to load torch; so this module imports nothing that does.
+Processes of chains import this module. It imports nothing that loads torch, so that they start in
+half the time.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ __all__ = [
 
 
 def furniture_kinds(problem: Problem) -> tuple[tuple[int, ...], ...]:
-    """The sorted categories of each scenelet's objects.
+    """Sorted category numbers of each scenelet's objects.
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ def furniture_kinds(problem: Problem) -> tuple[tuple[int, ...], ...]:
     Returns
     -------
     tuple of tuple of int
-        By scenelet, numbers of categories.
+        One tuple of category numbers for each scenelet.
     """
     kinds = []
     for first, last in zip(problem.box_first[:-1], problem.box_first[1:], strict=True):
@@ -69,19 +69,19 @@ def furniture_kinds(problem: Problem) -> tuple[tuple[int, ...], ...]:
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 SEATS: Final = frozenset({"armchair", "bench", "chair", "couch", "sofa", "stool"})
-"""What one sits on. Motion hardly tells one from another."""
+"""Labels of seats, which motion hardly distinguishes."""
 _SHARED: Final = 0.5
-"""Part of the smaller footprint that two must share to be one whichever way they are turned: what
-stands half in another is no other, and what only stands too near is."""
+"""Fraction of the smaller footprint that two objects must share to count as one in any orientation.
+With less overlap, they are two objects that stand too close together."""
 
 
 def merged_objects(problem: Problem, library: Library, state: State) -> tuple[SceneObject, ...]:
-    """The furniture of a state in its world, objects that are one merged.
+    """The furniture of a state in world coordinates, with duplicate objects merged.
 
-    Objects of the same label whose footprints overlap and whose orientation, if they have a front,
-    agrees within the model's merge angle are the same object met twice. So are those that share
-    half of the smaller footprint, if they are of one label or seats, whatever each scenelet calls
-    them. Of each such group the one is kept whose scenelet improves the scene most.
+    Objects of the same label are duplicates if their footprints overlap and, unless they have no
+    front, their orientations agree within the model's merge angle. Objects that share half of the
+    smaller footprint are duplicates if they have one label or both are seats. Of each group of
+    duplicates, the object is kept whose scenelet improves the log-posterior most.
 
     Parameters
     ----------
@@ -104,7 +104,7 @@ def representatives(
     placed: Sequence[tuple[int, SceneObject]],
     groups: Sequence[Sequence[int]],
 ) -> list[int]:
-    """Of each group of objects that are one, that whose scenelet improves the scene most.
+    """For each group of duplicates, the object whose scenelet improves the log-posterior most.
 
     Parameters
     ----------
@@ -130,14 +130,14 @@ def representatives(
 def placed_objects(
     state: State, library: Library, *, only: Iterable[tuple[int, int]] | None = None
 ) -> list[tuple[int, SceneObject]]:
-    """Each scenelet's objects in the world, with the index of the item that brings them.
+    """All objects of a state in world coordinates, with the index of each one's scenelet.
 
     Parameters
     ----------
     state : State
     library : Library
     only : iterable of (int, int), optional
-        Indices of items, and which of their objects; all if not given.
+        Index of a scenelet in the state, and of one of its objects; all objects if not given.
 
     Returns
     -------
@@ -152,10 +152,11 @@ def placed_objects(
 
 
 def same_objects(placed: Sequence[tuple[int, SceneObject]], angle: float) -> list[list[int]]:
-    """Which of :func:`placed_objects` are one: groups of their indices, each in order.
+    """Groups of indices of :func:`placed_objects` that are one object, each in order.
 
-    Same label, orientations within ``angle`` radians if it has a front, and footprints that
-    overlap; or footprints that share half of the smaller one, of the same label or of seats of any.
+    Two objects are one if they have the same label, orientations within ``angle`` radians (unless
+    without a front) and overlapping footprints; or if they share half of the smaller footprint and
+    have one label or are both seats.
 
     Parameters
     ----------
@@ -186,22 +187,22 @@ def same_objects(placed: Sequence[tuple[int, SceneObject]], angle: float) -> lis
 
 
 def _shared(first: Polygon, second: Polygon) -> float:
-    """Part of the smaller of two outlines that they share."""
+    """Shared area of two outlines, as a fraction of the smaller one."""
     return float(first.intersection(second).area / min(first.area, second.area))
 
 
 def match_objects(
     first: Sequence[SceneObject], second: Sequence[SceneObject], *, radius: float
 ) -> list[int] | None:
-    """For each object of ``first`` its partner in ``second``; None unless all pair up.
+    """Indices in ``second`` of the partners of ``first``; None unless all objects pair up.
 
-    Partners have the same label and centres at most ``radius`` metres apart in top view.
+    Partners have the same label, and centres at most ``radius`` metres apart in top view.
 
     Parameters
     ----------
     first, second : sequence of SceneObject
     radius : float
-        Metres in top view.
+        Distance in top view, metres.
 
     Returns
     -------
@@ -226,19 +227,19 @@ def match_objects(
 def through_one_lens(
     objects: Sequence[Sequence[SceneObject]], log_focal: Sequence[float]
 ) -> tuple[tuple[SceneObject, ...], ...]:
-    """Furniture of draws where it would stand if all had the same focal length.
+    """Move the furniture of draws to where it would be with one common focal length.
 
-    ``log_focal`` is by how much that of each draw is longer.
+    ``log_focal`` is the log ratio of each draw's focal length to the common one.
 
-    With a longer lens the same picture is of a room that much deeper. It is the same room as
-    far as anybody can tell: what draws say is compared like this, and reported as it is.
+    With a longer focal length, the same image corresponds to a proportionally deeper room. The data
+    hardly distinguish the two, so draws are compared after this change, but reported without it.
 
     Parameters
     ----------
     objects : sequence of N sequence of SceneObject
-        Of each draw, in its world.
+        Furniture of each draw in its world.
     log_focal : sequence of N float
-        Log of how much longer each draw's focal length is.
+        Log ratio of each draw's focal length to the common one.
 
     Returns
     -------
@@ -252,14 +253,14 @@ def through_one_lens(
 
 @dataclass(frozen=True)
 class Layouts:
-    """Draws sorted into layouts.
+    """An assignment of draws to layouts.
 
     Parameters
     ----------
     indicator : (N,) int
-        Layout of each draw; 0 is the most frequent.
+        Layout of each draw; 0 is the most frequent layout.
     leaders : tuple of int
-        The draw each layout was founded by.
+        Draw that founded each layout.
     """
 
     indicator: Ints
@@ -269,16 +270,16 @@ class Layouts:
 def group_layouts(
     objects: Sequence[Sequence[SceneObject]], log_posteriors: Array, *, radius: float
 ) -> Layouts:
-    """Sort draws into layouts around leaders, the most probable draws first.
+    """Assign draws to layouts around leaders, in order of decreasing log-posterior.
 
     Parameters
     ----------
     objects : sequence of N object sets
         Merged furniture of each draw.
     log_posteriors : (N,) float
-        Order in which draws may found a layout.
+        Draws are taken in decreasing order of it.
     radius : float
-        Metres within which objects must pair up with those of the leader.
+        Distance in metres within which objects must pair up with those of the leader.
 
     Returns
     -------
@@ -302,34 +303,35 @@ def group_layouts(
 
 
 # ------------------------------------------------------------------------------------------------
-# The distance of two scenes: what it costs to turn one set of objects into the other.
+# The distance of two scenes is the least cost of transforming one set of objects into the other.
 #
-# Objects are moved, turned or renamed where that is cheap, and taken away or put there where it is
-# not: optimal transport of unit masses with a price for those that are left over, with the optimal
-# pairing in place of a plan. With squared costs this is the generalised optimal sub-pattern
-# assignment metric (Rahmathullah, Garcia-Fernandez & Svensson 2017, alpha = 2): a metric, in
-# metres, that is 1 for one object too many and grows with the number of differences.
+# Objects are moved, turned or relabelled if that is cheaper than removing and adding them. This is
+# optimal transport of unit masses with a price for unpaired ones, restricted to pairings. With
+# squared costs it is the generalised optimal sub-pattern assignment metric (Rahmathullah,
+# Garcia-Fernandez & Svensson 2017, alpha = 2). It is in metres, is 1 for one spurious object, and
+# grows with the number of differences. metres, that is 1 for one object too many and grows with the
+# number of differences.
 
 _LEFT_OVER: Final = 1.0
-"""Metres: what an object without a partner costs; the unit of the distance."""
+"""Cost in metres of an object without a partner; the unit of the distance."""
 _RENAMED: Final = 0.5
-"""Metres: another label of the same group. Which seat it is, is hardly in the data."""
+"""Cost in metres of another label in the same group; data hardly distinguish seats."""
 _TURNED: Final = 0.3
-"""Metres a radian, so that a seat turned round is nearly another seat."""
+"""Cost in metres a radian of rotation; half a turn costs almost as much as another seat."""
 _LOOKS_ALIKE: Final = {"table": 2, "stool": 4}
-"""In how many orientations a thing looks the same; most have a front."""
+"""Number of orientations in which an object looks the same; 1 for objects with a front."""
 
 
 @dataclass(frozen=True)
 class Pairing:
-    """The cheapest way to turn one set of objects into another.
+    """The cheapest transformation of one set of objects into another.
 
     Parameters
     ----------
     pairs : tuple of (int, int)
-        Objects of the first and of the second set that are one.
+        Indices of paired objects in the first and in the second set.
     only_first, only_second : tuple of int
-        Those without a partner.
+        Indices of objects without a partner.
     distance : float
         Metres.
     """
@@ -341,7 +343,7 @@ class Pairing:
 
 
 def group_of(label: str) -> str:
-    """The group of labels that stand for each other: any seat for another, else its own.
+    """The group of labels that may be paired: ``seat`` for all seats, else the label itself.
 
     Parameters
     ----------
@@ -355,12 +357,12 @@ def group_of(label: str) -> str:
 
 
 def object_distance(first: SceneObject, second: SceneObject) -> float:
-    """Metres between two objects on the floor; infinite between groups.
+    """Distance in metres of two objects on the floor; infinite between groups.
 
     Parameters
     ----------
     first, second : SceneObject
-        In one world.
+        In a common world frame.
 
     Returns
     -------
@@ -374,25 +376,25 @@ def object_distance(first: SceneObject, second: SceneObject) -> float:
 
 
 def turn(first: SceneObject, second: SceneObject) -> float:
-    """Radians from 0 to pi between two orientations, those that look alike being one."""
+    """Angle in radians, 0 to pi, between two orientations, modulo the objects' symmetry."""
     fold = 2 * np.pi / max(_LOOKS_ALIKE.get(o.label, 1) for o in (first, second))
     angle = (second.placement.yaw - first.placement.yaw) % fold
     return float(min(angle, fold - angle))
 
 
 def pair_objects(first: Sequence[SceneObject], second: Sequence[SceneObject]) -> Pairing:
-    """Pair two sets of objects so that the distance is least.
+    """Pair two sets of objects with the least distance.
 
     Parameters
     ----------
     first, second : sequence of SceneObject
-        In one world.
+        In a common world frame.
 
     Returns
     -------
     Pairing
     """
-    dearest = 2 * _LEFT_OVER**2  # two left over cost as much as the dearest pair
+    dearest = 2 * _LEFT_OVER**2  # cost of two unpaired objects, the most that a pair may cost
     cost = np.array([[min(object_distance(a, b) ** 2, dearest) for b in second] for a in first])
     cost = cost.reshape(len(first), len(second))
     rows, columns = linear_sum_assignment(cost)

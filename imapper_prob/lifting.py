@@ -1,10 +1,10 @@
-"""3D poses for clips with 2D joints only, from the poses of the built-in library.
+"""3D poses for clips with 2D joints only, from poses of the built-in library.
 
-Each frame is turned so that the camera looks straight at the person, and poses of the library are
-matched under scaled orthographic projection. One picture of a body has many poses: whoever leans
-forward may as well lean back. The candidates of all frames are therefore weighed together, as a
-hidden Markov chain whose states are the nearest poses of each frame. Frames that keep several
-explanations are reported.
+Each frame is rotated so that the camera looks straight at the person, and poses of the library are
+matched under scaled orthographic projection. The projection of a pose is ambiguous: a forward lean
+may look like a backward lean. The candidates of all frames are therefore combined in a hidden
+Markov model, whose states are the nearest poses of each frame. Frames that remain ambiguous are
+reported.
 """
 
 from __future__ import annotations
@@ -40,19 +40,19 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Views:
-    """Frames of one track, seen along the ray to the person.
+    """Detections of one track, seen along the ray to the person in each frame.
 
     Parameters
     ----------
     tangents : (T, 16, 2) float
-        Detections right of and above that ray, tangents; 0 where there is none.
+        Detections to the right of and above that ray, as tangents; 0 where missing.
     weights : (T, 16) float
-        How much each counts: its squared confidence, 0 where there is none.
+        Squared confidences; 0 where missing.
     elevation : (T,) float
         Angle of the ray above the horizon, radians.
     axes : (T, 3, 3) float
-        From view axes (x right and level, y along the ray's own direction on the floor,
-        z up) to camera axes.
+        Rotation from view axes (x right and level, y along the ray's horizontal direction, z up) to
+        camera axes.
     """
 
     tangents: Array
@@ -62,12 +62,12 @@ class Views:
 
 
 def views_of(camera: Camera, keypoints: Array, confidences: Array) -> Views:
-    """Turn the camera towards the person, frame by frame.
+    """Rotate the camera towards the person, frame by frame.
 
     Parameters
     ----------
     camera : Camera
-        Its pitch and roll say where the horizon is.
+        Its pitch and roll give the horizon.
     keypoints : (T, 16, 2) float
         Pixels; NaN where missing.
     confidences : (T, 16) float
@@ -105,32 +105,32 @@ def views_of(camera: Camera, keypoints: Array, confidences: Array) -> Views:
 
 
 # ------------------------------------------------------------------------------------------------
-# The poses of a library, each once, whichever way it faces.
+# Distinct poses of a library, independent of where they face.
 
 _APART: Final = 0.06
-"""Metres of root-mean-square joint distance below which two poses are one."""
+"""Root-mean-square joint distance in metres below which two poses count as one."""
 
 
 @cache
 def _built_in_poses() -> Array:
-    """Those of the built-in library; found once a process."""
+    """Distinct poses of the built-in library, computed once a process."""
     return distinct_poses(built_in_library())
 
 
 def distinct_poses(library: Library, *, apart: float = _APART) -> Array:
-    """Poses that are not too like each other, and their mirror images.
+    """Select distinct poses of a library, and add their mirror images.
 
     Parameters
     ----------
     library : Library
     apart : float
-        Root-mean-square joint distance in metres that they keep.
+        Least root-mean-square joint distance of two poses, metres.
 
     Returns
     -------
     (K, 16, 3) float
-        Joints relative to the pelvis, metres, z up, facing +y; the first half and the second
-        are mirror images of each other.
+        Joints relative to the pelvis, metres, z up, facing +y; the second half are the mirror
+        images of the first.
     """
     joints = np.concatenate([scenelet.joints for scenelet in library])
     poses = joints - joints[:, PELV, None]
@@ -141,7 +141,7 @@ def distinct_poses(library: Library, *, apart: float = _APART) -> Array:
         cos[:, None] * x - sin[:, None] * y,
         sin[:, None] * x + cos[:, None] * y,
     )
-    # Every pose is its own neighbour at first; whoever is chosen takes its neighbours away.
+    # Each chosen pose removes its neighbours from the poses that may still be chosen.
     flat = poses.reshape(len(poses), -1)
     left = np.ones(len(flat), bool)
     chosen = []
@@ -160,15 +160,15 @@ def distinct_poses(library: Library, *, apart: float = _APART) -> Array:
 # Matching.
 
 YAWS: Final = 36
-"""Directions that each pose is tried in: ten degrees apart."""
+"""Number of yaws tried for each pose, ten degrees apart."""
 _ELEVATION_STEP: Final = np.deg2rad(6.0)
-"""Frames whose rays are this alike are compared with the same pictures of the poses."""
+"""Frames with ray elevations this close use the same projections of the poses."""
 _FRAMES_AT_ONCE: Final = 64
 
 
 @dataclass(frozen=True)
 class Candidates:
-    """The poses nearest to each frame, the best first.
+    """The nearest poses of each frame, the best first.
 
     Parameters
     ----------
@@ -177,7 +177,7 @@ class Candidates:
     error : (T, M) float
         Weighted mean square distance in the image plane, square metres.
     scale : (T, M) float
-        Tangents a metre: one over the depth.
+        Tangents a metre, the reciprocal of depth.
     shift : (T, M, 2) float
         Tangents of the pelvis.
     """
@@ -189,10 +189,10 @@ class Candidates:
 
 
 def _nearest_poses(views: Views, poses: Array, *, count: int) -> Candidates:
-    """Compare every frame with every pose in every direction.
+    """Match every frame with every pose in every yaw.
 
-    For weights w that add up to one, tangents u and projected joints p, both less their
-    weighted means, the best scale is <u, p> / <p, p>, and what is left over, in metres at the
+    Let weights w sum to one, and let tangents u and projected joints p be relative to their
+    weighted means. The best scale is <u, p> / <p, p>, and the residual, in square metres at the
     person, is <u, u> / scale² - <p, p>.
 
     Parameters
@@ -201,7 +201,7 @@ def _nearest_poses(views: Views, poses: Array, *, count: int) -> Candidates:
     poses : (K, 16, 3) float
         Relative to the pelvis, metres, facing +y.
     count : int
-        How many candidates a frame.
+        Candidates a frame.
     """
     angles = np.arange(YAWS) * (2 * np.pi / YAWS)
     cos, sin = np.cos(angles)[:, None, None], np.sin(angles)[:, None, None]
@@ -246,24 +246,24 @@ def _nearest_poses(views: Views, poses: Array, *, count: int) -> Candidates:
 
 
 # ------------------------------------------------------------------------------------------------
-# Choosing.
+# Selection.
 
 _log = logging.getLogger(__name__)
 _FEWEST: Final = 6
-"""Detected joints without which a frame has no pose: fewer fit nearly any."""
+"""Least number of detected joints of a frame with a pose; fewer fit almost any pose."""
 _CANDIDATES: Final = 60
-"""Poses kept a frame."""
+"""Candidates kept for each frame."""
 _LIKENESS: Final = 0.06
-"""Metres, root-mean-square: how well the library's nearest pose matches somebody in the image.
-A frame counts as two joints: what is wrong with one joint is wrong with the others."""
+"""Root-mean-square error in metres of the library's nearest pose in the image. A frame counts as
+two joints, because errors of joints are correlated."""
 _STEP: Final = 0.06
-"""Metres, root-mean-square, that joints move about the pelvis in a tenth of a second."""
+"""Root-mean-square motion of joints relative to the pelvis in a tenth of a second, metres."""
 _APPROACH: Final = 0.05
-"""Change of log depth in a tenth of a second, steps towards the camera and errors of scale."""
+"""Change of log depth in a tenth of a second, by steps towards the camera and scale errors."""
 _FREELY: Final = 0.2
-"""Metres that a detection may carry a joint away from the chosen pose, across the ray."""
+"""Distance in metres that a detection may move a joint from the chosen pose, across the ray."""
 _AMBIGUOUS: Final = 0.15
-"""Metres of root-mean-square spread from which a frame is called ambiguous."""
+"""Root-mean-square spread in metres from which a frame is called ambiguous."""
 
 
 @dataclass(frozen=True)
@@ -273,11 +273,11 @@ class Lifted:
     Parameters
     ----------
     poses : (T, 16, 3) float
-        Relative to the pelvis, camera axes, metres at the reference stature; NaN for a whole
-        frame with too few detections.
+        Relative to the pelvis, camera axes, metres at the reference stature; NaN for frames with
+        too few detections.
     spread : (T,) float
-        Root-mean-square distance in metres of the joints of all explanations, weighed by
-        their probability, from the pose given; NaN where there is none.
+        Root-mean-square distance in metres of the joints of all candidates from the given pose,
+        weighted by probability; NaN for frames without a pose.
     """
 
     poses: Array
@@ -285,19 +285,19 @@ class Lifted:
 
 
 def lift_clip(clip: Clip, *, poses: Array | None = None) -> Clip:
-    """Give poses to those tracks of a clip that have none.
+    """Lift the tracks of a clip that have no poses.
 
     Parameters
     ----------
     clip : Clip
     poses : (K, 16, 3) float, optional
-        See :func:`imapper_prob.lifting.distinct_poses`; the built-in library's if not
+        See :func:`imapper_prob.lifting.distinct_poses`; those of the built-in library if not
         given.
 
     Returns
     -------
     Clip
-        Tracks that had a pose in any frame are as they were.
+        Tracks with a pose in any frame are unchanged.
     """
     poses = _built_in_poses() if poses is None else poses
     return replace(clip, tracks=tuple(_lifted(clip, track, poses) for track in clip.tracks))
@@ -325,12 +325,12 @@ def _lifted(clip: Clip, track: Track, poses: Array) -> Track:
 def lift_keypoints(
     camera: Camera, keypoints: Array, confidences: Array, *, fps: float, poses: Array
 ) -> Lifted:
-    """Lift one person.
+    """Lift the 2D joints of one person.
 
     Parameters
     ----------
     camera : Camera
-        Its nominal pose says where the horizon is.
+        Its nominal orientation gives the horizon.
     keypoints : (T, 16, 2) float
         Pixels; NaN where missing.
     confidences : (T, 16) float
@@ -338,7 +338,7 @@ def lift_keypoints(
     fps : float
         Frames a second.
     poses : (K, 16, 3) float
-        What people look like, facing +y.
+        Candidate poses, facing +y.
 
     Returns
     -------
@@ -361,9 +361,9 @@ def lift_keypoints(
 
 
 def _smoothed(candidates: Candidates, gaps: Array) -> tuple[NDArray[np.intp], Array]:
-    """The most probable sequence of candidates (T,), and each one's probability (T, M).
+    """The most probable sequence of candidates (T,), and marginal probabilities (T, M).
 
-    ``gaps`` (T - 1,) are tenths of a second between frames.
+    ``gaps`` (T - 1,) are times between frames in tenths of a second.
     """
     joints, scale = candidates.joints, np.log(candidates.scale)
     n_frames, count = scale.shape
@@ -393,9 +393,9 @@ def _smoothed(candidates: Candidates, gaps: Array) -> tuple[NDArray[np.intp], Ar
 
 
 def _towards_detections(views: Views, candidates: Candidates, best: NDArray[np.intp]) -> Array:
-    """The chosen poses, bent so that joints lie where they were seen, bones as long as before.
+    """The chosen poses, moved so that joints match the detections, at the reference bone lengths.
 
-    Across the ray the picture knows better than the library, along it only the library knows.
+    Across the ray the image is more accurate than the library; along it only the library informs.
     """
     rows = np.arange(len(best))
     joints = candidates.joints[rows, best]

@@ -1,4 +1,4 @@
-"""Whether a clip fits into the memory that there is, asked before the work."""
+"""Check before the work whether a clip fits into the available memory."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ __all__ = ["memory_there", "require_memory"]
 
 _GIGABYTE: Final = 1e9
 _PROGRAM: Final = 1.0 * _GIGABYTE
-"""Bytes of the program with its libraries and compiled kernels, a little more than they take."""
+"""Bytes of the program with its libraries and compiled kernels, slightly overestimated."""
 _EACH_PLACEMENT: Final = 100
-"""Bytes for a scenelet at a frame while the solver looks for candidates: three coordinates, a cost
-and what these are made of."""
+"""Bytes for a scenelet at a frame during the solver's candidate search: three coordinates, a cost
+and intermediate values."""
 _EACH_POSE: Final = 200
-"""Bytes for a frame of a draw: its normal numbers, its pelvis, its sides, and copies in the file
-that is made."""
+"""Bytes for a frame of a draw: its latent normal variables, pelvis and sides, and copies for the
+output file."""
 _WALKER_COPIES: Final = 4
-"""Times that ensembles have the normal numbers of their walkers in memory."""
+"""Number of copies of the walkers' latent variables that ensembles hold in memory."""
 
 _AVAILABLE: Final = Path("/proc/meminfo")
 _GROUPS: Final = (
@@ -33,37 +33,37 @@ _GROUPS: Final = (
         Path("/sys/fs/cgroup/memory/memory.usage_in_bytes"),
     ),
 )
-"""Limit and use of a container, in either version."""
+"""Files with limit and use of a container, for both versions of cgroups."""
 
 
 def _memory_needed(rows: int, scenelets: int, settings: SampleSettings | None) -> float:
-    """Bytes, by and large, that solving and sampling take.
+    """Approximate memory in bytes for solving and sampling.
 
     Parameters
     ----------
     rows : int
-        Frames of everybody.
+        Number of frames, summed over people.
     scenelets : int
-        Of the library.
+        Number of scenelets in the library.
     settings : SampleSettings, optional
-        None where nothing is sampled.
+        None if nothing is sampled.
     """
     needed = _PROGRAM + rows * scenelets * _EACH_PLACEMENT
     if settings is None:
         return needed
-    # A chain that goes on keeps up to twice as many draws.
+    # A continued chain keeps up to twice as many draws.
     draws = settings.chains * settings.draws * (2 if settings.last_step > settings.steps else 1)
     walkers = _WALKER_COPIES * draws * 2 * rows * 8 * bool(settings.ensemble_steps)
     return needed + draws * rows * _EACH_POSE + walkers
 
 
 def memory_there() -> float:
-    """Memory that this process may still take.
+    """Memory that is available to this process.
 
     Returns
     -------
     float
-        Bytes; infinity where the system does not say.
+        Bytes; infinite if the system does not report it.
     """
     there = []
     try:
@@ -81,19 +81,19 @@ def memory_there() -> float:
 
 
 def require_memory(clip: Clip, library: Library, settings: SampleSettings | None = None) -> None:
-    """Refuse a clip for which there is not enough memory.
+    """Refuse a clip that needs more memory than is available.
 
     Parameters
     ----------
     clip : Clip
     library : Library
     settings : SampleSettings, optional
-        Of the sampling; without, what the solver needs.
+        Settings of the sampling; without them, only the solver's memory is required.
 
     Raises
     ------
     InputError
-        With what is needed, what there is, and how many frames would fit.
+        Says how much is needed and available, and how many frames would fit.
     """
     people, there = len(clip.tracks), memory_there()
     needed = _memory_needed(people * clip.n_frames, len(library), settings)

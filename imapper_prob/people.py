@@ -1,7 +1,7 @@
-"""Several people's frames one after the other, and how to take them apart again.
+"""Arrays with the frames of several people in one axis, and how to split them.
 
-Whatever is known by frame of a clip of K people has K T rows: all frames of the first track, then
-all of the next.
+For a clip of K people, per-frame values have K T rows: all frames of the first track, then all
+frames of the next.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ Values = NDArray[Any]
 
 
 def by_person(clip: Clip, values: Values) -> Values:
-    """Values by row, apart by person.
+    """Reshape values by row to one axis of people and one of frames.
 
     Parameters
     ----------
@@ -34,7 +34,7 @@ def by_person(clip: Clip, values: Values) -> Values:
 
 
 def at_one_time(clip: Clip, values: Values) -> Values:
-    """Values by row, put together for everybody in a frame.
+    """Reshape values by row so that each frame has the joints of all people.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ def at_one_time(clip: Clip, values: Values) -> Values:
 
 
 def in_a_row(clip: Clip) -> NDArray[np.int64]:
-    """Numbers of the rows, those of the first person being the clip's frame numbers.
+    """Row numbers that start at the clip's first frame number and continue over all people.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ def in_a_row(clip: Clip) -> NDArray[np.int64]:
 
 
 def names_of_rows(clip: Clip) -> NDArray[np.str_]:
-    """Whose row each is.
+    """Track name of each row.
 
     Parameters
     ----------
@@ -79,7 +79,7 @@ def names_of_rows(clip: Clip) -> NDArray[np.str_]:
 
 
 def everybody(clip: Clip) -> Track:
-    """All tracks in a row as one.
+    """All tracks of a clip concatenated to one.
 
     Parameters
     ----------
@@ -88,7 +88,7 @@ def everybody(clip: Clip) -> Track:
     Returns
     -------
     Track
-        Of K T frames.
+        Has K T frames.
     """
     tracks = clip.tracks
     if len(tracks) == 1:
@@ -103,13 +103,13 @@ def everybody(clip: Clip) -> Track:
 
 
 def own_part(clip: Clip, person: int) -> str:
-    """What names of things of one person end in: nothing where there is nobody else.
+    """Ending for names of one person's entities; empty if the clip has one person.
 
     Parameters
     ----------
     clip : Clip
     person : int
-        Number of the track.
+        Index of the track.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Colours of objects and actions, and figures in files."""
+"""Colours of objects and actions, and writing of figures."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ __all__ = ["Colour", "action_colour", "category_colour", "save_figure"]
 
 
 def save_figure(figure: Figure, file: Path | IO[bytes], *, dpi: int, **options: Any) -> None:
-    """Write a figure as a picture, its texts as they stand.
+    """Write a figure as an image, without interpreting its texts as markup.
 
     Parameters
     ----------

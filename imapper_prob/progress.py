@@ -1,4 +1,4 @@
-"""How far a long computation is: bars on a terminal or in a notebook."""
+"""Progress of long computations: bars in a terminal or notebook."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ if TYPE_CHECKING:
 __all__ = ["Bars", "Progress", "progress_bars", "shown"]
 
 Progress = Callable[[str, float], None]
-"""Called with the name of a stage and the part of it that is done, 0 to 1."""
+"""Called with the name of a stage and the fraction of it that is done, 0 to 1."""
 
 
 class Bars:
-    """One line a stage, and what is said in between.
+    """One bar for each stage, and lines of text above them.
 
     Parameters
     ----------
@@ -33,7 +33,7 @@ class Bars:
         self._tasks: dict[str, TaskID] = {}
 
     def __call__(self, stage: str, part: float) -> None:
-        """So much of a stage is done; those before it are over."""
+        """Set the progress of a stage; earlier stages are complete."""
         if stage not in self._tasks:
             for earlier in self._tasks.values():
                 self._bars.update(earlier, completed=1.0)
@@ -41,7 +41,7 @@ class Bars:
         self._bars.update(self._tasks[stage], completed=part)
 
     def say(self, text: str) -> None:
-        """A line above the bars.
+        """Print a line above the bars.
 
         Parameters
         ----------
@@ -52,12 +52,12 @@ class Bars:
 
 @contextmanager
 def progress_bars(console: Console) -> Iterator[Bars]:
-    """One line a stage: what, how much of it, how long it took and will take.
+    """Show one line a stage: name, progress, elapsed and remaining time.
 
     Parameters
     ----------
     console : rich.console.Console
-        Where they are drawn.
+        Console on which they are drawn.
 
     Yields
     ------
@@ -85,13 +85,13 @@ def progress_bars(console: Console) -> Iterator[Bars]:
 
 @contextmanager
 def shown(progress: Progress | bool | None) -> Iterator[Progress | None]:
-    """What a computation is to call with how far it is.
+    """Yield the progress callback of a computation.
 
     Parameters
     ----------
     progress : callable, bool or None
-        A callable is taken as it is. ``True`` shows bars on standard error where somebody looks
-        on: in a terminal, and in a notebook that has ipywidgets.
+        A callable is yielded unchanged. ``True`` shows bars on standard error if it is a terminal,
+        or in a notebook with ipywidgets.
 
     Yields
     ------

@@ -1,1 +1,1 @@
-"""What only measures and tests the program: a question, a file, a command. See ``README.md``."""
+"""Measurements and tests of the program: one question, one file, one command. See ``README.md``."""

@@ -3,12 +3,12 @@
     python -m lab.ablation I3DB_FOLDER
     python -m lab.ablation I3DB_FOLDER --path
 
-The first solves each scene as it is and with one term at a time switched off, and prints the scores
-of ``docs/reference/metrics.md``; then the same for the five terms of the published energy, by the
-published method. With ``--path`` the static path of every scene is fitted as the solver does, then
-with one
-part at a time switched off, and a Markdown table is printed: root mean square errors in camera axes
-over annotated frames, the mean over scenes. That takes 20 s of processor time.
+The first form solves each scene with all terms and with one term at a time switched off, and prints
+the scores of ``docs/reference/metrics.md``. It then does the same for the five terms of the
+published energy, by the published method. With ``--path`` the static path of every scene is fitted
+as in the solver, then with one part at a time switched off. The output is a Markdown table of root
+mean square errors in camera axes over annotated frames, means over scenes; it takes 20 s of
+processor time.
 """
 
 from __future__ import annotations
@@ -59,10 +59,10 @@ from imapper_prob.uncertainty.stored import StoredSource
 
 
 def without_sight(problem: Problem) -> Problem:
-    """Nothing hides anything: every joint is seen as often as where no furniture is.
+    """The problem without occlusion: every joint is as probably visible as without furniture.
 
-    An infinite width makes the step of visibility one half everywhere; what the densities of
-    hidden and seen are multiplied by makes up for it.
+    An infinite width makes the visibility step one half everywhere; the factor on the densities of
+    hidden and visible joints compensates for it.
     """
     seen = visibility_probability(NOTHING_IN_SIGHT, problem.sight_width, problem.visibility_error)
     share = 2 * np.array([1 - seen, seen])
@@ -74,7 +74,7 @@ def without_sight(problem: Problem) -> Problem:
 
 
 def variants(problem: Problem) -> dict[str, Problem]:
-    """The log-posterior whole, and with one term switched off."""
+    """The full log-posterior, and one problem for each term switched off."""
     even = np.log(np.exp(problem.log_rate).mean())
     return {
         "all terms": problem,
@@ -89,7 +89,7 @@ def variants(problem: Problem) -> dict[str, Problem]:
 
 
 def published_variants(problem: Problem) -> dict[str, Problem]:
-    """The published energy whole, and without each of its terms."""
+    """The full published energy, and one problem for each term switched off."""
     names = [f.name for f in fields(PaperWeights)]
     found = {"the published energy": problem}
     for k, name in enumerate(names):
@@ -99,7 +99,7 @@ def published_variants(problem: Problem) -> dict[str, Problem]:
 
 
 def scores(folder: Path) -> dict[str, Score]:
-    """Each variant's best scene against the truth. Windows are fitted once: no term changes it."""
+    """Scores of each variant's best scene. Windows are fitted once, as no term affects them."""
     known, library = known_scene(folder), load_library()
     fitted = fit_clip(known.clip, library)
     curve = charness_curve(fitted.fits, fitted.charness, fps=known.clip.fps)
@@ -126,7 +126,7 @@ def scores(folder: Path) -> dict[str, Score]:
 
 
 def print_terms(folder: Path) -> None:
-    """A row a variant: all scenes together, then scene by scene."""
+    """Print one row a variant: all scenes together, then scene by scene."""
     by_scene = [scores(scene) for scene in scenes_with_truth(folder)]
     together = [summarise([found[name] for found in by_scene]) for name in by_scene[0]]
     console = Console(width=170)
@@ -141,27 +141,27 @@ def print_terms(folder: Path) -> None:
 Variant = Callable[[Clip], Prediction]
 
 _NOTHING = 1e3
-"""Times its unit: the deviation of what is no longer held."""
+"""Factor on the deviation of a term that is switched off."""
 _EXACTLY = 1e-3
-"""Radians, or log metres: the deviation of what is taken for known."""
+"""Deviation of a fixed quantity, in radians or log metres."""
 
 
 def reference_body(
     clip: Clip, *, settings: StaticPathSettings | None = None, scale: float = 1.0
 ) -> Prediction:
-    """The static path of a body of 1.70 m, or of ``scale`` times that; feet are not asked."""
+    """The static path of a body of 1.70 m, or of ``scale`` times that; feet are not used."""
     return _prediction(clip, estimate_static_path(clip, settings=settings), scale, 1.0)
 
 
 def with_feet(clip: Clip, *, settings: CameraSettings | None = None) -> Prediction:
-    """The static path at the body scale and focal length that its feet ask for."""
+    """The static path with body scale and focal length estimated from the feet."""
     path = estimate_static_path(clip)
     _, _, log_focal, log_body, _ = estimate_camera(clip, path, settings=settings).mean
     return _prediction(clip, path, float(np.exp(log_body)), float(np.exp(log_focal)))
 
 
 def lifters_body(clip: Clip) -> Prediction:
-    """The static path of a body as large as the lifter has it."""
+    """The static path of a body of the lifter's size."""
     person = clip.tracks[0]
     poses = person.poses[person.has_pose]
     legs = [(p, c) for p, c in BONE_LENGTHS if PELV not in (p, c)][:4]
@@ -170,7 +170,7 @@ def lifters_body(clip: Clip) -> Prediction:
 
 
 def _prediction(clip: Clip, path: StaticPath, scale: float, focal: float) -> Prediction:
-    """A path carried along to another body and focal length: pixels stay as they are."""
+    """A path scaled to another body and focal length, with the same pixels."""
     joints = scale * path.joints * (1.0, focal, 1.0)
     return Prediction("static path", joints, clip.camera.project_camera(path.joints), ())
 
@@ -199,7 +199,7 @@ def path_variants() -> dict[str, Variant]:
 
 
 def errors(prediction: Prediction, truth: TruthInView) -> tuple[float, ...]:
-    """Centimetres: pelvis in top view, joints in the world by subset, joints about the pelvis."""
+    """Errors in cm: pelvis in top view, joints in the world by subset, joints about the pelvis."""
     gap = prediction.joints[truth.known, PELV, :2] - truth.joints[truth.known, PELV, :2]
     pelvis = 100 * float(np.sqrt((gap**2).sum(-1).mean()))
     scores = pose_scores(prediction, truth)
@@ -207,7 +207,7 @@ def errors(prediction: Prediction, truth: TruthInView) -> tuple[float, ...]:
 
 
 def print_path(folder: Path) -> None:
-    """A row a variant of the static path."""
+    """Print one row for each variant of the static path."""
     known = [known_scene(scene) for scene in scenes_with_truth(folder)]
     out = sys.stdout.write
     out("| | pelvis, top view | joints, all frames | occluded joints | occ3 | about the pelvis |\n")
@@ -219,7 +219,7 @@ def print_path(folder: Path) -> None:
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Print the tables of terms, or that of the path."""
+    """Print the tables for terms, or for the path."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

@@ -3,11 +3,11 @@
     python -m lab.alarms [COUNT] [--only TEXT]
     python -m lab.alarms [COUNT] --threshold
 
-simulates so many clips a row (12 if not given), of motions of a sixth of the built-in library, with
-joints as far from them as the model says that people are (``pose.tolerance``), solves and samples
-each briefly with that sixth, and prints a Markdown table: of how many clips anything is alarmed,
-and by which check. About a quarter of a minute a clip. ``--threshold`` prints instead how well the
-best scenelets fit frames of right clips.
+simulates COUNT clips a row (12 if not given) from motions of a sixth of the built-in library, with
+joints that deviate from them by the model's tolerance (``pose.tolerance``), solves and samples each
+briefly with that sixth, and prints a Markdown table: in how many clips any check raises an alarm,
+and which one. It takes about a quarter of a minute a clip. ``--threshold`` prints instead how well
+the best scenelets fit frames of correct clips.
 """
 
 from __future__ import annotations
@@ -53,13 +53,13 @@ Change = Callable[[np.random.Generator, Clip], Clip]
 
 
 def shortened(library: Library, *, without: tuple[str, ...] = ()) -> Library:
-    """Every sixth scenelet, but for those of some actions."""
+    """Every sixth scenelet, except those of some actions."""
     kept = [s for i, s in enumerate(library) if i % _EVERY == 0 and s.action not in without]
     return Library(f"a sixth of {library.name}", tuple(kept))
 
 
 def simulated(rng: np.random.Generator, library: Library, *, only: tuple[str, ...] = ()) -> Clip:
-    """A clip of motions of a library, joints being off as far as the model says.
+    """A clip of motions of a library, with joints that deviate by the model's tolerance.
 
     With ``only``, interactions are of these actions.
     """
@@ -95,7 +95,7 @@ def _raised(factor: float) -> Change:
 
 
 def _lifted_again(clip: Clip, track: Track) -> Clip:
-    """With poses from the picture, as of files that have none."""
+    """The clip with poses lifted from its 2D joints, as for files without poses."""
     bare = replace(track, poses=np.full_like(track.poses, np.nan))
     return lift_clip(replace(clip, tracks=(bare,)))
 
@@ -117,7 +117,7 @@ def _upside_down(rng: np.random.Generator, clip: Clip) -> Clip:
 
 
 def _random_joints(rng: np.random.Generator, clip: Clip) -> Clip:
-    """Every joint strays through the picture by itself."""
+    """Every joint does a random walk through the image, independently."""
     track, size = clip.tracks[0], np.array([clip.camera.width, clip.camera.height])
     stray = np.cumsum(rng.standard_normal(track.keypoints.shape), axis=0) * 10.0
     points = np.clip(rng.uniform(0.1, 0.9, (1, 16, 2)) * size + stray, 0, size - 1)
@@ -127,7 +127,7 @@ def _random_joints(rng: np.random.Generator, clip: Clip) -> Clip:
 
 
 def _away(rng: np.random.Generator, clip: Clip) -> Clip:
-    """For 1.5 s all joints are 600 pixels aside."""
+    """All joints are moved sideways by 600 pixels for 1.5 s."""
     track, begin = clip.tracks[0], int(rng.integers(20, clip.n_frames - 40))
     points = np.array(track.keypoints)
     points[begin : begin + 15, :, 0] += rng.choice([-600.0, 600.0])
@@ -152,11 +152,11 @@ _CASES: Final[dict[str, tuple[Change, bool]]] = {
     "somebody sits, the library has no seats": (_as_it_is, False),
     "detector elsewhere for 1.5 s": (_away, True),
 }
-"""What is wrong, and whether the library has the motions."""
+"""The change of each case, and whether the library has the motions."""
 
 
 def row(name: str, library: Library, bare: Library, count: int) -> tuple[str, ...]:
-    """Of so many clips of a case: alarmed, refused, furnished, and alarms by check."""
+    """Row for a case: clips with alarms, refused, with furniture, and alarms by check."""
     change, known = _CASES[name]
     found: Counter[str] = Counter()
     for number in range(count):
@@ -180,7 +180,7 @@ def row(name: str, library: Library, bare: Library, count: int) -> tuple[str, ..
 
 
 def threshold(library: Library, count: int) -> str:
-    """Quantiles of the best fits to frames of right clips."""
+    """Quantiles of the best fits to frames of correct clips."""
     best = []
     for number in range(count):
         clip = simulated(np.random.default_rng(number), library)

@@ -28,14 +28,14 @@ N_FRAMES = 60
 
 
 def at_one_table(seed: int = 0, *, depth: float = 3.6, name: str = "sit-table-016") -> Clip:
-    """A and B face each other across a table, seen from the side, for six seconds.
+    """Simulate A and B, who face each other across a table, seen from the side, for six seconds.
 
-    Both do what one scenelet of the built-in library shows; its table is theirs.
+    Both perform the same scenelet of the built-in library and share its table.
     """
     rng = np.random.default_rng(seed)
     scenelet = next(s for s in load_library() if s.name == name)
     table = next(o for o in scenelet.objects if o.label == "table")
-    # Where somebody has to sit whose table is at (0, depth), facing right, and facing left.
+    # Places of a person whose table is at (0, depth), facing right and facing left.
     places = []
     for yaw in (-np.pi / 2, np.pi / 2):
         turn = Placement(0.0, 0.0, yaw)
@@ -55,21 +55,21 @@ def at_one_table(seed: int = 0, *, depth: float = 3.6, name: str = "sit-table-01
 
 
 def chairs_and_tables(every: int, *, name: str = "sit-table-016") -> Library:
-    """What people do on chairs and without, one in ``every`` of it: who has which table?"""
+    """Every ``every``-th built-in scenelet with chairs, chairs and tables, or no objects."""
     able = [s for s in load_library() if s.labels in ((), ("chair",), ("chair", "table"))]
     kept = [s for k, s in enumerate(able) if k % every == 0 or s.name == name]
     return Library("chairs and tables", tuple(kept))
 
 
 def _performed(scenelet: Scenelet, place: Placement) -> np.ndarray:
-    """The motion there and back again, for the length of the clip."""
+    """The motion forwards and backwards, for the length of the clip."""
     n = scenelet.n_frames
     there = np.abs((np.arange(N_FRAMES) + n - 1) % (2 * n - 2) - (n - 1))
     return place.apply(scenelet.joints)[there]
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Write both files."""
+    """Write the clip and the library."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

@@ -3,16 +3,16 @@
     python -m lab.coverage FOLDER [--drawn 200] [--plausible 200] [--wrong 34] [--workers 2]
         [--picture FILE]
 
-draws scenes and their detections from the model itself and samples their posteriors; then makes
-clips that are plausible, and clips of three wrong models, solves and samples each as a user
-would; and prints how often regions of a stated probability hold true object centres and joints.
-Each clip leaves a file in FOLDER; the same command goes on from there, and begins anew where
-the program has changed. 502 clips take more than an hour on two cores.
+draws scenes and their detections from the model itself and samples their posteriors. It then makes
+plausible clips, and clips of three wrong models, and solves and samples each as a user would. It
+prints how often regions of a stated probability contain true object centres and joints. Each clip's
+result is stored in FOLDER; the same command continues from there, and starts again if the program
+has changed. 502 clips take more than an hour on two cores.
 
-Clips that somebody filmed, or that a simulator makes plausible, are the model's only so far. Of a
-scene drawn from the prior, and detections drawn of it, the posterior is right by construction:
-what its regions do not hold as often as they say, the sampler has not found. The others are as
-plausible as the simulator makes them, or wrong in one thing each, as the world may be.
+Recorded clips, and those of a simulator, follow the model only approximately. For a scene and
+detections drawn from the model, the posterior is exact, so wrong coverage is an error of the
+sampler. The other clips are as plausible as the simulator makes them, or violate one assumption
+each, as real ones may.
 """
 
 from __future__ import annotations
@@ -68,22 +68,22 @@ MODELS: Final = {
     "stronger noise": "pixel errors three times as large, at the same confidences",
     "tilted floor": "a camera rolled by eight degrees, five standard deviations",
 }
-"""What the clips of each model are."""
+"""The clips of each model."""
 
 SIMULATED_FRAMES: Final = 80
-"""Of each clip, at 10 a second: somebody comes in and does one thing."""
+"""Frames of each clip, at 10 a second: somebody enters and does one thing."""
 
 _NOISIER: Final = 3.0
 _TILT: Final = float(np.deg2rad(8.0))
 _OTHER_LIBRARY: Final = 1
-"""Seed of the library that is performed where another is searched."""
+"""Seed of the library that is performed, other than the one that is searched."""
 
 
 def simulated(model: str, seed: int) -> tuple[Clip, Library]:
-    """A clip of one of :data:`MODELS`, and the library to look for it with.
+    """A clip of one of :data:`MODELS`, and the library for its inference.
 
-    The same arguments give the same clip. Room and walk are plausible, not a draw of p(X), and
-    the static path is off as it happens to be, not as it was measured on i3DB.
+    Equal arguments give the same clip. Room and walk are plausible, not a draw from p(X), and the
+    errors of the static path are those that occur, not those measured on i3DB.
     """
     if model not in MODELS:
         raise InputError(f"no model {model!r}; there are {', '.join(MODELS)}")
@@ -101,41 +101,41 @@ def simulated(model: str, seed: int) -> tuple[Clip, Library]:
         camera=camera,
         name=f"{model} {seed}",
     )
-    # Where furniture stands its scenelets do not quite know either.
+    # True furniture deviates from the scenelets' furniture.
     clip = replace(clip, truth=_displaced(rng, clip))
-    # Of the camera, the program knows no more than it does of a real one.
+    # The program knows only the nominal camera, as for a real clip.
     clip = replace(clip, camera=NOMINAL_CAMERA)
     return (_noisier(clip) if model == "stronger noise" else clip), library
 
 
 def _displaced(rng: np.random.Generator, clip: Clip) -> Truth:
     truth = clip.truth
-    assert truth is not None  # it is a simulated clip
+    assert truth is not None  # simulated clips have ground truth
     return replace(truth, objects=drawn_objects(rng, truth.objects, ModelSettings()))
 
 
 def _noisier(clip: Clip) -> Clip:
     truth, track = clip.truth, clip.tracks[0]
-    assert truth is not None  # it is a simulated clip
+    assert truth is not None  # simulated clips have ground truth
     exact = truth.camera.project(truth.joints)
     keypoints = exact + _NOISIER * (track.keypoints - exact)
     return replace(clip, tracks=(replace(track, keypoints=keypoints),))
 
 
 FRAMES: Final = 60
-"""Of each clip, at 10 a second."""
+"""Frames of each clip, at 10 a second."""
 
 _FEWEST: Final = 20
-"""Draws with an object, or that hide a joint, below which their ellipse is not worth asking."""
+"""Least number of draws with an object, or that hide a joint, for an ellipse."""
 
 
 def region_ranks(experiment: Experiment, seed: int, settings: SampleSettings) -> dict[str, Array]:
-    """Ranks in [0, 1] of what was drawn in regions of its posterior, in the axes of the camera.
+    """Ranks in [0, 1] of drawn values in regions of their posterior, in camera axes.
 
-    ``objects``: centre of the first object, in order of time, among the draws that have one, where
-    the scene has; ``pelvis`` and ``joints`` of all frames; ``hidden``: joints that furniture hides,
-    among the draws in which it does. (Where one looks only if something is true of the scene, only
-    draws of which it is true as well speak of that.)
+    ``objects``: centre of the scene's first object in order of time, among the draws that have an
+    object; ``pelvis`` and ``joints`` of all frames; ``hidden``: joints hidden by furniture, among
+    the draws in which they are hidden. (If a rank is taken only for scenes with some property, only
+    the draws with that property may be compared.)
     """
     drawn = draw_and_sample(experiment, seed, settings)
     truth = drawn.truth
@@ -158,7 +158,7 @@ def _ranks(asked: Iterable[tuple[Array, Array]]) -> Array:
 
 
 def _hidden(drawn: Drawn, state: State) -> NDArray[np.bool_]:
-    """(T, 16) which joints of a state its furniture hides."""
+    """(T, 16) whether the furniture of a state hides its joints."""
     objects = merged_objects(drawn.problem, drawn.library, state)
     return hidden_joints(_camera(state), motion(drawn.problem, state), objects)
 
@@ -168,13 +168,13 @@ def _camera(state: State) -> Camera:
 
 
 def _in_camera(drawn: Drawn, state: State) -> Array:
-    """(T, 16, 3) joints of a state, metres."""
+    """(T, 16, 3) joints of a state in camera axes, metres."""
     joints: Array = _camera(state).to_camera(motion(drawn.problem, state))
     return joints
 
 
 def _first_object(drawn: Drawn, true: tuple[SceneObject, ...]) -> Array:
-    """(1,) its rank, or (0,) where there is nothing to ask."""
+    """(1,) rank of the first object, or (0,) if there is none."""
     found = [(s, merged_objects(drawn.problem, drawn.library, s)) for s in drawn.states]
     centres = [_camera(s).to_camera(objects[0].centre)[:2] for s, objects in found if objects]
     if not true or len(centres) < _FEWEST:
@@ -184,31 +184,31 @@ def _first_object(drawn: Drawn, true: tuple[SceneObject, ...]) -> Array:
 
 
 DRAWN = "drawn"
-"""The model itself, beside :data:`MODELS`."""
+"""Name of the model itself, beside :data:`MODELS`."""
 WHAT = {DRAWN: "scene and detections drawn from the model, camera prior and path given"} | MODELS
 DRAWN_SETTINGS = replace(RANK_SETTINGS, steps=40_000, draws=39)
-"""With 870 steps from draw to draw: ranks are uniform if draws are independent, not if they are
-many, and of 39 both .5 and .9 are borders between two."""
+"""With 870 steps between draws. Uniform ranks need independent draws, not many, and with 39 draws
+both .5 and .9 are boundaries between two ranks."""
 SETTINGS = SampleSettings(
     chains=2, steps=1500, temperatures=3, swap_every=5, draws=100, ensemble_steps=2,
 )  # fmt: skip
-"""Short: about ten seconds a clip. That chains have not met is part of what is measured."""
+"""Short runs: about ten seconds a clip. Chains that have not converged are part of the result."""
 BINS = 50
-"""Of the ranks of joints that are kept of a clip."""
+"""Bins of the histogram of ranks that is stored for a clip."""
 STATED = np.arange(1, BINS) / BINS
-"""Probabilities of the regions that are looked at."""
+"""Probabilities of the regions that are counted."""
 BOOTSTRAPS = 1000
 KINDS = ("objects", "pelvis", "joints", "hidden")
 
 
 @dataclass(frozen=True)
 class Curve:
-    """Share of the truths in regions of :data:`STATED` probability.
+    """Fraction of the truths in regions of :data:`STATED` probability.
 
     Parameters
     ----------
     share, low, high : (K,) float
-        With the band of 90 % from drawing clips with replacement: joints of one clip go together.
+        With a 90 % bootstrap band over clips, because joints of one clip are dependent.
     truths, clips : int
     """
 
@@ -221,31 +221,31 @@ class Curve:
 
 @cache
 def experiment() -> Experiment:
-    """What scenes are drawn of, made once a process."""
+    """The experiment from which scenes are drawn, made once a process."""
     return short_clip(built_in_library(), every=4, frames=FRAMES)
 
 
 def evaluate_one(model: str, seed: int, path: Path) -> None:
-    """One clip, left in a file."""
+    """Evaluate one clip and write the result to a file."""
     document = drawn_scene(seed) if model == DRAWN else simulated_clip(model, seed)
     with written_whole(path) as beside:
         beside.write_text(json.dumps(document), encoding="utf-8")
 
 
 def counted(ranks: Sequence[Array]) -> dict[str, list[int]]:
-    """Ranks by kind, binned."""
+    """Histograms of ranks by kind."""
     counts = [np.histogram(r, bins=BINS, range=(0, 1))[0].tolist() for r in ranks]
     return dict(zip(KINDS, counts, strict=True))
 
 
 def drawn_scene(seed: int) -> dict[str, Any]:
-    """What one scene of the model says."""
+    """Histograms of the ranks of one scene drawn from the model."""
     ranks = region_ranks(experiment(), seed, DRAWN_SETTINGS)
     return counted([ranks[kind] for kind in KINDS])
 
 
 def simulated_clip(model: str, seed: int) -> dict[str, Any]:
-    """What one clip says that was solved and sampled."""
+    """Histograms of the ranks of one simulated clip that is solved and sampled, and counts."""
     clip, library = simulated(model, seed)
     posterior = imapper_prob.sample(clip, library, config=Config(seed=seed, sample=SETTINGS))
     found = score_posterior(posterior, truth_in_view(clip), name=model)
@@ -259,7 +259,7 @@ def simulated_clip(model: str, seed: int) -> dict[str, Any]:
 def all_clips(
     folder: Path, counts: dict[str, int], workers: int
 ) -> dict[str, list[dict[str, Any]]]:
-    """What every clip says, those left out by an earlier run made now."""
+    """Results of all clips; those missing from earlier runs are computed."""
     paths = {
         (model, seed): folder / digest() / model.replace(" ", "-") / f"{seed:04d}.json"
         for model, count in counts.items()
@@ -281,7 +281,7 @@ def all_clips(
 
 
 def curve_of(clips: list[dict[str, Any]], kind: str, rng: np.random.Generator) -> Curve:
-    """Pooled over clips."""
+    """Coverage pooled over clips."""
     counts = np.array([clip[kind] for clip in clips], float)
     drawn = counts[rng.integers(len(clips), size=(BOOTSTRAPS, len(clips)))].sum(1)
     whole = np.vstack([counts.sum(0), drawn])
@@ -291,7 +291,7 @@ def curve_of(clips: list[dict[str, Any]], kind: str, rng: np.random.Generator) -
 
 
 def table(curves: dict[str, dict[str, Curve]], clips: dict[str, list[dict[str, Any]]]) -> Table:
-    """A row a model and kind."""
+    """One row for each model and kind."""
     made = Table(title="share of the truths in regions of 50 % and 90 %", box=SIMPLE_HEAD)
     for name in ("clips of", "truths", "50 %", "90 %", "number", "claimed"):
         made.add_column(name, justify="left" if name in ("clips of", "truths") else "right")
@@ -311,7 +311,7 @@ def table(curves: dict[str, dict[str, Curve]], clips: dict[str, list[dict[str, A
 
 
 def picture(curves: dict[str, dict[str, Curve]], path: Path) -> None:
-    """A panel a kind, a line a model, and the band in which the right one should lie."""
+    """One panel for each kind with a line for each model, and the band for correct coverage."""
     figure = Figure((4.0 * len(KINDS), 4.0), layout="constrained")
     for axes, kind in zip(figure.subplots(1, len(KINDS)), KINDS, strict=True):
         axes.plot((0, 1), (0, 1), color="0.6", linewidth=0.8)
@@ -332,7 +332,7 @@ def picture(curves: dict[str, dict[str, Curve]], path: Path) -> None:
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Simulate, sample, count."""
+    """Simulate, sample and print the coverage."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

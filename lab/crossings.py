@@ -34,7 +34,7 @@ _PIXELS = 6.0  # standard deviation of a detection
 
 @dataclass(frozen=True)
 class Crossing:
-    """Skeletons in a random order, and who they are."""
+    """Skeletons in random order, and their true identities."""
 
     frames: NDArray[np.int64]
     keypoints: Array
@@ -45,13 +45,13 @@ class Crossing:
 def simulate_crossing(
     rng: np.random.Generator, *, missing: float, fps: float, n_frames: int = 120
 ) -> Crossing:
-    """Two walkers meet in the middle of the image, one behind the other by .3 to 1 m.
+    """Simulate two walkers who cross in the middle of the image, .3 to 1 m apart in depth.
 
     Parameters
     ----------
     rng : Generator
     missing : float
-        Share of the skeletons that the detector misses.
+        Fraction of the skeletons that the detector misses.
     fps : float
     n_frames : int
     """
@@ -74,7 +74,7 @@ def simulate_crossing(
 def _walker(
     rng: np.random.Generator, n_frames: int, fps: float, y: float, start: float, end: float
 ) -> Array:
-    """(T, 16, 3) a stride of the library, to and fro, carried along a line."""
+    """(T, 16, 3) a stride of the library, forwards and backwards, moved along a line."""
     strides = [s.joints for s in built_in_library() if s.action == "walk"]
     stride = strides[rng.integers(len(strides))]
     stride = stride - stride[:, PELV, None] * (1, 1, 0)

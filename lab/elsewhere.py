@@ -2,13 +2,13 @@
 
     python -m lab.elsewhere [CLIP ...] [--draws 5] [--simulated N] [--picture PNG]
 
-puts stretches elsewhere into clips, as `lab.spoiled.spoilings` does, and prints Markdown:
-how many of the frames put in, and of their stretches, are found, and false alarms in the other
-frames and in the clips as they are. Clips are anything that `imapper-prob run` takes, by default
-the i3DB scenes in ../shared/i3db, or N simulated ones of 15 s. What looks for such frames is
-`imapper_prob.solver.elsewhere.frames_elsewhere`. With ``--picture`` the static path of each clip
-with stretches of usual confidences is drawn, from above: with the frames found left out, with all
-frames believed, and the truth where it is known. Under a minute for the scenes.
+inserts intervals in which the detector was elsewhere into clips, as `lab.spoiled.spoilings` does,
+and prints Markdown: how many of the inserted frames and intervals are found, and false alarms in
+the other frames and in the unchanged clips. Clips are anything that `imapper-prob run` accepts, by
+default the i3DB scenes in ../shared/i3db, or N simulated ones of 15 s. The function that is tested
+is `imapper_prob.solver.elsewhere.frames_elsewhere`. With ``--picture`` the static path of each clip
+with intervals of usual confidences is drawn from above: without the found frames, with all frames,
+and the truth if it is known. It takes under a minute for the scenes.
 """
 
 from __future__ import annotations
@@ -49,16 +49,16 @@ KINDS: Final = tuple(s.name for s in SPOILINGS if s.apart)
 
 @dataclass(frozen=True)
 class Counts:
-    """What became of some frames and stretches.
+    """Counts of flagged frames and intervals.
 
     Parameters
     ----------
     inserted, found : int
         Frames put elsewhere, and those of them that were flagged.
     stretches, noticed : int
-        The same of whole stretches; one is noticed if any of its frames is flagged.
+        The same for intervals; one is noticed if any of its frames is flagged.
     others, false : int
-        Frames that were left alone, and those of them that were flagged.
+        Unchanged frames, and those of them that were flagged.
     """
 
     inserted: int = 0
@@ -73,12 +73,12 @@ class Counts:
 
     @property
     def values(self) -> tuple[int, ...]:
-        """In the order of the fields."""
+        """Values in the order of the fields."""
         return self.inserted, self.found, self.stretches, self.noticed, self.others, self.false
 
 
 def count(flagged: Flags, affected: Flags) -> Counts:
-    """Flags (T,) against the frames (T,) that were put elsewhere."""
+    """Compare flags (T,) with the frames (T,) that were put elsewhere."""
     edges = np.flatnonzero(np.diff(affected.astype(int), prepend=0, append=0))
     stretches = [slice(a, b) for a, b in edges.reshape(-1, 2).tolist()]
     return Counts(
@@ -92,7 +92,7 @@ def count(flagged: Flags, affected: Flags) -> Counts:
 
 
 def total(clips: Sequence[Clip], kind: str, draws: int) -> Counts:
-    """Over clips and draws of one kind of stretches, or over the clips as they are."""
+    """Counts over clips and draws of one kind of intervals, or over the unchanged clips."""
     result = Counts()
     for clip in clips:
         for seed in range(draws if kind != UNSPOILED else 1):
@@ -103,7 +103,7 @@ def total(clips: Sequence[Clip], kind: str, draws: int) -> Counts:
 
 
 def with_truth(path: Path) -> Clip:
-    """A clip, with the truth that a scene of i3DB has beside it."""
+    """Read a clip, with the ground truth of an i3DB scene if there is one."""
     clip = load_clip(path)
     known = path.is_dir() and (path / "gt").is_dir()
     return replace(clip, truth=read_i3db_truth(path, clip)) if known else clip
@@ -142,7 +142,7 @@ def paths_figure(clips: Sequence[Clip]) -> Figure:
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Print a row a kind of stretches."""
+    """Print one row for each kind of interval."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

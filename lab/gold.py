@@ -2,11 +2,11 @@
 
     python -m lab.gold FOLDER [CLIP ...] [--runs 3] [--steps 200000] [--workers 2]
 
-samples each clip, ``demo`` if none is named, in several long runs that know nothing of one another:
-every copy of every chain starts from a scene of its own at random, and each run learns its own
-reference. A killed command goes on where it was. What is found of a clip goes into
-``lab/gold.json``: the share of draws with each set of labels of merged objects, and its standard
-error from the scatter between runs.
+samples each clip, ``demo`` if none is named, in several long independent runs: every copy of every
+chain starts from a random scene of its own, and each run learns its own reference distribution. A
+killed command continues where it was. The results for a clip are written to ``lab/gold.json``: the
+fraction of draws with each set of labels of merged objects, and its standard error from the scatter
+between runs.
 """
 
 from __future__ import annotations
@@ -38,17 +38,17 @@ __all__ = ["GOLD", "distance", "known", "shares", "tabled"]
 Array = NDArray[np.float64]
 GOLD: Final = Path(__file__).with_name("gold.json")
 _RAREST: Final = 0.005
-"""Share from which on a set of labels is listed; rarer ones are together."""
+"""Least fraction of a set of labels that is listed; rarer sets are combined."""
 _OTHERS: Final = "all others"
 
 
 def shares(objects: Sequence[Sequence[SceneObject]]) -> dict[str, float]:
-    """Share of draws with each set of labels.
+    """Fraction of draws with each set of labels.
 
     Parameters
     ----------
     objects : sequence of sequence of SceneObject
-        Of each draw.
+        Objects of each draw.
 
     Returns
     -------
@@ -64,7 +64,7 @@ def tabled(runs: Sequence[dict[str, float]]) -> dict[str, list[float]]:
     Parameters
     ----------
     runs : sequence of dict of str to float
-        :func:`shares` of each.
+        :func:`shares` of each run.
 
     Returns
     -------
@@ -82,7 +82,7 @@ def tabled(runs: Sequence[dict[str, float]]) -> dict[str, list[float]]:
 
 
 def distance(found: dict[str, float], gold: dict[str, list[float]]) -> float:
-    """Total variation between the shares of a run and those of long computations.
+    """Total variation distance between the label sets of a run and those of long runs.
 
     Parameters
     ----------
@@ -92,7 +92,7 @@ def distance(found: dict[str, float], gold: dict[str, list[float]]) -> float:
     Returns
     -------
     float
-        From 0 to 1; sets that are not listed count as one.
+        From 0 to 1; unlisted sets count as one set.
     """
     listed = {labels: p for labels, (p, _) in gold.items() if labels != _OTHERS}
     rest = abs(gold[_OTHERS][0] - (1.0 - sum(found.get(labels, 0.0) for labels in listed)))
@@ -100,13 +100,13 @@ def distance(found: dict[str, float], gold: dict[str, list[float]]) -> float:
 
 
 def known() -> dict[str, dict[str, list[float]]]:
-    """What there is, by clip."""
+    """Stored tables, by clip."""
     tables: dict[str, dict[str, list[float]]] = json.loads(GOLD.read_text(encoding="utf-8"))
     return tables
 
 
 def scattered(setup: Setup, seed: np.random.SeedSequence) -> list[list[State]]:
-    """Scenes at random for every copy of every chain, from what the solver's scenes teach."""
+    """Random starting scenes for every copy of every chain, from the solver's scenes."""
     visits, rng = Visits(), np.random.default_rng(seed)
     for state in setup.staged:
         visits.note(state)
@@ -125,7 +125,7 @@ def scattered(setup: Setup, seed: np.random.SeedSequence) -> list[list[State]]:
 def long_runs(
     name: str, folder: Path, count: int, settings: SampleSettings, workers: int
 ) -> list[dict[str, float]]:
-    """Shares of sets of labels in each of some runs of a clip."""
+    """Fractions of sets of labels in each of some runs of a clip."""
     clip = im.demo_clip() if name == "demo" else im.load_clip(name)
     everybody = join_actors(im.solve(clip, im.load_library()).actors)
     setup, found = setup_of(everybody, settings), []
@@ -141,7 +141,7 @@ def long_runs(
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Make the runs that are missing, and put the tables of their clips into the file."""
+    """Make the missing runs, and write the tables of their clips to the file."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

@@ -41,7 +41,7 @@ __all__ = ["differences", "digests"]
 SETTINGS: Final = SampleSettings(
     chains=2, steps=600, draws=40, temperatures=3, ensemble_steps=4,
 )  # fmt: skip
-"""Short; every stage has something to do."""
+"""Short settings in which every stage has work."""
 RUNS: Final = {
     "one-worker": ("demo.npz",),
     "two-workers": ("demo.npz", "--workers", "2"),
@@ -54,12 +54,12 @@ EQUAL: Final = ("one-worker", "two-workers", "resumed")
 
 
 def digests(posterior: Path) -> dict[str, str]:
-    """SHA-256 of every array of a posterior, by its group and name.
+    """SHA-256 digests of the arrays of a posterior, by group and name.
 
     Parameters
     ----------
     posterior : Path
-        File ``posterior.nc`` of a run. Its attributes, which have times, are left out.
+        File ``posterior.nc`` of a run. Its attributes, which contain times, are left out.
     """
     found = {}
     with xr.open_datatree(posterior, engine="h5netcdf") as tree:
@@ -76,13 +76,13 @@ def digests(posterior: Path) -> dict[str, str]:
 
 
 def differences(first: dict[str, str], second: dict[str, str]) -> list[str]:
-    """Names of arrays that are not the same, or that only one has."""
+    """Names of arrays that differ, or that only one has."""
     names = sorted({*first, *second})
     return [name for name in names if first.get(name) != second.get(name)]
 
 
 def prepare(folder: Path) -> None:
-    """Write what the runs read."""
+    """Write the input files of the runs."""
     write_clip(folder / "demo.npz", demo_clip())
     write_clip(folder / "couple.npz", at_one_table(1))
     save_library(chairs_and_tables(1), folder / "chairs.npz")
@@ -105,7 +105,7 @@ def made(folder: Path, name: str) -> dict[str, str]:
 
 
 def _killed(command: Sequence[str], folder: Path, output: Path) -> None:
-    """Start a run and kill it when there is a checkpoint."""
+    """Start a run and kill it once there is a checkpoint."""
     running = subprocess.Popen(
         command, cwd=folder, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
     )

@@ -3,14 +3,14 @@
     python -m lab.held_out RECORDINGS FOLDER --from {i3db,pigraphs,npz} [--room NAME ...]
         [--beside built-in] [--seconds 30] [--steps N] [--seed 0] [--workers 2]
 
-For each room the library is made of the recordings of all other rooms, and of those scenelets of
-the built-in one that have no furniture, with which frames without scenelets are compared;
-``--beside`` names another library in place of these. Each recording of the room, or the first
-``--seconds`` of the longest stretch in which its person is tracked, is filmed by a simulated camera
-from a side from which enough is seen, detected and lifted by simulated errors, and sampled. Printed
-are, in Markdown, errors of the furniture that is used in the recording, room by room and of all
-rooms. The paper (section 7, *Hold-one-out validation*) gives 110 cm (s.d. 56) for one room of
-PiGraphs, from video.
+For each room the library consists of the recordings of all other rooms, and of the furniture-free
+scenelets of the built-in library, as alternatives to frames without scenelets; ``--beside`` names
+another library in place of the latter. Each recording of the room, or the first ``--seconds`` of
+the longest interval in which its person is tracked, is viewed by a simulated camera from a side
+from which enough is visible, detected and lifted with simulated errors, and sampled. The output, in
+Markdown, is errors of the furniture that is used in the recording, for each room and for all. The
+paper (section 7, *Hold-one-out validation*) gives 110 cm (s.d. 56) for one room of PiGraphs, from
+video.
 
 Runs are kept in FOLDER, where the same command goes on and ``imapper-prob view`` finds them. The
 recordings of PiGraphs are not part of this program (README, *Data*).
@@ -50,14 +50,14 @@ __all__ = ["filmed"]
 Array = NDArray[np.float64]
 
 NEAREST: Final = 1.5
-"""Metres from the camera that somebody has to stay away."""
+"""Least distance in metres of the person from the camera."""
 _TRIES: Final = 500
 
 
 def _longest_stretch(capture: Capture, seconds: float) -> tuple[Array, tuple[str, ...]]:
-    """The first seconds of the longest stretch of frames in which somebody is tracked.
+    """The first seconds of the longest interval of frames in which the person is tracked.
 
-    Joints (T, 16, 3) in metres at ten frames a second, and a word a frame, or none.
+    Joints (T, 16, 3) in metres at ten frames a second, and one action a frame or none.
     """
     there = np.isfinite(capture.joints).all((1, 2))
     edges = np.flatnonzero(np.diff(np.concatenate([[False], there, [False]])))
@@ -72,24 +72,24 @@ def _longest_stretch(capture: Capture, seconds: float) -> tuple[Array, tuple[str
 
 
 def filmed(rng: np.random.Generator, capture: Capture, seconds: float) -> Clip:
-    """What a camera, a detector and a lifter say of a recording.
+    """Simulate what a camera, a detector and a lifter report of a recording.
 
     Parameters
     ----------
     rng : numpy.random.Generator
     capture : Capture
     seconds : float
-        Of the recording, at most.
+        Greatest duration of the recording that is used.
 
     Returns
     -------
     Clip
-        With its truth.
+        Includes its ground truth.
 
     Raises
     ------
     InputError
-        From no side is enough of the person seen.
+        Too little of the person is visible from every side.
     """
     joints, actions = _longest_stretch(capture, seconds)
     middle = np.median(joints[:, PELV, :2], axis=0)
@@ -119,7 +119,7 @@ def filmed(rng: np.random.Generator, capture: Capture, seconds: float) -> Clip:
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Film, sample and score the recordings of each room; print the table."""
+    """Simulate, sample and score the recordings of each room; print the table."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

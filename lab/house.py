@@ -35,7 +35,7 @@ __all__ = ["measure"]
 PACKAGES: Final = ("imapper_prob", "models", "samplers")
 ROOT: Final = Path(__file__).parents[1]
 SHORT: Final = 120
-"""Lines below which a module with one importer may read better inside it."""
+"""Lines below which a module with a single importer might be merged into it."""
 Function = ast.FunctionDef | ast.AsyncFunctionDef
 
 
@@ -50,14 +50,14 @@ def measure(root: Path) -> dict[str, str]:
     Returns
     -------
     dict of str to str
-        Values by what they measure.
+        Values by name of the measure.
 
     Raises
     ------
     FileNotFoundError
-        There is none of the packages.
+        None of the packages exists.
     """
-    # Links to packages are not followed: each file is counted where it is.
+    # Links to packages are not followed, so that each file is counted once.
     paths = [path for name in PACKAGES for path in sorted((root / name).rglob("*.py"))]
     if not paths:
         raise FileNotFoundError(f"{root}: holds none of {', '.join(PACKAGES)}")
@@ -94,13 +94,13 @@ def _share(part: int, whole: int) -> str:
 
 
 def _module(path: Path, root: Path) -> str:
-    """Dotted name below its package; links make ``models`` a part of ``imapper_prob``."""
+    """Dotted name below the package; by links ``models`` is also part of ``imapper_prob``."""
     parts = path.relative_to(root).with_suffix("").parts
     return ".".join(part for part in parts if part not in ("imapper_prob", "__init__"))
 
 
 def _imported(path: Path, tree: ast.Module, root: Path) -> set[str]:
-    """Modules of the program that another one imports."""
+    """Modules of the program that a module imports."""
     found = set()
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):
@@ -116,7 +116,7 @@ def _import_lines(tree: ast.Module) -> int:
 
 
 def _uses_of_private(tree: ast.Module) -> list[int]:
-    """How often a module names each of its private functions."""
+    """Number of times a module names each of its private functions."""
     named = Counter(node.id for node in ast.walk(tree) if isinstance(node, ast.Name))
     return [
         named[node.name]
@@ -156,7 +156,8 @@ def _public(tree: ast.Module) -> Iterator[Function | ast.ClassDef]:
 
 
 def _sections(node: Function | ast.ClassDef) -> dict[str, str]:
-    """The text of a docstring by its underlined headings; what is before them has none."""
+    """The text of a docstring by underlined heading; the text before the first has the key
+    ``""``."""
     parts = re.split(r"^(\w+)\n-+$", ast.get_docstring(node) or "", flags=re.MULTILINE)
     return {"": parts[0], **dict(zip(parts[1::2], parts[2::2], strict=True))}
 
@@ -182,7 +183,7 @@ def _is_property(node: Function) -> bool:
 
 
 def _parameters(node: Function | ast.ClassDef) -> list[str]:
-    """Arguments of a function, of a constructor, or the fields of a dataclass."""
+    """Parameters of a function or constructor, or the fields of a dataclass."""
     if isinstance(node, ast.ClassDef):
         made = [n for n in node.body if isinstance(n, Function) and n.name == "__init__"]
         if made:

@@ -1,4 +1,4 @@
-"""Results that commands keep: runs, and of which program they are. (No command of its own.)"""
+"""Stored runs, and digests of the program that made them. (No command of its own.)"""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ __all__ = ["digest", "is_whole", "sampled", "with_steps"]
 
 
 def with_steps(steps: int) -> Config:
-    """The usual settings with chains of so many steps, and as many draws as these have."""
+    """The default settings with the given number of steps, and at most as many draws."""
     few = SampleSettings(steps=steps, draws=1)
     return Config(sample=replace(few, draws=min(SampleSettings().draws, few.most_draws)))
 
 
 def is_whole(folder: Path) -> bool:
-    """Whether a run lies in a folder; who killed a command may have left a part of it."""
+    """Whether a folder holds a complete run; a killed command may have left an incomplete one."""
     return (folder / "posterior.nc").is_file()
 
 
@@ -35,7 +35,7 @@ def sampled(
     steps: int,
     workers: int,
 ) -> Posterior:
-    """The run of a clip in a folder, made if it is not there, or not all of it."""
+    """The run of a clip in a folder, computed if it is missing or incomplete."""
     if not is_whole(folder):
         posterior = im.sample(clip, library, rng=seed, workers=workers, config=with_steps(steps))
         posterior.save(folder, overwrite=True)
@@ -43,7 +43,7 @@ def sampled(
 
 
 def digest(*more: Path) -> str:
-    """Of the whole program, and of ``more`` files: what results of another one are no part of.
+    """Digest of the program's source and of ``more`` files, by which stored results are named.
 
     Twelve hexadecimal digits.
     """

@@ -2,10 +2,10 @@
 
     python -m lab.libraries I3DB_FOLDER OUTPUT [--seeds 3] [--workers 2]
 
-draws the built-in library anew from every seed, 0 being the one that is shipped, solves all scenes
-with it by the staged solver and prints a Markdown table, with mean and standard deviation over
-libraries. Two of them differ in nothing but random numbers; changes of the method that are smaller
-than this say nothing.
+builds the built-in library from every seed, 0 being the one that is shipped, solves all scenes with
+it by the staged solver and prints a Markdown table, with mean and standard deviation over
+libraries. The libraries differ only in random numbers, so smaller changes by a change of method are
+not significant.
 """
 
 from __future__ import annotations

@@ -3,8 +3,8 @@
     python -m lab.lifting I3DB_FOLDER
 
 prints for each scene the root mean square error of the 14 scored joints about the middle of the
-hips, of the benchmark's own lifter and of ours; then the error of the pelvis in top view that the
-static path has with either. It takes some twenty seconds for the four scenes.
+hips, for the benchmark's own lifter and for this program's. It then prints the error of the pelvis
+in top view that the static path has with either. It takes some twenty seconds for the four scenes.
 """
 
 from __future__ import annotations
@@ -29,20 +29,20 @@ Array = NDArray[np.float64]
 
 
 def pose_error(poses: Array, truth: Array) -> float:
-    """Centimetres."""
+    """Root mean square error of scored joints relative to the middle of the hips, cm."""
     one, other = (p - (p[:, RHIP, None] + p[:, LHIP, None]) / 2 for p in (poses, truth))
     squared = ((one - other)[:, list(SCORED)] ** 2).sum(-1)
     return float(100 * np.sqrt(np.nanmean(squared)))
 
 
 def path_error(clip: Clip, truth: Array) -> float:
-    """Centimetres."""
+    """Root mean square error of the static path's pelvis in top view, cm."""
     gap = estimate_static_path(clip).pelvis - truth[:, PELV]
     return float(100 * np.sqrt(np.nanmean((gap[:, :2] ** 2).sum(-1))))
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Print a line a scene, and the means."""
+    """Print one line for each scene, and the means."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

@@ -2,9 +2,9 @@
 
     python -m lab.misses I3DB_FOLDER SUITE_FOLDER
 
-reads what the staged solver answered in ``imapper-prob evaluate --suite`` and prints Markdown: a
-row for every true object, and how the overlap of footprints changes if size, place or orientation
-were those of the truth. It takes seconds.
+reads the results of the staged solver from ``imapper-prob evaluate --suite`` and prints Markdown: a
+row for every true object, and the overlap of footprints if size, place or orientation are replaced
+by the true ones. It takes seconds.
 """
 
 from __future__ import annotations
@@ -56,7 +56,8 @@ def footprint(centre: Array, yaw: float, size: Array) -> Polygon:
 
 
 def mended(found: Outline, truth: Outline | None, what: str) -> Polygon:
-    """The footprint of what was found, with the parts named in ``what`` those of the truth."""
+    """Footprint of a found object with the properties named in ``what`` replaced by the true
+    ones."""
 
     def best(part: str) -> Outline:
         return truth if truth is not None and part in what else found
@@ -70,7 +71,7 @@ def overlap(one: Polygon, other: Polygon) -> float:
 
 
 def along_and_across(pair: Pair) -> tuple[float, float]:
-    """Centimetres by which a find is too far, and to the right, as the camera sees it."""
+    """Error of a found object in cm, along the viewing ray and to the right of it."""
     apart, ray = pair.found.centre - pair.truth.centre, pair.truth.centre
     ray = ray / np.linalg.norm(ray)
     return 100 * float(apart @ ray), 100 * float(apart @ [ray[1], -ray[0]])
@@ -101,7 +102,7 @@ def row(scene: str, truth: Outline, pair: Pair | None) -> str:
 def shared_floor(
     answers: Sequence[tuple[Sequence[Outline], Sequence[Outline], Sequence[Pair]]], what: str
 ) -> float:
-    """Pooled overlap of all footprints; what was not found, or is too much, stays as it is."""
+    """Pooled overlap of all footprints; missed and spurious objects are unchanged."""
     common = either = 0.0
     for true, found, pairs in answers:
         partner = {id(p.found): p.truth for p in pairs if p.near}

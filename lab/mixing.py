@@ -3,12 +3,12 @@
     python -m lab.mixing I3DB_FOLDER FOLDER [--scenes Scene04 …] [--steps N] [--workers 2]
     python -m lab.mixing --scaling [--steps N]
 
-The first samples each scene twice with four chains: as always, and at one temperature with as many
-steps as all temperatures have together, which takes about the same time. What came out is kept in
-FOLDER, a file a run, so that a killed command goes on where it was; a table in Markdown is printed
-and its figures go into ``lab/results.json``. With ``--scaling`` four chains of equal numbers of
-steps run on one worker and on two instead, in turn, and the best time of each counts, for on a
-shared machine others only ever add to it.
+The first form samples each scene twice with four chains: with the default temperatures, and at one
+temperature with as many steps as all temperatures have together, which takes about the same time.
+Results are stored in FOLDER, one file a run, so that a killed command continues where it was; a
+Markdown table is printed and its figures are written to ``lab/results.json``. With ``--scaling``
+four chains with equal numbers of steps run alternately on one worker and on two. The best time of
+each counts, because other processes on a shared machine only add time.
 """
 
 from __future__ import annotations
@@ -38,19 +38,19 @@ from imapper_prob.scenelets.library import load_library
 from lab.kept import with_steps
 
 if TYPE_CHECKING:
-    # Processes that run chains load this script again, and need no torch.
+    # Processes of chains load this script again, and do not need torch.
     from imapper_prob.sampling.sample import Samples
     from imapper_prob.solver.solver import Solution
 
 SCENES = ("Scene04", "Scene10", "Scene13", "Scene14")
 OPEN = (0.05, 0.95)
-"""Layouts with a share outside are as good as excluded or certain."""
+"""Range of fractions of layouts that are neither practically excluded nor certain."""
 REPEATS = 3
-"""How often each number of workers is timed."""
+"""Number of timings of each number of workers."""
 
 
 def settings_of(kind: str, steps: int) -> SampleSettings:
-    """Chains as always, or the same number of steps at the posterior itself."""
+    """Default settings, or the same number of steps at the posterior's temperature alone."""
     usual = replace(with_steps(steps).sample, ensemble_steps=0)
     if kind == "tempered":
         return usual
@@ -58,7 +58,7 @@ def settings_of(kind: str, steps: int) -> SampleSettings:
 
 
 def figures(samples: Samples) -> dict[str, Any]:
-    """R-hat and effective draws of what every draw has, and of which layout it is."""
+    """R-hat and effective draws of scalar quantities and of the indicator of each layout."""
     shape = samples.shape
     values: dict[str, Any] = {
         "log posterior": samples.log_posterior,
@@ -87,13 +87,13 @@ def figures(samples: Samples) -> dict[str, Any]:
 
 
 def processor_seconds() -> float:
-    """Of this process and of all that it has waited for."""
+    """Processor seconds of this process and of its finished children."""
     used = (resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
     return sum(one.ru_utime + one.ru_stime for one in used)
 
 
 def compare(clips: Path, folder: Path, scenes: list[str], steps: int, workers: int) -> None:
-    """Make the runs that are missing, print the table and note the figures."""
+    """Make the missing runs, print the table, and store its figures."""
     from imapper_prob.sampling.sample import sample_scenes
     from imapper_prob.solver.solver import solve
 
@@ -131,7 +131,7 @@ def compare(clips: Path, folder: Path, scenes: list[str], steps: int, workers: i
 
 
 def table(runs: dict[tuple[str, str], dict[str, Any]]) -> str:
-    """The runs in Markdown, a row each."""
+    """The runs as a Markdown table, one row each."""
     rows = [
         "| scene | chains | R-hat: log posterior | objects | scenelets | layouts "
         "| effective draws: log posterior | layouts | mean log posterior | round trips "
@@ -159,7 +159,7 @@ def scaling(clip: Clip, steps: int) -> None:
     solution = solve(clip, load_library())
     settings = settings_of("tempered", steps)
     setup, starts = setup_of(solution, settings), [solution.states[:1]] * 4
-    # Kernels are compiled once for a machine.
+    # Kernels are compiled once on a machine.
     run_chains(run_chain, replace(setup, settings=settings_of("tempered", 5)), starts[:1], seed=0)
     seconds: dict[int, list[float]] = {1: [], 2: []}
     for _ in range(REPEATS):
@@ -176,10 +176,10 @@ def scaling(clip: Clip, steps: int) -> None:
 
 
 def note(found: dict[str, float]) -> None:
-    """Add figures to those of other commands."""
+    """Add figures to the file of results."""
     path = Path(__file__).with_name("results.json")
     known = json.loads(path.read_text(encoding="utf-8"))
-    # JSON has no infinity, and no number for what has none.
+    # JSON cannot represent infinity and NaN.
     rounded = {name: float(f"{value:.4g}") for name, value in found.items() if np.isfinite(value)}
     with written_whole(path) as beside:
         beside.write_text(json.dumps(known | rounded, indent=1) + "\n", encoding="utf-8")
@@ -203,7 +203,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         parser.error("give the folder of i3DB's scenes and one for results, or --scaling")
     else:
         with warnings.catch_warnings():
-            # A short chain has no R-hat, which the table shows.
+            # A short chain has no R-hat, as the table shows.
             warnings.simplefilter("ignore", ShortChainWarning)
             compare(options.clips, options.folder, options.scenes, options.steps, options.workers)
 

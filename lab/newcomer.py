@@ -36,7 +36,7 @@ _SOURCES: Final = ("imapper_prob", "models", "samplers")
 _FILES: Final = ("pyproject.toml", "README.md", "LICENSE", "constraints.txt")
 _BRIEF: Final = ("--steps", "400")
 _INSTALLS: Final = ("python -m venv", ". .venv", "pip ")
-"""Lines of README that :meth:`Newcomer.install` stands for."""
+"""Beginnings of lines of README that :meth:`Newcomer.install` replaces."""
 _CELL: Final = """
 import sys, nbclient, nbformat
 notebook = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(sys.stdin.read())])
@@ -65,17 +65,17 @@ MISTAKES: Final = (
     ("export out/demo --format obj -o s.obj", "none of glb, json, i3db"),
     ("evaluate nowhere", "nowhere"),
 )
-"""What people type who are wrong, and what the answer has to hold."""
+"""Typical wrong commands, and what the answer must contain."""
 
 
 @dataclass
 class Newcomer:
-    """Somebody with a folder of their own.
+    """A user with a folder and an environment of their own.
 
     Parameters
     ----------
     folder : Path
-        Is made; the environment is ``venv`` in it, and commands are typed in ``home``.
+        It is made; the environment is ``venv`` in it, and commands run in ``home``.
     """
 
     folder: Path
@@ -83,22 +83,22 @@ class Newcomer:
 
     @property
     def home(self) -> Path:
-        """Where commands are typed."""
+        """Folder in which commands run."""
         return self.folder / "home"
 
     @property
     def bin(self) -> Path:
-        """Programs of the environment."""
+        """Folder of the environment's programs."""
         return self.folder / "venv" / "bin"
 
     def note(self, what: str, problem: str, seconds: float) -> None:
-        """Print a row; an empty ``problem`` is none."""
+        """Print a row; an empty ``problem`` means success."""
         print(f"| {what} | {problem or 'well'} | {seconds:.1f} |", flush=True)
         if problem:
             self.wrong.append(what)
 
     def install(self, *, borrow: bool) -> None:
-        """Build the wheel from a copy, make the environment, and install the one in the other."""
+        """Build the wheel from a copy, make the environment, and install the wheel in it."""
         begun = time.perf_counter()
         copy = self.folder / "clone"
         copy.mkdir(parents=True)
@@ -135,7 +135,7 @@ class Newcomer:
         subprocess.run([str(word) for word in command], check=True)
 
     def type(self, words: Sequence[str], said: str | None = None) -> tuple[int, str, str]:
-        """Status, output and errors of a command, with ``said`` on its standard input."""
+        """Exit status, output and errors of a command, with ``said`` on its standard input."""
         path = f"{self.bin}{os.pathsep}{os.environ['PATH']}"
         kept = {k: v for k, v in os.environ.items() if k not in ("PYTHONPATH", "DISPLAY")}
         done = subprocess.run(
@@ -150,7 +150,7 @@ class Newcomer:
         return done.returncode, done.stdout, done.stderr
 
     def done(self, what: str, words: Sequence[str], said: str | None = None) -> None:
-        """Type a command that has to end well."""
+        """Run a command that must succeed."""
         begun = time.perf_counter()
         status, _, errors = self.type(words, said)
         last = errors.strip().splitlines()[-1:] or [""]
@@ -158,7 +158,7 @@ class Newcomer:
         self.note(what, problem, time.perf_counter() - begun)
 
     def mistake(self, line: str, answer: str) -> None:
-        """Type a command that has to be answered in a line."""
+        """Run a command that must fail with a one-line answer."""
         begun = time.perf_counter()
         status, _, errors = self.type(["imapper-prob", *shlex.split(line)])
         problem = ""
@@ -179,7 +179,7 @@ def _blocks(language: str) -> Iterator[str]:
 
 
 def _leave_wrong_files(home: Path) -> None:
-    """What mistakes are made with."""
+    """Create the files that typical mistakes involve."""
     (home / "notes.txt").write_text("years of work")
     (home / "mine").mkdir()
     (home / "mine" / "notes.txt").write_text("years of work")
@@ -190,7 +190,7 @@ def _leave_wrong_files(home: Path) -> None:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Play the newcomer; 1 if something went wrong."""
+    """Run the whole session; return 1 if anything went wrong."""
     parser = argparse.ArgumentParser(
         prog="python -m lab.newcomer",
         description=__doc__,

@@ -2,9 +2,9 @@
 
     python -m lab.notebooks [NOTEBOOK ...]
 
-runs notebooks, all in ``notebooks/`` in their order if none is named, each in its own folder, and
-writes them back with texts, tables and pictures. Widgets are left out: a recording is megabytes,
-and a page cannot turn it. Nothing is written if a cell fails. It takes some minutes for all.
+runs notebooks, all in ``notebooks/`` in order if none is named, each in its own folder, and writes
+them back with texts, tables and pictures. Widgets are left out: a recording has megabytes, and a
+static page cannot display it. Nothing is written if a cell fails. It takes some minutes for all.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ __all__ = ["main"]
 FOLDER: Final = Path(__file__).parents[1] / "notebooks"
 _WIDGET: Final = "application/vnd.jupyter.widget-view+json"
 _SERVER: Final = ("Starting asset server", "Loading assets", "Serving rerun")
-"""How lines begin that the recording's widget prints of itself, with a port that differs."""
+"""Beginnings of lines that the recording's widget prints, whose port varies."""
 _LONGEST: Final = 600
-"""Seconds for a cell."""
+"""Greatest number of seconds for a cell."""
 
 
 def _run(path: Path) -> None:
@@ -43,7 +43,7 @@ def _run(path: Path) -> None:
     NotebookClient(notebook, timeout=_LONGEST, resources=resources).execute()
     notebook.metadata = metadata
     for cell in notebook.cells:
-        # When a cell ran differs from run to run.
+        # Times of execution differ between runs.
         cell.metadata.pop("execution", None)
         if cell.cell_type == "code":
             cell.outputs = [o for o in cell.outputs if _kept(o)]
@@ -52,7 +52,7 @@ def _run(path: Path) -> None:
 
 
 def _kept(output: Any) -> bool:
-    """Whether an output is of the notebook, and one that a page can show."""
+    """Whether an output is from the notebook itself and can be displayed on a page."""
     if output.output_type != "stream":
         return _WIDGET not in output.get("data", {})
     lines = output.text.splitlines(keepends=True)
@@ -61,7 +61,7 @@ def _kept(output: Any) -> bool:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run notebooks in their order."""
+    """Run notebooks in order."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

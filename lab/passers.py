@@ -2,12 +2,12 @@
 
     python -m lab.passers FOLDER [--clips 6] [--steps N] [--seed 0] [--workers 2]
 
-simulates clips of one person, and the same with a second one who walks to and fro before the first
-all the while, as wide as a body. What a detector says of the first is drawn for both, with joints
-behind the passer as hidden as those behind furniture, and both are sampled. The model knows of no
-passer: such joints are lost for no reason, or speak for furniture. Printed is, in Markdown, how
-well furniture and motion are found with and without. Runs are kept in FOLDER, where the same
-command goes on; it takes a minute a clip.
+simulates clips of one person, and the same clips with a second person who walks back and forth in
+front of the first. Detections of the first are drawn for both, with joints behind the passer hidden
+like those behind furniture, and both are sampled. The model has no passers, so that such joints
+seem undetected without reason or suggest furniture. The output, in Markdown, is the accuracy of
+furniture and motion with and without a passer. Runs are stored in FOLDER, from which the same
+command continues; it takes a minute a clip.
 """
 
 from __future__ import annotations
@@ -36,17 +36,17 @@ from lab.kept import sampled
 __all__ = ["passed", "passing"]
 
 SPEED: Final = 1.2
-"""Metres a second at which people walk."""
+"""Walking speed in metres a second."""
 SIZE: Final = (0.5, 0.3, 1.7)
-"""Metres: shoulders, depth and height of somebody who passes."""
+"""Width of shoulders, depth and height of the passer, metres."""
 NEARER: Final = 0.6
-"""The passer's distance, as a part of the person's."""
+"""Distance of the passer as a fraction of the person's distance."""
 WAY: Final = 2.0
-"""Metres to either side of the person's line of sight before the passer turns round."""
+"""Distance in metres from the line of sight at which the passer turns round."""
 
 
 def passing(clip: Clip) -> NDArray[np.bool_]:
-    """(T, 16) joints behind somebody who walks to and fro before the person of a clip."""
+    """(T, 16) joints hidden by a passer who walks back and forth in front of a clip's person."""
     truth = clip.truth
     assert truth is not None
     x, y = np.median(truth.joints[:, PELV, :2], axis=0) * NEARER
@@ -55,14 +55,14 @@ def passing(clip: Clip) -> NDArray[np.bool_]:
     body = Cuboid("body", np.array([0.0, 0.0, SIZE[2] / 2]), np.array(SIZE))
     hidden = np.zeros(truth.hidden.shape, bool)
     for t in range(clip.n_frames):
-        # What is in the way is a box, whatever it is called.
+        # The passer is modelled as a box.
         passer = SceneObject("shelf", Placement(float(x + aside[t]), float(y), 0.0), (body,))
         hidden[t] = hidden_joints(truth.camera, truth.joints[t][None], (passer,))[0]
     return hidden
 
 
 def passed(clip: Clip, seed: int) -> tuple[Clip, Clip]:
-    """The clip as it would be seen without a passer, and with one."""
+    """The clip as it would be detected without a passer, and with one."""
     truth = clip.truth
     assert truth is not None
 

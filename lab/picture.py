@@ -1,9 +1,9 @@
-"""How does a recording look? A PNG of it, drawn by the viewer itself without a screen.
+"""How does a recording look? A PNG of it, rendered by the viewer without a screen.
 
     python -m lab.picture RECORDING PNG [--frame N] [--width 1600] [--height 1000]
 
-makes the pictures of recordings in ``docs/``, in some seconds each. What the viewer complains of is
-printed, and the exit code is 1; it is 2 where the viewer cannot draw.
+makes the pictures of recordings in ``docs/``, in some seconds each. Errors and warnings of the
+viewer are printed, and the exit code is then 1; it is 2 if the viewer cannot render.
 """
 
 from __future__ import annotations
@@ -32,23 +32,23 @@ if TYPE_CHECKING:
 __all__ = ["PictureUnavailable", "main", "render_recording"]
 
 _START_SECONDS = 60.0
-"""Patience with a viewer that starts, or loads, on a busy machine without a graphics card."""
+"""Seconds to wait for a viewer that starts or loads, on a busy machine without a graphics card."""
 _ANSWER_SECONDS = 5.0
 _POLL_SECONDS = 0.2
 _STILL = 2
-"""Equal screenshots in a row after which the viewer counts as settled."""
+"""Equal screenshots in a row after which the view counts as settled."""
 _RUN = "import sys; from rerun_cli.__main__ import main; sys.exit(main())"
-"""``python -m rerun_cli`` would lose the exit code, and ``rerun`` need not be on the path."""
+"""Command of the viewer; ``python -m rerun_cli`` would lose its exit code."""
 _NO_GRAPHICS = "Failed to get render context"
-"""What the viewer dies with where there is no graphics driver."""
+"""Error message of the viewer without a graphics driver."""
 
 
 class PictureUnavailable(RuntimeError):
-    """The viewer cannot draw here, for instance for want of a Vulkan driver."""
+    """The viewer cannot render here, for instance without a Vulkan driver."""
 
 
 class ViewerCrash(RuntimeError):
-    """The viewer could draw here but died over this recording."""
+    """The viewer can render here but crashed on this recording."""
 
 
 def render_recording(
@@ -59,33 +59,33 @@ def render_recording(
     height: int = 1000,
     frame: int | None = None,
 ) -> list[str]:
-    """Open a recording in a viewer without a window and write what it shows.
+    """Open a recording in a viewer without a window and write a screenshot.
 
     Parameters
     ----------
     recording_path : path
         An ``.rrd`` file with its blueprint inside.
     png_path : path
-        Written beside and renamed; at most 500 kB.
+        Written atomically; at most 500 kB.
     width, height : int
         Size in pixels.
     frame : int, optional
-        Where on the timeline `frame` to stand; three quarters through by default, when the
-        person has met the furniture.
+        Frame to show on the timeline `frame`; by default that at three quarters of it, when the
+        person has reached the furniture.
 
     Returns
     -------
     list of str
-        Errors and warnings that the viewer's views reported; empty if all is well.
+        Errors and warnings that the viewer reported; empty if there are none.
 
     Raises
     ------
     InputError
-        If there is no such recording.
+        There is no such recording.
     PictureUnavailable
-        If the viewer does not start or does not load the recording.
+        The viewer does not start or does not load the recording.
     ViewerCrash
-        If the viewer dies over the recording.
+        The viewer crashes on the recording.
     """
     recording_path, png_path = Path(recording_path).resolve(), Path(png_path)
     if not recording_path.is_file():
@@ -106,7 +106,7 @@ def render_recording(
 
 @contextmanager
 def _viewer(width: int, height: int) -> Iterator[ViewerClient]:
-    """A viewer of a given size; rerun's own ``spawn`` cannot choose one."""
+    """Start a viewer of a given size, which rerun's own ``spawn`` cannot do."""
     from rerun.experimental import ViewerClient
 
     with socket.socket() as free:
@@ -119,15 +119,16 @@ def _viewer(width: int, height: int) -> Iterator[ViewerClient]:
             command,
             stdout=subprocess.DEVNULL,
             stderr=said,
-            # As rerun's own spawn does: no questions about analytics.
+            # As in rerun's own spawn: no questions about analytics.
             env={**os.environ, "RERUN_APP_ONLY": "true"},
-            # The command is a shim around the viewer: a group of their own ends both.
+            # The command wraps the viewer; a process group of their own ends both.
             start_new_session=True,
         )
         try:
             yield _connected(ViewerClient, process, port, said)
         except ConnectionError as error:
-            # The port opens before the graphics do, so a viewer may die after the first answer.
+            # The port opens before the graphics start, so a viewer may crash after its first
+            # answer.
             raise _ended(process, said) from error
         finally:
             with suppress(ProcessLookupError):
@@ -180,7 +181,7 @@ def _connected(
 
 
 def _ended(process: subprocess.Popen[bytes], said: IO[bytes]) -> RuntimeError:
-    """Why the viewer is no longer there, from what it ``said`` to its standard error."""
+    """The reason why the viewer ended, from its standard error ``said``."""
     try:
         code = process.wait(_ANSWER_SECONDS)
     except subprocess.TimeoutExpired:
@@ -197,7 +198,7 @@ def _ended(process: subprocess.Popen[bytes], said: IO[bytes]) -> RuntimeError:
 
 
 def _go_to(client: ViewerClient, frame: int | None) -> None:
-    """Wait until the recording is loaded, then stand still on a frame."""
+    """Wait until the recording is loaded, then go to a frame and pause."""
     deadline = time.monotonic() + _START_SECONDS
     while time.monotonic() < deadline:
         state = client.get_state()
@@ -212,7 +213,7 @@ def _go_to(client: ViewerClient, frame: int | None) -> None:
 
 
 def _settled_screenshot(client: ViewerClient) -> bytes:
-    """The picture once layout, textures and notes on the screen have come to rest."""
+    """Screenshot after layout, textures and notifications have settled."""
     deadline = time.monotonic() + _START_SECONDS
     same, last = 0, b""
     while same < _STILL and time.monotonic() < deadline:
@@ -224,7 +225,7 @@ def _settled_screenshot(client: ViewerClient) -> bytes:
 
 
 def _compressed(png: bytes) -> bytes:
-    """The same picture, every colour as it is, without transparency."""
+    """The image recompressed without loss and without transparency."""
     from PIL import Image
 
     out = io.BytesIO()

@@ -2,17 +2,17 @@
 
     python -m lab.preference I3DB_FOLDER
 
-prints a table a scene, one a wish, and why.
+prints a table for each scene, one row a wish, with reasons.
 
-A *wish* is a seat or shelf that somebody uses for a while, read off the annotated actions: each
-sitting segment the nearest seat to the true pelvis, each reaching segment the nearest shelf.
-A wish is granted by scenelets of its category placed so that *their* object has exactly the
-wished centre and orientation, with the middle frame inside the segment. For every third start
-and every choice of objects the best scenelet is sought alone, in the frames around the segment;
-of these the best for the whole clip is taken, even at a loss, and more of them as long as the
-log-posterior rises. All layouts are granted in the same way, wishes alone differ, and each is
-judged at the camera and body that suit it best. The published energy (preset ``paper``) is asked
-about the same states.
+A *wish* is a seat or shelf that somebody uses for a while, from the annotated actions: the seat
+nearest to the true pelvis in each sitting interval, the nearest shelf in each reaching interval. A
+wish is granted by scenelets of its category whose own object is placed exactly at the wished centre
+and orientation, with the middle frame inside the interval. For every third start and every choice
+of objects the best single scenelet is searched in the frames around the interval. Of these the best
+for the whole clip is taken, even at a loss, and further ones as long as the log-posterior
+increases. All layouts are granted in the same way and differ only in their wishes, and each is
+evaluated at its optimal camera and body. The published energy (preset ``paper``) is evaluated for
+the same states.
 """
 
 from __future__ import annotations
@@ -53,33 +53,33 @@ Array = NDArray[np.float64]
 
 SEATS = frozenset({"chair", "couch", "stool", "bench", "armchair"})
 USED = {"sitting": SEATS, "reaching": frozenset({"shelf"})}
-"""What an action is done with."""
+"""Labels of the objects that each action uses."""
 SHIFT = 0.5
-"""Metres by which the wrong places are wrong; the truth is good to about half of that."""
+"""Displacement in metres of wrong places; the truth is accurate to about half of that."""
 MARGIN = 15
-"""Frames around a segment in which scenelets are tried: the reach of the path's memory."""
+"""Frames around an interval in which scenelets are tried: the correlation time of the path."""
 STEP = 3
-"""Frames between starts that are tried."""
+"""Frames between the starts that are tried."""
 PAPER_NATS = ModelSettings().paper_nats * np.array(astuple(PaperWeights()))
-"""Nats a unit of each term of the published energy."""
+"""Nats for each unit of the terms of the published energy."""
 REACH = 1.5
-"""Metres within which an object of the authors' is held to be meant for a wish."""
+"""Greatest distance in metres of an object of the authors from the wish it corresponds to."""
 
 
 @dataclass(frozen=True)
 class Wish:
-    """An object that should be there because somebody uses it in frames first to last."""
+    """An object that should exist because somebody uses it in frames first to last."""
 
     label: str
     place: Placement
-    """Of the centre on the floor."""
+    """Placement of its centre on the floor."""
     first: int
     last: int
 
 
 @dataclass(frozen=True)
 class Fit:
-    """A scenelet alone, placed so that its object grants a wish."""
+    """A single scenelet placed so that its object grants a wish."""
 
     value: float
     scenelet: int
@@ -89,7 +89,7 @@ class Fit:
 
 @dataclass(frozen=True)
 class Layout:
-    """A named state and its terms, nats, by the default posterior and by the preset ``paper``."""
+    """A named state and its terms in nats, for the default posterior and the preset ``paper``."""
 
     name: str
     state: State
@@ -102,12 +102,12 @@ class Layout:
 
 
 def centre_of(o: SceneObject) -> Placement:
-    """Centre on the floor and orientation."""
+    """Placement of an object's centre on the floor, with its orientation."""
     return Placement(float(o.centre[0]), float(o.centre[1]), o.placement.yaw)
 
 
 def wishes_of(truth: Truth) -> list[Wish]:
-    """Seats sat on and shelves reached into, by segment."""
+    """Seats that are sat on and shelves that are reached into, by interval."""
     wishes = []
     first = 0
     for t in range(1, len(truth.actions) + 1):
@@ -125,7 +125,7 @@ def wishes_of(truth: Truth) -> list[Wish]:
 
 
 def around(problem: Problem, first: int, last: int) -> tuple[Problem, int]:
-    """The problem of some frames only, and the number of its first frame."""
+    """The problem restricted to some frames, and the number of its first frame."""
     begin, end = max(0, first - MARGIN), min(problem.n_frames, last + MARGIN + 1)
     by_frame = (
         "keypoints", "used", "confidences", "confidence_density", "error_scale", "error_dof",
@@ -146,10 +146,10 @@ def around(problem: Problem, first: int, last: int) -> tuple[Problem, int]:
 def fits_of(
     problem: Problem, library: Library, wish: Wish, allowed: Callable[[str], bool]
 ) -> list[Fit]:
-    """The best scenelet for each start and choice of objects, one of them as wished.
+    """The best scenelet for each start and choice of objects, with one object as wished.
 
-    An object of another category than the wished may also stand the other way round: what is
-    the front of a shelf is none of a seat's business.
+    An object of another category than the wished one may also be reversed, because fronts of
+    different categories are not comparable.
     """
     cut, begin = around(problem, wish.first, wish.last)
     empty = empty_state(cut)
@@ -181,7 +181,7 @@ def granted(
     wishes: Sequence[Wish],
     allowed: Callable[[Wish, str], bool],
 ) -> State:
-    """The state that grants all wishes in turn: each once, then as often as it pays."""
+    """The state that grants all wishes in turn: each at least once, then while it increases."""
     state = empty_state(problem)
     for wish in wishes:
         found = fits_of(problem, library, wish, partial(allowed, wish))
@@ -197,7 +197,7 @@ def granted(
 
 
 def suited(problem: Problem, name: str, state: State) -> Layout:
-    """The state at the camera and body that suit it best, by Nelder and Mead."""
+    """The state at its optimal camera and body, by the Nelder-Mead method."""
     spread = 1 / np.sqrt(np.diag(problem.camera_precision))
 
     def cost(theta: Array) -> float:
@@ -212,7 +212,7 @@ def suited(problem: Problem, name: str, state: State) -> Layout:
 
 
 def moved(wish: Wish, along: float, across: float) -> Wish:
-    """The wish moved along the viewing ray (away) and across it (to the right), metres."""
+    """The wish moved along the viewing ray (away) and across it (to the right), in metres."""
     ray = np.array([wish.place.x, wish.place.y])
     ray /= np.linalg.norm(ray)
     x, y = (wish.place.x, wish.place.y) + along * ray + across * np.array([ray[1], -ray[0]])
@@ -220,7 +220,7 @@ def moved(wish: Wish, along: float, across: float) -> Wish:
 
 
 def authors_wishes(wishes: Sequence[Wish], objects: Sequence[SceneObject]) -> list[Wish]:
-    """Each wish at the nearest object of its group that the authors found, or not at all."""
+    """Wishes moved to the nearest object of the same group in the authors' result, if any."""
     result = []
     for wish in wishes:
         group = SEATS if wish.label in SEATS else {wish.label}
@@ -246,7 +246,7 @@ def another_group(wish: Wish, label: str) -> bool:
 
 
 def layouts(solution: Solution, wishes: Sequence[Wish], authors: Sequence[Wish]) -> list[Layout]:
-    """The truth, and what it is held against."""
+    """The true layout, and those it is compared with."""
     problem, library = solution.problem, solution.library
     truth = granted(problem, library, wishes, same)
     result = [
@@ -270,9 +270,9 @@ def layouts(solution: Solution, wishes: Sequence[Wish], authors: Sequence[Wish])
 
 
 def deciding(gap: dict[str, float], sign: float) -> str:
-    """What does most for the winner.
+    """The term that contributes most to the difference.
 
-    Detections and free pose count as one: a frame that is covered exchanges one for the other.
+    Detections and free pose count as one term, since covering a frame exchanges one for the other.
     """
     joint = {name: value for name, value in gap.items() if name not in ("detections", "free_pose")}
     if "detections" in gap:
@@ -281,7 +281,7 @@ def deciding(gap: dict[str, float], sign: float) -> str:
 
 
 def comparison(scene: str, found: Sequence[Layout]) -> Table:
-    """Each layout against the truth: by how much the truth wins, and what decides."""
+    """Table of each layout against the truth: the difference in nats, and what decides it."""
     table = Table(
         title=f"{scene}: truth minus other, nats", title_justify="left", box=SIMPLE_HEAD,
         padding=0, pad_edge=False,
@@ -311,9 +311,9 @@ def comparison(scene: str, found: Sequence[Layout]) -> Table:
 
 
 def rival(solution: Solution, wish: Wish) -> tuple[str, float, float]:
-    """The best candidate of the segment that has furniture of the wished group: what, gain, where.
+    """The best candidate of the interval with furniture of the wished group: name, gain, distance.
 
-    The gain in nats is over no scenelet at all, the distance from the wished place in metres.
+    The gain in nats is relative to no scenelet; the distance from the wished place is in metres.
     """
     group = SEATS if wish.label in SEATS else {wish.label}
     lengths = solution.problem.lengths
@@ -331,10 +331,10 @@ def rival(solution: Solution, wish: Wish) -> tuple[str, float, float]:
 
 
 def reasons(solution: Solution, wishes: Sequence[Wish], truth: Truth, found: Layout) -> Table:
-    """Wish by wish: what granting it gains, where the static path is, and who else would fit.
+    """Table for each wish: the gain of granting it, the error of the static path, and the rival.
 
-    The path's error is that of the pelvis, away from the camera and to the right, the median
-    over the segment; a true seat is judged at the wrong distance where the path is.
+    The path's error is that of the pelvis, away from the camera and to the right, median over the
+    interval; a true seat is evaluated at the wrong distance where the path is wrong.
     """
     table = Table(
         title="wish by wish: gained by granting it, nats", title_justify="left",
@@ -380,7 +380,7 @@ def reasons(solution: Solution, wishes: Sequence[Wish], truth: Truth, found: Lay
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Hold the truth of each scene against its rivals."""
+    """Compare the truth of each scene with its rivals."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -404,21 +404,21 @@ def main(arguments: Sequence[str] | None = None) -> None:
         )
 
 
-# Objects of the authors' own result on i3DB, regrouped: their files scatter the parts of an object
-# over many numbers and repeat some. Seats, table tops and shelves stand for their objects.
+# Objects of the authors' own result on i3DB, regrouped, since their files spread the parts of an
+# object over many numbers and repeat some. Seats, table tops and shelves represent their objects.
 
 MAIN_PARTS = frozenset({"seat", "stool", "top", "shelf"})
 REPEATED = 0.3
-"""Metres between centres of one part written twice."""
+"""Greatest distance in metres between centres of one part written twice."""
 BACK_REACH = 0.6
-"""Metres from a seat within which a back is its own."""
+"""Greatest distance in metres of a back from the seat it belongs to."""
 
 
 def _authors_objects(scene: Path, camera: Camera) -> list[SceneObject]:
-    """One object a main part, in the world of ``camera``, with the main part's box alone.
+    """One object for each main part, in the world of ``camera``, with the main part's box only.
 
-    A seat's front is away from its back; where there is none, and of shelves and tables, the
-    thinner side faces the camera.
+    A seat's front is opposite to its back. Without a back, and for shelves and tables, the thinner
+    side faces the camera.
     """
     folder = scene / "iMapper"
     listed = json.loads((folder / "skel_output.json").read_text())["scenelets"]["obbs"]
@@ -454,12 +454,12 @@ def _part(path: Path, camera: Camera) -> dict[str, Any]:
 
 
 def _camera_axes(points: Array) -> Array:
-    """The files' x right, y down, z forward to x right, y forward, z up: (..., 3)."""
+    """(..., 3) points with the files' x right, y down, z forward to x right, y forward, z up."""
     return np.stack([points[..., 0], points[..., 2], -points[..., 1]], -1)
 
 
 def _front(part: dict[str, Any], parts: list[dict[str, Any]]) -> tuple[Array, Array]:
-    """Direction of the front on the floor, and sizes across, along it and up."""
+    """Direction of the front on the floor, and sizes across it, along it and upwards."""
     backs = [p["centre"] for p in parts if p["part"] == "back" and p["label"] == part["label"]]
     away = [part["centre"][:2] - b[:2] for b in backs]
     near = [a for a in away if np.linalg.norm(a) < BACK_REACH]

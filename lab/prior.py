@@ -1,14 +1,14 @@
-"""Scenes and detections drawn from the model itself: data of which the posterior is right.
+"""Scenes and detections drawn from the model itself, for which the posterior is exact.
 
 (No command of its own: ``lab.sbc``, ``lab.coverage`` and tests of the sampler draw from here.)
 
-States are drawn from the prior of a problem, each by itself: no chain has to find them. The prior
-is the posterior without detections: camera and body from their Gaussian, scenelets by a recursion
-over frames, the pelvis along its chain, sizes and latent numbers from their normal laws, and what
-stands in one another refused as often as its cost says. Detections are drawn from the likelihood:
-what the posterior takes data to be. They are written out from equations (1), (2), (11) and (12)
-rather than read off the kernels, so that the two can be held against each other. Both together make
-data sets by which samplers are judged (Talts et al. 2018).
+States are drawn independently from the prior of a problem, without a chain. The prior is the
+posterior without detections: camera and body from their Gaussian, scenelets by a recursion over
+frames, the pelvis along its chain, sizes and latent variables from their normal distributions.
+Scenes with collisions are rejected with the probability that their cost gives. Detections are drawn
+from the likelihood, which is written from equations (1), (2), (11) and (12) and not taken from the
+kernels, so that each can be checked against the other. Both together make data sets for testing
+samplers (Talts et al. 2018).
 """
 
 from __future__ import annotations
@@ -43,19 +43,19 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 _TRIES = 10_000
-"""Scenes refused before giving up: then objects all but surely stand in one another."""
+"""Rejected scenes before an error; then collisions are almost certain."""
 
 
 def draw_state(rng: np.random.Generator, problem: Problem) -> State:
-    """One scene from the prior, the costs of collision, motion and ground included.
+    """One scene from the prior, including the costs of collision, motion and ground.
 
-    Exact if the prior is a density over scenes: no cost of free frames, of stays nor of jumps
-    between poses. With the likelihood switched off that holds, and no scene is refused.
+    It is exact if the prior is a density over scenes: no cost of free frames, stays or jumps
+    between poses. With the likelihood switched off that holds, and no scene is rejected.
 
     Raises
     ------
     InputError
-        The problem has no such prior, or its scenes are refused all but surely.
+        The problem has no such prior, or almost all its scenes are rejected.
     """
     costs = problem.free_cost.any() or problem.smoothness_cost or len(problem.stays)
     unknown = problem.likelihood and costs
@@ -69,7 +69,7 @@ def draw_state(rng: np.random.Generator, problem: Problem) -> State:
         if not problem.likelihood:
             return state
         nats = terms(problem, state)
-        # None of the three is ever positive: e to their sum is a probability.
+        # None of the three is positive, so the exponential of their sum is a probability.
         if -rng.standard_exponential() < nats["collision"] + nats["motion"] + nats["ground"]:
             return state
     raise InputError(f"none of {_TRIES} scenes was free of collisions; lower the costs of them")
@@ -78,8 +78,8 @@ def draw_state(rng: np.random.Generator, problem: Problem) -> State:
 def draw_layout(rng: np.random.Generator, problem: Problem) -> Ints:
     """(k, 2) scenelets and their start frames, drawn from p(X).
 
-    The weight of all ways to fill the first t frames is summed frame by frame (a frame is free,
-    or the last one of a scenelet), and a way drawn going back.
+    The weight of all ways to fill the first t frames is summed frame by frame (a frame is free, or
+    the last one of a scenelet); one way is then drawn backwards.
     """
     lengths, rates = problem.lengths, problem.log_rate
     start = _latest_start(problem)
@@ -103,7 +103,7 @@ def draw_layout(rng: np.random.Generator, problem: Problem) -> Ints:
 
 
 def _unhindered(rng: np.random.Generator, problem: Problem) -> State:
-    """A scene in which nothing is in anything's way."""
+    """A scene drawn without the rejection of collisions."""
     camera, items = _draw_camera(rng, problem), draw_layout(rng, problem)
     placements = np.empty((len(items), 3))
     sizes = problem.size_spread * rng.standard_normal(len(items))
@@ -133,7 +133,7 @@ def _unhindered(rng: np.random.Generator, problem: Problem) -> State:
 
 
 def _draw_yaw(rng: np.random.Generator, problem: Problem, scenelet: int, start: int) -> float:
-    """From its wrapped Cauchy law; in (-pi, pi]."""
+    """A yaw in (-pi, pi] from its wrapped Cauchy distribution."""
     along, aside = expected_facing(problem, scenelet, start)
     if not (along or aside):
         return rng.uniform(-math.pi, math.pi)
@@ -142,27 +142,27 @@ def _draw_yaw(rng: np.random.Generator, problem: Problem, scenelet: int, start: 
 
 
 def _latest_start(problem: Problem) -> Ints:
-    """(T,) the last frame up to each that follows upon nothing."""
+    """(T,) the last frame, up to each frame, at which the path starts anew."""
     frames = np.arange(problem.n_frames)
     return np.maximum.accumulate(np.where(problem.path_starts, frames, 0))
 
 
 def _error(problem: Problem, camera: Array, frame: int, pelvis: Array) -> Array:
-    """(2,) how far a pelvis (3,) of the world is off the static path, in its deviations."""
+    """(2,) error of a pelvis (3,) in world coordinates from the static path, in deviations."""
     centre, scale = path_in_view(problem, camera, frame)
     result: Array = (_as_seen(camera, pelvis) - centre) / scale
     return result
 
 
 def path_in_view(problem: Problem, camera: Array, frame: int) -> tuple[Array, Array]:
-    """Centre and scale (2,) of bearing and log depth of the path in a frame, to this camera."""
+    """Centre and scale (2,) of bearing and log depth of the path in a frame, for this camera."""
     unit = np.array([math.exp(-camera[2]), 1.0])
     centre = unit * problem.path_centre[frame] + [0.0, camera[2] + camera[3]]
     return centre, unit * problem.path_scale[frame]
 
 
 def _draw_camera(rng: np.random.Generator, problem: Problem) -> Array:
-    """phi (5,): its Gaussian, cut off where the support ends."""
+    """phi (5,) from its Gaussian, truncated to its support."""
     factor = np.linalg.cholesky(np.linalg.inv(problem.camera_precision))
     while True:
         camera: Array = problem.camera_mean + factor @ rng.standard_normal(len(factor))
@@ -178,7 +178,7 @@ def _turned(points: Array, yaw: float) -> Array:
 
 
 def _as_seen(camera: Array, point: Array) -> Array:
-    """Bearing and log depth of a point (3,) of the world: equation (1)."""
+    """Bearing and log depth of a point (3,) in world coordinates: equation (1)."""
     level, depth = _level_and_depth(camera, point)
     right = math.cos(camera[4]) * point[0] + math.sin(camera[4]) * level
     return np.array([right / depth, math.log(depth)])
@@ -190,7 +190,7 @@ def _level_and_depth(camera: Array, point: Array) -> tuple[float, float]:
 
 
 def _on_floor(camera: Array, seen: Array, height: float) -> Array:
-    """(x, y) of the point of a given height that has this bearing and log depth (2,)."""
+    """(x, y) of the point at a given height with this bearing and log depth (2,)."""
     depth = math.exp(seen[1])
     above = height - camera[1]
     y = (depth - math.sin(camera[0]) * above) / math.cos(camera[0])
@@ -201,28 +201,28 @@ def _on_floor(camera: Array, seen: Array, height: float) -> Array:
 
 @dataclass(frozen=True)
 class Experiment:
-    """All of a problem that is not data: what is observed is drawn, how is given.
+    """A problem without its data: everything that is fixed while data are drawn.
 
-    Free frames of the model are centred on the static path's own fit, which is an estimate from
-    the data. Here it is given, so that its pixels are a constant of the density of data.
+    The model centres free frames on the static path, which is normally estimated from the data.
+    Here the path is given, so that its pixels are a constant of the density of data.
 
     Parameters
     ----------
     clip : Clip
-        Camera, frame rate and, by confidences above 0 in its only track, which joints are
-        detected in which frame.
+        Camera, frame rate and, by confidences above 0 in its only track, which joints are detected
+        in which frame.
     path : StaticPath
-        The person where no scenelet is.
+        Motion of the person in frames without scenelet.
     camera : CameraPrior
     library : Library
     settings : ModelSettings
-        With a weight of 1 a frame, and without a cost of jumps between poses.
+        With weight 1 of each frame, and without a cost of jumps between poses.
     detections : DetectionModel
 
     Raises
     ------
     InputError
-        The posterior of such a problem is no posterior of a model that data can be drawn from.
+        The problem does not define a generative model of data.
     """
 
     clip: Clip
@@ -242,14 +242,14 @@ class Experiment:
 
     @cached_property
     def problem(self) -> Problem:
-        """The problem with the detections that the clip has."""
+        """The problem with the clip's detections."""
         return pack_problem(
             self.clip, self.path, self.camera, self.library,
             settings=self.settings, detections=self.detections,
         )  # fmt: skip
 
     def observed(self, rng: np.random.Generator, state: State) -> Experiment:
-        """The same with detections drawn of a scene, equations (11) and (12)."""
+        """The experiment with detections drawn for a scene, equations (11) and (12)."""
         problem, camera = self.problem, self.clip.camera
         pixels, seen, looseness = _expected(problem, state, self.path, camera)
         flipped = draw_flips(
@@ -274,7 +274,7 @@ class Experiment:
 def _expected(
     problem: Problem, state: State, path: StaticPath, nominal: Camera
 ) -> tuple[Array, Array, Array]:
-    """Of every joint (T, 16): pixels (.., 2), probability of being seen, pixels of looseness."""
+    """For each joint (T, 16): pixels (.., 2), probability of visibility, tolerance in pixels."""
     joints = motion(problem, state)
     camera = nominal.posed(
         pitch=state.camera[0], elevation=state.camera[1], roll=state.camera[4],

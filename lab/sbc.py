@@ -3,21 +3,20 @@
     python -m lab.sbc FOLDER [--every 4] [--count 200] [--workers 2] [--picture FILE]
 
 draws data sets, samples the posterior of each (about ten seconds) and prints for every quantity how
-uniform the ranks are; the exit status says whether all are uniform enough. Each data set leaves a
-file in FOLDER; the same command goes on from there, and begins anew where the program has changed.
-The result depends on the first two options alone: frames from one detection to the next, and data
-sets.
+uniform the ranks are; the exit status says whether all are uniform enough. The result of each data
+set is stored in FOLDER; the same command continues from there, and starts again if the program has
+changed. The result depends only on the first two options: the frames between detections, and the
+number of data sets.
 
-A scene is drawn from the prior, detections of it, and the chains of
-:mod:`imapper_prob.sampling` are run on these as on any clip: fits and a start by the staged
-solver, all moves, all temperatures. If model, moves and solver are right, and chains long enough,
-the true scene is among their draws like one of them (Cook, Gelman & Rubin 2006; Talts et al. 2018,
-arXiv:1804.06788), in everything one asks about it. What is known beforehand differs from a real
-clip's in four points, without which the posterior is not that of any model of data
-(``docs/research/calibration_ranks.md``). Whether N ranks are uniform is seen best in their
-cumulative
-distribution, beside the band in which all of it lies with a stated probability if they are
-(Säilynoja, Bürkner & Vehtari 2022, Stat. Comput. 32, 32), whose ends ArviZ computes.
+A scene is drawn from the prior and detections are drawn for it. The chains of
+:mod:`imapper_prob.sampling` run on these as on any clip: fits and a start by the staged solver, all
+moves, all temperatures. If model, moves and solver are correct, and chains long enough, the true
+scene is exchangeable with their draws (Cook, Gelman & Rubin 2006; Talts et al. 2018,
+arXiv:1804.06788), for every quantity. What is given differs from a real clip in four points,
+without which the posterior is not that of any generative model
+(``docs/research/calibration_ranks.md``). The uniformity of N ranks is best seen in their cumulative
+distribution, together with a simultaneous confidence band (Säilynoja, Bürkner & Vehtari 2022, Stat.
+Comput. 32, 32), whose ends ArviZ computes.
 """
 
 from __future__ import annotations
@@ -78,26 +77,26 @@ __all__ = [
 Array = NDArray[np.float64]
 
 FRAMES: Final = 24
-"""Of the clip, at 10 a second: room for two scenelets, and for three short ones now and then."""
+"""Frames of the clip, at 10 a second: enough for two scenelets, sometimes three short ones."""
 
 SCENELETS: Final = (
     ("sit-couch-000", 8), ("sit-chair-000", 8), ("sit-couch-001", 12), ("stand-table-000", 8),
     ("reach-shelf-000", 12), ("stand-idle-000", 8),
 )  # fmt: skip
-"""Of the built-in library, and how many of their middle frames."""
+"""Scenelets of the built-in library, and the number of their middle frames that are used."""
 
 POOR: Final = 4.0
-"""Times the pixel errors of the real detector, which even so seldom leave a doubt which scenelets
-there are, if a joint is seen in every frame."""
+"""Factor on the pixel errors of the real detector. Even then the scenelets are rarely in doubt if a
+joint is detected in every frame."""
 
 SETTINGS: Final = SampleSettings(steps=30_000, temperatures=4, swap_every=5, burn_in=0.15, draws=31)
-"""Of each data set's chain. 820 steps lie between two draws; what is slowest, camera and sizes,
-forgets itself in 300 to 1,000."""
+"""Settings of each data set's chain. There are 820 steps between draws; the correlation time of the
+slowest quantities, camera and sizes, is 300 to 1,000."""
 
 
 @dataclass(frozen=True)
 class Drawn:
-    """A scene drawn from the prior, and draws of the posterior of what was detected of it."""
+    """A scene drawn from the prior, and draws of the posterior for its detections."""
 
     truth: State
     problem: Problem
@@ -107,14 +106,14 @@ class Drawn:
 
 @dataclass(frozen=True)
 class Ranked:
-    """What one data set says.
+    """Result of one data set.
 
     Parameters
     ----------
     ranks : dict of str to int
-        Of the true scene among the draws, 0 to L, for all that was asked.
+        Rank of the true scene among the draws, 0 to L, for each quantity.
     effective : dict of str to float
-        Effective draws of L, NaN where all draws say the same.
+        Effective number of the L draws, NaN if all draws are equal.
     """
 
     ranks: dict[str, int]
@@ -122,20 +121,20 @@ class Ranked:
 
 
 def short_clip(library: Library, *, every: int, frames: int = FRAMES) -> Experiment:
-    """Somebody stands there, if nothing else is drawn.
+    """An experiment in which the person stands still in frames without scenelets.
 
-    Where they stand is given, and which joints the detector reports: one in every so many frames,
-    about what a weight of 1/12 leaves of fourteen joints, or less.
+    The place of the person is given, and which joints are detected: those in one of every ``every``
+    frames, about as much information as a weight of 1/12 leaves of fourteen joints, or less.
 
     Parameters
     ----------
     library : Library
-        Holds :data:`SCENELETS`.
+        Contains :data:`SCENELETS`.
     every : int
-        Frames from one detection to the next. With 1 it is nearly always clear which scenelets
-        there are, and chains hardly jump.
+        Frames between detections. With 1 the scenelets are nearly always certain, and chains hardly
+        jump.
     frames : int
-        How long it is.
+        Number of frames.
     """
     by_name = {s.name: s for s in library}
     small = Library("short", tuple(_middle(by_name[name], n) for name, n in SCENELETS))
@@ -171,13 +170,13 @@ def short_clip(library: Library, *, every: int, frames: int = FRAMES) -> Experim
 
 
 def _middle(scenelet: Scenelet, n_frames: int) -> Scenelet:
-    """A scenelet's middle frames, its middle one kept in the middle."""
+    """The middle frames of a scenelet, with the same middle frame."""
     first = scenelet.n_frames // 2 - n_frames // 2
     return replace(scenelet, joints=scenelet.joints[first : first + n_frames])
 
 
 def _solve_given(experiment: Experiment) -> Solution:
-    """The staged solver, camera and path being given."""
+    """Result of the staged solver with camera and path given."""
     problem, clip, library = experiment.problem, experiment.clip, experiment.library
     distances = motion_distances(library)
     fits = fit_windows(problem, experiment.path, fps=clip.fps)
@@ -201,7 +200,7 @@ def draw_and_sample(
 
 
 def rank_scene(experiment: Experiment, seed: int, settings: SampleSettings = SETTINGS) -> Ranked:
-    """Rank a scene that was drawn among the draws of its posterior."""
+    """Rank a drawn scene among the draws of its posterior."""
     tie_rng = np.random.default_rng(seed).spawn(3)[2]
     found = draw_and_sample(experiment, seed, settings)
     problem, library = found.problem, found.library
@@ -217,12 +216,12 @@ def rank_scene(experiment: Experiment, seed: int, settings: SampleSettings = SET
 
 
 def _go_on(_part: object = None, /) -> bool:
-    """To a chain's report: nobody looks, nobody interrupts."""
+    """Tell a chain to continue; nothing is reported."""
     return True
 
 
 def describe(problem: Problem, library: Library, state: State) -> dict[str, float]:
-    """What is asked about a scene; -inf where it has no such thing, which is a value like any."""
+    """Quantities of a scene to be ranked; -inf, a value like any other, where one is undefined."""
     nats = terms(problem, state)
     joints = motion(problem, state)
     pitch, elevation, focal, body, roll = state.camera.tolist()
@@ -261,20 +260,20 @@ def _ends(name: str, values: Sequence[float] | Array) -> dict[str, float]:
 
 
 _SIMULATED: Final = 4000
-"""Sets of uniform numbers by which a band is made: a probability of 1 % is then known to .16 %."""
+"""Simulated sets of uniform numbers for a band; a probability of 1 % is accurate to .16 %."""
 
 
 def rank_among(rng: np.random.Generator, value: float, draws: ArrayLike) -> int:
-    """How many of the L draws a value exceeds; equal ones are put in order by chance."""
+    """Number of the L draws that a value exceeds; ties are broken at random."""
     draws = np.asarray(draws, float)
     equal = int((draws == value).sum())
     return int((draws < value).sum()) + int(rng.integers(equal + 1))
 
 
 def spread_ranks(ranks: ArrayLike, *, n_draws: int) -> Array:
-    """(N,) ranks from 0 to L as numbers in [0, 1), each anywhere in its cell: uniform if they are.
+    """(N,) ranks 0 to L as numbers in [0, 1), random within their cell: uniform if ranks are.
 
-    The same ranks give the same numbers.
+    Equal ranks give equal numbers.
     """
     ranks = np.asarray(ranks, float)
     numbers: Array = (ranks + np.random.default_rng(0).random(len(ranks))) / (n_draws + 1)
@@ -282,14 +281,14 @@ def spread_ranks(ranks: ArrayLike, *, n_draws: int) -> Array:
 
 
 def ecdf_and_band(numbers: Array, *, probability: float = 0.95) -> tuple[Array, ...]:
-    """Where (N - 1,), the cumulative share there, and the ends of the band that holds all of it.
+    """Points (N - 1,), the cumulative fraction at them, and the ends of the simultaneous band.
 
     Parameters
     ----------
     numbers : (N,) float
         In [0, 1].
     probability : float
-        With which uniform numbers lie inside everywhere.
+        Probability that uniform numbers are inside the band everywhere.
     """
     n = len(numbers)
     at = _places(n)
@@ -302,20 +301,21 @@ def ecdf_and_band(numbers: Array, *, probability: float = 0.95) -> tuple[Array, 
 def uniformity(numbers: Array) -> float:
     """P-value of the hypothesis that numbers (N,) in [0, 1] are uniform.
 
-    1 minus the probability of the narrowest band that holds their cumulative share; at least one
-    over the number of simulated sets.
+    One minus the probability of the narrowest band that contains their cumulative fraction, but at
+    least one over the number of simulated sets.
     """
     wider = _simulated(len(numbers)) >= _narrowest(numbers[None])[0] - 1e-9
     return float((1 + wider.sum()) / (1 + _SIMULATED))
 
 
 def _places(n: int) -> Array:
-    """(n - 1,) where cumulative shares of n numbers are looked at."""
+    """(n - 1,) points at which cumulative fractions of n numbers are evaluated."""
     return np.arange(1, n) / n
 
 
 def _narrowest(sets: Array) -> Array:
-    """(S,) pointwise probability of the narrowest band that holds all of a set's shares (S, n)."""
+    """(S,) pointwise probability of the narrowest band that contains each set's fractions (S,
+    n)."""
     n = sets.shape[1]
     at = _places(n)
     counts = np.array([np.searchsorted(np.sort(numbers), at, side="right") for numbers in sets])
@@ -326,9 +326,9 @@ def _narrowest(sets: Array) -> Array:
 
 @lru_cache(maxsize=16)
 def _simulated(n: int) -> Array:
-    """(S,) the same of simulated sets of n uniform numbers, always the same ones.
+    """(S,) such probabilities of simulated sets of n uniform numbers, with a fixed seed.
 
-    ArviZ 0.8 simulates too, but cuts counts off at the next integer below: of 200 numbers its
+    ArviZ 0.8 simulates too, but truncates counts to the next lower integer: for 200 numbers its
     median is .936, not .949.
     """
     found = _narrowest(np.random.default_rng(0).random((_SIMULATED, n)))
@@ -337,17 +337,17 @@ def _simulated(n: int) -> Array:
 
 
 BINS = 16
-"""Of the histograms: two ranks each."""
+"""Bins of the histograms: two ranks each."""
 
 
 @cache
 def experiment(every: int) -> Experiment:
-    """What data are drawn of, made once a process."""
+    """The experiment from which data are drawn, made once a process."""
     return short_clip(built_in_library(), every=every)
 
 
 def rank_one(every: int, seed: int, path: Path) -> None:
-    """One data set, left in a file."""
+    """Rank one data set and write the result to a file."""
     ranked = rank_scene(experiment(every), seed)
     with written_whole(path) as beside:
         beside.write_text(json.dumps(asdict(ranked)), encoding="utf-8")
@@ -356,7 +356,7 @@ def rank_one(every: int, seed: int, path: Path) -> None:
 def all_ranks(
     folder: Path, every: int, count: int, workers: int
 ) -> list[dict[str, dict[str, float]]]:
-    """What every data set says, those left out by an earlier run made now."""
+    """Results of all data sets; those missing from earlier runs are computed."""
     own = folder / f"{digest()}-{every}"
     own.mkdir(parents=True, exist_ok=True)
     paths = {seed: own / f"{seed:05d}.json" for seed in range(count)}
@@ -371,7 +371,7 @@ def all_ranks(
 
 
 def draw(ranks: dict[str, np.ndarray], p_values: dict[str, float], path: Path) -> None:
-    """Histogram and cumulative share of the ranks of everything, with bands of 95 %."""
+    """Plot histogram and cumulative fraction of the ranks of all quantities, with 95 % bands."""
     n_draws, columns = SETTINGS.draws, 4
     rows = -(-len(ranks) // columns)
     figure = Figure(figsize=(13, 1.9 * rows), layout="constrained")
@@ -398,7 +398,7 @@ def draw(ranks: dict[str, np.ndarray], p_values: dict[str, float], path: Path) -
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Rank, print and draw; the exit status says whether everything is uniform enough."""
+    """Rank, print and draw; return whether all ranks are uniform enough."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

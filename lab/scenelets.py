@@ -3,14 +3,15 @@
     python -m lab.scenelets I3DB_FOLDER
 
 judges windows of 1.7 s of the annotated motion every 0.4 s, by the built-in library, by real
-scenelets of the other scenes, and by both, and prints a row a library:
+scenelets of the other scenes, and by both, and prints one row for each library:
 
 - area under the ROC: charness of windows of sitting and reaching against walking;
-- seated: share of seated windows whose nearest motion is of somebody on a seat;
+- seated: fraction of seated windows whose nearest motion is of somebody on a seat;
 - height, across, along, offset: median difference between the seat of that scenelet and the true
-  one: its height, and its middle relative to the pelvis in top view, sideways, forward and as a
-  distance, facing where the person does;
-- best guess: the same distance had the true median offset been said of everybody.
+one: its
+ height, and its middle relative to the pelvis in top view, sideways, forward and as a distance, in
+ the person's frame;
+- best guess: the same distance for a constant guess, the true median offset.
 """
 
 from __future__ import annotations
@@ -44,24 +45,24 @@ from imapper_prob.scenelets.library import joined, load_library
 Array = NDArray[np.float64]
 
 WINDOW: Final = 1.7
-"""Seconds: as long as the scenelets of the built-in library."""
+"""Seconds, the length of the built-in library's scenelets."""
 STRIDE: Final = 0.4
 """Seconds between windows, as in the solver."""
 PURE: Final = 0.75
-"""Share of a window's frames that must have its action."""
+"""Least fraction of a window's frames that must have its action."""
 SEATS: Final = ("chair", "couch", "stool", "bench", "bed")
 SEATED: Final = ("sit", "sit-down", "stand-up")
-"""Actions of scenelets in which somebody is on a seat."""
+"""Actions of scenelets with somebody on a seat."""
 
 
 @dataclass(frozen=True)
 class Verdicts:
-    """What a library says of W windows.
+    """Charness and nearest motions by a library, for W windows.
 
     Parameters
     ----------
     words : (W,) str
-        What is really done.
+        True action.
     charness : (W,) float
     matches : tuple of W Scenelet
         The nearest motion of the library.
@@ -76,7 +77,7 @@ class Verdicts:
 
 
 def windows_of(capture: Capture) -> list[Scenelet]:
-    """Pieces of a capture in their local frames, where one action fills them."""
+    """Intervals of a capture with a single action, in their local frames."""
     length, stride = round(WINDOW * capture.fps), round(STRIDE * capture.fps)
     known = np.flatnonzero(np.isfinite(capture.joints).all((1, 2)))
     pieces = []
@@ -92,7 +93,7 @@ def windows_of(capture: Capture) -> list[Scenelet]:
 
 
 def judge(library: Library, windows: Sequence[Scenelet]) -> Verdicts:
-    """Charness and nearest motion of every window."""
+    """Compute charness and nearest motion of every window."""
     labels = categories(library)
     known = motion_descriptors([s.joints for s in library])
     distances = descriptor_distances(motion_descriptors([w.joints for w in windows]), known)
@@ -122,13 +123,13 @@ def nearest_seat(scenelet: Scenelet) -> SceneObject | None:
 
 
 def seat_top(seat: SceneObject) -> float:
-    """Height in metres of what one sits on."""
+    """Height of a seat's surface, metres."""
     parts = [c for c in seat.cuboids if c.part in ("seat", "mattress")]
     return max(float(c.centre[2] + c.size[2] / 2) for c in parts)
 
 
 def seat_place(scenelet: Scenelet) -> tuple[float, float, float]:
-    """Seat relative to the pelvis: to the right, forward; and its height; NaN without one."""
+    """Seat relative to the pelvis: to the right, forward; and its height; NaN without a seat."""
     seat = nearest_seat(scenelet)
     if seat is None:
         return np.nan, np.nan, np.nan
@@ -158,7 +159,7 @@ def row(verdicts: Verdicts) -> str:
 
 
 def pooled(parts: Sequence[Verdicts]) -> Verdicts:
-    """Verdicts of several scenes as one."""
+    """Concatenate the verdicts of several scenes."""
     return Verdicts(
         np.concatenate([p.words for p in parts]),
         np.concatenate([p.charness for p in parts]),

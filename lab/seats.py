@@ -2,8 +2,8 @@
 
     python -m lab.seats RUN [RUN ...] [-o PNG]
 
-takes folders that ``imapper-prob run`` wrote, of clips that end with somebody seated, and prints a
-line for each in seconds; with ``-o`` it draws maps of the runs side by side.
+reads folders of ``imapper-prob run`` for clips that end with a seated person, and prints a line for
+each; with ``-o`` it draws maps of the runs side by side. It takes seconds.
 """
 
 from __future__ import annotations
@@ -27,13 +27,13 @@ Array = NDArray[np.float64]
 
 SITTABLE = frozenset({"armchair", "bed", "bench", "chair", "couch", "office-chair", "stool"})
 NEAR = 0.15
-"""Metres between pelvis and footprint: people sit in front of the middle, on the edge at most."""
+"""Greatest distance in metres from pelvis to footprint; people sit in front of the middle."""
 LAST = 1.0
 """Seconds at the end of the clip over which the pelvis is averaged."""
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Print a line for each run."""
+    """Print one line for each run."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -48,7 +48,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def floor_maps(posteriors: Sequence[Posterior]) -> Figure:
-    """Where furniture stands over all draws, from above, run beside run."""
+    """Occupancy of the floor over all draws, from above, one panel for each run."""
     figure = Figure(figsize=(6.4 * len(posteriors), 5.6), layout="constrained")
     panels = figure.subplots(1, len(posteriors), squeeze=False)[0]
     for axes, posterior in zip(panels, posteriors, strict=True):
@@ -59,7 +59,7 @@ def floor_maps(posteriors: Sequence[Posterior]) -> Figure:
 
 
 def describe(posterior: Posterior) -> str:
-    """What is under the person, and what is known of the focal length."""
+    """The object under the person, and the uncertainty of the focal length."""
     samples, clip = posterior.samples, posterior.clip
     frames = slice(-max(1, round(LAST * clip.fps)), None)
     pelvis = posterior.data["motion"]["pelvis"].to_numpy()[:, :, frames, :2].mean(2)
@@ -83,14 +83,14 @@ def describe(posterior: Posterior) -> str:
 
 
 def under(objects: Sequence[SceneObject], pelvis: Array) -> SceneObject | None:
-    """The object that somebody whose pelvis is at (2,) metres sits on, if there is one."""
+    """The object that somebody with the pelvis at (2,) metres sits on, or None."""
     seats = [(gap(o, pelvis), o) for o in objects if o.label in SITTABLE]
     nearest = min(seats, key=lambda pair: pair[0], default=None)
     return None if nearest is None or nearest[0] > NEAR else nearest[1]
 
 
 def gap(thing: SceneObject, point: Array) -> float:
-    """Metres from a point (2,) on the floor to the box around an object; 0 inside."""
+    """Distance in metres of a point (2,) on the floor from an object's bounding box; 0 inside."""
     here = thing.placement
     c, s = np.cos(here.yaw), np.sin(here.yaw)
     local = np.array([[c, s], [-s, c]]) @ (point - (here.x, here.y))

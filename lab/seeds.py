@@ -2,17 +2,17 @@
 
     python -m lab.seeds FOLDER [CLIP ...] [--seeds 5] [--steps N] [--workers 2] [--picture PNG]
 
-samples each clip, ``demo`` if none is named, with several seeds and prints two tables in Markdown;
-the picture has what each seed and each of its chains says of the largest layouts.
-Every run is kept in FOLDER as a folder that ``imapper-prob view`` opens, so that a killed command
-goes on where it was; runs of another program are refused by the readers of such folders.
+samples each clip, ``demo`` if none is named, with several seeds and prints two Markdown tables; the
+picture shows the probabilities of the largest layouts by seed and chain. Every run is stored in
+FOLDER as a folder that ``imapper-prob view`` opens, so that a killed command continues where it
+was; the readers of such folders refuse runs of another program.
 
-The scenes of all seeds of a clip are sorted into layouts together. What a seed says of a layout's
-probability is the share of its draws in it, with the standard error that a run states. Between
-seeds probabilities scatter; the mean square of that should be the square of what is stated.
-The distance of a seed from the others is the total variation between the shares of its draws and
-those of all the other seeds' draws. Where there are long computations (:mod:`lab.gold`), that of
-sets of labels from these is given as well.
+The scenes of all seeds of a clip are grouped into layouts together. A seed's probability of a
+layout is the fraction of its draws in it, with the standard error that the run states. The mean
+square scatter of the probabilities between seeds should equal the mean squared standard error. The
+distance of a seed from the others is the total variation distance between the fractions of its
+draws and those of the other seeds' draws. If there are long runs (:mod:`lab.gold`), the distance of
+label sets from theirs is given as well.
 """
 
 from __future__ import annotations
@@ -40,30 +40,30 @@ from lab.mixing import OPEN
 
 Array = NDArray[np.float64]
 LARGEST = 5
-"""Layouts of a clip that are compared."""
+"""Number of layouts of a clip that are compared."""
 
 
 @dataclass(frozen=True)
 class Seeds:
-    """What S seeds say of the same K layouts of a clip, the most probable first.
+    """Results of S seeds for the same K layouts of a clip, the most probable first.
 
     Parameters
     ----------
     probability, stated : (S, K) float
-        Share of a seed's draws, and its standard error as a run states it.
+        Fraction of a seed's draws, and its standard error as stated by the run.
     worst_rhat, effective : (S,) float
-        Of the layouts that are neither excluded nor certain, R-hat of the worst and effective draws
-        of the least known.
+        Over the layouts that are neither excluded nor certain, greatest R-hat and least effective
+        draws.
     best : (S,) float
         Greatest log-posterior, nats.
     good : (S,) bool
-        Whether the run's verdict is that it has converged.
+        Whether the run's verdict is convergence.
     seconds : (S,) float
-        Of sampling.
+        Duration of sampling.
     labels : tuple of S dict of str to float
-        Share of draws with each set of labels.
+        Fraction of draws with each set of labels.
     chains : tuple of S (C, K) float
-        Share of the draws of each chain.
+        Fractions of the draws of each chain.
     """
 
     probability: Array
@@ -84,14 +84,14 @@ class Seeds:
 
     @property
     def distance(self) -> Array:
-        """(S,) total variation between a seed and all the others."""
+        """(S,) total variation distance between a seed and all the others."""
         others = (self.probability.sum(0) - self.probability) / (len(self.probability) - 1)
         result: Array = 0.5 * np.abs(self.probability - others).sum(1)
         return result
 
 
 def compared(posteriors: Sequence[Posterior]) -> Seeds:
-    """Runs of one clip with several seeds, held against one another."""
+    """Compare runs of one clip with several seeds."""
     samples = [p.samples for p in posteriors]
     objects = [
         own
@@ -134,7 +134,7 @@ def compared(posteriors: Sequence[Posterior]) -> Seeds:
 
 
 def runs(name: str, folder: Path, seeds: int, steps: int, workers: int) -> list[Posterior]:
-    """The runs of a clip; those that are missing are made."""
+    """The runs of a clip; missing ones are made."""
     config = with_steps(steps)
     paths = [folder / f"{Path(name).stem}-{steps}-{seed}" for seed in range(seeds)]
     missing = [path for path in paths if not is_whole(path)]
@@ -152,7 +152,7 @@ def runs(name: str, folder: Path, seeds: int, steps: int, workers: int) -> list[
 
 
 def tables(found: dict[str, Seeds]) -> str:
-    """Clips, and their most probable layouts, in Markdown."""
+    """Markdown tables of clips, and of their most probable layouts."""
     lines = [
         "| clip | seeds | converged | s | R-hat of layouts | effective draws of layouts "
         "| best log posterior | distance of a seed from the others | of labels, from long runs |",
@@ -184,7 +184,7 @@ def tables(found: dict[str, Seeds]) -> str:
 
 
 def picture(found: dict[str, Seeds], path: Path) -> None:
-    """Write what seeds and their chains say of the largest layouts, clip by clip."""
+    """Plot probabilities of the largest layouts by seed and chain, one panel for each clip."""
     figure, panels = plt.subplots(
         1, len(found), figsize=(4.6 * len(found), 3.4), squeeze=False, sharey=True
     )
@@ -211,7 +211,7 @@ def _spread(values: Array, form: str) -> str:
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Make the runs that are missing, and print the tables."""
+    """Make the missing runs, and print the tables."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -226,7 +226,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         parser.error("one seed has nothing to be compared with: --seeds 2 or more")
     options.folder.mkdir(parents=True, exist_ok=True)
     with warnings.catch_warnings():
-        # A short chain has no R-hat, which the table shows.
+        # A short chain has no R-hat, as the table shows.
         warnings.simplefilter("ignore", ShortChainWarning)
         found = {
             Path(clip).stem: compared(

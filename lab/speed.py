@@ -4,23 +4,23 @@
     python -m lab.speed --solver
     python -m lab.speed --fits DEVICE
 
-The first prints a figure a line and merges them into ``lab/results.json``; of one process and one
-thread, most of the demo's clip. It takes about a minute. Kernels that are not compiled yet take two
-more.
+The first prints one figure a line and merges them into ``lab/results.json``. They are for one
+process and one thread, mostly on the demo's clip. It takes about a minute; compiling missing
+kernels takes two more.
 
-The log-posterior, full and by what changed, stands beside the bare arithmetic in it. The yardstick
-is 400 frames of 16 joints and 20 cuboids: somebody goes round a room once and sits on five couches.
-The bare kernel computes the clearance of all 400 x 16 lines of sight from all 20 cuboids and
-nothing else; torch and numpy do the same.
+The log-posterior, in full and by kind of change, is compared with its bare arithmetic. The
+benchmark has 400 frames of 16 joints and 20 cuboids: a person walks round a room once and sits on
+five couches. The bare kernel computes only the clearance of all 400 x 16 lines of sight from all 20
+cuboids; torch and numpy do the same.
 
-With ``--solver`` a simulated clip of 430 frames is solved twice with 1,500 scenelets. Printed are
-processor seconds by stage (the machine may be busy with other things; torch and numba use one
-thread here, so that this is also the time on an idle one), and whether both runs agree to the last
-bit. Loading the library and compiling are not counted. It takes a minute and a half.
+With ``--solver`` a simulated clip of 430 frames is solved twice with 1,500 scenelets. The output is
+processor seconds by stage, and whether both runs agree to the last bit. Torch and numba use one
+thread, so processor time equals the time on an idle machine. Loading the library and compiling are
+not counted. It takes a minute and a half.
 
 With ``--fits`` the fits of all scenelets in all windows of that clip are made on one processor and
-on a device of torch, ``cuda`` say, each in batches of its own. Printed are seconds, and by how much
-placements and costs differ.
+on a torch device, such as ``cuda``, each with its own batch size. The output is seconds, and the
+differences of placements and costs.
 """
 
 from __future__ import annotations
@@ -91,16 +91,16 @@ Array = NDArray[np.float64]
 
 RESULTS = Path(__file__).with_name("results.json")
 CUBOIDS = 4
-"""Of a couch: seat, back, two arms."""
+"""Cuboids of a couch: seat, back, two arms."""
 STEPS = 200
-"""Of a chain that is timed: the start is a small part of it, and the state hardly changes."""
+"""Steps of a chain that is timed: its start takes little time, and the state hardly changes."""
 CAMERA_DOUBT = np.array([0.05, 0.1, 0.05, 0.05, 0.02])
 """Standard deviations of pitch (rad), elevation (m), log focal and log body scale."""
 
 
 @dataclass(frozen=True)
 class World:
-    """A problem, a state of it, and the state's boxes."""
+    """A problem, a state of it, and the boxes of that state."""
 
     problem: Problem
     state: State
@@ -108,7 +108,7 @@ class World:
 
 
 def make_world(n_frames: int = 400, n_scenelets: int = 5, seed: int = 3) -> World:
-    """Once round an ellipse of 3 x 2.4 m, sitting down on couches at equal intervals."""
+    """A walk round an ellipse of 3 x 2.4 m, sitting down on couches at equal intervals."""
     rng, library, camera = np.random.default_rng(seed), load_library(), NOMINAL_CAMERA
     stand = next(s for s in library if s.name == "walk-000").joints[0]
     turn = np.linspace(0.0, 2.0 * np.pi, n_frames)
@@ -157,7 +157,7 @@ def _seated(
 
 @compiled
 def _bare(elevation: float, joints: Array, occluders: Singles, views: Singles) -> float:
-    """Clearance of all lines of sight from all boxes; returns their sum, so that none is idle."""
+    """Clearance of all lines of sight from all boxes; returns the sum, to prevent elimination."""
     total, n = 0.0, len(joints)
     lines, bench = np.empty((n, LINE), np.float32), np.empty(SCRATCH32, np.float32)
     for t in range(n):
@@ -170,7 +170,7 @@ def _bare(elevation: float, joints: Array, occluders: Singles, views: Singles) -
 
 
 def bare_kernel(world: World) -> Callable[[], object]:
-    """The compiled arithmetic without pruning: every box counts as in sight."""
+    """The compiled arithmetic without pruning: every box is tested."""
     joints = np.ascontiguousarray(motion(world.problem, world.state).transpose(0, 2, 1))
     elevation = float(world.state.camera[1])
     occluders = np.zeros((len(world.boxes), OCCLUDER), np.float32)
@@ -184,13 +184,17 @@ def bare_kernel(world: World) -> Callable[[], object]:
 
 
 def numpy_kernel(world: World) -> Callable[[], object]:
-    """The same in numpy."""
+    """The same computation in numpy."""
     joints, elevation = motion(world.problem, world.state), float(world.state.camera[1])
     return lambda: _by_numpy(np.array([0.0, 0.0, elevation]), joints, world.boxes)
 
 
 def _by_numpy(origin: Array, points: Array, boxes: Array) -> Array:
-    """The minimum of six lines is the largest of the values where a rising and a falling meet."""
+    """Clearance (...) of the lines of sight to points (..., 3) from boxes (K, 7).
+
+    The minimum over s of the maximum of six lines is the greatest value at a crossing of a rising
+    and a falling line.
+    """
     clearance = np.full(points.shape[:-1], NOTHING_IN_SIGHT)
     for x, y, z, *half, yaw in np.asarray(boxes, float).reshape(-1, 7):
         c, s = np.cos(yaw), np.sin(yaw)
@@ -220,7 +224,7 @@ def _by_numpy(origin: Array, points: Array, boxes: Array) -> Array:
 
 
 def torch_kernel(world: World) -> Callable[[], object]:
-    """The same in torch, eager, one thread, all boxes at once."""
+    """The same computation in torch, eager, on one thread, for all boxes at once."""
     import torch
 
     joints = torch.tensor(motion(world.problem, world.state).reshape(-1, 3))
@@ -248,7 +252,7 @@ def torch_kernel(world: World) -> Callable[[], object]:
 
 
 def walks(rng: np.random.Generator, world: World, n: int) -> list[State]:
-    """One scenelet placed a little elsewhere."""
+    """Proposals that move one scenelet slightly."""
     state, proposals = world.state, []
     for _ in range(n):
         index = int(rng.integers(state.n_scenelets))
@@ -258,7 +262,7 @@ def walks(rng: np.random.Generator, world: World, n: int) -> list[State]:
 
 
 def births_and_deaths(rng: np.random.Generator, world: World, n: int) -> list[State]:
-    """One scenelet less, or one more in the longest stretch that is free."""
+    """Proposals with one scenelet less, or one more in the longest free interval."""
     state, proposals = world.state, []
     for k in range(n):
         index = int(rng.integers(state.n_scenelets))
@@ -272,7 +276,7 @@ def births_and_deaths(rng: np.random.Generator, world: World, n: int) -> list[St
 
 
 def refreshes(rng: np.random.Generator, world: World, n: int) -> list[State]:
-    """Sixty frames of the path drawn again."""
+    """Proposals that redraw sixty frames of the path."""
     state, proposals = world.state, []
     for _ in range(n):
         latent = state.latent.copy()
@@ -284,14 +288,14 @@ def refreshes(rng: np.random.Generator, world: World, n: int) -> list[State]:
 
 
 def cameras(rng: np.random.Generator, world: World, n: int) -> list[State]:
-    """Another camera and body: everything changes."""
+    """Proposals with another camera and body, which change everything."""
     step = 0.4 * CAMERA_DOUBT
     state = world.state
     return [replace(state, camera=state.camera + rng.normal(0.0, step)) for _ in range(n)]
 
 
 def mixed(rng: np.random.Generator, world: World, n: int) -> list[State]:
-    """About as often as the sampler tries them."""
+    """Proposals in about the sampler's proportions."""
     kinds = (births_and_deaths, walks, refreshes, cameras)
     shares = (0.54, 0.28, 0.08, 0.10)
     pools = [kind(rng, world, n) for kind in kinds]
@@ -299,9 +303,9 @@ def mixed(rng: np.random.Generator, world: World, n: int) -> list[State]:
 
 
 def per_second(action: Callable[[], object], *, count: int = 1, seconds: float) -> float:
-    """How many of ``count`` things a call does are done in a second, at its quickest.
+    """Greatest rate a second of the ``count`` things that a call does.
 
-    The quickest of many short runs: other work on the machine only ever adds time.
+    The fastest of many short runs is taken, because other work on the machine only adds time.
     """
     action()
     best, until = np.inf, time.perf_counter() + seconds
@@ -313,7 +317,7 @@ def per_second(action: Callable[[], object], *, count: int = 1, seconds: float) 
 
 
 def moves_per_second(world: World, proposals: Sequence[State], *, seconds: float) -> float:
-    """Proposals from one state, of which one in four is accepted and taken back."""
+    """Proposals a second from one state; one in four is accepted and reverted."""
     evaluator, home = Incremental(world.problem, world.state), world.state
 
     def run() -> None:
@@ -329,7 +333,7 @@ def moves_per_second(world: World, proposals: Sequence[State], *, seconds: float
 
 
 def evaluation_figures(seconds: float) -> dict[str, float]:
-    """Evaluations and moves a second at 400 frames and 20 cuboids, each timed for so long."""
+    """Evaluations and moves a second for 400 frames and 20 cuboids, each timed for ``seconds``."""
     world, rng = make_world(), np.random.default_rng(0)
     rate = partial(per_second, seconds=seconds)
     moves = partial(moves_per_second, world, seconds=seconds)
@@ -351,7 +355,7 @@ def evaluation_figures(seconds: float) -> dict[str, float]:
 
 
 def step_figures(world: World, seconds: float) -> dict[str, float]:
-    """Steps of a chain a second, and microseconds of a step by move, each timed for so long."""
+    """Steps of a chain a second, and microseconds of a step by move, each timed for ``seconds``."""
     problem, n = world.problem, len(world.problem.lengths)
     every = Candidates(np.zeros(1, int), np.zeros((1, n, 3)), np.zeros((1, n)), np.ones((1, n)))
     alike = (np.ones((n, n)) - np.eye(n)) / (n - 1)
@@ -362,7 +366,7 @@ def step_figures(world: World, seconds: float) -> dict[str, float]:
     )
 
     def steps(weights: Array) -> float:
-        """The quickest of short chains from the same state, which they hardly leave."""
+        """The fastest of short chains from the same state, which they hardly leave."""
         rng, best, until = np.random.default_rng(0), np.inf, time.perf_counter() + seconds
         while time.perf_counter() < until:
             walker = Walker(problem, moves._replace(weights=weights), world.state)
@@ -372,14 +376,14 @@ def step_figures(world: World, seconds: float) -> dict[str, float]:
         return STEPS / best
 
     one = np.eye(len(MOVES))
-    steps(moves.weights)  # compiles what is not compiled
+    steps(moves.weights)  # compiles missing kernels
     return {"steps_per_second": steps(moves.weights)} | {
         f"step_microseconds_{name}": 1e6 / steps(one[k]) for k, name in enumerate(MOVES)
     }
 
 
 def best_of_three(action: Callable[[], object]) -> float:
-    """How long ``action`` takes: the best of three."""
+    """Duration of ``action`` in seconds, the best of three."""
     times = []
     for _ in range(3):
         start = time.perf_counter()
@@ -389,7 +393,7 @@ def best_of_three(action: Callable[[], object]) -> float:
 
 
 def library_figures() -> dict[str, float]:
-    """Cost of a library: built in, cut from captures, described and searched."""
+    """Times for building a library, cutting one from captures, describing and searching it."""
     library = load_library()
     motions = [s.joints for s in library]
     known = motion_descriptors(motions)
@@ -416,7 +420,7 @@ def library_figures() -> dict[str, float]:
 
 
 def pacing(minutes: float) -> Capture:
-    """Somebody who walks to and fro before a couch, from the library's own motions."""
+    """A capture of walking back and forth in front of a couch, from the library's own motions."""
     library = load_library()
     walk = next(s for s in library if s.name == "walk-000")
     couch = next(s for s in library if s.labels == ("couch",)).objects[0]
@@ -427,7 +431,7 @@ def pacing(minutes: float) -> Capture:
 
 
 def demo_figures(seconds: float) -> dict[str, float]:
-    """Solver, log-posterior and chain on the demo's clip."""
+    """Times of solver, log-posterior and chain on the demo's clip."""
     clip, library = demo_clip(), load_library()
     solve(clip, library)  # compiles the kernels
     start = time.perf_counter()
@@ -448,7 +452,7 @@ def demo_figures(seconds: float) -> dict[str, float]:
 
 
 def steps_per_second(solution: Solution, steps: int) -> float:
-    """Of a chain at one temperature, kernels and proposals being ready."""
+    """Steps a second of a chain at one temperature, with kernels compiled."""
     settings = SampleSettings(steps=steps, draws=min(100, steps // 10), temperatures=1)
     setup = setup_of(solution, settings)
     brief = replace(setup, settings=replace(settings, steps=100, draws=10))
@@ -459,19 +463,19 @@ def steps_per_second(solution: Solution, steps: int) -> float:
 
 
 def _go_on(_part: object = None, /) -> bool:
-    """To a chain's report: nobody looks, nobody interrupts."""
+    """Tell a chain to continue; nothing is reported."""
     return True
 
 
 FRAMES, SCENELETS, INTERACTIONS = 430, 1500, 5
 AIM = 60.0
-"""Seconds."""
+"""Target in seconds."""
 SAME = 0.001
-"""Nats a confident joint by which two fits may differ and be one: other minima differ by more."""
+"""Nats a confident joint within which two fits count as equal; other minima differ by more."""
 
 
 def workload() -> tuple[Clip, Library]:
-    """A clip of five interactions, and scenelets from all over the built-in library."""
+    """A clip of five interactions, and scenelets sampled evenly from the built-in library."""
     everything = load_library()
     kept = np.linspace(0, len(everything) - 1, SCENELETS).round().astype(int)
     library = Library("1500", tuple(everything[int(k)] for k in kept))
@@ -498,7 +502,7 @@ def timed(clip: Clip, library: Library) -> tuple[Solution, dict[str, float]]:
 
 
 def digest(solution: Solution) -> str:
-    """Of everything that a run could come to differ in."""
+    """Digest of everything in which runs could differ."""
     state = hashlib.sha256()
     fits, found = solution.fits, solution.combinations
     arrays: list[NDArray[Any]] = [
@@ -516,7 +520,7 @@ def digest(solution: Solution) -> str:
 
 
 def print_solver() -> None:
-    """The table of stages, and whether both runs agree."""
+    """Print the table of stages, and whether both runs agree."""
     torch.set_num_threads(1)
     clip, library = workload()
     warm = solve(clip, Library("few", tuple(library)[::60]))
@@ -540,7 +544,7 @@ def print_solver() -> None:
 
 
 def print_fits(device: str) -> None:
-    """Seconds of the fits on a processor and on a device, and how far apart they are."""
+    """Print seconds of the fits on a processor and on a device, and their differences."""
     clip, library = workload()
     few = fit_clip(clip, Library("few", tuple(library)[::60]))
     found = fit_clip(clip, library)
@@ -570,7 +574,7 @@ def print_fits(device: str) -> None:
 
 
 def note(figures: dict[str, float], path: Path) -> None:
-    """Print figures, and add them to those of other commands in a file."""
+    """Print figures, and add them to the file of results."""
     figures = {name: float(f"{value:.4g}") for name, value in figures.items()}
     width = max(map(len, figures))
     sys.stdout.writelines(f"{name:<{width}}  {value:>10g}\n" for name, value in figures.items())

@@ -2,11 +2,11 @@
 
     python -m lab.takes FOLDER [--seeds 1] [--steps N] [--workers 2]
 
-simulates a room with a couch, a shelf and a bed in which somebody uses one after the other, before
-one camera, and cuts the clip into three takes, one of each piece. Each take is sampled alone, and
-all together. Printed is, as a table in Markdown, the share of draws in which something that may be
-taken for it, anything to sit on for another, stands within a metre of each piece. Runs are kept in
-FOLDER, and looked at with ``imapper-prob view``. It takes some minutes a seed.
+simulates a room with a couch, a shelf and a bed that somebody uses one after the other, in front of
+one camera, and cuts the clip into three takes, one for each piece. Each take is sampled alone, and
+all together. The output is a Markdown table: for each piece, the fraction of draws with an object
+of the same kind, where all objects to sit on are one kind, within a metre of it. Runs are stored in
+FOLDER, and can be opened with ``imapper-prob view``. It takes some minutes a seed.
 """
 
 from __future__ import annotations
@@ -33,9 +33,9 @@ from lab.kept import sampled
 
 _SCRIPT = ("sit-couch-001", "reach-shelf-001", "sit-bed-001")
 _FRAMES = 240
-"""Of the clip, at ten a second: walking to a piece and using it takes some sixty."""
+"""Frames of the clip, at ten a second; walking to a piece and using it takes some sixty."""
 _NEAR = 1.0
-"""Metres within which an object of a scene is the true one, as in the benchmark."""
+"""Metres within which an object counts as the true one, as in the benchmark."""
 
 
 def takes_of(seed: int) -> tuple[tuple[Clip, ...], tuple[SceneObject, ...]]:
@@ -59,14 +59,14 @@ def takes_of(seed: int) -> tuple[tuple[Clip, ...], tuple[SceneObject, ...]]:
 
 
 def _between(used: NDArray[np.bool_]) -> list[int]:
-    """The middle frame from each use of furniture to the next."""
+    """The middle frames between successive uses of furniture."""
     edges = np.diff(np.concatenate([[0], used.astype(int), [0]]))
     begins, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
     return [int(end + begin) // 2 for end, begin in zip(ends[:-1], begins[1:], strict=True)]
 
 
 def presence(posterior: Posterior, true: SceneObject) -> float:
-    """Share of draws with something near a piece that may be taken for it."""
+    """Fraction of draws with an object of the same kind near a piece."""
     near = [
         any(
             _kind(found.label) == _kind(true.label)
@@ -79,12 +79,12 @@ def presence(posterior: Posterior, true: SceneObject) -> float:
 
 
 def _kind(label: str) -> str:
-    """Beds are sat on like seats; motion hardly tells one from another."""
+    """Kind of an object; beds and seats are one kind, since motion hardly distinguishes them."""
     return "to sit on" if label in (*SEATS, "bed") else label
 
 
 def table(takes: Sequence[Posterior], together: Posterior, pieces: Sequence[SceneObject]) -> str:
-    """Pieces by what is sampled, in Markdown."""
+    """Markdown table of pieces by what is sampled."""
     names = [*(f"take {number}" for number in range(1, 1 + len(takes))), "together"]
     lines = [f"| piece | {' | '.join(names)} |", "|---|" + "---:|" * len(names)]
     for piece in pieces:
@@ -94,7 +94,7 @@ def table(takes: Sequence[Posterior], together: Posterior, pieces: Sequence[Scen
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Make the runs that are missing, and print a table a seed."""
+    """Make the missing runs, and print one table for each seed."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

@@ -2,13 +2,13 @@
 
     python -m lab.told I3DB_FOLDER FOLDER [--steps 20000] [--workers 2]
 
-samples each scene briefly, then gives the posterior one thing that is true, each in turn: the
-height of the camera; walls; what one seat is called; where one object stands; boxes of furniture
-that a detector of objects might have found; depths of the pelvis. It prints a table of scores over
-all scenes before and after and one scene by scene, keeps what is done in FOLDER, and goes on from
-there. It takes some five minutes a scene. Figures go to `lab/results.json`.
+samples each scene briefly, then conditions the posterior on one true statement at a time: the
+height of the camera; walls; the label of one seat; the place of one object; boxes of furniture as
+from an object detector; depths of the pelvis. It prints a table of scores over all scenes before
+and after, and one for each scene, stores results in FOLDER, and continues from there. It takes some
+five minutes a scene. Figures are written to `lab/results.json`.
 
-The truth of the files is what is told, with errors drawn for boxes (10 px, one object in ten
+The statements come from the ground truth, with simulated errors of boxes (10 px, one object in ten
 missed) and depths (5 %). Constants are estimated without the scene.
 """
 
@@ -41,13 +41,13 @@ from lab.mixing import note
 _NAMES: Final = ("nothing", "camera height", "walls", "a label", "a place", "boxes", "depths")
 _MISSED, _PIXELS, _DEPTH_ERROR, _FRAMES = 0.1, 10.0, 0.05, 10
 _WALL: Final = 0.3
-"""Metres from what is inside."""
+"""Distance in metres of the walls from everything inside."""
 
 
 def statements_of(
     clip: Clip, truth: Truth, used: Sequence[str], labels: Sequence[str], rng: np.random.Generator
 ) -> dict[str, list[Statement]]:
-    """What is told, by name."""
+    """The statements, by name."""
     known = [o for o in truth.objects if o.label in labels]
     ours = [o for o in known if o.label in used]
     seats = [o for o in ours if o.label in SEATS] or ours
@@ -62,7 +62,7 @@ def statements_of(
 
 
 def walls(truth: Truth) -> im.Room:
-    """A rectangle around all furniture and the person's way."""
+    """A rectangle around all furniture and the person's path."""
     points = [o.footprint for o in truth.objects]
     pelvis = truth.joints[:, PELV, :2]
     inside = np.concatenate([*points, pelvis[np.isfinite(pelvis).all(1)]])
@@ -80,7 +80,7 @@ def about(o: SceneObject, radius: float = 0.8) -> tuple[tuple[float, float], ...
 def boxes(
     clip: Clip, truth: Truth, objects: Sequence[SceneObject], rng: np.random.Generator
 ) -> im.Seen:
-    """Projected bounding boxes of what is in the picture, some missed, with noise."""
+    """Noisy projected bounding boxes of the objects in the image, with some missed."""
     found, named = [], []
     size = np.array([clip.camera.width, clip.camera.height])
     for o in objects:
@@ -104,7 +104,7 @@ def boxes(
 
 
 def depths(clip: Clip, truth: Truth, rng: np.random.Generator) -> im.DepthOf:
-    """Pelvis depths in ten frames, evenly spread over those that are annotated."""
+    """Pelvis depths in ten frames, evenly spaced over those that are annotated."""
     known = np.flatnonzero(np.isfinite(truth.joints).all((1, 2)))
     frames = known[np.linspace(0, len(known) - 1, _FRAMES).round().astype(int)]
     depth = truth.camera.to_camera(truth.joints[frames, PELV])[:, 1]
@@ -152,7 +152,7 @@ def _row(posterior: im.Posterior, truth: Any, seconds: float) -> dict[str, Any]:
 
 
 def table(scenes: dict[str, dict[str, Any]]) -> str:
-    """Markdown: scenes together, a row for each thing that is told."""
+    """Markdown table over all scenes, one row for each statement."""
     lines = [
         "| statement | found | spurious | loss, cm | IoU | joints, cm | reweighted / continued "
         "| seconds |",
@@ -175,7 +175,7 @@ def table(scenes: dict[str, dict[str, Any]]) -> str:
 
 
 def by_scene(scenes: dict[str, dict[str, Any]]) -> str:
-    """Markdown: a row for each scene and thing that is told."""
+    """Markdown table with one row for each scene and statement."""
     lines = [
         "| scene | statement | found | loss, cm | joints, cm | log evidence ratio, nats | method |",
         "|---|---|---:|---:|---:|---:|---|",
@@ -190,12 +190,12 @@ def by_scene(scenes: dict[str, dict[str, Any]]) -> str:
 
 
 def _ratio(text: str) -> str:
-    """The figure in what is said of an evidence ratio."""
+    """The number in the text on an evidence ratio."""
     return text.removeprefix("Log evidence ratio ").partition(" nats")[0]
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Measure, keep, print."""
+    """Measure, store, print."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

@@ -2,13 +2,13 @@
 
     python -m lab.unfound I3DB_FOLDER
 
-solves every scene with the built-in library. For each true object without a partner within a metre
-it puts the candidates that have something of its kind near its true place into the best scene, one
-at a time, instead of whatever they overlap, and refines the most promising. For each seat that was
-found and called something else it looks for the best sequence of candidates with a seat of the true
-label near the true place, instead of the scenelets that have the one that was found. Printed is how
-many nats the best scene with the object is from the best without it: near nothing, the search or
-luck has missed it; much, the model.
+solves every scene with the built-in library. For each true object without a partner within a metre,
+it puts candidates with an object of its kind near its true place into the best scene, one at a
+time, replacing whatever they overlap, and refines the most promising. For each seat that was found
+with a wrong label, it searches the best sequence of candidates with a seat of the true label near
+the true place, replacing the scenelets of the one that was found. The output is the difference in
+nats between the best scene with the object and the best without it: if it is near zero, the search
+missed the object; if it is large, the model excludes it.
 """
 
 from __future__ import annotations
@@ -33,15 +33,15 @@ from imapper_prob.solver.sequences import best_sequences
 from imapper_prob.solver.solver import Solution, solve
 
 _NEAR = 0.5
-"""Metres from the true centre: half of what counts as found."""
+"""Metres from the true centre, half the distance that counts as found."""
 _REFINED, _POLISHED = 24, 4
-"""Scenes with the object that are refined, and of these polished."""
+"""Number of scenes with the object that are refined, and of these that are polished."""
 
 HEAD = "| scene | true | candidates | best with it | nats | mostly |\n|---|---|---:|---|---:|---|\n"
 
 
 def with_it(solution: Solution, truth: Outline) -> Iterator[tuple[Candidate, State]]:
-    """Candidates with the object, each in the best scene."""
+    """Candidates with the object, each with the best scene after it was put there."""
     problem, best = solution.problem, solution.states[0]
     starts = best.items[:, 1]
     ends = starts + problem.lengths[best.items[:, 0]]
@@ -61,7 +61,7 @@ def with_it(solution: Solution, truth: Outline) -> Iterator[tuple[Candidate, Sta
 
 
 def called_so(solution: Solution, pair: Pair) -> Iterator[tuple[Candidate, State]]:
-    """The best sequences with an object of the true label, instead of what is there."""
+    """The best sequences with an object of the true label in place of the one that was found."""
     truth, found = pair.truth, pair.found
     problem, best = solution.problem, solution.states[0]
     own = [
@@ -69,7 +69,7 @@ def called_so(solution: Solution, pair: Pair) -> Iterator[tuple[Candidate, State
         for index, o in _placed(solution, best)
         if o.group == truth.group and np.linalg.norm(o.centre - found.centre) < _NEAR
     ]
-    # One stay: who comes back later is left where they are.
+    # One stay only; later stays at the same object are unchanged.
     own = [index for k, index in enumerate(own) if index == own[0] + k]
     ends = best.items[:, 1] + problem.lengths[best.items[:, 0]]
     begin = int(ends[min(own) - 1]) if min(own) else 0
@@ -103,7 +103,7 @@ def _placed(solution: Solution, state: State) -> list[tuple[int, Outline]]:
 def row(
     solution: Solution, scene: str, what: str, scenes: Iterable[tuple[Candidate, State]]
 ) -> str:
-    """One line of the table: the best of some scenes that have the object."""
+    """One line of the table: the best of some scenes with the object."""
     problem = solution.problem
     cells = [scene, what]
     found = sorted(scenes, key=lambda one: -log_posterior(problem, one[1]))

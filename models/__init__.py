@@ -1,1 +1,1 @@
-"""What a scene is and what it costs."""
+"""The probabilistic model: scenes, problems, the log-posterior and its compiled kernels."""

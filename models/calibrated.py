@@ -1,8 +1,8 @@
-"""Constants that were estimated from data, read from the file that states their source.
+"""Constants that were estimated from data, read from a file that also states their source.
 
-``calibrated.toml`` beside this module is written by ``python -m lab.calibrate``. Each constant
-has a table there: the value in use, its unit, where it comes from, what was measured, and how
-far that moves when a scene is left out.
+``python -m lab.calibrate`` writes ``calibrated.toml``, which lies beside this module. Each constant
+has a table there: the value in use, its unit, its source, the estimate, and the estimates with one
+scene left out.
 """
 
 from __future__ import annotations
@@ -42,19 +42,19 @@ class Constant:
         What the program uses.
     unit : str
     meaning : str
-        What it is of.
+        What the constant describes.
     source : str
         How it was estimated, and from what.
     measured : float or tuple of float
-        What the data say; differs from ``value`` where there is a reason in ``kept``.
+        The estimate from data; differs from ``value`` for the reason given in ``kept``.
     error : float or tuple of float
         Jackknife standard error of ``measured`` over the scenes.
     folds : tuple
-        The estimates with each scene left out in turn.
+        The estimates with each scene left out in turn, in the order of :data:`FOLDS`.
     kept : str
-        Why ``value`` is not ``measured``; empty if it is.
+        Why ``value`` differs from ``measured``; empty if it does not.
     recovered : tuple of float
-        A known value of the simulator, and the estimate from simulated clips; or empty.
+        A known value of the simulator and its estimate from simulated clips; empty if not checked.
     """
 
     value: Number
@@ -74,7 +74,7 @@ def _frozen(value: Any) -> Any:
 
 @cache
 def constants() -> Mapping[str, Constant]:
-    """All calibrated constants by name, ``"walk.bearing"``.
+    """All calibrated constants by name, such as ``"walk.bearing"``.
 
     Returns
     -------
@@ -84,17 +84,17 @@ def constants() -> Mapping[str, Constant]:
 
 
 def parsed(text: str) -> Mapping[str, Constant]:
-    """The constants that a text like the file's holds.
+    """Parse constants from a text in the format of ``calibrated.toml``.
 
     Parameters
     ----------
     text : str
-        TOML: a table for each constant.
+        TOML with a table for each constant.
 
     Returns
     -------
     mapping of str to Constant
-        By name, ``"walk.bearing"``.
+        By name, such as ``"walk.bearing"``.
     """
     groups = tomllib.loads(text)
     return MappingProxyType(
@@ -107,22 +107,22 @@ def parsed(text: str) -> Mapping[str, Constant]:
 
 
 def calibrated(name: str) -> float:
-    """The value in use of one constant.
+    """The value in use of one scalar constant.
 
     Parameters
     ----------
     name : str
-        Of the constant, ``"walk.bearing"``.
+        Name of the constant, such as ``"walk.bearing"``.
 
     Returns
     -------
     float
-        In the constant's unit.
+        Value in the constant's unit.
 
     Raises
     ------
     TypeError
-        If it is a row of numbers.
+        The constant is a row of numbers.
     """
     value = constants()[name].value
     if isinstance(value, tuple):
@@ -131,22 +131,22 @@ def calibrated(name: str) -> float:
 
 
 def table(name: str) -> tuple[float, ...]:
-    """The values in use of a row of constants.
+    """The values in use of a constant that is a row of numbers.
 
     Parameters
     ----------
     name : str
-        Of the row, ``"detections.seen_confidence"``.
+        Name of the constant, such as ``"detections.seen_confidence"``.
 
     Returns
     -------
     tuple of float
-        In the constants' unit.
+        Values in the constant's unit.
 
     Raises
     ------
     TypeError
-        If it is a single number.
+        The constant is a single number.
     """
     value = constants()[name].value
     if not isinstance(value, tuple):
@@ -155,14 +155,14 @@ def table(name: str) -> tuple[float, ...]:
 
 
 def from_data(name: str, convert: Callable[[Number], Number] | None = None) -> Any:
-    """A field of a dataclass of settings whose default is a calibrated constant.
+    """A field of a settings dataclass whose default is a calibrated constant.
 
     Parameters
     ----------
     name : str
-        Of the constant, ``"walk.bearing"``.
+        Name of the constant, such as ``"walk.bearing"``.
     convert : callable, optional
-        From the constant's value to that of the field.
+        Converts the constant's value to that of the field.
 
     Returns
     -------
@@ -177,19 +177,19 @@ def from_data(name: str, convert: Callable[[Number], Number] | None = None) -> A
 
 
 def with_values(settings: _Settings, values: Mapping[str, Number]) -> _Settings:
-    """Settings with other values of the constants that their fields come from.
+    """Replace the settings that come from given constants.
 
     Parameters
     ----------
     settings : dataclass
-        With fields of :func:`from_data`.
+        Settings with fields made by :func:`from_data`.
     values : mapping of str to Number
-        By name of the constant; fields of others stay as they are.
+        New values by name of the constant; other fields keep theirs.
 
     Returns
     -------
     dataclass
-        Of the type of ``settings``.
+        Of the same type as ``settings``.
     """
     changed: dict[str, Any] = {}
     for entry in fields(settings):  # type: ignore[arg-type]
@@ -200,20 +200,20 @@ def with_values(settings: _Settings, values: Mapping[str, Number]) -> _Settings:
 
 
 def values_without(scene: str) -> dict[str, Number]:
-    """The constants as they would be if a scene had never been seen.
+    """The constants estimated without one scene, for cross-validation.
 
-    Constants that are kept for a reason stay; of a scene that they were not estimated from there
-    is nothing to leave out.
+    Constants with a reason in ``kept`` are left out, because their value is not the estimate. For a
+    scene that is not a calibration scene there is nothing to replace.
 
     Parameters
     ----------
     scene : str
-        Of i3DB, ``"Scene04"``.
+        Name of a scene of i3DB, such as ``"Scene04"``.
 
     Returns
     -------
     dict of str to Number
-        By name of the constant; empty if the scene is not in :data:`FOLDS`.
+        Values by name of the constant; empty if the scene is not in :data:`FOLDS`.
     """
     if scene not in FOLDS:
         return {}

@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Camera:
-    """Intrinsics, and the pose that gravity and floor leave undetermined.
+    """A pinhole camera: intrinsics, and the part of its pose that is not a choice of axes.
 
     Parameters
     ----------

@@ -1,7 +1,7 @@
-"""Colours of objects and actions, in recordings and figures alike.
+"""Colours of objects and actions, used in recordings and figures.
 
-Hues of objects are those of Tableau 10, which stay apart on dark and light ground and for most
-colour-blind eyes; what people do goes from cool to warm.
+Object colours are those of Tableau 10, which can be told apart on dark and light backgrounds and
+with most kinds of colour blindness. Action colours go from cool to warm.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ _OTHERS: Final[tuple[Colour, ...]] = (
 
 
 def category_colour(label: str) -> Colour:
-    """The colour of a category of objects.
+    """The colour of an object category; unknown categories share a few other colours.
 
     Parameters
     ----------
@@ -64,7 +64,7 @@ def category_colour(label: str) -> Colour:
 
 
 def action_colour(action: str) -> Colour:
-    """The colour of what somebody does.
+    """The colour of an action; unknown actions share a few other colours.
 
     Parameters
     ----------
@@ -78,5 +78,5 @@ def action_colour(action: str) -> Colour:
 
 
 def _other(word: str) -> Colour:
-    # A checksum, not hash(): the colour of a rare word must not change between runs.
+    # A checksum instead of hash(), which changes between runs.
     return _OTHERS[zlib.crc32(word.encode()) % len(_OTHERS)]

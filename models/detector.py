@@ -1,17 +1,17 @@
-"""How a detector reports a joint that is seen, and one that is hidden.
+"""Observation model of a 2D joint detector, for visible and for hidden joints.
 
 A joint at pixel ``q`` with probability ``m`` of being in view is detected at ``u`` with
 confidence ``c`` with density
 
     p(u, c | q, m) = m p1(c) t(u; q, s1(c)) + (1 - m) p0(c) t(u; q, s0(c)),
 
-``p1`` and ``p0`` being histograms of confidence and ``t`` a bivariate Student-t. It takes
-the place of the paper's reprojection term L_r and occlusion term L_o (Monszpart et al.
-2019) in one normalised density: robust to gross jumps, and asymmetric as the paper's F is,
-for a detector may be sure of a joint it cannot see.
+where ``p1`` and ``p0`` are histograms of confidence and ``t`` is a bivariate Student-t density.
+This one normalised density replaces the paper's reprojection term L_r and occlusion term L_o
+(Monszpart et al. 2019). It is robust to gross errors. Like the paper's F it is asymmetric: a
+detector may be confident about a joint that it cannot see.
 
-The tables are calibrated (``docs/research/calibration.md``): detections of i3DB against projected
-ground truth, hidden as the benchmark's own ray casts say.
+The tables are calibrated (``docs/research/calibration.md``) on detections of i3DB compared with
+projected ground truth; ray casts of the benchmark's scenes tell which joints are hidden.
 """
 
 from __future__ import annotations
@@ -33,28 +33,29 @@ __all__ = [
 Array = NDArray[np.float64]
 
 CONFIDENCE_EDGES: Final = (0, 0.02, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.85, 0.9, 1)
-"""Bins of confidence: finer where i3DB's detector is mostly found."""
+"""Bin edges of confidence, finer where most detections of i3DB lie."""
 ERROR_EDGES: Final = (0.02, 0.5)
-"""Confidences that part lost, doubtful and sure detections, whose pixel errors differ."""
+"""Confidences that separate lost, doubtful and sure detections; each class has its pixel error."""
 LOST_ERROR: Final = (2000.0, 4.0)
-"""Scale, in pixels at 1080 lines, and degrees of freedom of the pixel error of a lost joint: about
-the width of a picture. A detector that believes in none of its places says that the joint may be
-hidden, not where it is: what it reports is the best of nothing, often on something else."""
+"""Scale (pixels in an image of 1080 lines) and degrees of freedom of the pixel error of a lost
+joint. The scale is about the image width: a detection of very low confidence tells that the joint
+may be hidden but not where it is, because it often lies on something else."""
 _REFERENCE_HEIGHT = 1080.0
 
 
 @dataclass(frozen=True)
 class DetectorSettings:
-    """How a detector errs, estimated from data (``docs/research/calibration.md``).
+    """Error model of the detector, estimated from data (``docs/research/calibration.md``).
 
     Parameters
     ----------
     hidden_confidence, seen_confidence : tuple of B float
-        Probability of each bin of confidence.
+        Probability of each confidence bin.
     hidden_error_scale, seen_error_scale : tuple of 2 float
-        Pixels at 1080 lines; scale of the error of doubtful and of sure joints.
+        Scale of the pixel error of doubtful and of sure joints, in pixels of an image of 1080
+        lines.
     hidden_error_dof, seen_error_dof : tuple of 2 float
-        Degrees of freedom of the same.
+        Degrees of freedom of these errors.
     """
 
     hidden_confidence: tuple[float, ...] = from_data("detections.hidden_confidence")
@@ -77,9 +78,9 @@ class DetectorSettings:
 
 @dataclass(frozen=True)
 class DetectionModel:
-    """The tables of the detector; indices 0 and 1 of the first axis are hidden and seen.
+    """Tables of the detector; along the first axis, index 0 is hidden and 1 is seen.
 
-    By default those of :class:`DetectorSettings`; see :meth:`of`.
+    The defaults come from :class:`DetectorSettings`; see :meth:`of`.
 
     Parameters
     ----------
@@ -88,10 +89,10 @@ class DetectionModel:
     confidence : (2, B) float
         Probability of each bin.
     error_edges : (2,) float
-        Confidences at which the pixel error changes class.
+        Confidences that separate the classes lost, doubtful and sure.
     error_scale, error_dof : (2, 3) float
-        Scale in pixels of an image of 1080 lines, and degrees of freedom, of the pixel
-        error's Student-t, by class.
+        Scale (pixels of an image of 1080 lines) and degrees of freedom of the Student-t pixel
+        error, by class.
     """
 
     edges: Array = field(default_factory=lambda: np.asarray(CONFIDENCE_EDGES, float))
@@ -102,7 +103,7 @@ class DetectionModel:
 
     @classmethod
     def of(cls, settings: DetectorSettings) -> DetectionModel:
-        """The tables by some settings.
+        """Make the tables from settings.
 
         Parameters
         ----------
@@ -116,7 +117,7 @@ class DetectionModel:
         return cls(confidence=_shares(settings), error_scale=scale, error_dof=dof)
 
     def confidence_density(self, confidence: ArrayLike) -> Array:
-        """Densities p0(c) and p1(c) of a confidence.
+        """Probability densities p0(c) and p1(c) of a confidence.
 
         Parameters
         ----------
@@ -126,14 +127,14 @@ class DetectionModel:
         Returns
         -------
         (..., 2) float
-            Per unit of confidence, of a hidden joint and of a seen one.
+            Density per unit of confidence, for a hidden joint and for a seen one.
         """
         c = np.asarray(confidence, float)
         bins = np.clip(np.searchsorted(self.edges, c, side="right") - 1, 0, len(self.edges) - 2)
         return np.moveaxis((self.confidence / np.diff(self.edges))[:, bins], 0, -1)
 
     def error_class(self, confidence: ArrayLike) -> NDArray[np.intp]:
-        """Which row of the pixel-error table a confidence belongs to.
+        """Class of the pixel error that a confidence belongs to.
 
         Parameters
         ----------
@@ -148,7 +149,7 @@ class DetectionModel:
         return np.searchsorted(self.error_edges, np.asarray(confidence, float), side="right")
 
     def error_tables(self, confidence: ArrayLike, *, image_height: int) -> tuple[Array, Array]:
-        """Scale and degrees of freedom of the pixel error of detections.
+        """Scale and degrees of freedom of the pixel errors of detections.
 
         Parameters
         ----------
@@ -160,9 +161,9 @@ class DetectionModel:
         Returns
         -------
         scale : (..., 2) float
-            Pixels, of a hidden joint and of a seen one.
+            Pixels, for a hidden joint and for a seen one.
         dof : (..., 2) float
-            Degrees of freedom of the same.
+            Degrees of freedom, likewise.
         """
         index = self.error_class(confidence)
         scale = self.error_scale[:, index] * (image_height / _REFERENCE_HEIGHT)
@@ -177,19 +178,19 @@ class DetectionModel:
         image_height: int,
         looseness: ArrayLike = 0.0,
     ) -> tuple[Array, Array]:
-        """Draw detections of joints.
+        """Draw detections of joints from the observation model.
 
         Parameters
         ----------
         rng : numpy.random.Generator
         pixels : (..., 2) float
-            Where the joints are in the image.
+            Projections of the joints.
         hidden : (...) bool
         image_height : int
             Pixels.
         looseness : (...) float
-            Pixels by which a pose may be off where it is a scenelet's; their square adds to that of
-            the detector's scale.
+            Uncertainty of the pose in pixels, where a scenelet gives it; added in quadrature to the
+            detector's scale.
 
         Returns
         -------
@@ -214,14 +215,14 @@ class DetectionModel:
 
 
 def _shares(settings: DetectorSettings) -> Array:
-    """Normalised again, for what is stored is rounded."""
+    """(2, B) probabilities of the bins, normalised again because stored values are rounded."""
     counted = np.array([settings.hidden_confidence, settings.seen_confidence])
     result: Array = counted / counted.sum(1, keepdims=True)
     return result
 
 
 def _errors(settings: DetectorSettings) -> tuple[Array, Array]:
-    """Pixel errors of lost joints before those of doubtful and sure ones: (2, 3) each."""
+    """(2, 3) scale and (2, 3) degrees of freedom of pixel errors: lost, doubtful and sure."""
     lost, tails = (np.full((2, 1), value) for value in LOST_ERROR)
     scale = np.array([settings.hidden_error_scale, settings.seen_error_scale])
     dof = np.array([settings.hidden_error_dof, settings.seen_error_dof])
@@ -251,7 +252,7 @@ def student_t(squared_error: ArrayLike, scale: ArrayLike, dof: ArrayLike) -> Arr
 def student_t_loss(
     squared_error: ArrayLike, scale: ArrayLike, dof: ArrayLike, *, dimensions: int = 2
 ) -> Array:
-    """Minus the log density of a Student-t, without its constant.
+    """Negative log density of a Student-t, without the normalising constant.
 
     ``(nu + d) / 2 log(1 + r^2 / (nu s^2))``
 
@@ -260,11 +261,11 @@ def student_t_loss(
     squared_error : (...) float
         r^2, squared length of the error.
     scale : (...) float
-        s, the unit of errors.
+        s, the scale, in units of the error.
     dof : (...) float
         nu, degrees of freedom.
     dimensions : int
-        d, of the error.
+        d, the dimension of the error.
 
     Returns
     -------

@@ -1,7 +1,8 @@
-"""Clips and scenes on matplotlib's axes: what ``plot`` draws, and pictures for notebooks.
+"""Draw clips and scenes on matplotlib axes, for ``plot`` methods and notebooks.
 
-matplotlib is loaded by the first drawing, not by importing this module. Views from above are in the
-world frame: the camera is above the origin and looks along y, up the page.
+Functions import matplotlib when they draw, so importing this module does not load it. Views from
+above use the world frame: the camera is above the origin and looks along y, which points up the
+page.
 """
 
 from __future__ import annotations
@@ -42,26 +43,26 @@ __all__ = [
 
 Array = NDArray[np.float64]
 INK: Final = "#2b2f36"
-"""Colour of texts, and of what is drawn of a person."""
+"""Colour of texts and of people."""
 QUIET: Final = "#7d848f"
-"""Colour of what is beside the point."""
+"""Colour of secondary elements."""
 LINES: Final = "#dcdfe4"
 """Colour of grids and frames."""
 _PEOPLE: Final = (INK, "#4e79a7", "#e15759", "#59a14f", "#b07aa1")
-"""Colours of people, one after the other."""
+"""Colours of people, in order."""
 _DOTS: Final = 80
-"""Dots an inch of pictures in notebooks."""
+"""Dots per inch of pictures in notebooks."""
 
 
 def axes_for(ax: Axes | None, *, size: tuple[float, float]) -> Axes:
-    """The axes to draw on.
+    """The axes to draw on; new ones if none are given.
 
     Parameters
     ----------
     ax : matplotlib.axes.Axes, optional
-        Those of a new figure of pyplot if not given.
+        If not given, the axes of a new pyplot figure.
     size : (float, float)
-        Of the new figure, inches.
+        Size of the new figure, inches.
 
     Returns
     -------
@@ -75,14 +76,14 @@ def axes_for(ax: Axes | None, *, size: tuple[float, float]) -> Axes:
 
 
 def draw_clip(axes: Axes, clip: Clip, *, moments: int) -> None:
-    """Draw the 2D joints of everybody at some moments, earlier ones lighter.
+    """Draw the 2D joints of all people at several frames, earlier ones lighter.
 
     Parameters
     ----------
     axes : matplotlib.axes.Axes
     clip : Clip
     moments : int
-        How many, evenly spread over the frames in which somebody was detected.
+        Number of frames, evenly spread over those in which the person was detected.
     """
     for number, track in enumerate(clip.tracks):
         known = np.flatnonzero(np.any(np.isfinite(track.keypoints).all(-1), axis=1))
@@ -104,7 +105,7 @@ def draw_clip(axes: Axes, clip: Clip, *, moments: int) -> None:
 
 
 def draw_furniture(axes: Axes, objects: Iterable[SceneObject]) -> None:
-    """Draw furniture from above: its parts, lower ones first, and its name.
+    """Draw furniture from above: cuboids in order of height, and the label.
 
     Parameters
     ----------
@@ -125,19 +126,19 @@ def draw_furniture(axes: Axes, objects: Iterable[SceneObject]) -> None:
             known.add(o.label)
             axes.add_patch(patch)
         write_name(axes, o.centre, o.label)
-    # Patches alone do not move the limits of axes whose limits follow what is drawn.
+    # Adding patches does not update automatic axis limits.
     axes.autoscale_view()
 
 
 def draw_outlines(axes: Axes, objects: Iterable[SceneObject], *, label: str) -> None:
-    """Draw the outlines of furniture from above, dashed.
+    """Draw dashed outlines of furniture from above.
 
     Parameters
     ----------
     axes : matplotlib.axes.Axes
     objects : iterable of SceneObject
     label : str
-        Of all of them, in a legend.
+        Legend entry of all outlines together.
     """
     from matplotlib.patches import Polygon
 
@@ -150,7 +151,7 @@ def draw_outlines(axes: Axes, objects: Iterable[SceneObject], *, label: str) -> 
 def draw_paths(
     axes: Axes, joints: Array, *, people: int = 1, label: str | None, quiet: bool = False
 ) -> None:
-    """Draw the ways of pelvises from above.
+    """Draw the paths of pelvises from above.
 
     Parameters
     ----------
@@ -158,9 +159,9 @@ def draw_paths(
     joints : (K T, 16, 3) float
         World frame, metres; all frames of one person, then of the next.
     people : int
-        Number of people K.
+        Legend entry.
     label : str, optional
-        In a legend.
+        Draw thin and grey, for a path that is only for comparison.
     quiet : bool
         Thin and grey, for what stands beside another path.
     """
@@ -175,13 +176,13 @@ def draw_paths(
 
 
 def name_axes_of_floor(axes: Axes) -> None:
-    """Name the axes of a view from above, with units; both to one scale.
+    """Label the axes of a view from above, with units and equal scales.
 
     Parameters
     ----------
     axes : matplotlib.axes.Axes
     """
-    # The box stays as it is where it may, so that layouts know what is around it.
+    # Keep the box where possible, so that layouts account for its surroundings.
     shared = len(axes.get_shared_x_axes().get_siblings(axes)) > 1
     axes.set_aspect("equal", adjustable="box" if shared else "datalim")
     axes.grid(color=LINES, lw=0.6)
@@ -192,13 +193,13 @@ def name_axes_of_floor(axes: Axes) -> None:
 
 
 def show_legend(axes: Axes, *, below: bool = False) -> None:
-    """Show the legend of what has a label, its texts as they stand.
+    """Show a legend of all labelled elements; its texts are not parsed as formulas.
 
     Parameters
     ----------
     axes : matplotlib.axes.Axes
     below : bool
-        Under the axes, for views that are full: what is beside them may be another view.
+        Place it under the axes, if there is no room inside.
     """
     if not axes.get_legend_handles_labels()[0]:
         return
@@ -211,13 +212,13 @@ def show_legend(axes: Axes, *, below: bool = False) -> None:
 
 
 def write_name(axes: Axes, place: Sequence[float] | Array, text: str) -> None:
-    """Write a name at a place of the floor.
+    """Write a name at a position on the floor.
 
     Parameters
     ----------
     axes : matplotlib.axes.Axes
     place : (2,) or (3,) float
-        Metres.
+        Position in metres.
     text : str
     """
     x, y = (float(value) for value in place[:2])
@@ -227,7 +228,7 @@ def write_name(axes: Axes, place: Sequence[float] | Array, text: str) -> None:
 
 
 def tidy(axes: Axes) -> None:
-    """Leave only the left and the lower frame, and both light.
+    """Hide the top and right frame lines and make the others light.
 
     Parameters
     ----------
@@ -239,7 +240,7 @@ def tidy(axes: Axes) -> None:
 
 
 def rgb(colour: Colour) -> tuple[float, float, float]:
-    """A colour as matplotlib has it, parts from 0 to 1.
+    """Convert a colour to matplotlib's range of 0 to 1.
 
     Parameters
     ----------
@@ -254,13 +255,13 @@ def rgb(colour: Colour) -> tuple[float, float, float]:
 
 
 def _parts(colour: str) -> tuple[float, float, float]:
-    """Red, green and blue of ``#rrggbb``."""
+    """Red, green and blue of ``#rrggbb``, from 0 to 1."""
     red, green, blue = bytes.fromhex(colour[1:])
     return rgb((red, green, blue))
 
 
 def take_texts_as_they_stand(figure: Figure) -> None:
-    """Have no text of a figure read as a formula: names in it are of others.
+    """Turn off formula parsing for all texts of a figure, because names come from users.
 
     Parameters
     ----------
@@ -274,12 +275,12 @@ def take_texts_as_they_stand(figure: Figure) -> None:
 
 
 def picture_of(plot: Callable[[Axes], object], *, size: tuple[float, float]) -> str:
-    """A picture for a notebook, as SVG; pyplot's current figure is left alone.
+    """Render a picture for a notebook as SVG, without touching pyplot's current figure.
 
     Parameters
     ----------
     plot : callable
-        Draws on the axes that it is given.
+        Draws on the axes that are passed to it.
     size : (float, float)
         Inches.
 

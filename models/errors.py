@@ -1,4 +1,4 @@
-"""The one exception that a user is meant to see."""
+"""The exception that reports unusable input to the user."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ __all__ = ["InputError"]
 
 
 class InputError(ValueError):
-    """Something that was handed in cannot be used.
+    """An input that cannot be used.
 
-    The message is one sentence for a person: it names the file, frame and joint where
-    that is known, says what is wrong and what to do about it. The command line prints it
-    without a traceback and exits with code 2.
+    The message is one sentence for a person. It names the file, frame and joint if they are known,
+    and says what is wrong and what to do about it. The command line prints it without a traceback
+    and exits with code 2.
 
     Examples
     --------

@@ -1,7 +1,7 @@
-"""What each frame adds to the terms of the log-posterior, for reports and figures.
+"""The contribution of each frame to the terms of the log-posterior, for reports and figures.
 
-Shares add up to what :func:`imapper_prob.models.log_posterior.terms` says of the whole; nothing
-is modelled a second time.
+The contributions are computed from the model itself and add up to the terms of
+:func:`imapper_prob.models.log_posterior.terms`.
 """
 
 from __future__ import annotations
@@ -23,19 +23,19 @@ Ints = NDArray[np.int64]
 
 
 def terms_by_frame(problem: Problem, state: State) -> dict[str, Array]:
-    """Terms of the log-posterior that belong to frames, of the default one or the published energy.
+    """Per-frame contributions to the log-posterior or, for the published energy, to its terms.
 
     Parameters
     ----------
     problem : Problem
     state : State
-        Within the support of the posterior.
+        A state inside the support of the posterior.
 
     Returns
     -------
     dict of str to (T,) float
-        Nats. Of detections, log p(u_t, c_t | all earlier frames, s) with the frame weight and
-        with left and right flipped or not summed out. A jump counts for the frame it leads to.
+        Nats. The detections' contribution is the weighted log p(u_t, c_t | all earlier frames, s),
+        marginalised over left-right flips. A jump counts for the frame it leads to.
     """
     return _published(problem, state) if problem.of_paper else _default(problem, state)
 
@@ -67,7 +67,7 @@ def _default(problem: Problem, state: State) -> dict[str, Array]:
 
 
 def _jumps_by_frame(problem: Problem, state: State, covered_by: Ints, joints: Array) -> Array:
-    """(T,) what the jump of the pose into each frame costs, where a scenelet begins or ends."""
+    """(T,) log-probability of the pose jump into each frame where a scenelet begins or ends."""
     shares, scale = np.zeros(len(joints)), problem.joint_step * np.exp(state.camera[3])
     joined = ~problem.path_starts[1:]
     for t in (1 + np.flatnonzero(joined & (np.diff(covered_by) != 0))).tolist():
@@ -76,14 +76,14 @@ def _jumps_by_frame(problem: Problem, state: State, covered_by: Ints, joints: Ar
 
 
 def _ground_by_frame(problem: Problem, joints: Array) -> Array:
-    """(T,) what the feet below the floor cost in each frame with a detection."""
+    """(T,) log-probability of feet below the floor, in frames with a detection."""
     weight = problem.motion_cost * problem.frame_weight * problem.likelihood
     depth = np.maximum(-joints[:, 2].min(-1), 0.0)
     return np.where(problem.used.any(1), -weight * depth, 0.0)
 
 
 def _support_by_frame(problem: Problem, state: State) -> Array:
-    """(T,) what each stay that nothing carries costs, evenly over its frames."""
+    """(T,) log-probability of each stay without support, spread evenly over its frames."""
     shares = np.zeros(problem.n_frames)
     for stay in problem.stays:
         cost = terms(problem._replace(stays=stay[None]), state)["support"]
@@ -93,9 +93,9 @@ def _support_by_frame(problem: Problem, state: State) -> Array:
 
 
 def _motion_by_frame(problem: Problem, state: State) -> Array:
-    """(T,) what the motion term of each frame would be alone, in proportion to the whole.
+    """(T,) motion term of each frame alone, scaled so that the sum is the whole term.
 
-    Furniture that stands out of the way does so for all frames, which together cost less.
+    Displacing furniture helps all frames at once, so the whole costs less than the sum of parts.
     """
     shares = np.zeros(problem.n_frames)
     for t in np.flatnonzero(problem.used.any(1)):

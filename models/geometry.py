@@ -1,4 +1,4 @@
-"""Boxes on the floor: packing, lines of sight, footprints.
+"""Boxes on the floor: packing into arrays, and clearance of lines of sight.
 
 A box is a row of seven numbers ``(x, y, z, hx, hy, hz, yaw)``: its centre and half side
 lengths in metres and its rotation about z in radians, in the world frame.
@@ -22,17 +22,17 @@ Array = NDArray[np.float64]
 
 
 def pack_boxes(objects: Iterable[SceneObject]) -> Array:
-    """All cuboids of ``objects`` as (K, 7) boxes in their common parent frame.
+    """Pack all cuboids of ``objects`` as (K, 7) boxes in their common parent frame.
 
     Parameters
     ----------
     objects : iterable of SceneObject
-        In one parent frame.
+        Objects that share a parent frame.
 
     Returns
     -------
     (K, 7) float
-        See the module.
+        See the module docstring.
     """
     rows = [
         (*o.placement.apply(c.centre), *(c.size / 2), o.placement.yaw)
@@ -43,13 +43,13 @@ def pack_boxes(objects: Iterable[SceneObject]) -> Array:
 
 
 def sight_clearance(origin: ArrayLike, points: ArrayLike, boxes: ArrayLike) -> Array:
-    """How far boxes are from cutting the line of sight to each point.
+    """Clearance of the line of sight from the camera to each point, metres.
 
-    The smallest value along the segment from ``origin`` to the point of the box function
-    ``max_i(|p_i| - h_i)``: negative exactly where the segment passes through a box (then by
-    how deep it cuts), positive where it is clear. In a box thinner than ``2 OPAQUE`` negative
-    values are scaled up to ``OPAQUE`` in its middle. By the kernels of
-    :mod:`imapper_prob.models.kernels.visibility`, in single precision.
+    The clearance is the minimum, along the segment from ``origin`` to the point, of the box
+    function ``max_i(|p_i| - h_i)``. It is negative if the segment passes through a box (its size is
+    the depth of the cut) and positive if it is clear. For a box thinner than ``2 OPAQUE`` negative
+    values are scaled so that they reach ``-OPAQUE`` in its middle. Computed in single precision by
+    the kernels of :mod:`imapper_prob.models.kernels.visibility`.
 
     Parameters
     ----------
@@ -58,12 +58,12 @@ def sight_clearance(origin: ArrayLike, points: ArrayLike, boxes: ArrayLike) -> A
     points : (..., 3) float
         Joints in the world, metres.
     boxes : (K, 7) float
-        See the module.
+        See the module docstring.
 
     Returns
     -------
     (...) float
-        Clearance in metres, at most ``NOTHING_IN_SIGHT``; NaN of a point that is not finite.
+        Clearance in metres, at most ``NOTHING_IN_SIGHT``; NaN if a point is not finite.
     """
     (x, y, elevation), points = np.asarray(origin, float), np.asarray(points, float)
     below = np.array([x, y, 0.0])
@@ -75,6 +75,6 @@ def sight_clearance(origin: ArrayLike, points: ArrayLike, boxes: ArrayLike) -> A
     boxes[:, :3] -= below
     joints = np.ascontiguousarray(rows.reshape(-1, N_JOINTS, 3).transpose(0, 2, 1))
     found = clearances(float(elevation), joints, boxes).reshape(-1)[: len(flat)]
-    capped = np.minimum(found, NOTHING_IN_SIGHT)  # which single precision rounds up
+    capped = np.minimum(found, NOTHING_IN_SIGHT)  # single precision may round up
     result: Array = np.where(known, capped, np.nan).reshape(points.shape[:-1])
     return result

@@ -1,8 +1,8 @@
-"""Compilation of the kernels by numba, cached on disk under a digest of what they are made of.
+"""Compile kernels by numba, and cache them on disk under a digest of their sources.
 
-numba's own cache notices a change in a function's file but not in the files of the functions it
-calls, and would go on running an old kernel inside a new one. The digest
-(:mod:`imapper_prob.models.kernel_sources`) changes with any of them.
+The cache of numba notices a change in a function's own file, but not in the files of the functions
+that it calls; it would then reuse an outdated kernel. The digest of
+:mod:`imapper_prob.models.kernel_sources` covers all of them.
 """
 
 from __future__ import annotations
@@ -32,10 +32,10 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 
 _HERE = Path(__file__).resolve().parent
 _NUMBA: Any = numba.config
-"""numba's settings, which it names only at run time."""
+"""Settings of numba, typed as Any because their attributes are created at run time."""
 
 _UNUSED_AFTER = 24 * 3600.0
-"""Seconds after which a cache of other kernels is taken for one that nobody needs."""
+"""Age in seconds after which a cache with another digest is removed as unused."""
 
 
 @cache
@@ -45,7 +45,7 @@ def _model_digest() -> str:
 
 @cache
 def _cache_folder(beside: tuple[Path, ...] = ()) -> str:
-    """Beside the sources, or where the user keeps numba's cache; its time is that of last use."""
+    """Folder of the cache, in numba's cache folder or beside the sources; touched on every use."""
     made_of = _model_digest()
     if beside:
         texts = [made_of, *(path.read_text(encoding="utf-8") for path in beside)]
@@ -55,7 +55,7 @@ def _cache_folder(beside: tuple[Path, ...] = ()) -> str:
         return ""
     folder = os.path.join(base, f"kernels-{made_of}")
     if os.path.isdir(folder):
-        with suppress(OSError):  # of another user, who says so himself
+        with suppress(OSError):  # the folder belongs to another user
             os.utime(folder)
     elif os.path.isdir(base):
         remove_unused(Path(base))
@@ -63,30 +63,30 @@ def _cache_folder(beside: tuple[Path, ...] = ()) -> str:
 
 
 def remove_unused(base: Path) -> None:
-    """Remove the caches in ``base`` that no process has opened for a day.
+    """Remove the kernel caches in ``base`` that no process has used for a day.
 
     Parameters
     ----------
     base : Path
-        Folder that caches are in.
+        Folder that contains caches.
     """
     for folder in base.iterdir():
         if re.fullmatch("kernels-[0-9a-f]{16}", folder.name):
-            with suppress(OSError):  # somebody else removes it, too
+            with suppress(OSError):  # another process may remove it at the same time
                 if folder.stat().st_mtime < time.time() - _UNUSED_AFTER:
                     shutil.rmtree(folder, ignore_errors=True)
 
 
 _LIBERTIES = {"nsz"}
-"""What the compiler may do to arithmetic: take -0 for 0. Sums keep their order, products are
-rounded before they are added, and what is not finite stays so. With fused products the last bits
-would depend on what is inlined, which is more in a process that compiles than in one that loads
-compiled kernels, and with the bits the draws of a seed. Nor does it look out for divisions by zero,
-as Python would; they give infinities."""
+"""Floating-point liberties of the compiler: it may treat -0 as 0. Sums keep their order, products
+are rounded before they are added (no fused multiply-add), and non-finite values are preserved.
+Fused products would make the last bits depend on inlining, which differs between a process that
+compiles and one that loads compiled kernels; then the same seed would give other draws. Division by
+zero gives infinity instead of Python's exception (``error_model="numpy"``)."""
 
 
 class _Inner(CPUDispatcher):
-    """A kernel that only kernels can call: there is nothing that would take Python's objects."""
+    """A kernel that only other kernels can call; it has no wrapper for Python objects."""
 
     def __call__(self, *_: object, **__: object) -> None:
         name = self.py_func.__name__
@@ -94,13 +94,13 @@ class _Inner(CPUDispatcher):
 
 
 def compiled(function: Function, *, beside: tuple[Path, ...] = ()) -> Dispatcher[Function]:
-    """Compile a function by numba on its first call, and cache it for the next process.
+    """Compile a function by numba on its first call, and cache it on disk.
 
     Parameters
     ----------
     function : callable
     beside : tuple of Path
-        Modules outside of the model whose kernels it calls.
+        Modules outside of the model whose kernels it calls; their text enters the digest.
 
     Returns
     -------
@@ -110,10 +110,10 @@ def compiled(function: Function, *, beside: tuple[Path, ...] = ()) -> Dispatcher
 
 
 def inlined(function: Function) -> Dispatcher[Function]:
-    """As :func:`compiled`, and made part of whatever compiled function calls it.
+    """Like :func:`compiled`, but inlined into the compiled functions that call it.
 
-    For what is called once a frame or a box: to hand over a few arrays, of ten numbers each,
-    takes longer than the arithmetic on a row of joints.
+    For kernels that are called once per frame or box: passing a few arrays (about ten numbers each)
+    takes longer than the arithmetic on one row of joints.
 
     Parameters
     ----------
@@ -127,10 +127,10 @@ def inlined(function: Function) -> Dispatcher[Function]:
 
 
 def inner(function: Function) -> Dispatcher[Function]:
-    """As :func:`compiled`, for kernels alone.
+    """Like :func:`compiled`, but callable from other kernels only.
 
-    To take the seventy arrays of a problem from Python is more work for the compiler than most
-    kernels are.
+    Compiling the conversion of a problem's seventy arrays from Python takes longer than compiling
+    most kernels.
 
     Parameters
     ----------
@@ -139,13 +139,13 @@ def inner(function: Function) -> Dispatcher[Function]:
     Returns
     -------
     numba.core.dispatcher.Dispatcher
-        Refuses calls from Python.
+        Raises `TypeError` when called from Python.
     """
     return _compiled(function, alone=True)
 
 
 def inner_inlined(function: Function) -> Dispatcher[Function]:
-    """As :func:`inlined`, for kernels alone; see :func:`inner`.
+    """Like :func:`inlined`, but callable from other kernels only; see :func:`inner`.
 
     Parameters
     ----------
@@ -154,7 +154,7 @@ def inner_inlined(function: Function) -> Dispatcher[Function]:
     Returns
     -------
     numba.core.dispatcher.Dispatcher
-        Refuses calls from Python.
+        Raises `TypeError` when called from Python.
     """
     return _compiled(function, inline=True, alone=True)
 
@@ -167,8 +167,8 @@ def _compiled(
     beside: tuple[Path, ...] = (),
 ) -> Dispatcher[Function]:
     before = _NUMBA.CACHE_DIR
-    # Nobody calls kernels by their address; to make that possible is a fourth of the work. The
-    # published types leave the options out.
+    # Nobody calls kernels by C address; leaving out that wrapper saves a fourth of the compilation.
+    # `Any`, because numba's published types lack these options.
     njit: Any = numba.njit
     try:
         _NUMBA.CACHE_DIR = _cache_folder(beside) or before
@@ -183,6 +183,6 @@ def _compiled(
     finally:
         _NUMBA.CACHE_DIR = before
     if alone:
-        # A call from Python would go to an address where there is nothing.
+        # Without a Python wrapper, a call from Python would jump to an invalid address.
         dispatcher.__class__ = _Inner  # type: ignore[assignment]
     return dispatcher

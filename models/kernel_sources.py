@@ -1,9 +1,9 @@
-"""What compiled kernels are made of: a digest that changes when, and only when, they may.
+"""A digest of all sources that compiled kernels depend on.
 
-A kernel is its own text, the kernels it calls and the constants it names, which the compiler
-writes into the machine code. So the digest is of modules that define kernels, and of whatever
-these import from the model, definition by definition; not of comments and docstrings, nor of
-the rest of the model, which hands its numbers to kernels when it calls them.
+The machine code of a kernel depends on its own text, on the kernels it calls and on the constants
+it names. So the digest covers the modules that define kernels, and each definition that these
+import from the model. It ignores comments and docstrings, and the rest of the model, which passes
+numbers to kernels as arguments.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ _DOCUMENTED = (*_DEFINITIONS, ast.Module)
 
 
 def digest(folder: Path) -> str:
-    """Sixteen hexadecimal digits for the kernels of the model in ``folder``.
+    """The digest of the kernels of the model in ``folder``: sixteen hexadecimal digits.
 
     Parameters
     ----------
     folder : Path
-        Of the package ``imapper_prob.models``.
+        Folder of the package ``imapper_prob.models``.
 
     Returns
     -------
@@ -48,7 +48,7 @@ def digest(folder: Path) -> str:
 
 
 class _Model:
-    """The statements of the model's modules, and which of them kernels depend on."""
+    """The statements of the model's modules, and the subset that kernels depend on."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -58,7 +58,7 @@ class _Model:
         self._bound: dict[str, list[frozenset[str] | None]] = {}
 
     def statements(self, module: str) -> list[ast.stmt]:
-        """Those of a module, without docstrings and what only a type checker reads."""
+        """Statements of a module, without docstrings and imports for type checkers."""
         if module not in self._statements:
             path = self.folder.joinpath(*module.split(".")[2:])
             path = path / "__init__.py" if path.is_dir() else path.with_suffix(".py")
@@ -70,12 +70,12 @@ class _Model:
         return self._statements[module]
 
     def reach_all(self, module: str) -> None:
-        """Every statement of a module, and what they use."""
+        """Mark every statement of a module and all that they use."""
         for number in range(len(self.statements(module))):
             self._reach(module, number)
 
     def reach_name(self, module: str, name: str) -> None:
-        """What makes ``name`` in a module; and what happens there unasked, as it may change it."""
+        """Mark the statements that define ``name``, and those that may change it on import."""
         if (module, name) in self._asked:
             return
         self._asked.add((module, name))
@@ -124,7 +124,7 @@ def _inside(module: str | None) -> bool:
 
 
 def _strip(tree: ast.Module) -> None:
-    """Take docstrings away, also those of constants."""
+    """Remove docstrings, including those of constants."""
     for node in ast.walk(tree):
         if isinstance(node, _DOCUMENTED):
             node.body = [s for s in node.body if not _is_text(s)]
@@ -144,7 +144,7 @@ def _for_checkers(statement: ast.stmt) -> bool:
 
 
 def _bound(statement: ast.stmt) -> frozenset[str] | None:
-    """The names that a statement gives a meaning; None if it may do more than that."""
+    """The names that a statement binds; None if it may have other effects."""
     if isinstance(statement, _DEFINITIONS):
         return frozenset([statement.name])
     if isinstance(statement, ast.Import | ast.ImportFrom):

@@ -1,10 +1,9 @@
-"""The log-posterior of a clip as a function of a state.
+"""The log-posterior of a clip as a function of a state (a scene hypothesis).
 
-A :class:`State` is one hypothesis. :func:`log_posterior` evaluates a whole one;
-:class:`Incremental` evaluates what a proposal changes in a current state, to the same value.
-A `Target` says which log-posterior a problem has: the default one
-(:mod:`imapper_prob.models.kernels.incremental`) or the published energy
-(:mod:`imapper_prob.models.published_energy`).
+:func:`log_posterior` evaluates a whole :class:`State`. :class:`Incremental` evaluates only what a
+proposal changes in a current state, with the same result. A `Target` tells which log-posterior a
+problem has: the default one (:mod:`imapper_prob.models.kernels.incremental`) or the published
+energy (:mod:`imapper_prob.models.published_energy`).
 """
 
 from __future__ import annotations
@@ -51,7 +50,7 @@ _FIELDS = ("camera", "items", "placements", "sizes", "latent")
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """One hypothesis s = (phi, X, P, b, z).
+    """One hypothesis about a scene, s = (phi, X, P, b, z).
 
     Parameters
     ----------
@@ -62,10 +61,11 @@ class State:
     placements : (k, 3) float
         P: x, y in metres and yaw in radians of each scenelet's local frame.
     sizes : (k,) float
-        b: log size of each scenelet, its person and its furniture, on top of the body scale. The
-        person's own body does not change; what a scenelet leaves open of how far away it is does.
+        b: log size of each scenelet (person and furniture), in addition to the body scale. It
+        accounts for the unknown distance of a scenelet; the size of the actual person does not
+        change.
     latent : (T, 2) float
-        z: standard normal numbers from which the path of free frames is drawn.
+        z: standard normal variables that determine the path of frames outside scenelets.
     """
 
     camera: Array
@@ -77,8 +77,7 @@ class State:
     __repr__ = brief
 
     def __post_init__(self) -> None:
-        # All states alike, wherever their arrays come from: the compiler makes a kernel for each
-        # kind of array it meets.
+        # Make all arrays contiguous and read-only: numba compiles a kernel for each kind of array.
         for name in _FIELDS:
             array = getattr(self, name)
             if not array.flags.c_contiguous:
@@ -87,12 +86,12 @@ class State:
             array.setflags(write=False)
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """Another process's state is as read-only as it was there."""
+        """Restore a state from a pickle, with read-only arrays."""
         self.__dict__.update(state)
         self.__post_init__()
 
     def copies(self) -> tuple[Array, NDArray[np.int64], Array, Array, Array]:
-        """The arrays, in order, of one's own: kernels are compiled for arrays that can be written.
+        """Writable copies of the arrays, in order, as the compiled kernels require.
 
         Returns
         -------
@@ -105,11 +104,11 @@ class State:
 
     @property
     def n_scenelets(self) -> int:
-        """k, how many scenelets are assigned."""
+        """k, the number of scenelets."""
         return len(self.items)
 
     def with_item(self, scenelet: int, start: int, placement: Array, size: float = 0.0) -> State:
-        """The state with one more scenelet, kept in order of time.
+        """The state with one more scenelet, in order of start frames.
 
         Parameters
         ----------
@@ -128,7 +127,7 @@ class State:
         """
         at = int(np.searchsorted(self.items[:, 1], start))
         items, placements, sizes = self.items, self.placements, self.sizes
-        # What numpy.insert does, at a fifth of its price; chains do little else.
+        # Like numpy.insert but five times faster; chains call this very often.
         return State(
             self.camera,
             np.concatenate([items[:at], [(scenelet, start)], items[at:]]),
@@ -138,7 +137,7 @@ class State:
         )
 
     def without_item(self, index: int) -> State:
-        """The state with one scenelet less.
+        """The state without one scenelet.
 
         Parameters
         ----------
@@ -159,7 +158,7 @@ class State:
         )
 
     def with_placement(self, index: int, placement: Array, size: float | None = None) -> State:
-        """The state with one scenelet placed elsewhere, and its person of another log size.
+        """The state with another placement of one scenelet, and optionally another log size.
 
         Parameters
         ----------
@@ -168,7 +167,7 @@ class State:
         placement : (3,) float
             x, y (m), yaw (rad).
         size : float, optional
-            Log size; as it is if not given.
+            Log size; unchanged if not given.
 
         Returns
         -------
@@ -182,7 +181,7 @@ class State:
 
 
 def empty_state(problem: Problem) -> State:
-    """No scenelet, the mean camera and the mean path.
+    """The state without scenelets, with the mean camera and the mean path.
 
     Parameters
     ----------
@@ -202,12 +201,12 @@ def empty_state(problem: Problem) -> State:
 
 
 def state_camera(nominal: Camera, state: State) -> Camera:
-    """The camera of a state.
+    """The camera that a state describes.
 
     Parameters
     ----------
     nominal : Camera
-        That of the clip.
+        The camera of the clip.
     state : State
 
     Returns
@@ -218,14 +217,14 @@ def state_camera(nominal: Camera, state: State) -> Camera:
 
 
 def camera_at(nominal: Camera, phi: Array) -> Camera:
-    """The camera that the numbers of a state describe.
+    """The camera that given camera parameters describe.
 
     Parameters
     ----------
     nominal : Camera
-        That of the clip.
+        The camera of the clip.
     phi : (5,) float
-        See :class:`State`.
+        Camera parameters, see :class:`State`.
 
     Returns
     -------
@@ -238,15 +237,15 @@ def camera_at(nominal: Camera, phi: Array) -> Camera:
 
 
 def change_from(evaluator: Evaluator, n_before: int, now: State, new: State) -> tuple[float, float]:
-    """What a state is worth beside the one that an evaluator stands at.
+    """Log prior and log likelihood of a state, evaluated as a change from an evaluator's state.
 
     Parameters
     ----------
     evaluator : Evaluator
     n_before : int
-        Scenelets of the one it stands at; ``NOWHERE`` where there is none.
+        Number of scenelets of the evaluator's current state; ``NOWHERE`` if it has none.
     now : State
-        The one it stands at.
+        Current state of the evaluator.
     new : State
 
     Returns
@@ -261,7 +260,7 @@ def change_from(evaluator: Evaluator, n_before: int, now: State, new: State) -> 
 
 
 def evaluate(problem: Problem, state: State) -> tuple[Array, Array, Array]:
-    """All that there is to say of one state under the default log-posterior.
+    """Evaluate terms, motion and per-frame likelihood under the default log-posterior.
 
     Parameters
     ----------
@@ -275,8 +274,8 @@ def evaluate(problem: Problem, state: State) -> tuple[Array, Array, Array]:
     joints : (T, 3, 16) float
         The motion in the world, metres; NaN outside the support.
     by_frame : (T, 2) float
-        Log-likelihood of each frame's detections, as they are and with left and right flipped,
-        nats, unweighted; 0 outside the support, and where the likelihood is switched off.
+        Log-likelihood of each frame's detections, as they are and with left and right flipped, in
+        nats, before the frame weight. 0 outside the support, and if the likelihood is switched off.
     """
     joints = np.full((problem.n_frames, 3, 16), np.nan)
     by_frame = np.zeros((problem.n_frames, 2))
@@ -284,7 +283,7 @@ def evaluate(problem: Problem, state: State) -> tuple[Array, Array, Array]:
 
 
 def _evaluate_into(problem: Problem, state: State, joints: Array, by_frame: Array) -> Array:
-    """The terms; and the rest where there is room for it."""
+    """Return the terms, and write ``joints`` and ``by_frame`` if these are not empty."""
     evaluator: Evaluator = open_evaluator(problem, state.n_scenelets)
     prior, _ = change_from(evaluator, NOWHERE, state, state)
     if prior == -math.inf:
@@ -305,16 +304,16 @@ def _evaluate_published(problem: Problem, state: State) -> Array:
 
 
 class Target(NamedTuple):
-    """A log-posterior of the states of a problem.
+    """A log-posterior on the states of a problem.
 
     Parameters
     ----------
     names : tuple of str
-        Of its summands.
+        Names of its terms.
     evaluate : callable
-        Their values, nats, of a problem and a state.
+        Computes the values of the terms, nats, from a problem and a state.
     incremental : bool
-        Whether :class:`imapper_prob.models.log_posterior.Incremental` evaluates changes of it.
+        Whether :class:`imapper_prob.models.log_posterior.Incremental` supports it.
     """
 
     names: tuple[str, ...]
@@ -327,7 +326,7 @@ _PUBLISHED: Final = Target(PAPER_TERMS, _evaluate_published, False)
 
 
 def _target_of(problem: Problem) -> Target:
-    """The log-posterior that a problem was packed for: the default one, or the published energy.
+    """The log-posterior of a problem: the default one or the published energy.
 
     Parameters
     ----------
@@ -341,7 +340,7 @@ def _target_of(problem: Problem) -> Target:
 
 
 def _term_names(problem: Problem) -> tuple[str, ...]:
-    """Names of what the log-posterior is the sum of.
+    """Names of the terms of a problem's log-posterior.
 
     Parameters
     ----------
@@ -355,9 +354,9 @@ def _term_names(problem: Problem) -> tuple[str, ...]:
 
 
 def log_posterior(problem: Problem, state: State) -> float:
-    """log pi(phi, X, P | z) up to the constant of the clip, -inf outside the support.
+    """log pi(phi, X, P | z) up to a constant of the clip; -inf outside the support.
 
-    The normal density of the latent numbers is not included: it is their reference measure.
+    The normal density of the latent variables is not included; it is the reference measure.
 
     Parameters
     ----------
@@ -373,7 +372,7 @@ def log_posterior(problem: Problem, state: State) -> float:
 
 
 def terms(problem: Problem, state: State) -> dict[str, float]:
-    """The log-posterior term by term.
+    """The terms of the log-posterior.
 
     Parameters
     ----------
@@ -390,9 +389,9 @@ def terms(problem: Problem, state: State) -> dict[str, float]:
 
 
 def side_flips(problem: Problem, state: State) -> Array:
-    """Probability that the detector took left for right in each frame, given the state.
+    """Probability that left and right are flipped in each frame, given the state.
 
-    By the default model of the detector, whichever energy the state was drawn by.
+    Always computed with the default detector model, even for the published energy.
 
     Parameters
     ----------
@@ -408,9 +407,9 @@ def side_flips(problem: Problem, state: State) -> Array:
 
 
 def frame_log_likelihood(problem: Problem, state: State) -> Array:
-    """Log-likelihood of each frame's detections, before the frame weight.
+    """Expected log-likelihood of each frame's detections, before the frame weight.
 
-    The mean over left and right being flipped or not, with their probabilities.
+    The mean over both cases, flipped and not, weighted by their probabilities.
 
     Parameters
     ----------
@@ -436,7 +435,7 @@ def _flip_probabilities(problem: Problem, by_frame: Array) -> Array:
 
 
 def motion(problem: Problem, state: State) -> Array:
-    """Joints of the state in its world.
+    """Joint positions of a state in the world frame.
 
     Parameters
     ----------
@@ -452,20 +451,20 @@ def motion(problem: Problem, state: State) -> Array:
 
 
 _CAPACITY = 8
-"""Scenelets there is room for at first; it is doubled when it runs out."""
+"""Initial capacity in scenelets; `Incremental` doubles what is needed when it runs out."""
 
 
 class Incremental:
-    """Evaluates proposals from a current state, and moves on when one is accepted.
+    """Evaluates proposals incrementally, and updates the current state when one is accepted.
 
-    A walk of one scenelet among five moves the frames it covers, the path up to its neighbours,
-    and its boxes in the view of the rest; everything else keeps the value it had.
+    Moving one of several scenelets changes the frames it covers, the path up to the neighbouring
+    scenelets, and occlusion by its boxes in other frames. All other values are reused.
 
     Parameters
     ----------
     problem : Problem
     state : State
-        Where to start.
+        Initial state.
 
     Raises
     ------
@@ -486,16 +485,16 @@ class Incremental:
 
     @property
     def evaluator(self) -> Evaluator:
-        """What compiled code is handed to evaluate proposals by itself."""
+        """The evaluator, for compiled code that evaluates proposals itself."""
         return self._evaluator
 
     @property
     def parts(self) -> tuple[float, float]:
-        """What :meth:`propose` said of the current state."""
+        """Log prior and log likelihood of the current state, see :meth:`propose`."""
         return self._parts
 
     def propose(self, state: State) -> tuple[float, float]:
-        """Evaluate a proposal; the current state stays.
+        """Evaluate a proposal without changing the current state.
 
         Parameters
         ----------
@@ -504,8 +503,8 @@ class Incremental:
         Returns
         -------
         log_prior, log_likelihood : float
-            Nats; the prior is -inf outside the support. Their sum is log pi; the likelihood
-            includes the costs of free poses, jumps, collisions, motion and ground.
+            Nats; the prior is -inf outside the support. Their sum is log pi. The likelihood
+            includes the terms of free poses, jumps, collisions, motion and ground.
         """
         if state.n_scenelets > self._capacity:
             self._start(2 * state.n_scenelets)
@@ -514,12 +513,12 @@ class Incremental:
         return parts
 
     def accept(self) -> None:
-        """Make the state last proposed the current one.
+        """Make the last proposal the current state.
 
         Raises
         ------
         ValueError
-            Nothing was proposed since the last time, or it is outside the support.
+            Nothing was proposed since the last call, or the proposal is outside the support.
         """
         if self._proposal is None or self._proposal[1][0] == -math.inf:
             raise ValueError("there is no proposal inside the support to accept")
@@ -528,7 +527,7 @@ class Incremental:
         commit(self._evaluator)
 
     def _start(self, room: int) -> None:
-        """Remember nothing but the current state, with room for so many scenelets."""
+        """Open an evaluator with a capacity of ``room`` scenelets, at the current state."""
         if not _target_of(self._problem).incremental:
             raise ValueError("the published energy has no incremental evaluation")
         state = self._state
@@ -542,10 +541,10 @@ class Incremental:
 
 
 def log_posterior_near(problem: Problem, state: State) -> Callable[[State], float]:
-    """The log-posterior for states that have most in common with one.
+    """A log-posterior function that is fast for states similar to a given one.
 
-    Its values are those of :func:`log_posterior` to some 1e-6 nats, and exactly those where nothing
-    is incremental: with the published energy, and about states outside the support.
+    It agrees with :func:`log_posterior` to about 1e-6 nats, and exactly if there is no incremental
+    evaluation: for the published energy, and if ``state`` is outside the support.
 
     Parameters
     ----------
@@ -555,7 +554,7 @@ def log_posterior_near(problem: Problem, state: State) -> Callable[[State], floa
     Returns
     -------
     callable
-        From a state to nats.
+        Maps a state to its log-posterior in nats.
     """
     whole = partial(log_posterior, problem)
     if not _target_of(problem).incremental or whole(state) == -math.inf:

@@ -1,15 +1,15 @@
-"""The static path with its prior (docs/explanation/model.md 6 to 8), and the camera's prior.
+"""The static path and its prior (docs/explanation/model.md 6 to 8), and the camera prior.
 
-In units of its deviation the error of one coordinate is a stationary process of second order,
+The error of one coordinate, in units of its standard deviation, is a stationary AR(2) process
 
     e_t ~ N((r + s) e_(t-1) - r s e_(t-2), q),   q = (1 - r^2) (1 - s^2) (1 - r s) / (1 + r s),
 
-of unit variance. With s = 0 it is of first order, rough from frame to frame; with r = s it is
-the Matern 3/2 process at equal steps, smooth.
+of unit variance. With s = 0 it is of first order and rough from frame to frame. With r = s it is
+the Matern 3/2 process at equal steps, which is smooth.
 
-Frames under scenelets are fixed and the others free. The mean of a free frame depends on the
-values that are fixed, its variance and weights only on how many frames ago the last two were.
-The latter are tabulated here for the kernels.
+Frames inside scenelets are fixed and the others free. The mean of a free frame depends on the
+values of the last two fixed frames; its variance and weights depend only on the number of frames
+since then. This module tabulates variances and weights for the kernels.
 """
 
 from __future__ import annotations
@@ -31,21 +31,21 @@ Array = NDArray[np.float64]
 
 
 def remembered(seconds: Array, smoothing: Array, fps: float) -> Array:
-    """Decay rates of the path's errors across and along the view, from one frame to the next.
+    """AR(2) decay rates per frame of the path's errors in bearing and in log depth.
 
     Parameters
     ----------
     seconds : (2,) float
-        Correlation time: half the integrated autocorrelation of an error.
+        Correlation time: half the integrated autocorrelation of an error, seconds.
     smoothing : (2,) float
-        Seconds of it over which the error is smooth: 0 for a rough one, at most half.
+        Part of the correlation time over which the error is smooth, seconds: 0 to half of it.
     fps : float
-        Frames a second.
+        Frames per second.
 
     Returns
     -------
     (2, 2) float
-        Rates (r, s) of each coordinate; the roots of its autoregression of second order.
+        Rates (r, s) of each coordinate, the roots of its AR(2) polynomial.
     """
     slow, fast = fps * (seconds - smoothing), fps * smoothing
     with np.errstate(divide="ignore"):
@@ -54,24 +54,24 @@ def remembered(seconds: Array, smoothing: Array, fps: float) -> Array:
 
 
 def path_tables(rates: Array, n_frames: int) -> tuple[Array, Array]:
-    """What errors of two coordinates say of the frames after them.
+    """Tables that predict the path's errors in free frames from those in known frames.
 
     Parameters
     ----------
     rates : (2, 2) float
         r and s of each coordinate, in [0, 1).
     n_frames : int
-        Frames of the clip, T.
+        T, the number of frames of the clip.
 
     Returns
     -------
     mean : (2, T + 1, 2)
-        Weights of the last error known and of the one before it, in the mean of the frame k
-        after them. In row 0 nothing is known, and the weights are 0.
+        Weights of the last known error and of the one before it in the mean of the k-th frame after
+        them. In row 0 nothing is known, and the weights are 0.
     draw : (2, T + 1, 3, 3)
-        How a frame in row k is drawn backwards in time, given none, one or two that follow
-        it: the weights of their deviations from their own means, the next one's first, and the
-        standard deviation of what remains.
+        How to draw the frame in row k, backwards in time, given none, one or two of the frames
+        after it: the weights of their deviations from their own means, the nearest first, and the
+        remaining standard deviation.
     """
     rows = [_tables(r, s, n_frames) for r, s in rates.tolist()]
     return np.stack([mean for mean, _ in rows]), np.stack([draw for _, draw in rows])
@@ -80,7 +80,7 @@ def path_tables(rates: Array, n_frames: int) -> tuple[Array, Array]:
 def _tables(r: float, s: float, n_frames: int) -> tuple[Array, Array]:
     first, second = r + s, -r * s
     noise = (1.0 - r * r) * (1.0 - s * s) * (1.0 - r * s) / (1.0 + r * s)
-    # What is left of a shock, so many frames later.
+    # Impulse response of the AR(2) process.
     left = np.ones(n_frames + 2)
     left[1] = first
     for k in range(2, len(left)):
@@ -88,15 +88,15 @@ def _tables(r: float, s: float, n_frames: int) -> tuple[Array, Array]:
     mean = np.zeros((n_frames + 1, 2))
     mean[1:] = np.stack([left[1:-1], second * left[:-2]], -1)
 
-    # Of the k-th frame after the last two known, of the one after it, and of both together; of
-    # the stationary chain in row 0, where nothing is known.
+    # Variance of the k-th frame after the last two known ones, variance of the next frame, and
+    # their covariance. Row 0 has the stationary values, because nothing is known there.
     variance = np.append(1.0, noise * np.cumsum(left[:-1] ** 2))
     following = np.append(1.0, variance[2:])
     variance = variance[:-1]
     together = np.append(first / (1.0 - second), noise * np.cumsum(left[:-1] * left[1:])[:-1])
     pull = together / following
     remains = variance - pull * together
-    # The second next one is a measurement of this frame, given the next.
+    # Given the next frame, the one after it is a noisy measurement of this frame.
     gain = second * remains / (noise + second**2 * remains)
     draw = np.zeros((n_frames + 1, 3, 3))
     draw[:, 0, 2] = np.sqrt(variance)
@@ -108,31 +108,31 @@ def _tables(r: float, s: float, n_frames: int) -> tuple[Array, Array]:
 
 
 CAMERA: Final = ("pitch", "elevation", "log_focal_scale", "log_body_scale", "roll")
-"""The numbers of φ in their order: radians, metres, 1, 1, radians."""
+"""Camera parameters φ in order; units: radians, metres, 1, 1, radians."""
 
 
 @dataclass(frozen=True)
 class StaticPath:
-    """Where each frame alone puts the person, before any scenelet.
+    """The person's path and poses estimated from each frame alone, then smoothed.
 
-    The pelvis is described as the camera sees it, ``(bearing, log depth)`` with
-    ``bearing = x / depth``, because nearly all uncertainty lies along the viewing ray and
-    is relative: a walk of log depth treats near and far alike.
+    The pelvis is given as ``(bearing, log depth)`` with ``bearing = x / depth``. Nearly all of its
+    uncertainty lies along the viewing ray and is relative to the distance, so errors of the log
+    depth have the same size near and far.
 
     Parameters
     ----------
     estimate : (T, 2) float
-        Smoothed maximum a posteriori bearing (tangent) and log depth (depth in metres).
+        Smoothed maximum a posteriori bearing (tangent) and log depth (log metres).
     lift : (T,) float
-        Height of the pelvis above the optical axis over its depth (tangent), smoothed.
+        Smoothed height of the pelvis above the optical axis divided by its depth (tangent).
     deviation : (T, 2) float
-        By how much bearing and log depth may be off, standard deviations; slow errors, about
-        the same for seconds.
+        Standard deviations of bearing and log depth. These errors are slow: they persist for
+        seconds.
     poses : (T, 16, 3) float
-        Joints relative to the pelvis in camera axes, metres, for a body of the reference
-        stature; frames without a trustworthy pose are filled in.
+        Joints relative to the pelvis in camera axes, metres, for a body of the reference stature;
+        frames without a reliable pose are interpolated.
     posed : (T,) bool
-        Frames whose pose is their own.
+        Frames whose pose is estimated from the frame itself.
     """
 
     estimate: Array
@@ -172,10 +172,10 @@ class StaticPath:
 
 @dataclass(frozen=True)
 class CameraPrior:
-    """Gaussian over the nuisance parameters φ of a clip.
+    """Gaussian prior of the camera and body parameters φ of a clip.
 
-    In the order of :data:`CAMERA`. The scales multiply the clip's nominal focal length and the
-    reference stature.
+    Parameters have the order of :data:`CAMERA`. The two scales multiply the clip's nominal focal
+    length and the reference stature.
 
     Parameters
     ----------
@@ -199,5 +199,5 @@ class CameraPrior:
 
     @property
     def standard_deviations(self) -> Array:
-        """(5,) standard deviations, units of ``mean``."""
+        """(5,) standard deviations, in the units of ``mean``."""
         return np.sqrt(np.diag(self.covariance))

@@ -1,4 +1,4 @@
-"""Everything the log-posterior of one clip needs, packed into flat arrays."""
+"""All data and constants of one clip's log-posterior, packed into flat arrays."""
 
 from __future__ import annotations
 
@@ -50,22 +50,21 @@ TERMS: Final = (
     "camera", "layout", "placement", "path", "detections", "free_pose", "smoothness", "collision",
     "motion", "ground", "support", "given",
 )  # fmt: skip
-"""In the order in which they are evaluated."""
+"""Names of the terms, in order of evaluation."""
 (
     CAMERA, LAYOUT, PLACEMENT, PATH, DETECTIONS, FREE_POSE, SMOOTHNESS, COLLISION, MOTION, GROUND,
     SUPPORT, GIVEN,
 ) = range(len(TERMS))  # fmt: skip
 GIVEN_KINDS, GIVEN_NUMBERS, GIVEN_ROW = 7, 16, 4
-"""Numbers of a statement, whole and not, and of a row of its list."""
+"""Lengths of a statement's integer row, of its float row, and of a row of its list."""
 
 
 class Problem(NamedTuple):
     """The data and constants of one actor's log-posterior.
 
-    T frames, 16 joints, L scenelets of N frames in all, B boxes in all, C categories, K stays, G
-    statements.
-    Index 0 is hidden and 1 seen wherever a last axis has length 2 without being a coordinate.
-    Fields that are settings have their names
+    Sizes: T frames, 16 joints, L scenelets with N frames and B boxes in total, C categories, K
+    stays, G statements. If a last axis has length 2 and is not a coordinate, index 0 is hidden and
+    1 seen. Fields that are settings have the names of these
     (:class:`~imapper_prob.models.settings.ModelSettings`).
 
     Parameters
@@ -75,99 +74,100 @@ class Problem(NamedTuple):
     keypoints : (T, 16, 2) float
         Pixels.
     used : (T, 16) bool
-        Detected joints.
+        Whether the joint was detected.
     confidences : (T, 16) float
-        Of the detector, in [0, 1].
+        Confidence of the detector, in [0, 1].
     confidence_density : (T, 16, 2) float
-        Densities p0(c) and p1(c) of these.
+        Densities p0(c) and p1(c) of these confidences.
     error_scale, error_dof : (T, 16, 2) float
-        Pixels, and degrees of freedom, of the pixel errors.
+        Scale (pixels) and degrees of freedom of the pixel errors.
     path_centre : (T, 2) float
-        Bearing, log depth of the pelvis without scenelets.
+        Bearing and log depth of the pelvis without scenelets.
     path_scale : (T, 2) float
-        Standard deviations of that.
+        Standard deviations of ``path_centre``.
     path_starts : (T,) bool
-        Frames that follow upon nothing: the clip's first, and those in which the film of
-        another person begins.
+        Frames without a predecessor: the first frame of the clip, and the first frame of each
+        further person if the clip joins frames of several people.
     path_stay : (T,) int
-        The stay of each frame, -1 for none, see `with_stays`.
+        Index of the stay that each frame is in, -1 for none, see `with_stays`.
     stay_steps : int
-        Steps that the path's error along the view makes in a stay.
+        Number of steps by which the path's error along the view changes in one stay.
     path_mean, path_draw : (2, T + 1, 2), (2, T + 1, 3, 3) float
-        Of bearing and log depth, see :func:`~imapper_prob.models.path_prior.path_tables`.
+        For bearing and log depth, see :func:`~imapper_prob.models.path_prior.path_tables`.
     lift : (T,) float
         Height of the pelvis above the optical axis over its depth (tangent).
     poses : (T, 16, 3) float
         Joints of the static path relative to the pelvis, camera axes, metres.
     path_facing : (T, 2) float
-        Cosine and sine of where these face in the world of the mean camera; zeros without
-        data.
+        Cosine and sine of the facing direction of these poses, in the world of the mean camera;
+        zeros if the likelihood is switched off.
     static_density : (2, T, 16, 2) float
-        p(u, c | hidden) and p(u, c | seen) at the frame's own fit, as it is and with left and
-        right flipped.
+        p(u, c | hidden) and p(u, c | seen) at the static path of each frame, as it is and with left
+        and right flipped.
     free_cost : (T,) float
-        Nats a free frame pays for its pose, before the frame weight.
+        Cost of the pose of a free frame in nats, before the frame weight.
     joints : (N, 16, 3) float
         Scenelet joints, local frame, metres.
     joint_facing : (N, 2) float
-        Cosine and sine of where its person faces.
+        Cosine and sine of the facing direction of the scenelet's person.
     joint_first : (L + 1,) int
-        Where each scenelet's frames start.
+        Index of the first frame of each scenelet.
     boxes : (B, 7) float
         Scenelet boxes, local frame, see :mod:`imapper_prob.models.geometry`.
     box_first : (L + 1,) int
-        Where each scenelet's boxes start.
+        Index of the first box of each scenelet.
     box_object : (B,) int
-        Which object of its scenelet a box is of.
+        Index, within its scenelet, of the object that a box belongs to.
     box_label : (B,) int
         Category of that object.
     box_yaw : (B,) float
         Orientation of that object, radians.
     label_front : (C,) bool
-        Whether its front can be told from its back.
+        Whether front and back of the category can be told apart.
     stays : (K, 3) float
-        First frame, frame after the last, and nats by which the pose speaks of being carried.
+        First frame, frame after the last, and evidence in nats from the pose for being supported.
     lowered : (L, 2) int
-        Frames of each scenelet in which its person is off their feet.
+        First frame, and frame after the last, in which the scenelet's person is off their feet.
     log_rate : (L,) float
-        Log prior odds of the scenelet at a given start.
+        Log prior odds that the scenelet starts at a given frame.
     camera_mean, camera_precision : (5,), (5, 5) float
-        Of the camera's prior.
+        Mean and precision of the camera prior.
     camera_constant : float
-        Log of its normalisation, nats.
+        Log normalisation of the camera prior, nats.
     start_mean, start_variance : (2,) float
-        Bearing (tangent) and log depth (log m) of a person of whom nothing is known.
+        Prior bearing (tangent) and log depth (log m) of a person without any observation.
     size_spread, facing_spread : float
         See the settings.
     frame_weight : float
         Factor on a frame's log-likelihood at the clip's frame rate.
     flip_begins, flip_ends : float
-        Probability a frame that a flip of sides begins, and that one ends.
+        Probability per frame that a left-right flip begins, and that one ends.
     pose_tolerance : (16,) float
-        Metres by which a person's joints differ from a scenelet's.
+        Standard deviation of each joint of a person about the scenelet's, metres.
     sight_width, visibility_error, joint_step, smoothness_cost : float
         See the settings.
     collision_cost, motion_cost : float
         See the settings.
     furniture_spread : float
-        Metres that furniture may stand out of the way; ``furniture_ahead`` of the settings.
+        Standard deviation in metres by which furniture may be displaced along the way;
+        ``furniture_ahead`` of the settings.
     merge_angle, likelihood : float
         See the settings.
     paper_nats : (5,) float
-        Nats a unit of each term of the published energy; 0 by default.
+        Nats per unit of each term of the published energy; 0 for the default log-posterior.
     furniture_aside : float
         See the settings.
     given_kinds : (G, 7) int
-        Of each statement its kind, its first row of ``given_labels``, the first of ``given_rows``
+        For each statement: its kind, its row of ``given_labels``, its first row of ``given_rows``
         and the one after its last, a joint, the first frame and the one after the last.
     given : (G, 16) float
-        Its numbers, see :mod:`imapper_prob.models.kernels.given`.
+        Numbers of each statement, see :mod:`imapper_prob.models.kernels.given`.
     given_labels : (Q, C) float
-        Which categories it speaks of.
+        Which categories a statement refers to.
     given_rows : (R, 4) float
-        Corners (m), frames with depths (m), or boxes in the picture (px).
+        Rows of lists: corners (m), frames with depths (m), or boxes in the image (px).
     given_power : (G,) float
-        Power to which each counts; 1 but on the way from a posterior without it.
+        Power to which each statement counts: 1, or less on a bridge from a posterior without it.
     """
 
     fx: float
@@ -237,34 +237,34 @@ class Problem(NamedTuple):
 
     @property
     def of_paper(self) -> bool:
-        """Whether the published energy takes the place of the likelihood."""
+        """Whether the published energy replaces the default likelihood."""
         return bool(self.paper_nats.any())
 
     @property
     def n_frames(self) -> int:
-        """Frames of the clip, T."""
+        """T, the number of frames of the clip."""
         return len(self.lift)
 
     @property
     def lengths(self) -> Ints:
-        """(L,) frames of each scenelet."""
+        """(L,) number of frames of each scenelet."""
         return np.diff(self.joint_first)
 
 
 def resample(joints: Array, *, fps: float, to_fps: float) -> Array:
-    """A motion (n, 16, 3) at another frame rate, its middle frame kept in the middle.
+    """Resample a motion (n, 16, 3) to another frame rate; its middle frame stays the middle.
 
     Parameters
     ----------
     joints : (n, 16, 3) float
         Metres.
     fps, to_fps : float
-        Frames a second, before and after.
+        Frame rates before and after, frames per second.
 
     Returns
     -------
     (m, 16, 3) float
-        Metres, on straight lines between the frames given.
+        Metres, linearly interpolated.
     """
     if fps == to_fps:
         return np.array(joints)
@@ -290,26 +290,26 @@ def pack_problem(
     weights: Array | None = None,
     starts: NDArray[np.bool_] | None = None,
 ) -> Problem:
-    """Pack one actor of a clip with its static path, camera prior and a library.
+    """Pack one actor of a clip with their static path, camera prior and a library.
 
     Parameters
     ----------
     clip : Clip
     path : StaticPath
-        Of that actor.
+        The static path of that actor.
     camera : CameraPrior
     library : Library
     track : int
-        Which actor of the clip.
+        Index of the actor in the clip.
     settings : ModelSettings, optional
     detections : DetectionModel, optional
     weights : (L,) float, optional
-        How the prior rate is shared among the scenelets; positive, normalised here. Equal if not
-        given.
+        Positive weights that share the prior rate among the scenelets, normalised here. Equal if
+        not given.
     starts : (T,) bool, optional
-        Frames that follow upon nothing, where a clip is made of the frames of several people, one
-        person after the other: errors of the path and flips of sides begin anew there, and no
-        scenelet goes on. The first frame always is one.
+        Frames without a predecessor, if a clip joins the frames of several people. Errors of the
+        path and flips of sides restart there, and no scenelet extends across them. The first frame
+        is always one.
 
     Returns
     -------
@@ -318,8 +318,8 @@ def pack_problem(
     Raises
     ------
     InputError
-        If the static path and the clip differ in length, no scenelet fits in the clip, or one
-        is a single frame at the clip's rate.
+        The static path and the clip differ in length, no scenelet fits in the clip, or a scenelet
+        has only one frame at the clip's rate.
     """
     settings = settings or ModelSettings()
     if len(path.lift) != clip.n_frames:
@@ -339,8 +339,8 @@ def pack_problem(
         camera_precision=np.linalg.inv(camera.covariance).astype(np.float64),
         camera_constant=-0.5 * float(np.linalg.slogdet(2 * np.pi * camera.covariance)[1]),
     )
-    # All problems alike, here and in other processes: the compiler makes a kernel for each kind
-    # of array it meets, and arrays that were sent elsewhere can be written.
+    # Contiguous, writable copies: numba compiles a kernel for each kind of array, and arrays that
+    # were sent to another process are writable.
     copies: dict[str, Any] = {
         name: np.array(a, order="C")
         for name, a in problem._asdict().items()
@@ -350,7 +350,7 @@ def pack_problem(
 
 
 def labels_of(library: Library) -> list[str]:
-    """Labels of a library's furniture, by the numbers that a problem has for them.
+    """Furniture labels of a library, sorted; their index is the category number in a problem.
 
     Parameters
     ----------
@@ -366,7 +366,7 @@ def labels_of(library: Library) -> list[str]:
 def _seen(
     clip: Clip, person: Track, path: StaticPath, detections: DetectionModel
 ) -> dict[str, Any]:
-    """Fields of a problem that say what was detected, and with which errors."""
+    """Fields of a problem that come from the detections."""
     nominal = clip.camera
     used = np.zeros((clip.n_frames, N_JOINTS), bool)
     used[:, list(DETECTED)] = person.confidences[:, list(DETECTED)] > 0
@@ -394,7 +394,7 @@ def _walked(
     settings: ModelSettings,
     starts: NDArray[np.bool_] | None,
 ) -> dict[str, Any]:
-    """Fields of a problem that say where the person is without scenelets."""
+    """Fields of a problem that describe the person's path without scenelets."""
     centre, deviation, rates = _path_prior(path, settings, clip.fps)
     mean, draw = path_tables(rates, clip.n_frames)
     begins = np.zeros(clip.n_frames, bool) if starts is None else np.array(starts, bool)
@@ -418,7 +418,7 @@ def _walked(
 def _library_arrays(
     clip: Clip, library: Library, settings: ModelSettings, weights: Array | None
 ) -> dict[str, Any]:
-    """Fields of a problem that hold scenelets, at the clip's frame rate."""
+    """Fields of a problem that hold the scenelets, at the clip's frame rate."""
     motions = [resample(s.joints, fps=s.fps, to_fps=clip.fps) for s in library]
     lengths = np.array([len(m) for m in motions])
     if lengths.min() > clip.n_frames:
@@ -457,7 +457,7 @@ def _library_arrays(
 
 
 def _constants(settings: ModelSettings, fps: float) -> dict[str, Any]:
-    """Fields of a problem that are settings, by frame where these are by second."""
+    """Fields of a problem that come from settings; rates are converted from seconds to frames."""
     nats = np.zeros(len(fields(PaperWeights)))
     if settings.energy == "paper":
         nats = settings.paper_nats * settings.likelihood * np.array(astuple(PaperWeights()))
@@ -483,20 +483,20 @@ def _constants(settings: ModelSettings, fps: float) -> dict[str, Any]:
 
 
 def with_stays(problem: Problem, stays: Array) -> Problem:
-    """The problem with the stays of its person (docs/explanation/model.md 6, 17a).
+    """Add stays of its person to a problem (docs/explanation/model.md 6, 17a).
 
     Parameters
     ----------
     problem : Problem
-        Of one person.
+        A problem of one person.
     stays : (K, 3) float
-        First frame, frame after the last, and nats by which the pose speaks of being carried.
+        First frame, frame after the last, and evidence in nats from the pose for being supported.
 
     Returns
     -------
     Problem
-        Whether a scenelet holds a stay is asked, and the path's error stands still in it unless
-        the likelihood is switched off.
+        The problem with a term that asks whether a scenelet supports each stay. Unless the
+        likelihood is switched off, the path's error is also constant within a stay.
     """
     of_frame = np.full(problem.n_frames, -1)
     if problem.likelihood > 0:
@@ -506,7 +506,7 @@ def with_stays(problem: Problem, stays: Array) -> Problem:
 
 
 def _start_mean(settings: ModelSettings) -> Array:
-    """Bearing and log depth of somebody nobody has looked at."""
+    """Prior bearing and log depth of a person without any observation."""
     return np.array([0.0, np.log(settings.start_depth)])
 
 
@@ -517,7 +517,7 @@ def _start_deviation(settings: ModelSettings) -> Array:
 def _path_prior(
     path: StaticPath, settings: ModelSettings, fps: float
 ) -> tuple[Array, Array, Array]:
-    """Centre (T, 2), scale (T, 2) and rates (2, 2) of the path without scenelets."""
+    """Centre (T, 2), scale (T, 2) and AR rates (2, 2) of the path without scenelets."""
     if settings.likelihood > 0:
         seconds = np.array([settings.correlation_time_bearing, settings.correlation_time_depth])
         smoothing = np.array([settings.smoothing_time_bearing, settings.smoothing_time_depth])
@@ -526,7 +526,7 @@ def _path_prior(
             np.array(path.deviation),
             remembered(seconds, smoothing, fps),
         )
-    # Nobody has looked at the clip: somebody strays about in the middle of the room.
+    # Without a likelihood, the path is a stationary AR(1) process about the middle of the room.
     size = (len(path.lift), 1)
     deviation = _start_deviation(settings)
     walk = np.array([settings.walk_bearing, settings.walk_log_depth]) * np.sqrt(10.0 / fps)
@@ -535,7 +535,7 @@ def _path_prior(
 
 
 def _path_facing(path: StaticPath, camera: CameraPrior, settings: ModelSettings) -> Array:
-    """(T, 2) where the static path has somebody face, in the world of the mean camera."""
+    """(T, 2) facing direction of the static path, in the world of the mean camera."""
     if not settings.likelihood > 0:
         return np.zeros((len(path.lift), 2))
     pitch, _, _, _, roll = camera.mean.tolist()
@@ -544,16 +544,16 @@ def _path_facing(path: StaticPath, camera: CameraPrior, settings: ModelSettings)
 
 
 def _directions(joints: Array) -> Array:
-    """(n, 2) cosine and sine of where bodies (n, 16, 3) face, z up."""
+    """(n, 2) cosine and sine of the facing direction of bodies (n, 16, 3), z up."""
     yaw = facing(joints)
     return np.stack([np.cos(yaw), np.sin(yaw)], -1)
 
 
 def _static_residual(camera: Camera, path: StaticPath, keypoints: Array) -> Array:
-    """(2, T, 16) squared pixels between detections and the frame's own pose, and its mirror.
+    """(2, T, 16) squared pixel errors of the frame's static pose, and of its left-right mirror.
 
-    The pose stands at the frame's smoothed estimate; behind the camera the residual is that
-    of a point at the image's edge, which no detector model calls likely.
+    For a joint at or behind the image plane the error is the image diagonal, which has negligible
+    likelihood under any detector model.
     """
     pixels = camera.project_camera(path.joints)
     error = ((np.stack([pixels, pixels[:, list(MIRROR)]]) - keypoints) ** 2).sum(-1)

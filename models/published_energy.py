@@ -1,4 +1,4 @@
-"""The published energy (Monszpart et al. 2019, section 5) on the states of this model.
+"""The published energy (Monszpart et al. 2019, section 5), evaluated on states of this model.
 
     L = w_r L_r + w_o L_o + w_s L_s + w_c L_c + w_m L_m
 
@@ -13,11 +13,11 @@ coordinates (pixels from the principal point over the focal length). :func:`eval
 log-posterior that the preset ``paper`` samples from: these terms with the priors of
 :mod:`imapper_prob.models.kernels.incremental`.
 
-Four misprints are mended:
+Four misprints of the paper are corrected:
 
-* eta_t, which says whether a scenelet covers frame t, is printed with the upper limit
-  max(t, n_l) of its sum over starts, and would let it cover every frame after its start; the
-  limit is min(t, n_l).
+* eta_t tells whether a scenelet covers frame t. The upper limit of its sum over starts is printed
+ as max(t, n_l), so that a scenelet would cover every frame after its start; the limit is
+ min(t, n_l).
 * L_m is printed with the signed distance itself and would reward walking far from things; it
   takes the negative part, as L_c does.
 * L_c is printed over pairs with "b_i != b_j and theta_i != theta_j"; the text spares only pairs
@@ -59,14 +59,14 @@ __all__ = [
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 _MET: Final = (PELV, LKNE, RKNE)
-"""Joints that L_m asks for."""
+"""Joints that the motion term L_m checks."""
 _CELLS: Final = 24
-"""Along each side of a rectangle, for the integral by midpoints: good to half a percent."""
+"""Midpoints along each side of a rectangle in the integral of L_c; accurate to half a percent."""
 
 
 @inlined
 def signed_distance(x: float, y: float, box: Array, turn: Array) -> float:
-    """From a point on the floor to a box's footprint.
+    """Signed distance from a point on the floor to the footprint of a box.
 
     Parameters
     ----------
@@ -74,12 +74,12 @@ def signed_distance(x: float, y: float, box: Array, turn: Array) -> float:
         Metres.
     box : (7,) float
     turn : (2 or more,) float
-        Cosine and sine of its yaw.
+        Cosine and sine of the yaw of the box.
 
     Returns
     -------
     float
-        Metres, negative inside.
+        Metres; negative inside.
     """
     dx, dy = x - box[0], y - box[1]
     u = abs(turn[0] * dx + turn[1] * dy) - box[3]
@@ -98,11 +98,11 @@ def depth_of_motion(joints: Array, row: int, boxes: Array, turns: Array) -> floa
     joints : (R, 3, 16) float
         World, metres.
     row : int
-        Which of them.
+        Row of ``joints``.
     boxes : (K, 7) float
-        In the world.
+        World frame, see :mod:`imapper_prob.models.geometry`.
     turns : (K, 2 or more) float
-        Cosine and sine of their yaws.
+        Cosine and sine of the yaw of each box.
 
     Returns
     -------
@@ -121,14 +121,14 @@ def depth_of_motion(joints: Array, row: int, boxes: Array, turns: Array) -> floa
 
 @compiled
 def overlap(boxes: Array, turns: Array, one: tuple[int, int], other: tuple[int, int]) -> float:
-    """-int over the footprint of one object of the negative part of d of another, cubic metres.
+    """Integral of the depth in one object over the footprint of another, cubic metres.
 
     Parameters
     ----------
     boxes, turns
         See :func:`overlaps`.
     one, other : (int, int)
-        First row of an object's boxes, and the row after the last.
+        First row of the object's boxes, and the row after the last.
 
     Returns
     -------
@@ -158,7 +158,7 @@ def overlap(boxes: Array, turns: Array, one: tuple[int, int], other: tuple[int, 
 
 @inlined
 def _may_meet(boxes: Array, k: int, other: tuple[int, int]) -> bool:
-    """Whether the circle around a footprint meets that around any of another object."""
+    """Whether the circumcircle of a box's footprint meets that of any box of another object."""
     near = False
     for m in range(other[0], other[1]):
         reach = math.hypot(boxes[k, 3], boxes[k, 4]) + math.hypot(boxes[m, 3], boxes[m, 4])
@@ -168,20 +168,20 @@ def _may_meet(boxes: Array, k: int, other: tuple[int, int]) -> bool:
 
 @compiled
 def overlaps(boxes: Array, turns: Array, owner: Ints, yaws: Array, same_angle: float) -> float:
-    """L_c, cubic metres.
+    """The collision term L_c, cubic metres.
 
     Parameters
     ----------
     boxes : (K, 7) float
-        In the world, those of an object one after the other.
+        World frame, with the boxes of each object in consecutive rows.
     turns : (K, 2 or more) float
-        Cosine and sine of their yaws.
+        Cosine and sine of the yaw of each box.
     owner : (K, 3) int
         Item, object and label of each box.
     yaws : (K,) float
-        Of its object, radians.
+        Yaw of the object that each box belongs to, radians.
     same_angle : float
-        Radians; objects turned by less than this against each other face the same way.
+        Radians; a pair of the same label whose yaws differ by less is left out.
 
     Returns
     -------
@@ -210,33 +210,35 @@ def overlaps(boxes: Array, turns: Array, owner: Ints, yaws: Array, same_angle: f
 #
 #     F(v, c) = (c - 1/2)^2 v^2   if c < 1/2 and v > 0,   else 0
 #
-# v is the signed distance of a joint to the occlusion volume, all that the camera does not see for
-# furniture. F asks for it outside only, where the distance to a union is the least to its parts.
-# What a box [l, h] hides, in its own axes and seen from the origin, is
+# v is the signed distance of a joint to the occlusion volume, which is all that furniture hides
+# from the camera. F needs v only outside the volume, where the distance to a union is the least
+# distance to its parts. With the camera at the origin and in the axes of a box [l, h], the box
+# hides
 #
-#     { s b : s >= 1, l <= b <= h },
+#     { s b : s >= 1, l <= b <= h }.
 #
-# and the squared distance to a point y is the least over s >= 1 of
+# The squared distance of a point y to this set is the minimum over s >= 1 of
 #
 #     sum_i max(0, s l_i - y_i)^2 + max(0, y_i - s h_i)^2,
 #
-# convex in s, with a slope that is linear between the s at which a side of the box passes y.
+# which is convex in s. Its slope is piecewise linear; it changes where a side of the box passes y.
 
 FARTHEST: Final = 1.0
-"""V, metres: cap of the distance to the occlusion volume, and the distance where there is none. An
-actor's arm's reach, within which a scenelet has its objects (Monszpart et al. 2019, section 3)."""
+"""V, metres: cap of the distance to the occlusion volume, which is also its value without
+furniture. It is the reach of an actor's arm, within which a scenelet has its objects (Monszpart et
+al. 2019, section 3)."""
 
 
 @compiled
 def occlusion_cost(distance: float, confidence: float) -> float:
-    """The penalty F(v, c) of an unsure joint that nothing hides.
+    """The penalty F(v, c) of a joint of low confidence that is not occluded.
 
     Parameters
     ----------
     distance : float
-        v, to the occlusion volume, metres.
+        v, the distance to the occlusion volume, metres.
     confidence : float
-        c, in [0, 1].
+        c, the confidence in [0, 1].
 
     Returns
     -------
@@ -252,19 +254,19 @@ def occlusion_cost(distance: float, confidence: float) -> float:
 def hidden_distance(
     elevation: float, x: float, y: float, z: float, boxes: Array, turns: Array, room: Array
 ) -> float:
-    """How far a point is from what boxes hide, metres: 0 in it, at most ``FARTHEST``.
+    """Distance from a point to the volume that boxes hide, metres: 0 inside, at most ``FARTHEST``.
 
     Parameters
     ----------
     elevation : float
-        Of the camera, which is above the origin, metres.
+        Height of the camera, which is above the origin, metres.
     x, y, z : float
         The point in the world, metres.
     boxes : (K, 7) float
     turns : (K, 2 or more) float
-        Cosine and sine of their yaws.
+        Cosine and sine of the yaw of each box.
     room : (9,) float
-        Scratch.
+        Scratch array.
 
     Returns
     -------
@@ -286,7 +288,7 @@ def hidden_distance(
 
 @inlined
 def _distance(room: Array) -> float:
-    """From the point ``room[6:]`` to what the box ``room[:3]`` to ``room[3:6]`` hides."""
+    """Distance from the point ``room[6:]`` to the volume hidden by the box ``room[:6]``."""
     before, slope = 1.0, _slope(room, 1.0)
     if slope >= 0.0:
         return _apart(room, 1.0)
@@ -301,14 +303,14 @@ def _distance(room: Array) -> float:
                 else:
                     after, steeper = at, found
     if after == math.inf:
-        # Sides that go on to infinity: from here on the slope is one straight line.
+        # No side passes the point beyond this scale, so the slope is linear from here on.
         after, steeper = 2.0 * before, _slope(room, 2.0 * before)
     return _apart(room, before + (after - before) * slope / (slope - steeper))
 
 
 @inlined
 def _slope(room: Array, scale: float) -> float:
-    """Half the derivative of the squared distance by s."""
+    """Half the derivative, by the scale s, of the squared distance."""
     total = 0.0
     for i in range(3):
         total += room[i] * max(0.0, scale * room[i] - room[6 + i])
@@ -318,7 +320,7 @@ def _slope(room: Array, scale: float) -> float:
 
 @inlined
 def _apart(room: Array, scale: float) -> float:
-    """From the point to the box ``scale`` times as far away and as large."""
+    """Distance from the point to the box scaled by ``scale`` about the camera."""
     total = 0.0
     for i in range(3):
         short = max(0.0, scale * room[i] - room[6 + i])
@@ -328,7 +330,7 @@ def _apart(room: Array, scale: float) -> float:
 
 
 # ------------------------------------------------------------------------------------------------
-# The log-posterior of the preset ``paper``.
+# The log-posterior of the preset `paper`.
 #
 #     log pi(s) = log p(phi) + log p(X) + log p(P, G | X)
 #                 - w_r L_r - w_o L_o - w_s L_s - w_c L_c - w_m L_m + log p(statements | s)
@@ -336,13 +338,13 @@ def _apart(room: Array, scale: float) -> float:
 PAPER_TERMS = (
     *TERMS[: PATH + 1], "reprojection", "occlusion", "smoothness", "collision", "motion", "given"
 )  # fmt: skip
-"""What :func:`evaluate_paper` returns, in order; the log-posterior is their sum."""
+"""Names of the terms of :func:`evaluate_paper`, in order; the log-posterior is their sum."""
 _DETECTED = np.array(DETECTED)
 
 
 @inner
 def _reprojection(problem: Problem, camera: Array, joints: Array, by_frame: Array) -> None:
-    """L_r: c |Pi q - u|^2 over the joints of each frame, normalised image coordinates."""
+    """L_r: sum of c |Pi q - u|^2 over the joints of each frame, in normalised image coordinates."""
     cp, sp, elevation = math.cos(camera[0]), math.sin(camera[0]), camera[1]
     cr, sr, focal = math.cos(camera[4]), math.sin(camera[4]), math.exp(camera[2])
     for t in range(len(joints)):
@@ -361,7 +363,7 @@ def _reprojection(problem: Problem, camera: Array, joints: Array, by_frame: Arra
 def _occlusion(
     problem: Problem, camera: Array, joints: Array, boxes: Array, turns: Array, by_frame: Array
 ) -> None:
-    """L_o: F(v, c) over the joints of each frame. What a detector lost has c = 0."""
+    """L_o: sum of F(v, c) over the joints of each frame; undetected joints have c = 0."""
     room = np.empty(9)
     for t in range(len(joints)):
         for j in _DETECTED:
@@ -392,17 +394,17 @@ def evaluate_paper(
     joints: Array,
     by_frame: Array,
 ) -> Array:
-    """The terms of one state under the published energy.
+    """Evaluate the terms of one state under the published energy.
 
     Parameters
     ----------
     problem, camera, items, placements, sizes, latent
         See :func:`imapper_prob.models.kernels.incremental.change`.
     joints : (T, 3, 16) float
-        Out: the motion in the world, metres; left as it is outside the support.
+        Output: the motion in the world, metres; unchanged outside the support.
     by_frame : (T, 4) float
-        Out: reprojection, occlusion, smoothness and motion of each frame, unweighted; no
-        occlusion where that has no weight.
+        Output: reprojection, occlusion, smoothness and motion of each frame, unweighted; occlusion
+        is 0 if its weight is 0.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""The published energy of a state, term by term and frame by frame, for reports and figures."""
+"""The published energy of a state by term and by frame, for reports and figures."""
 
 from __future__ import annotations
 
@@ -18,21 +18,21 @@ __all__ = ["PaperEnergy", "paper_energy"]
 Array = NDArray[np.float64]
 
 _PRIORS = 4
-"""Terms of the compiled posterior that are no part of the published energy."""
+"""Number of prior terms, which come first and are not part of the published energy."""
 
 
 @dataclass(frozen=True, eq=False)
 class PaperEnergy:
-    """What a state costs under the published energy.
+    """The published energy of a state.
 
     Parameters
     ----------
     terms : mapping of str to float
-        Weighted terms, named as the fields of :class:`PaperWeights`; all infinite where the
-        state is impossible.
+        Weighted terms by name of the fields of :class:`PaperWeights`; all infinite if the state is
+        outside the support.
     by_frame : mapping of str to (T,) float
-        The same, frame by frame, of all terms but ``collision``, which belongs to no frame.
-        A step of the pelvis counts for the frame it leads to.
+        The same for each frame, without ``collision``, which belongs to no frame. A step of the
+        pelvis counts for the frame it leads to.
     """
 
     terms: Mapping[str, float]
@@ -40,24 +40,24 @@ class PaperEnergy:
 
     @property
     def total(self) -> float:
-        """The energy."""
+        """The energy, the sum of all terms."""
         return sum(self.terms.values())
 
     @property
     def log_density(self) -> float:
-        """Minus the energy: an unnormalised log density, without any prior."""
+        """Minus the energy: an unnormalised log density without priors."""
         return -self.total
 
 
 def paper_energy(
     problem: Problem, state: State, *, weights: PaperWeights | None = None
 ) -> PaperEnergy:
-    """The published energy of a state of the default posterior.
+    """Compute the published energy of a state.
 
     Parameters
     ----------
     problem : Problem
-        Of either preset.
+        A problem of either preset.
     state : State
     weights : PaperWeights, optional
 
@@ -73,7 +73,7 @@ def paper_energy(
         state.camera, state.items, state.placements, state.sizes, state.latent, joints, shares,
     )  # fmt: skip
     if not np.isfinite(values[0]):
-        # Scenelets that overlap or stick out, or a camera outside its prior: there is no motion.
+        # Outside the support (overlapping scenelets, or an invalid camera) there is no motion.
         nowhere = np.full(problem.n_frames, np.inf)
         by_frame = {name: nowhere for name in names if name != "collision"}
         return PaperEnergy(dict.fromkeys(names, np.inf), by_frame)

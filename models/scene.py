@@ -1,7 +1,7 @@
-"""What goes in, a clip, and what comes out, a scene: the types that everything shares.
+"""The types that all packages share: a clip (the input) and a scene (the result).
 
-All are frozen. Arrays are validated and made read-only when an object is made, so whatever holds
-one may rely on it.
+All types are frozen. Their arrays are validated and made read-only on construction, so other code
+need not check them again.
 """
 
 from __future__ import annotations
@@ -55,23 +55,24 @@ Array = NDArray[np.float64]
 MEASURED_FOCAL: Final = 0.005
 """Standard deviation of the log focal length of a calibrated camera."""
 FRONTLESS: Final = frozenset({"desk", "table"})
-"""Categories that are the same from all sides: who sits opposite has the table turned by half. A
-stool is too, but its scenelets turn it as their person sits, who turns on it less than one may."""
+"""Categories without a distinguishable front: rotated by half a turn they look the same. A stool
+has no front either, but its scenelets align it with the person, who turns on it less than is
+possible."""
 
 
 _LARGEST_BODY: Final = 10.0
-"""Metres of a joint from the pelvis: four tall people."""
+"""Largest distance of a joint from the pelvis, metres: four tall people."""
 
 
 def _word(text: object, what: str) -> str:
-    """A name that others wrote, without anything that a terminal or a file would trip over."""
+    """Check a name from the input, and remove what terminals or files cannot show."""
     if not isinstance(text, str):
         raise InputError(f"{what} must be text, not {text!r:.40}")
     return readable(text)
 
 
 def read_only(values: ArrayLike, *, shape: Sequence[int | None], name: str) -> Array:
-    """A read-only copy of an array after checking its shape.
+    """Copy an array, check its shape and make the copy read-only.
 
     Parameters
     ----------
@@ -79,7 +80,7 @@ def read_only(values: ArrayLike, *, shape: Sequence[int | None], name: str) -> A
     shape : sequence of int or None
         ``None`` for any length.
     name : str
-        For messages.
+        Name of the array in messages.
 
     Returns
     -------
@@ -88,7 +89,7 @@ def read_only(values: ArrayLike, *, shape: Sequence[int | None], name: str) -> A
     Raises
     ------
     InputError
-        If the values are no numbers, or of another shape.
+        The values are not numbers, or have another shape.
     """
     try:
         array = np.array(values, dtype=np.float64)
@@ -130,7 +131,7 @@ class Placement:
         return np.array([[c, -s], [s, c]])
 
     def apply(self, points: ArrayLike) -> Array:
-        """Local points (..., 3) to the parent frame (..., 3), metres.
+        """Transform local points (..., 3) to the parent frame (..., 3), metres.
 
         Parameters
         ----------
@@ -145,17 +146,17 @@ class Placement:
         return np.concatenate([floor, points[..., 2:]], -1)
 
     def compose(self, inner: Placement) -> Placement:
-        """What is placed here, as its parent sees it.
+        """Compose two placements: from the frame of ``inner`` to the parent frame of this one.
 
         Parameters
         ----------
         inner : Placement
-            In this placement's local frame.
+            A placement in the local frame of this one.
 
         Returns
         -------
         Placement
-            In this placement's parent frame.
+            The same placement in the parent frame of this one.
         """
         x, y = self.rotation @ (inner.x, inner.y) + (self.x, self.y)
         return Placement(float(x), float(y), self.yaw + inner.yaw)
@@ -163,12 +164,12 @@ class Placement:
 
 @dataclass(frozen=True)
 class Cuboid:
-    """A box with vertical sides.
+    """A box with vertical sides, a part of an object.
 
     Parameters
     ----------
     part : str
-        What it is of its object: ``"seat"``, ``"back"``, ``"top"``, ``"leg"``, …
+        Name of the part: ``"seat"``, ``"back"``, ``"top"``, ``"leg"``, …
     centre : (3,) float
         Centre in metres, in the frame of the object.
     size : (3,) float
@@ -189,7 +190,7 @@ class Cuboid:
         object.__setattr__(self, "size", size)
 
     def scaled(self, factor: float) -> Cuboid:
-        """The box ``factor`` times as large, about the origin of its frame.
+        """The box scaled by ``factor`` about the origin of its frame.
 
         Parameters
         ----------
@@ -203,12 +204,12 @@ class Cuboid:
         Raises
         ------
         InputError
-            It is not.
+            ``factor`` is not positive and finite.
         """
         if not 0 < factor < math.inf:
             raise InputError(f"cuboid {self.part}: cannot be {factor} times as large")
         centre, size = factor * self.centre, factor * self.size
-        # All else was checked when this box was made; draws have a hundred thousand of them.
+        # The other checks passed when this box was made; draws have a hundred thousand boxes.
         box = object.__new__(Cuboid)
         for name, values in (("centre", centre), ("size", size)):
             values.setflags(write=False)
@@ -219,15 +220,15 @@ class Cuboid:
 
 @dataclass(frozen=True)
 class SceneObject:
-    """A piece of furniture: a label, where it stands, and its boxes.
+    """A piece of furniture: a label, a placement and the boxes of its parts.
 
     Parameters
     ----------
     label : str
         Category, lower case: ``"chair"``, ``"couch"``, ``"table"``, ``"shelf"``, …
     placement : Placement
-        Where it stands in its parent frame. Local +y is the object's front (a seat is left
-        towards +y, its backrest is at −y); the local origin is on the floor.
+        Pose in the parent frame. Local +y is the object's front (a person leaves a seat towards +y,
+        the backrest is at −y); the local origin is on the floor.
     cuboids : tuple of Cuboid
         Parts in the object's own frame; z is height above the floor.
     """
@@ -251,7 +252,7 @@ class SceneObject:
 
     @property
     def bounds(self) -> Array:
-        """(2, 3) lower and upper corner of all parts in the object's own frame, metres."""
+        """(2, 3) lower and upper corner of all parts, in the object's own frame, metres."""
         low = np.min([c.centre - c.size / 2 for c in self.cuboids], axis=0)
         high = np.max([c.centre + c.size / 2 for c in self.cuboids], axis=0)
         return np.stack([low, high])
@@ -269,12 +270,12 @@ class SceneObject:
         return self.placement.apply(corners)[:, :2]
 
     def moved(self, placement: Placement) -> SceneObject:
-        """The object after its parent frame was placed in another one.
+        """The object transformed to the frame in which its parent frame has a placement.
 
         Parameters
         ----------
         placement : Placement
-            Of the parent frame.
+            Placement of the present parent frame.
 
         Returns
         -------
@@ -283,7 +284,7 @@ class SceneObject:
         return SceneObject(self.label, placement.compose(self.placement), self.cuboids)
 
     def scaled(self, factor: float) -> SceneObject:
-        """The object ``factor`` times as large, about the origin of its parent frame.
+        """The object scaled by ``factor`` about the origin of its parent frame.
 
         Parameters
         ----------
@@ -298,12 +299,12 @@ class SceneObject:
         return SceneObject(self.label, Placement(x, y, self.placement.yaw), cuboids)
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw it from above, in metres.
+        """Draw the object from above, in metres.
 
         Parameters
         ----------
         ax : matplotlib.axes.Axes, optional
-            Those of a new figure if not given.
+            If not given, the axes of a new figure.
 
         Returns
         -------
@@ -322,28 +323,28 @@ class SceneObject:
         return axes
 
     def _repr_html_(self) -> str:
-        """It from above, with its text, for a notebook."""
+        """A view from above and a text, for notebooks."""
         return f"<p>{escape(repr(self))}</p>{picture_of(self.plot, size=(3.2, 3.2))}"
 
 
 @dataclass(frozen=True)
 class Track:
-    """What a detector and a lifter said about one person, frame by frame.
+    """Detections and lifted poses of one person, frame by frame.
 
     Parameters
     ----------
     name : str
-        Whose track this is.
+        Name of the person.
     keypoints : (T, 16, 2) float
-        Detections in pixels; NaN where there is none.
+        Detected positions in pixels; NaN without a detection.
     confidences : (T, 16) float
-        Detector confidence in [0, 1]; 0 where there is no detection or the joint is
-        synthesised from others.
+        Detector confidence in [0, 1]; 0 if there is no detection or the joint is synthesised from
+        others.
     poses : (T, 16, 3) float
-        Lifted joints relative to the pelvis, camera axes (x right, y forward, z up), metres;
-        NaN for a whole frame without a pose.
+        Lifted joints relative to the pelvis, camera axes (x right, y forward, z up), metres; NaN in
+        all joints of a frame without a pose.
     interpolated : (T,) bool
-        Frames whose pose the input had already filled in.
+        Frames whose pose was already interpolated in the input.
     """
 
     name: str
@@ -408,7 +409,7 @@ class Track:
 
 @dataclass(frozen=True)
 class Truth:
-    """What really was there, where somebody knows.
+    """Ground truth, where it is known.
 
     Parameters
     ----------
@@ -417,12 +418,12 @@ class Truth:
     objects : tuple of SceneObject
         Furniture in that world frame.
     joints : (T, 16, 3) or (K T, 16, 3) float
-        Joints in that world frame, metres; NaN in frames without annotation. Of the first person,
-        or of all K people of the clip, all frames of the first, then of the next.
+        Joints in that world frame, metres; NaN in frames without annotation. Of the first person
+        only, or of all K people: all frames of the first person, then of the next.
     hidden : (T, 16) or (K T, 16) bool
-        Joints behind furniture, seen from the camera.
+        Joints that furniture hides from the camera.
     actions : tuple of str
-        A word a row of ``joints`` (``"sitting"``, …), or empty.
+        One word per row of ``joints`` (``"sitting"``, …), or empty.
     """
 
     camera: Camera
@@ -442,25 +443,25 @@ class Truth:
 
 @dataclass(frozen=True)
 class Clip:
-    """One fixed camera and the people it saw.
+    """A recording by one fixed camera: detections and lifted poses of people.
 
     Parameters
     ----------
     name : str
-        For messages and file names.
+        Used in messages and file names.
     camera : Camera
-        Intrinsics, and the nominal pose (the mean of the prior).
+        Intrinsics and nominal pose, which is the mean of the prior.
     fps : float
-        Frames a second.
+        Frames per second.
     frame_ids : (T,) int
-        The input's own numbers of the frames, strictly increasing by one.
+        Frame numbers of the input, consecutive.
     tracks : tuple of Track
-        One per actor, all of T frames.
+        One per person, each with T frames.
     focal_spread : float
-        Standard deviation of the log focal length: by what part the camera's may be wrong.
-        A careful guess, as i3DB's, is good to .05.
+        Standard deviation of the log focal length, i.e. its relative error. A careful guess, as in
+        i3DB, is accurate to .05.
     truth : Truth, optional
-        For simulated clips and the laboratory. Inference never reads it.
+        Ground truth of simulated clips, for evaluation. Inference never reads it.
 
     Examples
     --------
@@ -506,7 +507,7 @@ class Clip:
         object.__setattr__(self, "frame_ids", ids)
 
     def _check_size(self, n_frames: int) -> None:
-        """Whether it is of a size that there is, before anything is made of that size."""
+        """Check that sizes are realistic, before arrays of these sizes are made."""
         camera, name = self.camera, self.name
         if not SLOWEST_FILM <= self.fps <= QUICKEST_FILM:
             raise InputError(
@@ -559,7 +560,7 @@ class Clip:
 
     @property
     def n_frames(self) -> int:
-        """Number of frames T.
+        """T, the number of frames.
 
         Examples
         --------
@@ -570,7 +571,7 @@ class Clip:
 
     @property
     def focal_known(self) -> bool:
-        """Whether the focal length was measured, as good as calibrations are.
+        """Whether the focal length is as accurate as a calibration.
 
         Examples
         --------
@@ -580,14 +581,14 @@ class Clip:
         return self.focal_spread <= MEASURED_FOCAL
 
     def plot(self, ax: Axes | None = None, *, moments: int = 5) -> Axes:
-        """Draw the 2D joints of everybody at some moments in the image, earlier ones lighter.
+        """Draw the 2D joints of all people in the image at several frames, earlier ones lighter.
 
         Parameters
         ----------
         ax : matplotlib.axes.Axes, optional
-            Those of a new figure if not given.
+            If not given, the axes of a new figure.
         moments : int
-            How many.
+            Number of frames.
 
         Returns
         -------
@@ -605,26 +606,26 @@ class Clip:
         return axes
 
     def _repr_html_(self) -> str:
-        """The 2D joints, with the clip's text, for a notebook."""
+        """The 2D joints and a text, for notebooks."""
         return f"<p>{escape(repr(self))}</p>{picture_of(self.plot, size=(7.0, 4.4))}"
 
 
 @dataclass(frozen=True)
 class Scene:
-    """One answer: the furniture and the motion.
+    """A scene hypothesis: camera, furniture and motion.
 
     Parameters
     ----------
     camera : Camera
-        The camera of this answer; its pose defines the world frame.
+        Camera of this scene; its pose defines the world frame.
     objects : tuple of SceneObject
-        Furniture in the world, merged where scenelets agree.
+        Furniture in the world frame; objects of several scenelets are merged if they agree.
     joints : (T, 16, 3) float
-        The motion in the world, metres; NaN in frames about which nothing is known.
+        Joints in the world frame, metres; NaN in frames without information.
     layout : tuple of (str, int)
-        Scenelet identifiers and the frame index each starts at, in order of time.
+        Scenelet identifiers and their start frames, in order of time.
     log_posterior : float
-        Up to the constant of the clip.
+        Log-posterior in nats, up to a constant of the clip.
     """
 
     camera: Camera
@@ -642,14 +643,14 @@ class Scene:
         object.__setattr__(self, "joints", joints)
 
     def plot(self, ax: Axes | None = None, *, people: int = 1) -> Axes:
-        """Draw the scene from above: furniture by category, and the way of the pelvis.
+        """Draw the scene from above: furniture by category, and the path of the pelvis.
 
         Parameters
         ----------
         ax : matplotlib.axes.Axes, optional
-            Those of a new figure if not given.
+            If not given, the axes of a new figure.
         people : int
-            How many people's frames ``joints`` has one after the other.
+            Number of people whose frames ``joints`` contains, one person after the other.
 
         Returns
         -------
@@ -669,5 +670,5 @@ class Scene:
         return axes
 
     def _repr_html_(self) -> str:
-        """The scene from above, with its text, for a notebook."""
+        """A view from above and a text, for notebooks."""
         return f"<p>{escape(repr(self))}</p>{picture_of(self.plot, size=(5.0, 4.6))}"

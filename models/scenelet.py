@@ -1,4 +1,4 @@
-"""Scenelets: short motion clips with the objects near them, and libraries of them."""
+"""Scenelets (short motions with the objects around them), and libraries of scenelets."""
 
 from __future__ import annotations
 
@@ -23,32 +23,32 @@ __all__ = ["Library", "Scenelet"]
 Array = NDArray[np.float64]
 
 _FARTHEST: Final = 100.0
-"""Metres from the person at the centre frame, of joints and of furniture within reach."""
+"""Largest distance in metres of joints and furniture from the origin of a scenelet's frame."""
 
 
 @dataclass(frozen=True)
 class Scenelet:
-    """A person's motion over a second or two, and the furniture within reach.
+    """A motion of a second or two, with the furniture within reach.
 
-    Local frame: floor at z = 0, origin below the pelvis at the centre frame (index
-    ``n // 2``), +y the direction the person then faces.
+    Local frame: floor at z = 0, origin below the pelvis in the centre frame (index ``n // 2``), +y
+    is the facing direction of the person in that frame.
 
     Parameters
     ----------
     name : str
-        Unique in its library, ``"sit-couch-017"``.
+        Unique name in its library, such as ``"sit-couch-017"``.
     action : str
-        What is done: ``"walk"``, ``"sit"``, ``"stand"``, ``"reach"``, …
+        Action: ``"walk"``, ``"sit"``, ``"stand"``, ``"reach"``, …
     joints : (n, 16, 3) float
-        Joints in the local frame, metres, at the clip's frame rate.
+        Joints in the local frame, metres, at ``fps`` frames per second.
     objects : tuple of SceneObject
         Furniture in the local frame; may be empty.
     fps : float
-        Frames a second of ``joints``.
+        Frames per second of ``joints``.
     weight : float
-        How much it counts among similar motions: one over the number of scenelets that
-        begin near it in the scene they were cut from, so that a long stay in one place
-        counts once (Monszpart et al. 2019, section 4).
+        Weight among similar motions: one over the number of scenelets that start near this one in
+        the same source scene, so that a long stay in one place counts once (Monszpart et al. 2019,
+        section 4).
     """
 
     name: str
@@ -87,7 +87,7 @@ class Scenelet:
 
     @property
     def n_frames(self) -> int:
-        """Number of frames n."""
+        """n, the number of frames."""
         return len(self.joints)
 
     @property
@@ -98,13 +98,13 @@ class Scenelet:
 
 @dataclass(frozen=True)
 class Library(Sequence[Scenelet]):
-    """All scenelets a run may use, in a fixed order.
+    """An ordered collection of the scenelets that a run may use.
 
     Parameters
     ----------
     name : str
     scenelets : tuple of Scenelet
-        At least one; no two of the same name.
+        At least one, with unique names.
 
     Examples
     --------
@@ -141,7 +141,7 @@ class Library(Sequence[Scenelet]):
         return iter(self.scenelets)
 
     def _repr_html_(self) -> str:
-        """How many scenelets there are of each action, and with what furniture, for a notebook."""
+        """A table of actions with their scenelet counts and furniture, for notebooks."""
         rows = []
         for action, count in Counter(s.action for s in self).most_common():
             stood = Counter(label for s in self if s.action == action for label in s.labels)
@@ -152,7 +152,7 @@ class Library(Sequence[Scenelet]):
 
     @property
     def digest(self) -> str:
-        """SHA-256 of names, motions and objects: what a run's provenance records.
+        """SHA-256 of names, motions and objects, which a run records as provenance.
 
         Examples
         --------

@@ -1,7 +1,7 @@
-"""Bounds of what the program takes, and the constants of the model, each with unit and source.
+"""Limits of the input, and the constants of the model with their units and sources.
 
-Constants that were estimated from data are read from ``calibrated.toml``, which states source and
-spread of every one (``docs/research/calibration.md``); the others are chosen.
+Constants that were estimated from data are read from ``calibrated.toml``, which states the source
+and spread of each one (``docs/research/calibration.md``). The others are chosen.
 """
 
 from __future__ import annotations
@@ -43,67 +43,70 @@ __all__ = [
 ]
 
 NEAREST: Final = 0.1
-"""Metres; depth at which a point counts that is nearer to the camera or behind it."""
+"""Least depth in metres; points nearer to the camera or behind it are treated as at this depth."""
 NEAR_SIGHT: Final = 0.05
-"""Metres; nearer to the camera than this, bearing and slope of a line of sight say nothing."""
+"""Distance from the camera in metres below which bearing and slope of a line of sight are not
+used."""
 LEVEL: Final = 0.02
-"""Metres two things may overlap in height before they count as being level."""
+"""Overlap in height, metres, below which two boxes do not count as at the same level."""
 NOTHING_IN_SIGHT: Final = 0.2
-"""Metres; cap of the clearance: a line of sight that far from every box is as free as any."""
+"""Cap of the clearance, metres: a line of sight farther than this from all boxes is clear."""
 OPAQUE: Final = 0.1
-"""Metres; a line of sight through the middle of a box thinner than twice this counts as this
-deep in it: a table top hides as well as a chest does."""
+"""A line of sight through the middle of a box thinner than twice this has this depth of cut,
+metres, so that a table top hides as much as a chest."""
 LOWEST_CAMERA: Final = 0.2
-"""Metres above the floor: the support of the camera's elevation begins here."""
+"""Least elevation of the camera, metres above the floor; the prior's support begins here."""
 STEEPEST_CAMERA: Final = 1.0
-"""Radians of pitch or roll either way: the support of the camera's pose ends here."""
+"""Largest absolute pitch or roll of the camera, radians; the prior's support ends here."""
 HIGHEST_CAMERA: Final = 100.0
-"""Metres above the floor: people are a few pixels high from there."""
+"""Largest elevation of the camera, metres above the floor; people there are a few pixels high."""
 LARGEST_IMAGE: Final = 65_536
-"""Pixels a side: sixteen times that of the largest films."""
+"""Largest side of an image, pixels: sixteen times that of the largest video formats."""
 SHORTEST_FOCAL: Final = 0.005
 LONGEST_FOCAL: Final = 100.0
-"""Longer sides of the image: fields of view of 179 degrees, and of half a degree."""
+"""Limits of the focal length in units of the longer image side: fields of view of 179 and 0.5
+degrees."""
 FARTHEST_KEYPOINT: Final = 1e4
-"""Longer sides of the image from its corner: detectors place joints a little outside of it, and
-draws of the detection model, whose tails have two degrees of freedom, some hundred of them away."""
+"""Largest coordinate of a keypoint in units of the longer image side. Detectors place joints a
+little outside the image; draws of the detection model, whose tails have two degrees of freedom, lie
+up to some hundred image sides away."""
 SLOWEST_FILM: Final = 0.1
 QUICKEST_FILM: Final = 1_000.0
-"""Frames a second: one in ten seconds, and what laboratories film people with."""
+"""Limits of the frame rate, frames per second: one in ten seconds, and high-speed cameras."""
 LONGEST_CLIP: Final = 36_000
-"""Frames: an hour at ten a second. A longer clip is a damaged frame number."""
+"""Most frames of a clip: an hour at ten per second. More indicate a damaged frame number."""
 SHORTEST_CLIP: Final = 8
-"""Frames; in less than a second nobody does anything that furniture explains."""
+"""Least number of frames; in under a second no motion is informative about furniture."""
 MOST_PEOPLE: Final = 64
-"""In one clip: a crowd."""
+"""Most people in one clip."""
 
 
 @dataclass(frozen=True)
 class PaperWeights:
-    """The factors of the five terms of :mod:`~imapper_prob.models.published_energy`.
+    """Weights of the five terms of :mod:`~imapper_prob.models.published_energy`.
 
-    The paper prints none. These are those of the command files that the authors released with
-    i3DB, for terms in normalised image coordinates and metres on clips of 10 frames a second. One
-    scene (Scene10) has ``occlusion`` 10, the others 1. The files have one weight for
-    intersections, which the released program halves where joints meet objects.
+    The paper prints no weights. The defaults are those of the command files that the authors
+    released with i3DB, for terms in normalised image coordinates and metres on clips of 10 frames
+    per second. One scene (Scene10) has ``occlusion`` 10, the others 1. The files have one weight
+    for intersections, which the released program halves where joints meet objects.
 
     Parameters
     ----------
     reprojection : float
-        A unit of squared normalised image coordinates.
+        Per unit of squared normalised image coordinates.
     occlusion : float
-        A square metre.
+        Per square metre.
     smoothness : float
-        A square metre.
+        Per square metre.
     collision : float
-        A cubic metre: depth in the other object, over the floor.
+        Per cubic metre: depth in the other object, integrated over the floor.
     motion : float
-        A metre.
+        Per metre.
 
     Raises
     ------
     InputError
-        If a weight is negative or not finite.
+        A weight is negative or not finite.
     """
 
     reprojection: float = 1.0
@@ -120,11 +123,11 @@ class PaperWeights:
 
 
 ANKLE: Final = 0.09
-"""Metres of an ankle joint above the floor under a standing foot (lateral malleolus)."""
+"""Height of the ankle joint (lateral malleolus) above the floor in a standing foot, metres."""
 
 
 def _share(seconds: Number) -> Number:
-    """One over the number of frames, at 10 a second, that say the same for so long."""
+    """One over the number of frames, at 10 per second, in a correlation time."""
     if isinstance(seconds, tuple):
         raise TypeError("a time is one number")
     return 1 / (10 * seconds)
@@ -132,90 +135,91 @@ def _share(seconds: Number) -> Number:
 
 @dataclass(frozen=True)
 class ModelSettings:
-    """What the log-posterior is made with.
+    """Constants of the log-posterior.
 
     Parameters
     ----------
     frame_weight : float
-        Factor on every frame's log-likelihood at 10 frames a second, for joints and frames
-        repeat each other's errors: one over the frames in which all of them say one thing.
+        Factor on every frame's log-likelihood at 10 frames per second, because errors are
+        correlated between joints and frames: one over the number of frames that together count as
+        one.
     side_flip_rate : float
-        How often a second the detector begins to take left for right.
+        Rate per second at which left-right flips of the detector begin.
     side_flip_length : float
-        Seconds that this lasts, on average.
+        Mean duration of a flip, seconds.
     pose_tolerance : tuple of 16 float
-        Metres, of a body of the reference stature; standard deviation of a real joint about
-        the scenelet's, by joint, the same on both sides. A library of a few hundred motions never
-        holds exactly this person's, and differs most where limbs end.
+        Metres, for a body of the reference stature; standard deviation of each joint about the
+        scenelet's, the same on both sides. A library of a few hundred motions never contains
+        exactly the motion of this person; wrists and ankles differ most.
     sight_width : float
-        Metres; width of the step from hidden to seen over the clearance of the ray: furniture
-        is neither quite of the scenelet's shape nor quite where it says.
+        Metres; width of the transition from hidden to visible as a function of clearance. It
+        accounts for errors of the furniture's shape and position.
     visibility_error : float
-        Probability that a joint is hidden although nothing known is in its way, or seen
-        although something is.
+        Probability that a joint is hidden although no known furniture is in the way, or visible
+        although some is.
     correlation_time_bearing, correlation_time_depth : float
-        Seconds; half the integrated autocorrelation of the static path's errors across and along
-        the view.
+        Seconds; half the integrated autocorrelation of the static path's errors in bearing and in
+        log depth.
     smoothing_time_bearing, smoothing_time_depth : float
-        Seconds of these over which such an error is smooth, at most half of them: 0 for errors
-        that are rough from frame to frame, half for the smoothest.
+        Seconds of the correlation time over which such an error is smooth, at most half of it: 0
+        for errors that are rough from frame to frame, half for the smoothest.
     stay_change : float
-        Seconds of a stay in which the error along the view changes as it does elsewhere; after
-        them it stands still.
+        Seconds at the start of a stay in which the error along the view still changes as elsewhere;
+        for the rest of the stay it is constant.
     walk_bearing, walk_log_depth : float
-        Standard deviation of one frame's step of the pelvis at 10 frames a second: tangent
-        of the bearing, and log metres. Of a person nobody has looked at yet.
+        Standard deviation of one frame's step of the pelvis at 10 frames per second, in bearing
+        (tangent) and log depth; for the prior path of a person without observations.
     start_bearing, start_log_depth : float
-        Standard deviations of where that person is.
+        Standard deviations of the position of that person, in bearing (tangent) and log depth.
     start_depth : float
-        Metres; median depth there.
+        Metres; median depth of that person.
     size_spread : float
-        Standard deviation of the log size of one scenelet, person and furniture, about the body
-        scale: how far a fitted motion leaves open at what distance it was (i3DB, stretches of 2 s).
+        Standard deviation of the log size of one scenelet (person and furniture) about the body
+        scale: how well a fitted motion of 2 s determines its own distance (estimated on i3DB).
     facing_spread : float
-        Radians, scale of the wrapped Cauchy error of where the static path has somebody face
-        about where the right scenelet does, both averaged over its frames.
+        Radians; scale of the wrapped Cauchy error between the facing direction of the static path
+        and that of the right scenelet, both averaged over its frames.
     joint_step : float
-        Metres an axis, of a body of the reference stature; scale of a joint's step, relative to
-        the pelvis, from the frame before a scenelet to its first and from its last to the next.
-        Nearly all of it is how scenelet and lifted pose differ (i3DB), so that it does not
-        depend on the frame rate.
+        Metres per axis, for a body of the reference stature; scale of a joint's step, relative to
+        the pelvis, into the first frame of a scenelet and out of its last one. Most of it is the
+        difference between scenelet and lifted pose (i3DB), so it does not depend on the frame rate.
     smoothness_cost : float
-        Factor on those steps' nats, for joints err together, as many as frames in the time over
-        which these repeat their errors.
+        Factor on the nats of those steps, because errors are correlated between joints; it equals
+        that of the frames in the time over which their errors repeat.
     furniture_aside : float
-        Standard deviation of how far to its side a piece of furniture stands from where its
-        scenelet says, as a share of its width. With the next one: of what is drawn, for the
-        detections do not tell (``docs/explanation/model.md``).
+        Standard deviation of the sideways displacement of furniture from its position in the
+        scenelet, as a share of its width. Like ``furniture_ahead`` it applies to the furniture of
+        drawn scenes, because the detections do not determine it (``docs/explanation/model.md``).
     furniture_ahead : float
-        Metres; the same to its front and back, and out of the way of somebody who walks there.
+        Metres; the same to front and back, and the distance furniture may move out of a person's
+        path.
     collision_cost : float
-        Nats per metre that two objects are in each other, on the floor.
+        Nats per metre of horizontal overlap of two objects.
     motion_cost : float
-        Nats per metre and frame that the person is in an object, or below the floor, before
-        ``frame_weight``.
+        Nats per metre and frame of penetration of the person into an object or below the floor,
+        before ``frame_weight``.
     merge_angle : float
-        Radians; two overlapping objects of the same label turned less than this against
-        each other, or in any way if it has no front, are one object seen twice.
+        Radians; two overlapping objects of the same label are one object seen twice if their yaws
+        differ by less than this, or at any yaw if the label has no front.
     support_angle : float
-        Radians; angle of the thighs to the vertical that says as much for being carried as for
-        standing on one's feet.
+        Radians; angle of the thighs to the vertical at which a pose is equally likely to be
+        supported as to stand on its feet.
     support_slope : float
-        Nats a radian by which a greater angle speaks for being carried.
+        Nats per radian by which a greater angle is evidence for being supported.
     support_time : float
-        Seconds over which frames say the same of that.
+        Seconds over which the evidence of frames counts once.
     scenelet_rate : float
-        Prior odds of a scenelet starting at a given frame against none, shared among the
-        library.
+        Prior odds that a scenelet starts at a given frame rather than none, shared among the
+        library's scenelets.
     likelihood : float
-        Factor on everything that depends on data; 1, or 0 for the prior.
+        Factor on all terms that depend on data: 1, or 0 to sample the prior.
     energy : str
-        ``"default"``, or ``"paper"`` for the published energy in place of the likelihood.
+        ``"default"``, or ``"paper"`` to use the published energy instead of the likelihood.
     paper_nats : float
-        Nats a unit of the published energy, which comes without any. 700 would make a joint
-        15 px off (the scale of i3DB's errors, at its focal length of 1955) cost what a normal
-        error of that size does, .3 would make a joint that is lost and a metre in the open speak
-        as loudly as in the default energy: no number does both, and this is between them.
+        Nats per unit of the published energy, which has no scale of its own. At 700 a joint that is
+        15 px off (the scale of i3DB's errors, at its focal length of 1955) would cost as much as a
+        normal error of that size. At .3 an undetected joint one metre outside any occlusion would
+        cost as much as in the default energy. No value does both; this one is between them.
     """
 
     frame_weight: float = from_data("scores.repeat_time", _share)
@@ -289,27 +293,28 @@ class StaticPathSettings:
     Parameters
     ----------
     pixel_scale, dof : float
-        Pixel error of a detection: scale in pixels at 1080 lines, degrees of freedom.
+        Scale (pixels in an image of 1080 lines) and degrees of freedom of a detection's pixel
+        error.
     correlation_time : float
-        Seconds over which the errors of a frame repeat themselves, of detections and lifted
-        poses alike.
+        Seconds over which errors of detections and of lifted poses are correlated.
     walk_bearing, walk_log_depth, walk_bone : float
-        Standard deviation of one step at 10 frames a second: tangent (of bearing and of
-        lift), log metres, metres.
+        Standard deviation of one step at 10 frames per second, of bearing and lift (tangents), log
+        depth (log metres) and bones (metres).
     walk_time : float
-        Seconds for which somebody goes on at about the same velocity.
+        Seconds over which a person keeps about the same velocity.
     length_tolerance : float
-        Factor on the published spreads of bone lengths.
+        Factor on the published standard deviations of bone lengths.
     lifted_across, lifted_along : float
-        Standard deviation of a lifted bone across and along the viewing direction, over its
+        Standard deviation of a lifted bone across and along the viewing direction, divided by its
         length.
     filled_tolerance : float
-        Factor on these two where the pose was filled in; chosen.
+        Factor on these two for interpolated poses; chosen.
     implausible : float
-        Median pixel error at 1080 lines of the confident joints above which a lifted pose,
-        put where it fits best, is not believed; chosen.
+        Median pixel error of confident joints (in an image of 1080 lines) above which a lifted pose
+        is rejected even at its best fit; chosen.
     bias_log_depth, bias_across : float
-        Slow errors that stay within a correlation time: log metres, and metres.
+        Standard deviations of slow errors, constant over a correlation time: log metres, and
+        metres.
     """
 
     pixel_scale: float = from_data("path.pixel_scale")
@@ -328,12 +333,12 @@ class StaticPathSettings:
     bias_across: float = from_data("bias.across")
 
     def frame_weight(self, fps: float) -> float:
-        """One over the number of frames in a correlation time.
+        """Weight of a frame: one over the number of frames in a correlation time, at most 1.
 
         Parameters
         ----------
         fps : float
-            Frames a second.
+            Frames per second.
 
         Returns
         -------
@@ -345,7 +350,7 @@ class StaticPathSettings:
 
 @dataclass(frozen=True)
 class CameraSettings:
-    """Constants of the camera's prior, calibrated or kept for a reason.
+    """Constants of the camera prior, calibrated or kept for a stated reason.
 
     See ``docs/research/calibration.md``.
 
@@ -356,17 +361,17 @@ class CameraSettings:
     roll : float
         Radians; standard deviation about the clip's nominal roll.
     log_elevation : float
-        Standard deviation of the log height about the clip's nominal one.
+        Standard deviation of the log elevation about the clip's nominal one.
     log_body : float
-        Standard deviation of log stature about the reference body's.
+        Standard deviation of log stature about that of the reference body.
     ankle : float
-        Metres of an ankle joint above the floor under a standing foot.
+        Height of the ankle joint above the floor in a standing foot, metres.
     ankle_offset : float
-        Metres; standard deviation of an error in this that stays the same all clip.
+        Metres; standard deviation of the part of its error that is constant over a clip.
     ankle_spread : float
-        Metres; scale of one independent observation of the lowest ankle.
+        Metres; scale of the error of one independent observation of the lowest ankle.
     ankle_dof : float
-        Degrees of freedom of its Student-t: feet are lifted, hidden and put on chairs.
+        Degrees of freedom of its Student-t error, because feet are lifted, hidden or put on chairs.
     correlation_time : float
         Seconds between independent observations.
     """
@@ -384,7 +389,7 @@ class CameraSettings:
 
 @dataclass(frozen=True)
 class Settings:
-    """All constants of the model, and of what is estimated before it.
+    """All constants of the model and of the estimates made before sampling.
 
     Parameters
     ----------
@@ -393,7 +398,7 @@ class Settings:
     camera : CameraSettings
     detector : DetectorSettings
     device : str
-        Of torch, on which scenelets are fitted to windows.
+        The torch device on which scenelets are fitted to windows.
     """
 
     model: ModelSettings = field(default_factory=ModelSettings)
@@ -403,14 +408,15 @@ class Settings:
     device: str = "cpu"
 
     def without(self, scene: str) -> Settings:
-        """The same with all that is estimated from data as it would be without one scene.
+        """The settings with estimated constants that leave out one scene, for cross-validation.
 
-        The tails of the jumps of joints (``joints.jump_dof``) stay: they are part of compiled code.
+        The tails of joint jumps (``joints.jump_dof``) are unchanged: they are part of compiled
+        code.
 
         Parameters
         ----------
         scene : str
-            Of i3DB, ``"Scene04"``.
+            Name of a scene of i3DB, such as ``"Scene04"``.
 
         Returns
         -------

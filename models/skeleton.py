@@ -1,8 +1,8 @@
-"""The sixteen joints, how they are connected, and poses of them.
+"""The sixteen joints, their connections, body proportions, and functions of poses.
 
-Left and right are the person's own. The order is that of the i3DB benchmark
-(Monszpart et al. 2019), so that its files and scores can be compared directly; code
-should still go through the names.
+Left and right are the person's own. The order of joints is that of the i3DB benchmark (Monszpart et
+al. 2019), so that its files and scores can be compared directly. Code uses the names, not the
+numbers.
 """
 
 from __future__ import annotations
@@ -61,17 +61,17 @@ MIRROR: Final = (
     LANK, LKNE, LHIP, RHIP, RKNE, RANK, PELV, THRX,
     NECK, HEAD, LWRI, LELB, LSHO, RSHO, RELB, RWRI,
 )  # fmt: skip
-"""``MIRROR[j]`` is the joint on the other side of the body."""
+"""``MIRROR[j]`` is the same joint on the other side of the body."""
 BONES: Final = (
     (RANK, RKNE), (RKNE, RHIP), (RHIP, PELV), (LANK, LKNE), (LKNE, LHIP), (LHIP, PELV),
     (THRX, PELV), (NECK, THRX), (HEAD, NECK),
     (RWRI, RELB), (RELB, RSHO), (RSHO, THRX), (LWRI, LELB), (LELB, LSHO), (LSHO, THRX),
 )  # fmt: skip
-"""Pairs of joints that a line connects: the one further from the pelvis, then the nearer."""
+"""Pairs of connected joints: the one farther from the pelvis, then the nearer one."""
 SCORED: Final = tuple(j for j in range(N_JOINTS) if j not in (PELV, NECK))
 """The fourteen joints of the benchmark's pose score."""
 DETECTED: Final = SCORED
-"""Joints that a detector reports itself; PELV and NECK are synthesised from others."""
+"""Joints that a detector reports directly; PELV and NECK are synthesised from others."""
 REFERENCE_STATURE: Final = 1.70
 """Stature in metres of the body that ``BONE_LENGTHS`` and the built-in library describe."""
 _SKELETONS: Final[dict[str, dict[str, float]]] = {
@@ -95,21 +95,21 @@ _SKELETONS: Final[dict[str, dict[str, float]]] = {
         "upper arm": .1686, "forearm": .1471,
     },
 }  # fmt: skip
-"""Distances between joint centres over stature, as published.
+"""Distances between joint centres divided by stature, as published.
 
-Drillis and Contini as in Winter, *Biomechanics and Motor Control of Human Movement*, fig. 4.1;
-de Leva, *J. Biomechanics* 29, table 4, and ANSUR II, 4,082 men and 1,986 women, the mean of both
-sexes; the skeletons of a data set and of a musculoskeletal model. A source is asked only for what
-it measures between joints: breadths over acromia or trochanters are not, nor trunks up to the
-seventh vertebra. The torso goes from mid-hip to mid-shoulder and the head from there to where
-detectors put it: some between the ears, some at the crown, so that of the first two it is the
-geometric mean of both. Of the skeleton of Human3.6M no stature is published; its thigh, shin and
-torso together are as long as the mean of the first two."""
+Drillis and Contini as in Winter, *Biomechanics and Motor Control of Human Movement*, fig. 4.1; de
+Leva, *J. Biomechanics* 29, table 4, and ANSUR II (4,082 men and 1,986 women) as the mean of both
+sexes; the skeletons of a data set and of a musculoskeletal model. Only distances between joints are
+used: not breadths over acromia or trochanters, nor trunks up to the seventh vertebra. The torso
+reaches from mid-hip to mid-shoulder, and the head from there to where detectors put it. Some put it
+between the ears and some at the crown, so for the first two sources it is the geometric mean of
+both. Human3.6M has no published stature; it is set so that thigh, shin and torso together are as
+long as the mean of the first two sources."""
 
 
 _PEOPLE: Final = 0.047
-"""Standard deviation of the log of a bone over stature between people (ANSUR II: .033 to .051 for
-limbs and trunk, the largest for the thigh)."""
+"""Standard deviation between people of log (bone length / stature) (ANSUR II: .033 to .051 for
+limbs and trunk, largest for the thigh)."""
 
 
 def _logs(bone: str) -> list[float]:
@@ -117,12 +117,13 @@ def _logs(bone: str) -> list[float]:
 
 
 def _published(bone: str) -> float:
-    """Metres: geometric mean of all sources that have the bone, at the reference stature."""
+    """Bone length in metres at the reference stature: geometric mean of all sources that have
+    it."""
     return REFERENCE_STATURE * math.exp(statistics.fmean(_logs(bone)))
 
 
 def _spread(bone: str) -> float:
-    """Log: how people differ in it, and sources in what it is."""
+    """Standard deviation of the log length: between people, and between sources."""
     return math.hypot(_PEOPLE, statistics.stdev(_logs(bone)))
 
 
@@ -136,7 +137,7 @@ BONE_LENGTHS: Final[dict[tuple[int, int], float]] = {
     (PELV, THRX): _published("torso"),
     (THRX, HEAD): _published("head"),
 }  # fmt: skip
-"""Segment lengths in metres of an adult of the reference stature; no clip was asked."""
+"""Segment lengths in metres of an adult of the reference stature, from the literature only."""
 LENGTH_SPREADS: Final[dict[tuple[int, int], float]] = {
     (RANK, RKNE): _spread("shin"), (LANK, LKNE): _spread("shin"),
     (RKNE, RHIP): _spread("thigh"), (LKNE, LHIP): _spread("thigh"),
@@ -147,17 +148,17 @@ LENGTH_SPREADS: Final[dict[tuple[int, int], float]] = {
     (PELV, THRX): _spread("torso"),
     (THRX, HEAD): _spread("head"),
 }  # fmt: skip
-"""Standard deviations of the logs of these, of a person whose stature is known."""
+"""Standard deviations of log segment lengths of a person of known stature."""
 
 # ------------------------------------------------------------------------------------------------
-# Poses: where a body faces, and blends between two.
+# Poses: facing direction, rotation and interpolation.
 
 
 def _outward() -> tuple[tuple[int, int], ...]:
-    """Bones as (far, near) joints, each after the one that carries it."""
+    """Bones as (far, near) joints in order from the pelvis outward."""
     order: list[tuple[int, int]] = []
     reached = [PELV]
-    for near in reached:  # grows on the way
+    for near in reached:  # the list grows during the loop
         ends = [a + b - near for a, b in BONES if near in (a, b)]
         order += [(far, near) for far in ends if far not in reached]
         reached += [far for far in ends if far not in reached]
@@ -168,10 +169,11 @@ _OUTWARD = _outward()
 
 
 def facing(joints: ArrayLike) -> Array:
-    """Where a person faces, from the lines through hips and shoulders.
+    """Facing direction of a person, from the lines through hips and shoulders.
 
-    The body's right is the sum of both lines, left to right, on the floor; forward is a
-    quarter turn counter-clockwise from it. Head and feet are not asked: they turn freely.
+    The body's right is the sum of both lines, from left to right, on the floor; forward is a
+    quarter turn counter-clockwise from it. Head and feet are not used, because they turn
+    independently.
 
     Parameters
     ----------
@@ -192,7 +194,7 @@ def facing(joints: ArrayLike) -> Array:
 
 
 def thigh_angle(joints: ArrayLike) -> Array:
-    """Mean angle of both thighs to the vertical, radians: 0 of somebody who stands upright.
+    """Mean angle of both thighs to the vertical in radians; 0 for a person who stands upright.
 
     Parameters
     ----------
@@ -211,7 +213,7 @@ def thigh_angle(joints: ArrayLike) -> Array:
 
 
 def turned(joints: ArrayLike, yaw: ArrayLike) -> Array:
-    """Joints rotated about the z axis.
+    """Rotate joints about the z axis.
 
     Parameters
     ----------
@@ -231,19 +233,19 @@ def turned(joints: ArrayLike, yaw: ArrayLike) -> Array:
 
 
 def blend_poses(first: ArrayLike, second: ArrayLike, weight: ArrayLike) -> Array:
-    """A pose between two: bones turn on the way, and are not shortened as joints would be.
+    """Interpolate between two poses; bones rotate and keep their lengths.
 
     Parameters
     ----------
     first, second : (..., 16, 3) float
-        Joints in metres; the pelvis may move too.
+        Joints in metres; the pelvis is interpolated, too.
     weight : (...) float
         0 gives ``first``, 1 ``second``.
 
     Returns
     -------
     (..., 16, 3) float
-        Joints in metres, each bone as long as the weighted mean of its two lengths.
+        Joints in metres; each bone has the weighted mean of its two lengths.
     """
     first, second = np.asarray(first, float), np.asarray(second, float)
     weight = np.asarray(weight, float)[..., None]

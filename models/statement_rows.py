@@ -1,7 +1,7 @@
-"""Statements as a term of a problem: checked against clip and library, and packed as flat rows.
+"""Check statements against clip and library, and pack them into a problem as flat rows.
 
-What a statement is says :mod:`imapper_prob.models.statements`; what its term is,
-:mod:`imapper_prob.models.kernels.given`.
+:mod:`imapper_prob.models.statements` defines the statements, and
+:mod:`imapper_prob.models.kernels.given` evaluates their terms.
 """
 
 from __future__ import annotations
@@ -61,19 +61,20 @@ __all__ = ["ROOM_AREA", "check_statements", "log_by_chance", "tell"]
 
 Array = NDArray[np.float64]
 ROOM_AREA: Final = 100.0
-"""m^2 over which a place that was named by chance may be; chosen, a large room."""
+"""Area in m² over which the position in a random (wrong) answer is uniform; chosen, a large
+room."""
 _LARGEST_SIDE: Final = 3.0
-"""Metres up to which each side of an object that was named by chance may be; chosen."""
+"""Largest side in metres of the object size in a random answer, which is uniform; chosen."""
 _FAR_APART: Final = 6.0
-"""Standard deviations at which two measurements of one thing contradict each other; chosen."""
+"""Distance in standard deviations at which two measurements contradict each other; chosen."""
 
 
 # ------------------------------------------------------------------------------------------------
-# Against clip and library, and against each other.
+# Checks against clip and library, and of statements against each other.
 
 
 def check_statements(statements: Sequence[Statement], clip: Clip, library: Library) -> None:
-    """Refuse what no scene of a clip and a library can be, before anything is sampled.
+    """Refuse statements that no scene of the clip and library can fulfil, before sampling.
 
     Parameters
     ----------
@@ -84,8 +85,8 @@ def check_statements(statements: Sequence[Statement], clip: Clip, library: Libra
     Raises
     ------
     InputError
-        A label is not in the library, a frame not in the clip, a box not in the picture, a place
-        behind the camera, or two statements contradict each other.
+        A label is not in the library, a frame not in the clip, a box not in the image, a position
+        is behind the camera, or two statements contradict each other.
     """
     known = set(labels_of(library))
     for statement in statements:
@@ -141,7 +142,7 @@ def _frames_said(statement: Statement) -> tuple[int, ...]:
 
 
 def _check_view(statement: Statement, clip: Clip) -> None:
-    """Boxes are in the picture, and places before the camera."""
+    """Check that boxes are in the image and positions in front of the camera."""
     width, height = clip.camera.width, clip.camera.height
     boxes = statement.boxes if isinstance(statement, Seen) else ()
     if isinstance(statement, ObjectAt):
@@ -167,7 +168,7 @@ def _check_view(statement: Statement, clip: Clip) -> None:
 
 
 def _contradict(one: Statement, other: Statement) -> bool:
-    """Whether the first makes the second as good as impossible."""
+    """Whether the first statement makes the second practically impossible."""
     match one, other:
         case Measured(), Measured() if one.quantity == other.quantity:
             return abs(one.value - other.value) > _FAR_APART * math.hypot(one.std, other.std)
@@ -179,7 +180,7 @@ def _contradict(one: Statement, other: Statement) -> bool:
         case Presence(there=False, region=None), Behind():
             return any(set(said) <= set(one.labels) for said in (other.labels, other.before))
         case Presence(there=False), Presence(there=True) | ObjectAt() | Contact() | SameObject():
-            # None of some labels where one of these labels is said to be.
+            # "None of these labels" contradicts a statement that an object of these labels exists.
             if not set(other.labels) <= set(one.labels):
                 return False
             if one.region is None:
@@ -209,22 +210,22 @@ def _deep_in(region: Points, place: tuple[float, float], by: float) -> bool:
 
 
 # ------------------------------------------------------------------------------------------------
-# As flat rows of a problem.
+# Packing as flat rows of a problem.
 
 
 def tell(
     problem: Problem, statements: Sequence[Statement], clip: Clip, library: Library
 ) -> Problem:
-    """The problem with statements as a term of its log-posterior, in place of any it has.
+    """Add statements to a problem as a term of its log-posterior, replacing earlier ones.
 
     Parameters
     ----------
     problem : Problem
-        Of the clip's people, one after the other.
+        Problem of all people of the clip, one after the other.
     statements : sequence of Statement
     clip : Clip
     library : Library
-        All of it, or exactly the scenelets of the problem.
+        The whole library, or exactly the scenelets of the problem.
 
     Returns
     -------
@@ -262,7 +263,7 @@ def tell(
 
 
 def _names(problem: Problem, library: Library) -> list[str]:
-    """Labels by the numbers that a problem has for them; empty where its scenelets have none."""
+    """Labels by their category number in a problem; empty for categories of no scenelet."""
     names = labels_of(library)
     if len(names) < len(problem.label_front):
         known = [o.label for s in library for o in s.objects for _ in o.cuboids]
@@ -273,7 +274,7 @@ def _names(problem: Problem, library: Library) -> list[str]:
 
 @dataclass(frozen=True)
 class _Packed:
-    """A statement as numbers."""
+    """A statement as numbers for the kernels."""
 
     kind: int
     numbers: Sequence[float]
@@ -329,7 +330,7 @@ def _packed(statement: Statement, clip: Clip) -> _Packed:
             return _Packed(BEHIND, (statement.doubt,), labels=both)
         case Seen():
             t, (width, height) = before + row_of[statement.frame], picture
-            # Two edges either way, in order; and any of the labels.
+            # Two edges per direction, in order; and any of the labels.
             anywhere = 2 * math.log(2 / (width * height)) - math.log(_LABELS_OF_DETECTORS)
             said_seen = (statement.rate, statement.clutter, anywhere, statement.std, width, height)
             return _Packed(
@@ -339,11 +340,11 @@ def _packed(statement: Statement, clip: Clip) -> _Packed:
 
 
 _LABELS_OF_DETECTORS: Final = 80
-"""Labels among which a box of nothing has one; COCO's."""
+"""Number of labels of an object detector, over which false detections are uniform; that of COCO."""
 
 
 def log_by_chance(statement: Statement, clip: Clip) -> float | None:
-    """Log density of an answer by chance, the least that its term can be, nats.
+    """Log density of an answer given by chance, which is the least value of its term, nats.
 
     Parameters
     ----------
@@ -353,7 +354,7 @@ def log_by_chance(statement: Statement, clip: Clip) -> float | None:
     Returns
     -------
     float or None
-        None of measurements, which are never by chance.
+        None for measurements, which are never answered by chance.
     """
     packed = _packed(statement, clip)
     match statement:
@@ -366,7 +367,8 @@ def log_by_chance(statement: Statement, clip: Clip) -> float | None:
 
 
 def _object_numbers(said: ObjectAt, picture: tuple[float, float]) -> tuple[float, ...]:
-    """As the kernel reads them; half of all answers by chance are that there is no such object."""
+    """Numbers for the kernel; a random answer denies with probability 1/2 that the object
+    exists."""
     wrong, nothing = -math.log(2.0), 0.0
     place, size, box = said.place, said.size, said.box
     if place is not None:

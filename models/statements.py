@@ -1,10 +1,10 @@
-"""Statements about a scene: what somebody knows besides the detections, as terms of the posterior.
+"""Statements about a scene: knowledge besides the detections, as terms of the posterior.
 
-Each is an answer or a measurement. Its term is the density of what was said given the scene
-(docs/explanation/model.md 25 to 33), which :mod:`imapper_prob.models.kernels.given` evaluates.
-Lengths are in metres in the world of a scene: floor at z = 0, camera above the origin, looking
-along y. Frames are numbered as in the clip. ``doubt`` is the probability that an answer was given
-by chance.
+A statement is an answer or a measurement. Its term is the density of that answer given the scene
+(docs/explanation/model.md 25 to 33); :mod:`imapper_prob.models.kernels.given` evaluates it. Lengths
+are in metres in the world frame of a scene: floor at z = 0, camera above the origin, looking along
+y. Frame numbers are those of the clip. ``doubt`` is the probability that an answer was given by
+chance.
 """
 
 from __future__ import annotations
@@ -45,14 +45,14 @@ __all__ = [
 Array = NDArray[np.float64]
 Points = tuple[tuple[float, float], ...]
 _DOUBT: Final = 0.001
-"""One answer in a thousand is given by chance; chosen."""
+"""Default probability that an answer is given by chance; chosen."""
 QUANTITIES: Final = ("pitch", "height", "focal", "stature")
-"""What can be measured, by its number in a problem."""
+"""Quantities that can be measured; the index is their number in a problem."""
 
 
 @dataclass(frozen=True)
 class Measured:
-    """Camera or person were measured.
+    """A measurement of the camera or of a person's stature.
 
     Parameters
     ----------
@@ -60,12 +60,12 @@ class Measured:
         ``"pitch"`` (degrees, negative looking down), ``"height"`` of the camera (m), ``"focal"``
         length (px), or the person's ``"stature"`` (m).
     value, std : float
-        What was measured, and its standard deviation.
+        The measured value and its standard deviation, in that unit.
 
     Raises
     ------
     InputError
-        There is no such quantity, or the numbers are none of it.
+        The quantity is unknown, or a number is out of its range.
 
     Examples
     --------
@@ -97,30 +97,30 @@ class Measured:
 
 @dataclass(frozen=True)
 class ObjectAt:
-    """An object of some labels was measured; say at least one of place, size and box.
+    """A measured object of one of several labels; give at least one of place, size and box.
 
     Parameters
     ----------
     labels : str or sequence of str
-        It has one of these.
+        Possible labels of the object.
     place : (float, float), optional
-        x, y of its centre, m.
+        x, y of the centre on the floor, m.
     place_std : float
-        m.
+        Standard deviation, m.
     size : (float, float, float), optional
         Width, depth and height, m.
     size_std : float
-        m.
+        Standard deviation, m.
     box : (float, float, float, float), optional
-        Left, top, right and bottom in the picture, px.
+        Left, top, right and bottom in the image, px.
     box_std : float
-        Of each edge, px.
+        Standard deviation of each edge, px.
     doubt : float
 
     Raises
     ------
     InputError
-        Nothing was measured, or the numbers make no sense.
+        Nothing was measured, or a number is invalid.
 
     Examples
     --------
@@ -162,22 +162,22 @@ class ObjectAt:
 
 @dataclass(frozen=True)
 class Presence:
-    """There is, or there is not, an object of some labels in a region, or anywhere.
+    """Whether an object of one of several labels is in a region, or anywhere.
 
     Parameters
     ----------
     labels : str or sequence of str
     there : bool
     region : sequence of (float, float), optional
-        Corners of a polygon on the floor in which its centre is, m; anywhere if not given.
+        Corners of a polygon on the floor that contains the centre, m; anywhere if not given.
     std : float
-        Of the region's edge, m.
+        Standard deviation of the region's edge, m.
     doubt : float
 
     Raises
     ------
     InputError
-        The region is none.
+        The region is not a polygon.
 
     Examples
     --------
@@ -205,20 +205,20 @@ class Presence:
 
 @dataclass(frozen=True)
 class Room:
-    """Walls: all furniture and the person's pelvis are inside.
+    """The walls of the room; all furniture and the person's pelvis are inside.
 
     Parameters
     ----------
     walls : sequence of (float, float)
         Corners of a polygon on the floor, m.
     std : float
-        Of the walls, m.
+        Standard deviation of the walls' position, m.
     doubt : float
 
     Raises
     ------
     InputError
-        The walls are no polygon.
+        The walls are not a polygon.
 
     Examples
     --------
@@ -238,7 +238,7 @@ class Room:
 
 @dataclass(frozen=True)
 class JointAt:
-    """A joint was at a point of space in a frame.
+    """The measured 3D position of a joint in one frame.
 
     Parameters
     ----------
@@ -248,14 +248,14 @@ class JointAt:
     point : (float, float, float)
         x, y, z in m.
     std : float
-        Along each axis, m.
+        Standard deviation along each axis, m.
     person : int
-        Which track of the clip, from 1.
+        Track of the clip, from 1.
 
     Raises
     ------
     InputError
-        There is no such joint, or the numbers are none.
+        The joint is unknown, or a number is invalid.
 
     Examples
     --------
@@ -277,7 +277,7 @@ class JointAt:
 
 @dataclass(frozen=True)
 class DepthOf:
-    """Depths of a joint along the camera's axis, by any other system.
+    """Depths of a joint along the camera's optical axis, measured by another system.
 
     Parameters
     ----------
@@ -285,17 +285,17 @@ class DepthOf:
     depths : sequence of float
         In these frames, m.
     error : float
-        Of each by itself, as a share of the depth.
+        Independent relative error of each depth.
     scale_error : float
-        Of all of them together, as a share: of a system that does not know its scale well.
+        Common relative error of all depths, for a system whose scale is uncertain.
     joint : str
     person : int
-        Which track of the clip, from 1.
+        Track of the clip, from 1.
 
     Raises
     ------
     InputError
-        Frames and depths differ in number, a frame is there twice, or a number makes no sense.
+        Frames and depths differ in number, a frame occurs twice, or a number is invalid.
 
     Examples
     --------
@@ -326,18 +326,18 @@ class DepthOf:
 
 @dataclass(frozen=True)
 class Contact:
-    """The person sits on, or touches, an object of some labels all through some frames.
+    """The person sits on, or touches, an object of one of several labels throughout some frames.
 
     Parameters
     ----------
     labels : str or sequence of str
     first, last : int
-        Frames.
+        First and last frame.
     sits : bool
-        On it; else a hand, a knee or the pelvis touches it.
+        Whether the person sits on it; else a hand, a knee or the pelvis touches it.
     doubt : float
     person : int
-        Which track of the clip, from 1.
+        Track of the clip, from 1.
 
     Raises
     ------
@@ -369,23 +369,23 @@ class Contact:
 
 @dataclass(frozen=True)
 class SameObject:
-    """One object of some labels is sat on, or touched, all through several spans of frames.
+    """The person sits on, or touches, the same object throughout several spans of frames.
 
     Parameters
     ----------
     labels : str or sequence of str
     spans : sequence of (int, int)
-        First and last frame of each, two or more.
+        First and last frame of each span; two spans or more.
     sits : bool
-        On it; else a hand, a knee or the pelvis touches it.
+        Whether the person sits on it; else a hand, a knee or the pelvis touches it.
     doubt : float
     people : sequence of int, optional
-        Whose frames each span has, tracks of the clip from 1; those of the first if not given.
+        Track of each span, from 1; the first track if not given.
 
     Raises
     ------
     InputError
-        There are fewer than two spans, or not one person for each, or one ends before it begins.
+        There are fewer than two spans, not one person for each, or a span ends before it begins.
 
     Examples
     --------
@@ -422,22 +422,22 @@ class SameObject:
 
 @dataclass(frozen=True)
 class Behind:
-    """An object of some labels stands behind one of others, as the camera sees them.
+    """One object is behind another, as seen from the camera.
 
-    Its centre is further from the camera, and there is a direction in which both are.
+    Its centre is farther from the camera, and there is a direction that contains both objects.
 
     Parameters
     ----------
     labels : str or sequence of str
-        What stands behind.
+        Possible labels of the object behind.
     before : str or sequence of str
-        What stands before it.
+        Possible labels of the object in front.
     doubt : float
 
     Raises
     ------
     InputError
-        Labels are none.
+        A label is missing or not text.
 
     Examples
     --------
@@ -460,10 +460,10 @@ class Behind:
 
 @dataclass(frozen=True)
 class Seen:
-    """What a detector of objects found in the picture of one frame, all of it.
+    """The complete output of an object detector in one frame.
 
-    A piece of furniture is found with the probability ``rate`` times the share of it that is in
-    the picture and behind nothing.
+    A piece of furniture is detected with probability ``rate`` times the share of it that is in the
+    image and unoccluded.
 
     Parameters
     ----------
@@ -471,21 +471,21 @@ class Seen:
     boxes : (D, 4) float
         Left, top, right and bottom, px.
     confusion : sequence of D mapping of str to float
-        Of each box the probability of its detected label by the object's true label, out of the
+        For each box, the probability of the detected label given each possible true label of the
         library.
     rate : float
-        At which pieces in full view are found.
+        Probability of detecting a piece in full view.
     clutter : float
-        Boxes of nothing that are expected.
+        Expected number of false detections.
     std : float
-        Of each edge, px.
+        Standard deviation of each edge, px.
     person : int
-        Whose joints are in the way, a track of the clip from 1.
+        Track, from 1, of the person who may occlude furniture.
 
     Raises
     ------
     InputError
-        Boxes and labels differ in number, or the numbers are none.
+        Boxes and labels differ in number, or a number is invalid.
 
     Examples
     --------
@@ -526,7 +526,7 @@ Statement = (
 
 
 def describe(statement: Statement) -> str:
-    """A statement in a few words.
+    """A short text for a statement.
 
     Parameters
     ----------
@@ -580,7 +580,7 @@ _CLASSES: Final = (
 
 
 def to_json(statements: Sequence[Statement]) -> str:
-    """Statements as text; :func:`from_json` reads it back.
+    """Serialise statements as JSON, which :func:`from_json` reads.
 
     Parameters
     ----------
@@ -594,7 +594,7 @@ def to_json(statements: Sequence[Statement]) -> str:
 
 
 def from_json(text: str) -> tuple[Statement, ...]:
-    """The statements that :func:`to_json` wrote.
+    """Read statements that :func:`to_json` wrote.
 
     Parameters
     ----------
@@ -607,14 +607,14 @@ def from_json(text: str) -> tuple[Statement, ...]:
     Raises
     ------
     LookupError, TypeError, ValueError
-        It wrote something else.
+        The text is not of that format.
     """
     named = {cls.__name__: cls for cls in _CLASSES}
     return tuple(named[name](**values) for name, values in json.loads(text))
 
 
 # ------------------------------------------------------------------------------------------------
-# Single values.
+# Validation of single values.
 
 
 def _labels(said: str | Sequence[str]) -> tuple[str, ...]:

@@ -1,7 +1,7 @@
-"""Text that others wrote, made safe to print; and one line about large objects.
+"""Make text from the input safe to print, and describe large objects in one line.
 
-A clip or a posterior holds hundreds of arrays, and the text that dataclasses make of themselves is
-all of their numbers. :func:`brief` says arrays by type and shape, and sequences by length.
+A clip or a posterior holds hundreds of arrays, and the default text of a dataclass would print all
+their numbers. :func:`brief` describes arrays by type and shape, and sequences by length.
 """
 
 from __future__ import annotations
@@ -19,17 +19,16 @@ T = TypeVar("T")
 _UNKNOWN: Final = "\N{REPLACEMENT CHARACTER}"
 _BLANKS: Final = frozenset("\t\n\v\f\r\x85\u2028\u2029")
 _UNDECODED: Final = range(0xDC80, 0xDD00)
-"""Code points by which Python stands for bytes of file names that are no UTF-8."""
+"""Code points that Python uses for undecodable bytes of file names."""
 _ORDERS: Final = frozenset("\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069")
-"""Characters that turn the direction of what follows, so that it reads as something else."""
+"""Characters that change the writing direction, so that text is displayed in another order."""
 
 
 def readable(text: str) -> str:
-    """The text on one line, with nothing in it that a terminal or a file would trip over.
+    """The text on one line, without characters that terminals or files cannot show.
 
-    Line breaks and tabs become blanks, other control characters and halves of characters a
-    replacement character. A byte that is no UTF-8 is taken for Latin-1, as old file systems
-    meant it.
+    Line breaks and tabs become blanks; other control characters and lone surrogates become a
+    replacement character. An undecodable byte is read as Latin-1.
 
     Parameters
     ----------
@@ -52,30 +51,30 @@ def _printable(character: str) -> str:
 
 
 _SHORT: Final = 60
-"""Characters up to which a value is written out."""
+"""Longest text of a value that is printed in full, characters."""
 _FEW: Final = 6
-"""Numbers up to which an array is written out."""
+"""Largest array or sequence that is printed in full, elements."""
 _PAGE: Final = 600
-"""Characters up to which a tuple is written out."""
+"""Longest text of a tuple that is printed in full, characters."""
 
 
 class Listed(tuple[T, ...]):
-    """A tuple whose text says how many there are of what, where all of them would be pages.
+    """A tuple whose text gives the number and type of its elements if it is long.
 
     Parameters
     ----------
     iterable : iterable
-        What it holds.
+        Its elements.
     """
 
     def __repr__(self) -> str:
-        """All that it holds if that is short."""
+        """The full text if it is short, else the number and type of the elements."""
         whole = super().__repr__() if len(self) <= _FEW else ""
         return whole if 0 < len(whole) <= _PAGE else f"({_sequence(self)})"
 
 
 def brief(value: object) -> str:
-    """The name of a type and what its fields hold, in a line; to be used as ``__repr__``.
+    """One-line description of a type and its fields, for use as ``__repr__``.
 
     Parameters
     ----------
@@ -107,7 +106,7 @@ def _told(value: Any) -> str:
 
 
 def _sequence(value: Any) -> str:
-    """A text, mapping or sequence: as it is if that is short, else how many of what."""
+    """Describe a text, mapping or sequence: in full if short, else by length and type."""
     text = isinstance(value, str | bytes)
     inside = [value] if text else list(value.values() if isinstance(value, Mapping) else value)
     plain = str | bytes | int | float | bool | None

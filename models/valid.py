@@ -1,7 +1,7 @@
-"""Checks of what was read from a file before compiled code sees it, which checks nothing.
+"""Validate problems and states read from files, because compiled code does not check them.
 
-Indices are inside of what they index, shapes agree, numbers are finite and of a plausible size.
-Stored posteriors and checkpoints pass here.
+Indices are within range, shapes agree, and numbers are finite and of plausible size. Stored
+posteriors and checkpoints are checked here.
 """
 
 from __future__ import annotations
@@ -32,13 +32,13 @@ __all__ = ["check_problem", "check_state"]
 Array = NDArray[np.float64]
 
 _LARGEST: Final = 1e9
-"""Of any number in a problem: pixels, metres and nats are less."""
+"""Largest number in a problem (pixels, metres or nats)."""
 _FARTHEST: Final = 1e4
-"""Metres of a scenelet from the camera."""
+"""Largest coordinate of a scenelet or camera in a state, metres."""
 _LARGEST_LOG: Final = 5.0
-"""Of log sizes and scales: a hundredfold."""
+"""Largest log size or log scale, a factor of about 150."""
 _LARGEST_LATENT: Final = 100.0
-"""Standard deviations of a normal number."""
+"""Largest latent variable, in standard deviations."""
 
 _SHAPES: Final[Mapping[str, tuple[str | int, ...]]] = {
     "keypoints": ("T", N_JOINTS, 2), "used": ("T", N_JOINTS), "confidences": ("T", N_JOINTS),
@@ -57,9 +57,8 @@ _SHAPES: Final[Mapping[str, tuple[str | int, ...]]] = {
     "given_rows": ("R", GIVEN_ROW),
     "given_power": ("G",),
 }  # fmt: skip
-"""Fields of a problem that are arrays: of T frames of which at most P are of one person, N frames
-and B boxes of L scenelets, C categories, K stays and G statements with Q rows of labels and R
-others."""
+"""Shapes of a problem's arrays: T frames, at most P of them of one person, N frames and B boxes of
+L scenelets, C categories, K stays and G statements with Q rows of labels and R other rows."""
 _INDICES: Final = (
     "path_stay", "stay_steps", "joint_first", "box_first", "box_object", "box_label", "lowered",
     "given_kinds",
@@ -72,7 +71,7 @@ _POSITIVE: Final = (
 
 
 def check_problem(problem: Problem) -> None:
-    """Refuse a problem on which compiled code would leave its arrays.
+    """Refuse a problem on which compiled code would access memory outside its arrays.
 
     Parameters
     ----------
@@ -81,7 +80,7 @@ def check_problem(problem: Problem) -> None:
     Raises
     ------
     InputError
-        With the name of the field.
+        The message names the field.
     """
     lengths: dict[str, int] = {}
     for name, values in problem._asdict().items():
@@ -168,7 +167,7 @@ def _check_statements(problem: Problem, lengths: Mapping[str, int]) -> None:
 
 
 def check_state(problem: Problem, state: State) -> None:
-    """Refuse a state that does not fit a problem.
+    """Refuse a state that is invalid for a problem.
 
     Parameters
     ----------
@@ -178,7 +177,7 @@ def check_state(problem: Problem, state: State) -> None:
     Raises
     ------
     InputError
-        With what is wrong.
+        The message says what is wrong.
     """
     count = len(state.items)
     arrays = (

@@ -1,13 +1,14 @@
-"""Where a scenelet stands, on the floor and as the camera sees it: one map, its inverse, its area.
+"""Conversion between floor coordinates and camera-centred coordinates of a scenelet.
 
-On the floor a scenelet stands at (x, y, yaw) and its person has a log size. As the camera sees it,
-it stands at (bearing, log depth, yaw, log size), *where* for short, with
+On the floor a scenelet has a placement (x, y, yaw), and its person a log size. Seen from the
+camera, the same is (bearing, log depth, yaw, log size), called *where* for short, with
 
     bearing = x / y,   log depth = log y,   |d(x, y) / d(bearing, log depth)| = y^2.
 
-Nearly all doubt about a place lies along the viewing ray and is relative: in these four numbers
-fits, steps and Gaussians are alike near and far. Only what is ahead of the camera, y > 0, has a
-bearing and a log depth; they are of the floor, so that no pitch or height comes in.
+Nearly all uncertainty of a position lies along the viewing ray and is relative to the distance, so
+fits, steps and Gaussians have the same size near and far in these coordinates. They exist only
+ahead of the camera, y > 0. They refer to the floor and do not depend on the camera's pitch or
+elevation.
 """
 
 from __future__ import annotations
@@ -77,12 +78,12 @@ def log_area(log_depth: float) -> float:
 
 
 def to_view(placements: ArrayLike, sizes: ArrayLike) -> Array:
-    """Where scenelets stand as the camera sees them.
+    """Convert placements and log sizes to (bearing, log depth, yaw, log size).
 
     Parameters
     ----------
     placements : (..., 3) float
-        x, y in metres and yaw in radians; y > 0, else the result is not a number.
+        x, y in metres and yaw in radians; the result is NaN unless y > 0.
     sizes : (...) float
         Log sizes.
 
@@ -101,7 +102,7 @@ def to_view(placements: ArrayLike, sizes: ArrayLike) -> Array:
 
 
 def to_floor(where: ArrayLike) -> tuple[Array, Array]:
-    """Placements and log sizes of what the camera sees: the inverse of :func:`to_view`.
+    """Convert (bearing, log depth, yaw, log size) to placements and log sizes.
 
     Parameters
     ----------

@@ -1,1 +1,1 @@
-"""How a distribution is explored: knows nothing of scenes."""
+"""Generic MCMC samplers and diagnostics; nothing here depends on scenes or on the model."""

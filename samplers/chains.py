@@ -1,9 +1,9 @@
-"""Several chains side by side, the same draws whatever the number of processes.
+"""Run several chains in parallel; the draws do not depend on the number of processes.
 
-Each chain has its own child of one seed sequence, so no chain knows how many workers
-there are. Processes are spawned, not forked: forking after a threaded library was loaded
-may hang. They can serve several calls (:class:`Workers`), for to start them takes seconds. The
-problem of each call is sent once to each process, not once to each chain.
+Each chain draws from its own child of one seed sequence, so its draws are the same whatever the
+number of workers. Processes are spawned, not forked, because a fork after a threaded library was
+loaded may hang. Starting processes takes seconds, so :class:`Workers` keeps them alive for several
+calls. The problem of each call is sent once to each process, not once to each chain.
 """
 
 from __future__ import annotations
@@ -43,10 +43,10 @@ P = TypeVar("P")
 X = TypeVar("X")
 R = TypeVar("R")
 
-# How long progress may lie before it is handed on: a person sees no delay.
+# Interval at which progress is passed on, seconds; short enough that a person sees no delay.
 _POLL_SECONDS = 0.1
 
-# Chains already fill the cores: threads inside them would only fight for these.
+# Chains already fill the cores, so threads inside them would only compete for these.
 _ONE_THREAD = dict.fromkeys(
     (
         "OMP_NUM_THREADS",
@@ -64,7 +64,7 @@ class ChainError(RuntimeError):
 
 
 class Report(Protocol):
-    """What a task calls between steps.
+    """The callback that a task calls between steps.
 
     Parameters
     ----------
@@ -73,15 +73,15 @@ class Report(Protocol):
     """
 
     def __call__(self, progress: object = None, /) -> bool:
-        """Hand on ``progress`` (picklable, under 4 kB); False asks to return early.
+        """Pass on ``progress`` (picklable, under 4 kB); an answer of False asks the task to return.
 
-        Up to 4 kB is written in one piece, so that a process that is killed cannot leave
+        Messages of up to 4 kB are written in one piece, so a process that is killed cannot leave
         half a message behind.
         """
 
 
 class Task(Protocol[P_contra, X_contra, R_co]):
-    """One chain: importable by name, so that another process can find it.
+    """The function that runs one chain; importable by name, so that another process can find it.
 
     Parameters
     ----------
@@ -92,7 +92,7 @@ class Task(Protocol[P_contra, X_contra, R_co]):
     def __call__(
         self, problem: P_contra, start: X_contra, rng: np.random.Generator, report: Report, /
     ) -> R_co:
-        """Run from ``start`` and return the result, the partial one if asked to stop."""
+        """Run from ``start`` and return the result, or the partial result if asked to stop."""
 
 
 OnProgress = Callable[[int, object], bool | None]
@@ -105,18 +105,18 @@ class _Job(NamedTuple):
 
 
 class _Parcelled(NamedTuple):
-    """A job, and the file in which its task and problem are."""
+    """A job, and the file that holds its task and problem."""
 
     parcel: Path
     job: _Job
 
 
 class _Shared(NamedTuple):
-    """What a parent and its workers have in common.
+    """Shared memory of the parent process and its workers.
 
-    ``stop`` and ``pids`` (the process of each running chain, else 0) are bare shared
-    memory: a lock might stay held by a process that was killed, or by the very code that
-    a signal handler interrupted.
+    ``stop`` asks all chains to stop. ``pids`` holds the process of each running chain, else 0. Both
+    are shared memory without a lock: a lock might stay held by a process that was killed, or by the
+    code that a signal handler interrupted.
     """
 
     stop: Any
@@ -137,8 +137,8 @@ def run_chains(
 ) -> list[R]:
     """Run one chain from each start.
 
-    The first Ctrl-C asks every chain to stop, and what they have is returned; the second
-    one interrupts for good.
+    The first Ctrl-C asks every chain to stop, and their partial results are returned. The second
+    one raises `KeyboardInterrupt`.
 
     Parameters
     ----------
@@ -147,26 +147,26 @@ def run_chains(
         them must be picklable. A task that can be stopped calls ``report`` now and then
         and returns when the answer is False.
     problem : object
-        What all chains share, read only.
+        Data that all chains share, read only.
     starts : sequence
-        One start a chain.
+        One start per chain.
     seed : int or numpy.random.SeedSequence
-        Each chain draws from its own child. As always in numpy, a sequence that is handed
-        in twice has other children the second time; an int has not.
+        Each chain draws from its own child. As usual in numpy, a seed sequence that is passed a
+        second time spawns other children; an int gives the same ones.
     workers : int or Workers
-        1 runs the chains here, one after the other; more spawn that many processes, each
-        with one thread for BLAS, OpenMP and numba, or use those that are there.
+        1 runs the chains in this process, one after the other. A larger number spawns that many
+        processes, each with one thread for BLAS, OpenMP and numba. `Workers` reuses its processes.
     executor : concurrent.futures.Executor, optional
-        Where to run instead, such as dask's ``client.get_executor()``. Nothing but the
-        results comes back from there: no progress, and no partial results of an interrupted
-        run. The problem is sent with each chain; with dask a large one is sent once to each
-        worker if ``problem`` is ``client.scatter(problem, broadcast=True)``.
+        Where to run instead, such as dask's ``client.get_executor()``. Only results come back from
+        an executor: no progress, and no partial results of an interrupted run. The problem is sent
+        with each chain; with dask a large one is sent once to each worker if ``problem`` is
+        ``client.scatter(problem, broadcast=True)``.
     on_progress : callable, optional
-        ``on_progress(chain, progress)``, called here with what tasks report; returning
+        ``on_progress(chain, progress)``, called in this process with what tasks report; returning
         False asks all chains to stop.
     scratch : Path, optional
-        Folder for the file through which processes are sent the problem, ``.problem-`` and more;
-        a process that is killed leaves it there. That of the system if not given.
+        Folder for the temporary file that sends the problem to the processes; its name begins with
+        ``.problem-``, and it stays behind if this process is killed. Default: the system's folder.
 
     Returns
     -------
@@ -178,13 +178,13 @@ def run_chains(
     ChainError
         A process died.
     Exception
-        What a task raised, with a note that names the chain; other chains are asked to
+        Any exception of a task, with a note that names the chain; the other chains are asked to
         stop.
 
     Notes
     -----
-    With more than one worker a script must keep its own work under
-    ``if __name__ == "__main__":``, because each process imports it.
+    With more than one worker, a script must keep its own code under ``if __name__ == "__main__":``,
+    because each process imports the script.
     """
     parent = seed if isinstance(seed, np.random.SeedSequence) else np.random.SeedSequence(seed)
     children = parent.spawn(len(starts))
@@ -218,7 +218,7 @@ def _run_elsewhere(
     try:
         futures += [executor.submit(_run, task, problem, job, _unheard) for job in jobs]
         wait(futures, return_when=FIRST_EXCEPTION)
-        # Those that are done come first: an error need not wait for the other chains.
+        # Finished futures come first, so that an error is raised without waiting for other chains.
         for future in sorted(futures, key=lambda future: not future.done()):
             future.result()
     except _deaths() as error:
@@ -230,8 +230,8 @@ def _run_elsewhere(
 
 
 def _deaths() -> tuple[type[BaseException], ...]:
-    """What executors raise when a worker, or the way to it, is gone."""
-    # Only who uses dask has imported it.
+    """Exceptions that executors raise when a worker died or cannot be reached."""
+    # `distributed` is loaded only if the caller uses dask.
     distributed = sys.modules.get("distributed")
     dask = () if distributed is None else (distributed.scheduler.KilledWorker,)
     return (BrokenExecutor, CancelledError, *dask)
@@ -255,17 +255,17 @@ def _run_here(
 
 
 class Workers:
-    """Processes that run chains, in one call of :func:`run_chains` after the other.
+    """A pool of processes that runs chains for several calls of :func:`run_chains`.
 
     Parameters
     ----------
     count : int
-        How many; 1 runs chains in this process.
+        Number of processes; 1 runs chains in this process.
 
     Raises
     ------
     ValueError
-        Fewer than one.
+        ``count`` is below 1.
 
     Examples
     --------
@@ -298,16 +298,16 @@ class Workers:
         on_progress: OnProgress | None,
         scratch: Path | None,
     ) -> list[R]:
-        """Run jobs; see :func:`run_chains`, which makes them.
+        """Run jobs that :func:`run_chains` has made.
 
         Parameters
         ----------
         task, problem
-            As there.
+            See `run_chains`.
         jobs : sequence
-            One a chain.
+            One per chain.
         on_progress, scratch
-            As there.
+            See `run_chains`.
 
         Returns
         -------
@@ -334,8 +334,8 @@ class Workers:
                     futures: list[Future[R]] = [
                         pool.submit(_run_in_worker, _Parcelled(parcel, job)) for job in jobs
                     ]
-                    # A pool notices the death of those processes that were there when it was last
-                    # handed a job, and it starts another one only after it has looked.
+                    # A pool notices that a process died only among those it had when it last got a
+                    # job, and it starts another process only after that check. Hence an empty job.
                     pool.submit(_nothing)
                 self._started |= set(multiprocessing.active_children()) - self._strangers
                 _await(futures, self._shared, on_progress)
@@ -365,7 +365,7 @@ class Workers:
 
     def _dead(self) -> ChainError:
         self._close()
-        # Leaving the pool has joined all processes: only now are exit codes known.
+        # Exit codes are known only after the pool has joined all its processes.
         return ChainError(_obituary(self._shared.pids, self._started))
 
     def _close(self) -> None:
@@ -376,10 +376,10 @@ class Workers:
 
 @contextmanager
 def _parcel(contents: object, scratch: Path | None) -> Iterator[Path]:
-    """A file from which each process fetches what is too large to be handed to it.
+    """Write what all workers need to a temporary file, which each process reads once.
 
-    What a process is started with has to pass through a pipe, and the next one is not started
-    before the last has imported all it needs and read it.
+    Arguments of a new process pass through a pipe, and the next process is started only after the
+    last one has imported its modules and read them; large data would make this slow.
     """
     with TemporaryDirectory(prefix=".problem-", dir=scratch) as folder:
         path = Path(folder) / "problem"
@@ -389,7 +389,7 @@ def _parcel(contents: object, scratch: Path | None) -> Iterator[Path]:
 
 
 def _await(futures: Sequence[Future[R]], shared: _Shared, on_progress: OnProgress | None) -> None:
-    """Hand on progress until every chain has ended; when one fails, stop the others."""
+    """Pass on progress until every chain has ended; if one fails, stop the others."""
     pending = set(futures)
     while pending:
         done, pending = wait(pending, _POLL_SECONDS, FIRST_COMPLETED)
@@ -402,22 +402,22 @@ def _await(futures: Sequence[Future[R]], shared: _Shared, on_progress: OnProgres
                 shared.stop.value = True
 
 
-# What `_initialise` left for this worker process, and what it was sent last: a pool offers no
-# other way to send something once a process instead of once a job.
+# State of this worker process: what `_initialise` stored, and the parcel that was read last. A
+# pool has no other way to send something once per process instead of once per job.
 _shared: _Shared
 _opened: tuple[Path, Task[Any, Any, Any], Any] | None = None
 
 
 def _initialise(shared: _Shared) -> None:
     global _shared
-    # The terminal sends Ctrl-C to all processes; only the parent decides what it means.
+    # The terminal sends Ctrl-C to all processes; only the parent reacts to it.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_die_with_parent, daemon=True).start()
     _shared = shared
 
 
 def _die_with_parent() -> None:
-    """End this process when the parent is gone, killed perhaps: it would wait for ever."""
+    """End this process when its parent has ended, even if killed; else it would wait forever."""
     parent = multiprocessing.parent_process()
     if parent is not None:
         parent.join()
@@ -457,7 +457,7 @@ def _run_in_worker(sent: _Parcelled) -> Any:
 
 
 def _obituary(pids: Sequence[int], processes: set[BaseProcess]) -> str:
-    """Which chain's process died; the pool then ended all others by SIGTERM."""
+    """Message that names the chains whose process died; the pool ends all others by SIGTERM."""
     codes = {process.pid: process.exitcode for process in processes}
     running = {chain: codes.get(pid) for chain, pid in enumerate(pids) if pid}
     if not running:
@@ -475,9 +475,9 @@ def _obituary(pids: Sequence[int], processes: set[BaseProcess]) -> str:
 
 @contextmanager
 def _first_interrupt_sets(stop: Any) -> Iterator[None]:
-    """Ctrl-C sets the flag, and interrupts only where it is set already."""
+    """Make the first Ctrl-C set ``stop``; a further one raises `KeyboardInterrupt`."""
     if threading.current_thread() is not threading.main_thread():
-        # Python hands signals to the main thread alone.
+        # Python allows signal handlers in the main thread only.
         yield
         return
 
@@ -495,9 +495,9 @@ def _first_interrupt_sets(stop: Any) -> Iterator[None]:
 
 @contextmanager
 def _environment(values: Mapping[str, str]) -> Iterator[None]:
-    """Environment variables for processes that are started meanwhile.
+    """Set environment variables for processes that are started inside the block.
 
-    Numerical libraries read them while they are imported: a worker is too late to set them.
+    Numerical libraries read them on import, so a worker cannot set them in time itself.
     """
     previous = {name: os.environ.get(name) for name in values}
     os.environ.update(values)

@@ -1,8 +1,8 @@
-"""Checkpoints: what a chain needs to go on, and chains that go on after a kill.
+"""Checkpoints of chains, and chains that resume from them after the process was killed.
 
-A checkpoint is one ``.npz`` file: named arrays, and plain values as JSON among them. It is
-written beside its place and then renamed, so that a killed process leaves the last one whole.
-Nothing is pickled: reading a checkpoint runs no code.
+A checkpoint is one ``.npz`` file of named arrays, with plain values stored as JSON. It is written
+under a temporary name and then renamed, so the last checkpoint stays intact if the process is
+killed. Nothing is pickled, so reading a checkpoint runs no code.
 """
 
 from __future__ import annotations
@@ -44,10 +44,10 @@ __all__ = [
 
 AnyArray = NDArray[Any]
 
-# The entry that holds the plain values; no array can have this name.
+# Name of the entry that holds the plain values; no array may have it.
 _VALUES = "values.json"
 _FORMAT = "samplers checkpoint 1"
-# Numbers in the pool of a seed sequence; numpy makes them of 4.
+# Largest accepted pool size of a seed sequence, in 32-bit words; numpy's default is 4.
 _LARGEST_POOL = 64
 
 
@@ -56,14 +56,14 @@ class CheckpointError(RuntimeError):
 
 
 class Snapshot(NamedTuple):
-    """What is kept of a chain.
+    """The stored state of a chain.
 
     Parameters
     ----------
     arrays : mapping of str to array
-        Of any type but object; the names "file" and "allow_pickle" are taken by numpy.
+        Of any dtype but object; numpy reserves the names "file" and "allow_pickle".
     values : mapping of str to JSON value
-        Such as the number of steps done and the generators, see `pack_rng`.
+        Such as the number of completed steps and the generators (see `pack_rng`).
     """
 
     arrays: Mapping[str, AnyArray]
@@ -71,12 +71,12 @@ class Snapshot(NamedTuple):
 
 
 def fingerprint(settings: object) -> str:
-    """A hash of JSON-like settings, by which a checkpoint knows the run it belongs to.
+    """A hash of JSON-like settings, which identifies the run that a checkpoint belongs to.
 
     Parameters
     ----------
     settings : object
-        Whatever JSON can hold.
+        Any value that JSON can hold.
 
     Returns
     -------
@@ -88,14 +88,14 @@ def fingerprint(settings: object) -> str:
 
 
 def save(path: Path, snapshot: Snapshot, *, identity: str) -> None:
-    """Write a checkpoint, whole or not at all.
+    """Write a checkpoint atomically.
 
     Parameters
     ----------
     path : Path
     snapshot : Snapshot
     identity : str
-        Of the run, such as a `fingerprint` of its settings, data and seed.
+        Identity of the run, such as a `fingerprint` of its settings, data and seed.
     """
     head = {"format": _FORMAT, "identity": identity, "values": snapshot.values}
     entry = np.frombuffer(json.dumps(head).encode(), dtype=np.uint8)
@@ -117,17 +117,17 @@ def load(path: Path, *, identity: str) -> Snapshot | None:
     ----------
     path : Path
     identity : str
-        Of the run, see `save`.
+        Identity of the run, see `save`.
 
     Returns
     -------
     Snapshot or None
-        None where there is no such file.
+        None if the file does not exist.
 
     Raises
     ------
     CheckpointError
-        The file is damaged, no checkpoint at all, or of a run with another identity.
+        The file is damaged, is not a checkpoint, or belongs to a run with another identity.
     """
     try:
         content = path.read_bytes()
@@ -138,7 +138,7 @@ def load(path: Path, *, identity: str) -> Snapshot | None:
             arrays = {name: np.array(file[name]) for name in file.files}
         head = json.loads(arrays.pop(_VALUES).tobytes())
         kind, owner, values = head["format"], head["identity"], head["values"]
-    except Exception as error:  # a changed byte may raise nearly anything, but runs no code
+    except Exception as error:  # a damaged file may raise nearly any exception, but runs no code
         raise CheckpointError(
             f"{path} is damaged or no checkpoint ({type(error).__name__}): delete it, and its "
             "chain begins anew"
@@ -156,7 +156,7 @@ def load(path: Path, *, identity: str) -> Snapshot | None:
 
 
 def pack_rng(rng: np.random.Generator) -> dict[str, Any]:
-    """A generator as JSON values: where it stands, and which children it has yet to spawn.
+    """Convert a generator to JSON values: its state, and how many children it has spawned.
 
     Parameters
     ----------
@@ -169,7 +169,7 @@ def pack_rng(rng: np.random.Generator) -> dict[str, Any]:
     Raises
     ------
     TypeError
-        Not a generator as ``numpy.random.default_rng`` makes them.
+        The generator is not one that ``numpy.random.default_rng`` makes.
     """
     bits = rng.bit_generator
     seed = bits.seed_seq
@@ -185,7 +185,7 @@ def pack_rng(rng: np.random.Generator) -> dict[str, Any]:
 
 
 def unpack_rng(values: Mapping[str, Any]) -> np.random.Generator:
-    """The generator that `pack_rng` was given, which draws on from there.
+    """Restore a generator from the values of `pack_rng`; it continues the same stream.
 
     Parameters
     ----------
@@ -198,7 +198,7 @@ def unpack_rng(values: Mapping[str, Any]) -> np.random.Generator:
     Raises
     ------
     ValueError, TypeError, LookupError
-        The values are of none.
+        The values do not describe a generator.
     """
     if values["pool_size"] not in range(_LARGEST_POOL + 1):
         raise ValueError(f"pool_size = {values['pool_size']}")
@@ -209,20 +209,20 @@ def unpack_rng(values: Mapping[str, Any]) -> np.random.Generator:
 
 
 def pack(name: str, items: Sequence[Mapping[str, AnyArray]]) -> dict[str, AnyArray]:
-    """Many states of varying size as few arrays: each field's arrays one after another.
+    """Store many states of varying size in few arrays, by concatenating each field.
 
     Parameters
     ----------
     name : str
-        What the arrays' names begin with.
+        Prefix of the arrays' names.
     items : sequence of mapping of str to array
-        All with the same fields; a field's arrays have one dimension or more and differ in
-        length along the first at most.
+        All with the same fields. Arrays of a field have at least one dimension and may differ in
+        length along the first only.
 
     Returns
     -------
     dict of str to array
-        For each field its values and their lengths.
+        For each field, its concatenated values and the lengths of the parts.
     """
     arrays: dict[str, AnyArray] = {}
     for field in items[0] if items else ():
@@ -232,14 +232,14 @@ def pack(name: str, items: Sequence[Mapping[str, AnyArray]]) -> dict[str, AnyArr
 
 
 def unpack(name: str, arrays: Mapping[str, AnyArray]) -> list[dict[str, AnyArray]]:
-    """The items that `pack` was given under this name.
+    """Restore the items that `pack` stored under a name.
 
     Parameters
     ----------
     name : str
-        What the arrays' names begin with.
+        Prefix of the arrays' names.
     arrays : mapping of str to array
-        Others among them are left out.
+        Arrays with another prefix are ignored.
 
     Returns
     -------
@@ -256,7 +256,7 @@ def unpack(name: str, arrays: Mapping[str, AnyArray]) -> list[dict[str, AnyArray
 
 
 class Checkpointer:
-    """Where one chain leaves its checkpoints and finds them again.
+    """Writes and reads the checkpoints of one chain.
 
     Parameters
     ----------
@@ -264,7 +264,7 @@ class Checkpointer:
     identity : str
         See `save`.
     every_seconds : float
-        Least time between two checkpoints: so much work may be lost.
+        Least time between two checkpoints; at most this much work is lost.
     """
 
     def __init__(self, path: Path, *, identity: str, every_seconds: float) -> None:
@@ -274,7 +274,7 @@ class Checkpointer:
         self._due = time.monotonic() + every_seconds
 
     def load(self) -> Snapshot | None:
-        """The last checkpoint, see `load`.
+        """Read the last checkpoint, see `load`.
 
         Returns
         -------
@@ -283,7 +283,7 @@ class Checkpointer:
         return load(self.path, identity=self.identity)
 
     def save(self, snapshot: Snapshot) -> None:
-        """Write a checkpoint now: a chain does so when it ends or is asked to stop.
+        """Write a checkpoint now. A chain does so when it ends or is asked to stop.
 
         Parameters
         ----------
@@ -293,7 +293,7 @@ class Checkpointer:
         self._due = time.monotonic() + self.every_seconds
 
     def offer(self, snapshot_fn: Callable[[], Snapshot]) -> None:
-        """Write a checkpoint if one is due; only then is ``snapshot_fn`` called.
+        """Write a checkpoint if ``every_seconds`` have passed; only then call ``snapshot_fn``.
 
         Parameters
         ----------
@@ -305,7 +305,7 @@ class Checkpointer:
 
 
 # ------------------------------------------------------------------------------------------------
-# Chains that go on after a kill.
+# Chains that resume after a kill.
 
 P_contra = TypeVar("P_contra", contravariant=True)
 X_contra = TypeVar("X_contra", contravariant=True)
@@ -317,7 +317,7 @@ _LOG = logging.getLogger(__name__)
 
 
 class ResumableTask(Protocol[P_contra, X_contra, R_co]):
-    """One chain that keeps checkpoints; importable by name."""
+    """The function that runs one chain with checkpoints; importable by name."""
 
     def __call__(
         self,
@@ -328,17 +328,17 @@ class ResumableTask(Protocol[P_contra, X_contra, R_co]):
         keeper: Checkpointer,
         /,
     ) -> R_co:
-        """Go on from ``keeper.load()``, or begin at ``start`` with ``rng`` where it is None.
+        """Continue from ``keeper.load()``; if that is None, begin at ``start`` with ``rng``.
 
-        A snapshot holds everything that later draws depend on, the generator included, and
-        the draws so far. The task calls ``keeper.offer`` between steps and ``keeper.save``
-        when it ends or was asked to stop. A task that finds itself finished just returns.
+        A snapshot holds all that later draws depend on, including the generator, and the draws so
+        far. The task calls ``keeper.offer`` between steps, and ``keeper.save`` when it ends or was
+        asked to stop. A task whose checkpoint is complete returns at once.
         """
 
 
 @dataclass(frozen=True)
 class _WithKeeper(Generic[P, X, R]):
-    """A resumable task as a plain one, whose start says where its checkpoint lies."""
+    """Adapter from a resumable task to a plain one; the start includes the checkpoint's path."""
 
     task: ResumableTask[P, X, R]
     identity: str
@@ -347,7 +347,7 @@ class _WithKeeper(Generic[P, X, R]):
     def __call__(
         self, problem: P, start: tuple[Path, X], rng: np.random.Generator, report: Report, /
     ) -> R:
-        # Made here and not sent: its clock is that of the process that runs the chain.
+        # Made in the process that runs the chain, because its clock is that process's.
         keeper = Checkpointer(start[0], identity=self.identity, every_seconds=self.every_seconds)
         return self.task(problem, start[1], rng, report, keeper)
 
@@ -367,33 +367,34 @@ def run_resumable_chains(
     on_progress: OnProgress | None = None,
     anew: bool = False,
 ) -> list[R]:
-    """Run one chain from each start; killed at any moment and run again, the draws are the same.
+    """Run one chain from each start; a run that was killed and is repeated gives the same draws.
 
     Parameters
     ----------
     task : callable
         ``task(problem, start, rng, report, keeper) -> result``, see `ResumableTask`.
     problem, starts, seed
-        See `imapper_prob.samplers.chains.run_chains`. To resume, hand in the same ones.
+        See `imapper_prob.samplers.chains.run_chains`. To resume, pass the same values.
     folder : Path
-        Where checkpoints lie, ``chain-0.npz`` and so on; made if need be. No two runs may use
-        it at the same time. All workers must see it, those on other machines too.
+        Folder of the checkpoints ``chain-0.npz`` and so on; created if needed. Two runs must not
+        use it at the same time. All workers must see it, including those on other machines.
     identity : str
-        Of settings, data and seed, such as a `imapper_prob.samplers.checkpoint.fingerprint`;
-        a checkpoint of another identity is refused.
+        Identity of settings, data and seed, such as a
+        `imapper_prob.samplers.checkpoint.fingerprint`; a checkpoint with another identity is
+        refused.
     every_seconds : float
         Least time between two checkpoints of a chain.
     restarts : int
-        How often the run goes on by itself, from the checkpoints, after a worker died.
+        How often the run resumes from the checkpoints by itself after a worker died.
     workers, executor, on_progress
         See `imapper_prob.samplers.chains.run_chains`; they may differ when a run is resumed.
     anew : bool
-        Delete checkpoints that are damaged or of another run, instead of refusing them.
+        Delete checkpoints that are damaged or of another run, instead of raising an error.
 
     Returns
     -------
     list
-        Results in the order of ``starts``. The checkpoints stay.
+        Results in the order of ``starts``. The checkpoints are kept.
 
     Raises
     ------
@@ -414,7 +415,7 @@ def run_resumable_chains(
             _drop_unless_of(identity, path)
     kept = _WithKeeper(task, identity, every_seconds)
     placed = [(checkpoint_of(folder, chain), start) for chain, start in enumerate(starts)]
-    # Spawning changes a sequence: each attempt spawns from a copy, the caller's just once.
+    # `spawn` changes a sequence: each attempt uses a copy, and the caller's spawns only once.
     parent = seed if isinstance(seed, np.random.SeedSequence) else np.random.SeedSequence(seed)
     first = deepcopy(parent)
     parent.spawn(len(starts))
@@ -441,7 +442,7 @@ def run_resumable_chains(
 
 
 def checkpoint_of(folder: Path, chain: int) -> Path:
-    """The file in which a chain leaves its checkpoint.
+    """Path of a chain's checkpoint.
 
     Parameters
     ----------

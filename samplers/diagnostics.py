@@ -1,8 +1,9 @@
-"""How far to trust chains that jump between dimensions.
+"""Convergence diagnostics of chains that jump between dimensions.
 
-R-hat and effective draws exist only for what every draw has: the number of objects, the
-log posterior, occupancy of a cell. Which layout a draw has is an indicator without order;
-the error of its probability comes from the transitions between layouts (Heck et al. 2019).
+R-hat and effective sample size are defined only for quantities that every draw has: the number of
+objects, the log posterior, the occupancy of a cell. The layout of a draw is a categorical
+indicator; the error of a layout's probability comes from the transitions between layouts (Heck et
+al. 2019).
 
 References
 ----------
@@ -33,38 +34,39 @@ __all__ = [
 Array = NDArray[np.float64]
 array_stats: Any = _untyped_array_stats
 
-# R-hat splits chains in halves, of which a variance needs two draws.
+# R-hat splits each chain in halves, and a variance needs two draws in each.
 _MINIMUM_DRAWS = 4
-# Rarer layouts are taken as one when errors are computed; a twenty-first layout has less
-# than 5 % of the mass.
+# Layouts beyond the 20 most probable are merged when errors are computed; any of them has less than
+# 5 % of the mass.
 _SEPARATE_LAYOUTS = 20
-# Draws of the transition matrix: the error is then known to 3 %, 1 / sqrt(2 * 500).
+# Number of draws of the transition matrix: the relative error of the result is
+# 1 / sqrt(2 * 500) = 3 %.
 _MATRIX_DRAWS = 500
-# A transition that "never" happens still has a probability one can divide by.
+# Least transition probability, so that the elimination never divides by zero.
 _NEVER = 1e-100
 
 
 class ShortChainWarning(UserWarning):
-    """Chains are too short for what was asked; the answer is NaN."""
+    """Chains are too short for a diagnostic, which is then NaN."""
 
 
 class LayoutProbabilities(NamedTuple):
-    """How probable each layout is, the most probable first.
+    """Posterior probabilities of layouts, in descending order.
 
     Parameters
     ----------
     layouts : (K,) int
-        The indicators' values.
+        Values of the layout indicator.
     probability : (K,) float
-        Share of all draws.
+        Share of all draws, averaged over chains.
     standard_error : (K,) float
         Monte-Carlo standard error of ``probability``.
     by_chain : (C, K) float
         Share of each chain's draws.
     by_half : (C, 2, K) float
-        The same of the two halves of each chain.
+        Share of the draws in each half of each chain.
     n_draws : int
-        Draws of a chain.
+        Draws per chain.
     """
 
     layouts: NDArray[np.int64]
@@ -76,7 +78,7 @@ class LayoutProbabilities(NamedTuple):
 
     @property
     def effective_draws(self) -> Array:
-        """(K,) independent draws with the same error; infinite where there is no error."""
+        """(K,) number of independent draws with the same error; infinite where the error is 0."""
         variance = self.probability * (1 - self.probability)
         with np.errstate(divide="ignore", invalid="ignore"):
             effective = variance / self.standard_error**2
@@ -84,20 +86,20 @@ class LayoutProbabilities(NamedTuple):
 
 
 def layout_probabilities(indicators: ArrayLike, *, rng: np.random.Generator) -> LayoutProbabilities:
-    """Probabilities of layouts with their Monte-Carlo errors.
+    """Estimate layout probabilities and their Monte-Carlo standard errors.
 
-    The error is the larger of two. One is the spread of the stationary distribution when
-    the matrix of transitions between layouts is drawn from its Dirichlet posterior, prior
-    1/K a cell (Heck et al. 2019); it takes the indicator for a Markov chain, which it is
-    only nearly. The other is the standard error between chains, which needs no such
-    assumption but is itself uncertain with few chains.
+    The error is the larger of two estimates. The first is the standard deviation of the stationary
+    distribution when the transition matrix between layouts is drawn from its Dirichlet posterior,
+    with a prior of 1/K per cell (Heck et al. 2019). It assumes that the indicator is a Markov
+    chain, which holds only approximately. The second is the standard error between chains; it needs
+    no such assumption but is noisy with few chains.
 
     Parameters
     ----------
     indicators : (C, N) int
-        Layout of each draw of each chain, any integers.
+        Layout of each draw of each chain, as any integers.
     rng : numpy.random.Generator
-        For draws of the transition matrix.
+        Generator for the draws of the transition matrix.
 
     Returns
     -------
@@ -106,7 +108,7 @@ def layout_probabilities(indicators: ArrayLike, *, rng: np.random.Generator) -> 
     Warns
     -----
     ShortChainWarning
-        Fewer than two draws a chain: standard errors are NaN.
+        Fewer than two draws per chain: standard errors are NaN.
     """
     indicators = np.asarray(indicators)
     if indicators.ndim != 2 or indicators.size == 0:
@@ -116,7 +118,7 @@ def layout_probabilities(indicators: ArrayLike, *, rng: np.random.Generator) -> 
     order = np.argsort(-np.bincount(codes.ravel()), kind="stable")
     codes = np.argsort(order)[codes.reshape(indicators.shape)]
     by_chain = _shares(codes, len(layouts))
-    # The only draw of a chain is in both its halves.
+    # With an odd number of draws the middle one is in both halves.
     halves = codes[:, : (n_draws + 1) // 2], codes[:, n_draws // 2 :]
     by_half = np.stack([_shares(half, len(layouts)) for half in halves], axis=1)
     probability = by_chain.mean(0)
@@ -131,7 +133,7 @@ def layout_probabilities(indicators: ArrayLike, *, rng: np.random.Generator) -> 
 
 
 def _shares(codes: NDArray[np.intp], n_layouts: int) -> Array:
-    """(C, N) codes to (C, K) shares."""
+    """(C, K) share of each layout in each chain, from (C, N) layout codes."""
     counts = np.stack([np.bincount(chain, minlength=n_layouts) for chain in codes])
     return np.asarray(counts / codes.shape[1])
 
@@ -139,10 +141,9 @@ def _shares(codes: NDArray[np.intp], n_layouts: int) -> Array:
 def _transition_error(
     codes: NDArray[np.intp], probability: Array, rng: np.random.Generator
 ) -> Array:
-    """(K,) standard error from transitions; layouts are coded by falling probability.
+    """(K,) standard error from transitions; layouts are coded by descending probability.
 
-    The rare layouts share the error of their union as so many parts of it would,
-    in proportion to sqrt(p (1 - p)).
+    Layouts that were merged divide the error of their union in proportion to sqrt(p (1 - p)).
     """
     lumped = np.minimum(codes, _SEPARATE_LAYOUTS)
     n = int(lumped.max()) + 1
@@ -162,8 +163,8 @@ def _transition_error(
 def stationary_distribution(matrices: Array) -> Array:
     """Stationary distributions of positive transition matrices.
 
-    The elimination of Grassmann, Taksar & Heyman subtracts nothing, so that chains that
-    hardly ever leave a layout lose no digits.
+    The elimination of Grassmann, Taksar & Heyman has no subtraction, so it stays accurate for
+    chains that hardly ever leave a layout.
 
     Parameters
     ----------
@@ -189,12 +190,12 @@ def stationary_distribution(matrices: Array) -> Array:
 def rhat(draws: ArrayLike) -> Array:
     """Rank-normalised split R-hat.
 
-    1 where all draws are the same, infinite where each half chain has its own constant.
+    The value is 1 if all draws are equal, and infinite if each chain is constant at its own value.
 
     Parameters
     ----------
     draws : (C, N, ...) float
-        Of C chains.
+        Draws of C chains.
 
     Returns
     -------
@@ -203,7 +204,7 @@ def rhat(draws: ArrayLike) -> Array:
     Warns
     -----
     ShortChainWarning
-        Fewer than 4 draws or one chain only: NaN.
+        Fewer than 4 draws, or only one chain: NaN.
     """
     draws = np.asarray(draws, float)
     if _too_short(draws.shape[0], draws.shape[1]):
@@ -214,12 +215,12 @@ def rhat(draws: ArrayLike) -> Array:
 
 
 def ess(draws: ArrayLike) -> Array:
-    """Effective draws in the bulk; C N where all draws are the same.
+    """Bulk effective sample size; C N if all draws are equal.
 
     Parameters
     ----------
     draws : (C, N, ...) float
-        Of C chains.
+        Draws of C chains.
 
     Returns
     -------
@@ -243,7 +244,7 @@ def mean_error(draws: ArrayLike) -> Array:
     Parameters
     ----------
     draws : (C, N, ...) float
-        Of C chains.
+        Draws of C chains.
 
     Returns
     -------
@@ -275,7 +276,7 @@ def _too_short(n_chains: int, n_draws: int) -> bool:
 
 
 def _settle_constants(values: Array, chains: Array) -> Array:
-    """R-hat divides by the variance within chains, which may be zero."""
+    """Set R-hat of constant chains, where it is 0/0: 1 if all are equal, else infinite."""
     lowest, highest = chains.min(1), chains.max(1)
     frozen = (lowest == highest).all(0)
     same = frozen & (lowest == lowest[:1]).all(0)

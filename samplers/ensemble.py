@@ -1,15 +1,16 @@
-"""Ensembles of walkers over a few parameters, with many latent normal numbers behind them.
+"""Ensemble MCMC over a few parameters and many latent standard normal variables.
 
-Walker w has the target ``p_w(theta, z) = pi_w(theta, z) N(z; 0, I)`` with ``theta`` of perhaps
-twenty dimensions and ``z`` of many hundreds. Walkers learn the shape of ``theta`` from each other
-(differential evolution and snooker moves, which need more walkers than dimensions);
-``z`` moves by the preconditioned Crank-Nicolson proposal, whose acceptance does not
-deteriorate with dimension. Neither kind needs N(z): the first leaves ``z`` alone and the
-second is reversible with respect to it, so that only ``pi_w`` is ever evaluated.
+The target of walker w is ``p_w(theta, z) = pi_w(theta, z) N(z; 0, I)``; ``theta`` has up to about
+twenty dimensions and ``z`` many hundreds. Proposals for ``theta`` use the positions of other
+walkers (differential evolution and snooker moves, which need more walkers than dimensions).
+Proposals for ``z`` are preconditioned Crank-Nicolson steps, whose acceptance does not fall with the
+dimension. Neither kind evaluates N(z): the first leaves ``z`` unchanged and the second is
+reversible with respect to N(z). So only ``pi_w`` is evaluated.
 
-A move of one walker is reversible with respect to its own target, wherever the others are. So
-walkers need not have the same one: draws of a posterior over several models can walk together, each
-within its own model, and remain draws of it. The more alike the models are, the more is accepted.
+A move of one walker is reversible with respect to its own target, whatever the positions of the
+others. So walkers may have different targets: draws of a posterior over several models can move
+together, each within its own model, and remain draws of that posterior. The more alike the models
+are, the higher the acceptance.
 
 References
 ----------
@@ -48,18 +49,18 @@ LogDensity = Callable[[Array, Array, Ints], Array]
 
 
 class Ensemble(NamedTuple):
-    """Where W walkers are.
+    """State of an ensemble of W walkers.
 
     Parameters
     ----------
     theta : (W, D) float
     latent : (W, Z) float
     log_density : (W,) float
-        ``log pi``, N(z) not included.
+        ``log pi``, without N(z).
     steps : int
-        That were made.
+        Number of steps made.
     acceptance : dict of str to float
-        Accepted share by move; NaN of one never tried.
+        Acceptance rate by move; NaN for a move that was never tried.
     """
 
     theta: Array
@@ -70,12 +71,12 @@ class Ensemble(NamedTuple):
 
 
 def _fewest_walkers(n_theta: int) -> int:
-    """The half that is looked at must span the space, and snooker looks at three of it."""
+    """Least number of walkers: half of them must span the space, and snooker uses three."""
     return max(2 * n_theta, 8)
 
 
 def can_walk(theta: Array) -> bool:
-    """Whether walkers are enough, and span the space that they have to walk in.
+    """Whether there are enough walkers, and they span the parameter space.
 
     Parameters
     ----------
@@ -103,22 +104,22 @@ def walk_ensemble(
     rng: np.random.Generator,
     report: Report | None = None,
 ) -> Ensemble:
-    """Let walkers walk; those that are draws of their targets remain so.
+    """Move walkers so that each one's target distribution is preserved.
 
     Parameters
     ----------
     log_density_fn : callable
-        ``(theta (w, D), z (w, Z), walker (w,)) -> log pi (w,)`` of some of the walkers, by their
-        numbers; -inf outside the support.
+        ``(theta (w, D), z (w, Z), walker (w,)) -> log pi (w,)`` for some of the walkers, given by
+        index; -inf outside the support.
     theta : (W, D) float
-        Starts, W at least 8 and 2 D, better more.
+        Starting positions; W is at least 8 and at least 2 D, better more.
     latent : (W, Z) float
-        Starts of ``z``; Z may be 0.
+        Starting values of ``z``; Z may be 0.
     steps : int
-        In each of which every walker tries one move.
+        Number of steps; in each, every walker tries one move.
     rng : numpy.random.Generator
     report : callable, optional
-        Told how much is done, 0 to 1; says whether to go on.
+        Called with the completed share, 0 to 1; returns whether to continue.
 
     Returns
     -------
@@ -127,8 +128,8 @@ def walk_ensemble(
     Raises
     ------
     ValueError
-        Starts of the wrong shape, too few walkers, walkers in a subspace, or a start
-        where the density is not finite.
+        Starts have the wrong shape, are too few, lie in a subspace, or have a density that is not
+        finite.
     """
     theta, latent = np.asarray(theta, float), np.asarray(latent, float)
     if theta.ndim != 2 or latent.ndim != 2 or len(theta) != len(latent):
@@ -139,7 +140,7 @@ def walk_ensemble(
             f"{n_theta} parameters need at least {_fewest_walkers(n_theta)} walkers that are not "
             f"all in a subspace, which they could not leave; there are {n_walkers}"
         )
-    # The number of a walker is a coordinate that no move changes: emcee does not tell it.
+    # emcee does not pass a walker's index, so the index is a coordinate that no move changes.
     numbers = np.arange(n_walkers, dtype=float)[:, None]
     coordinates = np.concatenate([theta, latent, numbers], axis=1)
     chosen = _moves(n_theta, latent.shape[1])
@@ -156,7 +157,7 @@ def walk_ensemble(
         bad = int(np.count_nonzero(~np.isfinite(log_density)))
         raise ValueError(f"{bad} walkers start where the log density is not finite")
     state, done = State(coordinates, log_prob=log_density), 0
-    # What spans the space has been looked at; the check of emcee would look at z as well.
+    # `can_walk` has checked that theta spans its space; the check of emcee would include z.
     for done, at in enumerate(
         sampler.sample(state, iterations=steps, store=False, skip_initial_state_check=True), 1
     ):
@@ -173,7 +174,7 @@ def walk_ensemble(
 
 
 def _moves(n_theta: int, n_latent: int) -> list[tuple[Any, float]]:
-    """Moves and how often each is tried."""
+    """Moves and the probability of trying each."""
     moves: list[tuple[Any, float]] = [
         (DifferentialEvolution(n_theta, jump_between_modes=_JUMPS), 0.6),
         (Snooker(n_theta), 0.15),
@@ -184,23 +185,22 @@ def _moves(n_theta: int, n_latent: int) -> list[tuple[Any, float]]:
 
 
 # ------------------------------------------------------------------------------------------------
-# Moves, by emcee's protocol. The leading coordinates are `theta`, then comes `z`, and the last is
-# the number of the walker.
+# Moves in emcee's protocol. The coordinates are `theta`, then `z`, then the walker's index.
 
 _FACTOR_SPREAD: Final = 0.01
-"""Relative spread of the differential-evolution factor (Nelson, Ford & Payne 2013, ApJS 210, 11):
-without it walkers would stay on a lattice."""
+"""Relative standard deviation of the differential-evolution factor (Nelson, Ford & Payne 2013, ApJS
+210, 11); with a constant factor walkers would stay on a lattice."""
 _JUMPS: Final = 0.1
-"""Share of differential-evolution steps with factor 1, as ter Braak 2006 has it."""
+"""Share of differential-evolution proposals with factor 1, as in ter Braak 2006."""
 _SNOOKER_FACTOR: Final = 1.7
-"""Recommended by ter Braak & Vrugt."""
+"""Scale of the snooker step, as recommended by ter Braak & Vrugt."""
 _LEAST_LATENT_STEP: Final = 0.02
-"""Steps of the latent numbers are drawn between this and 1, uniform in the logarithm; chosen: the
-best one depends on what is known of the path, and none has to be found."""
+"""The step of the latent variables is drawn between this and 1, uniformly in the logarithm. A
+chosen value: the best step depends on how well the path is known, so it is not tuned."""
 
 
 class _Counted(Move):  # type: ignore[misc]
-    """A move that counts what it proposed and what was accepted."""
+    """A move that counts its proposals and acceptances."""
 
     name: ClassVar[str]
     proposed = 0
@@ -214,16 +214,16 @@ class _Counted(Move):  # type: ignore[misc]
 
     @property
     def rate(self) -> float:
-        """Accepted over proposed; NaN before the first proposal."""
+        """Acceptance rate; NaN before the first proposal."""
         return self.accepted / self.proposed if self.proposed else float("nan")
 
 
 class _ThetaMove(_Counted, RedBlueMove):  # type: ignore[misc]
-    """Moves `theta` of half the walkers by looking at the other half; `z` stays.
+    """A move that proposes `theta` of half the walkers from the other half; `z` is unchanged.
 
-    emcee asks for twice as many walkers as coordinates, for such moves never leave the
-    subspace that the walkers span. Here that is the space of `theta` alone, whatever the
-    number of coordinates behind it: hence ``live_dangerously``.
+    emcee asks for twice as many walkers as coordinates, because such moves never leave the subspace
+    that the walkers span. Here only the space of `theta` counts, whatever the number of latent
+    variables; hence ``live_dangerously``.
     """
 
     def __init__(self, n_theta: int) -> None:
@@ -231,25 +231,25 @@ class _ThetaMove(_Counted, RedBlueMove):  # type: ignore[misc]
         self.n_theta = n_theta
 
     def get_proposal(self, s: Array, c: list[Array], random: Any) -> tuple[Array, Array]:
-        """New coordinates of walkers ``s`` and log ratios, given the walkers in ``c``."""
+        """Proposed coordinates of walkers ``s`` and log proposal ratios, given walkers ``c``."""
         theta, others = s[:, : self.n_theta], np.concatenate(c)[:, : self.n_theta]
         moved, log_ratio = self.move(theta, others, random)
         return np.concatenate([moved, s[:, self.n_theta :]], axis=1), log_ratio
 
     @abstractmethod
     def move(self, theta: Array, others: Array, random: Any) -> tuple[Array, Array]:
-        """New `theta` (w, D) and log proposal ratios (w,), given the others (v, D)."""
+        """Proposed `theta` (w, D) and log proposal ratios (w,), given other walkers (v, D)."""
 
 
 class DifferentialEvolution(_ThetaMove):
-    """Adds the difference of two other walkers.
+    """Adds a multiple of the difference of two other walkers.
 
     Parameters
     ----------
     n_theta : int
         D, the number of leading coordinates.
     jump_between_modes : float
-        Share of proposals with factor 1, which lead from one mode to another.
+        Share of proposals with factor 1, which can jump from one mode to another.
     """
 
     name = "differential evolution"
@@ -259,16 +259,16 @@ class DifferentialEvolution(_ThetaMove):
         self.jump_between_modes = jump_between_modes
 
     def move(self, theta: Array, others: Array, random: Any) -> tuple[Array, Array]:
-        """Propose new places; the proposal is symmetric.
+        """Propose new positions; the proposal is symmetric.
 
         Parameters
         ----------
         theta : (w, D) float
-            Walkers that move.
+            Walkers to move.
         others : (v, D) float
-            Walkers that are looked at.
+            Walkers that are used for the proposal.
         random : numpy.random.RandomState
-            Of emcee.
+            The generator of emcee.
 
         Returns
         -------
@@ -284,11 +284,11 @@ class DifferentialEvolution(_ThetaMove):
 
 
 class Snooker(_ThetaMove):
-    """Moves along the line to another walker, by the projected difference of two more.
+    """Moves along the line to another walker, by the projected difference of two others.
 
-    The move of emcee 3.1 does not leave the target invariant: it divides by the root of the
-    distance instead of the distance, and its Jacobian is too small (in five dimensions the variance
-    of a normal target comes out at 0.69).
+    This class replaces the move of emcee 3.1, which does not leave the target invariant: emcee
+    divides by the root of the distance instead of the distance, and its Jacobian is too small (in
+    five dimensions it gives a standard normal target a variance of 0.69).
 
     Parameters
     ----------
@@ -299,7 +299,7 @@ class Snooker(_ThetaMove):
     name = "snooker"
 
     def move(self, theta: Array, others: Array, random: Any) -> tuple[Array, Array]:
-        """Propose new places; the ratio is the Jacobian (r'/r)^(D-1) of polar coordinates.
+        """Propose new positions; the ratio is the Jacobian (r'/r)^(D-1) of polar coordinates.
 
         Parameters
         ----------
@@ -313,7 +313,7 @@ class Snooker(_ThetaMove):
         """
         anchor, first, second = others[_distinct(len(others), len(theta), 3, random)]
         distance = np.linalg.norm(theta - anchor, axis=1)
-        # Two walkers at one place have no line between them.
+        # Two walkers at the same position define no line; such a proposal is rejected.
         apart = distance > 0
         distance[~apart] = 1.0
         direction = (theta - anchor) / distance[:, None]
@@ -325,14 +325,14 @@ class Snooker(_ThetaMove):
 
 
 class CrankNicolson(_Counted, MHMove):  # type: ignore[misc]
-    """``z' = sqrt(1 - b^2) z + b N(0, I)``, reversible with respect to N(0, I).
+    """Proposes ``z' = sqrt(1 - b^2) z + b N(0, I)``, reversible with respect to N(0, I).
 
-    Each walker draws a step b of its own, between 0.02 and 1.
+    Each walker draws its own step b between 0.02 and 1.
 
     Parameters
     ----------
     n_theta : int
-        How many leading coordinates stay.
+        D, the number of leading coordinates, which stay the same.
     """
 
     name = "latent"
@@ -342,13 +342,13 @@ class CrankNicolson(_Counted, MHMove):  # type: ignore[misc]
         self.n_theta = n_theta
 
     def move(self, coordinates: Array, random: Any) -> tuple[Array, Array]:
-        """New coordinates and log ratios 0: the target is a density relative to N(z).
+        """Propose new ``z``; log ratios are 0, because the target is a density relative to N(z).
 
         Parameters
         ----------
         coordinates : (w, D + Z + 1) float
         random : numpy.random.RandomState
-            Of emcee.
+            The generator of emcee.
 
         Returns
         -------
@@ -365,5 +365,5 @@ class CrankNicolson(_Counted, MHMove):  # type: ignore[misc]
 
 
 def _distinct(n: int, size: int, count: int, random: Any) -> NDArray[np.intp]:
-    """(count, size): for each walker ``count`` different indices below n."""
+    """(count, size) indices below n; the ``count`` indices of each walker differ."""
     return np.argsort(random.rand(size, n), axis=1)[:, :count].T

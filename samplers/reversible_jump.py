@@ -1,11 +1,11 @@
-"""Reversible-jump MCMC: one step (choose, propose, accept), chains of steps.
+"""Reversible-jump MCMC: one step (choose a move, propose, accept), and chains of steps.
 
-Green's acceptance probability (Green 1995, Biometrika 82(4), eq. 7) is put together from
-three parts that never meet elsewhere: the target, which knows nothing of moves; a move's
-proposal ratio, which knows nothing of the target; and the probability of choosing the
-move at all, which belongs to the mixture. Choice probabilities are constant and a move
-that is impossible in a state simply stays there, which leaves no factor to forget at the
-edges (a death where nothing lives, a birth where all is full).
+The acceptance probability (Green 1995, Biometrika 82(4), eq. 7) has three factors that are computed
+separately: the target density, which does not depend on moves; the proposal ratio of a move, which
+does not depend on the target; and the probability of choosing the move, which belongs to the
+mixture. Choice probabilities are constant, and a move that is impossible in a state leaves the
+state unchanged. So no correction is needed at the edges (a death without components, a birth when
+all are taken).
 """
 
 from __future__ import annotations
@@ -35,23 +35,23 @@ __all__ = [
 
 S = TypeVar("S")
 
-# Log densities are sums of up to about 1e5 doubles; 1e-8 is far above their rounding error
-# and far below any factor one could forget.
+# Log densities are sums of up to about 1e5 doubles: 1e-8 is far above their rounding error and far
+# below any factor that could be missing.
 _ROUND_TRIP_TOLERANCE = 1e-8
 
 
 class Proposal(NamedTuple, Generic[S]):
-    """Where a move would go.
+    """A proposed state and its proposal ratio.
 
     Parameters
     ----------
     state : S
         The proposed state.
     log_ratio : float
-        ``log q(reverse) - log q(forward)``, the log Jacobian included; without the target
+        ``log q(reverse) - log q(forward)``, including the log Jacobian; without the target density
         and without the probability of choosing the move.
     info : mapping, optional
-        What the move wants remembered of this proposal.
+        Data that the move attaches to this proposal; it is kept in `StepInfo`.
     """
 
     state: S
@@ -60,12 +60,12 @@ class Proposal(NamedTuple, Generic[S]):
 
 
 class Move(Protocol[S]):
-    """A way to leave a state.
+    """A proposal mechanism.
 
     Parameters
     ----------
     *args, **kwargs
-        A move is made as its own class says.
+        The constructor is that of the class.
     """
 
     @property
@@ -74,10 +74,10 @@ class Move(Protocol[S]):
 
     @property
     def reverse(self) -> str:
-        """Name of the move that undoes this one; its own where it undoes itself."""
+        """Name of the inverse move; its own name if it is its own inverse."""
 
     def propose(self, rng: np.random.Generator, state: S, /) -> Proposal[S] | None:
-        """A proposal from a state.
+        """Propose a new state.
 
         Parameters
         ----------
@@ -93,35 +93,35 @@ class Move(Protocol[S]):
 
 @runtime_checkable
 class ExplainableMove(Move[S], Protocol[S]):
-    """A move that can say with what density it goes from one state to another."""
+    """A move that can evaluate its proposal density between two given states."""
 
     def explain(self, old: S, new: S, /) -> float:
-        """Log density of proposing ``new`` from ``old``; -inf where it never would.
+        """Log density of proposing ``new`` from ``old``; -inf if it is never proposed.
 
-        Densities of both directions are taken on the same coordinates of ``old`` and
-        ``new``, so that their difference holds the Jacobian.
+        Densities of both directions refer to the same coordinates of ``old`` and ``new``, so their
+        difference contains the Jacobian.
         """
 
 
 class RoundTripError(AssertionError):
-    """A move's ratio is not what the two directions, asked separately, say it is."""
+    """The ratio of a proposal differs from the one that both directions, evaluated alone, give."""
 
 
 @dataclass(frozen=True)
 class Mixture(Generic[S]):
-    """Moves, each chosen with the same probability in every state.
+    """A mixture of moves, each chosen with the same probability in every state.
 
     Parameters
     ----------
     moves : sequence of Move
-        Every move's reverse must be among them and name it back.
+        The reverse of every move must be among them and name it as its reverse.
     weights : sequence of float
         Positive; scaled to sum to one.
 
     Raises
     ------
     ValueError
-        The moves cannot undo one another, or a weight is not positive.
+        The moves are not mutual inverses, or a weight is not positive.
     """
 
     moves: Sequence[Move[S]]
@@ -157,7 +157,7 @@ class Mixture(Generic[S]):
         object.__setattr__(self, "_log_choice_ratio", ratios)
 
     def choose(self, rng: np.random.Generator) -> Move[S]:
-        """A move drawn by weight.
+        """Draw a move according to the weights.
 
         Parameters
         ----------
@@ -170,7 +170,7 @@ class Mixture(Generic[S]):
         return self.moves[bisect_right(self._cumulative, rng.random())]
 
     def reverse_of(self, move: Move[S]) -> Move[S]:
-        """The move that undoes another one.
+        """The inverse of a move.
 
         Parameters
         ----------
@@ -197,7 +197,7 @@ class Mixture(Generic[S]):
 
 
 class ChainState(NamedTuple, Generic[S]):
-    """Where a chain stands, and the log density there.
+    """The state of a chain and its log density.
 
     Parameters
     ----------
@@ -210,18 +210,18 @@ class ChainState(NamedTuple, Generic[S]):
 
 
 class StepInfo(NamedTuple):
-    """What happened in one step.
+    """Record of one step.
 
     Parameters
     ----------
     move : str
         The move that was chosen.
     accepted : bool
-        Whether the chain went along.
+        Whether the proposal was accepted.
     log_acceptance : float
-        Log probability with which it would; -inf where the move was impossible.
+        Log acceptance probability; -inf if the move was impossible.
     info : mapping, optional
-        What the move wanted remembered.
+        Data that the move attached to the proposal.
     """
 
     move: str
@@ -231,7 +231,7 @@ class StepInfo(NamedTuple):
 
 
 def init(log_density_fn: Callable[[S], float], state: S) -> ChainState[S]:
-    """Start a chain.
+    """Evaluate the start of a chain.
 
     Parameters
     ----------
@@ -246,7 +246,7 @@ def init(log_density_fn: Callable[[S], float], state: S) -> ChainState[S]:
     Raises
     ------
     FloatingPointError
-        The log density of the start is not finite.
+        The log density at ``state`` is not finite.
     """
     log_density = float(log_density_fn(state))
     if not math.isfinite(log_density):
@@ -262,7 +262,7 @@ def step(
     mixture: Mixture[S],
     check: bool = False,
 ) -> tuple[ChainState[S], StepInfo]:
-    """Advance a chain by one proposal.
+    """Make one Metropolis-Hastings-Green step.
 
     Parameters
     ----------
@@ -272,7 +272,7 @@ def step(
         Log density of the target up to a constant; -inf outside its support.
     mixture : Mixture
     check : bool
-        Ask moves that can explain themselves for both directions of every proposal.
+        Compare the ratio of every proposal with both directions, for moves that have ``explain``.
 
     Returns
     -------
@@ -284,7 +284,7 @@ def step(
     FloatingPointError
         A log density or ratio is NaN or +inf; the message names the move.
     RoundTripError
-        ``check`` found a ratio that does not hold.
+        ``check`` found a wrong ratio.
     """
     move = mixture.choose(rng)
     proposal = move.propose(rng, chain_state.state)
@@ -303,7 +303,7 @@ def step(
         + proposal.log_ratio
         + mixture.log_choice_ratio(move),
     )
-    # P(Exponential > -log a) = a: no logarithm of a uniform that may be zero.
+    # P(Exponential > -log a) = a. This avoids the logarithm of a uniform number that may be 0.
     accepted = bool(rng.standard_exponential() > -log_acceptance)
     info = StepInfo(move.name, accepted, log_acceptance, proposal.info)
     return (proposed if accepted else chain_state), info
@@ -314,7 +314,7 @@ def _check_round_trip(move: Move[S], reverse: Move[S], old: S, proposal: Proposa
         return
     forward = move.explain(old, proposal.state)
     backward = reverse.explain(proposal.state, old)
-    # A proposal that was made has positive density; a way back may be missing.
+    # A proposal that was made must have positive density; the reverse density may be 0.
     if forward == -math.inf or not math.isclose(
         proposal.log_ratio,
         backward - forward,
@@ -329,7 +329,7 @@ def _check_round_trip(move: Move[S], reverse: Move[S], old: S, proposal: Proposa
 
 
 # ------------------------------------------------------------------------------------------------
-# Chains, as generators: stopping and thinning are the caller's.
+# Chains are generators; the caller decides about stopping and thinning.
 
 
 def sample(
@@ -340,13 +340,13 @@ def sample(
     mixture: Mixture[S],
     check: bool = False,
 ) -> Iterator[tuple[ChainState[S], StepInfo]]:
-    """An endless chain from ``state``, one item a proposal.
+    """Yield an endless chain from ``state``, one item per proposal.
 
     Parameters
     ----------
     rng : numpy.random.Generator
     state : S
-        Start; it is not yielded itself.
+        Start of the chain, which is not yielded.
     log_density_fn : callable
         Log density of the target up to a constant; -inf outside its support.
     mixture : Mixture
@@ -360,8 +360,8 @@ def sample(
     Raises
     ------
     FloatingPointError
-        At once where the log density of the start is not finite; later where a proposal
-        has a log density or ratio that is NaN or +inf.
+        Raised at once if the log density of the start is not finite, and later if the log density
+        or ratio of a proposal is NaN or +inf.
 
     Examples
     --------
@@ -387,14 +387,14 @@ def _steps(
 
 @dataclass
 class AcceptanceTable:
-    """How often each move was proposed and accepted.
+    """Counts of proposals and acceptances by move.
 
-    Impossible moves count as proposed. Tables of several chains add up.
+    Impossible moves count as proposed. Tables of several chains can be added.
 
     Parameters
     ----------
     proposed, accepted : Counter of str
-        By name of the move.
+        Counts by name of the move.
     """
 
     proposed: Counter[str] = field(default_factory=Counter)
@@ -411,7 +411,7 @@ class AcceptanceTable:
         self.accepted[info.move] += info.accepted
 
     def rates(self) -> dict[str, float]:
-        """Accepted over proposed, by move in alphabetical order.
+        """Acceptance rates by move, in alphabetical order.
 
         Returns
         -------

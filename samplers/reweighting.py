@@ -1,18 +1,18 @@
-"""From draws of one density to another that is a factor away: weights, and a bridge of densities.
+"""Importance reweighting of draws to a density with one more factor, and annealing for hard cases.
 
-Draws x_n of p(x) become draws of p(x) L(x) by weights L(x_n), and the mean weight is the ratio of
-both densities' integrals. Where few draws have most of the weight they are led there in small steps
-instead: p L^b for powers b that rise from 0 to 1, at each of which draws are chosen by weight and
-then moved by a kernel that leaves p L^b as it is (annealed importance sampling with resampling).
-The product of the mean weights of all steps is the ratio.
+Draws x_n of p(x) become draws of p(x) L(x) with weights L(x_n). The mean weight estimates the ratio
+of the two normalising constants. If few draws have most of the weight, draws are annealed instead:
+the powers b of p L^b rise from 0 to 1 in small steps; at each step draws are resampled by weight
+and then moved by a kernel that leaves p L^b invariant (annealed importance sampling with
+resampling). The product of the mean weights of all steps estimates the ratio.
 
-Weights are not smoothed by a Pareto tail: those of a normalised statement are bounded, and draws
-of a chain repeat themselves, which the fit of a tail takes for its shape.
+Weights are not smoothed by a Pareto tail. Weights of a normalised statement are bounded, and the
+repeated draws of a chain would bias the fitted shape of the tail.
 
 References
 ----------
 Del Moral, Doucet & Jasra 2006, J. R. Stat. Soc. B 68, 411 (sequential Monte Carlo samplers).
-Lee & Whiteley 2018, Biometrika 105, 609 (the variance of the ratio from its families).
+Lee & Whiteley 2018, Biometrika 105, 609 (variance of the ratio from families of draws).
 Neal 2001, Stat. Comput. 11, 125 (annealed importance sampling).
 """
 
@@ -35,29 +35,30 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 S = TypeVar("S")
 
-# Draws that have to be left, or this share of them if there are few, and the largest error of the
-# log ratio, nats: draws of chains may all be of one stretch in which they hardly moved. Chosen.
+# Least effective number of draws, the share of all draws that is enough if they are few, and the
+# largest error of the log ratio, nats. The error is limited too, because the draws with weight may
+# all come from one stretch in which a chain hardly moved. Chosen values.
 _ENOUGH, _SHARE, _ERROR = 100.0, 0.25, 0.3
-# Share of the draws that is left, effectively, by each step of a bridge; the usual choice.
+# Effective share of the draws after each step of a bridge; the usual choice.
 _KEPT = 0.5
-# Parts of each chain that count as independent of one another in the error of a bridge.
+# Parts of each chain that are treated as independent in the error of a bridge.
 _PARTS = 4
 
 
 @dataclass(frozen=True)
 class Reweighted:
-    """Draws with weights.
+    """Weighted draws.
 
     Parameters
     ----------
     weights : (C, N) float
         Their sum is 1.
     log_ratio : float
-        Log of the ratio of the integrals, nats.
+        Log ratio of the normalising constants, nats.
     error : float
-        Its standard error; NaN where chains are too short.
+        Standard error of ``log_ratio``, nats; NaN if chains are too short.
     effective : float
-        Draws of equal weight that would be as good, by Kish: 1 / sum of squared weights.
+        Effective sample size by Kish: 1 / sum of squared weights.
     """
 
     weights: Array
@@ -67,23 +68,23 @@ class Reweighted:
 
     @property
     def good(self) -> bool:
-        """Whether enough draws are left."""
+        """Whether the effective sample size and the error are good enough for use."""
         enough = self.effective >= min(_ENOUGH, _SHARE * self.weights.size)
         return enough and self.error <= _ERROR
 
 
 def reweigh(log_weights: ArrayLike) -> Reweighted:
-    """Weights of draws from the log of the factor.
+    """Compute normalised weights of draws from the log of the factor.
 
     Parameters
     ----------
     log_weights : (C, N) float
-        Of each draw of each chain, nats; finite.
+        Log factor of each draw of each chain, nats; finite.
 
     Returns
     -------
     Reweighted
-        Its error is by chains and their correlation.
+        Its error accounts for the autocorrelation within chains.
     """
     log_weights = np.asarray(log_weights, float)
     top = log_weights.max()
@@ -101,7 +102,7 @@ def reweigh(log_weights: ArrayLike) -> Reweighted:
 
 
 def resample(weights: ArrayLike, count: int, rng: np.random.Generator) -> Ints:
-    """Draws chosen by weight, as evenly as can be, in their order.
+    """Resample systematically; the indices come in ascending order.
 
     Parameters
     ----------
@@ -113,7 +114,7 @@ def resample(weights: ArrayLike, count: int, rng: np.random.Generator) -> Ints:
     Returns
     -------
     (count,) int
-        Each draw n occurs ``count * weights[n]`` times, rounded up or down.
+        Index n occurs ``count * weights[n]`` times, rounded up or down.
     """
     ends = np.cumsum(np.asarray(weights, float))
     at = (np.arange(count) + rng.random()) / count * ends[-1]
@@ -123,17 +124,17 @@ def resample(weights: ArrayLike, count: int, rng: np.random.Generator) -> Ints:
 
 @dataclass(frozen=True)
 class Bridged(Generic[S]):
-    """Draws of the density with the factor, led there.
+    """Draws of the density with the factor, after annealing.
 
     Parameters
     ----------
     states : tuple of S
     log_ratio : float
-        Log of the ratio of the integrals, nats.
+        Log ratio of the normalising constants, nats.
     error : float
-        Its standard error.
+        Standard error of ``log_ratio``, nats.
     powers : tuple of float
-        Of the factor, after each step; the last is 1.
+        Power of the factor after each step; the last is 1.
     """
 
     states: tuple[S, ...]
@@ -143,7 +144,7 @@ class Bridged(Generic[S]):
 
 
 def families_of(n_chains: int, n_draws: int) -> Ints:
-    """Families of draws that are told chain by chain: parts of chains, independent or nearly.
+    """Family index of each draw: parts of chains, which are treated as independent.
 
     Parameters
     ----------
@@ -166,22 +167,22 @@ def bridge(
     advance: Callable[[np.random.Generator, S, float], S],
     on_power: Callable[[float], None] | None = None,
 ) -> Bridged[S]:
-    """Lead draws from a density to the same with a factor.
+    """Anneal draws of a density to the same density times a factor.
 
     Parameters
     ----------
     rng : numpy.random.Generator
     states : sequence of P S
-        Draws of the density without the factor.
+        Draws of the density without the factor; P of them.
     families : (P,) int
-        Those of one family may depend on one another: parts of chains.
+        Family of each draw. Draws of one family, such as a part of a chain, may be dependent.
     log_factor : callable
         Log of the factor, nats; finite.
     advance : callable
-        ``advance(rng, state, power)`` moves a state and leaves the density with that power of the
-        factor as it is.
+        ``advance(rng, state, power)`` moves a state by a kernel that leaves the density times that
+        power of the factor invariant.
     on_power : callable, optional
-        Called with each power that is reached.
+        Called with each power when it is reached.
 
     Returns
     -------
@@ -202,7 +203,7 @@ def bridge(
         power = 1.0 if power + by > 1.0 - 1e-12 else power + by
         powers.append(power)
         shares = np.bincount(family, weights, number)
-        # Independent choices: their variance is the one that the families tell.
+        # Multinomial resampling, because the variance estimate from families assumes it.
         chosen = rng.choice(count, count, p=weights)
         states, family = [advance(rng, states[n], power) for n in chosen], family[chosen]
         factor = np.array([log_factor(s) for s in states])
@@ -212,7 +213,8 @@ def bridge(
 
 
 def _next_step(log_factor: Array, most: float) -> float:
-    """How much the power may rise so that enough draws are left."""
+    """Largest increase of the power, up to ``most``, that keeps the effective share above
+    `_KEPT`."""
 
     def left(by: float) -> float:
         weights = np.exp(by * (log_factor - log_factor.max()))
@@ -228,9 +230,10 @@ def _next_step(log_factor: Array, most: float) -> float:
 
 
 def _family_error(shares: Array, count: int, steps: int) -> float:
-    """Relative standard error of a product of mean weights (Lee & Whiteley 2018, equation 8).
+    """Relative standard error of the product of mean weights (Lee & Whiteley 2018, equation 8).
 
-    ``shares`` of the last weights are by family, of ``count`` draws, chosen ``steps`` - 1 times.
+    ``shares`` are the last weights summed by family, of ``count`` draws resampled ``steps`` - 1
+    times.
     """
     number = len(shares)
     if number < 2:

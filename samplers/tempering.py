@@ -1,18 +1,19 @@
-"""Parallel tempering of any kernel, and the ladder of inverse temperatures.
+"""Parallel tempering with any kernel, and adaptation of the inverse temperatures.
 
-The target is ``log prior + beta log likelihood``, from the prior (beta = 0) to the posterior
-(beta = 1). A kernel is handed an ordinary log density, that of its rung. Only swaps need the two
-parts, of which a swap's ratio keeps nothing but the likelihoods.
+The tempered log density is ``log prior + beta log likelihood``, from the prior (beta = 0) to the
+posterior (beta = 1). A kernel receives an ordinary log density, that of its rung (one inverse
+temperature). Only swaps need the two parts separately; the ratio of a swap contains only the
+likelihoods.
 
-Even and odd pairs of neighbours swap in turn. Each pair's swap leaves the joint target alone, and
-the alternation, unlike pairs drawn by chance, carries states on in the direction they came from.
+Even and odd pairs of neighbours swap in alternation. Each swap leaves the joint target invariant.
+Unlike randomly chosen pairs, the alternation moves states on in the same direction.
 
-Where states have parts that hardly know of each other, swaps of whole states fail because of their
-sheer number: what is gained in one part is lost in another. A crossover exchanges a part only,
-between the pairs that do not swap in that round.
+If a state has many nearly independent parts, swaps of whole states rarely succeed: a gain in one
+part is lost in another. A crossover exchanges only a part, between the pairs that do not swap in
+that round.
 
-The prior can be any distribution that is known up to a constant. Where it can be drawn from, the
-chain at beta = 0 needs no kernel, and what comes from there is independent of all that was before.
+The prior can be any distribution with a density known up to a constant. If it can be sampled
+directly, the chain at beta = 0 needs no kernel, and its states are independent of all earlier ones.
 
 References
 ----------
@@ -53,23 +54,23 @@ __all__ = [
 ]
 
 
-# The distributions change fastest near the prior. On the scale beta^0.3, on which Xie et al.
-# recommend even steps, they change about evenly.
+# The tempered distributions change fastest near the prior. On the scale beta^0.3, on which Xie et
+# al. recommend even steps, they change about evenly.
 _SCALE = 0.3
 
 
 def power_ladder(n_rungs: int) -> tuple[float, ...]:
-    """Inverse temperatures to start from, even on the scale beta^0.3.
+    """Initial inverse temperatures, evenly spaced on the scale beta^0.3.
 
     Parameters
     ----------
     n_rungs : int
-        At least 2.
+        Number of rungs, at least 2.
 
     Returns
     -------
     tuple of float
-        Ascending from 0, the prior itself, to 1.
+        Ascending from 0 (the prior) to 1 (the posterior).
     """
     if n_rungs < 2:
         raise ValueError(f"a ladder of {n_rungs} rungs cannot go from 0 to 1")
@@ -80,11 +81,11 @@ def power_ladder(n_rungs: int) -> tuple[float, ...]:
 def respaced(
     betas: Sequence[float], acceptance: Sequence[float], *, gain: float
 ) -> tuple[float, ...]:
-    """Widen the gaps across which swaps succeed more often than on average, narrow the others.
+    """Widen gaps whose swap rate is above the mean, and narrow the others.
 
-    Gaps are taken on the scale beta^0.3 and multiplied by exp(gain (rate - mean rate)); both
-    ends stay. Repeated with falling gains this is a stochastic approximation whose only
-    fixed point has equal rates.
+    Gaps are measured on the scale beta^0.3 and multiplied by exp(gain (rate - mean rate)); both
+    ends stay fixed. With decreasing gains this is a stochastic approximation whose only fixed point
+    has equal rates.
 
     Parameters
     ----------
@@ -93,7 +94,7 @@ def respaced(
     acceptance : sequence of K - 1 float
         Probability of a swap across each gap.
     gain : float
-        Positive.
+        Step size of the adaptation, positive.
 
     Returns
     -------
@@ -110,7 +111,7 @@ def respaced(
 
 
 class LadderSummary(NamedTuple):
-    """How well replicas travelled between the prior's end and the posterior's.
+    """How well replicas travelled between the prior and the posterior.
 
     Parameters
     ----------
@@ -119,9 +120,9 @@ class LadderSummary(NamedTuple):
     swap_rates : tuple of K - 1 float
         Mean probability of a swap across each gap.
     round_trips : int
-        Journeys of replicas from one end to the other and back.
+        Number of journeys of replicas from one end to the other and back.
     rounds : int
-        Rounds of swaps that were counted.
+        Number of rounds counted.
     """
 
     betas: tuple[float, ...]
@@ -131,28 +132,28 @@ class LadderSummary(NamedTuple):
 
     @property
     def barrier(self) -> float:
-        """Sum of the rejection rates; 2 barrier + 1 rungs are about the best number (Syed)."""
+        """Sum of the rejection rates (Syed); about 2 barrier + 1 rungs are optimal."""
         return float(sum(1 - rate for rate in self.swap_rates))
 
 
 @dataclass(frozen=True)
 class SwapTable:
-    """Counts swaps and journeys while the inverse temperatures of a ladder stay.
+    """Counts of swaps and journeys at fixed inverse temperatures.
 
-    All fields are plain numbers, so that ``dataclasses.asdict`` can go into a checkpoint and
-    ``SwapTable(**values)`` comes back.
+    All fields are plain numbers, so ``dataclasses.asdict`` of a table can be stored in a
+    checkpoint, and ``SwapTable(**values)`` restores it.
 
     Parameters
     ----------
     betas : sequence of K float
     rounds : int
-        Rounds so far.
+        Number of rounds so far.
     swaps : sequence of K - 1 float
-        Sums of swap probabilities, by gap.
+        Sum of swap probabilities for each gap.
     last_end : sequence of K int
-        By replica, the end where it was last: -1 the hottest, 1 the coldest, 0 none yet.
+        End that each replica visited last: -1 the hottest, 1 the coldest, 0 none yet.
     crossings : sequence of K int
-        By replica, how often it went from one end to the other.
+        How often each replica went from one end to the other.
     """
 
     betas: Sequence[float]
@@ -163,7 +164,7 @@ class SwapTable:
 
     @classmethod
     def empty(cls, betas: Sequence[float]) -> SwapTable:
-        """Nothing counted yet.
+        """A table with all counts zero.
 
         Parameters
         ----------
@@ -177,14 +178,14 @@ class SwapTable:
         return cls(tuple(betas), 0, (0.0,) * (n - 1), (0,) * n, (0,) * n)
 
     def recorded(self, acceptance: Sequence[float], replicas: Sequence[int]) -> SwapTable:
-        """The table with one round more.
+        """The table after one more round.
 
         Parameters
         ----------
         acceptance : sequence of K - 1 float
             Probability of a swap across each gap.
         replicas : sequence of K int
-            The replica on each rung afterwards.
+            The replica on each rung after the round.
 
         Returns
         -------
@@ -204,7 +205,7 @@ class SwapTable:
         )
 
     def summary(self) -> LadderSummary:
-        """What to tell a person; rates are NaN before the first round.
+        """Summarise the counts; rates are NaN before the first round.
 
         Returns
         -------
@@ -226,25 +227,25 @@ S = TypeVar("S")
 # Robbins-Monro: gains of n^-0.6 sum to infinity and their squares do not.
 _ADAPTATION_DECAY = 0.6
 _TRIES = 100
-"""Draws from the prior that are made to find one whose likelihood is not zero; chosen."""
+"""Draws from the prior that are tried to find one with nonzero likelihood; a chosen number."""
 
 
 class Parts(NamedTuple):
-    """A log density in two parts.
+    """A log density as log prior and log likelihood.
 
     Parameters
     ----------
     log_prior : float
-        Normalised if evidences are wanted; -inf outside the support.
+        Normalised if marginal likelihoods are wanted; -inf outside the support.
     log_likelihood : float
-        Means nothing where the prior is -inf.
+        Undefined where the prior is -inf.
     """
 
     log_prior: float
     log_likelihood: float
 
     def at(self, beta: float) -> float:
-        """The log density of a rung: log prior + beta log likelihood.
+        """The tempered log density, log prior + beta log likelihood.
 
         Parameters
         ----------
@@ -264,16 +265,16 @@ Target = Callable[[S], Parts]
 
 
 class Walker(Protocol[S]):
-    """A chain on one rung: it knows where it stands, so that a proposal costs what it changes.
+    """A chain on one rung; it may cache its state, so that a proposal costs only what it changes.
 
     Parameters
     ----------
     *args, **kwargs
-        A walker is made as its own class says.
+        The constructor is that of the class.
     """
 
     def __call__(self, state: S, /) -> Parts:
-        """The log density of a state; the chain stays where it is.
+        """Evaluate the log density of a state without moving the chain.
 
         Parameters
         ----------
@@ -285,7 +286,7 @@ class Walker(Protocol[S]):
         """
 
     def move(self, state: S, /) -> None:
-        """The chain has gone to a state.
+        """Set the state of the chain.
 
         Parameters
         ----------
@@ -295,7 +296,7 @@ class Walker(Protocol[S]):
     def advance(
         self, rng: np.random.Generator, beta: float, steps: int, /
     ) -> tuple[ChainState[S], tuple[StepInfo, ...]]:
-        """Go some steps at an inverse temperature.
+        """Make steps at an inverse temperature.
 
         Parameters
         ----------
@@ -306,15 +307,15 @@ class Walker(Protocol[S]):
         Returns
         -------
         ChainState
-            Where the chain is then.
+            The chain afterwards.
         tuple of StepInfo
-            What happened.
+            Record of each step.
         """
 
 
 @dataclass(frozen=True)
 class Tempered(Generic[S]):
-    """The log density of one rung, for kernels that know nothing of temperatures.
+    """The log density of one rung, for kernels that do not handle temperatures.
 
     Parameters
     ----------
@@ -333,9 +334,9 @@ class Tempered(Generic[S]):
 
 
 class Kernel(Protocol[S]):
-    """What advances a chain at one temperature.
+    """A transition kernel at one temperature.
 
-    Such as ``functools.partial(imapper_prob.samplers.reversible_jump.step, mixture=mixture)``.
+    For example ``functools.partial(imapper_prob.samplers.reversible_jump.step, mixture=mixture)``.
     """
 
     def __call__(
@@ -346,35 +347,35 @@ class Kernel(Protocol[S]):
         *,
         log_density_fn: Callable[[S], float],
     ) -> tuple[ChainState[S], StepInfo]:
-        """Advance by one proposal and leave the density invariant."""
+        """Make one step that leaves the density invariant."""
 
 
 class Crossover(Protocol[S]):
-    """How two states exchange a part of themselves."""
+    """A proposal that exchanges parts of two states."""
 
     def __call__(self, rng: np.random.Generator, hot: S, cold: S, /) -> tuple[S, S, float] | None:
-        """Both states afterwards, and the log ratio of the way back to the way there.
+        """Return both proposed states and the log ratio of reverse to forward proposal densities.
 
-        The Jacobian is in the ratio. To exchange the same part again must give the two states
-        back. None where there is nothing to exchange.
+        The ratio includes the Jacobian. Exchanging the same part again must restore the two states.
+        None if there is nothing to exchange.
         """
 
 
 class TemperingState(NamedTuple, Generic[S]):
-    """Where the chains of a ladder stand: all that a checkpoint needs beside the generators.
+    """State of all chains of a ladder; with the generators it is all that a checkpoint needs.
 
     Parameters
     ----------
     betas : tuple of K float
         Inverse temperatures, ascending to 1.
     chains : tuple of K ChainState
-        On each rung; the last one samples the posterior.
+        The chain on each rung; the last one samples the posterior.
     log_likelihoods : tuple of K float
-        Of these states.
+        Log likelihoods of these states.
     replicas : tuple of K int
-        Which of the starts has wandered to each rung.
+        Index of the start whose replica is on each rung.
     rounds : int
-        Rounds since the start.
+        Number of rounds since the start.
     """
 
     betas: tuple[float, ...]
@@ -385,18 +386,18 @@ class TemperingState(NamedTuple, Generic[S]):
 
 
 class TemperingInfo(NamedTuple, Generic[S]):
-    """One round: steps on every rung, then swaps.
+    """Record of one round: steps on every rung, then swaps.
 
     Parameters
     ----------
     position : TemperingState
-        Afterwards.
+        State after the round.
     steps : tuple of K tuples of StepInfo
-        What happened on each rung.
+        Record of the steps on each rung.
     swap_acceptance : tuple of K - 1 float
-        Probability of a swap across each gap, those included whose turn it was not.
+        Probability of a swap across each gap, including gaps that were not tried in this round.
     crossovers : tuple of StepInfo
-        Of the gaps whose turn it was, from hot to cold; none without a crossover.
+        Crossovers that were tried, from hot to cold; empty without a crossover.
     """
 
     position: TemperingState[S]
@@ -406,7 +407,7 @@ class TemperingInfo(NamedTuple, Generic[S]):
 
 
 def start(states: Sequence[S], *, target: Target[S], betas: Sequence[float]) -> TemperingState[S]:
-    """Put one state on each rung.
+    """Place one state on each rung.
 
     Parameters
     ----------
@@ -423,9 +424,10 @@ def start(states: Sequence[S], *, target: Target[S], betas: Sequence[float]) -> 
     Raises
     ------
     ValueError
-        Not one state a rung, or inverse temperatures that do not ascend from 0 or more to 1.
+        The number of states differs from that of rungs, or inverse temperatures do not ascend from
+        0 or more to 1.
     FloatingPointError
-        A state whose log density on its rung is not finite.
+        The log density of a state on its rung is not finite.
     """
     betas = tuple(betas)
     ascending = all(hot < cold for hot, cold in pairwise(betas))
@@ -450,27 +452,28 @@ def temper(
     crossover: Crossover[S] | None = None,
     independent: Callable[[np.random.Generator], S] | None = None,
 ) -> Iterator[TemperingInfo[S]]:
-    """An endless tempered chain, one item a round.
+    """Yield an endless tempered chain, one item per round.
 
     Parameters
     ----------
     rngs : sequence of K + 1 numpy.random.Generator
-        One for each rung and one for the swaps, such as ``rng.spawn(K + 1)``.
+        One for each rung and one for swaps, such as ``rng.spawn(K + 1)``.
     position : TemperingState
-        From `start`, or where an earlier chain arrived; it is not yielded itself.
+        From `start`, or the last position of an earlier chain; it is not yielded.
     walker : callable
-        ``walker(state) -> Walker`` that stands at ``state``; one a rung. Such as
+        ``walker(state) -> Walker`` makes the walker of a rung at ``state``, such as
         ``functools.partial(KernelWalker, target, kernel)``.
     steps_per_swap : int
         Proposals on each rung between two rounds of swaps.
     adapt : bool
-        Move the inverse temperatures towards equal swap rates. Such a chain does not leave
-        its target invariant: adapt during burn-in, then go on from its last position without.
+        Adapt the inverse temperatures towards equal swap rates. An adapting chain does not leave
+        its target invariant: adapt during burn-in, then continue from the last position without
+        adaptation.
     crossover : Crossover, optional
         Exchanges parts of states across every second gap, before the swaps.
     independent : callable, optional
-        ``independent(rng) -> S`` draws from the prior. Where beta = 0, one such draw a round
-        takes the place of the kernel's steps.
+        ``independent(rng) -> S`` draws from the prior. At beta = 0, one such draw per round
+        replaces the steps of the kernel.
 
     Returns
     -------
@@ -494,7 +497,7 @@ def temper(
 
 
 class KernelWalker(Generic[S]):
-    """A walker by a kernel and a target that know nothing of where the chain has been.
+    """A walker made of a kernel and a target, without a cache.
 
     Parameters
     ----------
@@ -502,18 +505,18 @@ class KernelWalker(Generic[S]):
         ``target(state) -> Parts``.
     kernel : Kernel
     state : S
-        Where it stands.
+        State of the chain.
     """
 
     def __init__(self, target: Target[S], kernel: Kernel[S], state: S) -> None:
         self._target, self._kernel, self._state = target, kernel, state
 
     def __call__(self, state: S) -> Parts:
-        """The log density of ``state``."""
+        """Evaluate the log density of ``state``."""
         return self._target(state)
 
     def move(self, state: S) -> None:
-        """The chain has gone to a state.
+        """Set the state of the chain.
 
         Parameters
         ----------
@@ -524,7 +527,7 @@ class KernelWalker(Generic[S]):
     def advance(
         self, rng: np.random.Generator, beta: float, steps: int
     ) -> tuple[ChainState[S], tuple[StepInfo, ...]]:
-        """Go some steps of the kernel.
+        """Make steps with the kernel.
 
         Parameters
         ----------
@@ -535,9 +538,9 @@ class KernelWalker(Generic[S]):
         Returns
         -------
         ChainState
-            Where the chain is then.
+            The chain afterwards.
         tuple of StepInfo
-            What happened.
+            Record of each step.
         """
         density, infos = Tempered(self._target, beta), []
         at = ChainState(self._state, density(self._state))
@@ -573,7 +576,7 @@ def _rounds(
             steps.append(infos)
         crossed = []
         if crossover is not None:
-            # The gaps that do not swap in this round.
+            # Crossovers use the gaps that do not swap in this round.
             for gap in range(1 - position.rounds % 2, len(chains) - 1, 2):
                 pair = slice(gap, gap + 2)
                 chains[pair], info = _crossed(
@@ -610,9 +613,10 @@ def _drawn(
     independent: Callable[[np.random.Generator], S],
     walker: Walker[S],
 ) -> tuple[ChainState[S], StepInfo]:
-    """A draw from the prior where the likelihood is not zero.
+    """Draw from the prior until the likelihood is nonzero.
 
-    Where none is found the chain stays, which does not depend on where it is.
+    After `_TRIES` failures the chain keeps its state; whether that happens does not depend on the
+    state.
     """
     for _ in range(_TRIES):
         state = independent(rng)
@@ -630,7 +634,7 @@ def _crossed(
     betas: Sequence[float],
     crossover: Crossover[S],
 ) -> tuple[list[ChainState[S]], StepInfo]:
-    """Two neighbours after one attempt to exchange a part."""
+    """States of two neighbouring rungs after one crossover attempt."""
     proposal = crossover(rng, pair[0].state, pair[1].state)
     if proposal is None:
         return list(pair), StepInfo("crossover", False, -math.inf)
@@ -649,12 +653,12 @@ def _crossed(
 
 
 def _log_swap_ratio(hot: tuple[Parts, float], cold: tuple[Parts, float]) -> float:
-    """Of the joint density with two rungs' states exchanged to that without; priors cancel."""
+    """Log ratio of the joint density after and before a swap; the priors cancel."""
     return (cold[1] - hot[1]) * (hot[0].log_likelihood - cold[0].log_likelihood)
 
 
 def _swapped(rng: np.random.Generator, acceptance: Sequence[float], *, odd: int) -> list[int]:
-    """Which rung's state goes to each rung, when the even or odd gaps may swap."""
+    """Index of the state that each rung receives, if only even or odd gaps may swap."""
     order = list(range(len(acceptance) + 1))
     for gap in range(odd, len(acceptance), 2):
         if rng.random() < acceptance[gap]:

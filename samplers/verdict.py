@@ -1,4 +1,4 @@
-"""The verdict on a run: good, in need of more draws, or of chains that disagree."""
+"""The convergence verdict on a run: good, too few draws, or chains that disagree."""
 
 from __future__ import annotations
 
@@ -14,36 +14,36 @@ from imapper_prob.samplers.tempering import LadderSummary
 
 __all__ = ["Measures", "Verdict", "judge", "measure", "rounded_up"]
 
-# Vehtari et al. 2021 recommend both numbers, the second as 100 for each of four chains.
+# Limits of R-hat and of effective draws by Vehtari et al. 2021 (100 for each of four chains).
 _RHAT_LIMIT = 1.01
 _DRAWS_GOAL = 400.0
-# Layouts with a share outside are as good as excluded or certain: their error is small
-# whatever the number of effective draws.
+# Layouts with a share outside these limits are as good as excluded or certain: their error is small
+# whatever the effective number of draws.
 _OPEN = (0.05, 0.95)
-# The number of effective draws is itself uncertain, before as after: with this factor four
-# in five of those who run as many more as it says do not fall short again.
+# The effective number of draws is itself uncertain. With this factor, four in five runs that are
+# extended by the recommended number of draws reach the goal.
 _MARGIN = 1.5
-# Two chains disagree when each agrees with itself, its halves having more than half of their
-# mass in common, and they have less than half as much with each other. Chains that are merely
-# short differ from themselves as well.
+# Two chains disagree if each is consistent with itself (its halves share more than half of their
+# mass) and both share less than half as much with each other. Chains that are merely too short are
+# inconsistent with themselves as well.
 _COMMON_SHARE = 0.5
 
 
 class Verdict(NamedTuple):
-    """What to think of a run.
+    """The verdict on a run.
 
     Parameters
     ----------
     good : bool
-        The run can be used as it is.
+        Whether the run can be used as it is.
     more_draws : int
-        About how many more draws each chain needs; 0 where it is good, or where chains
-        disagree and more of the same may not help.
+        About how many more draws each chain needs; 0 if the run is good, or if chains disagree,
+        where more draws may not help.
     disagreement : (int, int), optional
-        Two layouts, each the favourite of a chain that hardly knows the other's.
+        Two layouts, each the most frequent one of a chain, if the two chains disagree.
     text : str
-        For a person: first whether probabilities can be used and how far they are off, one
-        standard error of the layout that is known worst, then one sentence why, then numbers.
+        Text for a person: whether probabilities can be used and how far they are off (the largest
+        standard error of any layout), then one sentence with the reason, then numbers.
     """
 
     good: bool
@@ -53,24 +53,24 @@ class Verdict(NamedTuple):
 
 
 class Measures(NamedTuple):
-    """What a verdict goes by.
+    """The convergence measures that a verdict is based on.
 
     Parameters
     ----------
     error : float
-        Standard error of the layout that is known worst; NaN where it is not known.
+        Largest standard error of any layout; NaN if unknown.
     rhat : float
-        The largest R-hat of what all draws have; infinite where chains are too short, 1 where
-        there is nothing to look at.
+        Largest R-hat of the functionals; infinite if chains are too short, 1 if there are no
+        functionals.
     rhat_of : str
-        What has it.
+        Name of the functional with that R-hat.
     effective_draws : float
-        The fewest of what all draws have and of the layouts that are neither excluded nor
-        certain; infinite where there is nothing to look at.
+        Least effective number of draws, of functionals and of layouts that are neither excluded nor
+        certain; infinite if there are none.
     effective_draws_of : str
-        What has them.
+        Name of the functional or layout with that number.
     effective_layouts : float
-        The fewest of these layouts alone.
+        Least effective number of draws of these layouts alone.
     """
 
     error: float
@@ -82,7 +82,7 @@ class Measures(NamedTuple):
 
 
 def measure(layouts: LayoutProbabilities, functionals: Mapping[str, ArrayLike]) -> Measures:
-    """How far chains agree and how much they know.
+    """Compute the convergence measures of a run.
 
     Parameters
     ----------
@@ -125,15 +125,15 @@ def judge(
     *,
     ladders: Sequence[LadderSummary] = (),
 ) -> Verdict:
-    """Judge chains by their layouts and by what all draws have.
+    """Judge convergence by layouts and by functionals that every draw has.
 
     Parameters
     ----------
     layouts : LayoutProbabilities
     functionals : mapping of str to (C, N) float
-        Such as the log posterior and the number of objects.
+        Scalar functions of each draw, such as the log posterior and the number of objects.
     ladders : sequence of LadderSummary
-        Of chains that were tempered; they add a sentence and change no verdict.
+        Summaries of tempered chains; they add a sentence and do not change the verdict.
 
     Returns
     -------
@@ -142,7 +142,7 @@ def judge(
     Warns
     -----
     ShortChainWarning
-        Chains are too short for R-hat; the verdict then asks for more.
+        Chains are too short for R-hat; the verdict then asks for more draws.
     """
     found = measure(layouts, functionals)
     numbers = f"{_numbers(found)}{_tempering(ladders)}"
@@ -162,7 +162,7 @@ def judge(
             "enough."
         )
         return Verdict(True, 0, None, f"{text} {numbers}")
-    # Effective draws grow with the draws; where R-hat alone is too large, twice as many may do.
+    # Effective draws grow in proportion to draws. If only R-hat is too large, twice as many may do.
     factor = max(2.0, _MARGIN * _DRAWS_GOAL / max(fewest, 1.0))
     more = _two_digits(layouts.n_draws * (factor - 1))
     text = f"Not converged: probabilities may be off by {off:.2f}."
@@ -179,7 +179,7 @@ def judge(
 
 
 def _numbers(found: Measures) -> str:
-    """Both criteria, each beside its limit; a sentence."""
+    """A sentence with both criteria, each with its limit."""
     parts = []
     if found.effective_draws_of:
         parts.append(
@@ -192,7 +192,7 @@ def _numbers(found: Measures) -> str:
 
 
 def rounded_up(error: float) -> float:
-    """An error rounded up to hundredths.
+    """Round an error up to hundredths.
 
     Parameters
     ----------
@@ -201,19 +201,19 @@ def rounded_up(error: float) -> float:
     Returns
     -------
     float
-        NaN where it is not known.
+        NaN if the error is unknown.
     """
     return error if math.isnan(error) else math.ceil(100 * error) / 100
 
 
 def _known(value: ArrayLike, worst: float) -> float:
-    """The value, or the worst one where chains were too short to tell."""
+    """The value, or ``worst`` if it is NaN because chains were too short."""
     number = float(np.asarray(value))
     return worst if math.isnan(number) else number
 
 
 def _disagreement(layouts: LayoutProbabilities) -> tuple[int, int] | None:
-    """The favourites of the two chains with the least in common, where that is too little."""
+    """The most frequent layouts of the two chains that disagree most; None if none disagree."""
     shares = layouts.by_chain
     favourites = shares.argmax(1)
     common = np.minimum(shares[:, None], shares[None, :]).sum(-1)
@@ -229,8 +229,8 @@ def _disagreement(layouts: LayoutProbabilities) -> tuple[int, int] | None:
 
 
 def _tempering(ladders: Sequence[LadderSummary]) -> str:
-    """A sentence on what tempering did, with a blank before it; none without ladders."""
-    # A chain that was stopped before its temperatures stayed has counted no swap.
+    """A sentence about swaps, with a leading blank; empty without ladders."""
+    # A chain that was stopped before its temperatures were fixed has counted no swap.
     ladders = [ladder for ladder in ladders if math.isfinite(ladder.barrier)]
     rates = [rate for ladder in ladders for rate in ladder.swap_rates]
     if not rates:
@@ -246,6 +246,6 @@ def _tempering(ladders: Sequence[LadderSummary]) -> str:
 
 
 def _two_digits(value: float) -> int:
-    """Rounded up: a guess should not look like a measurement."""
+    """Round up to two digits, so that an estimate does not look precise."""
     magnitude = math.pow(10, max(0, math.floor(math.log10(max(value, 1.0))) - 1))
     return math.ceil(value / magnitude) * int(magnitude)

@@ -1,4 +1,4 @@
-"""The command line: ``imapper-prob COMMAND``, a module for each family of commands."""
+"""The command line: ``imapper-prob COMMAND``, with one module for each group of commands."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``python -m imapper_prob.cli``."""
+"""Entry point of ``python -m imapper_prob.cli``."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``ask``: a finished run, given what is known besides its clip."""
+"""``ask``: condition a finished run on statements."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def add_ask_command(
     Parameters
     ----------
     commands : argparse._SubParsersAction
-        Of the program's parser.
+        The program's subparsers.
     shared : argparse.ArgumentParser
         Options that all commands have.
     """

@@ -30,17 +30,17 @@ _VIDEOS = (".avi", ".m4v", ".mkv", ".mov", ".mp4", ".mpg", ".webm")
 
 
 def clip_parser(*, files: bool = True) -> argparse.ArgumentParser:
-    """A parent parser with the options that say what keypoint files leave open.
+    """A parent parser with options for what keypoint files do not state.
 
     Parameters
     ----------
     files : bool
-        Whether the options are there that a video answers itself.
+        Whether to include options that a video makes unnecessary.
 
     Returns
     -------
     argparse.ArgumentParser
-        Without help of its own, for ``parents``.
+        Without help of its own, to be used in ``parents``.
     """
     parser = argparse.ArgumentParser(add_help=False)
     group = parser.add_argument_group("what the files of a clip do not say")
@@ -113,12 +113,12 @@ def clip_parser(*, files: bool = True) -> argparse.ArgumentParser:
 
 
 def size_of(text: str) -> tuple[int, int]:
-    """Width and height out of ``1920x1080``.
+    """Parse width and height, as in ``1920x1080``.
 
     Parameters
     ----------
     text : str
-        A word of the command line.
+        Argument of the command line.
 
     Returns
     -------
@@ -128,7 +128,7 @@ def size_of(text: str) -> tuple[int, int]:
     Raises
     ------
     argparse.ArgumentTypeError
-        It is no size.
+        The text is not a size.
     """
     match = re.fullmatch(r"(\d{1,5})[x×](\d{1,5})", text)
     if match is None:
@@ -137,7 +137,7 @@ def size_of(text: str) -> tuple[int, int]:
 
 
 def _span(text: str) -> tuple[int, int]:
-    """First and last frame out of ``100:350``."""
+    """Parse first and last frame, as in ``100:350``."""
     match = re.fullmatch(r"(-?\d{1,15}):(-?\d{1,15})", text)
     if match is None:
         raise argparse.ArgumentTypeError(f"{text!r} are no frames such as 100:350")
@@ -145,7 +145,7 @@ def _span(text: str) -> tuple[int, int]:
 
 
 def clip_options(options: argparse.Namespace) -> ClipOptions:
-    """What was said."""
+    """Clip options from parsed arguments."""
     from imapper_prob.clips.load import ClipOptions, read_camera, read_marks
 
     marks = getattr(options, "marks", None)
@@ -166,12 +166,12 @@ def clip_options(options: argparse.Namespace) -> ClipOptions:
 
 
 def refuse_to_replace(output: Path, *, overwrite: bool) -> None:
-    """Whether a clip file may be written there, before anything is computed for it.
+    """Check that a clip file may be written, before anything is computed for it.
 
     Raises
     ------
     InputError
-        It is none by its name, or there is one already.
+        The name is not that of a clip file, or the file exists.
     """
     if output.suffix != ".npz":
         raise InputError(f"{output}: a clip file's name ends in .npz")
@@ -182,7 +182,7 @@ def refuse_to_replace(output: Path, *, overwrite: bool) -> None:
 
 
 def is_clip(path: Path) -> bool:
-    """Whether a path is a clip rather than the folder of a run: a file, or keypoints.
+    """Whether a path is a clip (a file, or a folder of keypoints) and not the folder of a run.
 
     Parameters
     ----------
@@ -196,12 +196,12 @@ def is_clip(path: Path) -> bool:
 
 
 def run_folder_of(text: str) -> Path:
-    """The folder of a run; ``DIR/posterior.nc`` stands for ``DIR``.
+    """Folder of a run; ``DIR/posterior.nc`` stands for ``DIR``.
 
     Parameters
     ----------
     text : str
-        A word of the command line.
+        Argument of the command line.
 
     Returns
     -------
@@ -216,7 +216,7 @@ def _is_run(path: Path) -> bool:
 
 
 def is_video(path: Path) -> bool:
-    """Whether a path is a video by its name.
+    """Whether a path has the name of a video file.
 
     Parameters
     ----------
@@ -230,14 +230,14 @@ def is_video(path: Path) -> bool:
 
 
 def clip_from(path: Path, options: argparse.Namespace) -> Clip:
-    """The clip at ``path``, read as the options say; in a video its joints are found first.
+    """Read the clip at ``path`` with the given options; in a video, detect the joints first.
 
     Parameters
     ----------
     path : Path
         Clip file, keypoints, i3DB scene or video.
     options : argparse.Namespace
-        Those of `clip_parser`.
+        Options of `clip_parser`.
 
     Returns
     -------
@@ -246,7 +246,7 @@ def clip_from(path: Path, options: argparse.Namespace) -> Clip:
     Raises
     ------
     InputError
-        Nothing at ``path`` can be read as a clip, or an option contradicts it.
+        The content of ``path`` is not a clip, or an option contradicts it.
     """
     said = clip_options(options)
     if is_video(path):
@@ -262,7 +262,7 @@ def clip_from(path: Path, options: argparse.Namespace) -> Clip:
 
 
 # ------------------------------------------------------------------------------------------------
-# ``detect``: joints of the person in a video, as a clip file.
+# ``detect``: find the joints of the person in a video and write a clip file.
 
 
 def add_detect_command(
@@ -273,7 +273,7 @@ def add_detect_command(
     Parameters
     ----------
     commands : argparse._SubParsersAction
-        Of the program's parser.
+        The program's subparsers.
     shared : argparse.ArgumentParser
         Options that all commands have.
     """
@@ -350,7 +350,7 @@ def _draw(options: argparse.Namespace, clip: Clip) -> None:
 
 
 # ------------------------------------------------------------------------------------------------
-# ``track``: who is who among people that a detector saw frame by frame.
+# ``track``: assign identities to people that a detector found frame by frame.
 
 _DOTS_PER_INCH = 120
 
@@ -363,7 +363,7 @@ def add_track_command(
     Parameters
     ----------
     commands : argparse._SubParsersAction
-        Of the program's parser.
+        The program's subparsers.
     shared : argparse.ArgumentParser
         Options that all commands have.
     """

@@ -1,4 +1,4 @@
-"""``completion``: what a shell needs to complete commands, options and choices."""
+"""``completion``: shell scripts that complete commands, options and choices."""
 
 from __future__ import annotations
 
@@ -50,11 +50,11 @@ def add_completion_command(
     Parameters
     ----------
     commands : argparse._SubParsersAction
-        Of the program's parser.
+        The program's subparsers.
     shared : argparse.ArgumentParser
         Options that all commands have.
     root : argparse.ArgumentParser
-        The parser whose words are completed.
+        Parser whose words are completed.
     """
     command = commands.add_parser(
         "completion",

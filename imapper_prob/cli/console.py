@@ -1,4 +1,4 @@
-"""What the command line prints, how it shows progress, and what an interruption does."""
+"""Console output, progress bars, and handling of interruptions."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ __all__ = [
 
 
 def printable(text: str) -> str:
-    """Text line by line without anything that a terminal takes for an order.
+    """The text, line by line, without characters that a terminal interprets as commands.
 
     Parameters
     ----------
@@ -44,7 +44,7 @@ def printable(text: str) -> str:
 
 
 def console(*, stderr: bool = False) -> Any:
-    """A `rich.console.Console` that takes no word of a text for markup, emoji or an order.
+    """A `rich.console.Console` that interprets no markup, emoji or terminal command in texts.
 
     Parameters
     ----------
@@ -67,7 +67,7 @@ def console(*, stderr: bool = False) -> Any:
 
 @contextmanager
 def told() -> Iterator[None]:
-    """Warnings of the program as lines on standard error, and no character that stops a line.
+    """Print the program's warnings on standard error, and replace characters it cannot encode.
 
     Yields
     ------
@@ -93,11 +93,11 @@ class _Plain(logging.Formatter):
 
 
 # ------------------------------------------------------------------------------------------------
-# How far a run is.
+# Progress.
 
 
 def progress_bars() -> AbstractContextManager[Bars]:
-    """Bars on standard error: one line a stage, what, how much of it and how long.
+    """Progress bars on standard error: a line for each stage with its progress and duration.
 
     Returns
     -------
@@ -108,40 +108,40 @@ def progress_bars() -> AbstractContextManager[Bars]:
 
 
 # ------------------------------------------------------------------------------------------------
-# What becomes of a command that somebody stops, from its first stage to its last byte.
+# Interruptions of a command.
 #
-# Chains and ensembles hear of the first Ctrl-C and return what they have, see
-# :mod:`imapper_prob.samplers.chains`; what follows is written and the command ends as interrupted.
-# At any other time Ctrl-C, and SIGTERM at all times, end the command where it is: files that are
-# not complete are removed, those that a run goes on from stay.
+# Chains and ensembles handle the first Ctrl-C and return what they have, see
+# :mod:`imapper_prob.samplers.chains`; the results are written and the command ends as interrupted.
+# At any other time Ctrl-C ends the command at once, and SIGTERM does so at any time: incomplete
+# files are removed, and the files from which a run can continue are kept.
 
 _AGAIN: Final = 0.05
-"""Seconds until an interruption is sent again that a finaliser swallowed; it is over by then."""
+"""Seconds until an interruption that was lost in a finaliser is sent again."""
 _INTERRUPTED: Final = 128 + signal.SIGINT
 _TERMINATED: Final = 128 + signal.SIGTERM
-"""Exit codes, as shells have them."""
+"""Exit codes, by the convention of shells."""
 
 
 class Stopped(KeyboardInterrupt):
-    """Somebody asked to stop; what there is was written, and the message says what that is."""
+    """The user interrupted; results so far are written, and the message says what they are."""
 
 
 class Terminated(KeyboardInterrupt):
-    """Somebody sent SIGTERM."""
+    """SIGTERM was received."""
 
 
 @contextmanager
 def stoppable() -> Iterator[None]:
-    """Let SIGTERM end a command as Ctrl-C does, so that it leaves nothing behind.
+    """Let SIGTERM end a command as Ctrl-C does, with the same cleanup.
 
-    An interruption that Python throws into a finaliser is lost there: it is sent again.
+    An interruption that Python raises in a finaliser is lost there, so it is sent again.
 
     Yields
     ------
     None
     """
     if threading.current_thread() is not threading.main_thread():
-        # Python hands signals to the main thread alone.
+        # Python delivers signals to the main thread only.
         yield
         return
 
@@ -167,13 +167,13 @@ def stoppable() -> Iterator[None]:
 
 
 def last_words(error: KeyboardInterrupt, options: argparse.Namespace) -> tuple[str, int]:
-    """What is said of it, and the exit code.
+    """Final message and exit code of an interrupted command.
 
     Parameters
     ----------
     error : KeyboardInterrupt
     options : argparse.Namespace
-        Of the command that was stopped.
+        Options of the command that was interrupted.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""``evaluate``: results held against the truth, and the whole benchmark."""
+"""``evaluate``: compare results with the ground truth, and run the benchmark."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ _DOTS_PER_INCH = 150
 
 
 def evaluate_results(options: argparse.Namespace) -> None:
-    """What the command does, with its options.
+    """Run the command with parsed options.
 
     Parameters
     ----------
@@ -89,7 +89,7 @@ def evaluate_results(options: argparse.Namespace) -> None:
     Raises
     ------
     InputError
-        Options that do not go together, results or truths that cannot be read.
+        Options contradict each other, or results or truths cannot be read.
     """
     if (options.suite is None) == (not options.results):
         raise InputError("name either results, or a folder of scenes with --suite")
@@ -120,7 +120,7 @@ def _runs(options: argparse.Namespace) -> None:
 def _read(
     options: argparse.Namespace,
 ) -> tuple[KnownScene, list[Prediction], list[PosteriorScore]]:
-    """The truth, and what every result says; names are told apart by their folders."""
+    """The truth, and all results; methods are named after their folders."""
     known = None if options.truth is None else known_scene(options.truth)
     predictions: list[Prediction] = []
     posteriors: list[PosteriorScore] = []
@@ -198,12 +198,12 @@ def _write(
 
 
 # ------------------------------------------------------------------------------------------------
-# ``evaluate --suite``: run what is missing, score what is there.
+# ``evaluate --suite``: compute what is missing, and score everything.
 
 
 @dataclass(frozen=True, eq=False)
 class SuiteResult:
-    """The scores of a suite.
+    """The scores of a benchmark suite.
 
     Parameters
     ----------
@@ -211,7 +211,7 @@ class SuiteResult:
     ours, theirs : list of str
         Names of methods.
     figures : dict of str to Figure
-        By the name of their file.
+        By file name.
     clips : dict of str to OnClip
         For the paper's tables.
     explored : list of Exploration
@@ -239,12 +239,12 @@ class SuiteResult:
 
 
 def run_suite(options: argparse.Namespace) -> SuiteResult:
-    """Solve, sample and score all scenes; what is done already is not done again.
+    """Solve, sample and score all scenes; existing results are not computed again.
 
     Raises
     ------
     InputError
-        If there are no scenes, or the folder holds results of other settings, or sampling was
+        There are no scenes, the folder holds results of other settings, or sampling was
         interrupted.
     """
     config = Config() if options.config is None else read_config(options.config)
@@ -292,7 +292,7 @@ def _scored(
         explored.append(
             Exploration(part, summaries, float(np.mean(spread)) if spread else float("nan"))
         )
-    # The last part is the whole: others have results for that alone.
+    # The last part is the whole clip, the only one that other methods have results for.
     ours = list(dict.fromkeys(p.name for _, found in answers for p in found))
     whole = [
         (truth, (*found, *_others(known[truth.name], options.predictions)))
@@ -321,7 +321,7 @@ def _scored(
 def _in_the_image(
     known: KnownScene, options: argparse.Namespace
 ) -> tuple[dict[str, int], dict[str, NDArray[np.float64]]]:
-    """What region detectors and depth estimators left in files, one folder a scene."""
+    """Results of region detectors and depth estimators, from files in one folder a scene."""
     camera, name = known.clip.camera, known.clip.name
     regions, depths = {}, {}
     if options.detections is not None:
@@ -337,7 +337,7 @@ def _in_the_image(
 def _answers(
     tasks: Sequence[Task], known: dict[str, KnownScene]
 ) -> tuple[list[tuple[TruthInView, list[Prediction]]], list[PosteriorScore]]:
-    """What the solver found and, where there are chains, what they say."""
+    """Predictions of the solver and, if sampled, of the posterior; and scores of the posteriors."""
     posteriors = dict(sampled(tasks))
     answers, scores = [], []
     for task in tasks:
@@ -351,7 +351,7 @@ def _answers(
 
 
 def _others(known: KnownScene, predictions: Path | None) -> tuple[Prediction, ...]:
-    """The authors, the baselines, and what other methods left in files."""
+    """Predictions of the authors, the baselines, and other methods' files."""
     if predictions is None:
         return known.others
     files = sorted((predictions / known.clip.name).glob("*.json"))

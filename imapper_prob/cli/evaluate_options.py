@@ -1,4 +1,4 @@
-"""Options of ``evaluate``, apart from its work: help does not wait for what scores load."""
+"""Options of ``evaluate``, separate from its work so that ``--help`` starts quickly."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def add_evaluate_command(
     Parameters
     ----------
     commands : argparse._SubParsersAction
-        Of the program's parser.
+        The program's subparsers.
     shared : argparse.ArgumentParser
         Options that all commands have.
     """

@@ -1,4 +1,4 @@
-"""``export``, ``report``, ``record`` and ``view``: a finished run in other forms."""
+"""``export``, ``report``, ``record`` and ``view``: write or open other forms of a finished run."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def add_export_commands(
     Parameters
     ----------
     commands : argparse._SubParsersAction
-        Of the program's parser.
+        The program's subparsers.
     shared : argparse.ArgumentParser
         Options that all commands have.
     """
@@ -117,15 +117,15 @@ def _report(options: argparse.Namespace) -> None:
 
 
 # ------------------------------------------------------------------------------------------------
-# ``record`` and ``view``: the recording of a finished run, made again and opened.
+# ``record`` and ``view``: write the recording of a finished run again, and open it.
 
 _NAME = "recording.rrd"
 _OWN_MACHINE = "127.0.0.1"
-"""Address on which the viewer listens for more to show: from nowhere else."""
+"""Address on which the viewer listens for data: only this machine."""
 _PATIENCE = 3.0
-"""Seconds within which a viewer ends that finds no screen."""
+"""Seconds within which a viewer without a display ends."""
 _RUN = "import sys; from rerun_cli.__main__ import main; sys.exit(main())"
-"""The viewer that came with the package, whether or not ``rerun`` is on the path."""
+"""Command of the viewer in the package, independent of whether ``rerun`` is on the path."""
 
 
 def add_recording_commands(
@@ -136,7 +136,7 @@ def add_recording_commands(
     Parameters
     ----------
     commands : argparse._SubParsersAction
-        Of the program's parser.
+        The program's subparsers.
     shared : argparse.ArgumentParser
         Options that all commands have.
     """
@@ -201,7 +201,7 @@ def _view(options: argparse.Namespace) -> None:
 
 
 def open_viewer(recording: Path) -> None:
-    """Open a recording in a viewer that outlives this program.
+    """Open a recording in a viewer that keeps running after this program ends.
 
     Parameters
     ----------
@@ -211,7 +211,7 @@ def open_viewer(recording: Path) -> None:
     Raises
     ------
     InputError
-        If there is no screen to open it on, or the viewer ends at once.
+        There is no display, or the viewer ends at once.
     """
     displays = ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET")
     if sys.platform.startswith("linux") and not any(os.environ.get(d) for d in displays):

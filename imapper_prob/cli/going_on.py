@@ -1,4 +1,4 @@
-"""A run that is there already: what of it can be gone on with, and the command that does so."""
+"""Continuing an existing run: checks, and the command that does so."""
 
 from __future__ import annotations
 
@@ -22,26 +22,26 @@ __all__ = [
 ]  # fmt: skip
 
 _OF_LENGTH: Final = ("sample.steps", "sample.draws", "sample.last_step")
-"""Settings that a longer run need not have in common with the one it goes on with."""
+"""Settings in which a continued run may differ from the earlier one."""
 _LIMITS: Final = ("--steps", "--minutes", "--until")
 _USUAL: Final = 10
-"""Minutes to go on for, where nobody can tell how many are needed."""
+"""Minutes to continue for if the time needed cannot be estimated."""
 _LONGEST: Final = 24 * 60
-"""Minutes beyond which a guess is not worth a command."""
+"""Minutes above which no command to continue is suggested."""
 
 
 def config_to_go_on(
     earlier: Earlier, asked: Config, *, steps: int | None, limits: Limits
 ) -> Config:
-    """Settings under which an earlier run goes on.
+    """Settings with which an earlier run continues.
 
     Parameters
     ----------
     earlier : Earlier
     asked : Config
-        The earlier run's settings, then what the user says.
+        The earlier run's settings, overridden by the user's options.
     steps : int, optional
-        What the user says of the steps in all.
+        Total number of steps that the user asks for.
     limits : Limits
 
     Returns
@@ -51,11 +51,11 @@ def config_to_go_on(
     Raises
     ------
     InputError
-        The user says something else than what the run was made with, or nothing to go on for.
+        The options contradict the earlier run's settings, or ask for nothing more.
     """
     where, before = earlier.folder, earlier.config
     for name, value, other in _differences(before, asked):
-        # Another path to the same library is as good; its digest is compared later.
+        # Another path may lead to the same library; digests are compared later.
         if name != "library" and name not in _OF_LENGTH:
             raise InputError(
                 f"{where}: holds a run with {name} = {value}, not {other}; leave that as it is, "
@@ -83,7 +83,7 @@ def config_to_go_on(
 
 
 def nothing_to_do(earlier: Earlier, limits: Limits) -> bool:
-    """Whether a run is as good as it is asked to become.
+    """Whether a run already has the quality that is asked for.
 
     Parameters
     ----------
@@ -98,20 +98,20 @@ def nothing_to_do(earlier: Earlier, limits: Limits) -> bool:
 
 
 def require_same_input(earlier: Earlier, clip_digest: str, library_digest: str, given: str) -> None:
-    """Refuse to go on with a run of something else.
+    """Refuse to continue a run of another clip, library or statements.
 
     Parameters
     ----------
     earlier : Earlier
     clip_digest, library_digest : str
-        Of what the command was given.
+        Digests of the inputs of the command.
     given : str
-        Statements as `imapper_prob.models.statements.to_json` has them; empty if none.
+        Statements as :func:`imapper_prob.models.statements.to_json` writes them; empty if none.
 
     Raises
     ------
     InputError
-        If clip, library or statements are not those of the run.
+        Clip, library or statements differ from those of the run.
     """
     found = {"clip": clip_digest, "library": library_digest}
     kept = {"clip": earlier.clip_digest, "library": earlier.library_digest}
@@ -129,7 +129,7 @@ def require_same_input(earlier: Earlier, clip_digest: str, library_digest: str, 
 
 
 def words_of_block(number: int, block: Block) -> str:
-    """A line on what is known after a block.
+    """A line on the quality reached after a block.
 
     Parameters
     ----------
@@ -169,19 +169,19 @@ def words_of_block(number: int, block: Block) -> str:
 
 
 def how_to_go_on(block: Block, options: argparse.Namespace) -> str:
-    """The command that makes a run better, and what to expect of it.
+    """The command that continues a run, and the expected time it needs.
 
     Parameters
     ----------
     block : Block
-        The last one.
+        The last block.
     options : argparse.Namespace
-        Of the command that was given, with its ``words``.
+        Options of the command that was given, with its ``words``.
 
     Returns
     -------
     str
-        A sentence, and the command on a line of its own.
+        A sentence, and the command on a separate line.
     """
     needed, verdict = block.seconds_to_good, block.verdict
     minutes = _USUAL if math.isnan(needed) else max(1, math.ceil(needed / 60))
@@ -199,7 +199,7 @@ def how_to_go_on(block: Block, options: argparse.Namespace) -> str:
 
 
 def _without_limits(words: Sequence[str]) -> Iterator[str]:
-    """The words of a command but for those that say how long, or to begin anew."""
+    """The words of a command without options on its length or on overwriting."""
     skip = False
     for word in words:
         name, given, _ = word.partition("=")
@@ -220,7 +220,7 @@ def _span(seconds: float) -> str:
 
 
 def _differences(before: Any, after: Any, name: str = "") -> Iterator[tuple[str, Any, Any]]:
-    """Names of settings that are not the same, with both values."""
+    """Names of settings that differ, with both values."""
     for entry in dataclasses.fields(before):
         one, other = getattr(before, entry.name), getattr(after, entry.name)
         if dataclasses.is_dataclass(one):

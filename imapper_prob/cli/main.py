@@ -1,4 +1,4 @@
-"""The parser, and what becomes of errors."""
+"""The parser of all commands, and the handling of errors."""
 
 from __future__ import annotations
 
@@ -31,13 +31,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Parameters
     ----------
     arguments : sequence of str, optional
-        Words after the program's name; those of the process if not given.
+        Arguments after the program's name; those of the process if not given.
 
     Returns
     -------
     int
-        0; 2 where the input or the arguments cannot be used; 130 after Ctrl-C, 143 after
-        SIGTERM.
+        0; 2 if the input or the arguments are invalid; 130 after Ctrl-C, 143 after SIGTERM.
     """
     given = list(sys.argv[1:] if arguments is None else arguments)
     options = command_parser().parse_args(given, argparse.Namespace(words=given))
@@ -59,7 +58,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 @contextmanager
 def _silent(*, quiet: bool) -> Iterator[None]:
-    """Nothing of a command on the terminal but warnings, which :func:`told` prints."""
+    """Suppress all output of a command except warnings, which :func:`told` prints."""
     if not quiet:
         yield
         return

@@ -1,4 +1,4 @@
-"""A parser that shows defaults, names near misses and takes no abbreviations."""
+"""A parser that shows defaults, suggests similar words and accepts no abbreviations."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from imapper_prob.models.text import readable
 __all__ = ["Parser", "commands_of", "examples"]
 
 _CLOSE: Final = 0.6
-"""Similarity, as difflib counts it, from which a word may have been meant."""
+"""Least similarity, by difflib's ratio, of a word that is suggested."""
 
 
 class Parser(argparse.ArgumentParser):
-    """An `argparse.ArgumentParser` for people who type.
+    """An `argparse.ArgumentParser` with short error messages and suggestions.
 
-    Without arguments a parser of commands prints its help. Errors are one line; an option, a
-    command or a choice that does not exist is answered by the one that comes close.
+    Without arguments, a parser of commands prints its help. Errors are one line; for an unknown
+    option, command or choice the message suggests a similar one.
 
     Parameters
     ----------
     **options
-        Those of `argparse.ArgumentParser`.
+        Options of `argparse.ArgumentParser`.
     """
 
     def __init__(self, **options: Any) -> None:
@@ -41,7 +41,7 @@ class Parser(argparse.ArgumentParser):
         args : sequence of str, optional
             Those of the process if not given.
         namespace : argparse.Namespace, optional
-            Where to put what is found.
+            Object that receives the parsed values.
 
         Returns
         -------
@@ -60,7 +60,7 @@ class Parser(argparse.ArgumentParser):
         return found, rest
 
     def _require_known(self, words: Iterable[str], *, before_command: bool) -> None:
-        """Name an option that does not exist before anything that is missing."""
+        """Report an unknown option before any missing argument."""
         known = [name for action in self._actions for name in action.option_strings]
         for word in words:
             if word == "--" or (before_command and not word.startswith("-")):
@@ -76,7 +76,7 @@ class Parser(argparse.ArgumentParser):
             raise argparse.ArgumentError(action, said)
 
     def error(self, message: str) -> NoReturn:
-        """Say it on one line, and end with status 2.
+        """Print the message on one line, and exit with status 2.
 
         Parameters
         ----------
@@ -91,7 +91,7 @@ def _meant(word: str, known: Iterable[str]) -> str:
 
 
 class _Help(argparse.RawDescriptionHelpFormatter):
-    """Help with the default of every option that has one."""
+    """Help that shows the default of every option that has one."""
 
     def _get_help_string(self, action: argparse.Action) -> str:
         text = action.help or ""
@@ -102,7 +102,7 @@ class _Help(argparse.RawDescriptionHelpFormatter):
 
 
 def examples(*lines: str) -> str:
-    """Commands to end a help with.
+    """Example commands for the end of a help text.
 
     Parameters
     ----------
@@ -112,7 +112,7 @@ def examples(*lines: str) -> str:
     Returns
     -------
     str
-        A line each, indented, below a heading.
+        Commands without the program's name.
     """
     return "\n".join(["examples:", *(f"  imapper-prob {line}" for line in lines)])
 

@@ -1,4 +1,4 @@
-"""``demo``, ``run`` and ``info``: scenes of a clip, sampled, written and shown again."""
+"""``demo``, ``run`` and ``info``: sample the scenes of a clip, write them and show them."""
 
 from __future__ import annotations
 
@@ -32,12 +32,12 @@ _DOTS_PER_INCH = 120
 
 
 def show_energy(folder: Path) -> None:
-    """Print what the first scene of a run costs; write ``energy.png`` and ``energy.json``.
+    """Print the energy terms of the first scene of a run; write ``energy.png`` and ``energy.json``.
 
     Raises
     ------
     InputError
-        If there is no run in the folder, or the disk refuses.
+        There is no run in the folder, or a file cannot be written.
     """
     from imapper_prob.cli.console import console
     from imapper_prob.files import written_whole
@@ -72,10 +72,10 @@ def show_energy(folder: Path) -> None:
 
 
 # ------------------------------------------------------------------------------------------------
-# ``demo``, ``run`` and ``info``: scenes of a clip, sampled, written and shown again.
+# ``demo``, ``run`` and ``info``.
 
 _DEMO_STEPS = 20_000
-"""Steps of a demo chain at each temperature: what fits, with all else, within a minute on two
+"""Steps of a demo chain at each temperature; the whole command then takes under a minute on two
 cores."""
 _STEPS = SampleSettings().steps
 
@@ -88,7 +88,7 @@ def add_run_commands(
     Parameters
     ----------
     commands : argparse._SubParsersAction
-        Of the program's parser.
+        The program's subparsers.
     shared : argparse.ArgumentParser
         Options that all commands have.
     """
@@ -168,7 +168,7 @@ def add_run_commands(
 
 
 def _sampling_options() -> argparse.ArgumentParser:
-    """What ``demo`` and ``run`` have in common."""
+    """Parser of the options that ``demo`` and ``run`` share."""
     sampling = argparse.ArgumentParser(add_help=False)
     sampling.add_argument(
         "-o", "--output", type=Path, required=True, metavar="DIR", help="folder of the run; made"
@@ -224,7 +224,7 @@ def _sampling_options() -> argparse.ArgumentParser:
 def _config(
     options: argparse.Namespace, base: Config | None = None, *, steps: int | None = None
 ) -> Config:
-    """The defaults or ``base``, then the file, then what the command line says."""
+    """Settings: the defaults or ``base``, then the file, then the command line."""
     config = base or Config()
     if options.config is not None:
         config = read_config(options.config)
@@ -259,7 +259,7 @@ def _run(options: argparse.Namespace) -> None:
         )
     if options.same_room and len(clips) == 1:
         raise InputError("--same-room: several takes are needed, and there is one clip")
-    # Of several takes a recording shows no pictures, for their frames are at one time.
+    # With several takes a recording shows no pictures, because their frames overlap in time.
     video = clips[0] if len(clips) == 1 and is_video(clips[0]) else None
     _begun_or_gone_on_with(
         options, lambda: same_room([clip_from(path, options) for path in clips]), video=video
@@ -273,7 +273,7 @@ def _begun_or_gone_on_with(
     steps: int | None = None,
     video: Path | None = None,
 ) -> None:
-    """Sample a clip into a folder, or go on with the run that is there."""
+    """Sample a clip into a folder, or continue the run that exists there."""
     from imapper_prob.cli.going_on import config_to_go_on, nothing_to_do, require_same_input
     from imapper_prob.clips.statements_file import read_statements
     from imapper_prob.models.statements import to_json
@@ -394,12 +394,12 @@ def _show(posterior: Posterior, folder: Path) -> None:
 
 
 def _print_json(folder: Path) -> None:
-    """``scenes.json`` of a run with what its file says of the run, as one document."""
+    """Print ``scenes.json`` of a run and attributes of its posterior file as one JSON document."""
     from imapper_prob.results.scenes_file import read_scenes
     from imapper_prob.uncertainty.checks import alarms, from_json
     from imapper_prob.uncertainty.tree import read_attributes
 
-    read_scenes(folder / "scenes.json")  # whole and of this version
+    read_scenes(folder / "scenes.json")  # checks that it is complete and of this version
     said = read_attributes(folder / "posterior.nc")
     run = {
         "folder": str(folder),
@@ -413,7 +413,7 @@ def _print_json(folder: Path) -> None:
 
 
 def _show_alarms(checks: Iterable[Check]) -> None:
-    """What speaks against the whole result, before anything else is said of it."""
+    """Print the checks that make the whole result doubtful, before the result."""
     from imapper_prob.cli.console import console
     from imapper_prob.uncertainty.checks import alarms
 

@@ -1,4 +1,4 @@
-"""``scenelets build | info | plot | record``: libraries made and looked at."""
+"""``scenelets build | info | plot | record``: make and show libraries."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def add_scenelet_commands(
     Parameters
     ----------
     commands : argparse._SubParsersAction
-        Of the program's parser.
+        The program's subparsers.
     shared : argparse.ArgumentParser
         Options that all commands have.
     """
@@ -175,7 +175,7 @@ def _describe(library: Library) -> None:
 
 
 def _check(paths: Iterable[Path], *, suffix: str, overwrite: bool) -> None:
-    """Refuse early what would fail or destroy something in the end."""
+    """Refuse invalid or existing output paths before anything is computed."""
     for path in paths:
         if path.suffix != suffix:
             raise InputError(f"{path}: the name must end in {suffix}")
@@ -187,7 +187,7 @@ def _check(paths: Iterable[Path], *, suffix: str, overwrite: bool) -> None:
 
 @contextmanager
 def _written(path: Path) -> Iterator[None]:
-    """Make the folder for a file; say in a sentence what the disk refuses."""
+    """Make the folder for a file; turn operating-system errors into input errors."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         yield

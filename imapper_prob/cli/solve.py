@@ -1,4 +1,4 @@
-"""``solve``: the deterministic scenes of a clip, and how the solver came to them."""
+"""``solve``: the deterministic scenes of a clip, and the stages of the solver."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def add_solve_command(
     Parameters
     ----------
     commands : argparse._SubParsersAction
-        Of the program's parser.
+        The program's subparsers.
     shared : argparse.ArgumentParser
         Options that all commands have.
     """
@@ -60,14 +60,14 @@ def add_solve_command(
 
 
 class StageClock:
-    """How long each stage took, seen from the progress it reports.
+    """Measure the duration of each stage from its progress reports.
 
-    A stage lasts from the report before its first one to its last.
+    A stage lasts from the report before its first one to its last one.
 
     Parameters
     ----------
     report : callable
-        Called with the name of a stage and the part of it that is done.
+        Called with the name of a stage and the fraction of it that is done.
     """
 
     def __init__(self, report: Callable[[str, float], None]) -> None:
@@ -76,7 +76,7 @@ class StageClock:
         self._seconds: dict[str, float] = {}
 
     def __call__(self, stage: str, part: float) -> None:
-        """Report progress, and note the time.
+        """Report progress, and add the time since the last report to the stage.
 
         Parameters
         ----------
@@ -91,7 +91,7 @@ class StageClock:
 
     @property
     def times(self) -> list[tuple[str, float]]:
-        """Stages in their order, and their seconds."""
+        """Stages in order, with their duration in seconds."""
         return list(self._seconds.items())
 
 

@@ -1,1 +1,1 @@
-"""Clips: what detectors, lifters and benchmarks leave in files, read into one type."""
+"""Clips: output files of detectors, lifters and benchmarks, read into one type."""

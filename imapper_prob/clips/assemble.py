@@ -1,7 +1,7 @@
-"""From raw detections to a clip: identities, confidences, camera, and what is missing.
+"""From raw detections to a clip: identities, confidences, camera, and missing values.
 
-Readers give :class:`RawDetections`: all people in all frames, in the detector's own pixels and
-scores. :func:`assemble` tells the people apart, maps scores to confidences, and adds the camera.
+Readers return :class:`RawDetections`: all people in all frames, with the detector's own pixels and
+scores. :func:`assemble` assigns identities, maps scores to confidences and adds the camera.
 """
 
 from __future__ import annotations
@@ -28,43 +28,43 @@ __all__ = ["CONFIDENCE_MAPS", "FARTHEST", "RawDetections", "assemble", "confiden
 
 Array = NDArray[np.float64]
 FARTHEST: Final = 1e6
-"""Pixels or metres beyond which a coordinate is damage: its square must still be a number."""
+"""Pixels or metres beyond which a coordinate counts as damaged; its square must stay finite."""
 
 
 @dataclass(frozen=True)
 class RawDetections:
-    """All people in all frames, in the detector's own pixels and scores.
+    """All people in all frames, with the detector's own pixels and scores.
 
     Parameters
     ----------
     name : str
-        Of the clip.
+        Name of the clip.
     map_name : str
-        Which of the maps of `confidence_maps` its scores want.
+        Name of the default confidence map for these scores, see :func:`confidence_map`.
     frames : (N,) int
-        In which frame each person was seen.
+        Frame number of each row, that is of each detected person.
     keypoints : (N, 16, 2) float
-        Pixels, or parts of the image where ``relative``; NaN where missing.
+        Pixels, or fractions of the image's width and height if ``relative``; NaN where missing.
     scores : (N, 16) float
-        In the detector's units; 0 where a joint is missing or made of others.
+        In the detector's units; 0 where a joint is missing or computed from other joints.
     span : (int, int)
-        First and last frame of the clip, people or not.
+        First and last frame of the clip, with or without people.
     poses : (N, 16, 3) float, optional
-        Lifted joints relative to the pelvis, camera axes, metres; NaN for those without.
+        Lifted joints relative to the pelvis, camera axes, metres; NaN for people without a pose.
     along_ray : bool
-        Whether poses are as a camera turned towards the person would see them.
+        Whether poses are in the axes of a camera turned towards the person, not of the real camera.
     identities : (N,) str, optional
-        Track names, where the program gave any.
+        Track names, if the detector tracked people.
     relative : bool
-        Whether keypoints are parts of the image's width and height.
+        Whether keypoints are fractions of the image's width and height.
     size : (int, int), optional
-        Width and height of the image in pixels, where the files say.
+        Width and height of the image in pixels, if the files state it.
     fps : float, optional
-        Frames a second, where the files say.
+        Frames a second, if the files state it.
     likely_focal : float, optional
-        Focal length in pixels, where the files have an idea of it.
+        Estimate of the focal length in pixels, if the files allow one.
     missing : tuple of str
-        Joints that this kind of file never has.
+        Joints that this file format never contains.
     """
 
     name: str
@@ -105,37 +105,37 @@ class RawDetections:
 
 
 # ------------------------------------------------------------------------------------------------
-# Scores to confidences.
+# Maps from scores to confidences.
 #
-# The detection tables (``calibration.md``) were counted on one detector. Scores of another
-# mean something else, and are put on that scale first by a monotone map, one for each source.
+# The detection tables (``calibration.md``) were measured with one detector. Scores of other
+# detectors have another meaning; a monotone map for each source converts them to that scale first.
 
 Knots = tuple[tuple[float, float], ...]
 Map = Callable[[ArrayLike], Array]
 CONFIDENCE_MAPS: Final[dict[str, Knots]] = {
-    # Values are confidences already.
+    # The values are confidences already.
     "identity": ((0.0, 0.0), (1.0, 1.0)),
-    # Peaks of OpenPose's heat maps: .6 to .8 on joints in full view (fixtures: median .63),
-    # where the tables expect .8 to .9; below .05 the program itself drops a point.
+    # Peaks of OpenPose's heat maps: .6 to .8 on joints in full view (fixtures: median .63), where
+    # the tables expect .8 to .9. OpenPose itself drops points below .05.
     "openpose": ((0.0, 0.0), (0.05, 0.02), (0.3, 0.5), (0.6, 0.82), (0.8, 0.88), (1.0, 0.95)),
-    # Scores of MMPose, RTMPose and AlphaPose: no probabilities, and beyond 1 at times; their
-    # own programs draw points from .3.
+    # Scores of MMPose, RTMPose and AlphaPose are not probabilities and can exceed 1. Their own
+    # programs draw points from .3.
     "mmpose": ((0.0, 0.0), (0.1, 0.02), (0.3, 0.5), (0.6, 0.82), (0.9, 0.88), (1.2, 0.95)),
-    # MediaPipe's visibility is high on hidden joints too. On three clips joints in plain view have
-    # .75 and more, a leg behind the other .5 to .7. It ends where the tables hardly speak for
-    # "seen" (.79: 1.2 to 1).
+    # MediaPipe's visibility is high on hidden joints too. On three clips, joints in plain view have
+    # .75 and more, and a leg behind the other .5 to .7. The map ends at .79, where the tables
+    # hardly favour "seen" (1.2 to 1).
     "mediapipe": ((0.0, 0.02), (0.1, 0.05), (0.5, 0.15), (0.75, 0.5), (0.9, 0.72), (1.0, 0.79)),
 }
-"""Knots (score, confidence) of piecewise linear maps; outside of them the ends hold. All but
-the first are judgement, for want of data with hidden joints marked. ``cpm`` is the fifth map,
-:func:`_heat`."""
+"""Knots (score, confidence) of piecewise linear maps, constant outside the knots. All but the first
+are chosen by judgement, because no data with marked hidden joints were available. There is a fifth
+map, ``cpm``: :func:`_heat`."""
 _HEAT_GAIN: Final = 5000.0
 _HEAT_OFFSET: Final = -9.5
-"""Logistic map that the authors of i3DB use for raw heat of convolutional pose machines."""
+"""Gain and offset of the logistic map of i3DB's authors for raw heat values of CPM detectors."""
 
 
 def confidence_map(name: str) -> Map:
-    """A map by its name, or from knots written out.
+    """Look up a confidence map by name, or make one from knots given as text.
 
     Parameters
     ----------
@@ -146,13 +146,13 @@ def confidence_map(name: str) -> Map:
     Returns
     -------
     callable
-        Takes scores of any shape to confidences in [0, 1]. What is not above 0 stays a
-        missing joint.
+        Maps scores of any shape to confidences in [0, 1]. A joint whose score is not above 0 stays
+        missing.
 
     Raises
     ------
     InputError
-        There is no such map, or it does not ascend.
+        The name is unknown, or the knots do not ascend.
     """
     if name == "cpm":
         return _heat
@@ -193,13 +193,13 @@ def _written_out(text: str) -> Knots:
 
 _log = logging.getLogger(__name__)
 _FRAME_RATE: Final = 30.0
-"""Frames a second, where nobody says: what cameras and phones record at."""
+"""Frames a second if neither files nor user say; usual for cameras and phones."""
 
 
 def assemble(sightings: RawDetections, options: ClipOptions) -> Clip:
-    """A clip of all that was seen.
+    """Build a clip from raw detections.
 
-    Poses stay NaN where the files have none; a lifter comes later.
+    Poses stay NaN if the files have none; lifting is a later step.
 
     Parameters
     ----------
@@ -213,7 +213,7 @@ def assemble(sightings: RawDetections, options: ClipOptions) -> Clip:
     Raises
     ------
     InputError
-        Nobody was seen, or size or frame rate contradict each other.
+        Nobody was detected, or image sizes or frame rates contradict each other.
     """
     name = sightings.name
     sightings = _without_empty_rows(sightings)
@@ -247,7 +247,7 @@ def assemble(sightings: RawDetections, options: ClipOptions) -> Clip:
 
 
 def _without_empty_rows(sightings: RawDetections) -> RawDetections:
-    """Detectors list people of whom they then report no joint."""
+    """The detections without rows that have no detected joint."""
     full: NDArray[np.bool_] = np.any(sightings.scores > 0, axis=1)
     if not full.any():
         raise InputError(f"{sightings.name}: no person with a detected joint in any frame")
@@ -279,9 +279,9 @@ def _size(sightings: RawDetections, options: ClipOptions) -> tuple[int, int]:
 
 
 def _turned_back(camera: Camera, keypoints: Array, poses: Array) -> Array:
-    """Poses (N, 16, 3) seen along the ray to the trunk, in the axes of the camera.
+    """Poses (N, 16, 3) in camera axes, from poses in axes along the ray to the trunk.
 
-    The least rotation that takes the optical axis to that ray.
+    The rotation is the smallest one that takes the optical axis to that ray.
     """
     trunk = keypoints[:, [RHIP, LHIP, RSHO, LSHO]]
     there: NDArray[np.bool_] = np.all(np.isfinite(trunk), axis=-1)
@@ -308,7 +308,7 @@ def _rows_of_tracks(
     options: ClipOptions,
     size: tuple[int, int],
 ) -> dict[str, NDArray[np.intp]]:
-    """The rows of each track by its name, in order of frames."""
+    """Row indices of each track by its name, in order of frames."""
     half_diagonal = float(np.hypot(*size)) / 2 if options.tracker == "paper" else None
     if options.marks is not None:
         return _marked(sightings, keypoints, confidences, options.marks, half_diagonal)
@@ -327,7 +327,7 @@ def _rows_of_tracks(
 
 
 def _named(sightings: RawDetections, people: int | None) -> dict[str, NDArray[np.intp]]:
-    """As the program says that made the files; the longest tracks where there are too many."""
+    """Tracks as the detector names them; only the longest if there are more than ``people``."""
     labels = np.array(sightings.identities)
     found = {str(who): np.flatnonzero(labels == who) for who in np.unique(labels)}
     longest = sorted(found, key=lambda who: -len(found[who]))[:people]
@@ -341,7 +341,7 @@ def _marked(
     marks: Marks,
     half_diagonal: float | None,
 ) -> dict[str, NDArray[np.intp]]:
-    """As the user says, and what follows from that."""
+    """Tracks that agree with the user's marks, by constrained association."""
     try:
         rows = rows_of_marks(marks, sightings.frames, keypoints)
         actors = associate(

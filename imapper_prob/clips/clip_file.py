@@ -1,6 +1,6 @@
-"""The clip file of this program: one ``.npz`` that holds everything a clip holds.
+"""The program's own clip file: one ``.npz`` that holds everything a clip holds.
 
-The file is a plain numpy archive, without pickled objects, so any tool can write one:
+The file is a plain numpy archive without pickled objects, so any tool can write one:
 
 ============================  ==================  =============================================
 entry                         shape               meaning
@@ -8,8 +8,8 @@ entry                         shape               meaning
 ``format``                    ()                  ``"imapper-prob clip 1"``
 ``name``                      ()                  text
 ``fps``                       ()                  frames a second
-``focal_spread``              ()                  by what part f may be wrong, one standard
-                                                  deviation; older files have ``focal_known``
+``focal_spread``              ()                  standard deviation of the log focal length;
+                                                 older files have ``focal_known`` instead
 ``camera``                    (9,)                width, height, fx, fy, cx, cy (pixels),
                                                   pitch, roll (radians), elevation (metres)
 ``frame_ids``                 (T,) int            the input's own frame numbers
@@ -17,14 +17,14 @@ entry                         shape               meaning
 ``keypoints``                 (A, T, 16, 2)       pixels; NaN where there is none
 ``confidences``               (A, T, 16)          in [0, 1]
 ``poses``                     (A, T, 16, 3)       metres, camera axes, relative to the pelvis
-``interpolated``              (A, T) bool         poses that the input had filled in
+``interpolated``              (A, T) bool         poses that the input had interpolated
 ============================  ==================  =============================================
 
-A file with truth also has ``truth_camera`` (9,), ``truth_joints`` (R, 16, 3), ``truth_hidden``
-(R, 16), ``truth_actions`` (R or 0,), ``object_labels`` (K,), ``object_placements`` (K, 3), and its
-boxes one after the other: ``cuboid_owners`` (C,) int index of the object, ``cuboid_parts`` (C,),
-``cuboid_boxes`` (C, 6) centre and size. R is T, where the first actor's motion is known, or A T,
-everybody's one after the other.
+A file with ground truth also has ``truth_camera`` (9,), ``truth_joints`` (R, 16, 3),
+``truth_hidden`` (R, 16), ``truth_actions`` (R or 0,), ``object_labels`` (K,) and
+``object_placements`` (K, 3). Its boxes are concatenated: ``cuboid_owners`` (C,) int index of the
+object, ``cuboid_parts`` (C,), ``cuboid_boxes`` (C, 6) centre and size. R is T if only the first
+actor's motion is known, or A T with all actors concatenated.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ __all__ = ["FORMAT", "clip_of", "pack_clip", "read_clip", "write_clip"]
 
 
 FORMAT: Final = "imapper-prob clip 1"
-"""First entry of the file; the number rises when a reader of old files would go wrong."""
+"""First entry of the file; the number increases when old readers would misread a new file."""
 
 _DAMAGE: Final = (
     OSError,
@@ -67,23 +67,23 @@ _DAMAGE: Final = (
     zipfile.BadZipFile,
     zlib.error,
 )
-"""What numpy and zipfile raise on damaged archives, by trial."""
+"""Exceptions that numpy and zipfile raise on damaged archives, found by trial."""
 
 
 def write_clip(path: str | Path, clip: Clip) -> None:
-    """Write a clip to a file, whole or not at all.
+    """Write a clip to a file, atomically.
 
     Parameters
     ----------
     path : path
         Ends in ``.npz``.
     clip : Clip
-        Its truth is written too where it has one.
+        The clip; its ground truth is written too if it has one.
 
     Raises
     ------
     InputError
-        The name of the file does not end in ``.npz``, or it cannot be written.
+        The file name does not end in ``.npz``, or the file cannot be written.
 
     Examples
     --------
@@ -100,7 +100,7 @@ def write_clip(path: str | Path, clip: Clip) -> None:
 
 
 def pack_clip(clip: Clip) -> Arrays:
-    """A clip as the arrays of the module's description.
+    """Convert a clip to the arrays listed in the module's description.
 
     Parameters
     ----------
@@ -129,7 +129,7 @@ def pack_clip(clip: Clip) -> Arrays:
 
 
 def read_clip(path: str | Path) -> Clip:
-    """Read a clip that :func:`write_clip`, or any tool that keeps to the format, wrote.
+    """Read a clip file in the format of :func:`write_clip`.
 
     Parameters
     ----------
@@ -142,20 +142,20 @@ def read_clip(path: str | Path) -> Clip:
     Raises
     ------
     InputError
-        The file is missing, damaged, of another version, or its content is no clip.
+        The file is missing, damaged, of another version, or does not hold a valid clip.
     """
     path = Path(path)
     return clip_of(_load(path), path)
 
 
 def clip_of(arrays: Arrays, path: Path) -> Clip:
-    """A clip again, from the arrays of :func:`pack_clip`.
+    """Convert the arrays of :func:`pack_clip` back to a clip.
 
     Parameters
     ----------
     arrays : mapping of str to array
     path : Path
-        For messages.
+        Path named in error messages.
 
     Returns
     -------
@@ -197,7 +197,7 @@ def clip_of(arrays: Arrays, path: Path) -> Clip:
 
 
 def _load(path: Path) -> Arrays:
-    """All entries of the archive; none is ever unpickled."""
+    """All entries of the archive, read without unpickling."""
     try:
         with path.open("rb") as file:
             refuse_bombs(file)
@@ -218,7 +218,7 @@ def _entry(
     shape: tuple[int | None, ...],
     kind: str,
 ) -> NDArray[Any]:
-    """One entry after checking its shape (``None``: any length) and kind of dtype."""
+    """One entry, with its shape (``None``: any length) and kind of dtype checked."""
     if name not in arrays:
         raise InputError(f"{path}: no entry {name!r}; see the description of the format")
     array = arrays[name]
@@ -235,7 +235,7 @@ def _entry(
 
 
 def _focal_spread(path: Path, arrays: Arrays) -> float:
-    """As it is, or as older versions took it, which wrote only whether f was measured."""
+    """Spread of the focal length; for older files derived from whether it was measured."""
     if "focal_spread" in arrays:
         return float(_entry(path, arrays, "focal_spread", (), "f"))
     return MEASURED_FOCAL if bool(_entry(path, arrays, "focal_known", (), "b")) else 0.05
@@ -268,7 +268,7 @@ def _truth_arrays(truth: Truth) -> Arrays:
 
 
 def _truth(path: Path, arrays: Arrays, possible: tuple[int, int]) -> Truth:
-    """The truth, of the first actor or of everybody: that many rows."""
+    """The ground truth, of the first actor or of all actors; ``possible`` are the row counts."""
     joints = _entry(path, arrays, "truth_joints", (None, 16, 3), "f")
     if len(joints) not in possible:
         raise InputError(

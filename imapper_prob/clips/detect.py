@@ -1,7 +1,7 @@
-"""From a video to a clip: joints found by MediaPipe with the weights in its wheel.
+"""From a video to a clip: joints detected by MediaPipe with the weights in its wheel.
 
-:func:`detect` decodes the video, checks that its camera stands still, and assembles a clip;
-:func:`contact_sheet` shows what was found.
+:func:`detect` decodes the video, checks that its camera does not move, and assembles a clip.
+:func:`contact_sheet` draws the detections.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ __all__ = ["Detector", "contact_sheet", "detect", "usual_step"]
 
 
 class Detector(Protocol):
-    """Whatever finds somebody in an image.
+    """A function that detects one person in an image.
 
     Parameters
     ----------
@@ -44,23 +44,23 @@ class Detector(Protocol):
 
 @contextmanager
 def _pose_landmarker() -> Iterator[Detector]:
-    """A detector that follows the person from frame to frame.
+    """MediaPipe's pose detector, which tracks the person from frame to frame.
 
     Raises
     ------
     InputError
         MediaPipe is not installed.
     """
-    os.environ.setdefault("GLOG_minloglevel", "2")  # its own reports on threads and delegates
+    os.environ.setdefault("GLOG_minloglevel", "2")  # silences its log messages
     solution = needs("mediapipe").solutions.pose.Pose(
         static_image_mode=False,
-        model_complexity=1,  # the one whose weights are in the wheel
+        model_complexity=1,  # the model whose weights are in the wheel
         smooth_landmarks=True,
     )
 
     def detect(frame: int, image: NDArray[np.uint8]) -> Landmarks | None:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # its messages to protobuf are old-fashioned
+            warnings.simplefilter("ignore")  # it calls deprecated functions of protobuf
             found = solution.process(image)
         if found.pose_landmarks is None:
             return None
@@ -86,24 +86,24 @@ def _world(found: Any) -> NDArray[np.float64] | None:
 _ACROSS: Final = 3
 _DOWN: Final = 2
 _WIDTH: Final = 640
-"""Pixels of a frame on the sheet."""
+"""Width in pixels of each frame on the sheet."""
 _COLOURS: Final = {"R": (242, 142, 43), "L": (78, 121, 167)}
-"""Orange for the right side of the body, blue for the left; red and green look alike to many."""
+"""Orange for the body's right side, blue for its left; red and green are often confused."""
 _MIDDLE: Final = (186, 176, 172)
 _DOUBTFUL: Final = 0.5
 """Confidence below which a bone is drawn thin."""
 
 
 def contact_sheet(video: Video, clip: Clip, *, first: int, step: int) -> Image.Image:
-    """Six frames, evenly over the clip.
+    """Draw the detections of six frames, evenly spaced over the clip.
 
     Parameters
     ----------
     video : Video
     clip : Clip
-        What was found in it.
+        The detections in that video.
     first, step : int
-        Frame of the video that is the first of the clip, and from one to the next.
+        Video frame that is the clip's first frame, and step between clip frames in the video.
 
     Returns
     -------
@@ -141,15 +141,15 @@ def _draw(picture: Image.Image, track: Track, frame: int) -> None:
 Progress = Callable[[str, float], None]
 _log = logging.getLogger(__name__)
 _RATE: Final = 10.0
-"""Frames a second that are enough: the constants of the model were measured at ten."""
+"""Target frame rate in frames a second, at which the model's constants were measured."""
 _LOOKS: Final = 12
-"""Frames at which the background is compared."""
+"""Number of frames in which the background is compared."""
 _OUTSIDE: Final = 0.02
-"""Share of the image beyond its edge where a joint is not in the picture, whatever is said."""
+"""Fraction of the image beyond its edge from which on a joint counts as outside the picture."""
 
 
 def usual_step(fps: float) -> int:
-    """Every how many frames there are ten a second, or a few more.
+    """Frame step that gives ten frames a second, or slightly more.
 
     Parameters
     ----------
@@ -180,25 +180,25 @@ def detect(
     path : path
         Any video that FFmpeg reads, of a fixed camera and one person.
     options : ClipOptions, optional
-        Camera; without, the focal length is assumed.
+        Camera; the focal length is assumed if not given.
     start, end : float
-        Seconds between which to look; to the end if not given.
+        First and last second to process; to the end of the video if not given.
     step : int, optional
-        Take every n-th frame; :func:`usual_step` if not given.
+        Process every n-th frame; :func:`usual_step` if not given.
     detector : Detector, optional
         MediaPipe if not given.
     progress : callable, optional
-        Called with what is done and the part of it that is.
+        Called with the name of a stage and the fraction of it that is done.
 
     Returns
     -------
     Clip
-        With the lifted poses of the detector.
+        Has the lifted poses of the detector.
 
     Raises
     ------
     InputError
-        It is no video, the camera moved, or nobody was found.
+        The file is no video, the camera moves, or nobody was detected.
     """
     options = options or ClipOptions()
     video = open_video(path)
@@ -242,7 +242,7 @@ def _look(
     step: int,
     progress: Progress | None,
 ) -> tuple[list[Landmarks], int, list[NDArray[np.float64]]]:
-    """People found, the number of the last frame looked at, and thumbnails over the clip."""
+    """Detected people, number of the last frame processed, and thumbnails over the clip."""
     total = max(1, (min(after or video.n_frames, video.n_frames) - first) // step)
     every = max(1, total // _LOOKS)
     found: list[Landmarks] = []
@@ -263,7 +263,7 @@ def _look(
 
 
 def _within(person: Landmarks) -> Landmarks:
-    """Landmarks outside of the picture are guesses, however visible they are said to be."""
+    """The landmarks with visibility 0 outside the picture, where the detector only guesses."""
     inside = ((person.image >= -_OUTSIDE) & (person.image <= 1 + _OUTSIDE)).all(-1)
     return replace(person, visibility=np.where(inside, person.visibility, 0.0))
 

@@ -1,7 +1,7 @@
-"""Furniture in files of others: category names, measured boxes, and flat arrays.
+"""Furniture from other programs' files: category names, measured boxes, and flat arrays.
 
-Labels are mapped to the program's own categories, because scenelets of several libraries meet in
-one posterior: a sofa of one and a couch of another could not share a place there.
+Labels are mapped to the program's own categories, because scenelets of several libraries are used
+in one posterior: one library's sofa and another's couch must have the same label there.
 """
 
 from __future__ import annotations
@@ -42,13 +42,13 @@ _NO_FURNITURE: Final = frozenset({
     "", "unknown", "unlabeled", "unlabelled", "unannotated", "none", "other", "remove",
     "floor", "wall", "ceiling", "room", "door", "window", "pillar", "beam", "stairs", "person",
 })  # fmt: skip
-"""Labels of scans that say nothing, or that mean the room itself."""
+"""Labels in scans that carry no information or that denote the room itself."""
 
 
 def category(label: str) -> str | None:
-    """Our word for a label; ``None`` where it is no furniture.
+    """The program's category for a label, or ``None`` if the label is not furniture.
 
-    Case, underscores and hyphens do not matter; a word that is not known stays what it is.
+    Case, underscores and hyphens are ignored; unknown labels are only normalised.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ def category(label: str) -> str | None:
 
 
 def left_out(labels: Iterable[str]) -> str:
-    """Half a sentence that counts what was left out, by label.
+    """Message that counts, by label, the objects left out.
 
     Parameters
     ----------
@@ -74,7 +74,7 @@ def left_out(labels: Iterable[str]) -> str:
     Returns
     -------
     str
-        Empty if there is none.
+        Its parentheses are empty if ``labels`` is.
     """
     counts = Counter(label or "without a label" for label in labels)
     listed = ", ".join(f"{n} {label}" for label, n in counts.most_common())
@@ -94,7 +94,7 @@ class MeasuredBox:
     Parameters
     ----------
     part : str
-        What it is of its object.
+        Name of the part of its object.
     centre : (3,) float
         World, metres, floor at z = 0.
     size : (3,) float
@@ -115,10 +115,10 @@ class MeasuredBox:
 
 
 def upright_object(label: str, boxes: Sequence[MeasuredBox], yaw: float) -> SceneObject:
-    """One piece of furniture whose local +y axis, its front, points along ``yaw``.
+    """A piece of furniture whose local +y axis, its front, points along ``yaw``.
 
-    Boxes keep their size and place. They are turned by the few degrees that part them from
-    the nearest multiple of a right angle, because all boxes of an object share its axes.
+    Boxes keep their size and place. Each is rotated by the few degrees to the nearest multiple of a
+    right angle, because all boxes of an object share its axes.
 
     Parameters
     ----------
@@ -151,13 +151,13 @@ def upright_object(label: str, boxes: Sequence[MeasuredBox], yaw: float) -> Scen
 
 
 # ------------------------------------------------------------------------------------------------
-# Flat arrays, the same in every file that holds furniture.
+# Flat arrays, the same in every file that contains furniture.
 #
 # ====================  =============  ========================================================
 # ``object_label``      (O,) text      category
 # ``object_placement``  (O, 3) number  x, y in metres, yaw in radians (+y is the front)
-# ``cuboid_object``     (K,) index     which object a cuboid belongs to, ascending
-# ``cuboid_part``       (K,) text      what it is of the object
+# ``cuboid_object``     (K,) index     index of the object a cuboid belongs to, ascending
+# ``cuboid_part``       (K,) text      name of the part of the object
 # ``cuboid_centre``     (K, 3) number  metres, frame of the object
 # ``cuboid_size``       (K, 3) number  full side lengths, metres
 # ====================  =============  ========================================================
@@ -170,11 +170,11 @@ FURNITURE_SHAPES: Final[Shapes] = {
     "cuboid_centre": ("number", "cuboid_object", 3),
     "cuboid_size": ("number", "cuboid_object", 3),
 }
-"""For :func:`~imapper_prob.clips.parsing.check_shapes`."""
+"""Expected entries, for :func:`~imapper_prob.clips.parsing.check_shapes`."""
 
 
 def pack_furniture(objects: Sequence[SceneObject]) -> Arrays:
-    """Objects as the arrays of the module's description.
+    """Convert objects to the flat arrays described above.
 
     Parameters
     ----------
@@ -197,7 +197,7 @@ def pack_furniture(objects: Sequence[SceneObject]) -> Arrays:
 
 
 def unpack_furniture(arrays: Arrays) -> list[SceneObject]:
-    """Objects again, from arrays whose shapes were checked.
+    """Convert arrays whose shapes were checked back to objects.
 
     Parameters
     ----------
@@ -210,7 +210,7 @@ def unpack_furniture(arrays: Arrays) -> list[SceneObject]:
     Raises
     ------
     InputError
-        A cuboid belongs to no object, or an object is none.
+        A cuboid belongs to no object, or an object is invalid.
     """
     labels, owners = arrays["object_label"], arrays["cuboid_object"]
     check_owners(arrays, "cuboid_object", "object_label")
@@ -232,21 +232,21 @@ def unpack_furniture(arrays: Arrays) -> list[SceneObject]:
 
 
 def check_owners(arrays: Arrays, key: str, owners: str) -> None:
-    """Whether the indices ``key`` point at entries of ``owners``, in ascending order.
+    """Check that the indices ``key`` refer to entries of ``owners``, in ascending order.
 
     Parameters
     ----------
     arrays : mapping of str to array
     key : str
-        Name of the indices.
+        Name of the array of indices.
     owners : str
-        Name of what they point at.
+        Name of the array they refer to.
 
 
     Raises
     ------
     InputError
-        If they point elsewhere.
+        An index is out of range or out of order.
     """
     index = arrays[key]
     if ((index < 0) | (index >= len(arrays[owners]))).any():

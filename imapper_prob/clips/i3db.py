@@ -1,4 +1,4 @@
-"""Clips of the i3DB benchmark (Monszpart et al. 2019), as its files lie on disk.
+"""Clips of the i3DB benchmark (Monszpart et al. 2019), read from its files on disk.
 
 A scene is a folder with ``intrinsics.json``, ``skel_<name>_2d_00.json`` (detections),
 ``skel_<name>_unannot.json`` (lifted poses) and, for evaluation only, ``gt/``.  The files
@@ -49,26 +49,26 @@ __all__ = ["ACTIONS", "DETECTIONS", "action_words", "read_i3db", "read_i3db_trut
 Array = NDArray[np.float64]
 
 DETECTIONS: Final = "skel_*_2d_00.json"
-"""Pattern of the file by which a folder is known to be of this format."""
+"""Pattern of the file that identifies a folder of this format."""
 
 ACTIONS: Final = "actions.txt"
-"""File in ``gt/`` that says what is done in each frame."""
+"""File in ``gt/`` that names the action in each frame."""
 
 _IMAGE_SIZE: Final = (1920, 1080)
 """Width and height in pixels of every i3DB video; no file states them."""
 _DETECTION_LINES: Final = 368
-"""Lines of the shrunken image (654 x 368) that the 2D detector saw."""
+"""Height in pixels of the reduced image (654 x 368) that the 2D detector processed."""
 _FRAME_RATE: Final = 10.0
-"""Frames a second, where ``video_params.json`` does not say."""
+"""Frames a second if ``video_params.json`` does not say."""
 _NOMINAL_PITCH: Final = np.deg2rad(-4.0)
-"""Mean tilt of the benchmark's cameras in radians; its ``ground_rot`` is 0 and wrong."""
+"""Mean pitch of the benchmark's cameras in radians; the files' ``ground_rot`` is 0 and wrong."""
 _NOMINAL_ELEVATION: Final = 1.5
-"""Metres; a camera on a tripod or held at chest height."""
+"""Camera height in metres: on a tripod or held at chest height."""
 _RAW_CONFIDENCE_LIMIT: Final = 0.05
-"""A file whose largest confidence is below this holds raw heat values; its own flag lies."""
+"""Largest confidence below which a file holds raw heat values; its own flag is unreliable."""
 _RAW_CONFIDENCE_GAIN: Final = 5000.0
 _RAW_CONFIDENCE_OFFSET: Final = -9.5
-"""Logistic map that takes heat values of convolutional pose machines to confidences."""
+"""Logistic map from heat values of convolutional pose machines to confidences."""
 
 
 def read_i3db(folder: str | Path) -> Clip:
@@ -77,18 +77,18 @@ def read_i3db(folder: str | Path) -> Clip:
     Parameters
     ----------
     folder : path
-        ``Scene04`` and the like.
+        Scene folder such as ``Scene04``.
 
     Returns
     -------
     Clip
-        Frames from the first to the last detection; frames the detector lost have NaN
-        keypoints and confidence 0, frames without a lifted pose have NaN poses.
+        Frames from the first to the last detection. Frames without a detection have NaN keypoints
+        and confidence 0; frames without a lifted pose have NaN poses.
 
     Raises
     ------
     InputError
-        A file is missing, damaged, or holds something other than the format says.
+        A file is missing, damaged, or does not follow the format.
     """
     folder = Path(folder)
     detections_path = _only(folder, DETECTIONS)
@@ -140,22 +140,22 @@ def read_i3db(folder: str | Path) -> Clip:
 
 
 def read_i3db_truth(folder: str | Path, clip: Clip) -> Truth:
-    """Read what the benchmark knows about a scene. For evaluation, never for inference.
+    """Read the ground truth of a scene, for evaluation and never for inference.
 
     Parameters
     ----------
     folder : path
-        The scene's folder; the files lie in its ``gt/``.
+        The scene's folder; the files are in its ``gt/``.
     clip : Clip
-        What :func:`read_i3db` made of the same folder.
+        Result of :func:`read_i3db` for the same folder.
 
     Returns
     -------
     Truth
-        In a world of its own: pitch and roll of the camera are those that make the
-        annotated furniture stand upright, and its elevation puts the median piece on the
-        floor.  Joints are NaN and ``hidden`` false on odd frames, which nobody annotated.
-        Frames without an action have an empty word.
+        In a world frame of its own. Pitch and roll of the camera are those that make the annotated
+        furniture stand upright, and its elevation puts the median piece on the floor. Joints are
+        NaN and ``hidden`` is false on odd frames, which are not annotated. Frames without an action
+        have an empty word.
 
     Raises
     ------
@@ -184,7 +184,7 @@ def read_i3db_truth(folder: str | Path, clip: Clip) -> Truth:
         objects=tuple(_object(parts, camera) for parts in objects),
         joints=joints,
         hidden=hidden,
-        # The remark in brackets is not the action.
+        # The remark in brackets is not part of the action.
         actions=tuple(
             word.partition("(")[0].strip()
             for word in action_words(truth_folder / ACTIONS, clip.n_frames)
@@ -204,13 +204,13 @@ class _Part:
 
 
 def _camera_axes(points: ArrayLike) -> Array:
-    """The files' x right, y down, z forward to our x right, y forward, z up: (..., 3)."""
+    """(..., 3) points with the files' x right, y down, z forward to x right, y forward, z up."""
     x, y, z = np.moveaxis(np.asarray(points, float), -1, 0)
     return np.stack([x, z, -y], -1)
 
 
 def _only(folder: Path, pattern: str) -> Path:
-    """The one file of ``folder`` that matches ``pattern``."""
+    """The only file in ``folder`` that matches ``pattern``."""
     if not folder.is_dir():
         raise InputError(f"{folder}: no such folder")
     found = sorted(folder.glob(pattern))
@@ -251,7 +251,7 @@ def _frame_rate(path: Path) -> float:
 
 
 def _confidences(path: Path, data: Any, frames: list[int]) -> dict[int, Array]:
-    """(16,) confidences in [0, 1] by frame; PELV and NECK, which nobody detected, have 0."""
+    """(16,) confidences in [0, 1] by frame; 0 for PELV and NECK, which are not detected."""
     values = field(path, data, "confidence", "values")
     if not isinstance(values, list) or len(values) != len(frames):
         count = len(values) if isinstance(values, list) else "no list of"
@@ -282,7 +282,7 @@ def _confidences(path: Path, data: Any, frames: list[int]) -> dict[int, Array]:
 
 
 def _parts_by_object(path: Path, data: Any) -> list[list[_Part]]:
-    """The boxes that ``scenelets.obbs`` lists; other files beside them are leftovers."""
+    """The boxes listed in ``scenelets.obbs``, grouped by object; unlisted files are ignored."""
     listed = field(path, data, "scenelets", "obbs")
     if not isinstance(listed, list) or not listed:
         raise InputError(f"{path}: 'scenelets.obbs' lists no objects")
@@ -317,9 +317,9 @@ def _parts_by_object(path: Path, data: Any) -> list[list[_Part]]:
 
 
 def _upright_camera(camera: Camera, objects: list[list[_Part]]) -> Camera:
-    """The camera in the world where the furniture stands upright on the floor.
+    """The camera in the world frame in which the furniture stands upright on the floor.
 
-    Medians, because some backrests lean and some legs are annotated through the floor.
+    Medians are used because some backrests lean and some legs are annotated through the floor.
     """
     upward = np.median([part.axes[:, 2] for parts in objects for part in parts], axis=0)
     right, forward, up = upward / np.linalg.norm(upward)
@@ -334,10 +334,10 @@ def _upright_camera(camera: Camera, objects: list[list[_Part]]) -> Camera:
 
 
 def _object(parts: list[_Part], camera: Camera) -> SceneObject:
-    """Parts of one object as upright boxes.
+    """One object from its annotated parts, as upright boxes.
 
-    The part with the largest footprint (seat, table top, board) says where the front is:
-    its second axis points to the backrest or the wall.
+    The part with the largest footprint (seat, table top, board) gives the front: its second axis
+    points to the backrest or the wall.
     """
     boxes = []
     for part in parts:
@@ -356,20 +356,20 @@ def _object(parts: list[_Part], camera: Camera) -> SceneObject:
 
 
 def action_words(path: Path, n_frames: int) -> tuple[str, ...]:
-    """The annotators' words for each frame, as ``"standing(from sitting)"``.
+    """The annotated action of each frame, such as ``"standing(from sitting)"``.
 
-    The file counts frames from its own first number; it may be missing.
+    The file numbers frames from its own first number; it may be missing.
 
     Parameters
     ----------
     path : Path
-        Of the file of actions.
+        Path of the file of actions.
     n_frames : int
 
     Returns
     -------
     tuple of str
-        A word a frame, or empty.
+        One word a frame, or empty if there is no file.
 
     Raises
     ------

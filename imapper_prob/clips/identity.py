@@ -1,4 +1,4 @@
-"""Identity labels given by a user, and a picture of who is who.
+"""Identity marks given by a user, and a figure of the tracks.
 
 ::
 
@@ -6,8 +6,8 @@
      "marks": [{"frame": 0, "at": [412, 300], "actor": "anna"},
                {"frame": 0, "at": [880, 310], "actor": "ben"}]}
 
-``at`` is a pixel on the person: the skeleton nearest to it in that frame, by its joints, belongs
-to the actor. All other skeletons follow from these.
+``at`` is a pixel on a person. In that frame the skeleton with the joint nearest to it belongs to
+the named actor. The other skeletons are associated by :mod:`imapper_prob.clips.tracking`.
 """
 
 from __future__ import annotations
@@ -30,21 +30,21 @@ __all__ = ["Mark", "Marks", "read_marks", "rows_of_marks", "track_figure"]
 
 Array = NDArray[np.float64]
 _FARTHEST: Final = 0.5
-"""Share of a body's extent that a mark may lie away from the body's nearest joint."""
+"""Greatest distance of a mark from the nearest joint, as a fraction of the body's extent."""
 _MOST: Final = 16
-"""Actors; a program of whole numbers with more takes minutes."""
+"""Greatest number of actors; with more, the integer program takes minutes."""
 
 
 @dataclass(frozen=True)
 class Mark:
-    """Somebody who was recognised.
+    """A person identified in one frame.
 
     Parameters
     ----------
     frame : int
-        The input's own number.
+        Frame number of the input.
     at : (2,) float
-        Pixel.
+        Position in pixels.
     actor : int
         Index of the actor.
     """
@@ -56,14 +56,14 @@ class Mark:
 
 @dataclass(frozen=True)
 class Marks:
-    """Who is who in some frames, as a user says.
+    """The user's marks of who is who in some frames.
 
     Parameters
     ----------
     actors : tuple of str
         Names of all actors.
     marks : tuple of Mark
-        May be empty: then only the number and names of the actors are known.
+        May be empty; then only the number and names of the actors are known.
     """
 
     actors: tuple[str, ...]
@@ -84,7 +84,7 @@ def read_marks(path: str | Path) -> Marks:
     Raises
     ------
     InputError
-        It is damaged, or a mark names somebody who is not among the actors.
+        The file is damaged, or a mark names somebody who is not among the actors.
     """
     path = Path(path)
     data = load_json(path)
@@ -110,25 +110,25 @@ def _mark(path: Path, index: int, data: Any, actors: list[str]) -> Mark:
 
 
 def rows_of_marks(marks: Marks, frames: NDArray[np.int64], keypoints: Array) -> dict[int, int]:
-    """The marked rows, and whose they are.
+    """The skeleton rows that the marks refer to, and their actors.
 
     Parameters
     ----------
     marks : Marks
     frames : (N,) int
-        When each skeleton was seen.
+        Frame number of each skeleton.
     keypoints : (N, 16, 2) float
         Pixels; NaN where missing.
 
     Returns
     -------
     dict of int to int
-        Number of the actor by row.
+        Index of the actor by row.
 
     Raises
     ------
     InputError
-        There is nobody at a mark, or two actors are marked on one skeleton.
+        There is nobody at a mark, or one skeleton is marked as two actors.
     """
     rows: dict[int, int] = {}
     for mark in marks.marks:
@@ -146,7 +146,7 @@ def rows_of_marks(marks: Marks, frames: NDArray[np.int64], keypoints: Array) -> 
 
 
 def _away(joints: Array, at: Array) -> float:
-    """Distance of a point from the nearest joint, as a share of the body's extent."""
+    """Distance of a point from the nearest joint, as a fraction of the body's extent."""
     seen = joints[np.isfinite(joints).all(-1)]
     if not len(seen):
         return np.inf
@@ -155,16 +155,16 @@ def _away(joints: Array, at: Array) -> float:
 
 
 # ------------------------------------------------------------------------------------------------
-# Pictures of tracks.
+# Figures of tracks.
 
 _COLOURS: Final = ("#4e79a7", "#f28e2b", "#59a14f", "#e15759", "#b07aa1", "#76b7b2", "#9c755f")
-"""Hues of Tableau 10, which stay apart for most colour-blind eyes."""
+"""Colours of Tableau 10, distinguishable for most colour-blind readers."""
 _FIGURES: Final = 5
-"""Skeletons drawn of each person, evenly over the time they were seen."""
+"""Number of skeletons drawn of each person, evenly spaced over their frames."""
 
 
 def track_figure(clip: Clip) -> Figure:
-    """Draw the tracks of a clip: the image on top, time below.
+    """Draw the tracks of a clip: the image plane at the top, time below.
 
     Parameters
     ----------
@@ -196,7 +196,7 @@ def track_figure(clip: Clip) -> Figure:
 
 
 def _draw(axes: Axes, track: Track, colour: str) -> None:
-    """The way of the trunk, and a few skeletons along it."""
+    """Draw the path of the trunk, and a few skeletons along it."""
     there = track.confidences[:, [RHIP, LHIP, RSHO, LSHO]].min(1) > 0
     trunk = track.keypoints[:, [RHIP, LHIP, RSHO, LSHO]].mean(1)
     axes.plot(*np.where(there[:, None], trunk, np.nan).T, color=colour, lw=1.5, label=track.name)

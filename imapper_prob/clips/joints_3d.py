@@ -1,8 +1,8 @@
-"""Joints in space from other programs: TRC tables, and ``.npz`` archives with a camera.
+"""3D joints from other programs: TRC tables, and ``.npz`` archives with a camera.
 
-Trackers that fit a body model to video, and motion capture, give joints in metres, either in the
-axes of the camera (x right, y down, z forward) or in a world whose ``rotation`` and ``translation``
-to the camera are known. Detections in the image, which the model needs, are their projections.
+Motion capture and trackers that fit a body model to video give joints in metres. They are either in
+camera axes (x right, y down, z forward) or in a world frame with a known ``rotation`` and
+``translation`` to the camera. The 2D detections that the model needs are projections of the joints.
 """
 
 from __future__ import annotations
@@ -32,13 +32,13 @@ __all__ = ["MAGIC", "is_joints", "read_joints", "read_trc"]
 
 Array = NDArray[np.float64]
 MAGIC: Final = "PathFileType"
-"""First word of every such file."""
+"""First word of every TRC file."""
 _METRES: Final = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 
 
 @dataclass(frozen=True)
 class TrcTable:
-    """Markers over time.
+    """Marker positions over time.
 
     Parameters
     ----------
@@ -46,7 +46,7 @@ class TrcTable:
     positions : (T, J, 3) float
         Metres, in the file's axes; NaN where missing.
     first : int
-        Number of the first frame.
+        Frame number of the first row.
     fps : float
     """
 
@@ -57,7 +57,7 @@ class TrcTable:
 
 
 def _read_trc_table(path: Path) -> TrcTable:
-    """Read the table; empty cells and 0, 0, 0 are missing markers.
+    """Read the table of a TRC file; empty cells and 0, 0, 0 are missing markers.
 
     Raises
     ------
@@ -94,7 +94,7 @@ def _read_trc_table(path: Path) -> TrcTable:
         frames.append(_number(path, number, parts[0]))
         parts = parts[2 : 2 + row.size]
         if len(parts) < row.size:
-            parts += [""] * (row.size - len(parts))  # trailing empty cells are often dropped
+            parts += [""] * (row.size - len(parts))  # programs often drop trailing empty cells
         values_of_row = [_number(path, number, part) if part else np.nan for part in parts]
         row[:] = np.reshape(values_of_row, row.shape)
     first = frames[0]
@@ -125,7 +125,7 @@ def _number(path: Path, line: int, text: str) -> float:
 # ======================  ==========================  ==========================================
 # ``joints``              (T, J, 3) or (A, T, J, 3)   metres; NaN or 0, 0, 0 where missing
 # ``joint_names``         (J,) text                   as in :mod:`imapper_prob.clips.keypoints`;
-#                                                     without, they are the sixteen
+#                                                     if missing, J is 16 in this program's order
 # ``fps``                 () number                   frames a second
 # ``confidences``         (T, J) or (A, T, J)         in [0, 1]; optional
 # ``matrix``, ``size``    (3, 3), (2,)                intrinsics, width and height in pixels;
@@ -135,8 +135,8 @@ def _number(path: Path, line: int, text: str) -> float:
 # ======================  ==========================  ==========================================
 
 _UNTOLD: Final = 0.75
-"""Confidence of a projected joint. Whether it was seen is not known; the tables of detections
-speak least for either there."""
+"""Confidence of a projected joint. Whether it was visible is unknown; at this confidence the
+detection tables favour neither case."""
 _NEEDED: Final[Shapes] = {"fps": ("number",)}
 _OPTIONAL: Final[Shapes] = {
     "joint_names": ("text", None),
@@ -148,7 +148,7 @@ _OPTIONAL: Final[Shapes] = {
 
 
 def is_joints(entries: set[str]) -> bool:
-    """Whether an archive with these entries is such a file.
+    """Whether an archive with these entries is a file of 3D joints.
 
     Parameters
     ----------
@@ -162,7 +162,7 @@ def is_joints(entries: set[str]) -> bool:
 
 
 def read_joints(path: Path, options: ClipOptions) -> tuple[RawDetections, ClipOptions]:
-    """Read an ``.npz``.
+    """Read an ``.npz`` of 3D joints.
 
     Parameters
     ----------
@@ -173,12 +173,12 @@ def read_joints(path: Path, options: ClipOptions) -> tuple[RawDetections, ClipOp
     -------
     RawDetections
     ClipOptions
-        With the file's own camera, where the user names none.
+        With the file's own camera if the user gives none.
 
     Raises
     ------
     InputError
-        The file is damaged, or what it holds does not fit together.
+        The file is damaged, or its entries are inconsistent.
     """
     arrays = load_archive(path, what="joints")
     try:
@@ -189,7 +189,7 @@ def read_joints(path: Path, options: ClipOptions) -> tuple[RawDetections, ClipOp
 
 
 def read_trc(path: Path, options: ClipOptions) -> RawDetections:
-    """Read a TRC file; a camera file must say where the camera is.
+    """Read a TRC file; its camera comes from the options.
 
     Parameters
     ----------
@@ -245,7 +245,7 @@ def _from_arrays(
     own = arrays.get("confidences", np.full(joints.shape[:-1], _UNTOLD))
     if own.dtype.kind not in "fiu" or own.size != joints.size // 3:
         raise InputError(f"confidences are {own.dtype} {own.shape}, expected one a joint")
-    # Confidences travel through the names as positions do.
+    # Confidences are matched by joint name in the same way as positions.
     wide = np.repeat(own.astype(np.float64).reshape(-1, count, 1), 3, axis=2)
     confidences = joints_by_name(wide, names)[..., 0].reshape(actors, frames, -1)
     if not ((confidences >= 0) & (confidences <= 1)).all():
@@ -283,13 +283,13 @@ def _camera(arrays: Arrays) -> CameraFile:
 def _projected(
     name: str, joints: Array, confidences: Array, *, camera: CameraFile, first: int, fps: float
 ) -> RawDetections:
-    """What the camera would have seen of (A, T, 16, 3) joints."""
+    """The detections that the camera would have made of joints (A, T, 16, 3)."""
     if not (np.isfinite(fps) and fps > 0):
         raise InputError(f"frame rate {fps} must be positive")
     if camera.rotation is not None and camera.translation is not None:
         joints = joints @ camera.rotation.T + camera.translation
     axes = joints[..., [0, 2, 1]] * (1, 1, -1)
-    # The lens is not asked: these pixels have never been distorted.
+    # The lens distortion is dropped: projected pixels are undistorted.
     straight = replace(camera, distortion=np.zeros(0))
     nominal, _ = camera_of(name, ClipOptions(camera=straight), size=camera.size)
     pixels = nominal.project_camera(axes)

@@ -1,7 +1,7 @@
-"""The sixteen joints among those of other programs, by name.
+"""Map other programs' keypoints to the sixteen joints, by name.
 
-Programs number their keypoints differently; only names are safe. :data:`KEYPOINT_SETS` has the
-names of each set in the order of its files. ``docs/reference/inputs.md`` shows the same table.
+Programs number their keypoints differently, so only names identify them. :data:`KEYPOINT_SETS` has
+the names of each set in file order. ``docs/reference/inputs.md`` shows the same table.
 """
 
 from __future__ import annotations
@@ -39,8 +39,8 @@ _LIMB_PARTS: Final = {
     "ELB": ("elb", "elbow", "forearm", "lowerarm"),
     "SHO": ("sho", "shoulder", "arm", "upperarm"),
 }
-"""Names of joints, and of the bones that begin at them, as motion capture files have them.
-The first that is there counts: a foot is an ankle only where there is no ankle."""
+"""Names of joints, and of the bones that begin at them, in motion capture files. The first name
+that is present is used: a foot stands for an ankle only if there is no ankle."""
 _MIDDLE: Final = {
     "PELV": ("pelv", "pelvis", "midhip", "root", "hips", "hip", "spinebase"),
     "THRX": ("thrx", "thorax", "spineshoulder", "upperchest", "chest", "spine3", "spine2"),
@@ -48,30 +48,30 @@ _MIDDLE: Final = {
     "HEAD": ("head", "headtop", "topofhead"),
 }
 _MIDDLE_OF: Final = {THRX: (RSHO, LSHO), PELV: (RHIP, LHIP), NECK: (THRX, HEAD)}
-"""Joints that lie between two others and need not be there, in the order they are made."""
+"""Joints that may be computed as the midpoint of two others, in order of computation."""
 
 
 def joints_by_name(positions: ArrayLike, names: Sequence[str]) -> Array:
-    """The sixteen joints out of any others, by name.
+    """Select the sixteen joints from the joints of another skeleton, by name.
 
     Parameters
     ----------
     positions : (T, J, 3) float
-        Joints of some other skeleton.
+        Joints of the other skeleton.
     names : sequence of J str
         ``"right_ankle"``, ``"RAnkle"``, ``"AnkleRight"``, ``"mixamorig:RightFoot"``, …; case
-        and punctuation do not matter. Joints that are not needed are left out.
+        and punctuation are ignored. Joints that are not needed are left out.
 
     Returns
     -------
     (T, 16, 3) float
-        Thorax, pelvis and neck are put half-way between shoulders, hips, and thorax and head
-        where they are not there.
+        Missing thorax, pelvis and neck are midpoints: of the shoulders, of the hips, and of thorax
+        and head.
 
     Raises
     ------
     InputError
-        A joint is missing, or two have the same name.
+        A joint is missing, or a name occurs twice.
     """
     positions = np.asarray(positions, float)
     plain = [re.sub(r"[^a-z0-9]", "", name.lower().rpartition(":")[2]) for name in names]
@@ -100,7 +100,7 @@ def joints_by_name(positions: ArrayLike, names: Sequence[str]) -> Array:
 
 
 def _synonyms(joint: str) -> list[str]:
-    """All plain names of one of the sixteen joints, the best first."""
+    """All normalised names of one of the sixteen joints, in order of preference."""
     if joint in _MIDDLE:
         return list(_MIDDLE[joint])
     sides = ("r", "right") if joint[0] == "R" else ("l", "left")
@@ -147,7 +147,7 @@ KEYPOINT_SETS: Final[dict[str, tuple[str, ...]]] = {
         "right_ankle", "left_heel", "right_heel", "left_foot_index", "right_foot_index",
     ),
 }  # fmt: skip
-"""Names of each set in the order of its files; left and right are the person's own."""
+"""Names of each set in file order; left and right are the person's own."""
 _LIMB_JOINTS: Final = {
     "ANK": "ankle", "KNE": "knee", "HIP": "hip", "WRI": "wrist", "ELB": "elbow",
     "SHO": "shoulder",
@@ -165,24 +165,24 @@ _FOUND_AS: Final[dict[int, tuple[tuple[str, ...], ...]]] = {
         ("nose",),
     ),
 }  # fmt: skip
-"""For each of the sixteen the points it may be found at, the best first; several names mean
-the point half-way between them. HEAD is the middle of the head: the crown is not it. The
-upper neck of BODY_25B lies too high for THRX, which is level with the shoulders."""
+"""For each of the sixteen joints the keypoints that may stand for it, in order of preference;
+several names mean their midpoint. HEAD is the middle of the head, not the crown. The upper neck of
+BODY_25B is too high for THRX, which is level with the shoulders."""
 _LIMB_ENDS: Final = frozenset(
     ways[0][0] for index, ways in _FOUND_AS.items() if index not in (PELV, THRX, HEAD)
 )
 
 
 def sixteen(points: ArrayLike, scores: ArrayLike, names: Sequence[str]) -> tuple[Array, Array]:
-    """The sixteen joints out of a set of keypoints, by name.
+    """Select the sixteen joints from a set of keypoints, by name.
 
     Parameters
     ----------
     points : (N, J, D) float
         Keypoints, in 2D or 3D.
     scores : (N, J) float
-        How sure the detector is of each, in its own units; a point counts as missing where
-        this is not above 0 or the point is not finite.
+        The detector's score of each point, in its own units. A point is missing if its score is not
+        above 0 or its position is not finite.
     names : sequence of J str
         As in :data:`KEYPOINT_SETS`.
 
@@ -191,8 +191,8 @@ def sixteen(points: ArrayLike, scores: ArrayLike, names: Sequence[str]) -> tuple
     points : (N, 16, D) float
         NaN where missing.
     scores : (N, 16) float
-        The least of those of the points a joint is made of; 0 where missing, and for joints
-        made of others of the sixteen: nothing was seen that these do not say already.
+        The least score of the points that a joint is made of. It is 0 where missing, and for joints
+        computed from others of the sixteen, because those add no evidence.
     """
     points = np.asarray(points, float)
     scores = np.asarray(scores, float)
@@ -218,12 +218,12 @@ def _is_evidence(joint: int, way: tuple[str, ...]) -> bool:
 
 
 def not_reported(names: Sequence[str]) -> tuple[str, ...]:
-    """Those of the detected joints that a set of keypoints never has.
+    """The detected joints that a set of keypoints never contains.
 
     Parameters
     ----------
     names : sequence of str
-        Keypoints of the set.
+        Keypoint names of the set.
 
     Returns
     -------

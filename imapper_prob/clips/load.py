@@ -1,7 +1,7 @@
-"""Read a clip, whatever its format.
+"""Read a clip of any format.
 
-:func:`format_of` knows a format by its content and :func:`read_whatever` calls its reader;
-:func:`read_frames` cuts out frames, :func:`require_people` refuses tracks that show nobody.
+:func:`format_of` recognises the format by its content and :func:`read_whatever` calls its reader.
+:func:`read_frames` selects frames; :func:`require_people` refuses tracks without a person.
 """
 
 from __future__ import annotations
@@ -56,13 +56,13 @@ __all__ = [
 
 
 def _never_seen(track: Track) -> tuple[str, ...]:
-    """Joints that no frame of a track has, of those that detectors report."""
+    """Joints that detectors report but that are missing in all frames of a track."""
     seen = track.confidences.max(0) > 0
     return tuple(JOINTS[joint] for joint in DETECTED if not seen[joint])
 
 
 def clip_table(clip: Clip) -> Table:
-    """A row a track, under a line on camera and frames.
+    """A table with one row a track, titled with camera and frames.
 
     Parameters
     ----------
@@ -101,17 +101,17 @@ def clip_table(clip: Clip) -> Table:
 
 
 # ------------------------------------------------------------------------------------------------
-# Parts of clips.
+# Frame ranges of clips.
 
 
 def window(clip: Clip, first: int, last: int) -> Clip:
-    """The frames of a clip from one to another, both included, without its truth.
+    """The frames ``first`` to ``last`` of a clip, both included, without its ground truth.
 
     Parameters
     ----------
     clip : Clip
     first, last : int
-        The clip's own numbers of frames.
+        Frame numbers of the clip.
 
     Returns
     -------
@@ -120,7 +120,7 @@ def window(clip: Clip, first: int, last: int) -> Clip:
     Raises
     ------
     InputError
-        If they are not of the clip.
+        The frames are not in the clip.
     """
     start, end = int(clip.frame_ids[0]), int(clip.frame_ids[-1])
     if not start <= first <= last <= end:
@@ -154,13 +154,13 @@ _FORMATS: Final = (
     "mediapipe",
     "proposals",
 )
-"""Names that ``--format`` takes; ``openpose`` and ``results`` leave the joint order open."""
+"""Names that ``--format`` accepts; ``openpose`` and ``results`` do not fix the joint order."""
 _WHOLE: Final = ("i3db", "clip")
 _FOLDERS: Final = ("i3db", "openpose", *ORDERS)
 
 
 def format_of(path: Path) -> str:
-    """Find the format of a file or folder by looking into it.
+    """Find the format of a file or folder from its content.
 
     Parameters
     ----------
@@ -174,7 +174,7 @@ def format_of(path: Path) -> str:
     Raises
     ------
     InputError
-        It is of no known format.
+        The format is unknown.
     """
     if path.is_dir():
         if any(path.glob(DETECTIONS)):
@@ -189,7 +189,7 @@ def format_of(path: Path) -> str:
 
 
 def _seen(path: Path) -> str:
-    """What is there in place of a clip, and what a clip of that kind would hold."""
+    """Message that says what was found instead of a clip, and what a clip would contain."""
     if path.is_dir():
         kinds = Counter(p.suffix or "other" for p in path.iterdir() if p.is_file())
         if (path / "posterior.nc").is_file():
@@ -246,7 +246,7 @@ def _format_of_file(path: Path) -> str | None:
 
 
 def read_whatever(path: Path, options: ClipOptions) -> Clip:
-    """Read a clip of any format. Poses are NaN where the format has none.
+    """Read a clip of any format; poses are NaN if the format has none.
 
     Parameters
     ----------
@@ -260,7 +260,7 @@ def read_whatever(path: Path, options: ClipOptions) -> Clip:
     Raises
     ------
     InputError
-        It is no clip, or an option does not go with its format.
+        The content is not a clip, or an option does not apply to its format.
     """
     form = _chosen(path, options)
     if form in _WHOLE:
@@ -317,7 +317,7 @@ def _read(path: Path, form: str, options: ClipOptions) -> tuple[RawDetections, C
 # Reading.
 
 _SMALLEST: Final = 4.0
-"""Pixels, height or width of a person: detectors place joints no better than that."""
+"""Least height or width of a person in pixels, about the precision of detectors."""
 
 
 def load_clip(
@@ -326,9 +326,9 @@ def load_clip(
     options: ClipOptions | None = None,
     frames: tuple[int, int] | None = None,
 ) -> Clip:
-    """Read a clip that comes with poses, such as a scene of i3DB or a clip file.
+    """Read a clip that includes poses, such as a scene of i3DB or a clip file.
 
-    :func:`imapper_prob.api.load_clip` reads others as well, and lifts their poses.
+    :func:`imapper_prob.api.load_clip` also reads clips without poses and lifts them.
 
     Parameters
     ----------
@@ -342,7 +342,7 @@ def load_clip(
     Raises
     ------
     InputError
-        As :func:`read_frames` and :func:`require_people`.
+        See :func:`read_frames` and :func:`require_people`.
     """
     clip = read_frames(path, options=options, frames=frames)
     require_people(clip, path)
@@ -355,7 +355,7 @@ def read_frames(
     options: ClipOptions | None = None,
     frames: tuple[int, int] | None = None,
 ) -> Clip:
-    """Read some frames of a clip, whatever its format.
+    """Read a clip of any format, or a range of its frames.
 
     Parameters
     ----------
@@ -363,9 +363,9 @@ def read_frames(
         A scene folder of the i3DB benchmark, an ``.npz`` of the program's own format
         (:mod:`imapper_prob.clips.clip_file`), or anything else that ``inputs.md`` lists.
     options : ClipOptions, optional
-        What the files do not say: camera, image size, frame rate.
+        What the files do not state: camera, image size, frame rate.
     frames : (int, int), optional
-        First and last frame to take, by the clip's own numbers; all if not given.
+        First and last frame to read, by the clip's own numbers; all if not given.
 
     Returns
     -------
@@ -375,7 +375,7 @@ def read_frames(
     Raises
     ------
     InputError
-        What is at ``path`` is no clip, or one too short to say anything.
+        The content of ``path`` is not a clip, or the clip is too short.
     """
     path = Path(path)
     clip = read_whatever(path, options or ClipOptions())
@@ -395,12 +395,12 @@ def require_people(clip: Clip, path: str | Path) -> None:
     ----------
     clip : Clip
     path : path
-        That it was read from, for messages.
+        Path it was read from, for messages.
 
     Raises
     ------
     InputError
-        A track has no frame with both a detected joint and a pose, or is a few pixels large.
+        A track has no frame with both a detected joint and a pose, or is only a few pixels large.
     """
     for track in clip.tracks:
         if not ((track.confidences > 0).any(1) & track.has_pose).any():
@@ -416,7 +416,7 @@ def require_people(clip: Clip, path: str | Path) -> None:
 
 
 def _extent(track: Track) -> float:
-    """Pixels, the larger of height and width of all joints in the median frame."""
+    """Larger of height and width in pixels of all joints, median over frames."""
     seen = np.where((track.confidences > 0)[..., None], track.keypoints, np.nan)
     there: NDArray[np.bool_] = np.isfinite(seen).all(-1).sum(1) > 1
     if not there.any():

@@ -1,15 +1,15 @@
-"""Landmarks of MediaPipe: read from dumps, and from whatever else yields its 33 points.
+"""Landmarks of MediaPipe, from dumps or from any other source of its 33 points.
 
-MediaPipe has no file of its own. A dump is a list of frames, or a table with ``frames`` and
-perhaps ``fps``, ``width`` and ``height``. A frame is a table with
+MediaPipe has no file format of its own. A dump is a list of frames, or a table with ``frames`` and
+optionally ``fps``, ``width`` and ``height``. A frame is a table with
 
-``frame``            its number; that of the place in the list without
-``landmarks``        33 tables ``{x, y, visibility}`` in parts of the image, or rows
+``frame``            its number; the position in the list if missing
+``landmarks``        33 tables ``{x, y, visibility}`` in fractions of the image, or rows
                      ``[x, y, z, visibility]``; null where nobody was found
 ``world_landmarks``  33 of ``{x, y, z}`` in metres, y down, z away from the camera; optional
 
-or either of these under MediaPipe's own names, ``pose_landmarks`` and ``pose_world_landmarks``.
-Where several people were found, either is a list of such lists.
+The last two may have MediaPipe's own names, ``pose_landmarks`` and ``pose_world_landmarks``. If
+several people were detected, each is a list of such lists.
 """
 
 from __future__ import annotations
@@ -38,9 +38,9 @@ _NAMES: Final = KEYPOINT_SETS["mediapipe_33"]
 _IMAGE_KEYS: Final = ("landmarks", "pose_landmarks")
 _WORLD_KEYS: Final = ("world_landmarks", "pose_world_landmarks")
 _FARTHEST: Final = 10.0
-"""Times the image that a landmark may lie outside of it."""
+"""Greatest distance of a landmark outside the image, in image sizes."""
 _TALLEST: Final = 5.0
-"""Metres from the hips; beyond, numbers are no metres."""
+"""Greatest distance from the hips in metres; larger values cannot be metres."""
 
 
 @dataclass(frozen=True)
@@ -51,10 +51,10 @@ class Landmarks:
     ----------
     frame : int
     image : (33, 2) float
-        Parts of the image's width and height.
+        Fractions of the image's width and height.
     visibility : (33,) float
     world : (33, 3) float, optional
-        Metres about the middle of the hips; x right, y down, z away from the camera.
+        Metres from the middle of the hips; x right, y down, z away from the camera.
     """
 
     frame: int
@@ -72,16 +72,16 @@ def sightings_of_landmarks(
     fps: float | None = None,
     likely_focal: float | None = None,
 ) -> RawDetections:
-    """The sixteen joints of all landmarks, poses turned into camera axes.
+    """Raw detections of the sixteen joints, from landmarks.
 
-    MediaPipe looks at a cut-out around the person, so that world landmarks are as a camera
-    turned towards them would see them. On three clips of 3 to 13 degrees off the axis the median
-    distance of reprojected joints is 4, 6 and 9 pixels if that is undone, else 4, 6 and 12.
+    MediaPipe processes a crop around the person, so world landmarks are in the axes of a camera
+    turned towards the person. On three clips, 3 to 13 degrees off the axis, the median distance of
+    reprojected joints is 4, 6 and 9 pixels if that rotation is undone, and 4, 6 and 12 otherwise.
 
     Parameters
     ----------
     name : str
-        Of the clip.
+        Name of the clip.
     found : sequence of Landmarks
     span : (int, int)
         First and last frame.
@@ -130,7 +130,7 @@ def sightings_of_landmarks(
 
 
 def is_mediapipe(data: Any) -> bool:
-    """Whether this is such a dump's content.
+    """Whether the content of a JSON file is a dump of MediaPipe landmarks.
 
     Parameters
     ----------
@@ -149,7 +149,7 @@ def is_mediapipe(data: Any) -> bool:
 
 
 def read_mediapipe(path: Path) -> RawDetections:
-    """Read a dump.
+    """Read a dump of MediaPipe landmarks.
 
     Parameters
     ----------
@@ -162,7 +162,7 @@ def read_mediapipe(path: Path) -> RawDetections:
     Raises
     ------
     InputError
-        The file is damaged, or a frame is not what the format says.
+        The file is damaged, or a frame does not follow the format.
     """
     data = load_json(path)
     if not is_mediapipe(data):
@@ -221,7 +221,7 @@ def _first(frame: dict[str, Any], keys: tuple[str, ...]) -> Any:
 
 
 def _several(value: Any) -> list[Any]:
-    """A list of people, from none, one, or a list of them."""
+    """A list of people, from nobody, one person, or a list of people."""
     if value is None or value == []:
         return []
     if not isinstance(value, list):
@@ -231,7 +231,7 @@ def _several(value: Any) -> list[Any]:
 
 
 def _points(place: str, points: Any, keys: tuple[str, ...], *, columns: tuple[int, ...]) -> Array:
-    """(33, 3) the values under ``keys`` of each landmark, or in ``columns`` of its row."""
+    """(33, 3) values under ``keys`` of each landmark, or in ``columns`` of its row."""
     if not isinstance(points, list) or len(points) != len(_NAMES):
         count = len(points) if isinstance(points, list) else "no list of"
         raise InputError(f"{place}: {count} landmarks, expected {len(_NAMES)}")

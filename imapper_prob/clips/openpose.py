@@ -1,8 +1,8 @@
-"""Folders of OpenPose: one JSON a frame, the people of each in any order.
+"""OpenPose folders: one JSON file a frame, with the people in any order.
 
-Three joint orders are in use, and two of them have 25 keypoints: BODY_25 and BODY_25B. Nothing
-in a file says which it is. What shows it is the body: eyes, ears, toes and heels lie near the
-joints they belong to in the right order only.
+Three joint orders are in use, and two of them have 25 keypoints: BODY_25 and BODY_25B. The files do
+not state which. It is inferred from the bodies: only in the right order do eyes, ears, toes and
+heels lie near the joints they are connected to.
 """
 
 from __future__ import annotations
@@ -28,25 +28,25 @@ Array = NDArray[np.float64]
 _log = logging.getLogger(__name__)
 
 ORDERS: Final = ("body_25", "body_25b", "coco_18")
-"""Joint orders of OpenPose, which may be named as formats."""
+"""Joint orders of OpenPose, which are also format names."""
 
 _NEIGHBOURS: Final = (
     ("nose", "left_eye"), ("nose", "right_eye"), ("left_eye", "left_ear"),
     ("right_eye", "right_ear"), ("left_ankle", "left_heel"), ("right_ankle", "right_heel"),
     ("left_ankle", "left_big_toe"), ("right_ankle", "right_big_toe"),
 )  # fmt: skip
-"""Points that are never far from each other."""
+"""Pairs of keypoints that are always close together."""
 _NEAR: Final = 0.12
-"""Share of the body's extent that neighbours are apart in the median: .03 to .07 in the right
-order of fixtures, .3 and more in the wrong one."""
+"""Greatest median distance of such neighbours, as a fraction of the body's extent: it is .03 to .07
+in the right order of the fixtures, and .3 or more in the wrong one."""
 _CLEARLY: Final = 2.0
-"""How many times further apart they must be in the order that is not it."""
+"""Least ratio of the neighbours' distances in the wrong order to those in the right one."""
 _TOUCHING: Final = 0.1
-"""Detections beyond the edges of an image scaled to [0, 1], as parts of it."""
+"""Tolerance for points outside an image scaled to [0, 1], as a fraction of its size."""
 
 
 def is_openpose(folder: Path) -> bool:
-    """Whether a folder holds such files; only the first one is looked at.
+    """Whether a folder holds OpenPose files; only the first file is read.
 
     Parameters
     ----------
@@ -72,9 +72,9 @@ def read_openpose(folder: Path, *, order: str | None = None) -> RawDetections:
     Parameters
     ----------
     folder : Path
-        The frame number is the last one in the name of a file, ``_keypoints`` apart.
+        The frame number is the last number in each file name, apart from ``_keypoints``.
     order : str, optional
-        One of :data:`ORDERS`; found out if not given.
+        One of :data:`ORDERS`; inferred if not given.
 
     Returns
     -------
@@ -83,8 +83,8 @@ def read_openpose(folder: Path, *, order: str | None = None) -> RawDetections:
     Raises
     ------
     InputError
-        A file is damaged, or the joints are clearly in another order than was said, or in
-        none that can be told.
+        A file is damaged, the joints are clearly in another order than the one given, or no order
+        can be inferred.
     """
     files = _numbered(folder)
     frames: list[int] = []
@@ -115,7 +115,7 @@ def read_openpose(folder: Path, *, order: str | None = None) -> RawDetections:
     relative = bool(len(seen)) and bool(np.abs(seen[:, :2]).max() <= 1 + _TOUCHING)
     points = table[..., :2]
     if relative and (seen[:, :2] < -_TOUCHING).any():
-        points = (points + 1) / 2  # the option that scales to [-1, 1]
+        points = (points + 1) / 2  # OpenPose's option that scales to [-1, 1]
     keypoints, scores = sixteen(points, table[..., 2], names)
     told_apart = all(identities) and _once_a_frame(frames, identities)
     return RawDetections(
@@ -175,7 +175,7 @@ def _person(path: Path, number: int, person: Any) -> Array:
 
 
 def _identity(person: dict[str, Any]) -> str:
-    """The person's number, where the program tracked people; −1 means that it did not."""
+    """The person's number if the program tracked people; −1 means that it did not."""
     given = person.get("person_id")
     if isinstance(given, list) and len(given) == 1 and type(given[0]) is int and given[0] >= 0:
         return str(given[0])
@@ -188,7 +188,7 @@ def _once_a_frame(frames: list[int], identities: list[str]) -> bool:
 
 
 def _order(folder: Path, table: Array, said: str | None) -> str:
-    """Which of the orders it is."""
+    """The joint order of the folder."""
     fitting = [order for order in ORDERS if len(KEYPOINT_SETS[order]) == table.shape[1]]
     if said is not None and said not in fitting:
         raise InputError(
@@ -216,7 +216,8 @@ def _order(folder: Path, table: Array, said: str | None) -> str:
 
 
 def _neighbours_apart(table: Array, names: tuple[str, ...]) -> float:
-    """Median distance of neighbours as a share of the body's extent; infinite if none is seen."""
+    """Median distance of neighbours as a fraction of the body's extent; infinite if none is
+    seen."""
     points = np.where(table[..., 2:] > 0, table[..., :2], np.nan)
     there = np.isfinite(points[..., 0])
     some = there.sum(1) >= 2

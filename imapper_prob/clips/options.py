@@ -1,4 +1,4 @@
-"""What a user knows of camera and clip that keypoint files do not say."""
+"""What a user states about camera and clip in addition to the files."""
 
 from __future__ import annotations
 
@@ -33,31 +33,31 @@ Array = NDArray[np.float64]
 _log = logging.getLogger(__name__)
 
 _NOMINAL_ELEVATION: Final = 1.5
-"""Metres; a camera on a tripod, a shelf, or held at chest height."""
+"""Camera height in metres: on a tripod, on a shelf, or held at chest height."""
 _ASSUMED: Final = 0.2
-"""Standard deviation of the log focal length of a camera nobody knows, taken to be the longer
-side of the image: horizontal fields of view of 44 to 63 degrees. Nine webcams and phones whose
-field of view in videos is published or was measured are off by this
-(``docs/how-to/own_video.md``)."""
+"""Standard deviation of the log focal length of an unknown camera. The focal length is then taken
+to be the longer side of the image; one standard deviation covers horizontal fields of view of 44 to
+63 degrees. It is the error for nine webcams and phones whose field of view in videos is published
+or was measured (``docs/how-to/own_video.md``)."""
 _WRITTEN_DOWN: Final = 0.1
-"""The same of what phones write down: it is their lens's on all of the sensor, of which videos
-leave out up to a fifth to steady the picture."""
+"""Standard deviation of the log focal length that phones record. That value holds for the whole
+sensor, of which videos crop up to a fifth for stabilisation."""
 _KEYS: Final = {
     "size": (2,), "matrix": (3, 3), "distortion": None, "rotation": (3, 3), "translation": (3,),
     "pitch_degrees": (), "roll_degrees": (), "height": (),
 }  # fmt: skip
 _DISTORTION_LENGTHS: Final = (4, 5, 8)
 _LARGEST: Final = 1e6
-"""Pixels of focal length and principal point, beyond which a number is damage."""
+"""Pixels of focal length or principal point beyond which a value counts as damaged."""
 _STEPS: Final = 50
-"""Iterations; lenses that need more are not settled where it matters either."""
+"""Iterations of undistortion; where more are needed, the lens model is unreliable anyway."""
 _STRAIGHT: Final = 1e-6
-"""Tangent, a few thousandths of a pixel: how well an undistorted point must distort back."""
+"""Accuracy of undistortion as a tangent, a few thousandths of a pixel."""
 
 
 @dataclass(frozen=True)
 class CameraFile:
-    """A camera as calibrated by the user.
+    """A camera calibrated by the user.
 
     Parameters
     ----------
@@ -68,8 +68,8 @@ class CameraFile:
     distortion : (4,), (5,), (8,) or (0,) float
         OpenCV's k1 k2 p1 p2 [k3 [k4 k5 k6]]; empty for none.
     rotation, translation : (3, 3), (3,) float, optional
-        World to camera as OpenCV has it (x right, y down, z forward; metres): of use only
-        for inputs of 3D joints in a world frame.
+        World to camera in OpenCV's convention (x right, y down, z forward; metres). Used only for
+        3D joints in a world frame.
     pitch, roll : float, optional
         Radians, as in :class:`~imapper_prob.models.camera.Camera`.
     height : float, optional
@@ -88,35 +88,35 @@ class CameraFile:
 
 @dataclass(frozen=True)
 class ClipOptions:
-    """Everything that may be said besides the path of a clip.
+    """Everything that a user may state about a clip besides its path.
 
     Parameters
     ----------
     format : str, optional
-        Which reader, where the content does not say.
+        Name of the reader, if the content is ambiguous.
     camera : CameraFile, optional
     focal : float, optional
-        Focal length in pixels, where there is no camera file.
+        Focal length in pixels, if there is no camera file.
     focal_spread : float, optional
-        By what part the focal length may be wrong, one standard deviation; by how the camera
-        came by it if not given.
+        Standard deviation of the log focal length. If not given, it depends on where the focal
+        length comes from.
     pitch : float, optional
-        Degrees above the horizon; looking down is negative. The middle of what is then
-        believed, not the last word.
+        Camera pitch in degrees above the horizon; looking down is negative. It is the mean of the
+        prior, not a fixed value.
     height : float, optional
-        Metres of the camera above the floor; as ``pitch``.
+        Height of the camera above the floor in metres; also the mean of the prior.
     size : (int, int), optional
         Width and height of the image in pixels.
     fps : float, optional
         Frames a second.
     confidence : str, optional
-        Map of :mod:`imapper_prob.clips.assemble` to use instead of the format's own.
+        Map of :mod:`imapper_prob.clips.assemble` that replaces the format's default.
     people : int, optional
-        How many actors there are, where the files do not tell them apart.
+        Number of actors, if the files do not identify them.
     marks : Marks, optional
-        Who is who in some frames. Track numbers of the files are then forgotten.
+        Who is who in some frames. Track numbers in the files are then ignored.
     tracker : str
-        By what costs people are told apart: ``"default"``, or ``"paper"`` for the printed ones.
+        Cost function of the tracking: ``"default"``, or ``"paper"`` for the printed one.
 
     Examples
     --------
@@ -160,8 +160,8 @@ class ClipOptions:
 def read_camera(path: str | Path) -> CameraFile:
     """Read a camera from TOML or JSON.
 
-    ``size = [width, height]`` and ``matrix`` (3 x 3) are needed; ``distortion``,
-    ``rotation``, ``translation``, ``pitch_degrees``, ``roll_degrees`` and ``height`` are not.
+    ``size = [width, height]`` and ``matrix`` (3 x 3) are required; ``distortion``, ``rotation``,
+    ``translation``, ``pitch_degrees``, ``roll_degrees`` and ``height`` are optional.
 
     Parameters
     ----------
@@ -175,7 +175,7 @@ def read_camera(path: str | Path) -> CameraFile:
     Raises
     ------
     InputError
-        The file is damaged, an entry is missing, unknown, or of the wrong shape.
+        The file is damaged, or an entry is missing, unknown or of the wrong shape.
 
     Examples
     --------
@@ -221,7 +221,7 @@ def read_camera(path: str | Path) -> CameraFile:
 
 
 def check_matrix(matrix: Array) -> None:
-    """Whether a (3, 3) array can be intrinsics in pixels.
+    """Check that a (3, 3) array is a matrix of intrinsics in pixels.
 
     Parameters
     ----------
@@ -230,7 +230,7 @@ def check_matrix(matrix: Array) -> None:
     Raises
     ------
     InputError
-        Without the file's name, which the caller knows.
+        It is not; the message lacks the file's name, which the caller adds.
     """
     usual = matrix[2].tolist() == [0, 0, 1] and min(matrix[0, 0], matrix[1, 1]) > 0
     if not (usual and (np.abs(matrix) <= _LARGEST).all()):
@@ -240,7 +240,7 @@ def check_matrix(matrix: Array) -> None:
 
 
 def check_rotation(rotation: Array) -> None:
-    """Whether a (3, 3) array turns without stretching or mirroring.
+    """Check that a (3, 3) array is a rotation, without stretching or mirroring.
 
     Parameters
     ----------
@@ -249,7 +249,7 @@ def check_rotation(rotation: Array) -> None:
     Raises
     ------
     InputError
-        Without the file's name, which the caller knows.
+        It is not; the message lacks the file's name, which the caller adds.
     """
     bounded = (np.abs(rotation) <= 1.01).all()
     if not (
@@ -269,13 +269,13 @@ def camera_of(
 ) -> tuple[Camera, float]:
     """The nominal camera of a clip, and the standard deviation of its log focal length.
 
-    Without any word on it the focal length is ``likely_focal``, or taken to be the longer side
-    of the image: a field of view of 53 degrees.
+    If the user states no focal length it is ``likely_focal``, or else the longer side of the image,
+    which is a field of view of 53 degrees.
 
     Parameters
     ----------
     name : str
-        Of the clip, for messages.
+        Name of the clip, for messages.
     options : ClipOptions
     size : (int, int)
         Width and height of the image in pixels.
@@ -319,7 +319,7 @@ def camera_of(
 
 
 def undistorted(pixels: ArrayLike, file: CameraFile) -> Array:
-    """Where a lens without distortion would have put pixels.
+    """Pixels with the lens distortion removed.
 
     Parameters
     ----------
@@ -329,7 +329,7 @@ def undistorted(pixels: ArrayLike, file: CameraFile) -> Array:
     Returns
     -------
     (..., 2) float
-        Pixels; NaN where the iteration does not settle.
+        Pixels; NaN where the iteration does not converge.
     """
     pixels = np.asarray(pixels, float)
     if not file.distortion.any():
@@ -347,7 +347,7 @@ def undistorted(pixels: ArrayLike, file: CameraFile) -> Array:
 
 
 def _distortion(points: Array, coefficients: Array) -> tuple[Array, Array]:
-    """Factor (..., 1) and shift (..., 2) of points (..., 2), tangents."""
+    """Radial factor (..., 1) and tangential shift (..., 2) of points (..., 2) given as tangents."""
     k1, k2, p1, p2, k3, k4, k5, k6 = np.pad(coefficients, (0, 8 - len(coefficients)))
     x, y = points[..., 0], points[..., 1]
     r2 = x**2 + y**2

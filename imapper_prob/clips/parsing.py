@@ -1,6 +1,6 @@
-"""JSON files and numpy archives of others: every fault is one sentence that names file and place.
+"""Reading JSON files and numpy archives; errors name the file and the place in it.
 
-Archives are opened without pickle, and looked at before any of them is unpacked.
+Archives are opened without pickle, and checked before any of them is unpacked.
 """
 
 from __future__ import annotations
@@ -36,15 +36,16 @@ __all__ = [
 
 Array = NDArray[np.float64]
 _LARGEST_JSON: Final = 128 << 20
-"""Bytes; an hour of one person at 30 frames a second. In memory it takes twenty times that."""
+"""Largest JSON file in bytes, an hour of one person at 30 Hz; it takes twenty times that in
+memory."""
 
 
 LARGEST_NUMBER: Final = 1e100
-"""Anything that is measured is less, and its square still is a number."""
+"""Bound on any measured value; its square is still finite."""
 
 
 def load_lines(path: Path) -> list[str]:
-    """The lines of a text file that is not too large.
+    """Read the lines of a text file of limited size.
 
     Parameters
     ----------
@@ -57,7 +58,7 @@ def load_lines(path: Path) -> list[str]:
     Raises
     ------
     InputError
-        The file cannot be read, is too large, or is no text.
+        The file cannot be read, is too large, or is not text.
     """
     try:
         size = path.stat().st_size
@@ -71,7 +72,7 @@ def load_lines(path: Path) -> list[str]:
 
 
 def load_json(path: Path) -> Any:
-    """The content of a JSON file that is not too large.
+    """Read the content of a JSON file of limited size.
 
     Parameters
     ----------
@@ -84,7 +85,7 @@ def load_json(path: Path) -> Any:
     Raises
     ------
     InputError
-        The file cannot be read, is too large, or is no JSON.
+        The file cannot be read, is too large, or is not JSON.
     """
     try:
         size = path.stat().st_size
@@ -97,7 +98,7 @@ def load_json(path: Path) -> Any:
         raise InputError(f"{path}: no such file; a clip of this format needs it") from None
     except InputError:
         raise
-    except (ValueError, RecursionError) as error:  # not only JSON: also numbers of 5,000 digits
+    except (ValueError, RecursionError) as error:  # also covers numbers of more than 4,300 digits
         raise InputError(
             f"{path}: not valid JSON ({error}); it may be cut off, copy it again"
         ) from error
@@ -111,7 +112,7 @@ def field(path: Path, data: Any, *keys: str) -> Any:
     Parameters
     ----------
     path : Path
-        Of the file, for messages.
+        Path of the file, for messages.
     data : object
         Content of a JSON file.
     *keys : str
@@ -123,7 +124,7 @@ def field(path: Path, data: Any, *keys: str) -> Any:
     Raises
     ------
     InputError
-        There is no such value.
+        The value is missing.
     """
     for depth, key in enumerate(keys):
         if not isinstance(data, Mapping) or key not in data:
@@ -133,15 +134,15 @@ def field(path: Path, data: Any, *keys: str) -> Any:
 
 
 def numbers(values: Any, *, shape: tuple[int, ...], place: str) -> Array:
-    """``values`` as a finite array of this shape; ``place`` names them in messages.
+    """``values`` as a finite array of shape ``shape``; ``place`` names them in messages.
 
-    Strings that look like numbers, truth values and nulls are refused: in a file of
-    coordinates they are a sign that something else is wrong too.
+    Strings that look like numbers, booleans and nulls are refused: in a file of coordinates they
+    are a sign of other errors.
 
     Parameters
     ----------
     values : object
-        Of a JSON file.
+        Part of a JSON file.
     shape : tuple of int
     place : str
         Names the values in messages.
@@ -153,7 +154,7 @@ def numbers(values: Any, *, shape: tuple[int, ...], place: str) -> Array:
     Raises
     ------
     InputError
-        They are no finite numbers, or of another shape.
+        The values are not finite numbers, or have another shape.
     """
     try:
         array = np.array(values)
@@ -170,12 +171,12 @@ def numbers(values: Any, *, shape: tuple[int, ...], place: str) -> Array:
 
 
 def frames_of_joints(path: Path, data: Any) -> dict[int, Array]:
-    """The ``3d`` table of an i3DB skeleton file.
+    """Read the ``3d`` table of an i3DB skeleton file.
 
     Parameters
     ----------
     path : Path
-        Of the file, for messages.
+        Path of the file, for messages.
     data : object
         Content of the file.
 
@@ -187,7 +188,7 @@ def frames_of_joints(path: Path, data: Any) -> dict[int, Array]:
     Raises
     ------
     InputError
-        The table is none, or a frame has not all joints.
+        The table is invalid, or a frame lacks joints.
     """
     table = field(path, data, "3d")
     if not isinstance(table, Mapping) or not table:
@@ -218,7 +219,7 @@ def frame_number(path: Path, key: Any) -> int:
     Parameters
     ----------
     path : Path
-        Of the file, for messages.
+        Path of the file, for messages.
     key : object
 
     Returns
@@ -228,7 +229,7 @@ def frame_number(path: Path, key: Any) -> int:
     Raises
     ------
     InputError
-        It is no frame number.
+        The key is not a frame number.
     """
     if not re.fullmatch(r"-?\d{1,15}", str(key)):
         raise InputError(f"{path}: {_shortened(key)} is not a frame number; expected an integer")
@@ -245,20 +246,20 @@ def _shortened(values: Any, *, limit: int = 60) -> str:
 
 Arrays = dict[str, NDArray[Any]]
 Shapes = Mapping[str, tuple[str, *tuple["str | int | None", ...]]]
-"""For each entry the kind of its values (``"text"``, ``"number"`` or ``"index"``), then its
-shape: a number, the name of the entry it must be as long as, or ``None`` for any length."""
+"""For each entry the kind of its values (``"text"``, ``"number"`` or ``"index"``), then its shape.
+Each length is a number, the name of the entry with the same length, or ``None`` for any length."""
 _KINDS = {"text": "U", "number": "fiu", "index": "iu"}
 
 
 _LARGEST: Final = 1 << 29
-"""Bytes of an archive once unpacked, half a gigabyte: a hundred times the longest clip."""
+"""Largest unpacked size of an archive in bytes: a hundred times the longest clip."""
 
 
 def refuse_bombs(file: BinaryIO) -> None:
-    """Look at an archive before any of it is unpacked.
+    """Check the declared sizes of an archive before any of it is unpacked.
 
-    A few kilobytes can claim to hold terabytes, as zip members or as an array's shape. No
-    member is ever written to disk, whatever its name.
+    A few kilobytes can declare terabytes, as zip members or as an array's shape. Members are never
+    written to disk, whatever their names.
 
     Parameters
     ----------
@@ -267,10 +268,9 @@ def refuse_bombs(file: BinaryIO) -> None:
     Raises
     ------
     InputError
-        It would take more memory than :data:`_LARGEST`, or arrays claim to be larger than
-        what is stored of them.
+        It would take more memory than :data:`_LARGEST`, or arrays declare more data than is stored.
     zipfile.BadZipFile, ValueError, OSError
-        It is no archive of arrays.
+        The file is not an archive of arrays.
     """
     with zipfile.ZipFile(file) as archive:
         members = archive.infolist()
@@ -295,13 +295,13 @@ def refuse_bombs(file: BinaryIO) -> None:
 
 
 def load_archive(path: Path, *, what: str) -> Arrays:
-    """All entries of an ``.npz``.
+    """Read all entries of an ``.npz``.
 
     Parameters
     ----------
     path : path
     what : str
-        What the file is, for messages: ``"library"``, ``"capture"``.
+        Kind of the file, for messages: ``"library"``, ``"capture"``.
 
     Returns
     -------
@@ -310,7 +310,7 @@ def load_archive(path: Path, *, what: str) -> Arrays:
     Raises
     ------
     InputError
-        There is no such file, or it is no readable archive of plain arrays.
+        The file is missing, or is not a readable archive of plain arrays.
     """
     if not path.is_file():
         raise InputError(f"{what} {path}: no such file")
@@ -321,32 +321,32 @@ def load_archive(path: Path, *, what: str) -> Arrays:
                 return {key: archive[key] for key in archive.files}
     except InputError as error:
         raise InputError(f"{what} {path}: {error}") from error
-    except Exception as error:  # numpy, zipfile, zlib and tokenize each have their own way to fail
+    except Exception as error:  # numpy, zipfile, zlib and tokenize raise many kinds
         raise InputError(
             f"{what} {path}: damaged, or no .npz of plain arrays at all; make it again"
         ) from error
 
 
 def check_shapes(arrays: Arrays, shapes: Shapes) -> None:
-    """Whether all entries are there, of the right kind, and of sizes that agree.
+    """Check that all entries are present, of the right kind, and of consistent sizes.
 
     Parameters
     ----------
     arrays : mapping of str to array
     shapes : mapping of str to shape
-        Kind and sizes by entry, see ``Shapes``.
+        Kind and shape of each entry, see ``Shapes``.
 
     Raises
     ------
     InputError
-        Without the file's name, which the caller knows.
+        They are not; the message lacks the file's name, which the caller adds.
     """
     missing = [key for key in shapes if key not in arrays]
     if missing:
         raise InputError(f"entry {missing[0]} is missing; see the description of the format")
     for key, (kind, *expected) in shapes.items():
         array = arrays[key]
-        empty = array.size == 0 and array.dtype.kind == "f"  # what numpy makes of no values at all
+        empty = array.size == 0 and array.dtype.kind == "f"  # numpy's dtype of empty arrays
         if array.dtype.kind not in _KINDS[kind] and not empty:
             raise InputError(f"{key} holds {array.dtype}, expected {kind}")
         wanted = tuple(len(np.atleast_1d(arrays[e])) if isinstance(e, str) else e for e in expected)

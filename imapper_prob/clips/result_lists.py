@@ -1,9 +1,9 @@
 """Result lists of MMPose, RTMPose and AlphaPose, and pose proposals of LCR-Net++.
 
-Of result lists two forms are read. The list of COCO results has an entry a person: ``image_id`` (a
-number, or a file's name with one in it), ``keypoints`` (x, y, score for each), and where the
-program tracks people ``idx`` or ``track_id``. MMPose's own has ``instance_info``, an entry a frame
-with ``frame_id`` and ``instances``, each of ``keypoints`` (pairs) and ``keypoint_scores``.
+Two forms of result lists are read. The list of COCO results has one entry a person: ``image_id`` (a
+number, or a file name that contains one), ``keypoints`` (x, y, score of each) and, if the program
+tracks people, ``idx`` or ``track_id``. MMPose's own form has ``instance_info``: one entry a frame
+with ``frame_id`` and ``instances``, each with ``keypoints`` (pairs) and ``keypoint_scores``.
 """
 
 from __future__ import annotations
@@ -35,13 +35,13 @@ __all__ = [
 
 Array = NDArray[np.float64]
 SETS: Final = ("coco_17", "halpe_26")
-"""Keypoint sets of such lists, which may be named as formats."""
+"""Keypoint sets of such lists, which are also format names."""
 _BEGINS_WITH: Final = {17: "coco_17", 26: "halpe_26", 133: "coco_17", 136: "halpe_26"}
-"""Sets by the number of keypoints; the two of the whole body begin with those of the body."""
+"""Sets by the number of keypoints; the two whole-body sets begin with the body's keypoints."""
 
 
 def is_result_list(data: Any) -> bool:
-    """Whether this is such a file's content.
+    """Whether the content of a JSON file is a result list.
 
     Parameters
     ----------
@@ -70,7 +70,7 @@ def read_result_list(path: Path, *, keypoint_set: str | None = None) -> RawDetec
     ----------
     path : Path
     keypoint_set : str, optional
-        One of :data:`SETS`; told from the number of keypoints if not given.
+        One of :data:`SETS`; inferred from the number of keypoints if not given.
 
     Returns
     -------
@@ -79,7 +79,7 @@ def read_result_list(path: Path, *, keypoint_set: str | None = None) -> RawDetec
     Raises
     ------
     InputError
-        The file is damaged, or an entry is not what the format says.
+        The file is damaged, or an entry does not follow the format.
     """
     data = load_json(path)
     if not is_result_list(data):
@@ -98,7 +98,7 @@ def read_result_list(path: Path, *, keypoint_set: str | None = None) -> RawDetec
         )
     names = KEYPOINT_SETS[found]
     table = np.stack([own[: len(names)] for _, own, _ in entries])
-    # A point in the very corner is how these programs, too, write one they do not have.
+    # These programs, too, write a missing point as one in the very corner of the image.
     there = (table[..., :2] != 0).any(-1)
     keypoints, scores = sixteen(table[..., :2], np.where(there, table[..., 2], 0.0), names)
     frames = np.array([frame for frame, _, _ in entries], np.int64)
@@ -175,7 +175,7 @@ def _numbers(place: str, values: Any) -> Array:
 
 
 def _frame(place: str, given: Any) -> int:
-    """Frame number: an integer, or the last one in a name such as ``"0012.jpg"``."""
+    """Frame number: an integer, or the last number in a name such as ``"0012.jpg"``."""
     if type(given) is int and abs(given) < 2**53:
         return given
     digits = re.findall(r"\d+", Path(given).stem) if isinstance(given, str) else []
@@ -197,31 +197,31 @@ def _identity(entry: dict[str, Any]) -> str:
 # ------------------------------------------------------------------------------------------------
 # Pose proposals of LCR-Net++, and the confidence of their joints.
 #
-# A region detector proposes many poses for one person; those that agree are grouped. Of a group
-# with per-pose score s' (Rogez, Weinzaepfel and Schmid 2018, equation 6) a joint k has
+# A region detector proposes many poses for one person; similar ones are grouped. In a group with
+# per-pose score s' (Rogez, Weinzaepfel and Schmid 2018, equation 6) a joint k has
 #
 #     v_k = var_i(q_k^i) / (1 + exp(-.2 s' + 3.5))
 #     c_k = 1 / (1 + exp(-10 exp(log v_k / P99(log v_k)) + 24))
 #
-# over its positions q_k^i in space, P99 being the 99th percentile of log v over all joints of the
-# recording (Monszpart et al. 2019, appendix B). The variance is the mean squared distance from the
-# mean in square metres: only below 1 does a smaller one give more confidence.
+# over its positions q_k^i in space, where P99 is the 99th percentile of log v over all joints of
+# the recording (Monszpart et al. 2019, appendix B). The variance is the mean squared distance from
+# the mean in square metres; smaller variances give more confidence only below 1 square metre.
 
 _SMALLEST: Final = 1e-12
-"""Square metres: variance of proposals that are all the same, whose log is finite."""
+"""Square metres: variance used for identical proposals, so that its log is finite."""
 _MOST_PROPOSALS: Final = 2_000
-"""In one group; LCR-Net++ looks at some thousand regions of an image."""
+"""Most proposals in one group; LCR-Net++ evaluates some thousand regions of an image."""
 
 
 def proposal_variance(positions: ArrayLike, score: float) -> Array:
-    """v_k of one group.
+    """The variances v_k of one group of proposals.
 
     Parameters
     ----------
     positions : (P, J, 3) float
-        Joints of its proposals, metres.
+        Joints of the proposals, metres.
     score : float
-        s'.
+        The score s'.
 
     Returns
     -------
@@ -235,14 +235,14 @@ def proposal_variance(positions: ArrayLike, score: float) -> Array:
 
 
 def proposal_confidence(variances: ArrayLike, percentile: float) -> Array:
-    """c_k of variances in square metres, given the 99th percentile of all their logs.
+    """The confidences c_k of variances, given the 99th percentile of all log variances.
 
     Parameters
     ----------
     variances : (...) float
         Square metres.
     percentile : float
-        The 99th of the logs of all variances.
+        The 99th percentile of the logs of all variances.
 
     Returns
     -------
@@ -251,7 +251,7 @@ def proposal_confidence(variances: ArrayLike, percentile: float) -> Array:
     Raises
     ------
     InputError
-        If the percentile is not negative: then the formula turns round, and a joint on which the
+        The percentile is not negative. The formula would then be reversed, and joints on which the
         proposals agree would be the least confident.
     """
     if not percentile < 0:
@@ -260,7 +260,7 @@ def proposal_confidence(variances: ArrayLike, percentile: float) -> Array:
             "metres; the formula holds below 1, so check that poses are in metres"
         )
     logs = np.log(np.maximum(np.asarray(variances, float), _SMALLEST))
-    # Beyond exp(5) the confidence is 1 to the last digit.
+    # Beyond exp(5) the confidence is 1 to machine precision.
     agreed = np.exp(np.minimum(logs / percentile, 5.0))
     result: Array = 1.0 / (1.0 + np.exp(-10.0 * agreed + 24.0))
     return result
@@ -277,7 +277,7 @@ class _Group:
 
 
 def is_proposals(data: Any) -> bool:
-    """Whether this is such a file's content.
+    """Whether the content of a JSON file is a list of pose proposals.
 
     Parameters
     ----------
@@ -297,8 +297,8 @@ def is_proposals(data: Any) -> bool:
 def read_proposals(path: Path) -> RawDetections:
     """Read a file of grouped proposals (format: ``docs/reference/inputs.md``).
 
-    A group of one has no variance: nothing is known of how sure its joints are, and it is left
-    out as if nobody had been detected.
+    A group with one proposal has no variance, so the confidence of its joints is unknown; it is
+    left out as if nobody had been detected.
 
     Parameters
     ----------
@@ -311,7 +311,7 @@ def read_proposals(path: Path) -> RawDetections:
     Raises
     ------
     InputError
-        The file is damaged; groups have no score, or proposals no joints. The message names
+        The file is damaged, a group has no score, or a proposal has no joints. The message names
         the file, the frame and the joint.
     """
     data = load_json(path)

@@ -1,7 +1,7 @@
-"""Statements about a scene from a file: TOML, and beside it what other systems have found.
+"""Read statements about a scene from TOML and from other programs' files that it names.
 
-Boxes of objects are read from files of COCO's results format, depths from CSV or ``.npz``. What a
-file says twice, or what nobody knows, is refused by the name of its table.
+Boxes of objects are read from files in COCO's results format, depths from CSV or ``.npz``. Repeated
+statements and unknown keys are refused; messages name the table.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ __all__ = ["read_statements"]
 
 _MEASURED: Final = {"camera": ("pitch", "height", "focal"), "person": ("stature",)}
 _LOWEST_SCORE: Final = 0.3
-"""Boxes below are left out, as detectors' own viewers do; chosen."""
+"""Score below which boxes are left out, as in detectors' own viewers; chosen."""
 
 
 def read_statements(path: str | Path) -> tuple[Statement, ...]:
@@ -45,7 +45,7 @@ def read_statements(path: str | Path) -> tuple[Statement, ...]:
     Parameters
     ----------
     path : path
-        See ``docs/how-to/say_what_is_known.md``. Files that it names lie beside it.
+        See ``docs/how-to/say_what_is_known.md``. Files that it names are in the same folder.
 
     Returns
     -------
@@ -54,7 +54,7 @@ def read_statements(path: str | Path) -> tuple[Statement, ...]:
     Raises
     ------
     InputError
-        The file is missing, no TOML, says nothing, or has a key or value that is none.
+        The file is missing, not TOML, empty, or has an invalid key or value.
 
     Examples
     --------
@@ -213,7 +213,7 @@ def _without(entry: Mapping[str, Any], *names: str) -> dict[str, Any]:
 
 
 def _depths(path: Path) -> tuple[list[int], list[float]]:
-    """Frames and depths (m) from columns, or arrays, ``frame`` and ``depth``."""
+    """Frames and depths (m), from columns or arrays named ``frame`` and ``depth``."""
     try:
         if path.suffix == ".npz":
             with np.load(path, allow_pickle=False) as file:
@@ -237,7 +237,7 @@ def _depths(path: Path) -> tuple[list[int], list[float]]:
 
 
 def _seen(entry: dict[str, Any], folder: Path) -> Statement:
-    """Boxes of one picture; labels of the detector become those of the library by ``labels``."""
+    """Boxes of one image; ``labels`` maps the detector's labels to the library's."""
     path = folder / entry["file"]
     names, image = entry["labels"], entry.get("image", entry["frame"])
     if not isinstance(names, dict) or not all(map(_is_confusion, names.values())):
@@ -263,7 +263,7 @@ def _is_confusion(value: Any) -> bool:
 
 
 def _results(path: Path, image: Any) -> Iterator[tuple[list[float], float, str]]:
-    """Box (left, top, width, height), score and label of each result of an image."""
+    """Box (left, top, width, height), score and label of each result for one image."""
     try:
         results = json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
@@ -291,7 +291,7 @@ def _results(path: Path, image: Any) -> Iterator[tuple[list[float], float, str]]
 
 
 def _box_of_mask(mask: Any) -> list[float]:
-    """Left, top, width and height of a mask: polygons, or runs of 0 and 1 down the columns."""
+    """Box (left, top, width, height) of a mask, given as polygons or column-wise run lengths."""
     if isinstance(mask, list):
         points = np.concatenate([np.asarray(part, float).reshape(-1, 2) for part in mask])
         low, high = points.min(0), points.max(0)
@@ -314,7 +314,8 @@ def _box_of_mask(mask: Any) -> list[float]:
 
 
 def _counts(text: str) -> list[int]:
-    """Runs of COCO's compressed text: differences to the last but one, five bits a character."""
+    """Run lengths from COCO's compressed text: differences to the last but one, five bits a
+    character."""
     counts: list[int] = []
     value, shift = 0, 0
     for character in text:
@@ -356,4 +357,4 @@ _READERS: Final[Mapping[str, _Reader]] = {
         _seen,
     ),
 }
-"""Keys that a table needs, those that it may have, and what makes a statement of it."""
+"""Required keys of a table, optional keys, and the function that makes a statement of it."""

@@ -1,9 +1,9 @@
 """Several takes of one room by one camera, as one clip.
 
-Furniture stands still between the takes and the camera does not move, so that what one take leaves
-open another may settle. Each take's people become tracks of the clip, beginning at its first frame;
-after the end of a shorter take nobody is seen. Real time plays no part in the model: who is in
-which take at the same frame do not meet.
+Furniture and camera do not move between takes, so one take can resolve what another leaves
+ambiguous. The people of each take become tracks of the clip that begin at its first frame; after
+the end of a shorter take they are unobserved. The model does not use real time: people of different
+takes do not interact, even in the same frame.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ __all__ = ["same_room"]
 
 
 def same_room(takes: Sequence[Clip]) -> Clip:
-    """Takes of one room as one clip, for `solve` and `sample`.
+    """Combine takes of one room into one clip, for `solve` and `sample`.
 
     Parameters
     ----------
@@ -32,13 +32,13 @@ def same_room(takes: Sequence[Clip]) -> Clip:
     Returns
     -------
     Clip
-        As long as the longest, its frames counted from 0, with everybody of all takes, named by
-        take; without truth. A single take as it is.
+        As long as the longest take, with frames numbered from 0 and the people of all takes, named
+        by take, without ground truth. A single take is returned unchanged.
 
     Raises
     ------
     InputError
-        There is no take, or cameras or frame rates differ.
+        There are no takes, or cameras or frame rates differ.
 
     Examples
     --------
@@ -83,7 +83,7 @@ def _require_same(first: Clip, other: Clip) -> None:
 
 
 def _as_long(track: Track, n_frames: int) -> Track:
-    """A track that goes on with frames in which nobody is seen."""
+    """The track extended to ``n_frames`` by frames in which nobody is observed."""
     more = n_frames - len(track.keypoints)
     if not more:
         return track
@@ -97,7 +97,7 @@ def _as_long(track: Track, n_frames: int) -> Track:
 
 
 def _names(takes: Sequence[Clip]) -> list[str]:
-    """Of the take, and of the person where several are in it; no two alike."""
+    """A unique name for each track: that of its take, and of the person if the take has several."""
     names: list[str] = []
     for take in takes:
         for track in take.tracks:

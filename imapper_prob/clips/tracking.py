@@ -1,14 +1,14 @@
-"""Tracking: skeletons of single frames are given to actors by flows of least cost.
+"""Tracking: assign the skeletons of single frames to actors, by minimum-cost flow.
 
-Every actor takes one skeleton or none in each frame, every skeleton belongs to at most one actor.
-An actor is a path through time, so that the optimum is a flow of least cost and is found exactly.
-With ``c`` the mean confidence of a skeleton and ``d`` the distance of two that follow each other,
-:func:`associate` minimises
+Every actor has at most one skeleton in each frame, and every skeleton belongs to at most one actor.
+An actor is a path through time, so the optimum is a minimum-cost flow and is found exactly. Let
+``c`` be the mean confidence of a skeleton and ``d`` the distance of two successive skeletons of an
+actor, divided by the square root of the frames between them. :func:`associate` minimises
 
     sum over skeletons (1 - c)  +  sum over successions d  +  ABSENT x frames without skeleton.
 
-A succession may leave out frames: whoever comes back is recognised by where they were. The costs
-that Monszpart et al. (2019, appendix A) print can be chosen instead.
+A succession may skip frames: an actor who returns is recognised by position. The costs printed by
+Monszpart et al. (2019, appendix A) can be used instead.
 """
 
 from __future__ import annotations
@@ -35,12 +35,12 @@ __all__ = [
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 _STEP: Final = 0.1
-"""Share of the body's height in the image that two skeletons of one person may well differ by
-from frame to frame: a step's length at ten frames a second. It is the unit of distance."""
+"""Unit of distance, as a fraction of the body's height in the image: how far two skeletons of one
+person may differ from frame to frame, the length of a step at ten frames a second."""
 _FARTHEST: Final = 6.0
-"""Cap on the distance of a joint, in those units: one that jumps says no more than this."""
+"""Cap on the distance of a joint, in those units, so that an outlier has bounded weight."""
 _SMALLEST: Final = 20.0
-"""Pixels: least height of a body, of which only a few joints may be seen."""
+"""Least height of a body in pixels that is assumed, since only a few joints may be visible."""
 _ROWS_AT_ONCE: Final = 50_000
 
 
@@ -52,14 +52,15 @@ def distances(keypoints: Array, confidences: Array, one: Ints, other: Ints) -> A
     keypoints : (N, 16, 2) float
         Pixels; NaN where missing.
     confidences : (N, 16) float
-        0 where missing; unsure joints count less.
+        0 where missing; joints count in proportion to the lower confidence of the pair.
     one, other : (P,) int
-        The pairs.
+        Row indices of the pairs.
 
     Returns
     -------
     (P,) float
-        In units of a step; pairs without a common joint are as far apart as can be.
+        In units of ``_STEP``; pairs without a common joint have the greatest distance,
+        ``_FARTHEST``.
     """
     there = (confidences > 0) & np.isfinite(keypoints).all(-1)
     points = np.where(there[..., None], keypoints, 0.0)
@@ -82,26 +83,26 @@ def distances(keypoints: Array, confidences: Array, one: Ints, other: Ints) -> A
 
 
 # ------------------------------------------------------------------------------------------------
-# Networks: several paths of least cost together.
+# Networks: several paths of least total cost.
 
 _WHOLE: Final = 1e-6
-"""How far from a whole number a solver's result may be."""
+"""Greatest distance of a solver's result from an integer."""
 
 
 @dataclass(frozen=True)
 class Network:
-    """Directed edges without a circle, and none of them twice.
+    """A directed acyclic graph without duplicate edges.
 
     Parameters
     ----------
     tail, head : (E,) int
-        Nodes that an edge leads from and to.
+        Start and end node of each edge.
     cost : (E,) float
-        Of one path along it; not negative.
+        Cost of one path along the edge; not negative.
     begin, end : int
-        Nodes where all paths begin and end; ``end`` is the last node and can be reached.
+        First and last node of all paths; ``end`` is the last node and can be reached.
     single : int
-        So many of the first edges bear one path at most; the others any number.
+        Number of edges, the first ones, that carry one path at most; the others carry any number.
     """
 
     tail: Ints
@@ -113,15 +114,15 @@ class Network:
 
 
 def _cheapest_paths(network: Network, paths: int, *, passing: Mapping[int, int]) -> list[Ints]:
-    """Paths of least cost together.
+    """Paths of least total cost.
 
     Parameters
     ----------
     network : Network
     paths : int
-        How many.
+        Number of paths.
     passing : mapping of int to int
-        Single edges, and which path must pass there.
+        Single edges, and the path that must include each of them.
 
     Returns
     -------
@@ -131,7 +132,7 @@ def _cheapest_paths(network: Network, paths: int, *, passing: Mapping[int, int])
     Raises
     ------
     InputError
-        No paths pass where they must.
+        No paths include the required edges.
     """
     if not passing:
         return _walks(network, _one_flow(network, paths), paths)
@@ -140,13 +141,13 @@ def _cheapest_paths(network: Network, paths: int, *, passing: Mapping[int, int])
 
 
 def _one_flow(network: Network, paths: int) -> Ints:
-    """(E,) how many paths go along each edge, if it does not matter which.
+    """(E,) number of paths along each edge, when the paths are interchangeable.
 
-    Successive shortest paths: each takes the shortest way that is left, and may send earlier
-    ones another way (Ahuja, Magnanti and Orlin, *Network Flows*, section 9.7). Node potentials
-    keep all lengths positive.
+    Successive shortest paths: each iteration takes the shortest path in the residual network, which
+    may reroute earlier ones (Ahuja, Magnanti and Orlin, *Network Flows*, section 9.7). Node
+    potentials keep all edge lengths non-negative.
     """
-    # Imported late: reading a clip of one person needs none of it.
+    # Imported late: reading a clip of one person does not need it.
     from scipy.sparse import csr_array
     from scipy.sparse.csgraph import dijkstra
 
@@ -180,9 +181,9 @@ def _one_flow(network: Network, paths: int) -> Ints:
 
 
 def _separate_flows(network: Network, paths: int, passing: Mapping[int, int]) -> Ints:
-    """(paths, E) whether each path goes along each edge, as a linear program.
+    """(paths, E) whether each path uses each edge, from a linear program.
 
-    Whole numbers are asked for only where they do not come by themselves.
+    Integrality is enforced only if the relaxed solution is not integral.
     """
     from scipy.optimize import Bounds, LinearConstraint, milp
     from scipy.sparse import block_diag, csr_array, hstack
@@ -233,7 +234,7 @@ def _separate_flows(network: Network, paths: int, passing: Mapping[int, int]) ->
 
 
 def _walks(network: Network, flow: Ints, units: int) -> list[Ints]:
-    """The single edges along each unit of a flow."""
+    """The single edges along each of the paths that make up a flow."""
     leaving: dict[int, list[int]] = {}
     for used in np.flatnonzero(flow):
         leaving.setdefault(int(network.tail[used]), []).extend([int(used)] * int(flow[used]))
@@ -258,30 +259,30 @@ def _walks(network: Network, flow: Ints, units: int) -> list[Ints]:
 #     E_u = -mean_k c_k of the skeleton, or 1 for the dummy
 #     C   = mean_k |u_k - u'_k|^2 / diag^2 c_k c'_k, or 1 where one of the two is the dummy
 #
-# with half the diagonal of the image as unit of length and w_pw = 10^3. Two misprints are mended:
-# E_u carries a minus and is subtracted again, which would prefer unsure skeletons; the quantifiers
-# of the two constraints are exchanged. Steps lead from a frame to the next, and to stay invisible
-# costs 1 + w_pw a frame.
+# with half the diagonal of the image as the unit of length and w_pw = 10^3. Two misprints are
+# corrected: E_u has a minus sign and is subtracted again, which would favour unsure skeletons; the
+# quantifiers of the two constraints are exchanged. Steps lead from each frame to the next, and
+# staying invisible costs 1 + w_pw a frame.
 
 PAIRWISE: Final = 1e3
-"""w_pw."""
+"""Weight w_pw of the pairwise costs."""
 _DUMMY: Final = 1.0
 """Cost of the dummy skeleton, and of a step from or to it."""
 _LIFT: Final = 1.0
-"""Added to every actor's cost in every frame, so that none is negative."""
+"""Constant added to every actor's cost in every frame, so that no cost is negative."""
 
 
 def step_cost(one: Array, other: Array, c: Array, d: Array, *, half_diagonal: float) -> Array:
-    """C of pairs of skeletons.
+    """Pairwise cost C of pairs of skeletons.
 
     Parameters
     ----------
     one, other : (P, 16, 2) float
         Pixels; any number or NaN where the confidence is 0.
     c, d : (P, 16) float
-        Their confidences.
+        Confidences of ``one`` and ``other``.
     half_diagonal : float
-        Of the image, pixels.
+        Half the diagonal of the image, pixels.
 
     Returns
     -------
@@ -297,7 +298,7 @@ def step_cost(one: Array, other: Array, c: Array, d: Array, *, half_diagonal: fl
 def _published_network(
     frames: Ints, keypoints: Array, confidences: Array, *, half_diagonal: float
 ) -> Network:
-    """The network whose cheapest paths are the paper's actors; rows sorted by frame.
+    """The network whose cheapest paths minimise the paper's costs; rows are sorted by frame.
 
     Parameters
     ----------
@@ -307,7 +308,7 @@ def _published_network(
     confidences : (N, 16) float
         0 where missing.
     half_diagonal : float
-        Of the image, pixels.
+        Half the diagonal of the image, pixels.
     """
     n, at = len(frames), frames - frames[0]
     times = int(at[-1]) + 1
@@ -345,26 +346,27 @@ def _published_network(
 # Association.
 
 ABSENT: Final = 1.2
-"""Cost of a frame without a skeleton: a little more than the least confident one has, so that
-nobody is left out for being unsure, only for being somewhere else."""
+"""Cost of a frame without a skeleton. It slightly exceeds the cost of the least confident skeleton,
+so that skeletons are left out for their position and never for low confidence."""
 _STRANGER: Final = 4.0
-"""Cost of coming back as somebody else, as it were: after long absence or from far away. Must
-be less than what two exchanged actors cost, and more than any true step."""
+"""Cost of continuing at an unrelated skeleton, after long absence or from far away. It must be less
+than the cost of exchanging two actors and more than that of any real step."""
 _MOST_GAP: Final = 45
-"""Frames of absence after which where somebody was says nothing any more: 1.5 s at 30 a second."""
+"""Frames of absence after which a position is no longer informative: 1.5 s at 30 frames a
+second."""
 _MOST_LINKS: Final = 300_000
-"""Successions that are considered; with more skeletons, shorter absences are bridged."""
+"""Most successions considered; with more skeletons, only shorter absences are bridged."""
 _REGULARLY: Final = 0.25
-"""Share of frames in which a person must be there to be counted."""
+"""Least fraction of frames in which a person must be present to be counted."""
 
 
 def people_in(frames: Ints) -> int:
-    """How many people there are: the most that are there in a quarter of the frames.
+    """Number of people: the most that are present in at least a quarter of the frames.
 
     Parameters
     ----------
     frames : (N,) int
-        When each skeleton was seen.
+        Frame number of each skeleton.
 
     Returns
     -------
@@ -383,33 +385,33 @@ def associate(
     marks: Mapping[int, int] | None = None,
     half_diagonal: float | None = None,
 ) -> list[Ints]:
-    """The rows of each actor.
+    """Assign skeletons to actors, and return the rows of each.
 
     Parameters
     ----------
     frames : (N,) int
-        When each skeleton was seen.
+        Frame number of each skeleton.
     keypoints : (N, 16, 2) float
         Pixels; NaN where missing.
     confidences : (N, 16) float
         0 where missing.
     people : int, optional
-        Number of actors; :func:`people_in` if not given, and not fewer than are marked.
+        Number of actors; :func:`people_in` if not given, and at least the number marked.
     marks : mapping of int to int, optional
-        Rows that are known to be of a certain actor.
+        Rows whose actor is known.
     half_diagonal : float, optional
-        Of the image, pixels. If given, costs are those that the paper prints.
+        Half the diagonal of the image, pixels. If given, the costs printed in the paper are used.
 
     Returns
     -------
     list of (n,) int
-        For each actor its rows, in order of time; the first begins earliest unless there
-        are marks. Actors who take none are left out, unless marked.
+        The rows of each actor in order of time. Actors are sorted by their first frame unless there
+        are marks. Actors without rows are left out unless they are marked.
 
     Raises
     ------
     InputError
-        If marks contradict each other.
+        The marks contradict each other.
     """
     frames = np.asarray(frames, np.int64)
     marks = dict(marks or {})
@@ -453,7 +455,7 @@ def _solve(
     marks: Mapping[int, int],
     half_diagonal: float | None,
 ) -> list[Ints]:
-    """Rows, sorted by frame, of each actor."""
+    """Rows of each actor, for rows sorted by frame."""
     network = (
         _network(frames, keypoints, confidences)
         if half_diagonal is None
@@ -463,7 +465,7 @@ def _solve(
 
 
 def _network(frames: Ints, keypoints: Array, confidences: Array) -> Network:
-    """Our costs; rows are sorted by frame."""
+    """The network of the default costs, for rows sorted by frame."""
     n, first, last = len(frames), frames[0], frames[-1]
     before, after = _links(frames)
     gap = frames[after] - frames[before]
@@ -471,7 +473,7 @@ def _network(frames: Ints, keypoints: Array, confidences: Array) -> Network:
     near = step < _STRANGER
     before, after, gap, step = before[near], after[near], gap[near], step[near]
 
-    # Nodes: arrival and departure of each row, "nobody" in each frame, beginning and end.
+    # Nodes: arrival and departure of each row, "nobody" in each frame, begin and end.
     times = last - first + 1
     arrive, depart = np.arange(n), n + np.arange(n)
     nobody, begin = 2 * n + np.arange(times), 2 * n + times
@@ -494,7 +496,7 @@ def _network(frames: Ints, keypoints: Array, confidences: Array) -> Network:
 
 
 def _links(frames: Ints) -> tuple[Ints, Ints]:
-    """Pairs of rows that may follow each other directly; rows are sorted by frame."""
+    """Pairs of rows that may directly succeed each other, for rows sorted by frame."""
     low = np.searchsorted(frames, frames, side="right")
     reach = _MOST_GAP
     while True:

@@ -1,8 +1,8 @@
-"""Frames of a video, the right way up, and whether its camera stood still.
+"""Read upright frames of a video, and check that its camera does not move.
 
-The model knows only a fixed camera. What moves in front of it is small or gone in other frames,
-what stands still is most of the picture: :func:`stillness` compares distant frames tile by tile, by
-phase correlation.
+The model supports only a fixed camera. People are small or absent in some frames, and most of the
+picture is static. :func:`stillness` therefore compares distant frames tile by tile, by phase
+correlation.
 """
 
 from __future__ import annotations
@@ -29,28 +29,28 @@ __all__ = [
 
 Image = NDArray[np.uint8]
 _ON_FILM: Final = "focal_length.35mm_equivalent"
-"""Ending of the key under which phones write what their lens would be on film."""
+"""Ending of the key under which phones record the 35 mm equivalent focal length."""
 _FILM_DIAGONAL: Final = float(np.hypot(36, 24))
-"""Millimetres."""
+"""Diagonal of 35 mm film in millimetres."""
 _LARGEST_SIDE: Final = 8192
-"""Pixels; a header that claims more is damaged."""
+"""Largest width or height in pixels; a header that declares more is damaged."""
 
 
 @dataclass(frozen=True)
 class Video:
-    """What the header of a video says, and its first frame.
+    """What the header and the first frame of a video say.
 
     Parameters
     ----------
     path : Path
     width, height : int
-        Pixels of a frame the right way up.
+        Pixels of an upright frame.
     fps : float
-        Frames a second, on average.
+        Mean number of frames a second.
     n_frames : int
-        As far as the header knows; 0 where it does not.
+        As the header says; 0 if it does not.
     likely_focal : float, optional
-        Focal length in pixels, of phones that write down what it is on 35 mm film.
+        Focal length in pixels, if the file records its 35 mm equivalent.
     """
 
     path: Path
@@ -63,12 +63,12 @@ class Video:
     def frames(
         self, *, start: int = 0, end: int | None = None, step: int = 1
     ) -> Iterator[tuple[int, Image]]:
-        """Numbers and (height, width, 3) RGB images of every ``step``-th frame.
+        """Yield number and (height, width, 3) RGB image of every ``step``-th frame.
 
         Parameters
         ----------
         start, end : int
-            First frame, and the one after the last.
+            First frame, and the frame after the last.
         step : int
 
         Yields
@@ -84,7 +84,7 @@ class Video:
 
 
 def upright(image: Image, degrees: float) -> Image:
-    """An image turned counter-clockwise by what the file says, to the nearest right angle.
+    """Rotate an image counter-clockwise by ``degrees``, rounded to a multiple of 90.
 
     Parameters
     ----------
@@ -99,7 +99,7 @@ def upright(image: Image, degrees: float) -> Image:
 
 
 def open_video(path: str | Path) -> Video:
-    """Look at a video without decoding more than its first frame.
+    """Read the properties of a video, decoding only its first frame.
 
     Parameters
     ----------
@@ -112,7 +112,7 @@ def open_video(path: str | Path) -> Video:
     Raises
     ------
     InputError
-        There is no such file, it is no video, or PyAV is not installed.
+        The file is missing or not a video, or PyAV is not installed.
     """
     path = Path(path)
     if not path.is_file():
@@ -136,7 +136,7 @@ def open_video(path: str | Path) -> Video:
 
 
 def _likely_focal(metadata: dict[str, str], diagonal: float) -> float | None:
-    """Pixels, from the focal length on film whose frame has a diagonal of 43.3 mm."""
+    """Focal length in pixels, from that on film with a diagonal of 43.3 mm."""
     for key, value in metadata.items():
         if key.endswith(_ON_FILM) and re.fullmatch(r"\d{1,3}(\.\d+)?", value):
             millimetres = float(value)
@@ -145,12 +145,12 @@ def _likely_focal(metadata: dict[str, str], diagonal: float) -> float | None:
 
 
 def needs(name: str) -> Any:
-    """A module of the extra ``video``.
+    """Import a module of the extra ``video``.
 
     Parameters
     ----------
     name : str
-        Of the module.
+        Name of the module.
 
     Returns
     -------
@@ -159,7 +159,7 @@ def needs(name: str) -> Any:
     Raises
     ------
     InputError
-        It is not installed.
+        The module is not installed.
     """
     from importlib import import_module
 
@@ -173,7 +173,7 @@ def needs(name: str) -> Any:
 
 
 def _decoded(path: Path) -> Iterator[Any]:
-    """Frames of the first video stream; a file that is cut off ends early."""
+    """Decoded frames of the first video stream; a truncated file ends early."""
     av = needs("av")
     try:
         with av.open(str(path)) as container:
@@ -194,32 +194,33 @@ def _decoded(path: Path) -> Iterator[Any]:
 
 Array = NDArray[np.float64]
 _MOST_SHIFT: Final = 0.015
-"""Share of the image's width that the room may shift: a tripod that was touched, not a pan.
-At a field of view of 53 degrees it is 0.9 degrees."""
+"""Greatest shift of the background, as a fraction of the image's width, that still counts as a
+fixed camera: a touched tripod, not a pan. At a field of view of 53 degrees it is 0.9 degrees."""
 _WIDTH: Final = 256
-"""Pixels across a thumbnail, so that compression and noise do not count."""
+"""Least width of a thumbnail in pixels; averaging to it suppresses compression and noise."""
 _TILE: Final = 64
 _TEXTURE: Final = 3.0
-"""Grey levels of standard deviation below which a tile is a blank wall and says nothing."""
+"""Standard deviation in grey levels below which a tile is blank and is not used."""
 _FINEST: Final = 0.1
-"""Cycles a pixel, standard deviation of the weight of frequencies: finer ones are noise."""
+"""Standard deviation, in cycles a pixel, of the Gaussian weight of frequencies, which suppresses
+noise."""
 _PEAK: Final = 0.4
-"""Height of the correlation's peak, of 1, below which two tiles show different things; tiles
-that show different things reach .2 to .3."""
+"""Least peak of the correlation, out of 1, of two tiles that show the same thing; tiles that show
+different things reach .2 to .3."""
 _ENOUGH: Final = 0.2
-"""Share of the textured tiles that must be recognised for a pair of frames to say anything."""
+"""Least fraction of textured tiles that must match for a pair of frames to be used."""
 
 
 @dataclass(frozen=True)
 class Stillness:
-    """How far the background moved.
+    """How far the background moves.
 
     Parameters
     ----------
     shift : float
-        Largest, over pairs of frames, of the median shift of tiles; share of the width.
+        Largest, over pairs of frames, of the median shift of tiles, as a fraction of the width.
     recognised : float
-        Share of the pairs that show the same room at all.
+        Fraction of the pairs that show the same background.
     """
 
     shift: float
@@ -227,7 +228,7 @@ class Stillness:
 
     @property
     def cut(self) -> bool:
-        """Whether there are several rooms in it, or one from several sides."""
+        """Whether the video shows several rooms, or one room from several viewpoints."""
         return self.recognised < 0.7
 
     @property
@@ -237,7 +238,7 @@ class Stillness:
 
 
 def grey_thumbnail(image: NDArray[np.uint8]) -> Array:
-    """A small grey image, by averaging.
+    """A small grey image, made by averaging blocks.
 
     Parameters
     ----------
@@ -256,13 +257,13 @@ def grey_thumbnail(image: NDArray[np.uint8]) -> Array:
 
 
 def stillness(thumbnails: list[Array]) -> Stillness:
-    """Compare each thumbnail with those a third and two thirds of the clip away.
+    """Measure how far the background moves between frames a third of the clip apart.
 
     Parameters
     ----------
     thumbnails : list of (h, w) float
-        Of frames spread over the clip, all of one size. Fewer than two say nothing, and
-        count as still.
+        Thumbnails of frames spread over the clip, all of one size. With fewer than two the result
+        is still.
 
     Returns
     -------
@@ -279,7 +280,7 @@ def stillness(thumbnails: list[Array]) -> Stillness:
 
 
 def _shift(one: Array, other: Array) -> float | None:
-    """Median shift in pixels of the tiles of two thumbnails; None if they have little in common."""
+    """Median shift in pixels of the tiles of two thumbnails; None if too few tiles match."""
     window = np.outer(np.hanning(_TILE), np.hanning(_TILE))
     fineness = np.hypot(np.fft.fftfreq(_TILE)[:, None], np.fft.rfftfreq(_TILE))
     weight = np.exp(-(fineness**2) / (2 * _FINEST**2))

@@ -1,7 +1,7 @@
-"""Truth and the authors' own result of an i3DB scene, as the benchmark's files have them.
+"""Ground truth and the authors' own result of an i3DB scene, as in the benchmark's files.
 
-The files' boxes lean by up to six degrees, and so do the published scores: nothing here makes them
-upright.
+Boxes in the files are tilted by up to six degrees and the published scores use them that way; this
+module does not make them upright.
 """
 
 from __future__ import annotations
@@ -29,11 +29,11 @@ __all__ = ["read_authors", "read_input_path", "read_truth_in_view"]
 Array = NDArray[np.float64]
 
 _MAIN_PARTS: Final = frozenset({"seat", "stool", "top", "shelf"})
-"""Parts that stand for an object in the authors' output; backs and legs go with the nearest."""
+"""Main parts of objects in the authors' output; each back or leg is assigned to the nearest."""
 _REPEATED: Final = 0.3
-"""Metres in top view within which two parts of one kind are the same, written twice."""
+"""Metres in top view within which two parts of one kind count as one part written twice."""
 _OWN: Final = 0.9
-"""Metres in top view within which a back or leg belongs to a seat or top."""
+"""Greatest distance in metres, top view, of a back or leg from the seat or top it belongs to."""
 
 
 @dataclass(frozen=True)
@@ -49,14 +49,14 @@ class _Part:
 
 
 def read_truth_in_view(folder: str | Path, clip: Clip | None = None) -> TruthInView:
-    """The truth of one scene, with the joints in the image that the annotators corrected.
+    """Read the ground truth of one scene, with the annotators' corrected joints in the image.
 
     Parameters
     ----------
     folder : path
-        Of the scene.
+        Folder of the scene.
     clip : Clip, optional
-        What was read of the folder.
+        The clip read from that folder; read if not given.
 
     Returns
     -------
@@ -65,7 +65,7 @@ def read_truth_in_view(folder: str | Path, clip: Clip | None = None) -> TruthInV
     Raises
     ------
     InputError
-        A file is missing, damaged, or holds something other than the format says.
+        A file is missing, damaged, or does not follow the format.
     """
     folder = Path(folder)
     clip = clip or read_i3db(folder)
@@ -93,18 +93,18 @@ def read_truth_in_view(folder: str | Path, clip: Clip | None = None) -> TruthInV
 
 
 def read_authors(folder: str | Path, clip: Clip | None = None) -> Prediction:
-    """The authors' own result on a scene.
+    """Read the authors' own result on a scene.
 
-    Their files scatter the parts of an object over many numbers and repeat some: repeats are
-    dropped, and each seat, top or shelf takes the backs and legs of its label that are nearest
-    to it. The second axis of a seat points to its back, as in the truth.
+    Their files spread the parts of an object over many numbers and repeat some parts. Repeated
+    parts are dropped, and each seat, top or shelf gets the backs and legs of its label that are
+    nearest to it. The second axis of a seat points to its back, as in the ground truth.
 
     Parameters
     ----------
     folder : path
-        Of the scene.
+        Folder of the scene.
     clip : Clip, optional
-        What was read of the folder.
+        The clip read from that folder; read if not given.
 
     Returns
     -------
@@ -113,7 +113,7 @@ def read_authors(folder: str | Path, clip: Clip | None = None) -> Prediction:
     Raises
     ------
     InputError
-        If ``iMapper/skel_output.json`` is missing or damaged.
+        ``iMapper/skel_output.json`` is missing or damaged.
     """
     folder = Path(folder)
     clip = clip or read_i3db(folder)
@@ -128,14 +128,14 @@ def read_authors(folder: str | Path, clip: Clip | None = None) -> Prediction:
 
 
 def read_input_path(folder: str | Path, clip: Clip | None = None) -> Prediction:
-    """The lifted skeletons where the authors' input has them in space; no furniture.
+    """Read the lifted skeletons at the positions of the authors' input; no furniture.
 
     Parameters
     ----------
     folder : path
-        Of the scene.
+        Folder of the scene.
     clip : Clip, optional
-        What was read of the folder.
+        The clip read from that folder; read if not given.
 
     Returns
     -------
@@ -148,7 +148,7 @@ def read_input_path(folder: str | Path, clip: Clip | None = None) -> Prediction:
 
 
 def _path(path: Path, clip: Clip) -> Array:
-    """(T, 16, 3) joints of a skeleton file; frames between two are on straight lines."""
+    """(T, 16, 3) joints of a skeleton file; gaps between frames are interpolated linearly."""
     joints = np.full((clip.n_frames, N_JOINTS, 3), np.nan)
     for frame, position in frames_of_joints(path, load_json(path)).items():
         if frame in clip.frame_ids:
@@ -179,9 +179,9 @@ def _apart(one: _Part, other: _Part) -> float:
 
 
 def _outline(main: _Part, parts: Sequence[_Part], *, has_front: bool) -> Outline:
-    """The outline of an object whose front is away from the second axis of its main part."""
+    """The outline of an object whose front is opposite to the second axis of its main part."""
     sideways = main.axes[:, 0]
-    # Left-handed axes: to the right of the front, whichever way the file's first axis points.
+    # Axes may be left-handed: take right of the front, whichever way the file's first axis points.
     back = main.axes[:, 1]
     if sideways[0] * back[1] - sideways[1] * back[0] > 0:
         sideways = -sideways
@@ -190,7 +190,7 @@ def _outline(main: _Part, parts: Sequence[_Part], *, has_front: bool) -> Outline
 
 
 def _parts(path: Path) -> list[_Part]:
-    """The boxes that ``scenelets.obbs`` of a skeleton file lists; there may be none."""
+    """The boxes listed in ``scenelets.obbs`` of a skeleton file; the list may be empty."""
     listed = field(path, load_json(path), "scenelets", "obbs")
     if not isinstance(listed, list):
         raise InputError(f"{path}: 'scenelets.obbs' must list files")
@@ -222,7 +222,8 @@ def _parts(path: Path) -> list[_Part]:
 
 
 def _pixels(path: Path, clip: Clip, joints: Array) -> Array:
-    """(T, 16, 2) corrected detections at the size of the video, where the truth is known."""
+    """(T, 16, 2) corrected detections in pixels of the video; NaN where joints are not
+    annotated."""
     pixels = np.full((clip.n_frames, N_JOINTS, 2), np.nan)
     for frame, corrected in frames_of_joints(path, load_json(path)).items():
         if frame in clip.frame_ids:
@@ -232,6 +233,6 @@ def _pixels(path: Path, clip: Clip, joints: Array) -> Array:
 
 
 def _camera_axes(points: ArrayLike) -> Array:
-    """The files' x right, y down, z forward to our x right, y forward, z up: (..., 3)."""
+    """(..., 3) points with the files' x right, y down, z forward to x right, y forward, z up."""
     x, y, z = np.moveaxis(np.asarray(points, float), -1, 0)
     return np.stack([x, z, -y], -1)

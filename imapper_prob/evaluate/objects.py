@@ -1,4 +1,4 @@
-"""How far furniture is from the truth: the scores of the paper's table 1 and more."""
+"""Errors of furniture against ground truth: the scores of the paper's table 1 and others."""
 
 from __future__ import annotations
 
@@ -19,28 +19,28 @@ __all__ = ["ObjectScore", "Pair", "object_scores", "pair_up", "yaw_error"]
 Array = NDArray[np.float64]
 
 _FOUND: Final = 1.0
-"""Metres within which a true object counts as found (the paper's)."""
+"""Metres in top view within which a true object counts as found (the paper's value)."""
 
 _WALKED: Final = 0.5
-"""Metres around the true path within which chance puts furniture: what a person touches."""
+"""Metres around the true path within which the chance level places furniture."""
 _THROWS: Final = 400
-"""Random placements behind a chance level, known to .02 then."""
+"""Random placements for a chance level, which is then accurate to .02."""
 
 _APART: Final = 1e6
-"""Stands for the distance of two objects that may not be paired."""
+"""Cost that replaces the distance of two objects that may not be paired."""
 
 
 @dataclass(frozen=True)
 class Pair:
-    """A true object and what is taken for it.
+    """A true object and the predicted object it is paired with.
 
     Parameters
     ----------
     truth, found : Outline
     distance : float
-        Between centres in top view, metres.
+        Distance between centres in top view, metres.
     yaw : float
-        Between fronts, degrees; up to half a turn where either has no front.
+        Angle between fronts, degrees; modulo half a turn if either object has no front.
     """
 
     truth: Outline
@@ -50,32 +50,33 @@ class Pair:
 
     @property
     def apart(self) -> float:
-        """Between centres in space, metres."""
+        """Distance between centres in 3D, metres."""
         return float(np.linalg.norm(self.truth.middle - self.found.middle))
 
     @property
     def near(self) -> bool:
-        """Whether this counts as found."""
+        """Whether the true object counts as found."""
         return self.distance < _FOUND
 
 
 @dataclass(frozen=True, eq=False)
 class ObjectScore:
-    """Furniture of one prediction against the used objects of one clip.
+    """Scores of the furniture of one prediction against the used objects of one clip.
 
     Parameters
     ----------
     pairs : tuple of Pair
-        Every true object that has a partner, however far.
+        Every true object that has a partner, at any distance.
     truths : tuple of Outline
         The used objects.
     predicted : int
-        Objects that are claimed.
+        Number of predicted objects.
     chance : float
-        Share of the true objects that would be found if those that are claimed stood
-        anywhere along the walk.
+        Expected fraction of the true objects found if the predicted objects were placed at random
+        along the true path.
     shared, covered : float
-        Square metres of floor under true and claimed furniture alike, and under either.
+        Square metres of floor in the intersection, and in the union, of true and predicted
+        footprints.
     """
 
     pairs: tuple[Pair, ...]
@@ -87,18 +88,18 @@ class ObjectScore:
 
     @property
     def true(self) -> int:
-        """How many objects are used."""
+        """Number of used objects."""
         return len(self.truths)
 
     @property
     def distances(self) -> Array:
-        """(n_pairs,) metres."""
+        """(n_pairs,) distances in metres."""
         return np.array([p.distance for p in self.pairs])
 
     @property
     def losses(self) -> Array:
-        """(true,) metres to the partner, cut off at a metre, which a miss costs as well: misses
-        and bad places on one scale. In the order of the truth."""
+        """(true,) distances to the partner in metres, capped at one metre, which is also the loss
+        of a missed object. In the order of the truth."""
         losses = np.full(self.true, _FOUND)
         where = {id(o): k for k, o in enumerate(self.truths)}
         for pair in self.pairs:
@@ -107,24 +108,24 @@ class ObjectScore:
 
     @property
     def yaws(self) -> Array:
-        """Degrees, of the objects that were found."""
+        """Angles in degrees between fronts or axes, of the objects that were found."""
         return np.array([p.yaw for p in self.pairs if p.near])
 
     @property
     def seat_yaws(self) -> Array:
-        """Degrees between fronts, of seats that were found, full turn."""
+        """Angles in degrees between fronts, modulo a full turn, of the seats that were found."""
         return np.array(
             [_turn(p) for p in self.pairs if p.near and p.truth.group == "seat"], dtype=float
         )
 
     @property
     def found(self) -> int:
-        """True objects with their partner within a metre."""
+        """Number of true objects whose partner is within a metre."""
         return sum(p.near for p in self.pairs)
 
     @property
     def spurious(self) -> int:
-        """Claimed objects that find nothing."""
+        """Number of predicted objects that do not match a true one."""
         return self.predicted - self.found
 
     @property
@@ -136,14 +137,14 @@ class ObjectScore:
 def object_scores(
     objects: Sequence[Outline], truth: TruthInView, rng: np.random.Generator
 ) -> ObjectScore:
-    """Scores of claimed furniture.
+    """Score predicted furniture against the used objects of a clip.
 
     Parameters
     ----------
     objects : sequence of Outline
     truth : TruthInView
     rng : numpy.random.Generator
-        For the chance level alone.
+        Used only for the chance level.
 
     Returns
     -------
@@ -163,7 +164,7 @@ def object_scores(
 
 
 def pair_up(true: Sequence[Outline], found: Sequence[Outline]) -> tuple[Pair, ...]:
-    """Partners within groups of labels such that the sum of distances is least.
+    """Pair true and predicted objects of equal groups so that the sum of distances is least.
 
     Parameters
     ----------
@@ -186,7 +187,7 @@ def pair_up(true: Sequence[Outline], found: Sequence[Outline]) -> tuple[Pair, ..
 
 
 def yaw_error(true: Outline, found: Outline) -> float:
-    """Degrees between two fronts; of tables, shelves and stools between their axes.
+    """Angle in degrees between two fronts; between axes if either object has no front.
 
     Parameters
     ----------
@@ -211,7 +212,8 @@ def _distances(true: Sequence[Array], found: Sequence[Array]) -> Array:
 
 
 def _chance(objects: Sequence[Outline], truth: TruthInView, rng: np.random.Generator) -> float:
-    """Share found by as many objects of the same labels, thrown on the floor around the walk."""
+    """Fraction of true objects found by equally many objects of the same labels at random
+    positions."""
     true = truth.used_objects
     path = truth.joints[truth.known, PELV, :2]
     if not true or not len(path):
@@ -231,7 +233,7 @@ def _chance(objects: Sequence[Outline], truth: TruthInView, rng: np.random.Gener
 
 
 def _points_in(area: Polygon, count: int, rng: np.random.Generator) -> Array:
-    """(count, 2) points, uniform over an area."""
+    """(count, 2) points, uniformly distributed over an area."""
     from shapely import contains_xy
 
     low_x, low_y, high_x, high_y = area.bounds

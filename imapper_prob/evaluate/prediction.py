@@ -1,7 +1,7 @@
-"""Predictions: what a method claims of a clip, in the axes of the camera.
+"""Predictions: the motion and furniture that a method states for a clip, in camera axes.
 
-They are made from draws and solutions, and read from files of other methods and from folders of
-``imapper-prob solve``, so that the same code scores all.
+They are made from draws and solutions, or read from files of other methods and from folders of
+``imapper-prob solve``. The same code scores them all.
 """
 
 from __future__ import annotations
@@ -50,17 +50,17 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Prediction:
-    """Motion and furniture that somebody claims.
+    """Motion and furniture stated by a method.
 
     Parameters
     ----------
     name : str
-        Heads its row.
+        Name of the method, the heading of its table row.
     joints : (R, 16, 3) float
-        In the axes of the camera (x right, y forward, z up), metres; NaN for joints and frames
-        about which nothing is claimed. All frames of the first person, then of the next.
+        Camera axes (x right, y forward, z up), metres; NaN for joints and frames without a
+        prediction. All frames of the first person, then of the next.
     pixels : (R, 16, 2) float
-        Where its own camera sees them.
+        Their projections by the prediction's own camera.
     objects : tuple of Outline
     people : int
         How many the rows are of.
@@ -74,7 +74,7 @@ class Prediction:
 
 
 def of_people(prediction: Prediction, people: int, *, frames: int, clip: str) -> Prediction:
-    """What is said of the first people of a clip.
+    """The prediction for the first people of a clip.
 
     Parameters
     ----------
@@ -89,12 +89,12 @@ def of_people(prediction: Prediction, people: int, *, frames: int, clip: str) ->
     Returns
     -------
     Prediction
-        Rows of the others are left out; NaN where nothing is said of somebody.
+        Rows of other people are left out; rows without a prediction are NaN.
 
     Raises
     ------
     InputError
-        If its rows are not the clip's frames for each of its people.
+        The rows are not the frames of the clip for each person.
     """
     if prediction.people < 1:
         raise InputError(f"{prediction.name}: a prediction is of one person at least")
@@ -117,12 +117,12 @@ def of_people(prediction: Prediction, people: int, *, frames: int, clip: str) ->
 
 
 def between_frames(joints: ArrayLike) -> Array:
-    """Frames between the first and the last that have joints, on straight lines.
+    """Interpolate joints linearly between the frames that have them.
 
     Parameters
     ----------
     joints : (T, J, 3) float
-        NaN where there is nothing; each joint is taken by itself.
+        NaN where missing; each joint is treated separately.
 
     Returns
     -------
@@ -143,15 +143,15 @@ def between_frames(joints: ArrayLike) -> Array:
 
 
 def prediction_of_scene(scene: Scene, *, name: str, people: int = 1) -> Prediction:
-    """A scene turned by its own camera, which may be tilted otherwise than the true one.
+    """A scene in the axes of its own camera, whose tilt may differ from the true one.
 
     Parameters
     ----------
     scene : Scene
     name : str
-        Of the method.
+        Name of the method.
     people : int
-        Whose motion it has.
+        Number of people in its motion.
 
     Returns
     -------
@@ -167,14 +167,14 @@ def prediction_of_scene(scene: Scene, *, name: str, people: int = 1) -> Predicti
 
 
 def prediction_of_state(source: Source, state: State, *, name: str) -> Prediction:
-    """A state, with the furniture of it that is worth naming.
+    """The prediction of a state, with the objects that the method of its problem reports.
 
     Parameters
     ----------
     source : Source
     state : State
     name : str
-        Of the method.
+        Name of the method.
 
     Returns
     -------
@@ -188,13 +188,13 @@ def prediction_of_state(source: Source, state: State, *, name: str) -> Predictio
 
 
 def prediction_of_solved(solved: Solved, *, name: str) -> Prediction:
-    """The staged solver's best scene: everybody's furniture and motion.
+    """The staged solver's best scene: furniture and motion of all people.
 
     Parameters
     ----------
     solved : Solved
     name : str
-        Of the method.
+        Name of the method.
 
     Returns
     -------
@@ -207,8 +207,8 @@ def prediction_of_solved(solved: Solved, *, name: str) -> Prediction:
 
 
 # ------------------------------------------------------------------------------------------------
-# Files: JSON, x right, y forward along the optical axis, z up in the image, metres from the optical
-# centre::
+# File format: JSON, x right, y forward along the optical axis, z up in the image, metres from the
+# optical centre::
 #
 #     {"format": "imapper-prob prediction", "version": 1,
 #      "method": "what heads its row", "clip": "Scene04",
@@ -217,20 +217,19 @@ def prediction_of_solved(solved: Solved, *, name: str) -> Prediction:
 #      "objects": [{"label": "chair", "points": [[x, y, z], ...],
 #                   "sideways": [x, y, z], "has_front": true}]}
 #
-# Frames are those of the clip; frames between two are filled in on straight lines. Joints may be
-# any of the sixteen, in any order, and null where the method says nothing. ``points`` are the
-# corners of all boxes of an object, ``sideways`` points to the right of its front. ``pixels``
-# beside ``joints``, of the same form with pairs, is for methods with a camera of their own;
-# without it the clip's camera projects the joints. ``joints`` may be missing, and so may
-# ``objects``: methods that only do one of the two have no scores for the other. Of several people
-# a file has the first.
+# Frames are those of the clip; gaps between frames are interpolated linearly. Joints may be any of
+# the sixteen, in any order, and null where the method predicts none. ``points`` are the corners of
+# all boxes of an object; ``sideways`` points to the right of its front. ``pixels`` beside
+# ``joints``, of the same form with pairs, is for methods with a camera of their own; without it the
+# clip's camera projects the joints. ``joints`` and ``objects`` may each be missing; such methods
+# have no scores for what is missing. If there are several people, the file has the first.
 
 PREDICTION_FORMAT: Final = "imapper-prob prediction"
 _PREDICTION_VERSION: Final = 1
 
 
 def read_prediction(path: str | Path, clip: Clip) -> Prediction:
-    """A result of any method on a clip.
+    """Read a prediction file of any method for a clip.
 
     Parameters
     ----------
@@ -244,7 +243,7 @@ def read_prediction(path: str | Path, clip: Clip) -> Prediction:
     Raises
     ------
     InputError
-        The file is missing, damaged, of another clip, or holds something that is not said above.
+        The file is missing, damaged, of another clip, or does not follow the format above.
     """
     path = Path(path)
     data = load_json(path)
@@ -268,9 +267,9 @@ def read_prediction(path: str | Path, clip: Clip) -> Prediction:
 
 
 def write_prediction(path: str | Path, prediction: Prediction, clip: Clip) -> None:
-    """Write what :func:`read_prediction` reads; a file in the way is replaced.
+    """Write a file that :func:`read_prediction` reads; an existing file is replaced.
 
-    Of several people it has the motion of the first.
+    Of several people, only the motion of the first is written.
 
     Parameters
     ----------
@@ -292,7 +291,7 @@ def write_prediction(path: str | Path, prediction: Prediction, clip: Clip) -> No
 
 
 def _table(path: Path, data: Any, key: str, clip: Clip, size: int) -> Array:
-    """(T, 16, size) by the clip's frames and our order of joints."""
+    """(T, 16, size) values by the clip's frames and this program's order of joints."""
     table = np.full((clip.n_frames, N_JOINTS, size), np.nan)
     if key not in data:
         return table
@@ -365,11 +364,11 @@ def _from_outline(item: Outline) -> dict[str, Any]:
 # Folders of staged solutions.
 
 SOLVER = "staged solver"
-"""Heads the row of the deterministic solution."""
+"""Row heading of the deterministic solution."""
 
 
 def is_solution(folder: Path) -> bool:
-    """Whether a folder holds a staged solution.
+    """Whether a folder holds a solution of the staged solver.
 
     Parameters
     ----------
@@ -383,7 +382,7 @@ def is_solution(folder: Path) -> bool:
 
 
 def read_solution_folder(folder: Path, clip: Clip) -> Prediction:
-    """The best scene of the staged solver.
+    """Read the best scene of the staged solver.
 
     Parameters
     ----------
@@ -397,7 +396,7 @@ def read_solution_folder(folder: Path, clip: Clip) -> Prediction:
     Raises
     ------
     InputError
-        If the files are damaged, or of another clip.
+        The files are damaged, or belong to another clip.
     """
     path = folder / "solution.json"
     data = load_json(path)

@@ -1,7 +1,7 @@
-"""Whether stated probabilities hold: proper scores, ranks of the truth, coverage of regions.
+"""Calibration of probabilities: proper scores, ranks of the truth, coverage of regions.
 
-Scores are proper: none can be improved by stating other probabilities than one has (Gneiting and
-Raftery 2007, *Strictly proper scoring rules, prediction, and estimation*).
+Scores are proper: their expectation is best when the stated probabilities are the true ones
+(Gneiting and Raftery 2007, *Strictly proper scoring rules, prediction, and estimation*).
 """
 
 from __future__ import annotations
@@ -53,19 +53,19 @@ __all__ = [
 
 Array = NDArray[np.float64]
 _MOST: Final = 200
-"""Draws that are looked at. Ranks among 200 are good to .035, and neighbours are alike."""
+"""Most draws used. Ranks among 200 are accurate to .035, and neighbouring draws are similar."""
 
 
 @dataclass(frozen=True, eq=False)
 class Draws:
-    """Evenly spaced draws of all chains.
+    """Draws of all chains at even spacing.
 
     Parameters
     ----------
     joints : (N, R, 16, 3) float
-        In the axes of the camera, metres.
+        Camera axes, metres.
     pixels : (N, R, 16, 2) float
-        As each draw's own camera sees them.
+        Projections by each draw's own camera.
     objects : tuple of N tuples of Outline
     """
 
@@ -84,7 +84,7 @@ def draws_of(posterior: Posterior, *, rows: int | None = None) -> Draws:
     ----------
     posterior : Posterior
     rows : int, optional
-        Frames times people, of the first people; of everybody if not given.
+        Frames times people, for the first people only; all people if not given.
 
     Returns
     -------
@@ -106,24 +106,24 @@ def draws_of(posterior: Posterior, *, rows: int | None = None) -> Draws:
 
 
 # ------------------------------------------------------------------------------------------------
-# Claims: clusters of objects in the axes of the camera.
+# Claims: object clusters in camera axes.
 
 _LEAST: Final = 0.005
-"""Probability down to which clusters count; two draws of 400."""
+"""Least probability of a cluster that is scored; two draws of 400."""
 
 
 @dataclass(frozen=True, eq=False)
 class Claim:
-    """One piece of furniture as the draws have it.
+    """A cluster of objects over the draws.
 
     Parameters
     ----------
     probability : float
-        That it is there.
+        Probability that the object exists.
     label : str
-        The most probable one.
+        Its most probable label.
     members : tuple of Outline
-        It, in every draw that has it.
+        The object in each draw that has it.
     """
 
     probability: float
@@ -132,14 +132,15 @@ class Claim:
 
     @property
     def centres(self) -> Array:
-        """(n, 2) metres, top view."""
+        """(n, 2) centres in top view, metres."""
         return np.array([m.centre for m in self.members])
 
     @cached_property
     def representative(self) -> Outline:
-        """The member of the right label nearest to the mean, moved there.
+        """The member with the cluster's label that is nearest to the mean, moved to the mean.
 
-        The mean is of bearing and log distance, because spread is relative and along the ray.
+        The mean is over bearing and log distance, because uncertainty is relative and along the
+        ray.
         """
         away = np.linalg.norm(self.centres, axis=1)
         bearing = np.arctan2(self.centres[:, 0], self.centres[:, 1]).mean()
@@ -153,9 +154,9 @@ class Claim:
 
 
 def claims_of(posterior: Posterior) -> tuple[Claim, ...]:
-    """The clusters that a run shows with their ellipses, the most probable first.
+    """The object clusters that a run reports, the most probable first.
 
-    They are made without the truth, by :mod:`imapper_prob.uncertainty.clusters`.
+    They come from :mod:`imapper_prob.uncertainty.clusters`, without use of the truth.
 
     Parameters
     ----------
@@ -181,17 +182,17 @@ def claims_of(posterior: Posterior) -> tuple[Claim, ...]:
 # Proper scores.
 
 _MISSED: Final = 0.5
-"""Cost in metres of an object that is missed, and of one too many: together the metre from
-which an object is not found."""
+"""Cost in metres of a missed object and of a spurious one; together one metre, the distance from
+which an object does not count as found."""
 
 
 def scene_distance(one: Sequence[Outline], other: Sequence[Outline]) -> float:
-    """Metres between two sets of furniture.
+    """Distance in metres between two sets of furniture.
 
-    Distances of partners within a metre, and half a metre for each object without one: the
-    generalised optimal sub-pattern assignment metric (Rahmathullah, García-Fernández and
-    Svensson 2017) of order 1, cut off at a metre. Being a metric, it makes
-    :func:`energy_score` proper.
+    It sums the distances of partners within a metre, and half a metre for each object without a
+    partner: the generalised optimal sub-pattern assignment metric (Rahmathullah, García-Fernández
+    and Svensson 2017) of order 1 with cut-off one metre. Because it is a metric,
+    :func:`energy_score` is proper.
 
     Parameters
     ----------
@@ -214,7 +215,7 @@ def scene_distance(one: Sequence[Outline], other: Sequence[Outline]) -> float:
 def energy_score(
     draws: Sequence[Sequence[Outline]], truth: Sequence[Outline]
 ) -> tuple[float, float]:
-    """Expected distance to the truth, and energy score.
+    """Expected distance of the draws to the truth, and energy score.
 
     Parameters
     ----------
@@ -224,8 +225,8 @@ def energy_score(
     Returns
     -------
     error, score : float
-        Metres. The score is the error less half of that between draws, which are held against those
-        half the chain away.
+        Metres. The score is the error minus half the mean distance between draws; each draw is
+        compared with the one half the sequence later.
     """
     expected = float(np.mean([scene_distance(d, truth) for d in draws]))
     half = len(draws) // 2
@@ -234,7 +235,7 @@ def energy_score(
 
 
 def joint_energy_score(draws: Draws, truth: TruthInView) -> tuple[float, float]:
-    """Mean over scored joints and annotated frames of expected error and energy score, metres.
+    """Expected error and energy score of joints, averaged over scored joints and annotated frames.
 
     Parameters
     ----------
@@ -259,7 +260,7 @@ def joint_energy_score(draws: Draws, truth: TruthInView) -> tuple[float, float]:
 def count_scores(
     draws: Sequence[Sequence[Outline]], truth: Sequence[Outline]
 ) -> tuple[float, float]:
-    """Scores of how many seats, tables and shelves there are.
+    """Scores of the predicted numbers of seats, tables and shelves.
 
     Parameters
     ----------
@@ -269,8 +270,8 @@ def count_scores(
     Returns
     -------
     brier, logarithmic : float
-        The latter in nats. The probability of the whole triple is judged; a triple that no draw has
-        counts as half a draw.
+        The logarithmic score is in nats. The event is the whole triple of counts; a triple that
+        occurs in no draw has the probability of half a draw.
     """
     counted = Counter(_counts(d) for d in draws)
     right = _counts(truth)
@@ -281,7 +282,7 @@ def count_scores(
 
 
 def presence_scores(claims: Sequence[Claim], truth: TruthInView) -> tuple[float, float]:
-    """Scores of each object's probability to be there.
+    """Scores of the presence probabilities of objects.
 
     Parameters
     ----------
@@ -291,8 +292,8 @@ def presence_scores(claims: Sequence[Claim], truth: TruthInView) -> tuple[float,
     Returns
     -------
     brier, logarithmic : float
-        The latter in nats. An object that some draw has is there if it finds a true one within a
-        metre; true objects that no draw has count as claimed with probability 0. Means over both.
+        The logarithmic score is in nats. A cluster counts as present if it is paired with a true
+        object within a metre; true objects in no draw have probability 0. Means over both kinds.
     """
     shown = [c.representative for c in claims]
     near = {id(p.found) for p in pair_up(truth.used_objects, shown) if p.near}
@@ -306,19 +307,19 @@ def presence_scores(claims: Sequence[Claim], truth: TruthInView) -> tuple[float,
 
 
 def brier(probability: Array, happened: Array, *, least: float = 0.0025) -> tuple[float, float]:
-    """Scores of stated probabilities of yes-or-no events.
+    """Brier and logarithmic score of probabilities of binary events.
 
     Parameters
     ----------
     probability : (n,) float
     happened : (n,) bool
     least : float
-        Bounds probabilities for the logarithm: half a draw in 200.
+        Lower bound of probabilities in the logarithm: half a draw in 200.
 
     Returns
     -------
     brier, logarithmic : float
-        The latter in nats.
+        The logarithmic score is in nats.
     """
     square = float(((probability - happened) ** 2).mean())
     of_what_happened = np.where(happened > 0, probability, 1 - probability)
@@ -332,33 +333,33 @@ def _counts(objects: Sequence[Outline]) -> tuple[int, ...]:
 # ------------------------------------------------------------------------------------------------
 # Ranks and coverage.
 #
-# The rank of a point is the share of the draws that lie in a smaller ellipse than it does, around
-# the mean of all of them. Where probabilities are right and draws independent, ranks are uniform,
-# however few the draws are (conformal prediction; Vovk, Gammerman and Shafer 2005, section 2.2).
+# The rank of a point is the fraction of the draws that are nearer to the mean of all than it, in
+# Mahalanobis distance. If probabilities are correct and draws independent, ranks are uniform for
+# any number of draws (conformal prediction; Vovk, Gammerman and Shafer 2005, section 2.2).
 
 _REGIONS: Final = (0.5, 0.9)
-"""Probabilities of the regions that are checked."""
+"""Probabilities of the regions whose coverage is reported."""
 _FEWEST: Final = 20
-"""Draws that an object must have, below which an ellipse says nothing."""
+"""Least number of draws of an object for which an ellipse is fitted."""
 _NUGGET: Final = 1e-6
-"""Square metres added to variances: a millimetre, so that draws on one spot have an ellipse."""
+"""Square metres added to variances, one square millimetre, for draws at a single point."""
 
 
 @dataclass(frozen=True)
 class Coverage:
-    """How often regions of a stated probability hold the truth.
+    """Observed coverage of regions of a stated probability.
 
     Parameters
     ----------
     region : float
         Stated probability.
     share : float
-        Of the truths that lie in it; NaN for none.
+        Fraction of the truths inside the region; NaN if there are none.
     low, high : float
         Binomial interval of 90 % around ``share`` (Clopper and Pearson), as if the truths were
         independent; joints of neighbouring frames are not.
     count : int
-        Truths.
+        Number of truths.
     """
 
     region: float
@@ -369,10 +370,10 @@ class Coverage:
 
 
 def elliptic_rank(draws: ArrayLike, point: ArrayLike) -> float:
-    """Rank of a point among draws by distance in the covariance of all N + 1.
+    """Rank of a point among draws, by Mahalanobis distance with the covariance of all N + 1.
 
-    The point is one of those that the ellipse is drawn around: an ellipse around the others
-    would be too small for it, with 100 draws in three dimensions by .03 of a region of .9.
+    The covariance includes the point. Without it the ellipse would be too small for the point: with
+    100 draws in three dimensions, coverage of a region of .9 would be .03 too low.
 
     Parameters
     ----------
@@ -388,12 +389,12 @@ def elliptic_rank(draws: ArrayLike, point: ArrayLike) -> float:
     off = everything - everything.mean(0)
     covariance = np.cov(everything.T) + _NUGGET * np.eye(off.shape[1])
     distances = np.einsum("ni,ij,nj->n", off, np.linalg.inv(covariance), off)
-    # The middle of the step that the point has among N + 1.
+    # The middle of the point's step among N + 1.
     return float(((distances[:-1] < distances[-1]).sum() + 0.5) / len(distances))
 
 
 def object_ranks(claims: Sequence[Claim], truth: TruthInView) -> Array:
-    """Ranks of true centres in the claims that are taken for them.
+    """Ranks of true centres in the clusters that they are paired with.
 
     Parameters
     ----------
@@ -403,8 +404,8 @@ def object_ranks(claims: Sequence[Claim], truth: TruthInView) -> Array:
     Returns
     -------
     (n,) float
-        Claims of more than even odds are paired as a scene is; a true object that finds no partner
-        has no rank.
+        Clusters more probable than one half are paired as the objects of a scene are; a true object
+        without a partner has no rank.
     """
     likely = [c for c in claims if c.probability > 0.5 and len(c.members) >= _FEWEST]
     claim_of = {id(c.representative): c for c in likely}
@@ -415,7 +416,7 @@ def object_ranks(claims: Sequence[Claim], truth: TruthInView) -> Array:
 def joint_ranks(
     draws: Draws, truth: TruthInView, *, joints: Sequence[int] = SCORED, hidden: bool = False
 ) -> Array:
-    """Ranks of some joints in annotated frames, or of those of them that are hidden.
+    """Ranks of joints in annotated frames, of all or only of hidden ones.
 
     Parameters
     ----------
@@ -423,7 +424,7 @@ def joint_ranks(
     truth : TruthInView
     joints : sequence of int
     hidden : bool
-        Whether hidden ones alone are asked for.
+        Whether only hidden joints are used.
 
     Returns
     -------
@@ -440,10 +441,10 @@ def joint_ranks(
 
 
 def distance_ranks(draws: Draws, truth: TruthInView) -> Array:
-    """Shares of the draws whose pelvis is nearer to the camera than the true one, by frame.
+    """Fraction of draws whose pelvis is nearer to the camera than the true one, by frame.
 
-    Uniform where distances are right; heaped at 1 where draws are too near, and at 0 where
-    they are too far.
+    Fractions are uniform if distances are calibrated. They concentrate at 1 if draws are too near,
+    and at 0 if they are too far.
 
     Parameters
     ----------
@@ -462,7 +463,7 @@ def distance_ranks(draws: Draws, truth: TruthInView) -> Array:
 
 
 def coverage(ranks: Array) -> tuple[Coverage, ...]:
-    """How often regions of stated probabilities hold the truth.
+    """Observed coverage of regions of stated probabilities.
 
     Parameters
     ----------
@@ -484,42 +485,42 @@ def coverage(ranks: Array) -> tuple[Coverage, ...]:
 
 
 # ------------------------------------------------------------------------------------------------
-# Everything that is judged of a posterior.
+# All scores of a posterior.
 
 MOST_PROBABLE: Final = "posterior, most probable scene"
 LIKELY: Final = "posterior, least expected loss"
 _SHOWN: Final = 5
-"""Scenes that a user is shown, of which the best is looked for."""
+"""Number of scenes shown to a user, among which the best is scored."""
 
 
 @dataclass(frozen=True, eq=False)
 class PosteriorScore:
-    """How honest a posterior is on one clip. Distances in cm.
+    """Scores of one posterior on one clip; distances are in cm.
 
     Parameters
     ----------
     name, clip : str
-        Of the run and its clip.
+        Names of the run and of its clip.
     draws : int
-        That were looked at.
+        Number of draws used.
     first, best : float
-        Distance to the true furniture of the most probable scene, and of the best of the
-        five that are shown (:func:`imapper_prob.evaluate.probability.scene_distance`).
+        Distance to the true furniture (:func:`imapper_prob.evaluate.probability.scene_distance`) of
+        the most probable scene, and of the best of the five scenes that are shown.
     expected, energy : float
-        The same distance expected over draws, and its energy score.
+        Expectation of the same distance over draws, and its energy score.
     joint_expected, joint_energy : float
-        Of scored joints in annotated frames.
+        Expected error and energy score of scored joints in annotated frames.
     found : float
-        Share of the true objects that have a partner within a metre, mean over draws.
+        Fraction of the true objects that have a partner within a metre, mean over draws.
     claimed, true : int
-        True objects that are paired with one of more than even odds, and how many there are.
+        Number of true objects paired with a cluster more probable than one half, and of all.
     counts, presence : (float, float)
-        Brier score, and logarithmic score in nats: of how many seats, tables and shelves
-        there are, and of each object's probability.
+        Brier score, and logarithmic score in nats: of the numbers of seats, tables and shelves, and
+        of each object's presence.
     object_ranks, pelvis_ranks, joint_ranks, hidden_ranks : (n,) float
-        Of centres, of the pelvis, of all scored joints and of the hidden ones.
+        Ranks of object centres, the pelvis, all scored joints and the hidden ones.
     distance_ranks : (n,) float
-        Of the pelvis' distance from the camera.
+        Ranks of the pelvis' distance from the camera.
     """
 
     name: str
@@ -544,7 +545,7 @@ class PosteriorScore:
 
 
 def posterior_predictions(posterior: Posterior) -> tuple[Prediction, ...]:
-    """The most probable scene, and the scene of least expected loss.
+    """The predictions of a posterior: most probable scene, and scene of least expected loss.
 
     Parameters
     ----------
@@ -560,14 +561,14 @@ def posterior_predictions(posterior: Posterior) -> tuple[Prediction, ...]:
 
 
 def score_posterior(posterior: Posterior, truth: TruthInView, *, name: str) -> PosteriorScore:
-    """All that is judged of a posterior beyond its single answers.
+    """Score a posterior, except for its single predictions.
 
     Parameters
     ----------
     posterior : Posterior
     truth : TruthInView
     name : str
-        Of the method.
+        Name of the method.
 
     Returns
     -------
@@ -576,7 +577,7 @@ def score_posterior(posterior: Posterior, truth: TruthInView, *, name: str) -> P
     Raises
     ------
     InputError
-        If it is of another clip.
+        The posterior is of another clip.
     """
     if posterior.clip.name != truth.name or posterior.clip.n_frames != len(truth.frame_ids):
         raise InputError(

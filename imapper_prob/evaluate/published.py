@@ -1,9 +1,9 @@
-"""Tables 1 and 2 of the paper: printed figures beside measured ones, and readers of others' files.
+"""Tables 1 and 2 of the paper with measured values, and readers of detections and depth maps.
 
-The paper counts an object as found by a region detector if at least half of its region is detected
-under the right label, on average over all frames, and takes as its place in a depth map the mean
-position of the samples in its region (Monszpart et al. 2019, section 7.2). A region is here the
-hull of the true boxes in the image, and that of a detection its box.
+In the paper a region detector finds an object if at least half of the object's region is detected
+under the right label, on average over all frames. Its position in a depth map is the mean position
+of the samples in its region (Monszpart et al. 2019, section 7.2). Here an object's region is the
+hull of its true boxes in the image, and that of a detection is its box.
 """
 
 from __future__ import annotations
@@ -43,19 +43,19 @@ __all__ = [
 Array = NDArray[np.float64]
 Regions = dict[int, list[tuple[str, Polygon]]]
 _DETECTED: Final = 0.5
-"""Part of an object's region that must be detected, on average over the frames."""
+"""Least fraction of an object's region that must be detected, on average over the frames."""
 _SURE: Final = 0.5
-"""Least score of a detection; that at which such detectors draw a box."""
+"""Least score of a detection, at which such detectors draw a box."""
 _NEEDED: Final = frozenset({"image_id", "category_id", "bbox", "score"})
 _COCO: Final = {62: "chair", 63: "couch", 67: "table"}
-"""Furniture by the category numbers of COCO's annotations; other numbers need a table of
-categories."""
+"""Furniture labels by COCO's category numbers; other numbers need a table of categories in the
+file."""
 _NEAREST: Final = 0.1
-"""Metres before the camera, nearer than which a corner has no place in the image."""
+"""Metres in front of the camera below which a corner is not projected."""
 
 
 def region_of(item: Outline, camera: Camera) -> Polygon:
-    """Where an object is in the image: the hull of its boxes' corners, cut off at the edges.
+    """Region of an object in the image: the hull of its boxes' corners, clipped to the image.
 
     Parameters
     ----------
@@ -75,12 +75,12 @@ def region_of(item: Outline, camera: Camera) -> Polygon:
 
 
 def read_regions(path: str | Path, clip: Clip) -> Regions:
-    """Detections by frame from a list of COCO results.
+    """Read detections by frame from a list of COCO results.
 
-    Entries have ``image_id`` (a frame number, or a name with one in it), ``category_id``,
-    ``bbox`` (x, y, width, height from the top left, pixels of the clip's image) and ``score``. Or
-    the file is an object with the list under ``detections``, beside it ``categories`` (number and
-    name of each) and ``size`` (width and height of the image).
+    Entries have ``image_id`` (a frame number, or a name that contains one), ``category_id``,
+    ``bbox`` (x, y, width, height from the top left, pixels of the clip's image) and ``score``.
+    Alternatively the file is an object with that list under ``detections`` and, optionally,
+    ``categories`` (number and name of each) and ``size`` (width and height of the image).
 
     Parameters
     ----------
@@ -157,12 +157,12 @@ def _frame(place: str, given: Any) -> int:
         raise InputError(f"{place}: {str(given)[:40]!r} holds no frame number")
     try:
         return int(digits[-1])
-    except ValueError as error:  # more digits than Python takes
+    except ValueError as error:  # more digits than Python converts
         raise InputError(f"{place}: {str(given)[:40]!r} holds no frame number") from error
 
 
 def count_detected(regions: Regions, truth: TruthInView, camera: Camera) -> int:
-    """How many used objects have half of their region under the right label, on average.
+    """Number of used objects detected in the image: half of the region under the right label.
 
     Parameters
     ----------
@@ -189,7 +189,7 @@ def count_detected(regions: Regions, truth: TruthInView, camera: Camera) -> int:
 
 
 def read_depths(path: str | Path, clip: Clip) -> Array:
-    """Read depth maps from an ``.npz`` with ``depth``.
+    """Read depth maps from the array ``depth`` of an ``.npz``.
 
     Parameters
     ----------
@@ -199,8 +199,8 @@ def read_depths(path: str | Path, clip: Clip) -> Array:
     Returns
     -------
     (F, h, w) float
-        Along the optical axis, metres. They may be smaller than the image, of the same proportions;
-        samples that are not positive and finite are none.
+        Depth along the optical axis, metres. Maps may be smaller than the image but must have its
+        proportions; samples that are not positive and finite are ignored.
 
     Raises
     ------
@@ -224,7 +224,7 @@ def read_depths(path: str | Path, clip: Clip) -> Array:
 
 
 def depth_errors(depth: Array, truth: TruthInView, camera: Camera) -> Array:
-    """Distances between true centroids and mean positions of the samples in the objects' regions.
+    """Distances of true centroids from the mean positions of the depth samples in their regions.
 
     Parameters
     ----------
@@ -236,7 +236,7 @@ def depth_errors(depth: Array, truth: TruthInView, camera: Camera) -> Array:
     Returns
     -------
     (n,) float
-        Metres, of the used objects that have a sample in the image at all.
+        Metres, of the used objects that have a sample in the image.
     """
     _, lines, columns = depth.shape
     x = (np.arange(columns) + 0.5) * camera.width / columns
@@ -261,7 +261,7 @@ def depth_errors(depth: Array, truth: TruthInView, camera: Camera) -> Array:
 NAMES: Final = {
     "Scene04": "Scene4", "Scene10": "Lobby2", "Scene13": "Library1", "Scene14": "Garden",
 }  # fmt: skip
-"""Scenes of the public files by their names in the paper."""
+"""Names of the public scenes in the paper, by file name."""
 
 
 @dataclass(frozen=True)
@@ -272,14 +272,14 @@ class ObjectRow:
     ----------
     frames : int
     occluded : float
-        Part of the frames with occlusion.
+        Fraction of the frames with occlusion.
     objects : int
-        Objects somebody interacts with.
+        Objects that somebody interacts with.
     region_detector : int
-        Of these, found by Mask-RCNN.
+        Number of these found by Mask-RCNN.
     depth, imapper : (float, float)
-        Mean and standard deviation of the distance of centroids, cm: of monocular depth, and of
-        their method; NaN for the deviation of one.
+        Mean and standard deviation of the distance of centroids in cm: of monocular depth, and of
+        the authors' method; the deviation is NaN for a single object.
     """
 
     frames: int
@@ -307,7 +307,7 @@ OBJECTS: Final = {
     "Scene5c": ObjectRow(182, 1.00, 4, 2, (229, 48), (53, 49)),
     "Scene5d": ObjectRow(189, 0.98, 4, 2, (216, 50), (69, 38)),
 }
-"""Table 1, all fourteen rows. Hold-one-out over PiGraphs, in the text: 110 (56) cm."""
+"""All fourteen rows of table 1. Leave-one-out over PiGraphs, in the text: 110 (56) cm."""
 Triple = tuple[float, float, float]
 _NONE: Final[Triple] = (_NAN, _NAN, _NAN)
 METHODS: Final = ("Tome3D", "LCR-Net++3D", "VNect", "iMapper")
@@ -319,27 +319,27 @@ POSES: Final[dict[str, tuple[Triple, Triple, Triple, Triple]]] = {
     "Scene4": ((_NAN, 25.1, 91.6), (_NAN, 20.7, 104.1), _NONE, (61.8, 13.6, 46.3)),
     "GrRoom": ((_NAN, 35.5, 237.9), (_NAN, 20.0, 150.4), (68.3, 28.9, 171.1), (40.3, 23.5, 138.5)),
 }
-"""Table 2 by :data:`METHODS`: world cm, local cm, pixels, of frames with three hidden joints or
-more. GrRoom is of MPI-INF-3DHP, the others are of i3DB."""
+"""Table 2 by :data:`METHODS`: world cm, local cm, pixels, for frames with three or more hidden
+joints. GrRoom is from MPI-INF-3DHP, the others from i3DB."""
 _CLOSE: Final = 0.05
-"""Half a unit of the last printed digit of table 2, within which a row is reproduced."""
+"""Half a unit of the last printed digit of table 2, the tolerance for a reproduced row."""
 _LIFTER: Final = "input path"
-"""Our name of the lifter's output among the public files: Tome3D's, in one scene LCR-Net++'s."""
+"""Name of the lifter's output among the public files: Tome3D's, in one scene LCR-Net++'s."""
 
 
 @dataclass(frozen=True, eq=False)
 class OnClip:
-    """What this program says of a public clip.
+    """This program's results on a public clip.
 
     Parameters
     ----------
     truth : TruthInView
     scores : mapping of str to Score
-        By method.
+        Scores by method.
     regions : mapping of str to int
-        By detector, how many used objects it finds in the image.
+        Number of used objects found in the image, by detector.
     depths : mapping of str to (n,) float
-        By depth estimator, distances of centroids, metres.
+        Distances of centroids in metres, by depth estimator.
     """
 
     truth: TruthInView
@@ -349,19 +349,19 @@ class OnClip:
 
     @property
     def occluded(self) -> float:
-        """Part of the annotated frames in which a joint is hidden."""
+        """Fraction of the annotated frames in which a joint is hidden."""
         return float(self.truth.hidden[self.truth.known].any(1).mean())
 
 
 def published_object_rows(clips: Mapping[str, OnClip], ours: Sequence[str], theirs: str) -> Rows:
-    """Table 1: printed / ours in every column.
+    """Rows of table 1, with printed and measured values in every column.
 
     Parameters
     ----------
     clips : mapping of str to OnClip
         By the name of the clip.
     ours : sequence of str
-        Methods that have a column of their own.
+        Methods with columns of their own.
     theirs : str
         Name of the authors' public files among the scores.
 
@@ -405,7 +405,7 @@ def published_object_rows(clips: Mapping[str, OnClip], ours: Sequence[str], thei
 
 
 def published_pose_rows(clips: Mapping[str, OnClip], ours: Sequence[str], theirs: str) -> Rows:
-    """Table 2: world cm / local cm / pixels.
+    """Rows of table 2: world cm / local cm / pixels.
 
     Parameters
     ----------
@@ -448,7 +448,7 @@ def published_pose_rows(clips: Mapping[str, OnClip], ours: Sequence[str], theirs
 
 
 def _two_readings(score: Score | None) -> tuple[str, str]:
-    """Distances of centres in top view, and in space, cm."""
+    """Distances of centres in top view, and in 3D, as text in cm."""
     pairs = score.objects.pairs if score is not None else ()
     flat, space = (np.array([100 * getattr(p, n) for p in pairs]) for n in ("distance", "apart"))
     return _errors(flat), _errors(space)

@@ -1,4 +1,4 @@
-"""The benchmark as a page: every table, with the commit and the command that made it."""
+"""The benchmark as a Markdown page: all tables, with the commit and command that made them."""
 
 from __future__ import annotations
 
@@ -37,17 +37,17 @@ AUTHORS = "authors' output"
 
 @dataclass(frozen=True)
 class Exploration:
-    """What is known after a part of the time.
+    """Scores after the first part of each clip.
 
     Parameters
     ----------
     part : float
-        Of each clip's frames.
+        Fraction of each clip's frames.
     summaries : list of Summary
-        By method.
+        One for each method.
     spread : float
-        Half the expected distance between the furniture of two draws, cm, mean over clips;
-        NaN without draws.
+        Half the expected distance between the furniture of two draws, cm, mean over clips; NaN
+        without draws.
     """
 
     part: float
@@ -56,7 +56,7 @@ class Exploration:
 
 
 def _exploration_rows(found: Sequence[Exploration]) -> Rows:
-    """Errors and uncertainty by the part of the clip that was seen."""
+    """Errors and uncertainty by the fraction of the clip that was observed."""
     rows: Rows = [
         ("", "seen", "error (sd), cm", "with misses, cm", "found within 1 m", "spurious",
          "between draws, cm", "joints, all frames: world cm / local cm / pixels"),
@@ -80,12 +80,12 @@ def _exploration_rows(found: Sequence[Exploration]) -> Rows:
 
 
 def exploration_figure(explored: Sequence[Exploration]) -> Figure:
-    """What is known after parts of the clips: furniture, motion, and how sure the draws are.
+    """Plot the scores and the spread of draws against the fraction of the clips observed.
 
     Parameters
     ----------
     explored : sequence of Exploration
-        In order of time.
+        In order of ``part``.
 
     Returns
     -------
@@ -127,21 +127,21 @@ def benchmark_page(
     explored: Sequence[Exploration] = (),
     pictures: Sequence[str] = (),
 ) -> str:
-    """Markdown of the whole benchmark.
+    """The benchmark page in Markdown.
 
     Parameters
     ----------
     evaluation : Evaluation
     ours, theirs : sequence of str
-        Names of methods, whose differences are taken.
+        Names of methods; differences are taken between the two groups.
     made_by : mapping
         Program, commit and command.
     clips : mapping of str to OnClip
         By the name of the clip, for the paper's tables.
     explored : sequence of Exploration
-        Shorter clips.
+        Scores on shorter parts of the clips.
     pictures : sequence of str
-        Paths of figures, as the page sees them.
+        Paths of figures, relative to the page.
 
     Returns
     -------
@@ -200,7 +200,7 @@ def benchmark_page(
 
 
 def write_page(path: Path, text: str) -> None:
-    """Write a page, whole or not at all.
+    """Write a page atomically.
 
     Parameters
     ----------

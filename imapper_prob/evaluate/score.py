@@ -1,7 +1,7 @@
-"""One prediction against one truth: joints, objects, baselines, and paired differences.
+"""Scores of one prediction against one truth: joints, objects, baselines, paired differences.
 
-:func:`score` gives all scores of a prediction on a clip, :func:`summarise` a row of a table over
-several clips, :func:`paired_difference` compares two methods object by object.
+:func:`score` computes all scores of a prediction on a clip, :func:`summarise` a table row over
+several clips, and :func:`paired_difference` compares two methods object by object.
 """
 
 from __future__ import annotations
@@ -46,8 +46,8 @@ __all__ = [
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 SUBSETS: Final = ("all frames", "occluded joints", "occ3")
-"""All annotated frames; only joints behind furniture; all joints of frames in which at least
-three of the sixteen are, which is what the paper's table 2 scores."""
+"""All annotated frames; only joints hidden by furniture; all joints of frames in which at least
+three of the sixteen are hidden, which the paper's table 2 scores."""
 _MANY_HIDDEN: Final = 3
 
 
@@ -58,15 +58,15 @@ class PoseScore:
     Parameters
     ----------
     world : float
-        In the axes of the camera, cm.
+        In camera axes, cm.
     local : float
         Relative to the pelvis, cm.
     pixels : float
-        In the image.
+        In the image, pixels.
     joints : int
-        Joints in frames that were scored. 0 where there are none; the errors are then NaN.
+        Number of scored joints over all frames. If it is 0, the errors are NaN.
     left_out : int
-        Joints in frames that are known but about which the prediction says nothing.
+        Number of annotated joints that the prediction lacks.
     """
 
     world: float
@@ -77,7 +77,7 @@ class PoseScore:
 
 
 def pose_scores(prediction: Prediction, truth: TruthInView) -> dict[str, PoseScore]:
-    """Errors of the fourteen scored joints of everybody whom the truth knows, by :data:`SUBSETS`.
+    """Errors of the fourteen scored joints of all people in the truth, by :data:`SUBSETS`.
 
     Parameters
     ----------
@@ -91,7 +91,7 @@ def pose_scores(prediction: Prediction, truth: TruthInView) -> dict[str, PoseSco
     Raises
     ------
     InputError
-        If its frames and people are not those of its rows.
+        The rows of the prediction are not the frames of the clip for each person.
     """
     frames = len(truth.frame_ids)
     people = len(truth.joints) // frames
@@ -113,7 +113,7 @@ def pose_scores(prediction: Prediction, truth: TruthInView) -> dict[str, PoseSco
 
 
 def _about_pelvis(joints: Array) -> Array:
-    """Relative to the pelvis, or to the middle of the hips where a joint set has none."""
+    """Joints relative to the pelvis, or to the middle of the hips if the pelvis is missing."""
     pelvis = joints[:, PELV]
     middle = joints[:, (RHIP, LHIP)].mean(1)
     return joints - np.where(np.isfinite(pelvis), pelvis, middle)[:, None]
@@ -135,23 +135,23 @@ def _root_mean(squares: Array) -> float:
 
 _RESAMPLES: Final = 4000
 _INTERVAL: Final = (0.05, 0.95)
-"""Quantiles of the bootstrap that bound the interval of 90 %."""
+"""Quantiles of the bootstrap that bound the 90 % interval."""
 
 
 @dataclass(frozen=True)
 class Difference:
-    """One method less another, over the same true objects.
+    """Difference of one method minus another, over the same true objects.
 
     Parameters
     ----------
     name, other : str
-        Of the methods.
+        Names of the methods.
     mean : float
-        Of the differences of losses, cm; negative where the first is nearer.
+        Mean difference of losses, cm; negative if the first method is better.
     low, high : float
         Bootstrap interval of 90 % over objects.
     objects : int
-        True objects.
+        Number of true objects.
     """
 
     name: str
@@ -165,17 +165,17 @@ class Difference:
 def paired_difference(
     ours: Sequence[Score], theirs: Sequence[Score], rng: np.random.Generator
 ) -> Difference:
-    """The mean difference of losses between two methods on the same clips.
+    """Mean difference of losses between two methods on the same clips.
 
     Losses are those of :attr:`imapper_prob.evaluate.objects.ObjectScore.losses`.
 
-    Whole objects are drawn with replacement, as many as there are; that two objects of one
-    clip share its camera is left out, so intervals are rather too short.
+    The bootstrap draws whole objects with replacement. It ignores that objects of one clip share a
+    camera, so the intervals tend to be too short.
 
     Parameters
     ----------
     ours, theirs : sequence of Score
-        On the same clips, in the same order.
+        Scores on the same clips.
     rng : numpy.random.Generator
 
     Returns
@@ -200,18 +200,18 @@ def paired_difference(
 # Baselines.
 
 _COUCH: Final = (2.4, 0.8, 0.45)
-"""Metres of width, depth and height: the usual couch of i3DB."""
+"""Width, depth and height in metres of a typical couch in i3DB."""
 
 
 def _couch_where_sat(path: Prediction, truth: TruthInView) -> Prediction:
-    """A couch around the median pelvis of each stay on a seat, facing as the hips do.
+    """A baseline that puts a couch around the median pelvis of each sitting, facing as the hips do.
 
     Parameters
     ----------
     path : Prediction
-        Whose joints are used, and kept; its furniture is not.
+        Its joints are used and kept; its furniture is not.
     truth : TruthInView
-        Says when somebody sits, which nothing else is told.
+        Gives the intervals of sitting, which the other methods do not get.
     """
     couches = []
     for action, frames in segments(truth.actions, len(truth.frame_ids)):
@@ -224,9 +224,9 @@ def _couch_where_sat(path: Prediction, truth: TruthInView) -> Prediction:
 
 
 def static_path(clip: Clip) -> Prediction:
-    """The smooth paths through the detections that the solver starts from, without furniture.
+    """Baseline: the smooth paths through the detections that the solver starts from, no furniture.
 
-    With constants estimated without a scene of that name.
+    The constants are estimated without the scene of that name.
 
     Parameters
     ----------
@@ -256,17 +256,17 @@ def _couch(centre: Array, sideways: Array) -> Outline:
 # Scores.
 
 _CHANCE_SEED = 20190708
-"""Chance levels are thrown with the same numbers in every table."""
+"""Seed of the chance levels, the same for every table."""
 
 
 @dataclass(frozen=True)
 class Score:
-    """A prediction on one clip.
+    """Scores of a prediction on one clip.
 
     Parameters
     ----------
     name : str
-        Of the method.
+        Name of the method.
     clip : str
     objects : ObjectScore
     pose : dict of str to PoseScore
@@ -281,7 +281,7 @@ class Score:
 
 @dataclass(frozen=True)
 class Summary:
-    """What a row of a table says; NaN where there is nothing to average.
+    """A row of a table; NaN where there is nothing to average.
 
     Parameters
     ----------
@@ -290,21 +290,21 @@ class Summary:
     error, spread : float
         Mean and standard deviation of the distances of paired objects, cm.
     seat_error : float
-        The mean over seats alone, cm.
+        Mean distance over seats only, cm.
     loss : float
-        Mean over all true objects, a miss counting as a metre, cm.
+        Mean loss over all true objects, with one metre for a missed object, cm.
     paired, true, found, spurious : int
     chance : float
-        Share of the true objects found by chance.
+        Fraction of the true objects found by chance.
     yaw, seat_yaw : float
-        Medians over the objects found, degrees: axes where there is no front, and seats alone
-        by the full turn.
+        Median angles over the objects found, degrees: ``yaw`` uses axes of objects without a front;
+        ``seat_yaw`` is over seats only, modulo a full turn.
     overlap : float
-        Footprints, intersection over union.
+        Intersection over union of footprints.
     pose : dict of str to (float, float, float)
-        World cm, local cm, pixels: the mean over clips.
+        World cm, local cm, pixels: means over clips.
     left_out : int
-        Joints in annotated frames that were not predicted.
+        Number of joints in annotated frames that were not predicted.
     """
 
     name: str
@@ -326,7 +326,7 @@ class Summary:
 
 
 def score(prediction: Prediction, truth: TruthInView) -> Score:
-    """All scores of a prediction.
+    """Compute all scores of a prediction.
 
     Parameters
     ----------
@@ -340,7 +340,7 @@ def score(prediction: Prediction, truth: TruthInView) -> Score:
     Raises
     ------
     InputError
-        If its frames are not those of the truth.
+        Its frames differ from those of the truth.
     """
     rng = np.random.default_rng(_CHANCE_SEED)
     return Score(
@@ -352,7 +352,7 @@ def score(prediction: Prediction, truth: TruthInView) -> Score:
 
 
 def summarise(scores: Sequence[Score]) -> Summary:
-    """One method over its clips: objects are pooled, pose errors averaged over clips.
+    """Summarise one method over its clips: objects are pooled, pose errors averaged over clips.
 
     Parameters
     ----------
@@ -404,19 +404,19 @@ def _median(values: np.ndarray) -> float:
 
 
 # ------------------------------------------------------------------------------------------------
-# Clips whose truth is known.
+# Clips with ground truth.
 
 
 @dataclass(frozen=True, eq=False)
 class KnownScene:
-    """A clip whose truth is known.
+    """A clip with ground truth.
 
     Parameters
     ----------
     clip : Clip
     truth : TruthInView
     others : tuple of Prediction
-        The authors' output where it is public, and answers that take no thought.
+        The authors' output if it is public, and simple baselines.
     """
 
     clip: Clip
@@ -425,7 +425,7 @@ class KnownScene:
 
 
 def known_scene(path: str | Path) -> KnownScene:
-    """An i3DB scene with its ``gt/``, or a clip file that carries its truth.
+    """Read an i3DB scene with its ``gt/``, or a clip file that contains ground truth.
 
     Parameters
     ----------
@@ -438,7 +438,7 @@ def known_scene(path: str | Path) -> KnownScene:
     Raises
     ------
     InputError
-        If there is no truth, or a file is damaged.
+        There is no ground truth, or a file is damaged.
     """
     path = Path(path)
     clip = load_clip(path)
@@ -456,7 +456,7 @@ def known_scene(path: str | Path) -> KnownScene:
 
 
 def known_clip(clip: Clip) -> KnownScene:
-    """A clip that carries its truth, as simulated ones do.
+    """Add truth and baselines to a clip that contains ground truth, such as a simulated one.
 
     Parameters
     ----------
@@ -469,14 +469,14 @@ def known_clip(clip: Clip) -> KnownScene:
     Raises
     ------
     InputError
-        If it does not.
+        The clip has no ground truth.
     """
     truth = truth_in_view(clip)
     return KnownScene(clip, truth, (_couch_where_sat(static_path(clip), truth),))
 
 
 def scenes_with_truth(folder: str | Path) -> list[Path]:
-    """The scenes of a folder of i3DB that have a truth.
+    """The i3DB scenes in a folder that have ground truth.
 
     Parameters
     ----------
@@ -489,7 +489,7 @@ def scenes_with_truth(folder: str | Path) -> list[Path]:
     Raises
     ------
     InputError
-        If there are none.
+        There are none.
     """
     found = [path for path in i3db_folders(folder) if (path / "gt").is_dir()]
     if not found:

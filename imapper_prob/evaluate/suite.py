@@ -1,7 +1,7 @@
-"""The benchmark: every scene solved, sampled and scored once.
+"""The benchmark: every scene is solved, sampled and scored once.
 
-Results lie in the suite's folder, one folder a scene; what is there is not done again, so that an
-interrupted benchmark goes on where it was.
+Results are in the suite's folder, one folder a scene. Existing results are not computed again, so
+an interrupted benchmark can be continued.
 """
 
 from __future__ import annotations
@@ -69,17 +69,17 @@ __all__ = [
 ]
 
 PARTS: Final = (0.25, 0.5, 0.75, 1.0)
-"""Of a clip's frames."""
+"""Fractions of a clip's frames."""
 
 
 def first_part(clip: Clip, part: float) -> Clip:
-    """The clip's first frames; without its truth, which is cut by :func:`truth_of_part`.
+    """The first frames of a clip, without ground truth (see :func:`truth_of_part`).
 
     Parameters
     ----------
     clip : Clip
     part : float
-        Share of its frames.
+        Fraction of its frames.
 
     Returns
     -------
@@ -93,13 +93,13 @@ def first_part(clip: Clip, part: float) -> Clip:
 
 
 def truth_of_part(truth: TruthInView, part: float) -> TruthInView:
-    """The truth of the first frames; all objects of the whole clip are still to be found.
+    """The ground truth of the first frames; it still has all objects of the whole clip.
 
     Parameters
     ----------
     truth : TruthInView
     part : float
-        Share of the frames.
+        Fraction of the frames.
 
     Returns
     -------
@@ -130,14 +130,14 @@ _VERSION: Final = 1
 
 @dataclass(frozen=True, eq=False)
 class Evaluation:
-    """Scores by method, ours first.
+    """Scores by method, this program's methods first.
 
     Parameters
     ----------
     scores : dict of str to list of Score
-        Of each method one a clip.
+        For each method, one score a clip.
     posteriors : list of PosteriorScore
-        One for each run that was sampled.
+        One for each sampled run.
     """
 
     scores: dict[str, list[Score]]
@@ -145,12 +145,12 @@ class Evaluation:
 
     @property
     def summaries(self) -> list[Summary]:
-        """Each method over all its clips."""
+        """Summary of each method over all its clips."""
         return [summarise(found) for found in self.scores.values()]
 
     @property
     def one_by_one(self) -> list[Summary]:
-        """Each method on each clip."""
+        """Summary of each method on each clip."""
         clips = dict.fromkeys(s.clip for found in self.scores.values() for s in found)
         return [
             summarise([s])
@@ -161,7 +161,7 @@ class Evaluation:
         ]
 
     def differences(self, ours: Iterable[str], theirs: Iterable[str]) -> list[Difference]:
-        """Each of our methods less each of theirs that claims furniture, object by object.
+        """Differences of each of our methods minus each of theirs that predicts furniture.
 
         Parameters
         ----------
@@ -193,7 +193,7 @@ def evaluate(
     Parameters
     ----------
     answers : iterable of (TruthInView, sequence of Prediction)
-        By clip.
+        Truth and predictions of each clip.
     posteriors : iterable of PosteriorScore
 
     Returns
@@ -203,7 +203,7 @@ def evaluate(
     Raises
     ------
     InputError
-        If a prediction is of other frames than the truth.
+        The frames of a prediction differ from those of the truth.
     """
     scores: dict[str, list[Score]] = {}
     for truth, predictions in answers:
@@ -267,7 +267,7 @@ def write_evaluation(
 
 
 def _plain(posterior: PosteriorScore) -> dict[str, Any]:
-    """Ranks of objects one by one, those of joints as a histogram of ten bins."""
+    """Scores of a posterior for JSON; ranks of joints become histograms of ten bins."""
     values = dict(vars(posterior))
     values["object_ranks"] = posterior.object_ranks.tolist()
     for name in ("pelvis_ranks", "joint_ranks", "hidden_ranks", "distance_ranks"):
@@ -281,25 +281,25 @@ def _plain(posterior: PosteriorScore) -> dict[str, Any]:
 
 Progress = Callable[[str, float], None]
 _IDENTITY: Final = "suite.json"
-"""File that says what the suite's results were made with."""
+"""File that records commit and settings of the suite's results."""
 
 
 @dataclass(frozen=True)
 class Task:
-    """One scene of the benchmark, or the beginning of one.
+    """One scene of the benchmark, or its first part.
 
     Parameters
     ----------
     scene : Path
-        Its folder.
+        Folder of the scene.
     output : Path
         Folder of its results.
     config : Config
-        Settings, the library among them; constants are those of the other scenes.
+        Settings, including the library; constants are estimated from the other scenes.
     others : Path, optional
-        Folder of scenes from whose truth scenelets are cut as well; this one is left out.
+        Folder of scenes from whose truth more scenelets are cut; this scene is left out.
     part : float
-        Of the clip's frames, from the first.
+        Fraction of the clip's frames, from the first.
     """
 
     scene: Path
@@ -310,12 +310,12 @@ class Task:
 
     @property
     def clip(self) -> Clip:
-        """What is seen."""
+        """The clip, or its first part."""
         return first_part(load_clip(self.scene), self.part)
 
     @property
     def solution(self) -> Path:
-        """File of what the solver found."""
+        """File of the solver's result."""
         return self.output / f"solver{self._suffix}.json"
 
     @property
@@ -325,7 +325,7 @@ class Task:
 
     @property
     def is_sampled(self) -> bool:
-        """Whether the posterior is there, and complete."""
+        """Whether the posterior exists and is complete."""
         return (self.run / "posterior.nc").is_file() and not (self.run / CHECKPOINTS).exists()
 
     @property
@@ -341,19 +341,19 @@ def tasks_of(
     others: Path | None = None,
     parts: Sequence[float] = (1.0,),
 ) -> list[Task]:
-    """One task a scene and part, with constants estimated without that scene.
+    """One task for each scene and part, with constants estimated without that scene.
 
     Parameters
     ----------
     scenes : sequence of Path
-        Of i3DB.
+        Folders of i3DB scenes.
     output : Path
         Folder of the suite.
     config : Config
     others : Path, optional
-        Scenes of which real scenelets are made.
+        Folder of scenes from which real scenelets are made.
     parts : sequence of float
-        Shares of the frames.
+        Fractions of the frames.
 
     Returns
     -------
@@ -367,19 +367,19 @@ def tasks_of(
 
 
 def prepare_suite(output: Path, config: Config, *, others: Path | None) -> None:
-    """Make the folder, or refuse one whose results are of other settings or another commit.
+    """Make the suite's folder, or refuse one with results of other settings or commits.
 
     Parameters
     ----------
     output : Path
     config : Config
     others : Path, optional
-        Scenes of which real scenelets are made.
+        Folder of scenes from which real scenelets are made.
 
     Raises
     ------
     InputError
-        If they are.
+        The folder holds such results.
     """
     identity = {
         "commit": commit(),
@@ -402,7 +402,7 @@ def prepare_suite(output: Path, config: Config, *, others: Path | None) -> None:
 
 
 def library_of(task: Task) -> Library:
-    """The library of the settings, with real scenelets of all other scenes where asked for.
+    """The library of the settings, with real scenelets of all other scenes if requested.
 
     Parameters
     ----------
@@ -423,14 +423,14 @@ def library_of(task: Task) -> Library:
 def solve_all(
     tasks: Sequence[Task], executor: Executor, *, progress: Progress | None = None
 ) -> None:
-    """Solve what is not solved yet, each task where the executor likes.
+    """Solve the tasks without a solution, in the executor.
 
     Parameters
     ----------
     tasks : sequence of Task
     executor : concurrent.futures.Executor
     progress : callable, optional
-        Called with a stage's name and the part of it that is done.
+        Called with the name of a stage and the fraction of it that is done.
     """
     waiting = [task for task in tasks if not task.solution.is_file()]
     done = len(tasks) - len(waiting)
@@ -447,7 +447,7 @@ def solve_all(
 
 
 def solved(task: Task) -> Prediction:
-    """What the solver found.
+    """Read the solver's result of a task.
 
     Parameters
     ----------
@@ -467,21 +467,21 @@ def sample_all(
     cluster: Cluster | None = None,
     progress: Progress | None = None,
 ) -> bool:
-    """Sample what is not sampled yet, one task after the other, its chains side by side.
+    """Sample the tasks without a posterior, one after the other, with parallel chains.
 
     Parameters
     ----------
     tasks : sequence of Task
     workers : int
-        Processes.
+        Number of processes.
     cluster : Cluster, optional
     progress : callable, optional
-        Called with a stage's name and the part of it that is done.
+        Called with the name of a stage and the fraction of it that is done.
 
     Returns
     -------
     bool
-        False if interrupted: what there is was kept, and the same call goes on from there.
+        False if interrupted; results so far are kept, and the same call continues.
     """
     for task in tasks:
         if task.is_sampled:
@@ -503,7 +503,7 @@ def sample_all(
 
 
 def sampled(tasks: Sequence[Task]) -> Iterator[tuple[Task, Posterior]]:
-    """The posteriors that there are.
+    """The existing posteriors of some tasks.
 
     Parameters
     ----------

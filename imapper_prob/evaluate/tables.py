@@ -1,4 +1,4 @@
-"""Scores in tables and pictures, with the commit that made them."""
+"""Scores as tables and figures, with the commit that made them."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ __all__ = [
 
 
 def made_by(command: str) -> dict[str, str]:
-    """Program, commit and command.
+    """Program, commit and command that made a result.
 
     Parameters
     ----------
@@ -64,7 +64,7 @@ def made_by(command: str) -> dict[str, str]:
 
 
 def commit() -> str:
-    """The commit of the source folder, with a + where files differ from it; else ``unknown``.
+    """Commit of the source folder, followed by + if files differ from it, or ``unknown``.
 
     Returns
     -------
@@ -107,13 +107,13 @@ Rows = list[tuple[str, ...]]
 
 
 def number(value: float, digits: int = 0) -> str:
-    """A number, or a dash where there is none.
+    """A number as text, or a dash for NaN.
 
     Parameters
     ----------
     value : float
     digits : int
-        Behind the point.
+        Digits after the decimal point.
 
     Returns
     -------
@@ -123,7 +123,7 @@ def number(value: float, digits: int = 0) -> str:
 
 
 def object_rows(summaries: Sequence[Summary]) -> Rows:
-    """A row a method, :data:`OBJECT_COLUMNS` first.
+    """One row a method, with :data:`OBJECT_COLUMNS` as the first row.
 
     Parameters
     ----------
@@ -154,7 +154,7 @@ def object_rows(summaries: Sequence[Summary]) -> Rows:
 
 
 def pose_rows(summaries: Sequence[Summary]) -> Rows:
-    """World cm / local cm / pixels, a row a method.
+    """Pose errors, world cm / local cm / pixels, one row a method.
 
     Parameters
     ----------
@@ -175,7 +175,7 @@ def pose_rows(summaries: Sequence[Summary]) -> Rows:
 
 
 def pair_rows(scores: Sequence[Score]) -> Rows:
-    """Every true object that has a partner, with it.
+    """One row for every true object that has a partner.
 
     Parameters
     ----------
@@ -194,7 +194,7 @@ def pair_rows(scores: Sequence[Score]) -> Rows:
 
 
 def difference_rows(differences: Sequence[Difference]) -> Rows:
-    """Object by object, misses counting as a metre.
+    """One row for each difference between two methods.
 
     Parameters
     ----------
@@ -213,7 +213,7 @@ def difference_rows(differences: Sequence[Difference]) -> Rows:
 
 
 def posterior_rows(posteriors: Sequence[PosteriorScore]) -> Rows:
-    """How far draws are from the truth, and how honest their probabilities.
+    """Errors of the draws and scores of their probabilities, one row a run.
 
     Parameters
     ----------
@@ -243,7 +243,7 @@ def posterior_rows(posteriors: Sequence[PosteriorScore]) -> Rows:
 
 
 def coverage_rows(found: Mapping[str, Sequence[Coverage]]) -> Rows:
-    """How often regions hold the truth.
+    """Observed coverage of regions, one row for each kind of truth and region.
 
     Parameters
     ----------
@@ -303,7 +303,7 @@ def markdown_table(rows: Rows) -> str:
 
 
 def as_json(scores: Sequence[Score], summary: Summary) -> dict[str, Any]:
-    """A method's summary, and its objects one by one; numbers that do not exist are null.
+    """A method's summary and its objects one by one, for JSON; undefined numbers are null.
 
     Parameters
     ----------
@@ -335,12 +335,12 @@ def as_json(scores: Sequence[Score], summary: Summary) -> dict[str, Any]:
 
 
 def without_nan(value: Any) -> Any:
-    """The same with ``None`` for numbers that JSON does not have.
+    """The value with ``None`` for numbers that JSON cannot represent.
 
     Parameters
     ----------
     value : object
-        Whatever JSON can hold.
+        Any value that JSON can hold.
 
     Returns
     -------
@@ -356,7 +356,7 @@ def without_nan(value: Any) -> Any:
 
 
 # ------------------------------------------------------------------------------------------------
-# Figures. Each function returns one; matplotlib's current figure is left alone.
+# Figures. Functions return a figure and leave matplotlib's current figure alone.
 
 Array = NDArray[np.float64]
 _INK: Final = "#2b2f36"
@@ -366,15 +366,15 @@ _JOINTS: Final = "#4e79a7"
 _HIDDEN: Final = "#76b7b2"
 _OBJECTS: Final = "#e15759"
 _ARROW: Final = 0.35
-"""Metres from the centre of a seat to the tip of the arrow that shows its front."""
+"""Length in metres of the arrow that shows the front of a seat."""
 _PANEL: Final = 3.2
-"""Inches."""
+"""Side of a panel in inches."""
 
 
 def top_view_figure(truth: TruthInView, predictions: Sequence[Prediction]) -> Figure:
-    """Each prediction over the truth, seen from above with the camera at the bottom.
+    """Draw each prediction over the truth, from above with the camera at the bottom.
 
-    True furniture is grey, darker where somebody uses it; the true walk is a grey line.
+    True furniture is grey, darker if it is used; the true path is a grey line.
 
     Parameters
     ----------
@@ -412,11 +412,11 @@ def top_view_figure(truth: TruthInView, predictions: Sequence[Prediction]) -> Fi
 
 
 def coverage_figure(scores: Sequence[PosteriorScore]) -> Figure:
-    """Stated probability of regions against the share of truths in them; ranks of distance.
+    """Plot observed against stated coverage of regions, and a histogram of ranks of distance.
 
-    The band is where 90 % of such shares lie for as many independent objects, if stated
-    probabilities are right. On the right, bars of even height are right: high ones on the left
-    say that draws are too far away, on the right too near.
+    The band contains 90 % of the observed fractions for as many independent objects if the stated
+    probabilities are correct. In the histogram on the right, bars of equal height are correct; high
+    bars on its left mean that draws are too far away, on its right too near.
 
     Parameters
     ----------
@@ -476,7 +476,7 @@ def _edge(item: Outline) -> tuple[Array, Array]:
 
 
 def _walk(joints: Array) -> tuple[Array, Array]:
-    """The pelvis in top view, without the frames that nobody knows."""
+    """The pelvis in top view, without frames where it is unknown."""
     pelvis = joints[:, PELV, :2]
     x, y = pelvis[np.isfinite(pelvis).all(1)].T
     return x, y

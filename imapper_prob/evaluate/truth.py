@@ -1,8 +1,8 @@
-"""Furniture as scores see it, and the truth of a clip, in the axes of the camera.
+"""Furniture in the form that scores use, and the truth of a clip, in camera axes.
 
-Scores are taken in the frame of the files of i3DB, which is that of the camera: what is
-compared is not upright, and the tilt of a camera is part of an answer, not of the frame it is
-judged in. Top view therefore means: without the camera's own up axis.
+Scores are computed in camera axes, the frame of the i3DB files. Objects are therefore not upright
+in it, and the camera's tilt is part of the answer, not of the frame. Top view means here: without
+the camera's up axis.
 """
 
 from __future__ import annotations
@@ -36,11 +36,11 @@ GROUPS: Final = {
     "chair": "seat", "couch": "seat", "stool": "seat", "bench": "seat", "armchair": "seat",
     "sofa": "seat", "table": "table", "desk": "table", "shelf": "shelf", "bookcase": "shelf",
 }  # fmt: skip
-"""Labels that may be taken for each other: {chair, couch, stool} {table} {shelf} are those of
-the benchmark; the rest are other words for the same. A label that is not here is a group of
-its own, and has no partner in i3DB."""
+"""Groups of labels that may be paired with each other. {chair, couch, stool}, {table} and {shelf}
+are those of the benchmark; the other labels are synonyms. A label that is not listed is its own
+group and has no partner in i3DB."""
 _WITH_FRONT: Final = frozenset({"chair", "couch", "bench", "armchair", "sofa"})
-"""Categories of which the front can be told from the back; of the others only the axis."""
+"""Categories whose front and back differ; of other categories only the axis is known."""
 _CORNERS: Final = np.array(list(product((-0.5, 0.5), repeat=3)))
 
 
@@ -52,16 +52,16 @@ class Outline:
     ----------
     label : str
     centre : (2,) float
-        Middle of the smallest rectangle along the object's axes that holds all its boxes:
-        metres to the right of the camera and ahead of it.
+        Middle of the smallest rectangle along the object's axes that contains all its boxes: metres
+        to the right of the camera and ahead of it.
     yaw : float
         Direction of the front, radians counter-clockwise from straight ahead.
     has_front : bool
-        Whether front and back can be told apart; otherwise ``yaw`` is known up to half a turn.
+        Whether front and back can be told apart; otherwise ``yaw`` is known modulo half a turn.
     hull : shapely.Polygon
         Convex outline of all boxes, metres.
     corners : (N, 3) float
-        Of all boxes, camera axes, metres.
+        Corners of all boxes, camera axes, metres.
     """
 
     label: str
@@ -73,12 +73,12 @@ class Outline:
 
     @property
     def group(self) -> str:
-        """What it may be taken for."""
+        """Group of labels that the object may be paired with."""
         return GROUPS.get(self.label, self.label)
 
     @property
     def middle(self) -> Array:
-        """(3,) centre in space: that in top view, and half the height, metres."""
+        """(3,) centre in 3D: ``centre`` in top view and half the height, metres."""
         low, high = self.corners[:, 2].min(), self.corners[:, 2].max()
         return np.array([*self.centre, (low + high) / 2])
 
@@ -86,17 +86,17 @@ class Outline:
     def of_corners(
         cls, label: str, corners: ArrayLike, sideways: ArrayLike, *, has_front: bool
     ) -> Outline:
-        """The outline of boxes from their corners.
+        """Make an outline from the corners of boxes.
 
         Parameters
         ----------
         label : str
         corners : (N, 3) float
-            Of all boxes, camera axes (x right, y forward, z up), metres.
+            Corners of all boxes, camera axes (x right, y forward, z up), metres.
         sideways : (3,) float
-            Direction from the object's left to its right as one faces its front, that is
-            its local x axis, camera axes. It is level whatever the camera's tilt, so that the
-            front, at a right angle to it, does not depend on the tilt.
+            Direction from left to right as one faces the object's front, which is its local x axis,
+            in camera axes. It is level for any tilt of the camera, so that the front, at a right
+            angle to it, does not depend on the tilt.
         has_front : bool
 
         Returns
@@ -124,7 +124,7 @@ class Outline:
 
 
 def box_corners(centre: ArrayLike, axes: ArrayLike, size: ArrayLike) -> Array:
-    """Corners of a box.
+    """The eight corners of a box.
 
     Parameters
     ----------
@@ -144,7 +144,7 @@ def box_corners(centre: ArrayLike, axes: ArrayLike, size: ArrayLike) -> Array:
 
 
 def outline_of(item: SceneObject, camera: Camera) -> Outline:
-    """An object of a world in the axes of the camera that the world belongs to.
+    """Convert an object from world coordinates to the axes of a camera.
 
     Parameters
     ----------
@@ -168,35 +168,35 @@ def outline_of(item: SceneObject, camera: Camera) -> Outline:
 
 
 # ------------------------------------------------------------------------------------------------
-# Truth.
+# Ground truth.
 
 Flags = NDArray[np.bool_]
 _AT_THE_TABLE: Final = 0.30
-"""Metres between a table's outline and a pelvis or knee of somebody who uses it."""
+"""Greatest distance in metres of pelvis or knee from the outline of a table that is used."""
 
 
 @dataclass(frozen=True, eq=False)
 class TruthInView:
-    """A clip's truth in the axes of its camera.
+    """Ground truth of a clip in camera axes.
 
     Parameters
     ----------
     name : str
-        Of the clip.
+        Name of the clip.
     frame_ids : (T,) int
     joints : (R, 16, 3) float
-        x right, y forward, z up from the optical centre, metres; NaN where not annotated. T rows
-        of the first person, or as many of each, one after the other.
+        x right, y forward, z up from the optical centre, metres; NaN where not annotated. T rows of
+        the first person, or T rows of each person, concatenated.
     pixels : (R, 16, 2) float
         True joints in the image, NaN where not annotated.
     hidden : (R, 16) bool
-        Joints behind furniture.
+        Joints hidden by furniture.
     objects : tuple of Outline
-        All furniture that was annotated.
+        All annotated furniture.
     used : tuple of int
-        Which of ``objects`` take part in an interaction; these are scored.
+        Indices of the ``objects`` that somebody interacts with; only these are scored.
     actions : tuple of str
-        A word a row, or empty.
+        One word a row, or empty.
     """
 
     name: str
@@ -210,7 +210,7 @@ class TruthInView:
 
     @property
     def known(self) -> Flags:
-        """(R,) bool, rows that somebody annotated."""
+        """(R,) bool, whether all joints of a row are annotated."""
         flags: Flags = np.all(np.isfinite(self.joints), axis=(1, 2))
         return flags
 
@@ -221,12 +221,12 @@ class TruthInView:
 
 
 def segments(actions: tuple[str, ...], n_frames: int) -> Iterator[tuple[str, slice]]:
-    """Stretches of rows in which one person does the same, in order of time.
+    """Intervals of rows in which one person has the same action, in order of time.
 
     Parameters
     ----------
     actions : tuple of str
-        A word a row.
+        One word a row.
     n_frames : int
         Rows of each person.
 
@@ -245,12 +245,11 @@ def segments(actions: tuple[str, ...], n_frames: int) -> Iterator[tuple[str, sli
 def used_objects(
     objects: tuple[Outline, ...], joints: Array, actions: tuple[str, ...], n_frames: int
 ) -> tuple[int, ...]:
-    """Which objects somebody interacts with.
+    """Indices of the objects that somebody interacts with.
 
-    The seat nearest to the median pelvis of each stay on one; the table nearest to pelvis
-    or knees, in every frame in which it is within 30 cm of them; the shelf nearest to the hands
-    of each reach (the pelvis may be nearer to its neighbour). Without words for what is done
-    nobody can say, and all objects count.
+    These are: the seat nearest to the median pelvis of each sitting; the table nearest to pelvis or
+    knees in every frame in which it is within 30 cm of them; the shelf nearest to the hands of each
+    reach (the pelvis may be nearer to its neighbour). Without annotated actions all objects count.
     """
     if not any(actions):
         return tuple(range(len(objects)))
@@ -288,7 +287,7 @@ def used_objects(
 
 
 def truth_in_view(clip: Clip, truth: Truth | None = None) -> TruthInView:
-    """The truth that a clip carries, or one read separately, for scores.
+    """The ground truth of a clip for scores: its own, or one read separately.
 
     Parameters
     ----------
@@ -303,7 +302,7 @@ def truth_in_view(clip: Clip, truth: Truth | None = None) -> TruthInView:
     Raises
     ------
     InputError
-        If there is none, or it is of another number of frames.
+        There is no truth, or it has another number of frames.
     """
     truth = truth if truth is not None else clip.truth
     if truth is None:

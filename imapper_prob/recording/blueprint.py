@@ -1,4 +1,4 @@
-"""How the viewer lays a recording out, and what it says in words."""
+"""Layout of a recording in the viewer, and its text panels."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ probability of at least {HIDDEN:.1f}.
 everything; below 0 the posterior is wider than the prior.
 """
 _DOTS = 25
-"""Of a full bar."""
+"""Number of dots in a full bar."""
 TITLES = {
     "pitch": ("camera pitch", "°", 180 / np.pi),
     "roll": ("camera roll", "°", 180 / np.pi),
@@ -60,11 +60,11 @@ TITLES = {
     "log_focal_scale": ("log focal length", "%", 100.0),
     "log_body_scale": ("log stature", "%", 100.0),
 }
-"""How nuisance parameters are told: name, unit, and how many of it there are in ours."""
+"""Name and unit of each nuisance parameter, and the factor to that unit from the model's unit."""
 
 
 def scene_name(number: int, weighted: WeightedScene) -> str:
-    """Number of a scene (from 1) and its probability with the Monte-Carlo error.
+    """Title of a scene: its number, and its probability with the Monte-Carlo error.
 
     Parameters
     ----------
@@ -80,7 +80,7 @@ def scene_name(number: int, weighted: WeightedScene) -> str:
 
 
 def contents(scene: Scene) -> str:
-    """The furniture of a scene, as in ``"2 chair, table"``.
+    """List the furniture of a scene, as in ``"2 chair, table"``.
 
     Parameters
     ----------
@@ -117,7 +117,7 @@ def caption(description: str, scenes: Sequence[WeightedScene]) -> str:
 
 
 def certainty_text(certainty: Certainty) -> str:
-    """How sure each object and each parameter is, in two tables and a sentence on the person.
+    """Text on the uncertainty of objects and parameters (tables) and of people (a sentence).
 
     Parameters
     ----------
@@ -151,12 +151,12 @@ def certainty_text(certainty: Certainty) -> str:
 
 
 def moves_text(acceptance: Mapping[str, float]) -> str:
-    """How often each move was accepted, most often first, with a bar; empty if nothing is known.
+    """Table of the acceptance rate of each move, highest first, with a bar; empty without rates.
 
     Parameters
     ----------
     acceptance : mapping of str to float
-        Rate by move.
+        Acceptance rate by move.
 
     Returns
     -------
@@ -173,7 +173,7 @@ def moves_text(acceptance: Mapping[str, float]) -> str:
 def _object_row(cluster: ObjectCluster, hides: int) -> str:
     across, depth = 100 * np.sqrt(np.diag(cluster.covariance))
     labels = ", ".join(f"{name} {share:.2f}" for name, share in cluster.labels.items())
-    # Beyond half a turn the spread says no more than that any direction is possible.
+    # A spread beyond half a turn means that any direction is possible.
     turn = np.degrees(cluster.yaw_spread)
     facing = f"{np.degrees(cluster.yaw):.0f}° ± {turn:.0f}°" if turn < 180 else "any"
     x, y = cluster.mean
@@ -200,27 +200,27 @@ def _bar(share: float) -> str:
 
 
 # ------------------------------------------------------------------------------------------------
-# Layout: one large view of the best scene, the rest around it.
+# Layout: one large view of the most probable scene, with the other views around it.
 
 Array = NDArray[np.float64]
 _BACKGROUND = (18, 20, 25)
 _FROM = np.array([0.75, -0.60, 0.50])
-"""Where the eye is as seen from the middle of the room: to the right of the camera's line of
-sight and above it, so that camera, person and furniture stand side by side, left to right."""
+"""Direction of the eye from the middle of the room: to the right of the camera's line of sight and
+above it, so that camera, person and furniture are side by side from left to right."""
 _ABOVE = np.array([0.0, 0.0, 1.0])
 _MAIN_SHAPE, _ROW_SHAPE, _MAP_SHAPE = 2.0, 1.6, 0.95
-"""Width over height of the large view, of all views of other scenes together, and of the map of
-the floor, in a window of 1600 x 1000."""
+"""Aspect ratios (width over height) of the large view, of all views of other scenes together, and
+of the map of the floor, in a window of 1600 x 1000."""
 _HALF_VIEW = np.tan(np.radians(55.0) / 2)
-"""Of the viewer's vertical field of view."""
+"""Tangent of half the viewer's vertical field of view."""
 _MARGIN = 1.05
-"""Part of the distance that leaves a little air around what is looked at."""
+"""Factor on the distance of the eye that leaves a margin around what is shown."""
 _PERSON = 1.7
-"""Metres over a path that somebody takes up."""
+"""Height in metres that is kept visible above a person's path."""
 _AIR = 0.03
-"""Around the image, in units of its height."""
+"""Margin around the image, in units of its height."""
 _BESIDE = 3
-"""Other scenes that are shown side by side: more would be too narrow to read."""
+"""Most other scenes shown side by side; with more, views are too narrow to read."""
 
 
 def make_blueprint(
@@ -234,26 +234,26 @@ def make_blueprint(
     chains: int = 0,
     moves: bool = False,
 ) -> rrb.Blueprint:
-    """Views for the entities that :func:`~imapper_prob.recording.log.write_recording` logs.
+    """Make views for the entities that :func:`~imapper_prob.recording.log.write_recording` logs.
 
     Parameters
     ----------
     scenes : sequence of WeightedScene
         Most probable first.
     traces : sequence of str
-        Names of the traces, one plot each.
+        Names of the traces, one plot for each.
     truth : Truth, optional
-        Shown in the main view if there is one.
+        Shown in the main view if given.
     clip : Clip
-        Whose frames play at their rate, and who is in it.
+        Gives the frame rate and the people.
     image : Camera
-        Of the recorded image.
+        Camera of the recorded image.
     certainty : Certainty, optional
-        Shown as a map, a text and curves if there is one.
+        Shown as a map, a text and curves if given.
     chains : int
-        How many chains have draws to show.
+        Number of chains with draws to show.
     moves : bool
-        Whether there is a table of accepted moves.
+        Whether there is a table of acceptance rates.
 
     Returns
     -------
@@ -298,7 +298,7 @@ def make_blueprint(
 
 
 def _whole(image: Camera) -> rrb.VisualBounds2D:
-    """The image from edge to edge, and a little air around it."""
+    """The whole image with a small margin."""
     air = _AIR * image.height
     return rrb.VisualBounds2D(x_range=(-air, image.width + air), y_range=(-air, image.height + air))
 
@@ -314,7 +314,7 @@ def _texts(certainty: Certainty | None) -> rrb.Container | rrb.View:
 def _from_above(
     scenes: Sequence[WeightedScene], certainty: Certainty | None, truth: Truth | None, clip: Clip
 ) -> list[rrb.View]:
-    """The floor with all draws at once; nothing if nothing is known of them."""
+    """A view of the floor with all draws at once; none if there is no summary of the draws."""
     if certainty is None:
         return []
     shown = ["world/floor/**", "world/occupancy", "world/all_draws/**"]
@@ -328,8 +328,8 @@ def _from_above(
 
 
 def _alternatives(scenes: Sequence[WeightedScene], chains: int) -> list[rrb.Container]:
-    """Other scenes side by side, then in other tabs one by one, and the draws of the chains."""
-    # One eye for all scenes, so that they can be compared at a glance.
+    """Other scenes side by side and then one by one in tabs, and the draws of the chains."""
+    # All scenes have the same eye, so that they can be compared.
     beside = scenes[1 : 1 + _BESIDE]
     everything = np.concatenate([_corners(s.scene) for s in scenes])
     eye = _eye(everything, _FROM, _ROW_SHAPE / max(len(beside), chains, 1))
@@ -399,7 +399,7 @@ def _room(name: str, contents: Sequence[str], eye: rrb.EyeControls3D) -> rrb.Spa
 
 
 def _corners(scene: Scene) -> Array:
-    """(n, 3) points between which the furniture and the motion of a scene are."""
+    """(n, 3) points that span the furniture and the motion of a scene."""
     pelvis = scene.joints[:, PELV, :2]
     footprints = [(o.footprint, float(o.bounds[1, 2])) for o in scene.objects]
     footprints.append((pelvis[np.isfinite(pelvis).all(1)], _PERSON))
@@ -408,12 +408,13 @@ def _corners(scene: Scene) -> Array:
 
 
 def _at_height(floor: Array, height: float) -> Array:
-    """Points (n, 2) on the floor, lifted to (n, 3)."""
+    """(n, 3) points at a height above points (n, 2) on the floor."""
     return np.column_stack([floor, np.full(len(floor), height)])
 
 
 def _eye(points: Array, direction: Array, shape: float) -> rrb.EyeControls3D:
-    """The nearest eye in a direction that has all points (n, 3) in sight of a view of a shape."""
+    """The nearest eye in a direction that sees all points (n, 3) in a view of given aspect
+    ratio."""
     away = direction / np.linalg.norm(direction)
     up = np.array([0.0, 1.0, 0.0]) if away[2] == 1 else np.array([0.0, 0.0, 1.0])
     right = np.cross(up, away) / np.linalg.norm(np.cross(up, away))

@@ -1,22 +1,22 @@
-"""Everything a run found, in one recording.
+"""Write all results of a run into one recording.
 
 Entities, in metres in the world frame (z up, floor at z = 0)::
 
-    description, certainty, moves     what one sees, how sure it is, how often moves were accepted
-    world/floor, world/camera         the ground, and the camera of the best scene
+    description, certainty, moves     legend, uncertainty, and acceptance rates, as text
+    world/floor, world/camera         the floor, and the camera of the most probable scene
     world/camera/image/...            pictures, detections, reprojected and hidden joints, pixels
     world/occupancy, world/all_draws  the floor and the objects over all draws
     world/scene_1 … scene_K/...       furniture, names, positions, person, path, ghosts
-    world/truth/...                   what really was there, where somebody knows
+    world/truth/...                   ground truth, if it is known
     world/by_scene/..., summary       the scenes one after the other, on timeline `scene`
     world/draws/chain_1 …             draws one after the other, on timeline `draw`
     fit/..., sure/...                 curves over frames
     traces/...                        curves over the draws of the chains
 
-Of several people the person, limbs, path and curves of each have entities of their own, named after
-their tracks. Timelines are `frame` (the input's own numbers), `scene` (from 1) and `draw`. Nothing
-is stamped with the time of day, so the same run makes the same recording. ``recording.md``
-says what each panel is for.
+If there are several people, the person, limbs, path and curves of each have entities of their own,
+named after their tracks. Timelines are `frame` (the input's own numbers), `scene` (from 1) and
+`draw`. No time of day is recorded, so equal runs make equal recordings. ``recording.md`` describes
+the panels.
 """
 
 from __future__ import annotations
@@ -72,10 +72,10 @@ __all__ = ["saved", "write_recording"]
 
 @contextmanager
 def saved(recording: rr.RecordingStream, path: Path, blueprint: rrb.Blueprint) -> Iterator[None]:
-    """What is logged meanwhile is the file's content.
+    """Write what is logged inside the context to a file.
 
-    It is gathered in memory: the thread of the library that writes to files waits for ever where
-    the disk is full from the beginning.
+    The content is collected in memory, because rerun's file-writing thread blocks forever if the
+    disk is full at the start.
 
     Parameters
     ----------
@@ -103,7 +103,7 @@ Array = NDArray[np.float64]
 
 
 def _image_camera(camera: Camera, video: Video | None) -> Camera:
-    """The camera at the size of the recorded pictures: points and pictures share their pixels."""
+    """The camera scaled to the size of the recorded pictures, which share their pixels."""
     if video is None:
         return camera
     scale = video.width / camera.width
@@ -125,12 +125,12 @@ def _log_image(
     frames: rr.TimeColumn,
     video: Video | None,
 ) -> Array:
-    """Log camera, pictures, detections and reprojection.
+    """Log camera, pictures, detections and reprojected joints; return the latter.
 
     Returns
     -------
     (K T, 16, 2) float
-        The K people of the scene in recorded pixels.
+        Joints of the K people of the scene, in recorded pixels.
     """
     camera = _image_camera(best.camera, video)
     scale = camera.width / best.camera.width
@@ -187,9 +187,9 @@ def _log_video(recording: rr.RecordingStream, video: Video) -> None:
 # The recording.
 
 _GHOSTS = 8
-"""Most doubles drawn of a scene's person: more hide the person and swell the file."""
+"""Most other draws drawn of a scene's person; more hide the person and enlarge the file."""
 _GHOST_RADIUS = 0.006
-"""Radius in metres, chosen by eye: a ghost is thinner than a limb."""
+"""Radius in metres, chosen by eye: thinner than a limb."""
 
 
 def write_recording(
@@ -206,39 +206,39 @@ def write_recording(
     video: Video | None = None,
     application_id: str = "imapper-prob",
 ) -> None:
-    """Write one ``.rrd`` file, its layout of views inside; a file in the way is replaced.
+    """Write one ``.rrd`` file, including its layout of views; an existing file is replaced.
 
     Parameters
     ----------
     path : path
-        Written beside and renamed, so that it is never half there.
+        Written atomically.
     clip : Clip
-        What was seen.
+        The observed clip.
     scenes : sequence of WeightedScene
         The scenes, most probable first; at least one. Their motions are those of all tracks,
-        one after the other.
+        concatenated.
     traces : mapping of str to (chains, draws) float
-        What to plot of the chains, by name; NaN where a chain has no draw.
+        Values to plot for the chains, by name; NaN where a chain has no draw.
     truth : Truth, optional
-        Drawn in grey outlines.
+        Drawn as grey outlines.
     description : str
-        Markdown that heads the text panel.
+        Markdown at the top of the text panel.
     certainty : Certainty, optional
-        What is known over all draws.
+        Summary of all draws.
     draws : sequence of DrawnChain
-        Draws to show one after the other, chain by chain.
+        Draws to show one after the other, by chain.
     acceptance : mapping of str to float, optional
-        How often each move of the sampler was accepted.
+        Acceptance rate of each move of the sampler.
     video : Video, optional
-        Pictures to lie behind the detections.
+        Pictures to show behind the detections.
     application_id : str
-        Under which the viewer remembers its settings.
+        Name under which the viewer stores its settings.
 
     Raises
     ------
     InputError
-        If there is no scene, a motion does not fit the clip, a trace is not two-dimensional
-        or the folder does not exist.
+        There is no scene, a motion does not fit the clip, a trace is not two-dimensional or the
+        folder does not exist.
     """
     path = Path(path)
     scenes = tuple(scenes)
@@ -255,7 +255,7 @@ def write_recording(
     recording = rr.RecordingStream(
         application_id,
         recording_id=digest(told, texts),
-        # The start time is a property; without it, equal runs make equal recordings.
+        # The start time is a property; without properties, equal runs make equal recordings.
         send_properties=False,
     )
     blueprint = make_blueprint(
@@ -278,7 +278,7 @@ def write_recording(
 
 @dataclass(frozen=True)
 class _RecordingContent:
-    """All that a recording is made of, but for its texts."""
+    """The content of a recording, except for its texts."""
 
     clip: Clip
     scenes: tuple[WeightedScene, ...]

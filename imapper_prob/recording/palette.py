@@ -1,7 +1,7 @@
-"""Colours, class numbers and text in a recording.
+"""Colours, class numbers and drawable text of a recording.
 
-Objects have the hues of :mod:`imapper_prob.plotting`; people and their doubles take the light tones
-that are left.
+Objects have the colours of :mod:`imapper_prob.plotting`; people have light tones that differ from
+those.
 """
 
 from __future__ import annotations
@@ -37,11 +37,11 @@ __all__ = [
 ]
 
 _LENGTH = 32
-"""Hexadecimal digits: 128 bits, no two recordings will ever share a name."""
+"""Hexadecimal digits of a digest: 128 bits, enough to make names unique."""
 
 
 def digest(*contents: Any) -> str:
-    """A name that depends on nothing but contents: arrays, dataclasses, collections, scalars.
+    """A name that depends only on contents: arrays, dataclasses, collections, scalars.
 
     Parameters
     ----------
@@ -79,8 +79,8 @@ def _parts(value: Any) -> Iterator[bytes]:
 
 
 # ------------------------------------------------------------------------------------------------
-# Text. The viewer's one font has Latin, Greek and Cyrillic letters; at any other sign it ends, and
-# takes all other views with it.
+# Text. The viewer's only font has Latin, Greek and Cyrillic letters. On any other character the
+# viewer crashes.
 
 _RANGES = (
     (0x20, 0x7E),
@@ -90,12 +90,12 @@ _RANGES = (
     (0x386, 0x3E1),
     (0x400, 0x45F),
 )
-"""Tried one by one in the viewer of rerun 0.41."""
+"""Ranges of drawable code points, tested one by one in the viewer of rerun 0.41."""
 _SIGNS = frozenset("\n–—‘’“”…→×≈≤≥•−√∞€")
 
 
 def drawable(text: str) -> str:
-    """The same text with a question mark for every sign that the viewer has no picture of.
+    """The text with a question mark for every character that the viewer cannot draw.
 
     Parameters
     ----------
@@ -120,15 +120,15 @@ ESTIMATE: Final = 1
 ALTERNATIVE: Final = 2
 """Class of the person in every other scene."""
 TRUTH: Final = 3
-"""Class of everything that really was there."""
+"""Class of everything in the ground truth."""
 REPROJECTION: Final = 4
-"""Class of the best scene's joints in the image."""
+"""Class of the most probable scene's joints in the image."""
 _FIRST_CATEGORY: Final = 10
 FLOOR: Final = (30, 33, 40)
 FLOOR_LINE: Final = (58, 63, 74)
 TRUE_COLOUR: Final = (190, 190, 190)
 UNCLAIMED: Final = (150, 155, 165)
-"""Of what is hidden by nothing in particular."""
+"""Colour of joints that no particular object hides."""
 SCENE_COLOURS: Final[tuple[Colour, ...]] = (
     (255, 214, 102),
     (134, 188, 240),
@@ -136,13 +136,13 @@ SCENE_COLOURS: Final[tuple[Colour, ...]] = (
     (150, 215, 170),
     (200, 170, 235),
 )
-"""Curves of scenes 1, 2, … in plots; the first is also the person's colour."""
+"""Colours of the curves of scenes 1, 2, …; the first is also the person's colour."""
 GHOSTS: Final[dict[int, Colour]] = {
     ESTIMATE: (128, 108, 56),
     ALTERNATIVE: (70, 97, 124),
 }
-"""The person's colour at half the light: rerun draws lines opaque, and other draws must not
-outshine the one they surround."""
+"""The person's colour at half brightness. Rerun draws opaque lines, and other draws must not be
+brighter than the person they surround."""
 _PEOPLE: Final[dict[int, tuple[str, Colour]]] = {
     ESTIMATE: ("estimate", SCENE_COLOURS[0]),
     ALTERNATIVE: ("alternative", SCENE_COLOURS[1]),
@@ -201,7 +201,7 @@ def annotation_context(categories: dict[str, int]) -> rr.AnnotationContext:
 
 
 def confidence_colours(confidences: ArrayLike) -> NDArray[np.uint8]:
-    """Colours of confidences: red, amber at one half, green.
+    """Map confidences to colours: red at 0, amber at one half, green at 1.
 
     Parameters
     ----------

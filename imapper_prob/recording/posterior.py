@@ -1,4 +1,4 @@
-"""The posterior in a recording: draws, curves over time, and how sure everything is."""
+"""The posterior in a recording: draws, curves over time, and uncertainty."""
 
 from __future__ import annotations
 
@@ -43,18 +43,18 @@ __all__ = [
 
 Array = NDArray[np.float64]
 _TRACE_POINTS = 2000
-"""Most points of a trace that are kept: more than a screen has columns."""
+"""Most points kept of a trace, more than the columns of a screen."""
 _WIDTH = 1.5
-"""Of a curve, in points of the screen."""
+"""Width of a curve, in points of the screen."""
 
 
 def trace_entity(name: str) -> str:
-    """Where the chains of a trace are logged.
+    """Entity of the chains of a trace.
 
     Parameters
     ----------
     name : str
-        Of the trace.
+        Name of the trace.
 
     Returns
     -------
@@ -69,7 +69,7 @@ def log_fit(
     scenes: Sequence[WeightedScene],
     truth: Truth | None,
 ) -> None:
-    """Log, per scene, person and frame, their distance and the miss of the reprojection.
+    """Log distance and reprojection error for each scene, person and frame.
 
     Parameters
     ----------
@@ -98,7 +98,7 @@ def log_fit(
 
 
 def log_traces(recording: rr.RecordingStream, traces: Mapping[str, Array]) -> None:
-    """Log traces of the chains, thinned to what a screen can show.
+    """Log traces of the chains, thinned to the resolution of a screen.
 
     Parameters
     ----------
@@ -114,13 +114,14 @@ def log_traces(recording: rr.RecordingStream, traces: Mapping[str, Array]) -> No
 
 
 def _distance(camera: Camera, joints: Array) -> Array:
-    """(T,) metres from the optical centre to the pelvis."""
+    """(T,) distance from the optical centre to the pelvis, metres."""
     distance: Array = np.linalg.norm(joints[:, PELV] - camera.centre, axis=-1)
     return distance
 
 
 def _mean_miss(camera: Camera, joints: Array, track: Track) -> Array:
-    """(T,) mean pixels between detections and reprojection; NaN in frames without either."""
+    """(T,) mean distance of detections from reprojected joints, pixels; NaN in frames without
+    either."""
     miss = np.linalg.norm(camera.project(joints) - track.keypoints, axis=-1)
     usable = (track.confidences > 0) & np.isfinite(miss)
     total, count = np.where(usable, miss, 0).sum(1), usable.sum(1)
@@ -140,7 +141,7 @@ def curve(
     values: Array,
     style: rr.SeriesLines,
 ) -> None:
-    """Log one curve, its unknown values left out.
+    """Log one curve, without its NaN values.
 
     Parameters
     ----------
@@ -161,26 +162,26 @@ def curve(
 
 
 # ------------------------------------------------------------------------------------------------
-# Certainty over all draws: the floor, the objects, and what is hidden.
+# Uncertainty over all draws: the floor, the objects, and hidden joints.
 
 HIDDEN = 0.5
 """Probability from which a joint is drawn as hidden."""
 _FAINT = 0.03
-"""Probability below which a cell of the floor is not drawn: it could not be told from it."""
+"""Probability below which a cell is not drawn, because it would look like the floor."""
 _NAMED = 0.2
-"""Probability below which an object has no name on the map: names would cover each other."""
+"""Probability below which an object has no name on the map, to avoid overlapping names."""
 _MAP_HEIGHT = 0.002
-"""Metres above the floor, to lie on it without flickering."""
+"""Height in metres of the map above the floor, which avoids flickering."""
 _RING = 0.075
-"""Metres; radius of a hidden joint, larger than a joint."""
+"""Radius in metres of the mark of a hidden joint, larger than a joint."""
 _FRAME = 0.015
-"""Half side of the square around a hidden joint, in units of the height of the image."""
+"""Half the side of the square around a hidden joint, in units of the image's height."""
 _AXES = {"across the view": (134, 188, 240), "depth": (255, 214, 102), "height": (150, 215, 170)}
 
 
 @dataclass(frozen=True)
 class Certainty:
-    """What is known over all draws, see `imapper_prob.uncertainty`.
+    """Summaries of all draws, see `imapper_prob.uncertainty`.
 
     Parameters
     ----------
@@ -204,7 +205,7 @@ class Certainty:
 
 
 def log_certainty(recording: rr.RecordingStream, certainty: Certainty, clip: Clip) -> None:
-    """Log the map of the floor, where each object is, and how sure that is over frames.
+    """Log the map of the floor, where each object is, and uncertainty over frames.
 
     Parameters
     ----------
@@ -230,16 +231,16 @@ def log_hidden_joints(
     *,
     image_height: int,
 ) -> None:
-    """Mark hidden joints of the best scene's people, in the image and in the room.
+    """Mark hidden joints of the most probable scene's people, in the image and in 3D.
 
     Parameters
     ----------
     recording : rerun.RecordingStream
     certainty : Certainty
     clip : Clip
-        Of K people.
+        Clip of K people.
     joints, pixels : (K T, 16, 3), (K T, 16, 2) float
-        Of these people; NaN where unknown.
+        Joints of these people; NaN where unknown.
     frames : rerun.TimeColumn
         T times.
     image_height : int
@@ -273,7 +274,7 @@ def log_hidden_joints(
 
 
 def hidden_colours(hidden: HiddenJoints) -> NDArray[np.uint8]:
-    """Colour of the object that most probably hides a joint.
+    """Colour of the object that most probably hides each joint.
 
     Parameters
     ----------
@@ -293,7 +294,7 @@ def hidden_colours(hidden: HiddenJoints) -> NDArray[np.uint8]:
 
 
 def _floor_map(occupancy: Occupancy) -> rr.Mesh3D | None:
-    """Tiles in the colour of the most probable category, the stronger the more probable."""
+    """Tiles in the colour of the most probable category, with strength by probability."""
     rows, columns = np.nonzero(occupancy.anything >= _FAINT)
     if not len(rows):
         return None
@@ -315,7 +316,7 @@ def _floor_map(occupancy: Occupancy) -> rr.Mesh3D | None:
 
 
 def _names(clusters: Sequence[ObjectCluster]) -> rr.Points3D:
-    """What each object is, and how probable it is that it is there."""
+    """Label and presence probability of each object, as text."""
     clusters = [c for c in clusters if c.presence >= _NAMED]
     return rr.Points3D(
         np.reshape([(*c.mean, 0.02) for c in clusters], (-1, 3)),
@@ -327,7 +328,7 @@ def _names(clusters: Sequence[ObjectCluster]) -> rr.Points3D:
 
 
 def _log_curves(recording: rr.RecordingStream, certainty: Certainty, clip: Clip) -> None:
-    """Log how many joints each object hides, and how far off each pelvis may be."""
+    """Log the number of joints each object hides, and the uncertainty of each pelvis."""
     frame_ids = clip.frame_ids
     for k, cluster in enumerate(certainty.clusters, 1):
         name = drawable(f"{k} {cluster.label}")
@@ -347,10 +348,10 @@ def _log_curves(recording: rr.RecordingStream, certainty: Certainty, clip: Clip)
 
 
 # ------------------------------------------------------------------------------------------------
-# Draws one after the other, chain beside chain.
+# Draws one after the other, with the chains side by side.
 
 MOST = 400
-"""Most draws of all chains together that are kept, evenly spread: a recording stays small."""
+"""Most draws kept of all chains together, evenly spaced, to limit the file's size."""
 
 
 @dataclass(frozen=True)
@@ -360,11 +361,11 @@ class DrawnChain:
     Parameters
     ----------
     numbers : (n,) int
-        Which draws of the chain these are, counted from 0.
+        Indices of these draws in the chain, from 0.
     objects : sequence of n sequences of SceneObject
-        Furniture in the world.
+        Furniture in world coordinates.
     paths : (n, K, T, 3) float
-        Pelvis of each of K people in the world, metres.
+        Pelvis of each of K people in world coordinates, metres.
     """
 
     numbers: NDArray[np.int64]
@@ -373,7 +374,7 @@ class DrawnChain:
 
 
 def chain_entity(number: int) -> str:
-    """Where the draws of a chain are logged.
+    """Entity of the draws of a chain.
 
     Parameters
     ----------

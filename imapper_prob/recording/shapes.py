@@ -1,4 +1,4 @@
-"""Types of this program as archetypes of rerun, and how they are logged."""
+"""Convert this program's types to rerun's archetypes, and log them."""
 
 from __future__ import annotations
 
@@ -56,25 +56,25 @@ __all__ = [
 
 Array = NDArray[np.float64]
 _IMAGE_PLANE_DISTANCE = 0.7
-"""Metres from the optical centre at which the image is drawn: large enough to read."""
+"""Metres from the optical centre at which the image is drawn, large enough to read."""
 _ELLIPSE_HEIGHT = 0.004
-"""Half thickness in metres of an ellipse on the floor: flat, yet not degenerate."""
+"""Half thickness in metres of an ellipse on the floor: flat but not degenerate."""
 _QUANTILES = {0.5: 1.386, 0.9: 4.605}
 """Chi-square quantiles at two degrees of freedom, -2 log(1 - p)."""
 _FLOOR_THICKNESS = 0.02
 _NAME_HEIGHT = 0.3
-"""Metres above an object at which its name floats, clear of the object and of who sits there."""
+"""Metres above an object at which its name is drawn, above a person who sits there."""
 _LIMBS = (
     (RANK, RKNE, RHIP, PELV, LHIP, LKNE, LANK),
     (PELV, THRX, NECK, HEAD),
     (RWRI, RELB, RSHO, THRX, LSHO, LELB, LWRI),
 )
-# rerun's camera looks along +z with x right and y down, ours along +y with z up.
+# rerun's camera looks along +z with x right and y down; this program's along +y with z up.
 _OURS_FROM_RERUN = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 
 
 def pinhole(camera: Camera) -> rr.Pinhole:
-    """Intrinsics, for a camera whose axes are x right, y down, z forward.
+    """Intrinsics of a camera with axes x right, y down, z forward.
 
     Parameters
     ----------
@@ -96,7 +96,7 @@ def pinhole(camera: Camera) -> rr.Pinhole:
 
 
 def camera_pose(camera: Camera) -> rr.Transform3D:
-    """World from rerun's camera axes.
+    """Rotation and translation from rerun's camera axes to the world.
 
     Parameters
     ----------
@@ -112,16 +112,16 @@ def camera_pose(camera: Camera) -> rr.Transform3D:
 def boxes(
     objects: Sequence[SceneObject], categories: dict[str, int], *, outlined: bool = False
 ) -> rr.Boxes3D:
-    """All cuboids of some objects.
+    """All cuboids of some objects as boxes.
 
     Parameters
     ----------
     objects : sequence of SceneObject
-        In the world.
+        In world coordinates.
     categories : dict of str to int
         Class numbers.
     outlined : bool
-        Draw their edges only, in grey.
+        Draw only their edges, in grey.
 
     Returns
     -------
@@ -151,7 +151,7 @@ def boxes(
 def box_columns(
     rows: Sequence[Sequence[SceneObject]], categories: dict[str, int]
 ) -> rr.ComponentColumnList:
-    """One row a scene: all cuboids of its objects.
+    """Boxes with one row a scene: all cuboids of its objects.
 
     Parameters
     ----------
@@ -176,12 +176,12 @@ def box_columns(
 
 
 def names(objects: Sequence[SceneObject], categories: dict[str, int]) -> rr.Points3D:
-    """Each object's category, floating just above it.
+    """Labels with each object's category, just above it.
 
     Parameters
     ----------
     objects : sequence of SceneObject
-        In the world.
+        In world coordinates.
     categories : dict of str to int
         Class numbers.
 
@@ -201,7 +201,7 @@ def names(objects: Sequence[SceneObject], categories: dict[str, int]) -> rr.Poin
 def name_columns(
     draws: Sequence[Sequence[SceneObject]], categories: dict[str, int]
 ) -> rr.ComponentColumnList:
-    """One row a draw: the categories of its objects, floating above them.
+    """Labels with one row a draw: the categories of its objects, above them.
 
     Parameters
     ----------
@@ -223,7 +223,7 @@ def name_columns(
 
 
 def _above(objects: Sequence[SceneObject]) -> Array:
-    """(n, 3) where names float."""
+    """(n, 3) positions of the names."""
     above = np.array([0.0, 0.0, _NAME_HEIGHT])
     tops = [
         o.placement.apply(o.bounds.mean(0) * (1, 1, 0) + o.bounds[1] * (0, 0, 1)) + above
@@ -238,7 +238,7 @@ def position_ellipses(objects: Sequence[SceneObject], covariances: Array) -> rr.
     Parameters
     ----------
     objects : sequence of SceneObject
-        In the world.
+        In world coordinates.
     covariances : (n_objects, 2, 2) float
         Square metres; objects whose covariance is not finite get no ellipse.
 
@@ -260,7 +260,7 @@ def position_ellipses(objects: Sequence[SceneObject], covariances: Array) -> rr.
 
 
 def regions(clusters: Sequence[ObjectCluster]) -> rr.Ellipsoids3D:
-    """The ellipses that hold 50 and 90 % of where each object stands, over all draws.
+    """Ellipses with 50 and 90 % of each object's position, over all draws.
 
     Parameters
     ----------
@@ -279,12 +279,12 @@ def regions(clusters: Sequence[ObjectCluster]) -> rr.Ellipsoids3D:
 
 
 def outlines(objects: Sequence[SceneObject]) -> rr.LineStrips3D:
-    """Footprints as closed lines on the floor, in the grey of the truth.
+    """Footprints as closed lines on the floor, in the truth's grey.
 
     Parameters
     ----------
     objects : sequence of SceneObject
-        In the world.
+        In world coordinates.
 
     Returns
     -------
@@ -312,7 +312,7 @@ def _on_floor(
 
 
 def limbs(joints: Array) -> list[Array]:
-    """Legs, spine and arms of one pose as three polylines; none where it is unknown.
+    """Legs, spine and arms of one pose as three polylines; none if the pose is unknown.
 
     Parameters
     ----------
@@ -327,7 +327,7 @@ def limbs(joints: Array) -> list[Array]:
 
 
 def paths(pelvis: Array) -> list[Array]:
-    """The known stretches of a path as polylines.
+    """The known intervals of a path as polylines.
 
     Parameters
     ----------
@@ -344,7 +344,7 @@ def paths(pelvis: Array) -> list[Array]:
 
 
 def floor_plane(low: Array, high: Array) -> rr.Boxes3D:
-    """A slab just under z = 0 between two corners, so that furniture stands.
+    """A slab just under z = 0 between two corners, as the floor.
 
     Parameters
     ----------
@@ -356,7 +356,7 @@ def floor_plane(low: Array, high: Array) -> rr.Boxes3D:
     rerun.Boxes3D
     """
     size = (*(high - low), _FLOOR_THICKNESS)
-    # A millimetre of air keeps the slab's top from flickering through the ellipses.
+    # A gap of a millimetre keeps the slab's top from flickering through the ellipses.
     centre = (*((low + high) / 2), -_FLOOR_THICKNESS / 2 - 0.001)
     return rr.Boxes3D(
         centers=[centre],
@@ -367,7 +367,7 @@ def floor_plane(low: Array, high: Array) -> rr.Boxes3D:
 
 
 def floor_lines(low: Array, high: Array) -> rr.LineStrips3D:
-    """Lines a metre apart between two corners.
+    """A grid of lines a metre apart between two corners.
 
     Parameters
     ----------
@@ -401,16 +401,16 @@ def _about_z(angles: Array) -> Array:
 
 
 # ------------------------------------------------------------------------------------------------
-# Logging what stands still, what moves, and a person.
+# Logging of static and moving entities, and of a person.
 
 _JOINT_RADIUS: Final = 0.045
 _LIMB_RADIUS: Final = 0.03
 PATH_RADIUS: Final = 0.012
-"""Radii of joints and lines in metres, chosen by eye."""
+"""Radii of joints, limbs and paths in metres, chosen by eye."""
 
 
 def own_entity(clip: Clip, entity: str, person: int) -> str:
-    """Where things of one person are logged: below ``entity`` by name, if there are others.
+    """Entity of one person: ``entity``, with the person's name below it if there are several.
 
     Parameters
     ----------
@@ -429,7 +429,7 @@ def own_entity(clip: Clip, entity: str, person: int) -> str:
 
 
 def log_static(recording: rr.RecordingStream, entity: str, what: rr.AsComponents) -> None:
-    """Log what is there at all times.
+    """Log an entity for all times.
 
     Parameters
     ----------
@@ -448,7 +448,7 @@ def log_moving(
     *,
     style: rr.AsComponents,
 ) -> None:
-    """Log what changes along a timeline, and once what does not.
+    """Log the values of an entity along a timeline, and its constant style once.
 
     Parameters
     ----------
@@ -457,7 +457,7 @@ def log_moving(
     index : rerun.TimeColumn
     columns : rerun.ComponentColumnList
     style : rerun.AsComponents
-        What does not change.
+        The constant components.
     """
     recording.send_columns(entity, indexes=[index], columns=columns, strict=True)
     log_static(recording, entity, style)
@@ -472,7 +472,7 @@ def log_person(
     ----------
     recording : rerun.RecordingStream
     entity : str
-        Below which they are logged.
+        Parent of the entities that are logged.
     joints : (T, 16, 3) float
         Metres; NaN where unknown.
     number : int

@@ -1,15 +1,15 @@
-"""A library to look at: scenelets side by side, as a contact sheet that moves.
+"""A contact sheet of a library: its scenelets side by side, with moving people.
 
 Entities, in metres, z up::
 
-    sheet/ACTION/tiles             the ground, the brighter the more characteristic the motion
+    sheet/ACTION/tiles             the floor, brighter for more characteristic motions
     sheet/ACTION/kinds, numbers    names of the rows; number and charness of each scenelet
-    sheet/ACTION/NAME              where the scenelet stands on the sheet
+    sheet/ACTION/NAME              pose of the scenelet on the sheet
     sheet/ACTION/NAME/furniture    its boxes, in a colour for each category
-    sheet/ACTION/NAME/poses        poses on the way, the earlier the darker
+    sheet/ACTION/NAME/poses        poses along the motion, darker for earlier ones
     sheet/ACTION/NAME/person, …    the person, moving on the timeline `frame`
 
-Motions are of different lengths: all start at frame 0, and who has arrived stays.
+Motions differ in length: all start at frame 0, and a motion that has ended keeps its last pose.
 """
 
 from __future__ import annotations
@@ -39,37 +39,38 @@ __all__ = ["kinds", "write_sheet"]
 Array = NDArray[np.float64]
 
 _FEWEST: Final = 3
-"""Scenelets of a kind side by side; more where there are few kinds."""
+"""Most scenelets shown of a kind; more if there are few kinds."""
 _IN_ALL: Final = 36
-"""Tiles of a sheet with few kinds."""
+"""Number of tiles of a sheet with few kinds."""
 _SMALLEST_TILE: Final = 3.0
-"""Metres from one scenelet to the next, at least."""
+"""Least distance in metres from one scenelet to the next."""
 _CONTAINED: Final = 0.8
-"""Share of the scenelets that stay on their tile: room for the largest would dwarf all others."""
+"""Fraction of the scenelets that fit on their tile; larger tiles would make the others look
+small."""
 _GAP: Final = 0.04
-"""Part of a tile that is left between two."""
+"""Gap between tiles, as a fraction of a tile."""
 _HEADING: Final = 1.0
-"""Tiles kept free on the left of a row for the name of its kind."""
+"""Tiles left free at the start of a row for the name of its kind."""
 _TURN: Final = np.deg2rad(-120.0)
-"""By which a scenelet is turned on its tile: from the side, nobody hides behind furniture."""
+"""Rotation of a scenelet on its tile; seen from the side, people are not behind furniture."""
 _THICKNESS: Final = 0.02
-"""Metres, of a tile."""
+"""Thickness of a tile in metres."""
 _POSES: Final = 5
-"""Poses on the way that are drawn."""
+"""Number of poses drawn along the motion."""
 _POSE_RADIUS: Final = 0.012
-"""Metres, by eye: thinner than a limb."""
+"""Radius in metres, chosen by eye: thinner than a limb."""
 _WIDE: Final = 2.2
-"""Width of the sheet over its depth, at least about: seen at a slant, that fills a screen."""
+"""Approximate least width of the sheet over its depth, which fills a screen in a slanted view."""
 _BACKGROUND: Final[Colour] = (18, 20, 25)
 _BRIGHT: Final[Colour] = (235, 238, 243)
 _DIM: Final[Colour] = (175, 181, 192)
 _CHARACTERISTIC: Final = np.array([62.0, 92.0, 110.0])
-"""The colour of a tile at charness 1; that of the floor at 0."""
+"""Colour of a tile at charness 1; at 0 it has the colour of the floor."""
 
 
 @dataclass(frozen=True)
 class _Tile:
-    """A scenelet on the sheet: column and row, from the upper left, and size in metres."""
+    """A scenelet on the sheet: column and row from the upper left, and size in metres."""
 
     scenelet: Scenelet
     kind: str
@@ -79,15 +80,15 @@ class _Tile:
     side: float
 
     def at(self, right: float, up: float) -> tuple[float, float, float]:
-        """A point of the floor, so many tiles from the middle of this one, metres."""
+        """A point on the floor, in metres, at an offset in tiles from the middle of this one."""
         return self.side * (self.column + right), self.side * (up - self.row), 0.0
 
 
 def kinds(library: Library) -> list[str]:
-    """What each scenelet is one of: its name without the number.
+    """Kind of each scenelet: its name without the number.
 
-    Where one such name stands for several actions, as that of a recording does, the action
-    is part of the kind.
+    If one name stands for several actions, as a recording's name does, the action is part of the
+    kind.
 
     Parameters
     ----------
@@ -96,7 +97,7 @@ def kinds(library: Library) -> list[str]:
     Returns
     -------
     list of str
-        By scenelet.
+        One for each scenelet.
     """
     stems = [re.sub(r"-\d+$", "", s.name) for s in library]
     actions: dict[str, set[str]] = {}
@@ -109,12 +110,12 @@ def kinds(library: Library) -> list[str]:
 
 
 def write_sheet(path: str | os.PathLike[str], library: Library, charness: ArrayLike) -> None:
-    """Write the sheet of a library as one ``.rrd`` file, its layout of views inside.
+    """Write the sheet of a library as one ``.rrd`` file, including its layout of views.
 
     Parameters
     ----------
     path : path
-        Written beside and renamed; a file in the way is replaced.
+        Written atomically; an existing file is replaced.
     library : Library
     charness : (L,) float
         In [0, 1]; a row shows the least and the most characteristic scenelet of its kind,
@@ -123,7 +124,7 @@ def write_sheet(path: str | os.PathLike[str], library: Library, charness: ArrayL
     Raises
     ------
     InputError
-        If the folder does not exist.
+        The folder does not exist.
     """
     path = Path(path)
     if not path.parent.is_dir():
@@ -134,7 +135,7 @@ def write_sheet(path: str | os.PathLike[str], library: Library, charness: ArrayL
     recording = rr.RecordingStream(
         "imapper-prob",
         recording_id=state.hexdigest()[:32],
-        # The start time is a property; without it, equal sheets make equal recordings.
+        # The start time is a property; without properties, equal sheets make equal recordings.
         send_properties=False,
     )
     with saved(recording, Path(path), _blueprint(by_action)):
@@ -142,7 +143,7 @@ def write_sheet(path: str | os.PathLike[str], library: Library, charness: ArrayL
 
 
 def _laid_out(library: Library, charness: Array) -> dict[str, list[_Tile]]:
-    """Tiles by action: one row a kind, rows in so many columns that the sheet is wide."""
+    """Tiles by action: one row a kind, with rows in as many columns as make the sheet wide."""
     of_kind: dict[tuple[str, str], list[int]] = {}
     for index, (scenelet, kind) in enumerate(zip(library, kinds(library), strict=True)):
         of_kind.setdefault((scenelet.action, kind), []).append(index)
@@ -165,14 +166,14 @@ def _laid_out(library: Library, charness: Array) -> dict[str, list[_Tile]]:
 
 
 def _spread(members: Sequence[int], charness: Array, most: int) -> list[int]:
-    """Some of the members, from the least to the most characteristic."""
+    """Some of the members, evenly spaced from the least to the most characteristic."""
     ordered = sorted(members, key=lambda i: (charness[i], i))
     picks = np.linspace(0, len(ordered) - 1, min(most, len(ordered))).round()
     return [ordered[int(p)] for p in picks]
 
 
 def _reach(scenelet: Scenelet) -> float:
-    """Metres in top view from the origin to the farthest joint or corner."""
+    """Distance in metres, top view, from the origin to the farthest joint or corner."""
     corners = [scenelet.joints[..., :2].reshape(-1, 2), *(o.footprint for o in scenelet.objects)]
     return float(np.linalg.norm(np.concatenate(corners), axis=1).max())
 
@@ -235,7 +236,7 @@ def _ground(tiles: Sequence[_Tile]) -> rr.Boxes3D:
     sides = np.array([t.side * (1 - _GAP) for t in tiles])
     charness = np.array([t.charness for t in tiles])
     return rr.Boxes3D(
-        # A millimetre of air below the furniture.
+        # A millimetre below the furniture.
         centers=np.array([t.at(0.0, 0.0) for t in tiles]) - (0.0, 0.0, _THICKNESS / 2 + 0.001),
         sizes=np.column_stack([sides, sides, np.full(len(tiles), _THICKNESS)]),
         colors=(floor + charness[:, None] * (_CHARACTERISTIC - floor)).astype(np.uint8),
@@ -256,7 +257,7 @@ def _blueprint(by_action: Mapping[str, Sequence[_Tile]]) -> rrb.Blueprint:
         for action, tiles in by_action.items()
     ]
     if len(views) > 1:
-        # From afar the numbers would hide the people.
+        # From far away the numbers would hide the people.
         contents = ["sheet/**", *(f"- {_entity(action)}/numbers" for action in by_action)]
         views = [_view("All (bright: characteristic)", contents, everything), *views]
     return rrb.Blueprint(
@@ -274,11 +275,11 @@ def _blueprint(by_action: Mapping[str, Sequence[_Tile]]) -> rrb.Blueprint:
 
 
 def _view(name: str, contents: Sequence[str], tiles: Sequence[_Tile]) -> rrb.Spatial3DView:
-    """A view whose eye has these tiles in sight, from the front and above."""
+    """A view with these tiles in sight, from the front and above."""
     low = np.min([t.at(-0.5 - _HEADING, -0.5) for t in tiles], axis=0)
     high = np.max([t.at(0.5, 0.5) for t in tiles], axis=0)
     width, depth, _ = high - low
-    # What is near looks large, so the eye aims a little nearer than at the middle.
+    # Near things look larger, so the eye points to slightly in front of the middle.
     target = (low + high) / 2 + (0.0, -0.06 * depth, 0.5)
     far = max(0.62 * width, 1.02 * depth)
     eye = rrb.EyeControls3D(

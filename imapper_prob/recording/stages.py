@@ -4,8 +4,8 @@ Entities, in metres in the world frame (z up, floor at z = 0)::
 
     world/floor, world/camera    the ground and the camera
     world/furniture              boxes, on timeline `stage`
-    world/path/...               everybody's way, on timeline `stage`
-    world/truth/...              what really was there, where somebody knows
+    world/path/...               paths of all people, on timeline `stage`
+    world/truth/...              ground truth, if it is known
     summary                      what the stage did, on timeline `stage`
     charness/...                 bars over frames, by actor; the same at every stage
 
@@ -44,24 +44,24 @@ __all__ = ["charness_curves", "stage_views", "write_stages"]
 
 Array = NDArray[np.float64]
 Curve = tuple[NDArray[np.int64], Array]
-"""Frames and values."""
+"""Frame numbers and values."""
 _BACKGROUND = (18, 20, 25)
 _AIR = 0.5
-"""Metres of floor shown around what is on it."""
+"""Metres of floor shown around its content."""
 
 
 @dataclass(frozen=True)
 class StageView:
-    """What one stage has to show.
+    """What is shown of one stage.
 
     Parameters
     ----------
     name, text : str
-        Its name, and in Markdown what it did.
+        Name of the stage, and Markdown on what it did.
     objects : tuple of SceneObject
-        Furniture it considers, in the world.
+        Furniture that it considers, in world coordinates.
     motions : tuple of (T, 16, 3) float
-        By actor, joints in the world, metres.
+        Joints of each actor in world coordinates, metres.
     """
 
     name: str
@@ -79,7 +79,7 @@ def write_stages(
     charness: Mapping[str, Curve],
     application_id: str = "imapper-prob-stages",
 ) -> None:
-    """Write one ``.rrd`` file, its layout of views inside; a file in the way is replaced.
+    """Write one ``.rrd`` file, including its layout of views; an existing file is replaced.
 
     Parameters
     ----------
@@ -88,16 +88,16 @@ def write_stages(
     camera : Camera
         Its pose defines the world.
     stages : sequence of StageView
-        In their order; at least one.
+        In order; at least one.
     charness : mapping of str to (frames, values)
-        By name of the actor.
+        Curves by name of the actor.
     application_id : str
-        Under which the viewer remembers its settings.
+        Name under which the viewer stores its settings.
     """
     recording = rr.RecordingStream(
         application_id,
         recording_id=_digest(clip, stages),
-        # The start time is a property; without it, equal solutions make equal recordings.
+        # The start time is a property; without properties, equal solutions make equal recordings.
         send_properties=False,
     )
     with saved(recording, path, _blueprint()):
@@ -160,18 +160,18 @@ def _log_all(
     for k, (name, (frames, values)) in enumerate(charness.items()):
         entity = f"charness/{rr.escape_entity_path_part(name)}"
         colour = palette.SCENE_COLOURS[k % len(palette.SCENE_COLOURS)]
-        # A bar chart, for a curve would only be there while `frame` is the timeline.
+        # A bar chart, because a curve would be visible only while `frame` is the timeline.
         log_static(recording, entity, _bars(frames, values, colour))
 
 
 def _bars(frames: NDArray[np.int64], values: Array, colour: Colour) -> rr.BarChart:
-    """One bar a window, each as wide as windows are apart."""
+    """One bar for each window, as wide as the distance between windows."""
     widths = np.full(len(frames), np.diff(frames).min(initial=len(frames)), dtype=float)
     return rr.BarChart(values, abscissa=frames, widths=widths, color=colour)
 
 
 def _extent(objects: Sequence[SceneObject], stages: Sequence[StageView]) -> tuple[Array, Array]:
-    """Corners of the floor in whole metres: everything stands or walks between them."""
+    """Corners of the floor in whole metres that enclose all objects and motions."""
     on_floor = [np.zeros((1, 2)), *(o.footprint for o in objects)]
     on_floor += [m[:, PELV, :2] for s in stages for m in s.motions]
     points = np.concatenate(on_floor)
@@ -197,11 +197,11 @@ def _blueprint() -> rrb.Blueprint:
 
 
 # ------------------------------------------------------------------------------------------------
-# What every stage has on the floor.
+# Content of every stage.
 
 
 def stage_views(solved: Solved) -> tuple[StageView, ...]:
-    """Static path, candidates judged, candidates kept, best combination, scenes.
+    """Views of static path, candidates judged, candidates kept, best combination, and scenes.
 
     Parameters
     ----------
@@ -259,7 +259,7 @@ def stage_views(solved: Solved) -> tuple[StageView, ...]:
 
 
 def _exchanged(actors: Sequence[Solution], together: Sequence[State]) -> StageView:
-    """The best combination of each actor after its exchanges."""
+    """View of each actor's best combination after its exchanges."""
     after = [
         a.combinations.exchanges[-1].state if a.combinations.exchanges else state
         for a, state in zip(actors, together, strict=True)
@@ -276,7 +276,7 @@ def _exchanged(actors: Sequence[Solution], together: Sequence[State]) -> StageVi
 
 
 def charness_curves(solved: Solved) -> dict[str, Curve]:
-    """By name of the actor, charness over the clip's frames.
+    """Charness over the clip's frames, by name of the actor.
 
     Parameters
     ----------

@@ -1,7 +1,7 @@
-"""The pictures of a clip inside its recording, and a recording inside a notebook.
+"""Pictures of a clip inside its recording, and a recording inside a notebook.
 
-A clip has no pictures, only what was detected in them. Who still has them can have them drawn
-behind the detections: a folder of pictures, or a video file.
+A clip has no pictures, only detections. If the pictures are available, as a folder or a video file,
+they can be drawn behind the detections.
 """
 
 from __future__ import annotations
@@ -27,11 +27,11 @@ if TYPE_CHECKING:
 __all__ = ["WIDTH", "Video", "read_video", "recording_widget"]
 
 WIDTH = 640
-"""Pixels across of a recorded picture: the panel it is shown in is about that wide."""
+"""Width in pixels of a recorded picture, about that of its panel."""
 _QUALITIES = (55, 35, 20, 10)
-"""Of the JPEG, tried one after the other until all pictures together are small enough."""
+"""JPEG qualities, tried in order until all pictures together are small enough."""
 _MOST = 7_000_000
-"""Bytes of all pictures; with everything else the recording of 430 frames stays below 15 MB."""
+"""Most bytes of all pictures; the whole recording of 430 frames then stays below 15 MB."""
 _KINDS = {".jpg", ".jpeg", ".png", ".bmp", ".webp"}
 
 
@@ -42,11 +42,11 @@ class Video:
     Parameters
     ----------
     frame_ids : (n,) int
-        The clip's own numbers, increasing.
+        Frame numbers of the clip, increasing.
     pictures : tuple of n bytes
-        JPEG.
+        JPEG files.
     width, height : int
-        Pixels of each.
+        Size of each picture in pixels.
     """
 
     frame_ids: NDArray[np.int64]
@@ -56,7 +56,7 @@ class Video:
 
 
 def read_video(path: str | Path, clip: Clip) -> Video:
-    """Read and shrink the pictures of a clip.
+    """Read the pictures of a clip and reduce their size.
 
     Parameters
     ----------
@@ -64,7 +64,7 @@ def read_video(path: str | Path, clip: Clip) -> Video:
         A folder of pictures whose names end in the number of their frame
         (``color_00012.jpg``), or a video file that begins with the clip's first frame.
     clip : Clip
-        Its frames are looked for, and no others are kept.
+        Only the pictures of its frames are kept.
 
     Returns
     -------
@@ -73,7 +73,7 @@ def read_video(path: str | Path, clip: Clip) -> Video:
     Raises
     ------
     InputError
-        If nothing of the clip is there, pictures differ in size or shape from the clip's
+        There is no picture of the clip, pictures differ in size or proportions from the clip's
         camera, or a video is given and PyAV is not installed.
     """
     path = Path(path)
@@ -81,7 +81,7 @@ def read_video(path: str | Path, clip: Clip) -> Video:
         raise InputError(f"{path}: no such folder of pictures or video file")
     width = min(WIDTH, clip.camera.width)
     height = round(width * clip.camera.height / clip.camera.width)
-    # Shrunk one by one: the pictures of a clip as they are would not fit in memory.
+    # Reduced one by one: the original pictures of a clip would not fit in memory.
     found = {
         frame: _small(picture, width, height, f"{path}: frame {frame}", clip)
         for frame, picture in (_of_folder if path.is_dir() else _of_file)(path, clip)
@@ -101,7 +101,7 @@ def read_video(path: str | Path, clip: Clip) -> Video:
 
 
 def _of_folder(folder: Path, clip: Clip) -> Iterator[tuple[int, Any]]:
-    """Pictures by the last number in their names."""
+    """Frame number, from the last number in the name, and picture of each file."""
     from PIL import Image
 
     wanted = set(clip.frame_ids.tolist())
@@ -109,20 +109,20 @@ def _of_folder(folder: Path, clip: Clip) -> Iterator[tuple[int, Any]]:
         numbers = re.findall(r"\d+", file.stem)
         if file.suffix.lower() in _KINDS and numbers and int(numbers[-1]) in wanted:
             try:
-                # Pillow warns of pictures that unpack to more than it takes for sound.
+                # Pillow warns of pictures that unpack to a suspicious size.
                 with warnings.catch_warnings():
                     warnings.simplefilter("error")
                     picture = Image.open(file).convert("RGB")
-            except Exception as error:  # each of Pillow's formats has its own ways to fail
+            except Exception as error:  # each of Pillow's formats raises exceptions of its own
                 raise InputError(f"{file}: is no picture that can be read") from error
             yield int(numbers[-1]), picture
 
 
 def _of_file(file: Path, clip: Clip) -> Iterator[tuple[int, Any]]:
-    """The picture nearest to each frame, both counted from the start of the video.
+    """The picture of each frame, both numbered from the start of the video.
 
-    By number and not by time: that is how joints were found in it, and the times of phones'
-    videos are uneven.
+    Numbers are used instead of times, as in detection, because the times of phones' videos are
+    uneven.
     """
     try:
         import av
@@ -137,7 +137,7 @@ def _of_file(file: Path, clip: Clip) -> Iterator[tuple[int, Any]]:
             rate = float(container.streams.video[0].average_rate or clip.fps)
             for number, picture in enumerate(container.decode(video=0)):
                 while left and number >= round((left[0] - first) * rate / clip.fps):
-                    # Phones note how they were held.
+                    # Phones record how they were held.
                     image = picture.to_image().rotate(
                         90 * round(picture.rotation / 90), expand=True
                     )
@@ -149,7 +149,7 @@ def _of_file(file: Path, clip: Clip) -> Iterator[tuple[int, Any]]:
 
 
 def _small(picture: Any, width: int, height: int, what: str, clip: Clip) -> bytes:
-    """JPEG of a size; the picture must have the proportions of the clip's camera."""
+    """The picture as a JPEG of given size; it must have the proportions of the clip's camera."""
     proportion = clip.camera.width / clip.camera.height
     if abs(picture.width / picture.height / proportion - 1) > 0.01:
         raise InputError(
@@ -173,13 +173,13 @@ def _encoded(picture: Any, quality: int) -> bytes:
 
 
 # ------------------------------------------------------------------------------------------------
-# Notebooks: a recording without a network.
+# Notebooks: show a recording without a network.
 
 _ASSET = "RERUN_NOTEBOOK_ASSET"
 
 
 def recording_widget(recording: str | Path, *, width: int = 1200, height: int = 750) -> Viewer:
-    """The viewer as a notebook's output, with a recording in it.
+    """The viewer as the output of a notebook cell, with a recording in it.
 
     Parameters
     ----------
@@ -195,12 +195,12 @@ def recording_widget(recording: str | Path, *, width: int = 1200, height: int = 
     Raises
     ------
     InputError
-        If there is no such recording, or rerun's notebook package is not installed.
+        There is no such recording, or rerun's notebook package is not installed.
     """
     recording = Path(recording)
     if not recording.is_file():
         raise InputError(f"{recording}: no such recording")
-    # Read when the package is imported; otherwise the viewer comes over the network.
+    # Read when the package is imported; without it the viewer is downloaded.
     os.environ.setdefault(_ASSET, "serve-local")
     try:
         from rerun_notebook import Viewer

@@ -1,1 +1,1 @@
-"""What a run found: the posterior, figures, files and the report."""
+"""The results of a run: the posterior, figures, files and the report."""

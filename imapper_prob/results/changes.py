@@ -1,4 +1,4 @@
-"""What statements changed: objects, camera and person, before and after."""
+"""The effect of statements on objects, camera and person, before and after."""
 
 from __future__ import annotations
 
@@ -21,29 +21,29 @@ from imapper_prob.uncertainty.clusters import ObjectCluster
 __all__ = ["Change", "change_table", "changes", "write_changes"]
 
 _APART = 1.5
-"""Metres up to which an object before and one after are taken for one; chosen."""
+"""Distance in metres within which an object before and one after are the same; chosen."""
 _FORMAT = "imapper-prob changes 1"
 
 
 @dataclass(frozen=True)
 class Change:
-    """One thing before and after.
+    """One quantity before and after conditioning on statements.
 
     Parameters
     ----------
     what : str
         Label of an object, or name of a number.
     unit : str
-        Of the number; empty for an object.
+        Unit of the quantity; empty for an object.
     before : float
-        Probability that the object was there, or the mean of the number.
+        Probability of the object, or mean of the quantity.
     before_error : float
-        Standard error of the probability, or standard deviation of the number; NaN where there
-        was no such object.
+        Standard error of the probability, or standard deviation of the quantity; NaN if there was
+        no such object.
     after, after_error : float
-        The same afterwards.
+        The same after conditioning.
     moved : float
-        Metres from the mean place before to that after; NaN where that makes no sense.
+        Distance in metres between the mean positions; NaN if undefined.
     """
 
     what: str
@@ -56,12 +56,12 @@ class Change:
 
 
 def changes(before: Posterior, after: Posterior) -> tuple[Change, ...]:
-    """Objects, the most probable afterwards first, then camera and person.
+    """Compare two posteriors: objects in descending order of probability, then camera and person.
 
     Parameters
     ----------
     before, after : Posterior
-        Of one clip.
+        Posteriors of the same clip.
 
     Returns
     -------
@@ -71,7 +71,7 @@ def changes(before: Posterior, after: Posterior) -> tuple[Change, ...]:
 
 
 def _objects(before: Sequence[ObjectCluster], after: Sequence[ObjectCluster]) -> list[Change]:
-    """Objects paired by kind and place."""
+    """Changes of objects, matched by kind and position."""
     far = np.array([[_distance(a, b) for b in after] for a in before])
     far = far.reshape(len(before), len(after))
     rows, columns = linear_sum_assignment(np.minimum(far, 2 * _APART))
@@ -119,7 +119,7 @@ def _numbers(before: Posterior, after: Posterior) -> list[Change]:
 
 
 def change_table(found: Sequence[Change]) -> Table:
-    """The changes for people.
+    """A table of the changes.
 
     Parameters
     ----------
@@ -149,7 +149,7 @@ def change_table(found: Sequence[Change]) -> Table:
 
 
 def write_changes(path: Path, found: Sequence[Change], told: Told | None) -> None:
-    """Write the changes, and what was said, as JSON.
+    """Write the changes and the statements as JSON.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""A posterior given statements: by weights of its draws, or by chains that go on from them."""
+"""Condition a posterior on statements, by reweighting its draws or by continued chains."""
 
 from __future__ import annotations
 
@@ -36,11 +36,11 @@ from imapper_prob.uncertainty.stored import StoredSource, library_digest
 __all__ = ["conditioned"]
 
 _PART: Final = 4
-"""Chains that go on make a fourth of the steps that the run made: they begin where draws are."""
+"""Continued chains make 1/4 of the run's steps, because they start from draws."""
 _BURN_IN: Final = 0.2
-"""Share of these that is not kept; chosen, half of what chains need that begin anywhere."""
+"""Share of their steps that is not kept; chosen, half of what other chains need."""
 _LEAST: Final = 20
-"""Steps that they make at least."""
+"""Least number of their steps."""
 
 
 def conditioned(
@@ -70,7 +70,7 @@ def conditioned(
     Raises
     ------
     InputError
-        The statements cannot be true of the clip, or the library is another one.
+        The statements are impossible for the clip, or the library is another one.
     """
     begun = time.perf_counter()
     if not statements:
@@ -84,7 +84,7 @@ def conditioned(
     found = reweigh(values.reshape(samples.shape))
     seed = np.random.SeedSequence(posterior.config.seed, spawn_key=(len(everything),))
     if denied(source.problem, samples.states, statements, clip, known):
-        # All are by chance, and weigh the same; that says nothing of scenes not met yet.
+        # No draw agrees with a statement, so all weights are those of chance, and tell nothing.
         found = replace(found, effective=0.0)
     if found.good:
         chosen = reweighted(
@@ -120,7 +120,8 @@ def conditioned(
 
 
 def _full_library(posterior: Posterior, library: Library | None) -> Library:
-    """The library of a posterior, of which its file keeps a part: as given, or as settings say."""
+    """The whole library of a posterior, whose file keeps only a part: as given, or from
+    settings."""
     source = posterior.solution
     if not isinstance(source, StoredSource):
         return source.library
@@ -136,7 +137,7 @@ def _full_library(posterior: Posterior, library: Library | None) -> Library:
 def _solved(
     posterior: Posterior, library: Library, progress: Progress | None
 ) -> Solution | JointProblem:
-    """What chains go on with; of a run that was opened from its folder it is solved again."""
+    """The solution that chains continue from; a run opened from its folder is solved again."""
     source = posterior.solution
     if isinstance(source, Solution | JointProblem):
         return source
@@ -146,7 +147,7 @@ def _solved(
 
 
 def _renumbered(states: Sequence[State], part: Library, whole: Library) -> tuple[State, ...]:
-    """States that refer to a part of a library, referring to all of it."""
+    """Convert states from a part of a library to the whole library."""
     number = {scenelet.name: n for n, scenelet in enumerate(whole)}
     of_part = np.array([number[scenelet.name] for scenelet in part], np.int64)
     return tuple(

@@ -1,7 +1,7 @@
-"""A scene, or draws, in formats of others: JSON in benchmark axes, binary glTF, i3DB.
+"""Export scenes and draws: JSON in the benchmark's axes, binary glTF, files of i3DB.
 
-Every draw has a camera of its own, with its own pitch, roll, height and focal length: what leaves
-the world leaves it through the camera of its draw.
+Every draw has its own camera (pitch, roll, elevation and focal length), so each is converted to
+camera coordinates with its own camera.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ Array = NDArray[np.float64]
 
 
 def to_benchmark(camera: Camera, points: ArrayLike) -> Array:
-    """Points of the world in the benchmark's axes.
+    """Convert world points to the benchmark's camera axes.
 
     Parameters
     ----------
@@ -61,7 +61,7 @@ def to_benchmark(camera: Camera, points: ArrayLike) -> Array:
 
 
 def intrinsics(camera: Camera) -> Array:
-    """The matrix that takes the benchmark's axes to homogeneous pixels.
+    """The intrinsic matrix, from the benchmark's axes to homogeneous pixels.
 
     Parameters
     ----------
@@ -75,17 +75,17 @@ def intrinsics(camera: Camera) -> Array:
 
 
 def _object_axes(camera: Camera, o: SceneObject) -> Array:
-    """(3, 3) unit vectors along an object's width, front and up, in rows, benchmark's axes."""
+    """(3, 3) unit vectors of an object's width, front and up as rows, in the benchmark's axes."""
     c, s = np.cos(o.placement.yaw), np.sin(o.placement.yaw)
     axes = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
     return to_benchmark(camera, camera.centre + axes)
 
 
 def yaw_in_camera(camera: Camera, o: SceneObject) -> float:
-    """Orientation in the (x, z) plane, radians: width (cos, sin), front (-sin, cos).
+    """Yaw of an object in the camera's (x, z) plane, radians: width (cos, sin), front (-sin, cos).
 
-    That plane is tilted against the floor by the camera's pitch and roll; the angle is that of
-    the front's direction as it falls on the plane.
+    That plane is tilted against the floor by the camera's pitch and roll; the angle is that of the
+    front direction projected to the plane.
 
     Parameters
     ----------
@@ -104,34 +104,35 @@ def yaw_in_camera(camera: Camera, o: SceneObject) -> float:
 # JSON of a scene, and of posterior draws.
 #
 # For programs that know neither the world frame nor the model: metres, x right, y down, z forward,
-# the camera at the origin. The fields are described in ``docs/reference/results.md``.
+# with the camera at the origin. ``docs/reference/results.md`` describes the fields.
 
 _FORMAT: Final = "imapper-prob scene 1"
 _DECIMALS: Final = 5
-"""A hundredth of a millimetre: less than a thousandth of a pixel."""
+"""Decimals of metres: a hundredth of a millimetre, less than a thousandth of a pixel."""
 
 
 def write_json(
     path: Path, posterior: Posterior, *, scene: int | None = None, samples: int = 0
 ) -> None:
-    """Write a scene, and draws beside it, as one JSON file.
+    """Write a scene, and optionally draws, as one JSON file.
 
     Parameters
     ----------
     path : path
-        Written beside and renamed.
+        Written atomically.
     posterior : Posterior
     scene : int, optional
-        Which scene, 1 being the most probable; that of least expected loss if left out.
+        Number of the scene, 1 being the most probable; the scene of least expected loss if left
+        out.
     samples : int
-        How many draws, evenly spaced over the chains; their limbs and furniture differ from
-        the scenelets' as far as the model says (:mod:`imapper_prob.uncertainty.motion`,
+        Number of draws, evenly spaced over the chains. Their limbs and furniture have random
+        deviations from the scenelets (:mod:`imapper_prob.uncertainty.motion`,
         :mod:`imapper_prob.uncertainty.estimate`).
 
     Raises
     ------
     InputError
-        If there are not so many scenes or draws.
+        There are not as many scenes or draws.
     """
     document = scene_document(posterior, scene=scene, samples=samples)
     with written_whole(path) as beside:
@@ -141,15 +142,15 @@ def write_json(
 def scene_document(
     posterior: Posterior, *, scene: int | None = None, samples: int = 0
 ) -> dict[str, Any]:
-    """What :func:`write_json` writes.
+    """The content of the JSON file, see :func:`write_json`.
 
     Parameters
     ----------
     posterior : Posterior
     scene : int, optional
-        From 1; all scenes if not given.
+        Number of the scene, from 1; the scene of least expected loss if not given.
     samples : int
-        Draws to write as well.
+        Number of draws.
 
     Returns
     -------
@@ -187,7 +188,7 @@ def scene_document(
 
 
 def evenly_spaced(posterior: Posterior, count: int) -> list[int]:
-    """Numbers of ``count`` draws, chain by chain as far apart as can be.
+    """Indices of ``count`` draws, evenly spaced over all chains.
 
     Parameters
     ----------
@@ -201,7 +202,7 @@ def evenly_spaced(posterior: Posterior, count: int) -> list[int]:
     Raises
     ------
     InputError
-        If there are not so many.
+        There are not as many draws.
     """
     total = posterior.samples.log_posterior.size
     if not 1 <= count <= total:
@@ -211,7 +212,7 @@ def evenly_spaced(posterior: Posterior, count: int) -> list[int]:
 
 
 def _scene_content(scene: Scene, clip: Clip) -> dict[str, Any]:
-    """Objects, joints and camera of one draw; of several people the joints of each by name."""
+    """Objects, joints and camera of a scene; for several people, joints by name."""
     camera = scene.camera
     people = {
         track.name: {
@@ -259,37 +260,37 @@ def _listed(values: ArrayLike) -> Any:
 
 
 def _known(value: float) -> float | None:
-    """JSON has no NaN."""
+    """The value, or None for NaN, which JSON does not have."""
     return float(value) if np.isfinite(value) else None
 
 
 # ------------------------------------------------------------------------------------------------
 # A scene as binary glTF, which Blender, Windows, macOS and browsers open.
 #
-# Metres, y up, the camera at the origin of the floor looking along -z. Nodes, by name::
+# Metres, y up, the camera above the origin of the floor, looking along -z. Nodes, by name::
 #
 #     couch 1                 an object, placed
 #     couch 1 seat            one of its boxes
-#     motion                  the way of the pelvis, a line
-#     person at frame 40      a pose, one bone a rod
+#     motion                  the path of the pelvis, a line
+#     person at frame 40      a pose, one rod per bone
 #
-# Of several people ``motion B`` and ``person B at frame 40``, by the names of their tracks.
+# For several people ``motion B`` and ``person B at frame 40``, with the names of their tracks.
 
 trimesh: Any = _untyped_trimesh
 _UPRIGHT: Final = np.array(
     [[1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
 )
-"""Our world (z up) to that of glTF (y up)."""
+"""Transformation from the world frame (z up) to that of glTF (y up)."""
 _POSES: Final = 6
-"""Poses shown along the way: more stand in each other."""
+"""Number of poses shown along the path; more would overlap."""
 _BONE: Final = 0.02
-"""Metres, radius of a bone: thin enough to see what is behind."""
+"""Radius of a bone in metres, thin enough to see what is behind."""
 _PERSON: Final = (235, 200, 70, 255)
 _WAY: Final = (60, 60, 70, 255)
 
 
 def write_glb(path: Path, scene: Scene, clip: Clip) -> None:
-    """Write one scene of a clip.
+    """Write one scene of a clip as glTF.
 
     Parameters
     ----------
@@ -315,7 +316,7 @@ def _as_trimesh(scene: Scene, clip: Clip) -> Any:
 
 
 def _add_person(result: Any, joints: Array, frame_ids: NDArray[np.int64], whose: str) -> None:
-    """The way of a person (T, 16, 3), and how they stand at some moments."""
+    """Add the path of a person (T, 16, 3), and poses at some frames."""
     known = np.flatnonzero(np.isfinite(joints).all((1, 2)))
     if len(known) > 1:
         way = trimesh.load_path(joints[known][:, PELV])
@@ -348,7 +349,7 @@ def _add_object(result: Any, o: SceneObject, name: str) -> None:
 
 
 def _body_mesh(pose: Array) -> Any:
-    """(16, 3) joints as one mesh of rods."""
+    """(16, 3) joints as a mesh of rods."""
     rods = [
         trimesh.creation.cylinder(radius=_BONE, segment=pose[list(bone)], sections=8)
         for bone in BONES
@@ -367,20 +368,21 @@ def _painted(colour: tuple[int, int, int, int]) -> Any:
 
 
 # ------------------------------------------------------------------------------------------------
-# A scene in the benchmark's own files (Monszpart et al. 2019), as its authors write theirs::
+# A scene in the files of the benchmark (Monszpart et al. 2019), in its authors' format::
 #
 #     OUT/skel_output.json             joints by frame, hidden joints, and the list of parts
-#     OUT/skel_output_2.json           the same of a second person, and so on
-#     OUT/skel_output_objects/*.json   one box a part: centroid, axes in columns, full side lengths
+#     OUT/skel_output_2.json           the same for a second person, and so on
+#     OUT/skel_output_objects/*.json   one box per part: centroid, axes in columns, full side
+# lengths
 #
-# Axes are those of the camera (x right, y down, z forward). As in the benchmark's annotations the
-# second axis of a part points to the back of its object and the third up.
+# Axes are those of the camera (x right, y down, z forward). As in the benchmark's annotations, the
+# second axis of a part points to the back of its object, and the third one up.
 
 _STEM: Final = "skel_output"
 
 
 def write_i3db(folder: Path, scene: Scene, clip: Clip) -> None:
-    """Write a scene as the benchmark's files into a new or empty folder.
+    """Write a scene as files of the benchmark into a new or empty folder.
 
     Parameters
     ----------
@@ -391,7 +393,7 @@ def write_i3db(folder: Path, scene: Scene, clip: Clip) -> None:
     Raises
     ------
     InputError
-        If something is in the folder already.
+        The folder is not empty.
     """
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise InputError(f"{folder}: exists already; name a new or an empty folder")
@@ -418,7 +420,7 @@ def write_i3db(folder: Path, scene: Scene, clip: Clip) -> None:
 def _skeleton(
     clip: Clip, joints: NDArray[np.float64], hidden: NDArray[np.bool_], obbs: list[str]
 ) -> dict[str, Any]:
-    """One person's file: joints (T, 16, 3) in the camera's axes, and which of them are hidden."""
+    """Content of one person's file: joints (T, 16, 3) in camera axes, and which are hidden."""
     ids = clip.frame_ids.tolist()
     return {
         "3d": {
@@ -434,7 +436,7 @@ def _skeleton(
 
 
 def _parts(scene: Scene) -> dict[str, dict[str, Any]]:
-    """Content of each part's file by its name, ``00_couch_arm-1``."""
+    """Content of each part's file by its name, such as ``00_couch_arm-1``."""
     parts = {}
     for number, o in enumerate(scene.objects):
         width, front, up = _object_axes(scene.camera, o)
@@ -455,5 +457,5 @@ def _parts(scene: Scene) -> dict[str, dict[str, Any]]:
 
 
 def _letters(word: str) -> str:
-    """A word as the benchmark's file names have them."""
+    """A word in the form that file names of the benchmark have."""
     return re.sub("[^a-z]", "", word.lower())

@@ -1,7 +1,7 @@
 """Figures of a posterior: scenes, certainty, visibility, convergence, energy by term.
 
-Each function returns a ``Figure`` that saves or shows itself; matplotlib's current figure is left
-alone. Views from above have the camera at the origin, looking up the page.
+Each function returns a ``Figure`` that can be saved or shown; matplotlib's current figure is not
+changed. In views from above the camera is at the origin and looks up the page.
 """
 
 from __future__ import annotations
@@ -62,19 +62,19 @@ _TERM_COLOURS: Final = {
     "support": "#5f6b7a",
     "given": "#a0cbe8",
 }
-"""Hues of Tableau 10, which stay apart for most colour-blind eyes."""
+"""Hues of Tableau 10, which can be told apart with most kinds of colour blindness."""
 _SHOWN: Final = 0.5
-"""Nats below which a term has no entry in the legend: its bar could not be seen."""
+"""Least nats of a term in the legend; smaller bars are invisible."""
 
 
 def energy_figure(explanation: Explanation, *, title: str) -> Figure:
-    """Draw an explanation.
+    """Draw the decomposition of a scene's log-posterior.
 
     Parameters
     ----------
     explanation : Explanation
     title : str
-        What the scene is of.
+        Name of the scene.
 
     Returns
     -------
@@ -106,10 +106,10 @@ def energy_figure(explanation: Explanation, *, title: str) -> Figure:
 
 
 def _scenelets(axes: Axes, explanation: Explanation) -> None:
-    """Which scenelet covers which frames, by name and worth."""
+    """Draw the frames of each scenelet, with name and value."""
     for row, worth in enumerate(explanation.scenelets):
         begin, end = _edges(worth.frames[0], explanation.frame_ids)
-        # Neighbours at two heights, so that names of short scenelets do not run together.
+        # Alternate heights, so that names of neighbouring short scenelets do not overlap.
         height = -(row % 2)
         colour = rgb(action_colour(worth.action))
         axes.barh(height, end - begin, left=begin, height=0.42, color=colour, lw=0)
@@ -122,7 +122,7 @@ def _scenelets(axes: Axes, explanation: Explanation) -> None:
 
 
 def _gain(axes: Axes, explanation: Explanation) -> None:
-    """Nats by frame that the scene gains over no scenelet, stacked by term."""
+    """Draw the gain over the empty scene by frame, stacked by term, nats."""
     ids = explanation.frame_ids
     above, below = np.zeros(len(ids)), np.zeros(len(ids))
     for name, nats in explanation.frames.terms.items():
@@ -137,7 +137,7 @@ def _gain(axes: Axes, explanation: Explanation) -> None:
 
 
 def _sum(axes: Axes, explanation: Explanation) -> None:
-    """The same, summed from the first frame on."""
+    """Draw the cumulative gain from the first frame on."""
     gained = explanation.frames.total - explanation.bare_frames.total
     axes.plot(explanation.frame_ids, np.cumsum(gained), color=INK, lw=1.4)
     axes.axhline(0, color=QUIET, lw=0.8)
@@ -146,7 +146,7 @@ def _sum(axes: Axes, explanation: Explanation) -> None:
 
 
 def _costs(axes: Axes, explanation: Explanation) -> None:
-    """What the first of the terms, detections, says of each frame, with the scene and without."""
+    """Draw the term of detections by frame, with the scene and without scenelets."""
     ids, name = explanation.frame_ids, next(iter(explanation.frames.terms))
     bare, nats = explanation.bare_frames.terms[name], explanation.frames.terms[name]
     axes.plot(ids, bare, color=QUIET, lw=1, label="no scenelet")
@@ -157,7 +157,7 @@ def _costs(axes: Axes, explanation: Explanation) -> None:
 
 
 def _probabilities(axes: Axes, explanation: Explanation) -> None:
-    """How much of the person the scene hides, and where sides look flipped."""
+    """Draw the probabilities by frame of hidden joints and of left-right flips."""
     ids, frames = explanation.frame_ids, explanation.frames
     axes.fill_between(ids, frames.hidden, color="#59a14f", alpha=0.35, lw=0, label="joint hidden")
     axes.plot(ids, frames.flipped, color=_TERM_COLOURS["motion"], lw=1.4, label="sides flipped")
@@ -167,7 +167,7 @@ def _probabilities(axes: Axes, explanation: Explanation) -> None:
 
 
 def _worths(axes: Axes, explanation: Explanation) -> None:
-    """What each part is worth: scenelets on top, objects below, stacked by term."""
+    """Draw the value of each part, stacked by term: scenelets on top, objects below."""
     ids = explanation.frame_ids
     names: list[str] = []
     seen: set[str] = set()
@@ -207,7 +207,7 @@ def _worths(axes: Axes, explanation: Explanation) -> None:
 
 
 def _stack(axes: Axes, worth: Worth, row: int) -> set[str]:
-    """One part's bar; returns the terms that can be seen in it."""
+    """Draw the bar of one part; returns the terms that are visible in it."""
     right = left = 0.0
     for name, value in worth.terms.items():
         start = right if value >= 0 else left
@@ -226,7 +226,7 @@ def _stack(axes: Axes, worth: Worth, row: int) -> set[str]:
 
 
 def _heads_and_parts(explanation: Explanation) -> Sequence[Worth | None]:
-    """Rows of the panel of worths; None where a heading stands."""
+    """Rows of the panel of values; None for a heading."""
     return [None, *explanation.scenelets, None, *explanation.objects]
 
 
@@ -243,7 +243,7 @@ def _title(axes: Axes, text: str) -> None:
 
 
 def _legend(axes: Axes) -> None:
-    """On the right above the panel, where no curve can run through it."""
+    """Put the legend above the panel on the right, where it covers no curve."""
     axes.legend(
         frameon=False, fontsize=8, labelcolor=INK, ncols=2, loc="lower right",
         bbox_to_anchor=(1, 0.96),
@@ -256,20 +256,20 @@ def _legend(axes: Axes) -> None:
 _CHAINS: Final = ("#4e79a7", "#f28e2b", "#59a14f", "#b07aa1", "#e15759", "#76b7b2")
 _AXES: Final = {"across the view": "#4e79a7", "depth": "#f28e2b", "height": "#59a14f"}
 _MARGIN: Final = 0.4
-"""Metres around what is drawn."""
+"""Margin in metres around the drawn area."""
 
 _BELOW: Final = 0.05
-"""Part of the height of a figure that is left free for differences in words."""
+"""Share of a figure's height that is reserved for differences in words."""
 
 
 def clip_figure(clip: Clip, *, moments: int = 5) -> Figure:
-    """What the detector saw: people at some moments, and how sure it was of each joint.
+    """Draw the detections: people at several frames, and the confidence of each joint.
 
     Parameters
     ----------
     clip : Clip
     moments : int
-        How many.
+        Number of frames.
 
     Returns
     -------
@@ -297,13 +297,13 @@ def clip_figure(clip: Clip, *, moments: int = 5) -> Figure:
 
 
 def scenes_figure(posterior: Posterior, count: int = 4) -> Figure:
-    """The most probable scenes side by side from above; in grey other draws of the path.
+    """Draw the most probable scenes side by side from above, with other draws of the path in grey.
 
     Parameters
     ----------
     posterior : Posterior
     count : int
-        At most so many scenes.
+        Largest number of scenes.
 
     Returns
     -------
@@ -329,7 +329,7 @@ def scenes_figure(posterior: Posterior, count: int = 4) -> Figure:
         axes.set_xlabel(told, color=INK, fontsize=8)
         axes.label_outer()
     panels[0].set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
-    # The layout leaves room for less than the four lines that a label may have.
+    # The layout reserves less than the four lines that a label may have.
     figure.set_layout_engine("constrained", rect=(0, _BELOW, 1, 1 - _BELOW))
     entries = dict(zip(*panels[0].get_legend_handles_labels()[::-1], strict=True))
     paths = [entries[name] for name in entries if name.startswith(("pelvis", "other", "truth"))]
@@ -341,7 +341,7 @@ def scenes_figure(posterior: Posterior, count: int = 4) -> Figure:
 
 
 def floor_figure(posterior: Posterior) -> Figure:
-    """Where furniture stands over all draws: a map, and the regions of 50 and 90 %.
+    """Draw furniture over all draws: an occupancy map, and regions of 50 and 90 %.
 
     Parameters
     ----------
@@ -368,7 +368,7 @@ def floor_figure(posterior: Posterior) -> Figure:
 
 
 def hidden_figure(posterior: Posterior) -> Figure:
-    """P(joint hidden) by frame and joint, and how many joints each object hides.
+    """Draw the probability of hidden joints by frame and joint, and by object.
 
     Parameters
     ----------
@@ -402,7 +402,7 @@ def hidden_figure(posterior: Posterior) -> Figure:
 
 
 def person_figure(posterior: Posterior) -> Figure:
-    """How far away people are, with two standard deviations, and how sure each axis is.
+    """Draw the depth of people with two standard deviations, and the uncertainty of each axis.
 
     Parameters
     ----------
@@ -437,7 +437,7 @@ def person_figure(posterior: Posterior) -> Figure:
 
 
 def nuisance_figure(posterior: Posterior) -> Figure:
-    """Prior (grey) against posterior of the camera and the body.
+    """Draw prior (grey) and posterior of the camera and body parameters.
 
     Parameters
     ----------
@@ -466,7 +466,7 @@ def nuisance_figure(posterior: Posterior) -> Figure:
 
 
 def chains_figure(posterior: Posterior) -> Figure:
-    """Did it converge: log-posterior of each chain, its share of each scene, moves accepted.
+    """Draw convergence: log-posterior by chain, scene shares by chain, acceptance of moves.
 
     Parameters
     ----------
@@ -502,7 +502,7 @@ def chains_figure(posterior: Posterior) -> Figure:
 
 
 def _people_in_a_row(axes: Axes, clip: Clip) -> None:
-    """Name the axis of frames; of several people it has one after the other."""
+    """Label the axis of frames; several people follow one another along it."""
     names = [track.name for track in clip.tracks]
     said = f", of {', then '.join(names)}" if len(names) > 1 else ""
     axes.set_xlabel(f"frame{said}", color=INK)
@@ -516,7 +516,7 @@ def _bounds(points: Array) -> tuple[Array, Array]:
 
 
 def _floors(low: Array, high: Array, count: int, *, width: float) -> Figure:
-    """A figure for ``count`` views from above of a part of the floor, as high as they need."""
+    """A figure for ``count`` views from above of the same area, with a fitting height."""
     across, away = high - low
     height = float(np.clip(width * away / across, 2.0, 6.0))
     return Figure(figsize=(width * count, height + 1.1), layout="constrained")

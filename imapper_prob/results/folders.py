@@ -1,4 +1,4 @@
-"""Folders of runs and of staged solutions: checked before the work, published whole."""
+"""Folders of runs and of staged solutions: checked in advance, and written atomically."""
 
 from __future__ import annotations
 
@@ -41,9 +41,9 @@ __all__ = [
 ]
 
 CHECKPOINTS = "checkpoints"
-"""Folder in a run's folder that is there while the run is not finished."""
+"""Subfolder of checkpoints, which exists while a run is unfinished."""
 _CHAINS = "chains"
-"""Folder in the folder of a finished run with what its chains need to go on."""
+"""Subfolder of a finished run with the checkpoints from which its chains can be continued."""
 _RUN_FILES = (
     "chains", "changes.json", "config.toml", "coverage.png", "energy.json", "energy.png",
     "evaluation.json", "evaluation.png", "posterior.nc", "recording.rrd", "report.html", "scenes",
@@ -53,22 +53,22 @@ _RUN_FILES = (
 
 @dataclass(frozen=True)
 class Earlier:
-    """A run that is in a folder, finished or interrupted.
+    """A finished or interrupted run in a folder.
 
     Parameters
     ----------
     folder : Path
     config : Config
     clip, clip_digest, library_digest : str
-        What it was made of.
+        Input of the run.
     finished : bool
-        Whether nothing is left to do.
+        Whether the run is complete.
     good : bool
-        Whether it has converged.
+        Whether the run has converged.
     verdict : str
     given : str
-        Statements that it was given, as `imapper_prob.models.statements.to_json` has them; empty
-        if none.
+        Statements that it was given, in the format of `imapper_prob.models.statements.to_json`;
+        empty if none.
     """
 
     folder: Path
@@ -83,7 +83,7 @@ class Earlier:
 
 
 def earlier_run(folder: Path) -> Earlier | None:
-    """The run in a folder.
+    """Read which run is in a folder.
 
     Parameters
     ----------
@@ -92,12 +92,12 @@ def earlier_run(folder: Path) -> Earlier | None:
     Returns
     -------
     Earlier or None
-        None where there is none, or nothing of it was written yet.
+        None if there is no run, or nothing of it was written yet.
 
     Raises
     ------
     InputError
-        It is damaged or of another version.
+        The run is damaged or of another version.
     """
     path = folder / "posterior.nc"
     if not path.is_file():
@@ -128,20 +128,20 @@ def earlier_run(folder: Path) -> Earlier | None:
 
 
 def restore_chains(folder: Path, *, chains: int) -> None:
-    """Put what the chains of a finished run left where they go on from.
+    """Restore the checkpoints of a finished run, so that its chains can be continued.
 
-    Those that have gone on already stay as they are.
+    Checkpoints of chains that were already continued are kept.
 
     Parameters
     ----------
     folder : Path
     chains : int
-        How many.
+        Number of chains.
 
     Raises
     ------
     InputError
-        One is not there, or not what was written; or the disk refuses.
+        A checkpoint is missing or damaged, or the disk refuses.
     """
     kept, place = folder / _CHAINS, folder / CHECKPOINTS
     if not kept.is_dir():
@@ -166,9 +166,9 @@ def restore_chains(folder: Path, *, chains: int) -> None:
 
 @contextmanager
 def run_folder(folder: Path, *, overwrite: bool, goes_on: bool = False) -> Iterator[None]:
-    """Hold the folder of a run until it is written, and refuse early what would fail then.
+    """Lock the folder of a run until it is written, and check in advance that writing is possible.
 
-    Nothing in it is touched yet, its checkpoints least of all.
+    Nothing in it is changed yet, in particular not its checkpoints.
 
     Parameters
     ----------
@@ -176,7 +176,7 @@ def run_folder(folder: Path, *, overwrite: bool, goes_on: bool = False) -> Itera
     overwrite : bool
         Replace a finished run.
     goes_on : bool
-        Go on with a finished run.
+        Continue a finished run.
 
     Yields
     ------
@@ -185,9 +185,9 @@ def run_folder(folder: Path, *, overwrite: bool, goes_on: bool = False) -> Itera
     Raises
     ------
     InputError
-        If the folder holds something (a finished run is replaced with ``overwrite``, and gone on
-        with under ``goes_on`` if it has its chains; other files never are), is no folder, cannot
-        be made, or another process writes to it.
+        The folder has other contents (a finished run is replaced with ``overwrite``, and continued
+        with ``goes_on`` if it has its chains; other files are never replaced), is not a folder,
+        cannot be created, or another process is writing to it.
     """
     _require_run_folder(folder, overwrite=overwrite, goes_on=goes_on)
     with folder_held(folder):
@@ -211,8 +211,8 @@ def write_run(
 ) -> None:
     """Write all files of a run, see :func:`imapper_prob.files.folder_published`.
 
-    The checkpoints of a finished run become its chains, from which it can be gone on with; those
-    of an interrupted one stay. The pictures of ``video``, if given, are shown in the recording.
+    The checkpoints of a finished run are kept as its chains, from which it can be continued; those
+    of an interrupted run are kept as checkpoints.
 
     Parameters
     ----------
@@ -221,14 +221,14 @@ def write_run(
     overwrite : bool
         Replace a finished run.
     video : Path, optional
-        Pictures of the clip, for the recording.
+        Images of the clip, shown in the recording.
     before : Posterior, optional
-        The same before it was given statements: what they changed is written, too.
+        The posterior before conditioning on statements; the changes are then written too.
 
     Raises
     ------
     InputError
-        As :func:`run_folder`, or if the disk refuses.
+        As :func:`run_folder`, or the disk refuses.
     """
     _require_run_folder(folder, overwrite=overwrite)
     with folder_published(folder, names=_RUN_FILES) as beside:
@@ -253,7 +253,7 @@ def write_run(
 
 
 def _keep_chains(folder: Path, kept: Path, *, chains: int) -> None:
-    """What the chains left, if it is all there: a posterior from elsewhere has left nothing."""
+    """Keep the chains' checkpoints if all exist; a posterior from elsewhere has none."""
     paths = [checkpoint_of(folder / CHECKPOINTS, chain) for chain in range(chains)]
     if all(path.is_file() for path in paths):
         kept.mkdir()
@@ -280,7 +280,7 @@ _DOTS_PER_INCH = 120
 
 @contextmanager
 def solution_folder(folder: Path, *, overwrite: bool) -> Iterator[None]:
-    """Hold the folder of a solution until it is written, and refuse early what would fail then.
+    """Lock the folder of a solution until it is written, and check in advance that it can be.
 
     Parameters
     ----------
@@ -295,8 +295,8 @@ def solution_folder(folder: Path, *, overwrite: bool) -> Iterator[None]:
     Raises
     ------
     InputError
-        If the folder holds something (an earlier solution is replaced with ``overwrite``, other
-        files never are), is no folder, cannot be made, or another process writes to it.
+        The folder has other contents (an earlier solution is replaced with ``overwrite``, other
+        files never are), is not a folder, cannot be created, or another process is writing to it.
     """
     _require_solution_folder(folder, overwrite=overwrite)
     with folder_held(folder):
@@ -322,7 +322,7 @@ def write_solution_folder(folder: Path, solved: Solved, config: Config, *, overw
     Raises
     ------
     InputError
-        As :func:`solution_folder`, or if the disk refuses.
+        As :func:`solution_folder`, or the disk refuses.
     """
     from imapper_prob.recording.stages import charness_curves, stage_views, write_stages
     from imapper_prob.results.solution import candidate_figure, charness_figure, write_solution

@@ -69,27 +69,27 @@ __all__ = ["Posterior", "load_posterior"]
 
 Array = NDArray[np.float64]
 _GHOSTS = 6
-"""Draws of the motion shown beside the representative one."""
+"""Number of draws of the motion shown in addition to the representative one."""
 
 
 @dataclass(frozen=True)
 class Posterior:
-    """What was sampled, and what it was sampled with.
+    """The posterior of a clip: draws, with the input and settings of the run.
 
     Parameters
     ----------
     solution : Source
-        Clip, library and packed log-posterior; of a fresh run all that the staged solver found.
+        Clip, library and packed log-posterior; for a fresh run, the result of the staged solver.
     samples : Samples
-        Draws and layouts.
+        Draws, layouts and verdict.
     config : Config
-        Everything needed to repeat the run on the same clip.
+        All settings that are needed to repeat the run on the same clip.
     seconds : mapping of str to float
-        How long each part of the run took by the clock on the wall.
+        Wall-clock duration of each part of the run.
     stored : DataTree, optional
-        The file that it was read from.
+        Content of the file from which the posterior was read.
     told : Told, optional
-        What it was given besides the clip, see :meth:`given`.
+        Statements that it was conditioned on, see :meth:`given`.
 
     Examples
     --------
@@ -119,11 +119,11 @@ class Posterior:
         )
 
     def __len__(self) -> int:
-        """How many scenes there are."""
+        """Number of scenes."""
         return len(self.scene_probabilities.layouts)
 
     def __iter__(self) -> Iterator[WeightedScene]:
-        """All scenes, the most probable first."""
+        """Iterate over all scenes in descending order of probability."""
         return (self._scene_at(rank) for rank in range(len(self)))
 
     @overload
@@ -133,12 +133,12 @@ class Posterior:
     def __getitem__(self, index: slice) -> tuple[WeightedScene, ...]: ...
 
     def __getitem__(self, index: int | slice) -> WeightedScene | tuple[WeightedScene, ...]:
-        """A scene, or some of them; ``posterior[0]`` is the most probable.
+        """A scene, or a slice of scenes; ``posterior[0]`` is the most probable.
 
         Raises
         ------
         IndexError
-            There are not so many.
+            There are not as many scenes.
         """
         if isinstance(index, slice):
             return tuple(self._scene_at(rank) for rank in range(len(self))[index])
@@ -151,7 +151,7 @@ class Posterior:
 
     @property
     def clip(self) -> Clip:
-        """The input.
+        """The input clip.
 
         Examples
         --------
@@ -161,12 +161,12 @@ class Posterior:
         return self.solution.clip
 
     def scenes(self, count: int = 5) -> tuple[WeightedScene, ...]:
-        """Scenes that differ enough to be looked at one by one, the most probable first.
+        """The most probable scenes, in descending order.
 
         Parameters
         ----------
         count : int
-            At most so many. How far apart they are says :mod:`imapper_prob.uncertainty.scenes`.
+            Largest number of scenes; :mod:`imapper_prob.uncertainty.scenes` defines their distance.
 
         Returns
         -------
@@ -191,12 +191,12 @@ class Posterior:
         return tuple(self._scene_at(rank) for rank in range(min(count, number)))
 
     def layouts(self, count: int = 10) -> tuple[WeightedScene, ...]:
-        """The most probable layouts: finer than scenes, and what the verdict speaks of.
+        """The most probable layouts, which are finer than scenes; the verdict refers to layouts.
 
         Parameters
         ----------
         count : int
-            At most so many.
+            Largest number of layouts.
 
         Returns
         -------
@@ -216,7 +216,7 @@ class Posterior:
 
     @cached_property
     def scene_probabilities(self) -> LayoutProbabilities:
-        """Probabilities of all scenes, the most probable first; numbered as they were founded.
+        """Probabilities of all scenes in descending order, with scene indices in order of creation.
 
         Examples
         --------
@@ -226,7 +226,7 @@ class Posterior:
         samples = self.samples
         scene_of_draw = self._scene_of_layout[samples.layouts.indicator]
         with warnings.catch_warnings():
-            # The verdict says in words what a short chain cannot tell.
+            # The verdict reports chains that are too short.
             warnings.simplefilter("ignore", ShortChainWarning)
             return layout_probabilities(
                 scene_of_draw.reshape(samples.shape), rng=np.random.default_rng(self.config.seed)
@@ -234,7 +234,7 @@ class Posterior:
 
     @cached_property
     def disputed(self) -> tuple[int, ...]:
-        """Scenes that show the layouts which chains disagree about: none, one, or two.
+        """Numbers of the scenes whose layouts the chains disagree about: none, one, or two.
 
         Examples
         --------
@@ -247,7 +247,7 @@ class Posterior:
 
     @property
     def converged(self) -> bool:
-        """Whether the chains agree as well as they must, and nothing speaks against the result.
+        """Whether the chains have converged and no check raises an alarm.
 
         Examples
         --------
@@ -258,7 +258,7 @@ class Posterior:
 
     @property
     def verdict(self) -> str:
-        """What speaks against the whole result, then the verdict on the chains.
+        """Alarms of checks, followed by the verdict on the chains.
 
         Examples
         --------
@@ -269,7 +269,7 @@ class Posterior:
 
     @cached_property
     def checks(self) -> tuple[Check, ...]:
-        """Whether camera, detections, library and draws go together, one check each.
+        """Checks of camera, detections, library and draws.
 
         Examples
         --------
@@ -288,7 +288,7 @@ class Posterior:
 
     @property
     def chain_verdict(self) -> str:
-        """The verdict on the chains, which speaks of layouts, with the scenes that they are.
+        """The convergence verdict on the chains, with scene numbers for the layouts it mentions.
 
         Examples
         --------
@@ -304,7 +304,7 @@ class Posterior:
 
     @cached_property
     def _representatives(self) -> tuple[Representative, ...]:
-        """Of each layout, in the order of the indicator: the most frequent first."""
+        """Representative draw of each layout, in the order of the layout indicator."""
         radius = self.config.sample.layout_radius
         return tuple(
             representative(self.samples, layout, seen=self._seen, radius=radius)
@@ -317,7 +317,7 @@ class Posterior:
 
     @cached_property
     def _seen(self) -> tuple[tuple[SceneObject, ...], ...]:
-        """The furniture of each draw as the nominal lens would have it, to compare draws by."""
+        """Furniture of each draw converted to the nominal focal length, for comparisons."""
         focal = [self._log_focal(draw) for draw in range(len(self.samples.states))]
         return through_one_lens(self.samples.objects, focal)
 
@@ -326,7 +326,7 @@ class Posterior:
 
     @cached_property
     def _made(self) -> dict[int, WeightedScene]:
-        """Scenes that somebody has asked for, by rank: each needs a few motions."""
+        """Cache of scenes by rank, because each needs several motions."""
         return {}
 
     def _scene_at(self, rank: int) -> WeightedScene:
@@ -350,7 +350,8 @@ class Posterior:
     def _weighted(
         self, layouts: tuple[int, ...], probability: float, error: float
     ) -> WeightedScene:
-        """Layouts (from 0, the most probable first) as one scene, by the draw for the first."""
+        """Combine layouts (from 0, in descending order) to one scene, represented by the first
+        one."""
         samples, chosen = self.samples, self._representatives[layouts[0]]
         state = samples.states[chosen.draw]
         scene = replace(self.draw(chosen.draw), objects=chosen.objects)
@@ -369,12 +370,12 @@ class Posterior:
         )
 
     def scene(self, number: int = 1) -> WeightedScene:
-        """One of the scenes.
+        """A scene by number.
 
         Parameters
         ----------
         number : int
-            From 1, the most probable.
+            From 1, which is the most probable.
 
         Returns
         -------
@@ -383,7 +384,7 @@ class Posterior:
         Raises
         ------
         InputError
-            If there are not so many.
+            There are not as many scenes.
 
         Examples
         --------
@@ -397,7 +398,7 @@ class Posterior:
 
     @cached_property
     def estimate(self) -> Scene:
-        """The scene of least expected loss: one answer for those who can use only one.
+        """The scene of least expected loss, a point estimate.
 
         Examples
         --------
@@ -421,7 +422,7 @@ class Posterior:
         Parameters
         ----------
         number : int
-            From 0, chain by chain.
+            Index from 0, chain by chain.
 
         Returns
         -------
@@ -430,7 +431,7 @@ class Posterior:
         Raises
         ------
         InputError
-            If there are not so many.
+            There are not as many draws.
 
         Examples
         --------
@@ -451,16 +452,17 @@ class Posterior:
         )
 
     def summary(self) -> xarray.Dataset:
-        """What stands where over all draws: :meth:`clusters` as a table.
+        """Summary of objects over all draws: :meth:`clusters` as a table.
 
         Returns
         -------
         Dataset
-            Along ``object``, the most probable first: ``label`` with its ``label_probability`` if
-            it is there, ``presence`` and its ``presence_error``, ``x`` and ``y`` in the world with
-            standard deviations ``x_sd`` and ``y_sd``, ``yaw`` and ``yaw_sd``; units are in the
-            attributes. ``to_dataframe()`` makes it a table of pandas. The coordinate ``object``
-            has the names that objects have in :meth:`to_arviz`.
+            Along ``object``, in descending order of probability: ``label`` with its
+            ``label_probability`` given that the object exists, ``presence`` with
+            ``presence_error``, ``x`` and ``y`` in the world frame with standard deviations ``x_sd``
+            and ``y_sd``, ``yaw`` and ``yaw_sd``; units are attributes. ``to_dataframe()`` converts
+            it to a pandas table. The coordinate ``object`` has the same names as in
+            :meth:`to_arviz`.
 
         Examples
         --------
@@ -497,7 +499,7 @@ class Posterior:
         )
 
     def _repr_html_(self) -> str:
-        """The scenes from above with their probabilities, and the verdict, for a notebook."""
+        """The scenes from above with their probabilities, and the verdict, for notebooks."""
         from io import BytesIO
 
         from imapper_prob.plotting import save_figure
@@ -509,14 +511,14 @@ class Posterior:
         return f"<p>{escape(self.verdict)}</p>{picture[picture.index('<svg') :]}"
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw from above what stands where over all draws, and the path of the best scene.
+        """Draw objects over all draws from above, and the path of the best scene.
 
-        Objects are those of :meth:`clusters`: their draws, and the regions of 50 and 90 %.
+        Objects are those of :meth:`clusters`, with their draws and regions of 50 and 90 %.
 
         Parameters
         ----------
         ax : matplotlib.axes.Axes, optional
-            Those of a new figure if not given.
+            If not given, the axes of a new figure.
 
         Returns
         -------
@@ -539,13 +541,13 @@ class Posterior:
         return axes
 
     def to_arviz(self) -> xarray.DataTree:
-        """Draws for ArviZ, furniture among them.
+        """Convert the draws for ArviZ, including furniture.
 
-        The group ``posterior`` has camera and body, and of every object of :meth:`clusters` by its
-        name ``presence``, ``x``, ``y``, ``yaw``, ``width``, ``depth`` and ``height`` along
-        ``object``. Where a draw lacks the object all but ``presence`` is NaN: pass
-        ``skipna=True`` to have means and intervals given that it is there. R-hat and effective
-        draws of such an object are those of its ``presence``.
+        The group ``posterior`` has camera and body, and for every object of :meth:`clusters`, by
+        name along ``object``: ``presence``, ``x``, ``y``, ``yaw``, ``width``, ``depth`` and
+        ``height``. In a draw without the object all but ``presence`` are NaN: pass ``skipna=True``
+        for means and intervals given that it exists. For R-hat and effective draws of such an
+        object use its ``presence``.
 
         Returns
         -------
@@ -576,12 +578,12 @@ class Posterior:
         return object_draws(self.clusters(), self.furniture, self.samples.shape)
 
     def to_dataframe(self) -> Any:
-        """Every object of every draw as a row of a table.
+        """A table with one row per object and draw.
 
         Returns
         -------
         pandas.DataFrame
-            Rows by ``chain``, ``draw`` and ``object``, where the draw has the object: ``x``, ``y``,
+            Rows by ``chain``, ``draw`` and ``object`` for draws that have the object: ``x``, ``y``,
             ``width``, ``depth`` and ``height`` in metres, ``yaw`` in radians.
 
         Examples
@@ -597,7 +599,7 @@ class Posterior:
 
     @cached_property
     def data(self) -> xarray.DataTree:
-        """Draws and diagnostics with names, as ArviZ expects them.
+        """Labelled draws and diagnostics in the structure of ArviZ.
 
         Examples
         --------
@@ -620,9 +622,9 @@ class Posterior:
 
     @cached_property
     def furniture(self) -> FurnitureOfDraws:
-        """The furniture of each draw as it may stand, in the draw's world.
+        """Furniture of each draw with random displacements, in the draw's world frame.
 
-        ``samples.objects`` is where the scenelets say that it stands.
+        ``samples.objects`` has the positions given by scenelets.
 
         Examples
         --------
@@ -637,7 +639,7 @@ class Posterior:
         )
 
     def occupancy(self, *, cell: float = 0.1) -> Occupancy:
-        """Probability by category that a place on the floor is covered.
+        """Probability by category that positions on the floor are covered.
 
         Parameters
         ----------
@@ -658,12 +660,12 @@ class Posterior:
         return occupancy(self.furniture, cell=cell)
 
     def clusters(self, *, least: float = 0.05) -> tuple[ObjectCluster, ...]:
-        """Objects matched across all draws, most probable first.
+        """Objects matched across all draws, in descending order of probability.
 
         Parameters
         ----------
         least : float
-            Probability down to which they are listed.
+            Least probability of the listed objects.
 
         Returns
         -------
@@ -689,11 +691,11 @@ class Posterior:
 
     @cached_property
     def _clusters(self) -> dict[float, tuple[ObjectCluster, ...]]:
-        """Those that somebody has asked for, by the least probability."""
+        """Cache of clusters by least probability."""
         return {}
 
     def joints(self) -> JointSummary:
-        """Mean and covariance of every joint in every frame, of several people in a row.
+        """Mean and covariance of every joint in every frame, one person after the other.
 
         Returns
         -------
@@ -709,9 +711,9 @@ class Posterior:
         return joint_summary(self._limbs(), problem=self.solution.problem)
 
     def hidden(self) -> HiddenJoints:
-        """P(joint hidden) by frame and joint, and by which of :meth:`clusters`.
+        """Probability that joints are hidden, by frame, joint and object of :meth:`clusters`.
 
-        Of several people the frames of each follow those of the one before.
+        For several people, the frames of each follow those of the one before.
 
         Returns
         -------
@@ -733,7 +735,7 @@ class Posterior:
 
     @property
     def sides_flipped(self) -> Array:
-        """(T,) probability that the detector took left for right, by frame.
+        """(T,) probability that left and right are flipped, by frame.
 
         Examples
         --------
@@ -744,7 +746,7 @@ class Posterior:
         return np.asarray(drawn.mean(("chain", "draw")).to_numpy(), np.float64)
 
     def nuisances(self) -> dict[str, Nuisance]:
-        """Prior against posterior of camera and body, by name.
+        """Prior and posterior of the camera and body parameters by name.
 
         Returns
         -------
@@ -763,23 +765,23 @@ class Posterior:
         return nuisances(draws, mean=problem.camera_mean, covariance=covariance)
 
     def _motions(self) -> Iterator[Array]:
-        """The motion of each draw in its world, one after the other."""
+        """The motion of each draw in its world frame, one after the other."""
         return (motion(self.solution.problem, state) for state in self.samples.states)
 
     def _limbs(self) -> Iterator[Limbs]:
-        """The same with what detections say of the person's own."""
+        """The motion of each draw with the person's deviations given the detections."""
         problem = self.solution.problem
         return (limbs_of(problem, s, self._camera(s.camera)) for s in self.samples.states)
 
     def record(self, path: str | Path, *, video: str | Path | None = None) -> None:
-        """Write the recording (``.rrd``) that opens in the rerun viewer.
+        """Write a recording (``.rrd``) for the rerun viewer.
 
         Parameters
         ----------
         path : path
         video : path, optional
-            The pictures of the clip, to lie behind the detections: a folder of pictures whose
-            names end in the number of their frame, or a video file.
+            Images of the clip, shown behind the detections: a folder of images whose names end in
+            the frame number, or a video file.
 
         Examples
         --------
@@ -808,7 +810,7 @@ class Posterior:
         )
 
     def view(self, *, video: str | Path | None = None) -> Viewer:
-        """The recording as a notebook's output; from a shell it is ``imapper-prob view DIR``.
+        """Show the recording in a notebook; in a shell use ``imapper-prob view DIR``.
 
         Parameters
         ----------
@@ -818,7 +820,7 @@ class Posterior:
         Returns
         -------
         rerun_notebook.Viewer
-            Turned with the mouse, with a timeline; works without a network.
+            An interactive view with a timeline; it works offline.
 
         Raises
         ------
@@ -839,12 +841,12 @@ class Posterior:
             return recording_widget(recording)
 
     def report(self, path: str | Path) -> None:
-        """Write the report, one HTML page that needs nothing else.
+        """Write the report, a single self-contained HTML page.
 
         Parameters
         ----------
         path : path
-            A file that is there is replaced.
+            An existing file is replaced.
 
         Examples
         --------
@@ -863,36 +865,37 @@ class Posterior:
         workers: int = 1,
         progress: Progress | bool | None = True,
     ) -> Posterior:
-        """The posterior given what is known besides the clip.
+        """Condition the posterior on statements, i.e. knowledge besides the clip.
 
-        Draws are weighted by how well they agree with it, where enough of them do. Elsewhere some
-        are led to where it holds and chains go on from there.
+        If enough draws agree with the statements, draws are reweighted. Otherwise some draws are
+        annealed to the conditional posterior, and chains continue from there.
 
         Parameters
         ----------
         statements : sequence of Statement
-            Such as :class:`imapper_prob.models.statements.ObjectAt`; they add to those that this
-            posterior was given.
+            Such as :class:`imapper_prob.models.statements.ObjectAt`; they are added to earlier
+            statements of this posterior.
         library : Library, optional
-            That of the run, where it was opened from its folder. As its settings say if not given.
+            The library of the run, if it was opened from its folder; by default as in its settings.
         steps : int, optional
-            Of chains that go on, at each temperature; a fourth of the run's if not given.
+            Steps of continued chains at each temperature; a fourth of the run's if not given.
         workers : int
-            Processes of chains that go on; draws do not depend on it.
+            Number of processes of continued chains; draws do not depend on it.
         progress : callable or bool
-            Bars in a terminal or notebook if ``True``, nothing if ``False``; a callable is called
-            with the name of a stage and the part of it that is done.
+            Progress bars in a terminal or notebook if ``True``, nothing if ``False``; a callable is
+            called with the name of a stage and its completed share.
 
         Returns
         -------
         Posterior
-            Its ``told`` has all statements, and of these the log evidence ratio with its error.
+            Its ``told`` has all statements, and the log evidence ratio of the new ones with its
+            error.
 
         Raises
         ------
         InputError
-            A statement names what clip or library do not have, statements contradict each other,
-            or the library is not that of the run.
+            A statement refers to something that clip or library do not have, statements contradict
+            each other, or the library is not that of the run.
 
         Examples
         --------
@@ -908,11 +911,12 @@ class Posterior:
             )
 
     def questions(self) -> tuple[Question, ...]:
-        """What would settle which layout it is: questions, those first that would tell most.
+        """Questions whose answers would tell most about the layout, in descending order.
 
-        Whether an object is there or is called so, how high the camera hangs, how tall the person
-        is, how far away and where everybody is in the frame that parts layouts best; each with the
-        bits by which its answer would lower the entropy of layouts on average.
+        Questions are whether an object exists or has a label, how high the camera is, how tall the
+        person is, and how far away and where everybody is in the frame in which the two most
+        probable layouts differ most; each with the expected reduction in bits of the entropy of
+        layouts.
 
         Returns
         -------
@@ -935,19 +939,19 @@ class Posterior:
         )
 
     def save(self, folder: str | Path, *, overwrite: bool = False) -> None:
-        """Write the files of a run, from which :func:`load_posterior` opens it again.
+        """Write the files of a run, which :func:`load_posterior` opens again.
 
         Parameters
         ----------
         folder : path
-            Is made.
+            Created if needed.
         overwrite : bool
-            Replace an earlier run in the folder; other files never are.
+            Replace an earlier run in the folder; other files are never replaced.
 
         Raises
         ------
         InputError
-            The folder holds something else, or the disk refuses.
+            The folder has other contents, or the disk refuses.
 
         Examples
         --------
@@ -961,7 +965,7 @@ class Posterior:
 
     @cached_property
     def certainty(self) -> Certainty:
-        """All that is said over all draws at once: occupancy, objects, joints, camera.
+        """Summaries over all draws: occupancy, hidden joints with objects, joints, camera.
 
         Examples
         --------
@@ -973,7 +977,7 @@ class Posterior:
         return Certainty(self.occupancy(), self.hidden(), self.joints(), self.nuisances())
 
     def _drawn_chains(self) -> tuple[DrawnChain, ...]:
-        """Draws of each chain, evenly spread, as many as a recording may hold."""
+        """Evenly spaced draws of each chain, as many as a recording may hold."""
         from imapper_prob.recording.posterior import MOST, DrawnChain
 
         samples, problem = self.samples, self.solution.problem
@@ -993,7 +997,7 @@ class Posterior:
 
     @property
     def traces(self) -> dict[str, Array]:
-        """What to plot of the chains, by name: (chains, draws) each.
+        """Quantities of the chains for plots, by name: (chains, draws) each.
 
         Examples
         --------
@@ -1016,20 +1020,19 @@ _SAID = (
     "clip", "clip_digest", "config", "config_digest", "ensembles", "library", "library_digest",
     "program", "seed", "verdict",
 )  # fmt: skip
-"""Attributes that reports quote."""
+"""Attributes that reports show."""
 
 
 def load_posterior(folder: str | Path) -> Posterior:
-    """Open the run in a folder: its draws, scenes, clip and recording.
+    """Open a run from its folder: draws, scenes, clip and recording.
 
-    Nothing is solved or sampled again, and neither clip nor library need be there any more.
-    The normal numbers that the paths were drawn with are kept in single precision; so are the
-    motions.
+    Nothing is solved or sampled again, and neither clip nor library files are needed. The latent
+    variables of paths are stored in single precision, and so are motions.
 
     Parameters
     ----------
     folder : path
-        Of ``imapper-prob run``, or the ``posterior.nc`` in it.
+        Folder of ``imapper-prob run``, or the ``posterior.nc`` in it.
 
     Returns
     -------
@@ -1038,7 +1041,7 @@ def load_posterior(folder: str | Path) -> Posterior:
     Raises
     ------
     InputError
-        If the file is missing, damaged, of another program or an earlier version.
+        The file is missing, damaged, of another program or of an earlier version.
 
     Examples
     --------
@@ -1054,7 +1057,7 @@ def load_posterior(folder: str | Path) -> Posterior:
     try:
         with xr.open_datatree(path, engine="h5netcdf") as opened:
             tree = opened.load()
-    except Exception as error:  # xarray, h5netcdf and h5py each have their own way to fail
+    except Exception as error:  # the exceptions of xarray, h5netcdf and h5py differ
         raise InputError(f"{path}: damaged, or not the posterior of a run; run it again") from error
     if tree.attrs.get("format") != FORMAT:
         raise InputError(f"{path}: not the posterior of a run of this version; run the clip again")

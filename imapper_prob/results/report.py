@@ -1,7 +1,7 @@
-"""``report.html``: one page with the whole result, which opens offline.
+"""``report.html``: a self-contained page with the whole result, which works offline.
 
-Scenes are switched, plots are hovered, and a slider moves the person. All scripts lie in the page,
-and its policy forbids the browser to fetch anything.
+The reader can switch between scenes, hover over plots, and move the person with a slider. All
+scripts are inside the page, and its content policy forbids network access.
 """
 
 from __future__ import annotations
@@ -79,19 +79,19 @@ _NUMBERS: Final = (
     "no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten",
 )  # fmt: skip
 _WEAK: Final = 0.5
-"""A scene less probable than this is not what one would bet on."""
+"""Probability below which a scene is called weak."""
 _VAGUE: Final = 0.1
-"""Monte-Carlo error from which a probability is only an order of magnitude."""
+"""Monte-Carlo error above which a probability is only an order of magnitude."""
 _SHORT: Final = 5.0
-"""Seconds; shorter than it takes to come in and sit down."""
+"""Duration in seconds below which a clip is called short."""
 _FLIPPED: Final = 0.5
-"""Probability from which sides count as exchanged."""
+"""Probability above which sides count as flipped."""
 _LOST: Final = 0.2
-"""Part of the frames without any detection of the person."""
+"""Share of frames without any detection above which the person counts as lost."""
 
 
 def answer(scenes: Sequence[WeightedScene]) -> str:
-    """What is in the room, in a sentence.
+    """The objects of the most probable scene, in a sentence.
 
     Parameters
     ----------
@@ -107,7 +107,7 @@ def answer(scenes: Sequence[WeightedScene]) -> str:
 
 
 def runner_up(scenes: Sequence[WeightedScene]) -> str:
-    """What there is if that is wrong; empty if there is no other scene.
+    """The second most probable scene in a sentence; empty if there is none.
 
     Parameters
     ----------
@@ -125,7 +125,7 @@ def runner_up(scenes: Sequence[WeightedScene]) -> str:
 
 
 def listed(objects: Sequence[SceneObject]) -> str:
-    """Objects counted in words: ``"two chairs and one table"``.
+    """Count objects in words: ``"two chairs and one table"``.
 
     Parameters
     ----------
@@ -155,7 +155,7 @@ def warnings_of(
     *,
     disputed: Sequence[int] = (),
 ) -> tuple[str, ...]:
-    """What makes the result less sure than it looks, one sentence each.
+    """Reasons why the result is less certain than it looks, one sentence each.
 
     Parameters
     ----------
@@ -163,7 +163,7 @@ def warnings_of(
     samples : Samples
     scenes : sequence of WeightedScene
     disputed : sequence of int
-        Scenes that show the layouts which chains disagree about.
+        Numbers of the scenes whose layouts the chains disagree about.
 
     Returns
     -------
@@ -217,13 +217,13 @@ def warnings_of(
 
 
 def trust(samples: Samples, *, alarmed: int, checked: int) -> str:
-    """How far the result can be relied on, in plain words.
+    """How far the result can be trusted, in plain words.
 
     Parameters
     ----------
     samples : Samples
     alarmed, checked : int
-        Checks that speak against the result, and all of them.
+        Number of checks that raise an alarm, and of all checks.
 
     Returns
     -------
@@ -245,14 +245,14 @@ def trust(samples: Samples, *, alarmed: int, checked: int) -> str:
 
 
 def sides_of(clip: Clip, flipped: NDArray[np.float64]) -> tuple[str, ...]:
-    """In which frames the detector took left for right, more probably than not, by person.
+    """The frames in which left and right are probably flipped, by person.
 
     Parameters
     ----------
     clip : Clip
-        Of K people.
+        Clip of K people.
     flipped : (K T,) float
-        Probability of that by frame, of several people in a row.
+        Probability of a flip by frame, one person after the other.
 
     Returns
     -------
@@ -288,11 +288,11 @@ def _plural(label: str) -> str:
 
 
 _ASKED: Final = 3
-"""Questions on the page."""
+"""Number of questions on the page."""
 
 
 def write_report(path: Path, posterior: Posterior) -> None:
-    """Write the report as one HTML file, beside and renamed.
+    """Write the report as one HTML file, atomically.
 
     Parameters
     ----------
@@ -304,7 +304,7 @@ def write_report(path: Path, posterior: Posterior) -> None:
 
 
 def report(posterior: Posterior) -> str:
-    """The page as text: plots, their numbers and scripts inside, nothing to fetch.
+    """Make the page as text, with plots, numbers and scripts inside.
 
     Parameters
     ----------
@@ -347,7 +347,7 @@ def _trust_of(posterior: Posterior) -> str:
 
 
 def _title(posterior: Posterior) -> str:
-    """What was looked at, and how long."""
+    """Clip, duration and number of draws."""
     clip, (chains, draws) = posterior.clip, posterior.samples.shape
     people = f"{len(clip.tracks)} people, " if len(clip.tracks) > 1 else ""
     return (
@@ -401,7 +401,7 @@ def _scenes(posterior: Posterior, floor: Floor) -> str:
 
 
 def _of_scenes(pieces: Sequence[str]) -> str:
-    """Pieces of which that of the chosen scene is seen."""
+    """Pieces by scene, of which only that of the selected scene is visible."""
     return "".join(
         f'<div data-scene="{k}"{" hidden" if k else ""}>{piece}</div>'
         for k, piece in enumerate(pieces)
@@ -432,7 +432,7 @@ def _scene_table(posterior: Posterior) -> str:
 
 
 def _people(clip: Clip, what: str) -> list[tuple[str, str]]:
-    """Entries of a legend, one a person."""
+    """Legend entries, one per person."""
     if len(clip.tracks) == 1:
         return [(line(person_colour(0), width=3), what)]
     return [
@@ -454,7 +454,7 @@ def _legend_of_scene(clip: Clip, weighted: WeightedScene) -> str:
 
 
 def _questions(posterior: Posterior) -> str:
-    """The questions whose answers would tell most of the layout."""
+    """The questions whose answers would tell most about the layout."""
     asked = [question for question in posterior.questions()[:_ASKED] if question.bits > 0]
     if not asked:
         return ""

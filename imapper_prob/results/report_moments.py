@@ -1,4 +1,4 @@
-"""What the slider of the report moves: everybody's joints at some moments, as small numbers."""
+"""Data for the report's slider: all people's joints at several frames, as small integers."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from imapper_prob.uncertainty.clusters import names_of
 __all__ = ["moments", "moments_of"]
 
 _MOST: Final = 360
-"""Moments times people, at most: more would be megabytes, and a slider has fewer steps."""
+"""Largest number of frames times people; more would take megabytes."""
 
 
 def moments_of(clip: Clip) -> NDArray[np.int64]:
-    """Numbers of the frames that the slider has, evenly spread.
+    """Indices of the slider's frames, evenly spaced.
 
     Parameters
     ----------
@@ -36,7 +36,7 @@ def moments_of(clip: Clip) -> NDArray[np.int64]:
 
 
 def moments(posterior: Posterior) -> dict[str, Any]:
-    """Joints of scenes and detections at some moments, and what is hidden then.
+    """Joints of scenes and detections at the slider's frames, and probabilities of occlusion.
 
     Parameters
     ----------
@@ -45,9 +45,9 @@ def moments(posterior: Posterior) -> dict[str, Any]:
     Returns
     -------
     dict
-        Of lists of whole numbers, moment by moment, person by person, joint by joint: ``joints``
-        of each scene in centimetres of its world, ``pixels`` of them and of what was ``seen``,
-        ``confidence``, ``hidden`` and ``by_object`` in per cent.
+        Lists of integers by frame, person and joint: ``joints`` of each scene in centimetres of its
+        world frame, their ``pixels``, the detected pixels ``seen``, and ``confidence``, ``hidden``
+        and ``by_object`` in per cent.
     """
     clip = posterior.clip
     kept, hidden = moments_of(clip), posterior.certainty.hidden
@@ -82,6 +82,6 @@ def moments(posterior: Posterior) -> dict[str, Any]:
 
 
 def _whole(values: ArrayLike) -> list[int | None]:
-    """Rounded, in a row; None where nothing is known."""
+    """Rounded integers in one list; None for unknown values."""
     flat = np.asarray(values, float).ravel()
     return [int(v) if np.isfinite(v) else None for v in np.rint(flat)]

@@ -1,4 +1,4 @@
-"""Pieces of the report: escaped HTML, and what plots are made of."""
+"""Building blocks of the report: escaped HTML, legends, tables and plots."""
 
 from __future__ import annotations
 
@@ -85,11 +85,11 @@ _POLICY: Final = (
     "default-src 'none'; style-src 'unsafe-inline'; script-src 'unsafe-inline'; "
     "img-src data: blob:; form-action 'none'; base-uri 'none'"
 )
-"""What a browser lets the page do: nothing that needs a network."""
+"""Content security policy of the page: no network access."""
 
 
 def page(title: str, body: Sequence[str]) -> str:
-    """A whole page of pieces, with the scripts that move it.
+    """A complete page with its scripts.
 
     Parameters
     ----------
@@ -121,7 +121,7 @@ def page(title: str, body: Sequence[str]) -> str:
 
 @cache
 def _scripts() -> tuple[str, str]:
-    """plotly's script, and the report's own."""
+    """The script of plotly, and that of the report."""
     from plotly.offline import get_plotlyjs
 
     own = files("imapper_prob.results").joinpath("report.js").read_text(encoding="utf-8")
@@ -129,14 +129,14 @@ def _scripts() -> tuple[str, str]:
 
 
 def numbers(name: str, value: Mapping[str, Any] | str) -> str:
-    """Numbers that lie in the page for its scripts.
+    """Embed data in the page for its scripts.
 
     Parameters
     ----------
     name : str
-        By which scripts find them.
+        Identifier by which scripts find the data.
     value : mapping or str
-        What to write as JSON, or JSON.
+        Content for JSON, or JSON text.
 
     Returns
     -------
@@ -144,7 +144,7 @@ def numbers(name: str, value: Mapping[str, Any] | str) -> str:
         HTML.
     """
     text = value if isinstance(value, str) else json.dumps(value, separators=(",", ":"))
-    # Names of others can hold what would end the element.
+    # Names from the input might contain a closing tag.
     text = text.replace("<", "\\u003c")
     return f'<script type="application/json" id="{name}">{text}</script>'
 
@@ -152,21 +152,21 @@ def numbers(name: str, value: Mapping[str, Any] | str) -> str:
 def plot(
     name: str, figure: Any, *, alt: str, proportion: float, title: str = "", lowest: int = 240
 ) -> str:
-    """A place for a plot, and what it shows.
+    """A plot with its data.
 
     Parameters
     ----------
     name : str
-        By which scripts find it.
+        Identifier by which scripts find the plot.
     figure : plotly.graph_objects.Figure
     alt : str
-        For who does not see it.
+        Alternative text for readers who cannot see it.
     proportion : float
-        Width over height.
+        Width divided by height.
     title : str
-        Above it.
+        Heading above it.
     lowest : int
-        Pixels that it is high at least.
+        Least height in pixels.
 
     Returns
     -------
@@ -182,16 +182,16 @@ def plot(
 
 
 # ------------------------------------------------------------------------------------------------
-# Legends. An entry is a swatch with a text.
+# Legends. An entry consists of a swatch and a text.
 
 
 def legend(entries: Sequence[tuple[str, str]]) -> str:
-    """What colours and lines stand for.
+    """A legend of colours and lines.
 
     Parameters
     ----------
     entries : sequence of (str, str)
-        Each a swatch and a text; an entry that is there twice is shown once.
+        Pairs of swatch and text; duplicates are shown once.
 
     Returns
     -------
@@ -227,7 +227,7 @@ def line(colour: str, *, dash: str = "solid", width: float = 2) -> str:
     ----------
     colour : str
     dash : str
-        As plotly has it.
+        As in plotly.
     width : float
         Pixels.
 
@@ -291,7 +291,7 @@ def cross(colour: str) -> str:
 
 
 def heading(text: str) -> str:
-    """What the page is of.
+    """The heading of the page.
 
     Parameters
     ----------
@@ -306,7 +306,7 @@ def heading(text: str) -> str:
 
 
 def section(title: str, *pieces: str, hint: str = "") -> str:
-    """A heading, a grey line that says what one sees, and pieces.
+    """A section with heading, optional grey hint, and contents.
 
     Parameters
     ----------
@@ -314,7 +314,7 @@ def section(title: str, *pieces: str, hint: str = "") -> str:
     *pieces : str
         HTML.
     hint : str
-        What one sees.
+        A sentence that explains the section.
 
     Returns
     -------
@@ -326,13 +326,13 @@ def section(title: str, *pieces: str, hint: str = "") -> str:
 
 
 def paragraph(text: str, *, style: str = "") -> str:
-    """A paragraph of plain text; nothing if there is none.
+    """A paragraph of plain text; empty for an empty text.
 
     Parameters
     ----------
     text : str
     style : str
-        Class of the paragraph.
+        CSS class of the paragraph.
 
     Returns
     -------
@@ -345,7 +345,7 @@ def paragraph(text: str, *, style: str = "") -> str:
 
 
 def notes(texts: Sequence[str]) -> str:
-    """Warnings, one a line; nothing if there are none.
+    """A list of warnings; empty if there are none.
 
     Parameters
     ----------
@@ -371,7 +371,7 @@ def table(
     columns : sequence of str
     rows : sequence of sequence of str
     words : int
-        How many columns, from the first, are words and not numbers.
+        Number of leading columns with words instead of numbers.
     caption : str
 
     Returns
@@ -386,7 +386,7 @@ def table(
         styled = (f"<{tag}{style}>{escape(cell)}</{tag}>" for cell, style in pairs)
         return f"<tr>{''.join(styled)}</tr>"
 
-    # Not a caption element: on narrow screens that would be as wide as the table, and cut off.
+    # Not a caption element, which on narrow screens would be as wide as the table and cut off.
     said = paragraph(caption, style="hint")
     body = "".join(row(cells, "td") for cells in rows)
     return (
@@ -396,7 +396,7 @@ def table(
 
 
 def details(summary: str, text: str) -> str:
-    """Something long that is folded away.
+    """A long text that is collapsed by default.
 
     Parameters
     ----------
@@ -412,7 +412,7 @@ def details(summary: str, text: str) -> str:
 
 
 def folded(summary: str, *pieces: str) -> str:
-    """Pieces that are folded away.
+    """Contents that are collapsed by default.
 
     Parameters
     ----------

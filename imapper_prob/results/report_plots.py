@@ -1,8 +1,8 @@
-"""Pictures of the report that can be hovered, as plotly's script draws them in a browser.
+"""Interactive plots of the report, drawn by plotly in the browser.
 
-Each function returns a figure whose traces say in ``meta`` what they are of: ``scene`` with its
-number from 0, or ``moves`` for what the slider over time moves. Legends stand beside the plots, in
-HTML, where they wrap on narrow screens. Views from above have the camera below, in metres.
+Each function returns a figure whose traces have metadata ``meta``: ``scene`` with its index from 0,
+or ``moves`` for elements that the slider moves. Legends are HTML beside the plots, where they wrap
+on narrow screens. In views from above the camera is at the bottom; units are metres.
 """
 
 from __future__ import annotations
@@ -46,19 +46,19 @@ __all__ = [
 
 Array = NDArray[np.float64]
 CHAIN_COLOURS: Final = ("#4e79a7", "#f28e2b", "#59a14f", "#b07aa1", "#e15759", "#76b7b2")
-"""Of chains, one after the other."""
+"""Colours of chains, in order."""
 HIDDEN_COLOURS: Final = ("#ffffff", "#d62728")
-"""Of a joint that is surely seen, and of one that is surely hidden."""
+"""Colours of joints that are certainly visible, and certainly hidden."""
 SEEN_COLOUR: Final = "#7d848f"
-"""Of detected joints."""
+"""Colour of detected joints."""
 SIGHT_COLOUR: Final = "#b4bac4"
-"""Of the edges of what the camera sees."""
+"""Colour of the limits of the camera's field of view."""
 JOINT_WORDS: Final = (
     "right ankle", "right knee", "right hip", "left hip", "left knee", "left ankle", "pelvis",
     "chest", "neck", "head", "right wrist", "right elbow", "right shoulder", "left shoulder",
     "left elbow", "left wrist",
 )  # fmt: skip
-"""Joints in words, in the order of the skeleton."""
+"""Names of joints, in the order of the skeleton."""
 _FROM_HEAD: Final = tuple(
     JOINTS.index(name)
     for name in (
@@ -69,32 +69,32 @@ _FROM_HEAD: Final = tuple(
 """Joints from top to bottom."""
 _PEOPLE: Final = (INK, "#4e79a7", "#e15759", "#59a14f", "#b07aa1")
 _DASHES: Final = ("solid", "dash", "dot", "dashdot")
-"""Of objects of one category, one after the other."""
+"""Line styles of objects of one category, in order."""
 _MARGIN: Final = 0.4
-"""Metres around what is drawn."""
+"""Margin in metres around the drawn area."""
 _NINETY: Final = 4.605
-"""Quantile .9 of chi-square with two degrees of freedom."""
+"""The .9 quantile of chi-square with two degrees of freedom."""
 _ROUND: Final = np.linspace(0, 2 * np.pi, 49)
 _CELLS: Final = 20_000
-"""Cells of the map at most; a hall has larger ones."""
+"""Largest number of map cells; larger rooms get larger cells."""
 _FREE: Final = 0.005
-"""Probability below which the map says nothing of a cell."""
+"""Probability below which the map shows no text for a cell."""
 _NAMED: Final = 0.2
 """Probability below which an object has no name on the map."""
 _POINTS: Final = 150
-"""Draws of an object on the map, at most."""
+"""Largest number of draws of an object on the map."""
 _TRACE: Final = 500
-"""Points of a chain's trace, at most: more than a screen shows."""
+"""Largest number of points of a chain's trace, more than a screen shows."""
 _NEAREST: Final = 0.1
-"""Metres before the lens from which an edge is drawn."""
+"""Distance from the camera in metres from which edges are drawn."""
 _TALLEST: Final = 1.25
-"""Height over width of a plot, at most."""
+"""Largest ratio of height to width of a plot."""
 _FONT: Final = "system-ui, 'Segoe UI', 'DejaVu Sans', sans-serif"
 
 
 @dataclass(frozen=True)
 class Floor:
-    """The part of the floor that all views from above show, so that they can be compared.
+    """The part of the floor that all views from above show, so that they are comparable.
 
     Parameters
     ----------
@@ -107,7 +107,7 @@ class Floor:
 
     @classmethod
     def of(cls, clip: Clip, scenes: Sequence[WeightedScene]) -> Floor:
-        """The part that holds all furniture and all ways; the camera is further down.
+        """The part that contains all furniture and all paths, but not the camera.
 
         Parameters
         ----------
@@ -128,13 +128,13 @@ class Floor:
 
     @property
     def proportion(self) -> float:
-        """Width over height, of a plot that is at most a little higher than it is wide."""
+        """Width divided by height, limited so that a plot is at most a little higher than wide."""
         across, away = self.high - self.low
         return max(float(across / away), 1 / _TALLEST)
 
 
 def hue(label: str) -> str:
-    """The colour of a category, as CSS has it.
+    """The colour of a category in CSS.
 
     Parameters
     ----------
@@ -148,12 +148,12 @@ def hue(label: str) -> str:
 
 
 def person_colour(number: int) -> str:
-    """The colour of a person, as CSS has it.
+    """The colour of a person in CSS.
 
     Parameters
     ----------
     number : int
-        Of the track, from 0.
+        Index of the track.
 
     Returns
     -------
@@ -163,7 +163,7 @@ def person_colour(number: int) -> str:
 
 
 def line_of_object(clusters: Sequence[ObjectCluster], number: int) -> tuple[str, str]:
-    """Colour and dashes of the line that stands for one of some objects.
+    """Colour and line style of an object among several.
 
     Parameters
     ----------
@@ -180,7 +180,7 @@ def line_of_object(clusters: Sequence[ObjectCluster], number: int) -> tuple[str,
 
 
 def floor_plot(floor: Floor, clip: Clip, scenes: Sequence[WeightedScene]) -> go.Figure:
-    """All scenes from above, of which one is seen, and everybody at a moment.
+    """All scenes from above, one of them visible, with all people at the slider's frame.
 
     Parameters
     ----------
@@ -220,7 +220,7 @@ def floor_plot(floor: Floor, clip: Clip, scenes: Sequence[WeightedScene]) -> go.
 
 
 def view_plot(clip: Clip, scenes: Sequence[WeightedScene]) -> go.Figure:
-    """What the camera sees at a moment: furniture of one scene, joints detected and drawn.
+    """The camera view at the slider's frame: furniture of a scene, detected and drawn joints.
 
     Parameters
     ----------
@@ -259,7 +259,7 @@ def view_plot(clip: Clip, scenes: Sequence[WeightedScene]) -> go.Figure:
 def map_plot(
     floor: Floor, occupancy: Occupancy, clusters: Sequence[ObjectCluster], best: Iterable[Array]
 ) -> go.Figure:
-    """Where furniture stands over all draws: the stronger the colour, the more probable.
+    """Occupancy over all draws; the saturation is the probability.
 
     Parameters
     ----------
@@ -267,7 +267,7 @@ def map_plot(
     occupancy : Occupancy
     clusters : sequence of ObjectCluster
     best : iterable of (T, 2) float
-        Everybody's way in the best scene, metres.
+        Path of each person in the best scene, metres.
 
     Returns
     -------
@@ -303,15 +303,15 @@ def map_plot(
 
 
 def hiding_plot(clip: Clip, hidden: HiddenJoints, kept: NDArray[np.int64]) -> go.Figure:
-    """What is hidden when, joint by joint, and how many joints each object hides.
+    """Probability of hidden joints by frame and joint, and number of joints hidden by each object.
 
     Parameters
     ----------
     clip : Clip
     hidden : HiddenJoints
-        Of everybody in a row.
+        Of all people, one after the other.
     kept : (M,) int
-        Numbers of the frames that are shown.
+        Indices of the frames that are shown.
 
     Returns
     -------
@@ -359,14 +359,14 @@ def hiding_plot(clip: Clip, hidden: HiddenJoints, kept: NDArray[np.int64]) -> go
 
 
 def chains_plot(traces: Array, *, burn_in: float) -> go.Figure:
-    """Log-posterior of each chain over the whole run; what is grey was not kept.
+    """Log-posterior of each chain over the whole run, with the burn-in in grey.
 
     Parameters
     ----------
     traces : (C, n) float
         Nats.
     burn_in : float
-        Share that was not kept.
+        Share of the run that is burn-in.
 
     Returns
     -------
@@ -406,7 +406,7 @@ def _axis(title: str) -> dict[str, Any]:
 def _layout(x: str, y: str) -> dict[str, Any]:
     return {
         "template": "none", "showlegend": False, "hovermode": "closest", "dragmode": "pan",
-        # Else what lies below a line is seldom told of.
+        # Otherwise the hover text of elements below a line rarely appears.
         "hoverdistance": 8,
         "font": {"family": _FONT, "size": 12, "color": INK},
         "margin": {"l": 52, "r": 12, "t": 12, "b": 46},
@@ -424,7 +424,7 @@ def _floor(floor: Floor) -> go.Figure:
 
 
 def _xy(points: ArrayLike) -> dict[str, Any]:
-    """Columns in single precision: half as long in the page, and micrometres all the same."""
+    """Columns in single precision, which halves the page and is accurate to micrometres."""
     across, along = np.asarray(points, np.float32).reshape(-1, 2).T
     return {"x": across.copy(), "y": along.copy()}
 
@@ -446,7 +446,7 @@ def _scale() -> list[list[Any]]:
 
 
 def _apart(lines: Iterable[Array]) -> Array:
-    """Lines in one array, with a gap between each two."""
+    """Join lines in one array with gaps between them."""
     gap = np.full((1, 2), np.nan)
     pieces = [piece for line in lines for piece in (line, gap)]
     return np.concatenate(pieces) if pieces else np.zeros((0, 2))
@@ -457,7 +457,7 @@ def _closed(outlines: Iterable[Array]) -> Array:
 
 
 def _sight(figure: go.Figure, camera: Camera, floor: Floor, **own: Any) -> None:
-    """The edges of what the camera sees."""
+    """Draw the limits of the camera's field of view."""
     far = 2 * float(floor.high[1])
     edges = [
         np.array([[0, 0], [(pixel - camera.cx) / camera.fx * far, far]])
@@ -467,7 +467,7 @@ def _sight(figure: go.Figure, camera: Camera, floor: Floor, **own: Any) -> None:
 
 
 def _object(figure: go.Figure, o: SceneObject, covariance: Array, **own: Any) -> None:
-    """Furniture from above with its front, its name, and where it may stand with 90 %."""
+    """Draw an object from above with its front, name and region of 90 %."""
     colour, label = hue(o.label), escape(o.label)
     spread = np.sqrt(np.diag(covariance))
     low, high = o.bounds
@@ -505,7 +505,7 @@ def _object(figure: go.Figure, o: SceneObject, covariance: Array, **own: Any) ->
 
 
 def _edges(camera: Camera, o: SceneObject) -> list[Array]:
-    """The edges of all boxes of an object in the image, those before the lens."""
+    """The edges of all boxes of an object in the image, clipped in front of the camera."""
     corners = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) / 2
     pairs = [
         (a, b) for a in range(8) for b in range(a) if np.abs(corners[a] - corners[b]).sum() == 1
@@ -520,7 +520,7 @@ def _edges(camera: Camera, o: SceneObject) -> list[Array]:
 
 
 def _cells(figure: go.Figure, floor: Floor, occupancy: Occupancy) -> None:
-    """The map: a layer of colour for each category, and one that says what a cell holds."""
+    """Draw the map: a colour layer per category, and a layer with the text of cells."""
     columns = (occupancy.x > floor.low[0]) & (occupancy.x < floor.high[0])
     rows = (occupancy.y > floor.low[1]) & (occupancy.y < floor.high[1])
     step = max(1, int(np.ceil(np.sqrt(columns.sum() * rows.sum() / _CELLS))))
@@ -567,7 +567,7 @@ def _told(cluster: ObjectCluster, name: str) -> str:
 
 
 def _by_whom(names: Sequence[str], shares: Array) -> list[str]:
-    """By frame, which objects hide a joint, of shares (K, M)."""
+    """Text by frame of the objects that hide a joint, from probabilities (K, M)."""
     return [
         "".join(f"<br>{name} {100 * own:.0f} %" for name, own in zip(names, column, strict=True)
                 if own >= _FREE)

@@ -1,12 +1,12 @@
 """``scenes.json``: the scenes of a posterior, for people and for other programs.
 
-Positions are metres in the world frame (z up, floor at z = 0, origin on the floor below the
-camera, y the horizontal viewing direction), angles radians. An unknown number is ``null``.
-``objects`` are matched over all draws, with standard deviations (``_sd``); the objects of each
-scene are those of its representative draw.
+Positions are metres in the world frame (z up, floor at z = 0, origin on the floor below the camera,
+y the horizontal viewing direction), angles radians. An unknown number is ``null``. ``objects`` are
+matched over all draws, with standard deviations (``_sd``); the objects of a scene are those of its
+representative draw.
 
-The file has no joints: a motion is hundreds of frames, and ``posterior.nc`` beside it keeps
-every draw of it.
+The file has no joints, because a motion has hundreds of frames. ``posterior.nc`` in the same folder
+has the joints of every draw.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ __all__ = ["FORMAT", "VERSION", "read_objects", "read_scenes", "write_scenes"]
 
 FORMAT: Final = "imapper-prob scenes"
 VERSION: Final = 2
-"""Raised whenever a reader of an older version would misread the file."""
+"""Version of the format, raised whenever an older reader would misread the file."""
 
 _UNITS: Final = {"length": "metre", "angle": "radian", "image": "pixel"}
 _FRAMES: Final = {
@@ -48,7 +48,7 @@ _OF_OBJECT: Final = (
     "label_probability", "presence", "presence_error", "x", "x_sd", "y", "y_sd", "yaw", "yaw_sd",
 )  # fmt: skip
 _LARGEST: Final = 1e12
-"""Square metres of a covariance."""
+"""Largest variance of a position, square metres."""
 
 Item = TypeVar("Item")
 
@@ -61,25 +61,25 @@ def write_scenes(
     checks: Iterable[Check] = (),
     objects: Sequence[Mapping[str, Any]] = (),
 ) -> None:
-    """Write ``scenes`` as JSON; a file in the way is replaced.
+    """Write scenes as JSON; an existing file is replaced.
 
     Parameters
     ----------
     path : path
-        Written beside and renamed, so that it is never half there.
+        Written atomically.
     scenes : sequence of WeightedScene
-        Most probable first. Joints and ghosts are left out.
+        In descending order of probability. Joints and ghosts are not written.
     clip : Clip, optional
-        Says who does what, where there are several people.
+        Needed for several people, to tell who performs each scenelet.
     checks : iterable of Check
-        Of the result as a whole; what is alarmed stands before the scenes, in words.
+        Checks of the result; alarms are written before the scenes, in words.
     objects : sequence of mapping
-        Over all draws, see :func:`imapper_prob.uncertainty.summary.object_rows`.
+        Objects over all draws, see :func:`imapper_prob.uncertainty.summary.object_rows`.
 
     Raises
     ------
     InputError
-        If the folder does not exist.
+        The folder does not exist.
     """
     path = Path(path)
     if not path.parent.is_dir():
@@ -102,7 +102,7 @@ def write_scenes(
 
 
 def read_scenes(path: str | os.PathLike[str]) -> tuple[WeightedScene, ...]:
-    """Read what :func:`write_scenes` wrote.
+    """Read the scenes of a file by :func:`write_scenes`.
 
     Parameters
     ----------
@@ -111,13 +111,12 @@ def read_scenes(path: str | os.PathLike[str]) -> tuple[WeightedScene, ...]:
     Returns
     -------
     tuple of WeightedScene
-        In the file's order, with motions and ghosts of zero frames.
+        In the order of the file, with motions and ghosts of zero frames.
 
     Raises
     ------
     InputError
-        If the file cannot be read, is no ``scenes.json``, is of another version or lacks
-        something.
+        The file cannot be read, is not a ``scenes.json``, is of another version or is incomplete.
     """
     path = Path(path)
     document = _read(path)
@@ -129,17 +128,17 @@ def read_scenes(path: str | os.PathLike[str]) -> tuple[WeightedScene, ...]:
 
 
 def read_objects(path: str | os.PathLike[str]) -> tuple[dict[str, Any], ...]:
-    """Read the objects over all draws that :func:`write_scenes` wrote.
+    """Read the objects over all draws from a file by :func:`write_scenes`.
 
     Parameters
     ----------
     path : path
-        Of ``scenes.json``.
+        Path of ``scenes.json``.
 
     Returns
     -------
     tuple of dict
-        Names and values of each, as `Posterior.summary` has them.
+        Names and values for each object, as in `Posterior.summary`.
 
     Raises
     ------
@@ -151,7 +150,7 @@ def read_objects(path: str | os.PathLike[str]) -> tuple[dict[str, Any], ...]:
 
 
 def _read(path: Path) -> dict[str, Any]:
-    """The document in a file of scenes."""
+    """Read and check the document in a file of scenes."""
     require_intact(path)
     try:
         document = json.loads(path.read_text(encoding="utf-8"), parse_constant=_refused)
@@ -170,26 +169,26 @@ def _read(path: Path) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class _Actors:
-    """Names of several people, in the order of their tracks, and the frames of each."""
+    """Names of several people in the order of their tracks, and frames per person."""
 
     names: Sequence[str] = ()
     n_frames: int = 0
 
     @classmethod
     def of(cls, clip: Clip) -> _Actors:
-        """Of a clip; nobody is named who is alone."""
+        """The people of a clip; empty for a single person."""
         names = [track.name for track in clip.tracks]
         return cls(names, clip.n_frames) if len(names) > 1 else cls()
 
     def told(self, scenelet: str, row: int) -> dict[str, Any]:
-        """A scenelet with its start frame, and who does it."""
+        """A scenelet with its start frame and the name of its person."""
         if not self.names:
             return {"scenelet": scenelet, "start": row}
         actor, start = divmod(row, self.n_frames)
         return {"scenelet": scenelet, "start": start, "actor": self.names[actor]}
 
     def row(self, part: Mapping[str, Any]) -> int:
-        """Where a scenelet starts, the frames of all people following each other."""
+        """Start frame of a scenelet if the frames of all people follow one another."""
         before = list(self.names).index(part["actor"]) if self.names else 0
         return before * self.n_frames + int(part["start"])
 
@@ -288,7 +287,7 @@ def _to_row(values: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _each(entries: Any, read: Callable[[Mapping[str, Any]], Item], what: str) -> tuple[Item, ...]:
-    """Read a list, and say which entry of it is at fault."""
+    """Read a list; an error names the entry that is wrong."""
     if not isinstance(entries, list):
         raise InputError(f"{what}s are missing")
     items = []
@@ -310,12 +309,12 @@ def _number(value: float | None) -> float:
 
 
 def _refused(name: str) -> float:
-    """What JSON has no word for."""
+    """Refuse constants that are not in the JSON standard."""
     raise ValueError(f"{name} is no number")
 
 
 def _without_nan(value: Any) -> Any:
-    """The same structure with ``None`` for numbers that JSON does not have."""
+    """The same structure with ``None`` in place of non-finite numbers."""
     if isinstance(value, dict):
         return {key: _without_nan(item) for key, item in value.items()}
     if isinstance(value, list | tuple):

@@ -1,9 +1,9 @@
-"""The staged solution in files, tables and pictures.
+"""The staged solution as files, tables and figures.
 
-The JSON holds what one reads: scenes, and by actor the table of every stage. The archive holds
-what one computes with: by actor (``actor0/…``, in the order of the JSON) the frames, the charness
+The JSON file is for reading: scenes, and for each actor the table of every stage. The archive is
+for computation: for each actor (``actor0/…``, in the order of the JSON) the frames, the charness
 curve and the joints of every scene. Positions are metres in the world frame, angles radians,
-energies nats; frames have the input's own numbers.
+energies nats; frame numbers are those of the input.
 """
 
 from __future__ import annotations
@@ -50,11 +50,11 @@ __all__ = [
 SOLUTION_FORMAT: Final = "imapper-prob solution"
 SOLUTION_VERSION: Final = 1
 _COMBINATIONS: Final = 50
-"""Combinations of which the file tells members and gains; nobody reads a thousand."""
+"""Number of combinations in the file with members and gains."""
 
 
 def write_solution(folder: Path, solved: Solved) -> None:
-    """Write both files into a folder, each beside and then renamed.
+    """Write both files into a folder, each atomically.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ def write_solution(folder: Path, solved: Solved) -> None:
 
 
 def _solution_document(solved: Solved) -> dict[str, Any]:
-    """What ``solution.json`` says."""
+    """The content of ``solution.json``."""
     library = solved.actors[0].library
     return {
         "format": SOLUTION_FORMAT,
@@ -124,7 +124,7 @@ def _scenelets(actor: Solution, state: State) -> list[dict[str, Any]]:
 
 
 def _stages(actor: Solution) -> dict[str, Any]:
-    """Every stage's table of one actor, in the order in which they ran."""
+    """The tables of all stages of one actor, in order."""
     ids, centres = actor.clip.frame_ids, actor.curve.centres
     combinations = actor.combinations
     return {
@@ -203,13 +203,13 @@ def _arrays(solved: Solved) -> dict[str, np.ndarray]:
 
 
 def stage_table(solved: Solved, times: Sequence[tuple[str, float]]) -> Table:
-    """What every stage found, and how long it took.
+    """A table of stages with results and durations.
 
     Parameters
     ----------
     solved : Solved
     times : sequence of (str, float)
-        Stages as they reported themselves, and their seconds.
+        Names of stages with their durations in seconds.
 
     Returns
     -------
@@ -227,7 +227,7 @@ def stage_table(solved: Solved, times: Sequence[tuple[str, float]]) -> Table:
 
 
 def _in_words(solved: Solved) -> dict[str, str]:
-    """By name of a stage, actors' own stages by ``actor: stage`` where there are several."""
+    """Results by stage in words; for several actors by ``actor: stage``."""
     words: dict[str, str] = {}
     for actor in solved.actors:
         name = f"{actor.clip.tracks[0].name}: " if len(solved.actors) > 1 else ""
@@ -259,7 +259,7 @@ def _in_words(solved: Solved) -> dict[str, str]:
 
 
 def maxima_table(solved: Solved) -> Table:
-    """How many candidates are left after each step, by actor and maximum.
+    """A table of the candidates left after each step, by actor and maximum.
 
     Parameters
     ----------
@@ -294,7 +294,7 @@ def maxima_table(solved: Solved) -> Table:
 
 
 def scenes_table(solved: Solved) -> Table:
-    """The scenes with what they have and cost.
+    """A table of scenes with their objects and log-posteriors.
 
     Parameters
     ----------
@@ -315,7 +315,7 @@ def scenes_table(solved: Solved) -> Table:
 
 
 def furniture_table(solved: Solved) -> Table:
-    """The furniture of the best scene, with its distance from the truth where that is known.
+    """A table of the furniture of the best scene, with distances from the truth if known.
 
     Parameters
     ----------
@@ -349,7 +349,7 @@ def furniture_table(solved: Solved) -> Table:
 
 
 # ------------------------------------------------------------------------------------------------
-# Figures. Each function returns one; matplotlib's current figure is left alone.
+# Figures. Each function returns one; matplotlib's current figure is not changed.
 
 Array = NDArray[np.float64]
 _INK: Final = "#2b2f36"
@@ -358,13 +358,13 @@ _LINES: Final = "#dcdfe4"
 _ACCENT: Final = "#e15759"
 _COLUMNS: Final = 4
 _AROUND: Final = 1.6
-"""Metres of floor shown to each side of a candidate: its furniture and a step or two."""
+"""Metres of floor shown on each side of a candidate."""
 
 
 def charness_figure(solved: Solved) -> Figure:
-    """Charness over the clip by actor, the maxima that were chosen and those that were not.
+    """Draw charness over the clip by actor, with selected and rejected maxima.
 
-    Grey bands are frames whose pose was filled in, red ones detections that the path leaves.
+    Grey bands are frames with interpolated poses, red ones frames with outlying detections.
 
     Parameters
     ----------
@@ -385,15 +385,15 @@ def charness_figure(solved: Solved) -> Figure:
 
 
 def plot_charness(actor: Solution, ax: Axes | None = None) -> Axes:
-    """Draw the charness of one person's motion over the clip, and its maxima.
+    """Draw charness over the clip for one person, with its maxima.
 
-    Grey bands are frames whose pose was filled in, red ones detections that the path leaves.
+    Grey bands are frames with interpolated poses, red ones frames with outlying detections.
 
     Parameters
     ----------
     actor : Solution
     ax : matplotlib.axes.Axes, optional
-        Those of a new figure if not given.
+        If not given, the axes of a new figure.
 
     Returns
     -------
@@ -438,10 +438,10 @@ def plot_charness(actor: Solution, ax: Axes | None = None) -> Axes:
 
 
 def candidate_figure(solved: Solved) -> Figure:
-    """The best candidates at each maximum in top view, one panel a maximum.
+    """Draw the best candidates at each maximum from above, one panel per maximum.
 
-    The person's way through the clip is the thin line, the maximum's part of it thick; grey
-    outlines are the true furniture, where it is known.
+    The thin line is the person's path through the clip, the thick part that at the maximum; grey
+    outlines are the true furniture, if known.
 
     Parameters
     ----------
@@ -476,7 +476,7 @@ def _candidates(
     stretch = way[max(0, centre - 8) : centre + 9]
     for o in truth:
         axes.add_patch(Polygon(o.footprint, fill=False, edgecolor=_QUIET, lw=1.2, ls="--"))
-    # The best on top.
+    # Draw the best one last, on top.
     for rank, row in reversed(list(enumerate(kept))):
         for o in _furniture(actor, row):
             red, green, blue = (part / 255 for part in category_colour(o.label))

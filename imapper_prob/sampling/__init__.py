@@ -1,1 +1,1 @@
-"""The posterior of a clip, sampled."""
+"""Sampling the posterior of a clip: moves, chains, ensembles and checkpoints."""

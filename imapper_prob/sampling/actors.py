@@ -1,9 +1,10 @@
-"""Everybody in a clip as one log-posterior: the frames of one actor after those of the other.
+"""All people of a clip in one log-posterior: their frames are joined, one actor after the other.
 
-Camera and furniture are shared, and so each actor's joints may be hidden by what another uses
-and nobody walks through it. A window, a path and a smooth motion belong to one actor: the model's
-chains start anew at the first frame of each, and no scenelet reaches from one actor's frames into
-the next one's (`path_starts` of a problem). Real time plays no part in it: furniture stands still.
+Actors share camera and furniture, so the furniture of one actor may hide the joints of another, and
+nobody may walk through it. Windows, paths and smoothness belong to one actor: the chains of the
+model restart at the first frame of each actor, and no scenelet extends into the next actor's frames
+(`path_starts` of a problem). It does not matter that actors are seen at the same time, because
+furniture does not move.
 """
 
 from __future__ import annotations
@@ -35,14 +36,14 @@ _BY_FRAME = (
     "path_centre", "path_scale", "path_starts", "path_stay", "lift", "poses", "path_facing",
     "free_cost",
 )  # fmt: skip
-"""Fields of a problem that begin with the frames; ``static_density`` has them second."""
+"""Fields of a problem whose first axis is frames; it is the second axis of ``static_density``."""
 _SHARED, _BODY = [0, 1, 2, 4], 3
-"""Places in a camera prior of what the camera is, and of the body's log scale."""
+"""Indices in a camera prior: the camera's parameters, and the log body scale."""
 
 
 @dataclass(frozen=True)
 class JointProblem:
-    """What is sampled from: all actors of a clip in one world.
+    """The sampling problem of all actors of a clip in one world frame.
 
     Parameters
     ----------
@@ -50,15 +51,15 @@ class JointProblem:
         With the tracks of these actors, T frames each.
     library : Library
     problem : Problem
-        Of all actors' frames in the order of their tracks, K T in all for K actors.
+        Frames of all actors in the order of their tracks, K T in total for K actors.
     candidates : Candidates
-        Everybody's, at their frames.
+        Candidates of all actors, at their frames.
     distances : (L, L) float
-        Between the motions of scenelets, metres.
+        Distances between the motions of scenelets, metres.
     states : tuple of State
-        Where chains may begin, the best scene first.
+        Scenes at which chains may start, the best one first.
     best_fits : (K T,) float
-        How well the best scenelet over a frame fits, see `imapper_prob.solver.fits`.
+        Fit of the best scenelet over each frame, see `imapper_prob.solver.fits`.
     """
 
     clip: Clip
@@ -71,12 +72,12 @@ class JointProblem:
 
 
 def join_actors(solutions: Sequence[Solution]) -> JointProblem:
-    """Put the solutions of all actors of a clip together; one actor's stays as it is.
+    """Join the solutions of all actors of a clip; a single solution is unchanged.
 
     Parameters
     ----------
     solutions : sequence of Solution
-        One of each.
+        One per actor.
 
     Returns
     -------
@@ -85,7 +86,7 @@ def join_actors(solutions: Sequence[Solution]) -> JointProblem:
     Raises
     ------
     InputError
-        If the actors were solved with different cameras or libraries.
+        The actors were solved with different cameras or libraries.
     """
     first = solutions[0]
     candidates = [weighted_candidates(solution) for solution in solutions]
@@ -115,10 +116,11 @@ def join_actors(solutions: Sequence[Solution]) -> JointProblem:
 
 
 def _common_camera(solutions: Sequence[Solution]) -> CameraPrior:
-    """The camera that all share, with the mean of their statures for its one body.
+    """The camera prior that all actors share; its body is their mean stature.
 
-    What sets each of them apart from that mean is taken as known (:func:`_one_after_the_other`);
-    the doubt that is left is one actor's, not that of a mean.
+    The difference of each actor from the mean stature is taken as known
+    (:func:`_one_after_the_other`). So the remaining variance is that of one actor, not that of a
+    mean.
     """
     first = solutions[0]
     for other in solutions[1:]:
@@ -143,10 +145,10 @@ def _common_camera(solutions: Sequence[Solution]) -> CameraPrior:
 def _one_after_the_other(
     solutions: Sequence[Solution], camera: CameraPrior, stature: Sequence[float]
 ) -> Problem:
-    """One problem of everybody's frames; ``stature`` are log scales over the camera's body.
+    """Join the problems; ``stature`` are the actors' log body scales relative to the camera's.
 
-    Poses and depths of who is taller are larger by that, which is all that a path knows of
-    stature. Scenelets have sizes of their own, wide enough for who performs them.
+    Poses and depths of taller actors are scaled up, because paths depend on stature only in this
+    way. Scenelets have their own sizes, whose prior is wide enough for different people.
     """
     problems = [
         s.problem._replace(
@@ -174,13 +176,13 @@ def _one_after_the_other(
 
 
 def _in_common_stature(candidates: Candidates, by: float) -> Candidates:
-    """Who is smaller than the actor looks the same nearer to the camera."""
+    """Move candidates nearer or farther, so that a body of the common stature looks the same."""
     nearer = np.array([math.exp(-by), math.exp(-by), 1.0])
     return replace(candidates, placements=candidates.placements * nearer)
 
 
 def _together(problem: Problem, solutions: Sequence[Solution]) -> tuple[State, ...]:
-    """Everybody's best scenes as one, then their alternatives by rank, in one camera."""
+    """Starting scenes of all actors: the best ones joined, then the alternatives by rank."""
     ranks = range(max(len(s.states) for s in solutions))
     return tuple(
         refine(
@@ -191,7 +193,7 @@ def _together(problem: Problem, solutions: Sequence[Solution]) -> tuple[State, .
 
 
 def _joined(problem: Problem, states: Sequence[State]) -> State:
-    """One state of everybody's; people keep their sizes and look the same in the mean camera."""
+    """Join states with the mean camera; people keep their sizes and their appearance."""
     camera = np.array(problem.camera_mean)
     items, placements, first = [], [], 0
     for state in states:

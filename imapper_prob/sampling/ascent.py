@@ -1,10 +1,10 @@
-"""Scenes to start from that are better than the solver's: any scenelet of the library for one.
+"""Improve the starting scene of a chain by exchanging single scenelets with the whole library.
 
-The solver knows of each scenelet what it is worth alone, and joins those that are worth most. What
-is worth little alone may be what goes on best from the one before it. Here each scenelet of a
-scene is exchanged for every one of the library, where the reference expects it beside the others
-(:mod:`imapper_prob.sampling.reference`), judged by the whole log-posterior, and the scene is
-brought to a better place nearby; one is put between others in the same way.
+The solver judges each scenelet alone and combines those of highest value. But a scenelet of low
+value alone may be the best continuation of the one before it. Here each scenelet of a scene is
+exchanged for every other one of the library, placed where the reference expects it given its
+neighbours (:mod:`imapper_prob.sampling.reference`), and judged by the whole log-posterior. Then the
+scene is optimised locally. Scenelets are inserted in the same way.
 """
 
 from __future__ import annotations
@@ -32,15 +32,15 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 _STRIDE: Final = 8
-"""Frames between starts at which one is put between others, at first; chosen."""
+"""Frames between the starts that are tried for an insertion; chosen."""
 _REACH: Final = 4
-"""Frames by which the most promising may begin earlier or later; chosen."""
+"""Frames by which the start of the most promising scenelets is varied; chosen."""
 _PROMISING: Final = 100
-"""How many these are; chosen: as many as are tried in the time of a tenth of the library."""
+"""Number of most promising scenelets; chosen: they take a tenth of the time of the library."""
 _SWEEPS: Final = 6
-"""Times that all scenelets are tried, at most; chosen."""
+"""Largest number of sweeps over all scenelets; chosen."""
 _WORTH: Final = 0.5
-"""Nats that a sweep has to gain, or it is the last."""
+"""Least gain of a sweep in nats; a sweep that gains less is the last."""
 _NEARBY: Final = (
     "shift",
     "placement",
@@ -50,10 +50,10 @@ _NEARBY: Final = (
     "focal-scale",
     "path",
 )
-"""Moves that bring a scene to a better place, its scenelets kept."""
+"""Moves of the local optimisation, which keep the scenelets."""
 _BETA, _STEPS, _LOOKS = 12.0, 1200, 40
-"""Inverse temperature at which these are made, how many, and how often the best is looked for;
-chosen: few steps back, and places settle."""
+"""Inverse temperature of the local optimisation, number of its steps, and how often the best scene
+is recorded; chosen: few steps go downhill, and placements converge."""
 
 
 def climb(
@@ -65,24 +65,24 @@ def climb(
     most: int,
     report: Report,
 ) -> State:
-    """A better scene, by exchanges of single scenelets.
+    """Improve a scene by exchanges and insertions of single scenelets.
 
     Parameters
     ----------
     problem : Problem
     moves : Moves
-        Their reference says where scenelets are expected.
+        Their reference gives the expected placements of scenelets.
     state : State
     rng : numpy.random.Generator
     most : int
-        Evaluations after which no other exchange is begun; none is if one takes as many.
+        Budget of evaluations; no exchange is started that would exceed it.
     report : callable
-        Asked after each exchange whether to go on.
+        Called before each exchange; returns whether to continue.
 
     Returns
     -------
     State
-        The best that was met; not one of the published energy, which stays as it is.
+        The best scene found. Under the published energy, ``state`` itself.
     """
     if problem.of_paper:
         return state
@@ -107,9 +107,11 @@ def climb(
 
 
 def _pairs(problem: Problem, state: State, first: int, last: int) -> Ints:
-    """(n, 2) scenelets and starts to try in place of the one or none from ``first`` to ``last``.
+    """(n, 2) scenelets and starts to try instead of the scenelets from ``first`` to ``last`` - 1.
 
-    All of the library, where the one in their place begins, and where it ends; or every few frames.
+    For an exchange: the whole library, aligned with the start and with the end of the present
+    scenelet. For an insertion (``first`` equals ``last``): the whole library at starts every few
+    frames.
     """
     lengths = np.asarray(problem.lengths)
     library = np.arange(len(lengths))
@@ -123,7 +125,7 @@ def _pairs(problem: Problem, state: State, first: int, last: int) -> Ints:
 
 
 def _room(problem: Problem, state: State, first: int, last: int) -> tuple[int, int]:
-    """Frames between the scenelet before ``first`` and that of ``last``."""
+    """First free frame, and the frame after the last, between the neighbouring scenelets."""
     low, high = 0, problem.n_frames
     if first > 0:
         scenelet, start = state.items[first - 1].tolist()
@@ -143,9 +145,9 @@ def _inside(problem: Problem, state: State, first: int, last: int, pairs: Ints) 
 def _exchanged(
     problem: Problem, moves: Moves, state: State, first: int, last: int, pairs: Ints
 ) -> State:
-    """The best scene with one scenelet in place of the one or none from ``first`` to ``last``.
+    """The best scene with another scenelet instead of those from ``first`` to ``last`` - 1.
 
-    The most promising are tried a few frames earlier and later as well.
+    The most promising scenelets are also tried a few frames earlier and later.
     """
     if not len(pairs):
         return state
@@ -163,7 +165,7 @@ def _exchanged(
 
 
 def _nearby(problem: Problem, moves: Moves, state: State, rng: np.random.Generator) -> State:
-    """The best scene on a cold walk that keeps the scenelets."""
+    """The best scene of a cold chain whose moves keep the scenelets."""
     weights = moves.weights * [name in _NEARBY for name in MOVES]
     walker = Walker(problem, moves._replace(weights=weights), state)
     best = walker(state).at(1.0), state
@@ -177,7 +179,7 @@ def _nearby(problem: Problem, moves: Moves, state: State, rng: np.random.Generat
 def _with(
     reference: Reference, scene: Scene, first: int, last: int, scenelet: int, start: int
 ) -> Scene:
-    """A scene with a scenelet in place of some in a row, where it is expected."""
+    """A scene with a scenelet instead of some consecutive ones, at its expected placement."""
     left, before = -1, np.empty((2, 4))
     if first > 0:
         left = leaves(
@@ -201,7 +203,7 @@ def _with(
 def _scenes_with(
     reference: Reference, scene: Scene, first: int, last: int, tried: Ints
 ) -> tuple[Ints, Array, Array]:
-    """Items, placements and sizes of a scene with each of n pairs of scenelet and start."""
+    """Items, placements and sizes of a scene for each of n pairs of scenelet and start."""
     k = len(scene.items) - (last - first) + 1
     items = np.empty((len(tried), k, 2), np.int64)
     placements, sizes = np.empty((len(tried), k, 3)), np.empty((len(tried), k))
@@ -214,7 +216,7 @@ def _scenes_with(
 def _values(
     reference: Reference, evaluator: Evaluator, state: State, first: int, last: int, tried: Ints
 ) -> Array:
-    """(n,) log-posteriors, nats, with each of n pairs of scenelet and start."""
+    """(n,) log-posteriors in nats for each of n pairs of scenelet and start."""
     scene = scene_of(state)
     camera, latent = scene.camera[None], scene.latent[None]
     now = scene.items[None], scene.placements[None], scene.sizes[None]

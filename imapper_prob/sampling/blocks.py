@@ -1,8 +1,7 @@
-"""Sampling in blocks, until probabilities are good or the time is up.
+"""Sampling in blocks, until the verdict is good or the time is up.
 
-A block is: every chain goes on from its checkpoint to the same round. Where blocks end follows
-from the settings alone (:mod:`imapper_prob.sampling.schedule`); the clock decides only how many
-there are.
+In a block every chain continues from its checkpoint to the same round. The settings alone determine
+where blocks end (:mod:`imapper_prob.sampling.schedule`); the clock determines only their number.
 """
 
 from __future__ import annotations
@@ -19,24 +18,24 @@ from imapper_prob.samplers.verdict import Measures, Verdict
 __all__ = ["LONGEST", "Block", "Clock", "Limits", "OnBlock"]
 
 LONGEST: Final = 60.0
-"""Minutes that sampling until good may take where nothing else is said."""
+"""Default limit in minutes of sampling until the verdict is good."""
 
 
 @dataclass(frozen=True)
 class Limits:
-    """When to stop.
+    """When sampling stops.
 
     Parameters
     ----------
     minutes : float, optional
-        Of sampling; no block is begun that would not end in time, but for the first.
+        Time limit of sampling. No block starts that would end later, except the first.
     until : "good", optional
         Stop as soon as the verdict is good.
 
     Raises
     ------
     InputError
-        If they are not such.
+        A limit is invalid.
     """
 
     minutes: float | None = None
@@ -50,18 +49,18 @@ class Limits:
 
     @property
     def any(self) -> bool:
-        """Whether there are blocks at all."""
+        """Whether sampling is done in blocks."""
         return self.minutes is not None or self.until is not None
 
     @property
     def seconds(self) -> float:
-        """Of sampling, at most."""
+        """Time limit of sampling, seconds."""
         return 60 * (LONGEST if self.minutes is None else self.minutes)
 
 
 @dataclass(frozen=True)
 class Block:
-    """What is known after a block.
+    """The state of a run after a block.
 
     Parameters
     ----------
@@ -72,12 +71,12 @@ class Block:
     measures : Measures
     verdict : Verdict
     seconds : float
-        Of sampling in this call.
+        Time of sampling in this call, seconds.
     seconds_to_good : float
-        More of them, as far as can be told; 0 for a good verdict, NaN where nobody can tell.
+        Estimated further time until the verdict is good; 0 if it is good, NaN if unknown.
     seconds_left : float
-        Until sampling stops: what is left of the time, or less where it will be good before.
-        0 after the last block.
+        Estimated time until sampling stops: the rest of the time limit, or less if the verdict will
+        be good earlier. 0 after the last block.
     """
 
     steps: int
@@ -94,7 +93,7 @@ OnBlock = Callable[[Block], None]
 
 
 class Clock:
-    """How long sampling takes, and what that means for the next block.
+    """Measures the time of sampling and decides about the next block.
 
     Parameters
     ----------
@@ -109,31 +108,31 @@ class Clock:
 
     @property
     def seconds(self) -> float:
-        """Since the beginning."""
+        """Seconds since the clock was made."""
         return time.monotonic() - self._begun
 
     def begin(self) -> None:
-        """A block begins."""
+        """Mark the start of a block."""
         self._block_begun = time.monotonic()
 
     def end(self, rounds: float) -> None:
-        """The block ends, in which chains made so many ``rounds`` each in the mean.
+        """Mark the end of a block, and update the pace.
 
         Parameters
         ----------
         rounds : float
-            That chains made in the block, each in the mean.
+            Mean number of rounds per chain in the block.
         """
         if rounds > 0:
             self._pace = (time.monotonic() - self._block_begun) / rounds
 
     def part(self, of_block: float) -> float:
-        """Part of all the sampling that is done, with a part of the block.
+        """Estimate the share of all sampling that is done.
 
         Parameters
         ----------
         of_block : float
-            Part of the block that is done, 0 to 1.
+            Share of the current block that is done, 0 to 1.
 
         Returns
         -------
@@ -145,7 +144,7 @@ class Clock:
         return min(1.0, self.seconds / max(self._limits.seconds, ends))
 
     def takes(self, rounds: float) -> float:
-        """Seconds for so many rounds, at the pace of the last block; NaN where that is unknown.
+        """Time in seconds for a number of rounds at the pace of the last block; NaN if unknown.
 
         Parameters
         ----------
@@ -159,14 +158,14 @@ class Clock:
         return rounds * self._pace
 
     def allows(self, rounds: float, verdict: Verdict) -> bool:
-        """Whether a block of so many rounds is to follow.
+        """Whether another block of so many rounds is to follow.
 
         Parameters
         ----------
         rounds : float
-            Of the block.
+            Rounds of the block.
         verdict : Verdict
-            So far.
+            Verdict so far.
 
         Returns
         -------
@@ -178,12 +177,12 @@ class Clock:
         return self.seconds + (0.0 if math.isnan(takes) else takes) < self._limits.seconds
 
     def left(self, to_good: float) -> float:
-        """Seconds until sampling stops, where it is good after ``to_good``, perhaps NaN.
+        """Estimate the seconds until sampling stops.
 
         Parameters
         ----------
         to_good : float
-            Seconds of sampling until it is good; NaN where nobody can tell.
+            Seconds of sampling until the verdict is good; NaN if unknown.
 
         Returns
         -------

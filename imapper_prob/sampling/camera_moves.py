@@ -1,4 +1,4 @@
-"""Moves of what is known of camera and body, phi; of most, the scenelets go along."""
+"""Moves of the camera and body parameters phi; most of them also move the scenelets."""
 
 from __future__ import annotations
 
@@ -17,22 +17,22 @@ __all__ = ["scale_depth", "scale_focal", "walk_adapted", "walk_camera", "walk_co
 Array = NDArray[np.float64]
 
 _SCALES: Final = (0.1, 0.4, 1.2)
-"""Steps in standard deviations of the prior; chosen."""
+"""Step sizes in standard deviations of the prior; chosen."""
 _ADAPTED: Final = (0.35, 1.0)
-"""Steps in those of the posterior: about 2.4 over the root of the number of coordinates, the best
-for a Gaussian of this shape (Roberts, Gelman & Gilks 1997), and a third of that for where it
-bends."""
+"""Step sizes in standard deviations of the posterior: about 2.4 over the root of the dimension,
+which is optimal for a Gaussian (Roberts, Gelman & Gilks 1997), and a third of that, for where the
+posterior is curved."""
 _DEPTH: Final = (0.01, 0.04)
-"""Steps in log distance; chosen."""
+"""Step sizes in log distance; chosen."""
 _FOCAL: Final = (0.2, 0.8)
-"""Steps in standard deviations of the log focal length in the prior; chosen."""
+"""Step sizes in prior standard deviations of the log focal length; chosen."""
 
 
 @compiled
 def _stepped(
     scales: tuple[float, ...], factor: Array, rng: np.random.Generator, camera: Array
 ) -> Array:
-    """A normal step of a shape, at one of several scales."""
+    """Add a normal step with a given Cholesky factor, at one of several scales."""
     scale = scales[rng.integers(0, len(scales))]
     z, there = rng.standard_normal(len(camera)), camera.copy()
     for i in range(len(camera)):
@@ -43,7 +43,7 @@ def _stepped(
 
 @compiled
 def walk_camera(factor: Array, rng: np.random.Generator, scene: Scene) -> tuple[Scene, float]:
-    """Camera and body alone, a step of their prior's shape; symmetric.
+    """Move camera and body alone, by a step with the prior's covariance; symmetric.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ def walk_camera(factor: Array, rng: np.random.Generator, scene: Scene) -> tuple[
 
 @compiled
 def _compensated(heights: Array, scene: Scene, camera: Array) -> tuple[Scene, float]:
-    """Another camera, through which every scenelet looks as before."""
+    """Change the camera, and move every scenelet so that it looks the same."""
     everything = np.ones(len(scene.items), np.bool_)
     placements, sizes, ratio = reprojected(heights, scene, scene.camera, camera, everything)
     if math.isnan(ratio):
@@ -74,12 +74,13 @@ def _compensated(heights: Array, scene: Scene, camera: Array) -> tuple[Scene, fl
 def walk_compensated(
     factor: Array, heights: Array, rng: np.random.Generator, scene: Scene
 ) -> tuple[Scene, float]:
-    """The same step, and every scenelet stands where it looks as before.
+    """Move the camera by such a step, and every scenelet so that it looks the same.
 
-    A camera that looks lower has everything nearer, what is far off most of all: with the camera
-    alone or all depths by one factor that is never reached. Each scenelet keeps the image of its
-    pelvis and the size of its person there, so the Jacobian is the product of what
-    (x, y, log size) are of a look, new over old (:mod:`imapper_prob.sampling.looks`).
+    If the camera is tilted down, everything comes nearer, distant things most of all; moves of the
+    camera alone or of all depths by one factor cannot do this. Each scenelet keeps the image of its
+    pelvis and the apparent size of its person. So the Jacobian is the product, over scenelets, of
+    that of (x, y, log size) with respect to the look, new over old
+    (:mod:`imapper_prob.sampling.looks`).
 
     Parameters
     ----------
@@ -100,9 +101,9 @@ def walk_compensated(
 def walk_adapted(
     shape: Array, heights: Array, rng: np.random.Generator, scene: Scene
 ) -> tuple[Scene, float]:
-    """The same, with the shape that camera and body have in the posterior, as far as it is known.
+    """Like :func:`walk_compensated`, with the estimated posterior covariance of camera and body.
 
-    What the clip says of height, pitch and body is a ridge far narrower than the prior.
+    In the posterior, elevation, pitch and body scale lie on a ridge much narrower than the prior.
 
     Parameters
     ----------
@@ -121,11 +122,11 @@ def walk_adapted(
 
 @compiled
 def scale_depth(rng: np.random.Generator, scene: Scene) -> tuple[Scene, float]:
-    """Body scale, camera height and the distance of everything together.
+    """Scale the body, the camera's elevation and all distances by one factor.
 
-    A larger body further away, seen from higher up, looks the same; without this move the
-    largest uncertainty of the problem would be crossed in many small steps. The camera's
-    elevation and (x, y) of k placements grow by e^d, so the Jacobian is e^((2 k + 1) d).
+    A larger body farther away, seen from higher up, looks the same. Without this move the direction
+    of largest uncertainty would be crossed in many small steps. The camera's elevation and (x, y)
+    of k placements grow by e^d, so the Jacobian is e^((2 k + 1) d).
 
     Parameters
     ----------
@@ -147,18 +148,18 @@ def scale_depth(rng: np.random.Generator, scene: Scene) -> tuple[Scene, float]:
 
 @compiled
 def scale_focal(spread: float, rng: np.random.Generator, scene: Scene) -> tuple[Scene, float]:
-    """Focal length and the depth of everything together.
+    """Change the focal length and all depths together.
 
-    Seen through a longer lens and from further away things look the same but for perspective,
-    which says little. Where the focal length was assumed this is most of the doubt of depth.
-    The tangent of the pitch shrinks, so that the horizon stays where it was; the angle is small
-    and stands for it. Depths y of k placements grow by e^d and the pitch shrinks by it, so the
-    Jacobian is e^((k - 1) d).
+    Through a longer lens and from farther away things look the same except for perspective, which
+    the detections hardly determine. If the focal length is not calibrated, it is the main
+    uncertainty of depth. The pitch (a small angle, in place of its tangent) shrinks, so that the
+    horizon stays where it is. Depths y of k placements grow by e^d and the pitch shrinks by it, so
+    the Jacobian is e^((k - 1) d).
 
     Parameters
     ----------
     spread : float
-        Standard deviation of the log focal length in the prior.
+        Prior standard deviation of the log focal length.
     rng : numpy.random.Generator
     scene : Scene
 

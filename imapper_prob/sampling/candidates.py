@@ -1,7 +1,7 @@
-"""Fits of the solver as candidates: how often to try each scenelet in each window, and where.
+"""Candidates from the solver's fits: proposal weights and placements of scenelets in windows.
 
-A fit to detections knows nothing of what its furniture hides, nor of path and floor. The best are
-moved to where the whole log-posterior is highest, and weighed by it.
+A fit to detections does not account for occlusion by its furniture, for the path or for the floor.
+So the best fits are optimised under the whole log-posterior and weighted by it.
 """
 
 from __future__ import annotations
@@ -27,17 +27,18 @@ Ints = NDArray[np.int64]
 _STEPS = np.array(
     [[0.004, 0.0, 0.0, 0.0], [0.0, 0.03, 0.0, 0.0], [0.0, 0.0, 0.08, 0.0], [0.0, 0.025, 0.0, 0.025]]
 )
-"""(4, 4) from point to point of a parabola, in bearing, log depth, yaw, and in log size with the
-depth along: about the standard deviations of placements in chains of one simulated clip."""
+"""(4, 4) steps between points of a parabola: in bearing, in log depth, in yaw, and in log size
+together with log depth; about the standard deviations of placements in chains of a simulated
+clip."""
 _ROUNDS = 2
-"""Times that each direction is taken, chosen."""
+"""Number of passes over the directions; chosen."""
 _FURTHEST = 2.0
-"""Steps at once, chosen: beyond, a parabola is not trusted."""
+"""Largest move of a parabola's maximum, in steps; chosen."""
 
 
 @dataclass(frozen=True)
 class Candidates:
-    """Every scenelet fitted to every window.
+    """Every scenelet fitted to every window, with proposal weights.
 
     Parameters
     ----------
@@ -46,9 +47,9 @@ class Candidates:
     placements : (W, L, 3) float
         x, y in metres (y > 0), yaw in radians, at the mean of the camera prior.
     sizes : (W, L) float
-        Log size of the person there.
+        Log size of the person in that fit.
     weights : (W, L) float
-        How often to try each; zero where a scenelet was not fitted.
+        Proposal weight of each fit; zero if a scenelet was not fitted.
     """
 
     centres: Ints
@@ -70,9 +71,9 @@ class Candidates:
 
 
 class SingleScenelet:
-    """Scenes of one scenelet.
+    """Evaluates and optimises scenes of one scenelet.
 
-    Where it stands is (4,): bearing (tangent), log depth (log m), yaw (radians) and log size.
+    A placement is (4,): bearing (tangent), log depth (log m), yaw (radians) and log size.
 
     Parameters
     ----------
@@ -81,18 +82,18 @@ class SingleScenelet:
 
     def __init__(self, problem: Problem) -> None:
         self._scene = empty_state(problem)
-        # One scenelet alone is quickly judged where nothing else changes.
+        # A single scenelet in an otherwise empty scene is quick to evaluate.
         self._judge = log_posterior_near(problem, self._scene)
         self._nothing = self._judge(self._scene)
 
     def gain(self, scenelet: int, start: int, where: Array) -> float:
-        """Nats over the scene without it.
+        """Gain in log-posterior over the empty scene, nats.
 
         Parameters
         ----------
         scenelet : int
         start : int
-            Its first frame.
+            Start frame.
         where : (4,) float
             Bearing (tangent), log depth (log m), yaw (radians), log size.
 
@@ -106,17 +107,17 @@ class SingleScenelet:
         return self._judge(there) - self._nothing
 
     def mended(self, scenelet: int, start: int, where: Array, gain: float) -> tuple[Array, float]:
-        """A better place nearby and its gain, by parabolas along one direction after the other.
+        """Improve the placement by parabolas along one direction after the other.
 
         Parameters
         ----------
         scenelet : int
         start : int
-            Its first frame.
+            Start frame.
         where : (4,) float
             Bearing (tangent), log depth (log m), yaw (radians), log size.
         gain : float
-            There, nats.
+            Gain at ``where``, nats.
 
         Returns
         -------
@@ -138,30 +139,29 @@ class SingleScenelet:
 
 
 # ------------------------------------------------------------------------------------------------
-# How often to try each scenelet in each window, and where exactly.
+# Proposal weights and placements of scenelets in windows.
 #
-# The better a weight says what a scenelet would gain, the more often its proposal is accepted.
-# What the solver knows of all fits is their reprojection; the best of each window by that, kind
-# by kind, are judged by the full log-posterior, alone in an empty scene, and the best of these
-# are moved to where it is highest: a fit knows nothing of what its furniture hides. In a chain
-# others are there and the camera is another, so gains are known to some nats only: weights are a
-# mixture of a sharp and a flat softmax of them.
+# A proposal is accepted more often if its weight reflects the gain of the scenelet. The solver
+# knows the reprojection error of all fits. The best fits of each window, by that error and by kind
+# of furniture, are judged by the full log-posterior in an otherwise empty scene, and the best of
+# these are optimised. In a chain there are other scenelets and another camera, so gains are only
+# known to some nats: weights are a mixture of a sharp and a flat softmax of them.
 
 _JUDGED = 200
-"""Fits of a window that are judged: a sitting window has few that come within 20 nats."""
+"""Fits of a window that are judged; in a seated window only few come within 20 nats of the best."""
 _MENDED = 32
-"""Of these, how many are moved to where they are best, chosen: it takes seconds for a long clip."""
+"""Fits of a window that are optimised; chosen: it takes seconds for a long clip."""
 _UNJUDGED = 5.0
-"""Nats by which all others are taken to be worse than the worst of these."""
+"""Nats by which all other fits are assumed to be worse than the worst judged one."""
 _TEMPERATURES = (2.0, 6.0)
-"""Nats by which a fit may be worse than another and be tried 1/e times as often. Replacing a
-scenelet by these weights is accepted two to five times as often as by guesses alone at 5."""
+"""Temperatures of both softmaxes, nats. Replacing a scenelet by these weights is accepted two to
+five times as often as by guesses alone at 5."""
 _HOPELESS = 0.1
-"""Weight of a window none of whose fits improves the scene."""
+"""Weight of a window in which no fit improves the empty scene."""
 
 
 def weighted_candidates(solution: Solution) -> Candidates:
-    """All fits of the solver, weighted by how much they may gain.
+    """Weight all fits of the solver by their estimated gain.
 
     Parameters
     ----------
@@ -202,10 +202,10 @@ def weighted_candidates(solution: Solution) -> Candidates:
 
 
 def _guessed(solution: Solution) -> dict[int, Array]:
-    """(L,) gains by window, -inf where a scenelet was not fitted.
+    """(L,) estimated gains by window; -inf where a scenelet was not fitted.
 
-    A few of each kind of furniture were judged by the solver. What another of the kind gains
-    is guessed from the best of them and from how much worse its own fit is.
+    The solver judged a few fits of each kind of furniture. The gain of another fit of that kind is
+    estimated from the best of them and from the difference of the reprojection errors.
     """
     problem, fits = solution.problem, solution.fits
     seen = problem.used * problem.confidence_density.argmax(-1)
@@ -224,7 +224,7 @@ def _guessed(solution: Solution) -> dict[int, Array]:
         joints = seen[max(0, centre - half) : centre + half].sum()
         nats = np.full(len(fits.cost[window]), np.inf)
         fitted = np.isfinite(fits.cost[window])
-        # Where no joint is surely seen there is no fit: infinite, not nothing times infinity.
+        # Without any surely seen joint there is no fit: avoid 0 times infinity.
         nats[fitted] = problem.frame_weight * problem.likelihood * joints
         nats[fitted] *= fits.cost[window][fitted]
         gains = np.full(len(nats), -np.inf)

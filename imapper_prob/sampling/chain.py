@@ -1,4 +1,4 @@
-"""One tempered reversible-jump chain over scenes, as a task that any process can run."""
+"""One tempered reversible-jump chain over scenes, as a task for a worker process."""
 
 from __future__ import annotations
 
@@ -47,21 +47,21 @@ __all__ = ["Chain", "Setup", "Tempered", "run_chain", "starts_of", "tempered"]
 
 
 # ------------------------------------------------------------------------------------------------
-# Where chains start, and each of their temperatures.
+# Starts of chains at each temperature.
 
 
 def starts_of(cast: JointProblem, count: int) -> list[tuple[State, ...]]:
-    """By chain where its temperatures start, from the posterior itself to the hottest.
+    """Starting states of every chain by temperature, from the posterior (coldest) to the hottest.
 
-    The coldest are far apart on purpose: the best scene, none at all, and the alternatives, worst
-    first. The hotter ones are at all that the solver found, the better the colder, so that what is
-    worth more than where the coldest started can come to it, stretch by stretch.
+    The coldest ones differ deliberately: the best scene, the empty scene, and the alternatives,
+    worst first. The hotter ones are all scenes of the solver, better ones at colder temperatures,
+    so that a better scene can reach the posterior piece by piece.
 
     Parameters
     ----------
     cast : JointProblem
     count : int
-        Chains.
+        Number of chains.
 
     Returns
     -------
@@ -74,31 +74,31 @@ def starts_of(cast: JointProblem, count: int) -> list[tuple[State, ...]]:
 
 
 # ------------------------------------------------------------------------------------------------
-# One tempered reversible-jump chain over scenes, as a task that any process can run.
+# The chain.
 
 Array = NDArray[np.float64]
 _CLIMBING: Final = 0.25
-"""Evaluations of the ascent over those of the chain's own steps, at most; chosen: on public clips
-it ends after a tenth, and short chains should be short."""
+"""Largest number of evaluations of the ascent as a share of the chain's steps; chosen: on public
+clips the ascent ends after a tenth, and short chains should remain short."""
 
 
 @dataclass(frozen=True)
 class Setup:
-    """What all chains share.
+    """Data that all chains share.
 
     Parameters
     ----------
     problem : Problem
     candidates : Candidates
-        Fits of the solver, with weights.
+        Fits of the solver with weights.
     similarity : (L, L) float
         Probabilities of exchanging one scenelet for another.
     settings : SampleSettings
     staged : tuple of State
-        The solver's scenes, of which the first reference is learnt.
+        Scenes of the solver, from which the first reference is learnt.
     known : tuple of Visits
-        What all chains have noted for each reference that is learnt while they burn in, as far as
-        they have come. A chain learns the others from what it has noted itself.
+        Visits of all chains for each reference that is learnt during burn-in, as far as they are
+        available. A chain learns further references from its own visits.
     """
 
     problem: Problem
@@ -111,24 +111,24 @@ class Setup:
 
 @dataclass(frozen=True)
 class Chain:
-    """What one chain leaves.
+    """The result of one chain.
 
     Parameters
     ----------
     states : tuple of State
         Draws after burn-in, evenly spaced.
     log_posterior : (n,) float
-        Of the draws, nats.
+        Log-posterior of the draws, nats.
     trace : (m,) float
         Log-posterior over the whole run, burn-in included, evenly spaced.
     acceptance : AcceptanceTable
-        At the posterior itself, after burn-in.
+        Acceptance at the posterior (inverse temperature 1) after burn-in.
     ladder : LadderSummary
         Temperatures, and how states travelled between them after burn-in.
     finished : bool
-        Whether it ran all its steps.
+        Whether it completed all its rounds.
     progress : ChainProgress
-        What it goes on from.
+        Progress from which the chain can continue.
     """
 
     states: tuple[State, ...]
@@ -149,19 +149,19 @@ def run_chain(
     *,
     end: int | None = None,
 ) -> Chain:
-    """Run a chain; asked to stop, it returns what it has.
+    """Run a chain; if asked to stop, it returns what it has.
 
-    It starts at the posterior itself near what the first of ``starts`` is climbed to
-    (:mod:`imapper_prob.sampling.ascent`), at the next hotter temperature from the second as it is,
-    and so on, from the last wherever there are not enough; or it goes on from what an earlier call
-    has left.
+    The coldest temperature starts near the first of ``starts`` after its ascent
+    (:mod:`imapper_prob.sampling.ascent`), the next hotter one at the second, and so on; the last
+    start is repeated if there are not enough. If ``starts`` is the progress of an earlier call, the
+    chain continues from there.
 
-    While it burns in, the ladder of temperatures adapts, and the chain notes what it visits, from
-    which references and the shape of the camera's walk are learnt; then all of them stay. Only
-    draws of the posterior itself are kept, and none of the burn-in. With a ``keeper`` the chain
-    goes on from its checkpoint, if there is one, a finished chain's too. It stops after ``end``
-    rounds, that of the settings if not given; see :mod:`imapper_prob.sampling.schedule` for where
-    it may.
+    During burn-in the ladder of temperatures adapts, and the chain records the scenes it visits,
+    from which references and the covariance of camera moves are learnt. After burn-in all of these
+    are fixed. Only draws of the posterior after burn-in are kept. With a ``keeper`` the chain
+    continues from its checkpoint, if there is one, even if that chain was finished. It stops after
+    ``end`` rounds, by default those of the settings; see :mod:`imapper_prob.sampling.schedule` for
+    permitted values.
 
     Parameters
     ----------
@@ -169,7 +169,7 @@ def run_chain(
     starts : sequence of State, or ChainProgress
     rng : numpy.random.Generator
     report : callable
-        Told how much is done, 0 to 1; says whether to go on.
+        Called with the completed share, 0 to 1; returns whether to continue.
     keeper : Checkpointer, optional
     end : int, optional
         Rounds.
@@ -209,7 +209,7 @@ def run_chain(
         if now in learning.ends:
             learnt = _of_noted(setup, done.visits[:-1])
             done.position = _anew(done.position, learnt)
-        # A piece begins with new walkers, as a chain does that goes on from a checkpoint.
+        # Each piece begins with new walkers, like a chain that resumes from a checkpoint.
         stops = (*learning.ends, burn_in, settings.rounds, end)
         last = next(stop for stop in stops if now < stop)
         piece = min(piece_of(settings), min(last, end) - now)
@@ -242,12 +242,12 @@ def run_chain(
         if keeper is not None:
             keeper.offer(done.snapshot)
     if keeper is not None and (finished or done.position.rounds):
-        # Where it was climbed to when it was asked to stop depends on when that was.
+        # If the ascent was interrupted, its state depends on when, so it is not saved.
         keeper.save(done.snapshot())
     states, values, trace = done.states, done.values, done.trace
     coldest = done.position.chains[-1]
     if not states:
-        # Stopped during burn-in: the last state is all there is.
+        # The chain was stopped during burn-in: return the last state only.
         states, values = [coldest.state], [coldest.log_density]
     if not trace:
         # Stopped before the first of them was due.
@@ -265,7 +265,7 @@ def run_chain(
 
 @dataclass(frozen=True)
 class Tempered:
-    """What a chain over scenes walks by, from a reference to the posterior.
+    """Target and moves of a chain over scenes, tempered from a reference to the posterior.
 
     Parameters
     ----------
@@ -277,7 +277,7 @@ class Tempered:
     moves: Moves
 
     def target(self, state: State) -> Parts:
-        """The log density in two parts.
+        """Evaluate the log density in two parts, reference and rest.
 
         Parameters
         ----------
@@ -290,7 +290,7 @@ class Tempered:
         return parts_of(self.problem, self.moves.reference, state)
 
     def walker(self, state: State) -> Walker:
-        """A chain that stands at a state.
+        """Make a walker at a state.
 
         Parameters
         ----------
@@ -303,7 +303,7 @@ class Tempered:
         return Walker(self.problem, self.moves, state)
 
     def independent(self, rng: np.random.Generator) -> State:
-        """A draw from the reference.
+        """Draw a scene from the reference.
 
         Parameters
         ----------
@@ -317,7 +317,7 @@ class Tempered:
 
 
 def tempered(setup: Setup, visits: Visits) -> Tempered:
-    """What is learnt of some visits.
+    """Learn reference and moves from visited scenes.
 
     Parameters
     ----------
@@ -334,9 +334,9 @@ def tempered(setup: Setup, visits: Visits) -> Tempered:
 
 
 def _of_noted(setup: Setup, noted: Sequence[Visits]) -> Tempered:
-    """Of what the chains have noted last, or this one alone.
+    """Reference and moves learnt from the last visits of all chains, or of this one alone.
 
-    At first of the solver's scenes, and then of these and of what was climbed to.
+    At first they are learnt from the solver's scenes, then from these and the result of the ascent.
     """
     known = [*setup.known, *noted[len(setup.known) :]][: len(noted)]
     if len(known) > 1:
@@ -348,7 +348,7 @@ def _of_noted(setup: Setup, noted: Sequence[Visits]) -> Tempered:
 
 
 def _anew(position: TemperingState[State], learnt: Tempered) -> TemperingState[State]:
-    """Where a ladder stands, seen with another reference."""
+    """The position of a ladder, re-evaluated with another reference."""
     parts = [learnt.target(chain.state) for chain in position.chains]
     return position._replace(
         chains=tuple(
@@ -360,7 +360,7 @@ def _anew(position: TemperingState[State], learnt: Tempered) -> TemperingState[S
 
 
 def _resumed(keeper: Checkpointer, setup: Setup) -> ChainProgress | None:
-    """What a chain has left, or None where it has not begun."""
+    """Progress of a chain from its checkpoint; None if there is none."""
     saved = keeper.load()
     if saved is None:
         return None

@@ -1,4 +1,4 @@
-"""What a chain over scenes keeps, to go on after a kill as if nothing had happened."""
+"""The progress of a chain over scenes, which it needs to resume as if never interrupted."""
 
 from __future__ import annotations
 
@@ -37,32 +37,32 @@ from imapper_prob.sampling.visits import Visits
 __all__ = ["ChainProgress", "identity_of", "rounds_done"]
 
 _LARGEST = 1e12
-"""Of any number that a chain keeps; log-posteriors are nats."""
+"""Largest absolute value of any stored number; log-posteriors are in nats."""
 _MOST_ROUNDS = 10**9
-"""That a chain has done: years, even of the shortest clip."""
+"""Largest number of rounds of a chain, which would take years even for the shortest clip."""
 _FIELDS = tuple(entry.name for entry in dataclasses.fields(State))
 
 
 @dataclass
 class ChainProgress:
-    """How far a chain is: everything that its later draws depend on, and its draws so far.
+    """Progress of a chain: all that its later draws depend on, and its draws so far.
 
     Parameters
     ----------
     rngs : list of numpy.random.Generator
         One for each temperature and one for the swaps.
     position : Position
-        Where it stands at each temperature.
+        State at each temperature.
     table : SwapTable
-        Swaps since the temperatures stay.
+        Swaps since the temperatures were fixed.
     states, values : list
-        Draws kept, and their log-posterior.
+        Kept draws and their log-posteriors, nats.
     trace : list of float
         Log-posterior over the whole run.
     acceptance : AcceptanceTable
-        At the posterior itself since the temperatures stay.
+        Acceptance at the posterior since the temperatures were fixed.
     visits : list of Visits
-        What was noted for each table, the one being noted last.
+        Visits for each reference; the last ones are still being recorded.
     """
 
     rngs: list[np.random.Generator]
@@ -78,7 +78,7 @@ class ChainProgress:
     def begin(
         cls, rngs: Sequence[np.random.Generator], position: TemperingState[State]
     ) -> ChainProgress:
-        """Nothing done yet.
+        """Progress of a chain that has not begun.
 
         Parameters
         ----------
@@ -106,7 +106,7 @@ class ChainProgress:
             self.acceptance.record(info)
 
     def thin(self, most: int) -> None:
-        """Drop every second draw, or number of the trace, where there are more than ``most``.
+        """Drop every second draw, or trace value, if there are more than ``most``.
 
         Parameters
         ----------
@@ -118,7 +118,7 @@ class ChainProgress:
             del self.trace[1::2]
 
     def snapshot(self) -> Snapshot:
-        """All of it as arrays and plain values.
+        """Convert to arrays and plain values for a checkpoint.
 
         Returns
         -------
@@ -148,7 +148,7 @@ class ChainProgress:
 
     @classmethod
     def of(cls, snapshot: Snapshot) -> ChainProgress:
-        """The progress that :meth:`snapshot` was taken of.
+        """Restore the progress from a snapshot.
 
         Parameters
         ----------
@@ -182,7 +182,7 @@ class ChainProgress:
         )
 
     def check(self, problem: Problem, settings: SampleSettings) -> None:
-        """Refuse what no chain of these settings can have left.
+        """Refuse progress that no chain with these settings can have.
 
         Parameters
         ----------
@@ -192,7 +192,7 @@ class ChainProgress:
         Raises
         ------
         InputError
-            With what is wrong.
+            The message says what is wrong.
         """
         position, table = self.position, self.table
         rungs, gaps = settings.temperatures, settings.temperatures - 1
@@ -230,12 +230,12 @@ class ChainProgress:
 
 
 def rounds_done(path: Path, *, identity: str) -> int:
-    """How many rounds a chain has left in its checkpoint; 0 where there is none.
+    """Number of rounds in a chain's checkpoint; 0 if there is none.
 
     Parameters
     ----------
     path : Path
-        Of the checkpoint.
+        Path of the checkpoint.
     identity : str
         See :func:`identity_of`.
 
@@ -281,16 +281,16 @@ def identity_of(
     settings: SampleSettings,
     seed: np.random.SeedSequence,
 ) -> str:
-    """A hash of all that the draws depend on: a checkpoint of anything else is refused.
+    """A hash of all that the draws depend on; checkpoints with another hash are refused.
 
-    Where chains stop is not in it, for they may go on.
+    It does not include where chains stop, because they may be continued.
 
     Parameters
     ----------
     problem : Problem
     candidates : Candidates
     starts : sequence of sequence of State
-        Of each chain, by temperature.
+        For each chain, its starts by temperature.
     settings : SampleSettings
     seed : numpy.random.SeedSequence
 

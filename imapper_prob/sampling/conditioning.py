@@ -1,9 +1,9 @@
 """Draws of a posterior given statements, from draws of the posterior without them.
 
-Where enough draws agree with what was said they are weighted, and chosen by their weights. Where
-few do, some are led there by a bridge of posteriors (:mod:`imapper_prob.samplers.reweighting`),
-moved at each step by the moves that chains have; chains then go on from where these arrive. Both
-ways say how probable the statements were.
+If enough draws agree with the statements, draws are weighted and resampled. If few do, some draws
+are annealed over a bridge of posteriors (:mod:`imapper_prob.samplers.reweighting`) with the moves
+of chains, and new chains start from the results. Both methods estimate the evidence of the
+statements.
 """
 
 from __future__ import annotations
@@ -48,30 +48,30 @@ __all__ = [
 
 Array = NDArray[np.float64]
 _PARTICLES: Final = 64
-"""Draws that are led over a bridge; chosen, a minute's work where a statement is a surprise."""
+"""Draws that are annealed over a bridge; chosen: about a minute if a statement is surprising."""
 _STEPS: Final = 60
-"""Steps of each at each power; chosen: camera and places move several times."""
+"""Steps of each draw at each power; chosen: camera and placements move several times."""
 
 
 @dataclass(frozen=True)
 class Evidence:
-    """How probable what was said is, given the clip.
+    """The evidence of statements given the clip.
 
     Parameters
     ----------
     log_ratio : float
-        Log of the density of what was said, given the clip: the log of by how much the evidence
-        grows. Nats; of measurements in their units.
+        Log density of the statements given the clip, which is the log of the factor by which the
+        evidence grows. Nats; for measurements, in their units.
     error : float
-        Its standard error, nats.
+        Standard error of ``log_ratio``, nats.
     effective : float
-        Effective draws that agreed with it, of those that there were.
+        Effective number of draws that agreed with the statements.
     draws : int
-        How many there were.
+        Number of all draws.
     method : str
         ``"reweighted"`` or ``"resampled"``.
     denied : tuple of str
-        Statements that no draw agrees with, afterwards: they count as answers by chance.
+        Statements that no resulting draw agrees with; they count as answers by chance.
     """
 
     log_ratio: float
@@ -83,7 +83,7 @@ class Evidence:
 
     @property
     def text(self) -> str:
-        """A sentence.
+        """The evidence in a sentence.
 
         Examples
         --------
@@ -102,14 +102,14 @@ class Evidence:
 
 @dataclass(frozen=True)
 class Told:
-    """What a posterior was given besides its clip.
+    """The statements that a posterior was conditioned on.
 
     Parameters
     ----------
     statements : tuple of Statement
-        All of them.
+        All statements.
     evidence : Evidence, optional
-        Of those that were given last; None where chains had them from the beginning.
+        Evidence of the last statements; None if chains had them from the start.
     """
 
     statements: tuple[Statement, ...]
@@ -117,7 +117,7 @@ class Told:
 
     @property
     def text(self) -> str:
-        """A sentence or two.
+        """Statements and evidence in a sentence or two.
 
         Examples
         --------
@@ -141,7 +141,7 @@ def statement_values(problem: Problem, states: Sequence[State]) -> Array:
     -------
     (N,) float
     """
-    # Detections have no say in it, and take most of the time.
+    # Without detections, which the statements do not depend on and which take most of the time.
     alone = problem._replace(likelihood=0.0)
     return np.array([terms(alone, state)["given"] for state in states])
 
@@ -153,7 +153,7 @@ def denied(
     clip: Clip,
     library: Library,
 ) -> tuple[str, ...]:
-    """Which statements are true of no state, in a few words each.
+    """Statements that are true in no state, in a few words each.
 
     Parameters
     ----------
@@ -166,7 +166,7 @@ def denied(
     Returns
     -------
     tuple of str
-        Those whose answer is in no state more probable than twice by chance.
+        Statements whose density in no state exceeds twice that of an answer by chance.
     """
     found = []
     for statement in statements:
@@ -180,7 +180,7 @@ def denied(
 
 
 def with_statements(source: Solution | JointProblem, problem: Problem) -> Solution | JointProblem:
-    """A source of draws with another problem, that of the same clip with statements.
+    """Replace the problem of a source of draws by that of the same clip with statements.
 
     Parameters
     ----------
@@ -201,13 +201,13 @@ def reweighted(
     settings: SampleSettings,
     rng: np.random.Generator,
 ) -> Samples:
-    """Draws chosen by weight, about as many as are effective.
+    """Resample draws by weight, about as many as are effective.
 
     Parameters
     ----------
     samples : Samples
     found : Reweighted
-        Their weights.
+        Weights of the draws.
     values : (N,) float
         Log-likelihood of the statements, nats.
     settings : SampleSettings
@@ -216,8 +216,8 @@ def reweighted(
     Returns
     -------
     Samples
-        Draws keep their order, and are cut into as many chains as there were: where chains of the
-        first posterior disagree, these do.
+        Draws keep their order and are split into as many chains as before, so a disagreement of
+        chains persists.
     """
     chains, draws = samples.shape
     kept = max(2, min(draws, int(found.effective) // chains))
@@ -246,7 +246,7 @@ def reweighted(
 
 
 def _verdict_of_chosen(before: Verdict, judged: Verdict, count: int) -> Verdict:
-    """What draws are worth that were chosen of others: no more than those were."""
+    """Verdict on resampled draws, which is never better than that on the original ones."""
     said = f"{count} draws chosen by weight. {judged.text}"
     if before.good:
         return judged._replace(text=said)
@@ -266,7 +266,7 @@ def continued(
     workers: int = 1,
     progress: Progress | None = None,
 ) -> tuple[Samples, Evidence]:
-    """Chains that go on from draws without statements to the posterior with them.
+    """Condition draws on statements by a bridge, and run chains from the results.
 
     Parameters
     ----------
@@ -275,13 +275,13 @@ def continued(
     samples : Samples
         Draws without the statements.
     problem : Problem
-        With all statements.
+        Problem with all statements.
     fresh : (G,) float
-        1 for statements of the problem that the draws know nothing of, else 0.
+        1 for statements that are new to the draws, else 0.
     found : Reweighted
-        How far the draws agree.
+        How far the draws agree with the statements.
     settings : SampleSettings
-        Of the chains that go on.
+        Settings of the new chains.
     seed : numpy.random.SeedSequence
     workers : int
     progress : callable, optional
@@ -305,7 +305,7 @@ def continued(
         advance=advance,
         on_power=None if progress is None else partial(progress, "being told"),
     )
-    # In no order: the best for the posterior itself would be one side of what is open.
+    # Unsorted: sorting by log-posterior would start all chains in the same mode.
     pool = led.states
     starts = [
         [pool[chain % len(pool)], *pool[chain + settings.chains :: settings.chains]]
@@ -319,7 +319,7 @@ def continued(
 
 
 def _evenly(samples: Samples, count: int) -> NDArray[np.int64]:
-    """So many draws, as many of each chain, evenly spread."""
+    """Indices of evenly spaced draws, equally many of each chain."""
     chains, draws = samples.shape
     own = np.unique(np.linspace(0, draws - 1, max(1, count // chains)).round().astype(np.int64))
     return (np.arange(chains)[:, None] * draws + own).ravel()
@@ -333,7 +333,7 @@ def _noted(states: Sequence[State]) -> Visits:
 
 
 class _Advance:
-    """Moves a state by the moves of chains, at some power of statements that are new."""
+    """Moves a state with the moves of chains, at a given power of the new statements."""
 
     def __init__(self, setup: Setup, fresh: Array, visits: Visits) -> None:
         self._problem, self._fresh = setup.problem, fresh

@@ -1,9 +1,9 @@
-"""Two scenes exchange what happens in a stretch of time.
+"""A crossover move: two scenes of a tempered chain exchange a stretch of time.
 
-What somebody does at the beginning of a clip and at its end hardly know of each other. A hot
-scene has found a better seat for the one, and a cold scene for the other: exchanged as wholes
-neither gets anywhere. So scenes of neighbouring temperatures exchange all scenelets of a
-stretch, and the latent numbers of the path with them.
+The beginning and the end of a clip are nearly independent. If the hot scene has a better seat in
+one and the cold scene in the other, a swap of whole scenes rarely succeeds. So scenes of
+neighbouring temperatures exchange all scenelets of a stretch, and the latent variables of the path
+in it.
 """
 
 from __future__ import annotations
@@ -27,15 +27,15 @@ Flags = NDArray[np.bool_]
 Ints = NDArray[np.int64]
 
 _ONE_MORE: Final = 0.4
-"""Probability that the stretch takes in one block more; chosen."""
+"""Probability of extending the stretch by one more block; chosen."""
 
 
 class TimeCrossover:
-    """Exchange the scenelets of one or several blocks of time.
+    """Exchanges the scenelets of one or several blocks of time.
 
-    A block is a run of frames that are under a scenelet in either scene, without a gap. Both
-    scenes together have the same blocks afterwards, so that the way back is as likely as
-    the way there. Scenelets are taken to where they look the same through the other camera
+    A block is a run of frames without a gap that are inside a scenelet of either scene. Both scenes
+    together have the same blocks after the exchange, so forward and reverse proposals are equally
+    probable. Scenelets are moved so that they look the same through the other camera
     (:mod:`imapper_prob.sampling.looks`).
 
     Parameters
@@ -49,9 +49,9 @@ class TimeCrossover:
     def __call__(
         self, rng: np.random.Generator, hot: State, cold: State
     ) -> tuple[State, State, float] | None:
-        """Both scenes afterwards and the log Jacobian.
+        """Propose both scenes after the exchange, and the log Jacobian.
 
-        None where both are empty, or a scenelet would have nowhere to stand.
+        None if both stretches are empty, or if a scenelet has no valid placement.
         """
         warm, cool, ratio = _exchange(
             self._lengths, self._heights, rng, scene_of(hot), scene_of(cold)
@@ -63,7 +63,7 @@ class TimeCrossover:
 def _exchange(
     lengths: Ints, heights: Array, rng: np.random.Generator, hot: Scene, cold: Scene
 ) -> tuple[Scene, Scene, float]:
-    """Both scenes afterwards and the log Jacobian, NaN where it is impossible."""
+    """Both scenes after the exchange and the log Jacobian, NaN if it is impossible."""
     cuts = _cuts(lengths, hot.items, cold.items, len(hot.latent))
     n_blocks = len(cuts) - 1
     if n_blocks < 1:
@@ -83,7 +83,7 @@ def _exchange(
 
 @compiled
 def _cuts(lengths: Ints, one: Ints, other: Ints, n_frames: int) -> Ints:
-    """Frames between blocks, in the middle of their gaps, and both ends of the clip."""
+    """Boundaries of blocks: the middles of gaps, and both ends of the clip."""
     items = np.concatenate((one, other))
     if len(items) == 0:
         return np.zeros(0, np.int64)
@@ -116,7 +116,7 @@ def _merged(
     begin: int,
     end: int,
 ) -> Scene:
-    """One scene with the other's scenelets in a stretch, where its own camera sees them."""
+    """A scene with the other's scenelets in a stretch, placed for its own camera."""
     items = np.concatenate((own.items[kept], others.items[taken]))
     order = np.argsort(items[:, 1], kind="mergesort")
     latent = own.latent.copy()

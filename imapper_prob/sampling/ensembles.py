@@ -1,17 +1,17 @@
-"""Draws of the chains walk together: emcee moves camera, placements and path of each.
+"""Improve the draws of chains by ensemble MCMC (emcee) of camera, placements and path.
 
-A chain's draws of camera and places follow one another closely, for its steps are spent on which
-scenelets there are. Here those of a chain that have as many scenelets become the walkers of an
-ensemble. Each keeps its own scenelets and starts; camera and body, and where scenelets stand, are a
-few dozen smooth dimensions, with the latent numbers of the path behind them. A walker that is a
-draw of the posterior remains one (:mod:`imapper_prob.samplers.ensemble`), and where it arrives
-depends less on the draws before it in the chain.
+Successive draws of a chain have similar cameras and placements, because most of its steps change
+scenelets. Here the draws of a chain with equally many scenelets become the walkers of an ensemble.
+Each walker keeps its own scenelets and start frames. Camera, body and placements are a few dozen
+smooth dimensions, and the latent variables of the path come in addition. A draw of the posterior
+remains one (:mod:`imapper_prob.samplers.ensemble`), and becomes less correlated with the draws
+before it in the chain.
 
-Walkers live in (bearing, log depth, yaw, log size), where the posterior is nearly Gaussian; the
-density carries the Jacobian.
+Walkers move in (bearing, log depth, yaw, log size), in which the posterior is nearly Gaussian; the
+density includes the Jacobian.
 
-Other moves and other code have the same target: means that they change by more than Monte-Carlo
-error say that the chains had not arrived.
+The ensemble has the same target with other moves and other code. If means change by more than the
+Monte-Carlo error, the chains had not converged.
 """
 
 from __future__ import annotations
@@ -44,32 +44,32 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 QUANTITIES: Final = ("log_posterior", *CAMERA, "log_depth", "log_size")
-"""What is compared: the last two are means over the scenelets of a draw."""
+"""Compared quantities; the last two are means over the scenelets of a draw."""
 _ERRORS: Final = 3.5
-"""Standard errors that a mean may change by: one in 250 comparisons of eight quantities is beyond
-by chance."""
+"""Tolerated change of a mean in standard errors; by chance, one in 250 comparisons of eight
+quantities exceeds it."""
 
 
 @dataclass(frozen=True)
 class Walked:
-    """What the ensembles did to the draws.
+    """The effect of the ensembles on the draws.
 
     Parameters
     ----------
     walkers : int
-        Draws that walked; the others have too few others with as many scenelets.
+        Number of moved draws; for the others, too few draws have as many scenelets.
     steps : int
-        Of each.
+        Steps of each walker.
     acceptance : dict of str to float
-        Accepted share by move.
+        Acceptance rate by move.
     change : (8,) float
-        Of the means of ``QUANTITIES``, in standard deviations of the chains' draws.
+        Change of the means of ``QUANTITIES``, in standard deviations of the chains' draws.
     error : (8,) float
-        Monte-Carlo standard error of the change, in the same.
+        Monte-Carlo standard error of ``change``, in the same unit.
     before, after : (8,) float
-        Effective draws.
+        Effective number of draws before and after.
     rhat : (8,) float
-        Of the draws that have walked.
+        R-hat of the moved draws.
     """
 
     walkers: int
@@ -85,7 +85,7 @@ class Walked:
 
     @property
     def agrees(self) -> bool:
-        """Whether no mean is known to change by more than Monte-Carlo error."""
+        """Whether no mean changes by significantly more than the Monte-Carlo error."""
         return not (np.abs(self.change) > _ERRORS * self.error).any()
 
 
@@ -100,7 +100,7 @@ def walk_draws(
     scratch: Path | None = None,
     on_progress: Callable[[float], None] | None = None,
 ) -> tuple[tuple[State, ...], Array, Walked]:
-    """Let the draws of chains walk, each in its own scenelets.
+    """Move the draws of chains in ensembles; each draw keeps its scenelets.
 
     Parameters
     ----------
@@ -108,16 +108,16 @@ def walk_draws(
     states : sequence of C N State
         Draws of C chains, chain by chain.
     values : (C, N) float
-        Their log-posteriors, nats.
+        Log-posteriors of the draws, nats.
     steps : int
-        In which each walker tries one move.
+        Number of steps; in each, every walker tries one move.
     seed : numpy.random.SeedSequence
     workers : int or Workers
-        Processes.
+        Number of processes.
     scratch : Path, optional
-        Folder for what processes hand one another.
+        Folder for temporary files of the processes.
     on_progress : callable, optional
-        Called with the share of the walkers' steps that is done.
+        Called with the completed share of all steps.
 
     Returns
     -------
@@ -153,14 +153,14 @@ def walk_draws(
     new = new_values.reshape(values.shape)
     first, second = _quantities(states, values), _quantities(moved, new)
     with warnings.catch_warnings():
-        # The verdict says in words what short chains cannot tell.
+        # The verdict reports chains that are too short.
         warnings.simplefilter("ignore", ShortChainWarning)
         walked = _compared(groups, arrived, first, second)
     return tuple(moved), new, walked
 
 
 def describe_walked(walked: Walked | None) -> str:
-    """A sentence for a person: whether chains and ensembles arrive at the same place.
+    """A sentence on whether chains and ensembles agree.
 
     Parameters
     ----------
@@ -192,11 +192,11 @@ def describe_walked(walked: Walked | None) -> str:
 
 
 # ------------------------------------------------------------------------------------------------
-# Who walks with whom, and where.
+# Groups of walkers, and their coordinates.
 
 
 def _groups(states: Sequence[State], shape: tuple[int, ...]) -> list[Ints]:
-    """Draws of a chain that have as many scenelets, where they are enough to walk together."""
+    """Indices of a chain's draws with equally many scenelets, if enough to form an ensemble."""
     together: dict[tuple[int, int], list[int]] = {}
     for n, state in enumerate(states):
         together.setdefault((n // shape[1], state.n_scenelets), []).append(n)
@@ -210,7 +210,7 @@ def _walk(
     rng: np.random.Generator,
     report: Report,
 ) -> Ensemble:
-    """One ensemble, as a task that any process can run."""
+    """One ensemble, as a task for a worker process."""
     target = _Target(problem[0], states)
     latent = np.stack([state.latent.ravel() for state in states])
     return walk_ensemble(
@@ -230,7 +230,7 @@ def _from_theta(theta: Array) -> tuple[Array, Array, Array]:
 
 
 class _Target:
-    """Log density of (theta, z), each walker with scenelets of its own."""
+    """Log density of (theta, z); each walker has its own scenelets."""
 
     def __init__(self, problem: Problem, states: Sequence[State]) -> None:
         self._published = problem.paper_nats if problem.of_paper else None
@@ -241,7 +241,7 @@ class _Target:
 
     def __call__(self, theta: Array, latent: Array, walker: Ints) -> Array:
         camera, placements, sizes = _from_theta(theta)
-        # Each walker has a camera of its own: nothing is left of any scene gone on from.
+        # Each walker has its own camera, so no evaluation can reuse another one's values.
         values = log_posteriors(
             self._evaluator, self._published, NOWHERE, self._anywhere, camera, self._items[walker],
             np.ascontiguousarray(placements), np.ascontiguousarray(sizes),
@@ -252,11 +252,11 @@ class _Target:
 
 
 # ------------------------------------------------------------------------------------------------
-# What walking changes.
+# Comparison of draws before and after.
 
 
 def _quantities(states: Sequence[State], values: Array) -> Array:
-    """(8, C, N) of ``QUANTITIES``; means over no scenelets are 0."""
+    """(8, C, N) values of ``QUANTITIES``; means over no scenelets are 0."""
     rows = []
     for state in states:
         where = to_view(state.placements, state.sizes)
@@ -283,7 +283,7 @@ def _compared(
 
 
 def _rates(arrived: Sequence[Ensemble]) -> dict[str, float]:
-    """Accepted shares, each walker of each ensemble with the same weight."""
+    """Acceptance rates, averaged over ensembles with the number of walkers as weight."""
     names = sorted({name for ensemble in arrived for name in ensemble.acceptance})
     found = {}
     for name in names:

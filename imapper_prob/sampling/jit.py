@@ -1,7 +1,7 @@
-"""Compilation of the kernels of chains, which are cached as those of the model are.
+"""Compile the kernels of chains; they are cached like those of the model.
 
-A kernel that is compiled has in it the kernels it calls. It is compiled anew when one of the
-modules below changes, or a kernel of the model.
+A compiled kernel contains the kernels that it calls. So it is compiled again when the text of any
+module listed below changes, or a kernel of the model.
 """
 
 from __future__ import annotations
@@ -33,11 +33,11 @@ _KERNELS: Final = tuple(
         "steps",
     )
 )
-"""Modules with kernels that kernels of other modules call, or are called by."""
+"""Modules whose kernels call each other."""
 
 
 def compiled(function: Function) -> Dispatcher[Function]:
-    """As :func:`imapper_prob.models.jit.compiled`.
+    """Like :func:`imapper_prob.models.jit.compiled`, for kernels of this package.
 
     Parameters
     ----------

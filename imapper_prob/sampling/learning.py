@@ -1,4 +1,5 @@
-"""The reference of what chains have visited, see :mod:`imapper_prob.sampling.reference`."""
+"""Learn a reference distribution from visited scenes, see
+:mod:`imapper_prob.sampling.reference`."""
 
 from __future__ import annotations
 
@@ -38,35 +39,35 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 _SHIFTS: Final = {0: 0.6, -1: 0.15, 1: 0.15, -2: 0.05, 2: 0.05}
-"""Frames by which ends and starts are taken to be earlier or later than they were met, and how
-often; chosen."""
+"""Shifts in frames by which visited ends and starts are smoothed, with their weights; chosen."""
 _SHARES: Final = np.array([0.2, 0.1, 0.5, 0.15, 0.05])
-"""Of followed, later, similar, candidates and anywhere, before anything is learnt; chosen."""
+"""Initial shares of the components followed, later, similar, candidates and anywhere; chosen."""
 _KEPT: Final = 0.1
-"""How much of these is kept, so that what nobody has met is still drawn; chosen."""
-_ROUNDS: Final = 30
-"""Steps of expectation and maximisation, at most."""
-_SETTLED: Final = 0.005
-"""Change of the shares with which these end; chosen."""
-_NEAR: Final = 2.0
-"""Frames within which visits tell where the person is; further ones count (1 + (dt / near)^2)^-2;
+"""Weight of the initial shares in the learnt ones, so that unvisited scenes stay possible;
 chosen."""
+_ROUNDS: Final = 30
+"""Largest number of EM iterations for the shares."""
+_SETTLED: Final = 0.005
+"""Change of the shares at which EM stops; chosen."""
+_NEAR: Final = 2.0
+"""Width in frames of the kernel (1 + (dt / width)^2)^-2 with which visits determine the person's
+position in other frames; chosen."""
 _DOUBT: Final = np.array([0.02, 5.0])
-"""Visits that are added of the static path, and of no difference between one scenelet and others;
+"""Pseudo-visits: of the static path, and of scenelets that do not differ from similar ones;
 chosen."""
 _USUAL: Final = np.diag([0.006, 0.04, 0.12, 0.03]) ** 2
-"""How bearing (tangent), log depth, yaw (radians) and log size of one scenelet scatter at first;
-the standard deviations of long chains on the demo, rounded."""
+"""Prior covariance of bearing (tangent), log depth, yaw (radians) and log size of a scenelet:
+standard deviations of long chains on the demo, rounded."""
 _STEP: Final = np.diag([0.004, 0.015, 0.12, 0.03]) ** 2
-"""The same from one scenelet to another that is flush with it."""
+"""The same for a scenelet relative to the one that ends where it starts."""
 _STATES: Final = 20.0
-"""Visits that these count as; chosen."""
+"""Weight of these prior covariances, in visits; chosen."""
 _IDS: Final = 5.0
-"""Scenelets that the first of these counts as, where it is learnt how they differ; chosen."""
+"""Weight of the first one, in scenelets, where differences between scenelets are learnt; chosen."""
 
 
 def learn(problem: Problem, candidates: Candidates, similarity: Array, visits: Visits) -> Reference:
-    """The reference of what was visited.
+    """Learn the reference distribution from visits.
 
     Parameters
     ----------
@@ -93,7 +94,7 @@ def learn(problem: Problem, candidates: Candidates, similarity: Array, visits: V
         camera_mean = visits.arrays()["cameras"].mean(0)
     camera_factor = np.linalg.cholesky(covariance).astype(np.float64)
     followed, later = _rows(visits, own, lengths, room, len(numbers) + 1)
-    # In place of itself a scenelet is as frequent as the one most like it.
+    # A scenelet replaces itself as often as the one most similar to it.
     alike = np.array(similarity)
     np.fill_diagonal(alike, alike.max(1))
     hazard, scenelets = _fits(candidates, lengths, room)
@@ -139,14 +140,14 @@ def learn(problem: Problem, candidates: Candidates, similarity: Array, visits: V
 
 
 def _room(problem: Problem) -> Ints:
-    """(T + 1,) frames from each to the end of its film."""
+    """(T + 1,) number of frames from each frame to the end of its person's frames."""
     frames = np.arange(problem.n_frames)
     begins = np.append(np.flatnonzero(problem.path_starts), problem.n_frames)
     return np.append(begins[np.searchsorted(begins, frames, "right")] - frames, 0)
 
 
 def _sums_by_length(similarity: Array, lengths: Ints) -> Array:
-    """(L, N + 1) sums of rows over the scenelets of no more than n frames, up to the longest."""
+    """(L, N + 1) sums of rows over the scenelets of at most n frames, up to the longest."""
     sums = np.zeros((len(lengths), int(lengths.max()) + 1))
     for length in np.unique(lengths):
         sums[:, length] = similarity[:, lengths == length].sum(1)
@@ -154,8 +155,8 @@ def _sums_by_length(similarity: Array, lengths: Ints) -> Array:
 
 
 def _log_peak(factor: Array, *, yaw: bool = False) -> float:
-    """Log density of a t distribution in its middle; its third number may be an angle within half
-    a turn."""
+    """Log density of a t distribution at its centre; with ``yaw``, the third coordinate is
+    truncated to half a turn either way."""
     n = len(factor)
     log_peak = math.lgamma(0.5 * (DOF + n)) - math.lgamma(0.5 * DOF)
     log_peak -= 0.5 * n * math.log(DOF * math.pi) + float(np.log(np.diag(factor)).sum())
@@ -169,7 +170,7 @@ Rows = tuple[Ints, Ints, Array]
 
 
 def _fields(followed: Rows, later: Rows) -> dict[str, Any]:
-    """Rows as a reference has them."""
+    """Rows as fields of a reference."""
     names = ("first", "", "probability")
     return {
         "_".join(filter(None, (of, name))): values
@@ -179,9 +180,9 @@ def _fields(followed: Rows, later: Rows) -> dict[str, Any]:
 
 
 def _shares(reference: Reference, visits: Visits) -> Array:
-    """Shares of the mixture with which one half of the visits is best foretold by the other.
+    """Shares of the mixture that best predict one half of the visits from the other, by EM.
 
-    Visits of several chains come chain by chain, so that halves are of different chains.
+    Visits come chain by chain, so the halves are from different chains.
     """
     halves = visits.halves()
     if min(len(half.counts) for half in halves) == 0:
@@ -215,16 +216,17 @@ def _shares(reference: Reference, visits: Visits) -> Array:
 def _rows(
     visits: Visits, kinds: Ints, lengths: Ints, room: Ints, n_kinds: int
 ) -> tuple[Rows, Rows]:
-    """What followed, by kind and end of the scenelet before, and what came later, by frame."""
+    """Rows of what followed (by kind and end of the scenelet before) and of what came later (by
+    frame)."""
     n_scenelets, n_frames = len(kinds), len(room) - 1
     visited = visits.arrays()
     items, counts = visited["items"], visited["counts"]
-    ends = np.cumsum(counts + 1)  # of states, each with an end of the scene
+    ends = np.cumsum(counts + 1)  # for each state its scenelets and the end of the scene
     codes = np.full(len(items) + len(counts), n_frames * n_scenelets)
     inside = np.ones(len(codes), bool)
     inside[ends - 1] = False
     codes[inside] = items[:, 1] * n_scenelets + items[:, 0]
-    # Before each of these: the start, end and kind of a scenelet, or the beginning.
+    # The predecessor of each: start, end and kind of a scenelet, or the beginning.
     before = np.zeros((len(codes), 3), np.int64)
     before[:, 0] = -1
     after_item = np.flatnonzero(inside) + 1
@@ -251,7 +253,7 @@ def _rows(
             _add(
                 followed, row, start + off, scenelet, share * part * weight, where, lengths, room
             )  # fmt: skip
-        # From each frame after the start of the scenelet before up to this one's.
+        # From each frame after the start of the predecessor up to this start.
         low, high = start_before + 1, np.where(ending, n_frames, start + by)
         span = np.maximum(high + 1 - low, 0)
         of = np.repeat(np.arange(len(met)), span)
@@ -276,7 +278,7 @@ def _add(
     lengths: Ints,
     room: Ints,
 ) -> None:
-    """Enter scenelets at starts into rows, where they fit into their film."""
+    """Append entries (row, code, weight) for scenelets that fit before the end of their frames."""
     n_frames = len(room) - 1
     fits = sound & (start >= 0) & (start < n_frames)
     fits &= lengths[scenelet] <= room[start.clip(0, n_frames)]
@@ -285,7 +287,7 @@ def _add(
 
 
 def _gathered(entries: list[tuple[Ints, Ints, Array]], n_rows: int) -> Rows:
-    """Entries by row, each code once, with probabilities that sum to one in each row."""
+    """Merge entries: by row, each code once, with probabilities that sum to one in each row."""
     row, code, weight = (np.concatenate(parts) for parts in zip(*entries, strict=True))
     base = int(code.max(initial=0)) + 1
     found, of = np.unique(row * base + code, return_inverse=True)
@@ -300,8 +302,8 @@ def _gathered(entries: list[tuple[Ints, Ints, Array]], n_rows: int) -> Rows:
 def _pelvis_by_frame(
     problem: Problem, cameras: Array, items: Ints, places: Array, sizes: Array
 ) -> Array:
-    """(T, 3) sums, over scenelets, of the bearing and log depth of their pelvis in each frame,
-    carried from their cameras (R, 5) to the mean one, and how many there are."""
+    """(T, 3) sums over scenelets of the bearing and log depth of their pelvis in each frame,
+    transformed from their cameras (R, 5) to the mean one, and the number of scenelets."""
     sums = np.zeros((len(problem.lift), 3))
     where = np.empty(4)
     for k in range(len(items)):
@@ -325,7 +327,8 @@ def _pelvis_by_frame(
 
 @compiled
 def _expected_yaws(problem: Problem, room: Ints, yaws: Array) -> None:
-    """Put into ``yaws`` (T, L) where scenelets face as the static path does, by their starts."""
+    """Write to ``yaws`` (T, L) the yaw at which a scenelet with a given start faces as the static
+    path."""
     for scenelet in range(yaws.shape[1]):
         length = problem.joint_first[scenelet + 1] - problem.joint_first[scenelet]
         for start in range(len(yaws)):
@@ -335,7 +338,8 @@ def _expected_yaws(problem: Problem, room: Ints, yaws: Array) -> None:
 
 
 def _static_path(problem: Problem) -> Array:
-    """(T, 2) bearing and log depth on the floor of the static path's pelvis, by the mean camera."""
+    """(T, 2) bearing and log depth on the floor of the static path's pelvis, for the mean
+    camera."""
     pitch, elevation, focal, body, roll = problem.camera_mean
     depth = np.exp(problem.path_centre[:, 1] + focal + body)
     right = problem.path_centre[:, 0] * np.exp(-focal) * depth
@@ -349,7 +353,8 @@ def _static_path(problem: Problem) -> Array:
 
 
 def _smoothed(sums: Array, weights: Array) -> Array:
-    """(T, ...) means of what was noted about each frame; 0 far from all of it."""
+    """(T, ...) kernel-weighted means over neighbouring frames, shrunk to 0 where there are no
+    visits."""
     dt = np.arange(1 - len(sums), len(sums))
     kernel = (1.0 + (dt / _NEAR) ** 2) ** -2
     total = fftconvolve(sums, kernel[:, None], "same", axes=0)
@@ -359,7 +364,7 @@ def _smoothed(sums: Array, weights: Array) -> Array:
 
 
 def _expectations(problem: Problem, visits: Visits) -> tuple[Array, Array]:
-    """Path (T, 2), and yaws (T, L) of scenelets by start: of visits, whatever the scenelet."""
+    """Mean path (T, 2), and mean yaws (T, L) by start, from visits of all scenelets."""
     visited = visits.arrays()
     items, (places, sizes) = visited["items"], to_floor(visited["where"])
     scenelet, start = items.T
@@ -382,15 +387,15 @@ def _expectations(problem: Problem, visits: Visits) -> tuple[Array, Array]:
 
 
 class _Habits(NamedTuple):
-    """How each scenelet differs from the others, in its first and its last frame.
+    """Mean deviation of each scenelet from the others, in its first and its last frame.
 
     Parameters
     ----------
     mean : (L, 2, 4) float
     strange : (L,) int
-        1 for those that are not known from visits of their own.
+        1 for scenelets with too few visits of their own.
     spread : (4, 4) float
-        Covariance of what strange ones are off by, beyond their scatter.
+        Covariance of the unknown deviation of these, in addition to the scatter.
     """
 
     mean: Array
@@ -420,7 +425,7 @@ def _habits(reference: Reference, visits: Visits, alike: Array) -> _Habits:
 
 
 def _scatter(reference: Reference, visits: Visits, spread: Array) -> tuple[Array, Array]:
-    """How displacements go on (2, 4, 4), and factors (3, 2, 4, 4) of how they scatter."""
+    """Regression of displacements on earlier ones (2, 4, 4), and Cholesky factors (3, 2, 4, 4)."""
     visited = visits.arrays()
     places, sizes = to_floor(visited["where"])
     rows, before, offsets = displacements(
@@ -443,9 +448,9 @@ def _scatter(reference: Reference, visits: Visits, spread: Array) -> tuple[Array
 
 
 def _fits(candidates: Candidates, lengths: Ints, room: Ints) -> tuple[Array, Array]:
-    """How probable it is that a candidate begins at a frame, and with which scenelet.
+    """Probability that a candidate begins at a frame, and with which scenelet.
 
-    Where the solver's weights are best, one begins within the length of a scenelet on average.
+    Where the solver's weights are highest, one begins within a scenelet's length on average.
     """
     n_frames = len(room) - 1
     frames, centres = np.arange(n_frames + 1), candidates.centres

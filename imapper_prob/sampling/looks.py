@@ -1,13 +1,13 @@
-"""How somebody looks through a camera, and where somebody stands who looks so.
+"""The look of a person through a camera, and the inverse: position and size from a look.
 
-Of a pelvis whose height over the floor is a known part of the body, the image and the size of
-the body in it leave no choice: they are three numbers, and so are x, y and log size. A camera
-that looks a degree lower has the same look some percent nearer. The solver fits with one camera
-and chains have many; moves that ignore this propose what no longer fits.
+If the height of the pelvis is a known multiple of the body's size, its image position and the
+apparent size of the body determine x, y and log size: three numbers each. If the camera is tilted
+by a degree, the same look belongs to a position some percent nearer. The solver uses one camera and
+chains use many, so moves must account for this.
 
-A look is (right, up, apparent) of a scenelet's pelvis: tangents to the right of the image's centre
-and above it, and the body's scale as part of its depth; all at the nominal focal length. Where
-there is no look, or nowhere to stand, the third number is not a number.
+A look is (right, up, apparent) of a scenelet's pelvis: tangents to the right of the image centre
+and above it, and the body scale divided by the depth; all at the nominal focal length. If there is
+no valid look or position, the third number is NaN.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ Look = tuple[float, float, float]
 
 @compiled
 def look(camera: Array, x: float, y: float, size: float, height: float) -> Look:
-    """How somebody looks whose pelvis is ``height`` of the reference body above (x, y).
+    """Look of a person at (x, y) whose pelvis has a given height in the reference body.
 
     Parameters
     ----------
@@ -41,12 +41,12 @@ def look(camera: Array, x: float, y: float, size: float, height: float) -> Look:
     size : float
         Log size of the person.
     height : float
-        Metres of the reference body.
+        Height of the pelvis in the reference body, metres.
 
     Returns
     -------
     right, up, apparent : float
-        The last is NaN behind the camera.
+        The last is NaN at or behind the camera.
     """
     cp, sp, cr, sr = (
         math.cos(camera[0]), math.sin(camera[0]), math.cos(camera[4]), math.sin(camera[4]),
@@ -63,19 +63,19 @@ def look(camera: Array, x: float, y: float, size: float, height: float) -> Look:
 
 @compiled
 def stand(camera: Array, seen: Look, height: float) -> tuple[float, float, float]:
-    """Where and how large somebody is who looks so.
+    """Position and size of a person with a given look.
 
     Parameters
     ----------
     camera : (5,) float
     seen : right, up, apparent
     height : float
-        Metres of the reference body.
+        Height of the pelvis in the reference body, metres.
 
     Returns
     -------
     x, y, size : float
-        Metres, and the log size; the last is NaN where that is nowhere ahead.
+        Metres, and the log size; the last is NaN if there is no such position ahead of the camera.
     """
     cp, sp, cr, sr = (
         math.cos(camera[0]), math.sin(camera[0]), math.cos(camera[4]), math.sin(camera[4]),
@@ -84,7 +84,7 @@ def stand(camera: Array, seen: Look, height: float) -> tuple[float, float, float
     right, up, apparent = by * seen[0], by * seen[1], by * seen[2]
     rise = sr * right + cr * up
     ahead = cp - sp * rise
-    # Body times height is as far above the floor as the ray has come down to.
+    # The depth at which the ray has the height of the pelvis above the floor.
     drop = apparent * height - (sp + cp * rise)
     if not drop * camera[1] > 0.0 or ahead <= 0.0:
         return 0.0, 0.0, math.nan
@@ -97,15 +97,14 @@ def stand(camera: Array, seen: Look, height: float) -> tuple[float, float, float
 def log_volume(camera: Array, apparent: float, size: float) -> float:
     """log |d(right, up, log apparent) / d(x, y, size)|.
 
-    That is f^2 h / depth^3 for a focal scale f and an elevation h: rays meet the plane in
-    which the pelvis is at the angle h less its height over the depth, and larger people
-    raise it.
+    It is log(f^2 h / depth^3) for the focal scale f and the elevation h. Rays meet the plane of the
+    pelvis at the angle (h - height) / depth, and a larger person raises that plane.
 
     Parameters
     ----------
     camera : (5,) float
     apparent : float
-        Of the look.
+        Third number of the look.
     size : float
         Log size of the person.
 
@@ -137,7 +136,7 @@ def middle_heights(problem: Problem) -> Array:
 def reprojected(
     heights: Array, scene: Scene, before: Array, after: Array, which: NDArray[np.bool_]
 ) -> tuple[Array, Array, float]:
-    """Where scenelets stand that look through one camera as they did through another.
+    """Move scenelets so that they look the same through another camera.
 
     Parameters
     ----------
@@ -145,16 +144,17 @@ def reprojected(
         :func:`middle_heights`.
     scene : Scene
     before, after : (5,) float
-        Cameras.
+        Camera parameters.
     which : (k,) bool
-        Scenelets of the scene that are meant; the others stay.
+        Scenelets of the scene to move; the others stay.
 
     Returns
     -------
     placements : (k, 3) float
     sizes : (k,) float
     log_jacobian : float
-        Of (x, y, log size) after over before; NaN where one of them would have nowhere to stand.
+        Log Jacobian of (x, y, log size), after over before; NaN if a scenelet has no valid
+        position.
     """
     placements, sizes, log_jacobian = scene.placements.copy(), scene.sizes.copy(), 0.0
     for k in range(len(sizes)):

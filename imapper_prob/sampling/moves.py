@@ -1,4 +1,4 @@
-"""Moves of one or a few scenelets, and of the path between them."""
+"""Moves of one or a few scenelets, and of the latent path."""
 
 from __future__ import annotations
 
@@ -18,29 +18,29 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 _REACH: Final = 4
-"""Frames by which a scenelet is shifted at most; chosen."""
+"""Largest shift of a scenelet, frames; chosen."""
 _SCALES: Final = (0.2, 1.0, 4.0)
 _BEARING, _LOG_DEPTH, _YAW = 0.006, 0.03, 0.08
-"""Steps of a placement in bearing (tangent), log depth and yaw (radians), at one of the scales;
-about the standard deviations of placements in chains of one simulated clip."""
+"""Unit steps of a placement in bearing (tangent), log depth and yaw (radians), which are multiplied
+by one of the scales; about the standard deviations of placements in chains of a simulated clip."""
 _TURNED: Final = 0.05
-"""How often one turns half around as well; chosen."""
+"""Probability of an additional half turn; chosen."""
 _STRETCH: Final = 60
-"""Frames of the path that are drawn anew together; chosen."""
+"""Frames of the path that are refreshed together; chosen."""
 _STRENGTHS: Final = (0.2, 1.0)
-"""How far from what they were, 1 for independent of it; chosen."""
+"""Step sizes of Crank-Nicolson proposals; 1 is independent of the old values. Chosen."""
 
 
 @compiled
 def exchange_similar(
     similarity: Array, lengths: Ints, rng: np.random.Generator, scene: Scene
 ) -> tuple[Scene, float]:
-    """A scenelet of similar motion at the same place and time, its centre frame kept.
+    """Replace a scenelet by one of similar motion, at the same placement and centre frame.
 
     Parameters
     ----------
     similarity : (L, L) float
-        In row l, the probability of trying each other scenelet.
+        Row l has the probabilities of proposing each other scenelet.
     lengths : (L,) int
     rng : numpy.random.Generator
     scene : Scene
@@ -68,10 +68,10 @@ def exchange_similar(
 
 @compiled
 def shift(lengths: Ints, rng: np.random.Generator, scene: Scene) -> tuple[Scene, float]:
-    """The same scenelet a few frames earlier or later, alone or with those it is flush with.
+    """Shift a scenelet by a few frames, alone or with those it adjoins without a gap.
 
-    Where one scenelet ends as the next begins the person jumps once, not twice: what follows
-    without a gap stays together or pays for it. Symmetric.
+    Where one scenelet ends as the next begins, the pose jumps only once, so separating them is
+    costly. Symmetric.
 
     Parameters
     ----------
@@ -92,7 +92,7 @@ def shift(lengths: Ints, rng: np.random.Generator, scene: Scene) -> tuple[Scene,
     items = scene.items.copy()
     for k in range(first if together else index, last if together else index + 1):
         items[k, 1] += step
-    # Flush with others now, they would all be moved on the way back.
+    # If the shifted run adjoins others, the reverse move would shift those too: impossible.
     if together and flush_run(lengths, items, index) != (first, last):
         return scene, -math.inf
     return Scene(scene.camera, items, scene.placements, scene.sizes, scene.latent), 0.0
@@ -100,11 +100,11 @@ def shift(lengths: Ints, rng: np.random.Generator, scene: Scene) -> tuple[Scene,
 
 @compiled
 def walk_placement(rng: np.random.Generator, scene: Scene) -> tuple[Scene, float]:
-    """One scenelet along and across the viewing ray, and turned.
+    """Move one scenelet along and across the viewing ray, and turn it.
 
-    Steps are normal in (bearing, log depth, yaw), at one of several scales, now and then
-    with half a turn; going to the floor's (x, y) brings the Jacobian (y' / y)^2. Half of the
-    steps take the size of the person along with the depth, which then looks the same.
+    Steps are normal in (bearing, log depth, yaw), at one of several scales, sometimes with half a
+    turn. The Jacobian of (x, y) is (y' / y)^2. Half of the steps also scale the person with the
+    depth, so that the apparent size stays the same.
 
     Parameters
     ----------
@@ -138,10 +138,10 @@ def walk_placement(rng: np.random.Generator, scene: Scene) -> tuple[Scene, float
 
 @compiled
 def refresh_path(rng: np.random.Generator, scene: Scene) -> tuple[Scene, float]:
-    """The latent numbers of a stretch of the path, by preconditioned Crank-Nicolson.
+    """Refresh the latent variables of a stretch of the path by preconditioned Crank-Nicolson.
 
-    Reversible with respect to the normal law of the numbers, which the log-posterior leaves
-    out as their reference measure, so the ratio is one (Cotter et al. 2013).
+    The proposal is reversible with respect to the normal distribution of these variables, which is
+    the reference measure of the log-posterior, so the ratio is one (Cotter et al. 2013).
 
     Parameters
     ----------

@@ -1,8 +1,8 @@
-"""Drawing from the reference, and moves that draw a scene anew from it, or a part of it.
+"""Draw scenes from the reference, and independence moves that redraw a scene or a part of it.
 
-What is drawn does not depend on what it replaces. At an inverse temperature beta the acceptance
-probability is the ratio of the weights (posterior / reference)^beta: hot chains change with nearly
-every draw, and even at the posterior some draws are good enough.
+A redraw does not depend on what it replaces. At inverse temperature beta the acceptance probability
+is the ratio of the weights (posterior / reference)^beta. So hot chains accept nearly every redraw,
+and at the posterior some are still accepted.
 """
 
 from __future__ import annotations
@@ -39,10 +39,10 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 _INSERTED: Final = 0.1
-"""How often a place between scenelets is chosen, over a run of them; chosen: mostly nothing is put
-there."""
+"""Relative probability of redrawing a gap between scenelets, compared with a run of them; chosen:
+in most gaps nothing is drawn."""
 _NOTHING: Final = -1
-"""In place of a code: nothing more comes."""
+"""Code for the end of the scene."""
 
 
 # ------------------------------------------------------------------------------------------------
@@ -51,7 +51,7 @@ _NOTHING: Final = -1
 
 @compiled
 def draw_scene(reference: Reference, rng: np.random.Generator) -> Scene:
-    """A scene.
+    """Draw a scene from the reference.
 
     Parameters
     ----------
@@ -74,8 +74,8 @@ def draw_scene(reference: Reference, rng: np.random.Generator) -> Scene:
 def _with_stretch(
     reference: Reference, rng: np.random.Generator, scene: Scene, first: int, last: int
 ) -> tuple[Scene, int]:
-    """A scene with others in place of the scenelets from ``first`` up to before ``last``, and how
-    many; the last of them may overlap with the one that follows. See `log_stretch`."""
+    """Redraw the scenelets from ``first`` to ``last`` - 1; returns the scene and their new number.
+    The last new scenelet may overlap the next one. See `log_stretch`."""
     camera = scene.camera
     n_scenelets, n_frames = len(reference.kinds), len(reference.room) - 1
     stop = scene.items[last, 1] if last < len(scene.items) else n_frames
@@ -116,7 +116,7 @@ def _with_stretch(
 
 @compiled
 def _draw(weights: Array, rng: np.random.Generator) -> int:
-    """The number of a weight, drawn by it; never one that is 0."""
+    """Draw an index with the given weights; never one of weight 0."""
     left, found = rng.random() * weights.sum(), 0
     for i in range(len(weights)):
         if weights[i] > 0.0:
@@ -129,7 +129,7 @@ def _draw(weights: Array, rng: np.random.Generator) -> int:
 
 @compiled
 def _draw_t(factor: Array, rng: np.random.Generator) -> Array:
-    """An offset of the t distribution of a factor."""
+    """Draw an offset from the centre of a multivariate t distribution with a Cholesky factor."""
     z, offset = rng.standard_normal(len(factor)), np.zeros(len(factor))
     by = 1.0 / math.sqrt(rng.chisquare(DOF) / DOF)
     for i in range(len(factor)):
@@ -140,7 +140,8 @@ def _draw_t(factor: Array, rng: np.random.Generator) -> Array:
 
 @compiled
 def _draw_next(reference: Reference, rng: np.random.Generator, of: int, kind: int, end: int) -> int:
-    """What comes next by one component of the mixture, or what it is similar to."""
+    """Draw the code of the next scenelet from a component; for SIMILAR, that of the one it
+    resembles."""
     n_scenelets, n_frames = len(reference.kinds), len(reference.room) - 1
     if of == FOLLOWED:
         row = kind * (n_frames + 1) + end
@@ -161,14 +162,14 @@ def _draw_next(reference: Reference, rng: np.random.Generator, of: int, kind: in
     if of != ANYWHERE or reference.openings[end] == 0:
         return _NOTHING
     left = rng.integers(0, reference.openings[end])
-    # The start with that many openings or more, but not with the next one, left behind it.
+    # The last start from which there are more than `left` openings.
     start = np.searchsorted(-reference.openings, -left, "left") - 1
     return int(start * n_scenelets + reference.by_length[left - reference.openings[start + 1]])
 
 
 @compiled
 def _draw_similar(reference: Reference, rng: np.random.Generator, code: int) -> int:
-    """A scenelet of similar motion in place of another, at the same start."""
+    """Draw a scenelet of similar motion at the same start."""
     n_scenelets = len(reference.kinds)
     start, scenelet = code // n_scenelets, code % n_scenelets
     weights = reference.similarity[scenelet].copy()
@@ -182,7 +183,7 @@ def _draw_similar(reference: Reference, rng: np.random.Generator, code: int) -> 
 def _draw_where(
     reference: Reference, rng: np.random.Generator, row: int, scenelet: int, middle: Array
 ) -> Array:
-    """Where the pelvis is in the first frame."""
+    """Draw bearing, log depth, yaw and log size of the pelvis in the first frame."""
     where = middle.copy()
     if rng.random() < ASTRAY:
         for i in range(2):
@@ -201,7 +202,7 @@ def _draw_where(
 def set_placement(
     reference: Reference, camera: Array, scenelet: int, where: Array, placement: Array
 ) -> None:
-    """Put into ``placement`` that with which the pelvis is there.
+    """Write the placement for which the pelvis of the first frame is at a position.
 
     Parameters
     ----------
@@ -211,7 +212,7 @@ def set_placement(
     where : (4,) float
         Bearing, log depth, yaw and log size of its pelvis in the first frame.
     placement : (3,) float
-        Out.
+        Output.
     """
     x, y = floor_point(where[0], where[1])
     body = math.exp(camera[3] + where[3])
@@ -230,7 +231,7 @@ def set_placement(
 def redraw_scene(
     reference: Reference, rng: np.random.Generator, scene: Scene
 ) -> tuple[Scene, float]:
-    """Everything anew: camera, scenelets and latent numbers.
+    """Redraw everything: camera, scenelets and latent variables.
 
     Parameters
     ----------
@@ -252,10 +253,10 @@ def redraw_scene(
 def redraw_stretch(
     reference: Reference, rng: np.random.Generator, scene: Scene
 ) -> tuple[Scene, float]:
-    """Some scenelets in a row anew, none to all of them, and their number with them.
+    """Redraw a run of consecutive scenelets or a gap, which may change their number.
 
-    All runs of one or more are as likely; a place where nothing is taken away is chosen less often,
-    for nothing is put there most of the time.
+    All runs of one or more scenelets are equally probable. Gaps are chosen less often, because
+    nothing is drawn in most of them.
 
     Parameters
     ----------
@@ -266,14 +267,14 @@ def redraw_stretch(
     Returns
     -------
     Scene, float
-        Impossible where what is put there overlaps with what follows.
+        The move is impossible if a new scenelet overlaps the one after the run.
     """
     k = len(scene.items)
     runs, places = k * (k + 1) / 2, _INSERTED * (k + 1)
     first = int(rng.integers(0, k + 1))
     last = first
     if rng.random() * (runs + places) >= places:
-        # Another one of the k + 1 places before, between and after the scenelets.
+        # Another of the k + 1 places before, between and after the scenelets.
         last = int(rng.integers(0, k))
         if last >= first:
             last += 1
@@ -294,6 +295,6 @@ def redraw_stretch(
 
 @compiled
 def _log_choice(k: int, n: int) -> float:
-    """Log probability of choosing one run of n among k scenelets."""
+    """Log probability of choosing a particular run of n among k scenelets."""
     weight = 1.0 if n > 0 else _INSERTED
     return math.log(weight / (k * (k + 1) / 2 + _INSERTED * (k + 1)))

@@ -1,30 +1,31 @@
-"""The reference: a distribution of scenes, learnt from visits, that is drawn from at once.
+"""The reference: a distribution of scenes, learnt from visits, that can be sampled directly.
 
-Chains are tempered towards it (Surjanovic, Syed, Bouchard-Côté & Campbell 2022, NeurIPS): at the
-inverse temperature beta they sample reference^(1 - beta) posterior^beta. At beta = 0 a scene is
-drawn that has nothing to do with the one before, so that each journey of a replica from there to
-the posterior brings an independent scene. How good the reference is decides how fast chains mix,
-and nothing else.
+It takes the place of the prior in tempering (Surjanovic, Syed, Bouchard-Côté & Campbell 2022,
+NeurIPS): at inverse temperature beta chains sample reference^(1 - beta) posterior^beta. At beta = 0
+scenes are drawn independently, so each replica that travels from there to the posterior brings an
+independent scene. The quality of the reference affects only the speed of mixing, not the result.
 
 A scene is drawn as follows.
 
-1. Camera and body from a multivariate t distribution with mean and covariance of the visits.
-2. Scenelets one after another in time, a semi-Markov chain. What comes after a scenelet is drawn
-   from a mixture: what followed upon furniture of its kind that ended about then (*followed*),
-   whatever came next after that frame (*later*), one of similar motion in place of that
-   (*similar*), the solver's candidates (*candidates*), and any scenelet at any start (*anywhere*).
-   Each of them may end the scene. Their shares are those with which one half of the visits is best
-   foretold by the other.
-3. Where each one stands, by where the pelvis is in its first frame, as it looks
-   (:mod:`imapper_prob.models.view`). All that was visited says where the person is in each frame,
-   whatever the scenelet; what is drawn is a displacement from there. A scenelet that begins as
-   the one before it ends goes on from its last pelvis; after a gap it is displaced in part as that
-   one is, for the error of the path goes on. Yaw and size are about those of visits of the
-   scenelet and of similar ones. Means are carried to the camera that was drawn
-   (:mod:`imapper_prob.sampling.camera_moves`). Now and then one stands anywhere, as in the prior.
-4. Latent numbers of the path from their normal distribution, which no density here includes.
+1. Camera and body come from a multivariate t distribution with mean and covariance of the visits.
+2. Scenelets are drawn one after another in time, as a semi-Markov chain. The next scenelet comes
+   from a mixture: what followed furniture of the same kind that ended at about this frame
+   (*followed*), whatever came next after this frame (*later*), a scenelet of similar motion instead
+   of that (*similar*), the solver's candidates (*candidates*), and any scenelet at any start
+   (*anywhere*). Each component may end the scene. The shares of the components are those that best
+   predict one half of the visits from the other.
+3. The placement of a scenelet is given by the position of the pelvis in its first frame, in camera
+   coordinates (:mod:`imapper_prob.models.view`). The visits of all scenelets determine the mean
+   position in each frame; a displacement from it is drawn. A scenelet that begins where the one
+   before it ends continues from its last pelvis. After a gap it has a part of the displacement of
+   the one before, because the error of the path persists. Yaw and size are about those of visits
+   of this scenelet and of similar ones. Means are transformed to the drawn camera
+   (:mod:`imapper_prob.sampling.looks`). With a small probability the placement comes from the
+   prior.
+4. The latent variables of the path have their normal distribution, which the densities here do not
+   include.
 
-All densities are normalised over the space of scenes in which scenelets begin ahead of the camera.
+All densities are normalised over the scenes in which scenelets begin ahead of the camera.
 """
 
 from __future__ import annotations
@@ -49,80 +50,81 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 START: Final[Any] = np.int64(0)
-"""The first scenelet of a scene. A plain number would have whatever takes it compiled once more."""
+"""Index of the first scenelet. It is an int64, because numba compiles callers anew for a
+literal."""
 ENDS: Final = 0.2
-"""Probability that candidates, or anywhere, end the scene; chosen."""
+"""Probability that the components candidates and anywhere end the scene; chosen."""
 ASTRAY: Final = 0.05
-"""Probability that a scenelet stands anywhere; chosen."""
+"""Probability that a placement comes from the prior; chosen."""
 DOF: Final = 5.0
-"""Degrees of freedom of camera and places: tails for what was not visited yet; chosen."""
+"""Degrees of freedom for camera and placements: heavy tails for unvisited values; chosen."""
 FOLLOWED, _LATER, SIMILAR, CANDIDATE, ANYWHERE = range(5)
 """Components of the mixture."""
 FIRST, FLUSH, GAP = range(3)
-"""Rows of the scatter of displacements: of a scenelet with none before it, of one that begins as
-the one before it ends, and of one that begins later."""
+"""Rows of the displacement factors: the first scenelet, one that begins where the one before it
+ends, and one that begins later."""
 
 
 class Reference(NamedTuple):
     """A distribution of scenes of L scenelets in T frames.
 
-    What may come next has a *code*, start L + scenelet; the end of the scene has T L. Rows of
-    what may come next hold codes in ascending order with their probabilities.
+    The *code* of a next scenelet is start L + scenelet; the code of the end of the scene is T L.
+    Rows hold codes in ascending order with their probabilities.
 
     Parameters
     ----------
     camera_mean, camera_factor : (5,), (5, 5) float
-        And the lower Cholesky factor of the scale matrix.
+        Mean, and lower Cholesky factor of the scale matrix.
     camera_constant : float
         Log density at the mean, nats.
     library_camera : (5,) float
-        The camera in which the path below is.
+        Camera for which ``path`` holds.
     kinds, lengths : (L,) int
-        Kind of furniture, from 1 on (0 is the beginning), and frames.
+        Kind of furniture, from 1 (0 is the beginning of the scene), and number of frames.
     pelvis : (L, 2, 3) float
-        In its first and last frame, metres of the reference body, local frame.
+        Pelvis in the first and last frame, local frame, metres of the reference body.
     room : (T + 1,) int
-        Frames from each to the end of its film.
+        Number of frames from each frame to the end of its person's frames.
     path : (T, 2) float
-        Bearing and log depth of the pelvis in each frame.
+        Mean bearing and log depth of the pelvis in each frame.
     yaw : (T, L) float
-        Of each scenelet by its start, radians.
+        Mean yaw of each scenelet by its start, radians.
     size : float
-        Log size of their persons.
+        Mean log size.
     habits : (L, 2, 4) float
-        By how much each differs from that in its first and in its last frame: bearing, log depth,
-        yaw, log size.
+        Deviation of each scenelet from these means in its first and in its last frame: bearing, log
+        depth, yaw, log size.
     strange : (L,) int
-        1 for those that were not visited themselves.
+        1 for scenelets with too few visits of their own.
     shares : (5,) float
-        Of the components of the mixture: followed, later, similar, candidates, anywhere.
+        Shares of the mixture's components: followed, later, similar, candidates, anywhere.
     followed_first, followed, followed_probability : (K (T + 1) + 1,), (E,), (E,)
-        Rows by kind, then frame at which the scenelet before ended.
+        Rows by kind, then by the frame at which the scenelet before ended.
     later_first, later, later_probability : (T + 2,), (F,), (F,)
-        Rows by that frame alone.
+        Rows by that frame only.
     similarity : (L, L) float
-        How often each is replaced by each scenelet, itself included, up to a factor of the row.
+        Weights for replacing each scenelet by each other one or itself, not normalised by row.
     alike : (L, N + 1) float
-        Sums of these rows over scenelets of no more than n frames, up to the longest.
+        Sums of these rows over scenelets of at most n frames, up to the longest.
     hazard : (T + 1,) float
-        Probability that a candidate begins at a frame if none did before.
+        Probability that a candidate begins at a frame if none began before.
     survival : (T + 1,) float
         Log probability that none began before each frame.
     candidates : (T + 1, L) float
-        Probability of each scenelet where a candidate begins.
+        Probability of each scenelet if a candidate begins.
     openings : (T + 2,) int
-        How many scenelets at starts from each frame on fit into their films.
+        Number of pairs of scenelet and start, from each frame on, that fit.
     by_length : (L,) int
-        Scenelets, short ones first.
+        Scenelets in order of length.
     anywhere_mean, anywhere_deviation : (2,) float
-        Of bearing and log depth.
+        Mean and standard deviation of bearing and log depth in the prior.
     size_spread : float
-        Standard deviation of the log size anywhere.
+        Prior standard deviation of the log size.
     onward : (2, 4, 4) float
-        How much of a displacement at its end the next scenelet has, flush with it or later.
+        Regression of a displacement on that of the scenelet before, adjoining or after a gap.
     factors, constants : (3, 2, 4, 4), (3, 2) float
-        Lower Cholesky factors of displacements, and log densities in their middles; of strange
-        scenelets in the second column.
+        Lower Cholesky factors of displacements, and log densities at their centres; the second
+        column is for scenelets with too few visits.
     """
 
     camera_mean: Array
@@ -161,25 +163,25 @@ class Reference(NamedTuple):
 
 
 # ------------------------------------------------------------------------------------------------
-# Its density, compiled.
+# The density, compiled.
 
 
 @compiled
 def carried(height: float, where: Array, before: Array, after: Array) -> Array:
-    """Where a scenelet looks through one camera as it did through another; as it is if nowhere.
+    """Transform a position to another camera so that it looks the same; unchanged if impossible.
 
-    See :mod:`imapper_prob.sampling.looks`; ``height`` is that of the pelvis.
+    See :mod:`imapper_prob.sampling.looks`.
 
     Parameters
     ----------
     height : float
-        Of the pelvis, metres of the reference body.
+        Height of the pelvis, metres of the reference body.
     where : (4,) float
         Bearing, log depth, yaw, log size.
     before : (5,) float
-        Camera.
+        Camera parameters.
     after : (5,) float
-        Camera.
+        Camera parameters.
 
     Returns
     -------
@@ -198,14 +200,14 @@ def carried(height: float, where: Array, before: Array, after: Array) -> Array:
 
 @compiled
 def _find(codes: Ints, first: int, last: int, code: int) -> int:
-    """Where a code is in a row; -1 where it is not."""
+    """Index of a code in a row; -1 if it is absent."""
     at = int(first + np.searchsorted(codes[first:last], code))
     return at if at < last and codes[at] == code else -1
 
 
 @compiled
 def _log_t(offset: Array, factor: Array, constant: float) -> float:
-    """Log density of a multivariate t distribution at an offset from its middle."""
+    """Log density of a multivariate t distribution at an offset from its centre."""
     n, square = len(offset), 0.0
     z = np.empty(n)
     for i in range(n):
@@ -219,23 +221,23 @@ def _log_t(offset: Array, factor: Array, constant: float) -> float:
 
 @compiled
 def _turned(offset: Array) -> None:
-    """Take the yaw of an offset within half a turn, in place."""
+    """Wrap the yaw of an offset to half a turn either way, in place."""
     offset[2] -= 2.0 * math.pi * math.floor(offset[2] / (2.0 * math.pi) + 0.5)
 
 
 @compiled
 def shares_after(reference: Reference, kind: int, end: int, shares: Array) -> None:
-    """Shares of the mixture after a scenelet of a kind that ended at a frame.
+    """Shares of the mixture after a scenelet of a given kind that ended at a given frame.
 
     Parameters
     ----------
     reference : Reference
     kind : int
-        Of the scenelet before, 0 at the beginning.
+        Kind of the scenelet before, 0 at the beginning.
     end : int
-        Frame after its last.
+        Frame after its last one.
     shares : (5,) float
-        Out.
+        Output.
     """
     shares[:] = reference.shares
     row = kind * len(reference.room) + end
@@ -248,15 +250,16 @@ def shares_after(reference: Reference, kind: int, end: int, shares: Array) -> No
 
 @compiled
 def _begins(reference: Reference, end: int, start: int) -> float:
-    """Probability that, from a frame on, the first candidate begins at a start; the end of the
-    clip stands for none."""
+    """Probability that the first candidate from frame ``end`` on begins at ``start``; the end of
+    the clip stands for none."""
     none = math.exp(reference.survival[start] - reference.survival[end])
     return none * reference.hazard[start] if start < len(reference.room) - 1 else none
 
 
 @compiled
 def _at_start(reference: Reference, end: int, start: int) -> tuple[int, int]:
-    """What may come later at a start: the first one in the rows, and the one after the last."""
+    """Range of the later row whose codes have a given start: first index, and index after the
+    last."""
     first, last = reference.later_first[end], reference.later_first[end + 1]
     n_scenelets = len(reference.kinds)
     row = reference.later[first:last]
@@ -266,7 +269,7 @@ def _at_start(reference: Reference, end: int, start: int) -> tuple[int, int]:
 
 @compiled
 def _replaced(reference: Reference, at: int, scenelet: int) -> float:
-    """Probability that something of the later rows is replaced by a scenelet that fits there."""
+    """Probability that an entry of the later rows is replaced by a scenelet that fits there."""
     n_scenelets = len(reference.kinds)
     start, other = reference.later[at] // n_scenelets, reference.later[at] % n_scenelets
     most = min(reference.room[start], reference.alike.shape[1] - 1)
@@ -277,17 +280,17 @@ def _replaced(reference: Reference, at: int, scenelet: int) -> float:
 def next_probability(
     reference: Reference, kind: int, end: int, code: int, probability: Array
 ) -> None:
-    """Probability of what comes next, by component of the mixture.
+    """Probability of the next scenelet or the end, by component of the mixture.
 
     Parameters
     ----------
     reference : Reference
     kind, end : int
-        Kind of the scenelet before, 0 at the beginning, and the frame after its last.
+        Kind of the scenelet before (0 at the beginning), and the frame after its last one.
     code : int
-        What comes next.
+        Code of what comes next.
     probability : (5,) float
-        Out; their sum is that of the mixture.
+        Output; the sum is the probability under the mixture.
     """
     shares_after(reference, kind, end, probability)
     n_scenelets, n_frames = len(reference.kinds), len(reference.room) - 1
@@ -358,8 +361,8 @@ def foretell(reference: Reference, counts: Ints, items: Ints) -> Array:
 def _pelvis_of(
     reference: Reference, camera: Array, scenelet: int, last: int, place: Array, size: float
 ) -> Array:
-    """Where the pelvis of a placed scenelet is in its first (0) or last (1) frame; its log depth is
-    not a number behind the camera."""
+    """Position of a scenelet's pelvis in its first (0) or last (1) frame; its log depth is NaN
+    behind the camera."""
     body = math.exp(camera[3] + size)
     c, s = body * math.cos(place[2]), body * math.sin(place[2])
     local = reference.pelvis[scenelet, last]
@@ -372,7 +375,7 @@ def _pelvis_of(
 
 @compiled
 def _usual(reference: Reference, camera: Array, scenelet: int, start: int, last: int) -> Array:
-    """Where its pelvis is on average of visits, through another camera."""
+    """Mean position of a scenelet's pelvis over visits, transformed to a camera."""
     where = np.empty(4)
     frame = start + (reference.lengths[scenelet] - 1) * last
     where[0], where[1] = reference.path[frame]
@@ -386,10 +389,9 @@ def _usual(reference: Reference, camera: Array, scenelet: int, start: int, last:
 def expected(
     reference: Reference, camera: Array, scenelet: int, start: int, end: int, before: Array
 ) -> tuple[int, Array]:
-    """The middle of what is drawn of its pelvis in the first frame, and the row of its scatter.
+    """Centre of the distribution of a scenelet's pelvis in its first frame, and its factor's row.
 
-    ``end`` is the frame after the last of the scenelet before, -1 where there is none; ``before``
-    (2, 4) has that one's pelvis in its last frame, and how far that is from the usual.
+    For a scenelet that adjoins the one before, the position continues from that one's last pelvis.
 
     Parameters
     ----------
@@ -397,16 +399,16 @@ def expected(
     camera : (5,) float
     scenelet : int
     start : int
-        Its first frame.
+        Start frame.
     end : int
-        Frame after the last of the scenelet before, -1 where there is none.
+        Frame after the last of the scenelet before, -1 if there is none.
     before : (2, 4) float
-        That one's pelvis in its last frame, and how far that is from the usual.
+        Pelvis of the scenelet before in its last frame, and its displacement from the mean.
 
     Returns
     -------
     row : int
-        Of the scatter.
+        Row of the displacement factors.
     middle : (4,) float
         Bearing, log depth, yaw, log size.
     """
@@ -432,7 +434,7 @@ def leaves(
     size: float,
     before: Array,
 ) -> int:
-    """Put into ``before`` what the next scenelet goes on from, see :func:`expected`; its end.
+    """Write the last pelvis of a scenelet and its displacement to ``before``; returns its end.
 
     Parameters
     ----------
@@ -440,16 +442,16 @@ def leaves(
     camera : (5,) float
     scenelet : int
     start : int
-        Its first frame.
+        Start frame.
     place : (3,) float
     size : float
     before : (2, 4) float
-        Out.
+        Output, see :func:`expected`.
 
     Returns
     -------
     int
-        Frame after its last; -1 behind the camera.
+        Frame after the last one; -1 if the pelvis is behind the camera.
     """
     before[0] = _pelvis_of(reference, camera, scenelet, 1, place, size)
     if math.isnan(before[0, 1]):
@@ -463,7 +465,7 @@ def leaves(
 def usual_offsets(
     reference: Reference, cameras: Array, counts: Ints, items: Ints, places: Array, sizes: Array
 ) -> Array:
-    """How far the scenelets of N states are from where they usually are.
+    """Deviations of the scenelets of N states from their mean positions.
 
     Parameters
     ----------
@@ -474,7 +476,7 @@ def usual_offsets(
     Returns
     -------
     (R, 2, 4) float
-        In their first and last frames; not a number behind the camera.
+        In their first and last frames; NaN behind the camera.
     """
     offsets = np.empty((len(items), 2, 4))
     k = 0
@@ -493,14 +495,14 @@ def usual_offsets(
 def displacements(
     reference: Reference, cameras: Array, counts: Ints, items: Ints, places: Array, sizes: Array
 ) -> tuple[Ints, Array, Array]:
-    """Of the scenelets of N states, one state after the other.
+    """Displacements of the scenelets of N states from their expected positions.
 
     Parameters
     ----------
     reference : Reference
     cameras : (N, 5) float
     counts : (N,) int
-        Scenelets of each.
+        Number of scenelets of each state.
     items : (R, 2) int
     places : (R, 3) float
     sizes : (R,) float
@@ -508,11 +510,11 @@ def displacements(
     Returns
     -------
     rows : (R,) int
-        Of the scatter; -1 behind the camera.
+        Row of the displacement factors; -1 behind the camera.
     before : (R, 4) float
-        How the scenelet before is displaced in its last frame; 0 where there is none.
+        Displacement of the scenelet before in its last frame; 0 if there is none.
     offsets : (R, 4) float
-        How far each is from where it is expected.
+        Displacement of each scenelet from its expected position.
     """
     rows, before, offsets = (
         np.empty(len(items), np.int64),
@@ -539,7 +541,7 @@ def displacements(
 
 @compiled
 def _log_anywhere(reference: Reference, where: Array) -> float:
-    """Log density of a place of which nothing is known."""
+    """Log density of a position under the prior."""
     total = -math.log(2.0 * math.pi) - 0.5 * (where[3] / reference.size_spread) ** 2
     total -= math.log(reference.size_spread) + 1.5 * math.log(2.0 * math.pi)
     for i in range(2):
@@ -551,7 +553,8 @@ def _log_anywhere(reference: Reference, where: Array) -> float:
 
 @compiled
 def _stops(reference: Reference, kind: int, end: int, start: int) -> float:
-    """Probability that nothing begins before a start; the end of the clip is that of the scene."""
+    """Probability that nothing begins before ``start``; for the end of the clip, that the scene
+    ends."""
     shares = np.empty(5)
     shares_after(reference, kind, end, shares)
     n_scenelets, n_frames = len(reference.kinds), len(reference.room) - 1
@@ -582,10 +585,10 @@ def log_stretch(
     first: int,
     last: int,
 ) -> float:
-    """Log density of some scenelets of a scene in a row, given the others and the camera.
+    """Log density of consecutive scenelets of a scene, given the others and the camera.
 
-    That is with which they would be drawn one after the other until one begins as late as the
-    scenelet that follows upon them does, or nothing more comes where none follows.
+    Scenelets are drawn one after the other until one begins no earlier than the scenelet after the
+    run, or until the scene ends if there is none.
 
     Parameters
     ----------
@@ -595,7 +598,7 @@ def log_stretch(
     placements : (k, 3) float
     sizes : (k,) float
     first, last : int
-        The first of them and the one after the last.
+        Index of the first one, and the index after the last.
 
     Returns
     -------
@@ -634,7 +637,7 @@ def log_stretch(
 def log_reference(
     reference: Reference, camera: Array, items: Ints, placements: Array, sizes: Array
 ) -> float:
-    """Log density of a scene, latent numbers aside.
+    """Log density of a scene, without the latent variables.
 
     Parameters
     ----------

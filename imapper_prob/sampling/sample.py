@@ -1,4 +1,4 @@
-"""Sample the posterior of a solved clip: jump chains, ensembles of their draws, layouts."""
+"""Sample the posterior of a solved clip: reversible-jump chains, ensembles, layouts, verdict."""
 
 from __future__ import annotations
 
@@ -58,20 +58,20 @@ __all__ = [
 
 _LOG = logging.getLogger(__name__)
 _PATIENCE = "10s"
-"""How long a scheduler may take to answer."""
+"""Time limit for connecting to a scheduler."""
 
 
 class Cluster(Protocol):
-    """What is asked of a `distributed.Client`.
+    """The methods of a `distributed.Client` that are used.
 
     Parameters
     ----------
     *args, **kwargs
-        A client is made as its own class says.
+        The constructor is that of the class.
     """
 
     def get_executor(self) -> Executor:
-        """Runs tasks on the workers.
+        """An executor that runs tasks on the workers.
 
         Returns
         -------
@@ -79,7 +79,7 @@ class Cluster(Protocol):
         """
 
     def run(self, function: Callable[..., Any], *args: Any, on_error: str) -> dict[str, Any]:
-        """What a function returns on every worker, or the error that it raises.
+        """Call a function on every worker, and return its results or errors.
 
         Parameters
         ----------
@@ -87,33 +87,33 @@ class Cluster(Protocol):
         *args : object
             Its arguments.
         on_error : str
-            ``"return"`` for the error in place of what is returned.
+            ``"return"`` to return errors instead of raising them.
 
         Returns
         -------
         dict of str to object
-            By the address of the worker.
+            By address of the worker.
         """
 
     def scatter(self, data: Any, *, broadcast: bool) -> Any:
-        """Send something to every worker once, and stand for it.
+        """Send data to workers once, and return a reference to it.
 
         Parameters
         ----------
         data : object
         broadcast : bool
-            Whether to all workers.
+            Whether to send it to all workers.
 
         Returns
         -------
         object
-            What stands for the data.
+            The reference, which can be passed to tasks.
         """
 
 
 @contextmanager
 def connected(address: str | None) -> Iterator[Cluster | None]:
-    """A client of the scheduler at an address such as ``tcp://host:8786``; None without one.
+    """Connect to the scheduler at an address such as ``tcp://host:8786``; None without one.
 
     Parameters
     ----------
@@ -122,12 +122,12 @@ def connected(address: str | None) -> Iterator[Cluster | None]:
     Returns
     -------
     iterator of Cluster or None
-        To be entered by ``with``.
+        A context manager.
 
     Raises
     ------
     InputError
-        dask is not installed, nobody answers, or a worker has another version of the program.
+        dask is not installed, no scheduler answers, or a worker has another version of the program.
     """
     if address is None:
         yield None
@@ -141,7 +141,7 @@ def connected(address: str | None) -> Iterator[Cluster | None]:
     make_client: Any = Client
     try:
         client = make_client(address, timeout=_PATIENCE)
-    except TypeError as error:  # of an address with tls:// where no certificate is named
+    except TypeError as error:  # raised for a tls:// address without certificates
         raise InputError(
             f"{address}: needs certificates; name them in dask's settings, distributed.comm.tls"
         ) from error
@@ -155,7 +155,7 @@ def connected(address: str | None) -> Iterator[Cluster | None]:
 
 
 def _require_same_program(address: str, client: Cluster) -> None:
-    """Refuse workers on which other draws would be made, or none."""
+    """Refuse workers with another version of the program, whose draws would differ."""
     own = version("imapper-prob")
     workers = client.run(version, "imapper-prob", on_error="return")
     if not workers:
@@ -171,10 +171,9 @@ def _require_same_program(address: str, client: Cluster) -> None:
 
 @contextmanager
 def executor_of(cluster: Cluster | None) -> Iterator[Executor | None]:
-    """Where tasks run on a cluster; None without one.
+    """The executor of a cluster; None without a cluster.
 
-    Left by an error or an interrupt, it does not wait for tasks: those of workers that are gone
-    never end.
+    On exit it does not wait for running tasks, because those of lost workers never end.
 
     Parameters
     ----------
@@ -183,7 +182,7 @@ def executor_of(cluster: Cluster | None) -> Iterator[Executor | None]:
     Returns
     -------
     iterator of Executor or None
-        To be entered by ``with``.
+        A context manager.
     """
     if cluster is None:
         yield None
@@ -196,7 +195,7 @@ def executor_of(cluster: Cluster | None) -> Iterator[Executor | None]:
 
 
 # ------------------------------------------------------------------------------------------------
-# Sample the posterior of a solved clip: jump chains, ensembles of their draws, layouts.
+# Sampling.
 
 Array = NDArray[np.float64]
 Progress = Callable[[str, float], None]
@@ -204,7 +203,7 @@ Progress = Callable[[str, float], None]
 
 @dataclass(frozen=True)
 class Samples:
-    """Draws from the posterior, and what they say of layouts.
+    """Draws from the posterior of a clip, with their layouts and the verdict.
 
     Draws are numbered chain by chain: draw n of chain c is c N + n.
 
@@ -214,22 +213,22 @@ class Samples:
     log_posterior : (C, N) float
         Nats, up to the constant of the clip.
     traces : (C, M) float
-        Log-posterior over the whole run, burn-in included.
+        Log-posterior over the whole run, including burn-in.
     objects : tuple of C N tuples of SceneObject
-        Merged furniture of each draw, in its world.
+        Merged furniture of each draw, in its world frame.
     layouts : Layouts
-        Which draws say the same.
+        The layout of each draw.
     probabilities : LayoutProbabilities
-        Of layouts counted from 1, as people do and the verdict does.
+        Probabilities of layouts, which are numbered from 1 as in texts for people.
     walked : Walked or None
-        What ensembles of walkers did to the chains' draws; None where none walked.
+        Effect of the ensembles on the draws; None if there were none.
     acceptance : AcceptanceTable
-        Over all chains.
+        Acceptance over all chains.
     ladders : tuple of C LadderSummary
         Temperatures of each chain, and how its states travelled between them.
     verdict : Verdict
     finished : bool
-        Whether every chain and every ensemble ran all its steps.
+        Whether every chain and every ensemble completed its steps.
     """
 
     states: tuple[State, ...]
@@ -251,7 +250,7 @@ class Samples:
         object.__setattr__(self, "objects", Listed(self.objects))
 
     def end(self, settings: SampleSettings) -> int:
-        """Rounds at which the block of these draws ends; ``settings`` are those of the run.
+        """Round at which the block of these draws ends; ``settings`` are those of the run.
 
         Parameters
         ----------
@@ -268,7 +267,7 @@ class Samples:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Chains C and draws N of each."""
+        """Number of chains C, and of draws N per chain."""
         chains, draws = self.log_posterior.shape
         return chains, draws
 
@@ -287,32 +286,32 @@ def sample_scenes(
     limits: Limits | None = None,
     on_block: OnBlock | None = None,
 ) -> Samples:
-    """Sample from where the staged solver arrived, with one actor or with a cast.
+    """Sample the posterior from the solver's solution of one actor or of several joined actors.
 
-    The result depends on ``seed`` and on the number of steps, but not on ``workers`` or
-    ``cluster``. An interrupt (Ctrl-C) ends chains or ensembles early; what they have is used.
+    The result depends on ``seed`` and the number of steps, not on ``workers`` or ``cluster``. An
+    interrupt (Ctrl-C) ends chains or ensembles early; the draws so far are used.
 
     Parameters
     ----------
     solution, settings, seed, workers
     cluster : Cluster, optional
-        Where the chains run instead of here, see `imapper_prob.sampling.sample`. They report
-        no progress from there.
+        Where the chains run instead of this machine, see `connected`. They report no progress from
+        there.
     checkpoints : Path, optional
-        Folder in which the chains leave what they have every few seconds, and from which
-        they go on: run again after a kill, the draws are the same. Finished chains go on from
-        there as well, where there is more to do.
+        Folder for checkpoints, which chains write every few seconds and resume from: a run that was
+        killed and is repeated gives the same draws. Finished chains continue from there as well if
+        more rounds are wanted.
     anew : bool
-        Delete checkpoints that are damaged or of another run, instead of refusing them.
+        Delete checkpoints that are damaged or of another run, instead of raising an error.
     starts : sequence of sequence of State, optional
-        By chain where its temperatures start, the posterior itself first; see
-        :func:`imapper_prob.sampling.chain.starts_of` where nothing is said.
+        For each chain its starts by temperature, the coldest first; by default those of
+        :func:`imapper_prob.sampling.chain.starts_of`.
     progress : callable, optional
-        Called with the name of the stage and the part of it that is done.
+        Called with the name of the stage and its completed share.
     limits : Limits, optional
-        Sample in blocks until they are reached, whatever the settings say about the end.
+        Sample in blocks until a limit is reached, whatever end the settings have.
     on_block : callable, optional
-        Called with what is known after each block; a run without limits has one.
+        Called with the state of the run after each block; a run without limits has one block.
 
     Returns
     -------
@@ -321,8 +320,8 @@ def sample_scenes(
     Raises
     ------
     InputError
-        Checkpoints are damaged, of another run or cannot be written, or processes died; or there
-        are limits and a cluster, and no folder that its workers see.
+        Checkpoints are damaged, of another run or cannot be written, a process died, or there are
+        limits and a cluster but no folder for checkpoints that its workers see.
     """
     limits = limits or Limits()
     if limits.any and checkpoints is None:
@@ -384,7 +383,7 @@ def sample_scenes(
 
 @dataclass(frozen=True)
 class _ChainRun:
-    """All chains of a run, which go on to any end."""
+    """All chains of a run, which can be continued to any round."""
 
     setup: Setup
     scatter: Callable[[Setup], Any] | None
@@ -397,7 +396,7 @@ class _ChainRun:
     anew: bool
 
     def rounds(self) -> Array:
-        """(C,) rounds that each chain has done."""
+        """(C,) number of rounds in each chain's checkpoint."""
         done = np.zeros(len(self.starts))
         for chain in range(len(done) if self.folder is not None else 0):
             assert self.folder is not None
@@ -409,10 +408,10 @@ class _ChainRun:
         return done
 
     def to(self, end: int, on_progress: Callable[[int, object], None]) -> list[Chain]:
-        """Go on to ``end`` rounds.
+        """Continue all chains to round ``end``.
 
-        While chains burn in they wait for one another wherever they learn, for that is of what all
-        of them have noted.
+        During burn-in chains wait for each other before they learn a reference, which is learnt
+        from the visits of all of them.
         """
         setup, at = self.setup, list[Sequence[State] | ChainProgress](self.starts)
         marks = learning_of(setup.settings).ends
@@ -437,7 +436,7 @@ class _ChainRun:
         at: Sequence[Sequence[State] | ChainProgress],
         on_progress: Callable[[int, object], None],
     ) -> list[Chain]:
-        # A sequence that has spawned is another one: each block spawns from a copy.
+        # Spawning changes a seed sequence, so each block uses a copy.
         options: dict[str, Any] = {
             "seed": deepcopy(self.seed),
             "workers": self.workers,
@@ -455,7 +454,7 @@ class _ChainRun:
 
 @dataclass(frozen=True)
 class _Drawn:
-    """What chains have drawn so far, and what it says of layouts."""
+    """Draws of chains so far, with layouts and verdict."""
 
     chains: Sequence[Chain]
     states: tuple[State, ...]
@@ -476,10 +475,10 @@ def _in_blocks(
     progress: Progress | None,
     on_block: OnBlock | None,
 ) -> _Drawn:
-    """One block after the other until the limits are reached; a single one without limits.
+    """Sample block after block until a limit is reached; without limits, a single block.
 
-    Chains that were stopped inside a block, or that have done more than is asked for, first go on
-    to the end of the block that the furthest of them is in.
+    If chains were stopped inside a block, or have more rounds than asked for, they first continue
+    to the end of the block that the furthest chain is in.
     """
     clock = Clock(limits)
     begun = run.rounds()
@@ -506,7 +505,7 @@ def _in_blocks(
 def _reporter(
     progress: Progress | None, clock: Clock, limits: Limits, begun: Array, end: int
 ) -> Callable[[int, object], None]:
-    """What chains call in a block, which they begin after ``begun`` rounds each."""
+    """Make the progress callback of a block, which chains begin after ``begun`` rounds each."""
     done = begun.copy()
 
     def report(chain: int, part: object) -> None:
@@ -558,12 +557,12 @@ def _said_by(
     values: Array,
     layout_seed: np.random.SeedSequence,
 ) -> _Drawn:
-    """What draws of chains say."""
+    """Layouts, probabilities and verdict of draws."""
     objects = tuple(merged_objects(cast.problem, cast.library, state) for state in states)
     seen = through_one_lens(objects, [state.camera[2] for state in states])
     layouts = group_layouts(seen, values.ravel(), radius=settings.layout_radius)
     with warnings.catch_warnings():
-        # The verdict says in words what a short chain cannot tell.
+        # The verdict reports chains that are too short.
         warnings.simplefilter("ignore", ShortChainWarning)
         probabilities = layout_probabilities(
             1 + layouts.indicator.reshape(values.shape), rng=np.random.default_rng(layout_seed)
@@ -587,7 +586,7 @@ def _walked(
     scratch: Path | None,
     progress: Progress | None,
 ) -> tuple[_Drawn, Walked]:
-    """Draws that have walked in ensembles, and what they say."""
+    """Draws after the ensembles, with layouts and verdict."""
 
     def report(part: float) -> None:
         if progress is not None:
@@ -602,7 +601,7 @@ def _walked(
 
 @contextmanager
 def _told_plainly(checkpoints: Path | None) -> Iterator[None]:
-    """What can go wrong with processes and files, as the error that people are shown."""
+    """Convert errors of processes and files to `InputError`."""
     try:
         yield
     except (ChainError, CheckpointError) as error:
@@ -613,7 +612,7 @@ def _told_plainly(checkpoints: Path | None) -> Iterator[None]:
 
 
 def setup_of(solution: Solution | JointProblem, settings: SampleSettings) -> Setup:
-    """What the chains need of a solved clip.
+    """Collect what the chains of a solved clip need.
 
     Parameters
     ----------
@@ -633,7 +632,7 @@ def setup_of(solution: Solution | JointProblem, settings: SampleSettings) -> Set
 def functionals(
     values: Array, states: Sequence[State], objects: Sequence[Sequence[SceneObject]]
 ) -> dict[str, Array]:
-    """What every draw has, whatever its dimension.
+    """Scalar functions that every draw has, whatever its dimension.
 
     Parameters
     ----------
@@ -655,7 +654,7 @@ def functionals(
 
 
 def _aligned(traces: Sequence[Array]) -> Array:
-    """Traces of equal length, those of interrupted chains filled with NaN."""
+    """Traces padded to equal length with NaN, for interrupted chains."""
     longest = max(len(trace) for trace in traces)
     result = np.full((len(traces), longest), np.nan)
     for row, trace in zip(result, traces, strict=True):

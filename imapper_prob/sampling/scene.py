@@ -1,8 +1,8 @@
-"""A scene as compiled code has it, and the way from a state and back.
+"""A scene as arrays for compiled moves, and conversion from and to a state.
 
-A move takes a scene and a generator and gives another scene and the log ratio of the reverse to
-the forward proposal density, Jacobians included (Green 1995); -inf where it is impossible. Scenes
-are never written to: a move copies what it changes and hands on the rest.
+A move takes a scene and a generator, and returns another scene and the log ratio of reverse to
+forward proposal density, including Jacobians (Green 1995); -inf if it is impossible. Scenes are
+never modified: a move copies the arrays that it changes and shares the others.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ Ints = NDArray[np.int64]
 
 
 class Scene(NamedTuple):
-    """See :class:`imapper_prob.models.log_posterior.State`.
+    """The arrays of a :class:`imapper_prob.models.log_posterior.State`.
 
     Parameters
     ----------
@@ -42,7 +42,7 @@ class Scene(NamedTuple):
 
 
 def scene_of(state: State) -> Scene:
-    """The scene of a state, in arrays of its own that may be written to.
+    """Convert a state to a scene with writable copies of the arrays.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ def scene_of(state: State) -> Scene:
 
 
 def state_of(scene: Scene) -> State:
-    """The state of a scene.
+    """Convert a scene to a state.
 
     Parameters
     ----------
@@ -70,7 +70,7 @@ def state_of(scene: Scene) -> State:
 
 
 def in_order(problem: Problem, state: State) -> bool:
-    """Whether scenelets lie in the clip, one after the other.
+    """Whether scenelets are inside the clip, in order and without overlap.
 
     Parameters
     ----------
@@ -91,8 +91,7 @@ def in_order(problem: Problem, state: State) -> bool:
 
 @compiled
 def flush_run(lengths: Ints, items: Ints, index: int) -> tuple[int, int]:
-    """The scenelets around one that follow one another without a gap: the first of them, and the
-    one after the last.
+    """Range of the scenelets around one that adjoin each other without a gap.
 
     Parameters
     ----------

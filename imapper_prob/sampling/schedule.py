@@ -1,21 +1,21 @@
-"""When a chain keeps what, and where it may stop.
+"""The schedule of a chain: when draws are kept, references learnt, and blocks end.
 
-All of it follows from the settings and the number of rounds done, so a chain that goes on from
-an earlier end keeps what one run of that length would have kept.
+Everything follows from the settings and the number of completed rounds. So a chain that is
+continued keeps the same draws as a single longer run.
 
-- *Planned rounds* are those of ``steps``. The first ``burn_in`` of them are not kept, however
-  long the chain becomes: temperatures stay from there on.
-- *Marks* are rounds after which a draw is kept. Beyond the planned rounds they go on at the same
-  distance. Whenever there are more than twice as many as planned, every second one is dropped.
-- *Pieces* are the rounds between two chances to stop. A piece begins with new trackers, which
-  sum in another order than old ones: a chain may end where a piece ends, and nowhere else.
-- *Visits* are noted in some rounds of the burn-in (:mod:`imapper_prob.sampling.visits`). The
-  reference (:mod:`imapper_prob.sampling.reference`) is learnt before the first of them, of what was
-  climbed to (:mod:`imapper_prob.sampling.ascent`), and four times more, after three fourths of the
-  burn-in for the last time, each time from what was noted since the time before. The rest of the
-  burn-in is for the temperatures, which have to fit the last reference.
-- *Blocks* are some pieces long: a fourth of what is planned after burn-in, and twice as long each
-  time that there are twice as many rounds. The first one holds the burn-in as well.
+- *Planned rounds* are those of ``steps``. Their first part, ``burn_in``, is not kept, however long
+  the chain becomes; temperatures are fixed afterwards.
+- *Marks* are rounds after which a draw is kept. Beyond the planned rounds they continue at the same
+  spacing. Whenever there are more than twice as many as planned, every second one is dropped.
+- *Pieces* are the rounds between two opportunities to stop. Each piece begins with new walkers,
+  whose rounding errors differ from those of old ones, so a chain may end only where a piece ends.
+- *Visits* are recorded in some rounds of the burn-in (:mod:`imapper_prob.sampling.visits`). The
+  reference (:mod:`imapper_prob.sampling.reference`) is first learnt from the result of the ascent
+  (:mod:`imapper_prob.sampling.ascent`), and four more times from the visits since the time before,
+  the last time after three fourths of the burn-in. In the rest of the burn-in the temperatures
+  adapt to the last reference.
+- *Blocks* consist of pieces. A block is a fourth of the planned rounds after burn-in, and twice as
+  long each time the number of rounds has doubled. The first one includes the burn-in.
 """
 
 from __future__ import annotations
@@ -31,30 +31,30 @@ __all__ = [
 ]  # fmt: skip
 
 _PIECE: Final = 200
-"""Steps between two progress reports and chances of a checkpoint; a fraction of a second."""
+"""Steps between two opportunities for progress reports and checkpoints; a fraction of a second."""
 _LEARNING: Final = 0.75
-"""Part of the burn-in in which is learnt; chosen, and"""
+"""Share of the burn-in after which the last reference is learnt; chosen."""
 _LEARNT_AT: Final = (8, 4, 2, 1)
-"""parts of that after which the reference is learnt: each round of learning is as long as all
-before together, so that the last one is half of it (Surjanovic et al. 2022)."""
+"""The references are learnt after this part of that share: each round of learning is as long as all
+rounds before it together (Surjanovic et al. 2022)."""
 _NOTED: Final = 1500
-"""Rounds of each of these that are noted, about; chosen: what is noted of them takes megabytes."""
+"""Approximate number of visits recorded for each reference; chosen: they take megabytes."""
 _BLOCKS: Final = 4
-"""Blocks of a run of ``steps``: each a tenth or more of it, long beside the start of processes."""
+"""Blocks of a run of ``steps``; each is long compared with the start of processes."""
 
 
 @dataclass(frozen=True)
 class Marks:
-    """Evenly spaced rounds, of which every second one is dropped whenever there are too many.
+    """Evenly spaced rounds; every second one is dropped whenever there are too many.
 
     Parameters
     ----------
     first : int
-        The first one.
+        The first round.
     spacing : float
         Rounds from one to the next, at least 1.
     most : int
-        More are not kept.
+        Largest number that is kept.
     """
 
     first: int
@@ -62,7 +62,7 @@ class Marks:
     most: int
 
     def at(self, number: int) -> int:
-        """The round of a mark, counted from 0.
+        """The round of a mark.
 
         Parameters
         ----------
@@ -76,12 +76,12 @@ class Marks:
         return round(self.first + number * self.spacing)
 
     def count(self, rounds: int) -> int:
-        """How many there are before ``rounds``, those dropped included.
+        """Number of marks before ``rounds``, including dropped ones.
 
         Parameters
         ----------
         rounds : int
-            Of a chain.
+            Rounds of a chain.
 
         Returns
         -------
@@ -93,12 +93,12 @@ class Marks:
         return number
 
     def stride(self, rounds: int) -> int:
-        """Of how many marks one is kept after ``rounds`` rounds.
+        """The stride of kept marks after ``rounds`` rounds.
 
         Parameters
         ----------
         rounds : int
-            Of a chain.
+            Rounds of a chain.
 
         Returns
         -------
@@ -110,12 +110,12 @@ class Marks:
         return stride
 
     def kept(self, rounds: int) -> int:
-        """How many are kept after ``rounds`` rounds.
+        """Number of marks kept after ``rounds`` rounds.
 
         Parameters
         ----------
         rounds : int
-            Of a chain.
+            Rounds of a chain.
 
         Returns
         -------
@@ -124,7 +124,7 @@ class Marks:
         return -(-self.count(rounds) // self.stride(rounds))
 
     def has(self, at: int) -> bool:
-        """Whether round ``at`` is one that is kept when it comes.
+        """Whether a draw is kept at round ``at`` when it is reached.
 
         Parameters
         ----------
@@ -139,7 +139,7 @@ class Marks:
 
 
 def burn_in_of(settings: SampleSettings) -> int:
-    """Rounds that are not kept.
+    """Number of rounds of the burn-in.
 
     Parameters
     ----------
@@ -155,18 +155,18 @@ def burn_in_of(settings: SampleSettings) -> int:
 
 @dataclass(frozen=True)
 class Learning:
-    """Rounds of the burn-in in which visits are noted, and after which is learnt from them.
+    """Rounds of the burn-in in which visits are recorded, and after which references are learnt.
 
     Parameters
     ----------
     ends : tuple of int
-        After each of these is learnt from what was noted since the one before.
+        After each of these rounds a reference is learnt from the visits since the one before.
     """
 
     ends: tuple[int, ...]
 
     def has(self, rounds: int) -> bool:
-        """Whether the state after so many rounds is noted."""
+        """Whether the state after so many rounds is recorded."""
         if not self.ends or rounds > self.ends[-1]:
             return False
         at = next(i for i, end in enumerate(self.ends) if rounds <= end)
@@ -175,7 +175,7 @@ class Learning:
 
 
 def learning_of(settings: SampleSettings) -> Learning:
-    """When a chain learns.
+    """When a chain learns references.
 
     Parameters
     ----------
@@ -193,7 +193,7 @@ def learning_of(settings: SampleSettings) -> Learning:
 
 
 def piece_of(settings: SampleSettings) -> int:
-    """Rounds of a piece.
+    """Number of rounds of a piece.
 
     Parameters
     ----------
@@ -222,7 +222,7 @@ def draws_of(settings: SampleSettings) -> Marks:
 
 
 def trace_of(settings: SampleSettings) -> Marks:
-    """Rounds after which the log-posterior is noted, burn-in included.
+    """Rounds after which the log-posterior is recorded, including burn-in.
 
     Parameters
     ----------
@@ -236,7 +236,7 @@ def trace_of(settings: SampleSettings) -> Marks:
 
 
 def end_of(settings: SampleSettings) -> int:
-    """Rounds at which chains stop: those planned, or of ``last_step``, rounded up to a piece.
+    """Round at which chains stop: the planned one, or that of ``last_step`` rounded up to a piece.
 
     Parameters
     ----------
@@ -257,13 +257,13 @@ def end_of(settings: SampleSettings) -> int:
 
 
 def block_end(settings: SampleSettings, rounds: int) -> int:
-    """Rounds at the end of the first block that ends after ``rounds``.
+    """Round at the end of the first block that ends after ``rounds``.
 
     Parameters
     ----------
     settings : SampleSettings
     rounds : int
-        Of a chain.
+        Rounds of a chain.
 
     Returns
     -------
@@ -284,13 +284,13 @@ def block_end(settings: SampleSettings, rounds: int) -> int:
 
 
 def stopped_at(settings: SampleSettings, rounds: int) -> SampleSettings:
-    """The same settings for chains that stop after so many ``rounds``.
+    """The settings of chains that stop after so many ``rounds``.
 
     Parameters
     ----------
     settings : SampleSettings
     rounds : int
-        Of a chain.
+        Rounds of a chain.
 
     Returns
     -------

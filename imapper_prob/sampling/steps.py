@@ -1,7 +1,7 @@
-"""Steps of a chain over scenes, compiled: choose a move, propose, judge, accept.
+"""Compiled Metropolis-Hastings-Green steps of a chain over scenes.
 
-It is what :func:`imapper_prob.samplers.reversible_jump.step` does with the moves that
-:func:`scene_moves` lists, for as many steps as are asked for at once.
+They do the same as :func:`imapper_prob.samplers.reversible_jump.step` with the moves of
+:func:`scene_moves`, for many steps in one call.
 """
 
 from __future__ import annotations
@@ -43,38 +43,37 @@ MOVES: Final = {
     "scene-redraw": 0.3,
     "redraw": 0.6,
 }
-"""The moves and how often each is tried, up to a factor. Chosen: exchanges for a scenelet of
-similar motion lead to what nobody has met, a few nats at a time; draws of the reference to all
-else."""
+"""Moves and their weights. Chosen: exchanges of a scenelet for one of similar motion reach scenes
+that were never visited, a few nats at a time; redraws from the reference reach all others."""
 (
     _EXCHANGE, _SHIFT, _PLACEMENT, _CAMERA, _CAMERA_CARRY, _DEPTH_SCALE, _FOCAL_SCALE, _PATH,
     _CAMERA_ADAPTED, _SCENE_REDRAW, _REDRAW,
 ) = range(len(MOVES))  # fmt: skip
 _NAMES: Final = tuple(MOVES)
 _CAPACITY: Final = 8
-"""Scenelets there is room for at first; it is doubled when it runs out."""
+"""Initial capacity in scenelets, which is increased when needed."""
 
 
 class Moves(NamedTuple):
-    """What moves know of a problem, and how often each is tried.
+    """Data of the moves of a problem, and their weights.
 
     Parameters
     ----------
     lengths : (L,) int
         Frames of each scenelet.
     heights : (L,) float
-        Of the pelvis in its middle frame, metres of the reference body.
+        Height of the pelvis in each scenelet's middle frame, metres of the reference body.
     similarity : (L, L) float
         Probabilities of exchanging one scenelet for another.
     factor : (5, 5) float
-        Lower Cholesky factor of the prior's covariance of camera and body.
+        Lower Cholesky factor of the prior covariance of camera and body.
     shape : (5, 5) float
-        That of the posterior, as far as it is known.
+        Lower Cholesky factor of the estimated posterior covariance.
     focal_spread : float
-        Standard deviation of the log focal length in the prior.
+        Prior standard deviation of the log focal length.
     reference : Reference
     weights : (M,) float
-        How often each of ``MOVES`` is tried, up to a factor.
+        Weight of each of ``MOVES``, not normalised.
     """
 
     lengths: Ints
@@ -90,7 +89,7 @@ class Moves(NamedTuple):
 def scene_moves(
     problem: Problem, similarity: Array, reference: Reference, shape: Array | None
 ) -> Moves:
-    """The moves of a problem.
+    """Collect the moves of a problem.
 
     Parameters
     ----------
@@ -98,7 +97,7 @@ def scene_moves(
     similarity : (L, L) float
     reference : Reference
     shape : (5, 5) float or None
-        See :func:`imapper_prob.sampling.visits.camera_shape`; None where that is not known.
+        See :func:`imapper_prob.sampling.visits.camera_shape`; None if unknown.
 
     Returns
     -------
@@ -122,13 +121,13 @@ def scene_moves(
 
 @compiled
 def propose(known: Moves, move: int, rng: np.random.Generator, scene: Scene) -> tuple[Scene, float]:
-    """What a move makes of a scene.
+    """Propose a scene by one of the moves.
 
     Parameters
     ----------
     known : Moves
     move : int
-        Number of one of ``MOVES``.
+        Index in ``MOVES``.
     rng : numpy.random.Generator
     scene : Scene
 
@@ -136,7 +135,7 @@ def propose(known: Moves, move: int, rng: np.random.Generator, scene: Scene) -> 
     -------
     Scene
     float
-        Log of the reverse over the forward proposal density, nats; -inf where it is impossible.
+        Log of reverse over forward proposal density, nats; -inf if the move is impossible.
     """
     if move == _EXCHANGE:
         return moves.exchange_similar(known.similarity, known.lengths, rng, scene)
@@ -162,7 +161,7 @@ def propose(known: Moves, move: int, rng: np.random.Generator, scene: Scene) -> 
 
 
 # ------------------------------------------------------------------------------------------------
-# Judging.
+# Evaluation.
 
 
 @compiled
@@ -177,24 +176,25 @@ def log_posteriors(
     sizes: Array,
     latents: Array,
 ) -> Array:
-    """The log-posteriors of W scenes with k scenelets each.
+    """Evaluate the log-posteriors of W scenes with k scenelets each.
 
     Parameters
     ----------
     evaluator : Evaluator
     published : array, optional
-        Weights of the published energy, if that is asked for. The compiler leaves out what is not.
+        Weights of the published energy; None for the default log-posterior. numba compiles only
+        one.
     n_before : int
-        Scenelets of the scene that the evaluator stands at; ``NOWHERE`` also where nothing is in
-        common with it.
+        Number of scenelets of the evaluator's current scene; ``NOWHERE`` if it has none, or shares
+        nothing with the others.
     now : Scene
-        The one it stands at.
+        Current scene of the evaluator.
     cameras : (W, 5) float
     items : (W, k, 2) int
     placements : (W, k, 3) float
     sizes : (W, k) float
     latents : (W, T, 2) float
-        Or one camera, or one (T, 2), for all.
+        One per scene, or a single one for all, likewise the cameras.
 
     Returns
     -------
@@ -228,7 +228,7 @@ def _log_published(
 
 @compiled
 def _log_reference(reference: Reference, log_density: float, scene: Scene) -> float:
-    """Of a scene, nats; -inf where the posterior has no density, as well."""
+    """Log reference density of a scene, nats; -inf also where the posterior density is 0."""
     if log_density == -math.inf:
         return -math.inf
     return log_reference(
@@ -251,9 +251,9 @@ def _advance(
     log_acceptance: Array,
     accepted: NDArray[np.bool_],
 ) -> tuple[Scene, float, float, Evaluator, int, int]:
-    """Where a chain is after some steps; the last is the move whose density is no number, or -1.
+    """Make some steps; the last value is the move that gave an invalid density, or -1.
 
-    The compiler leaves out the published energy where its weights are None.
+    With ``published`` None, numba compiles the default log-posterior only.
     """
     weights = known.weights.cumsum()
     for n in range(len(chosen)):
@@ -268,7 +268,7 @@ def _advance(
             )
         else:
             if len(new.items) > capacity:
-                # One with more room, that stands where the chain does.
+                # An evaluator with more capacity, at the chain's current scene.
                 capacity = 2 * len(new.items)
                 evaluator = open_evaluator(evaluator.problem, capacity)
                 change(
@@ -289,7 +289,7 @@ def _advance(
         if not gain < math.inf:
             return scene, log_prior, log_likelihood, evaluator, capacity, move
         log_acceptance[n] = min(0.0, gain)
-        # P(Exponential > -log a) = a: no logarithm of a uniform that may be zero.
+        # P(Exponential > -log a) = a. This avoids the logarithm of a uniform number that may be 0.
         if rng.standard_exponential() > -log_acceptance[n]:
             accepted[n] = True
             if published is None:
@@ -299,11 +299,11 @@ def _advance(
 
 
 # ------------------------------------------------------------------------------------------------
-# For Python.
+# Interface for Python.
 
 
 def parts_of(problem: Problem, reference: Reference, state: State) -> Parts:
-    """The log density of a state under the reference, and the posterior's beyond it.
+    """The log reference density of a state, and the log ratio of posterior to reference.
 
     Parameters
     ----------
@@ -329,18 +329,18 @@ def _in_parts(reference: Reference, log_density: float, state: State) -> Parts:
 
 
 class Walker:
-    """A chain at one temperature: it knows where it stands, and what that is worth.
+    """A chain at one temperature, with its state and cached log densities.
 
-    Values depend by some 1e-6 nats on how the chain came to where it is, because what moves by
-    nanometres is not looked at again. Chains that are to be repeated exactly from the middle
-    begin with a new walker there.
+    Cached values depend by about 1e-6 nats on the chain's history, because moves of nanometres are
+    not re-evaluated. For exact repetition from some point, a chain must begin there with a new
+    walker.
 
     Parameters
     ----------
     problem : Problem
     moves : Moves
     state : State
-        Where the chain stands; within the support.
+        State of the chain, inside the support.
     """
 
     def __init__(self, problem: Problem, moves: Moves, state: State) -> None:
@@ -353,14 +353,14 @@ class Walker:
         self._stand()
 
     def __call__(self, state: State) -> Parts:
-        """The parts of ``state``; the chain stays where it is."""
+        """Evaluate ``state`` without moving the chain."""
         if state is self._state:
             return self._parts
         self._last, self._last_parts = state, self._judged(state, self._state.n_scenelets)
         return self._last_parts
 
     def move(self, state: State) -> None:
-        """The chain has gone to ``state``.
+        """Set the state of the chain.
 
         Parameters
         ----------
@@ -376,7 +376,7 @@ class Walker:
     def advance(
         self, rng: np.random.Generator, beta: float, steps: int
     ) -> tuple[ChainState[State], tuple[StepInfo, ...]]:
-        """Some steps at an inverse temperature.
+        """Make steps at an inverse temperature.
 
         Parameters
         ----------
@@ -387,7 +387,7 @@ class Walker:
         Returns
         -------
         ChainState
-            Where the chain is then.
+            The chain afterwards.
         tuple of StepInfo
 
         Raises
@@ -415,7 +415,7 @@ class Walker:
         )
 
     def _judged(self, state: State, n_before: int) -> Parts:
-        """The parts of a state, beside ``n_before`` scenelets that the evaluator knows."""
+        """Evaluate a state as a change from the evaluator's state with ``n_before`` scenelets."""
         if self._published is not None:
             density = log_posterior(self._problem, state)
         else:
@@ -427,7 +427,7 @@ class Walker:
         return _in_parts(self._moves.reference, density, state)
 
     def _stand(self) -> None:
-        """An evaluator that knows nothing yet stands where the chain does."""
+        """Initialise a new evaluator at the chain's state."""
         self._parts = self._last_parts = self._judged(self._state, -1)
         self._accept()
 

@@ -1,7 +1,8 @@
-"""States that chains visit while they burn in, of which later proposals are learnt.
+"""States that chains visit during burn-in, from which references are learnt.
 
-At its colder temperatures a chain notes which scenelets stand when and where, with which camera.
-Places are noted as they look: bearing, log depth, yaw, log size (:mod:`imapper_prob.models.view`).
+At its colder temperatures a chain records scenelets, start frames, placements and camera.
+Placements are recorded in camera coordinates: bearing, log depth, yaw, log size
+(:mod:`imapper_prob.models.view`).
 """
 
 from __future__ import annotations
@@ -24,21 +25,21 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 _COLD: Final = 0.5
-"""Inverse temperature above which a state is taken to be like those of the posterior; chosen."""
+"""Inverse temperature above which states are recorded; chosen."""
 _CAMERAS: Final = 50
-"""Cameras from which on their covariance is taken: ten for each of its five numbers."""
+"""Least number of distinct cameras for estimating their covariance: ten per parameter."""
 _SINGULAR: Final = 1e10
-"""Condition number of a covariance from which on it is not taken."""
+"""Condition number above which the covariance is not used."""
 
 
 @dataclass
 class Visits:
-    """N visited states with R scenelets in all, one state after the other.
+    """N visited states with R scenelets in total, one state after the other.
 
     Parameters
     ----------
     counts : list of (n,) int
-        Scenelets of each state.
+        Number of scenelets of each state.
     cameras : list of (n, 5) float
     items : list of (r, 2) int
         Scenelet and start frame.
@@ -57,9 +58,9 @@ class Visits:
         Parameters
         ----------
         state : State
-            One with a scenelet behind the camera is left out.
+            A state with a scenelet behind the camera is ignored.
         beta : float
-            Inverse temperature; states of hotter ones are left out.
+            Inverse temperature of the state; hot states are ignored.
         """
         if beta > _COLD and (state.placements[:, 1] > 0).all():
             self.counts.append(np.array([state.n_scenelets]))
@@ -69,12 +70,12 @@ class Visits:
 
     @classmethod
     def together(cls, several: Iterable[Visits]) -> Visits:
-        """The visits of several chains, one chain after the other.
+        """Join the visits of several chains, one chain after the other.
 
         Parameters
         ----------
         several : iterable of Visits
-            One of each chain.
+            One per chain.
 
         Returns
         -------
@@ -89,7 +90,7 @@ class Visits:
         return whole
 
     def halves(self) -> tuple[Visits, Visits]:
-        """The states of the first half, and those of the second.
+        """Split into the first half of the states and the second.
 
         Returns
         -------
@@ -105,7 +106,7 @@ class Visits:
         return Visits.of(first), Visits.of(second)
 
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """All of them as arrays, each under its name.
+        """Convert to arrays.
 
         Returns
         -------
@@ -121,7 +122,7 @@ class Visits:
 
     @classmethod
     def of(cls, arrays: Mapping[str, NDArray[Any]]) -> Visits:
-        """The visits that :meth:`arrays` gave.
+        """Restore visits from :meth:`arrays`.
 
         Parameters
         ----------
@@ -135,7 +136,7 @@ class Visits:
         return cls(*([arrays[name]] for name in names))
 
     def check(self, problem: Problem) -> None:
-        """Refuse visits that no chain of a problem can have noted.
+        """Refuse visits that no chain of a problem can have recorded.
 
         Parameters
         ----------
@@ -168,7 +169,7 @@ class Visits:
 
 
 def camera_covariance(visits: Visits) -> Array | None:
-    """How camera and body scatter.
+    """Covariance of camera and body parameters.
 
     Parameters
     ----------
@@ -177,7 +178,7 @@ def camera_covariance(visits: Visits) -> Array | None:
     Returns
     -------
     (5, 5) float or None
-        Their covariance; None where that is not known.
+        The covariance; None if there are too few cameras or it is nearly singular.
     """
     cameras = np.unique(visits.arrays()["cameras"], axis=0)
     if len(cameras) < _CAMERAS:
@@ -187,7 +188,7 @@ def camera_covariance(visits: Visits) -> Array | None:
 
 
 def camera_shape(visits: Visits) -> Array | None:
-    """The lower Cholesky factor (5, 5) of :func:`camera_covariance`; None where that is.
+    """The lower Cholesky factor (5, 5) of :func:`camera_covariance`; None if that is None.
 
     Parameters
     ----------

@@ -1,8 +1,9 @@
-"""Libraries from captures: motion is cut, put into local frames and given its objects.
+"""Build libraries from captures: cut motion, convert to local frames, add objects and weights.
 
-The construction of Monszpart et al. (2019, section 4), with three additions. All motion is brought
-to one frame rate and one stature, because a library knows one of each; furniture keeps its size.
-Each scenelet has a weight, one over the number of those that begin near it in the same room.
+The construction follows Monszpart et al. (2019, section 4), with three additions. All motion is
+converted to one frame rate and one stature, because a library has one of each; furniture keeps its
+size. Each scenelet has a weight: one over the number of scenelets that begin near it in the same
+room.
 """
 
 from __future__ import annotations
@@ -63,39 +64,40 @@ Array = NDArray[np.float64]
 # ------------------------------------------------------------------------------------------------
 # Cutting.
 #
-# Monszpart et al. (2019, section 4) cut where the pelvis has gone a constant way in top view, after
-# smoothing away what a standing person sways. The paper states neither the length of the way nor
-# the distance between clips. Taken literally, the rule passes over people who stay: in the truth of
-# four i3DB scenes a metre of way takes 13 to 16 frames (1.5 s) of walking, as published, but 29 to
-# 42 (3 to 4 s) of sitting. So a clip ends after a second on either side even if the way is shorter,
+# Monszpart et al. (2019, section 4) cut where the pelvis has moved a constant distance in top view,
+# after smoothing the sway of a standing person. The paper states neither that distance nor the
+# spacing of clips. Literally, the rule would skip people who stay in one place: in the truth of
+# four i3DB scenes one metre takes 13 to 16 frames (1.5 s) of walking, as published, but 29 to 42 (3
+# to 4 s) of sitting. So a clip ends after a second on either side even if the distance is shorter,
 # and clips are centred at least every second. Several clips of one stay count as one by their
 # weights.
+#
 
 Ints = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
 class CutSettings:
-    """How motion is cut.
+    """Parameters of cutting motion into clips.
 
     Parameters
     ----------
     way : float
-        Metres of pelvis path in a clip. In i3DB 1 m gives the 14-20 frames that the paper's
-        clips have.
+        Length of the pelvis path in a clip, metres. In i3DB 1 m gives the 14-20 frames of the
+        paper's clips.
     way_between : float
-        Metres between the centres of clips: four clips share each place of a walk.
+        Metres of path between the centres of clips, so four clips share each place of a walk.
     longest : float
-        Seconds a clip lasts at most, which is what the longest of the paper's do.
+        Longest duration of a clip in seconds, that of the paper's longest clips.
     time_between : float
-        Most seconds between the centres of clips.
+        Longest time between the centres of clips, seconds.
     shortest : float
-        Seconds a clip lasts at least; a metre of quick walking. What is shorter was cut off
-        by the end of the tracking, or is a jump of the tracker.
+        Shortest duration of a clip in seconds, that of a metre of fast walking. Shorter ones were
+        cut off by the end of tracking, or are jumps of the tracker.
     smoothing_radius : float
-        Metres of way on either side over which a point of the path is averaged (paper).
+        Metres of path on either side over which a point of the path is averaged (paper).
     smoothing_passes : int
-        Times it is averaged (paper).
+        Number of averaging passes (paper).
     """
 
     way: float = 1.0
@@ -108,10 +110,9 @@ class CutSettings:
 
 
 def smooth_path(path: ArrayLike, *, radius: float, passes: int) -> Array:
-    """A path (n, 2) averaged over the points within ``radius`` of way, ``passes`` times.
+    """Smooth a path (n, 2) by averaging over the points within ``radius`` of path length.
 
-    Steps longer than the radius stay as they are, and the trembling of somebody who stands
-    is averaged away.
+    Steps longer than the radius are unchanged; the sway of a standing person is averaged out.
 
     Parameters
     ----------
@@ -135,21 +136,21 @@ def smooth_path(path: ArrayLike, *, radius: float, passes: int) -> Array:
 
 
 def cut(path: ArrayLike, *, fps: float, settings: CutSettings) -> Ints:
-    """Clips of one uninterrupted motion.
+    """Cut an uninterrupted motion into clips.
 
     Parameters
     ----------
     path : (n, 2) float
         Pelvis in top view, metres, regular frames.
     fps : float
-        Frames a second.
+        Frames per second.
     settings : CutSettings
 
     Returns
     -------
     (C, 2) int
-        First frame of each clip and the one after its last, in order, each clip once; none
-        if the motion is too short.
+        First frame of each clip and the frame after its last one, in order and without duplicates;
+        empty if the motion is too short.
     """
     path = np.asarray(path, float)
     if len(path) < 2:
@@ -157,10 +158,10 @@ def cut(path: ArrayLike, *, fps: float, settings: CutSettings) -> Ints:
     way = _way(
         smooth_path(path, radius=settings.smoothing_radius, passes=settings.smoothing_passes)
     )
-    # A centre wherever the next step of way or of time is done, whichever comes first.
+    # A centre wherever the next step of path or of time is complete, whichever comes first.
     hurry = np.maximum(np.diff(way) / settings.way_between, 1.0 / fps / settings.time_between)
     progress = np.concatenate([[0.0], np.cumsum(hurry)])
-    # Sums of tenths are a hair off: a centre due in a frame is not to slip into the next.
+    # Rounding errors of sums must not delay a centre to the next frame.
     centres = np.searchsorted(progress + 1e-9, np.arange(0.5, progress[-1]))
     half = round(settings.longest / 2 * fps)
     first = np.searchsorted(way, way[centres] - settings.way / 2 - 1e-9, "left")
@@ -172,7 +173,7 @@ def cut(path: ArrayLike, *, fps: float, settings: CutSettings) -> Ints:
 
 
 def stretches(there: ArrayLike) -> Ints:
-    """(S, 2) first index and the one after the last of each run of true values (n,).
+    """(S, 2) first index, and index after the last, of each run of true values (n,).
 
     Parameters
     ----------
@@ -188,7 +189,7 @@ def stretches(there: ArrayLike) -> Ints:
 
 
 def _way(path: Array) -> Array:
-    """(n,) way gone until each point, metres."""
+    """(n,) path length until each point, metres."""
     return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
 
 
@@ -196,33 +197,33 @@ def _way(path: Array) -> Array:
 # Building.
 
 UNKNOWN_ACTION: Final = "motion"
-"""What is done in a clip whose frames have no word."""
+"""Action of a clip whose frames have no action."""
 _STEADY_BONES: Final = ((PELV, THRX), (RKNE, RHIP), (LKNE, LHIP), (RHIP, LHIP), (RSHO, LSHO))
-"""Segments on whose ends recordings agree. Where wrists, ankles and the head end they do not:
-shins of the i3DB truth have .83-.90 of the reference length and forearms .73-.86, thighs,
-trunk and girdles .94-1.08."""
+"""Segments whose end points are consistent between recordings. Wrists, ankles and head are not:
+shins of the i3DB truth have .83-.90 of the reference length and forearms .73-.86, but thighs, trunk
+and girdles .94-1.08."""
 _STATURES: Final = (1.0, 2.4)
-"""Metres; beyond is a child or a wrong unit."""
+"""Range of statures in metres; outside it is a child or a wrong unit."""
 _CELLS: Final = 20
-"""Cells of the floor in a kernel's width. Scenelets of one cell are counted together, so that
-the cost grows with the floor that is walked on and not with how long."""
+"""Floor cells per kernel width. Scenelets of one cell are counted together, so that the cost grows
+with the area walked on and not with the duration."""
 _ROWS_AT_ONCE: Final = 1000
-"""Rows of the matrix of distances between cells of one room that are held at once."""
+"""Rows of the distance matrix between the cells of a room that are computed at once."""
 
 
 @dataclass(frozen=True)
 class BuildSettings:
-    """How scenelets are built.
+    """Parameters of building a library.
 
     Parameters
     ----------
     cutting : CutSettings
     fps : float
-        Frames a second of all scenelets; that of the built-in library.
+        Frames per second of all scenelets; that of the built-in library.
     bridged : float
-        Seconds without tracking that are bridged by straight lines; longer ones end a clip.
+        Longest gap in tracking that is interpolated linearly, seconds; longer ones end a clip.
     density_width : float
-        Metres: standard deviation of the kernel over origins of scenelets (paper).
+        Standard deviation in metres of the kernel over origins of scenelets (paper).
     """
 
     cutting: CutSettings = field(default_factory=CutSettings)
@@ -233,20 +234,20 @@ class BuildSettings:
 
 @dataclass(frozen=True)
 class BuildReport:
-    """What became of the recordings; as text, a few lines for a person.
+    """Summary of a build; as text, a few lines for a person.
 
     Parameters
     ----------
     n_scenelets : dict of str to int
-        By capture.
+        Number of scenelets by capture.
     n_bare : int
         Scenelets without furniture.
     scales : dict of str to float
-        Size of each body, as part of the reference body.
+        Size of each body relative to the reference body.
     lost : dict of str to float
-        Seconds of each capture in which nobody was tracked.
+        Seconds of each capture without tracking.
     skipped : dict of str to str
-        Captures that gave no scenelet, and why.
+        Captures without any scenelet, with the reason.
     """
 
     n_scenelets: dict[str, int]
@@ -280,7 +281,7 @@ class _Motion:
 
     @property
     def origins(self) -> Array:
-        """(C, 2) where the clips' local frames are, metres."""
+        """(C, 2) origins of the clips' local frames, metres."""
         middle = self.clips[:, 0] + (self.clips[:, 1] - self.clips[:, 0]) // 2
         return self.joints[middle, PELV, :2]
 
@@ -288,20 +289,20 @@ class _Motion:
 def build_library_from(
     captures: Sequence[Capture], *, name: str, settings: BuildSettings | None = None
 ) -> tuple[Library, BuildReport]:
-    """A library from recordings.
+    """Build a library from recordings.
 
     Parameters
     ----------
     captures : sequence of Capture
-        Those of one room have the same ``scene``; names are unique.
+        Captures of one room have the same ``scene``; names are unique.
     name : str
-        Of the library.
+        Name of the library.
     settings : BuildSettings, optional
 
     Returns
     -------
     library : Library
-        Scenelets in the order of captures and time, called ``<capture>-<number>``.
+        Scenelets in the order of captures and time, with names ``<capture>-<number>``.
     report : BuildReport
         What was left out, and why.
 
@@ -343,12 +344,12 @@ def build_library_from(
 
 
 def body_scale(joints: ArrayLike) -> float:
-    """Size of a body as part of the reference body: median over thighs, trunk and girdles.
+    """Size of a body relative to the reference body: median over thighs, trunk and girdles.
 
     Parameters
     ----------
     joints : (T, 16, 3) float
-        Metres; frames of NaN do not count.
+        Metres; frames of NaN are ignored.
 
     Returns
     -------
@@ -363,12 +364,12 @@ def body_scale(joints: ArrayLike) -> float:
 
 
 def weights_by_density(origins: ArrayLike, width: float) -> Array:
-    """One over how many scenelets begin near each, by a Gaussian kernel.
+    """One over the number of scenelets that begin near each, by a Gaussian kernel.
 
     Parameters
     ----------
     origins : (C, 2) float
-        Of the scenelets of one room, metres.
+        Origins of the scenelets of one room, metres.
     width : float
         Standard deviation of the kernel, metres.
 
@@ -388,7 +389,7 @@ def weights_by_density(origins: ArrayLike, width: float) -> Array:
 
 
 def _checked_scale(capture: Capture) -> float:
-    """The body's scale, if the capture can be of a person who stands on its floor."""
+    """Scale of the body, after checking that the capture is of a person standing on its floor."""
     scale = body_scale(capture.joints)
     stature = scale * REFERENCE_STATURE
     if not _STATURES[0] <= stature <= _STATURES[1]:
@@ -402,7 +403,7 @@ def _checked_scale(capture: Capture) -> float:
 def _cut(capture: Capture, settings: BuildSettings) -> _Motion:
     times = np.arange(len(capture.joints)) / capture.fps
     moments = np.arange(int(np.floor(times[-1] * settings.fps + 1e-9)) + 1) / settings.fps
-    # A bridge spans the lost frames and the steps to and from them.
+    # A gap includes the steps to and from the lost frames.
     joints = joints_at(moments, times, capture.joints, bridged=settings.bridged + 1.0 / capture.fps)
     nearest = np.minimum(np.rint(moments * capture.fps).astype(int), len(times) - 1)
     clips = [
@@ -419,7 +420,7 @@ def _cut(capture: Capture, settings: BuildSettings) -> _Motion:
 
 
 def _weights(motions: Sequence[_Motion], settings: BuildSettings) -> list[Array]:
-    """(C,) for each motion; all scenelets of a room are counted together."""
+    """(C,) weights for each motion; all scenelets of a room are counted together."""
     origins = [m.origins for m in motions]
     owner = np.repeat(np.arange(len(motions)), [len(o) for o in origins])
     rooms = np.array([m.capture.scene for m in motions])[owner]
@@ -443,13 +444,13 @@ def _scenelets(
             motion.capture.objects,
             fps=settings.fps,
         )
-        # About the point of the floor below the pelvis, which is the local origin.
+        # Scale about the local origin, which is on the floor below the pelvis.
         result.append(replace(own, joints=own.joints / scale, weight=float(weight)))
     return result
 
 
 def _usual(words: Sequence[str]) -> str:
-    """The most frequent word, the first of equals; frames without one do not count."""
+    """The most frequent word, the first among equals; frames without a word are ignored."""
     counts = Counter(word for word in words if word)
     return counts.most_common(1)[0][0] if counts else UNKNOWN_ACTION
 
@@ -459,17 +460,17 @@ def _lost(joints: Array) -> int:
 
 
 # ------------------------------------------------------------------------------------------------
-# Captures by the name of their format.
+# Reading captures by the name of their format.
 
 _log = logging.getLogger(__name__)
 _TOLD: Final = 5
-"""Recordings left out that are named; the others are counted."""
+"""Largest number of rejected recordings that are named in a warning."""
 SOURCES: Final = ("i3db", "pigraphs", "npz")
 """Formats of captures."""
 
 
 def captures_from(source: str, path: str | Path, *, leave_out: str | None = None) -> list[Capture]:
-    """All captures of a folder, or those of one file.
+    """Read all captures of a folder, or those of one file.
 
     Parameters
     ----------
@@ -479,18 +480,18 @@ def captures_from(source: str, path: str | Path, *, leave_out: str | None = None
     path : path
         File or folder.
     leave_out : str, optional
-        A room none of whose captures are wanted, because it is going to be inferred.
+        Name of a room whose captures are left out, because it is to be inferred.
 
     Returns
     -------
     list of Capture
-        At least one. Of several files those that cannot be used are left out with a warning.
+        At least one. Among several files, unusable ones are skipped with a warning.
 
     Raises
     ------
     InputError
-        There is nothing of this format, no room is called ``leave_out``, or no capture is
-        left or can be used.
+        There is nothing of this format, no room has the name ``leave_out``, or no usable capture is
+        left.
     """
     path = Path(path)
     if not path.exists():
@@ -530,7 +531,7 @@ def captures_from(source: str, path: str | Path, *, leave_out: str | None = None
 def _places_and_reader(
     source: str, path: Path
 ) -> tuple[list[Path], Callable[[Path], list[Capture]]]:
-    """Files or folders of one recording each, and what reads them."""
+    """Files or folders with one recording each, and the function that reads them."""
     if source == "i3db":
         return i3db_folders(path), _i3db_scene
     if source == "pigraphs":

@@ -1,7 +1,7 @@
-"""Captures: motion recorded with the furniture around it, from ``.npz`` and i3DB files.
+"""Captures: recorded motion with the surrounding furniture, from ``.npz`` and i3DB files.
 
-Scenelets are cut from captures: motion capture with scanned or measured furniture, or the truth of
-a benchmark. A capture is known, where a clip is only seen.
+Scenelets are cut from captures: motion capture with scanned or measured furniture, or the ground
+truth of a benchmark. In a capture, unlike in a clip, 3D motion and furniture are known.
 """
 
 from __future__ import annotations
@@ -44,24 +44,24 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Capture:
-    """One person's motion among furniture.
+    """The motion of one person among furniture.
 
     World frame: metres, z up, floor at z = 0.
 
     Parameters
     ----------
     name : str
-        For messages, and the first part of the names of its scenelets.
+        Used in messages, and as first part of the names of its scenelets.
     scene : str
-        The room; captures of one room share it.
+        Name of the room; captures of one room share it.
     joints : (T, 16, 3) float
-        Joints, metres; NaN for a whole frame in which nobody was tracked.
+        Joints, metres; NaN in all joints of a frame without tracking.
     objects : tuple of SceneObject
-        Furniture, which stays where it is.
+        Furniture, which does not move.
     fps : float
-        Frames a second.
+        Frames per second.
     actions : tuple of str
-        A word a frame, or empty.
+        One word per frame, or empty.
     """
 
     name: str
@@ -96,37 +96,37 @@ class Capture:
 
 
 # ------------------------------------------------------------------------------------------------
-# Motion at other moments.
+# Motion at other times.
 
 
 def joints_at(moments: ArrayLike, times: ArrayLike, joints: ArrayLike, *, bridged: float) -> Array:
-    """Joints at chosen moments, on straight lines between the recorded ones.
+    """Interpolate joints linearly at given times.
 
-    Each joint is interpolated by itself, so that one which a tracker lost for a moment does
-    not take the rest of the body with it.
+    Each joint is interpolated separately, so that losing one joint for a moment does not affect the
+    others.
 
     Parameters
     ----------
     moments : (M,) float
         Seconds.
     times : (T,) float
-        When ``joints`` were recorded, seconds, ascending.
+        Times of ``joints``, seconds, ascending.
     joints : (T, 16, 3) float
-        Metres; NaN where a joint was not seen.
+        Metres; NaN where a joint was lost.
     bridged : float
-        Longest time in seconds between two sightings that is bridged.
+        Longest time in seconds between two sightings that is interpolated.
 
     Returns
     -------
     (M, 16, 3) float
-        NaN for a whole frame before the first and after the last sighting of any joint, and
-        wherever one of them was lost for longer than ``bridged``.
+        NaN in all joints of a frame before the first and after the last sighting of any joint, and
+        if any joint was lost for longer than ``bridged``.
     """
     moments, times = np.asarray(moments, float), np.asarray(times, float)
     joints = np.asarray(joints, float)
     seen = np.isfinite(joints).all(2)
     result = np.full((len(moments), N_JOINTS, 3), np.nan)
-    # Times of regular frames are sums of rounded steps: a moment may miss one by a hair.
+    # Times are sums of rounded steps, so comparisons need a small tolerance.
     hair = 1e-9 * (1.0 + np.abs(times).max(initial=0.0))
     for joint in range(N_JOINTS):
         known = times[seen[:, joint]]
@@ -144,7 +144,7 @@ def joints_at(moments: ArrayLike, times: ArrayLike, joints: ArrayLike, *, bridge
 
 
 # ------------------------------------------------------------------------------------------------
-# Captures in files: a plain numpy archive, without pickled objects, so that any tool can write one.
+# Capture files: plain numpy archives without pickled objects, which any tool can write.
 #
 # ==================  =====================  ==================================================
 # ``format``          () text                ``"imapper-prob capture 1"``
@@ -164,7 +164,7 @@ def joints_at(moments: ArrayLike, times: ArrayLike, joints: ArrayLike, *, bridge
 
 _log = logging.getLogger(__name__)
 FORMAT: Final = "imapper-prob capture 1"
-"""First entry of the file; the number rises when a reader of old files would go wrong."""
+"""Format of the file; the number is raised when an older reader would misread it."""
 _NEEDED: Final[Shapes] = {
     "format": ("text",),
     "fps": ("number",),
@@ -178,17 +178,17 @@ _OPTIONAL: Final[Shapes] = {
     "joint_names": ("text", None),
 }
 _LONGEST: Final = 432_000
-"""Frames: an hour at the 120 a second of motion capture."""
+"""Largest number of frames: an hour at the 120 per second of motion capture."""
 _FURNITURE_PREFIXES: Final = ("object_", "cuboid_")
 
 
 def write_capture(path: str | Path, capture: Capture) -> None:
-    """Write a capture, whole or not at all.
+    """Write a capture atomically.
 
     Parameters
     ----------
     path : path
-        Ends in ``.npz``.
+        Path that ends in ``.npz``.
     capture : Capture
 
     Raises
@@ -214,11 +214,10 @@ def write_capture(path: str | Path, capture: Capture) -> None:
 
 
 def read_capture(path: str | Path) -> Capture:
-    """Read a capture that :func:`write_capture`, or any tool that keeps to the format, wrote.
+    """Read a capture file, written by :func:`write_capture` or by another tool.
 
-    A frame in which any of the sixteen joints is NaN is one in which nobody was tracked.
-    Labels of furniture are put into the words of our libraries; walls and the like are left
-    out.
+    A frame in which any of the sixteen joints is NaN counts as untracked. Furniture labels are
+    mapped to the categories of our libraries; walls and the like are left out.
 
     Parameters
     ----------
@@ -231,7 +230,7 @@ def read_capture(path: str | Path) -> Capture:
     Raises
     ------
     InputError
-        The file is missing, damaged, of another version, or its content is no capture.
+        The file is missing, damaged, of another version, or its content is not a capture.
     """
     path = Path(path)
     arrays = load_archive(path, what="capture")
@@ -298,10 +297,10 @@ def _furniture(arrays: Arrays, name: str) -> list[SceneObject]:
 
 
 # ------------------------------------------------------------------------------------------------
-# The truth of i3DB scenes, never of one that is then inferred: leave it out by name.
+# The ground truth of i3DB scenes; a scene that is to be inferred must be left out by name.
 
 _BRIDGED: Final = 0.3
-"""Seconds between annotated frames that are bridged; every second frame is one, 0.2 s apart."""
+"""Longest gap in seconds between annotated frames that is interpolated; they are 0.2 s apart."""
 _WORDS: Final = {
     "walking": "walk",
     "sitting": "sit",
@@ -310,27 +309,26 @@ _WORDS: Final = {
     "standing": "stand",
     "": "",
 }
-"""The benchmark's words for what is done, and ours."""
+"""Actions of the benchmark, and ours."""
 
 
 def read_i3db_capture(folder: str | Path) -> Capture:
-    """The annotated motion and furniture of one scene.
+    """Read the annotated motion and furniture of one scene.
 
     Parameters
     ----------
     folder : path
-        ``Scene04`` and the like, with its ``gt/``.
+        Folder such as ``Scene04``, with its ``gt/``.
 
     Returns
     -------
     Capture
-        All frames from the first to the last annotated one; those between two annotated
-        ones lie on straight lines.
+        All frames from the first to the last annotated one, linearly interpolated.
 
     Raises
     ------
     InputError
-        A file is missing, damaged, or holds something other than the format says.
+        A file is missing, damaged, or does not follow the format.
     """
     folder = Path(folder)
     clip = read_i3db(folder)
@@ -354,7 +352,7 @@ def read_i3db_capture(folder: str | Path) -> Capture:
 
 
 def i3db_folders(path: str | Path) -> list[Path]:
-    """Scene folders: ``path`` itself if it is one, or else those in it.
+    """Find scene folders: ``path`` itself if it is one, otherwise those in it.
 
     Parameters
     ----------
@@ -367,7 +365,7 @@ def i3db_folders(path: str | Path) -> list[Path]:
     Raises
     ------
     InputError
-        If there is none.
+        There is none.
     """
     path = Path(path)
     candidates = [path, *sorted(p for p in path.iterdir() if p.is_dir())] if path.is_dir() else []

@@ -1,7 +1,7 @@
-"""Charness: how much a motion says about the furniture around it.
+"""Charness: how informative a motion is about the furniture around it.
 
 Monszpart et al. (2019, section 4). Motions have descriptors that do not depend on place, heading
-and speed. Furniture has histograms over cells around the person. A motion is characteristic where
+and speed. Furniture has histograms over cells around the person. A motion is characteristic if
 similar motions have similar histograms: sitting implies a seat below, walking implies nothing.
 """
 
@@ -50,11 +50,11 @@ __all__ = [
 
 Array = NDArray[np.float64]
 N_SAMPLES: Final = 15
-"""Moments along a motion (Monszpart et al. 2019)."""
+"""Number of samples along a motion (Monszpart et al. 2019)."""
 SAMPLE_SPREAD: Final = 2.33
-"""Standard deviation, in samples, of the weight that falls off from the middle one (ibid.)."""
+"""Standard deviation, in samples, of the Gaussian weight about the middle sample (ibid.)."""
 FROM_VERTICAL: Final = (RANK, LANK, RKNE, LKNE, RSHO, LSHO, RWRI, LWRI)
-"""Joints whose distance from the vertical through the pelvis counts."""
+"""Joints whose distances from the vertical line through the pelvis are features."""
 FROM_LINES: Final = (
     (RANK, RHIP, LHIP),
     (LANK, RHIP, LHIP),
@@ -63,12 +63,12 @@ FROM_LINES: Final = (
     (RELB, RSHO, RWRI),
     (LELB, LSHO, LWRI),
 )
-"""A joint, and the two joints its line goes through."""
+"""For each feature a joint, and the two joints that define its line."""
 N_FEATURES: Final = len(FROM_VERTICAL) + len(FROM_LINES)
 
 
 def joint_line_distances(joints: Array) -> Array:
-    """Distances of joints from lines.
+    """Features of poses: distances of joints from lines.
 
     Parameters
     ----------
@@ -91,7 +91,7 @@ def joint_line_distances(joints: Array) -> Array:
 
 
 def motion_descriptors(motions: Sequence[Array]) -> Array:
-    """Descriptors of motions, all at once; linear in the number of frames.
+    """Compute the descriptors of all motions, in time linear in the number of frames.
 
     Parameters
     ----------
@@ -101,9 +101,9 @@ def motion_descriptors(motions: Sequence[Array]) -> Array:
     Returns
     -------
     (L, 15, 14) float
-        Metres. The fifteen moments are evenly spaced along the trajectory in the space of
-        the fourteen features and the pelvis, so that a slow motion is described as a fast
-        one; where nothing moves, evenly in time.
+        Metres. The fifteen samples are evenly spaced along the trajectory in the space of the
+        fourteen features and the pelvis, so that speed does not matter; where nothing moves, evenly
+        in time.
     """
     lengths = np.array([len(m) for m in motions])
     joints = np.concatenate([np.asarray(m, float) for m in motions])
@@ -111,14 +111,14 @@ def motion_descriptors(motions: Sequence[Array]) -> Array:
     trajectory = np.concatenate([features, joints[:, PELV]], axis=1)
     steps = np.linalg.norm(np.diff(trajectory, axis=0, prepend=trajectory[:1]), axis=1)
     first = np.concatenate([[0], np.cumsum(lengths)[:-1]])
-    # The smallest of steps keeps the way increasing where nothing moves.
+    # A minimum step keeps the trajectory length increasing where nothing moves.
     steps = np.maximum(steps, 1e-9)
     steps[first] = 0.0
     walked = np.cumsum(steps)
     own = np.repeat(np.arange(len(lengths)), lengths)
     walked -= walked[first][own]
     way = walked / walked[first + lengths - 1][own]
-    # One interpolation for all: motion l lives on [2 l, 2 l + 1].
+    # One interpolation for all motions: motion l has parameters [2 l, 2 l + 1].
     at = 2.0 * np.arange(len(lengths))[:, None] + np.linspace(0.0, 1.0, N_SAMPLES)
     columns = [np.interp(at, way + 2.0 * own, column) for column in features.T]
     return np.stack(columns, axis=-1)
@@ -130,9 +130,9 @@ def descriptor_distances(one: Array, other: Array | None = None) -> Array:
     Parameters
     ----------
     one : (L, 15, 14) float
-        Of :func:`motion_descriptors`.
+        Descriptors by :func:`motion_descriptors`.
     other : (M, 15, 14) float, optional
-        ``one`` itself if not given.
+        ``one`` if not given.
 
     Returns
     -------
@@ -149,7 +149,7 @@ def descriptor_distances(one: Array, other: Array | None = None) -> Array:
 
 
 def _weighted(descriptors: Array) -> Array:
-    """(L, 210) such that plain Euclidean distances are the weighted ones."""
+    """(L, 210) vectors whose Euclidean distances are the weighted distances."""
     offset = (np.arange(N_SAMPLES) - N_SAMPLES // 2) / SAMPLE_SPREAD
     weight = np.exp(-0.5 * offset**2)
     weight /= weight.sum() * N_FEATURES
@@ -158,20 +158,20 @@ def _weighted(descriptors: Array) -> Array:
 
 
 # ------------------------------------------------------------------------------------------------
-# Histograms of furniture: a grid of five by five cells that faces where the person faces.
+# Furniture histograms: a grid of five by five cells, aligned with the person's facing direction.
 #
-# A cell holds the largest overlap of an object of its category with it, as part of the smaller of
-# the two areas. The paper does not give the size of a cell; half a metre lets the grid cover what
-# is within reach of the person in the middle one.
+# A cell contains the largest overlap with an object of the category, relative to the smaller of
+# both areas. The paper does not give the cell size; with half a metre the grid covers the reach of
+# a person in the middle cell.
 
 CELL: Final = 0.5
 """Side of a cell in metres."""
 EDGES: Final = CELL * (np.arange(6) - 2.5)
-"""(6,) edges of the cells in metres: of columns along x, of rows along y, local frame."""
+"""(6,) edges of the cells in the local frame, metres: of columns along x, of rows along y."""
 
 
 def categories(scenelets: Iterable[Scenelet]) -> tuple[str, ...]:
-    """All labels of objects there are, sorted.
+    """All object labels, sorted.
 
     Parameters
     ----------
@@ -185,19 +185,19 @@ def categories(scenelets: Iterable[Scenelet]) -> tuple[str, ...]:
 
 
 def object_histograms(scenelets: Sequence[Scenelet], labels: Sequence[str]) -> Array:
-    """Overlap of furniture with the cells around the person.
+    """Overlap of furniture with the cells around the person, by category.
 
     Parameters
     ----------
     scenelets : sequence of L Scenelet
     labels : sequence of C str
-        Categories; objects of others are left out.
+        Categories; objects of other categories are left out.
 
     Returns
     -------
     (L, C, 5, 5) float
-        In [0, 1]; rows from behind the person to the front, columns from left to right.
-        The area is exact, that of the bounding rectangle of each object.
+        In [0, 1]; rows from behind the person to the front, columns from left to right. Areas are
+        those of the bounding rectangles of objects, computed exactly.
     """
     histograms = np.zeros((len(scenelets), len(labels), 5, 5))
     column = {label: i for i, label in enumerate(labels)}
@@ -221,10 +221,10 @@ def object_histograms(scenelets: Sequence[Scenelet], labels: Sequence[str]) -> A
 # Charness.
 
 KERNEL_WIDTH: Final = 0.04
-"""Standard deviation in metres of the kernel over distances of descriptors: twice the median
-distance of a built-in scenelet from the next. The optimum is flat: between .035 and .06 the
+"""Standard deviation in metres of the kernel over descriptor distances: twice the median distance
+of a built-in scenelet to its nearest neighbour. The optimum is flat: between .035 and .06 the
 charness of i3DB's sitting and reaching windows exceeds that of walking ones in 95 or 96 of 100
-pairs. (The paper has 13, in units that it does not name.)"""
+pairs. (The paper has 13, in units that it does not state.)"""
 
 
 def motion_distances(library: Library) -> Array:
@@ -244,12 +244,12 @@ def motion_distances(library: Library) -> Array:
 def charness_maps(
     distances: Array, histograms: Array, weights: ArrayLike, *, width: float = KERNEL_WIDTH
 ) -> Array:
-    """What stands where around people who move like this.
+    """Mean furniture histograms of the motions similar to each motion.
 
     Parameters
     ----------
     distances : (M, L) float
-        From M motions to the L of a library, metres.
+        Distances from M motions to the L motions of a library, metres.
     histograms : (L, C, 5, 5) float
         Of :func:`~imapper_prob.scenelets.charness.object_histograms`.
     weights : (L,) float
@@ -260,7 +260,7 @@ def charness_maps(
     Returns
     -------
     (M, C, 5, 5) float
-        Mean of the cells over motions, weighted by how similar they are.
+        Mean over library motions, weighted by similarity.
     """
     kernel = _kernel(distances, width) * np.asarray(weights, float)
     kernel /= kernel.sum(1, keepdims=True)
@@ -269,16 +269,16 @@ def charness_maps(
 
 
 def charness(library: Library, distances: Array) -> Array:
-    """(L,) in [0, 1]: the fullest cell around people who move as each scenelet does.
+    """Charness of each scenelet, (L,) in [0, 1]: the largest cell of similar motions' histograms.
 
-    The scenelet itself does not count, or a motion unlike all others would be sure of
-    whatever stood around it.
+    The scenelet itself is left out; otherwise a motion unlike all others would be certain of its
+    own furniture.
 
     Parameters
     ----------
     library : Library
     distances : (L, L) float
-        Of :func:`motion_distances`.
+        Result of :func:`motion_distances`.
 
     Returns
     -------
@@ -296,14 +296,14 @@ def charness(library: Library, distances: Array) -> Array:
 
 
 def similarity(distances: Array) -> Array:
-    """(L, L) rows of probabilities of trying another scenelet in place of one.
+    """(L, L) rows of probabilities of proposing another scenelet instead of one.
 
-    By the motion kernel, one part in ten spread evenly so that every exchange is possible.
+    A tenth is spread evenly, so that every exchange is possible; the rest follows the kernel.
 
     Parameters
     ----------
     distances : (L, L) float
-        Between its motions, metres.
+        Distances between its motions, metres.
 
     Returns
     -------
@@ -321,7 +321,7 @@ def similarity(distances: Array) -> Array:
 
 
 def _kernel(distances: Array, width: float) -> Array:
-    """Gaussian in distance, 1 for the nearest motion of each row: only ratios matter."""
+    """Gaussian kernel in distance, relative to the nearest motion of each row."""
     nearest = distances.min(1, keepdims=True)
     kernel: Array = np.exp(-0.5 * (distances**2 - nearest**2) / width**2)
     return kernel

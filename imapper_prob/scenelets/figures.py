@@ -1,11 +1,11 @@
-"""A library in tables and pictures: motions in a plane, furniture around people, charness.
+"""Tables and figures of a library: embedding of motions, furniture around people, charness.
 
-Figures are like 4 and 5 of Monszpart et al. (2019). Motions are laid out by Isomap (Tenenbaum, de
-Silva and Langford 2000): distances along chains of similar motions, then classical scaling. Of the
-ten nearest neighbours of a point .80 do the same as it does, mean over sitting, standing, walking
-and reaching in the built-in library, with a mean silhouette of .53; principal components of the
-weighted descriptors give .77 and .42, diffusion maps of the kernel (width .08 m) .78 and .48, and
-the descriptors themselves .90.
+The figures are like 4 and 5 of Monszpart et al. (2019). Motions are embedded by Isomap (Tenenbaum,
+de Silva and Langford 2000): distances along chains of similar motions, then classical scaling. Of
+the ten nearest neighbours of a point .80 have the same action, averaged over sitting, standing,
+walking and reaching in the built-in library, with a mean silhouette of .53; principal components of
+the weighted descriptors give .77 and .42, diffusion maps of the kernel (width .08 m) .78 and .48,
+and the descriptors themselves .90.
 """
 
 from __future__ import annotations
@@ -49,13 +49,13 @@ __all__ = [
 
 Array = NDArray[np.float64]
 _NEIGHBOURS: Final = 15
-"""Similar motions each is linked with; from 10 to 20 the picture is the same."""
+"""Number of neighbours in the graph; 10 to 20 give the same embedding."""
 _CLOSEST: Final = 1e-9
-"""Metres: equal motions are linked too, where a graph would take 0 for no link."""
+"""Least distance in metres, because the sparse graph treats 0 as no edge."""
 
 
 def embed(distances: Array) -> Array:
-    """Points of a plane.
+    """Embed motions in the plane.
 
     Parameters
     ----------
@@ -66,12 +66,12 @@ def embed(distances: Array) -> Array:
     Returns
     -------
     (L, 2) float
-        Metres along chains of similar motions, centred; the first axis is the longer. The
-        same distances give the same points: the farthest one on each axis is positive.
+        Metres along chains of similar motions, centred; the first axis is the longer one.
+        Deterministic: the farthest point on each axis is positive.
     """
     n = len(distances)
     if n < 3:
-        # Nothing can be bent: one motion, or two at their distance.
+        # One motion, or two at their distance.
         first = np.arange(n) * distances[0, -1]
         return np.column_stack([first - first.mean(), np.zeros(n)])
     squared = _along_chains(distances) ** 2
@@ -84,11 +84,11 @@ def embed(distances: Array) -> Array:
 
 
 def _along_chains(distances: Array) -> Array:
-    """(L, L) metres along the shortest chains of neighbours."""
+    """(L, L) lengths of the shortest paths in the neighbour graph, metres."""
     n = len(distances)
     lengths = np.maximum(distances, _CLOSEST)
     np.fill_diagonal(lengths, 0.0)
-    # The spanning tree links what neighbours alone would leave in pieces.
+    # The spanning tree connects the graph of neighbours.
     links = minimum_spanning_tree(csr_array(lengths)).toarray()
     nearest = np.argsort(distances, axis=1, kind="stable")[:, : _NEIGHBOURS + 1]
     rows = np.arange(n)[:, None]
@@ -102,7 +102,7 @@ def _along_chains(distances: Array) -> Array:
 
 
 def action_table(library: Library, charness: Array) -> Table:
-    """What people do: how many scenelets, how long they are, how characteristic.
+    """A table of actions: number of scenelets, durations and charness.
 
     Parameters
     ----------
@@ -138,7 +138,7 @@ def action_table(library: Library, charness: Array) -> Table:
 
 
 def furniture_table(library: Library) -> Table:
-    """In how many scenelets of each action each category of furniture stands.
+    """A table of the number of scenelets by action and furniture category.
 
     Parameters
     ----------
@@ -161,7 +161,7 @@ def furniture_table(library: Library) -> Table:
 
 
 def _table(title: str) -> Table:
-    """Narrow enough for a terminal of eighty columns."""
+    """An empty table that fits a terminal of eighty columns."""
     return Table(
         title=title, title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False
     )
@@ -179,7 +179,7 @@ def _span(values: Array) -> str:
 
 
 # ------------------------------------------------------------------------------------------------
-# Figures. Each function returns one; matplotlib's current figure is left alone.
+# Figures. Each function returns one; matplotlib's current figure is not changed.
 
 _INK: Final = "#2b2f36"
 _QUIET: Final = "#7d848f"
@@ -188,22 +188,22 @@ _CHARNESS_COLOURS: Final = "viridis"
 _DOT: Final = 11.0
 """Area of a scenelet's dot, square points."""
 _EDGE: Final = float(EDGES[-1])
-"""Metres from the person to the edge of the grid, and of a view from above."""
+"""Distance in metres from the person to the edge of the grid, and of a view from above."""
 _STOPS: Final = 5
-"""Moments at which a view from above shows the shoulders."""
+"""Number of frames in which a view from above shows the shoulders."""
 _ARMS: Final = (RWRI, RELB, RSHO, LSHO, LELB, LWRI)
 _VISIBLE: Final = 0.05
-"""Overlap below which a category has no column: its cells would look empty."""
+"""Overlap below which a category has no column, because its cells would look empty."""
 
 
 def embedding_figure(library: Library, distances: Array, charness: Array) -> Figure:
-    """Motions as points of a plane, by charness on the left and by action on the right.
+    """Plot the embedded motions, coloured by charness on the left and by action on the right.
 
     Parameters
     ----------
     library : Library
     distances : (L, L) float
-        Between its motions, metres.
+        Distances between its motions, metres.
     charness : (L,) float
 
     Returns
@@ -218,7 +218,7 @@ def embedding_figure(library: Library, distances: Array, charness: Array) -> Fig
     left, right = figure.subplots(1, 2, sharex=True, sharey=True)
     _headline(figure, f"{len(library)} motions, alike near alike (library {library.name})")
 
-    order = np.argsort(charness)  # the most characteristic on top
+    order = np.argsort(charness)  # the most characteristic ones on top
     dots = left.scatter(
         *points[order].T, c=charness[order], s=_DOT, lw=0, vmin=0, cmap=_CHARNESS_COLOURS
     )
@@ -247,15 +247,15 @@ def embedding_figure(library: Library, distances: Array, charness: Array) -> Fig
 def furniture_figure(
     library: Library, distances: Array, chosen: Sequence[str] | None = None
 ) -> Figure:
-    """Chosen scenelets from above, and what stands around people who move like that.
+    """Plot scenelets from above, with the mean furniture of similar motions.
 
     Parameters
     ----------
     library : Library
     distances : (L, L) float
-        Between its motions, metres.
+        Distances between its motions, metres.
     chosen : sequence of str, optional
-        Names of scenelets, one row each; those of :func:`typical` if not given.
+        Names of scenelets, one row each; by default those of :func:`typical`.
 
     Returns
     -------
@@ -290,7 +290,7 @@ def furniture_figure(
 
 
 def charness_figure(library: Library, charness: Array) -> Figure:
-    """Charness of every scenelet by action, the most characteristic action on top.
+    """Plot the charness of every scenelet by action, the most characteristic action on top.
 
     Parameters
     ----------
@@ -315,7 +315,7 @@ def charness_figure(library: Library, charness: Array) -> Figure:
             )
             for body in shape["bodies"]:  # type: ignore[attr-defined]
                 body.set(facecolor=colour, alpha=0.25)
-        # Neighbours in value at different heights: the golden ratio spreads without chance.
+        # Values at different heights, spread deterministically by the golden ratio.
         spread = (np.arange(len(values)) * 0.618034) % 1.0 - 0.5
         axes.scatter(values, height + 0.45 * spread, s=7, lw=0, color=colour)
         axes.plot([np.median(values)] * 2, [height - 0.3, height + 0.3], color=_INK, lw=2)
@@ -329,13 +329,13 @@ def charness_figure(library: Library, charness: Array) -> Figure:
 
 
 def typical(library: Library, distances: Array) -> list[str]:
-    """Name of the scenelet of each action that is nearest to all others of it.
+    """Name of the most central scenelet of each action.
 
     Parameters
     ----------
     library : Library
     distances : (L, L) float
-        Between its motions, metres.
+        Distances between its motions, metres.
 
     Returns
     -------
@@ -351,10 +351,10 @@ def typical(library: Library, distances: Array) -> list[str]:
 
 
 def draw_from_above(axes: Axes, scenelet: Scenelet) -> None:
-    """Draw a scenelet from above: furniture, the way of the pelvis, and the person.
+    """Draw a scenelet from above: furniture, the path of the pelvis, and the person.
 
-    Arms and head are those of the middle of the motion, when the person faces up; before and
-    after only the shoulders are shown, in grey.
+    Arms and head are drawn for the middle frame, in which the person faces up; for other frames
+    only the shoulders, in grey.
 
     Parameters
     ----------
@@ -379,7 +379,7 @@ def draw_from_above(axes: Axes, scenelet: Scenelet) -> None:
 
 
 def _draw_cells(axes: Axes, own: Array, around: Array, colour: Colour) -> None:
-    """A category's grid: colour for similar motions, squares for one scenelet."""
+    """Draw the grid of a category: colours for similar motions, squares for one scenelet."""
     hue = np.array(_rgb(colour))
     shades = LinearSegmentedColormap.from_list("overlap", np.stack([np.ones(3), hue, 0.6 * hue]))
     axes.pcolormesh(EDGES, EDGES, around, cmap=shades, vmin=0, vmax=1, ec=_LINES, lw=0.5)

@@ -1,4 +1,4 @@
-"""The local frame of a scenelet, its mirror image, and furniture resized."""
+"""Local frames of scenelets, mirror images, and scaled furniture."""
 
 from __future__ import annotations
 
@@ -16,7 +16,8 @@ __all__ = ["REACH", "localised", "mirrored", "resized"]
 Array = NDArray[np.float64]
 
 REACH = 1.0
-"""Metres in top view within which an object belongs to a motion (Monszpart et al. 2019)."""
+"""Distance in metres, in top view, within which an object belongs to a motion (Monszpart et al.
+2019)."""
 
 _FLIP = np.array([-1.0, 1.0, 1.0])
 
@@ -24,10 +25,10 @@ _FLIP = np.array([-1.0, 1.0, 1.0])
 def localised(
     name: str, action: str, joints: ArrayLike, objects: Iterable[SceneObject], *, fps: float = 10.0
 ) -> Scenelet:
-    """A scenelet from a motion (n, 16, 3) and furniture in any common frame with the floor at 0.
+    """Make a scenelet from a motion (n, 16, 3) and furniture in a common frame with floor at 0.
 
-    The origin goes below the pelvis at frame ``n // 2`` and +y to where the person faces
-    then; objects farther than ``REACH`` from every joint in every frame are left out.
+    The local origin is below the pelvis in frame ``n // 2``, with +y in the person's facing
+    direction; objects farther than ``REACH`` from every joint in every frame are left out.
 
     Parameters
     ----------
@@ -37,7 +38,7 @@ def localised(
         Metres.
     objects : iterable of SceneObject
     fps : float
-        Frames a second.
+        Frames per second.
 
     Returns
     -------
@@ -56,7 +57,7 @@ def localised(
 
 
 def _distance(piece: SceneObject, joints: Array) -> float:
-    """Smallest distance in metres, top view, of any joint from the piece's bounding box."""
+    """Least horizontal distance in metres of any joint from the object's bounding box."""
     offset = joints[..., :2] - (piece.placement.x, piece.placement.y)
     local = offset @ piece.placement.rotation
     low, high = piece.bounds[:, :2]
@@ -65,7 +66,7 @@ def _distance(piece: SceneObject, joints: Array) -> float:
 
 
 def mirrored(scenelet: Scenelet, name: str) -> Scenelet:
-    """The same scenelet done by somebody left-handed: x changes sign, left and right swap.
+    """Mirror a scenelet: x changes sign, left and right are swapped.
 
     Parameters
     ----------
@@ -89,7 +90,7 @@ def mirrored(scenelet: Scenelet, name: str) -> Scenelet:
 
 
 def resized(piece: SceneObject, factor: float) -> SceneObject:
-    """A piece and its placement larger by ``factor``, about the origin of the parent frame.
+    """Scale an object and its placement about the origin of the parent frame.
 
     Parameters
     ----------

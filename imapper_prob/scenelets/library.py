@@ -1,9 +1,9 @@
-"""Libraries of scenelets by name: the built-in one, files, several joined, and the cache on disk.
+"""Libraries by name: the built-in one, files, several joined, and a cache on disk.
 
-The built-in library takes seconds to make and a tenth of that to read, so that it is kept beside
-the sources. A cached file is named by the sources and the machine that it was made by, and by its
-content; one that does not hold what its name says is made again. Who may not write there makes the
-library each time.
+Making the built-in library takes seconds, and reading it a tenth of that, so it is cached beside
+the sources. The name of a cached file contains digests of the sources and machine and of its
+content; a file whose content does not match its name is made again. Without write access the
+library is made each time.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ _SHAPES: Final[Shapes] = {
 
 
 def pack_library(library: Library) -> Arrays:
-    """A library as the arrays of the module's description, ``format`` left out.
+    """Convert a library to the arrays of a library file, without ``format``.
 
     Parameters
     ----------
@@ -87,7 +87,7 @@ def pack_library(library: Library) -> Arrays:
 
 
 def save_library(library: Library, path: str | Path) -> None:
-    """Write a library to an ``.npz`` file, whole or not at all.
+    """Write a library to an ``.npz`` file atomically.
 
     Parameters
     ----------
@@ -101,7 +101,7 @@ def save_library(library: Library, path: str | Path) -> None:
 
 
 def read_library(path: str | Path) -> Library:
-    """A library from a file of :func:`save_library`.
+    """Read a library from a file of :func:`save_library`.
 
     Parameters
     ----------
@@ -114,7 +114,7 @@ def read_library(path: str | Path) -> Library:
     Raises
     ------
     InputError
-        If the file is missing, is no library, or contradicts itself.
+        The file is missing, is not a library, or is inconsistent.
     """
     path = Path(path)
     arrays = load_archive(path, what="library")
@@ -127,7 +127,7 @@ def read_library(path: str | Path) -> Library:
 
 
 def library_of(arrays: Arrays) -> Library:
-    """A library again, from the arrays of :func:`pack_library`.
+    """Restore a library from the arrays of :func:`pack_library`.
 
     Parameters
     ----------
@@ -140,14 +140,14 @@ def library_of(arrays: Arrays) -> Library:
     Raises
     ------
     InputError
-        If they contradict each other. It does not say where they are from.
+        The arrays are inconsistent. The message does not name a file.
     """
     _require_library(arrays)
     return _unpacked(arrays)
 
 
 def _require_library(arrays: Arrays) -> None:
-    """Whether all parts are there, of sizes that agree, and point at things that exist."""
+    """Check that all parts exist, with consistent sizes and valid indices."""
     check_shapes(arrays, _SHAPES)
     check_owners(arrays, "object_scenelet", "names")
     first = arrays["first_frame"]
@@ -179,24 +179,24 @@ def _unpacked(arrays: Arrays) -> Library:
 # The cache.
 
 _ROOMS: Final = (Path(__file__).parent, Path(scenelet.__file__).parent)
-"""Where everything is that a library is made of."""
+"""Folders of all sources that determine a library."""
 _UNUSED_AFTER: Final = 24 * 3600.0
-"""Seconds after which a library of other sources is taken for one that nobody needs."""
+"""Age in seconds after which a cached library of other sources is removed."""
 _DIGITS: Final = 16
-"""Hexadecimal digits of each digest in a name."""
+"""Hexadecimal digits of each digest in a file name."""
 
 
 def kept(name: str, make: Callable[[], Library], *, folder: Path | None = None) -> Library:
-    """What ``make`` gives, or gave an earlier process with the same sources.
+    """The result of ``make``, cached on disk for processes with the same sources.
 
     Parameters
     ----------
     name : str
-        Tells what is made from other libraries of the same sources.
+        Distinguishes it from other libraries of the same sources.
     make : callable
-        Gives the library; called where no file holds it.
+        Makes the library; called if no file has it.
     folder : Path, optional
-        Where the files are; beside the compiled sources of this module, if not given.
+        Folder of the files; by default beside this module's compiled sources.
 
     Returns
     -------
@@ -219,10 +219,10 @@ def kept(name: str, make: Callable[[], Library], *, folder: Path | None = None) 
 
 
 def sources_digest(rooms: tuple[Path, ...]) -> str:
-    """Sixteen hexadecimal digits for all that decides the numbers of a library.
+    """A digest of everything that determines the numbers of a library: sixteen hexadecimal digits.
 
-    These are the texts in ``rooms``, and what does the arithmetic: numpy chooses its loops by
-    the processor, and they round each in its own way.
+    It covers the texts in ``rooms``, and the numerical platform: numpy selects its loops by
+    processor, and their rounding differs.
 
     Parameters
     ----------
@@ -249,9 +249,9 @@ def _path(folder: Path, stem: str, library: Library) -> Path:
 
 
 def _remove_unused(folder: Path, name: str) -> None:
-    """Remove the files of other sources that no process has read for a day."""
+    """Remove cached files of other sources that no process has read for a day."""
     for path in folder.glob(f"{name}-{'[0-9a-f]' * _DIGITS}-{'[0-9a-f]' * _DIGITS}.npz"):
-        with suppress(OSError):  # somebody else removes it, too
+        with suppress(OSError):  # another process may remove it at the same time
             if path.stat().st_mtime < time.time() - _UNUSED_AFTER:
                 path.unlink()
 
@@ -264,7 +264,7 @@ _BUILT_IN: Final = "built-in"
 
 @cache
 def built_in_library(seed: int = 0) -> Library:
-    """The library made by the project's own code; made once a machine, read once a process.
+    """The built-in library; made once per machine, read once per process.
 
     Parameters
     ----------
@@ -279,14 +279,14 @@ def built_in_library(seed: int = 0) -> Library:
 
 
 def load_library(source: str | Path = _BUILT_IN) -> Library:
-    """The built-in library, one from a file, or several joined.
+    """Load the built-in library, one from a file, or several joined.
 
     Parameters
     ----------
     source : str or Path
-        ``"built-in"``, the path of a file of :func:`save_library`, or several of these
-        parted by commas, as ``"built-in,office.npz"``. A comma in the name of a file that
-        exists does not part.
+        ``"built-in"``, the path of a file of :func:`save_library`, or several of these separated by
+        commas, as in ``"built-in,office.npz"``. A comma inside the name of an existing file does
+        not separate. exists does not part.
 
     Returns
     -------
@@ -295,7 +295,7 @@ def load_library(source: str | Path = _BUILT_IN) -> Library:
     Raises
     ------
     InputError
-        If a file is missing, is no library, or contradicts itself, or one is named twice.
+        A file is missing, is not a library, or is inconsistent, or one is named twice.
 
     Examples
     --------
@@ -314,10 +314,10 @@ def load_library(source: str | Path = _BUILT_IN) -> Library:
 
 
 def joined(libraries: Sequence[Library]) -> Library:
-    """One library of all scenelets of several, in order.
+    """Join several libraries in order.
 
-    A name that an earlier library has too is preceded by the name of its own, as
-    ``office/desk-0007``.
+    If an earlier library has the same scenelet name, the name is prefixed by that of its own
+    library, such as ``office/desk-0007``.
 
     Parameters
     ----------
@@ -341,7 +341,7 @@ def joined(libraries: Sequence[Library]) -> Library:
 
 
 def _parts(source: str) -> list[str]:
-    """The sources parted by commas, of which a file that exists is one whole."""
+    """Split at commas, except those inside the name of an existing file."""
     pieces = source.split(",")
     parts = []
     while pieces:

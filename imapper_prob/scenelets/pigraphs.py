@@ -1,10 +1,10 @@
-"""Recordings of PiGraphs (Savva et al. 2016): people in scanned rooms, tracked by a Kinect.
+"""Read recordings of PiGraphs (Savva et al. 2016): people in scanned rooms, tracked by a Kinect.
 
 A recording ``<scene>_<camera>_<time>.json`` has a ``camera`` (16 numbers, to the world of the scan:
 metres, z up) and ``skeletons``, each with ``timestamp``, ``trackingId``, 25 ``jointPositions`` in
-camera axes and as many ``jointConfidences``. What people do may be in
-``<recording>.interactions.txt``, the furniture is in ``<scene>.segs.json``; both beside the
-recording or anywhere in the same folder.
+camera axes and as many ``jointConfidences``. Actions may be in ``<recording>.interactions.txt``,
+and furniture is in ``<scene>.segs.json``; both are in the folder of the recording or below the
+given folder.
 """
 
 from __future__ import annotations
@@ -31,15 +31,15 @@ __all__ = ["pigraphs_recordings", "read_pigraphs", "read_scan"]
 Array = NDArray[np.float64]
 _log = logging.getLogger(__name__)
 _NEARLY_UPRIGHT: Final = 0.9
-"""Cosine of 26 degrees: a box that leans less stands upright and leans by mistake."""
+"""Cosine of 26 degrees: a box that leans less is taken as upright."""
 _THINNEST: Final = 0.01
-"""Metres; boxes of flat surfaces have no height, and a cuboid needs one."""
+"""Least thickness in metres, because boxes of flat surfaces have no height."""
 _LOW_SHARE: Final = 5.0
-"""Percentile of the boxes' lower ends that is the floor where none is labelled."""
+"""Percentile of the boxes' lower ends that is taken as the floor if no floor is labelled."""
 
 
 def read_scan(path: str | Path) -> tuple[tuple[SceneObject, ...], float]:
-    """The furniture of one room.
+    """Read the furniture of one room.
 
     Parameters
     ----------
@@ -49,9 +49,9 @@ def read_scan(path: str | Path) -> tuple[tuple[SceneObject, ...], float]:
     Returns
     -------
     objects : tuple of SceneObject
-        With the floor at z = 0. Parts of one ``objectId`` are one object, whose front is
-        opposite its back if a part is so called; otherwise it is one of the long sides, the
-        one towards the middle of the room.
+        With the floor at z = 0. Parts with the same ``objectId`` are one object. Its front is
+        opposite a part called back; without one, it is the long side that faces the middle of the
+        room.
     floor : float
         Height of the floor in the file, metres.
 
@@ -97,7 +97,7 @@ def read_scan(path: str | Path) -> tuple[tuple[SceneObject, ...], float]:
 
 
 def _label(path: Path, index: int, group: Any) -> tuple[str, str]:
-    """Label and part; a label without a part is its own part."""
+    """Label and part; a label without a part is its own part name."""
     if not isinstance(group, Mapping):
         raise InputError(f"{path}: group {index} is not an object")
     label = group.get("label", "")
@@ -113,11 +113,11 @@ def _numbers(path: Path, index: int, group: Any, key: str, count: int) -> Array:
 
 
 def _axes(path: Path, groups: Sequence[Any]) -> Array:
-    """(G, 3, 3) unit axes of the boxes, one a row.
+    """(G, 3, 3) unit axes of the boxes, one per row.
 
-    The files do not say whether the nine numbers are three axes or three coordinates of
-    them. Boxes of furniture stand upright, so the reading by which more of them do is the
-    right one. Where both do, they are axes one after the other, as in the authors' programs.
+    The files do not tell whether the nine numbers are three axes or three coordinates of them.
+    Furniture is upright, so the reading with more upright boxes is used. If both are equal, they
+    are axes one after the other, as in the authors' programs.
     """
     values = []
     for index, group in enumerate(groups):
@@ -138,7 +138,7 @@ def _axes(path: Path, groups: Sequence[Any]) -> Array:
 
 
 def _upright(part: str, centre: Array, axes: Array, size: Array) -> MeasuredBox:
-    """The upright box for an oriented one: itself, or one around it where it leans much."""
+    """The upright box for an oriented one: the box itself, or a bounding box if it leans much."""
     up = int(np.abs(axes[:, 2]).argmax())
     level = [i for i in range(3) if i != up]
     longer = max(level, key=lambda i: float(np.linalg.norm(axes[i, :2])) * size[i])
@@ -175,31 +175,31 @@ def _front(boxes: Sequence[MeasuredBox], middle: Array) -> float:
 
 _KINECT_JOINTS: Final = 25
 _FROM_KINECT: Final = (18, 17, 16, 12, 13, 14, 0, 20, 2, 3, 10, 9, 8, 4, 5, 6)
-"""Kinect v2 joint (Microsoft's ``JointType``) of each of ours; its left is the person's own."""
+"""Kinect v2 joint (Microsoft's ``JointType``) for each of ours; its left is the person's own."""
 _TICK: Final = 1e-7
-"""Seconds; the unit of a Kinect's time."""
+"""Time unit of a Kinect, seconds."""
 _MICROSECOND: Final = 1e-6
-"""Seconds; the unit of times in some exports."""
+"""Time unit of some exports, seconds."""
 _KINECT_STEP: Final = 0.03
-"""Seconds between skeletons are never fewer: the sensor sees 30 a second."""
+"""Least time between skeletons, seconds: the sensor has 30 frames per second."""
 _FPS: Final = 10.0
-"""Frames a second that the uneven skeletons are brought to; that of the library."""
+"""Frame rate to which skeletons are resampled, that of the library."""
 _BRIDGED: Final = 0.3
-"""Seconds between two sightings of a joint that are bridged by a straight line."""
+"""Longest gap in seconds between two sightings of a joint that is interpolated."""
 _LONGEST: Final = 4 * 3600.0
-"""Seconds; a longer recording has a damaged time."""
+"""Longest duration in seconds; a longer recording has a damaged time."""
 _VERBS: Final = {
     "lie": "lie", "sit": "sit", "walk": "walk", "reach": "reach", "grasp": "reach",
     "touch": "reach", "stand": "stand",
 }  # fmt: skip
-"""Verbs and our actions; the first in this order that is there counts, because somebody who
-sits and touches a table sits."""
+"""Verbs and our actions. The first one in this order applies: a person who sits and touches a table
+sits."""
 _INTERACTION: Final = re.compile(r"\s*(\d+(?:\.\d*)?)\s*-\s*(\d+(?:\.\d*)?)\s*,(.+)")
-"""Seconds from, seconds to, and verbs with nouns."""
+"""A line with start and end in seconds, and pairs of verb and noun."""
 
 
 def pigraphs_recordings(path: str | Path) -> list[Path]:
-    """Recordings: ``path`` itself, or all in a folder and below.
+    """Find recordings: ``path`` itself, or all in and below a folder.
 
     Parameters
     ----------
@@ -212,11 +212,11 @@ def pigraphs_recordings(path: str | Path) -> list[Path]:
     Raises
     ------
     InputError
-        If there is none.
+        There is none.
     """
     path = Path(path)
     found = [path] if path.is_file() else sorted(path.rglob("*.json"))
-    # "<scene>.segs.json" and the like are no recordings.
+    # Names such as "<scene>.segs.json" are not recordings.
     recordings = [p for p in found if p.suffix == ".json" and "." not in p.stem]
     if not recordings:
         raise InputError(f"{path}: no PiGraphs recording there (<scene>_<camera>_<time>.json)")
@@ -224,26 +224,26 @@ def pigraphs_recordings(path: str | Path) -> list[Path]:
 
 
 def _scene_of(name: str) -> str:
-    """The room of a recording, by its name."""
+    """The room of a recording, from its name."""
     return name.partition("_")[0]
 
 
 def read_pigraphs(path: str | Path, *, folder: str | Path | None = None) -> list[Capture]:
-    """The people of one recording.
+    """Read the people of one recording.
 
     Parameters
     ----------
     path : path
         The recording.
     folder : path, optional
-        Where to look for the scan; where the recording is, if not given.
+        Folder in which the scan is searched; by default that of the recording.
 
     Returns
     -------
     list of Capture
-        One for each person, in the order of their appearance, ten frames a second. Frames in
-        which a joint was lost for more than 0.3 s are NaN; people without any other frame
-        are left out with a warning.
+        One per person, in order of appearance, at ten frames per second. Frames in which a joint
+        was lost for more than 0.3 s are NaN; people without any other frame are left out with a
+        warning.
 
     Raises
     ------
@@ -287,10 +287,10 @@ def read_pigraphs(path: str | Path, *, folder: str | Path | None = None) -> list
 
 
 def _skeletons(path: Path, data: Any) -> tuple[Array, Array, list[Any]]:
-    """Seconds since the first (S,), joints (S, 16, 3) in camera axes, and who it is.
+    """Times in seconds since the first (S,), joints (S, 16, 3) in camera axes, and person IDs.
 
-    Joints are NaN where lost. Skeletons without any joint are left out: the sensor has
-    places for six bodies, seen or not.
+    Lost joints are NaN. Skeletons without any joint are left out, because the sensor always stores
+    six bodies.
     """
     skeletons = field(path, data, "skeletons")
     if not isinstance(skeletons, list) or not all(isinstance(s, Mapping) for s in skeletons):
@@ -316,11 +316,11 @@ def _skeletons(path: Path, data: Any) -> tuple[Array, Array, list[Any]]:
 
 
 def _positions(path: Path, index: int, skeleton: Mapping[str, Any]) -> Array:
-    """(25, 3) joints; NaN where the tracker has no confidence in them."""
+    """(25, 3) joints; NaN where the tracker has no confidence."""
     place = f"{path}: skeleton {index}"
     given = field(path, skeleton, "jointPositions")
     try:
-        # JSON has no NaN: writers put null there, or the word that Python reads as one.
+        # JSON has no NaN: writers use null, or a word that Python parses as NaN.
         positions = np.array(given, dtype=np.float64)
     except (TypeError, ValueError, OverflowError) as error:
         raise InputError(f"{place}: jointPositions must be numbers") from error
@@ -339,10 +339,10 @@ def _positions(path: Path, index: int, skeleton: Mapping[str, Any]) -> Array:
 
 
 def _seconds(stamps: Array) -> Array:
-    """Times of skeletons since the first, in seconds.
+    """Times of skeletons in seconds since the first one.
 
-    The unit is not in the file. A Kinect counts ticks of 100 ns; where that would be more
-    than its 30 skeletons a second, the numbers are microseconds.
+    The file does not state the unit. A Kinect counts ticks of 100 ns; if that would give more than
+    its 30 skeletons per second, the unit is microseconds.
     """
     steps = np.diff(np.unique(stamps))
     step = float(np.median(steps)) if len(steps) else 0.0
@@ -352,7 +352,7 @@ def _seconds(stamps: Array) -> Array:
 
 
 def _camera(path: Path, data: Any, joints: Array) -> Array:
-    """(4, 4) camera to world; of the two ways to read 16 numbers the one that is rigid."""
+    """(4, 4) camera to world, from the one of both orders of 16 numbers that is a rigid motion."""
     given = numbers(field(path, data, "camera"), shape=(16,), place=f"{path}: camera")
     rigid = [
         m for m in (given.reshape(4, 4), given.reshape(4, 4).T)
@@ -361,7 +361,7 @@ def _camera(path: Path, data: Any, joints: Array) -> Array:
     ]  # fmt: skip
     if not rigid:
         raise InputError(f"{path}: camera is not a rotation and a translation, in either order")
-    # Without a translation both are: people have their heads up.
+    # Without a translation both are rigid; then heads must be up.
     upward = np.nansum(joints[:, HEAD] - joints[:, PELV], axis=0)
     return max(rigid, key=lambda m: float(m[2, :3] @ upward))
 
@@ -376,7 +376,7 @@ def _scan(path: Path, scene: str, folder: Path) -> Path:
 
 
 def _actions(path: Path, moments: Array) -> tuple[str, ...]:
-    """A word for each moment, from lines such as ``3.2-7.5,sit:chair|touch:table``."""
+    """An action for each time, from lines such as ``3.2-7.5,sit:chair|touch:table``."""
     if not path.is_file():
         return ()
     words = np.full(len(moments), "", dtype=object)

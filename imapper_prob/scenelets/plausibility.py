@@ -1,12 +1,10 @@
-"""What a human body cannot do: joints bent too far, feet that slide, limbs inside furniture.
+"""Checks of anatomical and physical plausibility: joint angles, sliding feet, penetration.
 
-Ranges of motion are those of the American Academy of Orthopaedic Surgeons, *Joint Motion:
-Method of Measuring and Recording* (1965), in degrees. A skeleton of sixteen joints has one
-straight bone for the spine, from the hips to the shoulders: it turns by half of what an evenly
-bent spine does.
+Ranges of motion are those of the American Academy of Orthopaedic Surgeons, *Joint Motion: Method of
+Measuring and Recording* (1965), in degrees. A skeleton of sixteen joints has one straight spine
+bone from hips to shoulders; it rotates by half of the bend of an evenly bent spine.
 
-Every function returns one sentence for each thing that is wrong, and none for a motion that a
-person could have made.
+Every function returns one sentence per fault, and none for a plausible motion.
 """
 
 from __future__ import annotations
@@ -51,74 +49,75 @@ __all__ = [
 Array = NDArray[np.float64]
 
 SPINE: Final = {"flexion": 80.0, "extension": 25.0, "to the side": 35.0, "twist": 45.0}
-"""Of thorax and loins together."""
+"""Range of thorax and loins together, degrees."""
 
 KNEE, ELBOW = (0.0, 150.0), (0.0, 150.0)
-"""Flexion; of the knee under the weight of the body, 135 by its own muscles."""
+"""Flexion in degrees; for the knee under the weight of the body (135 by its own muscles)."""
 
 HIP: Final = (-30.0 - SPINE["extension"] / 2, 125.0 + SPINE["flexion"] / 2)
-"""Extension and flexion of the thigh against the trunk: that of the hip and of the spine."""
+"""Extension and flexion of the thigh relative to the trunk: of hip and spine together, degrees."""
 
 HIP_SIDEWAYS: Final = (-30.0, 45.0)
-"""Thigh inward and outward."""
+"""Thigh inward and outward, degrees."""
 
 SHOULDER_BACKWARD, SHOULDER_INWARD = 60.0, 45.0
-"""Upper arm behind the trunk, and beyond straight ahead across the chest."""
+"""Upper arm behind the trunk, and across the chest beyond straight ahead, degrees."""
 
 NECK: Final = 45.0
-"""Head against the trunk, to any side."""
+"""Head relative to the trunk, in any direction, degrees."""
 
 KNEE_BACKWARD: Final = 10.0
-"""Knees go a little beyond straight."""
+"""Knee extension beyond straight, degrees."""
 
 MEASURED_WITHIN: Final = 7.0
-"""Degrees; 8 mm of error in each of three joints change the angle between two bones of .27 m by
-a standard deviation of 2.4, and this is three of them."""
+"""Tolerance in degrees: an error of 8 mm in each of three joints changes the angle between two
+bones of .27 m by a standard deviation of 2.4, and this is three of them."""
 
 FOOT_BELOW_FLOOR: Final = 0.03
-"""Metres an ankle may be lower than in a flat foot."""
+"""Metres by which an ankle may be lower than in a flat foot."""
 
 FOOT_LIES: Final = 0.5
-"""Upward part of the shin below which its foot cannot be flat but lies on its side or instep: an
-ankle 60 degrees from upright, where it stretches by 50."""
+"""Vertical component of the shin below which the foot cannot be flat, but lies on its side or
+instep: an ankle 60 degrees from upright, while it stretches by 50."""
 
 LYING_FOOT: Final = 0.02
-"""Metres above the floor that the ankle of a foot that lies is at least."""
+"""Least height in metres of the ankle of a lying foot."""
 
 CONTACT: Final = 0.015
-"""Metres above the height of a flat foot's ankle up to which the foot is taken to stand."""
+"""Height in metres above a flat foot's ankle up to which the foot counts as standing."""
 
 LARGEST_SLIDE: Final = 0.03
-"""Metres between two places of a foot during one stance."""
+"""Largest distance in metres between two positions of a foot in one stance."""
 
 STANDS: Final = 0.75
-"""Height of the pelvis in metres above which nothing but feet carries a body of 1.70 m,
-unless it lies."""
+"""Height of the pelvis in metres above which only feet can support a body of 1.70 m, unless it
+lies."""
 
 UPRIGHT: Final = 0.25
-"""Metres from pelvis to shoulders, upward, of somebody who does not lie: half of the trunk."""
+"""Height of the shoulders above the pelvis, metres, for a person who does not lie: half of the
+trunk."""
 
 LOWEST_FOOT: Final = 0.045
-"""Metres above a flat foot's ankle up to which a foot carries: standing on the toes."""
+"""Height in metres above a flat foot's ankle up to which a foot supports: standing on the toes."""
 
 FASTEST_PELVIS: Final = 2.0
-"""Metres a second, the speed at which people begin to run (Hreljac 1993)."""
+"""Largest speed of the pelvis in m/s, at which people begin to run (Hreljac 1993)."""
 
 FASTEST_JOINT: Final = 6.0
-"""Metres a second; a swinging foot is up to four times as fast as the walk."""
+"""Largest speed of a joint in m/s; a swinging foot is up to four times as fast as the walk."""
 
 LARGEST_STRETCH: Final = 0.03
-"""Metres a bone may be longer or shorter than its median in the clip: bones are rigid, trackers
-are not."""
+"""Metres by which a bone may differ from its median length in the clip: bones are rigid, but
+trackers have errors."""
 
 DEEPEST: Final = 0.05
-"""Metres that the line of a bone may be inside a cuboid: cushions and clothes give way."""
+"""Metres by which the line of a bone may penetrate a cuboid: cushions and clothes give way."""
 
 _SIDE_NAMES: Final = ("right", "left")
 
 
 def faults(joints: ArrayLike, objects: Iterable[SceneObject], *, fps: float) -> list[str]:
-    """All that no person could have done.
+    """All implausible things in a motion.
 
     Parameters
     ----------
@@ -127,12 +126,12 @@ def faults(joints: ArrayLike, objects: Iterable[SceneObject], *, fps: float) -> 
     objects : iterable of SceneObject
         Furniture in the same frame.
     fps : float
-        Frames a second.
+        Frames per second.
 
     Returns
     -------
     list of str
-        A sentence for each fault; empty where there is none.
+        A sentence for each fault; empty if there is none.
     """
     joints = np.asarray(joints, float)
     return [
@@ -144,7 +143,7 @@ def faults(joints: ArrayLike, objects: Iterable[SceneObject], *, fps: float) -> 
 
 
 def posture_faults(joints: ArrayLike) -> list[str]:
-    """Joints bent further than people can, in any frame of joints (n, 16, 3).
+    """Joints bent beyond their range in any frame of joints (n, 16, 3).
 
     Parameters
     ----------
@@ -173,7 +172,7 @@ def posture_faults(joints: ArrayLike) -> list[str]:
 
     pelvis_up, pelvis_ahead, pelvis_right = spine[:, None], ahead[:, None], loin[:, None]
     flexion = np.arctan2(_dot(thighs, pelvis_ahead), -_dot(thighs, pelvis_up))
-    # A thigh folded past the trunk is bent too far, not stretched backward.
+    # A thigh folded beyond the trunk is over-flexed, not extended.
     flexion = np.where(flexion < -np.pi / 2, flexion + 2 * np.pi, flexion)
     outward = np.arcsin(np.clip(_dot(thighs, pelvis_right) * SIDES, -1, 1))
     knee_backward = np.arcsin(np.clip(_dot(np.cross(thighs, shins), pelvis_right), -1, 1))
@@ -196,7 +195,7 @@ def posture_faults(joints: ArrayLike) -> list[str]:
 
 
 def floor_faults(joints: ArrayLike) -> list[str]:
-    """Feet below the floor, sliding or off the floor, in joints (n, 16, 3).
+    """Feet that are below the floor, slide, or do not support, in joints (n, 16, 3).
 
     Parameters
     ----------
@@ -236,14 +235,14 @@ def floor_faults(joints: ArrayLike) -> list[str]:
 
 
 def motion_faults(joints: ArrayLike, *, fps: float) -> list[str]:
-    """Joints (n, 16, 3) that move too fast, and bones that change their length.
+    """Joints (n, 16, 3) that move too fast, and bones that change length.
 
     Parameters
     ----------
     joints : (n, 16, 3) float
         Metres.
     fps : float
-        Frames a second.
+        Frames per second.
 
     Returns
     -------
@@ -293,12 +292,12 @@ def furniture_faults(joints: ArrayLike, objects: Iterable[SceneObject]) -> list[
 
 
 def depth_inside(joints: ArrayLike, piece: SceneObject) -> Array:
-    """How far bones would have to move to be out of each cuboid of a piece.
+    """Distance by which bones would have to move to be outside each cuboid of an object.
 
-    A line and a box are apart if and only if they are so along a normal of the box or along
-    a direction perpendicular to the line and an edge; the smallest overlap along any of
-    these is the distance. Unlike the depth of points on the line this does not
-    end at half the thickness of a board: an arm through a shelf is as deep as its hand is beyond.
+    A segment and a box are disjoint if and only if they are separated along a normal of the box or
+    along a direction perpendicular to the segment and an edge; the smallest overlap along any of
+    these is the distance. Unlike the depth of points on the segment, it is not limited to half the
+    thickness of a board: an arm through a shelf is as deep as its hand is beyond.
 
     Parameters
     ----------
@@ -310,8 +309,8 @@ def depth_inside(joints: ArrayLike, piece: SceneObject) -> Array:
     Returns
     -------
     (n, 15, K) float
-        Metres a bone of :data:`~imapper_prob.models.skeleton.BONES`; 0 or less where it is
-        outside (then not a distance).
+        Metres, for each bone of :data:`~imapper_prob.models.skeleton.BONES`; not positive (and not
+        a distance) if it is outside.
     """
     joints = np.asarray(joints, float)
     at = piece.placement
@@ -352,7 +351,7 @@ def _between(a: Array, b: Array) -> Array:
 
 
 def _outside(what: str, angles: Array, limits: Sequence[float]) -> list[str]:
-    """A sentence a side whose angles (n,) or (n, 2) in radians leave the range in degrees."""
+    """A sentence for each side whose angles (n,) or (n, 2) in radians exceed a range in degrees."""
     degrees = np.degrees(angles).reshape(len(angles), -1)
     low, high = limits
     beyond = np.maximum(degrees - high, low - degrees)

@@ -1,1 +1,1 @@
-"""Simulated clips, whose truth is known."""
+"""Simulated clips with ground truth."""

@@ -1,8 +1,8 @@
-"""A simulated clip: what a camera, a detector and a lifter report of a simulated scene.
+"""Simulated clips: detections and lifted poses of a simulated scene.
 
-The camera, the body and the detector are drawn from the priors of the model, and drawn again until
-the person is in view. Room and walk (:mod:`imapper_prob.simulate.scene`) are plausible, not a draw
-of p(X): for that see ``lab/prior.py``.
+Camera, body and detector are drawn from the priors of the model, repeatedly until the person is in
+view. Room and walk (:mod:`imapper_prob.simulate.scene`) are plausible but not draws from p(X); for
+those see ``lab/prior.py``.
 """
 
 from __future__ import annotations
@@ -52,18 +52,18 @@ __all__ = [
 Array = NDArray[np.float64]
 LIFT_SCALE: Final = 1 / 1.06
 LIFT_SCALE_SPREAD: Final = 0.03
-"""Lifted skeletons are 6 % too small (measured on i3DB)."""
+"""Mean and spread of the scale of lifted skeletons, 6 % too small (measured on i3DB)."""
 LIFT_NOISE_SEEN: Final = 0.04
 LIFT_NOISE_HIDDEN: Final = 0.12
-"""Metres a joint and axis by which a lifter errs: seen joints as MediaPipe's 8 cm in space,
-hidden ones three times that."""
+"""Errors of a lifter in metres a joint and axis: those of visible joints are MediaPipe's 8 cm in
+3D, those of hidden joints three times that."""
 LIFT_MEMORY: Final = 1.0
-"""Seconds over which a lifter's errors forget themselves (residuals on i3DB: 11-13 frames)."""
+"""Correlation time in seconds of a lifter's errors (residuals on i3DB: 11-13 frames)."""
 LOSS_STARTS: Final = 0.10
 LOSS_STARTS_HIDDEN: Final = 1.0
 LOSS_ENDS: Final = 3.0
-"""Rates a second at which a detector loses the person in full view, loses somebody of whom
-most joints are hidden, and finds them again."""
+"""Rates a second at which a detector loses a person in full view, additionally loses one with most
+joints hidden, and finds a lost person again."""
 
 
 def simulate_track(
@@ -77,12 +77,11 @@ def simulate_track(
     detections: DetectionModel | None = None,
     settings: ModelSettings | None = None,
 ) -> Track:
-    """What a detector and a lifter say of a motion.
+    """Simulate the detections and lifted poses of a motion.
 
-    Detections are drawn from the detection model where the joint falls into the image;
-    elsewhere there are none. PELV and NECK are synthesised from the detections, with
-    confidence 0. In runs of frames the person is lost altogether, in others left and right
-    are flipped, as the model says.
+    Detections are drawn from the detection model for joints inside the image; the others are
+    missing. PELV and NECK are computed from the detections and have confidence 0. In some intervals
+    the person is not detected, in others left and right are exchanged, with the model's rates.
 
     Parameters
     ----------
@@ -90,17 +89,17 @@ def simulate_track(
     joints : (T, 16, 3) float
         True joints in the world, metres.
     hidden : (T, 16) bool
-        Which of them furniture hides.
+        Whether furniture hides each joint.
     camera : Camera
-        The true one.
+        The true camera.
     fps : float
         Frames a second.
     name : str
-        Of the track.
+        Name of the track.
     detections : DetectionModel, optional
-        The tables; those measured on i3DB if not given.
+        Detection tables; those measured on i3DB if not given.
     settings : ModelSettings, optional
-        How often and how long left and right are flipped.
+        Gives rate and duration of left-right exchanges.
 
     Returns
     -------
@@ -132,7 +131,7 @@ def simulate_track(
 
 
 def _lost(rng: np.random.Generator, hidden: NDArray[np.bool_], *, fps: float) -> NDArray[np.bool_]:
-    """(T,) frames in which the detector has lost the person: a chain of two states."""
+    """(T,) whether the detector has lost the person, as a Markov chain with two states."""
     share = hidden[:, list(DETECTED)].mean(1)
     starts = (LOSS_STARTS + LOSS_STARTS_HIDDEN * (share > 0.5)) / fps
     uniform = rng.random(len(hidden))
@@ -150,7 +149,8 @@ def _lifted(
     camera: Camera,
     fps: float,
 ) -> Array:
-    """(T, 16, 3) poses of a lifter: camera axes, about the pelvis, too small, and noisy."""
+    """(T, 16, 3) poses of a simulated lifter: camera axes, relative to the pelvis, scaled, with
+    noise."""
     true = camera.to_camera(joints)
     relative = true - true[:, PELV : PELV + 1]
     keep = np.exp(-1 / (LIFT_MEMORY * fps))
@@ -174,31 +174,31 @@ NOMINAL_CAMERA: Final = Camera(
     width=1920, height=1080, fx=1955.0, fy=1955.0, cx=960.0, cy=540.0,
     pitch=float(np.deg2rad(-4.0)), elevation=1.5,
 )  # fmt: skip
-"""The camera of i3DB, with the mean of the prior on its pose: N(-4, 3) degrees of pitch."""
+"""The camera of i3DB, at the mean of the prior of its orientation: N(-4, 3) degrees of pitch."""
 PITCH_SPREAD: Final = calibrated("camera.pitch")
 ROLL_SPREAD: Final = calibrated("camera.roll")
 ELEVATIONS: Final = (1.3, 1.7)
 SCALE_SPREAD: Final = 0.05
-"""Standard deviation of log focal length (assumed ones are good to 5 %) and of log body scale
+"""Standard deviation of log focal length (assumed ones are accurate to 5 %) and of log body scale
 (statures of adults about 1.70 m)."""
 SHORTEST_STAY: Final = 2.0
-"""Seconds; what takes less is not told from walking past."""
+"""Least duration of an interaction in seconds; shorter ones resemble walking past."""
 STAYS_PUT: Final = 0.15
-"""Metres the pelvis may move in a scenelet that can be done for any length of time."""
+"""Greatest movement in metres of the pelvis in a scenelet that can be extended in time."""
 ACTION_WORDS: Final = {
     "sit": "sitting", "stand": "standing", "reach": "reaching", "walk": "walking", "lie": "lying",
 }  # fmt: skip
-"""Words for what goes on, as i3DB has them."""
+"""Words for actions, as in i3DB."""
 FEWEST_IN_IMAGE: Final = 0.3
-"""Part of the joints that is in the image in every frame; the clip is of a person."""
+"""Least fraction of the joints inside the image in every frame."""
 _PLACES = 30
-"""Places tried for each piece before another room is drawn."""
+"""Places tried for each piece of furniture before another room is drawn."""
 _ROOMS = 200
-"""Rooms tried before giving up; two interactions in 150 frames need fewer than ten."""
+"""Rooms tried before an error; two interactions in 150 frames need fewer than ten."""
 
 
 def draw_camera(rng: np.random.Generator, *, nominal: Camera = NOMINAL_CAMERA) -> Camera:
-    """A camera from the prior: pitch, roll, elevation and focal length about the nominal one.
+    """Draw pitch, roll, elevation and focal length of a camera around the nominal one.
 
     Parameters
     ----------
@@ -220,7 +220,7 @@ def draw_camera(rng: np.random.Generator, *, nominal: Camera = NOMINAL_CAMERA) -
 def draw_camera_and_body(
     rng: np.random.Generator, prior: CameraPrior, *, nominal: Camera = NOMINAL_CAMERA
 ) -> tuple[Camera, float]:
-    """A camera, and the factor on the reference stature, from the prior of a clip's phi.
+    """Draw a camera and a body scale from the prior of a clip's phi.
 
     Parameters
     ----------
@@ -246,7 +246,7 @@ def draw_camera_and_body(
 
 @dataclass(frozen=True)
 class _Acted:
-    """A furnished room and what the person does in it, frame by frame."""
+    """A furnished room and the person's motion in it, by frame."""
 
     objects: tuple[SceneObject, ...]
     joints: Array
@@ -266,43 +266,43 @@ def simulate_clip(
     walks: Library | None = None,
     name: str = "simulated",
 ) -> Clip:
-    """A clip whose truth is known.
+    """Simulate a clip with ground truth.
 
     Parameters
     ----------
     rng : numpy.random.Generator
     library : Library
-        Where interactions, furniture and the frame rate come from, that of its first scenelet;
+        Source of interactions, furniture and frame rate. The rate is that of the first scenelet;
         the others are resampled to it.
     n_frames : int
-        Frames of the clip; walking to an interaction and doing it takes about 60 at 10
-        frames a second.
+        Frames of the clip. Walking to an interaction and performing it takes about 60 at 10 frames
+        a second.
     n_interactions : int
-        How many; kinds of furniture are not repeated before all have been used.
+        Number of interactions; kinds of furniture repeat only after all have been used.
     n_bystanders : int
-        Pieces of furniture nobody uses, before the person; fewer where there is no room.
+        Unused pieces of furniture in front of the person; fewer if there is no room.
     script : sequence of str
-        Names of the scenelets to perform, in order, in place of ``n_interactions`` drawn.
+        Names of the scenelets to perform, in order, instead of ``n_interactions`` random ones.
     camera : Camera, optional
         The true camera.
     prior : CameraPrior, optional
-        What camera and body are drawn from where no camera is given. If not given either, pitch,
-        roll, focal length and body are as the model has them, and the height is a tripod's.
+        Prior of camera and body if ``camera`` is not given. Without either, pitch, roll, focal
+        length and body follow the model, and the height is a tripod's.
     walks : Library, optional
-        Where the way of walking comes from, if ``library`` has no walk.
+        Source of the gait, if ``library`` has no walk.
     name : str
-        Of the clip.
+        Name of the clip.
 
     Returns
     -------
     Clip
-        One track; ``camera`` is the nominal one and ``truth`` holds the rest.
+        One track; ``camera`` is the nominal camera, and ``truth`` holds the ground truth.
 
     Raises
     ------
     InputError
-        If the library has no walk or no interaction, a name of the script is unknown, or no
-        room could be found in which there is time for everything.
+        The library has no walk or no interaction, a name in the script is unknown, or no room was
+        found in which the time suffices.
     """
     if not script and n_interactions < 1:
         raise InputError(f"clip {name}: {n_interactions} interactions; ask for one or more")
@@ -350,7 +350,7 @@ def simulate_clip(
 
 
 def _at_rate(library: Library, fps: float) -> Library:
-    """The same scenelets, all at one frame rate."""
+    """The scenelets resampled to one frame rate."""
     if all(s.fps == fps for s in library):
         return library
     changed = (
@@ -360,7 +360,7 @@ def _at_rate(library: Library, fps: float) -> Library:
 
 
 def _stays_put(scenelet: Scenelet) -> bool:
-    """Whether it is an interaction with furniture that can go on."""
+    """Whether a scenelet is an interaction with furniture that can be extended in time."""
     moved = np.ptp(scenelet.joints[:, PELV, :2], axis=0).max()
     return bool(scenelet.objects) and bool(moved < STAYS_PUT)
 
@@ -385,7 +385,7 @@ def _scripted(library: Library, script: Sequence[str]) -> list[Scenelet]:
 
 
 def _first(attempts: Iterable[_T | None]) -> _T | None:
-    """The first attempt that worked."""
+    """The first attempt that succeeded, or None."""
     return next((attempt for attempt in attempts if attempt is not None), None)
 
 
@@ -400,7 +400,7 @@ def _act(
     n_frames: int,
     n_bystanders: int,
 ) -> _Acted | None:
-    """One attempt at a room and a motion through it."""
+    """One attempt to draw a room and a motion through it."""
     fps = scenelets[0].fps
     furniture: list[SceneObject] = []
     stays: list[Stay] = []

@@ -1,8 +1,8 @@
-"""A furnished room before a camera, and the motion of a person in it.
+"""A furnished room in front of a camera, and the motion of a person in it.
 
-In the frames of a scenelet the joints are exactly the scenelet's, placed and scaled; it is played
-to and fro for as long as the person stays. In between the person walks, with poses of the library's
-walking scenelets played by distance so that the feet keep up with the body.
+In the frames of a scenelet the joints are the scenelet's own, placed and scaled. The scenelet is
+played forwards and backwards for as long as the person stays. In between the person walks, with the
+poses of a walking scenelet as a function of distance, so that the feet do not slide.
 """
 
 from __future__ import annotations
@@ -36,25 +36,25 @@ __all__ = [
 
 Array = NDArray[np.float64]
 TOUCH: Final = 0.02
-"""Metres by which a line of sight must cut a box: grazing an edge is not being hidden."""
+"""Metres of a line of sight inside a box from which on a joint counts as hidden."""
 NEAREST: Final = 2.5
 FARTHEST: Final = 6.0
-"""Depth in metres at which people do things; i3DB's do them 3-6 m away."""
+"""Range of depth in metres of interactions; those in i3DB are 3-6 m away."""
 PASSAGE: Final = 0.15
-"""Metres between furniture and the middle of a walking body (arms may graze)."""
+"""Least distance in metres of furniture from the middle of a walking body (arms may graze)."""
 GAP: Final = 0.45
-"""Metres between one interaction's furniture and the next's: a way to squeeze through."""
+"""Least distance in metres between the furniture of two interactions, for a passage."""
 FEWEST_SEEN: Final = 0.55
-"""Part of the joints that an interaction must show; of somebody hidden nothing is known."""
+"""Least fraction of visible joints in an interaction; a hidden person cannot be recovered."""
 LOW: Final = 1.0
-"""Metres; lower furniture hides no more than the legs of somebody who stands behind it."""
+"""Height in metres below which furniture hides at most the legs of a person behind it."""
 KNEE_ROOM: Final = 0.45
-"""Metres from the pelvis of somebody seated to where they stand before the seat."""
+"""Distance in metres from a sitter's pelvis to where the person stands in front of the seat."""
 SITTING: Final = 0.75
-"""Metres; whose pelvis is lower sits."""
+"""Height in metres of the pelvis below which a person sits."""
 
-# Where walking ends, relative to the first pose: (right, forward) metres. Before a seat, beside
-# it if there is a table before it, or past the end of that table; behind somebody who stands.
+# End points of walks relative to the first pose: (right, forward) metres. In front of a seat,
+# beside it or past the end of a table in front of it; behind a standing person.
 _BEFORE_SEAT = (
     (0.0, 0.6),
     (0.55, 0.0),
@@ -68,7 +68,7 @@ _BEHIND = ((0.0, -0.30), (0.0, -0.10))
 
 
 def in_image(camera: Camera, points: Array) -> NDArray[np.bool_]:
-    """Which points of the world fall into the image.
+    """Whether points of the world are inside the image.
 
     Parameters
     ----------
@@ -88,7 +88,7 @@ def in_image(camera: Camera, points: Array) -> NDArray[np.bool_]:
 def hidden_joints(
     camera: Camera, joints: Array, objects: Sequence[SceneObject]
 ) -> NDArray[np.bool_]:
-    """Which joints furniture hides from the camera.
+    """Whether furniture hides each joint from the camera.
 
     Parameters
     ----------
@@ -96,7 +96,7 @@ def hidden_joints(
     joints : (..., 16, 3) float
         World, metres.
     objects : sequence of SceneObject
-        In the world.
+        In world coordinates.
 
     Returns
     -------
@@ -107,7 +107,7 @@ def hidden_joints(
 
 
 def _distance(points: Array, objects: Sequence[SceneObject]) -> float:
-    """Smallest distance on the floor of any point (k, 2) from any object's bounding box."""
+    """Smallest distance on the floor of points (k, 2) from the bounding boxes of objects."""
     nearest = np.inf
     for piece in objects:
         local = (points - (piece.placement.x, piece.placement.y)) @ piece.placement.rotation
@@ -118,7 +118,7 @@ def _distance(points: Array, objects: Sequence[SceneObject]) -> float:
 
 
 def _outline(piece: SceneObject) -> Array:
-    """Points of the floor about 10 cm apart all over an object's footprint."""
+    """Points on the floor about 10 cm apart that cover an object's footprint."""
     a, b, _, d = piece.footprint
     u, v = np.meshgrid(
         np.linspace(0, 1, int(np.linalg.norm(b - a) / 0.1) + 2),
@@ -129,7 +129,7 @@ def _outline(piece: SceneObject) -> Array:
 
 
 def _anywhere(rng: np.random.Generator, camera: Camera) -> Array:
-    """A point of the floor whose bearing is well inside the image."""
+    """A random point on the floor whose bearing is well inside the image."""
     depth = rng.uniform(NEAREST, FARTHEST)
     side = 0.75 * camera.width / 2 / camera.fx
     return np.array([depth * rng.uniform(-side, side), depth])
@@ -143,7 +143,7 @@ def draw_stay(
     scale: float,
     furniture: Sequence[SceneObject],
 ) -> Stay | None:
-    """A place for an interaction that is in view and clear of other furniture.
+    """Try to place an interaction in view and clear of other furniture.
 
     Parameters
     ----------
@@ -151,14 +151,14 @@ def draw_stay(
     scenelet : Scenelet
     camera : Camera
     scale : float
-        Of the body, a factor.
+        Factor on the size of the body.
     furniture : sequence of SceneObject
-        In the world, to keep clear of.
+        Furniture in world coordinates to keep clear of.
 
     Returns
     -------
     Stay or None
-        None if this attempt found none.
+        None if the attempt failed.
     """
     x, y = _anywhere(rng, camera)
     placement = Placement(float(x), float(y), float(rng.uniform(-np.pi, np.pi)))
@@ -169,7 +169,7 @@ def draw_stay(
         return None
     joints = placement.apply(scenelet.joints * scale)
     middle = joints[len(joints) // 2, list(DETECTED)]
-    # The furniture of one interaction may hide part of another, but not most of it.
+    # The furniture of one interaction may hide part of another's person, but not most of it.
     seen = in_image(camera, middle) & ~hidden_joints(camera, middle, [*own, *furniture])
     if seen.mean() < FEWEST_SEEN:
         return None
@@ -184,7 +184,7 @@ def draw_stay(
 
 
 def low_pieces(library: Library) -> list[SceneObject]:
-    """All furniture of a library that one looks over when standing.
+    """All furniture of a library that a standing person can look over.
 
     Parameters
     ----------
@@ -206,25 +206,25 @@ def draw_bystander(
     scale: float,
     furniture: Sequence[SceneObject],
 ) -> SceneObject | None:
-    """Put a piece that nobody uses between camera and person, hiding part of them.
+    """Try to place an unused piece between camera and person so that it hides some joints.
 
     Parameters
     ----------
     rng : numpy.random.Generator
     pieces : sequence of SceneObject
-        One of which is taken.
+        Pieces from which one is drawn.
     stay : Stay
-        Of the person.
+        Stay of the person.
     camera : Camera
     scale : float
-        Of the body, a factor.
+        Factor on the size of the body.
     furniture : sequence of SceneObject
-        In the world, to keep clear of.
+        Furniture in world coordinates to keep clear of.
 
     Returns
     -------
     SceneObject or None
-        None if this attempt found no room for it.
+        None if the attempt found no room for it.
     """
     piece = pieces[int(rng.integers(len(pieces)))]
     joints = stay.joints(scale)
@@ -245,7 +245,7 @@ def draw_bystander(
 def draw_entry(
     rng: np.random.Generator, first: Stay, *, camera: Camera, furniture: Sequence[SceneObject]
 ) -> Array | None:
-    """A free point of the floor in view where the clip begins, a few steps away.
+    """Try to find a free point on the floor in view at which the clip begins.
 
     Parameters
     ----------
@@ -253,12 +253,12 @@ def draw_entry(
     first : Stay
     camera : Camera
     furniture : sequence of SceneObject
-        In the world, to keep clear of.
+        Furniture in world coordinates to keep clear of.
 
     Returns
     -------
     (2,) float or None
-        Metres; None if this attempt found none.
+        Metres; None if the attempt failed.
     """
     point = _anywhere(rng, camera)
     if not 1.0 < np.linalg.norm(point - first.approach) < 3.0:
@@ -274,7 +274,7 @@ def find_route(
     camera: Camera,
     furniture: Sequence[SceneObject],
 ) -> Array | None:
-    """The shortest free way found between two points.
+    """The shortest free route found between two points.
 
     Parameters
     ----------
@@ -283,12 +283,12 @@ def find_route(
         Metres.
     camera : Camera
     furniture : sequence of SceneObject
-        In the world, to keep clear of.
+        Furniture in world coordinates to keep clear of.
 
     Returns
     -------
     (2, 2) or (3, 2) float, or None
-        Corners, metres; None if there is none.
+        Corners, metres; None if no route was found.
     """
     ways = [np.stack([start, end])]
     ways += [np.stack([start, _anywhere(rng, camera), end]) for _ in range(20)]
@@ -304,19 +304,19 @@ def find_route(
 # Motion.
 
 SETTLING: Final = 1.3
-"""Seconds between walking and the first pose of a scenelet: to turn and sit down."""
+"""Seconds between walking and the first pose of a scenelet, for turning and sitting down."""
 RAMP: Final = 0.4
-"""Seconds to walking speed, and from it."""
+"""Seconds of acceleration to walking speed, and of deceleration."""
 STRIDE: Final = (0.8, 1.9)
-"""Metres that two steps of an adult indoors may cover."""
+"""Range in metres of two steps of an adult indoors."""
 PACE: Final = 1.0
-"""Metres a second at which people walk indoors, about."""
+"""Approximate walking speed indoors, metres a second."""
 CORNER: Final = 0.35
-"""Metres over which a corner of the path is rounded."""
+"""Length in metres over which a corner of the path is rounded."""
 
 
 def _minimum_jerk(progress: ArrayLike) -> Array:
-    """Position between 0 and 1 of a smooth movement (Flash and Hogan 1985), held outside."""
+    """Minimum-jerk position (Flash and Hogan 1985): 0 to 1, constant outside that progress."""
     s = np.clip(np.asarray(progress, float), 0.0, 1.0)
     position: Array = s**3 * (10 - 15 * s + 6 * s**2)
     return position
@@ -324,16 +324,16 @@ def _minimum_jerk(progress: ArrayLike) -> Array:
 
 @dataclass(frozen=True)
 class Gait:
-    """One walking cycle, by distance.
+    """One walking cycle as a function of distance.
 
     Parameters
     ----------
     poses : (m, 16, 3) float
-        Joints relative to the point of the floor below the pelvis, facing +y, metres.
+        Joints relative to the point on the floor below the pelvis, facing +y, metres.
     distance : (m,) float
         Metres walked at each pose, from 0.
     stride : float
-        Metres after which the first pose comes again.
+        Metres after which the cycle repeats.
     """
 
     poses: Array
@@ -342,7 +342,7 @@ class Gait:
 
     @classmethod
     def of(cls, library: Library) -> Gait:
-        """A cycle of a library's walk, of those that cover two steps the one nearest ``PACE``.
+        """A cycle from the walk of a library that covers two steps at a speed nearest to ``PACE``.
 
         Parameters
         ----------
@@ -355,7 +355,7 @@ class Gait:
         Raises
         ------
         InputError
-            If no scenelet without objects covers the length of two steps.
+            No scenelet without objects covers the length of two steps.
         """
         walks = [s for s in library if not s.objects and _chord(s) > STRIDE[0]]
         if not walks:
@@ -374,7 +374,7 @@ class Gait:
         return cls(poses[first:last], walked[first:last] - walked[first], float(gap[first, last]))
 
     def at(self, distance: ArrayLike) -> Array:
-        """Poses after some way.
+        """Interpolated poses at some distances.
 
         Parameters
         ----------
@@ -384,7 +384,7 @@ class Gait:
         Returns
         -------
         (n, 16, 3) float
-            As ``poses``.
+            Like ``poses``.
         """
         along = np.mod(np.asarray(distance, float), self.stride)
         low = np.searchsorted(self.distance, along, side="right") - 1
@@ -395,24 +395,24 @@ class Gait:
 
 
 def _chord(scenelet: Scenelet) -> float:
-    """Metres from the first position to the last."""
+    """Distance in metres from the first position to the last."""
     return float(np.linalg.norm(scenelet.joints[-1, PELV] - scenelet.joints[0, PELV]))
 
 
 @dataclass(frozen=True)
 class Stay:
-    """A scenelet somebody performs somewhere.
+    """A scenelet performed at a place.
 
     Parameters
     ----------
     scenelet : Scenelet
     placement : Placement
-        Of the scenelet's local frame in the world.
+        Pose of the scenelet's local frame in the world.
     approach : (2,) float
-        Point of the floor in the world, metres, where walking ends and begins again.
+        Point on the floor in world coordinates, metres, where walking ends and begins again.
     turn : (2,) float
-        Point that draws the way between there and the first pose: before the seat, so that
-        nobody cuts through its arms.
+        Control point of the way from there to the first pose: in front of the seat, so that nobody
+        passes through its arms.
     """
 
     scenelet: Scenelet
@@ -421,24 +421,24 @@ class Stay:
     turn: Array
 
     def joints(self, scale: float) -> Array:
-        """Joints of a body scaled about the floor below the pelvis.
+        """Joints of a body scaled about the point on the floor below the pelvis.
 
         Parameters
         ----------
         scale : float
-            A factor.
+            Factor on the size of the body.
 
         Returns
         -------
         (n, 16, 3) float
-            World, metres.
+            World coordinates, metres.
         """
         return self.placement.apply(self.scenelet.joints * scale)
 
 
 @dataclass(frozen=True)
 class _Leg:
-    """A walk: (n, 2) positions on the floor, (n,) yaw and (n,) metres walked."""
+    """A walk: (n, 2) positions on the floor, (n,) yaw, and (n,) metres walked."""
 
     positions: Array
     yaw: Array
@@ -466,7 +466,7 @@ def _leg(corners: Array, *, speed: float, fps: float) -> _Leg:
 
 
 def _smoothed(line: Array, width: int) -> Array:
-    """A moving average that leaves both ends where they are."""
+    """A moving average that keeps both end points fixed."""
     reach = width // 2
     before = 2 * line[:1] - line[reach:0:-1]
     after = 2 * line[-1:] - line[-2 : -reach - 2 : -1]
@@ -478,11 +478,12 @@ def _smoothed(line: Array, width: int) -> Array:
 def _settled(first: Array, last: Array, turn: Array, n_frames: int) -> Array:
     """(n, 16, 3) frames strictly between two poses (16, 3) in the world, feet on the floor.
 
-    The pelvis follows the parabola that starts and ends towards the point ``turn`` (2,).
+    The pelvis follows a parabola whose control point is ``turn`` (2,).
     """
     weight = _minimum_jerk(np.arange(1, n_frames + 1) / (n_frames + 1))
     yaw_change = float(np.angle(np.exp(1j * (facing(last) - facing(first)))))
-    # Both poses are brought to face alike before blending, so that turning is turning.
+    # Both poses are rotated to the same yaw before blending, and the yaw is interpolated
+    # separately.
     first_yaw = float(facing(first))
     a, b = (
         turned(first - first[PELV], -first_yaw),
@@ -500,7 +501,7 @@ def _settled(first: Array, last: Array, turn: Array, n_frames: int) -> Array:
 
 
 def _stayed(joints: Array, n_frames: int) -> Array:
-    """A scenelet's frames, to and fro until ``n_frames`` are filled."""
+    """The frames of a scenelet, forwards and backwards until ``n_frames`` are filled."""
     n = len(joints)
     index = np.abs((np.arange(n_frames) + n - 1) % (2 * n - 2) - (n - 1))
     return joints[index]
@@ -517,32 +518,32 @@ def walk_between(
     fps: float,
     shortest_stay: int,
 ) -> tuple[Array, NDArray[np.intp]] | None:
-    """The whole motion: along each route to each stay, until the frames are used up.
+    """The whole motion along each route to each stay, until the frames are used up.
 
     Parameters
     ----------
     rng : numpy.random.Generator
-        Draws the walking speed and how the spare time is shared among the stays.
+        Draws the walking speed and the division of spare time among the stays.
     stays : sequence of Stay
         In order of time.
     routes : sequence of (k, 2) float
-        Corners of the walk to each stay, from where the last one was left, metres.
+        Corners of the walk to each stay, from the place of the previous one, metres.
     gait : Gait
     n_frames : int
-        Frames in all.
+        Total number of frames.
     scale : float
         Body scale.
     fps : float
         Frames a second.
     shortest_stay : int
-        Frames.
+        Least number of frames of a stay.
 
     Returns
     -------
     joints : (n_frames, 16, 3) float
-        In the world, metres.
+        World coordinates, metres.
     which : (n_frames,) int
-        The stay of each frame, -1 on the way.
+        Index of the stay of each frame, -1 while walking.
 
     None if the walks leave too little time for the stays.
     """

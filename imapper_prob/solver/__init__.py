@@ -1,1 +1,1 @@
-"""The deterministic solver, stage by stage: from detections to the best scene."""
+"""The staged, deterministic solver: from detections to the most probable scene."""

@@ -1,8 +1,8 @@
-"""Several people before one camera: solved one by one, with one camera and shared furniture.
+"""Solve clips with several people: one by one, with one camera and shared furniture.
 
-A window, a path, a smooth motion belong to one actor, so every actor has a log-posterior of
-their own. What they share is the camera: its pose, height and focal length are estimated from
-everybody's feet, so that furniture found by one stands in the world of all.
+Windows, path and smoothness belong to one actor, so every actor has their own log-posterior. Actors
+share the camera: its pose, elevation and focal length are estimated from the feet of all of them.
+So furniture found from one actor is in the same world frame for all.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ __all__ = [
 
 Progress = Callable[[str, float], None]
 _SHARED, _BODY = [0, 1, 2, 4], 3
-"""Places in a camera prior of what the camera is, and of what is each actor's own."""
+"""Indices in a camera prior: the camera's parameters, and the body scale of each actor."""
 
 
 def solve_actors(
@@ -67,7 +67,7 @@ def solve_actors(
     settings: Settings | None = None,
     progress: Progress | None = None,
 ) -> tuple[Solution, ...]:
-    """Solve every track of a clip, all with the same camera.
+    """Solve every track of a clip with a common camera.
 
     Parameters
     ----------
@@ -77,7 +77,7 @@ def solve_actors(
     Returns
     -------
     tuple of Solution
-        In the order of the tracks; the clip of each has that track only.
+        In the order of the tracks; the clip of each solution has only its own track.
     """
     clips = [replace(clip, tracks=(track,)) for track in clip.tracks]
     if len(clips) == 1:
@@ -118,27 +118,27 @@ def share_camera(
     focal_spread: float,
     settings: CameraSettings | None = None,
 ) -> tuple[CameraPrior, ...]:
-    """What everybody's feet together say of the camera, and what that says of each body.
+    """Combine the camera estimates of all actors, and update each actor's body scale.
 
-    Each actor's estimate is the camera's prior and what their feet saw; the prior counts
-    once. With the elevation as a logarithm all of it is Gaussian and precisions add up. A
-    body's scale is what its own estimate says, given the camera that all agreed on.
+    Each actor's estimate combines the camera prior with the evidence of their feet; the prior must
+    count only once. With the log of the elevation everything is Gaussian, so precisions add. An
+    actor's body scale is its own estimate conditioned on the common camera.
 
     Parameters
     ----------
     own : sequence of CameraPrior
-        Of each actor, as `estimate_camera` gives it.
+        Estimate of each actor, from `estimate_camera`.
     nominal : Camera
-        The clip's; the prior is about it.
+        The clip's camera, which is the mean of the prior.
     focal_spread : float
-        The clip's, by how much its focal length may be wrong.
+        Standard deviation of the clip's log focal length.
     settings : CameraSettings, optional
-        Those the estimates were made with.
+        Settings with which the estimates were made.
 
     Returns
     -------
     tuple of CameraPrior
-        By actor.
+        One per actor.
     """
     settings = settings or CameraSettings()
     prior = np.diag(
@@ -166,7 +166,7 @@ def _with_log_elevation(camera: CameraPrior) -> tuple[np.ndarray, np.ndarray]:
 def _given(
     mean: np.ndarray, covariance: np.ndarray, camera: np.ndarray, agreed: np.ndarray
 ) -> CameraPrior:
-    """An actor's five numbers once the four shared ones are known better."""
+    """Camera prior of an actor, given a better estimate of the four shared parameters."""
     gain = covariance[_BODY, _SHARED] @ np.linalg.inv(covariance[np.ix_(_SHARED, _SHARED)])
     alone = covariance[_BODY, _BODY] - gain @ covariance[_SHARED, _BODY]
     new_mean, new = np.zeros(5), np.zeros((5, 5))
@@ -182,38 +182,38 @@ def _given(
 
 
 # ------------------------------------------------------------------------------------------------
-# One answer for everybody.
+# Scenes of all actors together.
 #
-# Of the scenes that each actor has tried, those are taken together that are probable and do not
-# stand in each other; what two actors both found is one object.
+# From the scenes tried for each actor, those are combined that are probable and do not penetrate
+# each other; an object found from two actors is one object.
 
 Array = NDArray[np.float64]
 _ALTERNATIVES = 12
-"""Scenes of each actor that are tried with those of the others."""
+"""Number of scenes of each actor that are combined with those of the others."""
 _SAME = 0.25
-"""Part of the smaller footprint that two objects of one label share if they are one."""
+"""Share of the smaller footprint that two objects of one label must have in common to be one."""
 _COLUMNS = ((PELV, THRX), (RANK, RKNE), (LANK, LKNE))
-"""Trunk and shins, the parts of a person that cannot stand in furniture."""
+"""Trunk and shins as pairs of joints, for penetration of people into furniture."""
 
 
 @dataclass(frozen=True)
 class SolvedScene:
-    """One answer for all actors.
+    """A scene of all actors.
 
     Parameters
     ----------
     camera : Camera
-        Its pose defines the world.
+        Camera of the scene; its pose defines the world frame.
     objects : tuple of SceneObject
-        In the world, what several found merged.
+        World frame; objects found from several actors are merged.
     users : tuple of tuple of int
-        By object, the actors who found it.
+        For each object, the actors from whom it was found.
     motions : tuple of (T, 16, 3) float
-        By actor, joints in the world, metres.
+        For each actor, joints in the world frame, metres.
     states : tuple of State
-        By actor.
+        One per actor.
     log_posterior : float
-        Sum over the actors, less what they cost each other.
+        Sum over the actors minus mutual penetration costs, nats.
     """
 
     camera: Camera
@@ -228,12 +228,12 @@ class SolvedScene:
         return f"SolvedScene(log posterior {self.log_posterior:.1f} nat: {names:.200})"
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw the scene from above: furniture by category, and everybody's way.
+        """Draw the scene from above: furniture by category, and the paths of all people.
 
         Parameters
         ----------
         ax : matplotlib.axes.Axes, optional
-            Those of a new figure if not given.
+            If not given, the axes of a new figure.
 
         Returns
         -------
@@ -254,23 +254,23 @@ class SolvedScene:
         return axes
 
     def _repr_html_(self) -> str:
-        """The scene from above, with its text, for a notebook."""
+        """A view from above and a text, for notebooks."""
         return f"<p>{escape(repr(self))}</p>{picture_of(self.plot, size=(5.0, 4.6))}"
 
 
 @dataclass(frozen=True)
 class Solved:
-    """A clip, what was found for each of its actors, and for all of them.
+    """The solution of a clip: for each of its actors, and for all of them together.
 
     Parameters
     ----------
     clip : Clip
-        With all its tracks.
+        The clip with all its tracks.
     actors : tuple of Solution
-        In the order of the tracks, in one world.
+        In the order of the tracks, in one world frame.
     scenes : tuple of SolvedScene
-        The best, then others of which no two have the same scenelet at nearby times. By
-        log-posterior, or with the published energy by that, without the priors.
+        The best scene, then alternatives that do not share a scenelet at nearby times. Sorted by
+        log-posterior; with the published energy, by that energy without priors.
 
     Examples
     --------
@@ -290,7 +290,7 @@ class Solved:
         return f"Solved(clip={self.clip.name!r:.80}, scenes={len(self.scenes)}{best})"
 
     def _repr_html_(self) -> str:
-        """All scenes with what they cost, and the best from above, for a notebook."""
+        """A table of all scenes and a view of the best one, for notebooks."""
         rows = "".join(
             f"<tr><td>{number}<td>{scene.log_posterior:.1f}"
             f"<td>{escape(', '.join(o.label for o in scene.objects)) or 'none'}"
@@ -302,21 +302,21 @@ class Solved:
 
 
 def solved(clip: Clip, actors: Sequence[Solution], *, count: int = 5) -> Solved:
-    """Put the solutions of all actors together.
+    """Combine the solutions of all actors.
 
     Parameters
     ----------
     clip : Clip
     actors : sequence of Solution
-        As :func:`~imapper_prob.solver.actors.solve_actors` gives them.
+        Solutions by :func:`~imapper_prob.solver.actors.solve_actors`.
     count : int
-        Scenes asked for; the list ends where nothing else improves on an empty room.
+        Number of scenes wanted; there are fewer if no other improves on an empty room.
 
     Returns
     -------
     Solved
     """
-    # Polishing moves the camera, and several have to agree on it.
+    # Polishing changes the camera, which several actors share; so it is done only for one.
     finish = refine if len(actors) > 1 else _polished
     by_actor = [
         method_of(a.problem).scenes(a, first, finish=finish, count=count)
@@ -337,10 +337,11 @@ def _polished(problem: Problem, state: State) -> State:
 
 
 def _best_together(actors: Sequence[Solution]) -> tuple[State, ...]:
-    """By actor the scene that is best with those of the others.
+    """For each actor, the scene that is best together with those of the others.
 
-    From everybody's own best scene, one actor after the other takes the alternative that is
-    best given the rest, until nobody changes. Repeatable, and exact for one actor.
+    Coordinate ascent: starting from the best scene of each actor, one actor after the other takes
+    the alternative that is best given the rest, until nothing changes. Deterministic, and exact for
+    one actor.
     """
     if len(actors) == 1:
         return (actors[0].states[0],)
@@ -365,7 +366,7 @@ def _best_together(actors: Sequence[Solution]) -> tuple[State, ...]:
 
 
 def _alternatives(actor: Solution) -> list[State]:
-    """The best scenes that one actor has tried, refined; all have the mean camera."""
+    """The best scenes tried for one actor, refined; all with the mean camera."""
     found = actor.combinations
     exchanged = [e.state for e in found.exchanges[-1:]]
     return exchanged + [
@@ -376,14 +377,14 @@ def _alternatives(actor: Solution) -> list[State]:
 
 @dataclass(frozen=True)
 class Part:
-    """One actor's share of a scene.
+    """One actor's furniture and motion in a scene.
 
     Parameters
     ----------
     objects : tuple of SceneObject
-        In the world.
+        World frame.
     joints : (T, 16, 3) float
-        World, metres.
+        World frame, metres.
     """
 
     objects: tuple[SceneObject, ...]
@@ -391,7 +392,7 @@ class Part:
 
     @classmethod
     def of(cls, actor: Solution, state: State) -> Part:
-        """The furniture and the motion of an actor's state.
+        """Furniture and motion of an actor's state.
 
         Parameters
         ----------
@@ -408,7 +409,8 @@ class Part:
 
 
 def _mutual_cost(actor: Solution, one: Part, other: Part) -> float:
-    """Nats for furniture in furniture and people in the furniture of others."""
+    """Cost in nats of collisions between the actors' furniture, and of people inside the
+    other's."""
     problem = actor.problem
     strange = [o for o in one.objects if not any(_same(o, p) for p in other.objects)]
     strangers = [p for p in other.objects if not any(_same(o, p) for o in one.objects)]
@@ -425,7 +427,7 @@ def _mutual_cost(actor: Solution, one: Part, other: Part) -> float:
 
 
 def _same(one: SceneObject, other: SceneObject) -> bool:
-    """Whether two actors mean one object: same label, same place."""
+    """Whether objects of two actors are the same: equal labels and overlapping footprints."""
     if one.label != other.label:
         return False
     a, b = Polygon(one.footprint), Polygon(other.footprint)
@@ -433,7 +435,7 @@ def _same(one: SceneObject, other: SceneObject) -> bool:
 
 
 def _depth_inside(joints: Array, objects: Sequence[SceneObject]) -> float:
-    """Metres that trunk and shins are inside the boxes of objects, summed over frames."""
+    """Depth of trunk and shins inside the boxes of objects, summed over frames, metres."""
     total = 0.0
     for low, high in _COLUMNS:
         place = (joints[:, low] + joints[:, high]) / 2
@@ -459,21 +461,22 @@ def _scene(clip: Clip, actors: Sequence[Solution], states: Sequence[State]) -> S
 def shared_furniture(
     parts: Sequence[Part],
 ) -> tuple[tuple[SceneObject, ...], tuple[tuple[int, ...], ...]]:
-    """Everybody's objects, those that are one merged, and by object who found it.
+    """Merge the objects of all actors, and tell for each object from whom it was found.
 
-    Kept is the one of the actor nearest to the camera, who is seen best. Two objects of one
-    actor are never merged here: that actor's own scene has already decided about them.
+    Of merged objects, the one of the actor nearest to the camera is kept, because that actor is
+    seen best. Two objects of one actor are not merged here: that actor's own scene has decided
+    about them.
 
     Parameters
     ----------
     parts : sequence of Part
-        By actor.
+        One per actor.
 
     Returns
     -------
     objects : tuple of SceneObject
     users : tuple of tuple of int
-        By object, the actors who found it.
+        For each object, the actors from whom it was found.
     """
     distance = [float(np.median(np.linalg.norm(p.joints[:, PELV], axis=-1))) for p in parts]
     kept: list[SceneObject] = []

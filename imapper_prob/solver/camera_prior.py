@@ -1,9 +1,9 @@
 """The prior of camera and body: a Laplace approximation given the feet of the static path.
 
-Five numbers are open: pitch, roll and height of the camera, and the factors by which focal length
-and stature differ from what was assumed. The feet of a person who walks about see the floor, and
-with it the height; they see pitch and roll only through how that height changes with depth and
-across the view, which is weak and tied to the height.
+Five parameters are estimated: pitch, roll and elevation of the camera, and the factors of focal
+length and stature. The feet of a person who walks about determine the floor, and so the elevation.
+They determine pitch and roll only through the change of the floor's height with depth and across
+the view; this is weak, and correlated with the elevation.
 """
 
 from __future__ import annotations
@@ -28,17 +28,18 @@ __all__ = ["estimate_camera", "find_stays", "thigh_signs"]
 
 Array = NDArray[np.float64]
 _SECONDS: Final = 1.0
-"""Over which angles are a running median: people do not get up and sit down within it."""
+"""Window in seconds of the running median of angles; people do not sit down and get up within
+it."""
 _THIGHS: Final = [RHIP, RKNE, LHIP, LKNE]
 
 
 def thigh_signs(
     track: Track, path: StaticPath, camera: CameraPrior, *, fps: float
 ) -> tuple[Array, Array]:
-    """Angle of the thighs, and how far they are seen.
+    """Angle of the thighs to the vertical, and the confidence of their joints.
 
-    Nobody walks, stands or reaches with both thighs level. The angle is the mean of both legs', and
-    the median over a second; how much it says is measured on i3DB (``support.angle`` and
+    Nobody walks, stands or reaches with both thighs horizontal. The angle is the mean of both legs
+    and a running median over a second; its evidence is calibrated on i3DB (``support.angle`` and
     ``support.slope`` in ``docs/research/calibration.md``).
 
     Parameters
@@ -47,7 +48,7 @@ def thigh_signs(
     path : StaticPath
     camera : CameraPrior
     fps : float
-        Frames a second.
+        Frames per second.
 
     Returns
     -------
@@ -72,7 +73,7 @@ def find_stays(
     fps: float,
     settings: ModelSettings | None = None,
 ) -> Array:
-    """Stays of a person, see :func:`imapper_prob.models.kernels.stays.unsupported`.
+    """Find the stays of a person, see :func:`imapper_prob.models.kernels.stays.unsupported`.
 
     Parameters
     ----------
@@ -80,13 +81,13 @@ def find_stays(
     path : StaticPath
     camera : CameraPrior
     fps : float
-        Frames a second.
+        Frames per second.
     settings : ModelSettings, optional
 
     Returns
     -------
     (K, 3) float
-        First frame, frame after the last, and nats that they speak of being carried.
+        First frame, frame after the last, and evidence in nats for being supported.
     """
     settings = settings or ModelSettings()
     angle, seen = thigh_signs(track, path, camera, fps=fps)
@@ -103,20 +104,20 @@ def find_stays(
 # The prior.
 
 _LEVEL: Final = 0.175
-"""Metres of a lower ankle beneath the pelvis. In the built-in library who has less lies or sits
-cross-legged (at most .15), and who has more is on their feet, on a seat or on their knees (at least
-.2); on i3DB nobody has less than .33."""
+"""Height of the pelvis above the lower ankle in metres, below which the person lies or sits
+cross-legged. In the built-in library those have at most .15, and people on their feet, on a seat or
+on their knees at least .2; on i3DB nobody has less than .33."""
 _LEVEL_ERROR: Final = 0.10
-"""Standard deviation of that in a fitted pose, metres: of pelvis and ankle, each off by its
-``pose.tolerance``."""
+"""Standard deviation of that height in a fitted pose, metres: of pelvis and ankle with the
+error ``pose.tolerance`` each."""
 _EITHER: Final = 0.5
-"""Probability that somebody so low is on furniture: .57 of such frames of the built-in library."""
+"""Probability that such a person is on furniture: .57 of such frames in the built-in library."""
 _HIGHEST: Final = 1.0
-"""Metres above the floor below which feet on furniture are: above any seat, bed or table."""
+"""Largest height in metres of feet on furniture: above any seat, bed or table."""
 _SOME: Final = 0.1
-"""Probability of being on furniture from which on there is a second mode to look for."""
+"""Probability of being on furniture above which a second mode is searched for."""
 _STARTS: Final = (0.05, 0.5, 0.95)
-"""Quantiles of the heights of ankles, each taken for the floor's in one search of the mode."""
+"""Quantiles of ankle heights; each is taken for the floor in one search of the mode."""
 
 
 def estimate_camera(
@@ -127,41 +128,42 @@ def estimate_camera(
     settings: CameraSettings | None = None,
     detector: DetectorSettings | None = None,
 ) -> CameraPrior:
-    """Gaussian approximation of the camera's five numbers, given the feet.
+    """Gaussian approximation of the posterior of camera and body, given the feet.
 
-    Twice the body at twice the distance, or half as long a lens, look the same. So a focal
-    scale f and a body scale b take a point (x, y, z) of the static path to (b x, f b y, b z),
+    A body twice as large at twice the distance, or with half the focal length, looks the same. So a
+    focal scale f and a body scale b map a point (x, y, z) of the static path to (b x, f b y, b z),
     and the lowest ankle of a frame is at height
 
         elevation + f b sin(pitch) y + b cos(pitch) (sin(roll) x + cos(roll) z),
 
-    which should be that of an ankle above the floor, but for a constant offset. Where both ankles
-    are level with the pelvis somebody lies or sits on the floor or on furniture: such an ankle may
-    as well be anywhere above the floor (a mixture of a Student-t and a uniform density).
-    Gauss-Newton on log elevation, which keeps the camera above the floor, then the Laplace
-    approximation.
+    which should be that of an ankle above the floor, up to a constant offset. If both ankles are
+    level with the pelvis, the person lies or sits on the floor or on furniture. Such an ankle may
+    be anywhere above the floor (a mixture of a Student-t and a uniform density). The mode is found
+    by Gauss-Newton in log elevation, which keeps the camera above the floor, and then the Laplace
+    approximation is made.
 
     Parameters
     ----------
     clip : Clip
-        Its camera's pose is the mean of the prior, and it says how sure its focal length is.
+        The pose of its camera is the mean of the prior; it also gives the error of the focal
+        length.
     path : StaticPath
-        Of the person ``track``.
+        Static path of that person.
     track : int
-        Which person.
+        Index of the person's track.
     settings : CameraSettings, optional
     detector : DetectorSettings, optional
-        Says by what confidence a foot is taken for hidden.
+        Determines below which confidence a foot counts as hidden.
 
     Returns
     -------
     CameraPrior
-        With the correlation of pitch and elevation.
+        Includes the correlation of pitch and elevation.
 
     Raises
     ------
     InputError
-        If the path is of another clip.
+        The path is of another clip.
     """
     settings = settings or CameraSettings()
     if len(path.lift) != clip.n_frames:
@@ -171,8 +173,8 @@ def estimate_camera(
         )
     feet = _feet(clip, path, track, settings, DetectionModel.of(detector or DetectorSettings()))
     mode = _mode(feet)
-    # The robust weights that find the mode average 1 / spread^2, but a Student-t observation
-    # informs of its centre only by (dof + 1) / (dof + 3) of that.
+    # The robust weights average 1 / spread^2, but the Fisher information of a Student-t observation
+    # about its centre is only (dof + 1) / (dof + 3) of that.
     told = (settings.ankle_dof + 1) / (settings.ankle_dof + 3)
     information = told * feet.information(mode) + np.diag(feet.prior_spread**-2)
     covariance = np.linalg.inv(information)[:5, :5]
@@ -187,10 +189,11 @@ def estimate_camera(
 
 @dataclass(frozen=True)
 class _Feet:
-    """Posterior of a state (6,): pitch, log elevation, log focal, log body, roll, ankle's offset.
+    """Posterior of (6,): pitch, log elevation, log focal, log body, roll and ankle offset.
 
-    ``right``, ``depth``, ``up`` (T,) of the lowest ankle in camera axes, metres of the static
-    path, what each frame counts, and the probability that furniture holds the feet.
+    ``right``, ``depth`` and ``up`` (T,) are camera coordinates of the lowest ankle in metres of the
+    static path. ``weight`` is that of each frame, and ``held`` the probability that the feet are on
+    furniture.
     """
 
     right: Array
@@ -203,10 +206,10 @@ class _Feet:
     settings: CameraSettings
 
     def errors(self, state: Array) -> Array:
-        """(T,) expected minus seen height, in metres of the reference body.
+        """(T,) expected minus observed height, in metres of the reference body.
 
-        The error belongs to what was seen: in metres of the scaled body, a smaller body would
-        make all errors smaller and so seem to explain them better.
+        The errors are those of the observation. In metres of the scaled body, a smaller body would
+        make all errors smaller and seem to fit better.
         """
         pitch, _, log_focal, _, roll, _ = state
         level = np.sin(roll) * self.right + np.cos(roll) * self.up
@@ -256,13 +259,13 @@ class _Feet:
         return result
 
     def cost(self, state: Array) -> float:
-        """Negative log-posterior up to its constant, nats."""
+        """Negative log-posterior up to a constant, nats."""
         on_floor, on_furniture = self._densities(state)
         prior = ((state - self.prior_mean) / self.prior_spread) ** 2
         return float(-(self.weight * np.log(on_floor + on_furniture)).sum() + 0.5 * prior.sum())
 
     def information(self, state: Array) -> Array:
-        """(6, 6) Gauss-Newton Hessian of what the feet say, without the prior."""
+        """(6, 6) Gauss-Newton Hessian of the feet's evidence, without the prior."""
         slopes = self.slopes(state)
         result: Array = (slopes * self._robust_weights(state)[:, None]).T @ slopes
         return result
@@ -276,9 +279,9 @@ class _Feet:
 
 
 def _mode(feet: _Feet) -> Array:
-    """The best of the modes reached from the prior's mean and from several heights of the floor.
+    """The best mode found from the prior mean and from several heights of the floor.
 
-    With feet on furniture there is a second one, in which they are on the floor.
+    If feet are on furniture, there is a second mode in which they are on the floor.
     """
     upward = feet.settings.ankle - np.exp(feet.prior_mean[1]) - feet.errors(feet.prior_mean)
     starts = [feet.prior_mean]
@@ -291,7 +294,7 @@ def _mode(feet: _Feet) -> Array:
 
 
 def _descend(feet: _Feet, state: Array, *, tolerance: float = 1e-9) -> Array:
-    """Gauss-Newton; steps are halved while they lead uphill."""
+    """Gauss-Newton with step halving while the cost increases."""
     for _ in range(50):
         step = feet.step(state)
         before = feet.cost(state)
@@ -310,10 +313,10 @@ def _feet(
     settings: CameraSettings,
     detections: DetectionModel,
 ) -> _Feet:
-    """The lower seen ankle of every frame, as the nominal camera has it, and the prior.
+    """The lower visible ankle of every frame in the nominal camera, and the prior.
 
-    Of a hidden foot detectors make something up, and the lower of two is then the worse guess:
-    it counts only where no ankle is more probably seen than hidden.
+    For a hidden foot a detector invents a position, which is often the lower one. So a hidden ankle
+    is used only if both ankles of the frame are more probably hidden than seen.
     """
     ankles = path.joints[:, [RANK, LANK]]
     confidences = clip.tracks[track].confidences[:, [RANK, LANK]]

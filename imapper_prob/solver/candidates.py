@@ -1,10 +1,10 @@
-"""Candidates: fits at the maxima of charness, judged and refined under the log-posterior.
+"""Candidates: fits at maxima of charness, evaluated and refined under the log-posterior.
 
-Reprojection alone cannot tell a chair from a couch. In every window the best fits of each kind of
-furniture are kept apart and judged with occlusion and intersections, and the best of each kind that
-is still worth it is refined. The paper takes 200 fits a maximum, drops those that walk through
-furniture, then those whose furniture hides the wrong joints, and keeps three (Monszpart et al.
-2019, section 5).
+Reprojection alone cannot distinguish a chair from a couch. So in every window the best fits of each
+kind of furniture are kept separately, evaluated with occlusion and intersections, and the best of
+each kind is refined if its gain is sufficient. The paper takes 200 fits per maximum, removes those
+that walk through furniture, then those whose furniture hides the wrong joints, and keeps three
+(Monszpart et al. 2019, section 5).
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ class MaximaSettings:
     Parameters
     ----------
     temperature : float
-        Nats per joint; a fit worse than the window's best by this has 1/e of its say.
+        Nats per joint; a fit that is worse than the window's best by this has 1/e of its weight.
     smoothing : float
         Standard deviation in windows (2.5 in the paper).
     minimum : float
@@ -68,7 +68,7 @@ class MaximaSettings:
     apart : float
         Seconds between maxima, about the length of a scenelet.
     most : int
-        How many maxima to keep (1 to 5 in the paper).
+        Largest number of maxima (1 to 5 in the paper).
     """
 
     temperature: float = 0.1
@@ -80,14 +80,14 @@ class MaximaSettings:
 
 @dataclass(frozen=True)
 class Peak:
-    """A local maximum of charness, and what became of it.
+    """A local maximum of charness, and whether it was selected.
 
     Parameters
     ----------
     window : int
     charness : float
     dropped : str
-        Why it is no maximum of the clip; empty if it is one.
+        Reason why it was not selected; empty if it was.
     """
 
     window: int
@@ -97,20 +97,20 @@ class Peak:
 
 @dataclass(frozen=True)
 class CharnessCurve:
-    """Charness by window, and the windows that stand out.
+    """Charness by window, and its maxima.
 
     Parameters
     ----------
     centres : (W,) int
-        Middle frames of the windows.
+        Middle frame of each window.
     raw : (W,) float
         Charness of each window's best fits in [0, 1]; NaN in windows without detections.
     values : (W,) float
-        The same, bridged where it is unknown, and smoothed.
+        The same, interpolated where unknown, and smoothed.
     maxima : (M,) int
-        Indices of windows, the most characteristic first.
+        Indices of the selected windows, in descending order of charness.
     peaks : tuple of Peak
-        All maxima, and the local maxima that suppression dropped, in order of time.
+        All maxima, and the local maxima that were not selected, in order of time.
     """
 
     centres: Ints
@@ -133,7 +133,7 @@ def charness_curve(
     settings: MaximaSettings | None = None,
     bare: NDArray[np.bool_] | None = None,
 ) -> CharnessCurve:
-    """Charness of the best fits weighted by match quality, smoothed, maxima thinned out.
+    """Charness of the best fits, weighted by fit quality and smoothed; find separated maxima.
 
     Parameters
     ----------
@@ -143,8 +143,8 @@ def charness_curve(
     fps : float
     settings : MaximaSettings, optional
     bare : (T,) bool, optional
-        Frames without a static skeleton. Windows about these are maxima, too, whatever their
-        charness, where no maximum is near: the set T' of the paper. None if not given.
+        Frames without a static skeleton. A window about such a frame is also a maximum, whatever
+        its charness, unless another maximum is near: the set T' of the paper.
 
     Returns
     -------
@@ -159,7 +159,7 @@ def charness_curve(
         raw[w] = float(weight @ charness / weight.sum())
     bridged = np.zeros(len(raw))
     if known.any():
-        # A window without detections takes the charness of those around it.
+        # A window without detections takes the interpolated charness of its neighbours.
         bridged = np.interp(np.arange(len(raw)), np.flatnonzero(known), raw[known])
     values = gaussian_filter1d(bridged, settings.smoothing, mode="nearest")
     chosen: list[int] = []
@@ -180,7 +180,7 @@ def charness_curve(
         else:
             chosen.append(w)
     if bare is not None:
-        # Windows that are long enough for some scenelet, whether or not anything was detected.
+        # Windows into which some scenelet fits, with or without detections.
         forced = bare[fits.centres] & (fits.placements[..., 1] > 0).any(1)
         for w in np.argsort(-values, kind="stable").tolist():
             near = np.abs(fits.centres[w] - fits.centres[chosen]) < settings.apart * fps
@@ -196,14 +196,14 @@ def charness_curve(
 
 
 def _stands_out(values: Array, window: int) -> bool:
-    """Whether a window is above the one before and not below the one after it."""
+    """Whether a window is a local maximum: above the one before, not below the one after."""
     before = values[window - 1] if window > 0 else -np.inf
     after = values[window + 1] if window + 1 < len(values) else -np.inf
     return bool(before < values[window] >= after)
 
 
 # ------------------------------------------------------------------------------------------------
-# Judging and refining.
+# Evaluation and refinement.
 
 Progress = Callable[[str, float], None]
 
@@ -213,7 +213,7 @@ class ScreenSettings:
     """Parameters
     ----------
     each_kind : int
-        Fits of each kind of furniture that are judged, a window.
+        Fits of each kind of furniture that are evaluated per window.
     worth : float
         Nats by which a kind may be worse than the window's best and still be refined.
     """
@@ -235,9 +235,9 @@ class Candidate:
     size : float
         Log size of the person.
     gain : float
-        Nats by which it alone improves on the scene without any scenelet.
+        Nats by which this scenelet alone improves on the empty scene.
     kind : tuple of int
-        Categories of its objects; scenelets of one kind say the same about the furniture.
+        Categories of its objects; scenelets of one kind imply the same furniture.
     window : int
         Index of the window it was fitted to.
     """
@@ -258,7 +258,7 @@ def screen(
     settings: ScreenSettings | None = None,
     progress: Progress | None = None,
 ) -> tuple[Candidate, ...]:
-    """The best fits of every window and kind, with what each gains, in order of time.
+    """Evaluate the best fits of every window and kind; candidates are in order of time.
 
     Parameters
     ----------
@@ -266,7 +266,7 @@ def screen(
     fits : Fits
     settings : ScreenSettings, optional
     progress : callable, optional
-        Called with a stage's name and the part of it that is done.
+        Called with the name of a stage and its completed share.
 
     Returns
     -------
@@ -302,7 +302,7 @@ def _refined(
     judged: dict[tuple[int, ...], list[Candidate]],
     settings: ScreenSettings,
 ) -> list[Candidate]:
-    """One window's candidates, the best of each kind with furniture refined where worth it."""
+    """Candidates of one window; the best of each kind with furniture is refined if good enough."""
     everything = [c for own in judged.values() for c in own]
     if not everything:
         return []
@@ -323,7 +323,7 @@ def _refined(
 
 
 def assigned(state: State, members: Iterable[Candidate]) -> State:
-    """The state with these candidates as well.
+    """Add candidates to a state.
 
     Parameters
     ----------
@@ -340,22 +340,23 @@ def assigned(state: State, members: Iterable[Candidate]) -> State:
 
 
 def apart_from_stays(problem: Problem, context: State) -> Callable[[Sequence[Candidate]], float]:
-    """What candidates gain in a scene, where those of one stay share what it is worth.
+    """A gain function of candidates that divides the value of a stay among its candidates.
 
-    One scenelet holds a whole stay, and the next gains nothing by it: gains of single candidates
-    would not add up. So each has its part of the stay's frames, in which its person is off their
-    feet, and sums over candidates of one stay come to no more than all of it.
+    A single scenelet supports a whole stay, and a second one gains nothing from it, so gains of
+    single candidates would not add up. Here each candidate gets the share of the stay's frames in
+    which its person is off their feet. Sums over the candidates of a stay do not exceed the stay's
+    value.
 
     Parameters
     ----------
     problem : Problem
     context : State
-        The scene without them; the gain of none is 0. What it holds already is nobody's gain.
+        Scene without the candidates; no candidates gain 0. Stays that it supports have no value.
 
     Returns
     -------
     callable
-        From candidates to nats.
+        Maps candidates to their gain in nats.
     """
     bare = problem._replace(stays=problem.stays[:0])
     held = [unsupported(stay[None], problem.lowered, context.items) == 0 for stay in problem.stays]
@@ -377,24 +378,24 @@ def apart_from_stays(problem: Problem, context: State) -> Callable[[Sequence[Can
 
 
 def along_the_ray(problem: Problem, frame: int, placement: Array) -> tuple[Array, float]:
-    """The most probable of all places that look the same, and the log size it takes.
+    """The most probable placement along the viewing ray, and its log size.
 
-    A fit knows how large the person looks. How far away they are then depends on how large
-    they are, and on how far the static path has them in that frame; both are normal.
+    A fit determines the apparent size of the person. The distance then depends on the actual size
+    and on the depth of the static path in that frame; both have normal priors.
 
     Parameters
     ----------
     problem : Problem
     frame : int
-        In which the static path is asked.
+        Frame of the static path whose depth is used.
     placement : (3,) float
-        Of a person of the body's own size: x, y in metres, yaw in radians.
+        Of a person with the body's size: x, y in metres, yaw in radians.
 
     Returns
     -------
     placement : (3,) float
     size : float
-        Log.
+        Log size.
     """
     _, _, log_focal, log_body, _ = problem.camera_mean
     apart = problem.path_centre[frame, 1] + log_focal + log_body - np.log(placement[1])
@@ -404,7 +405,7 @@ def along_the_ray(problem: Problem, frame: int, placement: Array) -> tuple[Array
 
 
 def refine(problem: Problem, state: State, *, only: Iterable[int] | None = None) -> State:
-    """Placements and sizes under the full posterior, one scenelet at a time (Nelder and Mead).
+    """Optimise placements and sizes under the full posterior, one scenelet at a time (Nelder-Mead).
 
     Parameters
     ----------
@@ -417,7 +418,7 @@ def refine(problem: Problem, state: State, *, only: Iterable[int] | None = None)
     -------
     State
     """
-    # Of bearing, log depth, yaw, and of what a person's size leaves to the depth.
+    # For bearing, log depth, yaw, and log size at constant apparent size.
     step = np.array([0.02, 0.05, 0.15, 0.05])
     for index in range(state.n_scenelets) if only is None else only:
         value = log_posterior_near(problem, state)
@@ -440,15 +441,15 @@ def refine(problem: Problem, state: State, *, only: Iterable[int] | None = None)
 
 
 # ------------------------------------------------------------------------------------------------
-# Tables of a maximum: who was kept, and what spoke against the others, in the order of the
-# paper's criteria. One log-posterior judges all of them at once.
+# Tables of maxima: which candidates were kept, and why others were not, in the order of the paper's
+# criteria, although one log-posterior evaluates all of them at once.
 
 _SOLID = ("motion", "collision", "ground")
-"""Terms that say who stands in what."""
+"""Terms of penetrations."""
 
 
 class Fate(StrEnum):
-    """What became of a candidate: kept, or what it would have needed to be."""
+    """Whether a candidate was kept, or which criterion it failed."""
 
     FIT = "fit"
     MOTION = "motion"
@@ -459,20 +460,20 @@ class Fate(StrEnum):
 
 @dataclass(frozen=True)
 class Shortlisted:
-    """A candidate at a maximum, its gain over no scenelet in three parts, all in nats.
+    """A candidate at a maximum, with its gain over the empty scene in three parts, nats.
 
     Parameters
     ----------
     candidate : Candidate
     fit : float
-        All but the other two: detections if nothing hid anything, facing, path, prior.
+        All but the other two: detections without occlusion, facing, path, prior.
     motion : float
-        For people and furniture that stand in each other, at most 0.
+        Penetrations of people and furniture, at most 0.
     occlusion : float
-        For what the furniture hides.
+        Effect of occlusion by the furniture.
     fate : Fate
-        ``KIND``: another of the same furniture is better. ``MOTION`` and ``OCCLUSION``: would
-        have been kept if it were not for that part. ``FIT``: neither would have helped.
+        ``KIND``: another candidate with the same furniture is better. ``MOTION`` and ``OCCLUSION``:
+        it would have been kept without that part. ``FIT``: not even then.
     """
 
     candidate: Candidate
@@ -484,15 +485,15 @@ class Shortlisted:
 
 @dataclass(frozen=True)
 class MaximumTable:
-    """One maximum of charness.
+    """The candidates at one maximum of charness.
 
     Parameters
     ----------
     window : int
     fitted : int
-        Scenelets fitted there and in the windows beside it.
+        Number of scenelets fitted in this window and its neighbours.
     rows : tuple of Shortlisted
-        Those with furniture that were judged, the best first.
+        Evaluated candidates with furniture, the best first.
     """
 
     window: int
@@ -505,7 +506,7 @@ class MaximumTable:
         object.__setattr__(self, "rows", Listed(self.rows))
 
     def counts(self) -> dict[str, int]:
-        """How many are left after each step, from all that were fitted to those kept.
+        """Number of candidates left after each criterion, from all fitted to those kept.
 
         Returns
         -------
@@ -526,14 +527,14 @@ def shortlist(
     curve: CharnessCurve,
     kept: Sequence[Candidate],
 ) -> tuple[MaximumTable, ...]:
-    """The table of every maximum, in order of time.
+    """Make the table of every maximum, in order of time.
 
     Parameters
     ----------
     problem, fits, candidates, curve
-        As of the stages before.
+        Results of the earlier stages.
     kept : sequence of Candidate
-        Those that went on to be combined.
+        Candidates that are used in combinations.
 
     Returns
     -------
@@ -564,7 +565,7 @@ def shortlist(
 
 
 def _fate(candidate: Candidate, kept: Sequence[Candidate], motion: float, occlusion: float) -> Fate:
-    """What spoke against a candidate that was not kept."""
+    """The criterion that a candidate which was not kept failed."""
     if any(candidate.kind == k.kind for k in kept):
         return Fate.KIND
     missing = min(k.gain for k in kept) - candidate.gain
@@ -574,7 +575,7 @@ def _fate(candidate: Candidate, kept: Sequence[Candidate], motion: float, occlus
 
 
 def _without_furniture(problem: Problem) -> Problem:
-    """The same scenelets with nothing around them."""
+    """The problem with the same scenelets without furniture."""
     return problem._replace(
         boxes=problem.boxes[:0],
         box_first=np.zeros_like(problem.box_first),

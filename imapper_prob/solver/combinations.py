@@ -1,29 +1,27 @@
-"""Combinations of candidates: found best first, judged by the log-posterior, polished.
+"""Combinations of candidates: best-first search, evaluation by log-posterior, refinement.
 
-A combination S is scored by its members alone and two by two,
+The score of a combination S has a part for each member and one for each pair,
 
     Q(S) = sum_{c in S} gain_c + sum_{pairs in S} together_cd,
 
-with ``together`` what a pair is worth beyond its members (-inf where it cannot be).
-Combinations come out in the order of Q, the best first, and only as many as are asked for are
-ever looked at.
+where ``together`` is the additional gain of a pair (-inf if it is impossible). Combinations are
+generated in descending order of Q, and only as many as are wanted.
 
-*The bound.* Let the first groups be decided, with members S, and r_c = gain_c + sum_{d in S}
-together_cd what a member c of an open group would add to S. Any completion R has
+*The bound.* Suppose the first groups are decided, with members S. A member c of an open group would
+add r_c = gain_c + sum_{d in S} together_cd to S. Any completion R has
 
     Q(S + R) - Q(S) = sum_{c in R} r_c + sum_{pairs in R} together_cd.
 
-Split its pairs into those of neighbouring groups and the others. A pair of the latter kind
-with c in the earlier group is worth no more than max(0, max over the members d of the later
-group of together_cd), and over all later groups these sum to at most o_c, whether R has
-members there or not. So
+Split its pairs into those of neighbouring groups and the others. A pair of the latter kind with c
+in the earlier group adds at most max(0, max over the members d of the later group of together_cd).
+Over all later groups these sum to at most o_c, whether or not R has members there. So
 
     Q(S + R) <= Q(S) + max over R of [ sum_{c in R} (r_c + o_c) + sum_{neighbours in R} together ],
 
-and the maximum on the right is over a chain of groups, which dynamic programming finds
-exactly. Nothing is thus ever thrown away that could still be better than what came out: the
-bound (of minus Q, a lower one) is admissible. Once all groups are decided it is Q itself, so
-that whatever is taken from the queue complete is the best of all that is left.
+and dynamic programming finds the maximum on the right exactly, because it is over a chain of
+groups. So no combination is discarded that could still be better: the bound is admissible. For a
+complete combination the bound is Q itself, so a complete combination taken from the queue is the
+best of all that remain.
 """
 
 from __future__ import annotations
@@ -70,15 +68,15 @@ Ints = NDArray[np.int64]
 def best_first(
     groups: Sequence[Ints], gain: Array, together: Array
 ) -> Iterator[tuple[tuple[int, ...], float]]:
-    """All combinations that are possible, with their scores Q, the best first.
+    """Generate all possible combinations with their scores Q, the best first.
 
     Parameters
     ----------
     groups : sequence of (k,) int
-        Members of each group, by their index in ``gain``; a combination has one or none.
+        Members of each group, as indices in ``gain``; a combination has at most one of each group.
     gain : (N,) float
     together : (N, N) float
-        Symmetric; -inf for pairs that cannot be.
+        Symmetric; -inf for impossible pairs.
 
     Yields
     ------
@@ -87,7 +85,7 @@ def best_first(
     score : float
     """
     others = _optimistic(groups, together)
-    order = count()  # of equal bounds the one found first; makes the order repeatable
+    order = count()  # among equal bounds the one found first, for a deterministic order
     queue: list[tuple[float, int, int, tuple[int, ...], float, Array]] = []
 
     def push(decided: int, members: tuple[int, ...], score: float, added: Array) -> None:
@@ -107,13 +105,13 @@ def best_first(
 
 
 def bound(groups: Sequence[Ints], added: Array, together: Array) -> float:
-    """Most that a chain of groups can add, pairs counted between neighbours only.
+    """Upper bound of what a chain of groups can add, with pairs of neighbouring groups only.
 
     Parameters
     ----------
     groups : sequence of (k,) int
     added : (N,) float
-        What each member adds by itself.
+        What each member adds alone.
     together : (N, N) float
 
     Returns
@@ -121,7 +119,7 @@ def bound(groups: Sequence[Ints], added: Array, together: Array) -> float:
     float
         Nats.
     """
-    best = np.zeros(1)  # by what is taken of the last group; the first entry is nothing
+    best = np.zeros(1)  # by the member taken of the last group; the first entry is none
     last = np.empty(0, dtype=np.int64)
     for group in groups:
         pairs = np.zeros((1 + len(last), 1 + len(group)))
@@ -132,7 +130,7 @@ def bound(groups: Sequence[Ints], added: Array, together: Array) -> float:
 
 
 def _optimistic(groups: Sequence[Ints], together: Array) -> Array:
-    """(N,) o_c: most that later groups but the next can add to a member by pairs."""
+    """(N,) o_c: upper bound of a member's pairs with later groups, except the next one."""
     result = np.zeros(len(together))
     for position, group in enumerate(groups):
         for later in groups[position + 2 :]:
@@ -144,24 +142,23 @@ def _optimistic(groups: Sequence[Ints], together: Array) -> Array:
 # ------------------------------------------------------------------------------------------------
 # Refinement of a whole scene.
 #
-# Each scenelet stands on the floor, so that where the camera looks and how far away everybody is
-# hang together: moving one scenelet at a time, or the camera alone, gets nowhere. As the paper
-# (Monszpart et al. 2019, section 5), L-BFGS moves all, in units in which all unknowns are about as
-# uncertain.
+# Scenelets stand on the floor, so the camera's pose and all distances are correlated: moving one
+# scenelet or the camera alone achieves little. As in the paper (Monszpart et al. 2019, section 5),
+# L-BFGS optimises all unknowns, in units of about equal uncertainty.
 
 _UNITS = np.array([0.01, 0.06, 0.1, 0.05])
-"""Of bearing, log depth, yaw (rad), and of log size at the same look: their usual doubt."""
+"""Typical uncertainty of bearing, log depth, yaw (rad), and log size at constant apparent size."""
 _STEP = 0.02
-"""Of differences, in these units: much more than rounding, much less than a kink is wide."""
+"""Step of finite differences in these units, well above rounding errors and below kinks."""
 _NOWHERE = 1e6
-"""Nats of a state outside the support, for a search that wants finite numbers."""
+"""Cost in nats of a state outside the support, because the optimiser needs finite values."""
 _ITERATIONS = 40
 _FAR = 20.0
-"""Log metres, farther than which a step of the search is outside the support anyway."""
+"""Largest log depth (log m) of the search, which is outside the support."""
 
 
 def polish(problem: Problem, state: State) -> State:
-    """The most probable state near one, with the same scenelets at the same times.
+    """Maximise the log-posterior locally, with the same scenelets and start frames.
 
     Parameters
     ----------
@@ -201,11 +198,11 @@ def polish(problem: Problem, state: State) -> State:
 # ------------------------------------------------------------------------------------------------
 # From candidates at the maxima of charness to whole scenes.
 #
-# The paper tries every combination of three candidates a maximum (Monszpart et al. 2019, section
-# 5). Here a maximum may also stay empty, and there may be twelve of them: combinations are judged
-# by the log-posterior in the order of :func:`search`, all of them where there are few. The best
-# scenes are refined, and in the best one candidates are exchanged
-# (:mod:`imapper_prob.solver.sequences`).
+# The paper tries every combination of three candidates per maximum (Monszpart et al. 2019, section
+# 5). Here a maximum may also stay empty, and there may be twelve of them: combinations are
+# evaluated by log-posterior in the order of :func:`best_first`, all of them if there are few. The
+# best scenes are refined, and in the best one candidates are exchanged
+# (:mod:`imapper_prob.solver.sequences`). (:mod:`imapper_prob.solver.sequences`).
 
 Progress = Callable[[str, float], None]
 
@@ -215,12 +212,12 @@ class CombineSettings:
     """Parameters
     ----------
     kept : int
-        Candidates a maximum (3 in the paper), each of another kind of furniture.
+        Candidates per maximum (3 in the paper), each of another kind of furniture.
     tried : int
-        Combinations judged by the full log-posterior: all that three candidates or none at
+        Combinations evaluated by the full log-posterior: as many as three candidates or none at
         five maxima can give.
     alternatives : int
-        Scenes returned beside the best.
+        Number of scenes in addition to the best one.
     """
 
     kept: int = 3
@@ -230,17 +227,17 @@ class CombineSettings:
 
 @dataclass(frozen=True)
 class Combination:
-    """One combination of candidates that was judged.
+    """An evaluated combination of candidates.
 
     Parameters
     ----------
     members : tuple of int
-        Indices in the pool, in order of time.
+        Indices of the candidates in the pool, in order of time.
     score : float
-        Nats over no scenelet by its candidates alone and two by two, those of one stay
-        sharing what it is worth.
+        Gain over the empty scene in nats, as the sum of single and pair gains; candidates of one
+        stay share its value.
     gain : float
-        Nats over no scenelet by the full log-posterior.
+        Gain over the empty scene in nats, by the full log-posterior.
     """
 
     members: tuple[int, ...]
@@ -250,20 +247,20 @@ class Combination:
 
 @dataclass(frozen=True)
 class Combinations:
-    """What was tried, and the scenes that came of it.
+    """The combinations that were tried, and the resulting scenes.
 
     Parameters
     ----------
     pool : tuple of Candidate
-        Those kept at the maxima.
+        Candidates kept at the maxima.
     tried : tuple of Combination
         The best first.
     left : float
-        Best score of a combination that was not tried; -inf if all were.
+        Best score of a combination that was not tried; -inf if all were tried.
     exchanges : tuple of Exchange
-        What was exchanged in the best combination once that was refined.
+        Exchanges made in the best combination after its refinement.
     states : tuple of State
-        The best scene, then others with other furniture, all refined.
+        The best scene, then others with different furniture, all refined.
     """
 
     pool: tuple[Candidate, ...]
@@ -280,7 +277,7 @@ class Combinations:
 
     @property
     def complete(self) -> bool:
-        """Whether every combination was judged; if not, the search was pruned."""
+        """Whether every combination was evaluated."""
         return self.left == -np.inf
 
 
@@ -292,7 +289,7 @@ def combine(
     settings: CombineSettings | None = None,
     progress: Progress | None = None,
 ) -> Combinations:
-    """The best scene by log-posterior, then its diverse alternatives.
+    """Find the best scene by log-posterior, and diverse alternatives.
 
     Parameters
     ----------
@@ -301,7 +298,7 @@ def combine(
     curve : CharnessCurve
     settings : CombineSettings, optional
     progress : callable, optional
-        Called with a stage's name and the part of it that is done.
+        Called with the name of a stage and its completed share.
 
     Returns
     -------
@@ -338,7 +335,7 @@ def groups_of(
     candidates : sequence of Candidate
     curve : CharnessCurve
     kept : int
-        How many of each.
+        Number of candidates per maximum.
 
     Returns
     -------
@@ -350,21 +347,21 @@ def groups_of(
 def search(
     problem: Problem, groups: Sequence[Sequence[Candidate]], *, tried: int
 ) -> tuple[tuple[Combination, ...], float]:
-    """The first combinations by score, the best by log-posterior first.
+    """Evaluate the first combinations by score, and sort them by log-posterior.
 
     Parameters
     ----------
     problem : Problem
     groups : sequence of sequence of Candidate
-        By maximum.
+        Candidates of each maximum.
     tried : int
-        How many.
+        Number of combinations.
 
     Returns
     -------
     combinations : tuple of Combination
     left : float
-        Score of the best one left out, nats; -inf if there is none.
+        Score of the best combination that was not tried, nats; -inf if there is none.
     """
     pool = [c for group in groups for c in group]
     ends = np.cumsum([len(group) for group in groups])
@@ -392,7 +389,7 @@ def search(
 
 
 def _pairs(groups: Sequence[NDArray[np.int64]]) -> list[tuple[int, int]]:
-    """All pairs of members of different groups, the earlier group first."""
+    """All pairs of members of different groups, the member of the earlier group first."""
     return [
         (a, b)
         for position, group in enumerate(groups)
@@ -403,7 +400,7 @@ def _pairs(groups: Sequence[NDArray[np.int64]]) -> list[tuple[int, int]]:
 
 
 def state_of(problem: Problem, members: Sequence[Candidate]) -> State:
-    """The scene in which these candidates, and no others, are assigned.
+    """The state with exactly these candidates.
 
     Parameters
     ----------
@@ -418,7 +415,7 @@ def state_of(problem: Problem, members: Sequence[Candidate]) -> State:
 
 
 def _at(window: int, candidates: Sequence[Candidate], kept: int) -> list[Candidate]:
-    """The best candidate of each kind in a window and those beside it, the best few of these."""
+    """The best candidates near a window, each of another kind of furniture."""
     best: dict[tuple[int, ...], Candidate] = {}
     for c in candidates:
         near = abs(c.window - window) <= 1
@@ -430,9 +427,9 @@ def _at(window: int, candidates: Sequence[Candidate], kept: int) -> list[Candida
 def _diverse(
     problem: Problem, ranked: Sequence[Sequence[Candidate]], best: State, count: int
 ) -> list[Sequence[Candidate]]:
-    """The best combinations no two of which have the same kinds of furniture in the same order.
+    """The best combinations that differ in the sequence of kinds of furniture.
 
-    Neither has any of them the same as the ``best`` scene.
+    They also differ from the ``best`` scene.
     """
     kinds = furniture_kinds(problem)
     story = tuple(kinds[scenelet] for scenelet in best.items[:, 0])

@@ -1,15 +1,15 @@
-"""Frames in which the detector was somewhere else: on clutter, a picture, another person.
+"""Find frames in which the detector followed something other than the person.
 
-Whoever walks behind furniture may leave the detector with something that looks like a person for
-a second or two: all joints jump across the picture, stay there, and jump back. Robust errors of
-single joints do not help, for all joints agree. What gives such frames away is that nobody
-moves like that.
+When a person walks behind furniture, the detector may find something else that looks like a person
+for a second or two: all joints jump across the image, stay there, and jump back. Robust errors of
+single joints do not help, because all joints agree. Such frames are recognised by motion that no
+person makes.
 
-The frames are a chain of two states. In frames of its own the person goes on from where they
-were last seen, by a Student-t step whose scale grows with the time since then; the detector begins
-to be elsewhere now and then, at any place of the picture, stays there as a person would or hops
-on, and comes back. The most probable sequence of states is found by dynamic programming over the
-last frame of its own (a semi-Markov chain, for the step back depends on how long it took).
+The frames are a chain of two states. In frames of the person (*own* frames), the position follows
+from the last own frame by a Student-t step, whose scale grows with the time since then. At a small
+rate the detector goes elsewhere, to any place in the image; there it moves like a person or jumps
+again, until it returns. The most probable sequence of states is found by dynamic programming over
+the last own frame (a semi-Markov chain, because the step back depends on the duration).
 """
 
 from __future__ import annotations
@@ -39,54 +39,55 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 _POSITIONED: Final = 0.02
-"""Confidence above which a detection says where its joint is (`models.detector`)."""
+"""Confidence above which the position of a detected joint is used (`models.detector`)."""
 _SIZED: Final = 0.3
-"""Confidence from which joints count for the person's height in the picture."""
+"""Confidence above which joints are used for the person's height in the image."""
 _WHOLE: Final = 7
-"""So many of the fourteen joints it takes to say how high somebody is."""
+"""Number of such joints, of fourteen, that are needed for the height."""
 _APART: Final = 0.5
-"""Heights by which two joints of one body may be apart: added to the step's scale where two frames
-have hardly a joint in common, so that only the middles of what they have can be compared."""
+"""Distance of two joints of one body in heights. It is added to the step's scale if two frames have
+too few joints in common, so that only the medians of their joints can be compared."""
 _EVIDENCE: Final = 0.1
-"""Sum of confidences from which a frame says where anybody is."""
+"""Sum of confidences above which a frame is used."""
 _SHARED: Final = 2
-"""Joints that two frames must have in common for their displacement."""
+"""Joints that two frames must have in common to measure their displacement."""
 _SHAPED: Final = 4
-"""The same for how they move against each other."""
+"""Joints that two frames must have in common to measure the change of pose."""
 _HEIGHT_TIME: Final = 4.0
-"""Seconds over which that height is a running median."""
+"""Window of the running median of heights, seconds."""
 _STEP: Final = (0.03, 0.4)
-"""Scale of a person's step in heights: at once, and per second. On eight scenes of i3DB the median
-displacement in .1 s is .04 heights, 99 of 100 are below .15."""
+"""Scale of a person's step in heights: constant part, and per second. On eight scenes of i3DB the
+median displacement in .1 s is .04 heights, and 99 of 100 are below .15."""
 _DOF: Final = 6.0
-"""Tails of the step: people jump, and so do boxes around them."""
+"""Degrees of freedom of the step: people jump, and so do detected boxes."""
 _CHANGE: Final = (0.03, 0.1)
-"""Scale in heights by which a person's joints move against each other: at once, and per second. On
-i3DB the median of a frame's joints is .01 to .04 in .1 s, .06 to .12 in a second."""
+"""Scale of the change of pose in heights: constant part, and per second. On i3DB the median over a
+frame's joints is .01 to .04 in .1 s, and .06 to .12 in a second."""
 _UNLIKE: Final = 0.23
-"""That scale between two poses that have nothing to do with each other: between frames of different
-scenes of i3DB the median is .18, which is .76 scales."""
+"""Scale of the change between two unrelated poses: between frames of different scenes of i3DB the
+median is .18, which is .76 scales."""
 _CHANGE_DOF: Final = 3.0
-"""Tails of that: joints that are lost land anywhere, and sides are exchanged."""
+"""Degrees of freedom of the change: lost joints are detected anywhere, and sides are flipped."""
 _OTHER: Final = 0.5
-"""Probability that what a detector goes to has a pose of its own; a mirror has the person's."""
+"""Probability that the detector's other target has its own pose; a mirror image has the
+person's."""
 _BEGINS: Final = 0.01
-"""How often a second a detector goes elsewhere."""
+"""Rate per second at which the detector goes elsewhere."""
 _LEAVES: Final = 1.0
-"""How often a second it comes back."""
+"""Rate per second at which the detector returns."""
 _HOPS: Final = 0.05
-"""Part of the frames elsewhere in which it goes on to yet another place."""
+"""Share of the frames elsewhere in which the detector jumps to yet another place."""
 _LONGEST: Final = 6.0
-"""Seconds after which somebody may have walked anywhere."""
+"""Seconds after which the person may have walked anywhere."""
 _MOST: Final = 0.9
-"""Part of the frames from which on a track is nobody's."""
+"""Share of frames elsewhere above which a track is rejected."""
 
 
 def own_detections(clip: Clip) -> Clip:
-    """The clip without what the detector said of its people while it was elsewhere.
+    """Remove the detections in frames in which the detector followed something else.
 
-    In such frames nothing is detected, and there is no lifted pose, for that was made of the
-    same detections.
+    In such frames there is no detection, and no lifted pose either, because that was computed from
+    the same detections.
 
     Parameters
     ----------
@@ -99,7 +100,7 @@ def own_detections(clip: Clip) -> Clip:
     Raises
     ------
     InputError
-        If that is nearly all of somebody's track.
+        Nearly all frames of a track are of this kind.
     """
     tracks = []
     for track in clip.tracks:
@@ -134,9 +135,9 @@ def frames_elsewhere(track: Track, *, camera: Camera, fps: float) -> Flags:
     ----------
     track : Track
     camera : Camera
-        For the size of its picture, in which a detector that is elsewhere may be anywhere.
+        The image size is that of the region in which such a detector may be.
     fps : float
-        Frames a second.
+        Frames per second.
 
     Returns
     -------
@@ -156,7 +157,7 @@ def frames_elsewhere(track: Track, *, camera: Camera, fps: float) -> Flags:
         uniform=-np.log(float(camera.width) * camera.height), fps=fps,
     )  # fmt: skip
     away[frames] = ~own
-    # A frame that hardly says anything is as those around it.
+    # A frame with too little evidence is treated like its neighbours.
     index = np.arange(len(away))
     before = np.maximum(np.searchsorted(frames, index, side="right") - 1, 0)
     after = np.minimum(before + 1, len(frames) - 1)
@@ -165,7 +166,7 @@ def frames_elsewhere(track: Track, *, camera: Camera, fps: float) -> Flags:
 
 
 def _heights(points: Array, confidences: Array, *, fps: float, picture: int) -> Array:
-    """(T,) running median of how high the person is in the picture, pixels."""
+    """(T,) running median of the person's height in the image, pixels."""
     sure = confidences >= _SIZED
     frames = np.flatnonzero(sure.sum(1) >= _WHOLE)
     if not len(frames):
@@ -188,22 +189,22 @@ def _own_frames(
     uniform: float,
     fps: float,
 ) -> Flags:
-    """(N,) which of the usable frames are the person's own, by the best sequence of states.
+    """(N,) which of the usable frames are own frames, by the most probable sequence of states.
 
-    ``best[i]`` is the log-probability of the best sequence up to frame i, which is its own;
-    ``came[i]`` is the frame before it that is its own, -1 if there is none.
+    ``best[i]`` is the log-probability of the best sequence that ends with own frame i; ``came[i]``
+    is the own frame before it, -1 if there is none.
     """
     n = len(frames)
     begins, leaves = 1 - np.exp(-_BEGINS / fps), 1 - np.exp(-_LEAVES / fps)
     previous = _steps(points, confidences, heights, np.diff(frames) / fps, errors, lag=1)
-    # What it costs to be elsewhere in a frame and to have been so in the one before.
+    # Log-probability of being elsewhere in a frame, given the same in the frame before.
     stay = np.log1p(-_HOPS) + previous
     stays = np.log1p(-leaves) + logsumexp(
         np.stack([stay, np.full_like(stay, np.log(_HOPS) + uniform)]), axis=0
     )
     run = np.concatenate([[0.0, 0.0], np.cumsum(stays)])[: n + 1]  # run[j + 1] - run[i + 1]
     best, came = np.full(n, -np.inf), np.full(n, -1)
-    # The first frame of its own: anywhere, after any number of frames elsewhere.
+    # The first own frame: anywhere, after any number of frames elsewhere.
     usual = np.log(begins / (begins + leaves))
     first = np.arange(n)
     best = np.where(
@@ -235,7 +236,7 @@ def _own_frames(
                 here += np.log(begins) + uniform + run[i] - run[j + 2] + np.log(leaves)
             if here > best[i]:
                 best[i], came[i] = here, j
-    # Until the end of the clip it may be elsewhere.
+    # The last own frame may be followed by frames elsewhere until the end of the clip.
     ends = best + np.where(
         first == n - 1,
         0.0,
@@ -253,12 +254,12 @@ def _own_frames(
 def _steps(
     points: Array, confidences: Array, heights: Array, seconds: Array, errors: Array, *, lag: int
 ) -> Array:
-    """(N - lag,) log-density of a person's step from each frame to that ``lag`` later, per pixel^2.
+    """(N - lag,) log-density of a person's step from each frame to one ``lag`` later, per pixel^2.
 
-    The step is the weighted median displacement of the joints that both frames have; where they
-    have too few, that between the medians of either. To its scale belongs the error of
-    detections, ``errors`` (2,) pixels of a doubtful and of a sure joint. How joints move against
-    each other meanwhile is relative to its density in a jump elsewhere.
+    The step is the weighted median displacement of the joints that both frames have; with too few
+    of them, the displacement between the medians of both frames. Its scale includes the detection
+    error, ``errors`` (2,) in pixels for doubtful and for sure joints. The change of pose enters as
+    a ratio to its density in a jump elsewhere.
     """
     a, b = points[:-lag], points[lag:]
     ca, cb = confidences[:-lag], confidences[lag:]
@@ -282,14 +283,14 @@ def _steps(
 
 
 def _log_change(change: Array, scale: Array) -> Array:
-    """Log-density of a half Student-t of that scale, up to its constant."""
+    """Log-density of a half Student-t, up to a constant."""
     loss = student_t_loss(change**2, scale, _CHANGE_DOF, dimensions=1)
     result: Array = -np.log(scale) - loss
     return result
 
 
 def _median(values: Array, weights: Array) -> Array:
-    """(N, k) weighted medians of (N, J, k) by coordinate."""
+    """(N, k) weighted medians of (N, J, k), by coordinate."""
     order = np.argsort(values, axis=1)
     ordered = np.take_along_axis(values, order, axis=1)
     heap = np.cumsum(np.take_along_axis(weights[..., None] + 0 * values, order, axis=1), axis=1)

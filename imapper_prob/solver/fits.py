@@ -1,9 +1,9 @@
-"""Fits: every scenelet of the library placed in every window, and how well the best ones fit.
+"""Fits: the best placement of every scenelet in every window, and its reprojection cost.
 
-The paper's first stage (Monszpart et al. 2019, section 5): the placement of one scenelet
-that best reprojects onto the detections of one window, nothing else considered. Here by
-batched Gauss-Newton on bearing, log depth and yaw with Student-t weights, from four yaws; or,
-with the published energy, with squared residuals times confidence, its L_r.
+This is the paper's first stage (Monszpart et al. 2019, section 5): the placement of one scenelet
+that best reprojects onto the detections of one window, without any other terms. It uses batched
+Gauss-Newton on bearing, log depth and yaw with Student-t weights, started from four yaws. With the
+published energy it uses squared residuals times confidence, its L_r.
 """
 
 from __future__ import annotations
@@ -43,13 +43,13 @@ class FitSettings:
     stride : float
         Seconds between the starts of neighbouring windows.
     frame_step, screening_frame_step : int
-        Every how manyeth frame of a scenelet is compared in the end, and while screening;
-        neighbours say the same.
+        Every how many frames of a scenelet are compared in the final fit and while screening;
+        neighbouring frames are redundant.
     screening_steps, steps : int
-        Gauss-Newton steps from every yaw, and then from the best one.
+        Gauss-Newton steps from each yaw, and then from the best one.
     device : str
-        Of torch: ``cpu``, ``cuda``, ``cuda:1``, ``mps``. Results on a CPU are the same in every
-        run; elsewhere sums may be taken in another order.
+        The torch device: ``cpu``, ``cuda``, ``cuda:1``, ``mps``. Results on a CPU are reproducible;
+        elsewhere the order of summation may vary.
     """
 
     stride: float = 0.4
@@ -71,9 +71,9 @@ class Fits:
     placements : (W, L, 3) float
         x, y in metres, yaw in radians.
     cost : (W, L) float
-        Negative log-likelihood per confident joint, nats; infinite where the scenelet does
-        not fit into the clip or nothing was detected. With the published energy L_r over the
-        sum of confidences, in units of twice the square of a detection's usual error.
+        Negative log-likelihood per confident joint, nats; infinite if the scenelet does not fit
+        into the clip or nothing was detected. With the published energy, L_r over the sum of
+        confidences, in units of twice the squared error of a usual detection.
     """
 
     centres: Ints
@@ -94,19 +94,19 @@ def fit_windows(
 ) -> Fits:
     """Fit all scenelets to all windows at the mean of the camera prior.
 
-    On a CPU it runs on one thread: a window is too small for more, and sums keep their order.
+    On a CPU it uses one thread: a window is too small for more, and the order of sums stays fixed.
 
     Parameters
     ----------
     problem : Problem
     path : StaticPath
     fps : float
-        Frames a second.
+        Frames per second.
     settings : FitSettings, optional
     squared : bool
-        By the published L_r, squared residuals times confidence, instead of Student's t.
+        Use the published L_r, squared residuals times confidence, instead of Student's t.
     progress : callable, optional
-        Called with a stage's name and the part of it that is done.
+        Called with the name of a stage and its completed share.
 
     Returns
     -------
@@ -115,9 +115,9 @@ def fit_windows(
     Raises
     ------
     InputError
-        If torch has no such device.
+        torch has no such device.
     """
-    # Torch takes seconds to load, and who reads a run or samples has no use for it.
+    # Importing torch takes seconds, and sampling or reading a run does not need it.
     from imapper_prob.solver.window_fits import (
         SquaredWindowFitter,
         WindowFitter,
@@ -159,7 +159,8 @@ def _fit_windows(
             if fitting.unseen_on_path:
                 placements[w, index] = *pelvis[:2], yaw
             continue
-        # Local pelvis at the centre is at the origin: the placement starts below the path's.
+        # The pelvis is at the local origin in the centre frame, so the search starts below the
+        # path's.
         depth = max(pelvis[1], 0.3)
         theta = np.tile([pelvis[0] / depth, np.log(depth), yaw], (4, len(index), 1))
         theta[..., 2] += np.arange(4)[:, None] * (np.pi / 2)
@@ -186,26 +187,26 @@ def _static_world(problem: Problem, path: StaticPath) -> Array:
 
 
 # ------------------------------------------------------------------------------------------------
-# What a free frame pays for its pose.
+# The cost of a free frame's pose.
 #
-# The pose of a free frame comes from a lifter that has seen the frame, so that its small residual
-# is no evidence against a scenelet. A free frame is judged as if the best motion without furniture
-# (somebody walking or standing about) had to explain it: an interaction has to beat that.
+# The pose of a free frame comes from a lifter that has used the same frame, so its small residual
+# is no evidence against a scenelet. So a free frame is evaluated as if the best motion without
+# furniture (somebody who walks or stands about) had to explain it; an interaction must beat that.
 
 _STANDING = 0.75
-"""Metres above the floor of the middle of the hips of somebody who stands, at least: .85 with the
-legs straight, and bent as far as one walks with."""
+"""Least height in metres of the mid-hip of a standing person: .85 with straight legs, less with
+legs bent as in walking."""
 _LEANING = np.radians(30.0)
-"""How far from the vertical the trunk of somebody is who does not bend down."""
+"""Largest angle of the trunk to the vertical, radians, of a person who does not bend down."""
 _TRIED = 3
-"""Fits a window that are evaluated exactly; the fit's own cost ranks them well."""
+"""Fits per window that are evaluated exactly; the cost of the fit ranks them well."""
 
 
 def _upright(problem: Problem) -> NDArray[np.bool_]:
-    """(L,) scenelets whose person stands or walks upright for most of it.
+    """(L,) scenelets whose person stands or walks upright in most frames.
 
-    Who kneels, squats, bends down or sits on the floor does so in a scenelet of that, whose prior
-    odds it costs; a frame without any is one of somebody who does nothing of the kind.
+    Kneeling, squatting, bending down or sitting on the floor is explained by scenelets, which have
+    prior odds; a frame outside all scenelets assumes none of these.
     """
     trunk = problem.joints[:, THRX] - problem.joints[:, PELV]
     upright = trunk[:, 2] > np.cos(_LEANING) * np.linalg.norm(trunk, axis=-1)
@@ -216,11 +217,10 @@ def _upright(problem: Problem) -> NDArray[np.bool_]:
 
 
 def free_pose_cost(problem: Problem, fits: Fits) -> NDArray[np.float64]:
-    """(T,) nats by which each frame's own pose explains it better than a motion nearby.
+    """(T,) nats by which each frame's own pose fits better than the best upright motion nearby.
 
-    Of the scenelets without objects in which somebody is upright the one that explains its window
-    best stands for the frames nearest to the window's centre. Never negative; 0 in frames that
-    none reaches.
+    In each window, the best-fitting scenelet with an upright person and without objects represents
+    the frames nearest to the window's centre. Never negative; 0 in frames outside that scenelet.
 
     Parameters
     ----------
@@ -235,7 +235,7 @@ def free_pose_cost(problem: Problem, fits: Fits) -> NDArray[np.float64]:
     Raises
     ------
     InputError
-        If nobody is upright in the scenelets without objects.
+        The library has no scenelet with an upright person and without objects.
     """
     bare = np.flatnonzero((np.diff(problem.box_first) == 0) & _upright(problem))
     if len(bare) == 0:
@@ -249,8 +249,8 @@ def free_pose_cost(problem: Problem, fits: Fits) -> NDArray[np.float64]:
     fitted = np.flatnonzero(np.isfinite(fits.cost[:, bare]).any(1))
     if len(fitted) == 0:
         return cost
-    # At the ends of a clip the nearest window may be one that no scenelet fits into; a frame
-    # there is as free as any other, and its judge the first or last scenelet that reaches it.
+    # At the ends of a clip the nearest window may be one into which no scenelet fits; the first or
+    # last scenelet that fits is used instead.
     distance = np.abs(np.arange(problem.n_frames)[:, None] - fits.centres[fitted])
     nearest = fitted[distance.argmin(1)]
     for w in fitted.tolist():
@@ -269,22 +269,22 @@ def free_pose_cost(problem: Problem, fits: Fits) -> NDArray[np.float64]:
 
 
 # ------------------------------------------------------------------------------------------------
-# How well the best scenelet over each frame fits.
+# The fit of the best scenelet over each frame.
 #
-# What a fit costs depends on how large a pixel is and on which joints a detector is sure of. Less
-# what the right motion would cost on average with the same joints at the same distance it is a pure
-# number: about 0 where some scenelet is right.
+# The cost of a fit depends on the pixel scale and on which joints are confident. After subtraction
+# of the expected cost of the right motion, with the same joints at the same distance, it is a pure
+# number: about 0 if some scenelet is right.
 
 
 def best_fits(problem: Problem, fits: Fits) -> Array:
-    """By how much the best scenelet over a frame fits worse than the right one would.
+    """Excess cost of the best scenelet over each frame, compared with the right motion.
 
     Parameters
     ----------
     problem : Problem
-        Of one actor.
+        Problem of one actor.
     fits : Fits
-        Of the same.
+        Fits of the same actor.
 
     Returns
     -------
@@ -310,10 +310,10 @@ def best_fits(problem: Problem, fits: Fits) -> Array:
 
 
 def _right_costs(problem: Problem) -> tuple[Array, Array]:
-    """(T,) what the right motion costs in a frame, summed over joints, and how many these are.
+    """(T,) expected cost of the right motion in each frame, and (T,) number of joints it is of.
 
-    Of a bivariate Student-t error of scale s and nu degrees of freedom, (nu / 2 + 1) log(1 + r^2 /
-    (nu s^2)) is 1 + 2 / nu on average.
+    For a bivariate Student-t error of scale s and nu degrees of freedom, the mean of (nu / 2 + 1)
+    log(1 + r^2 / (nu s^2)) is 1 + 2 / nu.
     """
     weight = problem.used * problem.confidence_density.argmax(-1)
     focal = problem.fx * np.exp(problem.camera_mean[2])

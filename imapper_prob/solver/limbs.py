@@ -1,18 +1,18 @@
-"""How this person's joints differ from a pose, as far as detections tell.
+"""How a person's joints differ from the pose of a scenelet, given the detections.
 
-A scenelet says how somebody moves near such furniture, not how this person moved: the posterior
-lets detections scatter about a pose by the pose tolerance sigma (``docs/explanation/model.md``
-11). What
-it sums out comes back here. Of a joint at q, at a depth d, under a focal length f, seen at u,
+A scenelet tells how people move near such furniture, not how this person moved. The posterior
+marginalises over deviations of the joints from the pose with standard deviation sigma, the pose
+tolerance (``docs/explanation/model.md`` 11). This module computes the distribution of the
+deviations given the detections. For a joint at q, at a depth d, with focal length f, detected at u,
 
     u = Pi(q + delta) + e,    delta ~ N(0, sigma^2 I),    rho = f sigma / d,
 
-with u - Pi q of variance (s^2 + rho^2) / w, the w of a Student-t variable. So delta is expected at
-lambda (u - Pi q) d / f across the ray, lambda = rho^2 w / (s^2 + rho^2), and known to
-sigma^2 (1 - lambda); along the ray nothing is known of it. w is the one expected of an error so
-large (the E step of Lange, Little and Taylor 1989) and at most 1, and lambda is the mean over the
-joint being seen and hidden, by what confidence and error say of that. The pelvis is the path's,
-which has errors of its own.
+where u - Pi q has variance (s^2 + rho^2) / w, with the w of a Student-t variable. So the
+expectation of delta across the ray is lambda (u - Pi q) d / f, with lambda = rho^2 w / (s^2 +
+rho^2), and its variance is sigma^2 (1 - lambda); along the ray the detection gives no information.
+w is its expectation for an error of that size (the E step of Lange, Little and Taylor 1989), at
+most 1. lambda is the mean over the joint being seen and hidden, with the probabilities of these
+given confidence and error. The pelvis is that of the path, which has its own error.
 """
 
 from __future__ import annotations
@@ -35,18 +35,18 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Limbs:
-    """A motion, and by how much the person's differs from it.
+    """A motion with the person's deviations from it.
 
     Parameters
     ----------
     joints : (T, 16, 3) float
-        Where joints are expected, in the state's world, metres.
+        Expected joints in the state's world frame, metres.
     known : (T, 16) float
-        Part of the variance across the ray that detections take away, lambda.
+        lambda, the share of the variance across the ray that the detections remove.
     rays : (T, 16, 3) float
         Unit vectors from the camera to the pose's joints.
     spread : (16,) float
-        Deviation of a joint of which nothing is known, metres.
+        Standard deviation of each joint without detections, metres.
     """
 
     joints: Array
@@ -68,12 +68,12 @@ class Limbs:
         return result
 
     def drawn(self, numbers: Array) -> Array:
-        """Joints drawn from what is known of them.
+        """Draw joints from their conditional distribution.
 
         Parameters
         ----------
         numbers : (T, 16, 3) float
-            Standard normal.
+            Standard normal numbers.
 
         Returns
         -------
@@ -87,14 +87,14 @@ class Limbs:
 
 
 def limbs_of(problem: Problem, state: State, camera: Camera) -> Limbs:
-    """The motion of a state, and what detections say of the person's own.
+    """The motion of a state with the person's deviations, given the detections.
 
     Parameters
     ----------
     problem : Problem
     state : State
     camera : Camera
-        That of the state.
+        Camera of the state.
 
     Returns
     -------
@@ -107,21 +107,21 @@ def limbs_of(problem: Problem, state: State, camera: Camera) -> Limbs:
     tolerance = focal[0] * problem.pose_tolerance * _bodies(problem, state)[:, None] / depth
     error, known = _told(problem, state, camera.project(joints), tolerance)
     across = known[..., None] * error / focal * depth[..., None]
-    # Pictures have y downward, the camera z upward.
+    # v points down in the image, z up in the camera frame.
     seen = seen + np.stack([across[..., 0], np.zeros(depth.shape), -across[..., 1]], -1)
     expected = camera.to_world(seen)
-    # Nobody detects the neck: it is half-way between these two, and goes with them.
+    # The neck has no detection; it moves with the joints on both sides of it.
     expected[:, NECK] += ((expected - joints)[:, [THRX, HEAD]]).mean(1)
     rays = joints - camera.to_world(np.zeros(3))
     rays = rays / np.linalg.norm(rays, axis=-1, keepdims=True)
     spread = problem.pose_tolerance.copy()
-    # The path has the pelvis, with an error of its own.
+    # The pelvis comes from the path.
     spread[PELV] = 0.0
     return Limbs(expected, known, rays, spread)
 
 
 def _bodies(problem: Problem, state: State) -> Array:
-    """(T,) how large the person of each frame is."""
+    """(T,) size of the person in each frame, a factor."""
     sizes = np.full(problem.n_frames, state.camera[3])
     for (scenelet, start), size in zip(state.items.tolist(), state.sizes.tolist(), strict=True):
         sizes[start : start + int(problem.lengths[scenelet])] += size
@@ -136,7 +136,7 @@ def _told(problem: Problem, state: State, pixels: Array, tolerance: Array) -> tu
     source = (np.arange(problem.n_frames)[:, None], np.where(turned, MIRROR, own))
     used = problem.used[source]
     error = np.where(used[..., None], problem.keypoints[source] - pixels, 0.0)
-    # (T, 16, 2): of a hidden joint, and of one that is seen.
+    # (T, 16, 2): for a hidden joint, and for one that is seen.
     noise, dof = problem.error_scale[source] ** 2, problem.error_dof[source]
     variance = noise + tolerance[..., None] ** 2
     distance = (error**2).sum(-1)[..., None] / variance

@@ -1,14 +1,14 @@
 """The most probable path and pose of one person, by Gauss-Newton over all frames at once.
 
-A frame has 45 unknowns: bearing, lift and log depth of the pelvis (tangents, log metres)
-and fourteen bone vectors (metres, camera axes). The negative log-posterior is
+A frame has 45 unknowns: bearing, lift and log depth of the pelvis (tangents, log metres), and
+fourteen bone vectors (metres, camera axes). The negative log-posterior is
 
     w sum_t [ sum_j c (nu + 2)/2 log(1 + r^2 / (nu s^2))  +  lifted pose ]
-    + bone lengths + walks from frame to frame,
+    + bone lengths + random walks from frame to frame,
 
-``r`` being the true pixel residual. A fit that is linear in 1/depth is tempting, but it is
-biased towards the camera: 53 cm against 44 cm of pelvis error on four benchmark clips.
-``w`` is one over the number of frames whose errors are the same error.
+where ``r`` is the true pixel residual. A fit that is linear in 1/depth would be simpler, but it is
+biased towards the camera: 53 cm against 44 cm of pelvis error on four benchmark clips. ``w`` is one
+over the number of frames in a correlation time of the errors.
 """
 
 from __future__ import annotations
@@ -40,16 +40,16 @@ __all__ = [
 Array = NDArray[np.float64]
 
 _NEAREST: Final = 0.1
-"""Depth in metres below which a joint is not let, so that projection stays finite."""
+"""Least depth of a joint in metres, so that its projection is finite."""
 _REFERENCE_LINES: Final = 1080.0
 REFERENCE_RATE: Final = 10.0
-"""Frames a second of which steps are stated."""
+"""Frames per second to which step sizes refer."""
 _BRANCHES: Final[Array] = ANCESTORS[list(DETECTED)]
 
 
 @dataclass(frozen=True)
 class Observations:
-    """One track as the fit sees it.
+    """The observations of one track for the fit.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ class Observations:
 
     @property
     def pixel_unit(self) -> float:
-        """Pixels of this image in a pixel of an image of 1080 lines."""
+        """Pixels of this image per pixel of an image of 1080 lines."""
         return self.camera.height / _REFERENCE_LINES
 
 
@@ -96,7 +96,7 @@ class Motion:
         return np.stack([bearing * depth, depth, lift * depth], -1)
 
     def vector(self, *, free_bones: bool) -> Array:
-        """All unknowns of each frame, or those of its place.
+        """The unknowns of each frame, or only those of its place.
 
         Parameters
         ----------
@@ -112,12 +112,12 @@ class Motion:
         return np.concatenate([self.place, self.bones.reshape(len(self.bones), -1)], 1)
 
     def moved(self, step: Array) -> Motion:
-        """The motion after a step of ``vector``.
+        """The motion after a step in the coordinates of ``vector``.
 
         Parameters
         ----------
         step : (T, 45) or (T, 3) float
-            As of :meth:`vector`.
+            Step, with the columns of :meth:`vector`.
 
         Returns
         -------
@@ -134,7 +134,7 @@ def _joints(motion: Motion) -> Array:
 
 
 def pixel_residuals(observations: Observations, motion: Motion) -> Array:
-    """Detection minus projection.
+    """Detections minus projections.
 
     Parameters
     ----------
@@ -157,7 +157,7 @@ def pixel_residuals(observations: Observations, motion: Motion) -> Array:
 
 
 def _pixel_jacobian(observations: Observations, motion: Motion, *, free_bones: bool) -> Array:
-    """(T, 28, 3 or 45) derivative of the projections by the unknowns of their frame."""
+    """(T, 28, 3 or 45) derivatives of the projections by the unknowns of their frame."""
     camera, joints = observations.camera, _joints(motion)
     n_frames, n_joints = joints.shape[:2]
     depth = np.maximum(joints[..., 1], _NEAREST)
@@ -185,25 +185,25 @@ def evidence(
     pixel_scale: float,
     free_bones: bool,
 ) -> tuple[Array, Array]:
-    """What each frame's detections and lifted pose alone say, at full weight.
+    """Information of each frame's detections and lifted pose alone, without the frame weight.
 
     Parameters
     ----------
     observations : Observations
     motion : Motion
-        Around which it is expanded.
+        Point of expansion.
     settings : StaticPathSettings
     pixel_scale : float
-        Of detections, pixels at 1080 lines.
+        Scale of the pixel error in an image of 1080 lines.
     free_bones : bool
         Whether bones are unknown.
 
     Returns
     -------
     information : (T, n, n) float
-        Gauss-Newton Hessian of the negative log-likelihood, robust weights held.
+        Gauss-Newton Hessian of the negative log-likelihood, with fixed robust weights.
     pull : (T, n) float
-        Its negative gradient.
+        Negative gradient of the same.
     """
     residuals = pixel_residuals(observations, motion)
     scale = pixel_scale * observations.pixel_unit
@@ -226,7 +226,7 @@ def evidence(
 
 
 def _lifted_precision(body: LiftedBody, settings: StaticPathSettings) -> Array:
-    """(T, 14, 3) inverse variance in 1/m^2 of the lifted bones."""
+    """(T, 14, 3) inverse variances in 1/m^2 of the lifted bones."""
     relative = np.array([settings.lifted_across, settings.lifted_along, settings.lifted_across])
     trust = np.where(body.known, 1.0, settings.filled_tolerance)
     deviation = relative * body.lengths[:, None] * trust[:, None, None]
@@ -267,7 +267,7 @@ def _cost(
     pixel_scale: float,
     free_bones: bool,
 ) -> float:
-    """Negative log-posterior up to its constant, nats."""
+    """Negative log-posterior up to a constant, nats."""
     squared = (pixel_residuals(observations, motion) ** 2).sum(-1)
     scale = pixel_scale * observations.pixel_unit
     loss = student_t_loss(squared, scale, settings.dof)
@@ -293,7 +293,7 @@ def solve_chain(information: Array, pull: Array, walk: Array) -> Array:
     information : (T, n, n) float
     pull : (T, n) float
     walk : (n,) float
-        Precision of a step.
+        Precision of a step of each unknown.
 
     Returns
     -------
@@ -324,10 +324,10 @@ def fit_motion(
     steps: int = 12,
     tolerance: float = 1e-3,
 ) -> Motion:
-    """Gauss-Newton with halved steps, from a robust scale that is wide to the true one.
+    """Gauss-Newton with step halving; the robust scale is annealed from wide to its true value.
 
-    Wide first because gross jumps make the posterior many-humped: while the scale is wide
-    every joint still pulls, and the majority decides which hump is kept.
+    Gross errors make the posterior multimodal. With a wide scale all joints have influence, so the
+    majority decides which mode is found.
 
     Parameters
     ----------
@@ -335,13 +335,13 @@ def fit_motion(
     start : Motion
     settings : StaticPathSettings
     free_bones : bool
-        Whether bones move, or only the pelvis.
+        Whether bones are unknowns, or only the pelvis.
     annealing : sequence of float
-        Factors on the pixel scale, one step each.
+        Factors on the pixel scale, one step for each.
     steps : int
-        Further steps at factor 1, at most.
+        Largest number of further steps at factor 1.
     tolerance : float
-        Nats; less than which the cost falls by in the last of them.
+        Nats; the fit ends when a step at factor 1 gains less.
 
     Returns
     -------
@@ -363,7 +363,7 @@ def fit_motion(
         steps_taken = np.diff(motion.vector(free_bones=free_bones), axis=0) * walk
         pull[:-1] += steps_taken
         pull[1:] -= steps_taken
-        # Keeps a clip with a joint or two solvable; far below what any detection weighs.
+        # Keeps a clip with very few joints solvable; far below the weight of any detection.
         diagonal = np.arange(pull.shape[1])
         information[:, diagonal, diagonal] += 1e-6
         step = solve_chain(information, pull, walk)

@@ -1,8 +1,8 @@
-"""Poses of the frames as vectors of bones: implausible ones, and how missing ones are filled.
+"""Lifted poses as bone vectors: reject implausible ones, and fill in missing ones.
 
-A lifter sees one frame at a time. The directions of its bones are useful, its scale and its
-proportions are not, which are those of the skeleton it was trained on, and some frames have no
-pose. The neck, which no detector reports, is put half-way between thorax and head.
+A lifter processes one frame at a time. The directions of its bones are useful. Its scale and
+proportions are not, because they are those of its training data, and some frames have no pose. The
+neck, which no detector reports, is put midway between thorax and head.
 """
 
 from __future__ import annotations
@@ -46,12 +46,12 @@ TREE: Final = (
     (sk.THRX, sk.RSHO), (sk.RSHO, sk.RELB), (sk.RELB, sk.RWRI),
     (sk.THRX, sk.LSHO), (sk.LSHO, sk.LELB), (sk.LELB, sk.LWRI),
 )  # fmt: skip
-"""Bones as (parent, child), every parent before its children."""
+"""Bones as (parent, child); each parent comes before its children."""
 N_BONES: Final = len(TREE)
 
 
 def _of_bones(segments: Mapping[tuple[int, int], float], *, half: float) -> Array:
-    """(14,) of the segment that each bone is, or is half of, times ``half`` then."""
+    """(14,) values by bone from values by segment; ``half`` scales those of half a segment."""
     girdles = {sk.PELV: (sk.RHIP, sk.LHIP), sk.THRX: (sk.RSHO, sk.LSHO)}
     result = []
     for parent, child in TREE:
@@ -77,11 +77,11 @@ def _ancestors() -> Array:
 
 
 ANCESTORS: Final[Array] = _ancestors()
-"""(16, 14): joints relative to the pelvis are ``ANCESTORS @ bones``."""
+"""(16, 14) matrix: joints relative to the pelvis are ``ANCESTORS @ bones``."""
 
 
 def bones_of(poses: ArrayLike) -> Array:
-    """Bone vectors of poses, from parent to child.
+    """Convert poses to bone vectors, from parent to child.
 
     Parameters
     ----------
@@ -99,7 +99,7 @@ def bones_of(poses: ArrayLike) -> Array:
 
 
 def joints_of(bones: ArrayLike) -> Array:
-    """Joints of bone vectors, relative to the pelvis.
+    """Convert bone vectors to joints relative to the pelvis.
 
     Parameters
     ----------
@@ -117,21 +117,21 @@ def joints_of(bones: ArrayLike) -> Array:
 # ------------------------------------------------------------------------------------------------
 # Implausible poses.
 #
-# Lifters mostly stay near bodies of their training data, but where a body is hidden some collapse,
-# turn it upside down or break its knees. Detections cannot always tell, for there are none of what
-# is hidden.
+# Lifters mostly return bodies like those of their training data, but where a body is hidden, some
+# collapse it, turn it upside down or break its knees. Detections cannot always tell, because there
+# are none of hidden joints.
 
 _PROPORTIONS: Final = 0.7
-"""Root mean square over the bones of the log of their lengths over the person's own, scale
-aside: wrong by a factor of two on average. i3DB's lifter is below .62 in 99 of 100 frames."""
+"""Limit of the root mean square log ratio of bone lengths to the person's own, without scale: about
+a factor of two. i3DB's lifter is below .62 in 99 of 100 frames."""
 _HEAD_DOWN: Final = -0.5
-"""Upward part of the trunk's own up: more than 30 degrees head down. The 0.5 % of i3DB's frames
-below are wrong."""
+"""Limit of the upward component of the trunk's axis: more than 30 degrees head down. The 0.5 % of
+i3DB's frames beyond it are wrong."""
 _KNEE: Final = np.sin(np.radians(45.0))
-"""Part of a shin that is in front of the line of its thigh: knees do not bend that way, though
-lifters err by up to 30 degrees (99 of 100 frames of i3DB)."""
+"""Limit of the component of a shin in front of its thigh: knees do not bend that way, but lifters
+err by up to 30 degrees (99 of 100 frames of i3DB)."""
 _HABIT: Final = 0.5
-"""Part of the frames from which on an oddity is the lifter's idea of a body and no failure."""
+"""Share of frames above which a sign is a systematic property of the lifter, not a failure."""
 _LEGS: Final = tuple(
     (TREE.index((hip, knee)), TREE.index((knee, ankle)))
     for hip, knee, ankle in ((sk.RHIP, sk.RKNE, sk.RANK), (sk.LHIP, sk.LKNE, sk.LANK))
@@ -139,10 +139,10 @@ _LEGS: Final = tuple(
 
 
 def implausible_poses(track: Track) -> NDArray[np.bool_]:
-    """(T,) frames with a lifted pose that no body can take.
+    """(T,) frames with an anatomically impossible lifted pose.
 
-    Three signs, each of which counts unless most of the track has it: bones whose lengths do
-    not go together, a trunk that is upside down, a knee that bends forward.
+    There are three signs: inconsistent bone lengths, an upside-down trunk, and a knee that bends
+    forward. A sign that occurs in most of a track is ignored.
 
     Parameters
     ----------
@@ -174,7 +174,7 @@ def implausible_poses(track: Track) -> NDArray[np.bool_]:
 
 
 def _forward(directions: Array, axes: Array, thigh: int, shin: int) -> Array:
-    """(T,) how much of the shin is in front of the line of the thigh."""
+    """(T,) component of the shin in front of the line of the thigh."""
     along = (directions[:, shin] * directions[:, thigh]).sum(-1, keepdims=True)
     across = directions[:, shin] - along * directions[:, thigh]
     result: Array = (across * axes[:, :, 1]).sum(-1)
@@ -182,12 +182,11 @@ def _forward(directions: Array, axes: Array, thigh: int, shin: int) -> Array:
 
 
 # ------------------------------------------------------------------------------------------------
-# Poses between known ones.
+# Interpolation of poses.
 #
-# Linear interpolation of joints would shorten the bones of a person who turns round. Turning every
-# bone by itself takes each the shortest way, which for a half turn may be through the floor for one
-# and over the head for the next. So the trunk is a rotation that is interpolated as one, and limbs
-# are directions in its axes.
+# Linear interpolation of joints would shorten the bones of a person who turns. Rotating every bone
+# by itself takes the shortest way for each, which for a half turn may be down for one bone and up
+# for the next. So the trunk is interpolated as one rotation, and limbs as directions in its axes.
 
 _SPINE: Final = TREE.index((sk.PELV, sk.THRX))
 _RIGHTWARD: Final = (TREE.index((sk.PELV, sk.RHIP)), TREE.index((sk.THRX, sk.RSHO)))
@@ -195,19 +194,19 @@ _LEFTWARD: Final = (TREE.index((sk.PELV, sk.LHIP)), TREE.index((sk.THRX, sk.LSHO
 
 
 def fill_poses(directions: ArrayLike, known: ArrayLike) -> Array:
-    """Turn the trunk, and the limbs about it, at constant rates between known frames.
+    """Interpolate the trunk's rotation, and the limbs relative to it, between known frames.
 
     Parameters
     ----------
     directions : (T, 14, 3) float
-        Unit vectors of the bones; frames that are not known are ignored.
+        Unit vectors of the bones; unknown frames are ignored.
     known : (T,) bool
         At least one frame must be known.
 
     Returns
     -------
     (T, 14, 3) float
-        Unit vectors; before the first and after the last known frame these are held.
+        Unit vectors; constant before the first and after the last known frame.
     """
     directions = np.asarray(directions, float)
     known = np.asarray(known, bool)
@@ -227,15 +226,15 @@ def fill_poses(directions: ArrayLike, known: ArrayLike) -> Array:
 
 
 def torso_axes(directions: ArrayLike) -> Array:
-    """(..., 14, 3) bones to (..., 3, 3) trunks: columns are the body's right, front and up.
+    """Axes of the trunk, (..., 3, 3), from bone directions: columns are right, front and up.
 
-    Right is the mean line through hips and shoulders, up the spine as far as it is across
-    that. A body without either (a lifter's worst) has the axes of the camera.
+    Right is the mean line through hips and shoulders; up is the component of the spine
+    perpendicular to it. A degenerate body has the axes of the camera.
 
     Parameters
     ----------
     directions : (..., 14, 3) float
-        Of the bones.
+        Unit vectors of the bones.
 
     Returns
     -------
@@ -257,21 +256,21 @@ def torso_axes(directions: ArrayLike) -> Array:
 
 
 def fill_directions(directions: ArrayLike, known: ArrayLike) -> Array:
-    """Turn each bone at a constant rate from one known frame to the next.
+    """Rotate each bone at a constant rate from one known frame to the next.
 
-    Linear interpolation of joints would shorten the bones of a person who turns round.
+    Linear interpolation of joints would shorten the bones of a person who turns.
 
     Parameters
     ----------
     directions : (T, K, 3) float
-        Unit vectors; frames that are not known are ignored.
+        Unit vectors; unknown frames are ignored.
     known : (T,) bool
         At least one frame must be known.
 
     Returns
     -------
     (T, K, 3) float
-        Unit vectors; before the first and after the last known frame these are held.
+        Unit vectors; constant before the first and after the last known frame.
     """
     directions = np.asarray(directions, float)
     frames = np.flatnonzero(known)
@@ -282,7 +281,7 @@ def fill_directions(directions: ArrayLike, known: ArrayLike) -> Array:
     fraction = ((t - left) / np.maximum(right - left, 1)).clip(0, 1)[:, None, None]
     a, b = directions[left], directions[right]
     angle = np.arccos(np.clip((a * b).sum(-1, keepdims=True), -1, 1))
-    # Below this angle, and at half a turn, the weights of a slerp are 0/0: mix linearly there.
+    # Where the weights of a slerp are 0/0 (tiny angles, half turns), interpolate linearly.
     safe = (angle > 1e-4) & (angle < np.pi - 1e-4)
     sine = np.where(safe, np.sin(angle), 1.0)
     weight_a = np.where(safe, np.sin((1 - fraction) * angle) / sine, 1 - fraction)
@@ -294,11 +293,11 @@ def fill_directions(directions: ArrayLike, known: ArrayLike) -> Array:
 
 
 # ------------------------------------------------------------------------------------------------
-# Where the pose of each frame comes from.
+# Origin of the pose of each frame.
 
 
 class PoseSource(StrEnum):
-    """Where the pose of a frame comes from; all but the first were filled in."""
+    """Origin of a frame's pose; all but the first are interpolated poses, with the reason."""
 
     OWN = "its own"
     MISSING = "no 3D pose"
@@ -311,19 +310,19 @@ class PoseSource(StrEnum):
 
 @dataclass(frozen=True)
 class FrameTable:
-    """The static path frame by frame.
+    """Properties of the static path in each frame.
 
     Parameters
     ----------
     pose : (T,) tuple of PoseSource
-        Whose pose a frame has, or why it is not its own.
+        Origin of the frame's pose, or the reason why it is interpolated.
     detected : (T,) int
-        Joints with a detection.
+        Number of detected joints.
     miss : (T,) float
-        Median distance in pixels from the confident detections to the fitted person; NaN
-        where no joint is confident.
+        Median distance in pixels from the confident detections to the fitted person; NaN without
+        confident joints.
     outlier : (T,) bool
-        Frames most of whose confident detections are so far off that the path leaves them.
+        Frames most of whose confident detections are far from the fitted person.
     """
 
     pose: tuple[PoseSource, ...]
@@ -335,12 +334,12 @@ class FrameTable:
 
     @classmethod
     def unexamined(cls, detected: NDArray[np.int64]) -> FrameTable:
-        """Of a path that was given: all poses their own, nothing known of how well they fit.
+        """Table of a path that was given: all poses are their own, and the fit is unknown.
 
         Parameters
         ----------
         detected : (T,) int
-            How many joints of each frame were detected.
+            Number of detected joints in each frame.
 
         Returns
         -------
@@ -351,7 +350,7 @@ class FrameTable:
 
     @property
     def filled(self) -> NDArray[np.bool_]:
-        """(T,) frames whose pose is made from those around them."""
+        """(T,) frames whose pose is interpolated."""
         return np.array([p is not PoseSource.OWN for p in self.pose], dtype=bool)
 
     @property
@@ -360,7 +359,7 @@ class FrameTable:
         return np.array([p is PoseSource.ELSEWHERE for p in self.pose], dtype=bool)
 
     def counts(self) -> dict[str, int]:
-        """How many frames, outliers included, by what became of them.
+        """Number of frames by origin of the pose, outliers, and frames without detection.
 
         Returns
         -------
@@ -373,26 +372,26 @@ class FrameTable:
 
 
 # ------------------------------------------------------------------------------------------------
-# The reference body in lifted poses.
+# Reference body in lifted poses.
 
 _LEFT, _RIGHT, _UP, _DOWN = (-1.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0), (0.0, 0.0, -1.0)
 _UPRIGHT: Final[Array] = np.array(
     [_LEFT, _DOWN, _DOWN, _RIGHT, _DOWN, _DOWN, _UP, _UP,
      _LEFT, _DOWN, _DOWN, _RIGHT, _DOWN, _DOWN]
 )  # fmt: skip
-"""(14, 3) directions of somebody who stands and looks at the camera, left being the image's."""
+"""(14, 3) bone directions of a person who stands and faces the camera; left is the image's."""
 
 
 @dataclass(frozen=True)
 class LiftedBody:
-    """The reference body in the poses that the lifter says.
+    """The reference body in the lifted poses.
 
     Parameters
     ----------
     directions : (T, 14, 3) float
-        Unit vectors in camera axes, filled in where ``known`` is false.
+        Unit vectors in camera axes, interpolated where ``known`` is false.
     known : (T,) bool
-        Frames whose directions are their own.
+        Frames whose directions come from their own lifted pose.
     """
 
     directions: Array
@@ -400,7 +399,7 @@ class LiftedBody:
 
     @property
     def lengths(self) -> Array:
-        """(14,) bone lengths in metres: those of the reference body, whoever it is."""
+        """(14,) bone lengths of the reference body in metres, the same for everyone."""
         return LENGTHS
 
     @property
@@ -410,20 +409,19 @@ class LiftedBody:
 
 
 def lifted_body(track: Track, trusted: NDArray[np.bool_]) -> LiftedBody:
-    """The reference body in the poses of the ``trusted`` (T,) frames of a track.
+    """Put the reference body into the lifted poses of the ``trusted`` (T,) frames of a track.
 
-    Lifters disagree on where a trunk ends and how wide hips are, for their training data do.
-    What a person's size does to depth is left to the doubt of stature in the posterior. The
-    pelvis is put midway between the hips, the thorax between the shoulders.
+    Lifters disagree on the length of the trunk and the width of the hips, like their training data.
+    The effect of a person's size on depth is left to the posterior's uncertainty of stature. The
+    pelvis is put midway between the hips, the thorax midway between the shoulders.
 
-    Without a single trusted frame the person stands upright and faces the camera, which is
-    as good a start as any.
+    Without any trusted frame the person stands upright and faces the camera, as an arbitrary start.
 
     Parameters
     ----------
     track : Track
     trusted : (T,) bool
-        Frames whose pose counts.
+        Frames whose lifted pose is used.
 
     Returns
     -------

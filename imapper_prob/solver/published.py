@@ -4,10 +4,9 @@ In every frame the lifted skeleton a_t is placed at P_t = (x, y, z, theta) so th
 
     w_r sum_t sum_k c_tk |Pi T(P_t) a_tk - u_tk|^2 + w_s sum_t |p_t - p_(t-1)|^2
 
-is least, p being the pelvis (Monszpart et al. 2019, section 6). Frames without a skeleton that
-can be believed are occluded: those whose pose is missing or impossible, and those whose joints
-move faster than in all but 5 % of the frames, as a Winsorisation would clip them. They have no
-say in the fit, and their joints are interpolated linearly.
+is minimal, where p is the pelvis. Frames without a reliable skeleton are occluded: those whose pose
+is missing or impossible, and those whose joints move faster than in 95 % of the frames, as clipped
+by a Winsorisation. They are not used in the fit, and their joints are interpolated linearly.
 """
 
 from __future__ import annotations
@@ -54,25 +53,25 @@ __all__ = [
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 _WINSORISED: Final = 0.05
-"""Part of the velocities above which they are clipped (Monszpart et al. 2019, section 6)."""
+"""Share of velocities that a Winsorisation clips (Monszpart et al. 2019, section 6)."""
 _STEPS: Final = 40
 _LEAST_GAIN: Final = 1e-9
-"""Energy by which a step must improve the fit for another one to follow."""
+"""Least gain in energy of a step after which the fit continues."""
 _STEADY: Final = 1e-9
-"""Added to the diagonal: a frame that nothing says anything of stays where it is."""
+"""Added to the diagonal, so that frames without data stay where they are."""
 
 
 def fast_frames(keypoints: Array, confidences: Array) -> Flags:
     """(T,) frames into which joints move at velocities that a 5 % Winsorisation clips.
 
-    A frame's velocity is the mean over the joints that it and the one before have.
+    The velocity of a frame is the mean over the joints that it shares with the one before.
 
     Parameters
     ----------
     keypoints : (T, K, 2) float
         Pixels.
     confidences : (T, K) float
-        0 where nothing was detected.
+        0 without a detection.
 
     Returns
     -------
@@ -91,9 +90,9 @@ def fast_frames(keypoints: Array, confidences: Array) -> Flags:
 
 
 def interpolated(values: Array, known: Flags) -> Array:
-    """Rows of ``values`` (T, ...) that are not known, linearly from those that are.
+    """Interpolate unknown rows of ``values`` (T, ...) linearly from the known ones.
 
-    Before the first and after the last known row these are held; without any all stay.
+    Constant before the first and after the last known row; unchanged if no row is known.
 
     Parameters
     ----------
@@ -114,9 +113,9 @@ def interpolated(values: Array, known: Flags) -> Array:
 
 
 def place_skeletons(observations: Observations, start: Array) -> Motion:
-    """The energy's least, from bearing, lift and log depth ``start`` (T, 3) on.
+    """Minimise the energy, from ``start`` (T, 3): bearing, lift and log depth.
 
-    Frames whose pose is not their own (``observations.body.known``) are interpolated.
+    Frames whose pose is not their own (see ``observations.body.known``) are interpolated.
 
     Parameters
     ----------
@@ -164,7 +163,8 @@ def place_skeletons(observations: Observations, start: Array) -> Motion:
 
 
 def _motion(body: LiftedBody, camera: Camera, places: Array) -> Motion:
-    """The skeletons turned by theta about the vertical, the pelvis at (x, y, z), camera axes."""
+    """Skeletons rotated by theta about the vertical, with the pelvis at (x, y, z) in camera
+    axes."""
     x, y, z = places[:, :3].T
     y = np.maximum(y, 0.1)
     place = np.stack([x / y, z / y, np.log(y)], -1)
@@ -188,7 +188,7 @@ def _path_energy(told: Observations, places: Array, walk: Array) -> float:
 
 
 def _normal_equations(told: Observations, places: Array) -> tuple[Array, Array]:
-    """Gauss-Newton Hessian (T, 4, 4) and negative gradient (T, 4) of L_r, both halved."""
+    """Gauss-Newton Hessian (T, 4, 4) and negative gradient (T, 4) of L_r, both times 1/2."""
     camera, motion = told.camera, _motion(told.body, told.camera, places)
     residuals = pixel_residuals(told, motion) / (camera.fx, camera.fy)
     branches = ANCESTORS[list(DETECTED)]
@@ -212,42 +212,41 @@ def _normal_equations(told: Observations, places: Array) -> tuple[Array, Array]:
 # ------------------------------------------------------------------------------------------------
 # Candidates and combinations.
 #
-# At every window of T' – maxima of charness, and frames without a static skeleton – all fitted
-# scenelets are put one at a time into the scene of static skeletons, and
+# At every window of T' (maxima of charness, and frames without a static skeleton) each fitted
+# scenelet alone is put into the scene of static skeletons. Then
 #
-# 1. the 200 of least w_r L_r + w_s L_s are kept,
-# 2. placed anew with w_m L_m added,
-# 3. judged once by w_o L_o as well, and the best 3 are kept.
+# 1. the 200 with the least w_r L_r + w_s L_s are kept,
+# 2. their placement is optimised with w_m L_m added,
+# 3. they are evaluated once with w_o L_o as well, and the best 3 are kept.
 #
-# All combinations of one of the three at every window, at most 3^5, are placed under the whole
-# energy and sorted by it. Nothing here asks the priors, nor has a scenelet another size than the
-# body.
+# All combinations of one of the three at every window, at most 3^5, are optimised under the whole
+# energy and sorted by it. Priors are not used, and all scenelets have the size of the body.
 
 Progress = Callable[[str, float], None]
 _UNITS: Final = np.array([0.02, 0.05, 0.15])
-"""Of bearing, log depth and yaw (rad): first steps of a search."""
+"""Initial steps of a search in bearing, log depth and yaw (rad)."""
 _STEP: Final = 0.01
-"""Of differences, in these units."""
+"""Step of finite differences, in these units."""
 _NEARBY: Final = 1.6
-"""Seconds between the starts of what counts as nearby, about the length of a scenelet."""
+"""Seconds between starts within which scenelets are nearby, about the length of a scenelet."""
 
 
 @dataclass(frozen=True)
 class PublishedSettings:
-    """How the published method chooses and places scenelets.
+    """Parameters of the published method.
 
     Parameters
     ----------
     fitted : int
-        Scenelets kept a window by L_r and L_s alone.
+        Scenelets kept per window by L_r and L_s alone.
     kept : int
-        Of these, once L_m and L_o have spoken.
+        Scenelets of these that are kept after L_m and L_o.
     scenes : int
         Scenes listed, the best first.
     evaluations : int
-        Of the energy, to place one scenelet.
+        Evaluations of the energy to place one scenelet.
     iterations : int
-        Of L-BFGS, to place all scenelets of a combination; as in the released command files.
+        L-BFGS iterations to place all scenelets of a combination; as in the released command files.
     """
 
     fitted: int = 200
@@ -265,11 +264,12 @@ def filter_published(
     settings: PublishedSettings | None = None,
     progress: Progress | None = None,
 ) -> tuple[MaximumTable, ...]:
-    """The three scenelets of every window of T', with what became of the others.
+    """Select the three best scenelets of every window of T', and tell why others were rejected.
 
-    In order of time; ``fit`` of a row is what L_r and L_s lose by the scenelet before it is placed
-    anew, ``motion`` what L_m costs and placing it anew brings, ``occlusion`` what L_o gains: nats,
-    at ``Problem.paper_nats``. Rows of fate ``FIT`` would not have been kept by L_r and L_s either.
+    In order of time. For each row, in nats at ``Problem.paper_nats``: ``fit`` is the gain in L_r
+    and L_s before the placement is optimised, ``motion`` the change by L_m and this optimisation,
+    and ``occlusion`` the change by L_o. Rows of fate ``FIT`` would not have been kept by L_r and
+    L_s alone either.
 
     Parameters
     ----------
@@ -278,7 +278,7 @@ def filter_published(
     curve : CharnessCurve
     settings : PublishedSettings, optional
     progress : callable, optional
-        Called with a stage's name and the part of it that is done.
+        Called with the name of a stage and its completed share.
 
     Returns
     -------
@@ -335,21 +335,21 @@ def _filtered(
 _WALKED: Final = ("L_r", "L_s", "L_m")
 _SEEN: Final = ("L_r", "L_s", "L_m", "L_o")
 _ORDER: Final = ("L_r", "L_o", "L_s", "L_c", "L_m")
-"""The terms, in the order of ``Problem.paper_nats``."""
+"""The terms in the order of ``Problem.paper_nats``."""
 
 
 def _weighted(problem: Problem, names: Sequence[str]) -> Problem:
-    """The problem with some of the terms only."""
+    """The problem with only some of the terms."""
     return problem._replace(paper_nats=problem.paper_nats * np.isin(_ORDER, names))
 
 
 def _scene_energy(problem: Problem, state: State) -> float:
-    """Weighted terms of the energy, in nats; infinite where scenelets overlap or stick out."""
+    """Weighted energy of a scene in nats; infinite outside the support."""
     return paper_energy(problem, state, weights=PaperWeights(*problem.paper_nats.tolist())).total
 
 
 def _fate(row: Shortlisted, enough: float, rows: Sequence[Shortlisted], kept: int) -> Fate:
-    """After which of the three steps a scenelet was out of the first few."""
+    """The step that removed a scenelet from the best few."""
     if sum(r.fit > row.fit for r in rows) >= kept and row.motion >= 0 and row.occlusion >= 0:
         return Fate.FIT
     missing = enough - row.candidate.gain
@@ -359,7 +359,7 @@ def _fate(row: Shortlisted, enough: float, rows: Sequence[Shortlisted], kept: in
 
 
 def _placed_one(problem: Problem, state: State, evaluations: int) -> State:
-    """The only scenelet where the energy is least, by Nelder and Mead."""
+    """Optimise the placement of a single scenelet under the energy, by Nelder-Mead."""
     home = to_view(state.placements[0], 0.0)[:3]
 
     def moved(theta: Array) -> State:
@@ -383,20 +383,20 @@ def combine_published(
     settings: PublishedSettings | None = None,
     progress: Progress | None = None,
 ) -> Combinations:
-    """All combinations of those kept, each placed under the whole energy.
+    """Optimise all combinations of the kept scenelets under the whole energy.
 
-    Of members that overlap in time the one of the window with the better candidate stays, for a
-    frame has one scenelet at most.
+    If members overlap in time, the one with the better candidate stays, because a frame has at most
+    one scenelet.
 
     Parameters
     ----------
     problem : Problem
     tables : sequence of MaximumTable
     fps : float
-        Frames a second.
+        Frames per second.
     settings : PublishedSettings, optional
     progress : callable, optional
-        Called with a stage's name and the part of it that is done.
+        Called with the name of a stage and its completed share.
 
     Returns
     -------
@@ -443,7 +443,7 @@ def _apart(problem: Problem, pool: Sequence[Candidate], members: list[int]) -> t
 
 
 def _placed_all(problem: Problem, state: State, iterations: int) -> State:
-    """All scenelets where the whole energy is least, by L-BFGS."""
+    """Optimise all placements under the whole energy, by L-BFGS."""
     if not state.n_scenelets:
         return state
     home = to_view(state.placements, state.sizes)
@@ -468,9 +468,9 @@ def _placed_all(problem: Problem, state: State, iterations: int) -> State:
 
 
 def _diverse(ranked: Sequence[State], frames: float, count: int) -> list[State]:
-    """The best scene, then the best that share no scenelet at nearby times with those before.
+    """The best scene, then the best ones that share no scenelet at nearby times with those before.
 
-    Where there are no more such scenes, those that share fewest.
+    If there are no more such scenes, those that share fewest.
     """
     chosen: list[State] = list(ranked[:1])
     left = list(ranked[1:])
@@ -481,7 +481,7 @@ def _diverse(ranked: Sequence[State], frames: float, count: int) -> list[State]:
 
 
 def _shared(one: State, other: State, frames: float) -> int:
-    """Scenelets of one scene that are in the other at a nearby time."""
+    """Number of scenelets of one scene that the other has at a nearby time."""
     same = one.items[:, None, 0] == other.items[None, :, 0]
     near = np.abs(one.items[:, None, 1] - other.items[None, :, 1]) < frames
     return int((same & near).any(1).sum())

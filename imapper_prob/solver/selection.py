@@ -1,9 +1,9 @@
-"""Which of a scene's objects are worth naming, and problems with a part of the library.
+"""Select the objects of a scene that are reported, and problems with a part of the library.
 
-A scenelet brings along all that stood near somebody who once moved like this: the couch they sat
-on, and a shelf beside it. The motion tells of the couch; the shelf is kept only if it hides what
-the detector does not see. With the published energy all of it stays, but of two compatible objects
-that are in each other the one that costs more goes.
+A scenelet contains all furniture near the recorded person: the couch they sat on, and a shelf
+beside it. The motion is evidence for the couch; the shelf is kept only if it explains occlusion.
+With the published energy all objects stay, except that of two compatible objects that intersect,
+the one that costs more is removed.
 """
 
 from __future__ import annotations
@@ -30,10 +30,10 @@ Ints = NDArray[np.int64]
 
 
 def of_scenelets(problem: Problem, chosen: Sequence[int] | Ints) -> Problem:
-    """The same problem with a library of exactly ``chosen``, in their order.
+    """The problem with a library of exactly the ``chosen`` scenelets, in their order.
 
-    A scenelet may be chosen twice. What it costs to have one is as before: the prior odds of
-    the others are left out, not shared again.
+    A scenelet may be chosen twice. Prior odds are unchanged: those of the other scenelets are
+    dropped, not redistributed.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ def of_scenelets(problem: Problem, chosen: Sequence[int] | Ints) -> Problem:
 
 
 def _ranges(first: Ints, chosen: Ints) -> Ints:
-    """Rows of the chosen entries of a packed array."""
+    """Rows of the chosen entries in a packed array."""
     rows = [np.arange(first[i], first[i + 1]) for i in chosen]
     return np.concatenate([np.empty(0, np.int64), *rows])
 
@@ -76,20 +76,21 @@ def _starts(counts: Ints) -> Ints:
 
 Array = NDArray[np.float64]
 _NOWHERE, _DEEP = 1e6, 1e3
-"""Metres from anybody, and below the floor."""
+"""Metres: a horizontal distance, and a depth below the floor, at which boxes have no effect."""
 _TOUCHING = [PELV, RKNE, LKNE, RWRI, LWRI]
 _REACH = 0.25
-"""Metres between such a joint and an object that is used; joints lie inside the body."""
+"""Distance in metres from such a joint within which an object is used; joints are inside the
+body."""
 _OFTEN = 0.25
-"""Share of a scenelet's frames in which it must be."""
+"""Share of a scenelet's frames in which the joint must be that near."""
 _EVIDENCE = 3.0
-"""Nats that an object nobody uses must be worth: odds of twenty to one."""
+"""Least evidence in nats for an unused object: odds of twenty to one."""
 
 
 def selected_objects(problem: Problem, library: Library, state: State) -> tuple[SceneObject, ...]:
-    """The furniture of a state that somebody uses, or that explains what is seen.
+    """The furniture of a state that a person uses, or that explains the detections.
 
-    In the state's world, objects that are one merged.
+    In the state's world frame, with objects that are one merged.
 
     Parameters
     ----------
@@ -116,15 +117,16 @@ def selected_objects(problem: Problem, library: Library, state: State) -> tuple[
 
 
 def published_objects(problem: Problem, library: Library, state: State) -> tuple[SceneObject, ...]:
-    """Objects of all scenelets; of two alike in each other, the one with the scene of less energy.
+    """Objects of all scenelets; of two compatible ones that intersect, one is removed.
 
-    For every pair of the same label and orientation whose footprints meet, the object goes that
-    leaves the scene of higher energy behind when the other goes (Monszpart et al. 2019, section 6).
+    For every pair with the same label and orientation whose footprints intersect, the scene is
+    evaluated without each of them, and the object without which the energy is lower is removed
+    (Monszpart et al. 2019, section 6).
 
     Parameters
     ----------
     problem : Problem
-        Of the published energy.
+        Problem with the published energy.
     library : Library
     state : State
 
@@ -151,7 +153,7 @@ def published_objects(problem: Problem, library: Library, state: State) -> tuple
 
 
 def _compatible(one: SceneObject, other: SceneObject, angle: float) -> bool:
-    """Whether two objects have the same label and orientation, and meet on the floor."""
+    """Whether two objects have the same label and orientation, and their footprints intersect."""
     turned = np.cos(one.placement.yaw - other.placement.yaw) <= np.cos(angle)
     if one.label != other.label or turned:
         return False
@@ -159,7 +161,7 @@ def _compatible(one: SceneObject, other: SceneObject, angle: float) -> bool:
 
 
 def used_objects(problem: Problem, scenelet: int) -> list[bool]:
-    """For each object of a scenelet whether its person sits on it, leans on it or reaches it.
+    """For each object of a scenelet, whether its person sits on, leans on or touches it.
 
     Parameters
     ----------
@@ -193,7 +195,7 @@ def _distance(joints: Array, boxes: Array) -> Array:
 def _boxes(
     problem: Problem, state: State, placed: list[tuple[int, SceneObject]], group: list[int]
 ) -> Ints:
-    """Rows of the library's boxes that make up some of the placed objects."""
+    """Rows of the library's boxes that belong to some of the placed objects."""
     first = {index: k for k, (index, _) in reversed(list(enumerate(placed)))}
     rows = [np.empty(0, np.int64)]
     for k in group:
@@ -205,14 +207,15 @@ def _boxes(
 
 
 def _sunk(problem: Problem, rows: Ints) -> Problem:
-    """The problem with boxes below where anybody looks or walks."""
+    """The problem with some boxes moved far below the floor, where they have no effect."""
     boxes = problem.boxes.copy()
     boxes[rows, 2] = -_DEEP
     return problem._replace(boxes=boxes)
 
 
 def _carried_away(problem: Problem, rows: Ints) -> Problem:
-    """The problem with boxes far off: the published energy asks where they are on the floor."""
+    """The problem with some boxes moved far away; the published energy uses only floor
+    positions."""
     boxes = problem.boxes.copy()
     boxes[rows, :2] = _NOWHERE
     return problem._replace(boxes=boxes)

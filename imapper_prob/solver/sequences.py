@@ -1,12 +1,12 @@
 """Sequences of scenelets for a stretch of a clip, by dynamic programming, and exchanges.
 
-A stay at a seat is longer than a scenelet. What explains it is somebody who sits down, somebody
-who sits and somebody who gets up, and they gain most where one goes on where another ends: the
-step from one to the next is charged like any step, free frames between them like two jumps.
-Candidates come every .4 s, each where it is best by itself, so that hardly two of them join. Here
-each may start up to half that time earlier or later, two that join are brought to one distance
-from the camera, and dynamic programming (Viterbi's, over what each gains alone, and what two
-that join gain or lose together) finds the best sequences. The paper has no such step.
+A stay on a seat is longer than a scenelet. It is explained by a person who sits down, sits, and
+gets up. Such scenelets gain most if one begins where another ends: the step from one to the next
+then costs like one jump, and free frames between them cost two. But candidates are .4 s apart, each
+at its own best placement, so hardly any two of them adjoin. Here each may start earlier or later by
+up to half that time, two that adjoin are moved to a common distance from the camera, and dynamic
+programming (Viterbi, with the gain of each alone and of each adjoining pair) finds the best
+sequences. The paper has no such step.
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ Links = Mapping[int, Sequence[tuple[int, float]]]
 _CANDIDATE_LOSS = 15.0
 """Nats by which a candidate may be worse than the best of its window."""
 _JOINED, _ALIKE = 6, 2
-"""Candidates that end in a frame and are joined with as many that start there, and how many of
-these may be of one kind of furniture."""
+"""Number of candidates that end in a frame and are combined with as many that start there, and how
+many of these may have the same kind of furniture."""
 
 
 def best_sequences(
@@ -44,24 +44,24 @@ def best_sequences(
     slide: int,
     count: int,
 ) -> tuple[tuple[Candidate, ...], ...]:
-    """The best sequences by what candidates gain alone and joined, the best first.
+    """The best sequences by the gains of single candidates and adjoining pairs, the best first.
 
-    No two of them have the same scenelets in the same order. What scenelets that do not join
-    do to each other, by furniture in each other's way, is left to whoever judges the whole;
-    what a stay is worth is shared by those that hold it.
+    No two of them have the same scenelets in the same order. Interactions of scenelets that do not
+    adjoin, such as collisions of furniture, are not included. The value of a stay is shared by the
+    scenelets that support it.
 
     Parameters
     ----------
     problem : Problem
     context : State
-        The scene they are for, without scenelets in the stretch.
+        Scene to which the sequences are added, without scenelets in the stretch.
     candidates : sequence of Candidate
     within : (int, int)
         First frame of the stretch, and the frame after its last.
     slide : int
-        Frames that a candidate may start earlier or later.
+        Frames by which a candidate may start earlier or later.
     count : int
-        How many are wanted.
+        Number of sequences.
 
     Returns
     -------
@@ -79,7 +79,7 @@ def best_sequences(
     ends = np.array([_end(problem, c) for c in options], dtype=np.int64)
     before, after = _links(problem, options, starts, ends, body, gain)
     first, came = best_before(starts, ends, gains, before)
-    # With time reversed, the best that can follow is the best that came before.
+    # With time reversed, the best continuation is the best predecessor.
     last, goes = best_before(-ends, -starts, gains, after)
     found: dict[tuple[int, ...], tuple[Candidate, ...]] = {}
     for k in np.argsort(gains - first - last, kind="stable").tolist():
@@ -99,7 +99,7 @@ def _slid(
     slide: int,
     gain: Callable[..., float],
 ) -> list[Candidate]:
-    """The good ones at every start, with what they gain in the scene there."""
+    """The good candidates at every start within ``slide``, with their gain there."""
     best: defaultdict[int, float] = defaultdict(float)
     for c in candidates:
         best[c.window] = max(best[c.window], c.gain)
@@ -125,7 +125,8 @@ def _links(
     body: float,
     gain: Callable[..., float],
 ) -> tuple[Links, Links]:
-    """By option what it may join before and after it, with the nats that they gain by joining."""
+    """Adjoining options before and after each option, with the additional gain of the pair in
+    nats."""
     best_first = sorted(range(len(options)), key=lambda k: -options[k].gain)
     ending, starting = _best_in(best_first, ends, options), _best_in(best_first, starts, options)
     before, after = defaultdict(list), defaultdict(list)
@@ -143,7 +144,7 @@ def _links(
 def _best_in(
     best_first: Sequence[int], frames: Ints, options: Sequence[Candidate]
 ) -> dict[int, list[int]]:
-    """The few best options of each frame, no scenelet twice, few of one kind."""
+    """The few best options of each frame, with distinct scenelets and few of one kind."""
     found: defaultdict[int, list[int]] = defaultdict(list)
     kinds: Counter[tuple[int, tuple[int, ...]]] = Counter()
     for k in best_first:
@@ -156,25 +157,25 @@ def _best_in(
 
 
 def best_before(starts: Ints, ends: Ints, gains: Array, before: Links) -> tuple[Array, Ints]:
-    """The best sequence that ends with each option.
+    """The best sequence that ends with each option, by dynamic programming.
 
-    Before it comes one that it joins, or whatever has ended at least a frame ago, or nothing.
+    Its predecessor adjoins it, or ended at least a frame earlier, or does not exist.
 
     Parameters
     ----------
     starts, ends : (n,) int
         First frames, and frames after the last.
     gains : (n,) float
-        Of each alone.
+        Gain of each option alone.
     before : mapping of int to sequence of (int, float)
-        What an option may join, and what it gains by that beyond what both gain alone.
+        Adjoining predecessors of an option, with the additional gain of the pair.
 
     Returns
     -------
     value : (n,) float
-        What the whole sequence gains.
+        Gain of the whole sequence.
     came : (n,) int
-        The option before; -1 where there is none.
+        The option before; -1 if there is none.
     """
     value, came = np.zeros(len(gains)), np.full(len(gains), -1)
     ended, past, best, whose = np.argsort(ends, kind="stable"), 0, 0.0, -1
@@ -192,7 +193,7 @@ def best_before(starts: Ints, ends: Ints, gains: Array, before: Links) -> tuple[
 
 
 def _chain(option: int, links: Ints) -> list[int]:
-    """The option, what it is linked to, and so on."""
+    """The option, the option it is linked to, and so on."""
     chain = []
     while option >= 0:
         chain.append(option)
@@ -203,9 +204,9 @@ def _chain(option: int, links: Ints) -> list[int]:
 def _at_one_distance(
     problem: Problem, members: Sequence[Candidate], body: float
 ) -> tuple[Candidate, ...]:
-    """Candidates in order of time; those that join as far away as the others where they do.
+    """Candidates in order of time, with those that adjoin moved to a common distance.
 
-    Who joins keeps the look and comes along the ray, to the mean of the log distances.
+    They keep their look and move along the ray to the mean of the log distances.
     """
     result: list[Candidate] = []
     run: list[tuple[Candidate, float]] = []
@@ -223,19 +224,19 @@ def _at_one_distance(
 
 
 def _together(run: Sequence[tuple[Candidate, float]]) -> list[Candidate]:
-    """Candidates of one run, each with by how much it is nearer than the first."""
+    """Candidates of one adjoining run, each with its log distance relative to the first."""
     middle = float(np.mean([apart for _, apart in run])) if run else 0.0
     return [_nearer(c, middle - apart) for c, apart in run]
 
 
 def _nearer(candidate: Candidate, by: float) -> Candidate:
-    """It looks the same, nearer by a log distance."""
+    """Move a candidate nearer by a log distance, so that it looks the same."""
     scale = np.array([np.exp(-by), np.exp(-by), 1.0])
     return replace(candidate, placement=candidate.placement * scale, size=candidate.size - by)
 
 
 def _log_distance(problem: Problem, candidate: Candidate, body: float, *, last: bool) -> float:
-    """Log of the metres from below the camera to its pelvis, in its first or last frame."""
+    """Log distance in metres from below the camera to the pelvis, in the first or last frame."""
     first, stop = problem.joint_first[candidate.scenelet : candidate.scenelet + 2].tolist()
     px, py = problem.joints[stop - 1 if last else first, PELV, :2]
     x, y, yaw = candidate.placement
@@ -245,42 +246,42 @@ def _log_distance(problem: Problem, candidate: Candidate, body: float, *, last: 
 
 
 def _end(problem: Problem, candidate: Candidate) -> int:
-    """The frame after its last."""
+    """The frame after its last one."""
     return candidate.start + int(problem.lengths[candidate.scenelet])
 
 
 # ------------------------------------------------------------------------------------------------
-# Exchanges: in one stay at a time what happens is replaced by what does better.
+# Exchanges: the scenelets of one stay at a time are replaced by better ones.
 #
-# Combinations are made of the few candidates kept at each maximum of charness, and these were
-# judged in an empty scene. In the scene another one may do better, or several in a row: its motion
-# goes on from its neighbours', its furniture has room beside theirs, or it explains frames that had
-# nothing. The paper has no such step (Monszpart et al. 2019, section 5). It is a coordinate ascent,
-# stretch by stretch of the clip, over the best sequences of candidates of all windows.
+# Combinations consist of the few candidates kept at each maximum of charness, which were evaluated
+# in an empty scene. In the scene another candidate, or several in sequence, may be better: its
+# motion continues that of its neighbours, its furniture fits beside theirs, or it explains frames
+# without any scenelet. The paper has no such step (Monszpart et al. 2019, section 5). It is a
+# coordinate ascent over stretches of the clip, with the best sequences of candidates of all
+# windows.
 
 _REFINED = 12
-"""Sequences that are refined before one is chosen: candidates were placed in an empty scene."""
+"""Sequences that are refined before one is chosen, as candidates were placed in an empty scene."""
 _EXCHANGE_GAIN = 0.5
-"""Nats an exchange has to bring; less is how exactly placements are found."""
+"""Least gain of an exchange in nats; less is within the accuracy of placements."""
 _ROUNDS = 4
-"""Times at most that the clip is gone through. On i3DB nothing is left to do after one or two."""
+"""Largest number of passes through the clip. On i3DB one or two suffice."""
 _APART = 3
-"""Windows without a scenelet that part two stays; 1.2 s."""
+"""Number of windows without a scenelet that separate two stays; 1.2 s."""
 
 
 @dataclass(frozen=True)
 class Exchange:
-    """One exchange.
+    """One exchange of scenelets.
 
     Parameters
     ----------
     candidates : tuple of Candidate
-        What came into the scene, as it was placed before it was refined; none where scenelets
-        were only taken out.
+        Inserted candidates, as placed before refinement; empty if scenelets were only removed.
     gain : float
-        Nats it brought.
+        Gain in nats.
     state : State
-        The scene after it.
+        Scene after the exchange.
     """
 
     candidates: tuple[Candidate, ...]
@@ -291,9 +292,9 @@ class Exchange:
 def exchange(
     problem: Problem, state: State, candidates: Sequence[Candidate], *, step: int
 ) -> tuple[Exchange, ...]:
-    """The best exchange in each stretch of the clip, and again until none brings anything.
+    """Make the best exchange in each stretch of the clip, until none has a sufficient gain.
 
-    A stretch is what lies between the stays before and after one. The camera stays.
+    A stretch reaches from the stay before one to the stay after it. The camera is fixed.
 
     Parameters
     ----------
@@ -335,7 +336,7 @@ def _best(
     stretch: tuple[int, int],
     step: int,
 ) -> Exchange | None:
-    """The best of what may happen in a stretch beside the rest, if it is worth it."""
+    """The best exchange in a stretch given the rest of the scene; None if its gain is too small."""
     sequences = best_sequences(
         problem, rest, candidates, within=stretch, slide=step // 2, count=_REFINED
     )
@@ -347,7 +348,7 @@ def _best(
 
 
 def _refined(problem: Problem, rest: State, members: Sequence[Candidate]) -> State:
-    """The scene with these as well, refined twice: where one ends up moves those it joins."""
+    """Add candidates and refine them twice, because each affects the ones it adjoins."""
     state = assigned(rest, members)
     own = {(c.scenelet, c.start) for c in members}
     added = [k for k, item in enumerate(state.items.tolist()) if tuple(item) in own]
@@ -355,23 +356,23 @@ def _refined(problem: Problem, rest: State, members: Sequence[Candidate]) -> Sta
 
 
 def _stretches(problem: Problem, state: State, apart: int) -> list[tuple[int, int]]:
-    """By stay the frames from the end of the one before to the start of the one after it.
+    """For each stay, the frames from the end of the one before to the start of the one after.
 
-    The whole clip where there is none.
+    The whole clip if there is none.
     """
     starts = state.items[:, 1]
     ends = starts + problem.lengths[state.items[:, 0]]
     parts = np.flatnonzero(starts[1:] - ends[:-1] >= apart)
     if not len(starts):
         return [(0, problem.n_frames)]
-    # Where stays begin and end, with nothing before the first and after the last.
+    # Ends and starts of stays, with the clip's limits outside the first and the last one.
     stops = [0, *ends[parts].tolist(), int(ends[-1])]
     begins = [int(starts[0]), *starts[parts + 1].tolist(), problem.n_frames]
     return list(zip(stops[:-1], begins[1:], strict=True))
 
 
 def _without(state: State, begin: int, end: int) -> State:
-    """The scene without what is in a stretch."""
+    """The scene without the scenelets in a stretch."""
     for index in reversed(range(state.n_scenelets)):
         if begin <= state.items[index, 1] < end:
             state = state.without_item(index)

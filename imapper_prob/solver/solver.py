@@ -1,9 +1,9 @@
 """The staged solver: deterministic, from a clip to its best scene and alternatives.
 
-Static path and camera, independent fits, charness over time, candidates, combinations, refinement:
-the stages of the paper (Monszpart et al. 2019, section 6) in their order. The result stands by
-itself and is where the sampler starts. With the published energy the stages are the paper's own
-(:mod:`imapper_prob.solver.published`).
+The stages are those of the paper (Monszpart et al. 2019, section 6), in the same order: static path
+and camera, independent fits, charness over time, candidates, combinations, refinement. The result
+can be used by itself, and is the start of the sampler. With the published energy the stages are
+exactly the paper's (:mod:`imapper_prob.solver.published`).
 """
 
 from __future__ import annotations
@@ -57,18 +57,18 @@ __all__ = [
 ]
 
 _NEARBY = 1.6
-"""Seconds between the starts of what counts as nearby, about the length of a scenelet."""
+"""Seconds between starts within which scenelets are nearby, about the length of a scenelet."""
 _KEPT, _TRIED = 3, 64
-"""Candidates a maximum, and combinations judged: an alternative need not be the very best."""
+"""Candidates per maximum, and combinations evaluated; fewer than for the best scene."""
 
 
 def diverse_scenes(
     solution: Solution, first: State, *, finish: Callable[[Problem, State], State], count: int
 ) -> tuple[State, ...]:
-    """The best scene, and others without what the ones before have.
+    """The best scene, and others that do not share its scenelets at nearby times.
 
-    Fewer where nothing is left that improves on the empty scene. The paper asks the same of
-    its five solutions of a long clip (Monszpart et al. 2019, section 5).
+    There are fewer if no other scene improves on the empty one. The paper has the same requirement
+    for its five solutions of a long clip (Monszpart et al. 2019, section 5).
 
     Parameters
     ----------
@@ -76,10 +76,10 @@ def diverse_scenes(
     first : State
         The best scene.
     finish : callable
-        Makes a scene of the best combination left, such as
+        Optimises the best remaining combination, such as
         :func:`imapper_prob.solver.combinations.polish`.
     count : int
-        Scenes at most.
+        Largest number of scenes.
 
     Returns
     -------
@@ -103,12 +103,12 @@ def diverse_scenes(
 def _listed_scenes(
     solution: Solution, first: State, *, finish: Callable[[Problem, State], State], count: int
 ) -> tuple[State, ...]:
-    """Those that the published method lists itself, by its energy."""
+    """The scenes that the published method lists, in order of its energy."""
     return solution.states[:count]
 
 
 def _nearby(candidate: Candidate, used: np.ndarray, frames: float) -> bool:
-    """Whether its scenelet was used at a start less than so many frames away."""
+    """Whether its scenelet was used at a start less than ``frames`` away."""
     same = used[:, 0] == candidate.scenelet
     return bool((same & (np.abs(used[:, 1] - candidate.start) < frames)).any())
 
@@ -118,40 +118,40 @@ def _nearby(candidate: Candidate, used: np.ndarray, frames: float) -> bool:
 
 Progress = Callable[[str, float], None]
 _PUBLISHED = MaximaSettings(most=5)
-"""The paper's clips have five maxima of charness at most."""
+"""The paper uses at most five maxima of charness per clip."""
 Chosen = tuple[CharnessCurve, tuple[MaximumTable, ...], Combinations]
 _LEAST_CHARNESS = 0.01
-"""Added to charness where it weighs scenelets: none is impossible beforehand."""
+"""Added to charness where it weights scenelets, so that none is impossible a priori."""
 
 
 @dataclass(frozen=True)
 class Solution:
-    """What the staged solver found, and what it found it with.
+    """The result of the staged solver, with all intermediate results.
 
     Parameters
     ----------
     clip, library
         The input.
     path : StaticPath
-        The person without scenelets.
+        The static path of the person.
     frames : FrameTable
-        Which frames have a pose of their own, and why others do not.
+        Which frames have their own pose, and why others do not.
     camera : CameraPrior
-        What is known of pitch, elevation, focal length and body size.
+        Gaussian of pitch, elevation, focal length, body size and roll.
     problem : Problem
-        The log-posterior, packed.
+        The packed log-posterior.
     curve : CharnessCurve
-        Charness over time with its maxima, and what suppression dropped.
+        Charness over time with its maxima.
     candidates : tuple of Candidate
-        Fits judged by the full posterior, in order of time; births come from them.
+        Fits evaluated by the full posterior, in order of time.
     shortlists : tuple of MaximumTable
-        Per maximum, in order of time: which candidates were kept and what spoke against the rest.
+        For each maximum, in order of time, which candidates were kept and why others were not.
     combinations : Combinations
-        Which of those kept were put together, and what that is worth.
+        The combinations of kept candidates, with their gains.
     distances : (L, L) float
-        Distance between the motions of scenelets, metres.
+        Distances between the motions of scenelets, metres.
     fits : Fits
-        Every scenelet in every window; the sampler looks there for what else might fit.
+        Fits of every scenelet in every window, which the sampler uses as candidates.
 
     Examples
     --------
@@ -180,7 +180,7 @@ class Solution:
             object.__setattr__(self, name, Listed(getattr(self, name)))
 
     def _repr_html_(self) -> str:
-        """How many candidates each maximum of charness leaves, for a notebook."""
+        """A table of the candidates left at each maximum of charness, for notebooks."""
         ids, rows = self.clip.frame_ids, []
         for table in self.shortlists:
             counts = table.counts()
@@ -208,7 +208,7 @@ class Solution:
 
     @cached_property
     def best_fits(self) -> NDArray[np.float64]:
-        """How well the best scenelet over a frame fits, (T,) (`imapper_prob.solver.fits`).
+        """(T,) excess cost of the best scenelet over each frame (`imapper_prob.solver.fits`).
 
         Examples
         --------
@@ -226,18 +226,18 @@ def solve(
     camera: CameraPrior | None = None,
     progress: Progress | None = None,
 ) -> Solution:
-    """Solve a clip of one actor: same input, same output.
+    """Solve a clip of one actor; deterministic.
 
     Parameters
     ----------
     clip, library
-        What was seen, and what people do.
+        The input.
     settings : Settings, optional
         Constants of the model and of the stages.
     camera : CameraPrior, optional
-        What is known of camera and body; estimated from the actor's feet if not given.
+        Prior of camera and body; estimated from the actor's feet if not given.
     progress : callable, optional
-        Called with the name of the stage and the part of it that is done.
+        Called with the name of the stage and its completed share.
 
     Returns
     -------
@@ -249,7 +249,7 @@ def solve(
 
 @dataclass(frozen=True)
 class Fitted:
-    """What is known before any scenelet is chosen.
+    """The results of the stages before scenelets are selected.
 
     Parameters
     ----------
@@ -257,13 +257,13 @@ class Fitted:
     frames : FrameTable
     camera : CameraPrior
     problem : Problem
-        The log-posterior, what the freedom of free frames is worth included.
+        The log-posterior, including the cost of free poses.
     fits : Fits
-        Every scenelet in every window.
+        Fits of every scenelet in every window.
     charness : (L,) float
-        Of the library's scenelets.
+        Charness of the library's scenelets.
     distances : (L, L) float
-        Between their motions, metres.
+        Distances between the motions of scenelets, metres.
     """
 
     path: StaticPath
@@ -285,7 +285,7 @@ def fit_clip(
     camera: CameraPrior | None = None,
     progress: Progress | None = None,
 ) -> Fitted:
-    """The first stages: static path, camera, independent fits.
+    """Run the first stages: static path, camera, independent fits.
 
     Parameters
     ----------
@@ -336,7 +336,7 @@ def fit_clip(
 def solve_fitted(
     clip: Clip, library: Library, fitted: Fitted, *, progress: Progress | None = None
 ) -> Solution:
-    """The stages after the fits: charness, candidates, combinations, refinement.
+    """Run the stages after the fits: charness, candidates, combinations, refinement.
 
     Parameters
     ----------
@@ -377,7 +377,7 @@ def _choose(
     *,
     progress: Progress | None = None,
 ) -> Chosen:
-    """Candidates under the log-posterior: the best at maxima of charness, then combinations."""
+    """Select candidates at maxima of charness, and combine them, under the log-posterior."""
     problem = fitted.problem
     curve = charness_curve(fitted.fits, fitted.charness, fps=clip.fps)
     combinations = combine(problem, candidates, curve, progress=progress)
@@ -392,14 +392,14 @@ def solve_published(
     *,
     progress: Progress | None = None,
 ) -> Chosen:
-    """The stages after the fits as the paper has them: T', the filter, all combinations.
+    """Run the stages after the fits as in the paper: T', the filter, all combinations.
 
     Parameters
     ----------
     clip : Clip
     fitted : Fitted
     candidates : tuple of Candidate
-        Not asked: the paper filters fits under its own energy.
+        Not used: the paper filters fits by its own energy.
     progress : callable, optional
         See :func:`solve`.
 
@@ -424,24 +424,24 @@ def solve_published(
 
 @dataclass(frozen=True)
 class Method:
-    """What the stages do that the log-posterior decides; all other stages are the same.
+    """The stages that depend on the choice of log-posterior.
 
     Parameters
     ----------
     examine : callable
-        Static path and frames of a clip, such as `examine_frames`.
+        Estimates static path and frame table, such as `examine_frames`.
     fit_windows : callable
-        Every scenelet in every window, see `imapper_prob.solver.fits.fit_windows`.
+        Fits every scenelet in every window, see `imapper_prob.solver.fits.fit_windows`.
     best_fits : callable
-        How well the best scenelet over a frame fits, as `imapper_prob.solver.fits.best_fits`.
+        Excess cost of the best scenelets, as `imapper_prob.solver.fits.best_fits`.
     choose : callable
-        The stages after the fits, such as `solve_published`.
+        Runs the stages after the fits, such as `solve_published`.
     scenes : callable
-        The best scene and diverse alternatives, such as `diverse_scenes`.
+        Makes the best scene and diverse alternatives, such as `diverse_scenes`.
     by_log_posterior : bool
-        Whether these are sorted by log-posterior; if not, their order is that of the method.
+        Whether scenes are sorted by log-posterior; otherwise in the order of the method.
     objects : callable
-        Furniture of a state that is worth naming, such as `selected_objects`.
+        Selects the furniture of a state to report, such as `selected_objects`.
     """
 
     examine: Callable[..., tuple[StaticPath, FrameTable]]
@@ -454,7 +454,7 @@ class Method:
 
 
 def _unknown_fits(problem: Problem, fits: Fits) -> NDArray[np.float64]:
-    """NaN: squared residuals say nothing of what the right motion would cost."""
+    """NaN: for squared residuals the expected cost of the right motion is unknown."""
     return np.full(problem.n_frames, np.nan)
 
 
@@ -475,12 +475,12 @@ METHODS: Final[Mapping[str, Method]] = MappingProxyType(
             _unknown_fits,
             solve_published,
             _listed_scenes,
-            False,  # by the published energy, without any prior
+            False,  # sorted by the published energy, without priors
             published_objects,
         ),
     }
 )
-"""By ``ModelSettings.energy``."""
+"""Methods by ``ModelSettings.energy``."""
 
 
 def method_of(problem: Problem) -> Method:

@@ -1,12 +1,13 @@
-"""The static path: where each frame alone puts the person, before any scenelet.
+"""The static path: the person's path and poses from each frame alone, without scenelets.
 
-Lifted poses give the body's shape, detections say where it is and how it is bent, and the length of
-the reference body turns size in the image into depth (:mod:`imapper_prob.solver.path_fit`).
+Lifted poses give the shape of the body, detections its position and posture. The known length of
+the reference body converts image size to depth (:mod:`imapper_prob.solver.path_fit`).
 
-In gaps, bearing and log depth have a velocity that is an Ornstein-Uhlenbeck process, for who walks
-goes on walking for about a second. The path through a gap is what that process expects given the
-fitted path at both ends (a Kalman filter and the smoother of Rauch, Tung and Striebel 1965); its
-variance grows to metres over two seconds, where independent steps would leave it at decimetres.
+In gaps without detections, the velocity of bearing and log depth is an Ornstein-Uhlenbeck process,
+because a walking person keeps the velocity for about a second. The path through a gap is the
+expectation given the fitted path at both ends (Kalman filter and smoother of Rauch, Tung and
+Striebel 1965). Its standard deviation grows to metres over two seconds; independent steps would
+give decimetres.
 """
 
 from __future__ import annotations
@@ -48,15 +49,15 @@ __all__ = ["estimate_static_path", "examine_frames", "examine_published"]
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 _MEASURED_OVER = 0.2
-"""Seconds over which the calibrated steps were measured, as if their halves were independent."""
+"""Seconds over which the calibrated steps were measured, assuming independent steps."""
 _ANYWHERE = 2.0
-"""Standard deviation of bearing and log depth of somebody nobody has seen yet."""
+"""Standard deviation of bearing and log depth before the first detection."""
 
 
 def _through_gaps(
     place: Array, observations: Observations, settings: StaticPathSettings
 ) -> tuple[Array, Array]:
-    """The path through frames in which nobody is detected.
+    """Fill in the path through frames without a detection.
 
     Parameters
     ----------
@@ -69,9 +70,9 @@ def _through_gaps(
     Returns
     -------
     place : (T, 3) float
-        Height above the optical axis, lift times depth, goes on evenly.
+        In gaps the height above the optical axis (lift times depth) is interpolated linearly.
     deviation : (T, 2) float
-        Of bearing and log depth; 0 where somebody is detected.
+        Standard deviation of bearing and log depth in gaps; 0 in frames with a detection.
     """
     seen = np.asarray((observations.confidences > 0).any(1))
     filled, deviation = np.array(place), np.zeros((len(place), 2))
@@ -93,23 +94,24 @@ def _through_gaps(
 
 
 def _speed(step: float, time: float) -> float:
-    """Standard deviation of the velocity, units a second, of which a step was measured.
+    """Standard deviation of the velocity, units per second, from the size of a measured step.
 
-    ``step`` is that of 1 / 10 s if steps forgot each other.
+    ``step`` is the step of 1 / 10 s if steps were independent.
     """
     moved = step**2 * _MEASURED_OVER * REFERENCE_RATE
     return math.sqrt(moved / _displacement(_MEASURED_OVER, time))
 
 
 def _displacement(seconds: float, time: float) -> float:
-    """Variance of the displacement of an Ornstein-Uhlenbeck velocity of unit variance."""
+    """Variance of the displacement by an Ornstein-Uhlenbeck velocity of unit variance."""
     return 2 * time * (seconds - time * -math.expm1(-seconds / time))
 
 
 def _smoothed(
     values: Array, seen: Flags, *, speed: float, time: float, noise: float, fps: float
 ) -> tuple[Array, Array]:
-    """(T,) mean and standard deviation of the position, given ``values`` where seen."""
+    """(T,) mean and standard deviation of the position, given ``values`` in frames with a
+    detection."""
     h, kept = 1.0 / fps, math.exp(-1.0 / (fps * time))
     onward = np.array([[1.0, time * (1.0 - kept)], [0.0, kept]])
     cross = speed**2 * time * (1.0 - kept) ** 2
@@ -144,14 +146,14 @@ def _smoothed(
 # The path.
 
 _CONFIDENT = 0.5
-"""Confidence from which a detection may testify against a lifted pose."""
+"""Confidence above which a detection is used to check a lifted pose."""
 _JURY = 4
-"""Number of confident joints that may do so."""
+"""Number of such joints that are needed for the check."""
 _DEPTHS = (0.5, 30.0)
-"""Metres between which a first guess of depth is believed."""
+"""Range in metres of plausible initial depths."""
 _NOBODY = 0.5
-"""Part of the frames in which detections contradict any body, from which on they are nobody's. On
-i3DB it is at most .02, of simulated clips .14."""
+"""Share of frames contradicted by detections above which the track is rejected. On i3DB the share
+is at most .02, on simulated clips .14."""
 
 
 def estimate_static_path(
@@ -160,32 +162,30 @@ def estimate_static_path(
     track: int = 0,
     settings: StaticPathSettings | None = None,
 ) -> StaticPath:
-    """Maximum a posteriori path and poses of one person, and how far off it may be.
+    """Maximum a posteriori path and poses of one person, with their errors.
 
-    First the lifted bodies are placed as they are; poses that then contradict the confident
-    detections are dropped and filled in from their neighbours. Then bones and place are
-    fitted together.
+    First the lifted bodies are placed rigidly; poses that contradict the confident detections are
+    dropped and interpolated. Then bones and places are fitted together.
 
-    What is left are slow errors (``bias_log_depth``, and ``bias_across`` over the depth). Where
-    nobody was detected the person goes on as people do, and may have walked elsewhere:
-    ``deviation`` grows there.
+    The remaining errors are slow (``bias_log_depth``, and ``bias_across`` divided by the depth). In
+    gaps without detections the path is extrapolated from its velocity, and ``deviation`` grows.
 
     Parameters
     ----------
     clip : Clip
     track : int
-        Which person.
+        Index of the person's track.
     settings : StaticPathSettings, optional
 
     Returns
     -------
     StaticPath
-        In the camera frame at the clip's nominal focal length and the reference stature.
+        In the camera frame, for the clip's nominal focal length and the reference stature.
 
     Raises
     ------
     InputError
-        If the person is detected in no frame, or no body has the joints that are detected.
+        No frame has enough detected joints, or the detections do not fit any body.
     """
     return examine_frames(clip, track=track, settings=settings)[0]
 
@@ -196,7 +196,7 @@ def examine_frames(
     track: int = 0,
     settings: StaticPathSettings | None = None,
 ) -> tuple[StaticPath, FrameTable]:
-    """The static path, and what became of each frame.
+    """Estimate the static path, and a table of its frames.
 
     Parameters
     ----------
@@ -222,7 +222,7 @@ def examine_published(
     track: int = 0,
     settings: StaticPathSettings | None = None,
 ) -> tuple[StaticPath, FrameTable]:
-    """The static path as the paper has it, of rigid skeletons: `imapper_prob.solver.published`.
+    """Estimate the static path of the paper, with rigid skeletons: `imapper_prob.solver.published`.
 
     Parameters
     ----------
@@ -244,7 +244,7 @@ def examine_published(
 
 @dataclass(frozen=True)
 class _Sight:
-    """What is seen of a person: pixels (T, 14, 2) with confidences (T, 14), and lifted poses."""
+    """The data of a person: pixels (T, 14, 2), confidences (T, 14), and lifted poses."""
 
     clip: Clip
     person: Track
@@ -252,25 +252,25 @@ class _Sight:
     confidences: Array
 
     def observations(self, believed: Flags) -> Observations:
-        """With the lifted poses of some frames."""
+        """Observations with the lifted poses of some frames."""
         body = lifted_body(self.person, believed)
         return Observations(self.clip.camera, self.pixels, self.confidences, body, self.clip.fps)
 
 
 @dataclass(frozen=True)
 class _Placed:
-    """Where a person is, whose lifted poses are believed, and in which frames joints jump."""
+    """A fitted motion, the frames whose lifted poses were used, and frames with jumping joints."""
 
     observations: Observations
     motion: Motion
     believed: Flags
     fast: Flags
     unknown: Array
-    """(T, 2) deviation of bearing and log depth in gaps."""
+    """(T, 2) standard deviation of bearing and log depth in gaps."""
 
 
 def _bent_bodies(sight: _Sight, trusted: Flags, settings: StaticPathSettings) -> _Placed:
-    """Bodies bent as detections say, gaps as somebody walks."""
+    """Fit bodies with free bones, and fill in gaps by the velocity model."""
     observations = sight.observations(trusted)
     motion = _place(observations, settings)
     believed = trusted & ~_contradicted(observations, motion, settings)
@@ -284,7 +284,7 @@ def _bent_bodies(sight: _Sight, trusted: Flags, settings: StaticPathSettings) ->
 
 
 def _rigid_skeletons(sight: _Sight, trusted: Flags, settings: StaticPathSettings) -> _Placed:
-    """Lifted skeletons as they are, those that jump and gaps interpolated."""
+    """Fit rigid lifted skeletons; jumping frames and gaps are interpolated."""
     fast = fast_frames(sight.pixels, sight.confidences)
     observations = sight.observations(trusted & ~fast)
     motion = place_skeletons(observations, _first_guess(observations))
@@ -326,12 +326,12 @@ def _examined(
 def _require_a_person(
     clip: Clip, person: Track, observations: Observations, frames: FrameTable
 ) -> None:
-    """Refuse detections that no body fits, however it is bent.
+    """Refuse detections that no body fits.
 
     Raises
     ------
     InputError
-        Most sure detections are far from the fitted body in nearly all frames that have some.
+        In most frames with confident detections, these are far from the fitted body.
     """
     heard = (observations.confidences >= _CONFIDENT).sum(1) >= _JURY
     if not frames.outlier.sum() > _NOBODY * heard.sum():
@@ -348,7 +348,7 @@ def _require_a_person(
 def _frame_table(
     placed: _Placed, settings: StaticPathSettings, person: Track, away: Flags
 ) -> FrameTable:
-    """Why poses were not believed, and how far detections are from the fitted person."""
+    """Table of the origin of poses, and the distance of detections from the fitted person."""
     observations, motion = placed.observations, placed.motion
     pose = [PoseSource.OWN if own else PoseSource.CONTRADICTED for own in placed.believed]
     for source, frames in (
@@ -374,16 +374,16 @@ def _frame_table(
 
 
 def _place(observations: Observations, settings: StaticPathSettings) -> Motion:
-    """Stiff bodies where they fit best."""
+    """Fit the place of rigid bodies."""
     start = Motion(_first_guess(observations), observations.body.bones)
     return fit_motion(observations, start, settings, free_bones=False, annealing=(8.0, 4.0, 2.0))
 
 
 def _first_guess(observations: Observations) -> Array:
-    """(T, 3) bearing, lift and log depth, frame by frame, then a running median.
+    """(T, 3) initial bearing, lift and log depth: frame by frame, then a running median.
 
-    With k = 1/depth a projection x (1 + k Y) = b + k X is linear in bearing and k: biased,
-    but it needs no start of its own. Re-weighted so that a few gross jumps do not count.
+    With k = 1/depth a projection x (1 + k Y) = b + k X is linear in bearing and k. This estimate is
+    biased, but needs no initial value. It is re-weighted iteratively for robustness.
     """
     camera, confidences = observations.camera, observations.confidences
     offsets = ANCESTORS[list(DETECTED)] @ observations.body.bones
@@ -423,7 +423,7 @@ def _first_guess(observations: Observations) -> Array:
 def _contradicted(
     observations: Observations, motion: Motion, settings: StaticPathSettings
 ) -> NDArray[np.bool_]:
-    """(T,) frames where most confident detections are far from the lifted pose."""
+    """(T,) frames in which most confident detections are far from the fitted pose."""
     distance = np.linalg.norm(pixel_residuals(observations, motion), axis=-1)
     sure = observations.confidences >= _CONFIDENT
     limit = settings.implausible * observations.pixel_unit
@@ -434,7 +434,7 @@ def _contradicted(
 
 
 def _bias(log_depth: Array, settings: StaticPathSettings) -> Array:
-    """(T, 2) by how much bearing and log depth may be off for seconds."""
+    """(T, 2) standard deviations of the slow errors of bearing and log depth."""
     across = settings.bias_across / np.exp(log_depth)
     result: Array = np.stack([across, np.full_like(across, settings.bias_log_depth)], -1)
     return result

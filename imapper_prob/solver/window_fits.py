@@ -1,4 +1,4 @@
-"""All scenelets fitted to one window at once, by torch.
+"""Fit all scenelets to one window at once, by torch.
 
 Batched Gauss-Newton with Student-t weights, or with the squared residuals of the published energy,
 for :mod:`imapper_prob.solver.fits`.
@@ -25,19 +25,19 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 _BATCH: Final = 512
-"""Scenelets at once on a CPU: what is worked out of them stays in its cache, as it does not of all
-of a library. Other devices take all at once."""
+"""Scenelets per batch on a CPU, so that intermediate results stay in its cache. Other devices
+process all at once."""
 
 _SYMMETRIC: Final = [[0, 1, 2], [1, 3, 4], [2, 4, 5]]
-"""Where the upper triangle's entries stand in a symmetric matrix."""
+"""Indices of the upper triangle's entries in a symmetric matrix."""
 
 _USUAL_ERROR: Final = 15 / 1955
-"""Of a detection in normalised image coordinates: 15 px at i3DB's focal length."""
+"""Usual error of a detection in normalised image coordinates: 15 px at i3DB's focal length."""
 
 
 @contextmanager
 def one_thread() -> Iterator[None]:
-    """Torch works on one thread inside.
+    """Restrict torch to one thread inside the block.
 
     Yields
     ------
@@ -52,7 +52,7 @@ def one_thread() -> Iterator[None]:
 
 
 def device_named(name: str) -> torch.device:
-    """A device of torch.
+    """Get a torch device by name.
 
     Parameters
     ----------
@@ -66,17 +66,17 @@ def device_named(name: str) -> torch.device:
     Raises
     ------
     InputError
-        If torch has no such device.
+        torch has no such device.
     """
     try:
         return torch.empty(1, device=name).device
-    except (RuntimeError, AssertionError) as error:  # what torch raises where there is none
+    except (RuntimeError, AssertionError) as error:  # torch raises either for a missing device
         reason = str(error).splitlines()[0]
         raise InputError(f"device {name!r}: not here ({reason}); use cpu") from error
 
 
 def _level(problem: Problem) -> Array:
-    """(T, 16, 2) the detections as the mean camera would see them without its roll, pixels."""
+    """(T, 16, 2) the detections rotated so that the mean camera has no roll, pixels."""
     roll, centre = problem.camera_mean[4], np.array([problem.cx, problem.cy])
     focal = np.array([problem.fx, problem.fy])
     c, s = np.cos(roll), np.sin(roll)
@@ -86,25 +86,25 @@ def _level(problem: Problem) -> Array:
 
 
 class WindowFitter:
-    """The tensors that all windows share.
+    """Fits scenelets to windows; holds the tensors that all windows share.
 
     Parameters
     ----------
     problem : Problem
     frame_step : int
-        Every how manyeth frame of a scenelet is compared.
+        Every how many frames of a scenelet are compared.
     device : torch.device
-        Where the fits are done.
+        Device on which the fits are computed.
     """
 
     unseen_on_path: ClassVar = False
-    """Whether scenelets are placed on the path in a window without any detection."""
+    """Whether scenelets are placed on the path in windows without any detection."""
 
     def __init__(self, problem: Problem, frame_step: int, device: torch.device) -> None:
         self.device = device
         lengths = problem.lengths
         longest = int(lengths.max())
-        # Frames are counted from the centre, so that all scenelets of a window line up.
+        # Frames are counted from the centre, so that all scenelets of a window are aligned.
         offsets = np.arange(-(longest // 2), longest - longest // 2)
         self.offsets = offsets[offsets % frame_step == 0]
         body = np.exp(problem.camera_mean[3])
@@ -123,10 +123,10 @@ class WindowFitter:
         self.tolerance = self._tensor(problem.pose_tolerance)
 
     def __call__(self, centre: int, index: Ints, start: Array, steps: int) -> tuple[Array, Array]:
-        """Fit scenelets to the window around ``centre``.
+        """Fit scenelets to the window around the frame ``centre``.
 
-        From ``start`` (S, len(index), 3) bearing, log depth and yaw; returns where that led
-        and the cost (S, len(index)) a confident joint.
+        ``start`` (S, len(index), 3) has bearing, log depth and yaw; returns their final values and
+        the cost (S, len(index)) per confident joint.
         """
         problem = self.problem
         frames = np.clip(centre + self.offsets, 0, problem.n_frames - 1)
@@ -149,7 +149,7 @@ class WindowFitter:
         return theta.cpu().double().numpy(), fitted
 
     def _tensor(self, values: Array) -> Tensor:
-        """In single precision, where the fits are done."""
+        """Convert to single precision on the device."""
         return torch.from_numpy(values.astype(np.float32)).to(self.device)
 
     def _step(
@@ -161,7 +161,7 @@ class WindowFitter:
         dof: Tensor,
         weight: Tensor,
     ) -> tuple[Tensor, Tensor]:
-        """One damped step for (starts, scenelets, 3); the cost is that before the step."""
+        """One damped step for (starts, scenelets, 3); the returned cost is that before the step."""
         problem = self.problem
         pitch, elevation = problem.camera_mean[:2]
         cp, sp = float(np.cos(pitch)), float(np.sin(pitch))
@@ -178,7 +178,7 @@ class WindowFitter:
         dv = problem.cy - fy * up / depth - target[..., 1]
         cost, irls = self._loss(du, dv, depth, scale, dof, weight)
         gradient, normal = [], []
-        # Movement of (x, y) on the floor with bearing, log depth and yaw.
+        # Derivatives of the floor position (x, y) by bearing, log depth and yaw.
         moves = ((distance, 0.0), (bearing * distance, distance), (-turned_y, turned_x))
         jacobians = []
         for mx, my in moves:
@@ -190,14 +190,14 @@ class WindowFitter:
         for (au, av), (bu, bv) in combinations_with_replacement(jacobians, 2):
             normal.append((irls * (au * bu + av * bv)).sum((-1, -2)))
         matrix = torch.stack(normal, -1)[..., _SYMMETRIC]
-        # The prior keeps a window of few joints near the path: .1 rad, .2 log m, 1 rad.
+        # A weak prior keeps windows with few joints near the path: .1 rad, .2 log m, 1 rad.
         matrix = matrix + torch.diag(torch.tensor([100.0, 25.0, 1.0], device=self.device))
         step = torch.linalg.solve(matrix, torch.stack(gradient, -1))
         limit = torch.tensor([0.1, 0.3, 0.6], device=self.device)
         return theta - step.clamp(-limit, limit), cost.sum((-1, -2))
 
     def _confidence(self, frames: Ints) -> Array:
-        """(F, 16) weight of the detections of some frames."""
+        """(F, 16) weights of the detections in some frames."""
         sure: Array = self.problem.confidence_density[frames].argmax(-1)
         return sure
 
@@ -213,18 +213,18 @@ class WindowFitter:
 
 
 class SquaredWindowFitter(WindowFitter):
-    """Of the published energy: L_r = sum c |Pi q - u|^2 over the frames compared.
+    """Fits with the published energy: L_r = sum c |Pi q - u|^2 over the compared frames.
 
     Parameters
     ----------
     problem : Problem
     frame_step : int
-        Every how manyeth frame of a scenelet is compared.
+        Every how many frames of a scenelet are compared.
     device : torch.device
     """
 
     unseen_on_path: ClassVar = True
-    # Nothing but the path says where it is; its smoothness is judged later.
+    # Only the path determines the placement then; its smoothness is evaluated later.
 
     def _confidence(self, frames: Ints) -> Array:
         return self.problem.confidences[frames]

@@ -1,1 +1,1 @@
-"""What the draws of a run say: scenes, objects, motion, visibility, checks."""
+"""Summaries of posterior draws: scenes, objects, motion, visibility, checks."""

@@ -1,17 +1,17 @@
-"""Checks of a result that do not depend on the chains.
+"""Checks of a result that do not depend on the convergence of chains.
 
-A run reports them before the verdict, because chains agree as well on nonsense. Each is a posterior
-predictive or prior check: it holds one thing against a limit that a clip passes in 99 of 100 cases
-if the model is right. What is usual is said by :mod:`imapper_prob.models.settings` and the spreads
-of ``calibrated.toml``; ``docs/research/alarms.md`` has the rates measured on clips that are right
-and on clips that are wrong.
+A run reports them before the verdict, because chains may also agree on a wrong result. Each is a
+prior or posterior predictive check: one quantity is compared with a limit that 99 of 100 clips stay
+within if the model is right. Usual values come from :mod:`imapper_prob.models.settings` and the
+spreads of ``calibrated.toml``; ``docs/research/alarms.md`` has the rates measured on correct and on
+faulty clips.
 
 ``upright``      people on their feet are upright in the cameras of the draws
-``height``       their feet are as high above the floor as feet are
-``slope``        and no higher further away
+``height``       their feet are at the usual height above the floor
+``slope``        their feet are at the same height near and far
 ``camera``       the camera is about where it was said to be
-``prediction``   the draws predict such detections, and have a seat for who is off their feet
-``resemblance``  some scenelet of the library looks like what is seen
+``prediction``   the draws predict such detections, and a seat for everyone who is off their feet
+``resemblance``  some scenelet of the library resembles the detected motion
 ``elsewhere``    the detector was on the person
 """
 
@@ -62,24 +62,24 @@ __all__ = [
 ]
 
 _RATE: Final = 0.01
-"""How often each check is alarmed by a clip that is as the model says; six of them, 5 % in all."""
+"""Rate at which each check raises a false alarm; for six of them about 5 % in total."""
 
 
 @dataclass(frozen=True)
 class Check:
-    """One thing that must be so.
+    """The result of one check.
 
     Parameters
     ----------
     name : str
         One word.
     value, limit : float
-        What was found, and from where on it is alarming; NaN where nothing could be found. In
-        degrees, metres, metres a metre, standard deviations, a probability, a part of the frames,
-        and frames.
+        The checked quantity, and the limit beyond which it is alarming; NaN if unknown. In degrees,
+        metres, metres per metre, standard deviations, a probability, a share of the frames, and
+        frames.
     alarmed : bool
     sentence : str
-        What is wrong and what to do about it, or that nothing is.
+        What is wrong and what to do about it, or that nothing is wrong.
     """
 
     name: str
@@ -92,40 +92,42 @@ class Check:
 # ------------------------------------------------------------------------------------------------
 # Camera: people upright, feet on a level floor.
 #
-# Lifted poses say what is upright, the static path where feet are: neither has been bent by any
-# scenelet. All of it is in the worlds of the draws' cameras.
+# Lifted poses tell what is upright, and the static path tells where feet are; both are independent
+# of scenelets. Everything is evaluated in the world frames of the draws' cameras.
 
 Array = NDArray[np.float64]
 _NORMAL: Final = float(norm.isf(_RATE / 2))
-"""Standard deviations that a normal number exceeds as rarely, either way."""
+"""Standard deviations of a two-sided normal test at that rate."""
 _TRUNK_AND_THIGHS: Final = [THRX, RHIP, LHIP, RKNE, LKNE]
 _STRAIGHT: Final = math.radians(30.0)
-"""Between trunk and thighs of somebody on their feet, at most; 60 degrees and more in a seat."""
+"""Largest angle between trunk and thighs of people on their feet; in a seat it is 60 degrees or
+more."""
 _UPRIGHT_PART: Final = 0.25
-"""Part of those frames that must be upright; in the others one may lie, lean or reach."""
+"""Share of those frames that must be upright; in the others the person may lie, lean or reach."""
 _LEAN: Final = math.radians(6.3)
-"""Deviation over clips, either way, of how the most upright of that part leans and of what a lifter
-makes of it: simulated clips of ``python -m lab.alarms``. On i3DB they lean by 3 to 7 degrees."""
+"""Standard deviation over clips, per direction, of the lean of the most upright of these frames and
+of the lifter's error: simulated clips of ``python -m lab.alarms``. On i3DB they lean by 3 to 7
+degrees."""
 _OVERTURNED: Final = 60.0
-"""Degrees from which on no pitch is to blame: who films so steeply says so."""
+"""Degrees above which a wrong pitch is unlikely to be the cause."""
 _LEAST_SECONDS: Final = 1.2
-"""Of frames of use, below which nothing is said: ``frames.correlation_time``."""
+"""Least duration in seconds of usable frames for a check: ``frames.correlation_time``."""
 
 
 def upright(clip: Clip, problem: Problem, cameras: Array) -> Check:
-    """Whether people on their feet are upright.
+    """Check that people on their feet are upright.
 
-    On their feet is who has trunk and thighs in line; whether that line is vertical is not asked.
-    It should be in a quarter of these frames, but for an error either way.
+    People are on their feet if trunk and thighs are in line. That line should be vertical, up to an
+    error, in a quarter of these frames.
 
     Parameters
     ----------
     clip : Clip
         With lifted poses.
     problem : Problem
-        Of everybody in it.
+        Problem of all people in the clip.
     cameras : (N, 5) float
-        Those of draws.
+        Cameras of draws.
 
     Returns
     -------
@@ -163,10 +165,10 @@ def upright(clip: Clip, problem: Problem, cameras: Array) -> Check:
 
 
 def _feet(problem: Problem, cameras: Array) -> tuple[Array, Array, Array]:
-    """Of the lower seen ankle (T,): metres above the floor, metres of depth, and what it counts.
+    """Height and depth in metres of the lower visible ankle (T,), and its weight.
 
-    Medians over the cameras. As in :mod:`imapper_prob.solver.camera_prior`: of hidden feet
-    detectors make something up, and they count as far as the detector is sure of them.
+    Heights and depths are medians over the cameras. As in :mod:`imapper_prob.solver.camera_prior`,
+    hidden feet are ignored, and others weighted by the detector's confidence.
     """
     index, ankles = np.arange(problem.n_frames), [RANK, LANK]
     guessed = _told(problem)[:, ankles] == 0
@@ -179,15 +181,15 @@ def _feet(problem: Problem, cameras: Array) -> tuple[Array, Array, Array]:
 
 
 def height(problem: Problem, cameras: Array, *, fps: float) -> Check:
-    """Whether feet are where feet are, above the floor.
+    """Check that feet are at the usual height above the floor.
 
     Parameters
     ----------
     problem : Problem
     cameras : (N, 5) float
-        Those of draws.
+        Cameras of draws.
     fps : float
-        Frames a second.
+        Frames per second.
 
     Returns
     -------
@@ -210,15 +212,15 @@ def height(problem: Problem, cameras: Array, *, fps: float) -> Check:
 
 
 def slope(problem: Problem, cameras: Array, *, fps: float) -> Check:
-    """Whether the floor is level: feet further away are no higher.
+    """Check that the floor is level: distant feet are as high as near ones.
 
     Parameters
     ----------
     problem : Problem
     cameras : (N, 5) float
-        Those of draws.
+        Cameras of draws.
     fps : float
-        Frames a second.
+        Frames per second.
 
     Returns
     -------
@@ -234,8 +236,8 @@ def slope(problem: Problem, cameras: Array, *, fps: float) -> Check:
         return nothing
     apart = _median(away, far) - _median(away, near)
     seconds = max(1.0, calibrated("frames.correlation_time") * fps)
-    # Who seems further away by a part of their depth has feet lower by that part of the camera's
-    # height above them.
+    # A relative error of the depth lowers the feet by the same fraction of the camera's height
+    # above them.
     sunk = calibrated("bias.log_depth") * float(np.median(cameras[:, 1]))
     error = math.hypot(
         *(
@@ -259,17 +261,17 @@ def slope(problem: Problem, cameras: Array, *, fps: float) -> Check:
 
 
 def camera(nominal: Camera, cameras: Array) -> Check:
-    """Whether the draws leave the camera about where it was said to be.
+    """Check that the draws' cameras are about where the clip's camera was said to be.
 
-    In standard deviations of pitch, roll and log height as they were measured: the prior of the
-    height is wider, so that a wrong one does little harm.
+    The distance is in standard deviations of pitch, roll and log elevation as measured; the prior
+    of the elevation is wider, so that a wrong one does little harm.
 
     Parameters
     ----------
     nominal : Camera
-        As the clip says.
+        The camera of the clip.
     cameras : (N, 5) float
-        Those of draws.
+        Cameras of draws.
 
     Returns
     -------
@@ -305,7 +307,7 @@ def camera(nominal: Camera, cameras: Array) -> Check:
 
 
 def _told(problem: Problem) -> NDArray[np.int64]:
-    """(T, 16) 1 of joints that are detected and more probably seen than hidden."""
+    """(T, 16) 1 for joints that are detected and more probably seen than hidden."""
     result: NDArray[np.int64] = problem.used * problem.confidence_density.argmax(-1)
     return result
 
@@ -317,7 +319,7 @@ def _level(phi: Array) -> Camera:
 
 
 def _world(problem: Problem, phi: Array) -> Array:
-    """(T, 16, 3) joints of the static path in the world of a camera, metres."""
+    """(T, 16, 3) joints of the static path in the world frame of a camera, metres."""
     focal, body = math.exp(phi[2]), math.exp(phi[3])
     depth = np.exp(problem.path_centre[:, 1]) * focal * body
     pelvis = np.stack(
@@ -339,38 +341,38 @@ def _median(values: Array, weights: Array) -> float:
 
 
 def _median_error(often: float) -> float:
-    """Metres by which a median of so many independent heights of an ankle may be off.
+    """Standard error in metres of the median of so many independent ankle heights.
 
-    A Student-t of 2 degrees of freedom and scale s has 1 / (2 sqrt(2) s) for its density in the
-    middle, and a median 1 / (2 sqrt(n)) of the inverse of that for its deviation.
+    The density of a Student-t of 2 degrees of freedom and scale s is 1 / (2 sqrt(2) s) at its
+    centre, and the standard error of a median is 1 / (2 sqrt(n)) divided by that density.
     """
     return math.sqrt(2.0 / max(often, 1.0)) * calibrated("ankle.spread")
 
 
 # ------------------------------------------------------------------------------------------------
-# Prediction: detections like those of the clip, and a seat for who needs one.
+# Prediction: detections like those of the clip, and seats for those who need one.
 
 
 def prediction(
     problem: Problem, states: Sequence[State], nominal: Camera, *, rng: np.random.Generator
 ) -> Check:
-    """Whether the draws predict detections like those of the clip.
+    """Check that the draws predict detections like those of the clip.
 
-    A posterior predictive probability (Gelman, Meng and Stern 1996), averaged over draws, of
-    detections that fit no better. Of a draw's frames with scenelets it takes the log-density of
-    where used joints were detected, given the confidences, and holds it against detections drawn
-    from the same scene; frames count ``frame_weight``, for they repeat each other. And a draw that
-    leaves somebody sitting on air for S nats has a probability of exp(-S) or less: S is the log of
-    a likelihood ratio (:mod:`imapper_prob.models.kernels.stays`). The rarer of the two, doubled.
+    This is a posterior predictive p-value (Gelman, Meng and Stern 1996), averaged over draws. For
+    each draw, the log-density of detected positions given their confidences, in frames inside
+    scenelets, is compared with that of detections drawn from the same scene; frames have the weight
+    ``frame_weight``, because they are correlated. In addition, a draw in which people sit on
+    nothing at a cost of S nats has a p-value of at most exp(-S), because S is a log likelihood
+    ratio (:mod:`imapper_prob.models.kernels.stays`). The result is twice the smaller of both.
 
     Parameters
     ----------
     problem : Problem
     states : sequence of State
-        Draws.
+        Posterior draws.
     nominal : Camera
     rng : Generator
-        For the detections that are drawn.
+        Generator for simulated detections.
 
     Returns
     -------
@@ -399,11 +401,11 @@ def prediction(
 
 
 _REPEATS: Final = 8
-"""Detections drawn of every joint."""
+"""Simulated detections per joint."""
 
 
 def _tail(problem: Problem, state: State, seen_by: Camera, rng: np.random.Generator) -> float:
-    """Probability of detections that fit a draw no better; 1 if it has no scenelet."""
+    """Probability of detections that fit a draw no better; 1 if the draw has no scenelet."""
     covered = np.zeros(problem.n_frames, bool)
     bodies = np.full(problem.n_frames, state.camera[3])
     for (scenelet, start), size in zip(state.items.tolist(), state.sizes.tolist(), strict=True):
@@ -424,7 +426,7 @@ def _tail(problem: Problem, state: State, seen_by: Camera, rng: np.random.Genera
     )
     used = problem.used[of] & np.isfinite(seen_by.project(joints)).all(-1)
     squared = ((seen_by.project(joints) - problem.keypoints[of]) ** 2).sum(-1)[used]
-    # Hidden, then seen, as the confidence has it.
+    # Probabilities of hidden and seen, given the confidence.
     share = np.stack([1.0 - in_view, in_view], -1)[used] * problem.confidence_density[of][used]
     share /= share.sum(-1, keepdims=True)
     scale = np.hypot(problem.error_scale[of], loose[..., None])[used]
@@ -441,7 +443,7 @@ def _tail(problem: Problem, state: State, seen_by: Camera, rng: np.random.Genera
 
 
 def _log_density(squared: Array, share: Array, scale: Array, dof: Array) -> Array:
-    """(..., K) nats per square pixel, of squared distances (..., K) and rows (K, 2) of tables."""
+    """(..., K) nats per square pixel, from squared distances (..., K) and tables (K, 2)."""
     each = share * np.exp(student_t(squared[..., None], scale, dof))
     result: Array = np.log(np.maximum(each.sum(-1), np.finfo(float).tiny))
     return result
@@ -452,7 +454,7 @@ def _log_density(squared: Array, share: Array, scale: Array, dof: Array) -> Arra
 
 Flags = NDArray[np.bool_]
 _LOOKED_AT: Final = 40
-"""Draws, evenly spaced over the chains, that checks are made of."""
+"""Number of draws, evenly spaced over the chains, that checks use."""
 
 
 def checks_of(
@@ -463,19 +465,19 @@ def checks_of(
     *,
     rng: np.random.Generator,
 ) -> tuple[Check, ...]:
-    """All checks, in the order in which their alarms are said.
+    """Make all checks, in the order in which their alarms are reported.
 
     Parameters
     ----------
     clip : Clip
     problem : Problem
-        Of everybody in it.
+        Problem of all people in the clip.
     states : sequence of State
-        Draws.
+        Posterior draws.
     best_fits : (T,) float
         See :func:`imapper_prob.solver.fits.best_fits`.
     rng : Generator
-        For the detections that are drawn.
+        Generator for simulated detections.
 
     Returns
     -------
@@ -496,7 +498,7 @@ def checks_of(
 
 
 def alarms(checks: Iterable[Check]) -> tuple[str, ...]:
-    """The sentences of those that are alarmed.
+    """The sentences of the checks that raise an alarm.
 
     Parameters
     ----------
@@ -510,7 +512,7 @@ def alarms(checks: Iterable[Check]) -> tuple[str, ...]:
 
 
 def to_json(checks: Iterable[Check]) -> str:
-    """As text for an attribute; NaN is null there.
+    """Serialise checks as JSON; NaN becomes null.
 
     Parameters
     ----------
@@ -528,7 +530,7 @@ def to_json(checks: Iterable[Check]) -> str:
 
 
 def from_json(text: str) -> tuple[Check, ...]:
-    """What :func:`to_json` wrote.
+    """Read checks that :func:`to_json` wrote.
 
     Parameters
     ----------
@@ -541,7 +543,7 @@ def from_json(text: str) -> tuple[Check, ...]:
     Raises
     ------
     InputError
-        If it wrote something else.
+        The text is not of that format.
     """
     try:
         return _from_rows(json.loads(text))
@@ -565,20 +567,20 @@ def _from_rows(rows: Iterable[Mapping[str, Any]]) -> tuple[Check, ...]:
 
 
 _UNLIKE: Final = 0.64
-"""Nats per confident joint from which a best fit is worse than right scenelets reach in 95 % of the
-frames of simulated clips (``python -m lab.alarms --threshold``)."""
+"""Nats per confident joint: 95 % of the frames of simulated clips have a right scenelet that fits
+better (``python -m lab.alarms --threshold``)."""
 _UNLIKE_PART: Final = 0.05
 
 
 def resemblance(best: Array, *, frame_weight: float) -> Check:
-    """Whether the library has something that looks like what is seen.
+    """Check that the library has scenelets that resemble the detected motion.
 
     Parameters
     ----------
     best : (T,) float
         See :func:`imapper_prob.solver.fits.best_fits`.
     frame_weight : float
-        One over the frames that say the same.
+        One over the number of frames in a correlation time.
 
     Returns
     -------
@@ -602,7 +604,7 @@ def resemblance(best: Array, *, frame_weight: float) -> Check:
 
 
 def elsewhere_frames(clip: Clip) -> tuple[Flags, ...]:
-    """Frames of each track in which the detector was on something else.
+    """Frames of each track in which the detector followed something else.
 
     Parameters
     ----------
@@ -611,13 +613,13 @@ def elsewhere_frames(clip: Clip) -> tuple[Flags, ...]:
     Returns
     -------
     tuple of (T,) bool
-        By track.
+        One array per track.
     """
     return tuple(frames_elsewhere(t, camera=clip.camera, fps=clip.fps) for t in clip.tracks)
 
 
 def elsewhere(clip: Clip) -> Check:
-    """Whether the detector was on its people all the time.
+    """Check that the detector was always on its people.
 
     Parameters
     ----------
@@ -645,7 +647,7 @@ def elsewhere(clip: Clip) -> Check:
 
 
 def named(frames: ArrayLike) -> str:
-    """Frame numbers, ascending, in runs: ``"12-25, 70"``.
+    """Write ascending frame numbers as ranges: ``"12-25, 70"``.
 
     Parameters
     ----------

@@ -1,9 +1,9 @@
-"""Clusters: the same object met in many draws, and what is sure about it.
+"""Clusters: objects matched across draws, with their probability, label and position.
 
-Draws have different numbers of objects with different labels in an order of no meaning. They are
-matched draw by draw: no draw has two objects in one cluster, an object may be off, along the
-viewing ray twice as far as across it, and one that is called something else may belong as well if
-it stands near enough, so that a cluster can say "a chair, or perhaps a stool".
+Draws have different numbers of objects with different labels, in arbitrary order. They are matched
+draw by draw. A draw has at most one object in a cluster. An object may be displaced, along the
+viewing ray twice as far as across it. An object with another label may belong to a cluster if it is
+near enough, so that a cluster can be "a chair, or perhaps a stool".
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ __all__ = ["ObjectCluster", "circular_mean_and_spread", "names_of", "object_clus
 
 Array = NDArray[np.float64]
 _FINEST = 0.001
-"""Metres; no position is known better, and draws that all agree still have a region."""
+"""Least standard deviation of a position, metres; so identical draws still have a region."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ class Region:
     angle: float
 
     def holds(self, points: ArrayLike) -> NDArray[np.bool_]:
-        """(n,) bool, which of some points (n, 2) lie in it, its edge included."""
+        """(n,) bool, which of the points (n, 2) lie inside or on the edge."""
         c, s = np.cos(self.angle), np.sin(self.angle)
         local = (np.asarray(points, float) - self.centre) @ np.array([[c, -s], [s, c]])
         inside: NDArray[np.bool_] = ((local / self.half_axes) ** 2).sum(-1) <= 1 + 1e-9
@@ -61,10 +61,10 @@ class Region:
 
 
 def region_of(points: ArrayLike, share: float) -> Region:
-    """The ellipse about the mean, shaped as the covariance, that holds a share of the points.
+    """The ellipse about the mean, with the covariance's shape, that holds a share of the points.
 
-    Its size is a quantile of the points themselves. The usual chi-square quantile would hold
-    that share of a normal distribution only, and where furniture stands is seldom normal.
+    Its size is an empirical quantile. A chi-square quantile would be right for a normal
+    distribution only, and positions of furniture are seldom normal.
 
     Parameters
     ----------
@@ -93,41 +93,41 @@ def region_of(points: ArrayLike, share: float) -> Region:
 
 Ints = NDArray[np.int64]
 _OTHER_SEAT, _OTHER_LABEL = 0.25, 0.5
-"""Parts of the radius that another label costs. Motion hardly tells one seat from another; what
-is called something else altogether must stand twice as near to be the same."""
+"""Cost of another label as a share of the radius. Motion hardly distinguishes kinds of seats; an
+object of any other label must be within half the radius."""
 _ALONG = 2.0
-"""Metres along the viewing ray that count as one across it: nearly all doubt of a place is depth,
-and the draws of one piece of i3DB spread twice as far that way, or more."""
+"""Distance along the viewing ray that counts as one across it: nearly all uncertainty is in depth,
+and draws of an object on i3DB spread at least twice as far along the ray."""
 _TOGETHER = 0.2
-"""Clusters of which a larger part than this is met together in draws are two objects: pieces that
-know nothing of each other are met together as often as the likelier is there."""
+"""Share of common draws above which two clusters are different objects: independent objects occur
+together as often as the more probable one occurs."""
 _ROUNDS = 30
-"""Most times the matching is repeated; it usually comes to rest after ten."""
+"""Largest number of iterations of the matching; it usually converges after ten."""
 _APART = 1e6
 
 
 @dataclass(frozen=True)
 class ObjectCluster:
-    """One object of the room, as far as the draws agree on it.
+    """An object matched across draws.
 
     Parameters
     ----------
     presence : float
-        Probability that it is there.
+        Probability that the object exists.
     presence_error : float
-        Monte-Carlo standard error of it; NaN where there are too few draws to tell.
+        Monte-Carlo standard error of ``presence``; NaN with too few draws.
     labels : mapping of str to float
-        Probability of each label if it is there, most probable first.
+        Probability of each label if the object exists, in descending order.
     positions : (n, 2) float
-        Centre on the floor in every draw that has it, as it may stand, metres.
+        Centre on the floor in every draw that has the object, including its displacement, metres.
     yaw : float
-        Circular mean of its orientation, radians; of its axis where the label has no front.
+        Circular mean of the orientation, radians; if the label has no front, modulo half a turn.
     yaw_spread : float
-        Circular standard deviation, radians; infinite where all directions are alike.
+        Circular standard deviation, radians; infinite for a uniform distribution.
     members : (n, 2) int
-        Number of the draw, and of the object in it.
+        Index of the draw, and of the object in it.
     typical : SceneObject
-        The draw of it that is nearest to the mean among those with the most probable label.
+        The object nearest to the mean, among those with the most probable label.
     """
 
     presence: float
@@ -151,13 +151,13 @@ class ObjectCluster:
 
     @property
     def mean(self) -> Array:
-        """(2,) metres."""
+        """(2,) mean position, metres."""
         mean: Array = self.positions.mean(0)
         return mean
 
     @property
     def covariance(self) -> Array:
-        """(2, 2) square metres; zero if there is one draw of it."""
+        """(2, 2) covariance of the position, square metres; zero for a single draw."""
         offset = self.positions - self.mean
         covariance: Array = offset.T @ offset / max(len(offset) - 1, 1)
         return covariance
@@ -177,12 +177,12 @@ class ObjectCluster:
         return region_of(self.positions, share)
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw from above where the draws have it, and the regions of 50 and 90 %.
+        """Draw positions from above, and the regions of 50 and 90 %.
 
         Parameters
         ----------
         ax : matplotlib.axes.Axes, optional
-            Those of a new figure if not given.
+            If not given, the axes of a new figure.
 
         Returns
         -------
@@ -201,12 +201,12 @@ class ObjectCluster:
         return axes
 
     def _repr_html_(self) -> str:
-        """It from above, with its text, for a notebook."""
+        """A view from above and a text, for notebooks."""
         return f"<p>{escape(repr(self))}</p>{picture_of(self.plot, size=(4.0, 4.0))}"
 
 
 def names_of(clusters: Sequence[ObjectCluster]) -> tuple[str, ...]:
-    """A name for each object: its most probable label, numbered where others share it.
+    """A name for each object: its most probable label, with a number if it is not unique.
 
     Parameters
     ----------
@@ -241,25 +241,24 @@ def object_clusters(
     Parameters
     ----------
     draws : sequence of C N sequences of SceneObject
-        The furniture of each draw, in the world, chain by chain.
+        Furniture of each draw in its world frame, chain by chain.
     log_posterior : (C, N) float
-        Probable draws come first: clusters are founded around them.
+        Clusters start from the most probable draws.
     radius : float
-        Metres across the viewing ray within which an object of the right label is the same one;
-        along the ray, from above the origin, it may be twice as far.
+        Distance in metres across the viewing ray within which objects of the same label match;
+        along the ray, as seen from above the origin, twice as far.
     least : float
-        Clusters less probable than this are left out.
+        Least probability of the clusters that are returned.
     standing : sequence of C N sequences of SceneObject, optional
-        The same furniture, each piece as it may stand
-        (:mod:`imapper_prob.uncertainty.estimate`): what is matched by its scenelets' word is
-        somewhere near it.
+        The same furniture with random displacements (:mod:`imapper_prob.uncertainty.estimate`).
+        Objects are matched by their positions in scenelets, and these positions are reported.
     seen : sequence of C N sequences of SceneObject, optional
-        The same objects where they are to be compared, if that is another place.
+        The same objects with other positions for the matching, if these differ.
 
     Returns
     -------
     tuple of ObjectCluster
-        Most probable first.
+        In descending order of probability.
     """
     everything = [(n, k, o) for n, objects in enumerate(draws) for k, o in enumerate(objects)]
     if not everything:
@@ -286,23 +285,23 @@ def object_clusters(
 def _matched(
     rows: Sequence[Ints], draw: Ints, places: Array, labels: Array, metric: _Metric
 ) -> Ints:
-    """(M,) cluster of each of M objects.
+    """(M,) cluster index of each of M objects.
 
-    As k-means does, with the number of clusters left open: match to the clusters there are,
-    move each to the mean of its members, and again until nothing changes. Then two that are
-    near and hardly ever met together are one that was founded twice, and are united.
+    This is like k-means with an open number of clusters: objects are matched to the existing
+    clusters, clusters move to the means of their members, and so on until nothing changes. Then two
+    near clusters that hardly ever occur in the same draw are united.
 
     Parameters
     ----------
     rows : sequence of (m,) int
-        Objects of each draw, the draws in the order in which they found clusters.
+        Objects of each draw; draws are in the order in which they start clusters.
     draw : (M,) int
         The draw of each object.
     places : (M, 2) float
     labels : (M, L) float
-        1 at the label of the object.
+        One-hot labels.
     metric : _Metric
-        How near is near.
+        Distance between objects and clusters.
     """
     cluster = np.full(len(places), -1)
     means, shares = np.empty((0, 2)), np.empty((0, labels.shape[1]))
@@ -326,7 +325,7 @@ def _matched(
 
 
 def _means(cluster: Ints, places: Array, labels: Array) -> tuple[Array, Array]:
-    """(K, 2) mean place and (K, L) shares of labels of each cluster."""
+    """(K, 2) mean position and (K, L) shares of labels of each cluster."""
     member = np.eye(cluster.max() + 1)[cluster]
     count = member.sum(0)[:, None]
     return member.T @ places / count, member.T @ labels / count
@@ -334,21 +333,22 @@ def _means(cluster: Ints, places: Array, labels: Array) -> tuple[Array, Array]:
 
 @dataclass(frozen=True)
 class _Metric:
-    """How badly objects fit clusters.
+    """The distance between objects and clusters.
 
     Parameters
     ----------
     radius : float
-        Metres across the viewing ray beyond which they do not, even with the right label.
+        Metres across the viewing ray beyond which they do not match, even with the same label.
     labels_apart : (L, L) float
-        Part of the radius that being called something else costs.
+        Cost of different labels, as a share of the radius.
     """
 
     radius: float
     labels_apart: Array
 
     def __call__(self, places: Array, labels: Array, means: Array, shares: Array) -> Array:
-        """(m, K) cost of m objects or clusters in K clusters; beyond 1 they do not fit."""
+        """(m, K) cost of matching m objects or clusters to K clusters; above 1 they do not
+        match."""
         away, ray = places[:, None] - means, places[:, None] + means
         ray /= np.linalg.norm(ray, axis=-1, keepdims=True).clip(min=1e-9)
         along = (away * ray).sum(-1)
@@ -359,7 +359,7 @@ class _Metric:
 
 
 def _labels_apart(names: Sequence[str]) -> Array:
-    """(L, L) what it costs an object to be of a cluster with another label."""
+    """(L, L) cost of a match between different labels."""
     cost = np.full((len(names), len(names)), _OTHER_LABEL)
     seats = np.array([name in SEATS for name in names])
     cost[np.ix_(seats, seats)] = _OTHER_SEAT
@@ -368,7 +368,7 @@ def _labels_apart(names: Sequence[str]) -> Array:
 
 
 def _partners(places: Array, labels: Array, means: Array, shares: Array, metric: _Metric) -> Ints:
-    """(m,) cluster of each object of one draw, -1 where none is near enough."""
+    """(m,) cluster of each object of one draw, -1 if none is near enough."""
     cost = metric(places, labels, means, shares)
     found, columns = linear_sum_assignment(cost)
     near = cost[found, columns] <= 1
@@ -380,18 +380,18 @@ def _partners(places: Array, labels: Array, means: Array, shares: Array, metric:
 def _united(
     cluster: Ints, draw: Ints, places: Array, labels: Array, metric: _Metric
 ) -> Ints | None:
-    """The clusters with the two nearest that are one united; None if there are no such two."""
+    """Unite the two nearest clusters that are one object; None if there are none."""
     means, shares = _means(cluster, places, labels)
     there = np.zeros((draw.max() + 1, len(means)))
     there[draw, cluster] = 1
     fewer = np.minimum.outer(there.sum(0), there.sum(0))
     cost = metric(means, shares, means, shares)
-    cost[there.T @ there > _TOGETHER * fewer] = _APART  # each with itself included
+    cost[there.T @ there > _TOGETHER * fewer] = _APART  # this includes each cluster with itself
     one, other = np.unravel_index(int(cost.argmin()), cost.shape)
     if cost[one, other] > 1:
         return None
     united = np.where(cluster == other, one, cluster)
-    # The few draws that have both keep the nearer; the rest of them is an object of its own.
+    # Of draws that have both, the nearer object stays; the other ones form a new cluster.
     mean = places[united == one].mean(0)
     both = np.flatnonzero((there[:, one] > 0) & (there[:, other] > 0))
     for n in both:
@@ -417,7 +417,7 @@ def _summary(
     there = np.zeros(shape)
     there.flat[members[:, 0]] = 1
     with warnings.catch_warnings():
-        # A short run is said to be short by its verdict.
+        # The verdict reports a short run.
         warnings.simplefilter("ignore", ShortChainWarning)
         error = float(mean_error(there))
     off = [float(np.linalg.norm(o.centre[:2] - positions.mean(0))) for o in objects]
@@ -439,16 +439,16 @@ def _summary(
 def circular_mean_and_spread(angles: Array, *, front: bool = True) -> tuple[float, float]:
     """Mean direction and circular standard deviation of (n,) angles, radians.
 
-    The spread is sqrt(-2 log R) with R the length of the mean vector (Mardia & Jupp 2000,
-    section 2.3.4): near the usual standard deviation where it is small. What has no front is of
-    axes, the same after half a turn: half of what doubled angles have.
+    The spread is sqrt(-2 log R), where R is the length of the mean vector (Mardia & Jupp 2000,
+    section 2.3.4); if small, it is close to the usual standard deviation. Without a front, angles
+    are equal modulo half a turn: the results are half of those for doubled angles.
 
     Parameters
     ----------
     angles : (n,) float
         Radians.
     front : bool
-        Whether directions differ from their opposites.
+        Whether opposite directions differ.
 
     Returns
     -------

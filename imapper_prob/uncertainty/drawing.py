@@ -1,4 +1,4 @@
-"""Certainty on matplotlib's axes: the map of the floor, and regions of objects."""
+"""Draw occupancy maps and regions of objects on matplotlib axes."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ if TYPE_CHECKING:
 __all__ = ["draw_clusters", "draw_occupancy"]
 
 _REGIONS: Final = ((0.5, "-"), (0.9, "--"))
-"""Shares of the draws that ellipses hold, and how these are drawn."""
+"""Shares of draws inside the ellipses, and their line styles."""
 _TOLD: Final = 0.05
-"""Probability of a label below which it is not in the legend."""
+"""Least probability of a label in the legend."""
 _NAMED: Final = 0.2
-"""Probability below which an object has no name: names would cover each other."""
+"""Least probability of an object with a name; more names would cover each other."""
 
 
 def draw_occupancy(axes: Axes, occupancy: Occupancy) -> None:
-    """Draw the map of the floor, with a legend of its categories.
+    """Draw an occupancy map from above, with a legend of categories.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ def draw_occupancy(axes: Axes, occupancy: Occupancy) -> None:
 
 
 def draw_clusters(axes: Axes, clusters: Sequence[ObjectCluster]) -> None:
-    """Draw where draws have objects, and the ellipses that hold 50 and 90 % of these draws.
+    """Draw the positions of objects, and the ellipses that hold 50 and 90 % of them.
 
     Parameters
     ----------

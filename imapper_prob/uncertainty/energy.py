@@ -1,8 +1,8 @@
-"""Why this scene: its log-posterior by term, frame, scenelet and object, in tables and as JSON.
+"""The log-posterior of a scene by term, frame, scenelet and object, as tables and as JSON.
 
-Everything is a difference or a share of what :func:`imapper_prob.models.log_posterior.terms`
-computes; nothing is modelled a second time. Signs are those of the log-posterior: more is better,
-and a cost is negative.
+Everything is a difference or a share of the terms of
+:func:`imapper_prob.models.log_posterior.terms`. Signs are those of the log-posterior: more is
+better, and costs are negative.
 """
 
 from __future__ import annotations
@@ -48,19 +48,19 @@ Ints = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class FrameShares:
-    """What each frame adds to the log-posterior, and what the scene says of it.
+    """Contribution of each frame to the log-posterior, with flips and occlusion.
 
     Parameters
     ----------
     terms : mapping of str to (T,) float
-        Nats by frame of the terms that belong to frames, adding up to them exactly. Of
-        detections, log p(u_t, c_t | all earlier frames, s) with the frame weight and with
-        left and right flipped or not summed out. A jump counts for the frame it leads to.
+        Nats by frame for terms that belong to frames; they add up to the terms exactly. For
+        detections, the weighted log p(u_t, c_t | all earlier frames, s), marginalised over
+        left-right flips. A jump counts for the frame it leads to.
     flipped : (T,) float
-        Probability that the detector took left for right.
+        Probability that left and right are flipped.
     hidden : (T,) float
-        Mean over the fourteen detected joints of the probability that furniture hides them,
-        before the detections are asked.
+        Prior probability, without the frame's detections, that furniture hides a joint; mean over
+        the fourteen detected joints.
     """
 
     terms: Mapping[str, Array]
@@ -69,24 +69,24 @@ class FrameShares:
 
     @property
     def total(self) -> Array:
-        """(T,) nats; the terms that belong to no frame are left out."""
+        """(T,) nats, without the terms that belong to no frame."""
         return np.asarray(np.sum(list(self.terms.values()), axis=0))
 
 
 @dataclass(frozen=True)
 class Worth:
-    """What the log-posterior would lose if one part of the scene were left out.
+    """The loss in log-posterior if one part of the scene is removed.
 
     Parameters
     ----------
     name : str
-        Scenelet, or category of the object.
+        Name of the scenelet, or category of the object.
     action : str
-        What the scenelet does; empty for an object.
+        Action of the scenelet; empty for an object.
     frames : tuple of (int, int)
-        First and last frame index of the scenelet, or of each that brings the object.
+        First and last frame of the scenelet, or of each scenelet that has the object.
     terms : mapping of str to float
-        Nats by term; positive where the part helps.
+        Nats by term; positive if the part helps.
     """
 
     name: str
@@ -96,27 +96,27 @@ class Worth:
 
     @property
     def total(self) -> float:
-        """Nats in all."""
+        """Sum over all terms, nats."""
         return sum(self.terms.values())
 
 
 @dataclass(frozen=True)
 class Explanation:
-    """A scene's log-posterior taken apart.
+    """The decomposition of a scene's log-posterior.
 
     Parameters
     ----------
     frame_ids : (T,) int
-        The clip's own numbers of the frames.
+        Frame numbers of the clip.
     terms, bare_terms : mapping of str to float
-        Nats by term, of the scene and of the same state without any scenelet.
+        Nats by term, for the scene and for the same state without scenelets.
     frames, bare_frames : FrameShares
         The same by frame.
     scenelets : tuple of Worth
-        In order of time. Left out with its furniture, its frames becoming free.
+        In order of time. Each is removed with its furniture, and its frames become free.
     objects : tuple of Worth
-        Objects that are one merged. Left out alone: the person goes on moving as if it
-        were there, so this is what is said by lines of sight and by intersections.
+        Merged objects. Each is removed alone while the motion is unchanged, so the value is that of
+        lines of sight and intersections.
     """
 
     frame_ids: Ints
@@ -129,28 +129,28 @@ class Explanation:
 
     @property
     def log_posterior(self) -> float:
-        """Nats, up to the constant of the clip."""
+        """Log-posterior in nats, up to a constant of the clip."""
         return sum(self.terms.values())
 
     @property
     def gained(self) -> dict[str, float]:
-        """Nats by term that the scene is better than no scenelet at all."""
+        """Gain of the scene over the empty scene by term, nats."""
         return _lost(self.terms, self.bare_terms)
 
 
 def explain(
     problem: Problem, state: State, library: Library, *, frame_ids: ArrayLike | None = None
 ) -> Explanation:
-    """Take the log-posterior of a state apart.
+    """Decompose the log-posterior of a state.
 
     Parameters
     ----------
     problem : Problem
     state : State
     library : Library
-        Whose scenelets ``problem`` was packed with.
+        Library of the problem.
     frame_ids : (T,) int, optional
-        Numbers of the frames; counted from 0 if not given.
+        Frame numbers; counted from 0 if not given.
 
     Returns
     -------
@@ -159,7 +159,7 @@ def explain(
     Raises
     ------
     InputError
-        If the state is outside the support of the posterior, where nothing can be compared.
+        The state is outside the support of the posterior.
     """
     whole = terms(problem, state)
     if not np.isfinite(sum(whole.values())):
@@ -192,7 +192,7 @@ def explain(
 
 
 def _frame_shares(problem: Problem, state: State, library: Library) -> FrameShares:
-    """What each frame adds to the terms of a state."""
+    """Contribution of each frame to the terms of a state."""
     joints = motion(problem, state)
     boxes = pack_boxes(o for _, o in placed_objects(state, library))
     clearance = sight_clearance((0, 0, state.camera[1]), joints[:, list(DETECTED)], boxes)
@@ -210,7 +210,7 @@ def _frame_shares(problem: Problem, state: State, library: Library) -> FrameShar
 def _worth_of_objects(
     problem: Problem, state: State, library: Library, whole: Mapping[str, float]
 ) -> tuple[Worth, ...]:
-    """What each merged object does for the scene, in order of time."""
+    """The value of each merged object, in order of time."""
     own, own_state = _own_scenelets(problem, state)
     item_of_box = np.repeat(np.arange(state.n_scenelets), np.diff(own.box_first))
     placed = placed_objects(state, library)
@@ -227,9 +227,9 @@ def _worth_of_objects(
 
 
 def _own_scenelets(problem: Problem, state: State) -> tuple[Problem, State]:
-    """The same state in a library of exactly its items, in their order.
+    """The same state with a library of exactly its scenelets, in their order.
 
-    A scenelet may be in a state twice; here each has boxes of its own that can be taken away.
+    A scenelet may occur twice in a state; here each occurrence has its own removable boxes.
     """
     chosen = state.items[:, 0]
     items = np.stack([np.arange(len(chosen)), state.items[:, 1]], -1)
@@ -237,7 +237,7 @@ def _own_scenelets(problem: Problem, state: State) -> tuple[Problem, State]:
 
 
 def _without_boxes(problem: Problem, gone: NDArray[np.bool_]) -> Problem:
-    """The problem with some of its boxes taken away; ``gone`` is (B,)."""
+    """The problem without the boxes in ``gone`` (B,)."""
     kept = np.concatenate([[0], np.cumsum(~gone)])
     return problem._replace(
         boxes=problem.boxes[~gone],
@@ -263,7 +263,7 @@ def _lost(whole: Mapping[str, float], rest: Mapping[str, float]) -> dict[str, fl
 
 FORMAT: Final = "imapper-prob energy"
 VERSION: Final = 1
-"""Raised whenever a reader of an older version would misread the file."""
+"""Format version, raised whenever an older reader would misread the file."""
 _HEADS: Final = {
     "layout": "lay-\nout",
     "placement": "pla-\nce-\nment",
@@ -275,13 +275,13 @@ _HEADS: Final = {
     "ground": "floor",
     "support": "sup-\nport",
 }
-"""Heads in a few lines, for terminals of eighty columns."""
+"""Column heads in several lines, for terminals of eighty columns."""
 _SHOWN: Final = 0.05
-"""Nats below which a cell of a table stays empty: it would round to 0.0."""
+"""Nats below which a table cell stays empty, because it would round to 0.0."""
 
 
 def term_table(explanation: Explanation) -> Table:
-    """The log-posterior by term, beside that of no scenelet at all.
+    """A table of the log-posterior by term, compared with the empty scene.
 
     Parameters
     ----------
@@ -306,7 +306,7 @@ def term_table(explanation: Explanation) -> Table:
 
 
 def scenelet_table(explanation: Explanation) -> Table:
-    """What each scenelet is worth, by term.
+    """A table of the value of each scenelet by term.
 
     Parameters
     ----------
@@ -320,7 +320,7 @@ def scenelet_table(explanation: Explanation) -> Table:
 
 
 def object_worth_table(explanation: Explanation) -> Table:
-    """What each object is worth while the person moves as before, by term.
+    """A table of the value of each object by term, with the motion unchanged.
 
     Parameters
     ----------
@@ -334,14 +334,14 @@ def object_worth_table(explanation: Explanation) -> Table:
 
 
 def write_energy(path: Path, explanation: Explanation, **provenance: str) -> None:
-    """Write an explanation as JSON; a file in the way is replaced as a whole.
+    """Write an explanation as JSON; an existing file is replaced atomically.
 
     Parameters
     ----------
     path : Path
     explanation : Explanation
     **provenance : str
-        What is said at the top of the file, such as the clip's name.
+        Entries at the top of the file, such as the clip's name.
     """
     document = {
         "format": FORMAT,
@@ -378,7 +378,7 @@ def _worth_table(title: str, explanation: Explanation, of_objects: bool) -> Tabl
 
 
 def _table(title: str) -> Table:
-    """Narrow enough for a terminal of eighty columns."""
+    """An empty table that fits a terminal of eighty columns."""
     return Table(title=title, title_justify="left", box=SIMPLE_HEAD, padding=0, pad_edge=False)
 
 

@@ -1,14 +1,16 @@
-"""The scene of least expected loss: one answer for those who can use only one.
+"""The scene of least expected loss: a point estimate of the posterior.
 
-The most probable draw is rarely the best answer. If a miss costs as much as an object too many, and
-distances count squared, least loss is expected of naming what is there with more than even odds, at
-its mean place, turned as it is on average, and of the mean motion. Means of places are of bearing
-and log distance, because spread is relative and along the ray; means of turns are of directions,
-their loss the chord's square. Of the drawn pieces of the most probable kind, all seats being one
-kind, that is chosen whose outline overlaps most on average with where and how large all may stand.
+The most probable draw is rarely the best point estimate. If a missed object costs as much as a
+false one, and distances cost their square, the expected loss is least for the objects of
+probability above one half, at their mean positions and yaws, and the mean motion. Positions are
+averaged in bearing and log distance, because their spread is relative and along the ray. Yaws are
+averaged as directions; their loss is the squared chord. An object's shape is one of the drawn
+objects of the most probable kind (all seats are one kind): the one with the largest mean overlap
+with all drawn ones.
 
-Furniture stands about where its scenelet says, by the spreads of ``calibration.md``: people
-sit at any place of a couch, and the detections hardly tell (``docs/research/preference.md``).
+Furniture is displaced from its position in the scenelet, with the standard deviations of
+``calibration.md``: people sit anywhere on a couch, and the detections hardly tell where
+(``docs/research/preference.md``).
 """
 
 from __future__ import annotations
@@ -38,15 +40,15 @@ Array = NDArray[np.float64]
 def drawn_objects(
     rng: np.random.Generator, objects: Sequence[SceneObject], settings: ModelSettings
 ) -> tuple[SceneObject, ...]:
-    """The same objects, each moved along its own axes by what its scenelet cannot know.
+    """Displace objects randomly along their own axes, as the scenelet's position is uncertain.
 
     Parameters
     ----------
     rng : numpy.random.Generator
     objects : sequence of SceneObject
-        In one world.
+        Objects in one world frame.
     settings : ModelSettings
-        For the spreads.
+        Settings with the standard deviations.
 
     Returns
     -------
@@ -70,21 +72,21 @@ def as_told(
     statements: Sequence[Statement],
     settings: ModelSettings,
 ) -> tuple[SceneObject, ...]:
-    """Drawn objects given where somebody measured one of them.
+    """Condition displaced objects on statements that measure positions.
 
-    A draw of a normal density becomes one of its conditional by adding the gain times what is left
-    of the measurement, with an error of its own (Matheron's rule). Which object was measured, or
-    none, is drawn by how well each agrees.
+    A draw of a normal distribution becomes one of the conditional distribution by adding the gain
+    times the residual of the measurement, with a random error (Matheron's rule). Which object was
+    measured, or none, is drawn with the probabilities of agreement.
 
     Parameters
     ----------
     rng : numpy.random.Generator
     placed : sequence of SceneObject
-        Where scenelets say that they stand.
+        Objects at their positions in scenelets.
     drawn : sequence of SceneObject
-        The same as they may stand, see :func:`drawn_objects`.
+        The same objects displaced, see :func:`drawn_objects`.
     statements : sequence of Statement
-        Of which those count that say a place.
+        Only statements with a position are used.
     settings : ModelSettings
 
     Returns
@@ -115,7 +117,7 @@ def as_told(
 
 
 def _spread(o: SceneObject, settings: ModelSettings) -> Array:
-    """(2, 2) covariance of where an object stands, m^2."""
+    """(2, 2) covariance of an object's position, m^2."""
     low, high = o.bounds
     scale = (settings.furniture_aside * (high[0] - low[0]), settings.furniture_ahead)
     turn = o.placement.rotation
@@ -130,7 +132,7 @@ def _normal(off: Array, covariance: Array) -> float:
 
 _EVEN: Final = 0.5
 _COMPARED: Final = 100
-"""Draws of an object, evenly spread, that are compared with each other: a moment's work."""
+"""Largest number of drawn objects, evenly spaced, that are compared with each other."""
 
 
 def expected_scene(
@@ -139,22 +141,22 @@ def expected_scene(
     objects: Sequence[Sequence[SceneObject]],
     motions: Iterable[tuple[Camera, Array]],
 ) -> Scene:
-    """The scene of least expected loss.
+    """Compute the scene of least expected loss.
 
     Parameters
     ----------
     camera : Camera
-        The mean one, in whose world the answer is.
+        The mean camera, which defines the world frame of the result.
     clusters : sequence of ObjectCluster
     objects : sequence of sequences of SceneObject
-        Of every draw, in its world, as they may stand.
+        Displaced objects of every draw, in its world frame.
     motions : iterable of (Camera, (T, 16, 3) float)
-        Of every draw, with its own camera; one at a time is held.
+        Motion of every draw with its camera; they are processed one at a time.
 
     Returns
     -------
     Scene
-        Without layout, and of a log-posterior that nobody knows (NaN).
+        Without a layout; its log-posterior is NaN.
     """
     likely = tuple(_at_its_mean(c, objects) for c in clusters if c.presence > _EVEN)
     joints = camera.to_world(_mean_motion(motions))
@@ -162,9 +164,9 @@ def expected_scene(
 
 
 def _at_its_mean(cluster: ObjectCluster, objects: Sequence[Sequence[SceneObject]]) -> SceneObject:
-    """The piece of most expected overlap among those of the most probable kind, at the mean place.
+    """The drawn object of largest mean overlap, of the most probable kind, at the mean position.
 
-    Turned as those of the kind's most probable label are in the mean.
+    Its yaw is the mean over objects of the kind's most probable label.
     """
     x, y = cluster.positions.T
     bearing, distance = np.arctan2(x, y).mean(), np.exp(np.log(np.hypot(x, y)).mean())
@@ -182,20 +184,20 @@ def _at_its_mean(cluster: ObjectCluster, objects: Sequence[Sequence[SceneObject]
 
 
 def _most_probable_kind(cluster: ObjectCluster) -> tuple[str, ...]:
-    """Its labels, most probable first; what one sits on is one kind, any other label its own."""
+    """Labels of the most probable kind, in descending order; all seats are one kind."""
     seats = tuple(label for label in cluster.labels if label in SEATS)
     kinds = [seats, *((label,) for label in cluster.labels if label not in SEATS)]
     return max(kinds, key=lambda kind: sum(cluster.labels[label] for label in kind))
 
 
 def _few(members: Sequence[SceneObject]) -> list[SceneObject]:
-    """At most as many as are compared, evenly spread."""
+    """At most `_COMPARED` objects, evenly spaced."""
     spread = np.linspace(0, len(members) - 1, min(len(members), _COMPARED))
     return [members[k] for k in spread.round().astype(int)]
 
 
 def _stood(o: SceneObject, middle: Array, yaw: float) -> SceneObject:
-    """The object with its centre elsewhere on the floor, and turned."""
+    """The object with another centre on the floor and another yaw."""
     turned = SceneObject(o.label, replace(o.placement, yaw=yaw), o.cuboids)
     x, y = turned.placement.x, turned.placement.y
     shift_x, shift_y = (middle - turned.centre[:2]).tolist()
@@ -203,7 +205,8 @@ def _stood(o: SceneObject, middle: Array, yaw: float) -> SceneObject:
 
 
 def _mean_motion(motions: Iterable[tuple[Camera, Array]]) -> Array:
-    """(T, 16, 3) in camera axes: the pelvis as it is seen, the body about it as it is."""
+    """(T, 16, 3) mean in camera axes: of the pelvis in image coordinates, and of the body about
+    it."""
     place, body = np.zeros(()), np.zeros(())
     for count, (camera, world) in enumerate(motions, 1):
         joints = camera.to_camera(world)

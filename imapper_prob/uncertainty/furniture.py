@@ -1,9 +1,9 @@
-"""Furniture as labelled draws: of every object whether a draw has it, and where, by its name.
+"""Furniture as labelled arrays over draws: presence, position and size of every object.
 
-Draws have different objects in an order of no meaning. They are matched by
-:func:`imapper_prob.uncertainty.clusters.object_clusters`, and each match is one entry of the
-dimension ``object``. Where a draw lacks the object its place and size are not defined and are NaN;
-its ``presence`` is defined in every draw.
+Draws have different objects in arbitrary order.
+:func:`imapper_prob.uncertainty.clusters.object_clusters` matches them, and each match is one entry
+of the dimension ``object``. ``presence`` is defined in every draw. In a draw without the object,
+position and size are NaN.
 """
 
 from __future__ import annotations
@@ -29,16 +29,16 @@ _MEASURES: Final = {
     "depth": ("m", "side of the bounding box, from its back to its front"),
     "height": ("m", "side of the bounding box, upward"),
 }
-"""Units, and what they are."""
+"""Unit and description of each quantity."""
 
 
 class FurnitureOfDraws(tuple[tuple[SceneObject, ...], ...]):
-    """The objects of each draw, chain by chain: a tuple that says how many it has.
+    """The objects of each draw, chain by chain: a tuple with a short text.
 
     Parameters
     ----------
     iterable : iterable of tuple of SceneObject
-        Of each draw.
+        Objects of each draw.
     """
 
     def __repr__(self) -> str:
@@ -51,16 +51,16 @@ def object_draws(
     furniture: Sequence[Sequence[SceneObject]],
     shape: tuple[int, int],
 ) -> xr.Dataset:
-    """Presence, place and size of every object in every draw.
+    """Presence, position and size of every object in every draw.
 
     Parameters
     ----------
     clusters : sequence of K ObjectCluster
         Matched objects, the most probable first.
     furniture : sequence of C N sequences of SceneObject
-        Of each draw as it may stand, chain by chain.
+        Displaced objects of each draw, chain by chain.
     shape : (int, int)
-        Chains C and draws N.
+        Number of chains C, and of draws N per chain.
 
     Returns
     -------
@@ -95,7 +95,7 @@ def object_draws(
 
 
 def _measures(o: SceneObject, cluster: ObjectCluster) -> Array:
-    """Place, turn and size of a draw of an object, in the order of the table above."""
+    """Position, yaw and size of a drawn object, in the order of `_MEASURES`."""
     turn = np.pi if cluster.label in FRONTLESS else 2 * np.pi
     away = o.placement.yaw - cluster.yaw
     yaw = cluster.yaw + away - turn * np.round(away / turn)

@@ -1,8 +1,8 @@
-"""Which joints the camera cannot see, and which piece of furniture is in the way.
+"""The probability that furniture hides a joint from the camera, by object.
 
 A joint is hidden in a draw if a box of that draw's furniture cuts the line of sight from the camera
-to it. Over draws that is a probability, told for every object that is matched across draws. Two
-objects may hide a joint together.
+to it. The share of draws is a probability, also given for every object that is matched across
+draws. Two objects may hide a joint together.
 """
 
 from __future__ import annotations
@@ -31,13 +31,13 @@ Array = NDArray[np.float64]
 def _lines_cut(elevation: float, joints: Array, boxes: Array) -> NDArray[np.bool_]:
     """Whether any box cuts the line from the camera to each joint.
 
-    The line is inside a box from where it has entered all three slabs between opposite sides
-    to where it leaves the first of them (Kay & Kajiya 1986).
+    The line is inside a box between the point where it has entered all three slabs between opposite
+    sides and the point where it leaves the first of them (Kay & Kajiya 1986).
 
     Parameters
     ----------
     elevation : float
-        Of the camera above the world's origin, metres.
+        Height of the camera above the world's origin, metres.
     joints : (T, 16, 3) float
         World, metres.
     boxes : (K, 7) float
@@ -74,16 +74,16 @@ def _lines_cut(elevation: float, joints: Array, boxes: Array) -> NDArray[np.bool
 
 @dataclass(frozen=True)
 class HiddenJoints:
-    """P(joint hidden), and by what.
+    """Probability that joints are hidden, and by which objects.
 
     Parameters
     ----------
     clusters : tuple of K ObjectCluster
-        Of what ``by_object`` speaks.
+        The objects of ``by_object``.
     probability : (T, 16) float
-        That some piece of furniture hides the joint.
+        Probability that any furniture hides the joint.
     by_object : (K, T, 16) float
-        That an object of the cluster does, alone or with others.
+        Probability that the object hides it, alone or with others.
     """
 
     clusters: tuple[ObjectCluster, ...]
@@ -93,24 +93,24 @@ class HiddenJoints:
     __repr__ = brief
 
     def behind(self, what: str | int, *, least: float = 0.5) -> dict[str, int]:
-        """What is behind an object: joints by name, and in how many frames each is.
+        """The joints behind an object, with the number of frames in which each is hidden.
 
         Parameters
         ----------
         what : str or int
-            A label, for the most probable object that is called so; or a number in ``clusters``.
+            A label, for the most probable object with that label; or an index in ``clusters``.
         least : float
-            A frame counts where the object hides the joint with at least this probability.
+            Least probability in a frame that the object hides the joint.
 
         Returns
         -------
         dict of str to int
-            Joints that are hidden longest come first; those never hidden are left out.
+            In descending order of frames; joints that are never hidden are left out.
 
         Raises
         ------
         InputError
-            If nothing is called so.
+            There is no such object.
         """
         frames = (self.by_object[self._number(what)] >= least).sum(0)
         order = np.argsort(-frames, kind="stable")
@@ -132,18 +132,18 @@ def hidden_joints(
     elevations: Sequence[float],
     clusters: Sequence[ObjectCluster],
 ) -> HiddenJoints:
-    """Ask every draw what it hides.
+    """Compute hidden joints over all draws.
 
     Parameters
     ----------
     draws : sequence of N sequences of SceneObject
-        The furniture of each draw, in its world.
+        Furniture of each draw in its world frame.
     motions : iterable of N (T, 16, 3) float
-        The motion of each draw in the same world, metres.
+        Motion of each draw in the same frame, metres.
     elevations : sequence of N float
         Height of each draw's camera above the floor, metres.
     clusters : sequence of ObjectCluster
-        Of the same draws, see `object_clusters`.
+        Clusters of the same draws, see `object_clusters`.
 
     Returns
     -------
@@ -168,14 +168,14 @@ def hidden_joints(
 
 
 def cut_by(o: SceneObject, joints: Array, elevation: float) -> NDArray[np.bool_]:
-    """(T, 16) bool, whether an object cuts the line of sight to each of the joints.
+    """(T, 16) bool, whether an object cuts the line of sight to each joint.
 
     Parameters
     ----------
     o : SceneObject
-        In the world.
+        World frame.
     joints : (T, 16, 3) float
-        World, metres.
+        World frame, metres.
     elevation : float
         Height of the camera above the world's origin, metres.
 

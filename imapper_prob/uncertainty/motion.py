@@ -1,9 +1,9 @@
-"""The motion of the draws: where every joint is in every frame, and how sure that is.
+"""The motion over draws: positions of joints in every frame, and their uncertainty.
 
-Two doubts are added to the draws. A scenelet says how somebody moves near such furniture, not how
-this person moved, and detections tell only across the ray by how much joints differ
-(:mod:`imapper_prob.solver.limbs`). And the static path is as wrong about how high the pelvis is in
-the image as about how far to the side, of which only the latter is sampled.
+Two sources of uncertainty are added to the draws. A scenelet tells how people move near such
+furniture, not how this person moved, and detections determine the difference only across the ray
+(:mod:`imapper_prob.solver.limbs`). And the static path's error of the pelvis's height in the image
+is as large as that of its bearing, but only the latter is sampled.
 """
 
 from __future__ import annotations
@@ -29,10 +29,10 @@ Array = NDArray[np.float64]
 
 
 def drawn_motion(rng: np.random.Generator, problem: Problem, state: State, camera: Camera) -> Array:
-    """Draw the joints of a state: its pose, and how the person's differs.
+    """Draw the joints of a state, including the person's deviations from its pose.
 
-    Errors are stationary chains: that of the height has the correlation time of the bearing, those
-    of joints that of the frames that count as one.
+    Errors are stationary AR chains: that of the height has the correlation time of the bearing, and
+    those of joints the correlation time of frames.
 
     Parameters
     ----------
@@ -40,12 +40,12 @@ def drawn_motion(rng: np.random.Generator, problem: Problem, state: State, camer
     problem : Problem
     state : State
     camera : Camera
-        Of the state.
+        Camera of the state.
 
     Returns
     -------
     (T, 16, 3) float
-        The state's world, metres.
+        World frame of the state, metres.
     """
     limbs = limbs_of(problem, state, camera)
     memory = np.exp(-min(1.0, problem.frame_weight))
@@ -56,13 +56,13 @@ def drawn_motion(rng: np.random.Generator, problem: Problem, state: State, camer
 
 
 def height_deviation(problem: Problem, joints: Array) -> Array:
-    """By how much the pelvis may be higher or lower than joints say, a standard deviation.
+    """Standard deviation of the pelvis's height, in addition to that of the joints.
 
     Parameters
     ----------
     problem : Problem
     joints : (T, 16, 3) float
-        World, metres.
+        World frame, metres.
 
     Returns
     -------
@@ -74,7 +74,7 @@ def height_deviation(problem: Problem, joints: Array) -> Array:
 
 
 def _error_as_of_bearing(rng: np.random.Generator, problem: Problem) -> Array:
-    """(T,) an error of unit deviation that goes on as the bearing's does."""
+    """(T,) an error of unit variance with the correlation of the bearing's."""
     n = problem.n_frames
     latent, drawn = np.zeros((n, 2)), np.empty((n, 2))
     latent[:, 0] = rng.standard_normal(n)
@@ -87,7 +87,7 @@ def _error_as_of_bearing(rng: np.random.Generator, problem: Problem) -> Array:
 
 
 def _chain(rng: np.random.Generator, shape: tuple[int, ...], memory: float) -> Array:
-    """Standard normal numbers, each of which remembers the one a frame before."""
+    """Standard normal AR(1) numbers along the first axis."""
     numbers = rng.standard_normal(shape)
     numbers[1:] *= np.sqrt(1.0 - memory**2)
     for t in range(1, len(numbers)):
@@ -101,16 +101,15 @@ def _chain(rng: np.random.Generator, shape: tuple[int, ...], memory: float) -> A
 
 @dataclass(frozen=True)
 class JointSummary:
-    """Mean and covariance of every joint.
+    """Mean and covariance of every joint over draws.
 
-    The world of a draw has its origin on the floor below the camera and y along the
-    horizontal viewing direction, so draws whose cameras look down by different angles can be
-    held together.
+    The world frame of a draw has its origin on the floor below the camera, and y along the
+    horizontal viewing direction. So draws with different camera pitches can be combined.
 
     Parameters
     ----------
     mean : (T, 16, 3) float
-        World, metres.
+        World frame, metres.
     covariance : (T, 16, 3, 3) float
         Square metres.
     """
@@ -122,19 +121,20 @@ class JointSummary:
 
     @property
     def standard_deviation(self) -> Array:
-        """(T, 16, 3) along x (across the view), y (depth) and z (height), metres."""
+        """(T, 16, 3) standard deviations along x (across the view), y (depth) and z (height),
+        metres."""
         return np.sqrt(np.maximum(np.diagonal(self.covariance, axis1=-2, axis2=-1), 0.0))
 
 
 def joint_summary(motions: Iterable[Limbs], *, problem: Problem | None = None) -> JointSummary:
-    """Mean and covariance over draws of the motion, of which one at a time is held.
+    """Mean and covariance of the motion over draws, which are processed one at a time.
 
     Parameters
     ----------
     motions : iterable of Limbs
-        At least two; how far joints may be from where they are expected comes on top.
+        At least two; the covariance includes the deviations of joints from their expectation.
     problem : Problem, optional
-        By how much heights are off besides.
+        Determines the additional uncertainty of heights.
 
     Returns
     -------
@@ -148,7 +148,7 @@ def joint_summary(motions: Iterable[Limbs], *, problem: Problem | None = None) -
         own = own + limbs.covariance()
         before = joints - mean
         mean = mean + before / count
-        # Welford's update: stable where the spread is small beside the distance.
+        # Welford's update, which is stable if the spread is small compared with the distance.
         scatter = scatter + before[..., :, None] * (joints - mean)[..., None, :]
     if count < 2:
         raise ValueError("a covariance needs two draws")

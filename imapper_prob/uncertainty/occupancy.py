@@ -1,7 +1,7 @@
-"""Where furniture stands, whatever the layout: probability by category on a floor grid.
+"""Occupancy: the probability by category that furniture covers a cell of the floor.
 
-Objects have no identity across draws, but a place on the floor does. Whether it is covered is
-a question every draw answers with yes or no, and the share of yes is a probability.
+Objects have no identity across draws, but positions on the floor do. Every draw tells whether a
+position is covered, and the share of draws is a probability.
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ __all__ = ["Occupancy", "occupancy"]
 Array = NDArray[np.float64]
 
 _REACH: Final = 500
-"""Cells to each side of the middle: 50 m at the usual size, a hall. A draw that has furniture
-further away would make a grid that no memory holds."""
+"""Largest distance in cells from the middle of the grid: 50 m at the usual cell size. Furniture
+farther away is left out, because the grid would need too much memory."""
 
 
 @dataclass(frozen=True)
 class Occupancy:
-    """Probability that a place on the floor is covered.
+    """Probability that positions on the floor are covered.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ class Occupancy:
     by_category : (C, Y, X) float
         Probability that an object of the category covers the centre of the cell.
     anything : (Y, X) float
-        Probability that any object does. Not the sum: a chair may stand under a table.
+        Probability that any object does. Not the sum, because a chair may stand under a table.
     """
 
     x: Array
@@ -60,9 +60,9 @@ class Occupancy:
     __repr__ = brief
 
     def at(self, x: float, y: float) -> dict[str, float]:
-        """Probability of each category at a place in metres, most probable first.
+        """Probability of each category at a position in metres, in descending order.
 
-        The place is that of the nearest cell centre; outside of the grid nothing stands.
+        The values are those of the nearest cell centre; 0 outside the grid.
 
         Parameters
         ----------
@@ -81,15 +81,15 @@ class Occupancy:
         return {self.categories[k]: float(found[k]) for k in order}
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw the map from above: a cell is as strong in colour as it is probably covered.
+        """Draw the map from above; the saturation of a cell is the probability that it is covered.
 
-        Its hue is that of the category most probable there; the legend has the probability of the
-        surest cell of each.
+        The hue is that of the most probable category; the legend has the largest probability of
+        each category.
 
         Parameters
         ----------
         ax : matplotlib.axes.Axes, optional
-            Those of a new figure if not given.
+            If not given, the axes of a new figure.
 
         Returns
         -------
@@ -108,20 +108,20 @@ class Occupancy:
         return axes
 
     def _repr_html_(self) -> str:
-        """The map from above, with its text, for a notebook."""
+        """The map from above and a text, for notebooks."""
         return f"<p>{escape(repr(self))}</p>{picture_of(self.plot, size=(5.6, 4.6))}"
 
 
 def occupancy(draws: Sequence[Sequence[SceneObject]], *, cell: float = 0.1) -> Occupancy:
-    """How often each cell of a grid is covered, over draws.
+    """Compute the occupancy of a grid over draws.
 
     Parameters
     ----------
     draws : sequence of N sequences of SceneObject
-        The furniture of each draw, in the world; at least one draw.
+        Furniture of each draw in the world frame; at least one draw.
     cell : float
-        Side of a cell, metres. The grid has centres at whole multiples and holds every
-        footprint, those left out that are out of reach of 500 cells from the middle one.
+        Side of a cell, metres. Cell centres are whole multiples of it. The grid contains every
+        footprint, except those farther than 500 cells from the middle.
 
     Returns
     -------

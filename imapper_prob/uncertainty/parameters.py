@@ -1,4 +1,4 @@
-"""What the clip tells of camera and body: prior against posterior."""
+"""Camera and body parameters: prior compared with posterior."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ _UNITS: Mapping[str, str] = {
     "log_body_scale": "1",
     "roll": "rad",
 }
-"""Of every parameter of the camera and the body."""
+"""Unit of every parameter of the camera and the body."""
 
 
 @dataclass(frozen=True)
 class Nuisance:
-    """One parameter that nobody asks for but everything depends on.
+    """One nuisance parameter with its prior and its posterior draws.
 
     Parameters
     ----------
@@ -35,9 +35,9 @@ class Nuisance:
         See `imapper_prob.models.path_prior.CAMERA`.
     unit : str
     prior_mean, prior_standard_deviation : float
-        Of its normal prior, in which the height of the feet already is.
+        Of the normal prior, which already includes the evidence of the feet.
     draws : (C, N) float
-        From the posterior.
+        Posterior draws.
     """
 
     name: str
@@ -50,24 +50,24 @@ class Nuisance:
 
     @property
     def mean(self) -> float:
-        """Of the posterior."""
+        """Posterior mean."""
         return float(self.draws.mean())
 
     @property
     def standard_deviation(self) -> float:
-        """Of the posterior."""
+        """Posterior standard deviation."""
         return float(self.draws.std(ddof=1))
 
     @property
     def shift(self) -> float:
-        """By how many prior standard deviations the mean has moved."""
+        """Shift of the mean, in prior standard deviations."""
         return (self.mean - self.prior_mean) / self.prior_standard_deviation
 
     @property
     def contraction(self) -> float:
-        """1 - posterior variance / prior variance: 0 if nothing was learned, 1 if all was.
+        """1 - posterior variance / prior variance: 0 if nothing was learned, 1 if everything was.
 
-        Negative where the posterior is wider than the prior.
+        Negative if the posterior is wider than the prior.
         """
         return 1.0 - (self.standard_deviation / self.prior_standard_deviation) ** 2
 
@@ -88,7 +88,7 @@ class Nuisance:
 
 
 def nuisances(draws: Array, *, mean: Array, covariance: Array) -> dict[str, Nuisance]:
-    """All of them by name.
+    """All camera and body parameters by name.
 
     Parameters
     ----------

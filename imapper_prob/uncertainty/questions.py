@@ -1,11 +1,11 @@
-"""What would settle it: how much an answer would tell of the layout, before anybody gives it.
+"""Questions to the user, ranked by the information their answers would give about the layout.
 
-A question is a statement whose answer is open. The mutual information between the layout x and the
-answer y, I = E log2 p(y | x) / p(y), is by how many bits the entropy of layouts falls on average
-when it is answered (Lindley 1956). Both densities are means over draws: for each draw an answer is
-drawn that its scene would give, and compared with what the other draws would answer, those of its
-layout and all of them. A draw is left out of its own means, and one more that answers as all do is
-counted to each layout, so that rare layouts, of which nothing is known, add nothing.
+A question is a statement with an open answer. The mutual information between the layout x and the
+answer y, I = E log2 p(y | x) / p(y), is the expected reduction of the entropy of layouts in bits
+(Lindley 1956). Both densities are means over draws: for each draw an answer is drawn from its
+scene, and compared with the answers of the other draws, those of its layout and all of them. A draw
+is left out of its own means, and each layout gets one pseudo-draw that answers like all draws, so
+that rare layouts, of which little is known, add nothing.
 """
 
 from __future__ import annotations
@@ -36,40 +36,40 @@ __all__ = ["Question", "information", "questions_of"]
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 _CORNERS: Final = 12
-"""Of the polygon about an object that is asked for."""
+"""Number of corners of the polygon about an object."""
 _OPEN: Final = 0.03
-"""Probability up to which nobody would ask whether something is there, or is called so."""
+"""Probability, from 0 or from 1, within which presence or label count as certain."""
 _MEASURED: Final[tuple[tuple[str, Literal["height", "stature"], float], ...]] = (
     ("How high is the camera, to 2 cm?", "height", 0.02),
     ("How tall is the person, to 2 cm?", "stature", 0.02),
 )
-"""Questions that are always asked, with their standard deviation in metres."""
+"""Questions that are always included, with the standard deviation of the answer in metres."""
 _DEPTH_ERROR: Final = 0.05
-"""Share of the depth that another system errs by; chosen, as in ``docs/research/told.md``."""
+"""Relative error of a depth by another system; chosen, as in ``docs/research/told.md``."""
 _VIEW_ERROR: Final = 0.05
-"""Metres along each axis to which a second camera places a pelvis; chosen."""
+"""Error along each axis, metres, of a pelvis located by a second camera; chosen."""
 _COMPARED: Final = 200
-"""Draws whose whole motion is made, to choose the frame that is asked for."""
+"""Number of draws whose whole motion is computed to choose the frame of the question."""
 _FEWEST: Final = 5
-"""Draws of a layout from which its mean motion is known well enough to choose a frame by."""
+"""Least number of draws of a layout whose mean motion is used to choose the frame."""
 
 Open = Presence | Measured | DepthOf | JointAt
-"""A statement of which the answer is open."""
+"""A statement with an open answer."""
 
 
 @dataclass(frozen=True)
 class Question:
-    """A question and what its answer would tell.
+    """A question with the expected information of its answer.
 
     Parameters
     ----------
     text : str
     bits : float
-        By which the entropy of layouts would fall, on average over answers.
+        Expected reduction of the entropy of layouts.
     error : float
         Standard error of ``bits``.
     open : Presence, Measured, DepthOf or JointAt
-        The statement of which the answer is open; see :meth:`answered`.
+        The statement with an open answer; see :meth:`answered`.
     """
 
     text: str
@@ -84,7 +84,7 @@ class Question:
         return f"{self.text} {self.bits:.2f} ± {self.error:.2f} bit"
 
     def answered(self, answer: bool | float | Sequence[float]) -> Statement:
-        """The statement that an answer makes.
+        """The statement that results from an answer.
 
         Parameters
         ----------
@@ -132,19 +132,19 @@ def questions_of(
     radius: float,
     rng: np.random.Generator,
 ) -> tuple[Question, ...]:
-    """Questions about a posterior, those first that would tell most.
+    """Questions about a posterior, in descending order of information.
 
     Parameters
     ----------
     samples : Samples
     clusters : sequence of ObjectCluster
-        Objects that are asked for.
+        Objects that questions are about.
     source : Source
-        What the draws are of.
+        Clip, problem and library of the draws.
     radius : float
-        Metres within which an object counts as the one that is asked for.
+        Radius in metres of the region of an object.
     rng : numpy.random.Generator
-        For answers that are numbers.
+        Generator for simulated numerical answers.
 
     Returns
     -------
@@ -170,7 +170,7 @@ def questions_of(
 
 
 def _about_objects(clusters: Sequence[ObjectCluster], radius: float) -> list[tuple[str, Presence]]:
-    """Whether something stands there, and what it is."""
+    """Questions about the presence and the labels of objects."""
     angles = 2 * np.pi * np.arange(_CORNERS) / _CORNERS
     circle = radius * np.stack([np.cos(angles), np.sin(angles)], -1)
     asked = []
@@ -272,26 +272,26 @@ def _question(text: str, asked: Open, samples: Samples, densities: Array) -> Que
 
 
 def information(layouts: Ints, densities: Array) -> tuple[float, float]:
-    """Mutual information between layouts and an answer, and its standard error, bits.
+    """Mutual information between layouts and an answer, and its standard error, in bits.
 
     Parameters
     ----------
     layouts : (C, N) int
-        Of each draw of each chain.
+        Layout of each draw of each chain.
     densities : (C N, C N) or (C N, A) float
-        Of the answer that was drawn for each draw, by all draws; or probabilities of all A answers
-        by draw.
+        Density of the answer simulated from each draw under all draws; or probabilities of all A
+        answers under each draw.
 
     Returns
     -------
     bits, error : float
-        The error is NaN where chains are too short.
+        The error is NaN if chains are too short.
     """
     flat, count = layouts.ravel(), layouts.size
     _, member = np.unique(flat, return_inverse=True)
     size = np.bincount(member)[member]
     if densities.shape == (count, count):
-        # Row m: what draws say of the answer of draw m.
+        # Row m: densities of the answer of draw m under the draws.
         np.fill_diagonal(densities := densities.copy(), 0.0)
         of_all = densities.sum(1) / (count - 1)
         same = np.array([densities[m, member == member[m]].sum() for m in range(count)])

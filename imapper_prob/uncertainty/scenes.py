@@ -1,8 +1,8 @@
-"""Scenes with their probabilities: chosen from layouts, described and compared.
+"""Scenes with their probabilities: made of layouts, described and compared.
 
-Layouts are fine: a chair where another has a stool makes a layout of its own, and dozens of them
-share the probability. A scene is all layouts within a stated distance of its most probable one, and
-has the sum of their probabilities.
+Layouts are fine-grained: a chair instead of a stool makes another layout, and dozens of layouts
+share the probability. A scene consists of all layouts within a given distance of its most probable
+one, and its probability is the sum of theirs.
 """
 
 from __future__ import annotations
@@ -46,20 +46,20 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Explains:
-    """What a scene accounts for.
+    """What a scene explains: covered frames, and occluded detections.
 
     Parameters
     ----------
     frames : tuple of (int, int)
-        First and last frame of each scenelet, by the clip's own numbers.
+        First and last frame number of each scenelet.
     n_frames : int
-        Frames of the clip, of everybody in it.
+        Number of frames, of all people in the clip.
     unsure : int
-        Detections, one a joint and frame, that the detector is not sure of.
+        Number of detections (one per joint and frame) with low confidence.
     unsure_behind : int
-        Those of them that the scene has behind furniture: hidden joints that it explains.
+        Those of them that are behind furniture of the scene, i.e. hidden joints that it explains.
     sure_behind : int
-        Detections behind furniture that the detector is sure of all the same.
+        Number of confident detections that are behind furniture of the scene.
     """
 
     frames: tuple[tuple[int, int], ...]
@@ -70,12 +70,12 @@ class Explains:
 
     @property
     def covered(self) -> int:
-        """Frames that some scenelet covers."""
+        """Number of frames inside scenelets."""
         return sum(last - first + 1 for first, last in self.frames)
 
     @property
     def text(self) -> str:
-        """A sentence of it, to follow "it"."""
+        """Part of a sentence, to follow "it"."""
         return (
             f"covers {self.covered} of {self.n_frames} frames with scenelets, and has "
             f"{self.unsure_behind} of {self.unsure} unsure detections behind furniture "
@@ -85,7 +85,7 @@ class Explains:
 
 @dataclass(frozen=True)
 class WeightedScene:
-    """A scene of the posterior, or one layout, by its most representative draw.
+    """A scene of the posterior, or one layout, represented by a typical draw.
 
     Parameters
     ----------
@@ -98,15 +98,15 @@ class WeightedScene:
     covariances : (n_objects, 2, 2) float
         Posterior covariance of each object's position on the floor, square metres.
     ghosts : (n_ghosts, T, 16, 3) float
-        A few more draws of the motion, world frame, metres.
+        Some more draws of the motion, world frame, metres.
     layouts : tuple of int
-        Numbers, from 1, of the layouts that it holds, the most probable first.
+        Numbers, from 1, of its layouts, in descending order of probability.
     explains : Explains, optional
-        What it accounts for.
+        What the scene explains.
     difference : str
-        How it differs from the best scene; empty for the best.
+        Difference from the best scene in words; empty for the best.
     draw : int
-        Number of the representative draw, chain by chain; -1 where nobody says.
+        Index of the representative draw, chain by chain; -1 if unknown.
     """
 
     scene: Scene
@@ -125,18 +125,18 @@ class WeightedScene:
 
     @property
     def objects(self) -> tuple[SceneObject, ...]:
-        """The furniture of the representative draw, in its world."""
+        """Furniture of the representative draw, in its world frame."""
         return self.scene.objects
 
     def plot(self, ax: Axes | None = None, *, people: int = 1) -> Axes:
-        """Draw the scene from above with its probability; in grey other draws of the path.
+        """Draw the scene from above with its probability, and other draws of the path in grey.
 
         Parameters
         ----------
         ax : matplotlib.axes.Axes, optional
-            Those of a new figure if not given.
+            If not given, the axes of a new figure.
         people : int
-            How many people's frames the motion has one after the other.
+            Number of people whose frames the motion contains, one person after the other.
 
         Returns
         -------
@@ -158,26 +158,26 @@ class WeightedScene:
         return axes
 
     def _repr_html_(self) -> str:
-        """The scene from above, with its text, for a notebook."""
+        """A view from above and a text, for notebooks."""
         return f"<p>{escape(repr(self))}</p>{picture_of(self.plot, size=(5.0, 4.6))}"
 
 
 # ------------------------------------------------------------------------------------------------
-# The draw that stands for a layout.
+# Representative draw of a layout.
 
 
 @dataclass(frozen=True)
 class Representative:
-    """One draw in place of many.
+    """A typical draw of a layout.
 
     Parameters
     ----------
     draw : int
-        Its number, chain by chain.
+        Index of the draw, chain by chain.
     objects : tuple of SceneObject
-        Its furniture, in the order of the layout's founder.
+        Its furniture, in the object order of the layout's first draw.
     covariances : (n_objects, 2, 2) float
-        Of each object's position over the draws of the layout, square metres.
+        Covariance of each object's position over the draws of the layout, square metres.
     """
 
     draw: int
@@ -194,11 +194,11 @@ def representative(
     ----------
     samples : Samples
     layout : int
-        From 0.
+        Index of the layout, from 0.
     seen : sequence of N sequence of SceneObject
-        Objects of all draws.
+        Objects of all draws, at positions for comparison.
     radius : float
-        Metres that the layouts were made with.
+        Matching distance in metres with which the layouts were made.
 
     Returns
     -------
@@ -222,23 +222,23 @@ def representative(
 # Scenes from layouts.
 
 APART: Final = 0.9
-"""Metres, see :mod:`imapper_prob.layouts`: an object more or less (1) is another
-scene; two seats of other labels (0.7) are not."""
+"""Distance at which layouts are different scenes, metres, see :mod:`imapper_prob.layouts`: an
+object more or less counts 1, another kind of seat 0.7."""
 
 
 def group_scenes(layouts: Sequence[Sequence[SceneObject]]) -> NDArray[np.int64]:
-    """Sort layouts into scenes.
+    """Group layouts into scenes.
 
     Parameters
     ----------
     layouts : sequence of K object sets
-        The most probable first. Each joins the nearest of the scenes founded before it, and
-        founds one itself where none is nearer than :data:`APART`.
+        In descending order of probability. Each joins the nearest earlier scene, or starts a new
+        one if none is nearer than :data:`APART`.
 
     Returns
     -------
     (K,) int
-        Scene of each layout, numbered as they are founded.
+        Scene index of each layout, in order of creation.
     """
     founders: list[int] = []
     scene = np.empty(len(layouts), np.int64)
@@ -256,20 +256,21 @@ def group_scenes(layouts: Sequence[Sequence[SceneObject]]) -> NDArray[np.int64]:
 # Differences in words.
 
 _MOVED: Final = 0.3
-"""Metres worth a word: about the standard deviation of an object's position."""
+"""Least displacement in metres that is reported, about the standard deviation of a position."""
 _TURNED: Final = np.radians(30)
-"""Radians worth a word."""
+"""Least rotation in radians that is reported."""
 
 
 def describe_difference(best: Sequence[SceneObject], other: Sequence[SceneObject]) -> str:
-    """What of a scene is not as in the best one, as the camera sees it.
+    """Describe the differences of a scene from the best one, as seen from the camera.
 
-    Where two objects share a label, how far away they are says which one is meant.
+    If two objects have the same label, their distance tells which one is meant.
 
     Parameters
     ----------
     best, other : sequence of SceneObject
-        In worlds of one lens, see :func:`imapper_prob.layouts.through_one_lens`.
+        In world frames with the same focal length, see
+        :func:`imapper_prob.layouts.through_one_lens`.
 
     Returns
     -------
@@ -290,12 +291,12 @@ def describe_difference(best: Sequence[SceneObject], other: Sequence[SceneObject
 
 
 def where(o: SceneObject) -> str:
-    """Where an object stands, seen from the camera.
+    """Describe the position of an object as seen from the camera.
 
     Parameters
     ----------
     o : SceneObject
-        In the world.
+        World frame.
 
     Returns
     -------
@@ -308,7 +309,7 @@ def where(o: SceneObject) -> str:
 
 
 def _change(name: str, first: SceneObject, second: SceneObject) -> str:
-    """Half a sentence on a pair; empty where nothing is worth a word."""
+    """Describe the difference of a pair of objects; empty if it is too small."""
     right, away = (second.centre - first.centre)[:2]
     moves = []
     if abs(right) > _MOVED:
@@ -329,23 +330,23 @@ def _change(name: str, first: SceneObject, second: SceneObject) -> str:
 # What a scene explains.
 
 SURE: Final = 0.5
-"""Confidence from which a detector counts as sure of a joint. On i3DB 28 to 84 % of hidden
-joints are below it."""
+"""Confidence above which a detection counts as confident. On i3DB 28 to 84 % of hidden joints are
+below it."""
 
 
 def explained_by(clip: Clip, problem: Problem, scene: Scene, state: State) -> Explains:
-    """What the furniture and the scenelets of a scene account for.
+    """Count the frames and occluded detections that a scene explains.
 
-    A joint is behind furniture where the line of sight from the camera to it meets a box.
+    A joint is behind furniture if the line of sight from the camera to it cuts a box.
 
     Parameters
     ----------
     clip : Clip
     problem : Problem
-        Its log-posterior, for the length of scenelets.
+        The clip's log-posterior, for the lengths of scenelets.
     scene : Scene
     state : State
-        The draw that the scene shows.
+        The draw that the scene represents.
 
     Returns
     -------

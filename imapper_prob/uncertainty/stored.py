@@ -1,20 +1,19 @@
-"""What ``posterior.nc`` holds besides the tree for people, and whether it can be trusted when read.
+"""The parts of ``posterior.nc`` from which a run is opened again, and their validation.
 
-Clip, scenelets and the packed log-posterior are kept, so that a run can be looked at again where
-its clip and its library are no more, and without the stages that lead to the first draw. Of the
-library only those scenelets are kept that some draw has. Groups, beside those of
+Clip, scenelets and the packed log-posterior are stored, so that a run can be opened without its
+clip and library, and without repeating the stages before sampling. Only the library's scenelets
+that occur in a draw are stored. Groups, in addition to those of
 :mod:`imapper_prob.uncertainty.tree`:
 
 ``clip``        the arrays of a clip file (:mod:`imapper_prob.clips.clip_file`)
 ``library``     the arrays of a library file (:mod:`imapper_prob.scenelets.library`)
 ``problem``     the fields of :class:`imapper_prob.models.problem.Problem`, for these scenelets
-``latent``      normal numbers of each draw's path, single precision
-``layouts``     probability, error and founding draw of each layout
-``traces``      log-posterior over the whole run, burn-in included
+``latent``      latent normal variables of each draw's path, single precision
+``layouts``     probability, error and first draw of each layout
+``traces``      log-posterior over the whole run, including burn-in
 ``moves``       how often each move was proposed and accepted
-``walked``      what ensembles of walkers did to the draws: how far means moved, in standard
-                deviations, its error, effective draws before and after, and R-hat; of no quantity
-                where no draw walked
+``walked``      effect of the ensembles on the draws: change of means in standard deviations, its
+               error, effective draws before and after, and R-hat; empty if there were no ensembles
 """
 
 from __future__ import annotations
@@ -61,17 +60,18 @@ __all__ = [
 ]
 
 _LARGEST = 1e12
-"""Of any log-posterior, in nats."""
+"""Largest absolute log-posterior, nats."""
 
 
 def _require(holds: bool | np.bool_, what: str) -> None:
-    """Raise an `InputError` that says what is wrong unless it ``holds``."""
+    """Raise an `InputError` with a message unless ``holds`` is true."""
     if not holds:
         raise InputError(what)
 
 
 def _check_origins(origins: NDArray[np.int64], slots: int, counts: NDArray[np.int64]) -> None:
-    """Whether objects (n, 2) are of slots that a draw has, whose scenelets have ``counts``."""
+    """Check that objects (n, 2) refer to slots of a draw whose scenelets have ``counts``
+    objects."""
     slot, number = origins.T
     _require(((slot >= 0) & (slot < slots)).all(), "an object of a draw is of no scenelet of it")
     inside = (number >= 0) & (number < counts[slot])
@@ -79,12 +79,12 @@ def _check_origins(origins: NDArray[np.int64], slots: int, counts: NDArray[np.in
 
 
 def _check_samples(problem: Problem, samples: Samples) -> None:
-    """Refuse samples that contradict each other or their problem.
+    """Refuse samples that are inconsistent with each other or with their problem.
 
     Raises
     ------
     InputError
-        With what is wrong.
+        The message says what is wrong.
     """
     chains, draws = samples.shape
     count = chains * draws
@@ -131,15 +131,15 @@ def _finite(values: NDArray[np.float64], *, most: float) -> bool:
 Arrays = Mapping[str, NDArray[Any]]
 Ints = NDArray[np.int64]
 _FROM_LIBRARY: Final = "joints"
-"""The largest field of a problem is not stored: it is the library's motions, resampled."""
+"""The largest field of a problem, which is not stored but resampled from the library's motions."""
 _READ_ONLY: Final = "read_only"
 _BY_COLUMN: Final = "by_column"
-"""Attributes of arrays that nobody may write to, and that lie in memory column by column:
-compiled code is made anew for others."""
+"""Attributes of read-only arrays, and of arrays in column-major order. They are restored, because
+numba compiles a kernel for each kind of array."""
 
 
 class Source(Protocol):
-    """What draws are draws of; a staged solution is one.
+    """Clip, library and problem of draws; a staged solution is an example.
 
     Parameters
     ----------
@@ -148,11 +148,11 @@ class Source(Protocol):
 
     @property
     def clip(self) -> Clip:
-        """The input."""
+        """The input clip."""
 
     @property
     def library(self) -> Library:
-        """Scenelets that the states refer to."""
+        """The library whose scenelets the states refer to."""
 
     @property
     def problem(self) -> Problem:
@@ -160,24 +160,24 @@ class Source(Protocol):
 
     @property
     def best_fits(self) -> NDArray[np.float64]:
-        """(T,) how well the best scenelet over a frame fits."""
+        """(T,) excess cost of the best scenelet over each frame, see `imapper_prob.solver.fits`."""
 
 
 @dataclass(frozen=True)
 class StoredSource:
-    """A source that was read from a run's folder.
+    """A source that was read from the folder of a run.
 
     Parameters
     ----------
     clip : Clip
     library : Library
-        Only the scenelets that some draw has.
+        Only the scenelets that occur in a draw.
     problem : Problem
         For these scenelets.
     best_fits : (T,) float
-        Of all scenelets that there were; NaN where nobody says.
+        Fit of the best scenelet of the whole library; NaN if unknown.
     library_digest : str
-        Of the whole library.
+        Digest of the whole library.
     """
 
     clip: Clip
@@ -190,7 +190,7 @@ class StoredSource:
 
 
 def library_digest(source: Source) -> str:
-    """The digest of the whole library that a source was made with.
+    """The digest of the whole library of a source.
 
     Parameters
     ----------
@@ -204,13 +204,13 @@ def library_digest(source: Source) -> str:
 
 
 def source_groups(source: Source, chosen: Ints) -> dict[str, xr.Dataset]:
-    """The groups of a source with a part of its library.
+    """The groups that store a source with a part of its library.
 
     Parameters
     ----------
     source : Source
     chosen : (k,) int
-        Scenelets to keep.
+        Indices of the scenelets to store.
 
     Returns
     -------
@@ -227,12 +227,12 @@ def source_groups(source: Source, chosen: Ints) -> dict[str, xr.Dataset]:
 
 
 def read_source(path: Path, groups: Mapping[str, xr.Dataset]) -> StoredSource:
-    """The source that :func:`source_groups` took.
+    """Restore the source from the groups of :func:`source_groups`.
 
     Parameters
     ----------
     path : Path
-        Of the file, for messages.
+        Path of the file, for messages.
     groups : mapping of str to Dataset
 
     Returns
@@ -269,7 +269,7 @@ def read_source(path: Path, groups: Mapping[str, xr.Dataset]) -> StoredSource:
 
 
 def _dataset(arrays: Mapping[str, Any]) -> xr.Dataset:
-    """Arrays, each with dimensions of its own."""
+    """A dataset of arrays, each with its own dimensions."""
     variables = {}
     for name, values in arrays.items():
         values = np.asarray(values)
@@ -281,7 +281,7 @@ def _dataset(arrays: Mapping[str, Any]) -> xr.Dataset:
 
 
 def _arrays(group: xr.Dataset) -> dict[str, NDArray[Any]]:
-    """The arrays again, text as text and numbers in arrays of their own."""
+    """Copies of a dataset's arrays, with text as unicode arrays."""
     arrays = {}
     for name, variable in group.data_vars.items():
         values = variable.to_numpy()
@@ -290,19 +290,19 @@ def _arrays(group: xr.Dataset) -> dict[str, NDArray[Any]]:
 
 
 # ------------------------------------------------------------------------------------------------
-# Draws and what is said of them.
+# Draws and their summaries.
 
 Array = NDArray[np.float64]
 Groups = Mapping[str, xr.Dataset]
-"""A tree by the paths of its groups."""
+"""The groups of a tree by path."""
 _ACCEPTANCE = "acceptance_"
-"""Begins the attributes that hold the accepted share of a move of walkers."""
+"""Prefix of the attributes with acceptance rates of ensemble moves."""
 _WALKED = ("change", "error", "before", "after", "rhat")
-"""Numbers of :class:`imapper_prob.sampling.ensembles.Walked`, by quantity."""
+"""Fields of :class:`imapper_prob.sampling.ensembles.Walked` that are arrays by quantity."""
 
 
 def sample_groups(samples: Samples) -> dict[str, xr.Dataset]:
-    """Groups of all that the draws' own groups leave out.
+    """The groups that store what the groups of draws leave out.
 
     Parameters
     ----------
@@ -348,7 +348,7 @@ def sample_groups(samples: Samples) -> dict[str, xr.Dataset]:
 
 
 def _walked(walked: Walked | None) -> xr.Dataset:
-    """What ensembles did, by quantity; of no quantity where no draw walked."""
+    """Effect of the ensembles by quantity; empty if there were none."""
     if walked is None:
         return xr.Dataset(coords={"quantity": np.array([], dtype=np.str_)})
     rates = {f"{_ACCEPTANCE}{name}": rate for name, rate in walked.acceptance.items()}
@@ -360,7 +360,7 @@ def _walked(walked: Walked | None) -> xr.Dataset:
 
 
 def sample_attributes(samples: Samples) -> dict[str, Any]:
-    """What of the samples is a single number or word.
+    """The scalar attributes of samples.
 
     Parameters
     ----------
@@ -383,7 +383,7 @@ def sample_attributes(samples: Samples) -> dict[str, Any]:
 def object_origins(
     library: Library, states: Sequence[State], objects: Sequence[Sequence[SceneObject]]
 ) -> list[list[tuple[int, int]]]:
-    """For each object of each draw the scenelet that brought it.
+    """For each object of each draw, the scenelet that it comes from.
 
     Parameters
     ----------
@@ -395,7 +395,7 @@ def object_origins(
     Returns
     -------
     list of N list of (int, int)
-        The slot of its scenelet, and which of its objects it is.
+        Slot of the scenelet in the draw, and index of the object in the scenelet.
     """
     result = []
     for state, furniture in zip(states, objects, strict=True):
@@ -410,7 +410,7 @@ def object_origins(
 
 
 def read_samples(groups: Groups, source: Source) -> Samples:
-    """The samples that a run wrote of a source, whose library has their scenelets only.
+    """Restore samples from the groups of a run; the library has only their scenelets.
 
     Parameters
     ----------
@@ -424,9 +424,9 @@ def read_samples(groups: Groups, source: Source) -> Samples:
     Raises
     ------
     InputError
-        If they contradict each other, or their source.
+        They are inconsistent with each other or with their source.
     LookupError, TypeError, ValueError
-        If something is missing.
+        Something is missing.
     """
     library = source.library
     chosen = groups["/constant_data"]["drawn"].to_numpy()
@@ -489,7 +489,7 @@ def read_samples(groups: Groups, source: Source) -> Samples:
 
 
 def _flat(group: xr.Dataset, name: str) -> NDArray[Any]:
-    """A variable with its draws numbered chain by chain."""
+    """A variable with chains and draws flattened to one axis."""
     values = group[name].to_numpy()
     return values.reshape(-1, *values.shape[2:])
 
@@ -517,7 +517,7 @@ def _states(groups: Groups, chosen: Ints) -> tuple[State, ...]:
 
 
 def _own(chosen: Ints, scenelets: Ints) -> Ints:
-    """Scenelets by their numbers in the library of those that are ``chosen``."""
+    """Indices of scenelets in the stored part of the library."""
     own = np.searchsorted(chosen, scenelets)
     there = own < len(chosen)
     _require(there.all() and (chosen[own] == scenelets).all(), "a draw has an unknown scenelet")

@@ -1,4 +1,4 @@
-"""The answer in words and tables."""
+"""Texts and tables that summarise a posterior."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ __all__ = [
 Array = NDArray[np.float64]
 
 _LISTED = 4
-"""Layouts named in a row of a table."""
+"""Layouts listed in a table row."""
 
 
 def scene_table(scenes: Sequence[WeightedScene]) -> Table:
-    """Scenes with their probabilities, and the numbers of the layouts in them.
+    """A table of scenes with their probabilities and the numbers of their layouts.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ def scene_table(scenes: Sequence[WeightedScene]) -> Table:
 
 
 def furniture(weighted: WeightedScene) -> str:
-    """The objects of a scene, counted.
+    """The objects of a scene with their counts, as text.
 
     Parameters
     ----------
@@ -72,19 +72,19 @@ def furniture(weighted: WeightedScene) -> str:
 
 
 def _shortened(layouts: Sequence[int]) -> str:
-    """The first layouts of a scene, and how many more there are."""
+    """The first layouts of a scene, and the number of further ones."""
     listed = ", ".join(map(str, layouts[:_LISTED]))
     more = len(layouts) - _LISTED
     return f"{listed} and {more} more" if more > 0 else listed
 
 
 def object_rows(posterior_summary: Dataset) -> list[dict[str, Any]]:
-    """Objects over all draws, one mapping of names to values each.
+    """Rows of the table of objects over all draws, one mapping per object.
 
     Parameters
     ----------
     posterior_summary : Dataset
-        What `Posterior.summary` returns.
+        The result of `Posterior.summary`.
 
     Returns
     -------
@@ -97,14 +97,14 @@ def object_rows(posterior_summary: Dataset) -> list[dict[str, Any]]:
 
 
 def object_table(rows: Sequence[Mapping[str, Any]], truth: Truth | None = None) -> Table:
-    """Objects over all draws: whether they are there, where, and how far from the truth.
+    """A table of objects over all draws: presence, position, and distance from the truth.
 
     Parameters
     ----------
     rows : sequence of mapping
-        As :func:`object_rows` makes them.
+        Rows of :func:`object_rows`.
     truth : Truth, optional
-        Where it is known, distances to it are shown.
+        If known, distances to it are shown.
 
     Returns
     -------
@@ -135,24 +135,24 @@ def object_table(rows: Sequence[Mapping[str, Any]], truth: Truth | None = None) 
 
 
 def distances_to_truth(found: Sequence[SceneObject], true: Sequence[SceneObject]) -> Array:
-    """Distances in top view to the true objects that objects are paired with.
+    """Horizontal distances of objects to the true objects they are matched with.
 
     Parameters
     ----------
     found, true : sequence of SceneObject
-        In one world.
+        In one world frame.
 
     Returns
     -------
     (n_found,) float
-        Metres; NaN without a partner.
+        Metres; NaN without a match.
     """
     places = np.array([o.centre[:2] for o in found]).reshape(-1, 2)
     return _distances([o.label for o in found], places, true)
 
 
 def _distances(labels: Sequence[str], places: Array, true: Sequence[SceneObject]) -> Array:
-    """The same for labels and places (n_found, 2) on the floor, metres."""
+    """Distances (n_found,) for labels and positions (n_found, 2) on the floor, metres."""
     result = np.full(len(labels), np.nan)
     if not labels or not true:
         return result
@@ -167,7 +167,7 @@ def _distances(labels: Sequence[str], places: Array, true: Sequence[SceneObject]
 
 
 def check_table(checks: Iterable[Check]) -> Table:
-    """What was checked of the result, what was found, and from where on it is alarming.
+    """A table of checks with values and limits.
 
     Parameters
     ----------
@@ -188,16 +188,16 @@ def check_table(checks: Iterable[Check]) -> Table:
 
 
 def describe(clip: Clip, samples: Samples, *, verdict: str, alarms: Sequence[str] = ()) -> str:
-    """Markdown that heads the recording: what it is of, and how far to trust it.
+    """Markdown text at the head of a recording: its content, and how reliable it is.
 
     Parameters
     ----------
     clip : Clip
     samples : Samples
     verdict : str
-        On the chains.
+        Verdict on convergence.
     alarms : sequence of str
-        Said first.
+        Alarms, which come first.
 
     Returns
     -------

@@ -1,21 +1,21 @@
-"""Draws as labelled arrays: the xarray tree of ``posterior.nc``, and what it was made with.
+"""Draws as labelled arrays: the xarray tree of ``posterior.nc``, with provenance.
 
-Groups, as ArviZ names them:
+Groups, with ArviZ's names where it has one:
 
-``posterior``      camera, body and mean depth of each draw: what every draw has whatever its
-                   dimension, and can vary freely, as plots of ArviZ want it
+``posterior``      camera, body and mean depth of each draw: continuous quantities that every draw
+                  has whatever its dimension, for plots of ArviZ
 ``furniture``      matched objects by name (:mod:`imapper_prob.uncertainty.furniture`): presence,
-                   place and size in each draw, NaN where a draw lacks the object
-``counts``         numbers of scenelets and objects, and the layout; in a good run they may be
-                   the same in all draws
-``motion``         by frame the pelvis, the probability that the detector took left for right,
-                   and how much worse than the right scenelet the best one fits; of several people
-                   all frames of the first, then of the next, see ``actor``
-``draws``          scenelets and merged objects of each draw, padded, with their numbers
-``sample_stats``   log-posterior; temperatures of each chain, rates of exchange between them, and
-                   round trips of states; in the attributes how often each move was accepted
+                  position and size in each draw, NaN in a draw without the object
+``counts``         numbers of scenelets and objects, and the layout; even in a good run they may
+                  be constant
+``motion``         by frame: pelvis, probability of a left-right flip, and excess cost of the
+                  best scenelet; for several people all frames of the first, then of the next, see
+                  ``actor``
+``draws``          scenelets and merged objects of each draw, padded, with their indices
+``sample_stats``   log-posterior; temperatures of each chain, their swap rates, and round trips of
+                  states; acceptance rates of moves in the attributes
 ``observed_data``  detections
-``constant_data``  names and numbers that the others refer to
+``constant_data``  names and numbers that the other groups refer to
 
 and those of :mod:`imapper_prob.uncertainty.stored`, from which a run is opened again.
 """
@@ -74,18 +74,18 @@ __all__ = [
 ]
 
 SECONDS: Final = "seconds_"
-"""Begins the attributes that say how long a part of the run took."""
+"""Prefix of the attributes with the durations of parts of the run."""
 
 
 def provenance(source: Source, config: Config, seconds: Mapping[str, float]) -> dict[str, Any]:
-    """What is said of a run's origin, as attributes of its file.
+    """Provenance of a run, as attributes of its file.
 
     Parameters
     ----------
     source : Source
     config : Config
     seconds : mapping of str to float
-        How long each part took by the clock on the wall.
+        Wall-clock duration of each part.
 
     Returns
     -------
@@ -106,12 +106,12 @@ def provenance(source: Source, config: Config, seconds: Mapping[str, float]) -> 
 
 
 def seconds_of(attributes: Mapping[Any, Any]) -> dict[str, float]:
-    """How long each part of a run took, from its attributes.
+    """Durations of the parts of a run, from its attributes.
 
     Parameters
     ----------
     attributes : mapping
-        Of the file.
+        Attributes of the file.
 
     Returns
     -------
@@ -125,7 +125,7 @@ def seconds_of(attributes: Mapping[Any, Any]) -> dict[str, float]:
 
 
 def clip_digest(clip: Clip) -> str:
-    """SHA-256 of all that a clip holds, its truth left out: inference never reads that.
+    """SHA-256 of a clip without its ground truth, which inference never reads.
 
     Parameters
     ----------
@@ -150,13 +150,13 @@ def clip_digest(clip: Clip) -> str:
 GIVEN: Final = "given"
 """Attribute with the statements that the run was given."""
 EVIDENCE: Final = "given_evidence"
-"""Attribute that says how probable they were."""
+"""Attribute with the evidence of the statements."""
 FORMAT: Final = "imapper-prob posterior 6"
-"""Attribute of the file; the number rises when a reader of old files would go wrong."""
+"""Format of the file; the number is raised when an older reader would misread it."""
 _SAID: Final = ("ensembles", "clip", "program", "verdict")
-"""Attributes that are shown without the draws."""
+"""Attributes that can be shown without reading the draws."""
 Variable = tuple[tuple[str, ...], NDArray[Any]]
-"""Names of the dimensions, and values."""
+"""Names of dimensions, and values."""
 _UNITS = {
     "pitch": "rad",
     "elevation": "m",
@@ -185,9 +185,9 @@ def posterior_tree(
     checks: Iterable[Check] = (),
     told: Told | None = None,
 ) -> xr.DataTree:
-    """All that a run sampled, with provenance and checks in the attributes.
+    """Make the tree of all draws, with provenance and checks as attributes.
 
-    ``seconds`` say how long each part of the run took.
+    ``seconds`` are durations of the parts of the run.
 
     Parameters
     ----------
@@ -195,12 +195,12 @@ def posterior_tree(
     samples : Samples
     config : Config
     furniture : Dataset
-        Of :func:`imapper_prob.uncertainty.furniture.object_draws`.
+        Result of :func:`imapper_prob.uncertainty.furniture.object_draws`.
     seconds : mapping of str to float, optional
-        How long each part of the run took by the clock on the wall.
+        Wall-clock duration of each part.
     checks : iterable of Check
     told : Told, optional
-        What was known besides the clip.
+        Statements that the run was given.
 
     Returns
     -------
@@ -290,7 +290,7 @@ def _given(told: Told | None) -> dict[str, str]:
 
 
 def told_of(attributes: Mapping[Any, Any]) -> Told | None:
-    """What a run was given besides its clip, from the attributes of its file.
+    """Read the statements of a run and their evidence from the attributes of its file.
 
     Parameters
     ----------
@@ -303,7 +303,7 @@ def told_of(attributes: Mapping[Any, Any]) -> Told | None:
     Raises
     ------
     LookupError, TypeError, ValueError
-        They say something else.
+        The attributes are invalid.
     """
     if GIVEN not in attributes:
         return None
@@ -322,9 +322,9 @@ def told_of(attributes: Mapping[Any, Any]) -> Told | None:
 
 
 def write_tree(path: Path, tree: xr.DataTree) -> None:
-    """Write the tree as netCDF, its numbers compressed without loss.
+    """Write the tree as netCDF with lossless compression.
 
-    It is made in memory: HDF5 does not say in one error what a disk refuses it.
+    The file is made in memory first, because HDF5 does not report disk errors clearly.
 
     Parameters
     ----------
@@ -339,7 +339,7 @@ def write_tree(path: Path, tree: xr.DataTree) -> None:
         }
         for group in tree.groups
     }
-    # Who uses a cluster has imported dask; its lock across machines is none for memory.
+    # If dask is imported, xarray would use its lock, which does not work for files in memory.
     dask = sys.modules.get("dask")
     with nullcontext() if dask is None else dask.config.set(scheduler="single-threaded"):
         content: Any = tree.to_netcdf(None, engine="h5netcdf", encoding=encoding)
@@ -347,7 +347,7 @@ def write_tree(path: Path, tree: xr.DataTree) -> None:
 
 
 def _labelled(variables: Mapping[str, Variable]) -> dict[str, Any]:
-    """Variables with their units, where they have one."""
+    """Variables with their units."""
     return {
         name: (dims, values, {"units": _UNITS[name]} if name in _UNITS else {})
         for name, (dims, values) in variables.items()
@@ -369,14 +369,14 @@ def _categories(samples: Samples) -> list[str]:
 
 
 def _drawn_scenelets(samples: Samples) -> NDArray[np.int64]:
-    """Which scenelets some draw has, ascending; one where none has any, for a library needs it."""
+    """Indices of scenelets that occur in draws, ascending; one if there are none."""
     items = [state.items[:, 0] for state in samples.states]
     drawn = np.unique(np.concatenate(items)).astype(np.int64)
     return drawn if len(drawn) else np.zeros(1, np.int64)
 
 
 def _padded(source: Source, samples: Samples) -> dict[str, Variable]:
-    """Scenelets and objects of each draw; slots past a draw's number are -1 or NaN."""
+    """Scenelets and objects of each draw; unused slots are -1 or NaN."""
     count = len(samples.states)
     slots = max(1, *(s.n_scenelets for s in samples.states))
     scenelets = np.full((count, slots, 2), -1)
@@ -416,7 +416,7 @@ def _padded(source: Source, samples: Samples) -> dict[str, Variable]:
 
 
 def read_attributes(path: str | Path) -> dict[str, Any]:
-    """Provenance of a ``posterior.nc``, without reading its draws.
+    """Read the attributes of a ``posterior.nc`` without its draws.
 
     Parameters
     ----------
@@ -429,13 +429,13 @@ def read_attributes(path: str | Path) -> dict[str, Any]:
     Raises
     ------
     InputError
-        If the file is missing or no netCDF file of a run.
+        The file is missing or not the posterior of a run.
     """
     require_intact(Path(path))
     try:
         with xr.open_dataset(path, engine="h5netcdf") as root:
             attributes = dict(root.attrs)
-    except Exception as error:  # xarray, h5netcdf and h5py each have their own way to fail
+    except Exception as error:  # the exceptions of xarray, h5netcdf and h5py differ
         raise InputError(f"{path}: not the posterior of a run ({error})") from error
     missing = [name for name in _SAID if name not in attributes]
     if missing:

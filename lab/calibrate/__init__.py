@@ -1,4 +1,4 @@
-"""Where the constants of the model come from: estimated from clips whose truth is known."""
+"""Estimation of the constants of the model from clips with ground truth."""
 
 from lab.calibrate.procedure import as_markdown, as_toml, calibrate, in_use, recover, without
 

@@ -2,9 +2,9 @@
 
     python -m lab.calibrate I3DB_FOLDER [--write] [--clips 60]
 
-prints each constant in use, as measured, with its error and what it would be without each of the
-scenes, and the value found from simulated clips beside the one they were drawn with. Then it holds
-the static path, made with constants estimated from the *other* scenes, against the truth. With
+prints each constant in use, as measured, with its error and its value without each of the scenes,
+and the value estimated from simulated clips beside the one they were drawn with. It then compares
+the static path, made with constants estimated from the *other* scenes, with the truth. With
 ``--write`` the values go to ``models/calibrated.toml`` and the table to
 ``docs/research/calibration.md``.
 """
@@ -32,12 +32,12 @@ from lab.calibrate.procedure import rounded
 
 DOCUMENT = Path(__file__).parents[2] / "docs" / "research" / "calibration.md"
 MARK = "<!-- written by python -m lab.calibrate -->\n"
-"""Between two of these in the document stands the table."""
+"""The table in the document is between two of these lines."""
 SIMULATED_CLIPS = 60
 
 
 def path_error(clip: Clip, truth: Truth, values: dict[str, Number]) -> tuple[float, float]:
-    """Root mean square error in cm of the pelvis in top view and of the joints."""
+    """Root mean square errors in cm of the pelvis in top view and of the joints."""
     path = estimate_static_path(clip, settings=path_settings(values))
     known = np.isfinite(truth.joints).all((1, 2))
     gap = 100 * (truth.camera.to_camera(truth.joints[known]) - path.joints[known])
@@ -47,7 +47,7 @@ def path_error(clip: Clip, truth: Truth, values: dict[str, Number]) -> tuple[flo
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Print, and write if asked."""
+    """Print the constants, and write them if asked."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

@@ -1,7 +1,7 @@
-"""What the constants of the model are estimated with: arrays in, numbers out.
+"""Estimators of the model's constants, from arrays to numbers.
 
-Nothing here knows of scenes or files, so that each can be tried on numbers drawn from a
-known distribution.
+They do not depend on scenes or files, so that each can be tested on numbers from a known
+distribution.
 """
 
 from __future__ import annotations
@@ -37,34 +37,34 @@ __all__ = [
 Array = NDArray[np.float64]
 
 _PSEUDO_COUNT = 0.5
-"""A bin nobody fell into is rare, not impossible (Jeffreys' prior of a multinomial)."""
+"""Pseudo-count of each bin, so that empty bins are not impossible (Jeffreys' prior)."""
 _DOF = (0.5, 50.0)
-"""Degrees of freedom that are told apart: heavier tails have no scale, lighter are normal."""
+"""Range of degrees of freedom: heavier tails have no scale, lighter ones are nearly normal."""
 _LOG_SCALES = (-7.0, 2.0)
-"""Angles that are nearer than a twentieth of a degree, or as good as uniform, have no scale."""
+"""Range of log scales of angles: from a twentieth of a degree to nearly uniform."""
 _LOG_WIDTHS = (-7.0, 1.0)
-"""A millimetre to metres."""
+"""Range of log widths: from a millimetre to metres."""
 _FEWEST = 20
-"""Observations without which a Student-t is not fitted."""
+"""Least number of observations for a Student-t fit."""
 
 
 def shares(values: ArrayLike, edges: ArrayLike) -> Array:
-    """Probability of each bin of ``edges`` (B + 1,): (B,), half a pseudo-count in each."""
+    """(B,) probability of each bin between ``edges`` (B + 1,), with half a pseudo-count in each."""
     counts = np.histogram(np.asarray(values, float), np.asarray(edges, float))[0] + _PSEUDO_COUNT
     result: Array = counts / counts.sum()
     return result
 
 
 def sight_width_fit(clearance: ArrayLike, hidden: ArrayLike, *, visibility_error: float) -> float:
-    """Most likely width, metres, of the step from hidden to seen.
+    """Maximum-likelihood width in metres of the step from hidden to visible.
 
     Parameters
     ----------
     clearance : (n,) float
-        Of lines of sight, metres; negative where something is in the way.
+        Clearance of lines of sight, metres; negative if something is in the way.
     hidden : (n,) bool
     visibility_error : float
-        Probability at either end of the step that it is the other way round.
+        Probability of the opposite state at either end of the step.
     """
     clearance, hidden = np.asarray(clearance, float), np.asarray(hidden, bool)
 
@@ -76,12 +76,12 @@ def sight_width_fit(clearance: ArrayLike, hidden: ArrayLike, *, visibility_error
 
 
 def student_t_fit(errors: ArrayLike) -> tuple[float, float]:
-    """Scale and degrees of freedom of isotropic errors (n, d) about zero, most likely ones.
+    """Maximum-likelihood scale and degrees of freedom of isotropic zero-mean errors (n, d).
 
     Raises
     ------
     ValueError
-        If there are fewer than twenty errors.
+        There are fewer than twenty errors.
     """
     errors = np.asarray(errors, float)
     n, d = errors.shape
@@ -103,7 +103,7 @@ def student_t_fit(errors: ArrayLike) -> tuple[float, float]:
 
 
 def wrapped_cauchy_fit(angles: ArrayLike) -> float:
-    """Most likely scale, radians, of angles (n,) that are wrapped Cauchy about zero."""
+    """Maximum-likelihood scale in radians of angles (n,) that are wrapped Cauchy about zero."""
     cosine = np.cos(np.asarray(angles, float))
 
     def cost(log_scale: float) -> float:
@@ -115,10 +115,10 @@ def wrapped_cauchy_fit(angles: ArrayLike) -> float:
 
 
 def student_t_score(errors: ArrayLike, scale: ArrayLike, dof: ArrayLike) -> Array:
-    """Errors (..., d) as a Student-t listens to them: gross ones hardly count.
+    """Score of errors (..., d) under a Student-t, in which outliers hardly count.
 
-    The derivative of the log-density by the centre, up to a constant factor of each class
-    that makes small errors come out in units of their scale.
+    It is the derivative of the log-density by the centre, up to a constant factor of each class
+    that gives small errors in units of their scale.
     """
     errors = np.asarray(errors, float)
     scale, dof = (np.asarray(a, float)[..., None] for a in (scale, dof))
@@ -128,14 +128,14 @@ def student_t_score(errors: ArrayLike, scale: ArrayLike, dof: ArrayLike) -> Arra
 
 
 def correlation_length(series: Sequence[ArrayLike]) -> float:
-    """How many neighbours share one error: the integrated autocorrelation of several series.
+    """Integrated autocorrelation of several series: how many neighbours share one error.
 
     Parameters
     ----------
     series : sequence of (T, K) float
-        K signals a series, NaN where there is none. Their means are taken off; the
-        autocovariances of all are pooled and summed up to the first that is not positive,
-        behind which there is only noise (Geyer 1992).
+        K signals a series, NaN where missing. Their means are subtracted. The autocovariances of
+        all are pooled and summed up to the first that is not positive, after which only noise
+        remains (Geyer 1992).
 
     Returns
     -------
@@ -170,25 +170,25 @@ def correlation_length(series: Sequence[ArrayLike]) -> float:
 def smoothing_time(
     series: Sequence[ArrayLike], *, spread: float, seconds: float, fps: float, gap: int
 ) -> float:
-    """Seconds of its correlation time over which a slow error is smooth, the most likely.
+    """Maximum-likelihood time in seconds over which a slow error is smooth.
 
     Parameters
     ----------
     series : sequence of (T,) float
-        Errors about zero, chains as in :mod:`imapper_prob.models.path_prior`.
+        Zero-mean errors, chains as in :mod:`imapper_prob.models.path_prior`.
     spread : float
-        Standard deviation of all.
+        Standard deviation of all errors.
     seconds : float
         Half their integrated autocorrelation.
     fps : float
         Frames a second of the chains.
     gap : int
-        Frames from one error to the next.
+        Frames between successive errors.
 
     Returns
     -------
     float
-        Seconds: 0 if they are rough from frame to frame, ``seconds / 2`` if as smooth as can be.
+        Seconds: 0 for errors that are rough from frame to frame, ``seconds / 2`` for the smoothest.
     """
     errors = [np.asarray(one, float) / spread for one in series]
 
@@ -206,14 +206,14 @@ def smoothing_time(
 
 
 def change_within(series: Sequence[ArrayLike], *, apart: int) -> float:
-    """Half the mean squared difference of values of a series that are far apart in it.
+    """Half the mean squared difference of values of a series that are far apart.
 
     Parameters
     ----------
     series : sequence of (T,) float
-        Each counts the same; one that is too short does not.
+        Each has the same weight; series that are too short are not used.
     apart : int
-        Steps of a series that two values are apart at least.
+        Least number of steps between two values.
     """
     found = []
     for one in series:
@@ -225,18 +225,18 @@ def change_within(series: Sequence[ArrayLike], *, apart: int) -> float:
 
 
 def root_mean_square(values: ArrayLike) -> float:
-    """Spread about zero."""
+    """Root mean square, the spread about zero."""
     return float(np.sqrt(np.mean(np.square(np.asarray(values, float)))))
 
 
 def predictive_spread(values: ArrayLike) -> float:
-    """Standard deviation of the next of a few values, their own mean being doubtful, too."""
+    """Predictive standard deviation of the next value, including the error of the mean."""
     values = np.asarray(values, float)
     return float(values.std(ddof=1) * np.sqrt(1 + 1 / len(values)))
 
 
 def between_groups(groups: Sequence[ArrayLike]) -> float:
-    """Standard deviation of the means of groups, weighted by what they are made of."""
+    """Standard deviation of the means of groups, weighted by their sizes."""
     means = np.array([np.asarray(group, float).mean() for group in groups])
     sizes = np.array([np.size(group) for group in groups], float)
     centre = np.average(means, weights=sizes)
@@ -246,14 +246,14 @@ def between_groups(groups: Sequence[ArrayLike]) -> float:
 def balanced_logistic_fit(
     values: ArrayLike, trust: ArrayLike, flags: ArrayLike
 ) -> tuple[float, float]:
-    """Level and slope of log odds ``trust * slope * (value - level)``, both classes weighed alike.
+    """Level and slope of log odds ``trust * slope * (value - level)``, with balanced classes.
 
     Parameters
     ----------
     values, trust : (n,) float
-        The sign, and how far it counts.
+        The predictor, and its weight.
     flags : (n,) bool
-        The class; both must occur.
+        The class; both classes must occur.
     """
     values, trust = np.asarray(values, float), np.asarray(trust, float)
     flags = np.asarray(flags, bool)
@@ -275,14 +275,14 @@ def jackknife_error(without: ArrayLike) -> Array:
     """Standard error of an estimate, from the estimates (n, ...) with one scene left out."""
     estimates: Array = np.asarray(without, float)
     n = len(estimates)
-    estimates = estimates - estimates[0]  # scenes that agree leave no rounding behind
+    estimates = estimates - estimates[0]  # removes rounding errors when all scenes agree
     spread = ((estimates - estimates.mean(0)) ** 2).sum(0)
     result: Array = np.sqrt((n - 1) / n * spread)
     return result
 
 
 def autocorrelation(rates: Array, n: int) -> Array:
-    """(n,) correlation of one coordinate's errors 0, 1, … n - 1 frames apart.
+    """(n,) autocorrelation of one coordinate's errors at lags of 0, 1, … n - 1 frames.
 
     ``rates`` (2,) are r and s of the chain of :mod:`imapper_prob.models.path_prior`.
     """

@@ -1,21 +1,20 @@
-"""All that one clip with its truth says of the constants, gathered in three steps.
+"""The evidence of one clip with ground truth on the constants, gathered in three steps.
 
-The first needs the truth alone; the second a static path, made with what the first step has
-estimated; the third the solver's fits, made with what the first two have. So nothing depends
-on the constants in use, and estimating again gives the same numbers.
+The first step needs only the truth; the second a static path, made with the estimates of the first;
+the third the solver's fits, made with the estimates of the first two. So nothing depends on the
+constants in use, and repeated estimation gives the same numbers.
 
-The scenelet nearest to the true motion is the one that ought to be found; how far it still is
-from the truth, and from the free frames beside it, no model should be surprised by. How the
-scenelets that *are* found differ in size is asked of the solver's own fits.
+The scenelet nearest to the true motion is the one that should be found. Its remaining difference
+from the truth, and from the free frames beside it, is what the model should expect. The size
+differences of the scenelets that *are* found are measured on the solver's own fits.
 
-How often do detections say the same thing of which scenelet it is? The model adds up the
-log-densities of joints and frames as if none knew of another. But a motion that is not quite this
-person's is wrong in many joints at once and for as long as it lasts. How much such a sum
-exaggerates is seen between the scenelet nearest to the truth and those next to it: along the way
-from one to another the score, which would have the expected information for its variance, is larger
-by the number of detections that count as one. To divide by that number is the magnitude adjustment
-of a composite likelihood (Pauli, Racugno and Ventura, Bayesian composite marginal likelihoods,
-Statistica Sinica 21, 2011).
+The model adds up log-densities of joints and frames as if they were independent given the scenelet.
+But a motion that deviates from this person's is wrong in many joints at once and for as long as it
+lasts. The resulting exaggeration is measured between the scenelet nearest to the truth and its
+neighbours: the variance of the score along the way from one to another should be the expected
+information, and exceeds it by the number of detections that count as one. Dividing by that number
+is the magnitude adjustment of a composite likelihood (Pauli, Racugno and Ventura, Bayesian
+composite marginal likelihoods, Statistica Sinica 21, 2011).
 """
 
 from __future__ import annotations
@@ -77,7 +76,7 @@ Values = Mapping[str, Number]
 
 @dataclass(frozen=True)
 class Seen:
-    """A clip and its truth, and what follows from these two."""
+    """A clip, its truth, and observations that follow from both."""
 
     clip: Clip
     truth: Truth
@@ -88,7 +87,7 @@ class Seen:
 
 @dataclass(frozen=True)
 class Placed(Seen):
-    """With a static path, and the scenelets nearest to the truth."""
+    """Evidence with a static path, and the scenelets nearest to the truth."""
 
     static: StaticPath
     path: PathErrors
@@ -98,13 +97,12 @@ class Placed(Seen):
 
 @dataclass(frozen=True)
 class Fitted(Placed):
-    """With the library fitted to the detections.
+    """Evidence with the library fitted to the detections.
 
     Parameters
     ----------
     repeats : (n,) float
-        How often detections repeat each other about which scenelet it is
-        (:func:`repeats`).
+        Number of detections that count as one about which scenelet it is (:func:`repeats`).
     """
 
     fits: FitErrors
@@ -116,7 +114,7 @@ def _members(evidence: Seen) -> dict[str, Any]:
 
 
 def look(clip: Clip, truth: Truth) -> Seen:
-    """The first step: clip and truth."""
+    """The first step: evidence from clip and truth."""
     clip = own_detections(clip)
     return Seen(
         clip,
@@ -128,7 +126,7 @@ def look(clip: Clip, truth: Truth) -> Seen:
 
 
 def place(seen: Seen, library: Library, values: Values) -> Placed:
-    """The second step: a static path by the first step's constants, held against the truth."""
+    """The second step: a static path by the first step's constants, compared with the truth."""
     static = estimate_static_path(seen.clip, settings=path_settings(values))
     camera = estimate_camera(seen.clip, static)
     return Placed(
@@ -141,7 +139,7 @@ def place(seen: Seen, library: Library, values: Values) -> Placed:
 
 
 def fit_library(placed: Placed, library: Library, values: Values) -> Fitted:
-    """The third step: every scenelet in every window, by the first two steps' constants."""
+    """The third step: fits of every scenelet in every window, by the first two steps' constants."""
     clip = placed.clip
     camera = with_values(CameraSettings(), values)
     detections = detection_model(values)
@@ -171,48 +169,48 @@ def fit_library(placed: Placed, library: Library, values: Values) -> Fitted:
 
 
 def path_settings(values: Values) -> StaticPathSettings:
-    """The static path's settings with some constants' values."""
+    """The static path's settings with the given values of constants."""
     return with_values(StaticPathSettings(), values)
 
 
 def detection_model(values: Values) -> DetectionModel:
-    """The detector's tables with some constants' values."""
+    """The detector's tables with the given values of constants."""
     return DetectionModel.of(with_values(DetectorSettings(), values))
 
 
 _EVERY = 0.6
-"""Seconds between the windows that are matched with the truth."""
+"""Seconds between the windows that are compared with the truth."""
 _FEWEST_KNOWN = 1 / 3
-"""Part of a scenelet's frames that must be annotated."""
+"""Least fraction of a scenelet's frames that must be annotated."""
 _BEST = 10
-"""Fits of a window whose depths are averaged, and neighbours that are compared with the scenelet
-nearest to the truth: the library holds many alike."""
+"""Number of fits of a window whose depths are averaged, and of neighbours compared with the
+scenelet nearest to the truth; the library has many similar ones."""
 
 
 @dataclass(frozen=True)
 class Nearest:
-    """The scenelets nearest to the true motion.
+    """Observations on the scenelets nearest to the true motion.
 
     Parameters
     ----------
     across : (n, 16, 2) float
-        Metres across the viewing ray, right and up, by which true joints differ from theirs
-        when they are placed and turned as well as can be.
+        Differences of true joints from theirs in metres across the viewing ray, right and up, after
+        optimal placement and rotation.
     jumps : (m, 16, 3) float
         Their first and last pose minus the static pose of the frame next to it, both
         relative to the pelvis, world axes, metres.
     turns : (n,) float
-        Radians by which they are turned, when they are placed so, from where they would face as
-        the static path does, both averaged over their frames.
+        Radians between their yaw after that placement and the yaw of the static path, both averaged
+        over their frames.
     clearance, hidden : (j,) float, (j,) bool
-        Of true joints of somebody who stays put: how far the furniture of a scenelet is from
-        cutting their line of sight, metres, and whether the true pieces that it stands for do.
-        Joints that something else hides are left out.
+        For true joints of a person who stays in place: clearance of their lines of sight from the
+        scenelet's furniture, metres, and whether the corresponding true pieces hide them. Joints
+        hidden by other pieces are left out.
     furniture : (k, 2) float
-        How far true furniture stands from where they say
+        Errors of the places that they give to true furniture
         (:func:`lab.calibrate.observations.furniture_errors`).
     beside : tuple of Neighbours
-        Each with the ten that come next.
+        Each with its ten nearest neighbours.
     """
 
     across: Array
@@ -286,7 +284,7 @@ def _nearest_scenelets(clip: Clip, truth: Truth, path: StaticPath, library: Libr
 
 
 def _turn(motion: Array, joints: Array) -> tuple[float, float]:
-    """Yaw that brings a motion (n, 16, 3) nearest to another, and the mean square gap left."""
+    """Yaw that brings a motion (n, 16, 3) nearest to another, and the remaining mean square gap."""
     along = float((motion[..., :2] * joints[..., :2]).sum())
     aside = float((motion[..., 0] * joints[..., 1] - motion[..., 1] * joints[..., 0]).sum())
     level = float((motion[..., 2] * joints[..., 2]).sum())
@@ -295,7 +293,7 @@ def _turn(motion: Array, joints: Array) -> tuple[float, float]:
 
 
 def _laid_upon(middle: Array, yaw: float, travel: Array) -> Placement:
-    """The placement that brings a travelling pelvis (n, 3), turned, to a mean place (3,)."""
+    """The placement that brings a rotated pelvis path (n, 3) to a mean position (3,)."""
     turned_only = Placement(0.0, 0.0, yaw).apply(travel.mean(0))
     x, y = (middle - turned_only)[:2].tolist()
     return Placement(x, y, yaw)
@@ -303,16 +301,16 @@ def _laid_upon(middle: Array, yaw: float, travel: Array) -> Placement:
 
 @dataclass(frozen=True)
 class FitErrors:
-    """The solver's independent fits held against the truth.
+    """Errors of the solver's independent fits against the truth.
 
     Parameters
     ----------
     sizes : tuple of (k,) float
-        Log of fitted over true depth in each stretch in which somebody stays put: what the
-        size of the scenelet's person would have to make up for. The scene's median, which is
-        the camera's and the body's business, is taken off.
+        Log of fitted over true depth in each interval in which somebody stays in place, which the
+        size of the scenelet's person would have to explain. The scene's median, which camera and
+        body explain, is subtracted.
     free_cost : (T,) float
-        Nats a free frame pays for its pose.
+        Cost in nats of the pose of each free frame.
     """
 
     sizes: tuple[Array, ...]
@@ -320,7 +318,7 @@ class FitErrors:
 
 
 def _observe_fits(clip: Clip, truth: Truth, problem: Problem, fits: Fits) -> FitErrors:
-    """Hold the best fits of every window against the truth; the free cost is the problem's."""
+    """Compare the best fits of every window with the truth; the free cost is the problem's."""
     frames = np.arange(clip.n_frames)
     known = np.isfinite(truth.joints).all((1, 2))
     depth = truth.camera.to_camera(truth.joints[known])[:, PELV, 1]
@@ -343,18 +341,18 @@ def _observe_fits(clip: Clip, truth: Truth, problem: Problem, fits: Fits) -> Fit
 
 @dataclass(frozen=True)
 class Neighbours:
-    """The scenelet nearest to a stretch of the true motion, and others, as the camera sees them.
+    """The scenelet nearest to an interval of the true motion, and others, in the image.
 
     Parameters
     ----------
     frames : (m,) int
-        Annotated ones that the nearest covers.
+        Annotated frames covered by the nearest scenelet.
     pixels : (m, 14, 2) float
-        Where its joints are seen.
+        Projections of its joints.
     per_metre : (m, 14) float
-        Pixels that a metre across the viewing ray is there.
+        Pixels per metre across the viewing ray at each joint.
     apart : (k, m, 14, 2) float
-        Pixels from its joints to those of the others; NaN where another does not cover a frame.
+        Pixels from its joints to those of the others; NaN in frames that another does not cover.
     """
 
     frames: NDArray[np.intp]
@@ -364,14 +362,14 @@ class Neighbours:
 
 
 def neighbours(truth: Truth, poses: Sequence[tuple[int, Array]]) -> Neighbours:
-    """Lay scenelets upon the true motion and look at them.
+    """Place scenelets at the true motion and project them.
 
     Parameters
     ----------
     truth : Truth
     poses : sequence of (int, (n, 16, 3) float)
-        First frame, and joints relative to the pelvis, turned as the person is, in metres; the
-        nearest scenelet first.
+        First frame, and joints relative to the pelvis with the person's yaw, in metres; the nearest
+        scenelet first.
     """
     known: NDArray[np.bool_] = np.all(np.isfinite(truth.joints), axis=(1, 2))
     looks = []
@@ -400,23 +398,23 @@ def repeats(
     tolerance: Number,
     track: int = 0,
 ) -> Array:
-    """Squared scores over what independent detections would have, from one scenelet to others.
+    """Ratio of squared scores to those of independent detections, from one scenelet to others.
 
     Parameters
     ----------
     beside : Neighbours
     clip : Clip
     truth : Truth
-        Says which joints are hidden.
+        Gives the hidden joints.
     detections : DetectionModel
     tolerance : tuple of 16 float
-        Metres an axis by which joints differ from the scenelet's.
+        Difference of each joint from the scenelet's, metres an axis.
 
     Returns
     -------
     (at most k,) float
-        Of the scenelets that some detection tells from the nearest one; with a mean of one if no
-        two detections knew of each other.
+        For the scenelets that some detection distinguishes from the nearest one; its mean is one
+        for independent detections.
     """
     joints = list(DETECTED)
     confidence = clip.tracks[track].confidences[beside.frames][:, joints]

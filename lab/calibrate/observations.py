@@ -1,8 +1,8 @@
-"""What one clip with its truth says of the constants, as plain arrays.
+"""The evidence of one clip with ground truth on the constants, as plain arrays.
 
-The truth of i3DB is annotated in every second frame, that of the simulator in every one;
-``gap`` is how many frames lie between two that are known. Furniture is held against what a scenelet
-says of such a motion: where it stands about the person, and what it hides.
+The truth of i3DB is annotated in every second frame, that of the simulator in every frame; ``gap``
+is the number of frames between two that are known. True furniture is compared with what a scenelet
+of the motion predicts: its place relative to the person, and the joints it hides.
 """
 
 from __future__ import annotations
@@ -45,19 +45,19 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 _LINES = 1080.0
-"""Lines of the image in whose pixels errors are given."""
+"""Height in lines of the image in whose pixels errors are given."""
 _SWAP_SCALE = 20.0
 _FLIP_MARGIN = 5.0
-"""Pixels, and nats of a Student-t of four degrees: a frame this much likelier with sides
-exchanged is taken for one in which the detector exchanged them."""
+"""Pixels, and nats of a Student-t with four degrees of freedom. A frame that is more likely by that
+much with sides exchanged counts as one in which the detector exchanged them."""
 _STRETCH = 2.0
-"""Seconds into which a longer stay is divided: about what a scenelet covers."""
+"""Seconds into which longer stays are divided, about the length of a scenelet."""
 _STAYS = frozenset({"sitting", "standing", "reaching", "lying"})
 
 
 @dataclass(frozen=True)
 class Detections:
-    """Detections held against projected true joints, in the K frames that are known.
+    """Detections compared with projected true joints, in the K known frames.
 
     Parameters
     ----------
@@ -65,9 +65,9 @@ class Detections:
         0 where there is no detection.
     hidden : (K, 14) bool
     error : (K, 14, 2) float
-        Pixels at 1080 lines; NaN where there is no detection, or sides are flipped.
+        Pixels in an image of 1080 lines; NaN without a detection, or if sides are flipped.
     flipped : (K,) bool
-        Frames in which the detector took left for right.
+        Frames in which the detector exchanged left and right.
     gap : int
     """
 
@@ -79,18 +79,18 @@ class Detections:
 
     @property
     def used(self) -> Flags:
-        """(K, 14) bool."""
+        """(K, 14) bool, whether there is an error to use."""
         return np.asarray(np.isfinite(self.error).all(-1))
 
 
 @dataclass(frozen=True)
 class Motion:
-    """How the true person moves, from one known frame to the next.
+    """Steps of the true motion from one known frame to the next.
 
     Parameters
     ----------
     bearing, lift, log_depth : (n,) float
-        Steps of the pelvis in the camera's own terms, over ``gap`` frames.
+        Steps of the pelvis in view coordinates, over ``gap`` frames.
     bones : (n, 14, 3) float
         Change of the bone vectors, camera axes, metres.
     joints : (n, 16, 3) float
@@ -108,16 +108,16 @@ class Motion:
 
 @dataclass(frozen=True)
 class PathErrors:
-    """The static path held against the truth.
+    """Errors of the static path against the truth.
 
     Parameters
     ----------
     log_depth : (K,) float
         Log of the estimated depth of the pelvis over the true one.
     across : (K, 2) float
-        Metres by which the pelvis is off across the viewing ray.
+        Errors of the pelvis across the viewing ray, metres.
     ankle : (T,) float
-        Metres of the lower ankle above the floor, the true camera being known.
+        Height of the lower ankle above the floor for the true camera, metres.
     stays : (n, 2) int
         The first of the K frames of each stay, and the one after its last.
     """
@@ -130,14 +130,14 @@ class PathErrors:
 
 @dataclass(frozen=True)
 class Thighs:
-    """Thighs of the static path in frames of which it is known what the person does.
+    """Thighs of the static path in frames with a known action.
 
     Parameters
     ----------
     angle : (n,) float
         Radians from the vertical (:mod:`imapper_prob.solver.camera_prior`).
     seen : (n,) float
-        How far legs are seen.
+        Visibility of the legs.
     carried : (n,) bool
         Whether the person sits.
     """
@@ -149,13 +149,13 @@ class Thighs:
 
 @dataclass(frozen=True)
 class Lifted:
-    """The lifter's bones held against the true ones.
+    """Errors of the lifter's bones against the true ones.
 
     Parameters
     ----------
     errors : (m, 14, 3) float
-        Lifted minus true bones over their length, camera axes, in frames that have a pose of
-        their own.
+        Lifted minus true bones, divided by their length, camera axes, in frames with a lifted pose
+        of their own.
     """
 
     errors: Array
@@ -167,7 +167,7 @@ def _known(truth: Truth) -> tuple[NDArray[np.intp], int]:
 
 
 def observe_detections(clip: Clip, truth: Truth, *, track: int = 0) -> Detections:
-    """Hold the detections of one person against the truth."""
+    """Compare the detections of one person with the truth."""
     frames, gap = _known(truth)
     joints = list(DETECTED)
     person = clip.tracks[track]
@@ -195,7 +195,7 @@ def observe_detections(clip: Clip, truth: Truth, *, track: int = 0) -> Detection
 
 
 def observe_motion(truth: Truth) -> Motion:
-    """Steps of the true motion between known frames that are next to each other."""
+    """Steps of the true motion between successive known frames."""
     frames, gap = _known(truth)
     first = frames[:-1][np.diff(frames) == gap]
     joints = truth.camera.to_camera(truth.joints)
@@ -219,7 +219,7 @@ def observe_motion(truth: Truth) -> Motion:
 def observe_path(
     clip: Clip, truth: Truth, path: StaticPath, camera: CameraPrior, *, track: int = 0
 ) -> PathErrors:
-    """Hold a static path against the truth."""
+    """Compare a static path with the truth."""
     frames, _ = _known(truth)
     true = truth.camera.to_camera(truth.joints)
     found = path.joints
@@ -238,7 +238,7 @@ def observe_path(
 
 
 def observe_lifted(clip: Clip, truth: Truth, *, track: int = 0) -> Lifted:
-    """Hold the lifter's bones, at the reference stature, against the truth."""
+    """Compare the lifter's bones, at the reference stature, with the truth."""
     frames, _ = _known(truth)
     person = clip.tracks[track]
     body = lifted_body(person, person.has_pose & ~person.interpolated)
@@ -250,7 +250,7 @@ def observe_lifted(clip: Clip, truth: Truth, *, track: int = 0) -> Lifted:
 def observe_thighs(
     clip: Clip, truth: Truth, path: StaticPath, camera: CameraPrior, *, track: int = 0
 ) -> Thighs:
-    """Hold the thighs of a static path against what the person does."""
+    """Compare the thighs of a static path with the annotated actions."""
     angle, seen = thigh_signs(clip.tracks[track], path, camera, fps=clip.fps)
     actions = np.array(truth.actions[: len(angle)])
     angle, seen = angle[: len(actions)], seen[: len(actions)]
@@ -258,7 +258,7 @@ def observe_thighs(
 
 
 def stretches(truth: Truth, fps: float) -> list[slice]:
-    """Stretches of at most about two seconds of one action that is done in one place."""
+    """Intervals of at most about two seconds of one action in one place."""
     actions = truth.actions
     cuts = [0, *(t for t in range(1, len(actions)) if actions[t] != actions[t - 1]), len(actions)]
     found = []
@@ -271,24 +271,24 @@ def stretches(truth: Truth, fps: float) -> list[slice]:
 
 
 _NEAR = 1.0
-"""Metres within which a true piece is the one that a scenelet speaks of, as scenes are scored."""
+"""Distance in metres within which a true piece corresponds to a scenelet's, as in the scores."""
 
 
 def furniture_errors(truth: Truth, placed: Iterable[tuple[Scenelet, Placement]]) -> Array:
-    """Errors of the places that scenelets give to furniture when they stand where they should.
+    """Errors of the furniture places that correctly placed scenelets predict.
 
     Parameters
     ----------
     truth : Truth
     placed : iterable of (Scenelet, Placement)
-        Scenelets nearest to the true motion, laid upon it in the world of the truth.
+        Scenelets nearest to the true motion, placed at it in the truth's world frame.
 
     Returns
     -------
     (n, 2) float
-        One row for each true piece that somebody used: the mean over scenelets of how far it
-        stands from where they say, along its own axes: sideways as a share of its width, and
-        ahead in metres.
+        One row for each true piece that somebody used: its mean offset over scenelets from the
+        predicted place, along its own axes; sideways as a fraction of its width, and forward in
+        metres.
     """
     errors: dict[int, list[Array]] = defaultdict(list)
     for scenelet, placement in placed:
@@ -314,29 +314,29 @@ def _along_axes(o: SceneObject, said: SceneObject) -> Array:
 Ints = NDArray[np.intp]
 
 _STANDS_FOR = 1.0
-"""Metres from a true piece within which a scenelet's may be meant for it."""
+"""Greatest distance in metres of a scenelet's piece from the true piece it corresponds to."""
 
 
 def sights_past(truth: Truth, scenelet: Scenelet, place: Placement, frames: Ints) -> Array:
-    """Lines of sight to true joints, past a scenelet's furniture and past the true one.
+    """Lines of sight to true joints, past a scenelet's furniture and past the true furniture.
 
-    Every piece of the scenelet is meant for the true piece that is nearest. Joints that
-    something else hides are left out.
+    Every piece of the scenelet corresponds to the nearest true piece. Joints hidden by anything
+    else are left out.
 
     Parameters
     ----------
     truth : Truth
     scenelet : Scenelet
     place : Placement
-        Where it is laid upon the true motion.
+        Its placement at the true motion.
     frames : (m,) int
-        Annotated frames that it covers.
+        Annotated frames that the scenelet covers.
 
     Returns
     -------
     (2, n) float
-        Clearance of the line of sight from the scenelet's furniture, metres, and 1 where the
-        true pieces hide the joint, else 0. No joint if a piece is a metre from any true one.
+        Clearance of the line of sight from the scenelet's furniture, metres; and 1 if the true
+        pieces hide the joint, else 0. Empty if a piece is more than a metre from any true one.
     """
     claimed = [o.moved(place) for o in scenelet.objects]
     meant = [min(truth.objects, key=lambda t: _between(t, o), default=o) for o in claimed]
@@ -352,5 +352,5 @@ def sights_past(truth: Truth, scenelet: Scenelet, place: Placement, frames: Ints
 
 
 def _between(one: SceneObject, other: SceneObject) -> float:
-    """Metres on the floor."""
+    """Distance of centres on the floor, metres."""
     return float(np.linalg.norm((one.centre - other.centre)[:2]))

@@ -1,6 +1,6 @@
-"""From clips with truth to constants: three steps, and again with each clip left out.
+"""Estimation of constants from clips with truth in three steps, and with each clip left out.
 
-The same steps on clips of the simulator show whether the estimation finds what it is told. The
+The same steps on simulated clips test whether the estimation recovers known constants. The
 constants are written as a file and as a table of the documentation.
 """
 
@@ -32,14 +32,14 @@ __all__ = ["as_markdown", "as_toml", "calibrate", "in_use", "recover", "rounded"
 
 
 _DIGITS = 3
-"""Significant digits that are kept: more than four scenes can tell."""
+"""Significant digits that are stored, more than four scenes can determine."""
 
 
 def calibrate(scenes: Iterable[tuple[Clip, Truth]], library: Library) -> dict[str, Constant]:
-    """Estimate all constants from clips whose truth is known, two at least.
+    """Estimate all constants from at least two clips with ground truth.
 
-    The static path and the fits behind the later constants are made once, with what all
-    clips say of the earlier ones; only the estimates are repeated with a clip left out.
+    The static path and the fits for the later constants are made once, with the earlier constants
+    estimated from all clips. Only the estimates are repeated with each clip left out.
     """
     found: dict[str, Constant] = {}
     evidence: Sequence[Seen] = [look(clip, truth) for clip, truth in scenes]
@@ -51,12 +51,12 @@ def calibrate(scenes: Iterable[tuple[Clip, Truth]], library: Library) -> dict[st
 
 
 def in_use(found: Mapping[str, Constant]) -> dict[str, Number]:
-    """The values that the program uses."""
+    """The values that the program uses, by name."""
     return {name: constant.value for name, constant in found.items()}
 
 
 def without(found: Mapping[str, Constant], scene: int) -> dict[str, Number]:
-    """The values that the program would use if it had never seen one of the scenes."""
+    """The values that the program would use without one of the scenes, by name."""
     return {
         name: constant.value if constant.kept else constant.folds[scene]
         for name, constant in found.items()
@@ -81,7 +81,7 @@ def _estimated(estimators: Sequence[Estimator], evidence: Sequence[Seen]) -> dic
 
 
 def rounded(value: Number | list[float]) -> Number:
-    """Numbers as they are stored."""
+    """Numbers rounded to the digits that are stored."""
     if isinstance(value, (tuple, list)):
         return tuple(float(np.format_float_positional(v, _DIGITS, fractional=False)) for v in value)
     return float(np.format_float_positional(value, _DIGITS, fractional=False))
@@ -93,29 +93,29 @@ _TOLD: Final = (
     "detections.hidden_error_scale", "detections.hidden_error_dof",
     "path.pixel_scale", "path.pixel_dof", "side_flips.rate", "side_flips.length",
 )  # fmt: skip
-"""Constants that the simulator draws detections with."""
+"""Constants with which the simulator draws detections."""
 
 
 def recover(
     rng: np.random.Generator, library: Library, values: Mapping[str, Number], *, n_clips: int
 ) -> dict[str, tuple[Number, Number]]:
-    """Simulate clips by known constants and estimate these from them.
+    """Simulate clips with known constants and estimate the constants from them.
 
     Parameters
     ----------
     rng : numpy.random.Generator
     library : Library
-        What people do in the clips.
+        Source of the clips' motions.
     values : mapping of str to float or tuple of float
-        Constants that detections are drawn with.
+        Constants with which detections are drawn.
     n_clips : int
-        Clips of 15 seconds.
+        Number of clips, of 15 seconds.
 
     Returns
     -------
     dict of str to (known, found)
-        The simulator's frames err independently and its cameras are drawn anew for every
-        clip, so that correlation time and pitch are known, too.
+        Known and estimated values. The simulator's frames have independent errors and each clip a
+        new camera, so correlation time and pitch are known, too.
     """
     model = detection_model(values)
     flips = {
@@ -140,14 +140,14 @@ def recover(
 
 
 def as_toml(found: Mapping[str, Constant], *, heading: Iterable[str]) -> str:
-    """The text of the file that :mod:`imapper_prob.models.calibrated` reads, in order of name.
+    """The file that :mod:`imapper_prob.models.calibrated` reads, as text in order of name.
 
     Parameters
     ----------
     found : mapping of str to Constant
         By name, ``"group.name"``.
     heading : iterable of str
-        Lines of comment to begin with.
+        Comment lines at its beginning.
     """
     blocks = ["\n".join(f"# {line}" for line in heading)]
     for name, constant in sorted(found.items()):
@@ -170,7 +170,7 @@ def _toml(value: str | Number | tuple[Number, ...]) -> str:
 
 
 def as_markdown(found: Mapping[str, Constant]) -> str:
-    """Tables of all constants: numbers, rows of numbers, and those told to the simulator."""
+    """Tables of all constants: numbers, rows of numbers, and those known to the simulator."""
     found = dict(sorted(found.items()))
     numbers = {name: c for name, c in found.items() if not isinstance(c.value, tuple)}
     rows = {name: c for name, c in found.items() if isinstance(c.value, tuple)}
@@ -215,7 +215,7 @@ def _table(heading: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 
 
 def _short(value: Number) -> str:
-    """Numbers as people write them in a table: ``.0122``."""
+    """Numbers in the style of the table, such as ``.0122``."""
     if isinstance(value, tuple):
         return " ".join(_short(v) for v in value)
     return f"{value:.3g}".removeprefix("0") if value else "0"

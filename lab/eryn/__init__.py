@@ -1,1 +1,1 @@
-"""Eryn beside the project's sampler, on the same targets."""
+"""Comparison of Eryn with the project's sampler on the same targets."""

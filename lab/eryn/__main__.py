@@ -34,19 +34,19 @@ Array = NDArray[np.float64]
 
 ROOT = Path(__file__).resolve().parents[2]
 REQUIREMENTS = ("eryn==1.2.6", "numpy<2.4", "numba", "scipy")
-"""Eryn 1.2.6 calls numpy.in1d, which numpy 2.4 no longer has."""
+"""Eryn 1.2.6 calls numpy.in1d, which numpy 2.4 removed."""
 RUNS = 4
 GAUSSIAN = (1.0, 10.0)
 SCENE = (15.0, 20.0)
-"""Seconds of processor time that each run burns in and samples."""
+"""Seconds of processor time for burn-in and for sampling of each run."""
 LONG = (30.0, 150.0)
-"""The same of the runs that say what is right, by this project and by Eryn with its candidates."""
+"""The same for the reference runs, by this project and by Eryn with its candidates."""
 LEAST = 0.05
-"""Layouts less probable than this are left out: errors of their errors are too large."""
+"""Least probability of a layout that is compared; errors of rarer ones are too uncertain."""
 
 
 def environment(folder: Path) -> Path:
-    """The interpreter of a new environment with Eryn in it."""
+    """Python interpreter of a new environment with Eryn in it."""
     python = folder / "eryn" / "bin" / "python"
     if not python.exists():
         subprocess.run([sys.executable, "-m", "venv", folder / "eryn"], check=True)
@@ -63,7 +63,7 @@ def runs_of(
     *,
     first: int = 0,
 ) -> dict[str, NDArray[Any]]:
-    """What a sampler draws in a process of its own, on one thread."""
+    """Draws of a sampler that runs in its own process on one thread."""
     command = [python, "-W", "ignore", "-m", f"lab.eryn.{module}", *arguments, path]
     threads = {name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")}
     subprocess.run(
@@ -78,15 +78,15 @@ def runs_of(
 def shares(indicator: NDArray[np.bool_]) -> tuple[float, float]:
     """Probability and its standard error from an indicator (R, N, W).
 
-    Walkers of an ensemble know each other, so that their mean is taken as one draw, and the
-    error sees how far whole runs differ.
+    Walkers of an ensemble are dependent, so their mean counts as one draw, and the error includes
+    differences between whole runs.
     """
     mean = indicator.mean(-1)
     return float(mean.mean()), float(mean_error(mean))
 
 
 def gaussian_error(counts: NDArray[np.int64]) -> tuple[float, float]:
-    """Largest error of P(k) in a run, the mean over runs; and of all runs, in standard errors."""
+    """Largest error of P(k) in a run, mean over runs; and that of all runs, in standard errors."""
     exact = gaussian.probabilities()
     found = np.array([[(run == k).mean() for k in range(len(exact))] for run in counts])
     scores = [(p - e) / s for k, e in enumerate(exact) for p, s in [shares(counts == k)]]
@@ -94,7 +94,7 @@ def gaussian_error(counts: NDArray[np.int64]) -> tuple[float, float]:
 
 
 def probabilities(layouts: NDArray[np.str_]) -> dict[str, tuple[float, float]]:
-    """Of each layout: probability and standard error, the most probable first."""
+    """Probability and standard error of each layout, the most probable first."""
     found = {str(name): shares(layouts == name) for name in np.unique(layouts)}
     return dict(sorted(found.items(), key=lambda item: -item[1][0]))
 
@@ -102,10 +102,11 @@ def probabilities(layouts: NDArray[np.str_]) -> dict[str, tuple[float, float]]:
 def effective_per_second(
     layouts: NDArray[np.str_], right: Mapping[str, tuple[float, float]]
 ) -> dict[str, float]:
-    """Of each layout that is ``right``ly probable: independent draws a second as good as a run.
+    """Effective draws a second of each layout, relative to its probability in ``right``.
 
-    So many draws p (1 - p) / n is a run's mean squared error, about what is right and not about the
-    mean of the runs: what is stuck in a part of the posterior hardly fluctuates.
+    It is the number of independent draws a second whose variance p (1 - p) / n equals a run's mean
+    squared error about the reference. The error is not taken about the mean of the runs, because
+    runs that are stuck in a part of the posterior hardly fluctuate.
     """
     result = {}
     for name, (p, _) in right.items():
@@ -116,7 +117,7 @@ def effective_per_second(
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Run all, print the table, merge the figures."""
+    """Run everything, print the table, and merge the figures."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

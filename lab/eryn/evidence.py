@@ -2,10 +2,10 @@
 
     python -m lab.eryn.evidence FOLDER
 
-after ``python -m lab.eryn`` with the same FOLDER prints the ratio of both evidences, and of the
-visits of both samplers. With scenelets and starts fixed, camera, placements and sizes are nearly
-normal, and bridge sampling finds the evidence from draws of these alone, without a jump. How often
-chains visit one and the other should differ by the ratio of the evidences.
+after ``python -m lab.eryn`` with the same FOLDER prints the ratio of the evidences of both scenes,
+and of the visits of both samplers. With scenelets and starts fixed, camera, placements and sizes
+are nearly normal, and bridge sampling estimates the evidence from draws of these alone, without
+jumps. Chains should visit the two scenes in the ratio of their evidences.
 
 References
 ----------
@@ -41,11 +41,11 @@ Array = NDArray[np.float64]
 Items = tuple[tuple[int, int], ...]
 
 DRAWS = 4000
-"""Of each run, evenly spaced."""
+"""Draws of each run, evenly spaced."""
 
 
 def assignments(runs: dict[str, NDArray[Any]]) -> NDArray[np.object_]:
-    """(R, N, W) the scenelets of a draw and their starts, in order of time."""
+    """(R, N, W) the scenelets of each draw and their starts, in order of time."""
     found = np.empty(runs["alive"].shape[:-1], dtype=object)
     whole = np.floor(runs["leaves"][..., -2:]).astype(int)
     for at in np.ndindex(found.shape):
@@ -63,7 +63,7 @@ def vectors(runs: dict[str, NDArray[Any]], visited: NDArray[np.object_], items: 
         for at in here:
             leaves = runs["leaves"][run][at][runs["alive"][run][at]]
             leaves = leaves[np.argsort(leaves[:, 5])]
-            # Yaws beside that of the first draw, wherever a turn ends.
+            # Yaws are taken modulo a turn as near as possible to that of the first draw.
             about = rows[0][7::4] if rows else leaves[:, 2]
             leaves[:, 2] = about + (leaves[:, 2] - about + math.pi) % (2 * math.pi) - math.pi
             rows.append(np.append(runs["cameras"][run][at], leaves[:, :4]))
@@ -74,7 +74,7 @@ def vectors(runs: dict[str, NDArray[Any]], visited: NDArray[np.object_], items: 
 
 
 def evidence(problem: Problem, draws: Array, items: Items) -> Evidence:
-    """Of an assignment, the latent numbers of the path being zero."""
+    """Evidence of an assignment with the latent variables of the path at zero."""
     latent = np.zeros((problem.n_frames, 2))
 
     def density(x: Array) -> Array:
@@ -116,19 +116,19 @@ def main(arguments: Sequence[str] | None = None) -> None:
         print(f"  of visits, {name}: {visits:.3f}, run by run {by_run}")
 
 
-# Nats beyond which one of the two sums of a bridge is nothing beside the other: e^-50 is
-# smaller than one over any number of draws.
+# Nats beyond which one of the two sums of a bridge is negligible: e^-50 is smaller than one over
+# any number of draws.
 _BEYOND = 50.0
 
 
 class Evidence(NamedTuple):
-    """The logarithm of an evidence.
+    """Estimate of a log evidence.
 
     Parameters
     ----------
     log_evidence : float
     standard_error : float
-        Monte-Carlo standard error of ``log_evidence``, to first order: trust it below one.
+        Monte-Carlo standard error of ``log_evidence``, to first order: reliable below one.
     """
 
     log_evidence: float
@@ -141,12 +141,12 @@ def bridge_sampling(
     """Evidence of a posterior of fixed dimension, from draws and a normal proposal.
 
     The proposal has the mean and covariance of the first half of each chain; the second half
-    enters the estimate with as many draws of the proposal (Meng & Wong 1996).
+    enters the estimate with an equal number of draws of the proposal (Meng & Wong 1996).
 
     Parameters
     ----------
     draws : (C, N, D) float
-        Draws of the posterior in coordinates without bounds, on which it is roughly normal.
+        Draws of the posterior in unbounded coordinates, in which it is roughly normal.
     log_density_fn : callable
         ``(n, D) -> (n,)``, log prior + log likelihood, normalised; -inf where it is zero.
     rng : numpy.random.Generator
@@ -180,7 +180,7 @@ def bridge_sampling(
 
     posterior = used.reshape(-1, n_dimensions)
     proposed = mean + rng.standard_normal(posterior.shape) @ root.T
-    # Log ratios of target to proposal, where the posterior and where the proposal was drawn.
+    # Log ratios of target to proposal, at draws of the posterior and at draws of the proposal.
     at_posterior = log_density_fn(posterior) - log_proposal(posterior)
     at_proposal = log_density_fn(proposed) - log_proposal(proposed)
     if not np.isfinite(at_posterior).all():
@@ -196,10 +196,10 @@ def bridge_sampling(
 
 
 def _bridged(at_posterior: Array, at_proposal: Array) -> float:
-    """log Z at which the estimate of Meng & Wong reproduces itself, from log ratios p / g.
+    """Fixed point log Z of the estimate of Meng & Wong, from log ratios p / g.
 
-    As many draws of the posterior as of the proposal make it the only root of
-    ``mean_g(p / (p + Z g)) = mean_p(Z g / (p + Z g))``, whose left side falls with Z.
+    With equal numbers of draws of posterior and proposal it is the only root of
+    ``mean_g(p / (p + Z g)) = mean_p(Z g / (p + Z g))``, whose left side decreases with Z.
     """
 
     def difference(log_evidence: float) -> float:

@@ -1,4 +1,4 @@
-"""What passes between the processes of the benchmark, as plain arrays in files."""
+"""Arrays in files that the processes of the benchmark exchange."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ T = TypeVar("T")
 
 
 def save_problem(path: Path, problem: Problem, candidates: Candidates) -> None:
-    """The log-posterior, and where births look: the scenelets of every window, one by one."""
+    """Store the log-posterior, and the candidates from which births are drawn."""
     fields = {f"problem {name}": value for name, value in problem._asdict().items()}
     windows, scenelets = np.nonzero(candidates.weights)
     starts = candidates.centres[windows] - problem.lengths[scenelets] // 2
     placements = candidates.placements[windows, scenelets].copy()
-    # Somebody of the usual size looks as large where a larger one stands further away.
+    # A person of the reference size looks as large as a larger one further away.
     placements[:, :2] *= np.exp(-candidates.sizes[windows, scenelets])[:, None]
     np.savez(
         path,
@@ -38,7 +38,7 @@ def save_problem(path: Path, problem: Problem, candidates: Candidates) -> None:
 
 
 def load_problem(path: Path) -> tuple[Problem, LeafDensity]:
-    """The log-posterior, and the density of leaves around the candidates."""
+    """Load the log-posterior, and the density of leaves around the candidates."""
     with np.load(path, allow_pickle=False) as file:
         arrays = {name: file[name] for name in file.files}
     values = [arrays[f"problem {name}"] for name in Problem._fields]
@@ -48,20 +48,20 @@ def load_problem(path: Path) -> tuple[Problem, LeafDensity]:
 
 
 def save_runs(path: Path, runs: Sequence[Arrays]) -> None:
-    """Arrays (N, ...) of each run, as (R, N, ...) with the N of the shortest."""
+    """Store arrays (N, ...) of each run as (R, N, ...), with the N of the shortest."""
     shortest = min(len(array) for run in runs for array in run.values())
     stacked = {name: np.stack([run[name][-shortest:] for run in runs]) for name in runs[0]}
     np.savez(path, allow_pickle=False, **stacked)
 
 
 def load_runs(path: Path) -> Arrays:
-    """What :func:`save_runs` wrote."""
+    """Load what :func:`save_runs` stored."""
     with np.load(path, allow_pickle=False) as file:
         return {name: file[name] for name in file.files}
 
 
 def during(chain: Iterator[T], burn_in: float, seconds: float) -> Iterator[T]:
-    """What a sampler yields after ``burn_in`` and for ``seconds`` of processor time."""
+    """Items that a sampler yields after ``burn_in`` and for ``seconds`` of processor time."""
     begin = process_time()
     for item in chain:
         spent = process_time() - begin

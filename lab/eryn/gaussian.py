@@ -1,9 +1,9 @@
-"""A target of unknown dimension whose answer is known: signals of which only the sum is seen.
+"""A target of unknown dimension with known answer: signals of which only the sum is observed.
 
-None to four signals of three numbers each, every count equally probable beforehand, the
-numbers standard normal; what is seen is their sum with noise. The sum of k signals is normal
-with variance k, so that P(k | seen) has a closed form, and given k the signals depend on each
-other through their sum.
+There are none to four signals of three numbers each. All counts have equal prior probability, and
+the numbers are standard normal; their sum is observed with noise. The sum of k signals is normal
+with variance k, so P(k | data) has a closed form, and given k the signals depend on each other
+through their sum.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 
 MOST, NOISE = 4, 0.5
 SEEN = np.array([1.2, -0.4, 0.9])
-"""Chosen so that no count is out of the question, zero included."""
+"""Chosen so that no count is improbable, including zero."""
 DIMENSION = len(SEEN)
 
 
@@ -31,12 +31,12 @@ def probabilities() -> Array:
 
 
 def log_likelihood(total: Array) -> Array:
-    """Log density of what is seen, given the sums (..., 3) of the signals."""
+    """Log density of the observation, given the sums (..., 3) of the signals."""
     residual = (SEEN - total) / NOISE
     constant = DIMENSION * math.log(NOISE * math.sqrt(2 * math.pi))
     return np.asarray(-0.5 * (residual**2).sum(-1) - constant)
 
 
 def log_prior(signals: Array) -> Array:
-    """Log density of each of the signals (..., 3)."""
+    """Log prior density of each of the signals (..., 3)."""
     return np.asarray(-0.5 * (signals**2).sum(-1) - 0.5 * DIMENSION * math.log(2 * math.pi))

@@ -1,14 +1,14 @@
-"""States of a scene as Eryn has them, and a density of one scenelet to draw them from.
+"""States of a scene in Eryn's form, and a proposal density of one scenelet.
 
-Eryn's state is a set of leaves, vectors of one length. A scenelet becomes (x, y, yaw, log
-size, scenelet + u, start + v) with u and v anywhere in [0, 1): cells of volume one, so that
-a density over leaves is the density over scenelets. The camera is a branch of one leaf.
-The latent numbers of the path are held at zero, for both samplers: the target is the scene
-posterior given z = 0.
+Eryn's state is a set of leaves, vectors of equal length. A scenelet becomes (x, y, yaw, log size,
+scenelet + u, start + v) with u and v anywhere in [0, 1): cells of volume one, so that a density
+over leaves is the density over scenelets. The camera is a branch with one leaf. The latent
+variables of the path are fixed at zero for both samplers: the target is the scene posterior given z
+= 0.
 
-Eryn's births from a density p and its deaths leave p(k) uniform and, given k, a *set* of
-leaves the density k! p(x_1) ... p(x_k). What it calls the likelihood is therefore
-pi(s) / (k! p(x_1) ... p(x_k) p(camera)), which makes its target pi whatever p is.
+Eryn's births from a density p and its deaths leave invariant a uniform p(k) and, given k, the
+density k! p(x_1) ... p(x_k) of a *set* of leaves. The likelihood passed to Eryn is therefore pi(s)
+/ (k! p(x_1) ... p(x_k) p(camera)), which makes its target pi for any p.
 """
 
 from __future__ import annotations
@@ -36,11 +36,11 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 ANYWHERE = 0.05
-"""Share of the mixture without candidates, as in the project's own births."""
+"""Weight of the mixture component without candidates, as in the project's own births."""
 OUTSIDE = -1e300
-"""Log likelihood of what cannot be: Eryn cannot do with minus infinity."""
+"""Log likelihood of impossible states; Eryn does not accept minus infinity."""
 SPREADS = np.array([[0.003, 0.03, 0.1], [0.015, 0.06, 0.3]])
-"""Blurs of a candidate in bearing, log depth and yaw, as in the project's own births."""
+"""Spreads of a candidate in bearing, log depth and yaw, as in the project's own births."""
 
 
 def to_leaves(state: State) -> Array:
@@ -51,7 +51,7 @@ def to_leaves(state: State) -> Array:
 
 
 def to_state(problem: Problem, leaves: Array, camera: Array) -> State:
-    """The state that (k, 6) leaves in any order and a camera stand for."""
+    """The state of (k, 6) leaves in any order and a camera."""
     items = np.floor(leaves[:, -2:]).astype(np.int64)
     order = np.argsort(items[:, 1], kind="stable")
     latent = empty_state(problem).latent
@@ -81,7 +81,7 @@ def log_posteriors(problem: Problem, cameras: Array, leaves: Array, first: Ints)
 
 @dataclass(frozen=True)
 class CameraDensity:
-    """The model's own prior of the camera, but for where its support ends."""
+    """The model's prior of the camera without the limits of its support."""
 
     mean: Array
     precision: Array
@@ -93,7 +93,7 @@ class CameraDensity:
         return np.asarray(0.5 * constant - 0.5 * np.einsum("ni,ij,nj->n", off, self.precision, off))
 
     def rvs(self, size: int | tuple[int, ...] = 1) -> Array:
-        """Cameras, from numpy's global generator, which is the one Eryn's moves use."""
+        """Draw cameras from numpy's global generator, which Eryn's moves use."""
         return np.random.multivariate_normal(  # noqa: NPY002
             self.mean, np.linalg.inv(self.precision), size=size
         )
@@ -101,12 +101,12 @@ class CameraDensity:
 
 @dataclass(frozen=True)
 class LeafDensity:
-    """A normalised mixture over leaves: the solver's candidates, blurred, and anywhere at all.
+    """A normalised mixture over leaves: the solver's candidates, blurred, and a broad component.
 
     Parameters
     ----------
     items : (C, 2) int
-        Scenelet and start of the candidates; none at all leaves the part that is anywhere.
+        Scenelet and start of the candidates; if empty, only the broad component remains.
     centres : (C, 3) float
         Their bearing, log depth and yaw.
     weights : (C,) float
@@ -114,9 +114,10 @@ class LeafDensity:
     last_start : (L,) int
         The last frame at which each scenelet can start.
     start_mean, start_spread : (2,) float
-        Bearing and log depth of the part that is anywhere.
+        Bearing and log depth of the broad component.
     size_spread : float
-        Of the log size, whose prior it is drawn from; a larger person is tried further away.
+        Standard deviation of the log size, drawn from its prior; larger people are placed further
+        away.
     """
 
     items: Ints
@@ -129,7 +130,7 @@ class LeafDensity:
 
     @classmethod
     def of(cls, problem: Problem, items: Ints, placements: Array, weights: Array) -> LeafDensity:
-        """Around candidates' placements (C, 3) with positive weights (C,)."""
+        """Make the density around candidates' placements (C, 3) with positive weights (C,)."""
         x, y, yaw = placements.T[:3]
         return cls(
             items,
@@ -142,14 +143,14 @@ class LeafDensity:
         )
 
     def without_candidates(self) -> LeafDensity:
-        """The part that is anywhere, alone."""
+        """The broad component alone."""
         return replace(
             self, items=self.items[:0], centres=self.centres[:0], weights=self.weights[:0]
         )
 
     @property
     def anywhere(self) -> float:
-        """Probability of the part that knows nothing."""
+        """Probability of the broad component."""
         return ANYWHERE if len(self.weights) else 1.0
 
     def logpdf(self, leaves: Array) -> Array:
@@ -161,7 +162,7 @@ class LeafDensity:
         )  # fmt: skip
 
     def rvs(self, size: int | tuple[int, ...] = 1) -> Array:
-        """Leaves, from numpy's global generator, which is the one Eryn's moves use."""
+        """Draw leaves from numpy's global generator, which Eryn's moves use."""
         n = int(np.prod(size))
         scenelet = np.random.randint(len(self.last_start), size=n)  # noqa: NPY002
         start = np.floor(np.random.rand(n) * (self.last_start[scenelet] + 1))  # noqa: NPY002
@@ -242,9 +243,9 @@ class Density(Protocol):
 
 
 class AllLeaves:
-    """The prior of all branches in one call: Eryn's own goes through the walkers one by one.
+    """The prior of all branches in one call; Eryn's own loops over the walkers.
 
-    It is that of leaves in a row; Eryn's births and deaths see to the rest.
+    It is the prior of ordered leaves; Eryn's births and deaths account for their order.
     """
 
     key_order = None
@@ -255,7 +256,7 @@ class AllLeaves:
     def logpdf(
         self, coords: Mapping[str, Array], inds: Mapping[str, NDArray[np.bool_]], **_: object
     ) -> Array:
-        """(temperatures, walkers) log prior of the leaves that there are."""
+        """(temperatures, walkers) log prior of the existing leaves."""
         total = np.zeros(next(iter(inds.values())).shape[:2])
         for name, density in self.densities.items():
             logs = np.zeros(inds[name].shape)
@@ -266,14 +267,14 @@ class AllLeaves:
 
 @dataclass(frozen=True)
 class SceneLikelihood:
-    """What Eryn is told to be the likelihood: pi(s) / (k! p(x_1) ... p(x_k) p(camera))."""
+    """The likelihood passed to Eryn: pi(s) / (k! p(x_1) ... p(x_k) p(camera))."""
 
     problem: Problem
     leaf: LeafDensity
     camera: CameraDensity
 
     def __call__(self, branches: Sequence[Array], groups: Sequence[Ints]) -> Array:
-        """Log likelihood of n states: leaves and cameras, and whose state each of them is."""
+        """Log likelihood of n states, from leaves and cameras and the state index of each."""
         (leaves, cameras), (owner, number) = branches, groups
         cameras = cameras[np.argsort(number)]
         order = np.argsort(owner, kind="stable")

@@ -32,24 +32,24 @@ from lab.eryn.scene import solve_scene
 Array = NDArray[np.float64]
 
 EVERY = 20
-"""Steps between two draws that are kept; indicators are correlated over thousands."""
+"""Steps between two draws that are kept; indicators are correlated over thousands of steps."""
 RUNGS, STEPS_PER_SWAP = 6, 5
-"""Temperatures: at one alone three of four chains never find the two scenelets without a gap that
-are the most probable scene."""
+"""Number of temperatures. With one alone, three of four chains never find the two adjacent
+scenelets that are the most probable scene."""
 LEARNT_AFTER = (200, 400, 800)
-"""Rounds after each of which the reference is learnt, of what was visited in them; they are drawn
-from as well, and belong to the burn-in."""
+"""Rounds after each of which the reference is learnt from the states visited in them. Their draws
+belong to the burn-in."""
 
 
 @dataclass(frozen=True)
 class Birth:
-    """One signal more, drawn from the prior and put anywhere among the others."""
+    """Add a signal drawn from the prior at a random position among the others."""
 
     name: str = "birth"
     reverse: str = "death"
 
     def propose(self, rng: np.random.Generator, signals: Array) -> Proposal[Array] | None:
-        """Impossible where there are as many as can be."""
+        """Impossible if the number of signals is greatest."""
         if len(signals) == gaussian.MOST:
             return None
         new = rng.standard_normal(gaussian.DIMENSION)
@@ -59,13 +59,13 @@ class Birth:
 
 @dataclass(frozen=True)
 class Death:
-    """One signal less, any of them."""
+    """Remove a random signal."""
 
     name: str = "death"
     reverse: str = "birth"
 
     def propose(self, rng: np.random.Generator, signals: Array) -> Proposal[Array] | None:
-        """Impossible where there is none."""
+        """Impossible if there is no signal."""
         if len(signals) == 0:
             return None
         at = int(rng.integers(len(signals)))
@@ -75,14 +75,14 @@ class Death:
 
 @dataclass(frozen=True)
 class Walk:
-    """One signal, a normal step."""
+    """Move a random signal by a normal step."""
 
     scale: float = 0.5
     name: str = "walk"
     reverse: str = "walk"
 
     def propose(self, rng: np.random.Generator, signals: Array) -> Proposal[Array] | None:
-        """Symmetric."""
+        """Propose a symmetric step."""
         if len(signals) == 0:
             return None
         walked = signals.copy()
@@ -92,7 +92,7 @@ class Walk:
 
 
 def gaussian_chain(seed: int) -> Iterator[Array]:
-    """Signals, step by step."""
+    """Signals after each step."""
     chain = sample(
         np.random.default_rng(seed),
         np.empty((0, gaussian.DIMENSION)),
@@ -105,7 +105,7 @@ def gaussian_chain(seed: int) -> Iterator[Array]:
 
 
 def scene_chain(setup: Setup, first: State, seed: int) -> Iterator[State]:
-    """Every twentieth state, by the moves of the project without that of the path."""
+    """Every twentieth state, with the project's moves except that of the path."""
     rngs, betas = np.random.default_rng(seed).spawn(RUNGS + 1), power_ladder(RUNGS)
     states, visits = [first] * RUNGS, Visits()
     for state in setup.staged:
@@ -132,20 +132,20 @@ def scene_chain(setup: Setup, first: State, seed: int) -> Iterator[State]:
 
 
 def _without_path(learnt: Tempered) -> Tempered:
-    """Without moves of the path; redraws of stretches do what those of scenes do."""
+    """The moves without those of the path; redraws of intervals replace those of scenes."""
     still = [name not in ("path", "scene-redraw") for name in MOVES]
     moves = learnt.moves._replace(weights=learnt.moves.weights * still)
     return replace(learnt, moves=moves)
 
 
 def _still_scene(learnt: Tempered, rng: np.random.Generator) -> State:
-    """A scene of the reference with the mean path, which stays as it is here."""
+    """A scene of the reference with the mean path, which is constant here."""
     drawn = learnt.independent(rng)
     return replace(drawn, latent=np.zeros_like(drawn.latent))
 
 
 def padded(states: list[State], most: int) -> dict[str, Array]:
-    """States as Eryn would have them: up to ``most`` leaves, one walker."""
+    """States in Eryn's form: up to ``most`` leaves, one walker."""
     leaves = [to_leaves(state) for state in states]
     filled = np.array([np.pad(own, ((0, most - len(own)), (0, 0))) for own in leaves])
     alive = np.arange(most) < np.array([len(own) for own in leaves])[:, None]
@@ -154,7 +154,7 @@ def padded(states: list[State], most: int) -> dict[str, Array]:
 
 
 def main(target: str, path: str, runs: int, burn_in: float, seconds: float, first: int) -> None:
-    """Run a target ``runs`` times from different seeds and store what the runs drew."""
+    """Run a target ``runs`` times with different seeds and store the draws."""
     results: list[dict[str, Array]] = []
     if target == "gaussian":
         for seed in range(first, first + runs):

@@ -1,8 +1,8 @@
-"""The scene posterior that both samplers explore: a short simulated clip, a small library.
+"""The scene posterior that both samplers explore: a short simulated clip and a small library.
 
-Somebody comes in and sits down in an armchair. The library holds ten scenelets, walking,
-standing and sitting on chair, couch, stool and bench, but not the one performed, so that
-several layouts share the probability. The latent numbers of the path stay at zero.
+Somebody enters and sits down in an armchair. The library has ten scenelets of walking, standing and
+sitting on chair, couch, stool and bench, but not the one performed, so that several layouts share
+the probability. The latent variables of the path are zero.
 """
 
 from __future__ import annotations
@@ -28,11 +28,11 @@ LIBRARY = (
 PERFORMED = "sit-armchair-012"
 N_FRAMES = 60
 SEED = 2
-"""The first from 0 on whose posterior gives no layout more than .8."""
+"""The first seed from 0 for which no layout has a probability above .8."""
 
 
 def solve_scene() -> Solution:
-    """The clip, solved with the small library."""
+    """Solve the clip with the small library."""
     everything = load_library()
     clip = simulate_clip(
         np.random.default_rng(SEED),
@@ -46,9 +46,9 @@ def solve_scene() -> Solution:
 
 
 def layouts_of(solution: Solution, runs: dict[str, NDArray[Any]]) -> NDArray[np.str_]:
-    """(R, N, W) which furniture there is: the labels of a draw's merged objects, sorted.
+    """(R, N, W) layout of each draw: the labels of its merged objects, sorted.
 
-    All of it stands where the person sits down, so that labels are the whole of a layout.
+    All objects are where the person sits down, so the labels determine the layout.
 
     Parameters
     ----------

@@ -1,8 +1,8 @@
 """Eryn on both targets; runs in Eryn's own environment.
 
 ``python -m lab.eryn.theirs TARGET PROBLEM OUT RUNS BURN_IN SECONDS FIRST_SEED``
-with TARGET one of ``gaussian``, ``prior`` and ``candidates``: the last two are the scene
-posterior, births being drawn from a prior that knows nothing or from the project's own candidates.
+with TARGET one of ``gaussian``, ``prior`` and ``candidates``. The last two are the scene posterior,
+with births from a broad prior or from the project's own candidates.
 """
 
 from __future__ import annotations
@@ -32,15 +32,16 @@ Bools = NDArray[np.bool_]
 GAUSSIAN_WALKERS, GAUSSIAN_STEP = 200, 0.5
 WALKERS = 32
 LADDERS = {"prior": (4, 30.0), "candidates": (8, 300.0)}
-"""Temperatures and the highest of them, the best of those tried; see docs/research/eryn.md."""
+"""Number of temperatures and the highest one, the best of those tried; see
+docs/research/eryn.md."""
 STEPS = {"start": 2.0, "scenelet": 3.0, "placement": (0.03, 0.1, 0.1, 0.03)}
 """Standard deviations of normal steps: frames, scenelets, (metres, metres, radians, log size)."""
 UPDATE = 20
-"""Steps between two updates of the stationary group that leaves are stretched towards."""
+"""Steps between updates of the stationary group that leaves are stretched towards."""
 
 
 class Drawn(ProbDistContainer):  # type: ignore[misc]
-    """A density of whole leaves, as Eryn's births want it."""
+    """A density of whole leaves with the interface of Eryn's births."""
 
     def __init__(self, density: Any) -> None:
         self.density = density
@@ -50,15 +51,15 @@ class Drawn(ProbDistContainer):  # type: ignore[misc]
         return np.asarray(self.density.logpdf(x))
 
     def rvs(self, size: int | tuple[int, ...] = 1, keys: None = None) -> Array:
-        """Leaves."""
+        """Draw leaves."""
         return np.asarray(self.density.rvs(size))
 
 
 class Stretch(GroupStretchMove):  # type: ignore[misc]
-    """Each leaf is stretched towards one of the stationary group at the same temperature.
+    """Stretch each leaf towards one of the stationary group at the same temperature.
 
-    Towards one of the same ``key`` only, which the stretch itself must leave alone; a leaf
-    without such a friend stays. Other branches go along with the friend's own.
+    Only leaves with the same ``key``, which the stretch must not change, are used; a leaf without
+    one stays. Other branches move with those of the chosen leaf.
     """
 
     def __init__(self, branch: str, key: Any, **options: object) -> None:
@@ -66,7 +67,7 @@ class Stretch(GroupStretchMove):  # type: ignore[misc]
         super().__init__(**options)
 
     def setup_friends(self, branches: dict[str, Any]) -> None:
-        """Store the ensemble, its leaves sorted by temperature and key."""
+        """Store the ensemble, with its leaves sorted by temperature and key."""
         self.stored = {name: branch.coords.copy() for name, branch in branches.items()}
         places = np.nonzero(branches[self.branch].inds)
         codes = self._codes(places[0], self.stored[self.branch][places])
@@ -79,7 +80,7 @@ class Stretch(GroupStretchMove):  # type: ignore[misc]
     def find_friends(
         self, name: str, s: Array, s_inds: Bools | None = None, branch_supps: object = None
     ) -> Array:
-        """Friends of the leaves marked in ``s_inds``, all else as it is."""
+        """Leaves of the stationary group for those marked in ``s_inds``; others are unchanged."""
         friends = s.copy()
         if name == self.branch:
             own = np.nonzero(np.asarray(s_inds))
@@ -97,26 +98,26 @@ class Stretch(GroupStretchMove):  # type: ignore[misc]
 
 
 def alone(name: str, leaf: int, shape: tuple[int, int], columns: list[int]) -> dict[str, Bools]:
-    """Columns of one leaf only: Eryn's stretch counts a leaf's dimensions whether it is or not."""
+    """Mask of columns of one leaf, since Eryn's stretch counts dimensions of absent leaves too."""
     mask = np.zeros(shape, dtype=bool)
     mask[leaf, columns] = True
     return {name: mask}
 
 
 class StandardNormal:
-    """The signals of the Gaussian target."""
+    """Prior density of the signals of the Gaussian target."""
 
     def logpdf(self, x: Array) -> Array:
         """Log density of (n, D) signals."""
         return gaussian.log_prior(x)
 
     def rvs(self, size: int | tuple[int, ...] = 1) -> Array:
-        """Signals, from numpy's global generator, which is the one Eryn's moves use."""
+        """Draw signals from numpy's global generator, which Eryn's moves use."""
         return np.random.standard_normal((*np.atleast_1d(size), gaussian.DIMENSION))  # noqa: NPY002
 
 
 def gaussian_chain() -> Iterator[State]:
-    """Normal steps, births and deaths from the prior; no tempering, there is one mode."""
+    """Normal steps, births and deaths from the prior, without tempering: there is one mode."""
     name, most, dimension = "signal", gaussian.MOST, gaussian.DIMENSION
 
     def log_like(signals: Array, groups: NDArray[np.int64]) -> Array:
@@ -144,7 +145,7 @@ def gaussian_chain() -> Iterator[State]:
 
 
 def scene_chain(problem: Problem, leaf: LeafDensity, rungs: int, hottest: float) -> Iterator[State]:
-    """Stretch, normal steps, births and deaths from ``leaf``, tempering."""
+    """Stretch moves, normal steps, births and deaths from ``leaf``, with tempering."""
     camera = CameraDensity(problem.camera_mean, problem.camera_precision)
     likelihood = SceneLikelihood(problem, leaf, camera)
     likelihood([leaf.rvs(1), camera.rvs(1)], [np.zeros(1, int), np.zeros(1, int)])  # compiles
@@ -210,12 +211,12 @@ def scene_chain(problem: Problem, leaf: LeafDensity, rungs: int, hottest: float)
 
 
 def counts(run: Iterator[Any]) -> dict[str, Array]:
-    """How many signals the walkers have, iteration by iteration."""
+    """Number of signals of each walker by iteration."""
     return {"count": np.array([state.branches["signal"].inds[0].sum(-1) for state in run])}
 
 
 def scenes(run: Iterator[Any]) -> dict[str, Array]:
-    """Leaves and cameras of the coldest walkers, iteration by iteration."""
+    """Leaves and cameras of the coldest walkers by iteration."""
     kept = [
         (
             scenelet.coords[0].copy(),
@@ -232,7 +233,7 @@ def scenes(run: Iterator[Any]) -> dict[str, Array]:
 def main(
     target: str, source: str, path: str, runs: int, burn_in: float, seconds: float, first: int
 ) -> None:
-    """Run a target ``runs`` times from different seeds and store what the runs drew."""
+    """Run a target ``runs`` times with different seeds and store the draws."""
     results = []
     for seed in range(first, first + runs):
         np.random.seed(seed)  # noqa: NPY002

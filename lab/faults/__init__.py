@@ -1,1 +1,1 @@
-"""Runs that are disturbed: by the disk, by kills, by whoever stops them."""
+"""Runs disturbed by disk errors, kills and interruptions."""

@@ -2,14 +2,13 @@
 
     python -m lab.faults [--faults N] [--kills N] [--interrupts N]
 
-runs one small command again and again. N faults of the disk are spread over all calls by which it
-changes files, for one, two and three people and over an earlier run; it is killed N times while its
-chains run, with one process and with two; and N times in every stage it is told to stop. After each
-the same run is started again without a fault. It must end well, with the draws and the files of a
-run that nobody disturbed, and the faulty one in a sentence. Printed are the cases that ended
-otherwise; two sections of ``docs/reference/robustness.md`` are written. About an hour on one core.
-
-Linux with a C compiler.
+runs one small command repeatedly. N disk faults are spread over all its calls that change files,
+for one, two and three people and over an earlier run; it is killed N times while its chains run,
+with one process and with two; and it is interrupted N times in every stage. After each case the
+same run is started again without a fault. It must succeed, with the draws and files of an
+undisturbed run, and the faulty run must end with a one-sentence error. The command prints the cases
+that ended otherwise and writes two sections of ``docs/reference/robustness.md``. It takes about an
+hour on one core, and needs Linux with a C compiler.
 """
 
 from __future__ import annotations
@@ -30,7 +29,7 @@ _INTERRUPTS: Final = 1
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Make the faults, write the sections, and say whether all ended well."""
+    """Make the faults, write the sections, and return whether all cases ended well."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

@@ -1,7 +1,8 @@
 """Runs whose disk fails at any write, flush, renaming or removal.
 
-Linux with a C compiler: ``faults.c`` is loaded before the C library, so that writers that are no
-Python are heard as well. Each case is a fork of one process that has solved the clips.
+Linux with a C compiler: ``faults.c`` is loaded before the C library, so that calls of libraries
+that are not Python are intercepted too. Each case is a fork of one process that has solved the
+clips.
 """
 
 from __future__ import annotations
@@ -35,7 +36,7 @@ __all__ = ["KINDS", "WORLDS", "compiler", "digest", "disk_faults", "disk_section
 
 KINDS: Final = ("disk full", "refused", "killed", "killed in a write")
 _PATIENCE: Final = 300
-"""Seconds until a run counts as hanging; the machine may be busy."""
+"""Seconds after which a run counts as hanging; the machine may be busy."""
 _SHIM: Final = "IMAPPER_PROB_FAULTS"
 """Environment variable with the path of the compiled ``faults.c``."""
 _CALLS: Final = {
@@ -43,12 +44,12 @@ _CALLS: Final = {
     "w": "writes",
 }  # fmt: skip
 _REFUSED, _UNEXPECTED = 3, 4
-"""Exit codes of a run that ended in a sentence, and in a traceback."""
+"""Exit codes of a run that ended with a one-sentence error, and with a traceback."""
 
 
 @dataclass(frozen=True)
 class World:
-    """What is run where.
+    """A kind of run: people, and whether it replaces an earlier result.
 
     Parameters
     ----------
@@ -56,7 +57,7 @@ class World:
     replaces : bool
         Whether the folder holds an earlier result.
     share : float
-        Of all faults.
+        Fraction of all faults.
     """
 
     people: int
@@ -72,27 +73,28 @@ WORLDS: Final = {
 }
 
 _Run = Callable[[Path, int | None, Callable[[], str]], int]
-"""Folder, file descriptor for what is found, and what to call when it is done; an exit code."""
+"""Maps a folder, a file descriptor for results and a function to call at the end to an exit
+code."""
 
 
 def compiler() -> str | None:
-    """A C compiler, where there is one and faults can be injected."""
+    """Path of a C compiler, or None if there is none or faults cannot be injected."""
     return shutil.which("cc") if sys.platform.startswith("linux") else None
 
 
 def disk_faults(faults: int) -> dict[str, Any]:
-    """Faults spread over all calls of the runs of all worlds.
+    """Inject faults spread over all calls of the runs of all worlds.
 
     Parameters
     ----------
     faults : int
-        In all.
+        Total number of faults.
 
     Returns
     -------
     dict
-        ``worlds``: by name the calls of an undisturbed run by kind (see ``faults.c``) and how many
-        runs with a fault of a kind ended how; ``wrong``: cases that ended as they must not.
+        ``worlds``: by name the numbers of calls of an undisturbed run by kind (see ``faults.c``)
+        and outcomes of runs by kind of fault; ``wrong``: cases with a forbidden outcome.
     """
     with tempfile.TemporaryDirectory() as folder:
         shim = Path(folder) / "faults.so"
@@ -109,7 +111,7 @@ def disk_faults(faults: int) -> dict[str, Any]:
 
 
 def _inject(faults: int, base: Path) -> dict[str, Any]:
-    """The work of :func:`disk_faults`, in a process whose calls are heard."""
+    """The work of :func:`disk_faults`, in a process whose calls are intercepted."""
     shim = ctypes.CDLL(os.environ[_SHIM])
     shim.fault_kinds.restype = ctypes.c_char_p
     warm_up()
@@ -128,7 +130,7 @@ def _inject(faults: int, base: Path) -> dict[str, Any]:
 def _inject_into(
     world: World, faults: int, shim: ctypes.CDLL, base: Path
 ) -> tuple[str, Counter[tuple[str, str]], list[str]]:
-    """Calls of an undisturbed run, outcomes by kind, and cases that ended as they must not."""
+    """Calls of an undisturbed run, outcomes by kind, and cases with a forbidden outcome."""
     run, folder, earlier = _prepared(world.people), base / "out", base / "earlier"
     sound = _undisturbed(run, shim, base / "sound")[1]
     known = [sound]
@@ -173,7 +175,7 @@ def _undisturbed(run: _Run, shim: ctypes.CDLL, folder: Path) -> tuple[str, dict[
 
 
 def _is_one_of(folder: Path, known: Sequence[dict[str, str]]) -> bool:
-    """Whether a folder holds one of these results, or all that the next run puts in place."""
+    """Whether a folder holds one of these results, or a complete stage for the next run."""
     try:
         found = digest(folder)
     except InputError:
@@ -186,7 +188,7 @@ def _differences(found: dict[str, str], sound: dict[str, str]) -> list[str]:
 
 
 def digest(folder: Path) -> dict[str, str]:
-    """Of all draws, scenes and names of files of a run; times are left out."""
+    """Digests of all draws, scenes and names of files of a run, without times."""
     tree = load_posterior(folder).data
     arrays = {
         f"{group}/{name}": hashlib.sha256(values.to_numpy().tobytes()).hexdigest()
@@ -199,11 +201,11 @@ def digest(folder: Path) -> dict[str, str]:
 
 
 def _prepared(people: int, seed: int = SEED) -> _Run:
-    """A small run, of which all that comes before the first write is done."""
+    """A small run, with everything before its first write already done."""
     small_cast(people)
 
     def run(folder: Path) -> None:
-        # What ``run --overwrite`` does, that goes on with checkpoints of its own.
+        # As in ``run --overwrite``, which continues from checkpoints of its own.
         with run_folder(folder, overwrite=True):
             posterior = small_posterior(
                 people=people, seed=seed, checkpoints=folder / CHECKPOINTS, anew=True
@@ -231,7 +233,7 @@ def _prepared(people: int, seed: int = SEED) -> _Run:
 def _forked(
     run: _Run, shim: ctypes.CDLL, folder: Path, *, at: int = -1, kind: int = 0
 ) -> tuple[str, dict[str, Any]]:
-    """How a run ended that has a fault at call ``at``, and what it left if there was none."""
+    """Outcome of a run with a fault at call ``at``, and its results if there was no fault."""
     reader, writer = os.pipe()
     sys.stdout.flush()
     sys.stderr.flush()
@@ -282,7 +284,7 @@ def _outcome(code: int) -> str:
 
 
 def disk_section(told: dict[str, Any]) -> str:
-    """A paragraph and a table of what :func:`disk_faults` found."""
+    """A paragraph and a table of the results of :func:`disk_faults`."""
     counts = told["worlds"]["one person"]["calls"]
     calls = ", ".join(f"{n} {_CALLS[letter]}" for letter, n in sorted(counts.items()))
     ends = ("refused in a sentence", "killed", "done")

@@ -1,8 +1,8 @@
-"""Runs that are killed, and runs that somebody stops, through the command line.
+"""Runs that are killed or interrupted, through the command line.
 
-A stop is set so long after so many reports of progress, which an undisturbed run of the same
-command has told of. Each case is a fork of one process that has done all of it before, so that
-nothing is compiled; processes of chains are new ones.
+Each stop is set to some time after some number of progress reports, which an undisturbed run of the
+same command has recorded. Each case is a fork of one process that has run everything before, so
+that nothing is compiled; processes of chains are new ones.
 """
 
 from __future__ import annotations
@@ -41,27 +41,27 @@ from lab.robustness.runs import CONFIG, small_clip, small_library, warm_up
 __all__ = ["stop_runs", "stops_section"]
 
 _CHAINS: Final = "jumping between scenes"
-"""The stage in which chains run."""
+"""Name of the stage in which chains run."""
 _READING: Final = "reading"
 _PRINTING: Final = "printing"
-"""What comes before the first report of progress, and after the last."""
+"""Names of the time before the first progress report, and after the last."""
 _STEPS: Final = 2000
-"""Of each chain: long enough for ten checkpoints."""
+"""Steps of each chain, enough for ten checkpoints."""
 _PATIENCE: Final = 300
-"""Seconds until a run counts as hanging; the machine may be busy."""
+"""Seconds after which a run counts as hanging; the machine may be busy."""
 _ALONE: Final = "kill -9"
 _ALL: Final = "kill -9 of all processes"
 _ONE: Final = "kill -9 of a chain's process"
 _INTERRUPT: Final = "Ctrl-C"
 _TERMINATE: Final = "SIGTERM"
 _UNEXPECTED: Final = 99
-"""Exit code of a command that did not catch what was thrown."""
+"""Exit code of a command that did not catch an exception."""
 _WORDS: Final = {
     "nothing was written": "stopped, nothing written",
     "what there is was kept": "stopped, checkpoints kept",
     "holds what there is": "stopped, its draws so far written",
 }
-"""What a run says that was stopped."""
+"""Messages of an interrupted run, and the outcomes they stand for."""
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,7 @@ class _World:
 
 @dataclass(frozen=True)
 class _Stop:
-    """What happens so many seconds after so many reports."""
+    """A stop at some number of seconds after some number of reports."""
 
     how: str
     reports: int
@@ -81,12 +81,12 @@ class _Stop:
 
 @dataclass(frozen=True)
 class _Base:
-    """Files that all runs read, and how they are called."""
+    """Files that all runs read, and the commands that read them."""
 
     folder: Path
 
     def arguments(self, world: _World, out: Path) -> list[str]:
-        """Of the command line."""
+        """Arguments of the command line."""
         clip = self.folder / f"clip-{world.people}.npz"
         if not clip.exists():
             write_clip(clip, small_clip(world.people))
@@ -105,15 +105,16 @@ def stop_runs(kills: int, interrupts: int) -> dict[str, Any]:
     Parameters
     ----------
     kills : int
-        Of a run of one process, and of one of two; two and three people share as many.
+        Kills of a run of one process, and of one of two; runs of two and three people share as
+        many.
     interrupts : int
-        In each stage, for one, two and three people.
+        Interruptions in each stage, for one, two and three people.
 
     Returns
     -------
     dict
-        ``outcomes``: how often a run with so many people and processes that was stopped so in a
-        stage ended how; ``wrong``: cases that ended as they must not.
+        ``outcomes``: counts of outcomes by people, processes, kind of stop and stage; ``wrong``:
+        cases with a forbidden outcome.
     """
     warm_up()
     rng = np.random.default_rng(20190708)
@@ -141,7 +142,7 @@ def stop_runs(kills: int, interrupts: int) -> dict[str, Any]:
 
 
 def _plan(kills: int, interrupts: int) -> dict[_World, list[tuple[str, str | None, int]]]:
-    """How often a run is stopped how in which stage; None is every stage."""
+    """Number of stops of each kind in each stage, by world; None means every stage."""
     half, few = kills // 2, max(1, kills // 10)
     return {
         _World(1, 1): [
@@ -160,7 +161,7 @@ def _plan(kills: int, interrupts: int) -> dict[_World, list[tuple[str, str | Non
 
 @contextmanager
 def _checkpoints_all_the_time() -> Iterator[None]:
-    """A checkpoint at every chance instead of every few seconds."""
+    """Write a checkpoint at every opportunity instead of every few seconds."""
     module = imapper_prob.sampling.sample
     eager = partial(run_resumable_chains, every_seconds=0.0)
     with mock.patch.object(module, "run_resumable_chains", eager):
@@ -168,13 +169,13 @@ def _checkpoints_all_the_time() -> Iterator[None]:
 
 
 _Told = list[tuple[str, float]]
-"""Stages of reports, and seconds since the one before."""
+"""Stage of each report, and seconds since the report before."""
 
 
 def _moments(
     told: _Told, stage: str | None, how: str, count: int, rng: np.random.Generator
 ) -> Iterator[tuple[str, _Stop]]:
-    """So many moments in a stage, or in each, with its name."""
+    """``count`` random moments in a stage, or in each stage, with the name of the stage."""
     for name in dict.fromkeys(name for name, _ in told) if stage is None else (stage,):
         own = [k for k, (other, _) in enumerate(told) if other == name]
         for _ in range(count):
@@ -185,7 +186,7 @@ def _moments(
 def _case(
     arguments: list[str], stop: _Stop, base: Path, sound: dict[str, str]
 ) -> tuple[str, list[str]]:
-    """How a run ended that was stopped, and what is wrong with it or with what goes on."""
+    """Outcome of an interrupted run, and faults of that run and of its continuation."""
     out, wrong = base / "out", []
     ended, said, _ = _forked(arguments, stop, base)
     if ended not in ("done", "killed", *_WORDS.values()):
@@ -212,7 +213,7 @@ def _case(
 
 
 def _forked(arguments: list[str], stop: _Stop | None, base: Path) -> tuple[str, str, _Told]:
-    """How a command ended, what it said on standard error, and its reports."""
+    """Outcome of a command, its standard error, and its reports."""
     (base / "tmp").mkdir(exist_ok=True)
     said, reports = base / "said", base / "reports"
     reports.unlink(missing_ok=True)
@@ -255,7 +256,7 @@ def _outcome(code: int, said: str) -> str:
 
 
 class _Watched:
-    """Hears the reports of a run, and stops it when it is time."""
+    """Records the reports of a run, and stops it at the planned time."""
 
     def __init__(self, stop: _Stop | None) -> None:
         self._stop = stop
@@ -265,21 +266,21 @@ class _Watched:
 
     @contextmanager
     def bars(self) -> Iterator[_Watched]:
-        """Stands for `imapper_prob.cli.console.progress_bars`."""
+        """Replaces `imapper_prob.cli.console.progress_bars`."""
         yield self
 
     def __call__(self, stage: str, part: float) -> None:
-        """A report."""
+        """Record a report."""
         now = time.monotonic()
         self._told.append((stage if self._told else _READING, now - self._last))
         self._last = now
         self._set()
 
     def say(self, text: str) -> None:
-        """What is said between reports."""
+        """Ignore a text between reports."""
 
     def tell(self, file: Path) -> None:
-        """Write what was heard, the end among it."""
+        """Write the recorded reports and the end of the run."""
         self(_PRINTING, 1.0)
         lines = (f"{seconds} {stage}" for stage, seconds in self._told)
         file.write_text("\n".join(lines), encoding="utf-8")
@@ -307,7 +308,7 @@ _ENDS: Final[dict[str, Callable[[], None]]] = {
 
 
 def stops_section(told: dict[str, Any]) -> str:
-    """A paragraph and tables of what :func:`stop_runs` found."""
+    """A paragraph and tables of the results of :func:`stop_runs`."""
     ways: Counter[tuple[Any, ...]] = Counter()
     stages: dict[str, Counter[str]] = {}
     for people, workers, how, stage, ended, n in told["outcomes"]:

@@ -11,7 +11,7 @@ DOCUMENT: Final = Path(__file__).parents[2] / "docs" / "reference" / "robustness
 
 
 def write_section(heading: str, text: str) -> None:
-    """Replace the section under a heading of the second level; nothing else changes."""
+    """Replace the section under a second-level heading; nothing else changes."""
     before, marked, after = DOCUMENT.read_text(encoding="utf-8").partition(f"## {heading}\n")
     if not marked:
         raise ValueError(f"{DOCUMENT} has no section {heading!r}")

@@ -4,11 +4,10 @@ Writes a section of ``docs/reference/robustness.md``.
 
     python -m lab.robustness [INPUTS] [--keep FILE]
 
-tries for every reader and every kind of damage so many inputs, 150 if not given. Each must be read
-or refused with an `InputError`, within five seconds of processor time, whatever is in it, and
-nothing must be written outside of its folder. With a file to keep what was found, a command that
-was stopped goes on with the next reader. Printed is a line a reader, with its faults; the exit
-code is 1 if there are any.
+tries INPUTS inputs, 150 if not given, for every reader and every kind of damage. Each must be read
+or refused with an `InputError` within five seconds of processor time, and nothing may be written
+outside its folder. With a file to keep results in, a stopped command continues with the next
+reader. A line is printed for each reader, with its faults; the exit code is 1 if there are any.
 """
 
 from __future__ import annotations
@@ -38,7 +37,7 @@ _COSTLY: Final = frozenset(
         "a run to go on with", "checkpoint", "video",
     }
 )  # fmt: skip
-"""Readers that take the better part of a second: a fifth as many are tried of each kind."""
+"""Readers that take nearly a second; a fifth as many inputs are tried of each kind."""
 _INTRODUCTION: Final = """`python -m lab.robustness {count}` writes this section.
 
 Every reader is given sound inputs that were then damaged, drawn from fixed seeds. An input must be
@@ -51,7 +50,7 @@ their own. Cells are read + refused, and faults where there are any.
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Attack all readers, write the table, and say how many faults there were."""
+    """Attack all readers, write the table, and return whether there were faults."""
     logging.disable(logging.WARNING)
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
@@ -91,7 +90,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _kept(file: Path | None, inputs: int) -> dict[str, Any]:
-    """What an earlier command of this state of the program and so many inputs found."""
+    """Results of an earlier command with the same program and number of inputs."""
     of = {"commit": commit(), "inputs": inputs}
     if file is not None and file.exists():
         found: dict[str, Any] = json.loads(file.read_text())

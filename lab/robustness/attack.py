@@ -1,4 +1,4 @@
-"""Sound inputs damaged again and again, and read in processes of their own."""
+"""Read sound inputs after repeated damage, in processes of their own."""
 
 from __future__ import annotations
 
@@ -26,22 +26,22 @@ from lab.robustness.inputs import Damage, Reader, kinds_of
 __all__ = ["MEMORY", "PATIENCE", "Outcomes", "attack"]
 
 _SLOW: Final = frozenset({"a million frames", "hostile archive", "nested deeply"})
-"""Kinds whose inputs are large: a tenth as many are tried."""
+"""Kinds with large inputs; a tenth as many are tried."""
 PATIENCE: Final = 5
-"""Seconds of processor time until an input counts as a hang."""
+"""Seconds of processor time after which an input counts as a hang."""
 MEMORY: Final = 2000
-"""Megabytes that reading may take."""
+"""Megabytes of memory that reading may take."""
 _SILENCE: Final = 120.0
-"""Seconds by the clock until a process counts as hanging that compiled code keeps."""
+"""Wall-clock seconds after which a process counts as hanging in compiled code."""
 
 
 class _Hang(BaseException):
-    """An input took too long. No reader may catch this as one of its own errors."""
+    """An input took too long. It is not an `Exception`, so that no reader catches it as its own."""
 
 
 @dataclass
 class Outcomes:
-    """What became of the inputs of one reader and kind.
+    """Outcomes of the inputs of one reader and kind.
 
     Parameters
     ----------
@@ -66,21 +66,21 @@ Spoiled = Callable[[int], AbstractContextManager[str]]
 
 
 def attack(reader: Reader, *, inputs: int, only: str | None = None) -> dict[str, Outcomes]:
-    """Damage a sound input again and again, and read it in a process of its own.
+    """Damage a sound input repeatedly, and read it in a process of its own.
 
     Parameters
     ----------
     reader : Reader
     inputs : int
-        How many of each kind of damage.
+        Number of inputs of each kind of damage.
     only : str, optional
-        One kind.
+        A single kind to try.
     """
     with tempfile.TemporaryDirectory() as base:
         room = Path(base) / "deep" / "inside" / "input"
         room.mkdir(parents=True)
         path = reader.write(room)
-        reader.read(path)  # sound inputs are read
+        reader.read(path)  # sound inputs must be read
         sound = {file: file.read_bytes() for file in room.rglob("*") if file.is_file()}
         before = set(Path(base).rglob("*"))
         result = {}
@@ -89,7 +89,7 @@ def attack(reader: Reader, *, inputs: int, only: str | None = None) -> dict[str,
                 continue
             count = max(1, inputs // 10) if kind in _SLOW else inputs
             result[kind] = _outcomes(reader, path, room, count, partial(_spoiled, choices, sound))
-            for file, content in sound.items():  # a child may have ended with one spoiled
+            for file, content in sound.items():  # a child may have left one damaged
                 file.write_bytes(content)
             if set(Path(base).rglob("*")) != before:
                 result[kind].counts["fault"] += 1
@@ -101,7 +101,7 @@ def attack(reader: Reader, *, inputs: int, only: str | None = None) -> dict[str,
 def _spoiled(
     choices: list[tuple[Path, Damage]], sound: dict[Path, bytes], seed: int
 ) -> Iterator[str]:
-    """Damage one file for a while; its name."""
+    """Damage one file inside the context, and yield its name."""
     rng = np.random.default_rng(seed)
     file, damage = choices[rng.integers(len(choices))]
     file.write_bytes(damage(sound[file], rng))
@@ -110,7 +110,7 @@ def _spoiled(
 
 
 def _outcomes(reader: Reader, path: Path, room: Path, count: int, spoiled: Spoiled) -> Outcomes:
-    """Of seeds from 0, read one after the other by a child; another goes on where one dies."""
+    """Outcomes of seeds from 0, read in order by a child; if it dies, another continues."""
     found = Outcomes()
     done = 0
     while done < count:
@@ -132,17 +132,17 @@ def _outcomes(reader: Reader, path: Path, room: Path, count: int, spoiled: Spoil
 def _children_lines(
     reader: Reader, path: Path, room: Path, seeds: range, spoiled: Spoiled
 ) -> tuple[list[Any], str]:
-    """What a child says of each seed, and how it ended."""
+    """Reports of a child for each seed, and how the child ended."""
     source, sink = os.pipe()
     sys.stdout.flush()
     sys.stderr.flush()
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DeprecationWarning)  # of forks beside threads that wait
+        warnings.simplefilter("ignore", DeprecationWarning)  # on forks beside waiting threads
         child = os.fork()
     if child == 0:
         os.close(source)
         with os.fdopen(sink, "w") as file:
-            sys.dont_write_bytecode = True  # a library's module loaded late is none of its writes
+            sys.dont_write_bytecode = True  # late imports must not count as writes
             written = _written_elsewhere(room)
             for seed in seeds:
                 with spoiled(seed) as name:
@@ -194,9 +194,9 @@ _TO_ANOTHER: Final = ("os.rename", "os.symlink", "os.link")
 
 
 def _written_elsewhere(room: Path) -> list[str]:
-    """A list that grows by each path outside of a folder that this process writes to from now on.
+    """A list to which each path outside a folder is added that this process writes to from now on.
 
-    Temporary files of libraries are none of it, for they are gone in the end.
+    Temporary files of libraries are ignored, because they are removed in the end.
     """
     found: list[str] = []
     inside = (str(room), tempfile.gettempdir() + "/tmp", os.devnull)
@@ -206,7 +206,7 @@ def _written_elsewhere(room: Path) -> list[str]:
             named, flags = values[0], values[2] or 0
             if not flags & (os.O_WRONLY | os.O_RDWR | os.O_CREAT) or isinstance(named, int):
                 return
-        elif event in _WRITES and values[-1] == -1:  # not by a folder that is open
+        elif event in _WRITES and values[-1] == -1:  # not relative to an open folder
             named = values[1] if event in _TO_ANOTHER else values[0]
         else:
             return
@@ -224,7 +224,7 @@ def _patience() -> Iterator[None]:
     def ring(number: int, frame: Any) -> None:
         raise _Hang
 
-    # Processor time: other programs may keep the machine busy.
+    # Processor time, because other programs may keep the machine busy.
     earlier = signal.signal(signal.SIGPROF, ring)
     signal.setitimer(signal.ITIMER_PROF, PATIENCE)
     try:

@@ -1,7 +1,7 @@
 """Damaged and hostile inputs for every reader, made from sound ones.
 
-A source writes a sound input into a folder; a kind of damage spoils one of its files. All is
-drawn from a generator, so that a failure can be made again from reader, kind and seed.
+A source writes a sound input into a folder; a kind of damage changes one of its files. All random
+numbers come from one generator, so that a failure is reproducible from reader, kind and seed.
 """
 
 from __future__ import annotations
@@ -117,7 +117,7 @@ def _proposals(folder: Path) -> Path:
 
 
 def _hall(folder: Path) -> Path:
-    """A scene with its truth, detections that were corrected, and a result in the same format."""
+    """A scene with ground truth, corrected detections, and a result in the same format."""
     made = I3dbFolder()
     hall = made.write(folder / "Hall")
     corrected = {frame: joints for frame, joints in made.detections["3d"].items()}
@@ -128,7 +128,7 @@ def _hall(folder: Path) -> Path:
 
 
 def _lifted(folder: Path) -> Path:
-    """Nothing but what the reader of lifted paths looks at."""
+    """A folder with only the files that the reader of lifted paths needs."""
     hall = _hall(folder)
     for path in [path for path in hall.rglob("*") if path.is_file()]:
         if not path.name.endswith("_unannot.json"):
@@ -210,7 +210,7 @@ READERS: Final[dict[str, Reader]] = {
     "camera (TOML)": Reader(_camera_toml, read_camera),
     "camera (JSON)": Reader(_camera_json, read_camera),
 }
-"""Every reader of the program; that of videos only where PyAV is installed."""
+"""Every reader of the program; the reader of videos only if PyAV is installed."""
 
 if find_spec("av") is not None:
     READERS["video"] = Reader(
@@ -234,7 +234,7 @@ _STRANGE: Final[tuple[Any, ...]] = (
 )
 _NOT_FINITE: Final = ("NaN", "Infinity", "-Infinity", "1e999")
 _LARGEST: Final = 50_000_000
-"""Numbers in an array of a million frames: what spoils inputs has to fit into memory as well."""
+"""Numbers in an array of a million frames, limited so that the damaged input fits into memory."""
 _HUGE: Final = ("1e308", "-1e300", "9" * 400, "9" * 5000, "123456789012345678901234567890")
 
 
@@ -282,7 +282,7 @@ def _deep(content: bytes, rng: Generator) -> bytes:
 
 
 def _nobody(content: bytes, rng: Generator) -> bytes:
-    """Empty lists of people, landmarks that are null, scores that are nought."""
+    """Empty lists of people, null landmarks, or zero scores."""
     text = content.decode()
     text = re.sub(r'("people": )\[.*\]', r"\1[]", text)
     text = re.sub(r'("instances": )\[.*?\]\}\]', r"\1[]", text)
@@ -291,7 +291,7 @@ def _nobody(content: bytes, rng: Generator) -> bytes:
 
 
 def _order(content: bytes, rng: Generator) -> bytes:
-    """Lines, or entries of the longest list, in another order, and one twice."""
+    """Lines, or entries of the longest list, in another order, with one repeated."""
     try:
         data = json.loads(content)
     except ValueError:
@@ -309,7 +309,7 @@ def _order(content: bytes, rng: Generator) -> bytes:
 
 
 def _million(content: bytes, rng: Generator) -> bytes:
-    """A frame number far away, or rows that go on and on."""
+    """A distant frame number, or very many rows."""
     far = str(rng.choice([10**6, 10**9, 10**15]))
     text, times = re.subn(
         r'("image_id": |"frame_id": |"frame": )"?\d+(\.jpg)?"?',
@@ -329,7 +329,7 @@ _DROPPED: Final = object()
 
 
 def _replaced(data: Any, rng: Generator, new: Callable[[Any], Any]) -> Any:
-    """The tree with something somewhere in it replaced, or dropped."""
+    """The tree with a random element replaced or removed."""
     if not isinstance(data, dict | list) or not data or rng.random() < 0.1:
         value = new(data)
         return None if value is _DROPPED else value
@@ -365,7 +365,7 @@ def _array_types(content: bytes, rng: Generator) -> bytes:
     arrays = _entries(content)
     key = str(rng.choice(list(arrays)))
     old = arrays[key]
-    if key == "values.json":  # of a checkpoint
+    if key == "values.json":  # in a checkpoint
         arrays[key] = np.frombuffer(_types(old.tobytes(), rng), np.uint8)
         return _saved(arrays)
     choices: list[Any] = [
@@ -379,7 +379,7 @@ def _array_types(content: bytes, rng: Generator) -> bytes:
 
 
 def _in_netcdf(change: Callable[[Any, list[str], Generator], None]) -> Damage:
-    """Something done to a variable of a netCDF file, drawn from all of them."""
+    """Apply a change to a random variable of a netCDF file."""
 
     def spoil(content: bytes, rng: Generator) -> bytes:
         file = io.BytesIO(content)
@@ -395,7 +395,7 @@ def _in_netcdf(change: Callable[[Any, list[str], Generator], None]) -> Damage:
 
 
 def _put(tree: Any, name: str, values: Any) -> None:
-    """Another variable in the place of one, with its dimensions where they still fit."""
+    """Replace a variable by another one, keeping its dimensions if they fit."""
     attributes = dict(tree[name].attrs)
     del tree[name]
     made = tree.create_dataset(name, data=values)
@@ -469,7 +469,7 @@ def _array_values(values: tuple[float, ...]) -> Callable[[bytes, Generator], byt
     def spoil(content: bytes, rng: Generator) -> bytes:
         arrays = _entries(content)
         key = str(rng.choice([k for k, v in arrays.items() if v.dtype.kind in "fiu" and v.size]))
-        if key == "values.json":  # of a checkpoint
+        if key == "values.json":  # in a checkpoint
             spoiled = _number(_HUGE)(arrays[key].tobytes(), rng)
             arrays[key] = np.frombuffer(spoiled, np.uint8)
             return _saved(arrays)
@@ -494,7 +494,7 @@ def _array_million(content: bytes, rng: Generator) -> bytes:
 
 
 def _archive(content: bytes, rng: Generator) -> bytes:
-    """Members that climb out, that unpickle, that claim terabytes, that unpack to gigabytes."""
+    """Members outside the folder, with pickles, or with huge declared or unpacked sizes."""
     which = rng.integers(5)
     arrays: dict[str, Any] = dict(_entries(content))
     key = str(rng.choice(list(arrays)))
@@ -503,7 +503,7 @@ def _archive(content: bytes, rng: Generator) -> bytes:
         return _saved(arrays, allow_pickle=True)
     file = io.BytesIO(content)
     with zipfile.ZipFile(file, "a", zipfile.ZIP_DEFLATED) as archive, warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of members that are there twice
+        warnings.simplefilter("ignore")  # about repeated members
         header = io.BytesIO()
         claimed = {"descr": "<f8", "fortran_order": False, "shape": (1 << 40, 3)}
         np.lib.format.write_array_header_1_0(header, claimed)
@@ -521,7 +521,7 @@ def _archive(content: bytes, rng: Generator) -> bytes:
 
 
 def _claims(content: bytes, rng: Generator) -> bytes:
-    """A PNG whose head, with a checksum that fits, claims to be so large."""
+    """A PNG whose header, with a correct checksum, declares a huge size."""
     side = int(rng.choice([0, 20_000, 60_000, 2**31 - 1])).to_bytes(4, "big")
     head = b"IHDR" + side + side + content[24:29]
     return content[:12] + head + zlib.crc32(head).to_bytes(4, "big") + content[33:]
@@ -554,11 +554,11 @@ KINDS: Final[dict[str, dict[str, Damage]]] = {
     "a million frames": {".json": _million, ".trc": _million, ".npz": _array_million},
     "hostile archive": {".npz": _archive},
 }  # fmt: skip
-"""Kinds of damage, by the ending of the file that is damaged; ``""`` is any."""
+"""Kinds of damage, by the suffix of the damaged file; ``""`` is any suffix."""
 
 
 def kinds_of(folder: Path) -> dict[str, list[tuple[Path, Damage]]]:
-    """What can be done to which files of an input."""
+    """Kinds of damage that apply to an input, with its files."""
     files = sorted(p for p in folder.rglob("*") if p.is_file())
     found: dict[str, list[tuple[Path, Damage]]] = {}
     for kind, by_ending in KINDS.items():

@@ -1,7 +1,7 @@
-"""Damaged and hostile files of the program's own: all that a run's folder holds, and more.
+"""Damaged and hostile files of the program's own formats, including a run's whole folder.
 
-As :mod:`lab.robustness.inputs`. Checksums are left out or made to fit, so that damage reaches
-what stands behind them.
+See :mod:`lab.robustness.inputs`. Checksums are left out or made to match, so that damage reaches
+the readers behind them.
 """
 
 from __future__ import annotations
@@ -77,17 +77,17 @@ CONFIG: Final = Config(
         chains=2, steps=60, temperatures=2, draws=4, ensemble_steps=2,
     ),
 )  # fmt: skip
-"""Far too short to be good; every file has something in it."""
+"""Much too short to converge, but every file has content."""
 
 
 def small_library() -> Library:
-    """Somebody who sits at a table, and a few who walk."""
+    """A library with sitting at a table, and with some walks."""
     names = ("sit-couch-table-003", "walk")
     return Library("part", tuple(s for s in load_library() if s.name.startswith(names))[:20])
 
 
 def small_clip(people: int = 1) -> Clip:
-    """Five seconds of the demo; others do what its person does later, or backwards."""
+    """Five seconds of the demo; other people repeat its person's motion later, or backwards."""
     demo = demo_clip()
     first = first_part(demo, 0.4)
     n = first.n_frames
@@ -103,13 +103,13 @@ def _at(track: Track, rows: np.ndarray, name: str) -> Track:
 
 @cache
 def small_solution() -> Solution:
-    """The clip of one person, solved."""
+    """Solution of the clip of one person."""
     return solve(small_clip(), small_library())
 
 
 @cache
 def small_cast(people: int) -> Solution | JointProblem:
-    """Everybody in a clip, solved."""
+    """Solution of a clip with several people."""
     if people == 1:
         return small_solution()
     return join_actors(solve_actors(small_clip(people), small_library()))
@@ -118,7 +118,7 @@ def small_cast(people: int) -> Solution | JointProblem:
 def small_posterior(
     *, people: int = 1, seed: int = SEED, checkpoints: Path | None = None, anew: bool = False
 ) -> Posterior:
-    """Draws of a small clip."""
+    """Posterior of a small clip."""
     cast = small_cast(people)
     samples = sample_scenes(
         cast, CONFIG.sample, seed=np.random.SeedSequence(seed), checkpoints=checkpoints, anew=anew
@@ -127,7 +127,7 @@ def small_posterior(
 
 
 def warm_up() -> None:
-    """Load what a small run needs, so that forks of this process need not; no threads are left."""
+    """Load what a small run needs before this process forks; leaves no threads."""
     posterior = small_posterior()
     with tempfile.TemporaryDirectory() as folder:
         write_report(Path(folder) / "report.html", posterior)
@@ -135,20 +135,20 @@ def warm_up() -> None:
 
 
 def _write_small_run(folder: Path) -> None:
-    """The folder of a run, with what its chains need to go on."""
+    """Write the folder of a run, including what its chains need to continue."""
     write_run(folder, small_posterior(checkpoints=folder / CHECKPOINTS), overwrite=False)
 
 
 @cache
 def _whole_run() -> Path:
-    """A run's folder, made once and removed with the process."""
+    """Folder of a run, made once and removed with the process."""
     folder = Path(tempfile.mkdtemp(prefix="hostile-"))
     _write_small_run(folder / "run")
     return folder / "run"
 
 
 def _run_with(*names: str) -> Callable[[Path], Path]:
-    """Some files of a run, all where none is named."""
+    """Copy some files of a run, or all if none is named."""
 
     def write(folder: Path) -> Path:
         if not names:
@@ -182,7 +182,7 @@ def _shown(folder: Path) -> None:
 
 
 def _gone_on_with(folder: Path) -> None:
-    """What a command does that finds a finished run, up to where its chains go on."""
+    """What a command does with a finished run, up to the continuation of its chains."""
     try:
         if earlier_run(folder) is not None:
             restore_chains(folder, chains=CONFIG.sample.chains)
@@ -191,7 +191,7 @@ def _gone_on_with(folder: Path) -> None:
 
 
 def _put_in_place(folder: Path) -> None:
-    """What the next command does where one was killed while it put files in place."""
+    """What the next command does after one was killed while it published files."""
     stage = folder / ".partial"
     before = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
     try:
@@ -222,7 +222,7 @@ def _configured(folder: Path) -> Path:
 
 
 def _chain(path: Path) -> Any:
-    """Chain 0 of the small run, which goes on from a checkpoint if there is one."""
+    """Chain 0 of the small run, continued from a checkpoint if there is one."""
     solution, settings = small_solution(), CONFIG.sample
     setup, starts = setup_of(solution, settings), _starts()
     identity = identity_of(
@@ -290,4 +290,4 @@ RUN_READERS: Final[dict[str, Reader]] = {
     "library (.npz)": Reader(_library, read_library),
     "marks": Reader(_marks, read_marks),
 }
-"""Readers of what the program wrote itself."""
+"""Readers of the program's own files."""

@@ -1,1 +1,1 @@
-"""Clips spoiled as lifters, detectors and cameras spoil them, and what that costs."""
+"""Clips with typical faults of lifters, detectors and cameras, and the resulting errors."""

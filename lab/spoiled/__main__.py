@@ -4,10 +4,10 @@
         [--seed 0] [--workers 2] [--results out/spoiled] [-o FILE.md]
 
 prints Markdown: errors and coverage of the scene of least expected loss, sampled with a fifth of
-the usual steps (hours), beside those of the unspoiled scenes, or with ``--static`` errors of the
-static path alone (two minutes). Spoilings are those of `lab.spoiled.spoilings`; names may hold
-``*``. Every scene and spoiling leaves a file in ``--results``; the same command goes on from there,
-and begins anew where the program has changed.
+the default steps (hours), beside those of the unspoiled scenes, or with ``--static`` errors of the
+static path alone (two minutes). Spoilings are those of `lab.spoiled.spoilings`; names may contain
+``*``. The result of every scene and spoiling is stored in ``--results``; the same command continues
+from there, and starts again if the program has changed.
 """
 
 from __future__ import annotations
@@ -34,24 +34,24 @@ from lab.spoiled.spoilings import SPOILINGS
 
 Record = dict[str, Any]
 Records = dict[str, dict[str, Record]]
-"""By name of a spoiling, then of a scene."""
+"""Results by name of the spoiling, then of the scene."""
 Rows = list[tuple[str, ...]]
 
 COST: Final = 4.0
-"""Centimetres by which joints may be further off than in the unspoiled scenes, where seen."""
+"""Greatest additional error of visible joints in cm, relative to the unspoiled scenes."""
 ELSEWHERE: Final = 55.0
-"""Centimetres by which joints may be off in frames in which nothing true is seen."""
+"""Greatest error of joints in cm in frames without true detections."""
 HELD: Final = ((0.40, 0.62), (0.83, 0.97))
-"""Shares of the joints that regions of 50 and of 90 % may hold."""
+"""Ranges of coverage allowed for regions of 50 and of 90 %."""
 _NEARLY_ALL: Final = 0.9
-"""Share of the frames above which affected ones are not looked at by themselves."""
+"""Fraction of affected frames above which these are not evaluated separately."""
 MAKERS: Final = tuple(Path(__file__).with_name(f"{name}.py") for name in ("spoilings", "scores"))
-"""What makes and scores spoiled clips."""
+"""Modules that make and score spoiled clips."""
 APART: Final = frozenset(s.name for s in SPOILINGS if s.apart)
 
 
 def all_records(tasks: Sequence[Task], workers: int) -> tuple[Records, list[str]]:
-    """What every task says, those left out by an earlier run made now; and what went wrong."""
+    """Results of all tasks, with missing ones computed; and failures."""
     missing = [task for task in tasks if not task.path.exists()]
     failures = []
     with ProcessPoolExecutor(workers, initializer=torch.set_num_threads, initargs=(1,)) as pool:
@@ -71,20 +71,20 @@ def all_records(tasks: Sequence[Task], workers: int) -> tuple[Records, list[str]
 
 
 def root_mean(squares: Sequence[float], frames: Sequence[bool] | None = None) -> float:
-    """Root of the mean of the squares, of some frames where said; NaN of none."""
+    """Root mean of the squares, over the given frames; NaN if there are none."""
     values = np.asarray(squares, float)
     values = values if frames is None else values[np.asarray(frames, bool)]
     return float(np.sqrt(values.mean())) if len(values) else math.nan
 
 
 def mean(values: Sequence[float]) -> float:
-    """Of those that there are."""
+    """Mean of the values that are not NaN."""
     known = [v for v in values if not math.isnan(v)]
     return float(np.mean(known)) if known else math.nan
 
 
 def cost_of(record: Record, clean: Record, kind: str) -> float:
-    """Centimetres more than unspoiled, in the same frames: those seen, if some are not."""
+    """Additional error in cm over the unspoiled clip, in the frames with true detections."""
     seen = None
     if record["spoiling"] in APART:
         seen = [not flag for flag in record["affected"]]
@@ -92,7 +92,7 @@ def cost_of(record: Record, clean: Record, kind: str) -> float:
 
 
 def there_of(record: Record, clean: Record, kind: str) -> tuple[float, float]:
-    """Centimetres in affected frames, and there if unspoiled; NaN where nearly all or none are."""
+    """Errors in cm in affected frames, spoiled and unspoiled; NaN if nearly all or none are."""
     flags = record["affected"]
     if np.mean(flags) > _NEARLY_ALL:
         return math.nan, math.nan
@@ -100,14 +100,14 @@ def there_of(record: Record, clean: Record, kind: str) -> tuple[float, float]:
 
 
 def marked(text: str, good: bool) -> str:
-    """Bold where a limit is not kept."""
+    """The text, in bold if a limit is exceeded."""
     return text if good else f"**{text}**"
 
 
 def joint_cells(
     found: Mapping[str, Record], clean: Mapping[str, Record], kind: str
 ) -> tuple[tuple[str, ...], bool]:
-    """Errors of one spoiling, means over its scenes; and whether they keep the limits."""
+    """Errors of one spoiling, means over its scenes; and whether they are within the limits."""
     scenes = list(found)
     errors = {n: np.mean([found[s][kind][n] for s in scenes], axis=0) for n in SUBSETS}
     cost = mean([cost_of(found[s], clean[s], kind) for s in scenes])
@@ -130,7 +130,7 @@ def joint_cells(
 
 
 def held_cells(shares: Sequence[Sequence[float]]) -> tuple[tuple[str, str], bool]:
-    """Shares in both regions, means over scenes; and whether they are as stated."""
+    """Coverage of both regions, means over scenes; and whether it is within the limits."""
     means = [mean([s[k] for s in shares]) for k in (0, 1)]
     good = [low <= m <= high for m, (low, high) in zip(means, HELD, strict=True)]
     fifty, ninety = (marked(number(m, 2), g) for m, g in zip(means, good, strict=True))
@@ -148,7 +148,7 @@ SAMPLED_COLUMNS: Final = (
 
 
 def summary_rows(records: Records, *, static: bool) -> tuple[Rows, int]:
-    """A row a spoiling, means over the scenes, and how many do not keep the limits."""
+    """One row for each spoiling, means over the scenes, and how many exceed the limits."""
     kind = "static" if static else "answer"
     rows: Rows = [("", *JOINT_COLUMNS, *(() if static else SAMPLED_COLUMNS), "limits")]
     clean, broken = records[UNSPOILED], 0
@@ -165,7 +165,7 @@ def summary_rows(records: Records, *, static: bool) -> tuple[Rows, int]:
 def sampled_cells(
     found: Mapping[str, Record], clean: Mapping[str, Record]
 ) -> tuple[tuple[str, ...], bool]:
-    """What chains say of one spoiling."""
+    """Cells for the sampled results of one spoiling."""
     regions = {k: [r["regions"][k] for r in found.values()] for k in ("all", "hidden", "affected")}
     (fifty, ninety), good = held_cells(regions["all"])
     share = mean([float(np.mean(r["affected"])) for r in found.values()])
@@ -187,7 +187,7 @@ def sampled_cells(
 
 
 def scene_rows(records: Records, *, static: bool) -> Rows:
-    """A row a spoiling, a column a scene: world cm, cost, and what regions hold."""
+    """One row for each spoiling, one column for each scene: world cm, cost, and coverage."""
     kind, clean = "static" if static else "answer", records[UNSPOILED]
     rows: Rows = [("", *clean)]
     for name, found in records.items():
@@ -212,7 +212,7 @@ def scene_rows(records: Records, *, static: bool) -> Rows:
 
 
 def page(records: Records, failures: Sequence[str], *, static: bool, scenes: int) -> str:
-    """All that is said."""
+    """The whole page."""
     rows, broken = summary_rows(records, static=static)
     text = [
         f"Means over {scenes} scenes, of the "
@@ -232,7 +232,7 @@ def page(records: Records, failures: Sequence[str], *, static: bool, scenes: int
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Spoil, solve, score; the number returned says whether all limits were kept."""
+    """Spoil, solve, score; return whether all limits were kept."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

@@ -1,9 +1,9 @@
 """One i3DB scene, spoiled in one way: its errors and coverage, for `lab.spoiled`.
 
-Constants are those estimated without the scene.
+The constants are those estimated without the scene.
 
-Answers to a spoiled clip are brought back to the times of the frames that are annotated, by
-straight lines between its frames, and held against the truth of the clip as it was.
+Results for a spoiled clip are interpolated linearly to the times of the annotated frames, and
+compared with the truth of the original clip.
 """
 
 from __future__ import annotations
@@ -40,25 +40,25 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 UNSPOILED: Final = "unspoiled"
-"""Stands for no spoiling."""
+"""Name of the unspoiled case."""
 _RATE: Final = 10.0
 """Frames a second of i3DB's clips and annotations."""
 
 
 @dataclass(frozen=True)
 class Task:
-    """What is to be scored, and where the result goes.
+    """What is to be scored, and the file of the result.
 
     Parameters
     ----------
     scene : Path
         Folder of an i3DB scene with its ``gt/``.
     spoiling : str
-        Its name, or :data:`UNSPOILED`.
+        Name of the spoiling, or :data:`UNSPOILED`.
     steps : int, optional
-        Of each chain; without chains only the static path is scored.
+        Steps of each chain; if not given, only the static path is scored.
     seed : int
-        Of spoilings.
+        Seed of the spoilings.
     path : Path
         File of the result.
     """
@@ -71,7 +71,7 @@ class Task:
 
 
 def spoil(clip: Clip, name: str, seed: int) -> Spoiled:
-    """A clip spoiled in the way of that name; the draw depends on both names and the seed."""
+    """Apply the named spoiling to a clip; random numbers depend on both names and the seed."""
     if name == UNSPOILED:
         return Spoiled(clip, np.zeros(clip.n_frames, bool))
     found = next(s for s in SPOILINGS if s.name == name)
@@ -80,7 +80,7 @@ def spoil(clip: Clip, name: str, seed: int) -> Spoiled:
 
 
 def score_task(task: Task) -> None:
-    """Score one spoiling of one scene; the file is there whole or not at all."""
+    """Score one spoiling of one scene and write the result atomically."""
     clip = load_clip(task.scene)
     truth = read_truth_in_view(task.scene, clip)
     spoiled = spoil(clip, task.spoiling, task.seed)
@@ -101,7 +101,7 @@ def score_task(task: Task) -> None:
 
 
 def _sampled(clip: Clip, truth: TruthInView, affected: Flags, steps: int) -> dict[str, Any]:
-    """The static path, the answer of least expected loss, its furniture, and the regions."""
+    """Scores of static path and scene of least expected loss, its furniture, and coverage."""
     config = Config(sample=settings(steps)).without(clip.name)
     library = load_library(config.library)
     (solution,) = solve_actors(clip, library, settings=config.settings)
@@ -151,17 +151,17 @@ def errors(prediction: Prediction, clip: Clip, truth: TruthInView) -> dict[str, 
 
 
 def at_times(count: int, clip: Clip, values: Array, *, axis: int = 0) -> Array:
-    """What was found at a clip's frames, at the times of frames that are annotated.
+    """Interpolate values at a clip's frames to the times of the annotated frames.
 
     Parameters
     ----------
     count : int
-        Frames of the truth, the first of which is the clip's first; after the clip's last one
-        its last values are taken.
+        Number of frames of the truth, the first of which is the clip's first; after the clip's last
+        frame its last values are used.
     clip : Clip
-        At any rate.
+        Its frame rate may differ.
     values : array
-        Whose axis ``axis`` is frames of the clip.
+        Has the clip's frames along ``axis``.
     """
     where = _where(clip, count)
     first = np.floor(where).astype(int)
@@ -174,7 +174,7 @@ def at_times(count: int, clip: Clip, values: Array, *, axis: int = 0) -> Array:
 
 
 def _where(clip: Clip, count: int) -> Array:
-    """(count,) frames of the clip, in fractions, at the times of as many frames of the truth."""
+    """(count,) fractional frames of the clip at the times of as many frames of the truth."""
     return np.minimum(np.round(np.arange(count) * clip.fps / _RATE, 9), clip.n_frames - 1)
 
 
@@ -194,10 +194,10 @@ def _nearest(spoiled: Spoiled, clip: Clip) -> Flags:
 
 
 def _only(truth: TruthInView, frames: Flags) -> TruthInView:
-    """The truth of some frames alone."""
+    """The truth restricted to some frames."""
     return replace(truth, joints=np.where(frames[:, None, None], truth.joints, np.nan))
 
 
 def _shares(draws: Draws, truth: TruthInView, *, hidden: bool = False) -> list[float]:
-    """Of scored joints in regions of 50 and 90 %."""
+    """Coverage of scored joints by regions of 50 and 90 %."""
     return [c.share for c in coverage(joint_ranks(draws, truth, hidden=hidden))]

@@ -1,8 +1,8 @@
-"""Clips spoiled as lifters, detectors and cameras spoil them.
+"""Typical faults of lifters, detectors and cameras, applied to clips.
 
-Every spoiling takes a clip and a random generator and gives another clip, with a flag for each
-of its frames that says whether anything in it was changed. Pixels are stated for a picture of
-1080 lines and grow with it. Only types of `imapper_prob.models` are used.
+Every spoiling maps a clip and a random generator to another clip, with a flag for each frame that
+says whether anything in it was changed. Pixels are stated for an image of 1080 lines and scale with
+its height. Only types of `imapper_prob.models` are used.
 """
 
 from __future__ import annotations
@@ -57,25 +57,26 @@ LEGS: Final[Bones] = frozenset({(RANK, RKNE), (RKNE, RHIP), (LANK, LKNE), (LKNE,
 LIMBS: Final[Bones] = LEGS | {(RWRI, RELB), (RELB, RSHO), (LWRI, LELB), (LELB, LSHO)}
 
 _LINES: Final = 1080
-"""Of the picture that pixels are stated for."""
+"""Lines of the image for which pixels are stated."""
 _GHOST_EVERY, _GHOST_FRAMES = 12.0, (5, 20)
-"""Seconds of a clip for one stretch elsewhere, and from how many frames to how many."""
+"""Seconds of a clip for each interval elsewhere, and its least and greatest number of frames."""
 _GHOST_AWAY: Final = (300.0, 1200.0)
-"""Pixels between the person and the place elsewhere, in every frame of the stretch."""
+"""Distance in pixels between the person and the place elsewhere, in every frame."""
 _LOW: Final = 0.05
-"""Share of the frames, those of the lowest sums of confidences, that count as low."""
+"""Fraction of the frames, those with the lowest sums of confidences, that count as low."""
 _SHAPE_NOISE, _CLUTTER_NOISE = 3.0, 10.0
-"""Pixels: standard deviation from frame to frame where a person's shape, or clutter, is seen."""
+"""Standard deviation in pixels between frames, for detections on a person and on clutter."""
 _CLUTTER_SPREAD: Final = 0.25
-"""Standard deviation of joints on clutter about its middle, over the height of the person."""
+"""Standard deviation of joints on clutter about their middle, as a fraction of the person's
+height."""
 _JUMP_EVERY, _JUMP_FRAMES, _JUMP_AWAY = 6.0, (5, 15), (150.0, 400.0)
-"""As of stretches elsewhere, for limbs that jump."""
+"""The same parameters for limbs that jump."""
 _FEWEST: Final = 2
-"""Stretches in a clip, however short."""
+"""Least number of intervals in a clip."""
 _TRIES: Final = 300
-"""Places that are drawn until one lies inside of the picture; else the least bad one is taken."""
+"""Places drawn until one is inside the image; otherwise the best one is used."""
 _TURN: Final = 3.0
-"""Seconds for which joints are lost, or not, where they are lost half of the time."""
+"""Seconds of the intervals in which joints are either lost or not."""
 _ENDS: Final = ((RELB, RWRI), (LELB, LWRI), (RKNE, RANK), (LKNE, LANK))
 
 
@@ -86,7 +87,7 @@ class Spoiled(NamedTuple):
     ----------
     clip : Clip
     affected : (T,) bool
-        Its frames in which anything differs from what it was made of.
+        Frames in which anything differs from the original clip.
     """
 
     clip: Clip
@@ -95,16 +96,16 @@ class Spoiled(NamedTuple):
 
 @dataclass(frozen=True)
 class Spoiling:
-    """One way to spoil a clip.
+    """A named way to spoil a clip.
 
     Parameters
     ----------
     name : str
-        Of letters, digits, dots and hyphens, so that files can be called so.
+        Letters, digits, dots and hyphens, so that it can be a file name.
     apply : callable
-        Takes a clip and a random generator; neither clip is changed by what is done to the other.
+        Maps a clip and a random generator to a spoiled clip, without changing the original.
     apart : bool
-        Whether nothing true is seen in affected frames, so that errors there count apart.
+        Whether affected frames have no true detections, so that errors there count separately.
     """
 
     name: str
@@ -118,7 +119,7 @@ class Spoiling:
 def with_scaled_bones(
     clip: Clip, rng: np.random.Generator, *, bones: Bones, factor: float
 ) -> Spoiled:
-    """Lifted poses with some bones ``factor`` times as long, and all that hangs on them moved."""
+    """Scale some bones of lifted poses by ``factor``, moving the joints beyond them."""
     tracks = tuple(replace(t, poses=_stretched(t.poses, bones, factor)) for t in clip.tracks)
     return Spoiled(replace(clip, tracks=tracks), _any(t.has_pose for t in tracks))
 
@@ -139,15 +140,15 @@ def _stretched(poses: Array, bones: Bones, factor: float) -> Array:
 
 
 def with_ghosts(clip: Clip, rng: np.random.Generator, *, low: bool) -> Spoiled:
-    """For 5 to 20 frames, once in 12 s and twice at least, all detections are elsewhere.
+    """Move all detections elsewhere for 5 to 20 frames, once in 12 s but at least twice.
 
     Parameters
     ----------
     clip, rng
     low : bool
-        Whether joints are scattered as on clutter, with confidences of the track's frames of
-        least confidence; otherwise they keep the person's shape and have those of a stretch of
-        the track. Lifted poses stay in either case.
+        Whether joints are scattered as on clutter, with confidences of the track's least confident
+        frames; otherwise they keep the person's shape and have confidences of an interval of the
+        track. Lifted poses are unchanged.
     """
     tracks, affected = [], []
     for track in clip.tracks:
@@ -166,7 +167,7 @@ def with_ghosts(clip: Clip, rng: np.random.Generator, *, low: bool) -> Spoiled:
 
 
 def _ghost(body: Array, camera: Camera, rng: np.random.Generator, *, scattered: bool) -> Array:
-    """(n, 16, 2) detections about one place, of a person who was at ``body`` (n, 16, 2)."""
+    """(n, 16, 2) detections about one place, for a person whose detections were ``body``."""
     unit = camera.height / _LINES
     middle = np.nanmean(body, axis=1)
     if scattered:
@@ -183,10 +184,10 @@ def _ghost(body: Array, camera: Camera, rng: np.random.Generator, *, scattered: 
 
 
 def with_jumping_limbs(clip: Clip, rng: np.random.Generator) -> Spoiled:
-    """For 5 to 15 frames, once in 6 s and twice at least, one forearm or shin is elsewhere.
+    """Move a forearm or shin elsewhere for 5 to 15 frames, once in 6 s but at least twice.
 
-    Both its ends are moved by the same 150 to 400 pixels, with confidences that they have
-    elsewhere in the track.
+    Both its ends are moved by the same 150 to 400 pixels, with confidences that they have elsewhere
+    in the track.
     """
     unit = clip.camera.height / _LINES
     low, high = (np.asarray(_JUMP_AWAY) * unit).tolist()
@@ -214,9 +215,9 @@ def with_jumping_limbs(clip: Clip, rng: np.random.Generator) -> Spoiled:
 
 
 def with_legs_cut_off(clip: Clip, rng: np.random.Generator) -> Spoiled:
-    """Nothing is detected below the median height in the picture of the knees that were.
+    """Remove all detections below the median height of the detected knees in the image.
 
-    The size of the picture is left as it is.
+    The size of the image is unchanged.
     """
     tracks, affected = [], []
     for track in clip.tracks:
@@ -231,7 +232,7 @@ def with_legs_cut_off(clip: Clip, rng: np.random.Generator) -> Spoiled:
 def with_lost_joints(
     clip: Clip, rng: np.random.Generator, *, joints: Collection[int], throughout: bool
 ) -> Spoiled:
-    """Some joints are not detected, ``throughout`` or in a random half of stretches of 3 s."""
+    """Remove some joints, ``throughout`` or in a random half of intervals of 3 s."""
     turns = np.arange(clip.n_frames) // max(1, round(_TURN * clip.fps))
     count = int(turns[-1]) + 1
     chosen = np.arange(count) if throughout else rng.permutation(count)[: (count + 1) // 2]
@@ -242,7 +243,7 @@ def with_lost_joints(
 
 
 def _without(track: Track, lost: Flags) -> tuple[Track, Flags]:
-    """A track without detections where ``lost`` (T, 16), and the frames that had some there."""
+    """A track without detections where ``lost`` (T, 16), and frames that had any there."""
     keypoints = np.where(lost[..., None], np.nan, track.keypoints)
     confidences = np.where(lost, 0.0, track.confidences)
     flags: Flags = np.any(lost & (track.confidences > 0), axis=1)
@@ -252,7 +253,7 @@ def _without(track: Track, lost: Flags) -> tuple[Track, Flags]:
 def with_confidences(
     clip: Clip, rng: np.random.Generator, *, curve: Callable[[Array], Array]
 ) -> Spoiled:
-    """Confidences read on another scale; ``curve`` maps [0, 1] to [0, 1]."""
+    """Map confidences by ``curve``, from [0, 1] to [0, 1]."""
     tracks = tuple(replace(t, confidences=curve(t.confidences)) for t in clip.tracks)
     changed = (
         (new.confidences != old.confidences).any(1)
@@ -265,21 +266,21 @@ def with_confidences(
 
 
 def with_focal_length(clip: Clip, rng: np.random.Generator, *, factor: float) -> Spoiled:
-    """A camera said to have ``factor`` times its focal length; detections stay."""
+    """Multiply the stated focal length by ``factor``; detections are unchanged."""
     camera = clip.camera
     camera = replace(camera, fx=factor * camera.fx, fy=factor * camera.fy)
     return Spoiled(replace(clip, camera=camera), np.ones(clip.n_frames, bool))
 
 
 def at_rate(clip: Clip, rng: np.random.Generator, *, fps: float) -> Spoiled:
-    """The same time at ``fps`` frames a second, from the first frame on; without its truth.
+    """Resample a clip to ``fps`` frames a second from its first frame on, without its truth.
 
-    Between two frames that both have a joint its pixels and confidence are on a straight line,
-    and bones turn evenly; otherwise the nearer frame is repeated.
+    Between two frames that both have a joint, its pixels and confidence are interpolated linearly
+    and bones rotate uniformly; otherwise the nearer frame is repeated.
     """
     last = clip.n_frames - 1
     count = int(np.floor(last / clip.fps * fps + 1e-9)) + 1
-    # Rounded so that a frame of both rates is that frame and nothing else.
+    # Rounded so that a frame of both rates is exactly that frame.
     where = np.minimum(np.round(np.arange(count) * clip.fps / fps, 9), last)
     tracks = tuple(_between(track, where) for track in clip.tracks)
     spoiled = replace(clip, fps=fps, frame_ids=np.arange(count), tracks=tracks, truth=None)
@@ -287,7 +288,7 @@ def at_rate(clip: Clip, rng: np.random.Generator, *, fps: float) -> Spoiled:
 
 
 def _between(track: Track, where: Array) -> Track:
-    """A track at frames ``where`` (n,), which may lie between its own."""
+    """A track at fractional frames ``where`` (n,)."""
     first = np.floor(where).astype(int)
     second = np.minimum(first + 1, len(track.keypoints) - 1)
     nearest = np.where(where - first < 0.5, first, second)
@@ -298,7 +299,7 @@ def _between(track: Track, where: Array) -> Track:
     both = (there[first] & there[second] & alike)[..., None]
 
     def mixed(values: Array) -> Array:
-        """(n, 16, k) values of detections."""
+        """(n, 16, k) interpolated values of detections."""
         line = (1 - weight) * values[first] + weight * values[second]
         return np.where(both, line, values[nearest])
 
@@ -325,7 +326,7 @@ def _any(flags: Iterable[Flags]) -> Flags:
 
 
 def _filled(keypoints: Array) -> Array:
-    """Each joint where it was in the nearest frame that has it; NaN if there is none."""
+    """Each joint at its position in the nearest frame that has it; NaN if there is none."""
     result = keypoints.copy()
     frames = np.arange(len(keypoints))
     for joint in range(N_JOINTS):
@@ -337,7 +338,7 @@ def _filled(keypoints: Array) -> Array:
 
 
 def _rows(track: Track, *, low: bool) -> Array:
-    """(n, 16) confidences of the frames with detections, or of those of least confidence."""
+    """(n, 16) confidences of the frames with detections, or of the least confident ones."""
     rows: Array = track.confidences[(track.confidences > 0).any(1)]
     if not low or not len(rows):
         return rows
@@ -346,7 +347,7 @@ def _rows(track: Track, *, low: bool) -> Array:
 
 
 def _some(rng: np.random.Generator, rows: Array, count: int, *, together: bool) -> Array:
-    """``count`` of the rows, from a random one on or each drawn by itself."""
+    """``count`` of the rows, consecutive from a random one or drawn independently."""
     if together:
         first = rng.integers(max(1, len(rows) - count + 1))
         chosen = (first + np.arange(count)) % len(rows)
@@ -359,15 +360,15 @@ def _some(rng: np.random.Generator, rows: Array, count: int, *, together: bool) 
 def _stretches(
     clip: Clip, rng: np.random.Generator, every: float, frames: tuple[int, int]
 ) -> list[slice]:
-    """Stretches apart from each other, one in each equal part of the clip.
+    """Separate intervals, one in each equal part of the clip.
 
     Parameters
     ----------
     clip, rng
     every : float
-        Seconds for one.
+        Seconds of each part.
     frames : (int, int)
-        The fewest and most of a stretch; fewer in clips that are too short.
+        Least and greatest length of an interval; shorter in clips that are too short.
     """
     count = max(_FEWEST, int(clip.n_frames / clip.fps // every))
     edges = np.linspace(0, clip.n_frames, count + 1).astype(int).tolist()
@@ -375,7 +376,7 @@ def _stretches(
     for begin, end in pairwise(edges):
         length = min(int(rng.integers(frames[0], frames[1] + 1)), end - begin - 2)
         if length > 0:
-            # A frame is left at either end of the part.
+            # One frame is left free at either end of the part.
             start = int(rng.integers(begin + 1, end - length))
             found.append(slice(start, start + length))
     return found
@@ -384,18 +385,18 @@ def _stretches(
 def _place(
     middle: Array, shape: Array, camera: Camera, rng: np.random.Generator, low: float, high: float
 ) -> Array:
-    """(2,) a place for something, in the picture as a whole if there is one.
+    """(2,) a place for some joints, entirely inside the image if one is found.
 
     Parameters
     ----------
     middle : (n, 2) float
-        Where it is in each frame, pixels.
+        Position of the joints in each frame, pixels.
     shape : (n, J, 2) float
-        Its joints about the place, pixels.
+        Joints relative to the place, pixels.
     camera, rng
     low, high : float
-        Pixels that the place must be away from all of ``middle`` at least, and from their mean
-        at most.
+        Least distance of the place from all of ``middle``, and greatest distance from their mean,
+        pixels.
     """
     corners = np.nanmin(shape, (0, 1)), np.nanmax(shape, (0, 1))
     size = np.array([camera.width, camera.height])
@@ -456,4 +457,4 @@ SPOILINGS: Final = (
     Spoiling("rate-15", partial(at_rate, fps=15.0)),
     Spoiling("rate-25", partial(at_rate, fps=25.0)),
 )
-"""What lifters do, then detectors, then cameras."""
+"""Faults of lifters, then of detectors, then of cameras."""

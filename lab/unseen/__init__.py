@@ -1,1 +1,1 @@
-"""People who sit as the library does not know."""
+"""Sitting motions that the library does not contain."""

@@ -3,8 +3,8 @@
     python -m lab.unseen [FOLDER] [--clips 6] [--only FAMILY] [--seed 0]
 
 simulates short clips of every family of motions, solves and samples each briefly with a third of
-the built-in library, and prints tables in Markdown. Each clip leaves a file in FOLDER; the same
-command goes on from there, and begins anew where the program has changed.
+the built-in library, and prints Markdown tables. The result of each clip is stored in FOLDER; the
+same command continues from there, and starts again if the program has changed.
 """
 
 from __future__ import annotations
@@ -26,22 +26,22 @@ from lab.unseen.scores import Answer, Outcome, outcome_of
 __all__ = ["Task", "page", "tasks_of"]
 
 MAKERS: Final = tuple(Path(str(module.__file__)) for module in (clips, families, scores))
-"""Simulation and scores: results of other ones are left alone."""
+"""Modules of simulation and scores, whose digest is part of the results' names."""
 SHOWN: Final = 0.5
-"""Nats of a term that is worth a word."""
+"""Least difference of a term in nats that is shown."""
 
 
 @dataclass(frozen=True)
 class Task:
-    """One clip to make, and the library to look at it with.
+    """One clip to make, and the library for its inference.
 
     Parameters
     ----------
     family : str
     index : int
-        Of the clip in its family.
+        Index of the clip in its family.
     unseen : bool
-        Whether the library is without the family.
+        Whether the library lacks the family.
     """
 
     family: str
@@ -49,13 +49,13 @@ class Task:
     unseen: bool
 
     def path(self, folder: Path) -> Path:
-        """Where its outcome lies."""
+        """File of its outcome."""
         library = "without" if self.unseen else "with"
         return folder / f"{self.family}-{library}-{self.index:03d}.json"
 
 
 def tasks_of(clips: int, only: str | None = None) -> tuple[Task, ...]:
-    """All clips, one of each family before the second of any."""
+    """Tasks of all clips, one of each family before the second of any."""
     return tuple(
         Task(family, index, unseen)
         for index in range(clips)
@@ -66,7 +66,7 @@ def tasks_of(clips: int, only: str | None = None) -> tuple[Task, ...]:
 
 
 def outcomes(tasks: Iterable[Task], folder: Path, seed: int) -> Iterator[Outcome]:
-    """Read, or made and left in ``folder``."""
+    """Outcomes, read from ``folder`` or computed and stored there."""
     for task in tasks:
         path = task.path(folder)
         if not path.exists():
@@ -77,7 +77,7 @@ def outcomes(tasks: Iterable[Task], folder: Path, seed: int) -> Iterator[Outcome
 
 
 def page(found: Sequence[Outcome]) -> str:
-    """Tables of what was found and of what was not, in Markdown."""
+    """Markdown tables of what was found and what was missed."""
     parts = []
     carried = [o for o in found if o.family in CARRIED]
     if carried:
@@ -108,7 +108,7 @@ def page(found: Sequence[Outcome]) -> str:
 
 
 def _grouped(found: Sequence[Outcome]) -> Iterator[tuple[str, list[Outcome]]]:
-    """By family, then all of them."""
+    """Outcomes by family, then all of them."""
     families = dict.fromkeys(o.family for o in found)
     for family in families:
         yield family, [o for o in found if o.family == family]
@@ -154,7 +154,7 @@ def _story(answer: Answer) -> str:
 
 
 def apart(first: Answer, second: Answer) -> str:
-    """The terms in which the second differs most, with the nats that it has more."""
+    """The terms in which the second answer differs most, with the difference in nats."""
     more = {name: second.terms[name] - first.terms[name] for name in first.terms}
     largest = sorted(more, key=lambda name: -abs(more[name]))[:4]
     return ", ".join(f"{name} {more[name]:+.1f}" for name in largest if abs(more[name]) >= SHOWN)

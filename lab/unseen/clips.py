@@ -1,8 +1,8 @@
-"""Short simulated clips of one motion, by family: somebody walks there and does it for a while.
+"""Short simulated clips of one motion, by family: a person walks there and does it for a while.
 
-Who does it is of another draw of the built-in library than the one that is searched: another body,
-other furniture, of sizes from the same catalogue. Nothing but the motion's own furniture stands in
-the room, so that whatever else an answer has is invented.
+The motion comes from another draw of the built-in library than the one that is searched: another
+body and other furniture, with sizes from the same catalogue. The room contains only the motion's
+own furniture, so everything else in a result is spurious.
 """
 
 from __future__ import annotations
@@ -54,31 +54,31 @@ _T = TypeVar("_T")
 CARRIED: Final = (
     "sit", "lie", "legs-crossed", "leg-folded", "cross-legged", "perch", "lean-on-arm", "slouch",
 )  # fmt: skip
-"""Families in which furniture carries somebody."""
+"""Families in which furniture carries the person."""
 UNCARRIED: Final = ("squat", "kneel", "bend", "floor-sit", "floor-lie")
-"""Families in which somebody is low down and nothing is near."""
+"""Families in which the person is low down without furniture."""
 
 CAMERA: Final = Camera(
     width=1920, height=1080, fx=1400.0, fy=1400.0, cx=960.0, cy=540.0,
     pitch=float(np.deg2rad(-8.0)), elevation=1.5,
 )  # fmt: skip
-"""About a webcam's: 69 degrees wide, and turned down so that the floor is in view from 3 m."""
+"""Like a webcam: 69 degrees wide, and pitched so that the floor is in view from 3 m."""
 DISTANCES: Final = (3.0, 5.0)
 """Metres on the floor from the camera to the pelvis."""
 FRAMES: Final = (60, 90)
-"""Fewest and most frames of a clip, at 10 a second."""
+"""Least and greatest number of frames of a clip, at 10 a second."""
 FPS: Final = 10.0
 SHARE: Final = 1 / 3
-"""Of the library that is searched, of each line of the catalogue."""
+"""Fraction of each line of the catalogue that is in the searched library."""
 
 _PERFORMED: Final = 1
 """Seed of the library that is performed."""
 _SIDEWAYS: Final = 0.75
-"""Part of half the field of view within which somebody on the floor is."""
+"""Fraction of half the field of view within which a person on the floor is."""
 _BEHIND: Final = 0.1
-"""Metres behind where somebody goes down that they stop walking."""
+"""Metres behind the place of the motion at which walking ends."""
 _TRIES: Final = 5000
-"""Rooms tried; most motions need a dozen."""
+"""Rooms tried before an error; most motions need a dozen."""
 
 
 @dataclass(frozen=True)
@@ -88,11 +88,11 @@ class Performance:
     Parameters
     ----------
     clip : Clip
-        With its truth.
+        Includes its ground truth.
     scenelet : Scenelet
-        What is performed.
+        The scenelet that is performed.
     stay : (int, int)
-        First frame in which it is, and the frame after the last.
+        First frame of the performance, and the frame after the last.
     """
 
     clip: Clip
@@ -102,15 +102,15 @@ class Performance:
     @property
     def pelvis(self) -> Array:
         """(3,) median of the true pelvis over the stay, metres in the world of the true camera."""
-        assert self.clip.truth is not None  # it is simulated
+        assert self.clip.truth is not None  # simulated clips have ground truth
         middle: Array = np.median(self.clip.truth.joints[slice(*self.stay), PELV], axis=0)
         return middle
 
 
 def thinned(library: Library, rng: np.random.Generator, *, share: float = SHARE) -> Library:
-    """A random part of each line of the catalogue, one scenelet at least, in the library's order.
+    """A random part of each line of the catalogue, at least one scenelet, in the library's order.
 
-    Lines are what names are before their number.
+    A line is given by a scenelet's name without its number.
     """
     lines: dict[str, list[int]] = {}
     for k, scenelet in enumerate(library):
@@ -125,22 +125,22 @@ def thinned(library: Library, rng: np.random.Generator, *, share: float = SHARE)
 
 @cache
 def searched_library(seed: int, without: str | None = None) -> Library:
-    """The part of the built-in library that is searched, all of it or without one family."""
+    """The searched part of the built-in library, with or without one family."""
     library = thinned(built_in_library(), np.random.default_rng([seed, crc32(b"library")]))
     return library if without is None else without_family(library, without)
 
 
 @cache
 def performed_scenelets(family: str) -> tuple[Scenelet, ...]:
-    """What of a family is performed.
+    """The scenelets of a family that are performed.
 
-    Of a family of :data:`CARRIED` those whose person is on a seat or bed all the time: who
-    leans on a table stands. Of one of :data:`UNCARRIED` all.
+    For a family of :data:`CARRIED`, those with the person on a seat or bed all the time, which
+    excludes standing at a table. For one of :data:`UNCARRIED`, all.
 
     Raises
     ------
     InputError
-        If the family is neither.
+        The family is in neither.
     """
     if family not in CARRIED + UNCARRIED:
         known = ", ".join(CARRIED + UNCARRIED)
@@ -156,16 +156,16 @@ def _on_seat(scenelet: Scenelet) -> bool:
 
 
 def simulate_performance(family: str, index: int, *, seed: int = 0) -> Performance:
-    """A clip in which a motion of a family is performed; the same arguments, the same clip.
+    """Simulate a clip in which a motion of a family is performed; equal arguments, equal clips.
 
-    The camera is turned and raised, and the body as large, as the model has them; where the person
-    is and which side is seen is uniform among places from which enough is seen. Detections and
-    lifted poses are drawn by :func:`~imapper_prob.simulate.clips.simulate_track`.
+    Orientation and height of the camera and the size of the body follow the model; place and yaw of
+    the person are uniform among those from which enough is visible. Detections and lifted poses are
+    drawn by :func:`~imapper_prob.simulate.clips.simulate_track`.
 
     Raises
     ------
     InputError
-        If there is no such family, or no room was found for the motion.
+        There is no such family, or no room was found for the motion.
     """
     rng = np.random.default_rng([seed, crc32(family.encode()), index])
     scenelets, gait = performed_scenelets(family), _gait()
@@ -226,9 +226,9 @@ def _walk_to(
     scale: float,
     n_frames: int,
 ) -> tuple[Array, NDArray[np.bool_]] | None:
-    """Joints (T, 16, 3) in the world, metres, and in which frames (T,) the motion is performed.
+    """Joints (T, 16, 3) in the world, metres, and frames (T,) in which the motion is performed.
 
-    None if this attempt found no way in, or too little of the person would be in the image.
+    None if this attempt found no route, or if too little of the person would be in the image.
     """
     furniture = [piece.moved(stay.placement) for piece in stay.scenelet.objects]
     entries = (draw_entry(rng, stay, camera=camera, furniture=furniture) for _ in range(10))
@@ -260,7 +260,7 @@ def _filmed(
     *,
     camera: Camera,
 ) -> Performance:
-    """What is seen of it. Of the camera, the clip says no more than is known of a real one."""
+    """The clip of a performance, with the nominal camera in place of the true one."""
     objects = tuple(piece.moved(stay.placement) for piece in stay.scenelet.objects)
     hidden = hidden_joints(camera, joints, objects)
     track = simulate_track(rng, joints, hidden, camera=camera, fps=FPS)

@@ -1,7 +1,7 @@
-"""Families of the built-in library: kinds of motion that a library can be without.
+"""Families of the built-in library: kinds of motion that can be left out of a library.
 
-Who asks how the program does on motions that its library lacks leaves out one
-family at a time.
+To test the program on motions that its library lacks, one family at a time is left
+out.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ FAMILIES: Final = tuple(dict.fromkeys(_OF_LINE.values()))
 
 
 def family_of(name: str) -> str | None:
-    """The family of a scenelet of the built-in library, by its name; None of any other.
+    """The family of a scenelet of the built-in library by its name, or None for other names.
 
     Parameters
     ----------
     name : str
-        As ``"sit-on-leg-bed-004"``, or with the name of its library before it, as
+        Such as ``"sit-on-leg-bed-004"``, or with the name of its library before it, as
         :func:`~imapper_prob.scenelets.library.joined` may put it.
     """
     return _OF_LINE.get(re.sub(r"-\d+$", "", name.rpartition("/")[2]))
@@ -41,10 +41,9 @@ def only_family(library: Library, family: str) -> Library:
 
 
 def without_family(library: Library, family: str) -> Library:
-    """All other scenelets, those of other libraries too; ``InputError`` if there is no such family.
+    """All other scenelets, also those of other libraries; ``InputError`` for an unknown family.
 
-    What is left does not say that somebody did the like: plain sitting has legs crossed now and
-    then.
+    Similar motions may remain: in plain sitting, for example, legs are sometimes crossed.
     """
     _check(family)
     chosen = tuple(s for s in library if family_of(s.name) != family)

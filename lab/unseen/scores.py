@@ -1,4 +1,4 @@
-"""What an answer to a clip of one motion has under its person, and what speaks against another."""
+"""Scores of the furniture under the person of a clip with one motion, and the best rival."""
 
 from __future__ import annotations
 
@@ -37,25 +37,25 @@ Array = NDArray[np.float64]
 SETTINGS: Final = SampleSettings(
     chains=2, steps=2000, temperatures=3, draws=100, ensemble_steps=2,
 )  # fmt: skip
-"""Short: what the staged solver starts them with they keep or lose."""
+"""Short: chains keep or lose what the staged solver starts them with."""
 AWAY: Final = 0.6
-"""Metres from the true pelvis to the footprint of what is said to carry it, at most."""
+"""Greatest distance in metres of the true pelvis from the footprint of its seat."""
 _JUDGED, _POLISHED = 12, 2
-"""Rival sequences that are refined, and of these polished."""
+"""Number of rival sequences that are refined, and of these that are polished."""
 
 
 @dataclass(frozen=True)
 class Share:
-    """What is in an answer, as a share of its draws; 0 or 1 of a single scene.
+    """Properties of an answer as fractions of its draws; 0 or 1 for a single scene.
 
     Parameters
     ----------
     carried : float
         A seat or bed is under the answer's own person during the stay.
     supported : float
-        The same, and it is within :data:`AWAY` of the true pelvis too, seen from the camera.
+        The same, and it is also within :data:`AWAY` of the true pelvis, seen from the camera.
     furnished : float
-        Any object is anywhere.
+        There is any object.
     """
 
     carried: float
@@ -65,7 +65,7 @@ class Share:
 
 @dataclass(frozen=True)
 class Answer:
-    """A single scene, and why it is as good as it is.
+    """A single scene, and the terms of its log-posterior.
 
     Parameters
     ----------
@@ -80,36 +80,36 @@ class Answer:
 
     @property
     def total(self) -> float:
-        """Nats in all."""
+        """Total log-posterior in nats."""
         return sum(self.terms.values())
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What came of a clip.
+    """Outcome of a clip.
 
     Parameters
     ----------
     family : str
     unseen : bool
-        Whether the library that was searched is without the family.
+        Whether the searched library lacks the family.
     index : int
-        Of the clip in its family.
+        Index of the clip in its family.
     performed : str
-        Name of the scenelet.
+        Name of the scenelet that is performed.
     stay : (int, int)
-        First frame in which it is performed, and the frame after the last.
+        First frame of the performance, and the frame after the last.
     hidden : float
-        Share of the joints that furniture hides in these frames.
+        Fraction of the joints that furniture hides in these frames.
     signs : tuple of (int, int, float)
-        Stays that the solver sees: first frame, frame after the last, nats.
+        Stays that the solver detects: first frame, frame after the last, nats.
     staged, sampled : Share
-        Of the staged solver's best scene, and of the draws of the chains.
+        For the staged solver's best scene, and for the draws of the chains.
     best, empty : Answer
         The staged solver's best scene, and the mean camera and path without scenelets.
     rival : Answer, optional
-        If draws or best scene say the wrong thing about furniture: the best scene found among the
-        candidates that say the right one during the stay.
+        If draws or best scene are wrong about furniture: the best scene among the candidates that
+        are right about it during the stay.
     """
 
     family: str
@@ -126,12 +126,12 @@ class Outcome:
     rival: Answer | None
 
     def as_json(self) -> dict[str, Any]:
-        """For a file."""
+        """The outcome as JSON."""
         return asdict(self)
 
     @classmethod
     def from_json(cls, document: dict[str, Any]) -> Outcome:
-        """From :meth:`as_json`, also after a file has made lists of tuples."""
+        """The outcome from :meth:`as_json`, also if a file has turned tuples into lists."""
         said = dict(document)
         said["stay"] = tuple(said["stay"])
         said["signs"] = tuple((int(a), int(b), float(c)) for a, b, c in said["signs"])
@@ -142,7 +142,7 @@ class Outcome:
         return cls(**said)
 
     def right(self, share: Share) -> bool:
-        """Whether an answer says the right thing: carried or not."""
+        """Whether an answer is right: carried or not."""
         if self.family in CARRIED:
             return share.supported > 0.5
         return share.furnished <= 0.5
@@ -164,7 +164,7 @@ def outcome_of(family: str, index: int, *, unseen: bool, seed: int = 0) -> Outco
     samples, best = posterior.samples, solution.states[0]
     staged = _share_of(performance, solution.problem, [best], [_objects(solution, best)])
     sampled = _share_of(performance, solution.problem, samples.states, samples.objects)
-    assert performance.clip.truth is not None  # it is simulated
+    assert performance.clip.truth is not None  # simulated clips have ground truth
     outcome = Outcome(
         family=family,
         unseen=unseen,
@@ -192,7 +192,7 @@ def _share_of(
     states: Sequence[State],
     objects: Sequence[Sequence[SceneObject]],
 ) -> Share:
-    """Of states with their merged furniture."""
+    """Shares over states with their merged furniture."""
     each = [_found_in(performance, problem, *one) for one in zip(states, objects, strict=True)]
     carried, supported, furnished = np.mean(each, axis=0).tolist()
     return Share(carried, supported, furnished)
@@ -201,22 +201,22 @@ def _share_of(
 def _found_in(
     performance: Performance, problem: Problem, state: State, objects: Sequence[SceneObject]
 ) -> tuple[bool, bool, bool]:
-    """Of one state: carried, supported, furnished, as of :class:`Share`."""
+    """Carried, supported and furnished for one state, as in :class:`Share`."""
     own = np.median(motion(problem, state)[slice(*performance.stay), PELV, :2], axis=0)
     truth, nominal = performance.clip.truth, performance.clip.camera
-    assert truth is not None  # it is simulated
+    assert truth is not None  # simulated clips have ground truth
     seen = truth.camera.to_camera(performance.pelvis)
     true = camera_at(nominal, state.camera).to_world(seen)[:2]
     return (*score(objects, own, true), bool(objects))
 
 
 def score(objects: Sequence[SceneObject], own: Array, true: Array) -> tuple[bool, bool]:
-    """Whether a seat or bed is under the answer's person, and whether that is near the true one.
+    """Whether a seat or bed is under the answer's person, and whether it is near the true pelvis.
 
     Parameters
     ----------
     objects : sequence of SceneObject
-        Of the answer.
+        Objects of the answer.
     own, true : (2,) float
         Pelvis of the answer and of the truth on the answer's floor, metres.
     """
@@ -225,15 +225,15 @@ def score(objects: Sequence[SceneObject], own: Array, true: Array) -> tuple[bool
 
 
 def best_rival(solution: Solution, performance: Performance, *, carried: bool) -> State | None:
-    """The best scene of the candidates that say the right thing about furniture.
+    """The best scene of the candidates that are right about furniture.
 
-    With ``carried``, what is in the best scene during the stay makes room for sequences of
-    scenelets with a seat or bed; otherwise all of it for sequences of scenelets without anything.
+    With ``carried``, scenelets of the best scene during the stay are replaced by sequences with a
+    seat or bed; otherwise all scenelets are replaced by sequences without objects.
 
     Returns
     -------
     State or None
-        None if there is no such candidate, or none of the sequences is right.
+        There is no such candidate, or no sequence is right.
     """
     problem = solution.problem
     context, begin, end = solution.states[0], 0, problem.n_frames
@@ -277,7 +277,7 @@ def _is_right(solution: Solution, candidate: Candidate, *, carried: bool) -> boo
 
 
 def _cleared(problem: Problem, state: State, stay: tuple[int, int]) -> tuple[State, int, int]:
-    """The state without what overlaps a stay, and the stretch (begin, end) that is free then."""
+    """The state without scenelets that overlap a stay, and the interval (begin, end) then free."""
     begin, end = 0, problem.n_frames
     for k in range(state.n_scenelets - 1, -1, -1):
         first = int(state.items[k, 1])

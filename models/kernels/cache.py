@@ -1,11 +1,11 @@
-"""What an incremental evaluation keeps, in flat arrays, and its handle for compiled code.
+"""The cache of an incremental evaluation as flat arrays, and its handle for compiled code.
 
-Scenelets live in slots: one keeps its slot for as long as nothing about it changes. What depends
-on a frame has two rows, one that holds for the current state and one to write a proposal into; to
-accept is to say of some frames that the other row holds.
+Each scenelet has a slot, which it keeps while it is unchanged. Values of a frame have two rows: one
+is valid for the current state, and a proposal is written to the other. Accepting a proposal
+switches the valid row of the changed frames.
 
-A problem and a cache are some ninety arrays. To unpack them at every call takes longer than all
-the arithmetic of a small move; an :class:`Evaluator` hands compiled code both by one address.
+A problem and a cache have some ninety arrays. Unpacking them at every call takes longer than the
+arithmetic of a small move, so an :class:`Evaluator` passes both to compiled code by one address.
 """
 
 from __future__ import annotations
@@ -38,21 +38,21 @@ __all__ = [
 
 UNUSED, KEPT, ADDED, REMOVED = range(4)
 EMISSION = 5
-"""Numbers of a frame's emission: the greater log-density of two, weighted, and both densities over
-it; and, unweighted, its log-likelihood as it is and with sides flipped, nats."""
+"""Numbers of a frame's emission: the greater of the two weighted log-densities (sides as they are,
+and flipped), both densities relative to it, and the two unweighted log-likelihoods, nats."""
 RIGHT, WRONG = 3, 4
-"""Which of them are the latter."""
+"""Indices of the unweighted log-likelihoods: sides as they are, and flipped."""
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Flags = NDArray[np.uint8]
 
 
 class Cache(NamedTuple):
-    """What an evaluation keeps of the current state, and writes of a proposal.
+    """The cached values of the current state, and those of a proposal.
 
-    T frames, S slots of up to B boxes; box b of slot s is in row ``s * B + b``. Frame t is in
-    row t or T + t of arrays of 2 T rows. Index 0 of ``slots``, ``cover`` and ``evidence`` is the
-    current state and 1 the proposed one. From ``frames`` on all are workspaces.
+    T frames, S slots of up to B boxes; box b of slot s is in row ``s * B + b``. Frame t is in row t
+    or T + t of arrays with 2 T rows. Index 0 of ``slots``, ``cover`` and ``evidence`` is the
+    current state and 1 the proposal. The fields from ``frames`` on are workspaces.
 
     Parameters
     ----------
@@ -63,49 +63,49 @@ class Cache(NamedTuple):
     cover : (2, T) int
         Slot whose scenelet poses the frame, -1 if none.
     evidence : (2, S + 1) float
-        Of the path before each scenelet, and after the last.
+        Log evidence of the path before each scenelet, and after the last, nats.
     items : (S, 3) int
-        Scenelet, start frame, frame after its end.
+        Scenelet, start frame, and frame after its end.
     placements : (S, 3) float
         x, y (m), yaw (rad).
     sizes : (S,) float
         Log size of each scenelet, on top of the body scale.
     bodies : (S,) float
-        How large person and furniture are.
+        Size of person and furniture, a factor.
     pelvis : (S, 6) float
-        Bearing and log depth in the first frame, and in the last two.
+        Bearing and log depth of the pelvis in the first frame, and in the last two.
     placed : (S,) float
         Log density of placement and size given the pelvis, nats.
     pairs : (S, S) float
-        What it costs that objects of two scenelets are in each other, nats.
+        Cost of collisions between the objects of two scenelets, nats.
     counts : (S,) int
-        Boxes of each.
+        Number of boxes of each slot.
     boxes : (S B, 7) float
-        In the world.
+        World frame.
     turns : (S B, 3) float
-        Cosine and sine of the yaw, half a diagonal.
+        Cosine and sine of the yaw, and half a diagonal.
     occluders : (S B, 15) single
         See `set_occluder`.
     footprints : (S B, 4) float
         See `set_footprint`.
     hulls : (S, 5) single
-        Window of all boxes of a slot.
+        Image bounds of all boxes of a slot.
     floors : (S, 4) float
-        Footprint of all boxes of a slot.
+        Bounds on the floor of all boxes of a slot.
     labels : (S B,) int
-        Category of the object.
+        Category of the object that each box belongs to.
     yaws : (S B,) float
-        Of the object, radians.
+        Yaw of that object, radians.
     pose_at : (T,) uint8
-        Which row of the frame holds, of the arrays up to ``depths``.
+        Which of the frame's two rows is valid, for the arrays up to ``depths``.
     moved : (T,) uint8
-        Whether the proposal wrote the other.
+        Whether the proposal wrote the other row.
     pose_row : (T,) int
-        The row that holds in the proposal.
+        The row that is valid in the proposal.
     path : (2 T, 2) float
         Bearing and log depth of a free frame.
     joints : (2 T, 3, 16) float
-        In the world, metres.
+        World frame, metres.
     lines : (2 T, 48) single
         See `ray_endpoints`.
     views : (2 T, 5) single
@@ -115,47 +115,47 @@ class Cache(NamedTuple):
     ground : (2 T, 4) float
         See `set_body_columns`.
     sunk : (2 T,) float
-        How deep the lowest joint is below the floor, metres.
+        Depth of the lowest joint below the floor, metres.
     likelihoods : (2 T, 64) float
-        Of covered frames, see `LIKELIHOODS`.
+        Likelihoods of covered frames, see `LIKELIHOODS`.
     gaps : (S, 2 T, 16) single
-        Clearance of the joints from a slot's boxes, where near.
+        Clearance of the joints from a slot's boxes, metres, where ``near``.
     near : (S, 2 T) uint8
-        Whether any box of the slot can come near a line of sight.
+        Whether any box of the slot may come near a line of sight.
     depths : (S, 2 T) float
-        How deep the body stands in the slot's objects, metres.
+        Penetration of the body into the slot's objects, metres.
     sum_at : (T,) uint8
-        Which row of the frame holds, of ``clearance`` and ``emissions``.
+        Which of the frame's two rows is valid, for ``clearance`` and ``emissions``.
     changed : (T,) uint8
-        Whether the proposal wrote the other.
+        Whether the proposal wrote the other row.
     sum_row : (T,) int
-        The row that holds in the proposal.
+        The row that is valid in the proposal.
     clearance : (2 T, 16) single
-        Of the joints from all boxes, metres.
+        Clearance of the joints from all boxes, metres.
     emissions : (2 T, 5) float
         See `EMISSION`.
     poses : (T, 3, 16) float
-        Of the problem, with the joints side by side.
+        Poses of the problem, with the joints contiguous.
     uv : (T, 2, 2, 16) float
         See `set_detections`.
     params : (T, 2, 7, 16) single
         See `set_detections`.
     told : (T,) uint8
-        Whether ``uv`` and ``params`` of the frame are written.
+        Whether ``uv`` and ``params`` of the frame are filled in.
     own : (T, 64) float
-        The same of a free frame.
+        Likelihoods of a free frame, see `LIKELIHOODS`.
     own_told : (T,) uint8
-        Whether ``own`` of the frame is written.
+        Whether ``own`` of the frame is filled in.
     bare : (T, 5) float
-        Emissions of a free frame with nothing in sight; NaN where not worked out yet.
+        Emissions of a free frame without any occlusion; NaN until computed.
     watched : (T,) uint8
-        Whether anything of the frame was detected.
+        Whether the frame has any detection.
     every : (T,) int
-        All frames.
+        Indices of all frames.
     frames : (T,) int
-        Those that moved, then those to weigh.
+        The frames that moved, then the frames whose emissions are to be computed.
     weighed : (T,) int
-        Rows of those to weigh.
+        Rows of the latter in ``clearance`` and ``emissions``.
     seen : (T, 16) single
         See `visibility_probabilities`.
     logs : (4, T) float
@@ -167,7 +167,7 @@ class Cache(NamedTuple):
     displaced : (5,) float
         See `add_displaced_depth`.
     terms : (12,) float
-        Of the proposal, nats, see `TERMS`.
+        Terms of the proposal, nats, see `TERMS`.
     """
 
     slots: Ints
@@ -230,16 +230,16 @@ class Cache(NamedTuple):
 
 
 _CACHE_LINE = 64
-"""Bytes. Sixteen numbers that begin elsewhere than a line of the cache does are in two."""
+"""Bytes. Arrays are aligned to it, so that sixteen singles lie in one line of the CPU's cache."""
 _PIECES = 15
-"""Arrays that are parts of the pool."""
+"""Number of arrays that are parts of the pool."""
 
 
 @inner_inlined
 def _taken(pool: NDArray[np.uint8], at: Ints, size: int) -> NDArray[np.uint8]:
-    """The next ``size`` bytes of the pool, from the beginning of a line of the cache on.
+    """The next ``size`` bytes of the pool, aligned to a cache line.
 
-    ``at`` (1,) is how many are taken.
+    ``at`` (1,) is the number of bytes in use, which is updated.
     """
     first = at[0]
     at[0] = first + (size + _CACHE_LINE - 1) // _CACHE_LINE * _CACHE_LINE
@@ -260,17 +260,17 @@ def _singles(pool: NDArray[np.uint8], at: Ints, size: int) -> Singles:
 
 @inner
 def _new_cache(problem: Problem, capacity: int) -> Cache:
-    """An empty cache.
+    """Make an empty cache.
 
-    What is read before it is written is set here. The larger arrays are parts of one: many pieces
-    of that size would go back to the system, and come from it anew page by page, at every
-    evaluation of a whole state.
+    Arrays that are read before they are written are initialised. The larger arrays are parts of one
+    block: separate blocks of that size would be returned to the operating system, and be allocated
+    again page by page, at every evaluation of a whole state.
 
     Parameters
     ----------
     problem : Problem
     capacity : int
-        Scenelets of a state, and of a proposal, at most.
+        Largest number of scenelets of a state and of a proposal.
 
     Returns
     -------
@@ -301,7 +301,7 @@ def _new_cache(problem: Problem, capacity: int) -> Cache:
     return Cache(
         slots=np.zeros((2, n_slots + 1), np.int64),
         role=np.zeros(n_slots, np.int64),
-        # At first every frame counts as covered by something else.
+        # At first every frame counts as covered by another slot.
         cover=np.zeros((2, n), np.int64),
         evidence=np.zeros((2, n_slots + 1)),
         items=np.empty((n_slots, 3), np.int64),
@@ -332,7 +332,7 @@ def _new_cache(problem: Problem, capacity: int) -> Cache:
         sunk=np.empty(rows),
         likelihoods=_doubles(pool, at, rows * LIKELIHOODS).reshape((rows, LIKELIHOODS)),
         gaps=_singles(pool, at, n_slots * rows * 16).reshape((n_slots, rows, 16)),
-        # A slot that goes is asked about rows in which it never was.
+        # For a removed slot, rows are read in which the slot was never written.
         near=np.zeros((n_slots, rows), np.uint8),
         depths=_doubles(pool, at, n_slots * rows).reshape((n_slots, rows)),
         sum_at=np.zeros(n, np.uint8),
@@ -362,15 +362,15 @@ def _new_cache(problem: Problem, capacity: int) -> Cache:
 
 
 _structref: Any = structref
-"""numba's records by reference, published without types."""
+"""numba's structref module, typed as Any because it is published without types."""
 
 
 class _EvaluatorType(types.StructRef):
-    """The type that the compiler has for an evaluator."""
+    """The numba type of an evaluator."""
 
 
 class Evaluator(structref.StructRefProxy):
-    """A problem and the cache of its evaluation; made by :func:`open_evaluator`.
+    """A problem with the cache of its evaluation; made by :func:`open_evaluator`.
 
     Parameters
     ----------
@@ -389,14 +389,14 @@ _structref.define_constructor(Evaluator, _EvaluatorType, ["problem", "cache"])
 
 @compiled
 def open_evaluator(problem: Problem, capacity: int) -> Evaluator:
-    """An evaluator of a problem with an empty cache.
+    """Make an evaluator of a problem with an empty cache.
 
     Parameters
     ----------
     problem : Problem
-        Its arrays are kept, not copied.
+        Its arrays are referenced, not copied.
     capacity : int
-        Scenelets of a state at most.
+        Largest number of scenelets of a state.
 
     Returns
     -------

@@ -1,15 +1,14 @@
-"""Emissions of every frame, and the sum over frames with sides flipped.
+"""Emissions of every frame, marginalised over left-right flips.
 
 Equations (11) and (12) of ``docs/explanation/model.md``.
 
-A detector that sees somebody from behind, or in poor light, can take the joints of the left side
-for those of the right, for a run of frames and at full confidence. Whether frame t is flipped is
-a Markov chain s_t of two states; it is summed out by the forward recursion of a hidden Markov
-model (Rabiner 1989), exact and linear in T:
+A detector that sees a person from behind, or in poor light, may confuse left and right joints for a
+run of frames, at full confidence. Whether frame t is flipped is a two-state Markov chain s_t. The
+forward recursion of a hidden Markov model (Rabiner 1989) sums it out exactly, in time linear in T:
 
     log p(u, c | q) = log sum over s of p(s) prod_t p(u_t, c_t | q_t, s_t)^w
 
-with the frame weight w that stands for the correlation of neighbouring frames.
+with the frame weight w, which accounts for the correlation of neighbouring frames.
 """
 
 from __future__ import annotations
@@ -47,26 +46,26 @@ Flags = NDArray[np.bool_]
 def forward_filter(
     by_frame: Array, starts: Flags, weight: float, begins: float, ends: float
 ) -> tuple[Array, Array]:
-    """What each frame adds to the log-likelihood, and whether it is flipped, given earlier frames.
+    """Contribution of each frame to the log-likelihood, and probability that it is flipped.
 
     Parameters
     ----------
     by_frame : (T, 2) float
         Log-likelihood of each frame as it is, and with sides flipped, nats.
     starts : (T,) bool
-        Frames that follow upon nothing: the chain begins anew there.
+        Frames without a predecessor, where the chain restarts.
     weight : float
         Factor on every frame's log-likelihood.
     begins, ends : float
-        Probability a frame that a flip begins, and that one ends. The first frame, as any
-        start, is flipped as often as any, ``begins / (begins + ends)``.
+        Probability per frame that a flip begins, and that one ends. The first frame and every other
+        start are flipped with the stationary probability ``begins / (begins + ends)``.
 
     Returns
     -------
     shares : (T,) float
-        log p(u_t, c_t | all earlier frames), nats; their sum is that of all frames.
+        log p(u_t, c_t | all earlier frames), nats; the sum is the log-likelihood of all frames.
     flipped : (T,) float
-        Probability that a frame is flipped, given the frames up to it.
+        Probability that a frame is flipped, given the frames up to and including it.
     """
     n, usual = len(by_frame), begins / (begins + ends)
     shares, flipped = np.empty(n), np.empty(n)
@@ -124,7 +123,7 @@ def draw_flips(
     ends: float,
     starts: Flags | None = None,
 ) -> Flags:
-    """Draw the frames in which left is taken for right: a chain of two states in equilibrium.
+    """Draw the flipped frames from the stationary two-state Markov chain.
 
     Parameters
     ----------
@@ -132,9 +131,9 @@ def draw_flips(
     n_frames : int
         T.
     begins, ends : float
-        Probability a frame that a flip begins, and that one ends.
+        Probability per frame that a flip begins, and that one ends.
     starts : (T,) bool, optional
-        Frames besides the first at which the chain begins anew.
+        Frames besides the first at which the chain restarts.
 
     Returns
     -------
@@ -151,12 +150,12 @@ def draw_flips(
 
 _CAP = np.float32(NOTHING_IN_SIGHT)
 _TINY = 1e-100
-"""Products of densities are rescaled below this."""
+"""Products of densities are rescaled when they fall below this."""
 
 
 @inner_inlined
 def _set_emission(right: float, wrong: float, weight: float, emissions: Array, row: int) -> None:
-    """Of a frame whose log-likelihood is ``right`` as it is, ``wrong`` with sides flipped, nats."""
+    """Write the emission from log-likelihoods with sides as they are and flipped, nats."""
     emissions[row, 0] = weight * max(right, wrong)
     less = math.exp(-weight * abs(right - wrong))
     emissions[row, 1], emissions[row, 2] = (1.0, less) if right > wrong else (less, 1.0)
@@ -181,14 +180,14 @@ def _nothing_near(clearance: Singles, row: int) -> bool:
 
 @inner_inlined
 def update_emissions(problem: Problem, cache: Cache, n: int) -> None:
-    """Work out the emissions of the frames that changed.
+    """Compute the emissions of the frames that changed.
 
     Parameters
     ----------
     problem : Problem
     cache : Cache
     n : int
-        Scenelets of the proposal.
+        Number of scenelets of the proposal.
     """
     n_weighed = _reuse_emissions(cache, n)
     cover, frames, weighed, rows = cache.cover, cache.frames, cache.weighed, cache.pose_row
@@ -216,10 +215,10 @@ def update_emissions(problem: Problem, cache: Cache, n: int) -> None:
 
 @inner_inlined
 def _reuse_emissions(cache: Cache, n: int) -> int:
-    """Clearance of the changed frames, and emissions of those that have been worked out already.
+    """Update clearances of the changed frames, and copy emissions that are already known.
 
-    The other frames, their rows and clearances are put into ``frames``, ``weighed`` and
-    ``seen``; returns how many.
+    The remaining frames, their rows and their clearances are written to ``frames``, ``weighed`` and
+    ``seen``; returns their number.
     """
     changed, moved, cover, near = cache.changed, cache.moved, cache.cover, cache.near
     rows, sum_rows = cache.pose_row, cache.sum_row
@@ -237,7 +236,7 @@ def _reuse_emissions(cache: Cache, n: int) -> int:
             if near[slot, row]:
                 bounded = True
                 for j in range(gaps.shape[2]):
-                    # The cap, which changes nothing, makes it three, as in ``sight``.
+                    # The redundant cap makes it three operands, as in `sight`.
                     scratch32[GAP + j] = min(min(scratch32[GAP + j], gaps[slot, row, j]), _CAP)
         for j in range(clearance.shape[1]):
             clearance[to, j] = scratch32[GAP + j]
@@ -259,16 +258,16 @@ def _reuse_emissions(cache: Cache, n: int) -> int:
 
 @inner_inlined
 def forward_log_likelihood(problem: Problem, cache: Cache) -> float:
-    """The terms of detections, free poses and sunken joints of a proposal.
+    """Compute the terms of detections, free poses and ground of a proposal.
 
-    Of the detections, the log of equation (12) by its forward recursion, on densities that are
-    rescaled as needed in place of probabilities.
+    The detections' term is the log of equation (12) by its forward recursion, on densities that are
+    rescaled when needed.
 
     Parameters
     ----------
     problem : Problem
     cache : Cache
-        Its three terms are written.
+        Output: these three terms.
 
     Returns
     -------

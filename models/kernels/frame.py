@@ -1,13 +1,13 @@
-"""The log-likelihood of a frame: its joints projected, and weighed as seen or hidden.
+"""The log-likelihood of one frame: joints are projected and weighted by their visibility.
 
-Equation (11) of ``model.md`` in two steps. The likelihoods of a frame's detections, if a
-joint is hidden and if it is seen, follow from pose and camera
-(:func:`set_visibility_likelihoods`); mixing them needs how visible the joints are
-(:func:`mix_likelihoods`). Furniture that moves changes only the second.
+Equation (11) of ``model.md`` in two steps. Pose and camera determine the likelihoods of a frame's
+detections for hidden and for visible joints (:func:`set_visibility_likelihoods`). Mixing them needs
+the visibility of the joints (:func:`mix_likelihoods`). If only furniture moves, only the second
+step is repeated.
 
-Exponentials and logarithms are written out (Cody and Waite 1980: reduce, then a polynomial),
-because a library call would keep the compiler from working on many joints in one instruction;
-they are as exact as their precision.
+Exponentials and logarithms are written out (Cody and Waite 1980: range reduction, then a
+polynomial), because library calls would prevent vectorisation over joints. They are accurate to
+their working precision.
 """
 
 from __future__ import annotations
@@ -39,58 +39,58 @@ __all__ = [
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Lens = tuple[float, float, float, float, float, float, float, float, float]
-"""Both focal lengths, the principal point and the pose's doubt of one metre's depth, in
-pixels; cosine and sine of the camera's pitch, its elevation, cosine and sine of its roll."""
+"""Both focal lengths and the principal point in pixels; cosine and sine of the camera's pitch, its
+elevation, cosine and sine of its roll."""
 
 LIKELIHOODS = 64
-"""Of a frame: densities of the detections of hidden joints, and by how much those of seen
-joints are greater; both for sides as they are and then flipped. A joint is in its own place,
-whichever side's detection it answers for: only their product counts."""
+"""Numbers of a frame: densities of the detections if joints are hidden, and the differences of the
+densities if they are seen; for sides as they are, then flipped. Flipped values are stored at the
+joint, not at the detection, because only the product over joints counts."""
 
-# What is known of the detection that a joint answers for: whether it was used; square scale,
-# degrees of freedom and the confidence's density over 2 pi, of hidden and of seen joints.
+# Parameters of a joint's detection: whether it was used; squared scale, degrees of freedom, and
+# density of the confidence over 2 pi; each for hidden and for seen joints.
 _USED, _SCALE2, _DOF, _CONFIDENCE = 0, 1, 3, 5
 PARAMS = 7
-"""How many such numbers there are."""
+"""Number of such parameters."""
 
-# Where the rows of the scratch array start: pixels, and square pixels of the pose's doubt;
-# densities: sides as they are, hidden and seen, and sides flipped, hidden and seen.
+# Offsets in the scratch array: pixels, squared pixels of the pose tolerance, and densities (sides
+# as they are: hidden, seen; sides flipped: hidden, seen).
 _U, _V, _LOOSE, _DENSITY = 0, 16, 32, 48
 SCRATCH64 = 112
-"""Numbers in the scratch array."""
-# On the scratch array, in the order of densities: 1 + r^2 / (dof scale^2) and the power it is
-# raised to, then the density but for its exponent, and that.
+"""Length of the scratch array."""
+# Offsets in the single-precision scratch array, in the order of densities: first 1 + r^2 / (dof
+# scale^2) and its power, later the fraction and the exponent of the density.
 _RATIO, _POWER, _FRACTION, _EXPONENT = 0, 64, 0, 64
 
 _SMALLEST = float(np.finfo(np.float64).tiny)
-"""No density counts less."""
+"""Lower bound of densities."""
 _OTHER = np.array(MIRROR)
 _PER_TURN = 1.0 / (2.0 * math.pi)
 _LN2 = math.log(2.0)
 _MANTISSA, _UNIT = 0x000FFFFFFFFFFFFF, 0x3FF0000000000000
-"""The bits of a mantissa, and those of the exponent of numbers from 1 to 2."""
+"""Bit masks: the mantissa, and the exponent of numbers from 1 to 2."""
 _DOUBLE_HALF_BITS = 0x3FE6A09E667F3BCD
-"""The bits of sqrt(1/2), from where mantissas are counted."""
+"""The bits of sqrt(1/2), the lower end of reduced mantissas."""
 _BIAS = 1023
 
-# Of single precision, for one number in double makes double of all it meets.
+# Single precision, because one double operand would promote the whole expression.
 _LOG2E = np.float32(1.0 / math.log(2.0))
 _LN2_HIGH, _LN2_LOW = np.float32(0.693359375), np.float32(-2.12194440e-4)
-"""ln 2 in two parts, of which multiples of the first are exact."""
+"""ln 2 as a sum of two parts; small multiples of the first are exact."""
 _ROUND, _ROUND_BITS = np.float32(12582912.0), 0x4B400000
 """1.5 * 2^23: adding it leaves a number's nearest integer in the lowest bits."""
 _HALF_BITS = 0x3F3504F3
-"""The bits of sqrt(1/2) once more."""
+"""The bits of sqrt(1/2) in single precision."""
 _E1, _E2, _E3, _E4, _E5, _E6 = (np.float32(1.0 / math.factorial(n)) for n in range(1, 7))
 _L1, _L3, _L5, _L7, _L9 = (np.float32(2.0 / n) for n in (1, 3, 5, 7, 9))
 _SINGLE_LN2, _LEAST_POWER = np.float32(_LN2), np.float32(-700.0)
 _FAR = np.float32(30.0)
-"""Widths of the step of visibility; farther from it the probability is what it is there."""
+"""Clearance, in widths of the visibility step, beyond which the probability is constant."""
 
 
 @inner
 def lens_of(problem: Problem, camera: Array) -> Lens:
-    """What projection needs of a camera.
+    """Precompute what projection needs of a camera.
 
     Parameters
     ----------
@@ -115,9 +115,9 @@ def lens_of(problem: Problem, camera: Array) -> Lens:
 def _project(
     lens: Lens, tolerance: Array, body: float, joints: Array, row: int, scratch64: Array
 ) -> None:
-    """Pixels of the joints ``joints[row]``, and how loosely a scenelet's pose holds there."""
+    """Project the joints ``joints[row]`` to pixels, and the pose tolerance to squared pixels."""
     fx, fy, cx, cy, cp, sp, elevation, cr, sr = lens
-    # A larger body differs by more: else distance alone would seem to fit better.
+    # The tolerance scales with the body: otherwise a large distance would fit too easily.
     metre = fx * body
     for j in range(16):
         x, y, z = joints[row, 0, j], joints[row, 1, j], joints[row, 2, j] - elevation
@@ -131,7 +131,7 @@ def _project(
 
 @inner_inlined
 def set_detections(problem: Problem, t: int, uv: Array, params: Singles, row: int) -> None:
-    """Copy the detections of a frame to where the joints are, those of the other side beside them.
+    """Copy the detections of a frame to their joints, and those of the opposite side beside them.
 
     Parameters
     ----------
@@ -139,9 +139,9 @@ def set_detections(problem: Problem, t: int, uv: Array, params: Singles, row: in
     t : int
         The frame.
     uv : (R, 2, 2, 16) float
-        Out, in row ``row``: u and v in pixels; first of a joint's own side, then of the other.
+        Output, in row ``row``: u and v in pixels, for the joint's own side, then the opposite side.
     params : (R, 2, 7, 16) single
-        Out, in row ``row``: the same order; see ``PARAMS``.
+        Output, in row ``row``: parameters in the same order; see ``PARAMS``.
     row : int
     """
     keypoints, used = problem.keypoints, problem.used
@@ -162,7 +162,7 @@ def set_detections(problem: Problem, t: int, uv: Array, params: Singles, row: in
 
 @inner_inlined
 def _measure(uv: Array, params: Singles, row: int, scratch64: Array, scratch32: Singles) -> None:
-    """Misfit of detections, by the errors of hidden and of seen joints."""
+    """Standardised misfit of detections, with the error scales of hidden and of seen joints."""
     for j in range(16):
         loose = np.float32(scratch64[_LOOSE + j])
         for side in range(2):
@@ -181,7 +181,7 @@ def _measure(uv: Array, params: Singles, row: int, scratch64: Array, scratch32: 
 
 @inner_inlined
 def _raise(scratch32: Singles) -> None:
-    """Every ratio to its power: the fraction p and the exponent n of p 2^n."""
+    """Raise every ratio to its power; the result is a fraction p and an exponent n of p 2^n."""
     for j in range(64):
         # ln x = e ln 2 + 2 artanh((f - 1) / (f + 1)) with f in [sqrt(1/2), sqrt 2).
         bits = np.float32(scratch32[_RATIO + j]).view(np.int32)
@@ -217,26 +217,26 @@ def set_visibility_likelihoods(
     likelihoods: Array,
     to: int,
 ) -> None:
-    """Likelihoods of a frame in which a scenelet poses the body.
+    """Likelihoods of a frame whose pose comes from a scenelet.
 
     Parameters
     ----------
     lens : Lens
         Of the camera, see :func:`lens_of`.
     tolerance : (16,) float
-        Metres by which a person's joints differ from a scenelet's.
+        Standard deviation of each joint of a person about the scenelet's, metres.
     body : float
-        How large the person is, a factor.
+        Size of the person, a factor.
     joints : (R, 3, 16) float
-        World, metres; the frame's in row ``row``.
+        World frame, metres; the frame is in row ``row``.
     row : int
     uv, params : (R, 2, 2, 16) float, (R, 2, 7, 16) single
-        See :func:`set_detections`; the frame's in row ``of``.
+        See :func:`set_detections`; the frame is in row ``of``.
     of : int
     scratch64, scratch32 : (SCRATCH64,) float, (SCRATCH32,) single
         Workspaces.
     likelihoods : (R, 64) float
-        Out, in row ``to``; see ``LIKELIHOODS``.
+        Output, in row ``to``; see ``LIKELIHOODS``.
     to : int
     """
     _project(lens, tolerance, body, joints, row, scratch64)
@@ -250,7 +250,8 @@ def set_visibility_likelihoods(
                 part = (
                     scratch32[_FRACTION + at] * params[of, side, _CONFIDENCE + visible, j] / scale2
                 )
-                # Single precision ends where detections far off do not yet: so much for 2^n.
+                # 2^n needs double precision: detections far off exceed the range of single
+                # precision.
                 n = np.int64(np.float32(scratch32[_EXPONENT + at]).view(np.int32)) - _ROUND_BITS
                 scratch64[_DENSITY + at] = part * np.int64((n + _BIAS) << 52).view(np.float64)
     for j in range(16):
@@ -260,7 +261,7 @@ def set_visibility_likelihoods(
                 scratch64[_DENSITY + 32 * side + 16 + j],
             )
             used = params[of, side, _USED, j] > 0
-            # What was not detected says nothing.
+            # A joint without a detection contributes a factor of 1.
             likelihoods[to, 32 * side + j] = hidden if used else 1.0
             likelihoods[to, 32 * side + 16 + j] = seen - hidden if used else 0.0
 
@@ -269,7 +270,7 @@ def set_visibility_likelihoods(
 def set_own_likelihoods(
     problem: Problem, t: int, scratch64: Array, likelihoods: Array, to: int
 ) -> None:
-    """Likelihoods of a frame in its own pose, the same under any camera.
+    """Likelihoods of a free frame in its static pose; they do not depend on the camera.
 
     Parameters
     ----------
@@ -279,7 +280,7 @@ def set_own_likelihoods(
     scratch64 : (SCRATCH64,) float
         Workspace.
     likelihoods : (R, 64) float
-        Out, in row ``to``; see ``LIKELIHOODS``.
+        Output, in row ``to``; see ``LIKELIHOODS``.
     to : int
     """
     static, used = problem.static_density, problem.used
@@ -297,16 +298,16 @@ def set_own_likelihoods(
 
 @inner
 def visibility_probabilities(seen: Singles, n: int, width: float, visibility_error: float) -> None:
-    """Probabilities of being seen, by ``visibility_probability`` of each clearance.
+    """Convert clearances to probabilities of being seen (``visibility_probability``).
 
     Parameters
     ----------
     seen : (n or more, 16) single
-        In: clearance of every joint, metres. Out: its probability, in the first ``n`` rows.
+        Input: clearance of every joint, metres. Output: its probability, in the first ``n`` rows.
     n : int
-        How many rows.
+        Number of rows.
     width, visibility_error : float
-        Of the step of visibility: metres, and a probability.
+        Width of the visibility step in metres, and the visibility error, a probability.
     """
     sharpness, least = np.float32(1.0 / width), np.float32(visibility_error)
     span = np.float32(1.0 - 2.0 * visibility_error)
@@ -326,33 +327,33 @@ def visibility_probabilities(seen: Singles, n: int, width: float, visibility_err
 def mix_likelihoods(
     likelihoods: Array, row: int, seen: Singles, at: int, scratch64: Array, logs: Array
 ) -> None:
-    """p(u, c | q, m) of a frame: as it is, and with sides flipped.
+    """p(u, c | q, m) of a frame, with sides as they are and flipped.
 
     Parameters
     ----------
     likelihoods : (R, 64) float
-        The frame's are in row ``row``.
+        The frame is in row ``row``.
     row : int
     seen : (n, 16) single
-        Probability of every joint's being seen; the frame's is in row ``at``.
+        Probability of every joint being seen; the frame is in row ``at``.
     at : int
     scratch64 : (SCRATCH64,) float
         Workspace.
     logs : (4, n) float
-        Out, in column ``at``: of both densities a factor in [1, 2^16), and the powers of two
-        that are the other. :func:`take_logs` turns all into nats.
+        Output, in column ``at``: for both densities a factor in [1, 2^16) and an exponent of 2.
+        :func:`take_logs` converts them to nats.
     """
     for j in range(16):
         share = np.float64(seen[at, j])
         right = likelihoods[row, j] + share * likelihoods[row, 16 + j]
         wrong = likelihoods[row, 32 + j] + share * likelihoods[row, 48 + j]
         scratch64[j], scratch64[16 + j] = max(right, _SMALLEST), max(wrong, _SMALLEST)
-    # Logarithms are dear: one of the product of all mantissas, which cannot underflow.
+    # Logarithms are slow: take one, of the product of all mantissas, which cannot underflow.
     for j in range(32):
         bits = np.float64(scratch64[j]).view(np.int64)
         scratch64[j] = np.int64((bits & _MANTISSA) | _UNIT).view(np.float64)
         scratch64[32 + j] = np.float64((bits >> 52) - _BIAS)
-    # Halves side by side, for one factor after the other would wait for the one before.
+    # Multiply halves in parallel, because a sequential product would wait for each factor.
     for j in range(8):
         scratch64[j] *= scratch64[8 + j]
         scratch64[16 + j] *= scratch64[24 + j]
@@ -374,13 +375,13 @@ def take_logs(logs: Array, n: int) -> None:
     Parameters
     ----------
     logs : (4, n or more) float
-        In: as :func:`mix_likelihoods` left them. Out: nats in the first two rows.
+        Input: output of :func:`mix_likelihoods`. Output: nats in the first two rows.
     n : int
-        How many columns.
+        Number of columns.
     """
     for side in range(2):
         for i in range(n):
-            # As in single precision above, to twice as many terms.
+            # As in single precision above, with twice as many terms.
             bits = np.float64(logs[side, i]).view(np.int64)
             e = (bits - _DOUBLE_HALF_BITS) >> 52
             f = np.int64(bits - (e << 52)).view(np.float64)

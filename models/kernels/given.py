@@ -1,9 +1,9 @@
 """The likelihood of statements about a scene (docs/explanation/model.md 25 to 33).
 
-A statement is an answer that somebody gave, or a measurement that something else made. Its term is
-the density of that answer given the scene, normalised over all answers that there might have been,
-so that ratios of evidence mean something. Statements are flat rows of a problem;
-:mod:`imapper_prob.models.statement_rows` packs them. With none of them nothing of this is called.
+A statement is a person's answer or a measurement. Its term is the density of that answer given the
+scene. It is normalised over all possible answers, so that evidence ratios are meaningful.
+Statements are flat rows of a problem, packed by :mod:`imapper_prob.models.statement_rows`. Without
+statements no kernel of this module is called.
 """
 
 from __future__ import annotations
@@ -41,15 +41,15 @@ Ints = NDArray[np.int64]
     NUMBER, OBJECT, PRESENCE, ROOM, POINT, DEPTH, CONTACT, DETECTIONS_OF_OBJECTS, SAME_OBJECT,
     BEHIND,
 ) = range(10)  # fmt: skip
-"""Kinds of statements, the first number of a row of ``Problem.given_kinds``."""
+"""Kinds of statements: the first number in a row of ``Problem.given_kinds``."""
 _LOG_2PI: Final = math.log(2.0 * math.pi)
 _REACH: Final = 0.25
-"""Metres between a joint and what it touches, see `imapper_prob.solver.selection`."""
+"""Reach in metres between a joint and an object it touches, see `imapper_prob.solver.selection`."""
 _SOFT: Final = 0.05
-"""Metres over which a contact becomes none; chosen, a hand's thickness."""
+"""Width in metres of the transition from contact to none; chosen, a hand's thickness."""
 _TOUCHING: Final = np.array([PELV, RKNE, LKNE, RWRI, LWRI])
 _GRID: Final = 4
-"""Points along each side of a piece in the picture that are looked at, whether they are seen."""
+"""Points along each side of an object's image box at which occlusion is tested."""
 PIECE: Final = 7
 """Numbers of a piece: centre (m), half sides (m) and yaw of its bounding box."""
 
@@ -68,26 +68,26 @@ def _log_normal(x: float, variance: float) -> float:
 def _find_pieces(
     problem: Problem, cache: Cache, n: int, pieces: Array, turns: Array, owners: Ints
 ) -> Ints:
-    """Pieces of furniture of a proposal, those met twice once.
+    """Find the objects of a proposal; an object that occurs in several scenelets counts once.
 
-    Of two of one label whose outlines overlap, and face one way if they have a front, the first in
-    time counts.
+    Two objects are the same if they have one label, overlap on the floor, and have about the same
+    yaw (unless the label has no front). The first in time is kept.
 
     Parameters
     ----------
     problem, cache, n
         See :func:`sum_given`.
     pieces : (K, 7) float
-        Out: bounding boxes in the world, see :data:`PIECE`.
+        Output: bounding boxes in the world frame, see :data:`PIECE`.
     turns : (K, 2) float
-        Out: cosine and sine of their yaws.
+        Output: cosine and sine of their yaws.
     owners : (B,) int
-        Out: the piece of each of the cache's boxes that is in use.
+        Output: index of the object of each box in the cache; -1 for unused boxes.
 
     Returns
     -------
     (k,) int
-        Their categories; so many rows of ``pieces`` are filled.
+        Categories of the k objects; the first k rows of ``pieces`` are filled.
     """
     size, merges = len(cache.boxes) // len(cache.counts), math.cos(problem.merge_angle)
     labels, count = np.empty(len(pieces), np.int64), 0
@@ -132,7 +132,7 @@ def _find_pieces(
 
 @inlined
 def _inside(corners: Array, first: int, end: int, x: float, y: float) -> float:
-    """Metres from a point to the nearest wall of a polygon, negative outside."""
+    """Distance from a point to the nearest edge of a polygon, metres; negative outside."""
     nearest, odd = math.inf, False
     before = end - 1
     for k in range(first, end):
@@ -149,14 +149,15 @@ def _inside(corners: Array, first: int, end: int, x: float, y: float) -> float:
 
 @inlined
 def _answered(probability: float, yes: bool, doubt: float) -> float:
-    """Log probability of an answer to a question that is true with some probability."""
+    """Log probability of a yes-no answer, given the probability that yes is true."""
     true = probability if yes else 1.0 - probability
     return math.log((1.0 - doubt) * true + 0.5 * doubt)
 
 
 @inner_inlined
 def _spread_at(problem: Problem, piece: Array, std: float) -> float:
-    """Variance along a direction of where a piece stands, and of who says so; m^2."""
+    """Variance of an object's position plus that of the statement, averaged over directions;
+    m^2."""
     aside = 2.0 * problem.furniture_aside * piece[3]
     return float(std * std + 0.5 * (aside * aside + problem.furniture_spread**2))
 
@@ -165,9 +166,9 @@ def _spread_at(problem: Problem, piece: Array, std: float) -> float:
 def _log_place(
     problem: Problem, piece: Array, turn: Array, x: float, y: float, std: float
 ) -> float:
-    """Log density of where somebody says that a piece stands, per m^2.
+    """Log density of a stated position of an object, per m^2.
 
-    The piece stands about where its scenelet says, by normal errors along its own axes.
+    The object is at its scenelet's position, with normal errors along its own axes.
     """
     dx, dy = x - piece[0], y - piece[1]
     along, ahead = turn[0] * dx + turn[1] * dy, turn[0] * dy - turn[1] * dx
@@ -181,7 +182,7 @@ def _outline(
     problem: Problem, camera: Array, piece: Array, turn: Array, width: float, height: float,
     edges: Array,
 ) -> None:  # fmt: skip
-    """Left, top, right and bottom of a piece in a picture, pixels, and its depth in metres."""
+    """Left, top, right and bottom of an object in the image, pixels, and its depth in metres."""
     cp, sp, cr, sr = (
         math.cos(camera[0]),
         math.sin(camera[0]),
@@ -208,7 +209,7 @@ def _outline(
 
 @inner_inlined
 def _log_edges(problem: Problem, camera: Array, row: Array, edges: Array, std: float) -> float:
-    """Log density of a box in a picture (4,) that is of a piece with these edges, per px^4."""
+    """Log density of an image box (4,) given the edges of its object, per px^4."""
     stands = math.exp(camera[2]) * problem.fx * problem.furniture_spread / edges[4]
     total = 0.0
     for a in range(4):
@@ -220,10 +221,10 @@ def _log_edges(problem: Problem, camera: Array, row: Array, edges: Array, std: f
 def _object(
     problem: Problem, camera: Array, s: int, pieces: Array, turns: Array, labels: Ints
 ) -> float:
-    """An object of some labels was measured: where it is, how large, its box in the picture.
+    """Term of `ObjectAt`: measured position, size or image box of an object of some labels.
 
     Numbers: doubt, log density of a wrong answer, x, y, std (m), width, depth, height, std (m),
-    left, top, right, bottom, std, picture's width and height (px). What has no std was not said.
+    left, top, right, bottom, std, image width and height (px). Parts with std 0 were not measured.
     """
     numbers, row = problem.given[s], problem.given_kinds[s, 1]
     count, best = 0, -math.inf
@@ -256,7 +257,7 @@ def _object(
 
 @inner
 def _presence(problem: Problem, s: int, pieces: Array, labels: Ints) -> float:
-    """Whether there is an object of some labels in a region, or anywhere: an answer.
+    """Term of `Presence`: whether an object of some labels is in a region, or anywhere.
 
     Numbers: doubt, 1 for yes, std of the region's edge (m).
     """
@@ -277,7 +278,7 @@ def _presence(problem: Problem, s: int, pieces: Array, labels: Ints) -> float:
 def _room(
     problem: Problem, cache: Cache, s: int, pieces: Array, turns: Array, labels: Ints
 ) -> float:
-    """Whether furniture and person are inside the walls: an answer, yes.
+    """Term of `Room`: whether furniture and pelvis are inside the walls; the answer is yes.
 
     Numbers: doubt, std of the walls (m).
     """
@@ -302,7 +303,7 @@ def _room(
 
 @inner
 def _point(problem: Problem, cache: Cache, camera: Array, s: int) -> float:
-    """Where a joint is in a frame, of one who knows; numbers: x, y, z, std (m)."""
+    """Term of `JointAt`: measured position of a joint in a frame; numbers: x, y, z, std (m)."""
     numbers, joint = problem.given[s], problem.given_kinds[s, 4]
     row = cache.pose_row[problem.given_kinds[s, 5]]
     pose = problem.pose_tolerance[joint] * math.exp(camera[3])
@@ -315,10 +316,10 @@ def _point(problem: Problem, cache: Cache, camera: Array, s: int) -> float:
 
 @inner
 def _depth(problem: Problem, cache: Cache, camera: Array, s: int) -> float:
-    """Depths of a joint in frames, of one scale that may be wrong; numbers: error, scale error.
+    """Term of `DepthOf`: depths of a joint in frames; numbers: error and scale error (relative).
 
-    Rows are frame and depth (m). Log depths have independent errors and one in common: of their
-    covariance a I + b 1 1' determinant and inverse are known.
+    Rows are frame and depth (m). Log depths have independent errors and one common error, so the
+    covariance is diagonal plus rank one, whose determinant and inverse are known.
     """
     numbers, kinds = problem.given[s], problem.given_kinds[s]
     cp, sp, count = math.cos(camera[0]), math.sin(camera[0]), kinds[3] - kinds[2]
@@ -344,9 +345,9 @@ def _depth(problem: Problem, cache: Cache, camera: Array, s: int) -> float:
 def _far_from(
     cache: Cache, wanted: NDArray[np.bool_], sits: bool, x: float, y: float, z: float, n: int
 ) -> float:
-    """How far inside reach the nearest of some boxes is from a joint, metres.
+    """Margin within reach of a joint to the nearest of some boxes, metres; negative beyond reach.
 
-    Of somebody who sits the joint is above a box, else anywhere about one.
+    For sitting, the joint must be close to a box's top; else any point of the box counts.
     """
     size, best = len(cache.boxes) // len(cache.counts), -math.inf
     for i in range(n):
@@ -371,7 +372,7 @@ def _far_from(
 def _touched(
     cache: Cache, wanted: NDArray[np.bool_], sits: bool, first: int, end: int, n: int
 ) -> float:
-    """The least over some frames of how far inside reach the nearest of some boxes is, metres."""
+    """Least margin over some frames of any touching joint to the nearest box, metres."""
     least = math.inf
     for t in range(first, end):
         joints, best = cache.joints[cache.pose_row[t]], -math.inf
@@ -384,7 +385,7 @@ def _touched(
 
 @inner
 def _contact(problem: Problem, cache: Cache, s: int, owners: Ints, labels: Ints, n: int) -> float:
-    """Whether the person sits on, or touches, an object all through some frames: an answer, yes.
+    """Term of `Contact`: whether the person sits on, or touches, an object; the answer is yes.
 
     Numbers: doubt, 1 for sitting.
     """
@@ -402,9 +403,9 @@ def _contact(problem: Problem, cache: Cache, s: int, owners: Ints, labels: Ints,
 def _same_object(
     problem: Problem, cache: Cache, s: int, owners: Ints, labels: Ints, n: int
 ) -> float:
-    """Whether it is one object that is sat on, or touched, all through several spans of frames.
+    """Term of `SameObject`: whether one object is in contact in all spans; the answer is yes.
 
-    An answer, yes. Numbers: doubt, 1 for sitting. Rows: first frame, and the one after the last.
+    Numbers: doubt, 1 for sitting. Rows: first frame, and the frame after the last.
     """
     kinds, numbers, best = problem.given_kinds[s], problem.given[s], -math.inf
     for piece in range(len(labels)):
@@ -421,7 +422,7 @@ def _same_object(
 
 @inner
 def _directions(piece: Array, turn: Array, angles: Array) -> None:
-    """Least and greatest direction of a piece's corners from the camera, rad from straight on."""
+    """Least and greatest bearing of an object's corners from the camera, radians."""
     angles[0], angles[1] = math.inf, -math.inf
     for corner in range(4):
         a = piece[3] if corner & 1 else -piece[3]
@@ -433,10 +434,10 @@ def _directions(piece: Array, turn: Array, angles: Array) -> None:
 
 @inner
 def _behind(problem: Problem, s: int, pieces: Array, turns: Array, labels: Ints) -> float:
-    """Whether an object of some labels is behind one of others, from the camera: an answer, yes.
+    """Term of `Behind`: whether an object is behind another from the camera; the answer is yes.
 
-    Its centre is further off, and both are in one direction. Numbers: doubt. Of the two rows of
-    labels the second is of what stands before it.
+    Its centre is farther away, and the ranges of bearings overlap. Numbers: doubt. The second row
+    of labels is that of the object in front.
     """
     numbers, row = problem.given[s], problem.given_kinds[s, 1]
     none, own, other = 1.0, np.empty(2), np.empty(2)
@@ -461,7 +462,7 @@ def _behind(problem: Problem, s: int, pieces: Array, turns: Array, labels: Ints)
 
 @inner_inlined
 def _shown(outlines: Array, count: int, k: int, person: Array) -> float:
-    """Share of a piece in the picture that no nearer piece, and no person, is before."""
+    """Share of an object's image box that no nearer object and no person occludes."""
     edges, free = outlines[k], 0
     for i in range(_GRID * _GRID):
         u = edges[0] + (i % _GRID + 0.5) / _GRID * (edges[2] - edges[0])
@@ -481,7 +482,8 @@ def _shown(outlines: Array, count: int, k: int, person: Array) -> float:
 
 @inner
 def _person(problem: Problem, cache: Cache, camera: Array, t: int, edges: Array) -> None:
-    """Left, top, right and bottom of the person in a frame, pixels, and their depth in metres."""
+    """Left, top, right and bottom of the person in a frame, pixels, and the pelvis depth,
+    metres."""
     cp, sp, cr, sr = (
         math.cos(camera[0]),
         math.sin(camera[0]),
@@ -505,11 +507,11 @@ def _person(problem: Problem, cache: Cache, camera: Array, t: int, edges: Array)
 def _pictured(
     problem: Problem, cache: Cache, camera: Array, s: int, pieces: Array, turns: Array, labels: Ints
 ) -> float:
-    """What a detector of objects found in a frame: a Poisson process of boxes with labels.
+    """Term of `Seen`: output of an object detector, a Poisson process of labelled boxes.
 
-    Numbers: rate at which a piece in full view is found, boxes of nothing expected, log density of
-    one of these, std (px), picture's width and height (px). Rows are boxes; the labels of each are
-    the probability of its label by the true one.
+    Numbers: detection rate of an object in full view, expected number of false boxes, log density
+    of a false box, std (px), image width and height (px). Rows are boxes; their rows of labels hold
+    the probability of the detected label given each true label.
     """
     numbers, kinds = problem.given[s], problem.given_kinds[s]
     count, person = len(labels), np.empty(5)
@@ -519,7 +521,7 @@ def _pictured(
         _outline(problem, camera, pieces[k], turns[k], numbers[4], numbers[5], outlines[k])
     total = -numbers[1]
     for k in range(count):
-        # So many boxes are expected that none comes as often as the detector misses a piece.
+        # Poisson rate at which "no box" is as probable as a miss of the detector.
         rates[k] = -math.log1p(-numbers[0] * _shown(outlines, count, k, person))
         total -= rates[k]
     for d in range(kinds[3] - kinds[2]):
@@ -536,9 +538,9 @@ def _pictured(
 
 @inner_inlined
 def _number(problem: Problem, camera: Array, s: int) -> float:
-    """A measurement of camera or body; numbers: value and std, in radians, metres or pixels.
+    """Term of `Measured`: camera or stature; numbers: value and std, radians, metres or pixels.
 
-    Which one: pitch, height, focal length or the person's stature.
+    Quantities in order: pitch, elevation, focal length, stature.
     """
     which, numbers = problem.given_kinds[s, 4], problem.given[s]
     value = camera[0]
@@ -553,15 +555,15 @@ def _number(problem: Problem, camera: Array, s: int) -> float:
 
 @inner
 def sum_given(problem: Problem, cache: Cache, n: int, camera: Array) -> float:
-    """The log-likelihood of all statements of a problem, nats, each to the power that it has there.
+    """The log-likelihood of all statements, each raised to its power, nats.
 
     Parameters
     ----------
     problem : Problem
     cache : Cache
-        With furniture and joints of the proposal.
+        With the proposal's furniture and joints.
     n : int
-        Scenelets of the proposal.
+        Number of scenelets of the proposal.
     camera : (5,) float
 
     Returns

@@ -1,17 +1,17 @@
-"""The log-posterior of a state, as a change of another state (docs/explanation/model.md).
+"""The log-posterior of a state, evaluated as a change from another state (model.md 1 to 17).
 
     log pi(s) = log p(phi) + log p(X) + log p(P, G | X) + log p(u, c | s)
                 - free poses - E_s - E_c - E_m - E_g - E_u + log p(statements | s)
 
-over a state s = (phi, X, P, b, z): camera and body scale phi, the assignment X of scenelets to
-start frames, their placements P and sizes b, and standard normal numbers z that say which path G
-is drawn where no scenelet lies (:mod:`imapper_prob.models.kernels.path`). The density is with
-respect to d phi dP db and the normal law of z, so that z has the same dimension whatever the
-number of scenelets.
+of a state s = (phi, X, P, b, z): camera and body scale phi, the assignment X of scenelets to start
+frames, their placements P and sizes b, and standard normal variables z, which determine the path G
+outside scenelets (:mod:`imapper_prob.models.kernels.path`). The density is with respect to d phi dP
+db and the normal distribution of z, so z has the same dimension for any number of scenelets.
 
-A proposal is evaluated beside what the cache keeps and becomes part of it when it is accepted.
-:func:`change` works out what is different and leaves the rest, in this order: scenelets, path,
-joints and lines of sight, likelihood of frames, sum. A whole state is a change from nothing.
+A proposal is evaluated from the cached values of the current state; when it is accepted, its values
+become the cached ones. :func:`change` computes only what differs, in this order: scenelets, path,
+joints and lines of sight, likelihood of frames, sum. A whole state is evaluated as a change from
+nothing.
 """
 
 from __future__ import annotations
@@ -66,8 +66,8 @@ __all__ = ["NOWHERE", "change", "commit", "place", "read_proposed"]
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 NOWHERE: Final[Any] = np.int64(-1)
-"""Scenelets of the state that an evaluator stands at where it stands nowhere. A plain number would
-have whatever takes it compiled once more, for that number alone."""
+"""Number of scenelets of an evaluator's current state if it has none. It is an int64, because numba
+would compile callers once more for a literal."""
 
 
 @compiled
@@ -82,26 +82,26 @@ def change(
     sizes: Array,
     latent: Array,
 ) -> tuple[float, float]:
-    """The log-posterior of a proposed state; what differs is worked out, the rest remembered.
+    """Evaluate the log-posterior of a proposed state, reusing cached values of the current state.
 
-    It is compiled for arrays that may be written to: states of Python are handed over as copies.
+    It is compiled for writable arrays, so states from Python are passed as copies.
 
     Parameters
     ----------
     evaluator : Evaluator
-        Its cache is written only where the current state does not look.
+        Only cache rows that are not valid for the current state are written.
     n_before : int
-        Scenelets of the current state; ``NOWHERE`` where there is none yet to remember.
+        Number of scenelets of the current state; ``NOWHERE`` if there is none.
     camera_before, latent_before : (5,), (T, 2) float
-        Of the current state.
+        Camera and latent variables of the current state.
     camera, items, placements, sizes, latent
-        Of the proposed state: see :class:`imapper_prob.models.log_posterior.State`.
+        The proposed state, see :class:`imapper_prob.models.log_posterior.State`.
 
     Returns
     -------
     log_prior, log_likelihood : float
-        Nats; -inf and 0 outside the support. The costs of free poses, jumps, collisions,
-        motion, ground and missing support, and statements, are in the second.
+        Nats; -inf and 0 outside the support. The likelihood includes the terms of free poses,
+        jumps, collisions, motion, ground, missing support and statements.
     """
     problem, cache = evaluator.problem, evaluator.cache
     prior = place(
@@ -142,9 +142,9 @@ def place(
     sizes: Array,
     latent: Array,
 ) -> float:
-    """Place scenelets and path, and what the priors say of them.
+    """Place the scenelets, draw the path, and evaluate the prior.
 
-    The terms of the priors are put into the cache, and 0 for all others.
+    The prior terms are written to the cache; all other terms are set to 0.
 
     Parameters
     ----------
@@ -194,7 +194,8 @@ def _length(problem: Problem, scenelet: int) -> int:
 
 @inner_inlined
 def _in_order(problem: Problem, items: Ints) -> bool:
-    """Whether scenelets lie in the clip, one after the other, each in the film of one person."""
+    """Whether scenelets are inside the clip, in order, disjoint, and each within one person's
+    frames."""
     end = 0
     for i in range(len(items)):
         if items[i, 1] < end:
@@ -212,7 +213,7 @@ def _in_order(problem: Problem, items: Ints) -> bool:
 def _find_slots(
     cache: Cache, n_old: int, items: Ints, placements: Array, sizes: Array, anew: bool
 ) -> None:
-    """Give every proposed scenelet its old slot, or a new one if anything about it changed."""
+    """Assign every unchanged scenelet its old slot, and every other one a free slot."""
     before, after, role = cache.slots[0], cache.slots[1], cache.role
     role[:] = UNUSED
     for k in range(n_old):
@@ -251,7 +252,7 @@ def _find_slots(
 
 @compiled
 def commit(evaluator: Evaluator) -> None:
-    """Make what was last proposed the current state.
+    """Make the last proposal the current state.
 
     Parameters
     ----------
@@ -270,16 +271,16 @@ def commit(evaluator: Evaluator) -> None:
 
 @compiled
 def read_proposed(evaluator: Evaluator, joints: Array, by_frame: Array) -> Array:
-    """What was worked out for the state last proposed, which is within the support.
+    """Read the values computed for the last proposal, which is inside the support.
 
     Parameters
     ----------
     evaluator : Evaluator
     joints : (T, 3, 16) float
-        Out: the motion in the world, metres. Empty where nobody asks for it, as the next.
+        Output: the motion in the world, metres. Empty if not wanted, like ``by_frame``.
     by_frame : (T, 2) float
-        Out: log-likelihood of each frame's detections, as they are and with left and right
-        flipped, nats, unweighted; left as it is where the likelihood is switched off.
+        Output: log-likelihood of each frame's detections, as they are and with left and right
+        flipped, nats, unweighted; unchanged if the likelihood is switched off.
 
     Returns
     -------

@@ -1,10 +1,9 @@
-"""Furniture and bodies in each other or below the floor (docs/explanation/model.md 15 to 17).
+"""Penetration of furniture and bodies, and joints below the floor (model.md 15 to 17).
 
-All take the negative part of a signed distance: of two things that of their outlines on the
-floor, of somebody in a thing that on the floor or in height, whichever is less. Trunk, thighs and
-shins stand in for the body (equation 16), each a vertical line on the floor from its lowest to its
-highest joint. (The paper prints L_m with the positive part, which would reward walking through
-furniture.)
+All penalties use the negative part of a signed distance: for two objects that of their footprints,
+for a body in an object the least of all directions. Trunk, thighs and shins represent the body
+(equation 16), each as a vertical line on the floor from its lowest to its highest joint. (The paper
+prints L_m with the positive part, which would reward walking through furniture.)
 """
 
 from __future__ import annotations
@@ -37,22 +36,22 @@ __all__ = [
 
 Array = NDArray[np.float64]
 DISPLACED = (0.0, 0.1573, 0.4888, 0.8871, 1.5341)
-"""Standard deviations by which furniture may really stand out of the way.
+"""Displacements of furniture out of the way, in standard deviations.
 
-The mean of a standard normal number's upper half by four of equal probability, at the quantiles
-9/16, 11/16, 13/16 and 15/16; where it stands the other way it is left where it is."""
+The positive half of a standard normal distribution is represented by four values of equal
+probability, at the quantiles 9/16, 11/16, 13/16 and 15/16; the negative half, by 0."""
 PROBABILITIES = (0.5, 0.125, 0.125, 0.125, 0.125)
 BOTH = math.sqrt(2.0)
-"""Standard deviations by which two things stand apart that each stand off by one."""
+"""Standard deviation of the distance of two objects that are each displaced by one."""
 N_DISPLACED = len(DISPLACED)
 
 
 @inlined
 def overlap_depth(a: Array, turn_a: Array, b: Array, turn_b: Array) -> float:
-    """:func:`footprint_depth` of boxes the cosine and sine of whose yaws are known.
+    """Penetration depth of two boxes on the floor, given cosine and sine of their yaws.
 
-    The smallest move along a side of either rectangle that separates them (separating axis
-    theorem); boxes at different heights do not meet.
+    The depth is the least translation along a side of either rectangle that separates them
+    (separating axis theorem); 0 if the boxes do not overlap in height.
 
     Parameters
     ----------
@@ -61,7 +60,7 @@ def overlap_depth(a: Array, turn_a: Array, b: Array, turn_b: Array) -> float:
     turn_a : (2 or more,) float
         Cosine and sine of its yaw.
     b, turn_b
-        The same of the other.
+        The same for the other box.
 
     Returns
     -------
@@ -85,7 +84,7 @@ def overlap_depth(a: Array, turn_a: Array, b: Array, turn_b: Array) -> float:
 
 @compiled
 def footprint_depth(a: Array, b: Array) -> float:
-    """How deep two boxes are in each other on the floor.
+    """Penetration depth of two boxes on the floor.
 
     Parameters
     ----------
@@ -104,17 +103,17 @@ def footprint_depth(a: Array, b: Array) -> float:
 
 @inlined
 def column_depth(x: float, y: float, low: float, high: float, box: Array, turn: Array) -> float:
-    """How deep a vertical line stands in a box.
+    """Penetration depth of a vertical line in a box.
 
-    By how little it would have to move, aside, up or down: who sits a little too low is a little in
-    their seat, however wide that is.
+    The depth is the least translation, sideways, up or down, that separates them. So a person who
+    sits slightly too low penetrates the seat slightly, whatever its width.
 
     Parameters
     ----------
     x, y : float
-        Of the line, metres.
+        Position of the line, metres.
     low, high : float
-        Its ends, metres.
+        Heights of its ends, metres.
     box : (7,) float
     turn : (2 or more,) float
         Cosine and sine of its yaw.
@@ -134,16 +133,16 @@ def column_depth(x: float, y: float, low: float, high: float, box: Array, turn: 
 
 @inlined
 def add_displaced_depth(depth: float, spread: float, sums: Array) -> None:
-    """Add up how deep somebody still is in furniture that stands out of the way.
+    """Add the penetration depths that remain if furniture is displaced out of the way.
 
     Parameters
     ----------
     depth : float
-        Metres where the scenelet says that the furniture stands.
+        Depth at the furniture's position in the scenelet, metres.
     spread : float
-        Metres; standard deviation of where it really does.
+        Standard deviation of the furniture's displacement, metres.
     sums : (5,) float
-        In and out, metres: of each displacement in ``DISPLACED``.
+        Input and output, metres: sum of depths for each displacement in ``DISPLACED``.
     """
     for k in range(N_DISPLACED):
         sums[k] += max(depth - DISPLACED[k] * spread, 0.0)
@@ -151,14 +150,14 @@ def add_displaced_depth(depth: float, spread: float, sums: Array) -> None:
 
 @inlined
 def marginal_penetration_cost(sums: Array, unit: float) -> float:
-    """-log of the mean of exp(-cost) over where furniture may stand (``model.md`` 16).
+    """-log of the mean of exp(-cost) over displacements of the furniture (``model.md`` 16).
 
     Parameters
     ----------
     sums : (5,) float
-        Metres summed over frames, see :func:`add_displaced_depth`.
+        Depths summed over frames, metres, see :func:`add_displaced_depth`.
     unit : float
-        Nats a metre.
+        Nats per metre.
 
     Returns
     -------
@@ -174,7 +173,7 @@ def marginal_penetration_cost(sums: Array, unit: float) -> float:
 
 @inlined
 def depth_below_floor(joints: Array, row: int) -> float:
-    """How deep the lowest joint of a frame is below the floor.
+    """Depth of the lowest joint of a frame below the floor.
 
     Parameters
     ----------
@@ -194,14 +193,14 @@ def depth_below_floor(joints: Array, row: int) -> float:
 
 
 _ABOVE_SEAT = -0.05
-"""Metres from the pelvis to where the trunk starts."""
+"""Height of the lower end of the trunk relative to the pelvis, metres."""
 _REACH = 1.0
-"""Metres a column may be from the pelvis."""
+"""Largest horizontal distance of a body column from the pelvis, metres."""
 
 
 @inner
 def set_footprint(box: Array, turn: Array, footprint: Array) -> None:
-    """Bounds of a box on the floor.
+    """Axis-aligned bounds of a box on the floor.
 
     Parameters
     ----------
@@ -210,7 +209,7 @@ def set_footprint(box: Array, turn: Array, footprint: Array) -> None:
     turn : (2 or more,) float
         Cosine and sine of its yaw.
     footprint : (4,) float
-        Out: least and greatest x, least and greatest y, metres.
+        Output: least and greatest x, least and greatest y, metres.
     """
     c, s = abs(turn[0]), abs(turn[1])
     x, y = c * box[3] + s * box[4], s * box[3] + c * box[4]
@@ -230,7 +229,7 @@ def _set_column(
 
 @inlined
 def set_body_columns(joints: Array, row: int, columns: Array, ground: Array, to: int) -> None:
-    """Trunk, thighs and shins of a body as vertical lines.
+    """Represent trunk, thighs and shins of a body as vertical lines.
 
     Parameters
     ----------
@@ -239,9 +238,9 @@ def set_body_columns(joints: Array, row: int, columns: Array, ground: Array, to:
     row : int
         The body's.
     columns : (R, 5, 4) float
-        Out, in row ``to``: x, y, lowest and highest z of each.
+        Output, in row ``to``: x, y, lowest and highest z of each line.
     ground : (R, 4) float
-        Out, in row ``to``: least and greatest x, least and greatest y of all columns.
+        Output, in row ``to``: least and greatest x, least and greatest y of all lines.
     to : int
     """
     # The trunk starts above the seat; each thigh and shin is a short column.
@@ -261,7 +260,7 @@ def set_body_columns(joints: Array, row: int, columns: Array, ground: Array, to:
 
 @inlined
 def aabb_disjoint(ground: Array, row: int, footprints: Array, k: int) -> bool:
-    """Whether two bounds on the floor have no overlap.
+    """Whether two axis-aligned bounds on the floor are disjoint.
 
     Parameters
     ----------
@@ -286,7 +285,7 @@ def aabb_disjoint(ground: Array, row: int, footprints: Array, k: int) -> bool:
 
 @inlined
 def depth_in_box(columns: Array, row: int, boxes: Array, turns: Array, k: int) -> float:
-    """How deep the deepest column of a body stands in a box.
+    """Depth of the deepest body column in a box.
 
     Parameters
     ----------

@@ -1,20 +1,20 @@
-"""The pelvis path, collapsed and drawn, and jumps of the pose.
+"""The path of the pelvis with free frames marginalised and drawn, and jumps of the pose.
 
 Equations (6) to (8) and (14) of ``docs/explanation/model.md``.
 
-The static path is an estimate whose error is slow: for seconds it is too near or too far by the
-same share. In units of its stated deviation, e_t = (g_t - centre_t) / scale_t, that error is the
-stationary process of second order of :mod:`imapper_prob.models.path_prior`. Frames under a scenelet
-have a fixed value, the others are free. Steps inside a scenelet are left out, for its motion is not
-random: its first frame is one more step, and the process goes on from its last two. Where the film
-of somebody begins, nothing is known. In a stay the error along the view stands still: after
-:attr:`~imapper_prob.models.problem.Problem.stay_steps` frames of a stay it makes no further step.
+The static path is an estimate with slow errors: for seconds it is too near or too far by the same
+ratio. In units of its standard deviation, e_t = (g_t - centre_t) / scale_t, the error is the
+stationary AR(2) process of :mod:`imapper_prob.models.path_prior`. Frames inside a scenelet have
+fixed values, the others are free. Steps inside a scenelet are left out, because its motion is
+given: its first frame is one more step, and the process continues from its last two frames. At the
+first frame of each person nothing is known. Within a stay the error along the view is constant
+after the first :attr:`~imapper_prob.models.problem.Problem.stay_steps` frames.
 
-:func:`find_path` gives the log density with all free frames integrated out, and a path drawn from
-what was integrated, as a function of standard normal numbers: holding those while the scenelets
-move keeps the path where it can stay. :func:`pose_jump` is the paper's L_s for the other joints,
-which are held where motions of different origin meet, a frame's own pose and a scenelet or two
-scenelets.
+:func:`find_path` computes the log density with all free frames marginalised, and a path drawn from
+their conditional distribution as a function of standard normal variables. If these stay the same
+while scenelets move, the path changes as little as possible. :func:`pose_jump` is the paper's L_s
+for the other joints; it is used where motions of different origin meet (a static pose and a
+scenelet, or two scenelets).
 """
 
 from __future__ import annotations
@@ -39,21 +39,21 @@ Flags = NDArray[np.bool_]
 Ints = NDArray[np.int64]
 _LOG_2PI = math.log(2 * math.pi)
 _STILL = 1e-9
-"""A pelvis whose bearing and log depth changed by less than this since its frame was last
-worked out counts as where it was. That is a few nanometres, a hundredth of what lines of sight
-in single precision can tell; the sum changes by less than 1e-6 nats."""
+"""A free frame counts as unmoved if its bearing and log depth changed by less than this since they
+were last computed: a few nanometres, a hundredth of the precision of lines of sight. The
+log-posterior changes by less than 1e-6 nats."""
 
 
 @inlined
 def steps_of_depth(stay: Ints, most: int, first: int, last: int) -> int:
-    """Steps that the error along the view makes from the frame before ``first`` to ``last``.
+    """Steps of the error along the view from the frame before ``first`` to ``last``.
 
     Parameters
     ----------
     stay : (T,) int
         The stay of each frame, -1 for none.
     most : int
-        In one stay.
+        Largest number of steps in one stay.
     first, last : int
         Frames, ``last`` not before ``first``.
 
@@ -88,7 +88,7 @@ def draw_segment(
     steps: Ints,
     drawn: Array,
 ) -> float:
-    """The path between two scenelets, its free frames integrated out, and one drawn of those.
+    """Marginalise the free frames of the path between two scenelets, and draw them.
 
     Parameters
     ----------
@@ -97,27 +97,27 @@ def draw_segment(
         ``path_mean`` and ``path_draw`` of a problem.
     camera : (5,) float
     latent : (T, 2) float
-        Standard normal numbers of the draw.
+        Standard normal variables of the draw.
     first, last : int
-        The free frames: from ``first`` to ``last - 1``.
+        The free frames are ``first`` to ``last - 1``.
     pelvis : (S, 6) float
-        Bearing and log depth in the first frame of a scenelet, and in its last two.
+        Bearing and log depth of the pelvis in a scenelet's first frame, and in its last two.
     left, right : int
-        Rows of the scenelets before and after; -1 for none.
+        Slots of the scenelets before and after; -1 for none.
     steps : (T,) int
         Workspace.
     drawn : (T, 2) float
-        Out: bearing and log depth in the free frames.
+        Output: bearing and log depth in the free frames.
 
     Returns
     -------
     float
-        Log density of the first frame of ``right`` given what was before, nats.
+        Log density of the first frame of ``right`` given what precedes it, nats.
     """
-    # The same pixels under another focal length and body size.
+    # The same pixels, with another focal length and body size.
     shrunk, offset = math.exp(-camera[2]), camera[2] + camera[3]
     bearing, bearing_before, depth, depth_before = 0.0, 0.0, 0.0, 0.0
-    # From here on nothing is known of what was before.
+    # From frame `cut` on, nothing is known of the scenelet before.
     cut = first
     if left >= 0:
         t = first - 1
@@ -127,7 +127,7 @@ def draw_segment(
         depth = (pelvis[left, 5] - offset - centres[t, 1]) / scales[t, 1]
         while cut < len(starts) and cut <= last and not starts[cut]:
             cut += 1
-    # Deviations of the next two frames from what came before them, and how many there are.
+    # Deviations of the next two frames from their prediction, and the number of known ones.
     near, far, depth_near, depth_far = 0.0, 0.0, 0.0, 0.0
     evidence, ahead, depth_ahead = 0.0, 0, 0
     own = 1
@@ -181,25 +181,25 @@ def find_path(
     latent_before: Array,
     anew: bool,
 ) -> float:
-    """Find which frames moved, draw the free ones of them, and evaluate the path.
+    """Find the frames that moved, draw the free ones among them, and evaluate the path.
 
     Parameters
     ----------
     problem : Problem
     cache : Cache
-        Scenelets have their slots.
+        Its scenelets have slots.
     n, n_old : int
-        Scenelets of the proposal, and of the current state.
+        Numbers of scenelets of the proposal and of the current state.
     camera : (5,) float
     latent, latent_before : (T, 2) float
-        Standard normal numbers of the proposal, and of the current state.
+        Standard normal variables of the proposal and of the current state.
     anew : bool
-        Whether nothing that is kept holds: another camera, or no current state.
+        Whether nothing can be reused: another camera, or no current state.
 
     Returns
     -------
     float
-        Log density of the path without its free frames, nats.
+        Log density of the path with free frames marginalised, nats.
     """
     n_frames = len(problem.lift)
     before, after, cover, role = cache.slots[0], cache.slots[1], cache.cover, cache.role
@@ -253,20 +253,20 @@ def find_path(
 
 
 DOF: Final = calibrated("joints.jump_dof")
-"""Degrees of freedom of a joint's step, from a frame's own pose to a scenelet and back."""
+"""Degrees of freedom of a joint's step between a static pose and a scenelet."""
 _USUAL_JUMP: Final = float(
     (N_JOINTS - 1) * (DOF + 3) / 2 * (digamma((DOF + 3) / 2) - digamma(DOF / 2))
 )
-"""Nats that all joints but the pelvis cost on average when their steps are as they should be,
-so that a scenelet that joins the motion as true ones do neither gains nor loses by that."""
+"""Expected cost in nats of all joints but the pelvis if their steps follow the model, so that a
+scenelet that joins the motion as well as true ones neither gains nor loses."""
 
 
 @inlined
 def pose_jump(joints: NDArray[np.float64], one: int, other: int, scale: float) -> float:
-    """What the change of pose between two frames costs, nats of independent joints.
+    """Cost of the change of pose between two frames, in nats of independent joints.
 
-    Minus the log of a trivariate Student-t density of every joint's step relative to the
-    pelvis, less what it is on average.
+    Minus the log of a trivariate Student-t density of every joint's step relative to the pelvis,
+    minus its expected value.
 
     Parameters
     ----------
@@ -275,8 +275,8 @@ def pose_jump(joints: NDArray[np.float64], one: int, other: int, scale: float) -
     one, other : int
         Rows of the two frames.
     scale : float
-        Metres an axis, of a body as large as the person's: were it not to grow with the body, a
-        smaller one would seem to move more smoothly.
+        Metres per axis, for a body of the person's size. It grows with the body; otherwise a
+        smaller body would seem to move more smoothly.
 
     Returns
     -------
@@ -291,6 +291,6 @@ def pose_jump(joints: NDArray[np.float64], one: int, other: int, scale: float) -
         dx = joints[other, 0, j] - joints[one, 0, j] - x
         dy = joints[other, 1, j] - joints[one, 1, j] - y
         dz = joints[other, 2, j] - joints[one, 2, j] - z
-        # Far from overflow: a body of ten metres makes each of the sixteen 10^4.
+        # No overflow: even a body of ten metres makes each of the sixteen factors only 10^4.
         product *= 1.0 + (dx * dx + dy * dy + dz * dz) * sharpness
     return 0.5 * (DOF + 3.0) * math.log(product) - _USUAL_JUMP

@@ -1,9 +1,9 @@
-"""Scenelets in place: boxes, first and last pelvis, facing and size (model.md 9, 10, 15).
+"""Placement of scenelets: boxes, first and last pelvis, yaw and size (model.md 9, 10, 15).
 
-The yaw of a scenelet is a priori wrapped Cauchy about the one at which it faces, on average over
-its frames, as the static path does. Detections alone can hardly tell somebody who sits turned half
-away from somebody who does not; a lifter sees that. The density has a closed form, with tails for
-frames in which the lifter is wrong.
+The prior of a scenelet's yaw is a wrapped Cauchy distribution about the yaw at which it faces, on
+average over its frames, the direction of the static path. Detections alone hardly determine the yaw
+of a seated person, but the lifted poses of the static path do. The density has a closed form, and
+heavy tails for frames in which the lifted pose is wrong.
 """
 
 from __future__ import annotations
@@ -45,22 +45,22 @@ Ints = NDArray[np.int64]
 def _place_box(
     boxes: Array, b: int, body: float, x: float, y: float, yaw: float, box: Array, turn: Array
 ) -> None:
-    """Place a box of the library in the world.
+    """Transform a box of the library to the world frame.
 
     Parameters
     ----------
     boxes : (B, 7) float
-        In the frames of their scenelets.
+        Boxes in the local frames of their scenelets.
     b : int
-        Which of them.
+        Row of ``boxes``.
     body : float
-        How large person and furniture are, a factor.
+        Size of person and furniture, a factor.
     x, y, yaw : float
-        Where the scenelet is placed, metres and radians.
+        Placement of the scenelet, metres and radians.
     box : (7,) float
-        Out.
+        Output.
     turn : (3,) float
-        Out: cosine and sine of its yaw, and half a diagonal (m).
+        Output: cosine and sine of its yaw, and half a diagonal (m).
     """
     local = boxes[b]
     c, s = body * math.cos(yaw), body * math.sin(yaw)
@@ -77,9 +77,9 @@ def _place_box(
 def place_boxes(
     problem: Problem, camera: Array, items: Ints, placements: Array, sizes: Array
 ) -> tuple[Array, Array, Ints, Array]:
-    """Place the boxes of all scenelets of a state.
+    """Transform the boxes of all scenelets of a state to the world frame.
 
-    Furniture is as much larger than the library's as the person who uses it.
+    Furniture is scaled by the same factor as the person who uses it.
 
     Parameters
     ----------
@@ -94,9 +94,9 @@ def place_boxes(
     turns : (K, 3) float
         Cosine and sine of their yaws, and half a diagonal (m).
     owner : (K, 3) int
-        Item, object and label of each.
+        Item, object and label of each box.
     yaws : (K,) float
-        Of its object, radians.
+        Yaw of the object of each box, radians.
     """
     n = 0
     for i in range(len(items)):
@@ -121,7 +121,7 @@ def place_boxes(
 
 @inner_inlined
 def fill_slot(problem: Problem, cache: Cache, camera: Array, slot: int) -> None:
-    """Work out everything of a slot that follows from its item and placement.
+    """Compute all values of a slot that follow from its item and placement.
 
     Parameters
     ----------
@@ -137,7 +137,7 @@ def fill_slot(problem: Problem, cache: Cache, camera: Array, slot: int) -> None:
     _pelvis(problem, cache, camera, slot, last - 1, 2)
     _pelvis(problem, cache, camera, slot, last, 4)
     depth = _pelvis(problem, cache, camera, slot, first, 0)
-    # From (bearing, log depth) of the first pelvis to (x, y).
+    # Change of variables from (bearing, log depth) of the first pelvis to (x, y).
     cosine = math.cos(camera[0]) * math.cos(camera[4])
     cache.placed[slot] = math.log(cosine / (depth * depth))
     start, yaw = cache.items[slot, 1], cache.placements[slot, 2]
@@ -147,7 +147,7 @@ def fill_slot(problem: Problem, cache: Cache, camera: Array, slot: int) -> None:
 
 @inner_inlined
 def _pelvis(problem: Problem, cache: Cache, camera: Array, slot: int, frame: int, to: int) -> float:
-    """Bearing and log depth of the pelvis in a frame of the library; returns its depth."""
+    """Compute bearing and log depth of the pelvis in a frame of the library; returns its depth."""
     px, py, yaw = cache.placements[slot]
     body = cache.bodies[slot]
     c, s = body * math.cos(yaw), body * math.sin(yaw)
@@ -192,7 +192,7 @@ def _place_boxes(problem: Problem, cache: Cache, camera: Array, slot: int) -> No
 
 @inner_inlined
 def _collide(problem: Problem, cache: Cache, one: int, other: int) -> float:
-    """What it costs that objects in two slots are in each other, unless they are one, nats (15)."""
+    """Cost of collisions between the objects of two slots, except merged objects, nats (15)."""
     if aabb_disjoint(cache.floors, one, cache.floors, other):
         return 0.0
     size = len(cache.boxes) // len(cache.counts)
@@ -216,14 +216,14 @@ def _collide(problem: Problem, cache: Cache, one: int, other: int) -> float:
 
 @inner_inlined
 def sum_pairs(problem: Problem, cache: Cache, n: int) -> float:
-    """What it costs that objects of different scenelets are in each other.
+    """The collision term -E_c: minus the cost of collisions between different scenelets.
 
     Parameters
     ----------
     problem : Problem
     cache : Cache
     n : int
-        Scenelets of the proposal.
+        Number of scenelets of the proposal.
 
     Returns
     -------
@@ -242,23 +242,23 @@ def sum_pairs(problem: Problem, cache: Cache, n: int) -> float:
 
 
 _UNKNOWN = 1e-9
-"""A mean of directions that is shorter has none."""
+"""Length of a mean direction vector below which it has no direction."""
 
 
 @compiled
 def expected_facing(problem: Problem, scenelet: int, start: int) -> tuple[float, float]:
-    """The yaw at which a scenelet faces as the static path does.
+    """The yaw at which a scenelet faces, on average, the direction of the static path.
 
     Parameters
     ----------
     problem : Problem
     scenelet, start : int
-        Index in the library, and first frame.
+        Index in the library, and start frame.
 
     Returns
     -------
     cosine, sine : float
-        Of the yaw; 0, 0 if it is unknown.
+        Cosine and sine of the yaw; 0, 0 if it is unknown.
     """
     first, last = problem.joint_first[scenelet], problem.joint_first[scenelet + 1]
     along, aside = 0.0, 0.0
@@ -275,13 +275,13 @@ def expected_facing(problem: Problem, scenelet: int, start: int) -> tuple[float,
 
 @compiled
 def log_yaw_density(problem: Problem, scenelet: int, start: int, yaw: float) -> float:
-    """Log density of a scenelet's yaw: wrapped Cauchy, or uniform where nothing is known.
+    """Log density of a scenelet's yaw: wrapped Cauchy, or uniform if nothing is known.
 
     Parameters
     ----------
     problem : Problem
     scenelet, start : int
-        Index in the library, and first frame.
+        Index in the library, and start frame.
     yaw : float
         Radians.
 
@@ -301,7 +301,7 @@ def log_yaw_density(problem: Problem, scenelet: int, start: int, yaw: float) -> 
 
 @compiled
 def in_support(camera: NDArray[np.float64]) -> bool:
-    """Whether the camera is above the floor and neither pitched nor rolled too far.
+    """Whether elevation, pitch and roll of the camera are inside the prior's support.
 
     Parameters
     ----------

@@ -1,8 +1,8 @@
-"""Joints of the frames that moved, and what follows from them slot by slot.
+"""Joints of the frames that moved, and all values that depend on them.
 
-Frames under a scenelet have its pose, free frames their own pose where the path goes. From the
-joints follow likelihoods, lines of sight with their clearance from each slot's boxes, and how deep
-the body stands in furniture.
+Frames inside a scenelet have its pose; free frames have their static pose at the drawn path. The
+joints determine likelihoods, lines of sight with their clearance from each slot's boxes, and the
+penetration of the body into furniture.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ Ints = NDArray[np.int64]
 
 @inner_inlined
 def list_moved(cache: Cache) -> int:
-    """Put the frames that moved into ``cache.frames``.
+    """Write the frames that moved to ``cache.frames``.
 
     Parameters
     ----------
@@ -60,7 +60,7 @@ def list_moved(cache: Cache) -> int:
     Returns
     -------
     int
-        How many there are.
+        Their number.
     """
     n = 0
     for t in range(len(cache.moved)):
@@ -71,14 +71,14 @@ def list_moved(cache: Cache) -> int:
 
 @inner_inlined
 def pose_joints(problem: Problem, cache: Cache, n: int, n_moved: int, camera: Array) -> None:
-    """World joints of the frames that moved.
+    """Compute the world joints of the frames that moved.
 
     Parameters
     ----------
     problem : Problem
     cache : Cache
     n, n_moved : int
-        Scenelets of the proposal, and frames that moved.
+        Numbers of scenelets of the proposal, and of frames that moved.
     camera : (5,) float
     """
     for i in range(n):
@@ -90,13 +90,13 @@ def pose_joints(problem: Problem, cache: Cache, n: int, n_moved: int, camera: Ar
 
 @inner_inlined
 def copy_joints(cache: Cache, joints: Array) -> None:
-    """World joints of the proposal.
+    """Copy the world joints of the proposal.
 
     Parameters
     ----------
     cache : Cache
     joints : (T, 3, 16) float
-        Out, metres; may be empty.
+        Output, metres; may be empty.
     """
     rows = cache.pose_row
     for t in range(len(joints)):
@@ -107,14 +107,14 @@ def copy_joints(cache: Cache, joints: Array) -> None:
 
 @inner_inlined
 def pose_frames(problem: Problem, cache: Cache, n: int, n_moved: int, camera: Array) -> None:
-    """Everything that follows from the joints of the frames that moved, without furniture.
+    """Compute what depends on the joints of the frames that moved, but not on furniture.
 
     Parameters
     ----------
     problem : Problem
     cache : Cache
     n, n_moved : int
-        Scenelets of the proposal, and frames that moved.
+        Numbers of scenelets of the proposal, and of frames that moved.
     camera : (5,) float
     """
     for i in range(n):
@@ -123,7 +123,7 @@ def pose_frames(problem: Problem, cache: Cache, n: int, n_moved: int, camera: Ar
             _find_likelihoods(problem, cache, camera, slot)
     rows, joints, lines, views = cache.pose_row, cache.joints, cache.lines, cache.views
     columns, ground, sunk = cache.columns, cache.ground, cache.sunk
-    # All frames are aimed at first: a row just stored in parts cannot be read again at once.
+    # Separate loops: a row that was just stored in parts cannot be read again without delay.
     for i in range(n_moved):
         ray_endpoints(camera[1], joints, lines, rows[cache.frames[i]])
     for i in range(n_moved):
@@ -136,7 +136,7 @@ def pose_frames(problem: Problem, cache: Cache, n: int, n_moved: int, camera: Ar
 
 @inner_inlined
 def _pose_covered_frames(problem: Problem, cache: Cache, slot: int) -> None:
-    """World joints of the scenelet in ``slot`` in all its frames, metres."""
+    """Compute the world joints of the scenelet in ``slot`` in all its frames, metres."""
     px, py, yaw = cache.placements[slot]
     body = cache.bodies[slot]
     c, s = body * math.cos(yaw), body * math.sin(yaw)
@@ -154,7 +154,7 @@ def _pose_covered_frames(problem: Problem, cache: Cache, slot: int) -> None:
 
 @inner_inlined
 def _find_likelihoods(problem: Problem, cache: Cache, camera: Array, slot: int) -> None:
-    """How likely the detections are, of joints hidden and seen, in all frames of ``slot``."""
+    """Compute likelihoods of detections for hidden and seen joints in all frames of ``slot``."""
     lens, body = lens_of(problem, camera), cache.bodies[slot]
     joints, rows, likelihoods = cache.joints, cache.pose_row, cache.likelihoods
     uv, params, scratch64, scratch32 = cache.uv, cache.params, cache.scratch64, cache.scratch32
@@ -172,7 +172,8 @@ def _find_likelihoods(problem: Problem, cache: Cache, camera: Array, slot: int) 
 
 @inner_inlined
 def _pose_free_frames(problem: Problem, cache: Cache, n_moved: int, camera: Array) -> None:
-    """World joints of every free frame that moved: its own pose where the path goes, metres."""
+    """Compute the world joints of every free frame that moved: its static pose on the path,
+    metres."""
     cp, sp = math.cos(camera[0]), math.sin(camera[0])
     cr, sr = math.cos(camera[4]), math.sin(camera[4])
     focal, body, elevation = math.exp(camera[2]), math.exp(camera[3]), camera[1]
@@ -196,14 +197,14 @@ def _pose_free_frames(problem: Problem, cache: Cache, n_moved: int, camera: Arra
 
 @inner_inlined
 def sum_jumps(problem: Problem, cache: Cache, n: int, camera: Array) -> float:
-    """E_s: what it costs that the pose jumps where a scenelet begins or ends.
+    """The smoothness term -E_s: minus the cost of pose jumps where scenelets begin or end.
 
     Parameters
     ----------
     problem : Problem
     cache : Cache
     n : int
-        Scenelets of the proposal.
+        Number of scenelets of the proposal.
     camera : (5,) float
 
     Returns
@@ -226,13 +227,13 @@ def sum_jumps(problem: Problem, cache: Cache, n: int, camera: Array) -> float:
 
 @inner_inlined
 def find_penetrations(cache: Cache, n: int, n_moved: int) -> None:
-    """Clearance and depths of all scenelets in frames that moved, of new ones in all frames.
+    """Update clearance and penetration: all frames for new scenelets, moved frames for the others.
 
     Parameters
     ----------
     cache : Cache
     n, n_moved : int
-        Scenelets of the proposal, and frames that moved.
+        Numbers of scenelets of the proposal, and of frames that moved.
     """
     for i in range(n):
         slot = cache.slots[1, i]
@@ -243,9 +244,9 @@ def find_penetrations(cache: Cache, n: int, n_moved: int) -> None:
 
 @inner_inlined
 def _penetration(cache: Cache, slot: int, frames: Ints, n: int) -> None:
-    """Clearance of lines of sight from the boxes in ``slot``, and how deep the body is in them.
+    """Clearance of lines of sight from the boxes in ``slot``, and depth of the body in them.
 
-    In the first ``n`` of ``frames``.
+    Only for the first ``n`` of ``frames``.
     """
     size = len(cache.boxes) // len(cache.counts)
     first, last = slot * size, slot * size + cache.counts[slot]
@@ -278,15 +279,15 @@ def _penetration(cache: Cache, slot: int, frames: Ints, n: int) -> None:
 
 @inner_inlined
 def find_changed(cache: Cache, n: int, n_old: int) -> None:
-    """Find the frames whose emission can differ.
+    """Find the frames whose emission may change.
 
-    They moved, or boxes near a line of sight came or went.
+    These are frames that moved, and frames in which boxes near a line of sight came or went.
 
     Parameters
     ----------
     cache : Cache
     n, n_old : int
-        Scenelets of the proposal, and of the current state.
+        Numbers of scenelets of the proposal and of the current state.
     """
     n_frames = len(cache.changed)
     changed, rows, role = cache.changed, cache.pose_row, cache.role
@@ -307,14 +308,14 @@ def find_changed(cache: Cache, n: int, n_old: int) -> None:
 
 @inner_inlined
 def sum_penetrations(problem: Problem, cache: Cache, n: int) -> float:
-    """E_m: what it costs that the body stands in furniture that is not the frame's own.
+    """The motion term -E_m: minus the cost of the body being inside furniture of other scenelets.
 
     Parameters
     ----------
     problem : Problem
     cache : Cache
     n : int
-        Scenelets of the proposal.
+        Number of scenelets of the proposal.
 
     Returns
     -------

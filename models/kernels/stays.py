@@ -1,11 +1,12 @@
-"""E_u: what a stay costs in which nothing carries the person (docs/explanation/model.md 17a).
+"""E_u: the cost of a stay in which nothing supports the person (docs/explanation/model.md 17a).
 
-A *stay* is a run of frames whose fitted pose has the thighs off the vertical: something carries
-the person, or they squat, kneel or sit on the floor, which a scenelet explains as well. The angle
-of the thighs has one density in people who are carried and another in people on their feet. A stay
-during which the scene has nobody off their feet takes the second: it costs the log of their ratio,
-summed over the stay's frames (:mod:`imapper_prob.solver.camera_prior`). Both are densities of the
-angle, and the state only chooses between them, so that the posterior stays normalised.
+A *stay* is a run of frames whose fitted pose has the thighs off the vertical. Either something
+supports the person, or they squat, kneel or sit on the floor; scenelets exist for all of these. The
+angle of the thighs has one density for supported people and another for people on their feet. If no
+scenelet of the scene has its person off their feet during a stay, the second density applies: the
+cost is the log of the ratio of both, summed over the stay's frames
+(:mod:`imapper_prob.solver.camera_prior`). Both are densities of the angle, and the state only
+chooses between them, so the posterior stays normalised.
 """
 
 from __future__ import annotations
@@ -21,22 +22,22 @@ from imapper_prob.models.skeleton import PELV, thigh_angle
 __all__ = ["off_feet", "unsupported"]
 
 _BESIDE: Final = 0.1
-"""Metres that the middle of the hips may be outside of what carries it: who perches on an edge."""
+"""Metres by which the mid-hip may lie outside its support, for people who sit on an edge."""
 _ABOVE: Final = (-0.15, 0.35)
-"""Metres that it may be above that: joint centres are .09 m above a hard seat, and furniture of
-recorded scenes is not known much better than to .1 m."""
+"""Height in metres of the mid-hip above its support: joint centres are .09 m above a hard seat, and
+furniture of recorded scenes is known only to about .1 m."""
 _FLOOR: Final = 0.55
-"""Metres above the floor below which nothing but the floor carries: who squats or sits there. No
-seat lets the middle of the hips be lower (seats of .40 to .48 m, and .09)."""
+"""Height of the mid-hip in metres below which only the floor can support the person (squatting or
+sitting there). Seats are higher (.40 to .48 m, plus .09)."""
 
 
 def off_feet(
     joints: NDArray[np.float64], boxes: NDArray[np.float64], *, angle: float
 ) -> tuple[int, int]:
-    """First frame of a scenelet in which its person is off their feet, and that after the last.
+    """First frame of a scenelet with its person off their feet, and the frame after the last.
 
-    Off their feet is who has the thighs off the vertical and a box beneath the hips, or hips
-    lower than any seat.
+    The person is off their feet if the thighs are off the vertical, and a box is beneath the hips
+    or the hips are lower than any seat.
 
     Parameters
     ----------
@@ -45,12 +46,12 @@ def off_feet(
     boxes : (B, 7) float
         Centre, half sizes and yaw of the scenelet's boxes.
     angle : float
-        Radians off the vertical.
+        Least angle of the thighs to the vertical, radians.
 
     Returns
     -------
     first, end : int
-        0 and 0 if there is none.
+        0 and 0 if there is no such frame.
     """
     pelvis = joints[:, PELV]
     carried = pelvis[:, 2] < _FLOOR
@@ -69,15 +70,15 @@ def off_feet(
 def unsupported(
     stays: NDArray[np.float64], lowered: NDArray[np.int64], items: NDArray[np.int64]
 ) -> float:
-    """Nats that the stays cost during which no scenelet's person is off their feet.
+    """Total cost in nats of the stays during which no scenelet's person is off their feet.
 
     Parameters
     ----------
     stays : (K, 3) float
         First frame, frame after the last, and log ratio of densities, nats.
     lowered : (L, 2) int
-        Of each scenelet the first frame and the one after the last in which its person is off
-        their feet, counted from its start; twice the same if there is none.
+        First frame, and frame after the last, in which the person of each scenelet is off their
+        feet, counted from its start; equal if there is none.
     items : (k, 2) int
         Scenelet and start frame.
 

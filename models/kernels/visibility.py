@@ -1,21 +1,20 @@
-"""Lines of sight: clearance from boxes, and the probability that a joint is seen.
+"""Lines of sight: their clearance from boxes, and the probability that a joint is seen.
 
 The volume hidden by a union of boxes is the set of points whose line of sight cuts a box. The
-clearance of a line of sight is negative exactly in it and grows smoothly out of it. Where nothing
-is near it is capped, which mends a gap of the paper: with no object its occlusion distance is
-undefined (Monszpart et al. 2019, F(v, c)).
+clearance is negative exactly inside it and grows smoothly outside. It is capped where no box is
+near; the paper's occlusion distance is undefined there (Monszpart et al. 2019, F(v, c)).
 
-All joints of a frame are worked out at once. The scratch array, which is flat, holds a row of
-sixteen numbers for every quantity, so that the compiler works on many joints in one instruction; in
-single precision on all sixteen, good for a micrometre, where a line has to move by centimetres to
-be seen. For a line that starts at ``p`` and runs along ``d`` in the axes of a box with half sides
-``h``, the least of ``max_i |p_i + s d_i| - h_i`` over s in [0, 1] is the largest of
+All joints of a frame are processed at once. The flat scratch array holds a row of sixteen numbers
+for every quantity, so that the compiler can vectorise over joints. Single precision is accurate to
+a micrometre; visibility changes over centimetres. For a line that starts at ``p`` and runs along
+``d`` in the axes of a box with half sides ``h``, the minimum of ``max_i |p_i + s d_i| - h_i`` over
+s in [0, 1] is the maximum of
 
     -h_i,    |p_i + d_i / 2| - |d_i| / 2 - h_i                             for every axis,
     (|p_i d_k - p_k d_i| - |d_k| h_i - |d_i| h_k) / (|d_i| + |d_k|)        for every pair:
 
-the least of a maximum of straight lines is, by duality, the largest of the leasts of any one or two
-of them, and these are the separating axes of a segment and a box.
+By duality, the minimum of a maximum of linear functions is the maximum of the minima of one or two
+of them. These are the separating axes of a segment and a box.
 """
 
 from __future__ import annotations
@@ -53,22 +52,22 @@ Singles = NDArray[np.float32]
 def _set_window(
     elevation: float, box: Array, turn: Array, window: Array | NDArray[np.float32]
 ) -> None:
-    """Where in the view a box can come near a line of sight.
+    """Bounds in the view of all lines of sight that a box may affect.
 
-    A line of sight that stays out of these bounds has no clearance below the cap. A box that
-    reaches behind the camera is always in sight.
+    Lines of sight outside these bounds have a clearance at the cap. A box that reaches behind the
+    camera has no bounds.
 
     Parameters
     ----------
     elevation : float
-        Of the camera, metres.
+        Height of the camera, metres.
     box : (7,) float
         In the world.
     turn : (2 or more,) float
         Cosine and sine of its yaw.
     window : (5 or more,) float or single
-        Out: bounds of bearing x / y and of slope (z - elevation) / y, and the smallest y, of the
-        box grown by ``NOTHING_IN_SIGHT`` on every side.
+        Output: bounds of bearing x / y and of slope (z - elevation) / y, and the smallest y, of the
+        box enlarged by ``NOTHING_IN_SIGHT`` on every side.
     """
     left, right, low, high, nearest = math.inf, -math.inf, math.inf, -math.inf, math.inf
     for corner in range(4):
@@ -89,16 +88,16 @@ def _set_window(
 
 @compiled
 def visibility_probability(distance: float, width: float, visibility_error: float) -> float:
-    """m(v): a smooth step over the clearance, never quite 0 or 1.
+    """m(v), the probability that a joint is seen: a smooth step in the clearance.
 
     Parameters
     ----------
     distance : float
-        v, metres.
+        v, the clearance, metres.
     width : float
-        Of the step, metres.
+        Width of the step, metres.
     visibility_error : float
-        The probability at either end of the step that it is the other way round.
+        Probability of the opposite at either end of the step.
 
     Returns
     -------
@@ -109,47 +108,48 @@ def visibility_probability(distance: float, width: float, visibility_error: floa
 
 
 _X, _Y, _Z = 0, 16, 32
-"""Where the rows of a line start: to each joint from the camera, in the world, metres."""
+"""Offsets of x, y and z in a row of lines: vectors from the camera to each joint, metres."""
 LINE = 48
-"""Numbers of the lines of sight of a frame."""
+"""Numbers of a frame's lines of sight."""
 VIEW, OCCLUDER = 5, 15
-"""Numbers of a frame's view, and of a box's occluder."""
+"""Lengths of a frame's view bounds, and of a box's occluder."""
 
-# Where the rows of the scratch array start. Half of every line in a box's axes;
+# Offsets in the scratch array. Half of every line, in a box's axes;
 _MIDDLE = 0
-# for the pairs of axes 01, 02, 12 the share of the first in |d_i| + |d_k|, and that of the
-# second, signed as d_i d_k.
+# for the axis pairs 01, 02, 12: |d_i| / (|d_i| + |d_k|), and the share of |d_k| with the sign of
+# d_i d_k.
 _FIRST, _SECOND = 48, 96
-# When looking, of every joint.
+# Offsets in `ray_bounds`, for every joint.
 _BEARING, _SLOPE = 0, 16
 GAP = 144
-"""Row of the scratch array that holds the clearance of every joint, metres."""
+"""Offset of the clearance of every joint, metres."""
 SCRATCH32 = 192
-"""Numbers on the scratch array."""
+"""Length of the scratch array."""
 
-# Of single precision too, for one number in double makes double of all it meets.
+# Single precision, because one double operand would promote the whole expression.
 _HALF, _ONE, _CAP = np.float32(0.5), np.float32(1.0), np.float32(NOTHING_IN_SIGHT)
 _EVERYWHERE = np.float32(np.inf)
 _LEVEL = np.float32(1e-12)
-"""Metres; a line that runs less than this along an axis is taken to run so much, which moves
-its clearance by no more."""
+"""Least component of a line along an axis, metres, which avoids division by zero; it changes the
+clearance by no more than this."""
 
 
 @inlined
 def set_occluder(elevation: float, box: Array, turn: Array, occluder: Singles) -> None:
-    """What :func:`update_clearance` needs of a box.
+    """Precompute what :func:`update_clearance` needs of a box.
 
     Parameters
     ----------
     elevation : float
-        Of the camera, metres.
+        Height of the camera, metres.
     box : (7,) float
         In the world.
     turn : (2 or more,) float
         Cosine and sine of its yaw.
     occluder : (15,) single
-        Out: :func:`_set_window`; cosine and sine; the camera in the box's axes, half sides, by how
-        much depth counts more because the box is thin, and the least value of its box function.
+        Output: bounds of :func:`_set_window`; cosine and sine of the yaw; the camera in the box's
+        axes; half sides; factor on negative clearance for thin boxes; least value of the box
+        function.
     """
     _set_window(elevation, box, turn, occluder)
     occluder[5], occluder[6] = turn[0], turn[1]
@@ -165,16 +165,16 @@ def set_occluder(elevation: float, box: Array, turn: Array, occluder: Singles) -
 
 @inlined
 def ray_endpoints(elevation: float, joints: Array, lines: Singles, row: int) -> None:
-    """The lines of sight to the joints of a frame.
+    """Vectors from the camera to the joints of a frame.
 
     Parameters
     ----------
     elevation : float
-        Of the camera, metres.
+        Height of the camera, metres.
     joints : (R, 3, 16) float
         World, metres.
     lines : (R, 48) single
-        Out, in row ``row``: from the camera to each joint, metres.
+        Output, in row ``row``: vectors from the camera to each joint, metres.
     row : int
     """
     for j in range(joints.shape[2]):
@@ -187,9 +187,9 @@ def ray_endpoints(elevation: float, joints: Array, lines: Singles, row: int) -> 
 
 @inlined
 def ray_bounds(lines: Singles, row: int, scratch32: Singles, views: Singles) -> None:
-    """The part of the view in which the lines of sight of a frame lie.
+    """Bounds of a frame's lines of sight in the view.
 
-    A joint behind the camera may be anywhere.
+    If a joint is at or behind the camera, there are no bounds.
 
     Parameters
     ----------
@@ -199,7 +199,7 @@ def ray_bounds(lines: Singles, row: int, scratch32: Singles, views: Singles) -> 
     scratch32 : (SCRATCH32,) single
         Workspace.
     views : (R, 5) single
-        Out, in row ``row``: bounds of bearing x / y and of slope z / y, and the largest y.
+        Output, in row ``row``: bounds of bearing x / y and of slope z / y, and the largest y.
     """
     for j in range(lines.shape[1] // 3):
         nearness = _ONE / lines[row, _Y + j]
@@ -221,12 +221,12 @@ def ray_bounds(lines: Singles, row: int, scratch32: Singles, views: Singles) -> 
 
 @inlined
 def open_bounds(scratch32: Singles) -> None:
-    """Set the clearance of all lines of sight to the cap: nothing is in the way.
+    """Set the clearance of all lines of sight to the cap.
 
     Parameters
     ----------
     scratch32 : (SCRATCH32,) single
-        Out, from ``GAP`` on.
+        Output, from ``GAP`` on.
     """
     for j in range(16):
         scratch32[GAP + j] = _CAP
@@ -234,7 +234,7 @@ def open_bounds(scratch32: Singles) -> None:
 
 @inner_inlined
 def bounds_overlap(windows: Singles, k: int, views: Singles, row: int) -> bool:
-    """Whether a box can come near a line of sight of a frame.
+    """Whether a box may affect a line of sight of a frame.
 
     Parameters
     ----------
@@ -251,7 +251,7 @@ def bounds_overlap(windows: Singles, k: int, views: Singles, row: int) -> bool:
     -------
     bool
     """
-    # All five are asked at once: which of them says no cannot be foreseen.
+    # Evaluated without short circuit, because the branch would be unpredictable.
     return bool(
         (windows[k, 4] <= views[row, 4])
         & (windows[k, 0] <= views[row, 1])
@@ -271,25 +271,25 @@ def update_clearance(
     row: int,
     scratch32: Singles,
 ) -> bool:
-    """Lower the clearance on the scratch array to that of a frame's lines of sight from some boxes.
+    """Lower the clearances on the scratch array to those of some boxes.
 
     Parameters
     ----------
     occluders : (K, 15) single
         See :func:`set_occluder`.
     first, last : int
-        The boxes: ``first`` to ``last - 1``.
+        The boxes ``first`` to ``last - 1``.
     lines, views : (R, 48), (R, 5) single
         See :func:`ray_endpoints` and :func:`ray_bounds`.
     row : int
-        The frame's.
+        The frame.
     scratch32 : (SCRATCH32,) single
-        In and out, from ``GAP`` on: clearance, metres.
+        Input and output, from ``GAP`` on: clearance, metres.
 
     Returns
     -------
     bool
-        Whether any of the boxes can come near a line of sight.
+        Whether any of the boxes may affect a line of sight.
     """
     turned = -1
     for k in range(first, last):
@@ -304,7 +304,7 @@ def update_clearance(
 
 @inner_inlined
 def _turn(c: float, s: float, lines: Singles, row: int, scratch32: Singles) -> None:
-    """The lines of sight in the axes of boxes whose yaw has cosine ``c`` and sine ``s``."""
+    """Rotate the lines of sight to the axes of boxes whose yaw has cosine ``c`` and sine ``s``."""
     for j in range(16):
         u = c * lines[row, _X + j] + s * lines[row, _Y + j]
         v = c * lines[row, _Y + j] - s * lines[row, _X + j]
@@ -326,7 +326,7 @@ def _turn(c: float, s: float, lines: Singles, row: int, scratch32: Singles) -> N
 
 @inner_inlined
 def _pass_by(occluders: Singles, k: int, scratch32: Singles) -> None:
-    """Lower every joint's clearance to that of box ``k``, in whose axes the lines are."""
+    """Lower every joint's clearance to that of box ``k``; the lines are in its axes."""
     p0, p1, p2 = occluders[k, 7], occluders[k, 8], occluders[k, 9]
     h0, h1, h2 = occluders[k, 10], occluders[k, 11], occluders[k, 12]
     thin, least = occluders[k, 13], occluders[k, 14]
@@ -344,19 +344,19 @@ def _pass_by(occluders: Singles, k: int, scratch32: Singles) -> None:
         first, second = scratch32[_FIRST + 32 + j], scratch32[_SECOND + 32 + j]
         pair12 = abs(first * p2 - second * p1) + (first * longer12 - h1)
         value = max(max(max(least, axis0), max(axis1, axis2)), max(pair01, max(pair02, pair12)))
-        # The least of three: that of two would be stored only where it is the new one, and a
-        # row stored in part cannot be read again at once.
+        # A minimum of three: the compiler stores a minimum of two only where it changes, and a row
+        # that was stored in parts cannot be read again without delay.
         scratch32[GAP + j] = min(min(scratch32[GAP + j], value), value * thin)
 
 
 @compiled
 def clearances(elevation: float, joints: Array, boxes: Array) -> Array:
-    """Clearance of the lines of sight to any joints, sixteen a row.
+    """Clearance of the lines of sight to any number of joints, sixteen per row.
 
     Parameters
     ----------
     elevation : float
-        Of the camera, metres.
+        Height of the camera, metres.
     joints : (R, 3, 16) float
         World, metres.
     boxes : (K, 7) float

@@ -1,1 +1,1 @@
-"""Scenelets made by recipes: a body, furniture, and what the one does with the other."""
+"""Procedural scenelets: recipes that generate a body, furniture, and their interaction."""

@@ -1,10 +1,10 @@
-"""The body that performs recipes: sixteen joints from trunk, ankles and wrists, and noise.
+"""The body of recipes: sixteen joints by inverse kinematics from trunk, ankles and wrists; noise.
 
-Segment lengths are fixed parts of stature (Drillis and Contini 1966), so a person of any stature is
-the reference body in a room that has shrunk or grown. Recipes pose the reference body only, among
-furniture that :meth:`Person.sees`; the catalogue undoes the scaling of the furniture. Motions of
-the library are all of the reference body, while how high a seat is for whoever sits there varies as
-it does among people.
+Segment lengths are fixed fractions of stature (Drillis and Contini 1966), so a person of any
+stature is the reference body in a scaled room. Recipes pose only the reference body, among the
+furniture of :meth:`Person.sees`; the catalogue undoes the scaling of the furniture. So all motions
+of the library are of the reference body, while the height of a seat relative to the person varies
+as among people.
 """
 
 from __future__ import annotations
@@ -68,17 +68,16 @@ __all__ = [
 
 Array = NDArray[np.float64]
 TRACKER_ERROR: Final = 0.008
-"""Metres, root mean square of a joint's error in space: between markers on the skin (a few
-millimetres) and depth cameras (a few centimetres)."""
+"""Root mean square error of a tracked joint in metres: between that of markers on the skin (a few
+millimetres) and that of depth cameras (a few centimetres)."""
 TRACKER_MEMORY: Final = 0.3
-"""Seconds over which an error is forgotten: skin and clothes move with the limb."""
+"""Correlation time of the error in seconds, because skin and clothes move with the limb."""
 
 
 def as_tracked(rng: np.random.Generator, joints: ArrayLike, *, fps: float) -> Array:
-    """Joints with smooth errors, independent between joints and axes.
+    """Add smooth errors to joints, independent between joints and axes.
 
-    The errors are a Gaussian process with the Matérn covariance of smoothness 3/2, which moves
-    without jerks but is not as stiff as a sine.
+    The errors are a Gaussian process with Matérn 3/2 covariance.
 
     Parameters
     ----------
@@ -86,7 +85,7 @@ def as_tracked(rng: np.random.Generator, joints: ArrayLike, *, fps: float) -> Ar
     joints : (n, 16, 3) float
         Metres.
     fps : float
-        Frames a second.
+        Frames per second.
 
     Returns
     -------
@@ -104,18 +103,18 @@ def as_tracked(rng: np.random.Generator, joints: ArrayLike, *, fps: float) -> Ar
 
 
 # ------------------------------------------------------------------------------------------------
-# People: a stature, and furniture as seen from it.
+# People of a given stature, and furniture in their scale.
 
 STATURE: Final = (1.70, 0.07)
 """Mean and standard deviation in metres over adults of both sexes (Pheasant and Haslegrave,
 *Bodyspace*, 2005)."""
 STATURE_RANGE: Final = (1.55, 1.85)
-"""Shortest and tallest performer, metres; beyond, furniture of usual sizes no longer fits."""
+"""Range of statures in metres; beyond it, furniture of usual sizes does not fit."""
 
 
 @dataclass(frozen=True)
 class Person:
-    """Somebody of a stature in metres.
+    """A person of a given stature.
 
     Parameters
     ----------
@@ -126,7 +125,7 @@ class Person:
     stature: float
 
     def sees(self, piece: SceneObject) -> SceneObject:
-        """Furniture in units in which this person is of the reference stature.
+        """Furniture in the scale in which this person has the reference stature.
 
         Parameters
         ----------
@@ -139,7 +138,7 @@ class Person:
         return resized(piece, REFERENCE_STATURE / self.stature)
 
     def returns(self, piece: SceneObject) -> SceneObject:
-        """Furniture in metres again.
+        """Furniture converted back to metres.
 
         Parameters
         ----------
@@ -153,7 +152,7 @@ class Person:
 
 
 def draw_person(rng: np.random.Generator) -> Person:
-    """An adult.
+    """Draw an adult.
 
     Parameters
     ----------
@@ -181,29 +180,29 @@ TRUNK: Final = BONE_LENGTHS[PELV, THRX]
 NECK_AND_HEAD: Final = BONE_LENGTHS[THRX, HEAD]
 HALF_HIPS: Final = BONE_LENGTHS[RHIP, LHIP] / 2
 ANKLE_HEIGHT: Final = 0.085
-"""Ankle joint above the floor of a flat foot, metres: .039 H of a shod 1.70 m adult plus
-the sole (Winter, *Biomechanics and Motor Control of Human Movement*, fig. 4.1)."""
+"""Height of the ankle joint above the floor in a flat foot, metres: .039 H of a 1.70 m adult plus
+the sole of a shoe (Winter, *Biomechanics and Motor Control of Human Movement*, fig. 4.1)."""
 STRAIGHTEST: Final = 0.995
-"""Longest reach of a limb as part of its length: people do not lock knees and elbows."""
+"""Longest reach of a limb relative to its length: people do not lock knees and elbows."""
 HIP_HEIGHT: Final = ANKLE_HEIGHT + STRAIGHTEST * (SHIN + THIGH) - 0.01
-"""Hip joints above the floor of somebody who stands, metres; the last centimetre is what
-standing with the feet apart costs."""
+"""Height of the hip joints of a standing person, metres; reduced by a centimetre because the feet
+are apart."""
 LARGEST_FLEXION: Final = np.deg2rad(150.0)
-"""Knees and elbows bend no further (American Academy of Orthopaedic Surgeons, 1965)."""
+"""Largest flexion of knees and elbows (American Academy of Orthopaedic Surgeons, 1965)."""
 ELBOWS: Final = (0.5, -0.7, -0.5)
-"""Where the elbows of arms at work point: outward, forward (they point back) and up."""
+"""Direction of the elbows of working arms: outward, forward (negative, so backward) and up."""
 SIDES: Final = np.array([1.0, -1.0])
-"""Sign of the sideways coordinate of the right and the left limb."""
+"""Sign of the sideways coordinate for the right and the left limb."""
 _UP: Final = np.array([0.0, 0.0, 1.0])
 
 
 def pair(across: ArrayLike, forward: ArrayLike, up: ArrayLike) -> Array:
-    """(2, 3) places of two limbs of which the left one mirrors the right one.
+    """(2, 3) mirror-symmetric positions of a right and a left limb.
 
     Parameters
     ----------
     across : () or (2,) float
-        Away from the middle, metres.
+        Distance from the middle, metres.
     forward, up : () or (2,) float
         Metres.
 
@@ -217,7 +216,7 @@ def pair(across: ArrayLike, forward: ArrayLike, up: ArrayLike) -> Array:
 
 
 HIPS: Final = pair(HALF_HIPS, 0.0, 0.0)
-"""Hip joints from the pelvis, metres."""
+"""Positions of the hip joints relative to the pelvis, metres."""
 
 
 @dataclass(frozen=True)
@@ -229,10 +228,10 @@ class Trunk:
     pelvis : (n, 3) float
         Middle of the hip joints.
     yaw : (n,) float
-        Where the pelvis faces: 0 is +y, counter-clockwise.
+        Facing direction of the pelvis: 0 is +y, counter-clockwise.
     lean, tilt, twist, nod : (n,) float
-        Trunk bent forward and to the right, shoulders turned to the left against the
-        pelvis, head bent forward against the trunk.
+        Bend of the trunk forward and to the right, rotation of the shoulders to the left relative
+        to the pelvis, and bend of the head forward relative to the trunk.
     """
 
     pelvis: Array
@@ -253,7 +252,7 @@ class Trunk:
         twist: ArrayLike = 0.0,
         nod: ArrayLike = 0.0,
     ) -> Trunk:
-        """A trunk from arrays or constants, which hold for all frames of ``pelvis``.
+        """Make a trunk from arrays, or from constants for all frames of ``pelvis``.
 
         Parameters
         ----------
@@ -273,16 +272,16 @@ class Trunk:
 
     @cached_property
     def right(self) -> Array:
-        """(n, 3) from the left hip to the right one, unit length."""
+        """(n, 3) unit vector from the left to the right hip."""
         return np.stack([np.cos(self.yaw), np.sin(self.yaw), np.zeros_like(self.yaw)], -1)
 
     @cached_property
     def forward(self) -> Array:
-        """(n, 3) where the pelvis faces, unit length, level."""
+        """(n, 3) unit vector in which the pelvis faces, horizontal."""
         return np.stack([-np.sin(self.yaw), np.cos(self.yaw), np.zeros_like(self.yaw)], -1)
 
     def at_pelvis(self, offsets: ArrayLike) -> Array:
-        """(n, 2, 3) or (2, 3) offsets (right, forward, up) from the pelvis to positions.
+        """Convert offsets from the pelvis (right, forward, up), (n, 2, 3) or (2, 3), to positions.
 
         Parameters
         ----------
@@ -299,7 +298,7 @@ class Trunk:
         return positions
 
     def directions(self, offsets: ArrayLike) -> Array:
-        """(n, 2, 3) or (2, 3) directions (right, forward, up) of the pelvis in the frame.
+        """Convert directions relative to the pelvis, (n, 2, 3) or (2, 3), to the common frame.
 
         Parameters
         ----------
@@ -321,7 +320,7 @@ class Trunk:
 
     @cached_property
     def spine(self) -> Array:
-        """(n, 3) from the pelvis to the middle of the shoulders, unit length."""
+        """(n, 3) unit vector from the pelvis to the middle of the shoulders."""
         level = np.sin(self.lean)[:, None] * self.forward + np.sin(self.tilt)[:, None] * self.right
         up = np.sqrt(np.clip(1 - (level**2).sum(-1, keepdims=True), 0.0, 1.0))
         spine: Array = level + up * _UP
@@ -329,14 +328,14 @@ class Trunk:
 
     @property
     def thorax(self) -> Array:
-        """(n, 3) middle of the shoulders."""
+        """(n, 3) positions of the middle of the shoulders."""
         return self.pelvis + TRUNK * self.spine
 
     @property
     def head(self) -> Array:
-        """(n, 3) middle of the head."""
+        """(n, 3) positions of the middle of the head."""
         bent = self.lean + self.nod
-        # The head rights itself against half of what the trunk is tilted.
+        # The head compensates half of the trunk's tilt.
         aside = np.sin(self.tilt / 2)[:, None] * self.right
         direction = np.sin(bent)[:, None] * self.forward + np.cos(bent)[:, None] * _UP + aside
         direction /= np.linalg.norm(direction, axis=-1, keepdims=True)
@@ -345,7 +344,7 @@ class Trunk:
 
     @property
     def shoulders(self) -> Array:
-        """(n, 2, 3) shoulder joints, on a line across the spine."""
+        """(n, 2, 3) positions of the shoulder joints, on a line perpendicular to the spine."""
         turned = (
             np.cos(self.twist)[:, None] * self.right + np.sin(self.twist)[:, None] * self.forward
         )
@@ -359,22 +358,22 @@ class Trunk:
 def two_bones(
     root: ArrayLike, target: ArrayLike, pole: ArrayLike, *, upper: float, lower: float
 ) -> tuple[Array, Array]:
-    """The middle and end joint of a limb that reaches from ``root`` for ``target``.
+    """Two-bone inverse kinematics: middle and end joint of a limb from ``root`` to ``target``.
 
     Parameters
     ----------
     root, target : (..., 3) float
-        Fixed joint, and where the end should be, metres. A target out of reach is
-        approached along the straight line.
+        Fixed joint, and desired position of the end, metres. A target out of reach is approached
+        along the straight line.
     pole : (..., 3) float
-        Direction the middle joint bends to; need not be a right angle to the limb.
+        Direction in which the middle joint bends; it need not be perpendicular to the limb.
     upper, lower : float
         Bone lengths in metres.
 
     Returns
     -------
     middle, end : (..., 3) float
-        Metres; the bone lengths hold exactly.
+        Metres; bone lengths are exact.
     """
     root, target, pole = (np.asarray(a, float) for a in (root, target, pole))
     offset = target - root
@@ -390,28 +389,28 @@ def two_bones(
 
 
 def knees_of(ankles: ArrayLike, directions: ArrayLike, *, hips: ArrayLike = HIPS) -> Array:
-    """Knees between hips and ankles: both, or one where ``hips`` is one.
+    """Knees between hips and ankles, for both legs or for one.
 
     Parameters
     ----------
     ankles : (2, 3) or (3,) float
         Right, forward and up of the pelvis, metres.
     directions : (2, 3) or (3,) float
-        Where the knees point.
+        Directions of the knees.
     hips : (2, 3) or (3,) float
-        As ankles.
+        As for ankles.
 
     Returns
     -------
     (2, 3) or (3,) float
-        As ankles.
+        As for ankles.
     """
     knees, _ = two_bones(hips, ankles, directions, upper=THIGH, lower=SHIN)
     return knees
 
 
 def reachable_height(trunk: Trunk, ankles: ArrayLike) -> Array:
-    """(n,) greatest height in metres of the pelvis at which both ankles (n, 2, 3) are in reach.
+    """(n,) largest height of the pelvis in metres at which both ankles (n, 2, 3) can be reached.
 
     Parameters
     ----------
@@ -431,7 +430,7 @@ def reachable_height(trunk: Trunk, ankles: ArrayLike) -> Array:
 
 
 def hanging_wrists(trunk: Trunk, swing: ArrayLike = 0.0, *, bend: float = 0.06) -> Array:
-    """(n, 2, 3) wrists of arms that hang from the shoulders.
+    """(n, 2, 3) wrists of hanging arms.
 
     Parameters
     ----------
@@ -439,7 +438,7 @@ def hanging_wrists(trunk: Trunk, swing: ArrayLike = 0.0, *, bend: float = 0.06) 
     swing : (n, 2) float
         Angle of the arms forward of the vertical, radians.
     bend : float
-        How much of its length the arm gives up to a bent elbow.
+        Relative shortening of the arm by a bent elbow.
 
     Returns
     -------
@@ -447,7 +446,7 @@ def hanging_wrists(trunk: Trunk, swing: ArrayLike = 0.0, *, bend: float = 0.06) 
     """
     swing = np.broadcast_to(np.asarray(swing, float), (len(trunk.yaw), 2))[..., None]
     down = np.sin(swing) * trunk.forward[:, None] - np.cos(swing) * _UP
-    outward = 0.12 * SIDES[:, None] * trunk.right[:, None]  # the hands clear the hips
+    outward = 0.12 * SIDES[:, None] * trunk.right[:, None]  # keeps the hands clear of the hips
     direction = down + outward
     direction /= np.linalg.norm(direction, axis=-1, keepdims=True)
     hands: Array = trunk.shoulders + (1 - bend) * (UPPER_ARM + FOREARM) * direction
@@ -462,7 +461,7 @@ def pose_body(
     elbows: ArrayLike = ELBOWS,
     knees: ArrayLike | None = None,
 ) -> Array:
-    """All joints, from the trunk and where hands and feet are.
+    """Compute all joints from the trunk and the positions of hands and feet.
 
     Parameters
     ----------
@@ -471,9 +470,9 @@ def pose_body(
     ankles, wrists : (n, 2, 3) float
         Targets in metres, right then left.
     elbows : (3,) or (2, 3) float
-        Where elbows point: outward, forward and up, or right, forward and up one by one.
+        Directions of the elbows: outward, forward and up; or right, forward and up for each.
     knees : (2, 3) float, optional
-        Where knees point: right, forward and up. Forward and a little up, if not given.
+        Directions of the knees: right, forward and up. By default forward and a little up.
 
     Returns
     -------
@@ -481,7 +480,7 @@ def pose_body(
         Joints in metres, in the frame of the trunk.
     """
     forward, outward = trunk.forward[:, None], SIDES[:, None] * trunk.right[:, None]
-    # Knees bend forward and, when the thigh is level, up.
+    # Knees bend forward, and up when the thigh is horizontal.
     ahead = forward + 0.5 * _UP + 0.12 * outward if knees is None else trunk.directions(knees)
     bent_knees, ankles = two_bones(trunk.hips, ankles, ahead, upper=THIGH, lower=SHIN)
     elbows = np.asarray(elbows, float)
@@ -506,14 +505,14 @@ def pose_body(
 
 
 # ------------------------------------------------------------------------------------------------
-# Performances.
+# Generated motions.
 
 FRAMES_PER_SECOND: Final = 10.0
-"""Of i3DB, and fast enough for everything people do in a room."""
+"""Frame rate of i3DB, fast enough for everything people do in a room."""
 
 
 class Drawn(NamedTuple):
-    """One motion and its furniture, in a common frame and in the units of a person.
+    """A motion and its furniture, in a common frame and in the person's scale.
 
     Parameters
     ----------
@@ -527,11 +526,11 @@ class Drawn(NamedTuple):
 
 
 Recipe = Callable[[np.random.Generator, Person], Drawn]
-"""Draws a motion of the reference body among furniture as the person sees it."""
+"""Draws a motion of the reference body among furniture in the person's scale."""
 
 
 def backwards(recipe: Recipe) -> Recipe:
-    """The same motions played backwards, as standing up is sitting down.
+    """The same motions played backwards, e.g. standing up from sitting down.
 
     Parameters
     ----------
@@ -550,7 +549,7 @@ def backwards(recipe: Recipe) -> Recipe:
 
 
 def moments(rng: np.random.Generator, fewest: int, most: int) -> Array:
-    """(n,) times in seconds of a clip of ``fewest`` to ``most`` frames.
+    """(n,) times in seconds of a clip with ``fewest`` to ``most`` frames.
 
     Parameters
     ----------

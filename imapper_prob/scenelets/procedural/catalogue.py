@@ -1,9 +1,9 @@
-"""The catalogue: which interactions the built-in library holds, and how many of each.
+"""The catalogue: the interactions of the built-in library, and the number of each.
 
 Actions are ``walk``, ``stand``, ``sit``, ``sit-down``, ``stand-up``, ``lie``, ``reach``,
-``pick-up``, ``put-down``, ``squat``, ``kneel`` and ``bend``. A family is what does one of these,
-or does it in one way. Every recipe draws one motion with its furniture; every second scenelet is
-the mirror image of the one before, so that nothing in the library is more left- than right-handed.
+``pick-up``, ``put-down``, ``squat``, ``kneel`` and ``bend``. A family is an action, or one way of
+performing it. Every recipe draws one motion with its furniture; every second scenelet is the mirror
+image of the one before, so that the library has no handedness.
 """
 
 from __future__ import annotations
@@ -37,28 +37,28 @@ from imapper_prob.scenelets.procedural.body import (
 __all__ = ["CATALOGUE", "VERSION", "Entry", "build_library"]
 
 VERSION: Final = 3
-"""Goes up whenever the scenelets that come out change; part of the library's name."""
+"""Version, raised whenever the generated scenelets change; part of the library's name."""
 
 _ATTEMPTS: Final = 50
-"""Draws of one scenelet before its recipe is taken to be wrong; most need one or two."""
+"""Largest number of draws for one scenelet; most need one or two."""
 
 
 @dataclass(frozen=True)
 class Entry:
-    """A line of the catalogue.
+    """One entry of the catalogue.
 
     Parameters
     ----------
     name : str
-        Of the scenelets, which are numbered; draws them too, so that it never changes.
+        Name of its scenelets, which are numbered. It also seeds them, so it must never change.
     action : str
-        What is done.
+        Action of the scenelets.
     count : int
-        How many; even.
+        Number of scenelets; even.
     draw : Recipe
-        How one is drawn.
+        Draws a scenelet.
     family : str
-        What motions of this kind have in common; that they do the same, if not given.
+        Family of these motions; the action, if not given.
     """
 
     name: str
@@ -72,7 +72,7 @@ class Entry:
 
 
 CATALOGUE: Final = (
-    # On one's feet with nothing near: 18 of 100.
+    # On foot without furniture: 18 of 100.
     Entry("walk", "walk", 160, on_foot.walk),
     Entry("walk-shuffle", "walk", 24, on_foot.shuffle),
     Entry("walk-start", "walk", 32, on_foot.start_walking),
@@ -108,7 +108,7 @@ CATALOGUE: Final = (
     Entry("sit-down-bench", "sit-down", 8, sitting.sit_down_on("bench")),
     Entry("stand-up-bench", "stand-up", 8, backwards(sitting.sit_down_on("bench"))),
     Entry("sit-bed", "sit", 12, sitting.sit("bed")),
-    # Tables and counters: 10 of 100.
+    # At tables and counters: 10 of 100.
     Entry("stand-table", "stand", 40, on_foot.stand_at("table")),
     Entry("stand-counter", "stand", 36, on_foot.stand_at("counter")),
     Entry("lean-on-table", "stand", 16, on_foot.lean_on_top("table")),
@@ -121,15 +121,15 @@ CATALOGUE: Final = (
     Entry("put-down-low-table", "put-down", 10, backwards(on_foot.pick_up("low table"))),
     Entry("pick-up-counter", "pick-up", 12, on_foot.pick_up("counter")),
     Entry("put-down-counter", "put-down", 8, backwards(on_foot.pick_up("counter"))),
-    # Shelves: 11 of 100.
+    # At shelves: 11 of 100.
     Entry("reach-shelf", "reach", 140, reaching.reach_shelf),
     Entry("reach-shelf-coming", "reach", 40, reaching.step_to_shelf),
     Entry("reach-shelf-leaving", "reach", 28, backwards(reaching.step_to_shelf)),
     Entry("reach-shelf-browsing", "reach", 44, reaching.browse_shelf),
-    # Lying: 2 of 100, with those on the floor.
+    # Lying: 2 of 100, including on the floor.
     Entry("lie-bed", "lie", 24, lying.lie_on_bed),
     Entry("lie-couch", "lie", 12, lying.lie_on_couch),
-    # Other ways to sit: legs crossed,
+    # Other ways of sitting: legs crossed,
     Entry("sit-crossed-chair", "sit", 20, folded.sit_crossed("chair"), "legs-crossed"),
     Entry("sit-crossed-couch", "sit", 12, folded.sit_crossed("couch"), "legs-crossed"),
     Entry("sit-crossed-stool", "sit", 10, folded.sit_crossed("stool"), "legs-crossed"),
@@ -159,7 +159,7 @@ CATALOGUE: Final = (
     Entry("slouch-couch", "sit", 10, resting.slouch_on("couch"), "slouch"),
     Entry("slouch-armchair", "sit", 6, resting.slouch_on("armchair"), "slouch"),
     Entry("sit-back-bed", "sit", 8, resting.lean_back_on_bed, "slouch"),
-    # Low down with nothing near: 6 of 100.
+    # Low postures without furniture: 6 of 100.
     Entry("sit-floor-cross-legged", "sit", 12, low.low_down("cross-legged"), "floor-sit"),
     Entry("sit-floor-legs-out", "sit", 10, low.low_down("legs out"), "floor-sit"),
     Entry("sit-floor-knees-up", "sit", 10, low.low_down("knees up"), "floor-sit"),
@@ -173,16 +173,16 @@ CATALOGUE: Final = (
     Entry("put-down-floor", "put-down", 8, backwards(low.pick_up_from_floor), "bend"),
     Entry("bend-over", "bend", 10, low.bend_over),
 )
-"""2206 scenelets, about as many of each kind as people spend time on it in living rooms and
-offices. Chairs, couches, stools and benches are as 4 : 4 : 1.5 : .7, so that none of them is
-preferred only because another is rare."""
+"""2206 scenelets, about in proportion to the time that people spend on each in living rooms and
+offices. Chairs, couches, stools and benches are as 4 : 4 : 1.5 : .7, so that none is preferred only
+because another one is rare."""
 
 
 def build_library(seed: int = 0) -> Library:
-    """The built-in library; the same seed gives the same library, bit for bit.
+    """Make the built-in library; the same seed gives the same library, bit for bit.
 
-    Each scenelet has its own stream of random numbers, named by catalogue line and index,
-    so changing one line changes nothing in the others.
+    Each scenelet has its own random stream, named by catalogue entry and index, so changing one
+    entry does not affect the others.
 
     Parameters
     ----------
@@ -207,7 +207,7 @@ def _name(entry: Entry, index: int) -> str:
 
 
 def _scenelet(entry: Entry, index: int, seed: int) -> Scenelet:
-    """The first draw that a person could have done, in metres and in its local frame."""
+    """The first plausible draw, in metres and in its local frame."""
     found: list[str] = []
     for attempt in range(_ATTEMPTS):
         rng = np.random.default_rng([seed, crc32(entry.name.encode()), index, attempt])

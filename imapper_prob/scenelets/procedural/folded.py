@@ -1,10 +1,10 @@
-"""Sitting with legs crossed or folded: motions and recipes.
+"""Recipes of sitting with legs crossed or folded.
 
-Each function takes somebody who sits upright and puts the legs, and where need be pelvis and
-hands, elsewhere. The right leg is the one that is folded; metres, radians, offsets are right,
-forward and up of the pelvis as it faces. Angles that no source is named for are within the ranges
-of the American Academy of Orthopaedic Surgeons, *Joint Motion* (1965): hips turn the thigh 45
-degrees outward and 30 inward, knees bend by 150.
+Each function takes a person who sits upright, and changes the legs and, if needed, pelvis and
+hands. The right leg is the folded one. Units are metres and radians; offsets are right, forward and
+up, relative to the pelvis. Angles without a source are within the ranges of the American Academy of
+Orthopaedic Surgeons, *Joint Motion* (1965): hips rotate the thigh 45 degrees outward and 30 inward,
+knees bend by 150.
 """
 
 from __future__ import annotations
@@ -52,17 +52,19 @@ __all__ = [
 
 Array = NDArray[np.float64]
 THIGH_DEPTH: Final = 0.065
-"""From the line of the joints to the skin of the thigh near the knee, metres: half of the 13 cm
-that thighs are thick (thigh clearance, less what the seat presses: Pheasant and Haslegrave,
-*Bodyspace*, 2005)."""
+"""Distance from the line of joints to the skin of the thigh near the knee, metres: half of the
+thigh's 13 cm (thigh clearance, minus compression by the seat: Pheasant and Haslegrave, *Bodyspace*,
+2005)."""
 SHIN_DEPTH: Final = 0.045
-"""From the line of the joints to the skin of the shin at knee and ankle, metres (*Bodyspace*)."""
+"""Distance from the line of joints to the skin of the shin at knee and ankle, metres
+(*Bodyspace*)."""
 UP: Final = 0.5
-"""How far up the knee of a leg points whose foot is on the floor, to 1 forward."""
+"""Upward component, relative to 1 forward, of the direction of a knee whose foot is on the
+floor."""
 
 
 def _with_legs(pose: SeatedPose, ankles: ArrayLike, knees: ArrayLike) -> SeatedPose:
-    """The same person with legs by ankles and directions of knees (2, 3), offsets both."""
+    """The same person with other ankles and directions of knees, both (2, 3) offsets."""
     return replace(pose, ankles=pose.at_pelvis(ankles), knees=np.asarray(knees, float))
 
 
@@ -75,49 +77,50 @@ def _foot_down(
     outward: float,
     ahead: tuple[float, float] = (-0.03, 0.07),
 ) -> tuple[Array, Array]:
-    """Ankle of a foot flat on the floor and direction of its knee, (3,) offsets both.
+    """Ankle of a foot flat on the floor, and direction of its knee, both (3,) offsets.
 
     Parameters
     ----------
     side : float
         1 for the right leg, -1 for the left one.
     outward : float
-        Where the leg goes: 0 is straight ahead of the pelvis, positive to its own side, radians.
+        Direction of the leg in radians: 0 is straight ahead, positive to its own side.
     ahead : (float, float)
-        Least and most that the ankle is before the knee of a level thigh, metres.
+        Least and largest distance of the ankle in front of the knee of a horizontal thigh, metres.
     """
     level = THIGH + rng.uniform(*ahead)
     direction = np.array([side * np.sin(outward), np.cos(outward), 0.0])
     ankle = np.array([side * HALF_HIPS, 0.0, 0.0]) + level * direction
     ankle[2] = ANKLE_HEIGHT - pose.pelvis[2]
     if seat.closed:
-        # Along the leg, beyond the front: feet cannot go below.
+        # Keep the foot in front of a closed seat, in the direction of the leg.
         short = seat.front + 0.06 - float(pose.at_pelvis(ankle)[1])
         ankle += max(short, 0.0) / max(np.cos(pose.yaw - side * outward), 0.5) * direction
     return ankle, direction + np.array([0.0, 0.0, UP])
 
 
 def _knee_over_knee(rng: np.random.Generator, pose: SeatedPose, seat: Seat) -> SeatedPose:
-    """The right thigh on the left one, its shin hanging on the far side of the left knee."""
+    """Cross the right thigh over the left one, with the shin hanging beyond the left knee."""
     foot, below = _foot_down(rng, pose, seat, side=-1, outward=-rng.uniform(0.20, 0.28))
     lower_knee = knees_of(foot, below, hips=HIPS[1])
     across = -np.sin(rng.uniform(0.44, 0.51))
     up = lower_knee[2] + 2 * THIGH_DEPTH + rng.uniform(0.0, 0.04)
     knee = _thigh(across, up)
-    # The calf hangs from there, a little forward and outward of the left shin.
+    # The calf hangs down, slightly forward and outward of the left shin.
     hang = np.array([-rng.uniform(0.15, 0.30), rng.uniform(0.25, 0.50), -1.0])
     ankle = HIPS[0] + knee + SHIN * _unit(hang)
     pose = _with_legs(pose, [ankle, foot], [knee, below])
     if rng.random() < 0.5:
         return draw_hands(rng, pose, seat)
-    # One hand on the upper knee and the other one on it, or both around it.
+    # One hand on the upper knee and the other on top, or both around it.
     upper = HIPS[0] + 0.85 * knee + (0.0, 0.0, THIGH_DEPTH + 0.02)
     hands = upper + np.array([[0.07, -0.03, 0.0], [-0.06, -0.06, 0.02]])
     return pose.with_hands(hands)
 
 
 def _ankle_on_knee(rng: np.random.Generator, pose: SeatedPose, seat: Seat) -> SeatedPose:
-    """The right ankle on the left thigh, before the knee or on it, the right knee to the side."""
+    """Put the right ankle on the left thigh, near or on the knee, with the right knee to the
+    side."""
     foot, below = _foot_down(rng, pose, seat, side=-1, outward=rng.uniform(-0.05, 0.15))
     left = knees_of(foot, below, hips=HIPS[1])
     ankle = HIPS[1] + rng.uniform(0.76, 0.92) * (left - HIPS[1])
@@ -126,7 +129,7 @@ def _ankle_on_knee(rng: np.random.Generator, pose: SeatedPose, seat: Seat) -> Se
     pose = _with_legs(pose, [ankle, foot], [knee, below])
     if rng.random() < 0.5:
         return draw_hands(rng, pose, seat)
-    # A hand on the shin that lies across, the other one on the ankle.
+    # One hand on the horizontal shin, the other one on the ankle.
     bent = knees_of(ankle, knee, hips=HIPS[0])
     over = (0.0, -0.02, SHIN_DEPTH + 0.02)
     hands = np.stack([0.75 * bent + 0.25 * ankle + over, 0.15 * bent + 0.85 * ankle + over])
@@ -134,10 +137,10 @@ def _ankle_on_knee(rng: np.random.Generator, pose: SeatedPose, seat: Seat) -> Se
 
 
 def _leg_folded_under(rng: np.random.Generator, pose: SeatedPose, seat: Seat) -> SeatedPose:
-    """The right leg folded on the seat, the foot at the left thigh; the left foot on the floor.
+    """Fold the right leg on the seat, its foot at the left thigh; the left foot is on the floor.
 
-    The knee of the folded leg is on the seat or, where that is narrow, over its edge: the pelvis
-    is turned to that side, and the other leg goes straight to the front.
+    The knee of the folded leg is on the seat or, if that is narrow, beyond its edge: the pelvis is
+    turned to that side, and the other leg points straight to the front.
     """
     foot, below = _foot_down(rng, pose, seat, side=-1, outward=max(-pose.yaw, 0.0))
     ankle = np.array([-rng.uniform(0.02, 0.05), SHIN * rng.uniform(0.45, 0.60), _on_seat(rng)])
@@ -151,7 +154,7 @@ def _leg_folded_under(rng: np.random.Generator, pose: SeatedPose, seat: Seat) ->
 
 
 def tailor_fashion(rng: np.random.Generator, pose: SeatedPose, seat: Seat) -> SeatedPose:
-    """Both legs folded on the surface one sits on, shins crossed before the body.
+    """Fold both legs on the seat, with shins crossed in front of the body.
 
     Parameters
     ----------
@@ -181,12 +184,13 @@ def tailor_fashion(rng: np.random.Generator, pose: SeatedPose, seat: Seat) -> Se
 
 
 def _on_seat(rng: np.random.Generator) -> float:
-    """Height of the ankle of a foot that lies on its side on the seat, from the hips, metres."""
+    """Height of the ankle of a foot that lies on its side on the seat, relative to the hips,
+    metres."""
     return float(SHIN_DEPTH + rng.uniform(0.0, 0.02) - HIP_ABOVE_SEAT)
 
 
 def _thigh(across: float, up: float) -> Array:
-    """(3,) from hip to knee: ``across`` as a part of its length, ``up`` in metres."""
+    """(3,) from hip to knee: ``across`` relative to the thigh's length, ``up`` in metres."""
     x = across * THIGH
     return np.array([x, np.sqrt(THIGH**2 - x**2 - up**2), up])
 
@@ -200,9 +204,9 @@ def _unit(vector: Array) -> Array:
 # Recipes.
 
 KNEE_BESIDE: Final = 0.54
-"""Metres from the pelvis to the side within which a folded leg ends."""
+"""Sideways distance from the pelvis in metres that a folded leg needs."""
 LEGS_BEFORE, LEGS_BESIDE = 0.44, 0.42
-"""Metres from the pelvis, forward and to the sides, within which legs crossed before it end."""
+"""Distances from the pelvis in metres, forward and sideways, that crossed legs need."""
 
 
 def sit_crossed(kind: str) -> Recipe:
@@ -246,11 +250,11 @@ def sit_on_leg(kind: str) -> Recipe:
 
     def draw(rng: np.random.Generator, person: Person) -> Drawn:
         piece, seat, place = _wide(rng, person, kind, right=KNEE_BESIDE, left=0.24)
-        # Where there is room the body turns to the side of the folded leg.
+        # If there is room, the body turns to the side of the folded leg.
         narrow = kind in ("chair", "bench")
         turn = rng.uniform(0.0, 0.25) if narrow else rng.uniform(0.3, 0.65)
         pose = draw_seated(rng, seat, sideways=place, yaw=-turn, upright=True)
-        # Where there is a mattress or a cushion, the whole shin is on it.
+        # On a mattress or cushion, the whole shin is on it.
         pose = _back_from_edge(pose, seat, rng.uniform(0.27, 0.32 if narrow else 0.36))
         pose = _leg_folded_under(rng, pose, replace(seat, arms=()))
         if kind == "bed":
@@ -280,7 +284,7 @@ def sit_tailor_fashion(kind: str) -> Recipe:
             place = 0.0
         else:
             piece, seat, place = _wide(rng, person, kind, right=LEGS_BESIDE, left=LEGS_BESIDE)
-        seat = replace(seat, closed=False, arms=())  # nothing goes to the floor
+        seat = replace(seat, closed=False, arms=())  # no leg reaches the floor
         pose = draw_seated(rng, seat, sideways=place, lean=rng.uniform(-0.05, 0.30), upright=True)
         pose = _back_from_edge(pose, seat, LEGS_BEFORE - rng.uniform(0.0, 0.08))
         pose = tailor_fashion(rng, pose, seat)
@@ -292,7 +296,7 @@ def sit_tailor_fashion(kind: str) -> Recipe:
 def _wide(
     rng: np.random.Generator, person: Person, kind: str, *, right: float, left: float
 ) -> Taken:
-    """A seat whose arms leave so much room to both sides of the pelvis, metres."""
+    """A seat whose arms leave a given space on both sides of the pelvis, metres."""
     if kind == "chair":
         piece = person.sees(furniture.chair(rng, arms=False))
         return piece, seat_of(piece), float(rng.normal(0.0, 0.02))
@@ -304,23 +308,23 @@ def _wide(
 
 
 def _back_from_edge(pose: SeatedPose, seat: Seat, metres: float) -> SeatedPose:
-    """The same person so far behind the front edge, or as far as the back lets them."""
+    """Move a person behind the front edge by a distance, or as far as the back allows."""
     pelvis = pose.pelvis.copy()
     pelvis[1] = max(seat.front - metres, seat.back + BUTTOCK + 0.02)
     return replace(pose, pelvis=pelvis)
 
 
 def _on_bed(rng: np.random.Generator, person: Person) -> tuple[SceneObject, Seat]:
-    """A bed below somebody who sits in the middle of it, or against the headboard.
+    """A bed with a person sitting in its middle or against the headboard.
 
-    The seat's front is where crossed legs end, anywhere on the mattress.
+    The front of the seat is where crossed legs end, anywhere on the mattress.
     """
     bed = person.sees(furniture.bed(rng))
     seat = furniture.seat_part(bed)
     low, high = (seat.centre + seat.size / 2 * sign for sign in (-1, 1))
     facing = float(rng.choice([0.0, np.pi / 2, -np.pi / 2], p=[0.6, 0.2, 0.2]))
     before, behind, beside = LEGS_BEFORE, BUTTOCK + 0.05, LEGS_BESIDE
-    # Metres that must be free of where one sits: to -x, -y, and to x, y of the bed.
+    # Free space in metres needed around the person: towards -x, -y, and x, y of the bed.
     if facing == 0.0:
         first, last = np.array([beside, behind]), np.array([beside, before])
     else:
@@ -338,7 +342,7 @@ def _on_bed(rng: np.random.Generator, person: Person) -> tuple[SceneObject, Seat
 def _within(
     rng: np.random.Generator, low: NDArray[np.float64], high: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """(2,) a place between two, or in their middle where there is no room."""
+    """(2,) a random position in a rectangle, or its middle if the rectangle is empty."""
     middle, half = (low + high) / 2, np.maximum((high - low) / 2, 0.0)
     place: NDArray[np.float64] = middle + half * rng.uniform(-1, 1, 2)
     return place

@@ -1,8 +1,9 @@
-"""Furniture as unions of cuboids, with common sizes: seats, beds, tables and storage.
+"""Furniture as unions of cuboids with common sizes: seats, beds, tables and storage.
 
-Every piece stands on the floor with its origin below the middle of its bounding box in top view and
-its front towards +y: a seat is left that way, a table or shelf is used from there, a bed's foot end
-points there. All lengths are metres; each piece names the source of its sizes.
+Every object stands on the floor, with its origin below the middle of its bounding box and its front
+towards +y: people leave a seat towards +y, use a table or shelf from there, and a bed's foot end
+points there. All lengths are metres; each object names the source of its sizes. points there. All
+lengths are metres; each piece names the source of its sizes.
 """
 
 from __future__ import annotations
@@ -34,15 +35,15 @@ __all__ = [
 
 ORIGIN: Final = Placement(0.0, 0.0, 0.0)
 _LEG: Final = 0.04
-"""Side in metres of a wooden leg."""
+"""Side of a wooden leg, metres."""
 _BOARD: Final = 0.025
-"""Thickness in metres of table tops, shelves and panels: the common chipboard."""
+"""Thickness of table tops, shelves and panels of chipboard, metres."""
 
 
 def box(
     part: str, corner: tuple[float, float, float], opposite: tuple[float, float, float]
 ) -> Cuboid:
-    """A cuboid between two opposite corners, in any order.
+    """A cuboid from two opposite corners, in any order.
 
     Parameters
     ----------
@@ -76,7 +77,7 @@ def _top_on(width: float, depth: float, height: float) -> Cuboid:
 
 
 # ------------------------------------------------------------------------------------------------
-# Seats and beds. The part ``seat`` is the surface that carries the body.
+# Seats and beds. The part ``seat`` is the surface that supports the body.
 
 
 def _armrests(
@@ -390,12 +391,12 @@ def counter(rng: np.random.Generator) -> SceneObject:
 
 
 def seat_part(piece: SceneObject) -> Cuboid:
-    """What carries whoever sits or lies on a piece.
+    """The part of a piece of furniture that carries a person who sits or lies on it.
 
     Parameters
     ----------
     piece : SceneObject
-        With a part ``seat``.
+        Has a part named ``seat``.
 
     Returns
     -------
@@ -405,13 +406,13 @@ def seat_part(piece: SceneObject) -> Cuboid:
 
 
 def facing_back(piece: SceneObject, x: float, *, edge: float) -> SceneObject:
-    """A piece before somebody at the origin, whom it faces.
+    """A piece of furniture placed in front of a person at the origin, facing that person.
 
     Parameters
     ----------
     piece : SceneObject
     x : float
-        Of its middle, metres.
+        The x of its middle, metres.
     edge : float
         The y of its front edge, metres.
 
@@ -423,7 +424,7 @@ def facing_back(piece: SceneObject, x: float, *, edge: float) -> SceneObject:
 
 
 def knee_room(piece: SceneObject) -> tuple[float, float]:
-    """The x, from and to, of the gap between the two things that carry a table's front edge.
+    """Lower and upper end in x of the gap between the two supports at a table's front edge.
 
     Parameters
     ----------

@@ -1,8 +1,8 @@
-"""Walking along any route: feet that stand still while they carry, arms that swing.
+"""Walking along any route: each foot stands still during its stance, and the arms swing.
 
-A route says where a person is and faces at any time. Each foot stands where the route is at
-the middle of its stance and swings to the next such place, so straight walks, curves, turns
-on the spot, steps to the side and coming to a halt are the same thing.
+A route gives a person's position and yaw at any time. Each foot stands where the route is at
+the middle of its stance and swings to the next such place. Straight walks, curves, turns on
+the spot, side steps and stopping therefore need no separate cases.
 """
 
 from __future__ import annotations
@@ -41,31 +41,31 @@ __all__ = [
 
 Array = NDArray[np.float64]
 Pace = Callable[[Array], Array]
-"""Times (n,) in seconds to (n,) metres walked."""
+"""Function from times (n,) in seconds to distances walked (n,) in metres."""
 
 Route = Callable[[Array], Array]
-"""Times (n,) in seconds to (n, 3) x, y in metres and yaw in radians."""
+"""Function from times (n,) in seconds to (n, 3) x, y in metres and yaw in radians."""
 
 WALK_RATIO: Final = 0.0064
-"""Length of a step over steps a minute, metres: the same at every comfortable speed (Sekiya and
-Nagasaki 1998). It gives steps of .55 m at .8 m/s and of .69 m at 1.25 m/s."""
+"""Step length (m) divided by cadence (steps a minute): the same at every comfortable speed (Sekiya
+and Nagasaki 1998). It gives steps of .55 m at .8 m/s and of .69 m at 1.25 m/s."""
 
 SWING_LIFT: Final = 0.10
-"""Height in metres that the ankle gains in mid-swing of a full step (Winter, fig. 3.14)."""
+"""Height in metres by which the ankle rises in mid-swing of a full step (Winter, fig. 3.14)."""
 
 SHORT_STEP: Final = 0.15
-"""Metres of stride below which feet are lifted clearly less."""
+"""Stride in metres below which the feet are lifted clearly less."""
 
 ARM_SWING: Final = 0.38
-"""Amplitude in radians of the arms at 1 m/s (Romkes and Bracht-Schweizer 2017: 35-45 degrees
-of range at a comfortable speed)."""
+"""Amplitude in radians of the arm swing at 1 m/s (Romkes and Bracht-Schweizer 2017: a range of
+35-45 degrees at a comfortable speed)."""
 
 GATHER: Final = 0.8
-"""Seconds from standing to full speed: little more than the first step (Breniere and Do 1991)."""
+"""Seconds from standing to full speed, little more than the first step (Breniere and Do 1991)."""
 
 
 def minimum_jerk(progress: ArrayLike) -> Array:
-    """Position between 0 and 1 of a smooth movement (Flash and Hogan 1985), held outside.
+    """Minimum-jerk position (Flash and Hogan 1985): 0 to 1, constant outside that progress.
 
     Parameters
     ----------
@@ -81,7 +81,7 @@ def minimum_jerk(progress: ArrayLike) -> Array:
 
 
 def steady(speed: float) -> Pace:
-    """Always at ``speed`` metres a second.
+    """A pace of constant speed.
 
     Parameters
     ----------
@@ -91,13 +91,13 @@ def steady(speed: float) -> Pace:
     Returns
     -------
     callable
-        From seconds to metres gone.
+        Maps seconds to metres walked.
     """
     return lambda times: speed * times
 
 
 def starting(speed: float, *, at: float) -> Pace:
-    """Standing until ``at`` seconds, and ``speed`` metres a second after ``GATHER`` more.
+    """A pace that stands until ``at`` seconds and reaches ``speed`` after ``GATHER`` more.
 
     Parameters
     ----------
@@ -109,7 +109,7 @@ def starting(speed: float, *, at: float) -> Pace:
     Returns
     -------
     callable
-        From seconds to metres gone.
+        Maps seconds to metres walked.
     """
 
     def pace(times: Array) -> Array:
@@ -121,7 +121,7 @@ def starting(speed: float, *, at: float) -> Pace:
 
 
 def stopping(speed: float, *, by: float) -> Pace:
-    """At ``speed`` metres a second, and standing from ``by`` seconds.
+    """A pace of constant speed that slows down and stands from ``by`` seconds on.
 
     Parameters
     ----------
@@ -133,32 +133,32 @@ def stopping(speed: float, *, by: float) -> Pace:
     Returns
     -------
     callable
-        From seconds to metres gone.
+        Maps seconds to metres walked.
     """
     backwards = starting(speed, at=-by)
     return lambda times: -backwards(-times)
 
 
 def arc(pace: Pace, curvature: float) -> Route:
-    """A walk from the origin towards +y, turning left by ``curvature`` radians a metre.
+    """A route from the origin towards +y that turns left by ``curvature`` radians a metre.
 
     Parameters
     ----------
     pace : callable
-        From seconds to metres gone.
+        Maps seconds to metres walked.
     curvature : float
         Radians a metre.
 
     Returns
     -------
     callable
-        From seconds to placements.
+        Maps seconds to placements (x, y, yaw).
     """
 
     def route(times: Array) -> Array:
         walked = pace(times)
         yaw = curvature * walked
-        # The mean heading of the way so far is yaw / 2, and the chord is sinc-shortened.
+        # The mean heading of the way so far is yaw / 2; the chord is the arc shortened by a sinc.
         chord = walked * np.sinc(yaw / 2 / np.pi)
         return np.stack([-np.sin(yaw / 2) * chord, np.cos(yaw / 2) * chord, yaw], -1)
 
@@ -166,7 +166,7 @@ def arc(pace: Pace, curvature: float) -> Route:
 
 
 def settle(start: Placement, end: Placement, *, arrival: float) -> Route:
-    """Stand at ``start`` until time 0, move to ``end`` by ``arrival`` seconds, and stay.
+    """A route that stays at ``start`` until time 0, moves to ``end`` by ``arrival`` and stays.
 
     Parameters
     ----------
@@ -178,7 +178,7 @@ def settle(start: Placement, end: Placement, *, arrival: float) -> Route:
     Returns
     -------
     callable
-        From seconds to placements.
+        Maps seconds to placements (x, y, yaw).
     """
     a = np.array([start.x, start.y, start.yaw])
     b = np.array([end.x, end.y, end.yaw])
@@ -192,7 +192,7 @@ def settle(start: Placement, end: Placement, *, arrival: float) -> Route:
 
 @dataclass(frozen=True)
 class Walk:
-    """A body on its feet before hands or trunk do anything else.
+    """Trunk, ankles and wrists of a person on foot, before hands or trunk do anything else.
 
     Parameters
     ----------
@@ -209,19 +209,19 @@ class Walk:
 
 @dataclass(frozen=True)
 class Gait:
-    """How somebody walks, wherever they go.
+    """Parameters of how a person walks, for any route.
 
     Parameters
     ----------
     step_time : float
-        Seconds from one foot's stance to the other's; each foot stands still this long and
-        swings as long.
+        Seconds between the stances of the two feet. Each foot stands still for this long and
+        swings for as long.
     phase : float
         Time in seconds of the middle of a stance of the right foot.
     lean : float
         Forward lean of the trunk in radians.
     half_width : float
-        Distance in metres of a foot from the middle of the walk.
+        Distance in metres of each foot from the line of walking.
     vigour : float
         Factor on the swing of the arms.
     """
@@ -234,7 +234,7 @@ class Gait:
 
 
 def footsteps(route: Route, times: Array, gait: Gait) -> Array:
-    """Ankles (n, 2, 3) that follow a route, right then left, at times (n,) in seconds."""
+    """(n, 2, 3) ankles, right then left, that follow a route at times (n,) in seconds."""
     ankles = np.zeros((len(times), 2, 3))
     step_time, phase = gait.step_time, gait.phase
     for foot, side in enumerate(SIDES):
@@ -246,7 +246,8 @@ def footsteps(route: Route, times: Array, gait: Gait) -> Array:
         there = _footfall(route, first + 2 * step_time * (index + 1), aside)
         ankles[:, foot, :2] = here + minimum_jerk(swing) * (there - here)
         stride = np.linalg.norm(there - here, axis=-1)
-        # The heel rises before the foot leaves its place, and clears the floor in short steps too.
+        # The heel rises before the foot leaves its place; the foot also clears the floor in short
+        # steps.
         lift = SWING_LIFT * (1 - np.exp(-stride / SHORT_STEP)) * np.sin(np.pi * swing[:, 0])
         ankles[:, foot, 2] = ANKLE_HEIGHT + lift
     return ankles
@@ -262,7 +263,7 @@ def walk_along(
     times: Array,
     gait: Gait,
 ) -> Walk:
-    """A person who follows a route.
+    """The motion of a person who follows a route.
 
     Parameters
     ----------
@@ -279,7 +280,7 @@ def walk_along(
     x, y, yaw = route(times).T
     ahead, behind = route(times + 0.05)[:, :2], route(times - 0.05)[:, :2]
     speed = np.minimum(np.linalg.norm(ahead - behind, axis=-1) / 0.1, 1.2)
-    # One cycle is two steps; hips follow the forward leg, shoulders and arms go against it.
+    # One cycle is two steps. Hips turn with the forward leg, shoulders and arms against it.
     cycle = np.pi * (times - gait.phase) / gait.step_time
     rhythm = np.sin(cycle) * speed
     sway = 0.015 * np.cos(cycle)
@@ -295,17 +296,17 @@ def walk_along(
 def come_nearer(
     rng: np.random.Generator, start: Placement, times: Array, *, arrival: float
 ) -> Walk:
-    """Somebody who comes to the origin in a step or two.
+    """The motion of a person who comes to the origin in a step or two.
 
     Parameters
     ----------
     rng : numpy.random.Generator
     start : Placement
-        Where they stand at first.
+        Where the person stands at first.
     times : (n,) float
         Seconds.
     arrival : float
-        When they are there, seconds.
+        When the person has arrived, seconds.
 
     Returns
     -------

@@ -1,10 +1,10 @@
 """Sitting on the floor, squatting, kneeling, bending down: motions and recipes.
 
-Each function returns somebody near the origin who faces +y, on a floor at z = 0. Metres, radians;
-offsets are right, forward and up of the pelvis. The right leg is the one of which one knee or foot
-does something else. Hips bend by 125 degrees and the spine above them by 40, knees by 150 (American
-Academy of Orthopaedic Surgeons, *Joint Motion*, 1965); ankles under the weight of a squatting
-body by some 35 (Hemmerich et al. 2006).
+Each function returns a person near the origin who faces +y, on a floor at z = 0. Lengths are in
+metres, angles in radians; offsets are right, forward and up from the pelvis. In asymmetric poses it
+is the right leg that differs. Hips bend by up to 125 degrees, the spine above them by 40 and knees
+by 150 (American Academy of Orthopaedic Surgeons, *Joint Motion*, 1965); ankles bend by some 35
+under the weight of a squatting body (Hemmerich et al. 2006).
 """
 
 from __future__ import annotations
@@ -57,30 +57,31 @@ __all__ = [
 
 Array = NDArray[np.float64]
 KNEE_ON_FLOOR: Final = 0.05
-"""Knee joint above the floor it kneels on, metres: half of the depth of a bent knee's front
-(*Bodyspace*)."""
+"""Height in metres of the knee joint above the floor it kneels on: half the depth of the front of a
+bent knee (*Bodyspace*)."""
 HEEL_ON_FLOOR: Final = 0.06
-"""Ankle joint above the floor of a leg that lies on its heel, metres (*Bodyspace*)."""
+"""Height in metres of the ankle joint above the floor when the leg lies on its heel
+(*Bodyspace*)."""
 INSTEP_ON_FLOOR, TOES_ON_FLOOR = 0.05, 0.12
-"""Ankle joint above the floor of a foot that lies on its instep, and of one that is on bent toes,
-metres: half of the height of the instep, and the ball of the foot, .15 H of foot length from the
-ankle, below a heel that is up (*Bodyspace*)."""
+"""Heights in metres of the ankle joint above the floor when the foot lies on its instep, and when
+it stands on bent toes. The first is half the height of the instep. In the second the ball of the
+foot is .15 H of foot length from the ankle, below a raised heel (*Bodyspace*)."""
 _KNEES_UP: Final = np.array([[0.15, 1.0, 1.0], [-0.15, 1.0, 1.0]])
 
 
 def _on_floor(rng: np.random.Generator, lean: float) -> SeatedPose:
-    """Somebody who sits on the floor; the legs are nowhere yet."""
+    """A pose of sitting on the floor, with the legs still to be placed."""
     return draw_seated(rng, open_seat(0.0, front=0.5), lean=lean, upright=True)
 
 
 def _sit_cross_legged(rng: np.random.Generator) -> SeatedPose:
-    """On the floor, legs crossed before the body."""
+    """A pose on the floor with the legs crossed in front of the body."""
     pose = _on_floor(rng, rng.uniform(-0.05, 0.35))
     return tailor_fashion(rng, pose, open_seat(0.0, front=0.5))
 
 
 def _sit_legs_out(rng: np.random.Generator) -> SeatedPose:
-    """On the floor, both legs put out, or one of them with the knee up."""
+    """A pose on the floor with both legs stretched out, or with one knee up."""
     pose = _on_floor(rng, rng.uniform(-0.05, 0.25))
     reach = rng.uniform(0.96, 0.985, 2) * (THIGH + SHIN)
     drop = HEEL_ON_FLOOR - pose.pelvis[2]
@@ -96,7 +97,7 @@ def _sit_legs_out(rng: np.random.Generator) -> SeatedPose:
 
 
 def _sit_knees_up(rng: np.random.Generator) -> SeatedPose:
-    """On the floor, feet flat before the body, hands round the shins, on the knees or behind."""
+    """A pose on the floor, feet flat in front, hands round the shins, on the knees or behind."""
     pose = _on_floor(rng, rng.uniform(0.0, 0.30))
     flat = ANKLE_HEIGHT - pose.pelvis[2]
     forward = THIGH * rng.uniform(0.82, 1.10) + rng.uniform(-0.04, 0.04, 2)
@@ -106,7 +107,7 @@ def _sit_knees_up(rng: np.random.Generator) -> SeatedPose:
     if share < 0.3:
         return prop_up_behind(rng, pose)
     knees = knees_of(ankles, _KNEES_UP)
-    if share < 0.65:  # round the shins
+    if share < 0.65:  # hands round the shins
         along = rng.uniform(0.25, 0.45)
         hands = (1 - along) * knees + along * ankles + (0.0, SHIN_DEPTH + 0.03, 0.02)
         hands[:, 0] = SIDES * rng.uniform(0.03, 0.07)
@@ -118,13 +119,13 @@ def _sit_knees_up(rng: np.random.Generator) -> SeatedPose:
 def squat(rng: np.random.Generator, *, flat: bool | None = None) -> SeatedPose:
     """A deep squat on flat feet, or on the balls of the feet with the hips near the heels.
 
-    ``flat`` says which; drawn, if not given.
+    ``flat`` selects which of the two; it is drawn if not given.
 
     Parameters
     ----------
     rng : numpy.random.Generator
     flat : bool, optional
-        On flat feet; drawn if not given.
+        Whether the feet are flat; drawn if not given.
 
     Returns
     -------
@@ -137,12 +138,12 @@ def squat(rng: np.random.Generator, *, flat: bool | None = None) -> SeatedPose:
     gap = np.sqrt(THIGH**2 + SHIN**2 + 2 * THIGH * SHIN * np.cos(bent))
     back = np.deg2rad(rng.uniform(36, 47) if flat else rng.uniform(15, 32))
     height = ANKLE_HEIGHT if flat else TOES_ON_FLOOR + rng.uniform(0.0, 0.03)
-    # The shoulders are before the ankles by about as much as the hips are behind.
+    # The shoulders are in front of the ankles by about as much as the hips are behind them.
     before = rng.uniform(0.04, 0.16) + gap * np.sin(back)
     lean = float(np.arcsin(np.clip(before / TRUNK, 0.0, 0.8)))
     pelvis = np.array([0.0, -gap * np.sin(back), height + gap * np.cos(back)])
     ankles = pair(apart, 0.0, height)
-    if not flat and rng.random() < 0.5:  # one foot before the other
+    if not flat and rng.random() < 0.5:  # one foot in front of the other
         ankles[0, 1], ankles[0, 2] = rng.uniform(0.08, 0.20), ANKLE_HEIGHT
     outward = rng.uniform(0.15, 0.45)
     knees = pair(outward, 1.0, 1.0)
@@ -171,25 +172,25 @@ def squat(rng: np.random.Generator, *, flat: bool | None = None) -> SeatedPose:
 def _squat_down(
     rng: np.random.Generator, pose: SeatedPose, times: Array, *, start: float, duration: float
 ) -> Array:
-    """(n, 16, 3) joints of somebody who stands and squats down on the same feet, metres.
+    """(n, 16, 3) joints in metres of a person who squats down with the feet in place.
 
-    Played backwards this is standing up: both are minimum-jerk movements.
+    Played backwards, the motion is standing up: both are minimum-jerk movements.
 
     Parameters
     ----------
     rng : numpy.random.Generator
     pose : SeatedPose
-        The end, on flat feet.
+        The final pose, on flat feet.
     times : (n,) float
         Seconds.
     start, duration : float
-        Of the movement, seconds.
+        Start and duration of the movement, seconds.
     """
     ankles = np.broadcast_to(pose.ankles, (len(times), 2, 3))
     down = minimum_jerk((times - start) / duration)
     standing = np.array([0.0, rng.uniform(-0.02, 0.03), HIP_HEIGHT])
     pelvis = standing + down[:, None] * (pose.pelvis - standing)
-    # The trunk bends first, for the balance, and comes up a little below.
+    # The trunk bends further half-way down, to keep the balance.
     bow = 0.25 * np.sin(np.pi * down) ** 2
     upright = rng.uniform(0.0, 0.06)
     trunk = Trunk.of(
@@ -206,7 +207,7 @@ def _squat_down(
 
 
 def _kneel_on_both(rng: np.random.Generator) -> SeatedPose:
-    """On both knees, the thighs upright, or sitting on the heels."""
+    """A pose on both knees, with upright thighs or sitting on the heels."""
     on_heels = bool(rng.random() < 0.5)
     rise = _thigh_rise(rng, on_heels=on_heels)
     apart = rng.uniform(0.08, 0.15)
@@ -228,7 +229,7 @@ def _kneel_on_both(rng: np.random.Generator) -> SeatedPose:
 
 
 def _kneel_on_one(rng: np.random.Generator) -> SeatedPose:
-    """On the right knee, the left foot flat before the body; some sit on the right heel."""
+    """A pose on the right knee, left foot flat in front; sometimes sitting on the right heel."""
     on_heel = bool(rng.random() < 0.3)
     right = _kneeling_thigh(1.0, rng.uniform(0.08, 0.14), _thigh_rise(rng, on_heels=on_heel))
     height = KNEE_ON_FLOOR - right[2]
@@ -249,24 +250,24 @@ def _kneel_on_one(rng: np.random.Generator) -> SeatedPose:
 
 
 def _thigh_rise(rng: np.random.Generator, *, on_heels: bool) -> float:
-    """Elevation of the thigh over the floor, radians."""
+    """Angle of the thigh above the horizontal of a kneeling person, radians."""
     return float(np.deg2rad(rng.uniform(39, 45) if on_heels else rng.uniform(76, 88)))
 
 
 def _foot_behind(rng: np.random.Generator) -> float:
-    """Height of the ankle of the foot of a leg that kneels, metres: on the instep or the toes."""
+    """Height in metres of the ankle of a kneeling leg: foot on its instep or on its toes."""
     base = INSTEP_ON_FLOOR if rng.random() < 0.6 else TOES_ON_FLOOR
     return float(base + rng.uniform(0.0, 0.015))
 
 
 def _kneeling_thigh(side: float, apart: float, rise: float) -> Array:
-    """(3,) from a hip to the knee below and before it; ``apart`` is half of the knees'."""
+    """(3,) vector from a hip to the knee in front; the knees are 2 ``apart`` from each other."""
     across, level = side * (apart - HALF_HIPS), THIGH * np.cos(rise)
     return np.array([across, level, -np.sqrt(THIGH**2 - across**2 - level**2)])
 
 
 def _kneeling_shin(thigh: Array, side: float, apart: float, height: float) -> Array:
-    """(3,) the ankle behind a knee on the floor, from the pelvis: a little further in."""
+    """(3,) ankle behind a knee on the floor, from the pelvis: slightly nearer the midline."""
     across, up = -0.03 * side, height - KNEE_ON_FLOOR
     back = np.sqrt(SHIN**2 - across**2 - up**2)
     knee = thigh + np.array([side * HALF_HIPS, 0.0, 0.0])
@@ -277,7 +278,7 @@ def _kneeling_shin(thigh: Array, side: float, apart: float, height: float) -> Ar
 def _kneeling(
     rng: np.random.Generator, height: float, lean: float, ankles: Array, knees: Array
 ) -> SeatedPose:
-    """Somebody over the origin with legs by offsets from the pelvis; hands are still there."""
+    """A pose above the origin with the given leg offsets; the hands are still to be placed."""
     pelvis = np.array([0.0, 0.0, height])
     return SeatedPose(
         pelvis=pelvis,
@@ -291,7 +292,7 @@ def _kneeling(
 
 
 def _at_work(rng: np.random.Generator, pose: SeatedPose, *, low: float, high: float) -> SeatedPose:
-    """Both hands, or one, at something before the body, between two heights over the floor."""
+    """The pose with one or both hands working in front, between two heights above the floor."""
     chest = pose.trunk.shoulders[0]
     up = rng.uniform(low, high) - pose.pelvis[2]
     forward = np.maximum(chest[:, 1] + rng.uniform(0.22, 0.36, 2), 0.28)
@@ -307,7 +308,7 @@ def _of(pose: SeatedPose) -> Array:
 
 
 def _hanging(rng: np.random.Generator, lean: float) -> Array:
-    """(2, 3) wrists of arms that hang, offsets."""
+    """(2, 3) wrists of hanging arms, as offsets from the pelvis."""
     trunk = Trunk.of(np.zeros((1, 3)), 0.0, lean=lean)
     hands: Array = hanging_wrists(trunk, rng.uniform(0.0, 0.2), bend=rng.uniform(0.05, 0.12))[0]
     return hands
@@ -317,16 +318,16 @@ def _hanging(rng: np.random.Generator, lean: float) -> Array:
 # Recipes.
 
 FROM_ABOVE: Final = (0.0, -0.04, 0.20)
-"""Metres from a thing on the floor to where the hand is just before."""
+"""Metres from a thing on the floor to the point from which the hand approaches it."""
 KNUCKLES: Final = 0.09
-"""Wrist above what the hand holds, fingers down, metres (*Bodyspace*)."""
+"""Height in metres of the wrist above what the hand holds, fingers down (*Bodyspace*)."""
 SLOW: Final = 1.25
-"""Times that a hand's way takes when the whole body goes along."""
+"""Factor on the time of a reach when the whole body moves with the hand."""
 
 
 class _Bend(NamedTuple):
-    """A way down: least and greatest bend of the trunk, radians, and most that the knees lower the
-    pelvis, metres."""
+    """A way to bend down: least and greatest bend of the trunk, radians, and the furthest that the
+    knees lower the pelvis, metres."""
 
     least: float
     most: float
@@ -338,7 +339,7 @@ class _Bend(NamedTuple):
 
 STOOP: Final = _Bend(1.05, 1.4, 0.36)
 SQUAT: Final = _Bend(0.55, 1.0, DEEPEST_CROUCH)
-"""The two ways down: hips bend too far in both at once (lifting styles: Burgess-Limerick 2003)."""
+"""The two ways to bend down; both at once would bend the hips too far (Burgess-Limerick 2003)."""
 _WAYS: Final[dict[str, Callable[[np.random.Generator], SeatedPose]]] = {
     "cross-legged": _sit_cross_legged,
     "legs out": _sit_legs_out,
@@ -350,17 +351,17 @@ _WAYS: Final[dict[str, Callable[[np.random.Generator], SeatedPose]]] = {
 
 
 def low_down(way: str) -> Recipe:
-    """Staying so: cross-legged, legs out, knees up, squat, both knees, one knee.
+    """Recipe that holds one low pose: cross-legged, legs out, knees up, squat, one or both knees.
 
     Parameters
     ----------
     way : str
-        Such as ``"squat"``.
+        Name of the pose, such as ``"squat"``.
 
     Returns
     -------
     callable
-        From rng and person to :class:`~imapper_prob.scenelets.procedural.body.Drawn`.
+        Maps rng and person to :class:`~imapper_prob.scenelets.procedural.body.Drawn`.
     """
     draw_pose = _WAYS[way]
 
@@ -371,7 +372,7 @@ def low_down(way: str) -> Recipe:
 
 
 def lie_on_floor(rng: np.random.Generator, person: Person) -> Drawn:
-    """On the back or on the side, with nothing below the head.
+    """Lying on the back or on the side on the floor, without a pillow.
 
     Parameters
     ----------
@@ -408,7 +409,7 @@ def go_into_squat(rng: np.random.Generator, person: Person) -> Drawn:
 
 
 def _floor_target(rng: np.random.Generator, hands: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """(2, 3) wrists at something on the floor before the feet, or beside them, metres."""
+    """(2, 3) wrists in metres at something on the floor in front of or beside the feet."""
     middle = np.array([rng.uniform(-0.05, 0.20), rng.uniform(0.20, 0.42)])
     apart = np.array([0.13, -0.13]) * hands.all()
     height = KNUCKLES + rng.uniform(0.0, 0.16)
@@ -418,7 +419,7 @@ def _floor_target(rng: np.random.Generator, hands: NDArray[np.bool_]) -> NDArray
 def pick_up_from_floor(rng: np.random.Generator, person: Person) -> Drawn:
     """Bending down, taking something from the floor and coming up.
 
-    Some stoop over knees that are a little bent, and some bend their knees far.
+    The person either stoops with the knees slightly bent, or bends the knees far.
 
     Parameters
     ----------
@@ -448,7 +449,7 @@ def pick_up_from_floor(rng: np.random.Generator, person: Person) -> Drawn:
 
 
 def bend_over(rng: np.random.Generator, person: Person) -> Drawn:
-    """Bent down with the hands at the feet or the floor, at work there, as on a shoe.
+    """Bent down and working with the hands at the feet or the floor, as on a shoe.
 
     Parameters
     ----------

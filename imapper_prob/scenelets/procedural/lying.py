@@ -1,9 +1,9 @@
 """Lying on the back or on the side: motions and recipes.
 
-A lying body is an upright one turned over: the trunk is posed along +z, limbs reach for
-where they rest on the mattress, and the whole is turned about the pelvis. The sleeper's
-frame has the pelvis above its origin, the head towards -y, the feet towards +y, and z as
-height above the mattress; metres, radians; sides are (right, left).
+A lying body is posed as an upright one and then turned over: the trunk is posed along +z, the limbs
+reach for where they rest on the mattress, and the whole body is turned about the pelvis. The
+sleeper's frame has the pelvis above its origin, the head towards -y, the feet towards +y, and z as
+height above the mattress. Units are metres and radians; pairs are (right, left).
 """
 
 from __future__ import annotations
@@ -34,35 +34,35 @@ __all__ = ["lie_on_bed", "lie_on_couch", "lie_still"]
 
 Array = NDArray[np.float64]
 _HEAD_AT: Final = TRUNK + NECK_AND_HEAD
-"""How far the head is from the pelvis, metres."""
+"""Distance in metres from the pelvis to the head."""
 _LIMBS_END: Final = 0.12
-"""From the middle of the head to its crown and from ankle to sole, metres: half the height
-of a head, and half the length of a foot (*Bodyspace*)."""
+"""Metres from the middle of the head to its crown, and from ankle to sole: half the height of a
+head, and half the length of a foot (*Bodyspace*)."""
 BACK_DEPTH: Final = 0.10
-"""From the line of the joints to the back of the trunk, metres (Pheasant and Haslegrave,
-*Bodyspace*, 2005): how high the trunk is above what one lies on."""
+"""Metres from the line of the joints to the back of the trunk (Pheasant and Haslegrave,
+*Bodyspace*, 2005), which is the height of the trunk above what it lies on."""
 LIMB_DEPTH: Final = 0.05
-"""From the line of the joints to the skin of arms and shins, metres (*Bodyspace*)."""
+"""Metres from the line of the joints to the skin of arms and shins (*Bodyspace*)."""
 PILLOW: Final = 0.25
-"""Radians that the head is bent forward by a pillow of some 8 cm."""
+"""Angle in radians by which a pillow of some 8 cm bends the head forward."""
 _ELBOWS_ON_BACK: Final = np.array([[1.0, 0.3, 0.1], [-1.0, 0.3, 0.1]])
 _ELBOWS_ON_SIDE: Final = np.array([[0.3, 1.0, 0.2], [0.0, 0.3, 1.0]])
-"""Directions in the frame of the sleeper to which the right and the left elbow bend."""
+"""Directions in the sleeper's frame towards which the right and the left elbow point."""
 
 
 def _turned_over(roll: float) -> Array:
-    """(3, 3) whose rows are right, front and up of the body, in the frame of the sleeper.
+    """(3, 3) matrix whose rows are the body's right, front and up in the sleeper's frame.
 
-    ``roll`` is 0 on the back and positive towards the right side, radians.
+    ``roll`` is in radians: 0 on the back, positive towards the right side.
     """
     c, s = np.cos(roll), np.sin(roll)
     return np.array([[c, 0.0, -s], [s, 0.0, c], [0.0, -1.0, 0.0]])
 
 
 def _resting_legs(rng: np.random.Generator, roll: float) -> Array:
-    """(2, 3) ankles in the frame of the sleeper."""
+    """(2, 3) ankles in the sleeper's frame."""
     if roll > 0:
-        # The lower leg straighter than the upper one, which comes down before it.
+        # The lower leg is straighter; the upper one rests in front of it.
         lower, upper = rng.uniform(0.62, 0.76), rng.uniform(0.48, 0.62)
         front = rng.uniform(0.05, 0.12)
         return np.array([[0.0, lower, LIMB_DEPTH], [front + 0.06, upper, LIMB_DEPTH + 0.08]])
@@ -73,12 +73,13 @@ def _resting_legs(rng: np.random.Generator, roll: float) -> Array:
 
 
 def _resting_hands(rng: np.random.Generator, roll: float) -> Array:
-    """(2, 3) wrists in the frame of the sleeper."""
+    """(2, 3) wrists in the sleeper's frame."""
     if roll > 0:
-        # The lower hand before the face, the upper one before the chest or on the thigh.
+        # The lower hand is in front of the face, the upper one in front of the chest or on the
+        # thigh.
         upper = [0.12, 0.05, 0.26] if rng.random() < 0.4 else [0.36, -0.28, LIMB_DEPTH + 0.02]
         return np.array([[0.34, -0.50, LIMB_DEPTH + 0.02], upper])
-    if rng.random() < 0.5:  # alongside
+    if rng.random() < 0.5:  # alongside the body
         across = rng.uniform(0.26, 0.34, 2)
         along = rng.uniform(-0.04, 0.02, 2)
         return pair(across, along, LIMB_DEPTH + 0.02)
@@ -94,7 +95,7 @@ def lie_still(
     room: float,
     pillow: float = PILLOW,
 ) -> Array:
-    """(n, 16, 3) joints of somebody who lies, in the frame of the sleeper.
+    """(n, 16, 3) joints of a lying person, in the sleeper's frame.
 
     Parameters
     ----------
@@ -102,12 +103,12 @@ def lie_still(
     times : (n,) float
         Seconds.
     on_side : bool
-        On the right side rather than on the back. Nobody lies exactly on edge: the trunk
-        is rolled by 50 to 70 degrees.
+        Whether the person lies on the right side rather than on the back. The trunk is then rolled
+        by 50 to 70 degrees, since nobody lies exactly on edge.
     room : float
-        How far from the pelvis the ankles may be, metres; knees bend where that is short.
+        Greatest distance from the pelvis to the ankles, metres; the knees bend if it is short.
     pillow : float
-        Radians that the head is bent forward by what it lies on.
+        Angle in radians by which the surface below the head bends it forward.
 
     Returns
     -------
@@ -116,7 +117,7 @@ def lie_still(
     roll = np.deg2rad(rng.uniform(50, 70)) if on_side else 0.0
     body = _turned_over(roll)
     half_shoulders = BONE_LENGTHS[RSHO, LSHO] / 2
-    # On the side the lower shoulder carries; the pelvis is that much higher.
+    # On the side, the lower shoulder carries the trunk and the pelvis is higher accordingly.
     height = max(BACK_DEPTH, LIMB_DEPTH + half_shoulders * np.sin(roll))
     pelvis = np.array([0.0, 0.0, height])
     breath = 2 * np.pi * (times / rng.uniform(3.0, 5.0) + rng.random())
@@ -127,8 +128,8 @@ def lie_still(
     wrists = (_resting_hands(rng, roll) - pelvis) @ body.T
     moved = wrists + 0.008 * np.sin(breath)[:, None, None] * [0.0, 1.0, 0.0]
     joints = pose_body(trunk, ankles=np.broadcast_to(ankles, moved.shape), wrists=moved)
-    # A mattress keeps elbows from going back as those of an upright body do: they go out to
-    # the sides, or before whoever lies on the side.
+    # The mattress keeps the elbows from pointing backwards, as they do in an upright body. They
+    # point to the sides, or to the front of a person who lies on the side.
     poles = _ELBOWS_ON_SIDE if on_side else _ELBOWS_ON_BACK
     elbows, _ = two_bones(trunk.shoulders, moved, poles @ body.T, upper=UPPER_ARM, lower=FOREARM)
     joints[:, [RELB, LELB]] = elbows
@@ -141,7 +142,7 @@ def lie_still(
 
 
 def lie_on_bed(rng: np.random.Generator, person: Person) -> Drawn:
-    """On the back or side, the head at the headboard.
+    """Lying on a bed on the back or side, with the head at the headboard.
 
     Parameters
     ----------
@@ -172,7 +173,7 @@ def lie_on_bed(rng: np.random.Generator, person: Person) -> Drawn:
 
 
 def lie_on_couch(rng: np.random.Generator, person: Person) -> Drawn:
-    """Along a couch of three seats, on the back, or on the side and looking into the room.
+    """Lying along a three-seat couch, on the back, or on the side facing the room.
 
     Parameters
     ----------
@@ -188,7 +189,7 @@ def lie_on_couch(rng: np.random.Generator, person: Person) -> Drawn:
     width = seat.size[0]
     head = _LIMBS_END + rng.uniform(0.02, 0.06)
     on_side = bool(rng.random() < 0.5)
-    # The right side down, one looks into the room with the head at the end of +x.
+    # With the right side down, a person faces the room when the head is at the +x end.
     end = 1 if on_side else int(rng.choice([-1, 1]))
     at = Placement(
         float(end * (width / 2 - head - _HEAD_AT)), float(seat.centre[1] + 0.04), end * np.pi / 2
@@ -203,5 +204,5 @@ def lie_on_couch(rng: np.random.Generator, person: Person) -> Drawn:
 
 
 def _surface(seat: Cuboid) -> NDArray[np.float64]:
-    """(3,) from the floor up to what one lies on, metres."""
+    """(3,) vector from the floor up to the surface that one lies on, metres."""
     return np.array([0.0, 0.0, seat.centre[2] + seat.size[2] / 2])

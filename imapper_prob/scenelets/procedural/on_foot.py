@@ -54,17 +54,17 @@ Array = NDArray[np.float64]
 
 
 def _speed(rng: np.random.Generator) -> float:
-    """Metres a second; indoors people walk slower than the 1.3 of a street."""
+    """Walking speed in metres a second, slower indoors than the 1.3 of a street."""
     return float(np.clip(rng.normal(0.95, 0.22), 0.4, 1.4))
 
 
 def _curvature(rng: np.random.Generator) -> float:
-    """Radians a metre; half of the ways are straight."""
+    """Curvature of a walk in radians a metre; half of the walks are straight."""
     return float(rng.choice([0.0, rng.uniform(-1.3, 1.3)]))
 
 
 def _step_time(speed: float, *, ratio: float = WALK_RATIO) -> float:
-    """Seconds a step takes at a speed, from the walk ratio: length and rate grow alike."""
+    """Seconds a step takes at a speed, from the walk ratio of step length to cadence."""
     return float(np.sqrt(60 * ratio / speed))
 
 
@@ -101,7 +101,7 @@ def walk(rng: np.random.Generator, person: Person) -> Drawn:
 
 
 def shuffle(rng: np.random.Generator, person: Person) -> Drawn:
-    """Short, quick steps, as of the old and the careful.
+    """Walking with short, quick steps, as old or careful people do.
 
     Parameters
     ----------
@@ -119,7 +119,7 @@ def shuffle(rng: np.random.Generator, person: Person) -> Drawn:
 
 
 def start_walking(rng: np.random.Generator, person: Person) -> Drawn:
-    """From standing to walking.
+    """Starting to walk from standing.
 
     Parameters
     ----------
@@ -136,7 +136,7 @@ def start_walking(rng: np.random.Generator, person: Person) -> Drawn:
 
 
 def stop_walking(rng: np.random.Generator, person: Person) -> Drawn:
-    """From walking to standing.
+    """Walking and coming to a halt.
 
     Parameters
     ----------
@@ -153,7 +153,7 @@ def stop_walking(rng: np.random.Generator, person: Person) -> Drawn:
 
 
 def turn_on_spot(rng: np.random.Generator, person: Person) -> Drawn:
-    """Turning round by small steps: 60 to 180 degrees.
+    """Turning round on the spot in small steps, by 60 to 180 degrees.
 
     Parameters
     ----------
@@ -167,13 +167,13 @@ def turn_on_spot(rng: np.random.Generator, person: Person) -> Drawn:
     times = moments(rng, 15, 20)
     turn = rng.uniform(1.05, np.pi)
     end = Placement(rng.uniform(-0.15, 0.15), rng.uniform(-0.15, 0.15), turn)
-    # Half a turn in 1.8 seconds, as in four steps of .45 seconds.
+    # Half a turn takes 1.8 seconds, as in four steps of .45 seconds.
     route = settle(Placement(0.0, 0.0, 0.0), end, arrival=max(turn / 1.75, GATHER))
     return _bare(_gait(rng, route, times, step_time=rng.uniform(0.38, 0.46)))
 
 
 def side_step(rng: np.random.Generator, person: Person) -> Drawn:
-    """Steps to the side, as one passes between a couch and its table.
+    """Stepping sideways, as between a couch and its table.
 
     Parameters
     ----------
@@ -191,7 +191,7 @@ def side_step(rng: np.random.Generator, person: Person) -> Drawn:
     def route(at: Array) -> Array:
         return np.stack([speed * at, forward * at, np.zeros_like(at)], -1)
 
-    # The feet stay further apart than a step is long, or they would cross.
+    # The feet stay further apart than the length of a step; otherwise they would cross.
     half_width = 0.5 * speed * step_time + rng.uniform(0.06, 0.09)
     gait = Gait(
         step_time=step_time,
@@ -219,14 +219,14 @@ def carry(rng: np.random.Generator, person: Person) -> Drawn:
     route = arc(steady(speed), _curvature(rng))
     walk = _gait(rng, route, times, step_time=_step_time(speed))
     load = draw_pastime(rng, HELD)
-    # Arms that hold something go with the pelvis, and shoulders keep still for them.
+    # Arms that hold something move with the pelvis, and the shoulders twist less.
     trunk = replace(walk.trunk, twist=0.4 * walk.trunk.twist)
     wrists = held(load, trunk, walk.wrists)
     return Drawn(pose_body(trunk, ankles=walk.ankles, wrists=wrists, elbows=load.elbows), ())
 
 
 def idle(rng: np.random.Generator, person: Person) -> Drawn:
-    """Standing with nothing near, hands wherever they are while people wait.
+    """Standing and waiting with nothing near, in one of the ways people hold their hands.
 
     Parameters
     ----------
@@ -244,11 +244,11 @@ def idle(rng: np.random.Generator, person: Person) -> Drawn:
 # At tables and counters: working, leaning, picking up and putting down.
 
 FROM_ABOVE = (0.0, -0.06, 0.14)
-"""Metres from a thing on a table to where the hand is just before."""
+"""Metres from a thing on a table to the point from which the hand approaches it."""
 
 
 def _top(rng: np.random.Generator, person: Person, kind: str) -> tuple[SceneObject, float]:
-    """A table or counter and the height of its surface as the person sees them."""
+    """A table or counter as the person sees it, and the height of its surface."""
     make = {
         "table": furniture.table,
         "low table": furniture.low_table,
@@ -259,23 +259,23 @@ def _top(rng: np.random.Generator, person: Person, kind: str) -> tuple[SceneObje
 
 
 def _before(rng: np.random.Generator, piece: SceneObject, edge: float) -> SceneObject:
-    """The piece with its front edge at y = ``edge``, somewhere along it before the person."""
+    """The piece with its front edge at y = ``edge``, shifted at random along that edge."""
     half = max(piece.bounds[1, 0] - 0.3, 0.0)
     return furniture.facing_back(piece, rng.uniform(-half, half), edge=edge)
 
 
 def stand_at(kind: str) -> Recipe:
-    """Standing at a table or counter, hands on it or at work just above.
+    """Recipe: standing at a table or counter, hands on it or working just above it.
 
     Parameters
     ----------
     kind : str
-        Of furniture, such as ``"chair"``.
+        Kind of furniture, such as ``"table"``.
 
     Returns
     -------
     callable
-        From rng and person to :class:`~imapper_prob.scenelets.procedural.body.Drawn`.
+        Maps rng and person to :class:`~imapper_prob.scenelets.procedural.body.Drawn`.
     """
 
     def draw(rng: np.random.Generator, person: Person) -> Drawn:
@@ -305,17 +305,17 @@ def stand_at(kind: str) -> Recipe:
 
 
 def lean_on_top(kind: str) -> Recipe:
-    """Leaning on a table or counter with straight arms.
+    """Recipe: leaning on a table or counter with straight arms.
 
     Parameters
     ----------
     kind : str
-        Of furniture, such as ``"chair"``.
+        Kind of furniture, such as ``"table"``.
 
     Returns
     -------
     callable
-        From rng and person to :class:`~imapper_prob.scenelets.procedural.body.Drawn`.
+        Maps rng and person to :class:`~imapper_prob.scenelets.procedural.body.Drawn`.
     """
 
     def draw(rng: np.random.Generator, person: Person) -> Drawn:
@@ -327,17 +327,17 @@ def lean_on_top(kind: str) -> Recipe:
 
 
 def lean_back_against(kind: str) -> Recipe:
-    """Leaning against a table or counter, facing away.
+    """Recipe: leaning back against a table or counter, facing away from it.
 
     Parameters
     ----------
     kind : str
-        Of furniture, such as ``"chair"``.
+        Kind of furniture, such as ``"table"``.
 
     Returns
     -------
     callable
-        From rng and person to :class:`~imapper_prob.scenelets.procedural.body.Drawn`.
+        Maps rng and person to :class:`~imapper_prob.scenelets.procedural.body.Drawn`.
     """
 
     def draw(rng: np.random.Generator, person: Person) -> Drawn:
@@ -351,17 +351,17 @@ def lean_back_against(kind: str) -> Recipe:
 
 
 def pick_up(kind: str) -> Recipe:
-    """Taking something from a table, low table or counter.
+    """Recipe: taking something from a table, low table or counter.
 
     Parameters
     ----------
     kind : str
-        Of furniture, such as ``"table"``.
+        Kind of furniture, such as ``"table"``.
 
     Returns
     -------
     callable
-        From rng and person to :class:`~imapper_prob.scenelets.procedural.body.Drawn`.
+        Maps rng and person to :class:`~imapper_prob.scenelets.procedural.body.Drawn`.
     """
 
     def draw(rng: np.random.Generator, person: Person) -> Drawn:
@@ -382,7 +382,7 @@ def pick_up(kind: str) -> Recipe:
         )
         start = rng.uniform(-0.2, 0.15)
         body = stand(rng, times)
-        if rng.random() < 0.4:  # comes a step nearer first
+        if rng.random() < 0.4:  # the person first comes a step nearer
             start = rng.uniform(0.2, 0.3)
             begin = Placement(
                 rng.uniform(-0.2, 0.2), -rng.uniform(0.2, 0.45), rng.uniform(-0.5, 0.5)

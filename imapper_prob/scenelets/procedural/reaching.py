@@ -1,4 +1,4 @@
-"""Reaching into shelves, high and low and in passing: motions and recipes."""
+"""Reaching into shelves, high or low, standing or stepping nearer: motions and recipes."""
 
 from __future__ import annotations
 
@@ -34,23 +34,23 @@ __all__ = [
 
 Array = NDArray[np.float64]
 COMFORTABLE: Final = 0.93 * (UPPER_ARM + FOREARM)
-"""Distance in metres from shoulder to wrist that nobody needs to lean for."""
+"""Distance in metres from shoulder to wrist that is reached without leaning."""
 DEEPEST_CROUCH: Final = 0.48
-"""Metres the pelvis is lowered in a squat on flat feet."""
+"""Greatest lowering of the pelvis in metres, that of a squat on flat feet."""
 FURTHEST_LEAN: Final = 1.25
-"""Radians of trunk bend at which fingertips come near the floor without bent knees."""
+"""Bend of the trunk in radians at which fingertips come near the floor with straight knees."""
 LOWEST_HAND: Final = 0.12
-"""Metres above the floor of the wrist of an arm that would hang lower: fingers are bent there."""
+"""Least height in metres of the wrist above the floor: fingers bend if the arm would hang lower."""
 TRAVEL: Final = 0.7
-"""Seconds a hand needs to or from something within reach (Flash and Hogan 1985: .5 to 1)."""
+"""Seconds a hand takes to or from something within reach (Flash and Hogan 1985: .5 to 1)."""
 _CROUCHES: Final = np.linspace(0.0, DEEPEST_CROUCH, 13)
 
 
 def extent(times: Array, *, start: float, finish: float, travel: float = TRAVEL) -> Array:
-    """(n,) how far hands are on their way, 0 to 1 and back.
+    """(n,) fraction, 0 to 1, of the way to the target that the hands have gone.
 
-    They set off at ``start`` and again, back, at ``finish`` seconds, and are under way for
-    ``travel``; either may be outside the clip.
+    The hands set off at ``start`` and set off back at ``finish`` seconds; each way takes ``travel``
+    seconds. Either time may be outside the clip.
 
     Parameters
     ----------
@@ -83,27 +83,27 @@ def reach(
     before: Pastime | None = None,
     after: Pastime | None = None,
 ) -> Array:
-    """Somebody on their feet who reaches for something.
+    """(n, 16, 3) joints of a person on foot who reaches for something.
 
     Parameters
     ----------
     body : Walk
-        The body of n frames, before it reaches.
+        The body in n frames, before it reaches.
     targets : (2, 3) or (n, 2, 3) float
-        Where the right and the left wrist go, metres.
+        Positions that the right and the left wrist reach, metres.
     hands : (2,) bool
-        Which hands reach; the other hangs.
+        Which hands reach; a hand that does not reach hangs.
     part : (n,) float
-        Of :func:`extent`.
+        Fraction of the way, from :func:`extent`.
     via : (3,) float
-        Where hands come from, relative to the target, metres: from above to a table, from
-        the front to a shelf.
+        Point from which the hands approach, relative to the target, metres: above it for a table,
+        in front of it for a shelf.
     deepest : float
-        Metres the knees may lower the pelvis; low furniture leaves them less room.
+        Furthest that the knees may lower the pelvis, metres; low furniture leaves less room.
     leans : (float, float)
         Least and greatest bend of the trunk, radians.
     before, after : Pastime, optional
-        What the hands hold before they are there, and after; they hang, if not given.
+        What the hands hold before and after the reach; they hang if not given.
 
     Returns
     -------
@@ -120,14 +120,15 @@ def reach(
     hanging[..., 2] = np.maximum(hanging[..., 2], LOWEST_HAND)
     first, last = (held(p, trunk, hanging) if p is not None else hanging for p in (before, after))
     rest = np.where((np.arange(len(part)) > part.argmax())[:, None, None], last, first)
-    # A curve that leaves the resting place towards the point before the target, and ends there.
+    # A quadratic Bezier curve from the resting place to the target, with target + via as its
+    # control point.
     p = (part[:, None] * hands)[..., None]
     wrists = (1 - p) ** 2 * rest + 2 * p * (1 - p) * (targets + via) + p**2 * targets
     return pose_body(trunk, ankles=body.ankles, wrists=wrists)
 
 
 def _posture(body: Walk, aim: Array, *, lean: Array, crouch: Array) -> Trunk:
-    """The trunk bent towards ``aim`` (n, 3), the hips drawn back to keep the balance."""
+    """The trunk bent towards ``aim`` (n, 3), with the hips moved back to keep the balance."""
     old = body.trunk
     offset = aim - old.pelvis
     across = (offset * old.right).sum(-1)
@@ -164,7 +165,7 @@ def _effort(
 ) -> tuple[float, float]:
     """Least lean (rad) and crouch (m) that bring targets (n, k, 3) of k hands into easy reach.
 
-    Judged with the feet where they are in one frame, all postures of a grid at once.
+    The feet are taken as in frame ``frame``; all postures of a grid are evaluated at once.
     """
     grid = np.meshgrid(
         _CROUCHES[np.less_equal(_CROUCHES, deepest)], np.linspace(*leans, 26), indexing="ij"
@@ -188,7 +189,7 @@ def _effort(
         )
         gap = np.linalg.norm(trunk.shoulders[:, hands] - aims, axis=-1).max(-1)
         worst = np.maximum(worst, gap)
-    # A metre out of reach outweighs any posture; knees are spared before the back.
+    # Being out of reach costs most; a metre of crouch costs as much as two radians of lean.
     best = int(np.argmin(20 * np.maximum(worst - COMFORTABLE, 0.0) + 0.5 * bends + crouches))
     return float(bends[best]), float(crouches[best])
 
@@ -197,14 +198,14 @@ def _effort(
 # Recipes.
 
 FROM_THE_FRONT = (0.0, -0.22, 0.02)
-"""Metres from a thing in a shelf to where the hand is just before."""
+"""Metres from a thing in a shelf to the point from which the hand approaches it."""
 LOWEST_BOARD, HIGHEST_BOARD = 0.28, 1.72
-"""Heights in metres between which a person of 1.70 m reaches a board without kneeling or
-standing on the toes (Panero and Zelnik 1979: .30 to 1.80)."""
+"""Heights in metres of the lowest and highest board that a person of 1.70 m reaches without
+kneeling or standing on the toes (Panero and Zelnik 1979: .30 to 1.80)."""
 
 
 class _Aim(NamedTuple):
-    """A shelf before the person, what is reached for (2, 3), and with which hands."""
+    """A shelf in front of the person, the target (2, 3) of each wrist, and which hands reach."""
 
     piece: SceneObject
     targets: Array
@@ -214,20 +215,20 @@ class _Aim(NamedTuple):
 def _aim(
     rng: np.random.Generator, person: Person, *, turned: float = 0.0, spread: float = 0.0
 ) -> _Aim:
-    """A shelf, and a place on one of its boards.
+    """A shelf, and a target on one of its boards.
 
     Parameters
     ----------
     turned : float
-        Where the shelf is, to the left of where the person faces, radians.
+        Direction of the shelf to the left of where the person faces, radians.
     spread : float
-        Metres that must be free on the board to both sides of the place.
+        Free width in metres that the board needs on both sides of the target.
     """
     piece = person.sees(furniture.shelf(rng))
     boards = np.array([c.centre[2] + c.size[2] / 2 for c in piece.cuboids if c.part == "board"])
     highest = HIGHEST_BOARD - spread
     board = float(rng.choice(boards[(boards > LOWEST_BOARD) & (boards < highest)]))
-    # Arms are too short for a high board from afar.
+    # A high board is reached only from near by.
     front = rng.uniform(0.40, 0.52) - 0.35 * max(board - 1.25, 0.0)
     half = piece.bounds[1, 0] - 0.15
     offset = 0.7 * rng.uniform(-half, half)
@@ -249,7 +250,7 @@ def _via(turned: float) -> Array:
 
 
 def reach_shelf(rng: np.random.Generator, person: Person) -> Drawn:
-    """Standing before a shelf, or side-on to it, and reaching for something on a board.
+    """Standing in front of a shelf, or side-on to it, and reaching for something on a board.
 
     Parameters
     ----------
@@ -261,7 +262,7 @@ def reach_shelf(rng: np.random.Generator, person: Person) -> Drawn:
     Drawn
     """
     times = moments(rng, 15, 20)
-    # A single hand is the right one, so the shelf is rather on that side.
+    # A single hand is the right one, so the shelf is more often on that side.
     turned = rng.uniform(-0.7, 0.3) if rng.random() < 0.4 else 0.0
     aim = _aim(rng, person, turned=turned)
     part = (
@@ -281,7 +282,7 @@ def reach_shelf(rng: np.random.Generator, person: Person) -> Drawn:
 
 
 def _approach(rng: np.random.Generator, times: Array) -> Walk:
-    """A step or two towards the origin, from before it or from the side."""
+    """A step or two to the origin, from behind it or from the side."""
     if rng.random() < 0.5:
         start = Placement(rng.uniform(-0.2, 0.2), -rng.uniform(0.25, 0.55), rng.uniform(-0.4, 0.4))
     else:
@@ -293,7 +294,7 @@ def _approach(rng: np.random.Generator, times: Array) -> Walk:
 
 
 def step_to_shelf(rng: np.random.Generator, person: Person) -> Drawn:
-    """A step towards a shelf and reaching into it.
+    """Stepping towards a shelf and reaching into it.
 
     Parameters
     ----------
@@ -317,7 +318,7 @@ def step_to_shelf(rng: np.random.Generator, person: Person) -> Drawn:
 
 
 def browse_shelf(rng: np.random.Generator, person: Person) -> Drawn:
-    """A hand that goes along a board, looking for something.
+    """Moving a hand along a board, as in looking for something.
 
     Parameters
     ----------

@@ -1,8 +1,9 @@
 """Perching on an edge, leaning on an arm, lying back in a seat: motions and recipes.
 
-Each function takes somebody who sits upright and moves pelvis, trunk, feet and hands. The right
-arm carries. Lengths are metres, angles radians, offsets right, forward and up of the pelvis as it
-faces. Ranges are those of the American Academy of Orthopaedic Surgeons, *Joint Motion* (1965).
+Each function takes the pose of a person who sits upright and moves pelvis, trunk, feet and hands.
+If one arm carries weight, it is the right one. Lengths are in metres, angles in radians; offsets
+are right, forward and up from the pelvis as it faces. Ranges of motion are those of the American
+Academy of Orthopaedic Surgeons, *Joint Motion* (1965).
 """
 
 from __future__ import annotations
@@ -66,21 +67,21 @@ __all__ = [
 
 Array = NDArray[np.float64]
 FURTHEST_TILT: Final = float(np.deg2rad(33.0))
-"""Trunk to the side: loins and thorax together bend by 35 degrees."""
+"""Greatest tilt of the trunk to the side, radians; lumbar spine and thorax bend by 35 degrees."""
 ARM_DEPTH: Final = 0.035
-"""From the line of the joints to the skin of forearm and elbow, metres (*Bodyspace*)."""
+"""Metres from the line of the joints to the skin of forearm and elbow (*Bodyspace*)."""
 PALM: Final = 0.06
-"""Wrist above what a flat hand carries on, the hand bent back, metres (*Bodyspace*)."""
+"""Height in metres of the wrist above what a flat hand leans on, hand bent back (*Bodyspace*)."""
 FACE: Final = (0.04, 0.11, -0.10)
-"""From the middle of the head to where a hand props it: right, forward and up, metres."""
+"""From the middle of the head to the wrist of a hand that props it: right, forward, up, metres."""
 STRETCHED: Final = 0.975
-"""Reach of a leg or arm that is rather straight, as part of its length: 25 degrees short of it."""
+"""Reach of a nearly straight leg or arm over its length: bent by 25 degrees."""
 
 
 def perch(rng: np.random.Generator, pose: SeatedPose, seat: Seat) -> SeatedPose:
-    """On the front edge of a seat, the legs rather straight before it.
+    """Sitting on the front edge of a seat with nearly straight legs.
 
-    The hip joints are up to 7 cm behind the edge: of the seat only the buttocks take something.
+    The hip joints are up to 7 cm behind the edge, so only the buttocks are on the seat.
 
     Parameters
     ----------
@@ -99,20 +100,20 @@ def perch(rng: np.random.Generator, pose: SeatedPose, seat: Seat) -> SeatedPose:
     drop = pelvis[2] - ANKLE_HEIGHT
     reach = rng.uniform(0.88, STRETCHED, 2) * (THIGH + SHIN)
     forward = np.sqrt(reach**2 - drop**2)
-    if rng.random() < 0.25:  # one foot drawn in, as before getting up
+    if rng.random() < 0.25:  # one foot drawn in, as before standing up
         forward[rng.integers(2)] = rng.uniform(0.22, 0.34)
     across = SIDES * rng.uniform(0.09, 0.18)
     pose = replace(pose, ankles=pose.at_pelvis(np.stack([across, forward, np.full(2, -drop)], -1)))
-    # The trunk is too far from any back or arms to rest on them.
+    # The trunk is too far from a back or armrests to rest on them.
     return draw_hands(rng, pose, replace(seat, back=-np.inf, arms=()))
 
 
 def _perch_high(
     rng: np.random.Generator, pose: SeatedPose, *, edge: float, top: float
 ) -> SeatedPose:
-    """Half on the edge of a table: one leg, or both, straight on the floor before it.
+    """Half sitting on the edge of a table with one or both legs straight on the floor.
 
-    The hip joints are before the edge and the buttocks on it, or the thigh of the hanging leg
+    The hip joints are in front of the edge with the buttocks on it, or the thigh of the hanging leg
     lies on the top.
 
     Parameters
@@ -138,7 +139,7 @@ def _perch_high(
     feet = pair(rng.uniform(0.08, 0.15), forward, -drop)
     knees = pair(0.12, 1.0, 0.5)
     if hangs:
-        # The right thigh lies on the corner or edge, its shin hangs before the table.
+        # The right thigh lies on the corner or edge; its shin hangs in front of the table.
         outward = rng.uniform(0.15, 0.40)
         down = rng.uniform(-0.10, -0.02)
         level = np.sqrt(THIGH**2 - down**2)
@@ -159,7 +160,7 @@ def _perch_high(
 def _lean_on_rest(
     rng: np.random.Generator, pose: SeatedPose, rest: tuple[float, float, float]
 ) -> SeatedPose:
-    """The trunk tilted to the right, that forearm on an armrest.
+    """The pose with the trunk tilted to the right and the right forearm on an armrest.
 
     Parameters
     ----------
@@ -176,7 +177,7 @@ def _lean_on_rest(
     best = _as_long(shoulders, elbows)
     pose = replace(pose, tilt=float(tilts[best]))
     elbow = elbows[best]
-    # The forearm along the rest, as far as there is one.
+    # The forearm lies along the armrest, as far as that extends.
     ahead = np.array([rng.uniform(-0.25, 0.05), 1.0, 0.08])
     wrist = elbow + FOREARM * ahead / np.linalg.norm(ahead)
     return _with_arm(pose, shoulders[best], elbow, wrist, pose.hands[1])
@@ -185,7 +186,7 @@ def _lean_on_rest(
 def _prop_head(
     rng: np.random.Generator, pose: SeatedPose, *, edge: float, top: float
 ) -> SeatedPose:
-    """The right elbow on a table, the hand at the face; the left forearm on the table.
+    """The pose with the right elbow on a table, that hand at the face, the left forearm on it.
 
     Parameters
     ----------
@@ -208,7 +209,7 @@ def _prop_head(
 
 
 def _prop_on_hand(rng: np.random.Generator, pose: SeatedPose) -> SeatedPose:
-    """The trunk tilted to the right, on a straight arm beside the body or a little behind."""
+    """The trunk tilted to the right, on a straight arm beside the body or slightly behind."""
     tilt, lean = float(rng.uniform(0.15, 0.36)), float(rng.uniform(-0.20, 0.08))
     pose = replace(pose, tilt=tilt, lean=lean, nod=float(rng.uniform(0.0, 0.25) - 0.8 * lean))
     (shoulder,) = _shoulders(np.array([tilt]), lean, pose.twist)
@@ -217,7 +218,7 @@ def _prop_on_hand(rng: np.random.Generator, pose: SeatedPose) -> SeatedPose:
 
 
 def prop_up_behind(rng: np.random.Generator, pose: SeatedPose) -> SeatedPose:
-    """The trunk leant back on two straight arms behind.
+    """The pose with the trunk leaning back on two straight arms behind it.
 
     Parameters
     ----------
@@ -238,10 +239,10 @@ def prop_up_behind(rng: np.random.Generator, pose: SeatedPose) -> SeatedPose:
 
 
 def slouch(rng: np.random.Generator, pose: SeatedPose, seat: Seat) -> SeatedPose:
-    """Slid forward in a seat, the back against the top of its backrest, the legs put out.
+    """Sliding forward in a seat, back against the top of its backrest, legs stretched out.
 
-    The trunk is 25 to 45 degrees back: couches and armchairs are made for up to 30 (Panero and
-    Zelnik 1979), and the pelvis slides forward.
+    The trunk leans back by 25 to 45 degrees. Couches and armchairs are made for up to 30 (Panero
+    and Zelnik 1979); the pelvis slides forward for the rest.
 
     Parameters
     ----------
@@ -254,7 +255,7 @@ def slouch(rng: np.random.Generator, pose: SeatedPose, seat: Seat) -> SeatedPose
     SeatedPose
     """
     lean = rng.uniform(0.44, 0.75)
-    # Thighs go down to their feet once the knees are before the seat.
+    # Thighs can slope down to the feet once the knees are in front of the seat.
     knees_clear = seat.front - THIGH + max(seat.height - SHIN, 0.0) + 0.08
     low = max(seat.back + BUTTOCK + 0.05, knees_clear if seat.closed else -np.inf)
     behind = seat.back + CHEST_HALF_DEPTH
@@ -272,20 +273,20 @@ def slouch(rng: np.random.Generator, pose: SeatedPose, seat: Seat) -> SeatedPose
 
 
 def _shoulders(tilts: Array, lean: float, twist: float) -> Array:
-    """(n, 3) the right shoulder from the pelvis, for n tilts."""
+    """(n, 3) right shoulder relative to the pelvis, for n tilts."""
     trunk = Trunk.of(np.zeros((len(tilts), 3)), 0.0, lean=lean, tilt=tilts, twist=twist)
     return trunk.shoulders[:, 0]
 
 
 def _as_long(shoulders: Array, elbows: Array) -> int:
-    """Which of n pairs is nearest to an upper arm's length apart."""
+    """Index of the pair, of n, whose distance is nearest to an upper arm's length."""
     return int(np.abs(np.linalg.norm(elbows - shoulders, axis=-1) - UPPER_ARM).argmin())
 
 
 def _straight_down(shoulder: Array, *, backward: float, side: float) -> Array:
-    """(3,) the wrist of a straight arm that carries on the seat, an offset.
+    """(3,) wrist of a straight arm that leans on the seat, as an offset from the pelvis.
 
-    ``backward`` is 0 for a hand straight to the side, radians.
+    ``backward`` is the angle from straight sideways to straight backwards, radians.
     """
     drop = shoulder[2] + HIP_ABOVE_SEAT - PALM
     reach = STRETCHED * (UPPER_ARM + FOREARM)
@@ -295,7 +296,7 @@ def _straight_down(shoulder: Array, *, backward: float, side: float) -> Array:
 
 
 def _propped(pose: SeatedPose, shoulder: Array, elbow: Array, other: Array) -> SeatedPose:
-    """The right hand at the face, on an elbow that rests."""
+    """The pose with the right hand at the face and the right elbow resting."""
     towards = pose.trunk.head[0] + FACE - elbow
     wrist = elbow + FOREARM * towards / np.linalg.norm(towards)
     return _with_arm(pose, shoulder, elbow, wrist, other)
@@ -304,7 +305,7 @@ def _propped(pose: SeatedPose, shoulder: Array, elbow: Array, other: Array) -> S
 def _with_arm(
     pose: SeatedPose, shoulder: Array, elbow: Array, wrist: Array, other: Array
 ) -> SeatedPose:
-    """The right arm by its joints, the left one by its wrist; all offsets."""
+    """The pose with the right arm given by its joints, the left one by its wrist, as offsets."""
     elbows = np.stack([elbow - shoulder, [-ELBOWS[0], ELBOWS[1], ELBOWS[2]]])
     return replace(pose, elbows=elbows).with_hands([wrist, other], [0.0, 0.01])
 
@@ -314,21 +315,21 @@ def _with_arm(
 
 
 HAND = 0.10
-"""Metres that a hand which carries needs around its wrist."""
+"""Free metres on the bed that a hand which carries weight needs around its wrist."""
 
 
 def perch_on(kind: str) -> Recipe:
-    """Sitting on the front edge of a seat.
+    """Recipe: sitting on the front edge of a seat.
 
     Parameters
     ----------
     kind : str
-        Of furniture, such as ``"chair"``.
+        Kind of furniture, such as ``"chair"``.
 
     Returns
     -------
     callable
-        From rng and person to :class:`~imapper_prob.scenelets.procedural.body.Drawn`.
+        Maps rng and person to :class:`~imapper_prob.scenelets.procedural.body.Drawn`.
     """
 
     def draw(rng: np.random.Generator, person: Person) -> Drawn:
@@ -360,24 +361,24 @@ def perch_on_table(rng: np.random.Generator, person: Person) -> Drawn:
 
 
 def lean_on_armrest(kind: str) -> Recipe:
-    """Leaning to the side, an arm on the armrest of a chair, armchair or couch.
+    """Recipe: leaning to the side on the armrest of a chair, armchair or couch.
 
     Parameters
     ----------
     kind : str
-        Of furniture, such as ``"chair"``.
+        Kind of furniture, such as ``"chair"``.
 
     Returns
     -------
     callable
-        From rng and person to :class:`~imapper_prob.scenelets.procedural.body.Drawn`.
+        Maps rng and person to :class:`~imapper_prob.scenelets.procedural.body.Drawn`.
     """
 
     def draw(rng: np.random.Generator, person: Person) -> Drawn:
         piece, seat, place = _with_arms(rng, person, kind)
         rest = max(seat.arms)  # the right one
         if kind != "chair":
-            # One sits as far from the arm as leaning on it asks, and the seat has room.
+            # The person sits as far from the armrest as leaning on it requires and the seat allows.
             room = rest[0] + seat.arms[0][0] if kind == "couch" else 0.0
             place = max(rest[0] - rng.uniform(0.36, 0.44), room / 2)
         lean = -rng.uniform(0.05, 0.30) if rng.random() < 0.6 else rng.uniform(-0.05, 0.12)
@@ -392,7 +393,7 @@ def lean_on_armrest(kind: str) -> Recipe:
 
 
 def lean_on_table(rng: np.random.Generator, person: Person) -> Drawn:
-    """On a chair at a table, the head propped on a hand.
+    """Sitting on a chair at a table, with the head propped on a hand.
 
     Parameters
     ----------
@@ -412,7 +413,7 @@ def lean_on_table(rng: np.random.Generator, person: Person) -> Drawn:
 
 
 def lean_on_bed(rng: np.random.Generator, person: Person) -> Drawn:
-    """On the edge of a bed, leaning to the side on a straight arm.
+    """Sitting on the edge of a bed, leaning to the side on a straight arm.
 
     Parameters
     ----------
@@ -430,7 +431,7 @@ def lean_on_bed(rng: np.random.Generator, person: Person) -> Drawn:
 
 
 def lean_back_on_bed(rng: np.random.Generator, person: Person) -> Drawn:
-    """On the edge of a bed, leaning back on both hands.
+    """Sitting on the edge of a bed, leaning back on both hands.
 
     Parameters
     ----------
@@ -449,17 +450,17 @@ def lean_back_on_bed(rng: np.random.Generator, person: Person) -> Drawn:
 
 
 def slouch_on(kind: str) -> Recipe:
-    """Slid forward on a chair, armchair or couch.
+    """Recipe: sitting slid forward on a chair, armchair or couch.
 
     Parameters
     ----------
     kind : str
-        Of furniture, such as ``"chair"``.
+        Kind of furniture, such as ``"chair"``.
 
     Returns
     -------
     callable
-        From rng and person to :class:`~imapper_prob.scenelets.procedural.body.Drawn`.
+        Maps rng and person to :class:`~imapper_prob.scenelets.procedural.body.Drawn`.
     """
 
     def draw(rng: np.random.Generator, person: Person) -> Drawn:

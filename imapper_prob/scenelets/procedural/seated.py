@@ -1,7 +1,8 @@
 """Seated poses: where pelvis, trunk, feet and hands are on a given seat.
 
-A pose is drawn in that order, each step a function of the seat and of the pose so far. Metres,
-radians; the frame is that of the seat, with its front towards +y. Sides are (right, left).
+A pose is drawn in that order; each step is a function of the seat and of the pose so far. Units are
+metres and radians; the frame is that of the seat, with its front towards +y. Pairs are (right,
+left).
 """
 
 from __future__ import annotations
@@ -43,18 +44,18 @@ __all__ = [
 
 @dataclass(frozen=True)
 class Seat:
-    """What somebody who sits feels of a piece of furniture.
+    """The dimensions of a piece of furniture that matter for sitting on it.
 
     Parameters
     ----------
     height : float
-        Of the surface, metres.
+        Height of its surface, metres.
     front, back : float
         The y of the front edge and of the face of the backrest (-inf without one), metres.
     closed : bool
-        Whether feet cannot go below.
+        Whether the feet cannot go below it.
     deep : bool
-        Whether one sinks into it, as into a couch.
+        Whether it is a deep, soft seat such as a couch.
     arms : tuple of (float, float, float)
         The x of each armrest's middle, the y of its front, and the height of its top.
     """
@@ -68,15 +69,15 @@ class Seat:
 
 
 def seat_of(piece: SceneObject, *, edge: float | None = None) -> Seat:
-    """The seat of a piece that stands at the origin.
+    """The seat of a piece of furniture that stands at the origin.
 
     Parameters
     ----------
     piece : SceneObject
-        With a part ``seat``.
+        Has a part named ``seat``.
     edge : float, optional
-        The y in metres of the edge to sit on, where it is not the piece's own front, as of a
-        bed: one sits with one's back to the rest of it, and leans on nothing.
+        The y in metres of the edge to sit on, if it is not the piece's own front, as for a bed.
+        The rest of the bed is then behind the person and there is no backrest.
 
     Returns
     -------
@@ -105,14 +106,14 @@ def seat_of(piece: SceneObject, *, edge: float | None = None) -> Seat:
 
 
 def open_seat(height: float, *, front: float) -> Seat:
-    """A surface without a back or arms, as of a floor or of the middle of a bed.
+    """A seat without back or armrests, such as a floor or the middle of a bed.
 
     Parameters
     ----------
     height : float
         Metres.
     front : float
-        The y in metres of where whoever sits there ends.
+        The y in metres at which the seat ends in front.
 
     Returns
     -------
@@ -126,48 +127,48 @@ def open_seat(height: float, *, front: float) -> Seat:
 
 Array = NDArray[np.float64]
 HIP_ABOVE_SEAT: Final = 0.095
-"""Hip joint above the surface one sits on, metres (trochanter height, sitting: Pheasant and
-Haslegrave, *Bodyspace*, 2005)."""
+"""Height in metres of the hip joint above the seat's surface (trochanter height, sitting: Pheasant
+and Haslegrave, *Bodyspace*, 2005)."""
 CHEST_HALF_DEPTH: Final = 0.10
-"""From the line of the spine joints to the back of the body, metres (*Bodyspace*)."""
+"""Metres from the line of the spine joints to the back of the body (*Bodyspace*)."""
 BUTTOCK: Final = 0.13
-"""From the hip joint back to where the body ends, metres (*Bodyspace*)."""
+"""Metres from the hip joint backwards to the end of the body (*Bodyspace*)."""
 FURTHEST_LEAN: Final = 0.58
-"""Radians; more would bend the hips beyond the 125 degrees of which they are capable
-(American Academy of Orthopaedic Surgeons, 1965), thighs being level."""
+"""Greatest forward lean in radians. With level thighs, more would bend the hips beyond their range
+of 125 degrees (American Academy of Orthopaedic Surgeons, 1965)."""
 SQUARE: Final = 0.09
-"""Standard deviation in radians of where people face against their seat: half of them are
+"""Standard deviation in radians of the yaw of a sitter relative to the seat: half of them are
 within 4 degrees and 90 % within 11, as measured on i3DB."""
 STIR: Final = 0.01
-"""How far a hand at rest moves about its place, metres."""
+"""Amplitude in metres of the movement of a resting hand about its place."""
 _ARM_REACH: Final = 0.46
-"""Metres sideways from the pelvis within which one rests an arm."""
+"""Greatest sideways distance in metres from the pelvis to an armrest that is used."""
 
 
 @dataclass(frozen=True)
 class SeatedPose:
-    """How somebody sits, or holds still in another way than on straight legs.
+    """The pose of a person who sits, squats, kneels or otherwise does not stand on straight legs.
 
     Parameters
     ----------
     pelvis : (3,) float
         Metres.
     yaw : float
-        Where the pelvis faces; 0 is the front of the seat, counter-clockwise.
+        Yaw of the pelvis, counter-clockwise; 0 faces the front of the seat.
     lean, twist, nod : float
-        As those of a trunk.
+        Angles of the trunk, as in :class:`~imapper_prob.scenelets.procedural.body.Trunk`.
     ankles : (2, 3) float
         Metres.
     hands : (2, 3) float
-        Wrists from the pelvis: right, forward and up as the pelvis faces, metres; at the pelvis,
-        if not given.
+        Wrists relative to the pelvis: right, forward and up as the pelvis faces, metres. They are
+        at the pelvis if not given.
     stir : (2,) float
-        How far each hand moves about its place, metres; as at rest, if not given.
+        Amplitude of each hand's movement about its place, metres; that of rest if not given.
     tilt : float
-        That of a trunk.
+        Sideways tilt of the trunk, as in the trunk's class.
     knees, elbows : (2, 3) float, optional
-        Where they point, right, forward and up as the pelvis faces; as of anybody who sits with
-        the feet on the floor and the hands at work, if not given.
+        Directions in which they point: right, forward and up as the pelvis faces. If not given,
+        those of a sitter with the feet on the floor and the hands at work.
     """
 
     pelvis: Array
@@ -183,7 +184,7 @@ class SeatedPose:
     elbows: Array | None = None
 
     def from_pelvis(self, points: ArrayLike) -> Array:
-        """Positions (..., 3) in the frame of the seat, as right, forward, up of the pelvis.
+        """Positions (..., 3) in the seat's frame as right, forward and up from the pelvis.
 
         Parameters
         ----------
@@ -203,7 +204,7 @@ class SeatedPose:
         return offset
 
     def at_pelvis(self, offsets: ArrayLike) -> Array:
-        """Right, forward, up of the pelvis (..., 3) as positions in the frame of the seat.
+        """Offsets (..., 3) right, forward and up from the pelvis as positions in the seat's frame.
 
         Parameters
         ----------
@@ -220,7 +221,7 @@ class SeatedPose:
         return positions
 
     def with_hands(self, hands: ArrayLike, stir: ArrayLike = STIR) -> SeatedPose:
-        """The same person with the hands elsewhere.
+        """The same pose with other hand positions.
 
         Parameters
         ----------
@@ -243,7 +244,7 @@ class SeatedPose:
 
     @property
     def head(self) -> tuple[float, float]:
-        """How far forward and up of the pelvis the head is, metres."""
+        """Distances forward and up from the pelvis to the head, metres."""
         bent = self.lean + self.nod
         forward = TRUNK * np.sin(self.lean) + NECK_AND_HEAD * np.sin(bent)
         return float(forward), float(TRUNK * np.cos(self.lean) + NECK_AND_HEAD * np.cos(bent))
@@ -253,18 +254,19 @@ Step = Callable[[np.random.Generator, SeatedPose, Seat], SeatedPose]
 
 
 def _knees_clear(seat: Seat, yaw: float) -> float:
-    """The y of the pelvis, metres, from which both knees are beyond the front edge."""
+    """The y of the pelvis, metres, at which both knees are in front of the seat's front edge."""
     half_hips = BONE_LENGTHS[RHIP, LHIP] / 2
     knees = THIGH * np.cos(yaw) - half_hips * abs(np.sin(yaw))
-    # Thighs slope down from a seat higher than the shins are long.
+    # Thighs slope down from a seat that is higher than the shins are long.
     return float(seat.front - knees + max(seat.height - SHIN, 0.0))
 
 
 def _place(
     rng: np.random.Generator, seat: Seat, *, sideways: float, yaw: float, lean: float
 ) -> SeatedPose:
-    """A trunk on the seat; feet and hands are still at the pelvis."""
-    # Those who lean forward sit further out; the hips stay on the seat, clear of its back.
+    """A pose with pelvis and trunk on the seat; feet and hands are still to be placed."""
+    # A person who leans forward sits nearer the front; the hips stay on the seat, clear of its
+    # back.
     innermost = max(seat.back + BUTTOCK, seat.front - 0.40)
     if seat.closed:
         innermost = max(innermost, _knees_clear(seat, yaw))
@@ -284,7 +286,7 @@ def _place(
 
 
 def _feet(pose: SeatedPose, seat: Seat, *, across: ArrayLike, forward: ArrayLike) -> SeatedPose:
-    """Feet flat on the floor, ``across`` and ``forward`` of the pelvis as it faces (2,)."""
+    """The pose with feet flat on the floor, ``across`` and ``forward`` (2,) from the pelvis."""
     across, forward = np.broadcast_to(across, 2), np.broadcast_to(forward, 2)
     c, s = np.cos(pose.yaw), np.sin(pose.yaw)
     x = pose.pelvis[0] + c * across - s * forward
@@ -295,26 +297,26 @@ def _feet(pose: SeatedPose, seat: Seat, *, across: ArrayLike, forward: ArrayLike
 
 
 def _feet_flat(rng: np.random.Generator, pose: SeatedPose, seat: Seat) -> SeatedPose:
-    """Side by side, below the knees or a little before them."""
+    """Feet side by side, below the knees or slightly in front of them."""
     across = SIDES * rng.uniform(0.10, 0.17)
     return _feet(pose, seat, across=across, forward=THIGH + rng.uniform(-0.06, 0.10))
 
 
 def _feet_apart(rng: np.random.Generator, pose: SeatedPose, seat: Seat) -> SeatedPose:
-    """One foot before the other."""
+    """One foot in front of the other."""
     forward = THIGH + rng.uniform(-0.04, 0.04) + SIDES * rng.uniform(0.05, 0.09)
     return _feet(pose, seat, across=SIDES * rng.uniform(0.10, 0.17, 2), forward=forward)
 
 
 def _slid_forward(pose: SeatedPose, seat: Seat) -> SeatedPose:
-    """Further out on the seat, for knees that go lower than it is."""
+    """The pose moved forward on the seat, for knees that are lower than the seat."""
     pelvis = pose.pelvis.copy()
     pelvis[1] = max(pelvis[1], _knees_clear(seat, pose.yaw) + 0.06)
     return replace(pose, pelvis=pelvis)
 
 
 def _feet_stretched(rng: np.random.Generator, pose: SeatedPose, seat: Seat) -> SeatedPose:
-    """Both legs put out."""
+    """Both legs stretched out."""
     pose = _slid_forward(pose, seat)
     forward = THIGH + rng.uniform(0.12, 0.22) + rng.uniform(-0.03, 0.03, 2)
     return _feet(pose, seat, across=SIDES * rng.uniform(0.08, 0.16), forward=forward)
@@ -327,14 +329,14 @@ def _feet_tucked(rng: np.random.Generator, pose: SeatedPose, seat: Seat) -> Seat
 
 
 def _ankles_crossed(rng: np.random.Generator, pose: SeatedPose, seat: Seat) -> SeatedPose:
-    """Legs stretched out, the right ankle over to the left and before the other."""
+    """Legs stretched out, the right ankle crossed over to the left and in front of the other."""
     pose = _slid_forward(pose, seat)
     forward = THIGH + rng.uniform(0.02, 0.09) + SIDES * 0.09
     return _feet(pose, seat, across=[-0.03, 0.03], forward=forward)
 
 
 def _leg_over(rng: np.random.Generator, pose: SeatedPose, seat: Seat) -> SeatedPose:
-    """The right leg over the left one, its foot hanging before the left shin."""
+    """The right leg crossed over the left one, its foot hanging in front of the left shin."""
     pose = _feet(pose, seat, across=[0.0, -0.06], forward=THIGH + rng.uniform(-0.04, 0.04))
     return _raised(pose, [-0.20, 0.56 + rng.uniform(-0.02, 0.02), -0.17 + rng.uniform(-0.03, 0.03)])
 
@@ -346,7 +348,7 @@ def _ankle_on_knee(rng: np.random.Generator, pose: SeatedPose, seat: Seat) -> Se
 
 
 def _raised(pose: SeatedPose, offset: ArrayLike) -> SeatedPose:
-    """The right ankle at an offset (right, forward, up) from the pelvis, in the air."""
+    """The pose with the right ankle raised to an offset (right, forward, up) from the pelvis."""
     c, s = np.cos(pose.yaw), np.sin(pose.yaw)
     right, forward, up = np.asarray(offset, float)
     foot = pose.pelvis + np.array([c * right - s * forward, s * right + c * forward, up])
@@ -364,7 +366,7 @@ def _hands_on_thighs(rng: np.random.Generator, pose: SeatedPose, seat: Seat) -> 
 
 
 def _hands_on_knees(rng: np.random.Generator, pose: SeatedPose, seat: Seat) -> SeatedPose:
-    """Forearms over the thighs, hands together before the knees, as of who leans forward."""
+    """Forearms over the thighs, hands together in front of the knees, for a forward lean."""
     across, forward = rng.uniform(0.03, 0.07), rng.uniform(0.42, 0.50)
     return pose.with_hands(pair(across, forward, 0.09))
 
@@ -375,7 +377,7 @@ def _arms_folded(rng: np.random.Generator, pose: SeatedPose, seat: Seat) -> Seat
 
 
 def _hand_to_face(rng: np.random.Generator, pose: SeatedPose, seat: Seat) -> SeatedPose:
-    """The right hand at chin or cheek, the other one on the thigh."""
+    """The right hand at chin or cheek, the other hand on the thigh."""
     pose = _hands_on_thighs(rng, pose, seat)
     forward, up = pose.head
     face = [
@@ -387,7 +389,7 @@ def _hand_to_face(rng: np.random.Generator, pose: SeatedPose, seat: Seat) -> Sea
 
 
 def _gesture(rng: np.random.Generator, pose: SeatedPose, seat: Seat) -> SeatedPose:
-    """Both hands, or one, in the air before the body, and moving."""
+    """Both hands, or one, moving in the air in front of the body."""
     pose = _hands_on_thighs(rng, pose, seat)
     chest = TRUNK * np.sin(pose.lean)
     air = pair(
@@ -400,13 +402,13 @@ def _gesture(rng: np.random.Generator, pose: SeatedPose, seat: Seat) -> SeatedPo
 
 
 def _hands_on_seat(rng: np.random.Generator, pose: SeatedPose, seat: Seat) -> SeatedPose:
-    """Beside the hips, on a seat without arms."""
+    """Hands beside the hips, on a seat without armrests."""
     forward = rng.uniform(-0.02, 0.08)
     return pose.with_hands(pair(0.26, forward, -0.04))
 
 
 def _hands_on_arms(rng: np.random.Generator, pose: SeatedPose, seat: Seat) -> SeatedPose:
-    """On the armrests within reach; the other hand on the thigh."""
+    """Hands on the armrests within reach; a hand without one is on the thigh."""
     pose = _hands_on_thighs(rng, pose, seat)
     hands = pose.hands.copy()
     for x, front, top in seat.arms:
@@ -424,7 +426,7 @@ def _pick(rng: np.random.Generator, weights: Mapping[Step, float]) -> Step:
 
 
 def _legs(seat: Seat, lean: float) -> dict[Step, float]:
-    """What legs do and how often; nothing is published, so no variant is rare."""
+    """Leg variants and their weights; no data are published, so no variant is made rare."""
     legs: dict[Step, float] = {_feet_flat: 4.0, _feet_apart: 2.0}
     if not seat.closed:
         legs[_feet_tucked] = 2.0
@@ -434,7 +436,7 @@ def _legs(seat: Seat, lean: float) -> dict[Step, float]:
 
 
 def _arms(seat: Seat, pose: SeatedPose, *, at_rest: bool) -> dict[Step, float]:
-    """What hands do and how often."""
+    """Hand variants and their weights."""
     if pose.lean > 0.35:
         return {_hands_on_knees: 3.0, _hands_on_thighs: 1.0, _hand_to_face: 1.0}
     arms: dict[Step, float] = {_hands_in_lap: 3.0, _hands_on_thighs: 3.0}
@@ -448,7 +450,7 @@ def _arms(seat: Seat, pose: SeatedPose, *, at_rest: bool) -> dict[Step, float]:
 
 
 def _draw_lean(rng: np.random.Generator, seat: Seat) -> float:
-    """Back against the backrest, upright, or forward."""
+    """Lean of the trunk in radians: against the backrest, upright or forward."""
     leans_back = 0.0 if not np.isfinite(seat.back) else 0.50 if seat.deep else 0.35
     share = rng.random()
     if share < leans_back:
@@ -467,21 +469,21 @@ def draw_seated(
     lean: float | None = None,
     upright: bool = False,
 ) -> SeatedPose:
-    """A way to sit.
+    """Draw a pose of sitting on a seat.
 
     Parameters
     ----------
     rng, seat
-        Randomness, and where.
+        Random generator, and the seat.
     sideways : float
-        The x of the middle of the place that is taken, metres.
+        The x of the middle of the place to sit at, metres.
     yaw : float, optional
-        Where the pelvis faces; drawn about the front of the seat, if not given.
+        Yaw of the pelvis; drawn about the seat's front if not given.
     lean : float, optional
-        Of the trunk, as far back as the seat lets it; drawn, if not given.
+        Lean of the trunk, limited backwards by the seat; drawn if not given.
     upright : bool
-        Whether the trunk is neither back nor forward, both feet are side by side and the
-        hands rest, as before getting up.
+        Whether the trunk is upright, both feet are side by side and the hands rest, as before
+        standing up.
 
     Returns
     -------
@@ -499,7 +501,7 @@ def draw_seated(
 def draw_hands(
     rng: np.random.Generator, pose: SeatedPose, seat: Seat, *, at_rest: bool = False
 ) -> SeatedPose:
-    """The same person with the hands somewhere else; ``at_rest`` without doing anything.
+    """The same pose with the hands drawn again; with ``at_rest`` they are not busy.
 
     Parameters
     ----------
@@ -507,7 +509,7 @@ def draw_hands(
     pose : SeatedPose
     seat : Seat
     at_rest : bool
-        Whether they do nothing.
+        Whether the hands rest.
 
     Returns
     -------
@@ -517,7 +519,7 @@ def draw_hands(
 
 
 def at_table(rng: np.random.Generator, pose: SeatedPose, *, edge: float, top: float) -> SeatedPose:
-    """The same person with hands on a table whose near edge is at y = ``edge``.
+    """The same pose with the hands at a table whose near edge is at y = ``edge``.
 
     Both hands write or type, or one works while the other is at the face or in the lap.
 

@@ -51,17 +51,17 @@ __all__ = [
 
 Array = NDArray[np.float64]
 BOW: Final = 0.50
-"""Radians that the trunk bends forward, beyond where it ends, half-way down: with the lean
-of the end 35 to 45 degrees (Schenkman et al. 1990)."""
+"""Extra forward bend of the trunk in radians half-way down, beyond its final lean; with that lean
+it is 35 to 45 degrees (Schenkman et al. 1990)."""
 STEP: Final = 0.44
-"""Time of a step as part of the time to arrive: the last swing of each foot then ends where it
-is to stand, and none has to be moved by a few centimetres more."""
+"""Time of a step as a fraction of the time to arrive. With this value the last swing of each foot
+ends at its final place, so no foot has to move by a few centimetres more."""
 OVERLAP: Final = 0.15
-"""Seconds by which the hips set off before the feet have arrived."""
+"""Seconds by which the hips start to go down before the feet have arrived."""
 
 
 def sit_still(rng: np.random.Generator, pose: SeatedPose, times: Array) -> Array:
-    """(n, 16, 3) joints of somebody who sits, breathes and looks about, metres.
+    """(n, 16, 3) joints in metres of a person who sits, breathes and looks about.
 
     Parameters
     ----------
@@ -83,7 +83,7 @@ def sit_still(rng: np.random.Generator, pose: SeatedPose, times: Array) -> Array
         twist=pose.twist + 0.04 * np.sin(0.7 * slow),
         nod=pose.nod + 0.05 * np.sin(0.5 * slow + 1),
     )
-    # Hands that do something are quicker than breath.
+    # Busy hands move faster than breathing does.
     quick = np.where(pose.stir > 0.015, 3.0, 1.0)[:, None]
     drift = pose.stir[:, None] * np.sin(quick * slow[:, None, None] + np.arange(6.0).reshape(2, 3))
     drift[..., 2] = np.abs(drift[..., 2])
@@ -94,7 +94,7 @@ def sit_still(rng: np.random.Generator, pose: SeatedPose, times: Array) -> Array
 
 
 def hold_still(rng: np.random.Generator, pose: SeatedPose, *objects: SceneObject) -> Drawn:
-    """Somebody who sits for one and a half to two seconds, among furniture.
+    """A person who holds a pose for one and a half to two seconds, with furniture.
 
     Parameters
     ----------
@@ -110,27 +110,28 @@ def hold_still(rng: np.random.Generator, pose: SeatedPose, *objects: SceneObject
 
 
 def approach(end: Placement, *, distance: float, bearing: float, arrival: float) -> Route:
-    """Walk to a place before a seat and turn the back to it.
+    """A route that walks to a place in front of a seat and turns the back to it.
 
     Parameters
     ----------
     end : Placement
-        Where the feet come to stand, and where they point then.
+        Final position of the feet and the yaw they then have.
     distance : float
-        How far off the walk begins, metres.
+        Length of the way, metres.
     bearing : float
-        Where from: 0 straight ahead of who sits, positive to their left, radians.
+        Direction the person comes from: 0 is straight in front of the seat, positive is to the
+        sitter's left, radians.
     arrival : float
-        When they are there, seconds.
+        When the person is there, seconds.
 
     Returns
     -------
     callable
-        From seconds to placements.
+        Maps seconds to placements (x, y, yaw).
     """
     direction = end.yaw + bearing
     offset = distance * np.array([-np.sin(direction), np.cos(direction)])
-    # Whoever comes from the left faces right: a quarter turn to the left is left to do.
+    # A person who comes from the left faces right and has a quarter turn to the left to make.
     turn = bearing - np.pi if bearing > 0 else bearing + np.pi
 
     def route(times: Array) -> Array:
@@ -144,21 +145,21 @@ def approach(end: Placement, *, distance: float, bearing: float, arrival: float)
 def sit_down(
     rng: np.random.Generator, pose: SeatedPose, times: Array, *, route: Route, arrival: float
 ) -> Array:
-    """(n, 16, 3) joints of somebody who follows a route to a seat and sits down, metres.
+    """(n, 16, 3) joints in metres of a person who follows a route to a seat and sits down.
 
-    Played backwards this is standing up and walking off: both are minimum-jerk movements.
+    Played backwards, the motion is standing up and walking off: both are minimum-jerk movements.
 
     Parameters
     ----------
     rng : numpy.random.Generator
     pose : SeatedPose
-        The end; its feet are side by side.
+        The final pose; its feet are side by side.
     times : (n,) float
         Seconds.
     route : Route
-        Ends at the feet of the pose, as it faces.
+        Ends at the feet of the final pose, with its yaw.
     arrival : float
-        When the feet are there, seconds.
+        When the feet arrive, seconds.
 
     Returns
     -------
@@ -172,14 +173,14 @@ def sit_down(
     )
     walk = walk_along(route, times, gait)
     ankles = walk.ankles.copy()
-    # The short steps before a seat clear the floor by more than such steps of a walk would.
+    # Short steps in front of a seat clear the floor by more than equally short steps of a walk.
     ankles[..., 2] = ANKLE_HEIGHT + np.sqrt(SWING_LIFT * (ankles[..., 2] - ANKLE_HEIGHT))
     start = max(arrival - OVERLAP, 0.0)
     progress = np.clip((times - start) / (times[-1] - start - 0.05), 0.0, 1.0)
     down = minimum_jerk(progress)
     bow = BOW * np.sin(np.pi * progress) ** 2
     standing = walk.trunk.pelvis
-    # The hips go behind the ankles once the trunk bends forward, to keep the balance.
+    # The hips move behind the ankles as the trunk bends forward, to keep the balance.
     behind = -0.08 * bow[:, None] * walk.trunk.forward
     pelvis = standing + down[:, None] * (pose.pelvis - standing) + behind
     trunk = Trunk.of(
@@ -196,29 +197,29 @@ def sit_down(
 
 
 # ------------------------------------------------------------------------------------------------
-# Recipes, and what stands beside a seat.
+# Recipes, and furniture beside a seat.
 
 _PLACES: Final[dict[int, Sequence[tuple[float, float]]]] = {
     1: ((0.0, 1.0),),
     2: ((-0.25, 0.25), (0.0, 0.5), (0.25, 0.25)),
     3: ((-0.33, 0.12), (0.0, 0.76), (0.33, 0.12)),
 }
-"""Where one sits on a couch, by its number of seats: parts of the seat's width from its
-middle, and how often. On i3DB people sit 28 cm (r.m.s., six sittings) from the middle of a
-couch, so the outer places are the rarer ones."""
+"""Places on a couch by its number of seats: offset from the middle as a fraction of the seat's
+width, and probability. On i3DB people sit 28 cm (r.m.s., six sittings) from the middle of a couch,
+so the outer places are less probable."""
 Taken = tuple[SceneObject, Seat, float]
-"""A piece, the seat it offers in the frame of the scenelet, and the x of the place taken."""
+"""A piece of furniture, its seat in the scenelet's frame, and the x of the place to sit at."""
 
 
 def take_seat(rng: np.random.Generator, person: Person, kind: str) -> Taken:
-    """Something to sit on, facing +y.
+    """Draw a piece of furniture to sit on, facing +y.
 
     Parameters
     ----------
     rng : numpy.random.Generator
     person : Person
     kind : str
-        Of furniture, such as ``"chair"``.
+        Kind of furniture, such as ``"chair"``.
 
     Returns
     -------
@@ -245,14 +246,14 @@ def take_seat(rng: np.random.Generator, person: Person, kind: str) -> Taken:
 def _place_on(rng: np.random.Generator, piece: SceneObject, seats: int) -> float:
     places, shares = np.array(_PLACES[seats]).T
     width = furniture.seat_part(piece).size[0]
-    # The hips, .2 to either side, stay clear of the arms.
+    # The hips, .2 m to either side, stay clear of the armrests.
     most = max(width / 2 - 0.24, 0.0)
     place = rng.choice(places, p=shares) * width + rng.normal(0.0, 0.05 * seats)
     return float(np.clip(place, -most, most))
 
 
 def _bedside(rng: np.random.Generator, person: Person) -> Taken:
-    """The edge of a bed, which lies behind who sits there, its head to the left or right."""
+    """A bed to sit on the edge of: it lies behind the person, its head to the left or right."""
     bed = person.sees(furniture.bed(rng))
     edge, half = 0.20, float(bed.bounds[1, 0])
     along = float(np.clip(rng.normal(0.0, 0.3), 0.4 - bed.bounds[1, 1], bed.bounds[1, 1] - 0.4))
@@ -261,17 +262,17 @@ def _bedside(rng: np.random.Generator, person: Person) -> Taken:
 
 
 def with_room(bed: SceneObject, *, right: float, left: float) -> SceneObject:
-    """A bed below somebody who sits on its edge at x = 0, with so much of it to both sides.
+    """A bed that extends far enough to both sides of a person on its edge at x = 0.
 
-    It is moved along its edge by as little as it takes; ``right`` and ``left`` are in metres.
+    It is moved along its edge by the least distance needed; ``right`` and ``left`` are in metres.
 
     Parameters
     ----------
     bed : SceneObject
     right : float
-        Metres.
+        Metres needed to the right.
     left : float
-        Metres.
+        Metres needed to the left.
 
     Returns
     -------
@@ -285,17 +286,17 @@ def with_room(bed: SceneObject, *, right: float, left: float) -> SceneObject:
 
 
 def sit(kind: str) -> Recipe:
-    """Sitting on a chair, office-chair, armchair, couch, stool, bench or the edge of a bed.
+    """Recipe: sitting on a chair, office chair, armchair, couch, stool, bench or bed edge.
 
     Parameters
     ----------
     kind : str
-        Of furniture, such as ``"chair"``.
+        Kind of furniture, such as ``"chair"``.
 
     Returns
     -------
     callable
-        From rng and person to :class:`~imapper_prob.scenelets.procedural.body.Drawn`.
+        Maps rng and person to :class:`~imapper_prob.scenelets.procedural.body.Drawn`.
     """
 
     def draw(rng: np.random.Generator, person: Person) -> Drawn:
@@ -307,24 +308,24 @@ def sit(kind: str) -> Recipe:
 
 
 def sit_turned(kind: str) -> Recipe:
-    """Sitting with the whole body turned to one side, towards company.
+    """Recipe: sitting with the whole body turned to one side, as towards other people.
 
     Parameters
     ----------
     kind : str
-        Of furniture, such as ``"chair"``.
+        Kind of furniture, such as ``"chair"``.
 
     Returns
     -------
     callable
-        From rng and person to :class:`~imapper_prob.scenelets.procedural.body.Drawn`.
+        Maps rng and person to :class:`~imapper_prob.scenelets.procedural.body.Drawn`.
     """
 
     def draw(rng: np.random.Generator, person: Person) -> Drawn:
         piece, seat, place = take_seat(rng, person, kind)
-        # From an outer place one turns to the middle; the other way there is an arm.
+        # From an outer place the person turns to the middle; on the other side is the armrest.
         side = np.sign(place) if abs(place) > 0.1 else rng.choice([-1, 1])
-        # Knees between the arms of a narrow seat leave little room to turn.
+        # The armrests of a narrow seat leave the knees little room to turn.
         most = 0.35 if seat.arms and abs(seat.arms[0][0] - seat.arms[1][0]) < 0.9 else 0.70
         yaw = float(side * rng.uniform(0.2, most))
         pose = draw_seated(rng, seat, sideways=place, yaw=yaw)
@@ -334,7 +335,7 @@ def sit_turned(kind: str) -> Recipe:
 
 
 def sit_at_low_table(rng: np.random.Generator, person: Person) -> Drawn:
-    """On a couch with a coffee table before the knees.
+    """Sitting on a couch with a coffee table in front of the knees.
 
     Parameters
     ----------
@@ -355,7 +356,7 @@ def sit_at_low_table(rng: np.random.Generator, person: Person) -> Drawn:
 
 
 def _at(rng: np.random.Generator, person: Person, kind: str, table: SceneObject) -> Drawn:
-    """Somebody on a chair at a table or desk, knees in its widest gap."""
+    """A person on a chair at a table or desk, with the knees in its gap."""
     piece, seat, place = take_seat(rng, person, kind)
     pose = draw_seated(rng, seat, sideways=place, upright=True)
     edge = table_edge(pose, seat, gap=rng.uniform(0.20, 0.30))
@@ -364,14 +365,14 @@ def _at(rng: np.random.Generator, person: Person, kind: str, table: SceneObject)
 
 
 def table_edge(pose: SeatedPose, seat: Seat, *, gap: float) -> float:
-    """The y of the edge of a table that somebody sits at, clear of the seat's arms, metres.
+    """The y in metres of the edge of a table that a sitter uses, clear of the armrests.
 
     Parameters
     ----------
     pose : SeatedPose
     seat : Seat
     gap : float
-        From the pelvis, metres.
+        Distance from the pelvis to the edge, metres.
 
     Returns
     -------
@@ -384,14 +385,14 @@ def table_edge(pose: SeatedPose, seat: Seat, *, gap: float) -> float:
 def over_knees(
     rng: np.random.Generator, table: SceneObject, place: float, *, edge: float
 ) -> SceneObject:
-    """A table with its widest gap over the knees of somebody at x = ``place``.
+    """A table with its knee gap over the knees of a sitter at x = ``place``.
 
     Parameters
     ----------
     rng : numpy.random.Generator
     table : SceneObject
     place : float
-        Metres.
+        The x of the sitter, metres.
     edge : float
         The y of its edge, metres.
 
@@ -405,7 +406,7 @@ def over_knees(
 
 
 def sit_at_table(rng: np.random.Generator, person: Person) -> Drawn:
-    """On a chair at a table, hands on the top.
+    """Sitting on a chair or bench at a table, hands on the top.
 
     Parameters
     ----------
@@ -421,7 +422,7 @@ def sit_at_table(rng: np.random.Generator, person: Person) -> Drawn:
 
 
 def sit_at_desk(rng: np.random.Generator, person: Person) -> Drawn:
-    """Typing, writing or thinking at a desk, on an office chair or another one.
+    """Typing, writing or thinking at a desk, on an office chair or an ordinary chair.
 
     Parameters
     ----------
@@ -437,23 +438,23 @@ def sit_at_desk(rng: np.random.Generator, person: Person) -> Drawn:
 
 
 def sit_beside_shelf(kind: str) -> Recipe:
-    """Sitting with a shelf at one side, against the same wall or facing the seat.
+    """Recipe: sitting with a shelf at one side, against the same wall or facing the seat.
 
     Parameters
     ----------
     kind : str
-        Of furniture, such as ``"chair"``.
+        Kind of furniture, such as ``"chair"``.
 
     Returns
     -------
     callable
-        From rng and person to :class:`~imapper_prob.scenelets.procedural.body.Drawn`.
+        Maps rng and person to :class:`~imapper_prob.scenelets.procedural.body.Drawn`.
     """
 
     def draw(rng: np.random.Generator, person: Person) -> Drawn:
         piece, seat, place = take_seat(rng, person, kind)
         side, half = (1 if place > 0 else -1), float(piece.bounds[1, 0])
-        # On a long couch the place beside the shelf, or it would be out of reach.
+        # On a long couch the person sits at the end beside the shelf; elsewhere it is out of reach.
         place = side * max(abs(place), half - 0.65)
         pose = draw_seated(rng, seat, sideways=place)
         shelf = person.sees(furniture.shelf(rng))
@@ -473,7 +474,7 @@ def sit_beside_shelf(kind: str) -> Recipe:
 def _way_to(
     rng: np.random.Generator, pose: SeatedPose, *, bearings: tuple[float, float], furthest: float
 ) -> Array:
-    """Somebody who walks to the seat in a step or two, or is there already, and sits down."""
+    """A person who walks to the seat in a step or two, or is already there, and sits down."""
     feet = pose.ankles[:, :2].mean(0)
     end = Placement(float(feet[0]), float(feet[1]), pose.yaw)
     if rng.random() < 0.25:
@@ -487,23 +488,23 @@ def _way_to(
 
 
 def sit_down_on(kind: str) -> Recipe:
-    """Walking to a seat, turning and sitting down.
+    """Recipe: walking to a seat, turning and sitting down.
 
     Parameters
     ----------
     kind : str
-        Of furniture, such as ``"chair"``.
+        Kind of furniture, such as ``"chair"``.
 
     Returns
     -------
     callable
-        From rng and person to :class:`~imapper_prob.scenelets.procedural.body.Drawn`.
+        Maps rng and person to :class:`~imapper_prob.scenelets.procedural.body.Drawn`.
     """
 
     def draw(rng: np.random.Generator, person: Person) -> Drawn:
         piece, seat, place = take_seat(rng, person, kind)
         pose = draw_seated(rng, seat, sideways=place, upright=True)
-        # Along the front of a couch there is no room for the feet of who comes from the side.
+        # Along the front of a closed seat the feet have no room to come from far to the side.
         bearings = (0.5, 1.1) if seat.closed else (0.7, 1.4)
         joints = _way_to(rng, pose, bearings=bearings, furthest=0.5)
         return Drawn(joints, (piece,))
@@ -512,7 +513,7 @@ def sit_down_on(kind: str) -> Recipe:
 
 
 def sit_down_at_table(rng: np.random.Generator, person: Person) -> Drawn:
-    """Sitting down from the side on a chair that is drawn back from a table.
+    """Sitting down from the side on a chair that is pulled back from a table.
 
     Parameters
     ----------

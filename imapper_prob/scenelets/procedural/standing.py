@@ -1,4 +1,4 @@
-"""Standing: where feet, weight and hands are, and leaning on or against furniture."""
+"""Standing: positions of feet, weight and hands, and leaning on or against furniture."""
 
 from __future__ import annotations
 
@@ -39,23 +39,23 @@ __all__ = [
 Array = NDArray[np.float64]
 
 HALF_DEPTH: Final = 0.12
-"""From the hip joints to the back of the body, metres (buttock depth is .24: Pheasant and
+"""Metres from the hip joints to the back of the body (buttock depth is .24: Pheasant and
 Haslegrave, *Bodyspace*, 2005)."""
 
 
 @dataclass(frozen=True)
 class Pastime:
-    """What somebody does with the hands while standing about.
+    """What a standing person does with the hands.
 
     Parameters
     ----------
     hands : (2, 3) float
-        Wrists, right then left: right, forward and up of the pelvis, metres. NaN for a hand
+        Wrists, right then left, as right, forward and up from the pelvis, metres. NaN for a hand
         that hangs.
     elbows : (float, float, float)
-        Where they point: outward, forward and up.
+        Direction in which the elbows point: outward, forward and up.
     nod : float
-        Head bent forward, radians.
+        Forward bend of the head, radians.
     """
 
     hands: Array
@@ -76,7 +76,7 @@ _PASTIMES: Final[dict[str, Pastime]] = {
     "looking at a phone": Pastime(np.array([[0.06, 0.28, 0.32], [-0.02, 0.26, 0.28]]), nod=0.5),
     "cup in hand": Pastime(np.array([[0.12, 0.27, 0.30], _HANGS])),
 }
-"""How people wait; the hands' places are those of the body of 1.70 m."""
+"""Ways to wait; the positions of the hands are those of a body of 1.70 m."""
 
 HELD: Final[dict[str, Pastime]] = {
     "tray": Pastime(np.array([[0.17, 0.30, 0.22], [-0.17, 0.30, 0.22]])),
@@ -86,11 +86,11 @@ HELD: Final[dict[str, Pastime]] = {
     "bag": Pastime(np.array([[0.24, 0.02, -0.03], _HANGS])),
     "phone": _PASTIMES["on the phone"],
 }
-"""What is carried, by how it is held."""
+"""Ways to hold something, by what is held."""
 
 
 def draw_pastime(rng: np.random.Generator, among: dict[str, Pastime]) -> Pastime:
-    """One of several, with hands a few centimetres elsewhere.
+    """Draw one of several, with hands moved by a few centimetres.
 
     Parameters
     ----------
@@ -111,7 +111,7 @@ def draw_pastime(rng: np.random.Generator, among: dict[str, Pastime]) -> Pastime
 
 
 def held(pastime: Pastime, trunk: Trunk, hanging: ArrayLike) -> Array:
-    """(n, 2, 3) wrists of a pastime; where a hand hangs, those of ``hanging`` (n, 2, 3).
+    """(n, 2, 3) wrists of a pastime; a hand that hangs is taken from ``hanging`` (n, 2, 3).
 
     Parameters
     ----------
@@ -128,7 +128,7 @@ def held(pastime: Pastime, trunk: Trunk, hanging: ArrayLike) -> Array:
 
 
 def sway(rng: np.random.Generator, times: Array) -> Array:
-    """(n, 2) slow shifts of weight: 1 cm sideways and half of that to and fro.
+    """(n, 2) slow shifts of weight in metres: 1 cm sideways and half of that back and forth.
 
     Parameters
     ----------
@@ -145,7 +145,7 @@ def sway(rng: np.random.Generator, times: Array) -> Array:
 
 
 def stand(rng: np.random.Generator, times: Array, *, one_leg: bool = False) -> Walk:
-    """Somebody who stands about the origin, facing +y, arms hanging.
+    """The motion of a person who stands about the origin, facing +y, with hanging arms.
 
     Parameters
     ----------
@@ -190,18 +190,18 @@ def upright(
     nod: ArrayLike = 0.0,
     crouch: ArrayLike = 0.0,
 ) -> Trunk:
-    """A trunk on two legs: as high as they carry it, less ``crouch``.
+    """A trunk as high as the legs allow, less ``crouch``.
 
     Parameters
     ----------
     level : (n, 2) float
-        Pelvis in top view, metres.
+        Position of the pelvis in top view, metres.
     ankles : (n, 2, 3) float
         Metres.
     yaw, lean, tilt, twist, nod
-        As of :class:`~imapper_prob.scenelets.procedural.body.Trunk`.
+        As in :class:`~imapper_prob.scenelets.procedural.body.Trunk`.
     crouch : (n,) float
-        Metres by which the knees lower the pelvis.
+        Metres by which bent knees lower the pelvis.
 
     Returns
     -------
@@ -214,7 +214,7 @@ def upright(
 
 
 def stand_idle(rng: np.random.Generator, times: Array) -> Array:
-    """(n, 16, 3) joints of somebody who stands and waits, metres.
+    """(n, 16, 3) joints in metres of a person who stands and waits.
 
     Parameters
     ----------
@@ -234,7 +234,7 @@ def stand_idle(rng: np.random.Generator, times: Array) -> Array:
 
 
 def lean_on(rng: np.random.Generator, times: Array, *, top: float) -> tuple[Array, float]:
-    """Somebody who leans on a table or counter with both hands, arms straight.
+    """The motion of leaning on a table or counter with both hands and straight arms.
 
     Parameters
     ----------
@@ -251,7 +251,7 @@ def lean_on(rng: np.random.Generator, times: Array, *, top: float) -> tuple[Arra
     edge : float
         The y of the edge of the surface, metres.
     """
-    # A low surface asks for more lean, or the arms would not reach down to it.
+    # A low surface needs more lean; otherwise the arms would not reach down to it.
     lean = 0.35 + 1.6 * max(0.93 - top, 0.0) + rng.uniform(0.0, 0.25)
     hands = top + 0.05
     ankles = np.broadcast_to(_feet(rng), (len(times), 2, 3))
@@ -270,7 +270,7 @@ def lean_on(rng: np.random.Generator, times: Array, *, top: float) -> tuple[Arra
 
 
 def lean_against(rng: np.random.Generator, times: Array, *, top: float) -> tuple[Array, float]:
-    """Somebody who leans against a table or counter, facing away from it.
+    """The motion of leaning back against a table or counter, facing away from it.
 
     Parameters
     ----------
