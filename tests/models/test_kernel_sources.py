@@ -47,7 +47,7 @@ def changed(folder: Path, name: str, pattern: str, replacement: str) -> str:
         pytest.param("kernels/visibility.py", r"^def ", "# Note\ndef ", id="comment"),
         pytest.param("kernels/visibility.py", r'^"""', '"""Note: ', id="docstring"),
         pytest.param("kernels/path.py", r'^    """', '    """Note: ', id="of a function"),
-        pytest.param("settings.py", r'^"""Metres;', '"""In metres;', id="of a constant"),
+        pytest.param("settings.py", r'^"""Least ', '"""The least ', id="of a constant"),
         pytest.param("scene.py", r"\Z", "\nLAST = 1\n", id="scenes"),
         pytest.param("problem.py", r"\Z", "\nLAST = 1\n", id="what no kernel names"),
         pytest.param("settings.py", r"\Z", "\nLAST = 1\n", id="settings"),

@@ -21,8 +21,8 @@ CHAINS, DRAWS, STEPS = 4, 150, 60
 
 @pytest.fixture(scope="module")
 def problem() -> Problem:
-    """Scenelets are common, and little is known of where they are."""
-    return worlds.problem(20, settings=ModelSettings(frame_weight=0.02, scenelet_rate=0.5))
+    """One scene in three has a scenelet, and little is known about its place."""
+    return worlds.problem(20, settings=ModelSettings(frame_weight=0.02, scenelet_rate=0.1))
 
 
 @pytest.fixture(scope="module")
