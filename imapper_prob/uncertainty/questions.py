@@ -194,7 +194,10 @@ def _about_objects(clusters: Sequence[ObjectCluster], radius: float) -> list[tup
 def _about_people(
     samples: Samples, source: Source, rng: np.random.Generator
 ) -> list[tuple[str, Open, Array]]:
-    """How far away everybody is, and where, in the frame that parts layouts best.
+    """Questions about the depth and the place of each person.
+
+    Each is about the frame in which the two most frequent layouts differ most, see
+    :func:`_parted`.
 
     Parameters
     ----------
@@ -206,23 +209,24 @@ def _about_people(
     Returns
     -------
     list of (str, DepthOf or JointAt, (N, N) float)
-        Question, statement, and the density of the answer that each draw gives, by all draws.
+        Question, statement, and the density of the answer simulated from each draw under all
+        draws.
     """
     clip, states = source.clip, samples.states
-    # The statements' own terms do not depend on detections, which take most of the time.
+    # Motions do not depend on the likelihood of detections, which takes most of the time.
     problem = source.problem._replace(likelihood=0.0)
     chosen = np.unique(np.linspace(0, len(states) - 1, _COMPARED).astype(np.int64))
     paths = np.stack([motion(problem, states[n])[:, PELV] for n in chosen])
     parted = _parted(paths, samples.layouts.indicator[chosen])
     cameras = np.array([state.camera for state in states])
     pose = problem.pose_tolerance[PELV] * np.exp(cameras[:, 3])
+    frames = parted.reshape(len(clip.tracks), clip.n_frames).argmax(1)
+    rows = np.arange(len(frames)) * clip.n_frames + frames
+    pelvises = np.stack([motion(problem, state)[rows, PELV] for state in states], axis=1)
     asked: list[tuple[str, Open, Array]] = []
-    for person, index in enumerate(
-        parted.reshape(len(clip.tracks), clip.n_frames).argmax(1).tolist()
-    ):
-        row, frame = person * clip.n_frames + index, int(clip.frame_ids[index])
+    for person, points in enumerate(pelvises):
+        frame = int(clip.frame_ids[frames[person]])
         who = "the person" if len(clip.tracks) == 1 else clip.tracks[person].name
-        points = np.stack([motion(problem, state)[row, PELV] for state in states])
         along = np.cos(cameras[:, 0]) * points[:, 1]
         along = along + np.sin(cameras[:, 0]) * (points[:, 2] - cameras[:, 1])
         depths = np.maximum(along, NEAREST)
@@ -246,9 +250,10 @@ def _about_people(
 
 
 def _parted(paths: Array, layouts: Ints) -> Array:
-    """(T,) squared distance between the two most frequent layouts, in variances of one of them.
+    """(T,) separation of the two most frequent layouts in each frame.
 
-    Where one layout has nearly all draws, their variance.
+    The squared distance of their means over the sum of their variances; if one layout has nearly
+    all draws, the variance of all draws.
 
     Parameters
     ----------
@@ -262,7 +267,7 @@ def _parted(paths: Array, layouts: Ints) -> Array:
         return np.asarray(paths.var(0).sum(-1))
     one, other = (paths[layouts == name] for name in frequent)
     apart = ((one.mean(0) - other.mean(0)) ** 2).sum(-1)
-    # A millimetre more, so that draws of a layout may all be one.
+    # A variance of (1 mm)^2 is added, because all draws of a layout may be equal.
     return np.asarray(apart / ((one.var(0) + other.var(0)).sum(-1) + 1e-6))
 
 
