@@ -300,7 +300,10 @@ def information(layouts: Ints, densities: Array) -> tuple[float, float]:
         np.fill_diagonal(densities := densities.copy(), 0.0)
         of_all = densities.sum(1) / (count - 1)
         same = np.array([densities[m, member == member[m]].sum() for m in range(count)])
-        gained = np.log2((same + of_all) / size / of_all)
+        # No draw but the one that gives the answer may agree with it: that tells nothing.
+        told = of_all > 0
+        gained = np.zeros(count)
+        gained[told] = np.log2((same + of_all)[told] / size[told] / of_all[told])
     else:
         of_all = (densities.sum(0) - densities) / (count - 1)
         sums = np.stack([np.bincount(member, column) for column in densities.T], -1)

@@ -79,6 +79,10 @@ def test_layouts_that_are_met_once_tell_nothing() -> None:
     assert information(layouts, np.stack([yes, 1 - yes], -1))[0] == pytest.approx(0.0)
 
 
+def test_answers_that_no_other_draw_gives_tell_nothing() -> None:
+    assert information(np.array([[0, 1], [1, 0]]), np.eye(4)) == (0.0, 0.0)
+
+
 def test_questions_are_asked_of_a_posterior() -> None:
     posterior = small_posterior()
     questions = posterior.questions()
