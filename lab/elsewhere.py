@@ -120,7 +120,7 @@ def paths_figure(clips: Sequence[Clip]) -> Figure:
     for axes, clip in zip(row, clips, strict=True):
         spoiled, affected = spoil(clip, KINDS[-1], 0)
         camera = spoiled.camera
-        with patch("imapper_prob.solver.elsewhere.frames_elsewhere", _nowhere):
+        with patch("imapper_prob.solver.detections.frames_elsewhere", _nowhere):
             everything = estimate_static_path(spoiled).pelvis
         paths = {
             "all frames believed": everything,

@@ -38,7 +38,7 @@ from imapper_prob.models.skeleton import LANK, LKNE, PELV, RANK, RKNE, THRX
 from imapper_prob.solver.camera_prior import estimate_camera
 from imapper_prob.solver.candidates import refine
 from imapper_prob.solver.combinations import polish, state_of
-from imapper_prob.solver.elsewhere import own_detections
+from imapper_prob.solver.detections import own_detections
 from imapper_prob.solver.limbs import limbs_of
 from imapper_prob.solver.solver import METHODS, Solution, method_of, solve
 

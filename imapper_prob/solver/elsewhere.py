@@ -14,7 +14,6 @@ the last own frame (a semi-Markov chain, because the step back depends on the du
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -29,11 +28,10 @@ from imapper_prob.models.detector import (
     student_t,
     student_t_loss,
 )
-from imapper_prob.models.errors import InputError
-from imapper_prob.models.scene import Clip, Track
+from imapper_prob.models.scene import Track
 from imapper_prob.models.skeleton import DETECTED
 
-__all__ = ["frames_elsewhere", "own_detections"]
+__all__ = ["frames_elsewhere"]
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -79,53 +77,6 @@ _HOPS: Final = 0.05
 """Share of the frames elsewhere in which the detector jumps to yet another place."""
 _LONGEST: Final = 6.0
 """Seconds after which the person may have walked anywhere."""
-_MOST: Final = 0.9
-"""Share of frames elsewhere above which a track is rejected."""
-
-
-def own_detections(clip: Clip) -> Clip:
-    """Remove the detections in frames in which the detector followed something else.
-
-    In such frames there is no detection, and no lifted pose either, because that was computed from
-    the same detections.
-
-    Parameters
-    ----------
-    clip : Clip
-
-    Returns
-    -------
-    Clip
-
-    Raises
-    ------
-    InputError
-        Nearly all frames of a track are of this kind.
-    """
-    tracks = []
-    for track in clip.tracks:
-        away = frames_elsewhere(track, camera=clip.camera, fps=clip.fps)
-        detected = (track.confidences > 0).any(1)
-        if away.any() and away.sum() > _MOST * detected.sum():
-            raise InputError(
-                f"clip {clip.name}, track {track.name}: in {away.sum()} of the {detected.sum()} "
-                "frames with detections all joints jump across the picture as nobody does, "
-                f"first in frame {clip.frame_ids[away.argmax()]}; leave the track out, or "
-                "detect again"
-            )
-        tracks.append(_without(track, away))
-    return replace(clip, tracks=tuple(tracks))
-
-
-def _without(track: Track, away: Flags) -> Track:
-    if not away.any():
-        return track
-    return replace(
-        track,
-        keypoints=np.where(away[:, None, None], np.nan, track.keypoints),
-        confidences=np.where(away[:, None], 0.0, track.confidences),
-        poses=np.where(away[:, None, None], np.nan, track.poses),
-    )
 
 
 def frames_elsewhere(track: Track, *, camera: Camera, fps: float) -> Flags:
@@ -134,6 +85,7 @@ def frames_elsewhere(track: Track, *, camera: Camera, fps: float) -> Flags:
     Parameters
     ----------
     track : Track
+        With usual confidences.
     camera : Camera
         The image size is that of the region in which such a detector may be.
     fps : float

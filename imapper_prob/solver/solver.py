@@ -38,7 +38,7 @@ from imapper_prob.solver.candidates import (
     shortlist,
 )
 from imapper_prob.solver.combinations import Combinations, combine, groups_of, search, state_of
-from imapper_prob.solver.elsewhere import own_detections
+from imapper_prob.solver.detections import own_detections
 from imapper_prob.solver.fits import Fits, FitSettings, best_fits, fit_windows, free_pose_cost
 from imapper_prob.solver.poses import FrameTable
 from imapper_prob.solver.published import combine_published, filter_published

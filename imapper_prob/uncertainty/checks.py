@@ -42,6 +42,7 @@ from imapper_prob.models.settings import ANKLE, NEAREST
 from imapper_prob.models.skeleton import LANK, LHIP, LKNE, MIRROR, PELV, RANK, RHIP, RKNE, THRX
 from imapper_prob.models.text import readable
 from imapper_prob.people import everybody, own_part
+from imapper_prob.solver.detections import with_usual_confidences
 from imapper_prob.solver.elsewhere import frames_elsewhere
 
 __all__ = [
@@ -615,7 +616,8 @@ def elsewhere_frames(clip: Clip) -> tuple[Flags, ...]:
     tuple of (T,) bool
         One array per track.
     """
-    return tuple(frames_elsewhere(t, camera=clip.camera, fps=clip.fps) for t in clip.tracks)
+    tracks = map(with_usual_confidences, clip.tracks)
+    return tuple(frames_elsewhere(t, camera=clip.camera, fps=clip.fps) for t in tracks)
 
 
 def elsewhere(clip: Clip) -> Check:

@@ -8,7 +8,7 @@ one, and its probability is the sum of theirs.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from html import escape
 from typing import TYPE_CHECKING, Final
 
@@ -24,6 +24,7 @@ from imapper_prob.models.scene import Clip, Scene, SceneObject
 from imapper_prob.models.skeleton import DETECTED
 from imapper_prob.people import everybody
 from imapper_prob.sampling.sample import Samples
+from imapper_prob.solver.detections import with_usual_confidences
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -361,7 +362,8 @@ def explained_by(clip: Clip, problem: Problem, scene: Scene, state: State) -> Ex
     detected = list(DETECTED)
     boxes = pack_boxes(scene.objects)
     behind = sight_clearance(scene.camera.centre, scene.joints[:, detected], boxes) < 0
-    sure = everybody(clip).confidences[:, detected] >= SURE
+    usual = replace(clip, tracks=tuple(map(with_usual_confidences, clip.tracks)))
+    sure = everybody(usual).confidences[:, detected] >= SURE
     return Explains(
         frames=spans,
         n_frames=problem.n_frames,

@@ -527,9 +527,10 @@ KEPT: Final[Mapping[str, tuple[float, str]]] = {
     ),
     "walk.bone": (
         0.06,
-        "of 24 simulated clips the path's poses are nearest to the truth with it: half and twice as "
-        "large they are off by .65 and .35 cm more, with errors of .17 and .12 "
-        "(`lab.ablation --simulated`); errors that frames share weigh down detections but not steps",
+        "of 24 simulated clips the path's poses are nearest to the truth with it: half and twice "
+        "as large they are off by .65 and .35 cm more, with errors of .17 and .12 "
+        "(`lab.ablation --simulated`); errors that frames share weigh down detections but not "
+        "steps",
     ),
     "camera.log_elevation": (
         0.5,

@@ -35,7 +35,7 @@ from imapper_prob.models.scenelet import Library
 from imapper_prob.models.settings import CameraSettings, ModelSettings, StaticPathSettings
 from imapper_prob.models.skeleton import DETECTED, PELV, facing, turned
 from imapper_prob.solver.camera_prior import estimate_camera
-from imapper_prob.solver.elsewhere import own_detections
+from imapper_prob.solver.detections import own_detections
 from imapper_prob.solver.fits import Fits, fit_windows, free_pose_cost
 from imapper_prob.solver.path_fit import REFERENCE_RATE
 from imapper_prob.solver.static_path import estimate_static_path

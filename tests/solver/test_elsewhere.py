@@ -10,7 +10,8 @@ import pytest
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.scene import Track
 from imapper_prob.models.skeleton import LELB, LSHO, LWRI, MIRROR, N_JOINTS
-from imapper_prob.solver.elsewhere import frames_elsewhere, own_detections
+from imapper_prob.solver.detections import own_detections
+from imapper_prob.solver.elsewhere import frames_elsewhere
 from tests.solver.walkers import walk
 
 CLIP = walk(np.random.default_rng(0), pixel_error=5.0).clip
