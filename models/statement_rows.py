@@ -57,10 +57,10 @@ from imapper_prob.models.statements import (
     describe,
 )
 
-__all__ = ["ROOM_AREA", "check_statements", "log_by_chance", "tell"]
+__all__ = ["check_statements", "log_by_chance", "tell"]
 
 Array = NDArray[np.float64]
-ROOM_AREA: Final = 100.0
+_ROOM_AREA: Final = 100.0
 """Area in m² over which the position in a random (wrong) answer is uniform; chosen, a large
 room."""
 _LARGEST_SIDE: Final = 3.0
@@ -372,7 +372,7 @@ def _object_numbers(said: ObjectAt, picture: tuple[float, float]) -> tuple[float
     wrong, nothing = -math.log(2.0), 0.0
     place, size, box = said.place, said.size, said.box
     if place is not None:
-        wrong -= math.log(ROOM_AREA)
+        wrong -= math.log(_ROOM_AREA)
     if size is not None:
         wrong -= 3 * math.log(_LARGEST_SIDE)
     if box is not None:

@@ -33,7 +33,7 @@ from imapper_prob.sampling.conditioning import Told
 from imapper_prob.sampling.sample import Samples
 from imapper_prob.solver.limbs import Limbs, limbs_of
 from imapper_prob.uncertainty.checks import Check, alarms, checks_of, from_json
-from imapper_prob.uncertainty.estimate import as_told, drawn_objects
+from imapper_prob.uncertainty.estimate import drawn_objects
 from imapper_prob.uncertainty.furniture import FurnitureOfDraws, object_draws
 from imapper_prob.uncertainty.scenes import (
     Representative,
@@ -44,6 +44,7 @@ from imapper_prob.uncertainty.scenes import (
     representative,
 )
 from imapper_prob.uncertainty.stored import read_samples, read_source
+from imapper_prob.uncertainty.told import as_told
 from imapper_prob.uncertainty.tree import FORMAT, seconds_of, told_of
 
 if TYPE_CHECKING:
@@ -622,7 +623,7 @@ class Posterior:
 
     @cached_property
     def furniture(self) -> FurnitureOfDraws:
-        """Furniture of each draw with random displacements, in the draw's world frame.
+        """Furniture of each draw, displaced randomly or as measured, in the draw's world frame.
 
         ``samples.objects`` has the positions given by scenelets.
 
@@ -634,8 +635,16 @@ class Posterior:
         rng, settings = np.random.default_rng(self.config.seed), self.config.model
         statements = () if self.told is None else self.told.statements
         return FurnitureOfDraws(
-            as_told(rng, objects, drawn_objects(rng, objects, settings), statements, settings)
-            for objects in self.samples.objects
+            as_told(
+                rng,
+                objects,
+                drawn_objects(rng, objects, settings),
+                statements,
+                problem=self.solution.problem,
+                state=state,
+                camera=self._camera(state.camera),
+            )
+            for objects, state in zip(self.samples.objects, self.samples.states, strict=True)
         )
 
     def occupancy(self, *, cell: float = 0.1) -> Occupancy:

@@ -28,11 +28,9 @@ from imapper_prob.models.camera import Camera
 from imapper_prob.models.scene import FRONTLESS, Placement, Scene, SceneObject
 from imapper_prob.models.settings import ModelSettings
 from imapper_prob.models.skeleton import PELV
-from imapper_prob.models.statement_rows import ROOM_AREA
-from imapper_prob.models.statements import ObjectAt, Statement
 from imapper_prob.uncertainty.clusters import ObjectCluster, circular_mean_and_spread
 
-__all__ = ["as_told", "drawn_objects", "expected_scene"]
+__all__ = ["drawn_objects", "expected_scene"]
 
 Array = NDArray[np.float64]
 
@@ -63,71 +61,6 @@ def _moved(o: SceneObject, errors: Array, settings: ModelSettings) -> SceneObjec
     x, y = o.placement.rotation @ (scale * errors)
     place = replace(o.placement, x=o.placement.x + float(x), y=o.placement.y + float(y))
     return SceneObject(o.label, place, o.cuboids)
-
-
-def as_told(
-    rng: np.random.Generator,
-    placed: Sequence[SceneObject],
-    drawn: Sequence[SceneObject],
-    statements: Sequence[Statement],
-    settings: ModelSettings,
-) -> tuple[SceneObject, ...]:
-    """Condition displaced objects on statements that measure positions.
-
-    A draw of a normal distribution becomes one of the conditional distribution by adding the gain
-    times the residual of the measurement, with a random error (Matheron's rule). Which object was
-    measured, or none, is drawn with the probabilities of agreement.
-
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-    placed : sequence of SceneObject
-        Objects at their positions in scenelets.
-    drawn : sequence of SceneObject
-        The same objects displaced, see :func:`drawn_objects`.
-    statements : sequence of Statement
-        Only statements with a position are used.
-    settings : ModelSettings
-
-    Returns
-    -------
-    tuple of SceneObject
-    """
-    result = list(drawn)
-    for said in statements:
-        if not isinstance(said, ObjectAt) or said.place is None:
-            continue
-        place, error = np.array(said.place), said.place_std**2 * np.eye(2)
-        ours = [k for k, o in enumerate(placed) if o.label in said.labels]
-        spreads = [_spread(placed[k], settings) for k in ours]
-        weights = [
-            (1 - said.doubt) * _normal(place - placed[k].centre[:2], spread + error) / len(ours)
-            for k, spread in zip(ours, spreads, strict=True)
-        ]
-        chances = np.array([*weights, said.doubt / 2 / ROOM_AREA])
-        which = int(rng.choice(len(chances), p=chances / chances.sum()))
-        noise = said.place_std * rng.standard_normal(2)
-        if which < len(ours):
-            o = result[ours[which]]
-            gain = spreads[which] @ np.linalg.inv(spreads[which] + error)
-            x, y = gain @ (place + noise - o.centre[:2])
-            at = replace(o.placement, x=o.placement.x + float(x), y=o.placement.y + float(y))
-            result[ours[which]] = SceneObject(o.label, at, o.cuboids)
-    return tuple(result)
-
-
-def _spread(o: SceneObject, settings: ModelSettings) -> Array:
-    """(2, 2) covariance of an object's position, m^2."""
-    low, high = o.bounds
-    scale = (settings.furniture_aside * (high[0] - low[0]), settings.furniture_ahead)
-    turn = o.placement.rotation
-    return np.asarray(turn @ np.diag(np.square(scale)) @ turn.T)
-
-
-def _normal(off: Array, covariance: Array) -> float:
-    """Density of a normal error on the floor, per m^2."""
-    square = off @ np.linalg.solve(covariance, off)
-    return float(np.exp(-0.5 * square) / (2 * np.pi * np.sqrt(np.linalg.det(covariance))))
 
 
 _EVEN: Final = 0.5

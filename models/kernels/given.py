@@ -17,6 +17,15 @@ from numpy.typing import NDArray
 from imapper_prob.models.jit import inlined, inner, inner_inlined
 from imapper_prob.models.kernels.cache import Cache
 from imapper_prob.models.kernels.intersection import overlap_depth
+from imapper_prob.models.kernels.measured import (
+    ERRORS,
+    find_outline,
+    log_normal,
+    measure_box,
+    measure_object,
+    set_errors,
+    shown,
+)
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.settings import NEAREST
 from imapper_prob.models.skeleton import LKNE, LWRI, PELV, REFERENCE_STATURE, RKNE, RWRI
@@ -48,8 +57,6 @@ _REACH: Final = 0.25
 _SOFT: Final = 0.05
 """Width in metres of the transition from contact to none; chosen, a hand's thickness."""
 _TOUCHING: Final = np.array([PELV, RKNE, LKNE, RWRI, LWRI])
-_GRID: Final = 4
-"""Points along each side of an object's image box at which occlusion is tested."""
 PIECE: Final = 7
 """Numbers of a piece: centre (m), half sides (m) and yaw of its bounding box."""
 
@@ -57,11 +64,6 @@ PIECE: Final = 7
 @inlined
 def _normal_cdf(x: float) -> float:
     return 0.5 * math.erfc(-x / math.sqrt(2.0))
-
-
-@inlined
-def _log_normal(x: float, variance: float) -> float:
-    return -0.5 * (_LOG_2PI + math.log(variance) + x * x / variance)
 
 
 @inner
@@ -162,59 +164,16 @@ def _spread_at(problem: Problem, piece: Array, std: float) -> float:
     return float(std * std + 0.5 * (aside * aside + problem.furniture_spread**2))
 
 
-@inner_inlined
-def _log_place(
-    problem: Problem, piece: Array, turn: Array, x: float, y: float, std: float
-) -> float:
-    """Log density of a stated position of an object, per m^2.
-
-    The object is at its scenelet's position, with normal errors along its own axes.
-    """
-    dx, dy = x - piece[0], y - piece[1]
-    along, ahead = turn[0] * dx + turn[1] * dy, turn[0] * dy - turn[1] * dx
-    aside = 2.0 * problem.furniture_aside * piece[3]
-    first = _log_normal(along, std * std + aside * aside)
-    return first + _log_normal(ahead, std * std + problem.furniture_spread**2)
+@inner
+def _lens_of(problem: Problem, width: float, height: float) -> Array:
+    """Principal point, focal lengths, and width and height of the image, pixels."""
+    return np.array([problem.cx, problem.cy, problem.fx, problem.fy, width, height])
 
 
 @inner
-def _outline(
-    problem: Problem, camera: Array, piece: Array, turn: Array, width: float, height: float,
-    edges: Array,
-) -> None:  # fmt: skip
-    """Left, top, right and bottom of an object in the image, pixels, and its depth in metres."""
-    cp, sp, cr, sr = (
-        math.cos(camera[0]),
-        math.sin(camera[0]),
-        math.cos(camera[4]),
-        math.sin(camera[4]),
-    )
-    focal = math.exp(camera[2])
-    edges[0], edges[1], edges[2], edges[3] = math.inf, math.inf, -math.inf, -math.inf
-    for corner in range(8):
-        a = piece[3] if corner & 1 else -piece[3]
-        b = piece[4] if corner & 2 else -piece[4]
-        z = piece[2] + (piece[5] if corner & 4 else -piece[5]) - camera[1]
-        x, y = piece[0] + turn[0] * a - turn[1] * b, piece[1] + turn[1] * a + turn[0] * b
-        depth, level = max(cp * y + sp * z, NEAREST), cp * z - sp * y
-        u = problem.cx + focal * problem.fx * (cr * x + sr * level) / depth
-        v = problem.cy - focal * problem.fy * (cr * level - sr * x) / depth
-        edges[0], edges[2] = min(edges[0], u), max(edges[2], u)
-        edges[1], edges[3] = min(edges[1], v), max(edges[3], v)
-    for a in range(2):
-        edges[2 * a] = min(max(edges[2 * a], 0.0), width)
-        edges[2 * a + 1] = min(max(edges[2 * a + 1], 0.0), height)
-    edges[4] = max(cp * piece[1] + sp * (piece[2] - camera[1]), NEAREST)
-
-
-@inner_inlined
-def _log_edges(problem: Problem, camera: Array, row: Array, edges: Array, std: float) -> float:
-    """Log density of an image box (4,) given the edges of its object, per px^4."""
-    stands = math.exp(camera[2]) * problem.fx * problem.furniture_spread / edges[4]
-    total = 0.0
-    for a in range(4):
-        total += _log_normal(row[a] - edges[a], std * std + stands * stands)
-    return total
+def _spread_of(problem: Problem) -> Array:
+    """Standard deviations of a piece's place: a share of its width along it, and metres ahead."""
+    return np.array([problem.furniture_aside, problem.furniture_spread])
 
 
 @inner
@@ -227,20 +186,14 @@ def _object(
     left, top, right, bottom, std, image width and height (px). Parts with std 0 were not measured.
     """
     numbers, row = problem.given[s], problem.given_kinds[s, 1]
-    count, best = 0, -math.inf
-    edges, each = np.empty(5), np.empty(len(labels))
+    lens, spread = _lens_of(problem, numbers[14], numbers[15]), _spread_of(problem)
+    count, best, each = 0, -math.inf, np.empty(len(labels))
+    mean, covariance = np.empty(ERRORS), np.empty((ERRORS, ERRORS))
     for k in range(len(labels)):
         if problem.given_labels[row, labels[k]] == 0.0:
             continue
-        value = 0.0
-        if numbers[4] > 0.0:
-            value += _log_place(problem, pieces[k], turns[k], numbers[2], numbers[3], numbers[4])
-        if numbers[8] > 0.0:
-            for a in range(3):
-                value += _log_normal(numbers[5 + a] - 2.0 * pieces[k, 3 + a], numbers[8] ** 2)
-        if numbers[13] > 0.0:
-            _outline(problem, camera, pieces[k], turns[k], numbers[14], numbers[15], edges)
-            value += _log_edges(problem, camera, numbers[9:13], edges, numbers[13])
+        set_errors(pieces[k], spread, mean, covariance)
+        value = measure_object(numbers[2:14], lens, camera, pieces[k], turns[k], mean, covariance)
         each[count] = value
         count += 1
         best = max(best, value)
@@ -310,7 +263,7 @@ def _point(problem: Problem, cache: Cache, camera: Array, s: int) -> float:
     total = 0.0
     for axis in range(3):
         off = numbers[axis] - cache.joints[row, axis, joint]
-        total += _log_normal(off, numbers[3] ** 2 + pose * pose)
+        total += log_normal(off, numbers[3] ** 2 + pose * pose)
     return total
 
 
@@ -460,26 +413,6 @@ def _behind(problem: Problem, s: int, pieces: Array, turns: Array, labels: Ints)
     return _answered(1.0 - none, True, numbers[0])
 
 
-@inner_inlined
-def _shown(outlines: Array, count: int, k: int, person: Array) -> float:
-    """Share of an object's image box that no nearer object and no person occludes."""
-    edges, free = outlines[k], 0
-    for i in range(_GRID * _GRID):
-        u = edges[0] + (i % _GRID + 0.5) / _GRID * (edges[2] - edges[0])
-        v = edges[1] + (i // _GRID + 0.5) / _GRID * (edges[3] - edges[1])
-        hidden = False
-        for j in range(count + 1):
-            if j == k:
-                continue
-            other = person if j == count else outlines[j]
-            over = other[0] < u < other[2] and other[1] < v < other[3]
-            hidden = hidden or (over and other[4] < edges[4])
-        free += not hidden
-    if edges[2] - edges[0] < 1.0 or edges[3] - edges[1] < 1.0:
-        return 0.0
-    return free / (_GRID * _GRID)
-
-
 @inner
 def _person(problem: Problem, cache: Cache, camera: Array, t: int, edges: Array) -> None:
     """Left, top, right and bottom of the person in a frame, pixels, and the pelvis depth,
@@ -515,22 +448,25 @@ def _pictured(
     """
     numbers, kinds = problem.given[s], problem.given_kinds[s]
     count, person = len(labels), np.empty(5)
-    outlines, rates = np.empty((count, 5)), np.empty(count)
+    lens, spread = _lens_of(problem, numbers[4], numbers[5]), _spread_of(problem)
+    outlines, slopes, rates = np.empty((count, 5)), np.empty((count, 4, ERRORS)), np.empty(count)
+    mean, covariance = np.empty(ERRORS), np.empty((ERRORS, ERRORS))
     _person(problem, cache, camera, kinds[5], person)
     for k in range(count):
-        _outline(problem, camera, pieces[k], turns[k], numbers[4], numbers[5], outlines[k])
+        find_outline(lens, camera, pieces[k], turns[k], outlines[k], slopes[k])
     total = -numbers[1]
     for k in range(count):
         # Poisson rate at which "no box" is as probable as a miss of the detector.
-        rates[k] = -math.log1p(-numbers[0] * _shown(outlines, count, k, person))
+        rates[k] = -math.log1p(-numbers[0] * shown(outlines, k, person))
         total -= rates[k]
     for d in range(kinds[3] - kinds[2]):
         density = numbers[1] * math.exp(numbers[2])
         for k in range(count):
             share = problem.given_labels[kinds[1] + d, labels[k]]
             if share > 0.0 and rates[k] > 0.0:
+                set_errors(pieces[k], spread, mean, covariance)
                 box = problem.given_rows[kinds[2] + d]
-                near = _log_edges(problem, camera, box, outlines[k], numbers[3])
+                near = measure_box(box, numbers[3], outlines[k], slopes[k], mean, covariance)
                 density += rates[k] * share * math.exp(near)
         total += math.log(density)
     return float(total)
@@ -550,7 +486,7 @@ def _number(problem: Problem, camera: Array, s: int) -> float:
         value = problem.fx * math.exp(camera[2])
     elif which == 3:
         value = REFERENCE_STATURE * math.exp(camera[3])
-    return _log_normal(numbers[0] - value, numbers[1] ** 2)
+    return log_normal(numbers[0] - value, numbers[1] ** 2)
 
 
 @inner

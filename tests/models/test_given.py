@@ -26,7 +26,7 @@ from imapper_prob.models.log_posterior import (
 from imapper_prob.models.problem import Problem, labels_of
 from imapper_prob.models.scene import Clip, SceneObject
 from imapper_prob.models.scenelet import Library
-from imapper_prob.models.settings import ModelSettings
+from imapper_prob.models.settings import SIDE_SPREAD, ModelSettings
 from imapper_prob.models.skeleton import LKNE, LWRI, NECK, PELV, RKNE, RWRI
 from imapper_prob.models.statement_rows import check_statements, tell
 from imapper_prob.models.statements import (
@@ -81,22 +81,37 @@ def pieces(at: State) -> list[SceneObject]:
     return [placed[0], placed[2]]
 
 
-def standing(piece: SceneObject) -> np.ndarray:
-    """Covariance of where a piece really stands, m^2."""
-    turn = piece.placement.rotation
-    width = np.diff(piece.bounds, axis=0)[0, 0]
-    return turn @ np.diag([(ASIDE * width) ** 2, AHEAD**2]) @ turn.T
-
-
-def edges(piece: SceneObject, at: State) -> tuple[np.ndarray, float]:
+def edges(piece: SceneObject, at: State) -> np.ndarray:
+    """Box of a piece in the image, px."""
     camera = camera_at(clip().camera, at.camera)
     low, high = piece.bounds
     corners = np.array(list(product(*zip(low, high, strict=True))))
     pixels = camera.project(piece.placement.apply(corners))
     size = np.array([1920.0, 1080.0])
-    box = np.concatenate([np.clip(pixels.min(0), 0, size), np.clip(pixels.max(0), 0, size)])
-    depth = camera.to_camera(piece.centre)[1]
-    return box, camera.fx * AHEAD / depth
+    return np.concatenate([np.clip(pixels.min(0), 0, size), np.clip(pixels.max(0), 0, size)])
+
+
+def measured(piece: SceneObject, at: State, said: im.ObjectAt) -> tuple[np.ndarray, np.ndarray]:
+    """What errors of 0 predict of all that was measured, and its covariance."""
+
+    def seen(errors: np.ndarray) -> np.ndarray:
+        there = worlds.with_errors(piece, errors)
+        size = np.diff(piece.bounds, axis=0)[0] * (1 + errors[2:])
+        parts = [
+            (said.place, there.centre[:2]),
+            (said.size, size),
+            (said.box, edges(there, at)),
+        ]
+        return np.concatenate([value for value_said, value in parts if value_said is not None])
+
+    step = 1e-5 * np.eye(5)
+    slopes = np.array([(seen(e) - seen(-e)) / 2e-5 for e in step]).T
+    width = np.diff(piece.bounds, axis=0)[0, 0]
+    errors = np.diag(np.square([ASIDE * width, AHEAD, *[SIDE_SPREAD] * 3]))
+    noise = [said.place_std] * 2 * (said.place is not None)
+    noise += [said.size_std] * 3 * (said.size is not None)
+    noise += [said.box_std] * 4 * (said.box is not None)
+    return seen(np.zeros(5)), slopes @ errors @ slopes.T + np.diag(np.square(noise))
 
 
 def answered(probability: float, doubt: float) -> float:
@@ -105,17 +120,9 @@ def answered(probability: float, doubt: float) -> float:
 
 def reference_object(said: im.ObjectAt) -> float:
     density, found, area = 0.0, [p for p in pieces(state()) if p.label in said.labels], 1.0
+    values = [v for part in (said.place, said.size, said.box) if part for v in part]
     for piece in found:
-        own = 1.0
-        if said.place:
-            spread = standing(piece) + said.place_std**2 * np.eye(2)
-            own *= multivariate_normal.pdf(said.place, piece.centre[:2], spread)
-        if said.size:
-            size = np.diff(piece.bounds, axis=0)[0]
-            own *= norm.pdf(said.size, size, said.size_std).prod()
-        if said.box:
-            box, stands = edges(piece, state())
-            own *= norm.pdf(said.box, box, math.hypot(said.box_std, stands)).prod()
+        own = multivariate_normal.pdf(values, *measured(piece, state(), said))
         density += own / len(found)
     area *= 100.0 if said.place else 1.0
     area *= 27.0 if said.size else 1.0
@@ -147,7 +154,7 @@ BOX = (600.0, 500.0, 1100.0, 900.0)
     ],
 )
 def test_a_measured_object_is_one_of_its_labels(said: im.ObjectAt) -> None:
-    assert given(said) == pytest.approx(reference_object(said), rel=1e-9)
+    assert given(said) == pytest.approx(reference_object(said), rel=1e-7)
 
 
 def test_an_object_that_is_not_there_was_measured_by_chance() -> None:
@@ -286,13 +293,13 @@ def test_nothing_is_behind_what_is_not_there() -> None:
 
 
 def test_what_is_seen_is_a_poisson_process_of_boxes() -> None:
-    near = edges(pieces(state())[0], state())[0] + 12.0
+    near = edges(pieces(state())[0], state()) + 12.0
     said = im.Seen(16, (tuple(near), BOX), ({"couch": 0.8, "chair": 0.3}, {"chair": 0.5}), std=30.0)
     camera = camera_at(clip().camera, state().camera)
     joints = motion(problem(0.0), state())[16]
     pixels = camera.project(joints)
     person = (*pixels.min(0), *pixels.max(0), camera.to_camera(joints[PELV])[1])
-    outlines = [(*edges(p, state())[0], camera.to_camera(p.centre)[1]) for p in pieces(state())]
+    outlines = [(*edges(p, state()), camera.to_camera(p.centre)[1]) for p in pieces(state())]
     rates = []
     for k, (u0, v0, u1, v1, depth) in enumerate(outlines):
         free = 0
@@ -307,10 +314,11 @@ def test_what_is_seen_is_a_poisson_process_of_boxes() -> None:
     for box, confusion in zip(said.boxes, said.confusion, strict=True):
         density = 0.5 * anywhere
         for piece, rate in zip(pieces(state()), rates, strict=True):
-            outline, stands = edges(piece, state())
-            spread = math.hypot(30.0, stands)
+            own = im.ObjectAt(piece.label, box=box, box_std=30.0)
             density += (
-                rate * confusion.get(piece.label, 0.0) * norm.pdf(box, outline, spread).prod()
+                rate
+                * confusion.get(piece.label, 0.0)
+                * multivariate_normal.pdf(box, *measured(piece, state(), own))
             )
         expected += math.log(density)
     assert given(said) == pytest.approx(expected, rel=1e-6)
@@ -362,14 +370,16 @@ def test_depths_and_points_integrate_to_one() -> None:
 def test_as_many_boxes_are_seen_as_are_expected() -> None:
     nothing, density = given(im.Seen(2, (), (), clutter=0.001)), 0.0
     for piece in pieces(state()):
-        outline, stands = edges(piece, state())
-        spread = math.hypot(40.0, stands)
+        own = im.ObjectAt(piece.label, box=BOX, box_std=40.0)
+        outline, covariance = measured(piece, state(), own)
+        root = np.linalg.cholesky(covariance)
         said = im.Seen(2, (BOX,), ({piece.label: 1.0},), std=40.0, clutter=0.001)
         told = tell(problem(0.0), [said], clip(), LIBRARY)
         # Sums over a grid of a step of one deviation are all but exact; beyond three is .1 %.
-        for box in product(*(edge + spread * np.arange(-3, 4) for edge in outline)):
-            seen = terms(told._replace(given_rows=np.array([box])), state())["given"]
-            density += spread**4 * math.exp(seen - nothing)
+        for steps in product(np.arange(-3.0, 4.0), repeat=4):
+            box = outline + root @ np.array(steps)
+            seen = terms(told._replace(given_rows=box[None]), state())["given"]
+            density += np.linalg.det(root) * math.exp(seen - nothing)
     assert density == pytest.approx(0.999 * (-nothing - 0.001), rel=1e-3)
 
 

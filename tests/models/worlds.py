@@ -37,6 +37,15 @@ def couch(x: float = 0.0, y: float = 0.0, yaw: float = 0.0, label: str = "couch"
     return SceneObject(label, Placement(x, y, yaw), parts)
 
 
+def with_errors(piece: SceneObject, errors: np.ndarray) -> SceneObject:
+    """A piece moved along and across its width, and of other sides, on the floor."""
+    low, high = piece.bounds
+    size = (high - low) * np.exp(errors[2:])
+    x, y = piece.centre[:2] + piece.placement.rotation @ errors[:2]
+    part = Cuboid("all", np.array([0.0, 0.0, low[2] * np.exp(errors[4]) + size[2] / 2]), size)
+    return SceneObject(piece.label, Placement(x, y, piece.placement.yaw), (part,))
+
+
 def library(n_frames: int = 6, *, n_scenelets: int = 3, objects: bool = True) -> Library:
     """Scenelets of a standing person who drifts a little, before a couch, the third a chair."""
     drift = 0.05 * (np.arange(n_frames) - n_frames // 2)

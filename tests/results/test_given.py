@@ -10,12 +10,8 @@ import numpy as np
 import pytest
 
 import imapper_prob as im
-from imapper_prob.models.scene import SceneObject
-from imapper_prob.models.settings import ModelSettings
 from imapper_prob.results.changes import change_table, changes
 from imapper_prob.results.folders import write_run
-from imapper_prob.uncertainty.estimate import as_told, drawn_objects
-from tests.models import worlds
 from tests.runs import small_posterior
 
 MILD = im.Measured("height", 1.5, 1.0)
@@ -124,25 +120,3 @@ def test_nonsense_is_refused_before_anything_is_sampled() -> None:
             before.given(bad)
     with pytest.raises(im.InputError, match="no frame 100000"):
         im.sample(before.clip, given=[im.JointAt("PELV", 100000, (0, 3, 1), 0.1)])
-
-
-def test_furniture_stands_where_it_was_measured(rng: np.random.Generator) -> None:
-    """Draws of a piece given a measured place have the conditional mean and covariance."""
-    settings = ModelSettings()
-    piece = worlds.couch(0.3, 3.0, 0.7)
-    said = im.ObjectAt("couch", place=(0.5, 3.2), place_std=0.15, doubt=1e-12)
-    turn, width = piece.placement.rotation, np.diff(piece.bounds, axis=0)[0, 0]
-    scale = (settings.furniture_aside * width, settings.furniture_ahead)
-    prior = turn @ np.diag(np.square(scale)) @ turn.T
-    gain = prior @ np.linalg.inv(prior + 0.15**2 * np.eye(2))
-    mean = piece.centre[:2] + gain @ (np.array(said.place) - piece.centre[:2])
-
-    def drawn() -> SceneObject:
-        moved = drawn_objects(rng, [piece], settings)
-        return as_told(rng, [piece], moved, [said], settings)[0]
-
-    places = np.array([drawn().centre[:2] for _ in range(4000)])
-    covariance = prior - gain @ prior
-    error = np.sqrt(np.diag(covariance) / 4000)
-    assert (np.abs(places.mean(0) - mean) < 4 * error).all()
-    np.testing.assert_allclose(np.cov(places.T), covariance, atol=0.07 * covariance.max())

@@ -10,6 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from imapper_prob.models.scenelet import Library, Scenelet
+from imapper_prob.models.settings import SIDE_SPREAD
 from imapper_prob.models.skeleton import (
     BONE_LENGTHS,
     HEAD,
@@ -277,3 +278,13 @@ def test_furniture_has_its_real_size_whoever_uses_it(library: Library) -> None:
     assert tallest["shelf"] <= 2.25
     # Seats look lower to the tall: heights of hips over seats of one size differ by stature.
     assert STATURE_RANGE[1] / STATURE_RANGE[0] > 1.1
+
+
+def test_sides_of_a_label_differ_as_the_model_says(library: Library) -> None:
+    """The log ratio of the sides of two pieces has twice the variance of the log of one."""
+    sides: dict[str, set[tuple[float, ...]]] = {}
+    for piece in (o for scenelet in library for o in scenelet.objects):
+        size = np.diff(piece.bounds, axis=0)[0].round(4)
+        sides.setdefault(piece.label, set()).add(tuple(size.tolist()))
+    variances = [np.log(sorted(sizes)).var(0, ddof=1) for sizes in sides.values()]
+    assert round(float(np.sqrt(2 * np.mean(variances))), 2) == SIDE_SPREAD

@@ -1,0 +1,152 @@
+"""Furniture of a draw as measured: places and sides have the conditional distribution."""
+
+from __future__ import annotations
+
+from functools import cache
+from itertools import product
+
+import numpy as np
+import pytest
+
+import imapper_prob as im
+from imapper_prob.models.log_posterior import State, camera_at, empty_state
+from imapper_prob.models.problem import Problem
+from imapper_prob.models.scene import SceneObject
+from imapper_prob.models.settings import SIDE_SPREAD, ModelSettings
+from imapper_prob.models.statement_rows import tell
+from imapper_prob.models.statements import Statement
+from imapper_prob.uncertainty.estimate import drawn_objects
+from imapper_prob.uncertainty.told import as_told
+from tests.models import worlds
+
+SETTINGS = ModelSettings(likelihood=0.0)
+DRAWS = 4000
+PIECES = (worlds.couch(-0.7, 6.0, 0.7), worlds.couch(1.2, 7.0, -0.4, label="chair"))
+"""Far enough to be in the picture as a whole."""
+
+
+@cache
+def problem() -> Problem:
+    return worlds.problem(12, settings=SETTINGS, scenelets=worlds.library())
+
+
+@cache
+def state() -> State:
+    return empty_state(problem())
+
+
+def told(rng: np.random.Generator, *said: Statement) -> list[tuple[SceneObject, ...]]:
+    """The pieces as measured, many times."""
+    clip = worlds.clip_of(worlds.walk(12, depth=9.0), np.random.default_rng(0))
+    asked = tell(problem(), said, clip, worlds.library())
+    camera = camera_at(worlds.CAMERA, state().camera)
+    return [
+        as_told(
+            rng, PIECES, drawn_objects(rng, PIECES, SETTINGS), said,
+            problem=asked, state=state(), camera=camera,
+        )
+        for _ in range(DRAWS)
+    ]  # fmt: skip
+
+
+def errors_of(o: SceneObject, piece: SceneObject) -> np.ndarray:
+    """How far a drawn piece is from that of the scenelet: along, ahead (m), logs of sides."""
+    x, y = (o.centre - piece.centre)[:2] @ piece.placement.rotation
+    sides = np.log(np.diff(o.bounds, axis=0)[0] / np.diff(piece.bounds, axis=0)[0])
+    return np.array([x, y, *sides])
+
+
+def box_of(o: SceneObject) -> np.ndarray:
+    camera = camera_at(worlds.CAMERA, state().camera)
+    corners = np.array(list(product(*zip(*o.bounds, strict=True))))
+    pixels = camera.project(o.placement.apply(corners))
+    return np.concatenate([pixels.min(0), pixels.max(0)])
+
+
+def prior(piece: SceneObject) -> np.ndarray:
+    width = np.diff(piece.bounds, axis=0)[0, 0]
+    aside = SETTINGS.furniture_aside * width
+    return np.diag(np.square([aside, SETTINGS.furniture_ahead, *[SIDE_SPREAD] * 3]))
+
+
+def conditional(
+    piece: SceneObject, slopes: np.ndarray, off: np.ndarray, noise: float
+) -> tuple[np.ndarray, np.ndarray]:
+    covariance = prior(piece)
+    total = slopes @ covariance @ slopes.T + noise**2 * np.eye(len(off))
+    gain = covariance @ slopes.T @ np.linalg.inv(total)
+    return gain @ off, covariance - gain @ slopes @ covariance
+
+
+def has(errors: np.ndarray, mean: np.ndarray, covariance: np.ndarray) -> bool:
+    """Whether draws have this mean and covariance, both up to four standard errors."""
+    deviations = np.sqrt(np.diag(covariance))
+    centred = np.abs(errors.mean(0) - mean) < 4 * deviations / np.sqrt(len(errors)) + 1e-12
+    products = np.sqrt((np.outer(deviations, deviations) ** 2 + covariance**2) / len(errors))
+    return bool(centred.all() and (np.abs(np.cov(errors.T) - covariance) < 4 * products).all())
+
+
+def test_a_measured_place_moves_a_piece_and_leaves_its_sides(rng: np.random.Generator) -> None:
+    piece, other = PIECES
+    said = im.ObjectAt("couch", place=(-0.6, 6.2), place_std=0.15, doubt=1e-12)
+    found = told(rng, said)
+    off = (np.array(said.place) - piece.centre[:2]) @ piece.placement.rotation
+    mean, covariance = conditional(piece, np.eye(5)[:2], off, said.place_std)
+    errors = np.array([errors_of(o, piece) for o, _ in found])
+    assert has(errors[:, :2], mean[:2], covariance[:2, :2])
+    np.testing.assert_allclose(errors[:, 2:], 0.0, atol=1e-12)
+    # What was not measured is displaced as without a statement.
+    assert has(
+        np.array([errors_of(o, other) for _, o in found])[:, :2], np.zeros(2), prior(other)[:2, :2]
+    )
+
+
+def test_a_measured_size_gives_the_sides(rng: np.random.Generator) -> None:
+    piece = PIECES[0]
+    size = np.diff(piece.bounds, axis=0)[0]
+    said = im.ObjectAt("couch", size=(1.8, 0.7, 1.0), size_std=0.1, doubt=1e-12)
+    slopes = np.column_stack([np.zeros((3, 2)), np.diag(size)])
+    expected = conditional(piece, slopes, np.array(said.size) - size, said.size_std)
+    assert has(np.array([errors_of(o, piece) for o, _ in told(rng, said)]), *expected)
+
+
+@pytest.mark.parametrize("detector", [False, True])
+def test_a_box_in_the_picture_gives_place_and_sides(
+    rng: np.random.Generator, detector: bool
+) -> None:
+    piece, other = PIECES
+    outline, step = box_of(piece), 1e-5
+    box = tuple((outline + np.array([-25.0, -30.0, 10.0, 12.0])).tolist())
+    said = (
+        im.Seen(2, (box, (5.0, 5.0, 90.0, 60.0)), ({"couch": 1.0}, {"couch": 1.0}), std=10.0)
+        if detector
+        else im.ObjectAt("couch", box=box, box_std=10.0, doubt=1e-12)
+    )
+    found = told(rng, said)
+    slopes = np.empty((4, 5))
+    for k in range(5):
+        moved = []
+        for error in (step * np.eye(5)[k], -step * np.eye(5)[k]):
+            moved.append(box_of(worlds.with_errors(piece, error)))
+        slopes[:, k] = (moved[0] - moved[1]) / (2 * step)
+    expected = conditional(piece, slopes, np.array(box) - outline, 10.0)
+    assert has(np.array([errors_of(o, piece) for o, _ in found]), *expected)
+    # The pieces that are drawn are about where the box is, though none of the scenelet's is.
+    boxes = np.mean([box_of(o) for o, _ in found], axis=0)
+    assert np.abs(boxes - box).max() < 8.0
+    sides = np.array([errors_of(o, other) for _, o in found])[:, 2:]
+    np.testing.assert_allclose(sides, 0.0, atol=1e-12)
+
+
+def test_a_box_of_one_of_two_pieces_goes_to_either(rng: np.random.Generator) -> None:
+    """By the probabilities of agreement, the detector's confusion included."""
+    box = tuple(((box_of(PIECES[0]) + box_of(PIECES[1])) / 2).tolist())
+    said = im.Seen(2, (box,), ({"couch": 0.3, "chair": 0.6},), std=400.0, clutter=1e-9)
+    changed = [
+        [bool(np.abs(errors_of(o, p)[2:]).max() > 1e-9) for o, p in zip(d, PIECES, strict=True)]
+        for d in told(rng, said)
+    ]
+    share = np.mean(changed, axis=0)
+    assert share.sum() == pytest.approx(1.0)
+    # Boxes this inexact hardly tell them apart, and the detector says chair twice as often.
+    assert 0.5 < share[1] < 0.8
