@@ -23,7 +23,7 @@ from imapper_prob.progress import Progress, shown
 from imapper_prob.results.posterior import Posterior
 from imapper_prob.sampling.actors import join_actors
 from imapper_prob.sampling.blocks import Limits, OnBlock
-from imapper_prob.sampling.conditioning import Told, with_statements
+from imapper_prob.sampling.conditioning import Told, denied, with_statements
 from imapper_prob.sampling.sample import Cluster, sample_scenes
 from imapper_prob.sampling.schedule import end_of, stopped_at
 from imapper_prob.scenelets.library import load_library
@@ -213,7 +213,7 @@ def sample(
     ------
     InputError
         ``minutes`` or ``until`` is invalid, the clip needs more memory than is available, its
-        content cannot be used, or no scene of the clip agrees with ``given``.
+        content cannot be used, or no scene of clip and library can fulfil ``given``.
 
     Examples
     --------
@@ -241,10 +241,9 @@ def sample(
         else:
             solutions = (start,) if isinstance(start, Solution) else tuple(start)
         source = solutions[0] if len(solutions) == 1 else join_actors(solutions)
-        told = None
+        bare = source.problem
         if given:
-            source = with_statements(source, tell(source.problem, given, clip, known))
-            told = Told(tuple(given))
+            source = with_statements(source, tell(bare, given, clip, known))
         ready = time.perf_counter()
         samples = sample_scenes(
             source,
@@ -258,6 +257,9 @@ def sample(
             limits=limits,
             on_block=on_block,
         )
+    told = None
+    if given:
+        told = Told(tuple(given), denied=denied(bare, samples.states, given, clip, known))
     seconds = {"solving": ready - begun, "sampling": time.perf_counter() - ready}
     end = samples.end(config.sample)
     if limits.any or (samples.finished and end > end_of(config.sample)):

@@ -6,7 +6,9 @@ samples each scene briefly, then conditions the posterior on one true statement 
 height of the camera; walls; the label of one seat; the place of one object; boxes of furniture as
 from an object detector; depths of the pelvis. It prints a table of scores over all scenes before
 and after, and one for each scene, stores results in FOLDER, and continues from there. It takes some
-five minutes a scene. Figures are written to `lab/results.json`.
+five minutes a scene. Two more tables show what limits the scores: the overlap of furniture that
+differs from the true furniture in size or place alone, and the error of joints whose pelvis has its
+true depth in some frames. Figures are written to `lab/results.json`.
 
 The statements come from the ground truth, with simulated errors of boxes (10 px, one object in ten
 missed) and depths (5 %). Constants are estimated without the scene.
@@ -24,22 +26,36 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
+from shapely import Polygon, unary_union
 
 import imapper_prob as im
 from imapper_prob.clips.i3db import read_i3db_truth
 from imapper_prob.config import SampleSettings
 from imapper_prob.evaluate.prediction import prediction_of_scene
 from imapper_prob.evaluate.score import known_scene, scenes_with_truth, score, summarise
+from imapper_prob.evaluate.truth import TruthInView
 from imapper_prob.layouts import SEATS
 from imapper_prob.models.problem import labels_of
 from imapper_prob.models.scene import Clip, SceneObject, Truth
-from imapper_prob.models.skeleton import PELV
+from imapper_prob.models.scenelet import Library
+from imapper_prob.models.skeleton import PELV, SCORED
 from imapper_prob.models.statements import Statement
 from lab.kept import digest, with_steps
 from lab.mixing import note
 
+Array = NDArray[np.float64]
 _NAMES: Final = ("nothing", "camera height", "walls", "a label", "a place", "boxes", "depths")
 _MISSED, _PIXELS, _DEPTH_ERROR, _FRAMES = 0.1, 10.0, 0.05, 10
+_REPEATS: Final = 100
+"""Random draws of sizes, places and depths."""
+_DEPTHS: Final = {
+    "10 frames, 5 % error": (_FRAMES, _DEPTH_ERROR),
+    "10 frames": (_FRAMES, 0.0),
+    "30 frames": (30, 0.0),
+    "all frames": (0, 0.0),
+}
+"""Number of frames with the true depth, 0 for all that are annotated, and its relative error."""
 _WALL: Final = 0.3
 """Distance in metres of the walls from everything inside."""
 
@@ -121,12 +137,38 @@ def measured(folder: Path, steps: int, workers: int) -> dict[str, Any]:
     before = im.sample(known.clip, library, config=config, workers=workers)
     told = statements_of(known.clip, truth, used, labels_of(library), np.random.default_rng(0))
     rows: dict[str, Any] = {"nothing": _row(before, known.truth, 0.0)}
+    rows["nothing"]["with true depth"] = with_true_depth(before, known.truth)
     for name, statements in told.items():
         begun = time.perf_counter()
         after = before.given(statements, workers=workers)
         rows[name] = _row(after, known.truth, time.perf_counter() - begun)
         sys.stderr.write(f"{folder.name} {name}: {rows[name]['evidence']}\n")
     return rows
+
+
+def with_true_depth(posterior: im.Posterior, truth: TruthInView) -> dict[str, float]:
+    """Error of joints in cm if the pelvis had its true depth in some frames, by :data:`_DEPTHS`.
+
+    The body is moved along the ray through its pelvis. Between the frames, evenly spaced over those
+    that are annotated, the log of the true over the estimated depth is interpolated.
+    """
+    joints = prediction_of_scene(posterior.estimate, name="estimate").joints
+    known = np.flatnonzero(truth.known)
+    pelvis = joints[known, PELV]
+    missing = np.log(truth.joints[known, PELV, 1] / pelvis[:, 1])
+    rng = np.random.default_rng(0)
+    found = {}
+    for name, (count, error) in _DEPTHS.items():
+        frames = np.linspace(0, len(known) - 1, count or len(known)).round().astype(int)
+        squares = []
+        for _ in range(_REPEATS if error else 1):
+            said = missing[frames] + error * rng.standard_normal(len(frames))
+            factor = np.exp(np.interp(np.arange(len(known)), frames, said))
+            moved = joints[known] + ((factor[:, None] - 1) * pelvis)[:, None]
+            off = (moved - truth.joints[known])[:, list(SCORED)]
+            squares.append(np.square(off).sum(-1).mean())
+        found[name] = float(100 * np.sqrt(np.mean(squares)))
+    return found
 
 
 def _row(posterior: im.Posterior, truth: Any, seconds: float) -> dict[str, Any]:
@@ -189,6 +231,70 @@ def by_scene(scenes: dict[str, dict[str, Any]]) -> str:
     return "\n".join(lines) + "\n"
 
 
+def depth_table(scenes: dict[str, dict[str, Any]]) -> str:
+    """Markdown table of the error of joints whose pelvis has its true depth."""
+    lines = ["| true depth in | joints, cm | by scene |", "|---|---:|---|"]
+    for name in _DEPTHS:
+        each = [rows["nothing"]["with true depth"][name] for rows in scenes.values()]
+        by_scene = ", ".join(f"{error:.1f}" for error in each)
+        lines.append(f"| {name} | {np.mean(each):.1f} | {by_scene} |")
+    return "\n".join(lines) + "\n"
+
+
+def overlap_table(scenes: Sequence[Path], library: Library) -> str:
+    """Markdown table of IoU if furniture differs from the true one in place and size alone.
+
+    Places have normal errors along each axis. Sizes are those of random pieces of the library with
+    the same label. Each number is a mean over random draws.
+    """
+    sizes: dict[str, list[Array]] = {}
+    for o in (o for scenelet in library for o in scenelet.objects):
+        sizes.setdefault(o.label, []).append(_size(o))
+    used = []
+    for folder in scenes:
+        known = known_scene(folder)
+        objects = read_i3db_truth(folder, known.clip).objects
+        used.append([objects[k] for k in known.truth.used])
+    rng = np.random.default_rng(0)
+    lines = ["| error of place, cm | true sizes | sizes of the library |", "|---:|---:|---:|"]
+    for error in (0.0, 0.1, 0.2, 0.3):
+        right = [_overlap(used, {}, error, rng) for _ in range(_REPEATS)]
+        other = [_overlap(used, sizes, error, rng) for _ in range(_REPEATS)]
+        lines.append(f"| {100 * error:.0f} | {np.mean(right):.2f} | {np.mean(other):.2f} |")
+    return "\n".join(lines) + "\n"
+
+
+def _overlap(
+    used: Sequence[Sequence[SceneObject]],
+    sizes: dict[str, list[Array]],
+    error: float,
+    rng: np.random.Generator,
+) -> float:
+    """IoU over all scenes of true furniture and furniture of other sizes beside it."""
+    shared, covered = 0.0, 0.0
+    for objects in used:
+        true, other = [], []
+        for o in objects:
+            label = sizes.get(o.label, [_size(o)])
+            true.append(_footprint(o, _size(o), np.zeros(2)))
+            size = label[rng.integers(len(label))]
+            other.append(_footprint(o, size, error * rng.standard_normal(2)))
+        one, two = unary_union(true), unary_union(other)
+        shared, covered = shared + one.intersection(two).area, covered + one.union(two).area
+    return shared / covered
+
+
+def _size(o: SceneObject) -> Array:
+    """Width and depth, metres."""
+    sides: Array = np.diff(o.bounds, axis=0)[0, :2]
+    return sides
+
+
+def _footprint(o: SceneObject, size: Array, off: Array) -> Polygon:
+    corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * size / 2
+    return Polygon(corners @ o.placement.rotation.T + o.centre[:2] + off)
+
+
 def _ratio(text: str) -> str:
     """The number in the text on an evidence ratio."""
     return text.removeprefix("Log evidence ratio ").partition(" nats")[0]
@@ -212,7 +318,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
             rows = measured(scene, options.steps, options.workers)
             path.write_text(json.dumps(rows, indent=1))
         found[scene.name] = json.loads(path.read_text())
-    sys.stdout.write(table(found) + "\n" + by_scene(found))
+    tables = [table(found), by_scene(found), depth_table(found)]
+    tables.append(overlap_table(scenes_with_truth(options.scenes), im.load_library()))
+    sys.stdout.write("\n".join(tables))
     note(
         {
             f"told_{name}_{scene}_{what}": float(rows[name][what])

@@ -109,13 +109,12 @@ def conditioned(
         seed=seed, workers=workers, progress=progress,
     )  # fmt: skip
     nowhere = denied(solved.problem, drawn.states, statements, clip, known)
-    evidence = replace(evidence, denied=nowhere)
     return Posterior(
         with_statements(solved, problem),
         drawn,
         replace(posterior.config, sample=settings),
         seconds={**posterior.seconds, "being told": time.perf_counter() - begun},
-        told=Told(everything, evidence),
+        told=Told(everything, evidence, nowhere),
     )
 
 

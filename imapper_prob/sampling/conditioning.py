@@ -70,8 +70,6 @@ class Evidence:
         Number of all draws.
     method : str
         ``"reweighted"`` or ``"resampled"``.
-    denied : tuple of str
-        Statements that no resulting draw agrees with; they count as answers by chance.
     """
 
     log_ratio: float
@@ -79,7 +77,6 @@ class Evidence:
     effective: float
     draws: int
     method: str
-    denied: tuple[str, ...] = ()
 
     @property
     def text(self) -> str:
@@ -91,13 +88,10 @@ class Evidence:
         >>> Evidence(-0.7, 0.05, 610.0, 1600, "reweighted").text
         'Log evidence ratio -0.70 ± 0.05 nats; 610 of 1600 draws agreed: reweighted.'
         """
-        said = (
+        return (
             f"Log evidence ratio {self.log_ratio:.2f} ± {self.error:.2f} nats; "
             f"{self.effective:.0f} of {self.draws} draws agreed: {self.method}."
         )
-        if not self.denied:
-            return said
-        return f"{said} No scene was found with {', nor with '.join(self.denied)}."
 
 
 @dataclass(frozen=True)
@@ -110,10 +104,13 @@ class Told:
         All statements.
     evidence : Evidence, optional
         Evidence of the last statements; None if chains had them from the start.
+    denied : tuple of str
+        Statements that no draw agrees with, and how improbable; they count as answers by chance.
     """
 
     statements: tuple[Statement, ...]
     evidence: Evidence | None = None
+    denied: tuple[str, ...] = ()
 
     @property
     def text(self) -> str:
@@ -125,8 +122,12 @@ class Told:
         >>> Told((im.Measured("height", 1.6, 0.02),)).text
         'Given: height 1.6 ± 0.02 m.'
         """
-        said = f"Given: {', '.join(describe(s) for s in self.statements)}."
-        return said if self.evidence is None else f"{said} {self.evidence.text}"
+        said = [f"Given: {', '.join(describe(s) for s in self.statements)}."]
+        if self.evidence is not None:
+            said.append(self.evidence.text)
+        if self.denied:
+            said.append(f"No scene was found with {', nor with '.join(self.denied)}.")
+        return " ".join(said)
 
 
 def statement_values(problem: Problem, states: Sequence[State]) -> Array:
@@ -153,7 +154,7 @@ def denied(
     clip: Clip,
     library: Library,
 ) -> tuple[str, ...]:
-    """Statements that are true in no state, in a few words each.
+    """Statements that are true in no state, in a few words each, with their log density.
 
     Parameters
     ----------
@@ -175,7 +176,7 @@ def denied(
             continue
         values = statement_values(tell(problem, [statement], clip, library), states)
         if values.max() < chance + math.log(2.0):
-            found.append(describe(statement))
+            found.append(f"{describe(statement)} (log density {values.max():.1f}, as by chance)")
     return tuple(found)
 
 

@@ -149,6 +149,8 @@ def clip_digest(clip: Clip) -> str:
 
 GIVEN: Final = "given"
 """Attribute with the statements that the run was given."""
+DENIED: Final = "given_denied"
+"""Attribute with those of them that no draw agrees with."""
 EVIDENCE: Final = "given_evidence"
 """Attribute with the evidence of the statements."""
 FORMAT: Final = "imapper-prob posterior 6"
@@ -283,7 +285,7 @@ def posterior_tree(
 def _given(told: Told | None) -> dict[str, str]:
     if told is None:
         return {}
-    said = {GIVEN: statements_to_json(told.statements)}
+    said = {GIVEN: statements_to_json(told.statements), DENIED: json.dumps(told.denied)}
     if told.evidence is not None:
         said[EVIDENCE] = json.dumps(asdict(told.evidence))
     return said
@@ -316,9 +318,9 @@ def told_of(attributes: Mapping[Any, Any]) -> Told | None:
             float(said["effective"]),
             int(said["draws"]),
             str(said["method"]),
-            tuple(map(str, said["denied"])),
         )
-    return Told(statements_from_json(str(attributes[GIVEN])), evidence)
+    denied = tuple(map(str, json.loads(str(attributes[DENIED]))))
+    return Told(statements_from_json(str(attributes[GIVEN])), evidence, denied)
 
 
 def write_tree(path: Path, tree: xr.DataTree) -> None:

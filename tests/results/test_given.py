@@ -65,11 +65,13 @@ def test_what_no_scene_can_be_is_said_to_be_so() -> None:
     after = small_posterior().given([nowhere, im.Measured("height", 1.5, 1.0)], steps=20)
     assert after.told is not None
     assert after.told.evidence is not None
-    assert after.told.evidence.denied == ("shelf: place 0, 60",)
-    assert "No scene was found with shelf: place 0, 60." in after.told.text
+    chance = np.log(0.0005 / 100)
+    said = f"shelf: place 0, 60 (log density {chance:.1f}, as by chance)"
+    assert after.told.denied == (said,)
+    assert f"No scene was found with {said}." in after.told.text
     assert after.told.evidence.effective == 0
     # What was said by chance is as improbable as that: .001 / 2 on 100 m^2.
-    assert after.told.evidence.log_ratio < np.log(0.0005 / 100) + 1
+    assert after.told.evidence.log_ratio < chance + 1
 
 
 def test_what_was_given_is_saved_and_added_to(tmp_path: Path) -> None:
@@ -98,12 +100,16 @@ def test_what_was_given_is_saved_and_added_to(tmp_path: Path) -> None:
 def test_chains_know_it_from_the_beginning() -> None:
     before = small_posterior()
     said = im.Measured("height", 2.4, 0.01)
+    nowhere = im.ObjectAt("shelf", place=(0.0, 60.0))
     drawn = im.sample(
-        before.clip, before.solution.library, start=before.solution, given=[said],
+        before.clip, before.solution.library, start=before.solution, given=[said, nowhere],
         config=before.config,
     )  # fmt: skip
     assert drawn.told is not None
-    assert drawn.told.statements == (said,)
+    assert drawn.told.statements == (said, nowhere)
+    assert drawn.told.text.endswith(
+        "No scene was found with shelf: place 0, 60 (log density -12.2, as by chance)."
+    )
     assert drawn.told.evidence is None
     heights = [state.camera[1] for state in drawn.samples.states]
     assert np.median(heights) > np.median([s.camera[1] for s in before.samples.states])
