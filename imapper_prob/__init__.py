@@ -35,7 +35,7 @@ _HOMES = {
     "demo_clip": "imapper_prob.api",
     "load_clip": "imapper_prob.api",
     "load_library": "imapper_prob.scenelets.library",
-    "load_posterior": "imapper_prob.results.posterior",
+    "load_posterior": "imapper_prob.results.load",
     "read_camera": "imapper_prob.clips.load",
     "read_config": "imapper_prob.config",
     "read_statements": "imapper_prob.clips.statements_file",

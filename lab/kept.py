@@ -10,7 +10,8 @@ import imapper_prob as im
 from imapper_prob.config import Config, SampleSettings
 from imapper_prob.models.scene import Clip
 from imapper_prob.models.scenelet import Library
-from imapper_prob.results.posterior import Posterior, load_posterior
+from imapper_prob.results.load import load_posterior
+from imapper_prob.results.posterior import Posterior
 
 __all__ = ["digest", "is_whole", "sampled", "with_steps"]
 

@@ -20,7 +20,8 @@ from numpy.typing import NDArray
 
 from imapper_prob.models.scene import SceneObject
 from imapper_prob.plotting import save_figure
-from imapper_prob.results.posterior import Posterior, load_posterior
+from imapper_prob.results.load import load_posterior
+from imapper_prob.results.posterior import Posterior
 from imapper_prob.samplers.diagnostics import ess
 
 Array = NDArray[np.float64]

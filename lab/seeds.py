@@ -30,9 +30,10 @@ from numpy.typing import NDArray
 
 import imapper_prob as im
 from imapper_prob.config import SampleSettings
-from imapper_prob.layouts import group_layouts, through_one_lens
+from imapper_prob.layouts import group_layouts
 from imapper_prob.plotting import save_figure
-from imapper_prob.results.posterior import Posterior, load_posterior
+from imapper_prob.results.load import load_posterior
+from imapper_prob.results.posterior import Posterior
 from imapper_prob.samplers.diagnostics import ShortChainWarning, layout_probabilities, rhat
 from lab.gold import GOLD, distance, known, shares
 from lab.kept import is_whole, with_steps
@@ -93,11 +94,7 @@ class Seeds:
 def compared(posteriors: Sequence[Posterior]) -> Seeds:
     """Compare runs of one clip with several seeds."""
     samples = [p.samples for p in posteriors]
-    objects = [
-        own
-        for one in samples
-        for own in through_one_lens(one.objects, [state.camera[2] for state in one.states])
-    ]
+    objects = [own for one in samples for own in one.seen]
     values = np.concatenate([one.log_posterior.ravel() for one in samples])
     radius = posteriors[0].config.sample.layout_radius
     layouts = group_layouts(objects, values, radius=radius)

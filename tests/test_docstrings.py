@@ -48,16 +48,26 @@ def public_names(package: str) -> Iterator[tuple[str, Any]]:
 
 
 def top_level_names() -> Iterator[tuple[str, Any]]:
-    """What `imapper_prob` exports, by where it is defined."""
+    """What `imapper_prob` exports, with methods that are inherited, by where it is defined."""
     for name in imapper_prob.__all__:
         entry = getattr(imapper_prob, name)
+        bases = entry.__mro__[1:] if inspect.isclass(entry) else ()
+        for base in bases:
+            if base.__module__.startswith("imapper_prob."):
+                yield from methods(f"{base.__module__}.{base.__name__}", base)
         yield from with_methods(f"{entry.__module__}.{name}", entry)
 
 
 def with_methods(name: str, entry: Any) -> Iterator[tuple[str, Any]]:
     """A function; or a class, and its public methods and properties."""
     yield name, entry
-    for method, value in vars(entry).items() if inspect.isclass(entry) else ():
+    if inspect.isclass(entry):
+        yield from methods(name, entry)
+
+
+def methods(name: str, entry: type) -> Iterator[tuple[str, Any]]:
+    """Public methods and properties that a class defines itself."""
+    for method, value in vars(entry).items():
         plain = value.__func__ if isinstance(value, classmethod | staticmethod) else value
         if not method.startswith("_") and (
             inspect.isfunction(plain) or isinstance(plain, property | cached_property)

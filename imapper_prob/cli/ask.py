@@ -66,7 +66,7 @@ def _ask(options: argparse.Namespace) -> None:
     from imapper_prob.clips.statements_file import read_statements
     from imapper_prob.results.changes import change_table, changes
     from imapper_prob.results.folders import run_folder, write_run
-    from imapper_prob.results.posterior import load_posterior
+    from imapper_prob.results.load import load_posterior
     from imapper_prob.scenelets.library import load_library
 
     for name in ("workers", "steps"):

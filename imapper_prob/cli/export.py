@@ -80,7 +80,7 @@ def add_export_commands(
 def _export(options: argparse.Namespace) -> None:
     from imapper_prob.cli.console import console
     from imapper_prob.results.exports import write_glb, write_i3db, write_json
-    from imapper_prob.results.posterior import load_posterior
+    from imapper_prob.results.load import load_posterior
 
     if options.samples and options.format != "json":
         raise InputError("--samples is of use with --format json only")
@@ -104,7 +104,7 @@ def _export(options: argparse.Namespace) -> None:
 
 def _report(options: argparse.Namespace) -> None:
     from imapper_prob.cli.console import console
-    from imapper_prob.results.posterior import load_posterior
+    from imapper_prob.results.load import load_posterior
     from imapper_prob.results.report import write_report
 
     posterior = load_posterior(options.folder)
@@ -180,7 +180,7 @@ def _record(options: argparse.Namespace) -> None:
 
 
 def _write(folder: Path, output: Path, video: Path | None) -> None:
-    from imapper_prob.results.posterior import load_posterior
+    from imapper_prob.results.load import load_posterior
 
     posterior = load_posterior(folder)
     try:

@@ -44,7 +44,7 @@ def show_energy(folder: Path) -> None:
     from imapper_prob.people import in_a_row
     from imapper_prob.plotting import save_figure
     from imapper_prob.results.figures import energy_figure
-    from imapper_prob.results.posterior import load_posterior
+    from imapper_prob.results.load import load_posterior
     from imapper_prob.uncertainty.energy import (
         explain,
         object_worth_table,

@@ -10,6 +10,8 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from imapper_prob.models.camera import Camera
+from imapper_prob.models.log_posterior import motion
+from imapper_prob.models.problem import Problem
 from imapper_prob.models.scene import Clip, SceneObject, Track, Truth
 from imapper_prob.models.skeleton import PELV
 from imapper_prob.models.text import brief
@@ -18,6 +20,7 @@ from imapper_prob.plotting import category_colour
 from imapper_prob.recording import palette, shapes
 from imapper_prob.recording.palette import FLOOR, SCENE_COLOURS, TRUE_COLOUR, UNCLAIMED, drawable
 from imapper_prob.recording.shapes import PATH_RADIUS, log_moving, log_static, own_entity
+from imapper_prob.sampling.sample import Samples
 from imapper_prob.uncertainty.clusters import ObjectCluster
 from imapper_prob.uncertainty.hidden import HiddenJoints
 from imapper_prob.uncertainty.motion import JointSummary
@@ -27,11 +30,11 @@ from imapper_prob.uncertainty.scenes import WeightedScene
 
 __all__ = [
     "HIDDEN",
-    "MOST",
     "Certainty",
     "DrawnChain",
     "chain_entity",
     "curve",
+    "drawn_chains",
     "hidden_colours",
     "log_certainty",
     "log_draws",
@@ -350,7 +353,7 @@ def _log_curves(recording: rr.RecordingStream, certainty: Certainty, clip: Clip)
 # ------------------------------------------------------------------------------------------------
 # Draws one after the other, with the chains side by side.
 
-MOST = 400
+_MOST = 400
 """Most draws kept of all chains together, evenly spaced, to limit the file's size."""
 
 
@@ -371,6 +374,33 @@ class DrawnChain:
     numbers: NDArray[np.int64]
     objects: Sequence[Sequence[SceneObject]]
     paths: Array
+
+
+def drawn_chains(clip: Clip, problem: Problem, samples: Samples) -> tuple[DrawnChain, ...]:
+    """Evenly spaced draws of each chain, as many as a recording may hold.
+
+    Parameters
+    ----------
+    clip : Clip
+    problem : Problem
+        The clip's log-posterior.
+    samples : Samples
+
+    Returns
+    -------
+    tuple of DrawnChain
+    """
+    chains, draws = samples.shape
+    kept = np.unique(np.linspace(0, draws - 1, max(1, _MOST // chains)).round().astype(int))
+    numbers = [c * draws + kept for c in range(chains)]
+    return tuple(
+        DrawnChain(
+            kept,
+            [samples.objects[n] for n in own],
+            np.array([by_person(clip, motion(problem, samples.states[n])[:, PELV]) for n in own]),
+        )
+        for own in numbers
+    )
 
 
 def chain_entity(number: int) -> str:

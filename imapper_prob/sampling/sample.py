@@ -10,7 +10,7 @@ from concurrent.futures import Executor
 from contextlib import contextmanager
 from copy import deepcopy
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from importlib.metadata import version
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -264,6 +264,11 @@ class Samples:
         kept = max(ladder.rounds for ladder in self.ladders)
         done = burn_in_of(settings) + kept
         return done if self.finished else block_end(settings, done - 1)
+
+    @cached_property
+    def seen(self) -> tuple[tuple[SceneObject, ...], ...]:
+        """Furniture of each draw converted to the nominal focal length, for comparisons."""
+        return through_one_lens(self.objects, [float(s.camera[2]) for s in self.states])
 
     @property
     def shape(self) -> tuple[int, int]:

@@ -1,4 +1,4 @@
-"""Furniture as labelled arrays over draws: presence, position and size of every object.
+"""Furniture as labelled arrays: presence, position and size of every object, by draw and over all.
 
 Draws have different objects in arbitrary order.
 :func:`imapper_prob.uncertainty.clusters.object_clusters` matches them, and each match is one entry
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from imapper_prob.models.scene import FRONTLESS, SceneObject
 from imapper_prob.uncertainty.clusters import ObjectCluster, names_of
 
-__all__ = ["FurnitureOfDraws", "object_draws"]
+__all__ = ["FurnitureOfDraws", "object_draws", "object_summary"]
 
 Array = NDArray[np.float64]
 _MEASURES: Final = {
@@ -101,3 +101,39 @@ def _measures(o: SceneObject, cluster: ObjectCluster) -> Array:
     yaw = cluster.yaw + away - turn * np.round(away / turn)
     low, high = o.bounds
     return np.array([*o.centre[:2], yaw, *(high - low)])
+
+
+def object_summary(clusters: Sequence[ObjectCluster]) -> xr.Dataset:
+    """Clusters as a table: labels, presence, position and orientation over all draws.
+
+    Parameters
+    ----------
+    clusters : sequence of K ObjectCluster
+        Matched objects, the most probable first.
+
+    Returns
+    -------
+    Dataset
+        See :meth:`imapper_prob.uncertainty.draws.Draws.summary`.
+    """
+    spread = np.array([np.sqrt(np.diag(c.covariance)) for c in clusters]).reshape(-1, 2)
+    mean = np.array([c.mean for c in clusters]).reshape(-1, 2)
+    columns = {
+        "label": ([c.label for c in clusters], ""),
+        "label_probability": ([c.labels[c.label] for c in clusters], "1"),
+        "presence": ([c.presence for c in clusters], "1"),
+        "presence_error": ([c.presence_error for c in clusters], "1"),
+        "x": (mean[:, 0], "m"),
+        "x_sd": (spread[:, 0], "m"),
+        "y": (mean[:, 1], "m"),
+        "y_sd": (spread[:, 1], "m"),
+        "yaw": ([c.yaw for c in clusters], "rad"),
+        "yaw_sd": ([c.yaw_spread for c in clusters], "rad"),
+    }
+    return xr.Dataset(
+        {
+            name: ("object", np.asarray(values), {"units": unit} if unit else {})
+            for name, (values, unit) in columns.items()
+        },
+        coords={"object": np.array(names_of(clusters), dtype=np.str_)},
+    )

@@ -64,6 +64,7 @@ __all__ = [
     "FORMAT",
     "GIVEN",
     "SECONDS",
+    "arviz_tree",
     "clip_digest",
     "posterior_tree",
     "provenance",
@@ -159,6 +160,7 @@ _SAID: Final = ("ensembles", "clip", "program", "verdict")
 """Attributes that can be shown without reading the draws."""
 Variable = tuple[tuple[str, ...], NDArray[Any]]
 """Names of dimensions, and values."""
+_PER_DRAW: Final = ("chain", "draw")
 _UNITS = {
     "pitch": "rad",
     "elevation": "m",
@@ -208,52 +210,24 @@ def posterior_tree(
     -------
     DataTree
     """
-    clip, shape = source.clip, samples.shape
-    camera = np.array([state.camera for state in samples.states]).reshape(*shape, -1)
-    pelvis = np.array(
-        [motion(source.problem, state)[:, PELV].astype(np.float32) for state in samples.states]
-    ).reshape(*shape, -1, 3)
-    turned = np.array(
-        [side_flips(source.problem, state).astype(np.float32) for state in samples.states]
-    ).reshape(*shape, -1)
-    per_draw = ("chain", "draw")
-    posterior: dict[str, Variable] = {
-        name: (per_draw, camera[..., i]) for i, name in enumerate(CAMERA)
-    }
-    posterior["mean_depth"] = (per_draw, pelvis[..., 1].mean(-1, dtype=np.float64))
-    counts: dict[str, Variable] = {
-        "n_scenelets": (per_draw, np.reshape([s.n_scenelets for s in samples.states], shape)),
-        "n_objects": (per_draw, np.reshape([len(o) for o in samples.objects], shape)),
-        "layout": (per_draw, samples.layouts.indicator.reshape(shape)),
-    }
-    moved: dict[str, Variable] = {
-        "pelvis": ((*per_draw, "frame", "axis"), pelvis),
-        "sides_flipped": ((*per_draw, "frame"), turned),
-        "best_fit": (("frame",), source.best_fits),
-    }
+    clip, chosen = source.clip, _drawn_scenelets(samples)
     frames = {
         "frame": np.tile(clip.frame_ids, len(clip.tracks)),
         "actor": ("frame", names_of_rows(clip)),
     }
-    seen, chosen = everybody(clip), _drawn_scenelets(samples)
+    moved = _motions(source, samples)
     groups = {
-        "posterior": xr.Dataset(_labelled(posterior)),
+        "posterior": xr.Dataset(_labelled(_continuous(samples, moved["pelvis"][1]))),
         "furniture": furniture,
-        "counts": xr.Dataset(_labelled(counts)),
+        "counts": xr.Dataset(_labelled(_counts(samples))),
         "motion": xr.Dataset(_labelled(moved), {**frames, "axis": list("xyz")}),
         "draws": xr.Dataset(_labelled(_padded(source, samples))),
         "sample_stats": xr.Dataset(
-            _labelled({"log_posterior": (per_draw, samples.log_posterior)} | _tempering(samples)),
+            _labelled({"log_posterior": (_PER_DRAW, samples.log_posterior)} | _tempering(samples)),
             attrs={f"acceptance_{k}": v for k, v in samples.acceptance.rates().items()},
         ),
         "observed_data": xr.Dataset(
-            _labelled(
-                {
-                    "keypoints": (("frame", "joint", "pixel"), seen.keypoints),
-                    "confidences": (("frame", "joint"), seen.confidences),
-                }
-            ),
-            {**frames, "joint": list(JOINTS), "pixel": ["u", "v"]},
+            _labelled(_detections(clip)), {**frames, "joint": list(JOINTS), "pixel": ["u", "v"]}
         ),
         "constant_data": xr.Dataset(
             {
@@ -265,10 +239,9 @@ def posterior_tree(
         **sample_groups(samples),
         **source_groups(source, chosen),
     }
+    chains, draws = samples.shape
     for name in ("posterior", "counts", "motion", "draws", "latent", "sample_stats"):
-        groups[name] = groups[name].assign_coords(
-            chain=np.arange(shape[0]), draw=np.arange(shape[1])
-        )
+        groups[name] = groups[name].assign_coords(chain=np.arange(chains), draw=np.arange(draws))
     tree: xr.DataTree = xr.DataTree.from_dict(groups)
     tree.attrs = {
         "format": FORMAT,
@@ -323,6 +296,29 @@ def told_of(attributes: Mapping[Any, Any]) -> Told | None:
     return Told(statements_from_json(str(attributes[GIVEN])), evidence, denied)
 
 
+def arviz_tree(tree: xr.DataTree, furniture: xr.Dataset) -> xr.DataTree:
+    """The part of the tree that is for ArviZ, with the furniture among the quantities.
+
+    Parameters
+    ----------
+    tree : DataTree
+        The result of :func:`posterior_tree`.
+    furniture : Dataset
+        Objects by draw, see :func:`imapper_prob.uncertainty.furniture.object_draws`.
+
+    Returns
+    -------
+    DataTree
+        Groups ``posterior``, ``sample_stats``, ``observed_data`` and ``constant_data``.
+    """
+    names = ("posterior", "sample_stats", "observed_data", "constant_data")
+    groups = {name: tree[name].to_dataset() for name in names}
+    groups["posterior"] = groups["posterior"].merge(furniture)
+    chosen: xr.DataTree = xr.DataTree.from_dict(groups)
+    chosen.attrs = tree.attrs
+    return chosen
+
+
 def write_tree(path: Path, tree: xr.DataTree) -> None:
     """Write the tree as netCDF with lossless compression.
 
@@ -353,6 +349,44 @@ def _labelled(variables: Mapping[str, Variable]) -> dict[str, Any]:
     return {
         name: (dims, values, {"units": _UNITS[name]} if name in _UNITS else {})
         for name, (dims, values) in variables.items()
+    }
+
+
+def _continuous(samples: Samples, pelvis: NDArray[np.float32]) -> dict[str, Variable]:
+    """Camera, body and mean depth of each draw; ``pelvis`` is (C, N, T, 3)."""
+    camera = np.array([state.camera for state in samples.states]).reshape(*samples.shape, -1)
+    return {
+        **{name: (_PER_DRAW, camera[..., i]) for i, name in enumerate(CAMERA)},
+        "mean_depth": (_PER_DRAW, pelvis[..., 1].mean(-1, dtype=np.float64)),
+    }
+
+
+def _counts(samples: Samples) -> dict[str, Variable]:
+    shape = samples.shape
+    return {
+        "n_scenelets": (_PER_DRAW, np.reshape([s.n_scenelets for s in samples.states], shape)),
+        "n_objects": (_PER_DRAW, np.reshape([len(o) for o in samples.objects], shape)),
+        "layout": (_PER_DRAW, samples.layouts.indicator.reshape(shape)),
+    }
+
+
+def _motions(source: Source, samples: Samples) -> dict[str, Variable]:
+    """Pelvis and flips of each draw, single precision, and the fit of the best scenelet."""
+    problem, states = source.problem, samples.states
+    pelvis = np.array([motion(problem, state)[:, PELV].astype(np.float32) for state in states])
+    turned = np.array([side_flips(problem, state).astype(np.float32) for state in states])
+    return {
+        "pelvis": ((*_PER_DRAW, "frame", "axis"), pelvis.reshape(*samples.shape, -1, 3)),
+        "sides_flipped": ((*_PER_DRAW, "frame"), turned.reshape(*samples.shape, -1)),
+        "best_fit": (("frame",), source.best_fits),
+    }
+
+
+def _detections(clip: Clip) -> dict[str, Variable]:
+    seen = everybody(clip)
+    return {
+        "keypoints": (("frame", "joint", "pixel"), seen.keypoints),
+        "confidences": (("frame", "joint"), seen.confidences),
     }
 
 

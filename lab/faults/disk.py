@@ -29,7 +29,7 @@ import rerun  # noqa: F401  here, so that no fork has to load it
 
 from imapper_prob.models.errors import InputError
 from imapper_prob.results.folders import CHECKPOINTS, run_folder, write_run
-from imapper_prob.results.posterior import load_posterior
+from imapper_prob.results.load import load_posterior
 from lab.robustness.runs import SEED, small_cast, small_posterior, warm_up
 
 __all__ = ["KINDS", "WORLDS", "compiler", "digest", "disk_faults", "disk_section"]

@@ -43,7 +43,8 @@ from imapper_prob.results.folders import (
     write_run,
     write_solution_folder,
 )
-from imapper_prob.results.posterior import Posterior, load_posterior
+from imapper_prob.results.load import load_posterior
+from imapper_prob.results.posterior import Posterior
 from imapper_prob.results.report import report, write_report
 from imapper_prob.samplers.checkpoint import Checkpointer, CheckpointError
 from imapper_prob.sampling.actors import JointProblem, join_actors

@@ -15,7 +15,7 @@ import imapper_prob
 from imapper_prob.cli import main
 from imapper_prob.cli.main import command_parser
 from imapper_prob.cli.parser import commands_of
-from imapper_prob.results.posterior import load_posterior
+from imapper_prob.results.load import load_posterior
 from tests.conftest import ROOT
 from tests.test_structure import HEAVY
 

@@ -15,7 +15,7 @@ import pytest
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.text import readable
 from imapper_prob.models.valid import check_problem, check_state
-from imapper_prob.results.posterior import load_posterior
+from imapper_prob.results.load import load_posterior
 from imapper_prob.results.scenes_file import read_scenes
 from imapper_prob.uncertainty.tree import write_tree
 from lab.robustness.attack import attack

@@ -19,7 +19,8 @@ import imapper_prob as im
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.log_posterior import side_flips
 from imapper_prob.recording import video
-from imapper_prob.results.posterior import Posterior, load_posterior
+from imapper_prob.results.load import load_posterior
+from imapper_prob.results.posterior import Posterior
 from imapper_prob.samplers.diagnostics import LayoutProbabilities
 from imapper_prob.samplers.verdict import Verdict
 from imapper_prob.uncertainty.checks import Check, from_json
