@@ -180,8 +180,7 @@ def run_chain(
     """
     settings = setup.settings
     end = end_of(settings) if end is None else end
-    burn_in, keep, mark = burn_in_of(settings), draws_of(settings), trace_of(settings)
-    learning = learning_of(settings)
+    burn_in, learning = burn_in_of(settings), learning_of(settings)
     done = None if keeper is None else _resumed(keeper, setup)
     if done is None and isinstance(starts, ChainProgress):
         done = starts
@@ -189,53 +188,17 @@ def run_chain(
     finished = True
     if done is None:
         assert not isinstance(starts, ChainProgress)
-        betas = power_ladder(settings.temperatures) if settings.temperatures > 1 else (1.0,)
-        streams, (climbing,) = rng.spawn(len(betas) + 1), rng.spawn(1)
-        first = climb(
-            setup.problem, learnt.moves, starts[0], climbing,
-            most=int(_CLIMBING * settings.steps * settings.temperatures), report=report,
-        )  # fmt: skip
-        coldest_first = [first, *(starts[min(k, len(starts) - 1)] for k in range(1, len(betas)))]
-        position = start(coldest_first[::-1], target=learnt.target, betas=betas)
-        done = ChainProgress.begin(streams, position)
-        if 0 in learning.ends:
-            done.visits = [Visits(), Visits()]
-            done.visits[0].note(first)
+        done = _begun(setup, learnt, starts, rng, report)
         finished = report(0.0)
     crossover = TimeCrossover(setup.problem)
     while done.position.rounds < end and finished:
         now = done.position.rounds
-        adapt = now < burn_in
         if now in learning.ends:
             learnt = _of_noted(setup, done.visits[:-1])
             done.position = _anew(done.position, learnt)
-        # Each piece begins with new walkers, like a chain that resumes from a checkpoint.
         stops = (*learning.ends, burn_in, settings.rounds, end)
-        last = next(stop for stop in stops if now < stop)
-        piece = min(piece_of(settings), min(last, end) - now)
-        rounds = temper(
-            done.rngs,
-            done.position,
-            walker=learnt.walker,
-            steps_per_swap=settings.swap_every,
-            adapt=adapt,
-            crossover=crossover,
-            independent=learnt.independent,
-        )
-        for at in islice(rounds, piece):
-            coldest = at.position.chains[-1]
-            if not adapt:
-                done.record(at)
-            if keep.has(done.position.rounds):
-                done.states.append(coldest.state)
-                done.values.append(coldest.log_density)
-            if mark.has(done.position.rounds):
-                done.trace.append(coldest.log_density)
-            done.thin(keep.most)
-            done.position = at.position
-            if learning.has(at.position.rounds):
-                for beta, rung in zip(at.position.betas, at.position.chains, strict=True):
-                    done.visits[-1].note(rung.state, beta)
+        last = min(next(stop for stop in stops if now < stop), end)
+        _advance(done, learnt, settings, crossover, rounds=min(piece_of(settings), last - now))
         if done.position.rounds in learning.ends:
             done.visits.append(Visits())
         finished = report(done.position.rounds / end)
@@ -244,18 +207,83 @@ def run_chain(
     if keeper is not None and (finished or done.position.rounds):
         # If the ascent was interrupted, its state depends on when, so it is not saved.
         keeper.save(done.snapshot())
-    states, values, trace = done.states, done.values, done.trace
+    return _result(done, finished=finished)
+
+
+def _begun(
+    setup: Setup,
+    learnt: Tempered,
+    starts: Sequence[State],
+    rng: np.random.Generator,
+    report: Report,
+) -> ChainProgress:
+    """The progress of a new chain after the ascent of its coldest temperature."""
+    settings = setup.settings
+    betas = power_ladder(settings.temperatures) if settings.temperatures > 1 else (1.0,)
+    streams, (climbing,) = rng.spawn(len(betas) + 1), rng.spawn(1)
+    first = climb(
+        setup.problem, learnt.moves, starts[0], climbing,
+        most=int(_CLIMBING * settings.steps * settings.temperatures), report=report,
+    )  # fmt: skip
+    coldest_first = [first, *(starts[min(k, len(starts) - 1)] for k in range(1, len(betas)))]
+    position = start(coldest_first[::-1], target=learnt.target, betas=betas)
+    done = ChainProgress.begin(streams, position)
+    if 0 in learning_of(settings).ends:
+        done.visits = [Visits(), Visits()]
+        done.visits[0].note(first)
+    return done
+
+
+def _advance(
+    done: ChainProgress,
+    learnt: Tempered,
+    settings: SampleSettings,
+    crossover: TimeCrossover,
+    *,
+    rounds: int,
+) -> None:
+    """Continue a chain by a piece, and keep its draws, trace and visits.
+
+    Each piece begins with new walkers, like a chain that resumes from a checkpoint.
+    """
+    keep, mark, learning = draws_of(settings), trace_of(settings), learning_of(settings)
+    adapt = done.position.rounds < burn_in_of(settings)
+    swaps = temper(
+        done.rngs,
+        done.position,
+        walker=learnt.walker,
+        steps_per_swap=settings.swap_every,
+        adapt=adapt,
+        crossover=crossover,
+        independent=learnt.independent,
+    )
+    for at in islice(swaps, rounds):
+        coldest = at.position.chains[-1]
+        if not adapt:
+            done.record(at)
+        if keep.has(done.position.rounds):
+            done.states.append(coldest.state)
+            done.values.append(coldest.log_density)
+        if mark.has(done.position.rounds):
+            done.trace.append(coldest.log_density)
+        done.thin(keep.most)
+        done.position = at.position
+        if learning.has(at.position.rounds):
+            for beta, rung in zip(at.position.betas, at.position.chains, strict=True):
+                done.visits[-1].note(rung.state, beta)
+
+
+def _result(done: ChainProgress, *, finished: bool) -> Chain:
+    """The draws of a chain; the last state alone if it was stopped during burn-in."""
     coldest = done.position.chains[-1]
+    states, values = done.states, done.values
     if not states:
-        # The chain was stopped during burn-in: return the last state only.
         states, values = [coldest.state], [coldest.log_density]
-    if not trace:
-        # Stopped before the first of them was due.
-        trace = [coldest.log_density]
+    # Without a trace it was stopped before the first value of it was due.
     return Chain(
         tuple(states),
         np.array(values),
-        np.array(trace),
+        np.array(done.trace or [coldest.log_density]),
         done.acceptance,
         done.table.summary(),
         finished,
