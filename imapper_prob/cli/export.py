@@ -79,7 +79,8 @@ def add_export_commands(
 
 def _export(options: argparse.Namespace) -> None:
     from imapper_prob.cli.console import console
-    from imapper_prob.results.exports import write_glb, write_i3db, write_json
+    from imapper_prob.results.exports import write_i3db, write_json
+    from imapper_prob.results.glb import write_glb
     from imapper_prob.results.load import load_posterior
 
     if options.samples and options.format != "json":
@@ -88,13 +89,13 @@ def _export(options: argparse.Namespace) -> None:
     if options.format != "i3db" and out.is_dir():
         raise InputError(f"{out}: is a folder; name a file")
     posterior = load_posterior(options.folder)
-    named = options.scene is not None
-    scene = posterior.scene(options.scene).scene if named else posterior.estimate
+    weighted = None if options.scene is None else posterior.scene(options.scene)
+    scene = posterior.estimate if weighted is None else weighted.scene
     try:
         if options.format == "json":
             write_json(out, posterior, scene=options.scene, samples=options.samples)
         elif options.format == "glb":
-            write_glb(out, scene, posterior.clip)
+            write_glb(out, weighted or scene, posterior.clip)
         else:
             write_i3db(out, scene, posterior.clip)
     except OSError as error:

@@ -20,7 +20,7 @@ from imapper_prob.files import (
 from imapper_prob.models.errors import InputError
 from imapper_prob.plotting import save_figure
 from imapper_prob.results.changes import changes, write_changes
-from imapper_prob.results.exports import write_glb
+from imapper_prob.results.glb import write_glb
 from imapper_prob.results.posterior import Posterior
 from imapper_prob.results.report import write_report
 from imapper_prob.results.scenes_file import write_scenes
@@ -265,7 +265,7 @@ def _write_models(folder: Path, posterior: Posterior) -> None:
     folder.mkdir()
     for number, weighted in enumerate(posterior.scenes(), 1):
         path = folder / f"scene_{number}.glb"
-        write_glb(path, weighted.scene, posterior.clip)
+        write_glb(path, weighted, posterior.clip)
 
 
 # ------------------------------------------------------------------------------------------------

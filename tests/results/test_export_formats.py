@@ -24,7 +24,6 @@ from imapper_prob.results.exports import (
     intrinsics,
     scene_document,
     to_benchmark,
-    write_glb,
     write_i3db,
     yaw_in_camera,
 )
@@ -60,39 +59,6 @@ def test_the_axes_of_the_benchmark_by_hand() -> None:
     assert_allclose(to_benchmark(down, [0.0, 2.0, 1.5]), [0, -1, np.sqrt(3)])
     assert_allclose(through(intrinsics(down), to_benchmark(down, [0.3, 2, 1.0])),
                     down.project([0.3, 2, 1.0]))  # fmt: skip
-
-
-def test_boxes_of_a_glb_are_those_of_the_scene(tmp_path: Path) -> None:
-    scene = couch_and_table()
-    write_glb(tmp_path / "scene.glb", scene, clip_of_scene(scene))
-    back = trimesh.load(tmp_path / "scene.glb")
-    # glTF has y up: (x, y, z) of ours is (x, z, -y) of theirs.
-    names = {
-        "couch 1": ["seat", "back", "arm 1", "arm 2"],
-        "table 1": ["top", "left leg"],
-    }
-    for o, (name, parts) in zip(scene.objects, names.items(), strict=True):
-        assert name in back.graph.nodes
-        for c, part in zip(o.cuboids, parts, strict=True):
-            matrix, geometry = back.graph[f"{name} {part}"]
-            found = trimesh.transform_points(back.geometry[geometry].vertices, matrix)
-            mine = corners(o, c) @ np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0]])
-            unique = np.unique(np.round(found, 5), axis=0)
-            assert len(unique) == 8
-            assert_allclose(in_order(unique), in_order(mine), atol=1e-3)
-    matrix, geometry = back.graph["motion"]
-    way = trimesh.transform_points(back.geometry[geometry].vertices, matrix)
-    assert_allclose(way[0][[0, 2]], scene.joints[0, PELV, :2] * (1, -1), atol=1e-3)
-    poses = [n for n in back.graph.nodes_geometry if n.startswith("person at frame")]
-    assert f"person at frame {FRAME_IDS[0]}" in poses
-    assert f"person at frame {FRAME_IDS[-1]}" in poses
-
-
-def test_a_glb_of_an_empty_room_and_an_unknown_motion(tmp_path: Path) -> None:
-    scene = couch_and_table()
-    nobody = replace(scene, objects=scene.objects[1:], joints=np.full_like(scene.joints, np.nan))
-    write_glb(tmp_path / "scene.glb", nobody, clip_of_scene(scene))
-    assert set(trimesh.load(tmp_path / "scene.glb").geometry) == {"table 1 top", "table 1 left leg"}
 
 
 def test_the_benchmarks_files_are_read_back_as_the_same_scene(tmp_path: Path) -> None:
