@@ -26,6 +26,7 @@ from imapper_prob.sampling.blocks import Limits, OnBlock
 from imapper_prob.sampling.conditioning import Told, denied, with_statements
 from imapper_prob.sampling.sample import Cluster, sample_scenes
 from imapper_prob.sampling.schedule import end_of, stopped_at
+from imapper_prob.sampling.warm_up import kernels_compiled_meanwhile
 from imapper_prob.scenelets.library import load_library
 from imapper_prob.simulate.clips import simulate_clip
 from imapper_prob.solver.actors import Solved, solve_actors, solved
@@ -235,7 +236,9 @@ def sample(
     begun = time.perf_counter()
     with shown(progress) as report:
         if start is None:
-            solutions = solve_actors(clip, known, settings=config.settings, progress=report)
+            spare = workers > 1 and cluster is None and config.model.energy == "default"
+            with kernels_compiled_meanwhile(wanted=spare, progress=report):
+                solutions = solve_actors(clip, known, settings=config.settings, progress=report)
         elif isinstance(start, Solved):
             solutions = start.actors
         else:
