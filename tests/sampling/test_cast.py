@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 from numpy.testing import assert_allclose, assert_array_equal
 
 import imapper_prob as im
@@ -43,6 +44,7 @@ from imapper_prob.solver.solver import Solution
 from imapper_prob.uncertainty.summary import distances_to_truth
 from lab.couple import N_FRAMES, at_one_table, chairs_and_tables
 from tests.recording.reading import read
+from tests.results.test_report import Page
 
 SHORT = SampleSettings(chains=2, steps=1500, draws=100, temperatures=3, ensemble_steps=8)
 
@@ -220,7 +222,28 @@ def test_every_file_has_everybody(folder: Path, tmp_path: Path) -> None:
         np.array(columns[f"/world/scene_1/{n}/person", "Points3D:positions"][0])[PELV] for n in "AB"
     )
     assert first[0] < -0.3 < 0.3 < second_place[0]
-    assert "2 people" in (folder / "report.html").read_text(encoding="utf-8")
+
+
+def test_the_report_and_the_models_show_everybody(folder: Path) -> None:
+    run = im.load_posterior(folder)
+    page = Page((folder / "report.html").read_text(encoding="utf-8"))
+    said = " ".join(page.said)
+    for told in ("2 people", "A, person in this scene", "B, person in this scene"):
+        assert told in said
+    moved = page.data["moments"]
+    assert (moved["people"], moved["names"]) == (2, ["A", "B"])
+    scene = run.scene(1).scene
+    joints = np.reshape(moved["scenes"][0]["joints"], (N_FRAMES, 2, 16, 3))
+    assert_allclose(0.01 * joints.swapaxes(0, 1), by_person(run.clip, scene.joints), atol=0.0051)
+    hidden = np.reshape(moved["hidden"], (N_FRAMES, 2, 16)).swapaxes(0, 1)
+    shares = by_person(run.clip, run.certainty.hidden.probability)
+    assert_allclose(0.01 * hidden, shares, atol=0.0051)
+    assert np.abs(shares[0] - shares[1]).max() > 0.5
+    model = trimesh.load(folder / "scenes" / "scene_1.glb")
+    for number, name in enumerate("AB"):
+        matrix, _ = model.graph[f"person {name} THRX-PELV"]
+        pelvis = by_person(run.clip, scene.joints)[number][0, PELV]
+        assert_allclose(matrix[:3, 3], pelvis[[0, 2, 1]] * (1, 1, -1), atol=1e-5)
 
 
 @pytest.mark.parametrize(("label", "paid"), [("table", False), ("chair", True)])
