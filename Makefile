@@ -11,15 +11,22 @@ STAMP_DOCS := $(VENV)/.stamp_docs
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := demo
-.PHONY: demo test test-all bench docs beforehand kernels_of_models kernels_of_moves lint clean
+.PHONY: demo test test-all bench docs tests_quick tests_all lint clean
 
 demo: $(STAMP)
 	$(VENV)/bin/imapper-prob demo -o out/demo --overwrite
 
-test: beforehand
+# Checks of the sources run beside the tests.
+test: $(STAMP_TEST)
+	$(MAKE) --no-print-directory --jobs=2 lint tests_quick
+
+test-all: $(STAMP_TEST)
+	$(MAKE) --no-print-directory --jobs=2 lint tests_all
+
+tests_quick: $(STAMP_TEST)
 	$(PY) -m pytest -n 2 -m "not slow" --nbmake notebooks tests
 
-test-all: beforehand
+tests_all: $(STAMP_TEST)
 	$(PY) -m pytest -n 2 --nbmake notebooks tests
 
 bench: $(STAMP)
@@ -28,19 +35,6 @@ bench: $(STAMP)
 # The site, offline, in an environment that has Sphinx as well; every warning is an error.
 docs: $(STAMP) $(STAMP_DOCS)
 	$(PY) -m sphinx -b html -W --keep-going docs out/site
-
-beforehand: $(STAMP_TEST)
-	$(MAKE) --no-print-directory --jobs=2 kernels_of_models kernels_of_moves lint
-
-# What several processes of the tests would otherwise each compile. Moves begin with what they have of their own, until the
-# other has compiled what both need.
-kernels_of_models: $(STAMP_TEST)
-	$(PY) -m pytest --quiet tests/models/test_posterior.py tests/models/test_incremental.py
-
-kernels_of_moves: $(STAMP_TEST)
-	$(PY) -m pytest --quiet tests/sampling/test_crossover.py \
-		tests/sampling/test_reference.py::test_what_was_visited_is_drawn_more_often \
-		tests/sampling/test_steps.py tests/sampling/test_alone.py
 
 lint: $(STAMP_TEST)
 	$(VENV)/bin/ruff check

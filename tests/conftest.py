@@ -76,8 +76,24 @@ def i3db_scene(request: pytest.FixtureRequest) -> Path:
 DEMO = "the demo, solved and sampled"
 APART = {"tests/lab/test_sbc.py"}
 """Files whose tests take minutes each and share little."""
+COMPILING = {
+    "kernels of moves": (
+        "tests/sampling/test_crossover.py",
+        "tests/sampling/test_reference.py",
+        "tests/sampling/test_steps.py",
+        "tests/sampling/test_alone.py",
+    ),
+    "kernels of models": (
+        "tests/models/test_posterior.py",
+        "tests/models/test_incremental.py",
+    ),
+}
+"""Files with whose tests two processes compile what all others need. Moves begin with kernels of
+their own, until the other process has compiled what both need."""
 FIRST = (
+    *COMPILING,
     "tests/samplers/",
+    "tests/scenelets/",
     "tests/lab/",
     "notebooks/",
     DEMO,
@@ -85,12 +101,16 @@ FIRST = (
     "tests/sampling/",
     "tests/solver/",
 )
-"""What takes long, so that no process is left with it in the end."""
+"""Scopes in order. After the compiling ones come those that need none of its kernels, then what
+takes long, so that no process is left with it in the end."""
 
 
 def scope_of(nodeid: str) -> str:
-    """What is run by one process, because it shares what was solved or sampled."""
+    """What is run by one process, because it shares what was compiled, solved or sampled."""
     file = nodeid.split("::", 1)[0]
+    for scope, files in COMPILING.items():
+        if file in files:
+            return scope
     if file.startswith("notebooks/") and "out/notebooks/demo" in _text(file):
         return "notebooks/ that look at one run"
     if file in APART:
@@ -105,12 +125,15 @@ def _text(file: str) -> str:
     return path.read_text(encoding="utf-8") if path.is_file() else ""
 
 
-def _rank(scope: str) -> int:
-    return next((n for n, name in enumerate(FIRST) if scope.startswith(name)), len(FIRST))
+def _rank(nodeid: str) -> tuple[int, int]:
+    """Place of a test's scope, and of its file in the scope."""
+    scope, file = scope_of(nodeid), nodeid.split("::", 1)[0]
+    place = next((n for n, name in enumerate(FIRST) if scope.startswith(name)), len(FIRST))
+    return place, COMPILING[scope].index(file) if scope in COMPILING else 0
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    items.sort(key=lambda item: _rank(scope_of(item.nodeid)))
+    items.sort(key=lambda item: _rank(item.nodeid))
 
 
 @pytest.hookimpl(optionalhook=True)
