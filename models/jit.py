@@ -12,16 +12,22 @@ import os
 import re
 import shutil
 import time
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numba
+from numba.core.caching import FunctionCache
 from numba.core.registry import CPUDispatcher
 
 from imapper_prob.models.kernel_sources import digest
+
+try:
+    import fcntl
+except ImportError:  # not on Windows
+    fcntl = None  # type: ignore[assignment]
 
 if TYPE_CHECKING:
     from numba.core.dispatcher import Dispatcher
@@ -83,6 +89,29 @@ are rounded before they are added (no fused multiply-add), and non-finite values
 Fused products would make the last bits depend on inlining, which differs between a process that
 compiles and one that loads compiled kernels; then the same seed would give other draws. Division by
 zero gives infinity instead of Python's exception (``error_model="numpy"``)."""
+
+
+class _Cache(FunctionCache):
+    """The compiled forms of a function on disk, which one process at a time adds to.
+
+    numba reads the list of files, adds one and writes the list. Two processes that do so at once
+    could give one name to the code for different types of arguments.
+    """
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        with _held(Path(self.cache_path)):
+            super().save_overload(sig, data)  # type: ignore[no-untyped-call]
+
+
+@contextmanager
+def _held(folder: Path) -> Iterator[None]:
+    """Hold the lock of a folder, which the system releases when this process ends in any way."""
+    folder.mkdir(parents=True, exist_ok=True)
+    with (folder / "lock").open("w") as file:
+        if fcntl is not None:
+            with suppress(OSError):  # a network disk without locks
+                fcntl.flock(file, fcntl.LOCK_EX)
+        yield
 
 
 class _Inner(CPUDispatcher):
@@ -180,6 +209,7 @@ def _compiled(
             no_cfunc_wrapper=True,
             no_cpython_wrapper=alone,
         )(function)
+        dispatcher._cache = _Cache(function)  # type: ignore[attr-defined, no-untyped-call]
     finally:
         _NUMBA.CACHE_DIR = before
     if alone:

@@ -1,5 +1,11 @@
 from __future__ import annotations
 
+from pathlib import Path
+from typing import Any
+
+import pytest
+from numba.core.caching import FunctionCache
+
 from imapper_prob.models.jit import compiled, inlined
 
 
@@ -16,3 +22,22 @@ def product_less(a: float, b: float, c: float) -> float:
 def test_products_are_rounded_before_they_are_subtracted() -> None:
     """With fused operations, which depend on what is inlined, this is -2^-54."""
     assert product_less(1.0 + 2.0**-27, 1.0 - 2.0**-27, 1.0) == 0.0
+
+
+def test_one_process_at_a_time_adds_to_the_compiled(monkeypatch: pytest.MonkeyPatch) -> None:
+    fcntl = pytest.importorskip("fcntl")
+    saved = []
+
+    def save(self: FunctionCache, sig: Any, _: object) -> None:
+        with (Path(self.cache_path) / "lock").open() as another, pytest.raises(BlockingIOError):
+            fcntl.flock(another, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        saved.append(sig)
+
+    monkeypatch.setattr(FunctionCache, "save_overload", save)
+
+    @compiled
+    def twice(number: float) -> float:
+        return 2 * number
+
+    assert twice(1.5) == 3.0
+    assert len(saved) == 1
