@@ -185,7 +185,8 @@ def sample(
     chains : int, optional
         Number of chains. That of ``config`` if not given.
     workers : int
-        Number of processes; the draws do not depend on it.
+        Number of processes; the draws do not depend on it. With more than one, the first run of an
+        installation compiles the moves of chains while it solves.
     cluster : Cluster, optional
         Runs the chains on other machines, such as a `distributed.Client`.
     config : Config, optional

@@ -31,7 +31,7 @@ from imapper_prob.sampling.crossover import TimeCrossover
 from imapper_prob.sampling.redraws import draw_scene
 from imapper_prob.sampling.sample import sample_scenes, setup_of
 from imapper_prob.sampling.scene import state_of
-from imapper_prob.sampling.steps import MOVES, log_posteriors, propose
+from imapper_prob.sampling.steps import MOVES, propose
 from imapper_prob.sampling.visits import Visits
 from imapper_prob.scenelets.charness import motion_distances
 from imapper_prob.scenelets.library import load_library
@@ -83,9 +83,9 @@ def kernels_compiled_meanwhile(*, wanted: bool, progress: Progress | None = None
 
 
 def _are_compiled() -> bool:
-    """Whether the kernel that :func:`compile_kernels` calls last is on disk, if any is kept."""
-    folder = log_posteriors.stats.cache_path
-    return folder is None or any(Path(folder).glob("steps.log_posteriors-*.nbi"))
+    """Whether the steps of chains are on disk, with all their moves, or nothing is ever kept."""
+    folder = propose.stats.cache_path
+    return folder is None or any(Path(folder).glob("steps._advance-*.nbi"))
 
 
 def small_problem() -> JointProblem:

@@ -14,7 +14,7 @@ import pytest
 from imapper_prob.sampling import warm_up
 from imapper_prob.sampling.actors import join_actors
 from imapper_prob.sampling.warm_up import kernels_compiled_meanwhile, small_problem
-from tests.runs import solution
+from tests.runs import posterior, solution
 
 ROOT = Path(__file__).parents[2]
 COMMAND = [sys.executable, "-m", warm_up.__name__]
@@ -32,6 +32,19 @@ def test_no_process_runs_without_need(
     monkeypatch.setattr(subprocess, "Popen", refuse)
     with kernels_compiled_meanwhile(wanted=wanted):
         pass
+
+
+def test_what_is_on_disk_is_known(tmp_path: Path) -> None:
+    posterior()
+    assert warm_up._are_compiled()
+    program = f"import sys, {warm_up.__name__} as w; sys.exit(w._are_compiled())"
+    done = subprocess.run(
+        [sys.executable, "-c", program],
+        cwd=ROOT,
+        env={**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)},
+        check=False,
+    )
+    assert done.returncode == 0
 
 
 def test_it_is_waited_for_and_ends_with_a_block_that_fails(
