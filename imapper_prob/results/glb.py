@@ -196,6 +196,7 @@ def _camera_node(tree: dict[str, Any], camera: Camera) -> dict[str, Any]:
     """A node with the camera of a scene; glTF has no principal point, so it is in the extras."""
     tree["cameras"] = [
         {
+            "name": "camera",
             "type": "perspective",
             "perspective": {
                 "yfov": 2 * float(np.arctan2(0.5 * camera.height, camera.fy)),

@@ -268,7 +268,8 @@ class Samples:
     @cached_property
     def seen(self) -> tuple[tuple[SceneObject, ...], ...]:
         """Furniture of each draw converted to the nominal focal length, for comparisons."""
-        return through_one_lens(self.objects, [float(s.camera[2]) for s in self.states])
+        focal = [float(state.camera[2]) for state in self.states]
+        return Listed(through_one_lens(self.objects, focal))
 
     @property
     def shape(self) -> tuple[int, int]:

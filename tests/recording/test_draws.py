@@ -54,7 +54,7 @@ def test_scenes_and_traces_are_the_posterior_s(columns: Columns) -> None:
 def test_many_draws_are_thinned_evenly(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     from imapper_prob.recording import posterior as module
 
-    monkeypatch.setattr(module, "MOST", 12)
+    monkeypatch.setattr(module, "_MOST", 12)
     run = posterior()
     chains, draws = run.samples.shape
     run.record(tmp_path / "run.rrd")
