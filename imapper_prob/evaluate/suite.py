@@ -44,7 +44,7 @@ from imapper_prob.models.scene import Clip
 from imapper_prob.models.scenelet import Library
 from imapper_prob.results.folders import CHECKPOINTS, run_folder, write_run
 from imapper_prob.results.posterior import Posterior, load_posterior
-from imapper_prob.sampling.sample import Cluster
+from imapper_prob.sampling.cluster import Cluster
 from imapper_prob.scenelets.build import build_library_from, captures_from
 from imapper_prob.scenelets.library import joined, load_library
 from imapper_prob.solver.actors import solve_actors
