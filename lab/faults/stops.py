@@ -48,7 +48,7 @@ _PRINTING: Final = "printing"
 """Names of the time before the first progress report, and after the last."""
 _STEPS: Final = 2000
 """Steps of each chain, enough for ten checkpoints."""
-_PATIENCE: Final = 300
+_PATIENCE: Final = 900
 """Seconds after which a run counts as hanging; the machine may be busy."""
 _ALONE: Final = "kill -9"
 _ALL: Final = "kill -9 of all processes"
