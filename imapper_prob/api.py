@@ -23,8 +23,9 @@ from imapper_prob.progress import Progress, shown
 from imapper_prob.results.posterior import Posterior
 from imapper_prob.sampling.actors import join_actors
 from imapper_prob.sampling.blocks import Limits, OnBlock
+from imapper_prob.sampling.cluster import Cluster
 from imapper_prob.sampling.conditioning import Told, denied, with_statements
-from imapper_prob.sampling.sample import Cluster, sample_scenes
+from imapper_prob.sampling.sample import sample_scenes
 from imapper_prob.sampling.schedule import end_of, stopped_at
 from imapper_prob.sampling.warm_up import kernels_compiled_meanwhile
 from imapper_prob.scenelets.library import load_library

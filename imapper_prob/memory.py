@@ -11,7 +11,7 @@ from imapper_prob.models.scene import Clip
 from imapper_prob.models.scenelet import Library
 from imapper_prob.models.settings import SHORTEST_CLIP
 
-__all__ = ["memory_there", "require_memory"]
+__all__ = ["memory_needed", "memory_there", "require_memory"]
 
 _GIGABYTE: Final = 1e9
 _PROGRAM: Final = 1.0 * _GIGABYTE
@@ -36,8 +36,8 @@ _GROUPS: Final = (
 """Files with limit and use of a container, for both versions of cgroups."""
 
 
-def _memory_needed(rows: int, scenelets: int, settings: SampleSettings | None) -> float:
-    """Approximate memory in bytes for solving and sampling.
+def memory_needed(rows: int, scenelets: int, settings: SampleSettings | None) -> float:
+    """Approximate memory for solving and sampling.
 
     Parameters
     ----------
@@ -47,6 +47,11 @@ def _memory_needed(rows: int, scenelets: int, settings: SampleSettings | None) -
         Number of scenelets in the library.
     settings : SampleSettings, optional
         None if nothing is sampled.
+
+    Returns
+    -------
+    float
+        Bytes.
     """
     needed = _PROGRAM + rows * scenelets * _EACH_PLACEMENT
     if settings is None:
@@ -96,11 +101,11 @@ def require_memory(clip: Clip, library: Library, settings: SampleSettings | None
         Says how much is needed and available, and how many frames would fit.
     """
     people, there = len(clip.tracks), memory_there()
-    needed = _memory_needed(people * clip.n_frames, len(library), settings)
+    needed = memory_needed(people * clip.n_frames, len(library), settings)
     if needed <= there:
         return
     fits = clip.n_frames
-    while fits > 1 and _memory_needed(people * fits, len(library), settings) > there:
+    while fits > 1 and memory_needed(people * fits, len(library), settings) > there:
         fits = int(0.9 * fits)
     first = int(clip.frame_ids[0])
     if fits < SHORTEST_CLIP:

@@ -6,6 +6,7 @@ their numbers. :func:`brief` describes arrays by type and shape, and sequences b
 
 from __future__ import annotations
 
+import math
 import unicodedata
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
@@ -13,7 +14,7 @@ from typing import Any, Final, TypeVar
 
 import numpy as np
 
-__all__ = ["Listed", "brief", "readable"]
+__all__ = ["Listed", "brief", "in_markdown", "readable", "with_error"]
 
 T = TypeVar("T")
 _UNKNOWN: Final = "\N{REPLACEMENT CHARACTER}"
@@ -48,6 +49,41 @@ def _printable(character: str) -> str:
         return " "
     category = unicodedata.category(character)
     return _UNKNOWN if category in ("Cc", "Cs") or character in _ORDERS else character
+
+
+def with_error(value: float, error: float) -> str:
+    """A number with its error, to two digits after the point.
+
+    Parameters
+    ----------
+    value : float
+    error : float
+        NaN if no error can be given.
+
+    Returns
+    -------
+    str
+        Such as ``0.25 ± 0.03``, or ``0.25 ± unknown``.
+    """
+    return f"{value:.2f} ± {'unknown' if math.isnan(error) else f'{error:.2f}'}"
+
+
+_MARKS: Final = "\\`*<|["
+"""Characters that Markdown takes for code, emphasis, HTML, the end of a table's cell and a link."""
+
+
+def in_markdown(text: str) -> str:
+    """The text on one line, as Markdown that shows it as it is, in a table's cell as well.
+
+    Parameters
+    ----------
+    text : str
+
+    Returns
+    -------
+    str
+    """
+    return "".join(f"\\{c}" if c in _MARKS else c for c in readable(text))
 
 
 _SHORT: Final = 60

@@ -144,12 +144,13 @@ def walk_ensemble(
     numbers = np.arange(n_walkers, dtype=float)[:, None]
     coordinates = np.concatenate([theta, latent, numbers], axis=1)
     chosen = _moves(n_theta, latent.shape[1])
-    sampler = EnsembleSampler(
-        *coordinates.shape,
-        lambda x: log_density_fn(x[:, :n_theta], x[:, n_theta:-1], x[:, -1].astype(np.int64)),
-        moves=chosen,
-        vectorize=True,
-    )
+
+    def density(x: Array) -> Array:
+        return log_density_fn(x[:, :n_theta], x[:, n_theta:-1], x[:, -1].astype(np.int64))
+
+    sampler = EnsembleSampler(*coordinates.shape, density, moves=chosen, vectorize=True)
+    # Without the wrapper of emcee, which prints a traceback on any exception, an interrupt as well.
+    sampler.log_prob_fn = density
     # emcee seeds itself from numpy's global state unless told otherwise.
     sampler.random_state = np.random.MT19937(int(rng.integers(2**63))).state
     log_density, _ = sampler.compute_log_prob(coordinates)

@@ -27,6 +27,8 @@ _MARGIN = 1.5
 # mass) and both share less than half as much with each other. Chains that are merely too short are
 # inconsistent with themselves as well.
 _COMMON_SHARE = 0.5
+# Least draws per chain for that: both halves of a chain of one draw are this draw.
+_COMPARABLE = 2
 
 
 class Verdict(NamedTuple):
@@ -167,7 +169,7 @@ def judge(
     more = _two_digits(layouts.n_draws * (factor - 1))
     text = f"Not converged: probabilities may be off by {off:.2f}."
     if math.isnan(off):
-        text = "Not converged: too few draws to say how far probabilities are off."
+        text = "Not converged: there is one draw a chain, from which no error can be given."
     if worst <= _RHAT_LIMIT:
         why = f"Chains agree, but {found.effective_draws_of} changes too seldom to be known well."
     elif math.isinf(worst):
@@ -214,6 +216,8 @@ def _known(value: ArrayLike, worst: float) -> float:
 
 def _disagreement(layouts: LayoutProbabilities) -> tuple[int, int] | None:
     """The most frequent layouts of the two chains that disagree most; None if none disagree."""
+    if layouts.n_draws < _COMPARABLE:
+        return None
     shares = layouts.by_chain
     favourites = shares.argmax(1)
     common = np.minimum(shares[:, None], shares[None, :]).sum(-1)

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from imapper_prob import memory
@@ -14,24 +12,9 @@ from imapper_prob.cli import main
 from imapper_prob.clips.load import load_clip, write_clip
 from imapper_prob.config import SampleSettings
 from imapper_prob.models.errors import InputError
-from imapper_prob.models.scene import Clip
 from imapper_prob.scenelets.library import load_library
+from lab.long_clips import long_clip
 from tests.conftest import ROOT
-
-
-def long_clip(n_frames: int) -> Clip:
-    """Somebody who does the same again and again."""
-    clip = demo_clip()
-    (track,) = clip.tracks
-    again = np.arange(n_frames) % clip.n_frames
-    long = replace(
-        track,
-        keypoints=track.keypoints[again],
-        confidences=track.confidences[again],
-        poses=track.poses[again],
-        interpolated=track.interpolated[again],
-    )
-    return replace(clip, frame_ids=np.arange(n_frames), tracks=(long,), truth=None)
 
 
 def test_a_clip_that_does_not_fit_is_refused_before_the_work(

@@ -71,7 +71,7 @@ from imapper_prob.files import written_whole
 from imapper_prob.models.errors import InputError
 from imapper_prob.plotting import save_figure
 from imapper_prob.results.load import load_posterior
-from imapper_prob.sampling.sample import Cluster, connected, executor_of
+from imapper_prob.sampling.cluster import Cluster, connected, executor_of
 
 __all__ = ["evaluate_results"]
 

@@ -320,7 +320,7 @@ def _sample(
     import imapper_prob
     from imapper_prob.cli.going_on import how_to_go_on, words_of_block
     from imapper_prob.results.folders import CHECKPOINTS, write_run
-    from imapper_prob.sampling.sample import connected
+    from imapper_prob.sampling.cluster import connected
 
     blocks: list[Block] = []
     with connected(options.cluster) as cluster, progress_bars() as progress:

@@ -45,7 +45,7 @@ from imapper_prob.models.scenelet import Library
 from imapper_prob.results.folders import CHECKPOINTS, run_folder, write_run
 from imapper_prob.results.load import load_posterior
 from imapper_prob.results.posterior import Posterior
-from imapper_prob.sampling.sample import Cluster
+from imapper_prob.sampling.cluster import Cluster
 from imapper_prob.scenelets.build import build_library_from, captures_from
 from imapper_prob.scenelets.library import joined, load_library
 from imapper_prob.solver.actors import solve_actors

@@ -24,6 +24,7 @@ from imapper_prob.evaluate.probability import Coverage, PosteriorScore
 from imapper_prob.evaluate.score import SUBSETS, Difference, Score, Summary
 from imapper_prob.evaluate.truth import Outline, TruthInView
 from imapper_prob.models.skeleton import PELV
+from imapper_prob.models.text import in_markdown
 from imapper_prob.plotting import category_colour
 
 __all__ = [
@@ -292,12 +293,13 @@ def markdown_table(rows: Rows) -> str:
     Parameters
     ----------
     rows : list of tuple of str
+        Cells, which are shown as they are.
 
     Returns
     -------
     str
     """
-    lines = ["| " + " | ".join(cells) + " |" for cells in rows]
+    lines = ["| " + " | ".join(map(in_markdown, cells)) + " |" for cells in rows]
     rule = "|" + "|".join("---" if k < 2 else "---:" for k in range(len(rows[0]))) + "|"
     return "\n".join([lines[0], rule, *lines[1:]])
 

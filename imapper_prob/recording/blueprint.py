@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from imapper_prob.models.camera import Camera
 from imapper_prob.models.scene import Clip, Scene, Truth
 from imapper_prob.models.skeleton import PELV
+from imapper_prob.models.text import in_markdown, with_error
 from imapper_prob.recording.posterior import HIDDEN, Certainty, chain_entity, trace_entity
 from imapper_prob.recording.shapes import own_entity
 from imapper_prob.uncertainty.clusters import ObjectCluster
@@ -76,7 +77,7 @@ def scene_name(number: int, weighted: WeightedScene) -> str:
     -------
     str
     """
-    return f"Scene {number}: p = {weighted.probability:.2f} ± {weighted.error:.2f}"
+    return f"Scene {number}: p = {with_error(weighted.probability, weighted.error)}"
 
 
 def contents(scene: Scene) -> str:
@@ -108,7 +109,8 @@ def caption(description: str, scenes: Sequence[WeightedScene]) -> str:
     str
     """
     rows = [
-        f"| {i} | {s.probability:.2f} ± {s.error:.2f} | {contents(s.scene)} | {s.difference} |"
+        f"| {i} | {with_error(s.probability, s.error)} | "
+        f"{in_markdown(contents(s.scene))} | {in_markdown(s.difference)} |"
         for i, s in enumerate(scenes, 1)
     ]
     header = "| scene | probability | furniture | unlike the first |"
@@ -172,13 +174,14 @@ def moves_text(acceptance: Mapping[str, float]) -> str:
 
 def _object_row(cluster: ObjectCluster, hides: int) -> str:
     across, depth = 100 * np.sqrt(np.diag(cluster.covariance))
-    labels = ", ".join(f"{name} {share:.2f}" for name, share in cluster.labels.items())
+    labels = ", ".join(f"{in_markdown(n)} {share:.2f}" for n, share in cluster.labels.items())
     # A spread beyond half a turn means that any direction is possible.
     turn = np.degrees(cluster.yaw_spread)
     facing = f"{np.degrees(cluster.yaw):.0f}° ± {turn:.0f}°" if turn < 180 else "any"
     x, y = cluster.mean
     return (
-        f"| {cluster.label} | {cluster.presence:.2f} ± {cluster.presence_error:.2f} | {labels} "
+        f"| {in_markdown(cluster.label)} "
+        f"| {with_error(cluster.presence, cluster.presence_error)} | {labels} "
         f"| {x:.2f} m ± {across:.0f} cm | {y:.2f} m ± {depth:.0f} cm | {facing} | {hides} |"
     )
 
@@ -337,7 +340,7 @@ def _alternatives(scenes: Sequence[WeightedScene], chains: int) -> list[rrb.Cont
     if beside:
         side_by_side = [
             _room(
-                f"{i}: {s.probability:.2f} ± {s.error:.2f}",
+                f"{i}: {with_error(s.probability, s.error)}",
                 ["world/floor/**", f"world/scene_{i}/**"],
                 eye,
             )

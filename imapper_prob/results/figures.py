@@ -28,6 +28,7 @@ from imapper_prob.models.drawing import (
 )
 from imapper_prob.models.scene import Clip
 from imapper_prob.models.skeleton import JOINTS, PELV
+from imapper_prob.models.text import with_error
 from imapper_prob.people import by_person, everybody, in_a_row
 from imapper_prob.plotting import Colour, action_colour, category_colour
 from imapper_prob.results.posterior import Posterior
@@ -322,7 +323,7 @@ def scenes_figure(posterior: Posterior, count: int = 4) -> Figure:
         draw_paths(axes, weighted.scene.joints, people=people, label="pelvis")
         draw_furniture(axes, weighted.scene.objects)
         draw_outlines(axes, truth.objects if truth is not None else (), label="truth")
-        title = f"{i}: p = {weighted.probability:.2f} ± {weighted.error:.2f}"
+        title = f"{i}: p = {with_error(weighted.probability, weighted.error)}"
         axes.set_title(title, color=INK, fontsize=11)
         name_axes_of_floor(axes)
         told = f"{axes.get_xlabel()}\n{_wrapped(weighted.difference)}".rstrip()

@@ -18,6 +18,7 @@ from imapper_prob.files import written_whole
 from imapper_prob.models.drawing import INK, QUIET
 from imapper_prob.models.scene import Clip, SceneObject
 from imapper_prob.models.skeleton import PELV
+from imapper_prob.models.text import with_error
 from imapper_prob.people import by_person, everybody, own_part
 from imapper_prob.recording.blueprint import TITLES
 from imapper_prob.recording.posterior import HIDDEN
@@ -192,6 +193,8 @@ def warnings_of(
             f"Weak evidence: even the most probable scene has a probability of only "
             f"{best.probability:.2f}. Look at the others too, and at what they have in common."
         )
+    if math.isnan(best.error):
+        said.append("One draw a chain: no error of its probability can be given.")
     if best.error > _VAGUE:
         said.append(
             f"Its probability is known to ± {best.error:.2f} only, from the draws that there are."
@@ -274,7 +277,7 @@ def _sides(flipped: NDArray[np.float64], frame_ids: NDArray[np.int64], *, of: st
 
 
 def _share(weighted: WeightedScene) -> str:
-    return f"probability {weighted.probability:.2f} ± {weighted.error:.2f}"
+    return f"probability {with_error(weighted.probability, weighted.error)}"
 
 
 def _plural(label: str) -> str:
@@ -415,7 +418,7 @@ def _scene_table(posterior: Posterior) -> str:
             str(number),
             listed(weighted.scene.objects),
             weighted.difference or "the most probable one",
-            f"{weighted.probability:.2f} ± {weighted.error:.2f}",
+            with_error(weighted.probability, weighted.error),
             *(f"{share:.2f}" for share in posterior.scene_probabilities.by_chain[:, number - 1]),
         ]
         for number, weighted in enumerate(scenes, 1)
@@ -458,7 +461,7 @@ def _questions(posterior: Posterior) -> str:
     asked = [question for question in posterior.questions()[:_ASKED] if question.bits > 0]
     if not asked:
         return ""
-    rows = [[q.text, f"{q.bits:.2f} ± {q.error:.2f}"] for q in asked]
+    rows = [[q.text, with_error(q.bits, q.error)] for q in asked]
     return section(
         "What would settle it",
         table(["question", "bits"], rows, words=1),
@@ -547,7 +550,7 @@ def _object_row(name: str, cluster: ObjectCluster, hides: int) -> list[str]:
     return [
         name,
         labels,
-        f"{cluster.presence:.2f} ± {cluster.presence_error:.2f}",
+        with_error(cluster.presence, cluster.presence_error),
         f"{cluster.mean[0]:.2f} ± {across:.2f}",
         f"{cluster.mean[1]:.2f} ± {away:.2f}",
         f"{np.degrees(cluster.yaw) % 360:.0f}° ± {turn:.0f}°" if turn < 180 else "any",

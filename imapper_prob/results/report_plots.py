@@ -20,6 +20,7 @@ from imapper_prob.models.camera import Camera
 from imapper_prob.models.drawing import INK, LINES, QUIET
 from imapper_prob.models.scene import Clip, SceneObject
 from imapper_prob.models.skeleton import JOINTS, PELV
+from imapper_prob.models.text import with_error
 from imapper_prob.people import by_person
 from imapper_prob.plotting import category_colour
 from imapper_prob.uncertainty.clusters import ObjectCluster, names_of
@@ -560,7 +561,7 @@ def _told(cluster: ObjectCluster, name: str) -> str:
     turn = np.degrees(cluster.yaw_spread)
     facing = f"{np.degrees(cluster.yaw) % 360:.0f}° ± {turn:.0f}°" if turn < 180 else "any"
     return (
-        f"<b>{escape(name)}</b>, there with {cluster.presence:.2f} ± {cluster.presence_error:.2f}"
+        f"<b>{escape(name)}</b>, there with {with_error(cluster.presence, cluster.presence_error)}"
         f"<br>called {labels}<br>x {cluster.mean[0]:.2f} ± {across:.2f} m"
         f"<br>y {cluster.mean[1]:.2f} ± {away:.2f} m<br>turned by {facing}"
     )

@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-import logging
 import math
 import warnings
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Executor
 from contextlib import contextmanager
 from copy import deepcopy
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from importlib.metadata import version
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,163 +36,14 @@ from imapper_prob.sampling.actors import JointProblem, join_actors
 from imapper_prob.sampling.blocks import Block, Clock, Limits, OnBlock
 from imapper_prob.sampling.chain import Chain, Setup, run_chain, starts_of
 from imapper_prob.sampling.checkpoints import ChainProgress, identity_of, rounds_done
+from imapper_prob.sampling.cluster import Cluster, SameProgram, executor_of
 from imapper_prob.sampling.ensembles import Walked, walk_draws
 from imapper_prob.sampling.schedule import block_end, burn_in_of, end_of, learning_of
 from imapper_prob.sampling.visits import Visits
 from imapper_prob.scenelets.charness import similarity
 from imapper_prob.solver.solver import Solution
 
-__all__ = [
-    "Cluster",
-    "Progress",
-    "Samples",
-    "connected",
-    "executor_of",
-    "functionals",
-    "sample_scenes",
-    "setup_of",
-]
-
-_LOG = logging.getLogger(__name__)
-_PATIENCE = "10s"
-"""Time limit for connecting to a scheduler."""
-
-
-class Cluster(Protocol):
-    """The methods of a `distributed.Client` that are used.
-
-    Parameters
-    ----------
-    *args, **kwargs
-        The constructor is that of the class.
-    """
-
-    def get_executor(self) -> Executor:
-        """An executor that runs tasks on the workers.
-
-        Returns
-        -------
-        Executor
-        """
-
-    def run(self, function: Callable[..., Any], *args: Any, on_error: str) -> dict[str, Any]:
-        """Call a function on every worker, and return its results or errors.
-
-        Parameters
-        ----------
-        function : callable
-        *args : object
-            Its arguments.
-        on_error : str
-            ``"return"`` to return errors instead of raising them.
-
-        Returns
-        -------
-        dict of str to object
-            By address of the worker.
-        """
-
-    def scatter(self, data: Any, *, broadcast: bool) -> Any:
-        """Send data to workers once, and return a reference to it.
-
-        Parameters
-        ----------
-        data : object
-        broadcast : bool
-            Whether to send it to all workers.
-
-        Returns
-        -------
-        object
-            The reference, which can be passed to tasks.
-        """
-
-
-@contextmanager
-def connected(address: str | None) -> Iterator[Cluster | None]:
-    """Connect to the scheduler at an address such as ``tcp://host:8786``; None without one.
-
-    Parameters
-    ----------
-    address : str or None
-
-    Returns
-    -------
-    iterator of Cluster or None
-        A context manager.
-
-    Raises
-    ------
-    InputError
-        dask is not installed, no scheduler answers, or a worker has another version of the program.
-    """
-    if address is None:
-        yield None
-        return
-    try:
-        from distributed import Client
-    except ImportError as error:
-        raise InputError(
-            "a cluster needs dask's distributed: install the extra, imapper-prob[cluster]"
-        ) from error
-    make_client: Any = Client
-    try:
-        client = make_client(address, timeout=_PATIENCE)
-    except TypeError as error:  # raised for a tls:// address without certificates
-        raise InputError(
-            f"{address}: needs certificates; name them in dask's settings, distributed.comm.tls"
-        ) from error
-    except (OSError, ValueError) as error:
-        refused = "certificate" in str(error)
-        why = "its certificate is not the one expected" if refused else "nothing answers"
-        raise InputError(f"{address}: no dask scheduler answers there ({why})") from error
-    with client:
-        _require_same_program(address, client)
-        yield client
-
-
-def _require_same_program(address: str, client: Cluster) -> None:
-    """Refuse workers with another version of the program, whose draws would differ."""
-    own = version("imapper-prob")
-    workers = client.run(version, "imapper-prob", on_error="return")
-    if not workers:
-        _LOG.warning("%s: has no worker yet; chains wait until one is started", address)
-    for worker, found in workers.items():
-        if found != own:
-            has = f"has imapper-prob {found}" if isinstance(found, str) else "has no imapper-prob"
-            raise InputError(
-                f"{address}: the worker {worker} {has}, and this is {own}; install the same one "
-                "on all machines, and start the worker again"
-            )
-
-
-@contextmanager
-def executor_of(cluster: Cluster | None) -> Iterator[Executor | None]:
-    """The executor of a cluster; None without a cluster.
-
-    On exit it does not wait for running tasks, because those of lost workers never end.
-
-    Parameters
-    ----------
-    cluster : Cluster or None
-
-    Returns
-    -------
-    iterator of Executor or None
-        A context manager.
-    """
-    if cluster is None:
-        yield None
-        return
-    executor = cluster.get_executor()
-    try:
-        yield executor
-    finally:
-        executor.shutdown(wait=False)
-
-
-# ------------------------------------------------------------------------------------------------
-# Sampling.
+__all__ = ["Progress", "Samples", "functionals", "sample_scenes", "setup_of"]
 
 Array = NDArray[np.float64]
 Progress = Callable[[str, float], None]
@@ -301,8 +149,8 @@ def sample_scenes(
     ----------
     solution, settings, seed, workers
     cluster : Cluster, optional
-        Where the chains run instead of this machine, see `connected`. They report no progress from
-        there.
+        Where the chains run instead of this machine, see `imapper_prob.sampling.cluster`. They
+        report no progress from there.
     checkpoints : Path, optional
         Folder for checkpoints, which chains write every few seconds and resume from: a run that was
         killed and is repeated gives the same draws. Finished chains continue from there as well if
@@ -345,7 +193,6 @@ def sample_scenes(
     cast = solution if isinstance(solution, JointProblem) else join_actors([solution])
     setup = setup_of(cast, settings)
     starts = starts_of(cast, settings.chains) if starts is None else starts
-    scatter = None if cluster is None else partial(cluster.scatter, broadcast=True)
     with (
         _told_plainly(checkpoints),
         executor_of(cluster) as executor,
@@ -353,7 +200,6 @@ def sample_scenes(
     ):
         run = _ChainRun(
             setup=setup,
-            scatter=scatter,
             starts=starts,
             seed=chain_seed,
             workers=processes,
@@ -392,11 +238,10 @@ class _ChainRun:
     """All chains of a run, which can be continued to any round."""
 
     setup: Setup
-    scatter: Callable[[Setup], Any] | None
     starts: Sequence[Sequence[State]]
     seed: np.random.SeedSequence
     workers: Workers
-    executor: Executor | None
+    executor: SameProgram | None
     folder: Path | None
     identity: str
     anew: bool
@@ -450,7 +295,7 @@ class _ChainRun:
             "on_progress": on_progress if self.executor is None else None,
         }
         task = partial(run_chain, end=end)
-        shared = setup if self.scatter is None else self.scatter(setup)
+        shared = setup if self.executor is None else self.executor.scatter(setup)
         if self.folder is None:
             return run_chains(task, shared, at, **options)
         return run_resumable_chains(

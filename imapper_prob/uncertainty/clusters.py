@@ -22,6 +22,7 @@ from scipy.optimize import linear_sum_assignment
 from imapper_prob.layouts import SEATS
 from imapper_prob.models.drawing import axes_for, picture_of
 from imapper_prob.models.scene import FRONTLESS, SceneObject
+from imapper_prob.models.text import with_error
 from imapper_prob.samplers.diagnostics import ShortChainWarning, mean_error
 
 if TYPE_CHECKING:
@@ -141,7 +142,7 @@ class ObjectCluster:
 
     def __repr__(self) -> str:
         x, y = self.mean
-        there = f"p = {self.presence:.2f} ± {self.presence_error:.2f}"
+        there = f"p = {with_error(self.presence, self.presence_error)}"
         return f"ObjectCluster({self.label!r:.60}, {there}, at ({x:.2f}, {y:.2f}) m)"
 
     @property

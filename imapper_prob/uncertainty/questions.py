@@ -25,6 +25,7 @@ from imapper_prob.models.settings import NEAREST
 from imapper_prob.models.skeleton import PELV, REFERENCE_STATURE
 from imapper_prob.models.statement_rows import tell
 from imapper_prob.models.statements import DepthOf, JointAt, Measured, Presence, Statement
+from imapper_prob.models.text import with_error
 from imapper_prob.samplers.diagnostics import ShortChainWarning, mean_error
 from imapper_prob.sampling.conditioning import statement_values
 from imapper_prob.sampling.sample import Samples
@@ -81,7 +82,7 @@ class Question:
         return f"Question({self.text!r}, bits={self.bits:.2f}, error={self.error:.2f})"
 
     def __str__(self) -> str:
-        return f"{self.text} {self.bits:.2f} ± {self.error:.2f} bit"
+        return f"{self.text} {with_error(self.bits, self.error)} bit"
 
     def answered(self, answer: bool | float | Sequence[float]) -> Statement:
         """The statement that results from an answer.

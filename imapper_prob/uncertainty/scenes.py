@@ -22,6 +22,7 @@ from imapper_prob.models.log_posterior import State
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.scene import Clip, Scene, SceneObject
 from imapper_prob.models.skeleton import DETECTED
+from imapper_prob.models.text import with_error
 from imapper_prob.people import everybody
 from imapper_prob.sampling.sample import Samples
 from imapper_prob.solver.detections import with_usual_confidences
@@ -122,7 +123,7 @@ class WeightedScene:
 
     def __repr__(self) -> str:
         names = ", ".join(o.label for o in self.scene.objects) or "nothing"
-        return f"WeightedScene(p = {self.probability:.2f} ± {self.error:.2f}: {names:.200})"
+        return f"WeightedScene(p = {with_error(self.probability, self.error)}: {names:.200})"
 
     @property
     def objects(self) -> tuple[SceneObject, ...]:
@@ -155,7 +156,7 @@ class WeightedScene:
                 axes, ghost, people=people, label=None if number else "other draws", quiet=True
             )
         self.scene.plot(axes, people=people)
-        axes.set_title(f"p = {self.probability:.2f} ± {self.error:.2f}", color=INK, fontsize=11)
+        axes.set_title(f"p = {with_error(self.probability, self.error)}", color=INK, fontsize=11)
         return axes
 
     def _repr_html_(self) -> str:

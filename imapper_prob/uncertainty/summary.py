@@ -15,6 +15,7 @@ from xarray import Dataset
 
 from imapper_prob.layouts import group_of
 from imapper_prob.models.scene import Clip, SceneObject, Truth
+from imapper_prob.models.text import in_markdown, with_error
 from imapper_prob.sampling.ensembles import describe_walked
 from imapper_prob.sampling.sample import Samples
 from imapper_prob.uncertainty.checks import Check
@@ -48,7 +49,7 @@ def scene_table(scenes: Sequence[WeightedScene]) -> Table:
     for number, weighted in enumerate(scenes, 1):
         table.add_row(
             str(number),
-            f"{weighted.probability:.2f} ± {weighted.error:.2f}",
+            with_error(weighted.probability, weighted.error),
             furniture(weighted),
             _shortened(weighted.layouts),
         )
@@ -123,7 +124,7 @@ def object_table(rows: Sequence[Mapping[str, Any]], truth: Truth | None = None) 
         turned = f"{np.degrees(row['yaw']) % 360:.0f} ± {np.degrees(row['yaw_sd']):.0f}"
         cells = [
             str(row["label"]),
-            f"{row['presence']:.2f} ± {row['presence_error']:.2f}",
+            with_error(row["presence"], row["presence_error"]),
             f"{row['x']:.2f} ± {row['x_sd']:.2f}",
             f"{row['y']:.2f} ± {row['y_sd']:.2f}",
             turned,
@@ -208,7 +209,8 @@ def describe(clip: Clip, samples: Samples, *, verdict: str, alarms: Sequence[str
     focal = "" if clip.focal_known else doubt
     first = "".join(f"**{sentence}**\n\n" for sentence in alarms)
     return (
-        f"{first}**{clip.name}** - furniture and motion from 2D joints, as a posterior.\n\n"
+        f"{first}**{in_markdown(clip.name)}** - furniture and motion from 2D joints, "
+        "as a posterior.\n\n"
         f"{chains} chains, {draws} draws each. {verdict} "
         f"{describe_walked(samples.walked)}{focal}"
     )

@@ -33,9 +33,10 @@ from imapper_prob.cli.main import main
 from imapper_prob.clips.load import write_clip
 from imapper_prob.config import to_toml
 from imapper_prob.models.errors import InputError
+from imapper_prob.results.load import load_posterior
 from imapper_prob.samplers.checkpoint import run_resumable_chains
 from imapper_prob.scenelets.library import save_library
-from lab.faults.disk import digest
+from lab.faults.disk import UndisturbedError, digest
 from lab.robustness.runs import CONFIG, small_clip, small_library, warm_up
 
 __all__ = ["stop_runs", "stops_section"]
@@ -47,7 +48,7 @@ _PRINTING: Final = "printing"
 """Names of the time before the first progress report, and after the last."""
 _STEPS: Final = 2000
 """Steps of each chain, enough for ten checkpoints."""
-_PATIENCE: Final = 300
+_PATIENCE: Final = 900
 """Seconds after which a run counts as hanging; the machine may be busy."""
 _ALONE: Final = "kill -9"
 _ALL: Final = "kill -9 of all processes"
@@ -85,7 +86,7 @@ class _Base:
 
     folder: Path
 
-    def arguments(self, world: _World, out: Path) -> list[str]:
+    def arguments(self, world: _World) -> list[str]:
         """Arguments of the command line."""
         clip = self.folder / f"clip-{world.people}.npz"
         if not clip.exists():
@@ -96,7 +97,7 @@ class _Base:
             sample = replace(CONFIG.sample, steps=_STEPS, draws=20)
             config.write_text(to_toml(replace(CONFIG, sample=sample)), encoding="utf-8")
         arguments = ["run", str(clip), "--library", str(library), "--config", str(config)]
-        return [*arguments, "--workers", str(world.workers), "-o", str(out)]
+        return [*arguments, "--workers", str(world.workers), "-o", str(self.folder / "out")]
 
 
 def stop_runs(kills: int, interrupts: int) -> dict[str, Any]:
@@ -115,6 +116,11 @@ def stop_runs(kills: int, interrupts: int) -> dict[str, Any]:
     dict
         ``outcomes``: counts of outcomes by people, processes, kind of stop and stage; ``wrong``:
         cases with a forbidden outcome.
+
+    Raises
+    ------
+    UndisturbedError
+        A run that is not stopped fails.
     """
     warm_up()
     rng = np.random.default_rng(20190708)
@@ -124,19 +130,21 @@ def stop_runs(kills: int, interrupts: int) -> dict[str, Any]:
         base = Path(folder)
         sound: dict[int, dict[str, str]] = {}
         for world, counts in _plan(kills, interrupts).items():
-            arguments = _Base(base).arguments(world, base / "out")
-            ended, said, told = _forked(arguments, None, base)
+            ended, said, told = _forked(_Base(base).arguments(world), None, base)
+            if ended != "done":
+                raise UndisturbedError(f"{world} that nobody stops is not done but {ended}: {said}")
+            load_posterior(base / "out")
             found = digest(base / "out")
-            if ended != "done" or sound.setdefault(world.people, found) != found:
-                wrong.append(f"{world}: undisturbed: {ended}, {said}")
+            if sound.setdefault(world.people, found) != found:
+                wrong.append(f"{world}: undisturbed, but other draws than with one process")
             shutil.rmtree(base / "out")
             for how, stage, count in counts:
                 for name, stop in _moments(told, stage, how, count, rng):
-                    ended, bad = _case(arguments, stop, base, sound[world.people])
+                    ended, bad = _case(world, stop, base, sound[world.people])
                     place = f"{world.people} people, {world.workers} processes, {how} in {name}"
                     outcomes[world.people, world.workers, how, name, ended] += 1
                     wrong += [f"{place}: {case}" for case in bad]
-                    words = f"{place}: {ended}, {len(wrong)} wrong"
+                    words = f"{place}: {ended}, {len(wrong)} wrong {bad or ''}"
                     print(words, file=sys.stderr, flush=True)
     return {"outcomes": [[*key, n] for key, n in outcomes.items()], "wrong": wrong}
 
@@ -183,12 +191,10 @@ def _moments(
             yield name, _Stop(how, k, float(rng.uniform(0, told[k][1])))
 
 
-def _case(
-    arguments: list[str], stop: _Stop, base: Path, sound: dict[str, str]
-) -> tuple[str, list[str]]:
+def _case(world: _World, stop: _Stop, base: Path, sound: dict[str, str]) -> tuple[str, list[str]]:
     """Outcome of an interrupted run, and faults of that run and of its continuation."""
     out, wrong = base / "out", []
-    ended, said, _ = _forked(arguments, stop, base)
+    ended, said, _ = _forked(_Base(base).arguments(world), stop, base)
     if ended not in ("done", "killed", *_WORDS.values()):
         wrong.append(f"{stop}: {ended}: {said}")
     if "Traceback" in said or ("leaked" in said and ended != "killed"):
@@ -198,7 +204,8 @@ def _case(
             digest(out)
         except (InputError, OSError) as error:
             wrong.append(f"{stop}: left what cannot be read: {error}")
-    resumed, said, _ = _forked(arguments, None, base)
+    # With one process, whatever their number was: the draws must be the same.
+    resumed, said, _ = _forked(_Base(base).arguments(_World(world.people, 1)), None, base)
     whole = resumed == "done" or "no more is asked for" in said
     found = digest(out) if whole else {}
     if found != sound:
@@ -220,6 +227,8 @@ def _forked(arguments: list[str], stop: _Stop | None, base: Path) -> tuple[str, 
     child = os.fork()
     if child == 0:
         os.setpgid(0, 0)
+        # Shells let programs in the background ignore Ctrl-C.
+        signal.signal(signal.SIGINT, signal.default_int_handler)
         os.environ["TMPDIR"] = str(base / "tmp")
         tempfile.tempdir = None
         with said.open("wb") as file, open(os.devnull, "wb") as nowhere:
@@ -323,10 +332,10 @@ def stops_section(told: dict[str, Any]) -> str:
     ]
     return f"""A small run is stopped at moments drawn from a fixed seed, through the command line,
 with a checkpoint at every chance. *Done* is a run that was over before it heard of it, or that made
-up for a process that was killed. After each the same command is given again. It must end well, with
-the draws, scenes and files of an undisturbed run, bit by bit, whatever the number of processes,
-and with nothing left in the temporary folder. What lies in the run's folder in between must be
-whole.
+up for a process that was killed. After each the same command is given again, with one process. It
+must end well, with the draws, scenes and files of an undisturbed run, bit by bit, whatever the
+number of processes was, and with nothing left in the temporary folder. What lies in the run's
+folder in between must be whole.
 
 | stopped by | people | processes | the run | cases |
 |---|---|---|---|---|

@@ -31,8 +31,9 @@ PATIENCE: Final = 5
 """Seconds of processor time after which an input counts as a hang."""
 MEMORY: Final = 2000
 """Megabytes of memory that reading may take."""
-_SILENCE: Final = 120.0
-"""Wall-clock seconds after which a process counts as hanging in compiled code."""
+_SILENCE: Final = 600.0
+"""Wall-clock seconds after which a process counts as hanging in compiled code. A hostile archive
+takes three seconds of processor time to make, and the machine may be busy."""
 
 
 class _Hang(BaseException):

@@ -63,7 +63,25 @@ def hostile_run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str, st
         assert main(arguments) == 0
         for command in (["info"], ["info", "--energy"], ["report"], ["record"]):
             assert main([*command, str(out)]) == 0
+        assert main(["evaluate", str(out)]) == 2  # its truth is not known
+        for command in others(base, base / "clip.npz", library, out):
+            assert main([str(word) for word in command]) == 0
     return out, (base / "stdout").read_text(), (base / "stderr").read_text()
+
+
+def others(base: Path, clip: Path, library: Path, out: Path) -> list[list[str | Path]]:
+    """The other commands that print such names, or write them."""
+    (base / "given.toml").write_text("[camera]\nheight = [1.6, 5.0]\n")
+    return [
+        ["info", clip],
+        ["solve", clip, "--library", library, "-o", base / "[/red]solved"],
+        ["export", out, "--format", "json", "--samples", "2", "-o", base / "[/red]\n.json"],
+        ["export", out, "--format", "glb", "-o", base / "$\\frac{$.glb"],
+        ["export", out, "--format", "i3db", "-o", base / "<b>\x1b[31m"],
+        ["ask", out, "--given", base / "given.toml", "--workers", "1", "-o", base / "told"],
+        ["scenelets", "info", "--library", library],
+        ["scenelets", "record", "--library", library, "-o", base / "[/red]sheet.rrd"],
+    ]
 
 
 def test_names_of_others_pass_through_every_output(hostile_run: tuple[Path, str, str]) -> None:
@@ -77,7 +95,14 @@ def test_names_of_others_pass_through_every_output(hostile_run: tuple[Path, str,
     opened = imapper_prob.load_posterior(out)
     assert opened.clip.name == "a[/red]\ufffd[31m$\\frac{$ <script>è"
     assert opened.config.library.endswith("part\nof\x1b[31mit.npz")
-    json.loads((out / "scenes.json").read_text())
+    (base,) = (parent for parent in out.parents if (parent / "given.toml").exists())
+    written = [path for path in base.rglob("*") if path.suffix in (".json", ".html")]
+    assert {path.parent.name for path in written} >= {out.name, "red]solved", "told", "["}
+    for path in written:
+        text = path.read_text(encoding="utf-8")
+        assert "\x1b" not in text
+        if path.suffix == ".json":
+            json.loads(text)
 
 
 def test_a_refusal_names_what_it_is_about_on_one_line(

@@ -4,7 +4,13 @@ from __future__ import annotations
 
 import errno
 import os
+import signal
+import socket
+import subprocess
+import sys
+import time
 from pathlib import Path
+from typing import Any
 
 import pytest
 from PIL import Image
@@ -100,6 +106,48 @@ def test_view_starts_a_viewer_that_listens_to_this_machine_only(
     monkeypatch.setattr(export, "_RUN", program)
     assert main(["view", str(recording)]) == 0
     assert arguments.read_text().split("\n") == ["--bind", "127.0.0.1", str(recording)]
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="Linux tells who listens")
+def test_the_viewer_itself_listens_to_this_machine_only(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    # Without the window, for which there is no screen here.
+    more = f"sys.argv += ['--serve-grpc', '--port', '{port}']; "
+    monkeypatch.setattr(export, "_RUN", export._RUN.replace("sys; ", f"sys; {more}"))
+    monkeypatch.setenv("DISPLAY", ":0")
+    started: list[subprocess.Popen[bytes]] = []
+    start = subprocess.Popen
+
+    def watched(*args: Any, **kwargs: Any) -> subprocess.Popen[bytes]:
+        started.append(start(*args, **kwargs))
+        return started[-1]
+
+    monkeypatch.setattr(export.subprocess, "Popen", watched)
+    try:
+        assert main(["view", str(folder)]) == 0
+        for _ in range(200):
+            if found := listening(port):
+                break
+            time.sleep(0.1)
+        assert found == {"0100007F"}
+    finally:
+        os.killpg(started[0].pid, signal.SIGKILL)
+        started[0].wait()
+
+
+def listening(port: int) -> set[str]:
+    """Addresses on which somebody listens to a port, in the notation of Linux."""
+    found = set()
+    for table in ("tcp", "tcp6"):
+        for line in Path(f"/proc/net/{table}").read_text().splitlines()[1:]:
+            address, at = line.split()[1].split(":")
+            if line.split()[3] == "0A" and int(at, 16) == port:
+                found.add(address)
+    return found
 
 
 def test_a_viewer_that_finds_no_screen_is_spoken_of(

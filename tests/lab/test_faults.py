@@ -2,13 +2,58 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+from typing import Any
+
 import pytest
 
-from lab.faults.disk import KINDS, WORLDS, compiler, disk_faults, disk_section
+from imapper_prob.models.errors import InputError
+from lab.faults import __main__ as command
+from lab.faults import disk, stops
+from lab.faults.disk import (
+    KINDS,
+    WORLDS,
+    UndisturbedError,
+    compiler,
+    disk_faults,
+    disk_section,
+)
 from lab.faults.stops import stop_runs, stops_section
 
 FAULTS = 14
 """``python -m lab.faults`` tries more."""
+
+
+class NoShim:
+    """Stands for the compiled ``faults.c``."""
+
+    def fault_arm(self, *_: object) -> None:
+        pass
+
+
+def test_a_run_that_fails_without_a_fault_is_told_with_its_reason(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(**_: object) -> None:
+        raise InputError("the library is gone")
+
+    monkeypatch.setattr(disk, "small_cast", lambda _: None)
+    monkeypatch.setattr(disk, "small_posterior", refuse)
+    shim: Any = NoShim()
+    with pytest.raises(UndisturbedError, match="refused in a sentence: InputError"):
+        disk._undisturbed(disk._prepared(1), shim, tmp_path / "out")
+
+
+def test_a_run_that_fails_without_a_stop_is_told_with_its_reason(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(stops, "warm_up", lambda: None)
+    monkeypatch.setattr(stops, "_forked", lambda *_: ("refused", "the library is gone", []))
+    assert command.main(["--faults", "0"]) == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+    assert said.startswith("lab.faults: ")
+    assert said.endswith("that nobody stops is not done but refused: the library is gone\n")
 
 
 @pytest.mark.slow

@@ -238,3 +238,18 @@ def test_what_can_walk():
     assert not can_walk(theta[:7])
     theta[:, 2] = theta[:, 0] - theta[:, 1]
     assert not can_walk(theta)
+
+
+def test_an_interrupt_passes_through_without_a_word(capsys: pytest.CaptureFixture[str]) -> None:
+    calls = 0
+
+    def interrupted(theta: np.ndarray, latent: np.ndarray, walker: np.ndarray) -> np.ndarray:
+        nonlocal calls
+        calls += 1
+        if calls == 3:
+            raise KeyboardInterrupt
+        return log_density(theta, latent, walker)
+
+    with pytest.raises(KeyboardInterrupt):
+        walk_ensemble(interrupted, *starts(40), steps=5, rng=np.random.default_rng(1))
+    assert capsys.readouterr() == ("", "")

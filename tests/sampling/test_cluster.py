@@ -3,18 +3,26 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
+import os
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import partial
 from importlib.metadata import version
+from operator import attrgetter
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from imapper_prob.api import demo_clip
 from imapper_prob.cli.main import main
 from imapper_prob.clips.load import write_clip
+from imapper_prob.config import SampleSettings
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.scenelet import Library
-from imapper_prob.sampling.sample import connected
+from imapper_prob.sampling.cluster import Cluster, SameProgram, connected, executor_of
 from imapper_prob.scenelets.library import load_library, save_library
 
 distributed = pytest.importorskip(
@@ -85,6 +93,75 @@ def test_a_worker_with_another_version_is_refused_by_name(
         assert client is workers
 
 
+def done(client: Cluster | None, task: Callable[..., object], data: object) -> object:
+    """What a task makes of data that were sent ahead."""
+    with executor_of(client) as executor:
+        assert executor is not None
+        return executor.submit(task, executor.scatter(data)).result(timeout=60)
+
+
+@contextmanager
+def scheduler(workers: int) -> Iterator[str]:
+    with distributed.LocalCluster(
+        processes=False,
+        protocol="tcp",
+        n_workers=workers,
+        threads_per_worker=1,
+        host="127.0.0.1",
+        dashboard_address=None,
+        silence_logs=logging.CRITICAL,
+    ) as cluster:
+        yield cluster.scheduler_address
+
+
+def test_a_worker_that_joins_late_with_another_version_is_refused_by_name(tmp_path: Path) -> None:
+    # The other version has none of the modules that tasks are pickled by.
+    (tmp_path / "imapper_prob").mkdir()
+    (tmp_path / "imapper_prob" / "__init__.py").write_text("")
+    (tmp_path / "imapper_prob-0.0.9.dist-info").mkdir()
+    metadata = "Metadata-Version: 2.1\nName: imapper-prob\nVersion: 0.0.9\n"
+    (tmp_path / "imapper_prob-0.0.9.dist-info" / "METADATA").write_text(metadata)
+    with scheduler(workers=0) as address, connected(address) as client:
+        assert isinstance(client, distributed.Client)
+        worker = subprocess.Popen(
+            [sys.executable, "-m", "distributed.cli.dask_worker", address, "--no-dashboard"],
+            cwd=tmp_path,
+            env={**os.environ, "PYTHONPATH": str(tmp_path)},
+            stderr=subprocess.DEVNULL,
+        )
+        try:
+            client.wait_for_workers(1, timeout=60)
+            (name,) = client.scheduler_info()["workers"]
+            said = f"^the worker {name} has imapper-prob 0.0.9, and this is"
+            with pytest.raises(InputError, match=said):
+                done(client, attrgetter("chains"), SampleSettings(chains=3))
+        finally:
+            worker.terminate()
+            worker.wait()
+
+
+def test_a_task_of_the_same_version_is_run() -> None:
+    with scheduler(workers=1) as address, connected(address) as client:
+        assert done(client, attrgetter("chains"), SampleSettings(chains=3)) == 3
+        assert done(client, partial(sorted, reverse=True), [2, 3]) == [3, 2]
+        with pytest.raises(ModuleNotFoundError):
+            done(client, __import__, "nothing_of_that_name")
+
+
+def test_what_is_sent_ahead_waits_for_a_first_worker() -> None:
+    answers = iter([TimeoutError("No valid workers found"), TimeoutError(), "sent"])
+
+    class Nobody(Workers):
+        def scatter(self, data: object, *, broadcast: bool) -> object:
+            answer = next(answers)
+            if isinstance(answer, TimeoutError):
+                raise answer
+            return answer
+
+    nobody: Any = Nobody()
+    assert SameProgram(nobody, nobody).scatter("data").reference == "sent"
+
+
 def test_a_scheduler_without_workers_is_spoken_of(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -106,7 +183,7 @@ def test_an_address_that_needs_certificates_says_so() -> None:
 def test_nobody_at_the_address_is_said_plainly(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("imapper_prob.sampling.sample._PATIENCE", "200ms")
+    monkeypatch.setattr("imapper_prob.sampling.cluster._PATIENCE", "200ms")
     write_clip(tmp_path / "clip.npz", demo_clip())
     arguments = ["run", str(tmp_path / "clip.npz"), "-o", str(tmp_path / "out")]
     assert main([*arguments, "--cluster", "tcp://127.0.0.1:9"]) == 2
