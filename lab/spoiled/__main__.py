@@ -211,6 +211,11 @@ def scene_rows(records: Records, *, static: bool) -> Rows:
     return rows
 
 
+def _table(rows: Rows) -> str:
+    """A table whose cells may have bold parts."""
+    return markdown_table(rows).replace(r"\*\*", "**")
+
+
 def page(records: Records, failures: Sequence[str], *, static: bool, scenes: int) -> str:
     """The whole page."""
     rows, broken = summary_rows(records, static=static)
@@ -220,12 +225,12 @@ def page(records: Records, failures: Sequence[str], *, static: bool, scenes: int
         + f"Limits: a cost of {COST:.0f} cm; where detections are elsewhere it is counted in the "
         f"other frames, and there joints are at most {ELSEWHERE:.0f} cm off"
         + ("." if static else "; regions of 50 and 90 % hold .40 to .62 and .83 to .97."),
-        markdown_table(rows),
+        _table(rows),
         f"{len(rows) - 1 - broken} of {len(rows) - 1} rows keep all limits.",
         "Scene by scene: world cm (cost)"
         + ("" if static else "; what regions of 50 / 90 % hold; objects with misses, cm")
         + "; what a mean may not be is bold here too.",
-        markdown_table(scene_rows(records, static=static)),
+        _table(scene_rows(records, static=static)),
         *(f"Failed: {failure}" for failure in failures),
     ]
     return "\n\n".join(text) + "\n"
