@@ -35,7 +35,7 @@ from imapper_prob.models.skeleton import PELV
 from imapper_prob.plotting import save_figure
 from imapper_prob.scenelets.library import load_library
 from imapper_prob.simulate.clips import simulate_clip
-from imapper_prob.solver.elsewhere import frames_elsewhere
+from imapper_prob.solver.detections import elsewhere_frames
 from imapper_prob.solver.static_path import estimate_static_path
 from lab.spoiled.scores import UNSPOILED, spoil
 from lab.spoiled.spoilings import SPOILINGS
@@ -97,7 +97,7 @@ def total(clips: Sequence[Clip], kind: str, draws: int) -> Counts:
     for clip in clips:
         for seed in range(draws if kind != UNSPOILED else 1):
             changed, affected = spoil(clip, kind, seed)
-            flagged = frames_elsewhere(changed.tracks[0], camera=changed.camera, fps=changed.fps)
+            flagged = elsewhere_frames(changed)[0]
             result += count(flagged, affected)
     return result
 

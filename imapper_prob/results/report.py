@@ -59,7 +59,8 @@ from imapper_prob.results.report_plots import (
 )
 from imapper_prob.sampling.ensembles import describe_walked
 from imapper_prob.sampling.sample import Samples
-from imapper_prob.uncertainty.checks import alarms, elsewhere_frames, named
+from imapper_prob.solver.detections import elsewhere_frames
+from imapper_prob.uncertainty.checks import alarms, named
 from imapper_prob.uncertainty.clusters import ObjectCluster, names_of
 from imapper_prob.uncertainty.parameters import Nuisance
 from imapper_prob.uncertainty.scenes import WeightedScene

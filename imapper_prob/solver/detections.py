@@ -19,7 +19,7 @@ from imapper_prob.models.scene import Clip, Track
 from imapper_prob.models.skeleton import DETECTED
 from imapper_prob.solver.elsewhere import frames_elsewhere
 
-__all__ = ["own_detections", "with_usual_confidences"]
+__all__ = ["elsewhere_frames", "own_detections", "with_usual_confidences"]
 
 Flags = NDArray[np.bool_]
 _log = logging.getLogger(__name__)
@@ -60,6 +60,22 @@ def with_usual_confidences(track: Track) -> Track:
     return replace(track, confidences=np.minimum(1.0, factor * track.confidences))
 
 
+def elsewhere_frames(clip: Clip) -> tuple[Flags, ...]:
+    """Frames of each track in which the detector followed something else.
+
+    Parameters
+    ----------
+    clip : Clip
+
+    Returns
+    -------
+    tuple of (T,) bool
+        One array per track.
+    """
+    tracks = map(with_usual_confidences, clip.tracks)
+    return tuple(frames_elsewhere(t, camera=clip.camera, fps=clip.fps) for t in tracks)
+
+
 def own_detections(clip: Clip) -> Clip:
     """Detections of the persons alone, with usual confidences.
 
@@ -80,9 +96,8 @@ def own_detections(clip: Clip) -> Clip:
         Nearly all frames of a track are of this kind.
     """
     tracks = []
-    for given in clip.tracks:
+    for given, away in zip(clip.tracks, elsewhere_frames(clip), strict=True):
         track = with_usual_confidences(given)
-        away = frames_elsewhere(track, camera=clip.camera, fps=clip.fps)
         detected = (track.confidences > 0).any(1)
         if away.any() and away.sum() > _MOST * detected.sum():
             raise InputError(

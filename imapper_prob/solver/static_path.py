@@ -26,8 +26,7 @@ from imapper_prob.models.path_prior import StaticPath
 from imapper_prob.models.scene import Clip, Track
 from imapper_prob.models.settings import StaticPathSettings
 from imapper_prob.models.skeleton import DETECTED
-from imapper_prob.solver.detections import own_detections, with_usual_confidences
-from imapper_prob.solver.elsewhere import frames_elsewhere
+from imapper_prob.solver.detections import elsewhere_frames, own_detections
 from imapper_prob.solver.path_fit import (
     REFERENCE_RATE,
     Motion,
@@ -299,8 +298,7 @@ def _examined(
     settings: StaticPathSettings,
     place: Callable[[_Sight, Flags, StaticPathSettings], _Placed],
 ) -> tuple[StaticPath, FrameTable]:
-    whole = with_usual_confidences(clip.tracks[track])
-    away = frames_elsewhere(whole, camera=clip.camera, fps=clip.fps)
+    away = elsewhere_frames(clip)[track]
     person = own_detections(clip).tracks[track]
     confidences = person.confidences[:, list(DETECTED)]
     confidences = np.where(confidences < ERROR_EDGES[0], 0.0, confidences)

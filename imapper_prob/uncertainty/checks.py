@@ -42,8 +42,7 @@ from imapper_prob.models.settings import ANKLE, NEAREST
 from imapper_prob.models.skeleton import LANK, LHIP, LKNE, MIRROR, PELV, RANK, RHIP, RKNE, THRX
 from imapper_prob.models.text import readable
 from imapper_prob.people import everybody, own_part
-from imapper_prob.solver.detections import with_usual_confidences
-from imapper_prob.solver.elsewhere import frames_elsewhere
+from imapper_prob.solver.detections import elsewhere_frames
 
 __all__ = [
     "Check",
@@ -51,7 +50,6 @@ __all__ = [
     "camera",
     "checks_of",
     "elsewhere",
-    "elsewhere_frames",
     "from_json",
     "height",
     "named",
@@ -602,22 +600,6 @@ def resemblance(best: Array, *, frame_weight: float) -> Check:
         "add scenelets of such motions with --library."
     )
     return Check("resemblance", value, limit, True, sentence)
-
-
-def elsewhere_frames(clip: Clip) -> tuple[Flags, ...]:
-    """Frames of each track in which the detector followed something else.
-
-    Parameters
-    ----------
-    clip : Clip
-
-    Returns
-    -------
-    tuple of (T,) bool
-        One array per track.
-    """
-    tracks = map(with_usual_confidences, clip.tracks)
-    return tuple(frames_elsewhere(t, camera=clip.camera, fps=clip.fps) for t in tracks)
 
 
 def elsewhere(clip: Clip) -> Check:

@@ -11,13 +11,13 @@ import pytest
 from imapper_prob.models.problem import Problem, pack_problem
 from imapper_prob.models.scene import Clip
 from imapper_prob.models.skeleton import LKNE, PELV, RKNE, THRX
+from imapper_prob.solver.detections import elsewhere_frames
 from imapper_prob.solver.fits import Fits, best_fits
 from imapper_prob.uncertainty.checks import (
     Check,
     alarms,
     camera,
     elsewhere,
-    elsewhere_frames,
     from_json,
     height,
     named,
