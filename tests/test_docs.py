@@ -23,7 +23,16 @@ GUIDES = [
     *sorted((ROOT / "docs" / "how-to").glob("*.md")),
 ]
 SHELL = {"pip", "python", "dask", ".", "make", "imapper-prob"}
-BROUGHT = ("clip.mp4", "clip.npz", "keypoints/", "i3db", "theirs/", "out/Scene04", "out/clip")
+BROUGHT = (
+    "clip.mp4",
+    "clip.npz",
+    "monday.npz",
+    "keypoints/",
+    "i3db",
+    "theirs/",
+    "out/Scene04",
+    "out/clip",
+)
 """Words of commands on files that a reader brings, or makes of those."""
 NEITHER = (
     "pip ",
