@@ -357,7 +357,8 @@ def evaluation_figures(seconds: float) -> dict[str, float]:
 def step_figures(world: World, seconds: float) -> dict[str, float]:
     """Steps of a chain a second, and microseconds of a step by move, each timed for ``seconds``."""
     problem, n = world.problem, len(world.problem.lengths)
-    every = Candidates(np.zeros(1, int), np.zeros((1, n, 3)), np.zeros((1, n)), np.ones((1, n)))
+    one = np.ones((1, n))
+    every = Candidates(np.zeros(1, int), np.zeros((1, n, 3)), np.zeros((1, n)), one, one)
     alike = (np.ones((n, n)) - np.eye(n)) / (n - 1)
     visits = Visits()
     visits.note(world.state)

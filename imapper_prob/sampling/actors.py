@@ -108,6 +108,7 @@ def join_actors(solutions: Sequence[Solution]) -> JointProblem:
             np.concatenate([c.placements for c in candidates]),
             np.concatenate([c.sizes for c in candidates]),
             np.concatenate([c.weights for c in candidates]),
+            np.concatenate([c.adjoining for c in candidates]),
         ),
         first.distances,
         states,

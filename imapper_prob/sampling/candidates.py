@@ -50,12 +50,15 @@ class Candidates:
         Log size of the person in that fit.
     weights : (W, L) float
         Proposal weight of each fit; zero if a scenelet was not fitted.
+    adjoining : (W, L) float
+        The same for a scenelet that begins where another one ends.
     """
 
     centres: Ints
     placements: Array
     sizes: Array
     weights: Array
+    adjoining: Array
 
     __repr__ = brief
 
@@ -64,7 +67,8 @@ class Candidates:
         centres.setflags(write=False)
         object.__setattr__(self, "centres", centres)
         shape = (len(centres), np.shape(self.weights)[-1])
-        for name, size in (("placements", (*shape, 3)), ("sizes", shape), ("weights", shape)):
+        shapes = {"placements": (*shape, 3), "sizes": shape, "weights": shape, "adjoining": shape}
+        for name, size in shapes.items():
             object.__setattr__(
                 self, name, read_only(getattr(self, name), shape=size, name=f"candidate {name}")
             )
@@ -146,6 +150,10 @@ class SingleScenelet:
 # of furniture, are judged by the full log-posterior in an otherwise empty scene, and the best of
 # these are optimised. In a chain there are other scenelets and another camera, so gains are only
 # known to some nats: weights are a mixture of a sharp and a flat softmax of them.
+#
+# A scenelet alone loses much at its ends, where the pose jumps. Beside another one it does not:
+# somebody who sits between sitting down and standing up. The weight of an adjoining scenelet is
+# therefore the mixture of both softmaxes of the reprojection error alone.
 
 _JUDGED = 200
 """Fits of a window that are judged; in a seated window only few come within 20 nats of the best."""
@@ -174,8 +182,8 @@ def weighted_candidates(solution: Solution) -> Candidates:
     problem, fits = solution.problem, solution.fits
     weights = np.zeros(fits.cost.shape)
     placements, sizes = np.array(fits.placements), np.zeros(fits.cost.shape)
-    alone, half = SingleScenelet(problem), problem.lengths // 2
-    for window, guesses in _guessed(solution).items():
+    alone, half, nats = SingleScenelet(problem), problem.lengths // 2, _misfits(solution)
+    for window, guesses in _guessed(solution, nats).items():
         centre = int(fits.centres[window])
         order = np.argsort(-guesses, kind="stable")[:_JUDGED]
         judged = {}
@@ -194,22 +202,42 @@ def weighted_candidates(solution: Solution) -> Candidates:
         if not known.any():
             continue
         gains[np.isfinite(guesses) & ~known] = gains[known].min() - _UNJUDGED
-        top = gains.max()
-        parts = [np.exp((gains - top) / temperature) for temperature in _TEMPERATURES]
-        mixed = np.mean([part / part.sum() for part in parts], axis=0)
-        weights[window] = mixed * (1.0 if top > 0 else _HOPELESS)
-    return Candidates(fits.centres, placements, sizes, weights)
+        weights[window] = _softmaxes(gains) * (1.0 if gains.max() > 0 else _HOPELESS)
+    adjoining = np.array([_softmaxes(-of_window) for of_window in nats])
+    return Candidates(fits.centres, placements, sizes, weights, adjoining)
 
 
-def _guessed(solution: Solution) -> dict[int, Array]:
-    """(L,) estimated gains by window; -inf where a scenelet was not fitted.
+def _softmaxes(gains: Array) -> Array:
+    """Mean of a sharp and a flat softmax; 0 where the gain is -inf."""
+    if not np.isfinite(gains).any():
+        return np.zeros(len(gains))
+    parts = [np.exp((gains - gains.max()) / temperature) for temperature in _TEMPERATURES]
+    mixed: Array = np.mean([part / part.sum() for part in parts], axis=0)
+    return mixed
 
-    The solver judged a few fits of each kind of furniture. The gain of another fit of that kind is
-    estimated from the best of them and from the difference of the reprojection errors.
-    """
+
+def _misfits(solution: Solution) -> Array:
+    """(W, L) reprojection error of each fit, nats; inf where a scenelet was not fitted."""
     problem, fits = solution.problem, solution.fits
     seen = problem.used * problem.confidence_density.argmax(-1)
     half = int(np.median(problem.lengths)) // 2
+    nats = np.full(fits.cost.shape, np.inf)
+    for window, centre in enumerate(fits.centres.tolist()):
+        joints = seen[max(0, centre - half) : centre + half].sum()
+        # Without any surely seen joint there is no fit: avoid 0 times infinity.
+        fitted = np.isfinite(fits.cost[window])
+        nats[window, fitted] = problem.frame_weight * problem.likelihood * joints
+        nats[window, fitted] *= fits.cost[window, fitted]
+    return nats
+
+
+def _guessed(solution: Solution, nats: Array) -> dict[int, Array]:
+    """(L,) estimated gains by window; -inf where a scenelet was not fitted.
+
+    The solver judged a few fits of each kind of furniture. The gain of another fit of that kind is
+    estimated from the best of them and from the difference of the reprojection errors ``nats``.
+    """
+    problem, fits = solution.problem, solution.fits
     members: dict[tuple[int, ...], list[int]] = {}
     for scenelet, kind in enumerate(furniture_kinds(problem)):
         members.setdefault(kind, []).append(scenelet)
@@ -220,17 +248,10 @@ def _guessed(solution: Solution) -> dict[int, Array]:
             best[candidate.kind] = candidate
     guessed = {}
     for window, best in judged.items():
-        centre = int(fits.centres[window])
-        joints = seen[max(0, centre - half) : centre + half].sum()
-        nats = np.full(len(fits.cost[window]), np.inf)
-        fitted = np.isfinite(fits.cost[window])
-        # Without any surely seen joint there is no fit: avoid 0 times infinity.
-        nats[fitted] = problem.frame_weight * problem.likelihood * joints
-        nats[fitted] *= fits.cost[window][fitted]
-        gains = np.full(len(nats), -np.inf)
+        gains = np.full(len(problem.lengths), -np.inf)
         for kind, candidate in best.items():
-            own = members[kind]
-            gains[own] = candidate.gain - (nats[own] - nats[candidate.scenelet])
+            own, misfits = members[kind], nats[window]
+            gains[own] = candidate.gain - (misfits[own] - misfits[candidate.scenelet])
         gains[fits.placements[window, :, 1] <= 0] = -np.inf
         guessed[window] = gains
     return guessed

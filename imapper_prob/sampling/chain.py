@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import islice
+from itertools import islice, zip_longest
 from typing import Final
 
 import numpy as np
@@ -77,9 +77,9 @@ def starts_of(cast: JointProblem, count: int) -> list[tuple[State, ...]]:
 # The chain.
 
 Array = NDArray[np.float64]
-_CLIMBING: Final = 0.25
-"""Largest number of evaluations of the ascent as a share of the chain's steps; chosen: on public
-clips the ascent ends after a tenth, and short chains should remain short."""
+_CLIMBING: Final = 0.5
+"""Largest number of evaluations of the ascent as a share of the chain's steps; chosen: short chains
+should remain short."""
 
 
 @dataclass(frozen=True)
@@ -96,8 +96,8 @@ class Setup:
     settings : SampleSettings
     staged : tuple of State
         Scenes of the solver, from which the first reference is learnt.
-    known : tuple of Visits
-        Visits of all chains for each reference that is learnt during burn-in, as far as they are
+    known : tuple of tuple of Visits
+        Visits of each chain before each reference that is learnt during burn-in, as far as they are
         available. A chain learns further references from its own visits.
     """
 
@@ -106,7 +106,7 @@ class Setup:
     similarity: Array
     settings: SampleSettings
     staged: tuple[State, ...]
-    known: tuple[Visits, ...] = ()
+    known: tuple[tuple[Visits, ...], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -362,17 +362,20 @@ def tempered(setup: Setup, visits: Visits) -> Tempered:
 
 
 def _of_noted(setup: Setup, noted: Sequence[Visits]) -> Tempered:
-    """Reference and moves learnt from the last visits of all chains, or of this one alone.
+    """Reference and moves learnt from the later half of the visits of all chains, or of this one.
 
     At first they are learnt from the solver's scenes, then from these and the result of the ascent.
     """
-    known = [*setup.known, *noted[len(setup.known) :]][: len(noted)]
+    own = tuple((visits,) for visits in noted[len(setup.known) :])
+    known = (*setup.known, *own)[: len(noted)]
     if len(known) > 1:
-        return tempered(setup, known[-1])
+        later = known[1 + (len(known) - 1) // 2 :]
+        by_chain = zip_longest(*later, fillvalue=Visits())
+        return tempered(setup, Visits.together(v for own in by_chain for v in own))
     staged = Visits()
     for state in setup.staged:
         staged.note(state)
-    return tempered(setup, Visits.together([staged, *known]))
+    return tempered(setup, Visits.together([staged, *(v for of in known for v in of)]))
 
 
 def _anew(position: TemperingState[State], learnt: Tempered) -> TemperingState[State]:

@@ -40,15 +40,19 @@ Ints = NDArray[np.int64]
 
 _SHIFTS: Final = {0: 0.6, -1: 0.15, 1: 0.15, -2: 0.05, 2: 0.05}
 """Shifts in frames by which visited ends and starts are smoothed, with their weights; chosen."""
-_SHARES: Final = np.array([0.2, 0.1, 0.5, 0.15, 0.05])
-"""Initial shares of the components followed, later, similar, candidates and anywhere; chosen."""
-_KEPT: Final = 0.1
+_SHARES: Final = np.array([0.15, 0.1, 0.25, 0.2, 0.05, 0.25])
+"""Initial shares of the components followed, later, similar, candidates, anywhere and adjoining;
+chosen."""
+_KEPT: Final = 0.5
 """Weight of the initial shares in the learnt ones, so that unvisited scenes stay possible;
 chosen."""
 _ROUNDS: Final = 30
 """Largest number of EM iterations for the shares."""
 _SETTLED: Final = 0.005
 """Change of the shares at which EM stops; chosen."""
+_PREDICTED: Final = 1000
+"""Approximate number of states of a half that the other half predicts; chosen: the shares are then
+known to about .01."""
 _NEAR: Final = 2.0
 """Width in frames of the kernel (1 + (dt / width)^2)^-2 with which visits determine the person's
 position in other frames; chosen."""
@@ -97,7 +101,9 @@ def learn(problem: Problem, candidates: Candidates, similarity: Array, visits: V
     # A scenelet replaces itself as often as the one most similar to it.
     alike = np.array(similarity)
     np.fill_diagonal(alike, alike.max(1))
-    hazard, scenelets = _fits(candidates, lengths, room)
+    hazard, scenelets, adjoining = _fits(candidates, lengths, room)
+    of_kind = np.eye(len(numbers) + 1)[own]
+    of_kind[:, 0] = 1.0
     path, yaw = _expectations(problem, visits)
     sizes = visits.arrays()["where"][:, 3]
     ends = np.stack([problem.joint_first[:-1], problem.joint_first[1:] - 1], -1)
@@ -122,6 +128,8 @@ def learn(problem: Problem, candidates: Candidates, similarity: Array, visits: V
         hazard=hazard,
         survival=np.append(0.0, np.log1p(-hazard[:-1]).cumsum()),
         candidates=scenelets,
+        adjoining=adjoining,
+        adjoining_kinds=adjoining @ of_kind,
         openings=np.append(fitting[::-1].cumsum()[::-1], 0),
         by_length=np.argsort(lengths, kind="stable"),
         anywhere_mean=np.array(problem.start_mean),
@@ -197,8 +205,10 @@ def _shares(reference: Reference, visits: Visits) -> Array:
             int(reference.kinds.max()) + 1,
         )
         visited = other.arrays()
+        counts = visited["counts"]
+        some = np.arange(len(counts)) % max(1, len(counts) // _PREDICTED) == 0
         of_half = reference._replace(**_fields(followed, later))
-        foretelling.append((of_half, visited["counts"], visited["items"]))
+        foretelling.append((of_half, counts[some], visited["items"][np.repeat(some, counts)]))
     shares = _SHARES
     for _ in range(_ROUNDS):
         joint = np.concatenate(
@@ -447,8 +457,9 @@ def _scatter(reference: Reference, visits: Visits, spread: Array) -> tuple[Array
     return onward, factors
 
 
-def _fits(candidates: Candidates, lengths: Ints, room: Ints) -> tuple[Array, Array]:
-    """Probability that a candidate begins at a frame, and with which scenelet.
+def _fits(candidates: Candidates, lengths: Ints, room: Ints) -> tuple[Array, Array, Array]:
+    """Probability that a candidate begins at a frame, and with which scenelet; that of each
+    scenelet that adjoins there.
 
     Where the solver's weights are highest, one begins within a scenelet's length on average.
     """
@@ -459,15 +470,17 @@ def _fits(candidates: Candidates, lengths: Ints, room: Ints) -> tuple[Array, Arr
     right = right.clip(0, len(centres) - 1)
     nearer_left = np.abs(frames - centres[left]) <= np.abs(centres[right] - frames)
     window = np.where(nearer_left, left, right)
-    scenelets = np.zeros((n_frames + 1, len(lengths)))
+    scenelets, adjoining = np.zeros((2, n_frames + 1, len(lengths)))
     for scenelet, length in enumerate(lengths.tolist()):
         starts = np.flatnonzero(length <= room)
         of = window[starts + length // 2]
         scenelets[starts, scenelet] = candidates.weights[of, scenelet]
+        adjoining[starts, scenelet] = candidates.adjoining[of, scenelet]
     by_start = scenelets.sum(1)
-    known = by_start > 0
-    scenelets[known] /= by_start[known, None]
+    for rows in (scenelets, adjoining):
+        total = rows.sum(1)
+        rows[total > 0] /= total[total > 0, None]
     usual = float(np.median(lengths))
     most = float(by_start.max())
     hazard: Array = by_start / (most * usual) if most > 0 else np.zeros(n_frames + 1)
-    return hazard, scenelets
+    return hazard, scenelets, adjoining

@@ -16,12 +16,15 @@ from numpy.typing import NDArray
 from imapper_prob.models.view import floor_point
 from imapper_prob.sampling.jit import compiled
 from imapper_prob.sampling.reference import (
+    ADJOINING,
     ANYWHERE,
     ASTRAY,
     CANDIDATE,
+    COMPONENTS,
     DOF,
     ENDS,
     FOLLOWED,
+    SAME_KIND,
     SIMILAR,
     START,
     Reference,
@@ -33,7 +36,7 @@ from imapper_prob.sampling.reference import (
 )
 from imapper_prob.sampling.scene import Scene
 
-__all__ = ["draw_scene", "redraw_scene", "redraw_stretch", "set_placement"]
+__all__ = ["draw_scene", "redraw_scene", "redraw_stretch", "set_placement", "with_stretch"]
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -67,22 +70,39 @@ def draw_scene(reference: Reference, rng: np.random.Generator) -> Scene:
     camera = reference.camera_mean + _draw_t(reference.camera_factor, rng)
     latent = rng.standard_normal((n_frames, 2))
     empty = Scene(camera, np.empty((0, 2), np.int64), np.empty((0, 3)), np.empty(0), latent)
-    return _with_stretch(reference, rng, empty, START, START)[0]
+    return with_stretch(reference, rng, empty, START, START)[0]
 
 
 @compiled
-def _with_stretch(
+def with_stretch(
     reference: Reference, rng: np.random.Generator, scene: Scene, first: int, last: int
 ) -> tuple[Scene, int]:
-    """Redraw the scenelets from ``first`` to ``last`` - 1; returns the scene and their new number.
-    The last new scenelet may overlap the next one. See `log_stretch`."""
+    """Redraw consecutive scenelets of a scene, given the others and the camera.
+
+    See :func:`imapper_prob.sampling.reference.log_stretch`.
+
+    Parameters
+    ----------
+    reference : Reference
+    rng : numpy.random.Generator
+    scene : Scene
+    first, last : int
+        Index of the first one, and the index after the last.
+
+    Returns
+    -------
+    Scene
+        The last new scenelet may overlap the next one.
+    int
+        Number of new scenelets.
+    """
     camera = scene.camera
     n_scenelets, n_frames = len(reference.kinds), len(reference.room) - 1
     stop = scene.items[last, 1] if last < len(scene.items) else n_frames
     most = n_frames // reference.lengths[reference.by_length[0]] + 1
     items, placements, sizes = np.empty((most, 2), np.int64), np.empty((most, 3)), np.empty(most)
     kind, end, left, n = 0, 0, -1, 0
-    before, shares = np.empty((2, 4)), np.empty(5)
+    before, shares = np.empty((2, 4)), np.empty(COMPONENTS)
     if first > 0:
         scenelet, start = scene.items[first - 1]
         place, size = scene.placements[first - 1], scene.sizes[first - 1]
@@ -152,6 +172,11 @@ def _draw_next(reference: Reference, rng: np.random.Generator, of: int, kind: in
         low, high = reference.later_first[end], reference.later_first[end + 1]
         code = reference.later[low + _draw(reference.later_probability[low:high], rng)]
         return _NOTHING if code == n_frames * n_scenelets else code
+    if of == ADJOINING:
+        weights = reference.adjoining[end].copy()
+        if reference.adjoining_kinds[end, kind] > 0.0 and rng.random() < SAME_KIND:
+            weights[reference.kinds != kind] = 0.0
+        return end * n_scenelets + _draw(weights, rng)
     if rng.random() < ENDS:
         return _NOTHING
     if of == CANDIDATE:
@@ -279,7 +304,7 @@ def redraw_stretch(
         if last >= first:
             last += 1
         first, last = min(first, last), max(first, last)
-    new, n = _with_stretch(reference, rng, scene, first, last)
+    new, n = with_stretch(reference, rng, scene, first, last)
     if first == last and n == 0:
         return scene, -math.inf
     there = _log_choice(k, last - first) + log_stretch(

@@ -41,9 +41,10 @@ from imapper_prob.sampling.jit import compiled
 from imapper_prob.sampling.looks import look, stand
 
 __all__ = [
-    "ANYWHERE", "ASTRAY", "CANDIDATE", "DOF", "ENDS", "FIRST", "FLUSH", "FOLLOWED", "GAP",
-    "SIMILAR", "START", "Reference", "carried", "displacements", "expected", "foretell", "leaves",
-    "log_reference", "log_stretch", "next_probability", "shares_after", "usual_offsets",
+    "ADJOINING", "ANYWHERE", "ASTRAY", "CANDIDATE", "COMPONENTS", "DOF", "ENDS", "FIRST", "FLUSH",
+    "FOLLOWED", "GAP", "SAME_KIND", "SIMILAR", "START", "Reference", "carried", "displacements",
+    "expected", "foretell", "leaves", "log_reference", "log_stretch", "next_probability",
+    "shares_after", "usual_offsets",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
@@ -54,11 +55,14 @@ START: Final[Any] = np.int64(0)
 literal."""
 ENDS: Final = 0.2
 """Probability that the components candidates and anywhere end the scene; chosen."""
+SAME_KIND: Final = 0.5
+"""Probability that an adjoining scenelet has furniture of the kind of the one before; chosen."""
 ASTRAY: Final = 0.05
 """Probability that a placement comes from the prior; chosen."""
 DOF: Final = 5.0
 """Degrees of freedom for camera and placements: heavy tails for unvisited values; chosen."""
-FOLLOWED, _LATER, SIMILAR, CANDIDATE, ANYWHERE = range(5)
+COMPONENTS: Final = 6
+FOLLOWED, _LATER, SIMILAR, CANDIDATE, ANYWHERE, ADJOINING = range(COMPONENTS)
 """Components of the mixture."""
 FIRST, FLUSH, GAP = range(3)
 """Rows of the displacement factors: the first scenelet, one that begins where the one before it
@@ -96,8 +100,9 @@ class Reference(NamedTuple):
         depth, yaw, log size.
     strange : (L,) int
         1 for scenelets with too few visits of their own.
-    shares : (5,) float
-        Shares of the mixture's components: followed, later, similar, candidates, anywhere.
+    shares : (6,) float
+        Shares of the mixture's components: followed, later, similar, candidates, anywhere,
+        adjoining.
     followed_first, followed, followed_probability : (K (T + 1) + 1,), (E,), (E,)
         Rows by kind, then by the frame at which the scenelet before ended.
     later_first, later, later_probability : (T + 2,), (F,), (F,)
@@ -112,6 +117,11 @@ class Reference(NamedTuple):
         Log probability that none began before each frame.
     candidates : (T + 1, L) float
         Probability of each scenelet if a candidate begins.
+    adjoining : (T + 1, L) float
+        Probability of each scenelet if one adjoins at a frame.
+    adjoining_kinds : (T + 1, K) float
+        Sums of these over the scenelets of each kind, and over all in the first column; 0 where
+        nothing fits.
     openings : (T + 2,) int
         Number of pairs of scenelet and start, from each frame on, that fit.
     by_length : (L,) int
@@ -152,6 +162,8 @@ class Reference(NamedTuple):
     hazard: Array
     survival: Array
     candidates: Array
+    adjoining: Array
+    adjoining_kinds: Array
     openings: Ints
     by_length: Ints
     anywhere_mean: Array
@@ -236,10 +248,12 @@ def shares_after(reference: Reference, kind: int, end: int, shares: Array) -> No
         Kind of the scenelet before, 0 at the beginning.
     end : int
         Frame after its last one.
-    shares : (5,) float
+    shares : (6,) float
         Output.
     """
     shares[:] = reference.shares
+    if kind == 0 or reference.adjoining_kinds[end, 0] == 0.0:
+        shares[CANDIDATE], shares[ADJOINING] = shares[CANDIDATE] + shares[ADJOINING], 0.0
     row = kind * len(reference.room) + end
     if reference.followed_first[row] == reference.followed_first[row + 1]:
         shares[_LATER], shares[FOLLOWED] = shares[_LATER] + shares[FOLLOWED], 0.0
@@ -277,6 +291,17 @@ def _replaced(reference: Reference, at: int, scenelet: int) -> float:
 
 
 @compiled
+def _adjoins(reference: Reference, kind: int, end: int, scenelet: int) -> float:
+    """Probability of a scenelet that adjoins one of a given kind."""
+    of_kind = reference.adjoining_kinds[end, kind]
+    same = SAME_KIND if of_kind > 0.0 else 0.0
+    total = 1.0 - same
+    if same > 0.0 and reference.kinds[scenelet] == kind:
+        total += same / of_kind
+    return float(total * reference.adjoining[end, scenelet])
+
+
+@compiled
 def next_probability(
     reference: Reference, kind: int, end: int, code: int, probability: Array
 ) -> None:
@@ -289,7 +314,7 @@ def next_probability(
         Kind of the scenelet before (0 at the beginning), and the frame after its last one.
     code : int
         Code of what comes next.
-    probability : (5,) float
+    probability : (6,) float
         Output; the sum is the probability under the mixture.
     """
     shares_after(reference, kind, end, probability)
@@ -308,6 +333,7 @@ def next_probability(
         probability[SIMILAR] *= met
         probability[CANDIDATE] *= ENDS + (1.0 - ENDS) * none
         probability[ANYWHERE] *= ENDS if openings > 0 else 1.0
+        probability[ADJOINING] = 0.0
         return
     start, scenelet = code // n_scenelets, code % n_scenelets
     if start < end or reference.lengths[scenelet] > reference.room[start]:
@@ -320,6 +346,7 @@ def next_probability(
     begins = _begins(reference, end, start) if reference.candidates[start, scenelet] > 0.0 else 0.0
     probability[CANDIDATE] *= (1.0 - ENDS) * begins * reference.candidates[start, scenelet]
     probability[ANYWHERE] *= (1.0 - ENDS) / openings
+    probability[ADJOINING] *= _adjoins(reference, kind, end, scenelet) if start == end else 0.0
 
 
 @compiled
@@ -335,11 +362,11 @@ def foretell(reference: Reference, counts: Ints, items: Ints) -> Array:
 
     Returns
     -------
-    (R + N, 5) float
+    (R + N, 6) float
         See :func:`next_probability`.
     """
     n_scenelets = len(reference.kinds)
-    found = np.empty((len(items) + len(counts), 5))
+    found = np.empty((len(items) + len(counts), COMPONENTS))
     k = 0
     for n in range(len(counts)):
         kind, end = 0, 0
@@ -555,7 +582,7 @@ def _log_anywhere(reference: Reference, where: Array) -> float:
 def _stops(reference: Reference, kind: int, end: int, start: int) -> float:
     """Probability that nothing begins before ``start``; for the end of the clip, that the scene
     ends."""
-    shares = np.empty(5)
+    shares = np.empty(COMPONENTS)
     shares_after(reference, kind, end, shares)
     n_scenelets, n_frames = len(reference.kinds), len(reference.room) - 1
     code = start * n_scenelets
@@ -572,6 +599,8 @@ def _stops(reference: Reference, kind: int, end: int, start: int) -> float:
         empty = ENDS + (1.0 - ENDS) * reference.openings[start] / reference.openings[end]
     total = shares[FOLLOWED] * followed + (shares[_LATER] + shares[SIMILAR]) * later
     total += shares[CANDIDATE] * (ENDS + (1.0 - ENDS) * none) + shares[ANYWHERE] * empty
+    if start == end:
+        total += shares[ADJOINING]
     return float(total)
 
 
@@ -607,7 +636,7 @@ def log_stretch(
         camera, or where they overlap.
     """
     n_scenelets, n_frames = len(reference.kinds), len(reference.room) - 1
-    probability, before = np.empty(5), np.empty((2, 4))
+    probability, before = np.empty(COMPONENTS), np.empty((2, 4))
     kind, end, left, total = 0, 0, -1, 0.0
     for k in range(max(first - 1, 0), last):
         scenelet, start = items[k]

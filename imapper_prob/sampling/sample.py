@@ -39,7 +39,6 @@ from imapper_prob.sampling.checkpoints import ChainProgress, identity_of, rounds
 from imapper_prob.sampling.cluster import Cluster, SameProgram, executor_of
 from imapper_prob.sampling.ensembles import Walked, walk_draws
 from imapper_prob.sampling.schedule import block_end, burn_in_of, end_of, learning_of
-from imapper_prob.sampling.visits import Visits
 from imapper_prob.scenelets.charness import similarity
 from imapper_prob.solver.solver import Solution
 
@@ -276,8 +275,8 @@ class _ChainRun:
                 break
             if stop in marks:
                 at = [chain.progress for chain in chains]
-                noted = [chain.progress.visits[len(setup.known)] for chain in chains]
-                setup = replace(setup, known=(*setup.known, Visits.together(noted)))
+                noted = tuple(chain.progress.visits[len(setup.known)] for chain in chains)
+                setup = replace(setup, known=(*setup.known, noted))
         return chains
 
     def _all_to(

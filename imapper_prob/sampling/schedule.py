@@ -11,9 +11,9 @@ continued keeps the same draws as a single longer run.
   whose rounding errors differ from those of old ones, so a chain may end only where a piece ends.
 - *Visits* are recorded in some rounds of the burn-in (:mod:`imapper_prob.sampling.visits`). The
   reference (:mod:`imapper_prob.sampling.reference`) is first learnt from the result of the ascent
-  (:mod:`imapper_prob.sampling.ascent`), and four more times from the visits since the time before,
-  the last time after three fourths of the burn-in. In the rest of the burn-in the temperatures
-  adapt to the last reference.
+  (:mod:`imapper_prob.sampling.ascent`), and eight more times at equal intervals, each time from the
+  later half of the visits so far, the last time after three fourths of the burn-in. In the rest of
+  the burn-in the temperatures adapt to the last reference.
 - *Blocks* consist of pieces. A block is a fourth of the planned rounds after burn-in, and twice as
   long each time the number of rounds has doubled. The first one includes the burn-in.
 """
@@ -34,11 +34,12 @@ _PIECE: Final = 200
 """Steps between two opportunities for progress reports and checkpoints; a fraction of a second."""
 _LEARNING: Final = 0.75
 """Share of the burn-in after which the last reference is learnt; chosen."""
-_LEARNT_AT: Final = (8, 4, 2, 1)
-"""The references are learnt after this part of that share: each round of learning is as long as all
-rounds before it together (Surjanovic et al. 2022)."""
-_NOTED: Final = 1500
-"""Approximate number of visits recorded for each reference; chosen: they take megabytes."""
+_REFERENCES: Final = 8
+"""Number of references that are learnt from visits; chosen. Scenes that one reference draws too
+seldom are rare among the visits from which the next is learnt, so that several are needed."""
+_NOTED: Final = 200
+"""Approximate number of rounds from one reference to the next whose states are recorded; chosen:
+they take megabytes."""
 _BLOCKS: Final = 4
 """Blocks of a run of ``steps``; each is long compared with the start of processes."""
 
@@ -160,7 +161,7 @@ class Learning:
     Parameters
     ----------
     ends : tuple of int
-        After each of these rounds a reference is learnt from the visits since the one before.
+        After each of these rounds a reference is learnt.
     """
 
     ends: tuple[int, ...]
@@ -188,8 +189,8 @@ def learning_of(settings: SampleSettings) -> Learning:
     burn_in = burn_in_of(settings)
     if not burn_in:
         return Learning(())
-    ends = {int(_LEARNING * burn_in / part) for part in _LEARNT_AT}
-    return Learning((0, *sorted(ends - {0})))
+    ends = {int(_LEARNING * burn_in * n / _REFERENCES) for n in range(_REFERENCES + 1)}
+    return Learning(tuple(sorted(ends)))
 
 
 def piece_of(settings: SampleSettings) -> int:

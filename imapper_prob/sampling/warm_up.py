@@ -106,7 +106,7 @@ def small_problem() -> JointProblem:
     shape = (1, len(library))
     candidates = Candidates(
         np.array([_FRAMES // 2]), np.tile([0.0, 3.0, 0.0], (*shape, 1)), np.zeros(shape),
-        np.ones(shape),
+        np.ones(shape), np.ones(shape),
     )  # fmt: skip
     return JointProblem(
         clip, library, problem, candidates, motion_distances(library), (empty_state(problem),),

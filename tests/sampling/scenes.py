@@ -55,7 +55,8 @@ def candidates(seed: int = 0) -> Candidates:
     )
     weights = rng.uniform(0.2, 1, shape)
     weights[1, 2] = 0.0
-    return Candidates(np.array([3, 6, 9, 13, 16]), places, rng.normal(0, 0.03, shape), weights)
+    sizes, adjoining = rng.normal(0, 0.03, shape), rng.uniform(0.2, 1, shape)
+    return Candidates(np.array([3, 6, 9, 13, 16]), places, sizes, weights, adjoining)
 
 
 def similarity() -> np.ndarray:

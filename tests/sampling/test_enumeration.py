@@ -70,7 +70,7 @@ def candidates() -> Candidates:
     """All three in the middle of every start."""
     places = np.tile([0.0, 4.0, 0.0], (3, 3, 1))
     weights = np.array([[1.0, 1, 2]] * 3)
-    return Candidates(np.array(STARTS) + 3, places, np.zeros((3, 3)), weights)
+    return Candidates(np.array(STARTS) + 3, places, np.zeros((3, 3)), weights, weights)
 
 
 def learnt(problem: Problem) -> Reference:

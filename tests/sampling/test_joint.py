@@ -72,7 +72,7 @@ def reference_of(problem: Problem) -> Reference:
     centres = np.arange(3, N_FRAMES - 2, 2)
     weights = np.linspace(0.5, 1.5, n) * np.ones((len(centres), n))
     places = np.tile([0.0, 4.0, 0.0], (*weights.shape, 1))
-    candidates = Candidates(centres, places, np.zeros_like(weights), weights)
+    candidates = Candidates(centres, places, np.zeros_like(weights), weights, weights[:, ::-1])
     rng, visits = np.random.default_rng(0), Visits()
     for _ in range(200):
         visits.note(draw_state(rng, problem))

@@ -55,9 +55,8 @@ def cast() -> JointProblem:
     settings = ModelSettings(likelihood=0.0, scenelet_rate=RATE)
     problem = worlds.problem(8, settings=settings, scenelets=LIBRARY)
     places = np.tile([0.0, 3.5, 0.0], (N_STARTS, 3, 1))
-    candidates = Candidates(
-        np.arange(N_STARTS) + 3, places, np.zeros((N_STARTS, 3)), np.ones((N_STARTS, 3))
-    )
+    ones = np.ones((N_STARTS, 3))
+    candidates = Candidates(np.arange(N_STARTS) + 3, places, np.zeros((N_STARTS, 3)), ones, ones)
     clip = worlds.clip_of(worlds.walk(8), np.random.default_rng(0))
     states = (empty_state(problem).with_item(0, 0, places[0, 0]), empty_state(problem))
     distances = 1.0 - np.eye(3)
