@@ -7,6 +7,7 @@ import pytest
 
 from imapper_prob.models.log_posterior import State, empty_state, log_posterior
 from imapper_prob.models.problem import Problem
+from imapper_prob.sampling import ascent
 from imapper_prob.sampling.ascent import climb
 from imapper_prob.sampling.scene import in_order
 from imapper_prob.sampling.steps import Moves
@@ -45,6 +46,17 @@ def test_no_exchange_of_a_scenelet_is_much_better_where_it_ends(problem, moves, 
                 other = without.with_item(scenelet, at, place, size)
                 if in_order(problem, other):
                     assert log_posterior(problem, other) < best + 0.1 * gained
+
+
+@pytest.mark.parametrize("number", [2, 3])
+def test_one_is_replaced_by_several_at_once(problem, moves, monkeypatch, number):
+    monkeypatch.setattr(ascent, "_CHANGES", ((1, number),))
+    alone = scenes.random_state(problem, 6)
+    assert alone.n_scenelets == 1
+    end = climbed(problem, moves, alone)
+    assert end.n_scenelets == number
+    assert in_order(problem, end)
+    assert log_posterior(problem, end) > log_posterior(problem, alone)
 
 
 def test_starts_far_apart_arrive_at_scenes_as_good(problem, moves):
