@@ -74,8 +74,8 @@ def show_energy(folder: Path) -> None:
 # ------------------------------------------------------------------------------------------------
 # ``demo``, ``run`` and ``info``.
 
-_DEMO_STEPS = 20_000
-"""Steps of a demo chain at each temperature; the whole command then takes under a minute on two
+_DEMO_STEPS = 30_000
+"""Steps of a demo chain at each temperature; probabilities then converge, in about a minute on two
 cores."""
 _STEPS = SampleSettings().steps
 

@@ -11,9 +11,9 @@ continued keeps the same draws as a single longer run.
   whose rounding errors differ from those of old ones, so a chain may end only where a piece ends.
 - *Visits* are recorded in some rounds of the burn-in (:mod:`imapper_prob.sampling.visits`). The
   reference (:mod:`imapper_prob.sampling.reference`) is first learnt from the result of the ascent
-  (:mod:`imapper_prob.sampling.ascent`), and eight more times at equal intervals, each time from the
-  later half of the visits so far, the last time after three fourths of the burn-in. In the rest of
-  the burn-in the temperatures adapt to the last reference.
+  (:mod:`imapper_prob.sampling.ascent`), and up to eight more times at equal intervals, each time
+  from the later half of the visits so far, the last time after three fourths of the burn-in. In the
+  rest of the burn-in the temperatures adapt to the last reference.
 - *Blocks* consist of pieces. A block is a fourth of the planned rounds after burn-in, and twice as
   long each time the number of rounds has doubled. The first one includes the burn-in.
 """
@@ -35,8 +35,10 @@ _PIECE: Final = 200
 _LEARNING: Final = 0.75
 """Share of the burn-in after which the last reference is learnt; chosen."""
 _REFERENCES: Final = 8
-"""Number of references that are learnt from visits; chosen. Scenes that one reference draws too
-seldom are rare among the visits from which the next is learnt, so that several are needed."""
+"""Largest number of references that are learnt from visits; chosen. Scenes that one reference draws
+too seldom are rare among the visits from which the next is learnt, so that several are needed."""
+_SHORTEST: Final = 20
+"""Least number of rounds from one reference to the next; chosen: learning takes about as long."""
 _NOTED: Final = 200
 """Approximate number of rounds from one reference to the next whose states are recorded; chosen:
 they take megabytes."""
@@ -189,8 +191,9 @@ def learning_of(settings: SampleSettings) -> Learning:
     burn_in = burn_in_of(settings)
     if not burn_in:
         return Learning(())
-    ends = {int(_LEARNING * burn_in * n / _REFERENCES) for n in range(_REFERENCES + 1)}
-    return Learning(tuple(sorted(ends)))
+    last = int(_LEARNING * burn_in)
+    count = max(1, min(_REFERENCES, last // _SHORTEST))
+    return Learning(tuple(sorted({last * n // count for n in range(count + 1)})))
 
 
 def piece_of(settings: SampleSettings) -> int:

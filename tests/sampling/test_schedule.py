@@ -115,3 +115,5 @@ def test_learning_is_as_often_as_said() -> None:
     assert noted == 8 * [250]
     assert not any(learning.has(at) for at in rounds[6000:])
     assert learning_of(replace(usual, burn_in=0.0)).ends == ()
+    assert learning_of(replace(usual, steps=2000, draws=10)).ends == (0, 20, 40, 60, 80, 100, 120)
+    assert learning_of(replace(usual, steps=50, draws=2)).ends == (0, 3)
