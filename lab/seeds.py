@@ -2,8 +2,8 @@
 
     python -m lab.seeds FOLDER [CLIP ...] [--seeds 5] [--steps N] [--workers 2] [--picture PNG]
 
-samples each clip, ``demo`` if none is named, with several seeds and prints two Markdown tables; the
-picture shows the probabilities of the largest layouts by seed and chain. Every run is stored in
+samples each clip, ``demo`` if none is named, with several seeds and prints three Markdown tables;
+the picture shows the probabilities of the largest layouts by seed and chain. Every run is stored in
 FOLDER as a folder that ``imapper-prob view`` opens, so that a killed command continues where it
 was; the readers of such folders refuse runs of another program.
 
@@ -65,6 +65,8 @@ class Seeds:
         Fraction of draws with each set of labels.
     chains : tuple of S (C, K) float
         Fractions of the draws of each chain.
+    scenelets : tuple of S (C, N) int
+        Number of scenelets of each draw.
     """
 
     probability: Array
@@ -76,6 +78,7 @@ class Seeds:
     seconds: Array
     labels: tuple[dict[str, float], ...] = ()
     chains: tuple[Array, ...] = ()
+    scenelets: tuple[NDArray[np.int64], ...] = ()
 
     @property
     def scatter(self) -> Array:
@@ -127,6 +130,7 @@ def compared(posteriors: Sequence[Posterior]) -> Seeds:
         np.array([p.seconds.get("sampling", np.nan) for p in posteriors]),
         tuple(shares(one.objects) for one in samples),
         tuple(chains),
+        tuple(np.reshape([s.n_scenelets for s in one.states], one.shape) for one in samples),
     )
 
 
@@ -176,6 +180,14 @@ def tables(found: dict[str, Seeds]) -> str:
             lines.append(
                 f"| {clip} | {k + 1} | {one.probability[:, k].mean():.2f} | {one.scatter[k]:.3f} "
                 f"| {stated[k]:.3f} | {one.scatter[k] / stated[k]:.1f} |"
+            )
+    lines += ["", "| clip | scenelets | share of draws, by seed | by chain |", "|---|---:|---|---|"]
+    for clip, one in found.items():
+        for number in sorted({int(n) for own in one.scenelets for n in np.unique(own)}):
+            by_chain = np.array([(own == number).mean(1) for own in one.scenelets])
+            by_seed = ", ".join(f"{share:.2f}" for share in by_chain.mean(1))
+            lines.append(
+                f"| {clip} | {number} | {by_seed} | {by_chain.min():.2f} to {by_chain.max():.2f} |"
             )
     return "\n".join(lines) + "\n"
 

@@ -6,9 +6,9 @@ exchanged for every other one of the library, placed where the reference expects
 neighbours (:mod:`imapper_prob.sampling.reference`), and judged by the whole log-posterior. Then the
 scene is optimised locally. Scenelets are inserted in the same way.
 
-Some scenes are improved only by several scenelets at once: a sitting person's one scenelet, by a
-shorter one and somebody who sits down before. So one or two neighbouring scenelets are also
-replaced by the best of many draws of the reference, of whatever number.
+Some scenes are improved only by several scenelets at once: a person's sitting, by shorter sitting
+and sitting down before it. So one or two neighbouring scenelets are also replaced by the best of
+many draws of two or three from the reference.
 """
 
 from __future__ import annotations
@@ -43,15 +43,15 @@ _REACH: Final = 4
 _PROMISING: Final = 100
 """Number of most promising scenelets; chosen: they take a tenth of the time of the library."""
 _DRAWN: Final = 6000
-"""Number of draws for one or two scenelets; chosen: on a public scene six of eight starts arrive at
-a scene of three flush scenelets that none finds by exchanges."""
+"""Number of draws from which the best is taken; chosen: they take a fraction of a second."""
 _EVALUATED: Final = 4
-"""One in so many of them has the wanted number of scenelets and is evaluated, approximately."""
+"""One draw in so many is counted as an evaluation, as those of another number of scenelets are not
+evaluated; chosen."""
 _STILL: Final = 1e-3
 """Factor of the displacements of these draws, which are so at their expected placements."""
 _NEARLY: Final = 15.0
-"""Nats by which a scene may be worse than the best before it is optimised locally; chosen: the
-gain of placements and camera is rarely more."""
+"""Nats by which a scene may be worse than the best one so far if it is to be optimised locally;
+chosen."""
 _SWEEPS: Final = 6
 """Largest number of sweeps over all scenelets; chosen."""
 _WORTH: Final = 0.5
@@ -179,7 +179,7 @@ def _exchanged(
     if not len(pairs):
         return state
     reference = moves.reference
-    evaluator = open_evaluator(problem, state.n_scenelets + 2)
+    evaluator = _standing(problem, scene_of(state), state.n_scenelets + 2)
     values = _values(reference, evaluator, state, first, last, pairs)
     promising = pairs[np.argsort(-values, kind="stable")[:_PROMISING]]
     near = np.stack([np.zeros(2 * _REACH + 1, int), np.arange(-_REACH, _REACH + 1)], -1)
@@ -191,6 +191,17 @@ def _exchanged(
     return state_of(_with(reference, scene_of(state), first, last, scenelet, start))
 
 
+def _standing(problem: Problem, scene: Scene, capacity: int) -> Evaluator:
+    """An evaluator of up to so many scenelets whose current scene is this one."""
+    evaluator = open_evaluator(problem, capacity)
+    change(
+        evaluator, NOWHERE, scene.camera, scene.latent,
+        scene.camera, scene.items, scene.placements, scene.sizes, scene.latent,
+    )  # fmt: skip
+    commit(evaluator)
+    return evaluator
+
+
 def _redrawn(
     problem: Problem,
     moves: Moves,
@@ -200,19 +211,13 @@ def _redrawn(
     number: int,
     rng: np.random.Generator,
 ) -> State:
-    """The best scene with ``number`` draws of the reference instead of those from ``first`` to
-    ``last`` - 1.
+    """The best scene with ``number`` draws instead of the scenelets from ``first`` to ``last`` - 1.
 
     They are drawn at their expected placements, given the scenelet before.
     """
     scene = scene_of(state)
     still = moves.reference._replace(factors=_STILL * moves.reference.factors)
-    evaluator = open_evaluator(problem, state.n_scenelets + number)
-    now = scene.items[None], scene.placements[None], scene.sizes[None]
-    log_posteriors(
-        evaluator, None, NOWHERE, scene, scene.camera[None], *now, scene.latent[None]
-    )  # fmt: skip
-    commit(evaluator)
+    evaluator = _standing(problem, scene, state.n_scenelets + number)
     return state_of(_best_draw(still, evaluator, rng, scene, first, last, number))
 
 
@@ -300,8 +305,5 @@ def _values(
     """(n,) log-posteriors in nats for each of n pairs of scenelet and start."""
     scene = scene_of(state)
     camera, latent = scene.camera[None], scene.latent[None]
-    now = scene.items[None], scene.placements[None], scene.sizes[None]
-    log_posteriors(evaluator, None, NOWHERE, scene, camera, *now, latent)
-    commit(evaluator)
     new = _scenes_with(reference, scene, first, last, tried)
     return log_posteriors(evaluator, None, len(scene.items), scene, camera, *new, latent)

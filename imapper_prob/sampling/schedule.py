@@ -38,7 +38,7 @@ _REFERENCES: Final = 8
 """Largest number of references that are learnt from visits; chosen. Scenes that one reference draws
 too seldom are rare among the visits from which the next is learnt, so that several are needed."""
 _SHORTEST: Final = 20
-"""Least number of rounds from one reference to the next; chosen: learning takes about as long."""
+"""Least number of rounds from one reference to the next; chosen: short chains should be short."""
 _NOTED: Final = 200
 """Approximate number of rounds from one reference to the next whose states are recorded; chosen:
 they take megabytes."""

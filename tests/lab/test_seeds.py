@@ -26,6 +26,8 @@ def test_a_seed_is_held_against_all_others() -> None:
     np.testing.assert_allclose(found.distance, [0.15, 0.3, 0.3])
     table = tables({"clip": found})
     assert "| clip | 1 | 0.60 | 0.200 | 0.100 | 2.0 |" in table
+    counted = replace(found, scenelets=(np.array([[2, 3], [3, 3]]), np.full((2, 2), 2)))
+    assert "| clip | 3 | 0.75, 0.00 | 0.00 to 1.00 |" in tables({"clip": counted})
 
 
 def test_the_same_scenes_are_the_same_layouts_in_all_seeds() -> None:

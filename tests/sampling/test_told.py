@@ -12,7 +12,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from scipy.stats import norm, t
+from scipy.stats import norm
 
 import imapper_prob as im
 from imapper_prob.config import SampleSettings
@@ -120,24 +120,29 @@ def test_weights_give_the_same_posterior_and_the_bayes_factor() -> None:
     assert close(height, 1.55)
 
 
-@pytest.mark.parametrize("seed", [7, pytest.param(8, marks=pytest.mark.slow)])
-def test_draws_are_led_to_what_few_agree_with(seed: int) -> None:
+def test_draws_are_led_to_what_few_agree_with() -> None:
     problem = told([SURE, im.Measured("height", 2.0, 0.03)])
     values = statement_values(problem, samples().states)
     found = reweigh(values.reshape(samples().shape))
     assert not found.good
-    drawn, evidence = continued(
-        cast(), samples(), problem, np.ones(2), found, SETTINGS, seed=np.random.SeedSequence(seed)
-    )
     exact = math.log(EVIDENCE) + norm.logpdf(2.0, 1.5, math.hypot(0.1, 0.03))
-    assert evidence.method == "resampled"
-    assert 0 < evidence.error < 1.5
-    # The error is itself estimated from four chains: Student's t, beyond which is one in a hundred.
-    assert abs(evidence.log_ratio - exact) < t.ppf(0.995, SETTINGS.chains - 1) * evidence.error
-    chair, height = shares(drawn)
-    assert close(chair, CERTAIN)
     weight = 0.1**2 / (0.1**2 + 0.03**2)
-    assert close(height, 1.5 + weight * 0.5)
+    off, errors = [], []
+    for seed in (7, 8, 9):
+        drawn, evidence = continued(
+            cast(), samples(), problem, np.ones(2), found, SETTINGS,
+            seed=np.random.SeedSequence(seed),
+        )  # fmt: skip
+        assert evidence.method == "resampled"
+        assert 0 < evidence.error < 1.5
+        off.append(evidence.log_ratio - exact)
+        errors.append(evidence.error)
+        chair, height = shares(drawn)
+        assert close(chair, CERTAIN)
+        assert close(height, 1.5 + weight * 0.5)
+    # The square of the error is right in the mean; that of a single run is known from the few
+    # families that survive.
+    assert np.abs(off).max() < 4 * np.sqrt(np.mean(np.square(errors)))
 
 
 @pytest.mark.slow
