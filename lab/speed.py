@@ -67,8 +67,8 @@ from imapper_prob.models.scene import Clip, Placement, SceneObject
 from imapper_prob.models.scenelet import Library
 from imapper_prob.models.settings import NOTHING_IN_SIGHT, OPAQUE
 from imapper_prob.models.skeleton import PELV
-from imapper_prob.sampling.candidates import Candidates
 from imapper_prob.sampling.chain import run_chain
+from imapper_prob.sampling.gains import gains_of
 from imapper_prob.sampling.learning import learn
 from imapper_prob.sampling.sample import setup_of
 from imapper_prob.sampling.steps import MOVES, Walker, scene_moves
@@ -357,14 +357,11 @@ def evaluation_figures(seconds: float) -> dict[str, float]:
 def step_figures(world: World, seconds: float) -> dict[str, float]:
     """Steps of a chain a second, and microseconds of a step by move, each timed for ``seconds``."""
     problem, n = world.problem, len(world.problem.lengths)
-    one = np.ones((1, n))
-    every = Candidates(np.zeros(1, int), np.zeros((1, n, 3)), np.zeros((1, n)), one, one)
     alike = (np.ones((n, n)) - np.eye(n)) / (n - 1)
     visits = Visits()
     visits.note(world.state)
-    moves = scene_moves(
-        problem, alike, learn(problem, every, alike, visits), np.diag(0.1 * CAMERA_DOUBT)
-    )
+    reference = learn(problem, gains_of(problem), alike, visits)
+    moves = scene_moves(problem, alike, reference, np.diag(0.1 * CAMERA_DOUBT))
 
     def steps(weights: Array) -> float:
         """The fastest of short chains from the same state, which they hardly leave."""
@@ -498,7 +495,6 @@ def timed(clip: Clip, library: Library) -> tuple[Solution, dict[str, float]]:
         last = now
 
     solution = solve(clip, library, progress=report)
-    seconds["tables of candidates"] = time.process_time() - last
     return solution, seconds
 
 

@@ -34,22 +34,21 @@ def rng() -> np.random.Generator:
 
 @pytest.fixture(scope="session", autouse=True)
 def _prepared_once() -> Iterator[None]:
-    """What chains need of a solution takes 3 s of the demo: a process of tests makes it once."""
-    from imapper_prob.sampling import actors
-    from imapper_prob.sampling.candidates import Candidates
-    from imapper_prob.solver.solver import Solution
+    """Gains of the demo's scenelets take a second or two: a process of tests finds them once."""
+    from imapper_prob.models.problem import Problem
+    from imapper_prob.sampling import sample
 
-    # With the solution itself, so that no other has its number.
-    made: dict[int, tuple[Solution, Candidates]] = {}
-    weigh = actors.weighted_candidates
+    # With the problem itself, so that no other has its number.
+    made: dict[int, tuple[Problem, np.ndarray]] = {}
+    find = sample.gains_of
 
-    def weighted_candidates(solution: Solution) -> Candidates:
-        if id(solution) not in made:
-            made[id(solution)] = solution, weigh(solution)
-        return made[id(solution)][1]
+    def gains_of(problem: Problem) -> np.ndarray:
+        if id(problem) not in made:
+            made[id(problem)] = problem, find(problem)
+        return made[id(problem)][1]
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(actors, "weighted_candidates", weighted_candidates)
+        patch.setattr(sample, "gains_of", gains_of)
         yield
 
 

@@ -23,7 +23,6 @@ from imapper_prob.models.path_prior import CameraPrior
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.scene import Clip
 from imapper_prob.models.scenelet import Library
-from imapper_prob.sampling.candidates import Candidates, weighted_candidates
 from imapper_prob.solver.candidates import refine
 from imapper_prob.solver.solver import Solution
 
@@ -52,8 +51,6 @@ class JointProblem:
     library : Library
     problem : Problem
         Frames of all actors in the order of their tracks, K T in total for K actors.
-    candidates : Candidates
-        Candidates of all actors, at their frames.
     distances : (L, L) float
         Distances between the motions of scenelets, metres.
     states : tuple of State
@@ -65,7 +62,6 @@ class JointProblem:
     clip: Clip
     library: Library
     problem: Problem
-    candidates: Candidates
     distances: Array
     states: tuple[State, ...]
     best_fits: Array
@@ -89,27 +85,17 @@ def join_actors(solutions: Sequence[Solution]) -> JointProblem:
         The actors were solved with different cameras or libraries.
     """
     first = solutions[0]
-    candidates = [weighted_candidates(solution) for solution in solutions]
     clip, problem, states = first.clip, first.problem, first.states
     if len(solutions) > 1:
         camera = _common_camera(solutions)
         stature = [float(s.camera.mean[_BODY] - camera.mean[_BODY]) for s in solutions]
         problem = _one_after_the_other(solutions, camera, stature)
-        candidates = [_in_common_stature(c, by) for c, by in zip(candidates, stature, strict=True)]
         states = _together(problem, solutions)
         clip = replace(first.clip, tracks=tuple(s.clip.tracks[0] for s in solutions))
-    firsts = np.flatnonzero(problem.path_starts)
     return JointProblem(
         clip,
         first.library,
         problem,
-        Candidates(
-            np.concatenate([c.centres + t for c, t in zip(candidates, firsts, strict=True)]),
-            np.concatenate([c.placements for c in candidates]),
-            np.concatenate([c.sizes for c in candidates]),
-            np.concatenate([c.weights for c in candidates]),
-            np.concatenate([c.adjoining for c in candidates]),
-        ),
         first.distances,
         states,
         np.concatenate([s.best_fits for s in solutions]),
@@ -174,12 +160,6 @@ def _one_after_the_other(
         camera_precision=np.linalg.inv(camera.covariance).astype(np.float64),
         camera_constant=-0.5 * float(np.linalg.slogdet(2 * np.pi * camera.covariance)[1]),
     )
-
-
-def _in_common_stature(candidates: Candidates, by: float) -> Candidates:
-    """Move candidates nearer or farther, so that a body of the common stature looks the same."""
-    nearer = np.array([math.exp(-by), math.exp(-by), 1.0])
-    return replace(candidates, placements=candidates.placements * nearer)
 
 
 def _together(problem: Problem, solutions: Sequence[Solution]) -> tuple[State, ...]:

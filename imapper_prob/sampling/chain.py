@@ -26,7 +26,6 @@ from imapper_prob.samplers.tempering import (
 )
 from imapper_prob.sampling.actors import JointProblem
 from imapper_prob.sampling.ascent import climb
-from imapper_prob.sampling.candidates import Candidates
 from imapper_prob.sampling.checkpoints import ChainProgress
 from imapper_prob.sampling.crossover import TimeCrossover
 from imapper_prob.sampling.learning import learn
@@ -89,8 +88,8 @@ class Setup:
     Parameters
     ----------
     problem : Problem
-    candidates : Candidates
-        Fits of the solver with weights.
+    gains : (T, L) float
+        See :func:`imapper_prob.sampling.gains.gains_of`, nats.
     similarity : (L, L) float
         Probabilities of exchanging one scenelet for another.
     settings : SampleSettings
@@ -102,7 +101,7 @@ class Setup:
     """
 
     problem: Problem
-    candidates: Candidates
+    gains: Array
     similarity: Array
     settings: SampleSettings
     staged: tuple[State, ...]
@@ -356,7 +355,7 @@ def tempered(setup: Setup, visits: Visits) -> Tempered:
     -------
     Tempered
     """
-    reference = learn(setup.problem, setup.candidates, setup.similarity, visits)
+    reference = learn(setup.problem, setup.gains, setup.similarity, visits)
     moves = scene_moves(setup.problem, setup.similarity, reference, camera_shape(visits))
     return Tempered(setup.problem, moves)
 

@@ -30,7 +30,6 @@ from imapper_prob.samplers.checkpoint import (
 )
 from imapper_prob.samplers.reversible_jump import AcceptanceTable, ChainState
 from imapper_prob.samplers.tempering import SwapTable, TemperingInfo, TemperingState
-from imapper_prob.sampling.candidates import Candidates
 from imapper_prob.sampling.schedule import draws_of, trace_of
 from imapper_prob.sampling.visits import Visits
 
@@ -276,7 +275,6 @@ def _states(name: str, snapshot: Snapshot) -> list[State]:
 
 def identity_of(
     problem: Problem,
-    candidates: Candidates,
     starts: Sequence[Sequence[State]],
     settings: SampleSettings,
     seed: np.random.SeedSequence,
@@ -288,7 +286,6 @@ def identity_of(
     Parameters
     ----------
     problem : Problem
-    candidates : Candidates
     starts : sequence of sequence of State
         For each chain, its starts by temperature.
     settings : SampleSettings
@@ -302,9 +299,7 @@ def identity_of(
     endless = dataclasses.replace(settings, last_step=0)
     parts = (version("imapper-prob"), endless, seed.entropy, seed.spawn_key)
     digest = hashlib.sha256(repr(parts).encode())
-    arrays = [
-        *problem, candidates.centres, candidates.placements, candidates.sizes, candidates.weights,
-    ]  # fmt: skip
+    arrays = [*problem]
     arrays += [array for own in starts for state in own for array in _arrays(state).values()]
     for array in arrays:
         digest.update(np.ascontiguousarray(array).tobytes())

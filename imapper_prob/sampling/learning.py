@@ -12,13 +12,11 @@ from scipy import stats
 from scipy.signal import fftconvolve
 
 from imapper_prob.layouts import furniture_kinds
-from imapper_prob.models.camera import Camera
 from imapper_prob.models.kernels.placement import expected_facing
 from imapper_prob.models.problem import Problem
-from imapper_prob.models.settings import NEAREST
 from imapper_prob.models.skeleton import PELV
 from imapper_prob.models.view import to_floor
-from imapper_prob.sampling.candidates import Candidates
+from imapper_prob.sampling.gains import room_of, sequences_of, static_path
 from imapper_prob.sampling.jit import compiled
 from imapper_prob.sampling.reference import (
     DOF,
@@ -41,7 +39,7 @@ Ints = NDArray[np.int64]
 _SHIFTS: Final = {0: 0.6, -1: 0.15, 1: 0.15, -2: 0.05, 2: 0.05}
 """Shifts in frames by which visited ends and starts are smoothed, with their weights; chosen."""
 _SHARES: Final = np.array([0.15, 0.1, 0.25, 0.2, 0.05, 0.25])
-"""Initial shares of the components followed, later, similar, candidates, anywhere and adjoining;
+"""Initial shares of the components followed, later, similar, fitting, anywhere and adjoining;
 chosen."""
 _KEPT: Final = 0.5
 """Weight of the initial shares in the learnt ones, so that unvisited scenes stay possible;
@@ -70,13 +68,14 @@ _IDS: Final = 5.0
 """Weight of the first one, in scenelets, where differences between scenelets are learnt; chosen."""
 
 
-def learn(problem: Problem, candidates: Candidates, similarity: Array, visits: Visits) -> Reference:
+def learn(problem: Problem, gains: Array, similarity: Array, visits: Visits) -> Reference:
     """Learn the reference distribution from visits.
 
     Parameters
     ----------
     problem : Problem
-    candidates : Candidates
+    gains : (T, L) float
+        See :func:`imapper_prob.sampling.gains.gains_of`, nats.
     similarity : (L, L) float
         Probabilities of exchanging one scenelet for another.
     visits : Visits
@@ -89,7 +88,7 @@ def learn(problem: Problem, candidates: Candidates, similarity: Array, visits: V
     numbers = {kind: number for number, kind in enumerate(sorted(set(kinds)), start=1)}
     lengths = problem.lengths
     own = np.array([numbers[kind] for kind in kinds])
-    room = _room(problem)
+    room = room_of(problem)
     fitting = (lengths[:, None] <= room).sum(0)
     camera_mean, covariance = np.array(problem.camera_mean), camera_covariance(visits)
     if covariance is None:
@@ -101,7 +100,7 @@ def learn(problem: Problem, candidates: Candidates, similarity: Array, visits: V
     # A scenelet replaces itself as often as the one most similar to it.
     alike = np.array(similarity)
     np.fill_diagonal(alike, alike.max(1))
-    hazard, scenelets, adjoining = _fits(candidates, lengths, room)
+    sequences = sequences_of(problem, gains)
     of_kind = np.eye(len(numbers) + 1)[own]
     of_kind[:, 0] = 1.0
     path, yaw = _expectations(problem, visits)
@@ -125,11 +124,10 @@ def learn(problem: Problem, candidates: Candidates, similarity: Array, visits: V
         **_fields(followed, later),
         similarity=alike,
         alike=_sums_by_length(alike, lengths),
-        hazard=hazard,
-        survival=np.append(0.0, np.log1p(-hazard[:-1]).cumsum()),
-        candidates=scenelets,
-        adjoining=adjoining,
-        adjoining_kinds=adjoining @ of_kind,
+        hazard=sequences.hazard,
+        survival=sequences.survival,
+        fitting=sequences.scenelets,
+        fitting_kinds=sequences.scenelets @ of_kind,
         openings=np.append(fitting[::-1].cumsum()[::-1], 0),
         by_length=np.argsort(lengths, kind="stable"),
         anywhere_mean=np.array(problem.start_mean),
@@ -145,13 +143,6 @@ def learn(problem: Problem, candidates: Candidates, similarity: Array, visits: V
     onward, factors = _scatter(reference, visits, habits.spread)
     peaks = np.array([[_log_peak(factor, yaw=True) for factor in row] for row in factors])
     return reference._replace(onward=onward, factors=factors, constants=peaks)
-
-
-def _room(problem: Problem) -> Ints:
-    """(T + 1,) number of frames from each frame to the end of its person's frames."""
-    frames = np.arange(problem.n_frames)
-    begins = np.append(np.flatnonzero(problem.path_starts), problem.n_frames)
-    return np.append(begins[np.searchsorted(begins, frames, "right")] - frames, 0)
 
 
 def _sums_by_length(similarity: Array, lengths: Ints) -> Array:
@@ -347,21 +338,6 @@ def _expected_yaws(problem: Problem, room: Ints, yaws: Array) -> None:
                 yaws[start, scenelet] = math.atan2(aside, along)
 
 
-def _static_path(problem: Problem) -> Array:
-    """(T, 2) bearing and log depth on the floor of the static path's pelvis, for the mean
-    camera."""
-    pitch, elevation, focal, body, roll = problem.camera_mean
-    depth = np.exp(problem.path_centre[:, 1] + focal + body)
-    right = problem.path_centre[:, 0] * np.exp(-focal) * depth
-    up = problem.lift * np.exp(-focal) * depth
-    camera = Camera(
-        1, 1, 1.0, 1.0, 0.0, 0.0, pitch=float(pitch), elevation=float(elevation), roll=float(roll)
-    )
-    x, y, _ = camera.to_world(np.stack([right, depth, up], -1)).T
-    y = np.maximum(y, NEAREST)
-    return np.stack([x / y, np.log(y)], -1)
-
-
 def _smoothed(sums: Array, weights: Array) -> Array:
     """(T, ...) kernel-weighted means over neighbouring frames, shrunk to 0 where there are no
     visits."""
@@ -380,10 +356,10 @@ def _expectations(problem: Problem, visits: Visits) -> tuple[Array, Array]:
     scenelet, start = items.T
     cameras = np.repeat(visited["cameras"], visited["counts"], axis=0)
     sums = _pelvis_by_frame(problem, cameras, items, places, sizes)
-    static = _static_path(problem)
+    static = static_path(problem)
     path = static + _smoothed(sums[:, :2] - static * sums[:, 2:], sums[:, 2])
     yaws = np.zeros((problem.n_frames, len(problem.lengths)))
-    _expected_yaws(problem, _room(problem), yaws)
+    _expected_yaws(problem, room_of(problem), yaws)
     middle = start + problem.lengths[scenelet] // 2
     turn = visited["where"][:, 2] - yaws[start, scenelet]
     seen: Array = np.stack(
@@ -455,32 +431,3 @@ def _scatter(reference: Reference, visits: Visits, spread: Array) -> tuple[Array
         scatter = (_STATES * usual + y.T @ y) / (_STATES + len(y))
         factors[row] = np.linalg.cholesky(np.stack([scatter, scatter + beyond]))
     return onward, factors
-
-
-def _fits(candidates: Candidates, lengths: Ints, room: Ints) -> tuple[Array, Array, Array]:
-    """Probability that a candidate begins at a frame, and with which scenelet; that of each
-    scenelet that adjoins there.
-
-    Where the solver's weights are highest, one begins within a scenelet's length on average.
-    """
-    n_frames = len(room) - 1
-    frames, centres = np.arange(n_frames + 1), candidates.centres
-    right = np.searchsorted(centres, frames).clip(1, max(len(centres) - 1, 1))
-    left = right - 1
-    right = right.clip(0, len(centres) - 1)
-    nearer_left = np.abs(frames - centres[left]) <= np.abs(centres[right] - frames)
-    window = np.where(nearer_left, left, right)
-    scenelets, adjoining = np.zeros((2, n_frames + 1, len(lengths)))
-    for scenelet, length in enumerate(lengths.tolist()):
-        starts = np.flatnonzero(length <= room)
-        of = window[starts + length // 2]
-        scenelets[starts, scenelet] = candidates.weights[of, scenelet]
-        adjoining[starts, scenelet] = candidates.adjoining[of, scenelet]
-    by_start = scenelets.sum(1)
-    for rows in (scenelets, adjoining):
-        total = rows.sum(1)
-        rows[total > 0] /= total[total > 0, None]
-    usual = float(np.median(lengths))
-    most = float(by_start.max())
-    hazard: Array = by_start / (most * usual) if most > 0 else np.zeros(n_frames + 1)
-    return hazard, scenelets, adjoining

@@ -19,10 +19,10 @@ from imapper_prob.sampling.reference import (
     ADJOINING,
     ANYWHERE,
     ASTRAY,
-    CANDIDATE,
     COMPONENTS,
     DOF,
     ENDS,
+    FITTING,
     FOLLOWED,
     SAME_KIND,
     SIMILAR,
@@ -168,21 +168,21 @@ def _draw_next(reference: Reference, rng: np.random.Generator, of: int, kind: in
         low, high = reference.followed_first[row], reference.followed_first[row + 1]
         code = reference.followed[low + _draw(reference.followed_probability[low:high], rng)]
         return _NOTHING if code == n_frames * n_scenelets else code
-    if of < CANDIDATE:
+    if of < FITTING:
         low, high = reference.later_first[end], reference.later_first[end + 1]
         code = reference.later[low + _draw(reference.later_probability[low:high], rng)]
         return _NOTHING if code == n_frames * n_scenelets else code
     if of == ADJOINING:
-        weights = reference.adjoining[end].copy()
-        if reference.adjoining_kinds[end, kind] > 0.0 and rng.random() < SAME_KIND:
+        weights = reference.fitting[end].copy()
+        if reference.fitting_kinds[end, kind] > 0.0 and rng.random() < SAME_KIND:
             weights[reference.kinds != kind] = 0.0
         return end * n_scenelets + _draw(weights, rng)
     if rng.random() < ENDS:
         return _NOTHING
-    if of == CANDIDATE:
+    if of == FITTING:
         for start in range(end, n_frames):
             if rng.random() < reference.hazard[start]:
-                return start * n_scenelets + _draw(reference.candidates[start], rng)
+                return start * n_scenelets + _draw(reference.fitting[start], rng)
         return _NOTHING
     if of != ANYWHERE or reference.openings[end] == 0:
         return _NOTHING

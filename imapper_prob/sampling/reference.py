@@ -11,9 +11,11 @@ A scene is drawn as follows.
 2. Scenelets are drawn one after another in time, as a semi-Markov chain. The next scenelet comes
    from a mixture: what followed furniture of the same kind that ended at about this frame
    (*followed*), whatever came next after this frame (*later*), a scenelet of similar motion instead
-   of that (*similar*), the solver's candidates (*candidates*), and any scenelet at any start
-   (*anywhere*). Each component may end the scene. The shares of the components are those that best
-   predict one half of the visits from the other.
+   of that (*similar*), one that explains the detections well (*fitting*,
+   :mod:`imapper_prob.sampling.gains`), one of these that begins in this frame, often with furniture
+   of the same kind (*adjoining*), and any scenelet at any start (*anywhere*). Each component but
+   *adjoining* may end the scene. The shares of the components are those that best predict one half
+   of the visits from the other.
 3. The placement of a scenelet is given by the position of the pelvis in its first frame, in camera
    coordinates (:mod:`imapper_prob.models.view`). The visits of all scenelets determine the mean
    position in each frame; a displacement from it is drawn. A scenelet that begins where the one
@@ -41,10 +43,31 @@ from imapper_prob.sampling.jit import compiled
 from imapper_prob.sampling.looks import look, stand
 
 __all__ = [
-    "ADJOINING", "ANYWHERE", "ASTRAY", "CANDIDATE", "COMPONENTS", "DOF", "ENDS", "FIRST", "FLUSH",
-    "FOLLOWED", "GAP", "SAME_KIND", "SIMILAR", "START", "Reference", "carried", "displacements",
-    "expected", "foretell", "leaves", "log_reference", "log_stretch", "next_probability",
-    "shares_after", "usual_offsets",
+    "ADJOINING",
+    "ANYWHERE",
+    "ASTRAY",
+    "COMPONENTS",
+    "DOF",
+    "ENDS",
+    "FIRST",
+    "FITTING",
+    "FLUSH",
+    "FOLLOWED",
+    "GAP",
+    "SAME_KIND",
+    "SIMILAR",
+    "START",
+    "Reference",
+    "carried",
+    "displacements",
+    "expected",
+    "foretell",
+    "leaves",
+    "log_reference",
+    "log_stretch",
+    "next_probability",
+    "shares_after",
+    "usual_offsets",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
@@ -54,15 +77,15 @@ START: Final[Any] = np.int64(0)
 """Index of the first scenelet. It is an int64, because numba compiles callers anew for a
 literal."""
 ENDS: Final = 0.2
-"""Probability that the components candidates and anywhere end the scene; chosen."""
-SAME_KIND: Final = 0.5
+"""Probability that the components fitting and anywhere end the scene; chosen."""
+SAME_KIND: Final = 0.75
 """Probability that an adjoining scenelet has furniture of the kind of the one before; chosen."""
 ASTRAY: Final = 0.05
 """Probability that a placement comes from the prior; chosen."""
 DOF: Final = 5.0
 """Degrees of freedom for camera and placements: heavy tails for unvisited values; chosen."""
 COMPONENTS: Final = 6
-FOLLOWED, _LATER, SIMILAR, CANDIDATE, ANYWHERE, ADJOINING = range(COMPONENTS)
+FOLLOWED, _LATER, SIMILAR, FITTING, ANYWHERE, ADJOINING = range(COMPONENTS)
 """Components of the mixture."""
 FIRST, FLUSH, GAP = range(3)
 """Rows of the displacement factors: the first scenelet, one that begins where the one before it
@@ -101,7 +124,7 @@ class Reference(NamedTuple):
     strange : (L,) int
         1 for scenelets with too few visits of their own.
     shares : (6,) float
-        Shares of the mixture's components: followed, later, similar, candidates, anywhere,
+        Shares of the mixture's components: followed, later, similar, fitting, anywhere,
         adjoining.
     followed_first, followed, followed_probability : (K (T + 1) + 1,), (E,), (E,)
         Rows by kind, then by the frame at which the scenelet before ended.
@@ -111,15 +134,9 @@ class Reference(NamedTuple):
         Weights for replacing each scenelet by each other one or itself, not normalised by row.
     alike : (L, N + 1) float
         Sums of these rows over scenelets of at most n frames, up to the longest.
-    hazard : (T + 1,) float
-        Probability that a candidate begins at a frame if none began before.
-    survival : (T + 1,) float
-        Log probability that none began before each frame.
-    candidates : (T + 1, L) float
-        Probability of each scenelet if a candidate begins.
-    adjoining : (T + 1, L) float
-        Probability of each scenelet if one adjoins at a frame.
-    adjoining_kinds : (T + 1, K) float
+    hazard, survival, fitting : (T + 1,), (T + 1,), (T + 1, L) float
+        Sequences by gains, see :class:`imapper_prob.sampling.gains.Sequences`.
+    fitting_kinds : (T + 1, K) float
         Sums of these over the scenelets of each kind, and over all in the first column; 0 where
         nothing fits.
     openings : (T + 2,) int
@@ -161,9 +178,8 @@ class Reference(NamedTuple):
     alike: Array
     hazard: Array
     survival: Array
-    candidates: Array
-    adjoining: Array
-    adjoining_kinds: Array
+    fitting: Array
+    fitting_kinds: Array
     openings: Ints
     by_length: Ints
     anywhere_mean: Array
@@ -252,8 +268,8 @@ def shares_after(reference: Reference, kind: int, end: int, shares: Array) -> No
         Output.
     """
     shares[:] = reference.shares
-    if kind == 0 or reference.adjoining_kinds[end, 0] == 0.0:
-        shares[CANDIDATE], shares[ADJOINING] = shares[CANDIDATE] + shares[ADJOINING], 0.0
+    if kind == 0 or reference.fitting_kinds[end, 0] == 0.0:
+        shares[FITTING], shares[ADJOINING] = shares[FITTING] + shares[ADJOINING], 0.0
     row = kind * len(reference.room) + end
     if reference.followed_first[row] == reference.followed_first[row + 1]:
         shares[_LATER], shares[FOLLOWED] = shares[_LATER] + shares[FOLLOWED], 0.0
@@ -264,7 +280,7 @@ def shares_after(reference: Reference, kind: int, end: int, shares: Array) -> No
 
 @compiled
 def _begins(reference: Reference, end: int, start: int) -> float:
-    """Probability that the first candidate from frame ``end`` on begins at ``start``; the end of
+    """Probability that the first fitting one from frame ``end`` on begins at ``start``; the end of
     the clip stands for none."""
     none = math.exp(reference.survival[start] - reference.survival[end])
     return none * reference.hazard[start] if start < len(reference.room) - 1 else none
@@ -293,12 +309,12 @@ def _replaced(reference: Reference, at: int, scenelet: int) -> float:
 @compiled
 def _adjoins(reference: Reference, kind: int, end: int, scenelet: int) -> float:
     """Probability of a scenelet that adjoins one of a given kind."""
-    of_kind = reference.adjoining_kinds[end, kind]
+    of_kind = reference.fitting_kinds[end, kind]
     same = SAME_KIND if of_kind > 0.0 else 0.0
     total = 1.0 - same
     if same > 0.0 and reference.kinds[scenelet] == kind:
         total += same / of_kind
-    return float(total * reference.adjoining[end, scenelet])
+    return float(total * reference.fitting[end, scenelet])
 
 
 @compiled
@@ -331,7 +347,7 @@ def next_probability(
     if code == n_frames * n_scenelets:
         none = _begins(reference, end, n_frames)
         probability[SIMILAR] *= met
-        probability[CANDIDATE] *= ENDS + (1.0 - ENDS) * none
+        probability[FITTING] *= ENDS + (1.0 - ENDS) * none
         probability[ANYWHERE] *= ENDS if openings > 0 else 1.0
         probability[ADJOINING] = 0.0
         return
@@ -343,8 +359,8 @@ def next_probability(
     for at in range(first, last):
         alike += reference.later_probability[at] * _replaced(reference, at, scenelet)
     probability[SIMILAR] *= alike
-    begins = _begins(reference, end, start) if reference.candidates[start, scenelet] > 0.0 else 0.0
-    probability[CANDIDATE] *= (1.0 - ENDS) * begins * reference.candidates[start, scenelet]
+    begins = _begins(reference, end, start) if reference.fitting[start, scenelet] > 0.0 else 0.0
+    probability[FITTING] *= (1.0 - ENDS) * begins * reference.fitting[start, scenelet]
     probability[ANYWHERE] *= (1.0 - ENDS) / openings
     probability[ADJOINING] *= _adjoins(reference, kind, end, scenelet) if start == end else 0.0
 
@@ -598,7 +614,7 @@ def _stops(reference: Reference, kind: int, end: int, start: int) -> float:
     if reference.openings[end] > 0:
         empty = ENDS + (1.0 - ENDS) * reference.openings[start] / reference.openings[end]
     total = shares[FOLLOWED] * followed + (shares[_LATER] + shares[SIMILAR]) * later
-    total += shares[CANDIDATE] * (ENDS + (1.0 - ENDS) * none) + shares[ANYWHERE] * empty
+    total += shares[FITTING] * (ENDS + (1.0 - ENDS) * none) + shares[ANYWHERE] * empty
     if start == end:
         total += shares[ADJOINING]
     return float(total)

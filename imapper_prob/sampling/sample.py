@@ -38,6 +38,7 @@ from imapper_prob.sampling.chain import Chain, Setup, run_chain, starts_of
 from imapper_prob.sampling.checkpoints import ChainProgress, identity_of, rounds_done
 from imapper_prob.sampling.cluster import Cluster, SameProgram, executor_of
 from imapper_prob.sampling.ensembles import Walked, walk_draws
+from imapper_prob.sampling.gains import gains_of
 from imapper_prob.sampling.schedule import block_end, burn_in_of, end_of, learning_of
 from imapper_prob.scenelets.charness import similarity
 from imapper_prob.solver.solver import Solution
@@ -204,9 +205,7 @@ def sample_scenes(
             workers=processes,
             executor=executor,
             folder=None if checkpoints is None else checkpoints.resolve(),
-            identity=identity_of(
-                cast.problem, setup.candidates, [*starts, setup.staged], settings, chain_seed
-            ),
+            identity=identity_of(cast.problem, [*starts, setup.staged], settings, chain_seed),
             anew=anew,
         )
         drawn = _in_blocks(run, cast, settings, layout_seed, limits, progress, on_block)
@@ -475,7 +474,7 @@ def setup_of(solution: Solution | JointProblem, settings: SampleSettings) -> Set
     """
     cast = solution if isinstance(solution, JointProblem) else join_actors([solution])
     return Setup(
-        cast.problem, cast.candidates, similarity(cast.distances), settings, cast.states
+        cast.problem, gains_of(cast.problem), similarity(cast.distances), settings, cast.states
     )  # fmt: skip
 
 

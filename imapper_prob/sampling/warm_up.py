@@ -25,7 +25,6 @@ from imapper_prob.models.problem import pack_problem, with_stays
 from imapper_prob.models.scenelet import Library
 from imapper_prob.progress import Progress
 from imapper_prob.sampling.actors import JointProblem
-from imapper_prob.sampling.candidates import Candidates
 from imapper_prob.sampling.chain import tempered
 from imapper_prob.sampling.crossover import TimeCrossover
 from imapper_prob.sampling.redraws import draw_scene
@@ -103,13 +102,8 @@ def small_problem() -> JointProblem:
     camera = estimate_camera(clip, path)
     problem = pack_problem(clip, path, camera, library)
     problem = with_stays(problem, find_stays(clip.tracks[0], path, camera, fps=clip.fps))
-    shape = (1, len(library))
-    candidates = Candidates(
-        np.array([_FRAMES // 2]), np.tile([0.0, 3.0, 0.0], (*shape, 1)), np.zeros(shape),
-        np.ones(shape), np.ones(shape),
-    )  # fmt: skip
     return JointProblem(
-        clip, library, problem, candidates, motion_distances(library), (empty_state(problem),),
+        clip, library, problem, motion_distances(library), (empty_state(problem),),
         np.zeros(_FRAMES),
     )  # fmt: skip
 

@@ -23,9 +23,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from imapper_prob.config import SampleSettings
 from imapper_prob.samplers.diagnostics import mean_error
-from imapper_prob.sampling.sample import setup_of
 from lab.eryn import gaussian
 from lab.eryn.exchange import load_runs, save_problem
 from lab.eryn.scene import layouts_of, solve_scene
@@ -129,7 +127,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     python = given.eryn_python or environment(folder)
     solution = solve_scene()
     problem = folder / "problem.npz"
-    save_problem(problem, solution.problem, setup_of(solution, SampleSettings()).candidates)
+    save_problem(problem, solution.problem)
 
     figures = {}
     for who, interpreter, arguments in (

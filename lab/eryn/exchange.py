@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.models.problem import Problem
-from imapper_prob.sampling.candidates import Candidates
+from imapper_prob.sampling.gains import expected_placement, gains_of, sequences_of, static_path
 from lab.eryn.leaves import LeafDensity
 
 __all__ = ["during", "load_problem", "load_runs", "save_problem", "save_runs"]
@@ -20,21 +20,22 @@ Arrays = dict[str, NDArray[Any]]
 T = TypeVar("T")
 
 
-def save_problem(path: Path, problem: Problem, candidates: Candidates) -> None:
-    """Store the log-posterior, and the candidates from which births are drawn."""
+_LEAST = 1e-6
+"""Least weight of a candidate, as a share of all; chosen: thousands are left."""
+
+
+def save_problem(path: Path, problem: Problem) -> None:
+    """Store the log-posterior, and the candidates from which births are drawn.
+
+    They are scenelets at the static path, weighted by how well they explain the detections.
+    """
     fields = {f"problem {name}": value for name, value in problem._asdict().items()}
-    windows, scenelets = np.nonzero(candidates.weights)
-    starts = candidates.centres[windows] - problem.lengths[scenelets] // 2
-    placements = candidates.placements[windows, scenelets].copy()
-    # A person of the reference size looks as large as a larger one further away.
-    placements[:, :2] *= np.exp(-candidates.sizes[windows, scenelets])[:, None]
-    np.savez(
-        path,
-        items=np.stack([scenelets, starts], -1),
-        placements=placements,
-        weights=candidates.weights[windows, scenelets],
-        **fields,
-    )
+    sequences, static = sequences_of(problem, gains_of(problem)), static_path(problem)
+    weights = sequences.hazard[:, None] * sequences.scenelets
+    starts, scenelets = np.nonzero(weights > _LEAST * weights.sum())
+    items = np.stack([scenelets, starts], -1)
+    placements = np.array([expected_placement(problem, static, *item) for item in items.tolist()])
+    np.savez(path, items=items, placements=placements, weights=weights[starts, scenelets], **fields)
 
 
 def load_problem(path: Path) -> tuple[Problem, LeafDensity]:

@@ -226,9 +226,7 @@ def _chain(path: Path) -> Any:
     """Chain 0 of the small run, continued from a checkpoint if there is one."""
     solution, settings = small_solution(), CONFIG.sample
     setup, starts = setup_of(solution, settings), _starts()
-    identity = identity_of(
-        setup.problem, setup.candidates, starts, settings, np.random.SeedSequence(1)
-    )
+    identity = identity_of(setup.problem, starts, settings, np.random.SeedSequence(1))
     keeper = Checkpointer(path, identity=identity, every_seconds=0.0)
     stop_at = 0.5 if not path.exists() else 2.0
 

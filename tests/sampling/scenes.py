@@ -11,7 +11,7 @@ import numpy as np
 from imapper_prob.models.log_posterior import State, empty_state
 from imapper_prob.models.problem import Problem
 from imapper_prob.samplers.reversible_jump import Mixture, Proposal
-from imapper_prob.sampling.candidates import Candidates
+from imapper_prob.sampling.gains import room_of
 from imapper_prob.sampling.learning import learn
 from imapper_prob.sampling.reference import Reference
 from imapper_prob.sampling.scene import in_order, scene_of, state_of
@@ -46,17 +46,12 @@ def mixture_of(moves: Moves, names: Sequence[str] = tuple(MOVES)) -> Mixture[Sta
     return Mixture([SceneMove(moves, name) for name in chosen], list(chosen.values()))
 
 
-def candidates(seed: int = 0) -> Candidates:
-    """Three scenelets in five windows, the last of which has not fitted everywhere."""
-    rng = np.random.default_rng(seed)
-    shape = (5, 3)
-    places = np.stack(
-        [rng.normal(0, 0.5, shape), rng.uniform(3, 5, shape), rng.uniform(-3, 3, shape)], -1
-    )
-    weights = rng.uniform(0.2, 1, shape)
-    weights[1, 2] = 0.0
-    sizes, adjoining = rng.normal(0, 0.03, shape), rng.uniform(0.2, 1, shape)
-    return Candidates(np.array([3, 6, 9, 13, 16]), places, sizes, weights, adjoining)
+def random_gains(problem: Problem, seed: int = 0) -> np.ndarray:
+    """Of less than a nat, which say nothing of the data."""
+    shape = problem.n_frames, len(problem.lengths)
+    gains = 0.3 * np.random.default_rng(seed).normal(size=shape)
+    gains[problem.lengths > room_of(problem)[:-1, None]] = -np.inf
+    return gains
 
 
 def similarity() -> np.ndarray:
@@ -69,7 +64,7 @@ def learnt_at_random(problem: Problem, count: int = 200) -> Reference:
     visits = Visits()
     for seed in range(count):
         visits.note(random_state(problem, seed))
-    return learn(problem, candidates(), similarity(), visits)
+    return learn(problem, random_gains(problem), similarity(), visits)
 
 
 def moves_of(problem: Problem) -> Moves:

@@ -37,7 +37,7 @@ from imapper_prob.results.folders import write_run
 from imapper_prob.results.posterior import Posterior
 from imapper_prob.results.scenes_file import read_scenes
 from imapper_prob.sampling.actors import JointProblem, join_actors
-from imapper_prob.sampling.candidates import weighted_candidates
+from imapper_prob.sampling.gains import static_path
 from imapper_prob.sampling.sample import sample_scenes
 from imapper_prob.solver.actors import solve_actors
 from imapper_prob.solver.solver import Solution
@@ -85,12 +85,10 @@ def taller(solution: Solution, by: float) -> Solution:
 
 def test_one_actor_stays_as_it_was() -> None:
     one = solutions()[0]
-    alone, before = join_actors([one]), weighted_candidates(one)
+    alone = join_actors([one])
     assert alone.problem is one.problem
     assert alone.states is one.states
     assert alone.clip is one.clip
-    for name in ("centres", "placements", "weights"):
-        assert_array_equal(getattr(alone.candidates, name), getattr(before, name))
 
 
 def test_frames_follow_each_other_and_the_camera_counts_once() -> None:
@@ -120,14 +118,9 @@ def test_everybody_keeps_their_stature_and_place() -> None:
     moved = motion(together.problem, empty_state(together.problem))
     for own, part in zip((large, small), (moved[:N_FRAMES], moved[N_FRAMES:]), strict=True):
         assert_allclose(part, motion(own.problem, empty_state(own.problem)), atol=1e-6)
-    # A fit is to who looks as large from there: nearer, if of the common stature.
-    near, own = together.candidates, weighted_candidates(large)
-    known = own.weights > 0
-    assert_allclose(
-        near.placements[: len(own.centres)][known][:, :2],
-        own.placements[known][:, :2] * np.exp(-0.05),
-        rtol=1e-6,
-    )
+    # Scenelets are tried where each of them is.
+    own = np.concatenate([static_path(solution.problem) for solution in (large, small)])
+    assert_allclose(static_path(together.problem), own, atol=1e-6)
 
 
 def test_actors_of_other_worlds_are_refused() -> None:

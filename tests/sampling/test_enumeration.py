@@ -16,12 +16,12 @@ from scipy.stats import norm
 from imapper_prob.models.log_posterior import empty_state, log_posterior
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.settings import ModelSettings
-from imapper_prob.sampling.candidates import Candidates
 from imapper_prob.sampling.learning import learn
 from imapper_prob.sampling.reference import Reference
 from imapper_prob.sampling.steps import MOVES, Walker, scene_moves
 from imapper_prob.sampling.visits import Visits
 from tests.models import worlds
+from tests.sampling.scenes import random_gains
 from tests.sampling.test_moves import chain_error
 
 N_FRAMES, STARTS = 8, (0, 1, 2)
@@ -66,20 +66,13 @@ def exact() -> np.ndarray:
     return np.array(evidence) / sum(evidence)
 
 
-def candidates() -> Candidates:
-    """All three in the middle of every start."""
-    places = np.tile([0.0, 4.0, 0.0], (3, 3, 1))
-    weights = np.array([[1.0, 1, 2]] * 3)
-    return Candidates(np.array(STARTS) + 3, places, np.zeros((3, 3)), weights, weights)
-
-
 def learnt(problem: Problem) -> Reference:
     """Of two scenelets, each met once: the third one is drawn seldom, and so is no scenelet."""
     visits = Visits()
     for scenelet, start in ((0, 1), (2, 2)):
         visits.note(empty_state(problem).with_item(scenelet, start, np.array([0.0, 4.0, 0.1])))
     even = (np.ones((3, 3)) - np.eye(3)) / 2
-    return learn(problem, candidates(), even, visits)
+    return learn(problem, random_gains(problem), even, visits)
 
 
 @pytest.mark.slow

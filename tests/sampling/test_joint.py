@@ -23,7 +23,6 @@ from imapper_prob.models.settings import ModelSettings
 from imapper_prob.models.skeleton import PELV
 from imapper_prob.samplers.reversible_jump import Mixture, Proposal, init, step
 from imapper_prob.samplers.tempering import KernelWalker, Parts, start, temper
-from imapper_prob.sampling.candidates import Candidates
 from imapper_prob.sampling.crossover import TimeCrossover
 from imapper_prob.sampling.learning import learn
 from imapper_prob.sampling.redraws import draw_scene
@@ -33,7 +32,7 @@ from imapper_prob.sampling.steps import Moves, parts_of, scene_moves
 from imapper_prob.sampling.visits import Visits
 from lab.prior import Experiment, draw_state
 from tests.models import worlds
-from tests.sampling.scenes import SceneMove, mixture_of
+from tests.sampling.scenes import SceneMove, mixture_of, random_gains
 
 N_FRAMES = 20
 LIMIT = 4.2
@@ -67,16 +66,11 @@ def similarity(problem: Problem) -> np.ndarray:
 
 
 def reference_of(problem: Problem) -> Reference:
-    """Learnt from scenes of the prior, with candidates that know nothing of the data either."""
-    n = len(problem.lengths)
-    centres = np.arange(3, N_FRAMES - 2, 2)
-    weights = np.linspace(0.5, 1.5, n) * np.ones((len(centres), n))
-    places = np.tile([0.0, 4.0, 0.0], (*weights.shape, 1))
-    candidates = Candidates(centres, places, np.zeros_like(weights), weights, weights[:, ::-1])
+    """Learnt from scenes of the prior, with gains that know nothing of the data either."""
     rng, visits = np.random.default_rng(0), Visits()
     for _ in range(200):
         visits.note(draw_state(rng, problem))
-    return learn(problem, candidates, similarity(problem), visits)
+    return learn(problem, random_gains(problem), similarity(problem), visits)
 
 
 def moves_of(problem: Problem, reference: Reference) -> Moves:

@@ -14,7 +14,7 @@ from imapper_prob.sampling.reference import Reference, log_reference
 from imapper_prob.sampling.steps import MOVES, Walker, parts_of
 from imapper_prob.sampling.visits import Visits
 from tests.models import worlds
-from tests.sampling.scenes import candidates, mixture_of, moves_of, random_state, similarity
+from tests.sampling.scenes import mixture_of, moves_of, random_gains, random_state, similarity
 
 PROBLEM = worlds.problem(20)
 
@@ -22,7 +22,7 @@ PROBLEM = worlds.problem(20)
 def reference() -> Reference:
     visits = Visits()
     visits.note(empty_state(PROBLEM).with_item(1, 4, np.array([0.1, 4.0, 0.3])))
-    return learn(PROBLEM, candidates(), similarity(), visits)
+    return learn(PROBLEM, random_gains(PROBLEM), similarity(), visits)
 
 
 @pytest.mark.parametrize("energy", ["default", "paper"])

@@ -24,7 +24,6 @@ from imapper_prob.models.statements import Statement
 from imapper_prob.samplers.diagnostics import mean_error
 from imapper_prob.samplers.reweighting import reweigh
 from imapper_prob.sampling.actors import JointProblem
-from imapper_prob.sampling.candidates import Candidates
 from imapper_prob.sampling.conditioning import (
     continued,
     reweighted,
@@ -54,13 +53,10 @@ def cast() -> JointProblem:
     """Eight frames with room for one scenelet of six, of which nobody has seen anything."""
     settings = ModelSettings(likelihood=0.0, scenelet_rate=RATE)
     problem = worlds.problem(8, settings=settings, scenelets=LIBRARY)
-    places = np.tile([0.0, 3.5, 0.0], (N_STARTS, 3, 1))
-    ones = np.ones((N_STARTS, 3))
-    candidates = Candidates(np.arange(N_STARTS) + 3, places, np.zeros((N_STARTS, 3)), ones, ones)
     clip = worlds.clip_of(worlds.walk(8), np.random.default_rng(0))
-    states = (empty_state(problem).with_item(0, 0, places[0, 0]), empty_state(problem))
+    states = (empty_state(problem).with_item(0, 0, np.array([0.0, 3.5, 0.0])), empty_state(problem))
     distances = 1.0 - np.eye(3)
-    return JointProblem(clip, LIBRARY, problem, candidates, distances, states, np.zeros(8))
+    return JointProblem(clip, LIBRARY, problem, distances, states, np.zeros(8))
 
 
 def told(statements: list[Statement]) -> Problem:

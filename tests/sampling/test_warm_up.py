@@ -84,7 +84,6 @@ def test_kernels_are_compiled_for_the_arrays_of_a_solved_clip() -> None:
     small, solved = small_problem(), join_actors([solution()])
     for one, other in (
         (small.problem._asdict(), solved.problem._asdict()),
-        (vars(small.candidates), vars(solved.candidates)),
         ({"distances": small.distances}, {"distances": solved.distances}),
     ):
         assert {n: numba.typeof(v) for n, v in one.items()} == {

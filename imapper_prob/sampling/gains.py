@@ -1,0 +1,233 @@
+"""How much better each scenelet explains the detections of its frames than a free pose does.
+
+The solver compares whole scenes, and few of them. Here every scenelet is tried at every start
+frame, at the static path, and judged by the detections alone, as if no furniture hid anybody. Jumps
+of the pose at its ends do not count, so a scenelet has the same gain alone and between two others.
+
+If scenes were sequences of scenelets and free frames whose gains add up, the sums over all
+sequences from a frame to the end of the clip would follow from those of later frames (the backward
+recursion of a semi-Markov model; Yu 2010, Artificial Intelligence 174, 215). They tell how probable
+it is that a scenelet begins in a frame, and which one, given all that may come later. The reference
+(:mod:`imapper_prob.sampling.reference`) draws from these probabilities.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import logsumexp
+
+from imapper_prob.models.camera import Camera
+from imapper_prob.models.kernels.frame import (
+    LIKELIHOODS,
+    PARAMS,
+    SCRATCH64,
+    lens_of,
+    mix_likelihoods,
+    set_detections,
+    set_own_likelihoods,
+    set_visibility_likelihoods,
+    take_logs,
+    visibility_probabilities,
+)
+from imapper_prob.models.kernels.placement import expected_facing
+from imapper_prob.models.kernels.visibility import SCRATCH32
+from imapper_prob.models.problem import Problem
+from imapper_prob.models.settings import NEAREST, NOTHING_IN_SIGHT
+from imapper_prob.models.skeleton import PELV
+from imapper_prob.models.view import floor_point
+from imapper_prob.sampling.jit import compiled
+
+__all__ = ["Sequences", "expected_placement", "gains_of", "room_of", "sequences_of", "static_path"]
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+_TRUST: Final = 0.7
+"""Factor of gains in sums over sequences; chosen: gains are known to some nats, because placements
+are guesses and furniture is left out."""
+
+
+def room_of(problem: Problem) -> Ints:
+    """Number of frames from each frame to the end of its person's frames.
+
+    Parameters
+    ----------
+    problem : Problem
+
+    Returns
+    -------
+    (T + 1,) int
+        The last one, for the end of the clip, is 0.
+    """
+    frames = np.arange(problem.n_frames)
+    begins = np.append(np.flatnonzero(problem.path_starts), problem.n_frames)
+    return np.append(begins[np.searchsorted(begins, frames, "right")] - frames, 0)
+
+
+def static_path(problem: Problem) -> Array:
+    """Bearing and log depth of the static path's pelvis on the floor, for the mean camera.
+
+    Parameters
+    ----------
+    problem : Problem
+
+    Returns
+    -------
+    (T, 2) float
+        Tangent, and log metres.
+    """
+    pitch, elevation, focal, body, roll = problem.camera_mean
+    depth = np.exp(problem.path_centre[:, 1] + focal + body)
+    right = problem.path_centre[:, 0] * np.exp(-focal) * depth
+    up = problem.lift * np.exp(-focal) * depth
+    camera = Camera(
+        1, 1, 1.0, 1.0, 0.0, 0.0, pitch=float(pitch), elevation=float(elevation), roll=float(roll)
+    )
+    x, y, _ = camera.to_world(np.stack([right, depth, up], -1)).T
+    y = np.maximum(y, NEAREST)
+    return np.stack([x / y, np.log(y)], -1)
+
+
+@compiled
+def expected_placement(
+    problem: Problem, path: Array, scenelet: int, start: int
+) -> tuple[float, float, float]:
+    """Placement whose pelvis is on the static path in the middle frame, and which faces as the
+    static path does.
+
+    Parameters
+    ----------
+    problem : Problem
+    path : (T, 2) float
+        See :func:`static_path`.
+    scenelet : int
+    start : int
+        Start frame.
+
+    Returns
+    -------
+    x, y, yaw : float
+        Metres, and radians.
+    """
+    first = problem.joint_first[scenelet]
+    middle = (problem.joint_first[scenelet + 1] - first) // 2
+    along, aside = expected_facing(problem, scenelet, start)
+    yaw = math.atan2(aside, along)
+    body = math.exp(problem.camera_mean[3])
+    c, s = body * math.cos(yaw), body * math.sin(yaw)
+    x, y = floor_point(path[start + middle, 0], path[start + middle, 1])
+    local = problem.joints[first + middle, PELV]
+    return x - c * local[0] + s * local[1], y - s * local[0] - c * local[1], yaw
+
+
+def gains_of(problem: Problem) -> Array:
+    """Gain of every scenelet at every start over free poses in its frames.
+
+    Parameters
+    ----------
+    problem : Problem
+
+    Returns
+    -------
+    (T, L) float
+        Nats; -inf where a scenelet would extend beyond its person's frames.
+    """
+    return _gains(problem, static_path(problem), room_of(problem))
+
+
+@compiled
+def _gains(problem: Problem, path: Array, room: Ints) -> Array:
+    n_frames, n_scenelets = len(room) - 1, len(problem.joint_first) - 1
+    uv, params = np.empty((n_frames, 2, 2, 16)), np.empty((n_frames, 2, PARAMS, 16), np.float32)
+    scratch64, scratch32 = np.empty(SCRATCH64), np.empty(SCRATCH32, np.float32)
+    likelihoods, joints = np.empty((1, LIKELIHOODS)), np.empty((1, 3, 16))
+    seen = np.full((1, 16), np.float32(NOTHING_IN_SIGHT))
+    visibility_probabilities(seen, 1, problem.sight_width, problem.visibility_error)
+    lens, weight = lens_of(problem, problem.camera_mean), problem.frame_weight * problem.likelihood
+    body, logs = math.exp(problem.camera_mean[3]), np.empty((4, n_frames))
+    for t in range(n_frames):
+        set_detections(problem, t, uv, params, t)
+        set_own_likelihoods(problem, t, scratch64, likelihoods, 0)
+        mix_likelihoods(likelihoods, 0, seen, 0, scratch64, logs[:, t:])
+    take_logs(logs, n_frames)
+    free = np.empty(n_frames)
+    for t in range(n_frames):
+        free[t] = weight * (max(logs[0, t], logs[1, t]) - problem.free_cost[t])
+    gains = np.full((n_frames, n_scenelets), -math.inf)
+    for scenelet in range(n_scenelets):
+        first = problem.joint_first[scenelet]
+        length = problem.joint_first[scenelet + 1] - first
+        for start in range(n_frames):
+            if length > room[start]:
+                continue
+            px, py, yaw = expected_placement(problem, path, scenelet, start)
+            c, s = body * math.cos(yaw), body * math.sin(yaw)
+            for n in range(length):
+                for j in range(16):
+                    x, y, z = problem.joints[first + n, j]
+                    joints[0, 0, j], joints[0, 1, j] = c * x - s * y + px, s * x + c * y + py
+                    joints[0, 2, j] = body * z
+                set_visibility_likelihoods(
+                    lens, problem.pose_tolerance, body, joints, 0, uv, params, start + n,
+                    scratch64, scratch32, likelihoods, 0,
+                )  # fmt: skip
+                mix_likelihoods(likelihoods, 0, seen, 0, scratch64, logs[:, n:])
+            take_logs(logs, length)
+            gain = 0.0
+            for n in range(length):
+                gain += weight * max(logs[0, n], logs[1, n]) - free[start + n]
+            gains[start, scenelet] = gain
+    return gains
+
+
+class Sequences(NamedTuple):
+    """A distribution of sequences of scenelets by their gains.
+
+    Parameters
+    ----------
+    hazard : (T + 1,) float
+        Probability that a scenelet begins in a frame that no earlier one covers; 0 at the end.
+    survival : (T + 1,) float
+        Log probability that none began before each frame.
+    scenelets : (T + 1, L) float
+        Probability of each scenelet if one begins; 0 where none fits.
+    """
+
+    hazard: Array
+    survival: Array
+    scenelets: Array
+
+
+def sequences_of(problem: Problem, gains: Array) -> Sequences:
+    """Sum over all sequences of scenelets from each frame on.
+
+    Every scenelet counts by its gain and its probability under the prior.
+
+    Parameters
+    ----------
+    problem : Problem
+    gains : (T, L) float
+        See :func:`gains_of`.
+
+    Returns
+    -------
+    Sequences
+    """
+    n_frames, lengths = problem.n_frames, np.asarray(problem.lengths)
+    values = _TRUST * gains + (problem.log_rate - logsumexp(problem.log_rate))
+    sums, hazard = np.zeros(n_frames + 1), np.zeros(n_frames + 1)
+    scenelets = np.zeros((n_frames + 1, len(lengths)))
+    for t in range(n_frames - 1, -1, -1):
+        sums[t] = sums[t + 1]
+        fits = np.isfinite(values[t])
+        if fits.any():
+            onward = values[t, fits] + sums[t + lengths[fits]]
+            begins = logsumexp(onward)
+            sums[t] = np.logaddexp(sums[t + 1], begins)
+            hazard[t] = math.exp(begins - sums[t])
+            scenelets[t, fits] = np.exp(onward - begins)
+    return Sequences(hazard, sums - sums[0], scenelets)
