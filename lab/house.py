@@ -13,9 +13,9 @@ Counted are the packages that are installed: ``imapper_prob``, ``models`` and ``
   once if the module names it once.
 - A module has one importer if one other module imports it.
 - The length of a function leaves out its docstring.
-- A docstring is complete if it has a summary and names all parameters, in a section Returns or
-  Yields what is returned, and in a section Raises that bad input is refused. Public are the names
-  in ``__all__``, and public methods and properties of these.
+- A docstring is complete if it has a summary and names all parameters or attributes, in a section
+  Returns or Yields what is returned, and in a section Raises that bad input is refused. Public are
+  the names in ``__all__``, and public methods and properties of these.
 """
 
 from __future__ import annotations
@@ -164,7 +164,8 @@ def _sections(node: Function | ast.ClassDef) -> dict[str, str]:
 
 def _is_complete(node: Function | ast.ClassDef) -> bool:
     sections = _sections(node)
-    described = re.findall(r"^([\w*, ]+?)(?: : .*)?$", sections.get("Parameters", ""), re.MULTILINE)
+    listed = sections.get("Parameters", "") + sections.get("Attributes", "")
+    described = re.findall(r"^([\w*, ]+?)(?: : .*)?$", listed, re.MULTILINE)
     named = {name.strip(" *") for line in described for name in line.split(",")}
     if not sections[""].strip() or not set(_parameters(node)) <= named:
         return False

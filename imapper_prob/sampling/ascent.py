@@ -136,17 +136,21 @@ def climb(
 def _pairs(problem: Problem, state: State, first: int, last: int) -> Ints:
     """(n, 2) scenelets and starts to try instead of the scenelets from ``first`` to ``last`` - 1.
 
-    For an exchange: the whole library, aligned with the start and with the end of the present
-    scenelet. For an insertion (``first`` equals ``last``): the whole library at starts every few
-    frames.
+    The whole library is tried, so that it adjoins the scenelet before and the one after. For an
+    exchange, it is also aligned with the start and with the end of the present scenelet; for an
+    insertion (``first`` equals ``last``), tried at starts every few frames.
     """
     lengths = np.asarray(problem.lengths)
     library = np.arange(len(lengths))
+    low, high = _room(problem, state, first, last)
     if first < last:
-        scenelet, begin = state.items[first]
-        starts = np.stack([np.full(len(library), begin), begin + lengths[scenelet] - lengths], -1)
+        scenelet, begin = state.items[first].tolist()
+        begins, ends = [begin, low], [begin + int(lengths[scenelet]), high]
     else:
-        starts = np.tile(np.arange(*_room(problem, state, first, last), _STRIDE), (len(library), 1))
+        begins, ends = list(range(low, high, _STRIDE)), [high]
+    columns = [np.full(len(library), begin) for begin in begins]
+    columns += [end - lengths for end in ends]
+    starts = np.stack(columns, -1)
     pairs = np.stack([np.repeat(library, starts.shape[1]), starts.ravel()], -1)
     return _inside(problem, state, first, last, pairs)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import islice, zip_longest
+from itertools import islice, repeat, zip_longest
 from typing import Final
 
 import numpy as np
@@ -39,7 +39,7 @@ from imapper_prob.sampling.schedule import (
     piece_of,
     trace_of,
 )
-from imapper_prob.sampling.steps import Moves, Walker, parts_of, scene_moves
+from imapper_prob.sampling.steps import MOVES, Moves, Walker, parts_of, scene_moves
 from imapper_prob.sampling.visits import Visits, camera_shape
 
 __all__ = ["Chain", "Setup", "Tempered", "run_chain", "starts_of", "tempered"]
@@ -76,6 +76,14 @@ def starts_of(cast: JointProblem, count: int) -> list[tuple[State, ...]]:
 # The chain.
 
 Array = NDArray[np.float64]
+_WALK: Final = 0.04
+"""Steps of the walk about the result of the ascent, as a share of the chain's steps; chosen:
+scenelets are exchanged about a hundred times."""
+_WALKED: Final = 200
+"""Largest number of states of that walk that are recorded; chosen: consecutive ones resemble each
+other."""
+_STARTS: Final = 0.25
+"""Weight of the walks' visits relative to all later ones; chosen, see :func:`_of_noted`."""
 _CLIMBING: Final = 0.5
 """Largest number of evaluations of the ascent as a share of the chain's steps; chosen: short chains
 should remain short."""
@@ -228,9 +236,19 @@ def _begun(
     position = start(coldest_first[::-1], target=learnt.target, betas=betas)
     done = ChainProgress.begin(streams, position)
     if 0 in learning_of(settings).ends:
-        done.visits = [Visits(), Visits()]
-        done.visits[0].note(first)
+        done.visits = [_walk(learnt, first, climbing, int(_WALK * settings.steps)), Visits()]
     return done
+
+
+def _walk(learnt: Tempered, first: State, rng: np.random.Generator, steps: int) -> Visits:
+    """Visits of a walk at the posterior whose moves draw nothing from the reference."""
+    weights = learnt.moves.weights * [not name.endswith("redraw") for name in MOVES]
+    walker = Walker(learnt.problem, learnt.moves._replace(weights=weights), first)
+    visits, apart = Visits(), max(1, steps // _WALKED)
+    visits.note(first)
+    for _ in range(steps // apart):
+        visits.note(walker.advance(rng, 1.0, apart)[0].state)
+    return visits
 
 
 def _advance(
@@ -363,13 +381,18 @@ def tempered(setup: Setup, visits: Visits) -> Tempered:
 def _of_noted(setup: Setup, noted: Sequence[Visits]) -> Tempered:
     """Reference and moves learnt from the later half of the visits of all chains, or of this one.
 
-    At first they are learnt from the solver's scenes, then from these and the result of the ascent.
+    At first they are learnt from the solver's scenes, then from these and the walks about the
+    results of the ascents. The walks' visits keep a share among later ones. Otherwise the reference
+    forgets scenes that are far better than most, but have few alternatives that it knows: a chain
+    that leaves them does not return.
     """
     own = tuple((visits,) for visits in noted[len(setup.known) :])
     known = (*setup.known, *own)[: len(noted)]
     if len(known) > 1:
-        later = known[1 + (len(known) - 1) // 2 :]
-        by_chain = zip_longest(*later, fillvalue=Visits())
+        walks, later = known[0], known[1 + (len(known) - 1) // 2 :]
+        count = sum(visits.n_states for of in later for visits in of)
+        again = max(1, round(_STARTS * count / max(1, sum(walk.n_states for walk in walks))))
+        by_chain = zip_longest(*repeat(walks, again), *later, fillvalue=Visits())
         return tempered(setup, Visits.together(v for own in by_chain for v in own))
     staged = Visits()
     for state in setup.staged:

@@ -184,7 +184,7 @@ def _shares(reference: Reference, visits: Visits) -> Array:
     Visits come chain by chain, so the halves are from different chains.
     """
     halves = visits.halves()
-    if min(len(half.counts) for half in halves) == 0:
+    if min(half.n_states for half in halves) == 0:
         return _SHARES
     foretelling = []
     for known, other in (halves, halves[::-1]):

@@ -10,10 +10,10 @@ continued keeps the same draws as a single longer run.
 - *Pieces* are the rounds between two opportunities to stop. Each piece begins with new walkers,
   whose rounding errors differ from those of old ones, so a chain may end only where a piece ends.
 - *Visits* are recorded in some rounds of the burn-in (:mod:`imapper_prob.sampling.visits`). The
-  reference (:mod:`imapper_prob.sampling.reference`) is first learnt from the result of the ascent
-  (:mod:`imapper_prob.sampling.ascent`), and up to eight more times at equal intervals, each time
-  from the later half of the visits so far, the last time after three fourths of the burn-in. In the
-  rest of the burn-in the temperatures adapt to the last reference.
+  reference (:mod:`imapper_prob.sampling.reference`) is first learnt from walks about the results of
+  the ascents (:mod:`imapper_prob.sampling.ascent`), and up to eight more times at equal intervals,
+  each time from these and the later half of the visits so far, the last time after three fourths of
+  the burn-in. In the rest of the burn-in the temperatures adapt to the last reference.
 - *Blocks* consist of pieces. A block is a fourth of the planned rounds after burn-in, and twice as
   long each time the number of rounds has doubled. The first one includes the burn-in.
 """

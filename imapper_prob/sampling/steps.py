@@ -39,12 +39,13 @@ MOVES: Final = {
     "depth-scale": 0.06,
     "focal-scale": 0.04,
     "path": 0.05,
-    "camera-adapted": 0.4,
-    "scene-redraw": 0.3,
+    "camera-adapted": 0.15,
+    "scene-redraw": 0.1,
     "redraw": 0.6,
 }
 """Moves and their weights. Chosen: exchanges of a scenelet for one of similar motion reach scenes
-that were never visited, a few nats at a time; redraws from the reference reach all others."""
+that were never visited, a few nats at a time; redraws from the reference reach all others. Moves of
+the camera and of whole scenes are seldom tried, because every frame has to be evaluated again."""
 (
     _EXCHANGE, _SHIFT, _PLACEMENT, _CAMERA, _CAMERA_CARRY, _DEPTH_SCALE, _FOCAL_SCALE, _PATH,
     _CAMERA_ADAPTED, _SCENE_REDRAW, _REDRAW,

@@ -68,6 +68,11 @@ class Visits:
             self.items.append(state.items)
             self.where.append(to_view(state.placements, state.sizes))
 
+    @property
+    def n_states(self) -> int:
+        """Number of states, N."""
+        return sum(map(len, self.counts))
+
     @classmethod
     def together(cls, several: Iterable[Visits]) -> Visits:
         """Join the visits of several chains, one chain after the other.

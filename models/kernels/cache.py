@@ -375,7 +375,12 @@ class Evaluator(structref.StructRefProxy):
     Parameters
     ----------
     *args
-        Problem and cache.
+        The attributes, in this order.
+
+    Attributes
+    ----------
+    problem : Problem
+    cache : Cache
     """
 
     problem: Problem

@@ -9,8 +9,11 @@ from imapper_prob.models.log_posterior import State, empty_state, log_posterior
 from imapper_prob.models.problem import Problem
 from imapper_prob.sampling import ascent
 from imapper_prob.sampling.ascent import climb
+from imapper_prob.sampling.gains import gains_of
+from imapper_prob.sampling.learning import learn
 from imapper_prob.sampling.scene import in_order
-from imapper_prob.sampling.steps import Moves
+from imapper_prob.sampling.steps import Moves, scene_moves
+from imapper_prob.sampling.visits import Visits
 from tests.models import worlds
 from tests.sampling import scenes
 
@@ -22,7 +25,9 @@ def problem() -> Problem:
 
 @pytest.fixture(scope="module")
 def moves(problem: Problem) -> Moves:
-    return scenes.moves_of(problem)
+    """Of a reference that expects scenelets on the static path, as that of a chain at first."""
+    reference = learn(problem, gains_of(problem), scenes.similarity(), Visits())
+    return scene_moves(problem, scenes.similarity(), reference, None)
 
 
 def climbed(problem: Problem, moves: Moves, state: State, *, most: int = 10**6) -> State:

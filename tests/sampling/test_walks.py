@@ -1,0 +1,64 @@
+"""Chains walk about the scene that they start from, and later references remember it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from imapper_prob.config import SampleSettings
+from imapper_prob.models.log_posterior import empty_state, log_posterior
+from imapper_prob.models.view import to_floor
+from imapper_prob.sampling import chain
+from imapper_prob.sampling.chain import Chain, Setup, run_chain
+from imapper_prob.sampling.sample import setup_of
+from imapper_prob.sampling.visits import Visits
+from tests.runs import small_solution
+
+BRIEF = SampleSettings(chains=2, steps=400, draws=10, temperatures=2, ensemble_steps=2)
+"""Eighty rounds; references are learnt at the beginning, after the walk, and after 24 of them."""
+
+
+def run(setup: Setup) -> Chain:
+    states = small_solution().states[:1]
+    return run_chain(setup, states, np.random.default_rng(5), lambda _: True)
+
+
+def test_a_walk_stays_among_scenes_that_are_about_as_good() -> None:
+    setup = setup_of(small_solution(), BRIEF)
+    walk = run(setup).progress.visits[0].arrays()
+    assert len(walk["counts"]) == 17  # four in a hundred steps, and the beginning
+    best, empty = (
+        log_posterior(setup.problem, state)
+        for state in (small_solution().states[0], empty_state(setup.problem))
+    )
+    places, sizes = to_floor(walk["where"])
+    ends = np.cumsum(walk["counts"])
+    for camera, begin, end in zip(walk["cameras"], ends - walk["counts"], ends, strict=True):
+        own = slice(begin, end)
+        state = replace(
+            empty_state(setup.problem), camera=camera, items=walk["items"][own],
+            placements=places[own], sizes=sizes[own],
+        )  # fmt: skip
+        assert log_posterior(setup.problem, state) > empty + 0.5 * (best - empty)
+
+
+def test_later_references_remember_what_walks_visited(monkeypatch: pytest.MonkeyPatch) -> None:
+    setup = setup_of(small_solution(), BRIEF)
+    empty = empty_state(setup.problem)
+    walk, later, known, learn = Visits(), Visits(), [], chain.learn
+    for _ in range(10):
+        walk.note(small_solution().states[0])
+    for _ in range(80):
+        later.note(empty)
+
+    def listen(problem, gains, similarity, visits):
+        known.append(visits.arrays()["counts"])
+        return learn(problem, gains, similarity, visits)
+
+    monkeypatch.setattr(chain, "learn", listen)
+    run(replace(setup, known=((walk,), (later,))))
+    # A fourth of the eighty: the ten of the walk twice.
+    assert (known[-1] > 0).sum() == 20
+    assert (known[-1] == 0).sum() == 80
