@@ -101,7 +101,7 @@ class CameraDensity:
 
 @dataclass(frozen=True)
 class LeafDensity:
-    """A normalised mixture over leaves: the solver's candidates, blurred, and a broad component.
+    """A normalised mixture over leaves: scenelets by their gains, blurred, and a broad component.
 
     Parameters
     ----------
