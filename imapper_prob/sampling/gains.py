@@ -1,8 +1,9 @@
 """How much better each scenelet explains the detections of its frames than a free pose does.
 
 The solver compares whole scenes, and few of them. Here every scenelet is tried at every start
-frame, at the static path, and judged by the detections alone, as if no furniture hid anybody. Jumps
-of the pose at its ends do not count, so a scenelet has the same gain alone and between two others.
+frame, at the static path or, once chains have visited scenes, where these have the person, and
+judged by the detections alone, as if no furniture hid anybody. Jumps of the pose at its ends do not
+count, so a scenelet has the same gain alone and between two others.
 
 If scenes were sequences of scenelets and free frames whose gains add up, the sums over all
 sequences from a frame to the end of the clip would follow from those of later frames (the backward
@@ -25,6 +26,7 @@ from imapper_prob.models.kernels.frame import (
     LIKELIHOODS,
     PARAMS,
     SCRATCH64,
+    Lens,
     lens_of,
     mix_likelihoods,
     set_detections,
@@ -34,14 +36,24 @@ from imapper_prob.models.kernels.frame import (
     visibility_probabilities,
 )
 from imapper_prob.models.kernels.placement import expected_facing
-from imapper_prob.models.kernels.visibility import SCRATCH32
+from imapper_prob.models.kernels.visibility import SCRATCH32, Singles
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.settings import NEAREST, NOTHING_IN_SIGHT
 from imapper_prob.models.skeleton import PELV
 from imapper_prob.models.view import floor_point
 from imapper_prob.sampling.jit import compiled
+from imapper_prob.sampling.redraws import set_placement
+from imapper_prob.sampling.reference import Reference, expected
 
-__all__ = ["Sequences", "expected_placement", "gains_of", "room_of", "sequences_of", "static_path"]
+__all__ = [
+    "Sequences",
+    "expected_placement",
+    "gains_about",
+    "gains_of",
+    "room_of",
+    "sequences_of",
+    "static_path",
+]
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -49,6 +61,9 @@ Ints = NDArray[np.int64]
 _TRUST: Final = 0.7
 """Factor of gains in sums over sequences; chosen: gains are known to some nats, because placements
 are guesses and furniture is left out."""
+_HOPELESS: Final = 15.0
+"""Nats below the best of its start at which a scenelet is not judged again; chosen: a tenth of all
+remain, and better placements change most gains by less."""
 
 
 def room_of(problem: Problem) -> Ints:
@@ -124,8 +139,91 @@ def expected_placement(
     return x - c * local[0] + s * local[1], y - s * local[0] - c * local[1], yaw
 
 
+class _Judge(NamedTuple):
+    """What the gains of all scenelets need of a problem, and workspaces.
+
+    Parameters
+    ----------
+    lens : tuple of 9 float
+    weight : float
+        Weight of a frame.
+    free : (T,) float
+        Log-likelihood of each frame's detections with a free pose, weighted, nats.
+    seen : (1, 16) single
+        Probability of joints being seen that no furniture hides.
+    uv, params : array
+        See :func:`imapper_prob.models.kernels.frame.set_detections`.
+    joints, likelihoods, logs, scratch64, scratch32 : array
+    """
+
+    lens: Lens
+    weight: float
+    free: Array
+    seen: Singles
+    uv: Array
+    params: Singles
+    joints: Array
+    likelihoods: Array
+    logs: Array
+    scratch64: Array
+    scratch32: Singles
+
+
+@compiled
+def _judge_of(problem: Problem) -> _Judge:
+    n_frames = len(problem.lift)
+    uv, params = np.empty((n_frames, 2, 2, 16)), np.empty((n_frames, 2, PARAMS, 16), np.float32)
+    scratch64, scratch32 = np.empty(SCRATCH64), np.empty(SCRATCH32, np.float32)
+    likelihoods, logs, free = (
+        np.empty((1, LIKELIHOODS)),
+        np.empty((4, n_frames)),
+        np.empty(n_frames),
+    )
+    seen = np.full((1, 16), np.float32(NOTHING_IN_SIGHT))
+    visibility_probabilities(seen, 1, problem.sight_width, problem.visibility_error)
+    for t in range(n_frames):
+        set_detections(problem, t, uv, params, t)
+        set_own_likelihoods(problem, t, scratch64, likelihoods, 0)
+        mix_likelihoods(likelihoods, 0, seen, 0, scratch64, logs[:, t:])
+    take_logs(logs, n_frames)
+    weight = problem.frame_weight * problem.likelihood
+    for t in range(n_frames):
+        free[t] = weight * (max(logs[0, t], logs[1, t]) - problem.free_cost[t])
+    return _Judge(
+        lens_of(problem, problem.camera_mean), weight, free, seen, uv, params,
+        np.empty((1, 3, 16)), likelihoods, logs, scratch64, scratch32,
+    )  # fmt: skip
+
+
+@compiled
+def _gain(
+    problem: Problem, judge: _Judge, scenelet: int, start: int, placement: Array, size: float
+) -> float:
+    """Gain of a scenelet at a placement (3,) and log size, at the mean camera."""
+    body = math.exp(problem.camera_mean[3] + size)
+    c, s = body * math.cos(placement[2]), body * math.sin(placement[2])
+    first, joints = problem.joint_first[scenelet], judge.joints
+    length = problem.joint_first[scenelet + 1] - first
+    for n in range(length):
+        for j in range(16):
+            x, y, z = problem.joints[first + n, j]
+            joints[0, 0, j] = c * x - s * y + placement[0]
+            joints[0, 1, j] = s * x + c * y + placement[1]
+            joints[0, 2, j] = body * z
+        set_visibility_likelihoods(
+            judge.lens, problem.pose_tolerance, body, joints, 0, judge.uv, judge.params, start + n,
+            judge.scratch64, judge.scratch32, judge.likelihoods, 0,
+        )  # fmt: skip
+        mix_likelihoods(judge.likelihoods, 0, judge.seen, 0, judge.scratch64, judge.logs[:, n:])
+    take_logs(judge.logs, length)
+    gain = 0.0
+    for n in range(length):
+        gain += judge.weight * max(judge.logs[0, n], judge.logs[1, n]) - judge.free[start + n]
+    return gain
+
+
 def gains_of(problem: Problem) -> Array:
-    """Gain of every scenelet at every start over free poses in its frames.
+    """Gain of every scenelet at every start over free poses in its frames, at the static path.
 
     Parameters
     ----------
@@ -141,47 +239,48 @@ def gains_of(problem: Problem) -> Array:
 
 @compiled
 def _gains(problem: Problem, path: Array, room: Ints) -> Array:
-    n_frames, n_scenelets = len(room) - 1, len(problem.joint_first) - 1
-    uv, params = np.empty((n_frames, 2, 2, 16)), np.empty((n_frames, 2, PARAMS, 16), np.float32)
-    scratch64, scratch32 = np.empty(SCRATCH64), np.empty(SCRATCH32, np.float32)
-    likelihoods, joints = np.empty((1, LIKELIHOODS)), np.empty((1, 3, 16))
-    seen = np.full((1, 16), np.float32(NOTHING_IN_SIGHT))
-    visibility_probabilities(seen, 1, problem.sight_width, problem.visibility_error)
-    lens, weight = lens_of(problem, problem.camera_mean), problem.frame_weight * problem.likelihood
-    body, logs = math.exp(problem.camera_mean[3]), np.empty((4, n_frames))
-    for t in range(n_frames):
-        set_detections(problem, t, uv, params, t)
-        set_own_likelihoods(problem, t, scratch64, likelihoods, 0)
-        mix_likelihoods(likelihoods, 0, seen, 0, scratch64, logs[:, t:])
-    take_logs(logs, n_frames)
-    free = np.empty(n_frames)
-    for t in range(n_frames):
-        free[t] = weight * (max(logs[0, t], logs[1, t]) - problem.free_cost[t])
-    gains = np.full((n_frames, n_scenelets), -math.inf)
-    for scenelet in range(n_scenelets):
-        first = problem.joint_first[scenelet]
-        length = problem.joint_first[scenelet + 1] - first
-        for start in range(n_frames):
-            if length > room[start]:
-                continue
-            px, py, yaw = expected_placement(problem, path, scenelet, start)
-            c, s = body * math.cos(yaw), body * math.sin(yaw)
-            for n in range(length):
-                for j in range(16):
-                    x, y, z = problem.joints[first + n, j]
-                    joints[0, 0, j], joints[0, 1, j] = c * x - s * y + px, s * x + c * y + py
-                    joints[0, 2, j] = body * z
-                set_visibility_likelihoods(
-                    lens, problem.pose_tolerance, body, joints, 0, uv, params, start + n,
-                    scratch64, scratch32, likelihoods, 0,
-                )  # fmt: skip
-                mix_likelihoods(likelihoods, 0, seen, 0, scratch64, logs[:, n:])
-            take_logs(logs, length)
-            gain = 0.0
-            for n in range(length):
-                gain += weight * max(logs[0, n], logs[1, n]) - free[start + n]
-            gains[start, scenelet] = gain
+    judge, placement = _judge_of(problem), np.empty(3)
+    gains = np.full((len(path), len(problem.joint_first) - 1), -math.inf)
+    for scenelet in range(gains.shape[1]):
+        length = problem.joint_first[scenelet + 1] - problem.joint_first[scenelet]
+        for start in range(len(gains)):
+            if length <= room[start]:
+                placement[0], placement[1], placement[2] = expected_placement(
+                    problem, path, scenelet, start
+                )
+                gains[start, scenelet] = _gain(problem, judge, scenelet, start, placement, 0.0)
     return gains
+
+
+@compiled
+def gains_about(problem: Problem, gains: Array, reference: Reference) -> Array:
+    """Gains at the placements that a reference expects, for all but hopeless scenelets.
+
+    Parameters
+    ----------
+    problem : Problem
+    gains : (T, L) float
+        See :func:`gains_of`; those of hopeless scenelets are kept.
+    reference : Reference
+        Its mean path, yaws, size and habits are used.
+
+    Returns
+    -------
+    (T, L) float
+        Nats.
+    """
+    judge, placement, before = _judge_of(problem), np.empty(3), np.empty((2, 4))
+    camera, anew = reference.library_camera, gains.copy()
+    for start in range(len(gains)):
+        least = gains[start].max() - _HOPELESS
+        for scenelet in range(gains.shape[1]):
+            if gains[start, scenelet] > least:
+                _, where = expected(reference, camera, scenelet, start, -1, before)
+                set_placement(reference, camera, scenelet, where, placement)
+                anew[start, scenelet] = _gain(
+                    problem, judge, scenelet, start, placement, where[3]
+                )  # fmt: skip
+    return anew
 
 
 class Sequences(NamedTuple):

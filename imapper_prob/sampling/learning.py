@@ -16,7 +16,7 @@ from imapper_prob.models.kernels.placement import expected_facing
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.skeleton import PELV
 from imapper_prob.models.view import to_floor
-from imapper_prob.sampling.gains import room_of, sequences_of, static_path
+from imapper_prob.sampling.gains import gains_about, room_of, sequences_of, static_path
 from imapper_prob.sampling.jit import compiled
 from imapper_prob.sampling.reference import (
     DOF,
@@ -100,9 +100,6 @@ def learn(problem: Problem, gains: Array, similarity: Array, visits: Visits) -> 
     # A scenelet replaces itself as often as the one most similar to it.
     alike = np.array(similarity)
     np.fill_diagonal(alike, alike.max(1))
-    sequences = sequences_of(problem, gains)
-    of_kind = np.eye(len(numbers) + 1)[own]
-    of_kind[:, 0] = 1.0
     path, yaw = _expectations(problem, visits)
     sizes = visits.arrays()["where"][:, 3]
     ends = np.stack([problem.joint_first[:-1], problem.joint_first[1:] - 1], -1)
@@ -124,10 +121,10 @@ def learn(problem: Problem, gains: Array, similarity: Array, visits: Visits) -> 
         **_fields(followed, later),
         similarity=alike,
         alike=_sums_by_length(alike, lengths),
-        hazard=sequences.hazard,
-        survival=sequences.survival,
-        fitting=sequences.scenelets,
-        fitting_kinds=sequences.scenelets @ of_kind,
+        hazard=np.zeros(len(room)),
+        survival=np.zeros(len(room)),
+        fitting=np.zeros((len(room), len(lengths))),
+        fitting_kinds=np.zeros((len(room), len(numbers) + 1)),
         openings=np.append(fitting[::-1].cumsum()[::-1], 0),
         by_length=np.argsort(lengths, kind="stable"),
         anywhere_mean=np.array(problem.start_mean),
@@ -137,9 +134,18 @@ def learn(problem: Problem, gains: Array, similarity: Array, visits: Visits) -> 
         factors=np.tile(np.eye(4), (3, 2, 1, 1)),
         constants=np.zeros((3, 2)),
     )
-    reference = reference._replace(shares=_shares(reference, visits))
     habits = _habits(reference, visits, alike)
     reference = reference._replace(habits=habits.mean, strange=habits.strange)
+    sequences = sequences_of(problem, gains_about(problem, gains, reference))
+    of_kind = np.eye(len(numbers) + 1)[own]
+    of_kind[:, 0] = 1.0
+    reference = reference._replace(
+        hazard=sequences.hazard,
+        survival=sequences.survival,
+        fitting=sequences.scenelets,
+        fitting_kinds=sequences.scenelets @ of_kind,
+    )
+    reference = reference._replace(shares=_shares(reference, visits))
     onward, factors = _scatter(reference, visits, habits.spread)
     peaks = np.array([[_log_peak(factor, yaw=True) for factor in row] for row in factors])
     return reference._replace(onward=onward, factors=factors, constants=peaks)

@@ -41,9 +41,12 @@ __all__ = ["draw_scene", "redraw_scene", "redraw_stretch", "set_placement", "wit
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-_INSERTED: Final = 0.1
-"""Relative probability of redrawing a gap between scenelets, compared with a run of them; chosen:
-in most gaps nothing is drawn."""
+_INSERTED: Final = 0.05
+"""Weight of redrawing a gap between scenelets, where a single scenelet has 1/2; chosen: in most
+gaps nothing is drawn."""
+_GROUP: Final = 0.5
+"""Additional weight of redrawing a whole group of adjoining scenelets; chosen: some can only be
+exchanged for others together."""
 _NOTHING: Final = -1
 """Code for the end of the scene."""
 
@@ -280,8 +283,9 @@ def redraw_stretch(
 ) -> tuple[Scene, float]:
     """Redraw a run of consecutive scenelets or a gap, which may change their number.
 
-    All runs of one or more scenelets are equally probable. Gaps are chosen less often, because
-    nothing is drawn in most of them.
+    A run of n scenelets has weight 2^-n, because long ones are seldom accepted and cost more. Whole
+    groups of adjoining scenelets have more. Gaps have less, because nothing is drawn in most of
+    them.
 
     Parameters
     ----------
@@ -294,32 +298,72 @@ def redraw_stretch(
     Scene, float
         The move is impossible if a new scenelet overlaps the one after the run.
     """
-    k = len(scene.items)
-    runs, places = k * (k + 1) / 2, _INSERTED * (k + 1)
-    first = int(rng.integers(0, k + 1))
-    last = first
-    if rng.random() * (runs + places) >= places:
-        # Another of the k + 1 places before, between and after the scenelets.
-        last = int(rng.integers(0, k))
-        if last >= first:
-            last += 1
-        first, last = min(first, last), max(first, last)
+    first, last = _draw_run(reference.lengths, scene.items, rng)
     new, n = with_stretch(reference, rng, scene, first, last)
     if first == last and n == 0:
         return scene, -math.inf
-    there = _log_choice(k, last - first) + log_stretch(
+    there = _log_run(reference.lengths, scene.items, first, last) + log_stretch(
         reference, new.camera, new.items, new.placements, new.sizes, first, first + n
     )
     if there == -math.inf:
         return scene, -math.inf
-    back = _log_choice(len(new.items), n) + log_stretch(
+    back = _log_run(reference.lengths, new.items, first, first + n) + log_stretch(
         reference, scene.camera, scene.items, scene.placements, scene.sizes, first, last
     )
     return new, back - there
 
 
 @compiled
-def _log_choice(k: int, n: int) -> float:
-    """Log probability of choosing a particular run of n among k scenelets."""
-    weight = 1.0 if n > 0 else _INSERTED
-    return math.log(weight / (k * (k + 1) / 2 + _INSERTED * (k + 1)))
+def _groups(lengths: Ints, items: Ints) -> Ints:
+    """(G, 2) index of the first, and after the last, of each group of two or more adjoining
+    scenelets."""
+    groups, n, first = np.empty((len(items) // 2, 2), np.int64), 0, 0
+    for i in range(1, len(items) + 1):
+        if i < len(items) and items[i, 1] == items[i - 1, 1] + lengths[items[i - 1, 0]]:
+            continue
+        if i - first > 1:
+            groups[n] = first, i
+            n += 1
+        first = i
+    return groups[:n]
+
+
+@compiled
+def _draw_run(lengths: Ints, items: Ints, rng: np.random.Generator) -> tuple[int, int]:
+    """Choose a run of scenelets to redraw: its first, and the one after its last; equal for a
+    gap."""
+    k, groups = len(items), _groups(lengths, items)
+    left = rng.random() * _run_weights(k, len(groups))
+    left -= _INSERTED * (k + 1)
+    if left < 0.0 or k == 0:
+        first = int(rng.integers(0, k + 1))
+        return first, first
+    left -= _GROUP * len(groups)
+    if left < 0.0:
+        g = int(rng.integers(0, len(groups)))
+        return int(groups[g, 0]), int(groups[g, 1])
+    n = 1
+    while n < k:
+        left -= (k - n + 1) * 0.5**n
+        if left < 0.0:
+            break
+        n += 1
+    first = int(rng.integers(0, k - n + 1))
+    return first, first + n
+
+
+@compiled
+def _run_weights(k: int, n_groups: int) -> float:
+    """Sum of the weights of all runs and gaps of k scenelets."""
+    return float(_INSERTED * (k + 1) + _GROUP * n_groups + k - 1 + 0.5**k)
+
+
+@compiled
+def _log_run(lengths: Ints, items: Ints, first: int, last: int) -> float:
+    """Log probability of choosing a run."""
+    groups = _groups(lengths, items)
+    weight = 0.5 ** (last - first) if last > first else _INSERTED
+    for g in range(len(groups)):
+        if groups[g, 0] == first and groups[g, 1] == last:
+            weight += _GROUP
+    return math.log(weight / _run_weights(len(items), len(groups)))

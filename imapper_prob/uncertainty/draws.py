@@ -290,7 +290,7 @@ class Draws:
         Examples
         --------
         >>> [o.label for o in posterior.estimate.objects]
-        ['couch']
+        ['couch', 'table']
         """
         states = self.samples.states
         mean = np.mean([state.camera for state in states], axis=0)

@@ -27,6 +27,7 @@ __all__ = [
     "LIKELIHOODS",
     "PARAMS",
     "SCRATCH64",
+    "Lens",
     "lens_of",
     "mix_likelihoods",
     "set_detections",

@@ -46,7 +46,7 @@ from lab.couple import N_FRAMES, at_one_table, chairs_and_tables
 from tests.recording.reading import read
 from tests.results.test_report import Page
 
-SHORT = SampleSettings(chains=2, steps=1500, draws=100, temperatures=3, ensemble_steps=8)
+SHORT = SampleSettings(chains=2, steps=4000, draws=100, temperatures=3, ensemble_steps=8)
 
 
 @cache

@@ -12,11 +12,16 @@ from imapper_prob.models.log_posterior import State, empty_state, evaluate, moti
 from imapper_prob.models.skeleton import PELV
 from imapper_prob.sampling.gains import (
     expected_placement,
+    gains_about,
     gains_of,
     room_of,
     sequences_of,
     static_path,
 )
+from imapper_prob.sampling.learning import learn
+from imapper_prob.sampling.redraws import set_placement
+from imapper_prob.sampling.reference import expected
+from imapper_prob.sampling.visits import Visits
 from tests.models import worlds
 from tests.sampling.scenes import random_gains
 
@@ -24,18 +29,21 @@ N_FRAMES = 16
 BARE = worlds.problem(N_FRAMES, scenelets=worlds.library(objects=False))
 
 
+def gain_by_frame(state: State) -> np.ndarray:
+    """Log-likelihood of detections, with the sides that explain each frame better, over that of
+    free poses."""
+    weight = BARE.frame_weight * BARE.likelihood
+    seen, free = (evaluate(BARE, of)[2][:, :2].max(1) for of in (state, empty_state(BARE)))
+    difference: np.ndarray = weight * (seen - free + BARE.free_cost)
+    return difference
+
+
 def test_a_gain_is_what_the_model_says_of_detections() -> None:
     gains, static, empty = gains_of(BARE), static_path(BARE), empty_state(BARE)
-    weight, free = BARE.frame_weight * BARE.likelihood, BARE.free_cost
-
-    def by_frame(state: State) -> np.ndarray:
-        """Of detections, with the sides that explain each frame better."""
-        return weight * evaluate(BARE, state)[2][:, :2].max(1)
-
     for scenelet, start in ((0, 0), (1, 4), (2, 10)):
         x, y, yaw = expected_placement(BARE, static, scenelet, start)
         there = empty.with_item(scenelet, start, np.array([x, y, yaw]))
-        more = by_frame(there) - (by_frame(empty) - weight * free)
+        more = gain_by_frame(there)
         covered = slice(start, start + int(BARE.lengths[scenelet]))
         assert gains[start, scenelet] == pytest.approx(more[covered].sum(), abs=1e-3)
         assert abs(more[covered].sum()) > 0.2
@@ -58,6 +66,37 @@ def test_no_scenelet_reaches_into_the_next_persons_frames() -> None:
     fits = problem.lengths <= room[:-1, None]
     assert (np.isfinite(gains) == fits).all()
     assert (sequences_of(problem, gains).scenelets[:-1][~fits] == 0).all()
+
+
+def test_gains_are_judged_again_where_scenelets_are_expected() -> None:
+    static, empty = gains_of(BARE), empty_state(BARE)
+    visits = Visits()
+    for scenelet, start in ((0, 0), (1, 4), (2, 10)):
+        x, y, yaw = expected_placement(BARE, static_path(BARE), scenelet, start)
+        for _ in range(40):
+            visits.note(empty.with_item(scenelet, start, np.array([x + 0.1, 1.05 * y, yaw + 0.2])))
+    reference = learn(BARE, static, np.ones((3, 3)), visits)
+    gains, before = gains_about(BARE, static, reference), np.empty((2, 4))
+    assert (np.isfinite(gains) == np.isfinite(static)).all()
+    for scenelet, start in ((0, 0), (1, 4), (2, 10), (1, 2)):
+        _, where = expected(reference, reference.library_camera, scenelet, start, -1, before)
+        placement = np.empty(3)
+        set_placement(reference, reference.library_camera, scenelet, where, placement)
+        covered = slice(start, start + int(BARE.lengths[scenelet]))
+        there = gain_by_frame(empty.with_item(scenelet, start, placement, float(where[3])))
+        assert gains[start, scenelet] == pytest.approx(there[covered].sum(), abs=1e-3)
+        assert abs(gains[start, scenelet] - static[start, scenelet]) > 0.01
+
+
+def test_hopeless_scenelets_are_not_judged_again() -> None:
+    static = gains_of(BARE)
+    static[4, 1] = static[4].max() - 20.0
+    visits = Visits()
+    x, y, yaw = expected_placement(BARE, static_path(BARE), 0, 0)
+    visits.note(empty_state(BARE).with_item(0, 0, np.array([x, 1.1 * y, yaw])))
+    gains = gains_about(BARE, static, learn(BARE, static, np.ones((3, 3)), visits))
+    assert gains[4, 1] == static[4, 1]
+    assert gains[4, 0] != static[4, 0]
 
 
 def test_without_a_likelihood_nothing_gains() -> None:

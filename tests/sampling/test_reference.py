@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import replace
 from functools import cache
 
@@ -17,6 +18,7 @@ from imapper_prob.models.settings import ModelSettings
 from imapper_prob.models.view import to_view
 from imapper_prob.sampling.learning import learn
 from imapper_prob.sampling.looks import look, stand
+from imapper_prob.sampling.redraws import _draw_run, _log_run
 from imapper_prob.sampling.redraws import draw_scene as _draw_scene
 from imapper_prob.sampling.reference import (
     ADJOINING,
@@ -265,3 +267,20 @@ def test_an_empty_scene_is_enough_to_learn_from() -> None:
     drawn = [draw_scene(reference, rng) for _ in range(300)]
     assert all(np.isfinite(log_density(reference, state)) for state in drawn)
     assert 0 < sum(s.n_scenelets == 0 for s in drawn) < 300
+
+
+def test_runs_are_chosen_as_often_as_is_said() -> None:
+    lengths = np.array([6, 8, 4])
+    items = np.array([(0, 0), (1, 9), (0, 17), (2, 25), (2, 29), (0, 33)])
+    rng, n = np.random.default_rng(1), 20000
+    drawn = Counter(_draw_run(lengths, items, rng) for _ in range(n))
+    places = [(i, j) for i in range(7) for j in range(i, 7)]
+    chance = {run: np.exp(_log_run(lengths, items, *run)) for run in places}
+    assert sum(chance.values()) == pytest.approx(1.0)
+    assert set(drawn) <= set(places)
+    for run, probability in chance.items():
+        assert abs(drawn[run] / n - probability) < LIMIT * np.sqrt(probability / n)
+    # Groups of adjoining scenelets are 1 to 2 and 3 to 5.
+    assert chance[3, 6] > chance[2, 5]
+    assert chance[1, 3] > chance[0, 2] == chance[2, 4]
+    assert chance[0, 1] == chance[4, 5] > chance[0, 2]
