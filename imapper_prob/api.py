@@ -21,6 +21,7 @@ from imapper_prob.models.statement_rows import check_statements, tell
 from imapper_prob.models.statements import Statement
 from imapper_prob.progress import Progress, shown
 from imapper_prob.results.posterior import Posterior
+from imapper_prob.samplers.interrupts import interruptible
 from imapper_prob.sampling.actors import join_actors
 from imapper_prob.sampling.blocks import Limits, OnBlock
 from imapper_prob.sampling.cluster import Cluster
@@ -143,7 +144,7 @@ def solve(
     settings = config.settings if config is not None else None
     known = load_library() if library is None else library
     clip = _one(clip)
-    with shown(progress) as report:
+    with interruptible(), shown(progress) as report:
         actors = solve_actors(clip, known, settings=settings, progress=report)
     return solved(clip, actors, count=scenes)
 
@@ -236,7 +237,7 @@ def sample(
     require_memory(clip, known, _most(config.sample) if limits.any else config.sample)
     check_statements(given, clip, known)
     begun = time.perf_counter()
-    with shown(progress) as report:
+    with interruptible(), shown(progress) as report:
         if start is None:
             spare = workers > 1 and cluster is None and config.model.energy == "default"
             with kernels_compiled_meanwhile(wanted=spare, progress=report):

@@ -34,6 +34,8 @@ from typing import Any, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
+from imapper_prob.samplers.interrupts import first_interrupt_sets
+
 __all__ = ["ChainError", "Report", "Task", "Workers", "run_chains"]
 
 P_contra = TypeVar("P_contra", contravariant=True)
@@ -250,7 +252,7 @@ def _run_here(
 
         return report
 
-    with _first_interrupt_sets(stop):
+    with first_interrupt_sets(stop):
         return [_run(task, problem, job, reporter(job.chain)) for job in jobs]
 
 
@@ -326,7 +328,7 @@ class Workers:
         pool = self._open(len(jobs)) if self._pool is None else self._pool
         self._shared.stop.value = False
         with (
-            _first_interrupt_sets(self._shared.stop),
+            first_interrupt_sets(self._shared.stop),
             _parcel((task, problem), scratch) as parcel,
         ):
             try:
@@ -471,26 +473,6 @@ def _obituary(pids: Sequence[int], processes: set[BaseProcess]) -> str:
         + (" (killed, perhaps for want of memory)" if code == -signal.SIGKILL else "")
         for chain, code in (died or running).items()
     )
-
-
-@contextmanager
-def _first_interrupt_sets(stop: Any) -> Iterator[None]:
-    """Make the first Ctrl-C set ``stop``; a further one raises `KeyboardInterrupt`."""
-    if threading.current_thread() is not threading.main_thread():
-        # Python allows signal handlers in the main thread only.
-        yield
-        return
-
-    def handle(number: int, frame: object) -> None:
-        if stop.value:
-            raise KeyboardInterrupt
-        stop.value = True
-
-    previous = signal.signal(signal.SIGINT, handle)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, previous)
 
 
 @contextmanager

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import logging
-import os
 import signal
 import sys
 import threading
@@ -16,6 +15,7 @@ from typing import Any, Final
 from imapper_prob import progress
 from imapper_prob.models.text import readable
 from imapper_prob.progress import Bars
+from imapper_prob.samplers.interrupts import raising, send_again
 
 __all__ = [
     "Stopped",
@@ -115,8 +115,6 @@ def progress_bars() -> AbstractContextManager[Bars]:
 # At any other time Ctrl-C ends the command at once, and SIGTERM does so at any time: incomplete
 # files are removed, and the files from which a run can continue are kept.
 
-_AGAIN: Final = 0.05
-"""Seconds until an interruption that was lost in a finaliser is sent again."""
 _INTERRUPTED: Final = 128 + signal.SIGINT
 _TERMINATED: Final = 128 + signal.SIGTERM
 """Exit codes, by the convention of shells."""
@@ -145,25 +143,20 @@ def stoppable() -> Iterator[None]:
         yield
         return
 
-    def handle(number: int, frame: object) -> None:
-        raise Terminated
-
     def hear(lost: sys.UnraisableHookArgs) -> None:
-        if not isinstance(lost.exc_value, KeyboardInterrupt):
+        if isinstance(lost.exc_value, KeyboardInterrupt):
+            terminated = isinstance(lost.exc_value, Terminated)
+            send_again(signal.SIGTERM if terminated else signal.SIGINT)
+        else:
             unraisable(lost)
-            return
-        number = signal.SIGTERM if isinstance(lost.exc_value, Terminated) else signal.SIGINT
-        again = threading.Timer(_AGAIN, os.kill, (os.getpid(), number))
-        again.daemon = True
-        again.start()
 
-    previous, unraisable = signal.signal(signal.SIGTERM, handle), sys.unraisablehook
+    unraisable = sys.unraisablehook
     sys.unraisablehook = hear
     try:
-        yield
+        with raising({signal.SIGTERM: Terminated, signal.SIGINT: KeyboardInterrupt}):
+            yield
     finally:
         sys.unraisablehook = unraisable
-        signal.signal(signal.SIGTERM, previous)
 
 
 def last_words(error: KeyboardInterrupt, options: argparse.Namespace) -> tuple[str, int]:
