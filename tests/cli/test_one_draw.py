@@ -11,7 +11,9 @@ from imapper_prob.api import demo_clip
 from imapper_prob.cli import main
 from imapper_prob.clips.load import write_clip
 from imapper_prob.evaluate.suite import first_part
+from imapper_prob.models.scenelet import Library
 from imapper_prob.results.load import load_posterior
+from imapper_prob.scenelets.library import load_library, save_library
 
 ONE = "[sample]\nsteps = 60\ndraws = 1\ntemperatures = 2\nchains = 2\nensemble_steps = 2\n"
 SAID = "Not converged: there is one draw a chain, from which no error can be given."
@@ -22,8 +24,10 @@ def test_one_draw_a_chain_has_no_error_and_says_so(
 ) -> None:
     (tmp_path / "one.toml").write_text(ONE)
     write_clip(tmp_path / "clip.npz", first_part(demo_clip(), 0.5))
+    save_library(Library("part", tuple(load_library())[::8]), tmp_path / "part.npz")
     out = str(tmp_path / "out")
     arguments = ["run", str(tmp_path / "clip.npz"), "--config", str(tmp_path / "one.toml")]
+    arguments += ["--library", str(tmp_path / "part.npz")]
     assert main([*arguments, "--workers", "1", "-o", out]) == 0
     for command in (["info", out], ["info", "--energy", out], ["report", out]):
         assert main(command) == 0

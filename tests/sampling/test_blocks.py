@@ -17,7 +17,7 @@ from imapper_prob.sampling import sample
 from imapper_prob.sampling.blocks import Block, Clock, Limits
 from imapper_prob.sampling.sample import Samples, sample_scenes
 from imapper_prob.sampling.schedule import block_end, end_of, stopped_at
-from tests.runs import solution
+from tests.runs import small_solution
 
 SETTINGS = SampleSettings(steps=300, draws=6, temperatures=2, chains=2, ensemble_steps=2)
 """Blocks end after 60, 100 and 140 rounds."""
@@ -36,7 +36,7 @@ class ThreeBlocks(Clock):
 
 def samples(settings: SampleSettings = SETTINGS, **options: object) -> Samples:
     seed = np.random.SeedSequence(5)
-    return sample_scenes(solution(), settings, seed=seed, **options)  # type: ignore[arg-type]
+    return sample_scenes(small_solution(), settings, seed=seed, **options)  # type: ignore[arg-type]
 
 
 @pytest.fixture(scope="module")
