@@ -39,11 +39,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         0; 2 if the input or the arguments are invalid; 130 after Ctrl-C, 143 after SIGTERM.
     """
     given = list(sys.argv[1:] if arguments is None else arguments)
-    options = command_parser().parse_args(given, argparse.Namespace(words=given))
+    options = argparse.Namespace(words=given)
     with told():
         try:
-            with stoppable(), _silent(quiet=options.quiet):
-                options.execute(options)
+            with stoppable():
+                command_parser().parse_args(given, options)
+                with _silent(quiet=options.quiet):
+                    options.execute(options)
         except InputError as error:
             if options.debug:
                 raise

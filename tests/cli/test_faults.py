@@ -247,6 +247,17 @@ def test_sigterm_is_heard_and_forgotten() -> None:
     assert last_words(Stopped(), Namespace()) == ("interrupted; the same command goes on", 130)
 
 
+def test_an_interrupt_while_arguments_are_read_is_one_too(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def parse(*_: object) -> None:
+        os.kill(os.getpid(), signal.SIGINT)
+
+    monkeypatch.setattr("imapper_prob.cli.parser.Parser.parse_args", parse)
+    assert main(["demo"]) == 130
+    assert capsys.readouterr().err == "imapper-prob: interrupted; nothing was written\n"
+
+
 class Finalised:
     """Python ignores what is thrown while it is deleted."""
 

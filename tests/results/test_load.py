@@ -107,8 +107,8 @@ def test_opening_is_quick(folder: Path) -> None:
         im.load_posterior(folder)
         return time.perf_counter() - start
 
-    # The best of three: the machine may be busy, the program is not at fault then.
-    assert min(seconds() for _ in range(3)) < LONGEST
+    # Once of three times: the machine may be busy, the program is not at fault then.
+    assert any(seconds() < LONGEST for _ in range(3))
 
 
 def test_what_was_opened_is_said_in_a_line(opened: Posterior) -> None:
