@@ -11,7 +11,7 @@ from __future__ import annotations
 import os
 import signal
 import threading
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from types import FrameType
 from typing import Any, Final
@@ -56,6 +56,22 @@ def _raise(error: type[BaseException], number: int, frame: FrameType | None) -> 
 
 
 @contextmanager
+def _handled(
+    numbers: Iterable[int], handle: Callable[[int, FrameType | None], None]
+) -> Iterator[None]:
+    """Handle signals; outside the main thread, where Python does not permit it, do nothing."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    previous = {number: signal.signal(number, handle) for number in numbers}
+    try:
+        yield
+    finally:
+        for number, handler in previous.items():
+            signal.signal(number, handler)
+
+
+@contextmanager
 def raising(errors: Mapping[int, type[BaseException]]) -> Iterator[None]:
     """Let signals raise exceptions, as soon as compiled code permits.
 
@@ -70,26 +86,20 @@ def raising(errors: Mapping[int, type[BaseException]]) -> Iterator[None]:
     ------
     None
     """
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
 
     def handle(number: int, frame: FrameType | None) -> None:
         _raise(errors[number], number, frame)
 
-    previous = {number: signal.signal(number, handle) for number in errors}
-    try:
+    with _handled(errors, handle):
         yield
-    finally:
-        for number, handler in previous.items():
-            signal.signal(number, handler)
 
 
 @contextmanager
 def interruptible() -> Iterator[None]:
     """Let Ctrl-C raise `KeyboardInterrupt` as soon as compiled code permits.
 
-    Programs that handle Ctrl-C themselves continue to do so.
+    Programs that handle or ignore Ctrl-C continue to do so; shells let programs in the background
+    ignore it.
 
     Yields
     ------
@@ -115,17 +125,11 @@ def first_interrupt_sets(stop: Any) -> Iterator[None]:
     ------
     None
     """
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
 
     def handle(number: int, frame: FrameType | None) -> None:
         if stop.value:
             _raise(KeyboardInterrupt, number, frame)
         stop.value = True
 
-    previous = signal.signal(signal.SIGINT, handle)
-    try:
+    with _handled([signal.SIGINT], handle):
         yield
-    finally:
-        signal.signal(signal.SIGINT, previous)

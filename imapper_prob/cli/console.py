@@ -15,7 +15,7 @@ from typing import Any, Final
 from imapper_prob import progress
 from imapper_prob.models.text import readable
 from imapper_prob.progress import Bars
-from imapper_prob.samplers.interrupts import raising, send_again
+from imapper_prob.samplers.interrupts import interruptible, raising, send_again
 
 __all__ = [
     "Stopped",
@@ -153,7 +153,7 @@ def stoppable() -> Iterator[None]:
     unraisable = sys.unraisablehook
     sys.unraisablehook = hear
     try:
-        with raising({signal.SIGTERM: Terminated, signal.SIGINT: KeyboardInterrupt}):
+        with raising({signal.SIGTERM: Terminated}), interruptible():
             yield
     finally:
         sys.unraisablehook = unraisable

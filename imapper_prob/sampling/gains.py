@@ -62,8 +62,8 @@ _TRUST: Final = 0.7
 """Factor of gains in sums over sequences; chosen: gains are known to some nats, because placements
 are guesses and furniture is left out."""
 _HOPELESS: Final = 15.0
-"""Nats below the best of its start at which a scenelet is not judged again; chosen: a tenth of all
-remain, and better placements change most gains by less."""
+"""Nats below the best of its start at which a scenelet is not judged again; chosen: about a
+tenth of all remain."""
 
 
 def room_of(problem: Problem) -> Ints:

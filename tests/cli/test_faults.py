@@ -258,6 +258,15 @@ def test_an_interrupt_while_arguments_are_read_is_one_too(
     assert capsys.readouterr().err == "imapper-prob: interrupted; nothing was written\n"
 
 
+def test_a_command_in_the_background_goes_on_ignoring_ctrl_c() -> None:
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        with stoppable():
+            os.kill(os.getpid(), signal.SIGINT)
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
 class Finalised:
     """Python ignores what is thrown while it is deleted."""
 
