@@ -29,6 +29,7 @@ from __future__ import annotations
 import heapq
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import count, islice
 
 import numpy as np
@@ -36,7 +37,12 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from imapper_prob.layouts import furniture_kinds
-from imapper_prob.models.log_posterior import State, empty_state, log_posterior
+from imapper_prob.models.log_posterior import (
+    State,
+    empty_state,
+    log_posterior,
+    log_posterior_near,
+)
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.text import Listed, brief
 from imapper_prob.models.view import to_floor, to_view
@@ -178,21 +184,25 @@ def polish(problem: Problem, state: State) -> State:
         where[:, 1] = np.minimum(where[:, 1], _FAR)
         return State(camera, state.items, *to_floor(where), state.latent)
 
-    def cost(theta: Array) -> float:
-        return -max(log_posterior(problem, scene(theta)), -_NOWHERE)
+    def cost(theta: Array, log_density: Callable[[State], float]) -> float:
+        return -max(log_density(scene(theta)), -_NOWHERE)
 
-    def slope(theta: Array) -> Array:
+    def slope(theta: Array, _: Callable[[State], float]) -> Array:
+        # A step changes one scenelet or the camera, so most of the scene is not evaluated again.
+        near = log_posterior_near(problem, scene(theta))
         steps = _STEP * np.eye(len(theta))
-        ahead = np.array([cost(theta + step) for step in steps])
-        behind = np.array([cost(theta - step) for step in steps])
+        ahead = np.array([cost(theta + step, near) for step in steps])
+        behind = np.array([cost(theta - step, near) for step in steps])
         slopes: Array = (ahead - behind) / (2 * _STEP)
         return slopes
 
     home = to_view(state.placements, state.sizes)
     home[:, 3] -= home[:, 1]
     start = np.zeros(5 + home.size)
-    found = minimize(cost, start, jac=slope, method="L-BFGS-B", options={"maxiter": _ITERATIONS})
-    return scene(found.x) if found.fun < cost(start) else state
+    whole = partial(log_posterior, problem)
+    options = {"maxiter": _ITERATIONS}
+    found = minimize(cost, start, whole, jac=slope, method="L-BFGS-B", options=options)
+    return scene(found.x) if found.fun < cost(start, whole) else state
 
 
 # ------------------------------------------------------------------------------------------------
@@ -202,7 +212,7 @@ def polish(problem: Problem, state: State) -> State:
 # 5). Here a maximum may also stay empty, and there may be twelve of them: combinations are
 # evaluated by log-posterior in the order of :func:`best_first`, all of them if there are few. The
 # best scenes are refined, and in the best one candidates are exchanged
-# (:mod:`imapper_prob.solver.sequences`). (:mod:`imapper_prob.solver.sequences`).
+# (:mod:`imapper_prob.solver.sequences`).
 
 Progress = Callable[[str, float], None]
 

@@ -14,6 +14,7 @@ from __future__ import annotations
 from collections import Counter, defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -268,6 +269,8 @@ _ROUNDS = 4
 """Largest number of passes through the clip. On i3DB one or two suffice."""
 _APART = 3
 """Number of windows without a scenelet that separate two stays; 1.2 s."""
+_LONGEST = 150
+"""Largest number of windows of a stretch, 60 s. Work grows with the square of its length."""
 
 
 @dataclass(frozen=True)
@@ -294,7 +297,8 @@ def exchange(
 ) -> tuple[Exchange, ...]:
     """Make the best exchange in each stretch of the clip, until none has a sufficient gain.
 
-    A stretch reaches from the stay before one to the stay after it. The camera is fixed.
+    A stretch reaches from the stay before one to the stay after it, or is a part of this if that is
+    longer than a minute. The camera is fixed.
 
     Parameters
     ----------
@@ -312,7 +316,7 @@ def exchange(
     tried: set[tuple[int, int, bytes, bytes]] = set()
     for _ in range(_ROUNDS):
         before, reached = len(done), -1
-        while ahead := [s for s in _stretches(problem, state, _APART * step) if s[1] > reached]:
+        while ahead := [s for s in _stretches(problem, state, step) if s[1] > reached]:
             begin, reached = ahead[0]
             rest = _without(state, begin, reached)
             attempt = (begin, reached, rest.items.tobytes(), rest.placements.tobytes())
@@ -355,20 +359,26 @@ def _refined(problem: Problem, rest: State, members: Sequence[Candidate]) -> Sta
     return refine(problem, state, only=2 * added)
 
 
-def _stretches(problem: Problem, state: State, apart: int) -> list[tuple[int, int]]:
+def _stretches(problem: Problem, state: State, step: int) -> list[tuple[int, int]]:
     """For each stay, the frames from the end of the one before to the start of the one after.
 
-    The whole clip if there is none.
+    The whole clip if there is none. Long stretches are divided into equal parts.
     """
-    starts = state.items[:, 1]
-    ends = starts + problem.lengths[state.items[:, 0]]
-    parts = np.flatnonzero(starts[1:] - ends[:-1] >= apart)
-    if not len(starts):
-        return [(0, problem.n_frames)]
-    # Ends and starts of stays, with the clip's limits outside the first and the last one.
-    stops = [0, *ends[parts].tolist(), int(ends[-1])]
-    begins = [int(starts[0]), *starts[parts + 1].tolist(), problem.n_frames]
-    return list(zip(stops[:-1], begins[1:], strict=True))
+    whole = [(0, problem.n_frames)]
+    if state.n_scenelets:
+        starts = state.items[:, 1]
+        ends = starts + problem.lengths[state.items[:, 0]]
+        parts = np.flatnonzero(starts[1:] - ends[:-1] >= _APART * step)
+        before = [0, *ends[parts].tolist()]
+        after = [*starts[parts + 1].tolist(), problem.n_frames]
+        whole = list(zip(before, after, strict=True))
+    return [part for stretch in whole for part in _divided(*stretch, _LONGEST * step)]
+
+
+def _divided(begin: int, end: int, longest: int) -> list[tuple[int, int]]:
+    """Equal parts of a stretch, as few as have at most ``longest`` frames."""
+    cuts = np.linspace(begin, end, -(-(end - begin) // longest) + 1).round().astype(int).tolist()
+    return list(pairwise(cuts))
 
 
 def _without(state: State, begin: int, end: int) -> State:

@@ -51,7 +51,6 @@ their own. Cells are read + refused, and faults where there are any.
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Attack all readers, write the table, and return whether there were faults."""
-    logging.disable(logging.WARNING)
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -65,7 +64,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for name, reader in (READERS | RUN_READERS).items():
         if name not in kept["readers"]:
             count = max(1, inputs // 5) if name in _COSTLY else inputs
-            row = {kind: vars(found) for kind, found in attack(reader, inputs=count).items()}
+            logging.disable(logging.WARNING)
+            try:
+                row = {kind: vars(found) for kind, found in attack(reader, inputs=count).items()}
+            finally:
+                logging.disable(logging.NOTSET)
             peak = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss // 1024
             kept["readers"][name] = row
             kept["peak"] = max(kept["peak"], peak)

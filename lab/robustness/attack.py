@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import json
 import os
 import select
@@ -11,10 +12,9 @@ import tempfile
 import time
 import warnings
 from collections import Counter
-from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
-from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -63,7 +63,8 @@ class Outcomes:
         return f"{text}, **{self.counts['fault']} faults**" if self.counts["fault"] else text
 
 
-Spoiled = Callable[[int], AbstractContextManager[str]]
+Attempt = tuple[str, int]
+"""Kind of damage and seed."""
 
 
 def attack(reader: Reader, *, inputs: int, only: str | None = None) -> dict[str, Outcomes]:
@@ -84,56 +85,70 @@ def attack(reader: Reader, *, inputs: int, only: str | None = None) -> dict[str,
         reader.read(path)  # sound inputs must be read
         sound = {file: file.read_bytes() for file in room.rglob("*") if file.is_file()}
         before = set(Path(base).rglob("*"))
-        result = {}
-        for kind, choices in kinds_of(room).items():
-            if only is not None and kind != only:
-                continue
-            count = max(1, inputs // 10) if kind in _SLOW else inputs
-            result[kind] = _outcomes(reader, path, room, count, partial(_spoiled, choices, sound))
-            for file, content in sound.items():  # a child may have left one damaged
-                file.write_bytes(content)
-            if set(Path(base).rglob("*")) != before:
-                result[kind].counts["fault"] += 1
-                result[kind].faults.append("left files behind")
+        kinds = {kind: c for kind, c in kinds_of(room).items() if only in (None, kind)}
+        attempts = [
+            (kind, seed)
+            for kind in kinds
+            for seed in range(max(1, inputs // 10) if kind in _SLOW else inputs)
+        ]
+        result = _outcomes(reader, path, room, attempts, _Damages(kinds, sound))
+        if set(Path(base).rglob("*")) != before:
+            last = result[attempts[-1][0]]
+            last.counts["fault"] += 1
+            last.faults.append("files were left behind, by this kind or one before")
     return result
 
 
-@contextmanager
-def _spoiled(
-    choices: list[tuple[Path, Damage]], sound: dict[Path, bytes], seed: int
-) -> Iterator[str]:
-    """Damage one file inside the context, and yield its name."""
-    rng = np.random.default_rng(seed)
-    file, damage = choices[rng.integers(len(choices))]
-    file.write_bytes(damage(sound[file], rng))
-    yield file.name
-    file.write_bytes(sound[file])
+@dataclass(frozen=True)
+class _Damages:
+    """What may be damaged of an input: files and kinds of damage, and the sound content."""
+
+    kinds: Mapping[str, list[tuple[Path, Damage]]]
+    sound: Mapping[Path, bytes]
+
+    def mend(self) -> None:
+        """Write the sound content of all files."""
+        for file, content in self.sound.items():
+            file.write_bytes(content)
+
+    @contextmanager
+    def damaged(self, attempt: Attempt) -> Iterator[str]:
+        """Damage one file inside the context, and yield its name."""
+        kind, seed = attempt
+        rng = np.random.default_rng(seed)
+        file, damage = self.kinds[kind][rng.integers(len(self.kinds[kind]))]
+        file.write_bytes(damage(self.sound[file], rng))
+        yield file.name
+        file.write_bytes(self.sound[file])
 
 
-def _outcomes(reader: Reader, path: Path, room: Path, count: int, spoiled: Spoiled) -> Outcomes:
-    """Outcomes of seeds from 0, read in order by a child; if it dies, another continues."""
-    found = Outcomes()
+def _outcomes(
+    reader: Reader, path: Path, room: Path, attempts: Sequence[Attempt], damages: _Damages
+) -> dict[str, Outcomes]:
+    """Outcomes by kind of attempts that a child makes in order; if it dies, another continues."""
+    found = {kind: Outcomes() for kind, _ in attempts}
     done = 0
-    while done < count:
-        lines, end = _children_lines(reader, path, room, range(done, count), spoiled)
-        for line in lines:
-            outcome, seconds, words = line
-            found.counts[outcome] += 1
-            found.slowest = max(found.slowest, seconds)
+    while done < len(attempts):
+        lines, end = _children_lines(reader, path, room, attempts[done:], damages)
+        for (kind, _), (outcome, seconds, words) in zip(attempts[done:], lines, strict=False):
+            own = found[kind]
+            own.counts[outcome] += 1
+            own.slowest = max(own.slowest, seconds)
             if outcome == "fault":
-                found.faults.append(words)
+                own.faults.append(words)
         done += len(lines)
-        if done < count:
-            found.counts["fault"] += 1
-            found.faults.append(f"seed {done}: the process {end}")
+        if done < len(attempts):
+            kind, seed = attempts[done]
+            found[kind].counts["fault"] += 1
+            found[kind].faults.append(f"seed {seed}: the process {end}")
             done += 1
     return found
 
 
 def _children_lines(
-    reader: Reader, path: Path, room: Path, seeds: range, spoiled: Spoiled
+    reader: Reader, path: Path, room: Path, attempts: Sequence[Attempt], damages: _Damages
 ) -> tuple[list[Any], str]:
-    """Reports of a child for each seed, and how the child ended."""
+    """Reports of a child for each attempt, and how the child ended."""
     source, sink = os.pipe()
     sys.stdout.flush()
     sys.stderr.flush()
@@ -142,14 +157,16 @@ def _children_lines(
         child = os.fork()
     if child == 0:
         os.close(source)
+        gc.freeze()  # what the parent has is neither collected nor copied
         with os.fdopen(sink, "w") as file:
             sys.dont_write_bytecode = True  # late imports must not count as writes
             written = _written_elsewhere(room)
-            for seed in seeds:
-                with spoiled(seed) as name:
-                    told = _read(reader, path, f"seed {seed}, {name}")
+            damages.mend()  # a child that died may have left a file damaged
+            for attempt in attempts:
+                with damages.damaged(attempt) as name:
+                    told = _read(reader, path, f"seed {attempt[1]}, {name}")
                 if written:
-                    told = "fault", told[1], f"seed {seed}, {name}: wrote {written.pop()}"
+                    told = "fault", told[1], f"seed {attempt[1]}, {name}: wrote {written.pop()}"
                 file.write(json.dumps(told) + "\n")
                 file.flush()
         os._exit(0)

@@ -174,7 +174,13 @@ def only(
     return change
 
 
-@pytest.mark.parametrize("name", ["shift", "exchange", "camera-carry", "camera-adapted"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "camera-adapted",
+        *(pytest.param(n, marks=pytest.mark.slow) for n in ("shift", "exchange", "camera-carry")),
+    ],
+)
 def test_a_move_by_itself_leaves_scene_and_data(name: str) -> None:
     """With so many scenelets that some have no gap to the next."""
     found = scores(400, change=only(name), given=poor_data(rate=0.3))

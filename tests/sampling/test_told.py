@@ -116,6 +116,7 @@ def test_weights_give_the_same_posterior_and_the_bayes_factor() -> None:
     assert close(height, 1.55)
 
 
+@pytest.mark.slow
 def test_draws_are_led_to_what_few_agree_with() -> None:
     problem = told([SURE, im.Measured("height", 2.0, 0.03)])
     values = statement_values(problem, samples().states)

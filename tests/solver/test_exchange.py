@@ -9,6 +9,7 @@ import pytest
 
 from imapper_prob.models.log_posterior import State, empty_state, log_posterior
 from imapper_prob.models.problem import Problem
+from imapper_prob.solver import sequences
 from imapper_prob.solver.candidates import Candidate, refine
 from imapper_prob.solver.sequences import Exchange
 from imapper_prob.solver.sequences import exchange as exchange_every
@@ -106,3 +107,22 @@ def test_no_scenelets_overlap_and_the_camera_stays(
 
 def test_with_nothing_to_exchange_nothing_happens(problem: Problem) -> None:
     assert exchange(problem, empty_state(problem), ()) == ()
+
+
+def test_a_long_stretch_is_divided(
+    problem: Problem, candidates: tuple[Candidate, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    windows = 8
+    monkeypatch.setattr(sequences, "_LONGEST", windows)
+    done = exchange(problem, empty_state(problem), candidates)
+    spans = [
+        max(c.start + int(problem.lengths[c.scenelet]) for c in step.candidates)
+        - step.candidates[0].start
+        for step in done
+    ]
+    # The whole clip would be filled at once, by more than fit into a part of it.
+    assert len(done) > 1
+    assert max(spans) <= windows * solution().curve.step
+    # Later passes go across the borders, so that no good scenelet is left out.
+    best = max(c.gain for c in candidates)
+    assert gain_of(problem, done[-1].state) >= best - 0.5
