@@ -14,7 +14,7 @@ from imapper_prob.clips.load import ClipOptions, read_frames, require_people
 from imapper_prob.clips.takes import same_room
 from imapper_prob.config import Config, SampleSettings
 from imapper_prob.lifting import lift_clip
-from imapper_prob.memory import require_memory
+from imapper_prob.memory import require_feasible
 from imapper_prob.models.scene import Clip
 from imapper_prob.models.scenelet import Library
 from imapper_prob.models.statement_rows import check_statements, tell
@@ -234,7 +234,7 @@ def sample(
     limits = Limits(minutes, until)
     clip = _one(clip)
     known = load_library() if library is None else library
-    require_memory(clip, known, _most(config.sample) if limits.any else config.sample)
+    require_feasible(clip, known, _most(config.sample) if limits.any else config.sample)
     check_statements(given, clip, known)
     begun = time.perf_counter()
     with interruptible(), shown(progress) as report:

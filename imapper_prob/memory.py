@@ -1,4 +1,4 @@
-"""Check before the work whether a clip fits into the available memory."""
+"""Check before the work whether a clip is short enough for one run and the available memory."""
 
 from __future__ import annotations
 
@@ -11,8 +11,11 @@ from imapper_prob.models.scene import Clip
 from imapper_prob.models.scenelet import Library
 from imapper_prob.models.settings import SHORTEST_CLIP
 
-__all__ = ["memory_needed", "memory_there", "require_memory"]
+__all__ = ["MOST_FRAMES", "memory_needed", "memory_there", "require_feasible"]
 
+MOST_FRAMES: Final = 3000
+"""Largest number of frames of a run, summed over people; ten times a usual clip. The staged solver
+takes time in proportion to the square of this number, see ``docs/reference/robustness.md``."""
 _GIGABYTE: Final = 1e9
 _PROGRAM: Final = 1.0 * _GIGABYTE
 """Bytes of the program with its libraries and compiled kernels, slightly overestimated."""
@@ -85,8 +88,8 @@ def memory_there() -> float:
     return min(there, default=float("inf"))
 
 
-def require_memory(clip: Clip, library: Library, settings: SampleSettings | None = None) -> None:
-    """Refuse a clip that needs more memory than is available.
+def require_feasible(clip: Clip, library: Library, settings: SampleSettings | None = None) -> None:
+    """Refuse a clip that is too long for a run, or needs more memory than is available.
 
     Parameters
     ----------
@@ -100,6 +103,23 @@ def require_memory(clip: Clip, library: Library, settings: SampleSettings | None
     InputError
         Says how much is needed and available, and how many frames would fit.
     """
+    _require_short(clip)
+    _require_memory(clip, library, settings)
+
+
+def _require_short(clip: Clip) -> None:
+    people = len(clip.tracks)
+    if people * clip.n_frames <= MOST_FRAMES:
+        return
+    fits = MOST_FRAMES // people
+    raise InputError(
+        f"clip {clip.name}: {clip.n_frames} frames of {people} are too many, because a run of more "
+        f"than {MOST_FRAMES:,} takes many hours; take parts of up to {fits} frames, such as "
+        f"{_first_frames(clip, fits)}"
+    )
+
+
+def _require_memory(clip: Clip, library: Library, settings: SampleSettings | None) -> None:
     people, there = len(clip.tracks), memory_there()
     needed = memory_needed(people * clip.n_frames, len(library), settings)
     if needed <= there:
@@ -107,13 +127,16 @@ def require_memory(clip: Clip, library: Library, settings: SampleSettings | None
     fits = clip.n_frames
     while fits > 1 and memory_needed(people * fits, len(library), settings) > there:
         fits = int(0.9 * fits)
-    first = int(clip.frame_ids[0])
-    if fits < SHORTEST_CLIP:
-        cure = "end other programs, or take a machine that has more"
-    else:
-        last = first + fits - 1
-        cure = f"take parts of up to {fits} frames, such as --frames {first}:{last}, or fewer draws"
+    cure = "end other programs, or take a machine that has more"
+    if fits >= SHORTEST_CLIP:
+        part = _first_frames(clip, fits)
+        cure = f"take parts of up to {fits} frames, such as {part}, or fewer draws"
     raise InputError(
         f"clip {clip.name}: {clip.n_frames} frames of {people} need about "
         f"{needed / _GIGABYTE:.1f} GB of memory, {there / _GIGABYTE:.1f} GB are there; {cure}"
     )
+
+
+def _first_frames(clip: Clip, count: int) -> str:
+    """The option that selects the first frames of a clip."""
+    return f"--frames {clip.frame_ids[0]}:{clip.frame_ids[count - 1]}"

@@ -2,13 +2,12 @@
 
     python -m lab.long_clips [FRAMES ...] [--minutes 60]
 
-repeats the demo's motion until the clip has FRAMES frames (default: 1000, 5000 and 20000), and
+repeats the demo's motion until the clip has FRAMES frames (default: 1000, 3000, 5000, 20000), and
 solves, samples and writes it in a process of its own. Memory grows with frames, scenelets and
 draws, which are those of a usual run; steps and temperatures, which do not matter for memory, are
 few. A clip is stopped after the given minutes, or refused by the program because of its size. The
 command prints each stage that it reaches, and writes a table of ``docs/reference/robustness.md``:
-the memory that the program asks for beforehand, and the peak and time of each stage. It takes about
-an hour on one core, and up to 14 GB of memory.
+the memory that the program asks for beforehand, and the peak and time of each stage.
 """
 
 from __future__ import annotations
@@ -30,7 +29,7 @@ import numpy as np
 import imapper_prob as im
 from imapper_prob.api import demo_clip
 from imapper_prob.config import Config, SampleSettings
-from imapper_prob.memory import memory_needed
+from imapper_prob.memory import MOST_FRAMES, memory_needed
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.scene import Clip
 from imapper_prob.models.text import in_markdown
@@ -40,7 +39,7 @@ from lab.robustness import write_section
 
 __all__ = ["Taken", "long_clip", "long_clips_section", "measured"]
 
-FRAMES: Final = (1000, 5000, 20000)
+FRAMES: Final = (1000, MOST_FRAMES, 5000, 20000)
 SETTINGS: Final = replace(
     SampleSettings(), steps=450, temperatures=2, swap_every=1, burn_in=0.1, ensemble_steps=2
 )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -17,29 +18,33 @@ from lab.long_clips import long_clip
 from tests.conftest import ROOT
 
 
-def test_a_clip_that_does_not_fit_is_refused_before_the_work(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize("n_frames", [5_000, 20_000])
+def test_a_clip_that_is_too_long_is_refused_before_the_work(
+    n_frames: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(memory, "memory_there", lambda: 8e9)
-    clip = long_clip(20_000)
-    write_clip(tmp_path / "clip.npz", clip)
+    write_clip(tmp_path / "clip.npz", long_clip(n_frames))
     arguments = ["run", str(tmp_path / "clip.npz"), "-o", str(tmp_path / "out")]
     assert main(arguments) == 2
     said = capsys.readouterr().err
-    assert "20000 frames of 1 need about" in said
-    assert "8.0 GB are there; take parts of up to" in said
+    assert f"{n_frames} frames of 1 are too many" in said
     assert not (tmp_path / "out").exists()
-    last = int(said.split("--frames 0:")[1].split(",")[0])
-    part = load_clip(tmp_path / "clip.npz", frames=(0, last))
-    assert part.n_frames == last + 1 > 1000
-    memory.require_memory(part, load_library(), SampleSettings())
-    with pytest.raises(InputError, match="GB of memory"):
-        memory.require_memory(load_clip(tmp_path / "clip.npz"), load_library(), SampleSettings())
+    first, last = (int(text) for text in said.split("--frames ")[1].split(":"))
+    part = load_clip(tmp_path / "clip.npz", frames=(first, last))
+    assert part.n_frames == memory.MOST_FRAMES
+    memory.require_feasible(part, load_library(), SampleSettings())
 
 
-@pytest.mark.parametrize(
-    ("n_frames", "gigabytes"), [(400, "1.3"), (5_000, "4.2"), (20_000, "13.9")]
-)
+def test_frames_of_all_people_count(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(memory, "memory_there", lambda: float("inf"))
+    clip = long_clip(memory.MOST_FRAMES)
+    memory.require_feasible(clip, load_library())
+    (track,) = clip.tracks
+    both = replace(clip, tracks=(track, replace(track, name="another")))
+    with pytest.raises(InputError, match=r"3000 frames of 2 .* up to 1500 frames, .* 0:1499"):
+        memory.require_feasible(both, load_library())
+
+
+@pytest.mark.parametrize(("n_frames", "gigabytes"), [(400, "1.3"), (3_000, "2.9")])
 def test_what_the_pages_say_of_long_clips_is_what_is_asked_for(
     monkeypatch: pytest.MonkeyPatch, n_frames: int, gigabytes: str
 ) -> None:
@@ -48,21 +53,21 @@ def test_what_the_pages_say_of_long_clips_is_what_is_asked_for(
     clip, library = long_clip(n_frames), load_library()
     needed = float(gigabytes) * 1e9
     monkeypatch.setattr(memory, "memory_there", lambda: 1.05 * needed)
-    memory.require_memory(clip, library, SampleSettings())
+    memory.require_feasible(clip, library, SampleSettings())
     monkeypatch.setattr(memory, "memory_there", lambda: max(0.9 * needed, 1.1e9))
     with pytest.raises(InputError, match=f"need about {gigabytes} GB .* --frames 0:") as refused:
-        memory.require_memory(clip, library, SampleSettings())
+        memory.require_feasible(clip, library, SampleSettings())
     fits = int(str(refused.value).split("parts of up to ")[1].split()[0])
     assert 0 < fits < n_frames
-    memory.require_memory(long_clip(fits), library, SampleSettings())
+    memory.require_feasible(long_clip(fits), library, SampleSettings())
     # To solve takes less, and is asked for by itself.
     monkeypatch.setattr(memory, "memory_there", lambda: 1.01e9)
     with pytest.raises(InputError, match="GB of memory"):
-        memory.require_memory(clip, library)
+        memory.require_feasible(clip, library)
     # Where no part would fit, none is named.
     monkeypatch.setattr(memory, "memory_there", lambda: 1e8)
     with pytest.raises(InputError, match=r"0\.1 GB are there; end other programs, or take a"):
-        memory.require_memory(clip, library)
+        memory.require_feasible(clip, library)
 
 
 def test_frames_that_are_not_there_are_refused(tmp_path: Path) -> None:

@@ -38,7 +38,7 @@ from imapper_prob.evaluate.score import (
 from imapper_prob.evaluate.tables import as_json, commit, without_nan
 from imapper_prob.evaluate.truth import TruthInView
 from imapper_prob.files import written_whole
-from imapper_prob.memory import require_memory
+from imapper_prob.memory import require_feasible
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.scene import Clip
 from imapper_prob.models.scenelet import Library
@@ -523,7 +523,7 @@ def sampled(tasks: Sequence[Task]) -> Iterator[tuple[Task, Posterior]]:
 def _solve(task: Task) -> None:
     clip = task.clip
     library = library_of(task)
-    require_memory(clip, library)
+    require_feasible(clip, library)
     actors = solve_actors(clip, library, settings=task.config.settings)
     prediction = prediction_of_solved(put_together(clip, actors, count=1), name=SOLVER)
     task.output.mkdir(parents=True, exist_ok=True)
