@@ -2,7 +2,7 @@
 
     python -m lab.long_clips [FRAMES ...] [--minutes 60]
 
-repeats the demo's motion until the clip has FRAMES frames (default: 1000, 3000, 5000, 20000), and
+repeats the demo's motion until the clip has FRAMES frames (default: 1000, 2000, 5000, 20000), and
 solves, samples and writes it in a process of its own. Memory grows with frames, scenelets and
 draws, which are those of a usual run; steps and temperatures, which do not matter for memory, are
 few. A clip is stopped after the given minutes, or refused by the program because of its size. The
