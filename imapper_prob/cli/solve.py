@@ -100,7 +100,7 @@ def _solve(options: argparse.Namespace) -> None:
 
     from imapper_prob.cli.console import console
     from imapper_prob.config import Config, read_config
-    from imapper_prob.memory import require_memory
+    from imapper_prob.memory import require_feasible
     from imapper_prob.results.folders import solution_folder, write_solution_folder
     from imapper_prob.results.solution import (
         furniture_table,
@@ -122,7 +122,7 @@ def _solve(options: argparse.Namespace) -> None:
             clock = StageClock(progress)
             library = load_library(config.library)
             clock("library", 1.0)
-            require_memory(clip, library)
+            require_feasible(clip, library)
             actors = solve_actors(clip, library, settings=config.settings, progress=clock)
             solution = solved(clip, actors)
             clock("diverse scenes", 1.0)
