@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import islice, repeat, zip_longest
 from typing import Final
 
@@ -42,7 +42,7 @@ from imapper_prob.sampling.schedule import (
 from imapper_prob.sampling.steps import MOVES, Moves, Walker, parts_of, scene_moves
 from imapper_prob.sampling.visits import Visits, camera_shape
 
-__all__ = ["Chain", "Setup", "Tempered", "run_chain", "starts_of", "tempered"]
+__all__ = ["Chain", "Setup", "Tempered", "learnt_from", "run_chain", "starts_of", "tempered"]
 
 
 # ------------------------------------------------------------------------------------------------
@@ -83,7 +83,7 @@ _WALKED: Final = 200
 """Largest number of states of that walk that are recorded; chosen: consecutive ones resemble each
 other."""
 _STARTS: Final = 0.25
-"""Weight of the walks' visits relative to all later ones; chosen, see :func:`_of_noted`."""
+"""Weight of the walks' visits relative to all later ones; chosen, see :func:`learnt_from`."""
 _CLIMBING: Final = 0.5
 """Largest number of evaluations of the ascent as a share of the chain's steps; chosen: short chains
 should remain short."""
@@ -106,6 +106,8 @@ class Setup:
     known : tuple of tuple of Visits
         Visits of each chain before each reference that is learnt during burn-in, as far as they are
         available. A chain learns further references from its own visits.
+    learnt : Tempered, optional
+        What is learnt from ``known``, see :func:`learnt_from`. A chain learns it if not given.
     """
 
     problem: Problem
@@ -114,6 +116,7 @@ class Setup:
     settings: SampleSettings
     staged: tuple[State, ...]
     known: tuple[tuple[Visits, ...], ...] = ()
+    learnt: Tempered | None = None
 
 
 @dataclass(frozen=True)
@@ -191,17 +194,19 @@ def run_chain(
     done = None if keeper is None else _resumed(keeper, setup)
     if done is None and isinstance(starts, ChainProgress):
         done = starts
-    learnt = _of_noted(setup, [] if done is None else done.visits[:-1])
+    learnt: Tempered | None = None
     finished = True
     if done is None:
         assert not isinstance(starts, ChainProgress)
+        learnt = _of_noted(setup, [])
         done = _begun(setup, learnt, starts, rng, report)
         finished = report(0.0)
     crossover = TimeCrossover(setup.problem)
     while done.position.rounds < end and finished:
         now = done.position.rounds
-        if now in learning.ends:
+        if learnt is None or now in learning.ends:
             learnt = _of_noted(setup, done.visits[:-1])
+        if now in learning.ends:
             done.position = _anew(done.position, learnt)
         stops = (*learning.ends, burn_in, settings.rounds, end)
         last = min(next(stop for stop in stops if now < stop), end)
@@ -378,16 +383,23 @@ def tempered(setup: Setup, visits: Visits) -> Tempered:
     return Tempered(setup.problem, moves)
 
 
-def _of_noted(setup: Setup, noted: Sequence[Visits]) -> Tempered:
-    """Reference and moves learnt from the later half of the visits of all chains, or of this one.
+def learnt_from(setup: Setup) -> Tempered:
+    """Learn reference and moves from the visits of all chains that are known.
 
     At first they are learnt from the solver's scenes, then from these and the walks about the
     results of the ascents. The walks' visits keep a share among later ones. Otherwise the reference
     forgets scenes that are far better than most, but have few alternatives that it knows: a chain
     that leaves them does not return.
+
+    Parameters
+    ----------
+    setup : Setup
+
+    Returns
+    -------
+    Tempered
     """
-    own = tuple((visits,) for visits in noted[len(setup.known) :])
-    known = (*setup.known, *own)[: len(noted)]
+    known = setup.known
     if len(known) > 1:
         walks, later = known[0], known[1 + (len(known) - 1) // 2 :]
         count = sum(visits.n_states for of in later for visits in of)
@@ -398,6 +410,17 @@ def _of_noted(setup: Setup, noted: Sequence[Visits]) -> Tempered:
     for state in setup.staged:
         staged.note(state)
     return tempered(setup, Visits.together([staged, *(v for of in known for v in of)]))
+
+
+def _of_noted(setup: Setup, noted: Sequence[Visits]) -> Tempered:
+    """Reference and moves at a chain's position, learnt from its own visits if no others are known.
+
+    ``noted`` are its visits before each reference so far.
+    """
+    if setup.learnt is not None and len(noted) == len(setup.known):
+        return setup.learnt
+    own = tuple((visits,) for visits in noted[len(setup.known) :])
+    return learnt_from(replace(setup, known=(*setup.known, *own)[: len(noted)]))
 
 
 def _anew(position: TemperingState[State], learnt: Tempered) -> TemperingState[State]:

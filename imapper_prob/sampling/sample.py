@@ -34,7 +34,7 @@ from imapper_prob.samplers.tempering import LadderSummary
 from imapper_prob.samplers.verdict import Measures, Verdict, judge, measure
 from imapper_prob.sampling.actors import JointProblem, join_actors
 from imapper_prob.sampling.blocks import Block, Clock, Limits, OnBlock
-from imapper_prob.sampling.chain import Chain, Setup, run_chain, starts_of
+from imapper_prob.sampling.chain import Chain, Setup, learnt_from, run_chain, starts_of
 from imapper_prob.sampling.checkpoints import ChainProgress, identity_of, rounds_done
 from imapper_prob.sampling.cluster import Cluster, SameProgram, executor_of
 from imapper_prob.sampling.ensembles import Walked, walk_draws
@@ -259,8 +259,8 @@ class _ChainRun:
     def to(self, end: int, on_progress: Callable[[int, object], None]) -> list[Chain]:
         """Continue all chains to round ``end``.
 
-        During burn-in chains wait for each other before they learn a reference, which is learnt
-        from the visits of all of them.
+        During burn-in chains wait for each other before a reference is learnt, once for all of
+        them and from the visits of all of them.
         """
         setup, at = self.setup, list[Sequence[State] | ChainProgress](self.starts)
         marks = learning_of(setup.settings).ends
@@ -269,13 +269,15 @@ class _ChainRun:
             def report(chain: int, part: object, share: float = stop / end) -> None:
                 on_progress(chain, part * share if isinstance(part, float) else part)
 
+            if stop == 0 or min(self.rounds()) < stop:
+                setup = replace(setup, learnt=learnt_from(setup))
             chains = self._all_to(stop, setup, at, report)
             if not all(chain.finished for chain in chains):
                 break
             if stop in marks:
                 at = [chain.progress for chain in chains]
                 noted = tuple(chain.progress.visits[len(setup.known)] for chain in chains)
-                setup = replace(setup, known=(*setup.known, noted))
+                setup = replace(setup, known=(*setup.known, noted), learnt=None)
         return chains
 
     def _all_to(

@@ -111,7 +111,7 @@ def scene_moves(
     return Moves(
         lengths=np.array(problem.lengths),
         heights=np.array(middle_heights(problem)),
-        similarity=np.array(similarity),
+        similarity=np.require(similarity, requirements=["C", "W"]),
         factor=factor,
         shape=factor if shape is None else shape,
         focal_spread=float(np.linalg.norm(factor[2])),
