@@ -75,8 +75,8 @@ def show_energy(folder: Path) -> None:
 # ``demo``, ``run`` and ``info``.
 
 _DEMO_STEPS = 45_000
-"""Steps of a demo chain at each temperature; probabilities then converge, in two minutes on two
-cores."""
+"""Steps of a demo chain at each temperature; probabilities then converge, in two to three minutes
+on two cores."""
 _STEPS = SampleSettings().steps
 
 
