@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
 from imapper_prob.models.log_posterior import log_posterior
+from imapper_prob.sampling import chain
+from imapper_prob.sampling.reference import Reference
 from imapper_prob.sampling.sample import Samples, sample_scenes
+from imapper_prob.sampling.schedule import learning_of
 from tests.runs import BRIEF, posterior, small_posterior, small_solution, solution
 
 
@@ -29,6 +34,21 @@ def test_draws_do_not_depend_on_the_number_of_workers() -> None:
 def test_another_seed_gives_other_draws() -> None:
     first, second = small_posterior().samples, samples(seed=BRIEF.seed + 1)
     assert not np.array_equal(first.log_posterior, second.log_posterior)
+
+
+def test_a_reference_is_learnt_once_for_all_chains(monkeypatch: pytest.MonkeyPatch) -> None:
+    learnt = []
+
+    def learn(*data: Any) -> Reference:
+        learnt.append(chain_learn(*data))
+        return learnt[-1]
+
+    chain_learn = chain.learn
+    monkeypatch.setattr(chain, "learn", learn)
+    drawn = samples(seed=BRIEF.seed)
+    # One of the solver's scenes, and one after each mark, for two chains.
+    assert len(learnt) == 1 + len(learning_of(BRIEF.sample).ends) > 2
+    np.testing.assert_array_equal(drawn.log_posterior, small_posterior().samples.log_posterior)
 
 
 def test_draws_have_the_log_posterior_they_say() -> None:
