@@ -14,8 +14,8 @@ from imapper_prob.models.settings import SHORTEST_CLIP
 __all__ = ["MOST_FRAMES", "memory_needed", "memory_there", "require_feasible"]
 
 MOST_FRAMES: Final = 2000
-"""Largest number of frames of a run, summed over people; five times the longest clip of i3DB. The
-time of the staged solver grows faster than in proportion, see ``docs/reference/robustness.md``."""
+"""Largest number of frames of a run, summed over people; about five times the longest clip of
+i3DB. The time of the staged solver grows faster than in proportion to it."""
 _GIGABYTE: Final = 1e9
 _PROGRAM: Final = 1.0 * _GIGABYTE
 """Bytes of the program with its libraries and compiled kernels, slightly overestimated."""

@@ -204,7 +204,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for n_frames in options.frames:
         found.append(measured(n_frames, minutes=options.minutes))
         print(found[-1], flush=True)
-    text = "`python -m lab.long_clips` writes this section.\n\n" + long_clips_section(found)
+    numbers = " ".join(str(n_frames) for n_frames in options.frames)
+    text = f"`python -m lab.long_clips {numbers}` writes this section.\n\n" + long_clips_section(
+        found
+    )
     write_section("Long clips, measured", text)
     return int(any(_peak(taken) > taken.asked or taken.end == "killed" for taken in found))
 

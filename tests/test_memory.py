@@ -34,6 +34,25 @@ def test_a_clip_that_is_too_long_is_refused_before_the_work(
     memory.require_feasible(part, load_library(), SampleSettings())
 
 
+def test_a_clip_that_does_not_fit_is_refused_before_the_work(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(memory, "memory_there", lambda: 2e9)
+    write_clip(tmp_path / "clip.npz", long_clip(memory.MOST_FRAMES))
+    arguments = ["run", str(tmp_path / "clip.npz"), "-o", str(tmp_path / "out")]
+    assert main(arguments) == 2
+    said = capsys.readouterr().err
+    assert "2000 frames of 1 need about" in said
+    assert "2.0 GB are there; take parts of up to" in said
+    assert not (tmp_path / "out").exists()
+    last = int(said.split("--frames 0:")[1].split(",")[0])
+    part = load_clip(tmp_path / "clip.npz", frames=(0, last))
+    assert part.n_frames == last + 1 > 1000
+    memory.require_feasible(part, load_library(), SampleSettings())
+    with pytest.raises(InputError, match="GB of memory"):
+        memory.require_feasible(load_clip(tmp_path / "clip.npz"), load_library(), SampleSettings())
+
+
 def test_frames_of_all_people_count(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(memory, "memory_there", lambda: float("inf"))
     clip = long_clip(memory.MOST_FRAMES)

@@ -65,7 +65,7 @@ def test_one_is_replaced_by_several_at_once(problem, moves, monkeypatch, number)
 
 
 def test_starts_far_apart_arrive_at_scenes_as_good(problem, moves):
-    starts = [empty_state(problem), *(scenes.random_state(problem, seed) for seed in range(5))]
+    starts = [empty_state(problem), *(scenes.random_state(problem, seed) for seed in range(8))]
     before = [log_posterior(problem, state) for state in starts]
     after = [log_posterior(problem, climbed(problem, moves, state)) for state in starts]
     assert np.ptp(after) < 0.1 * np.ptp(before)
