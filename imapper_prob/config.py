@@ -71,10 +71,10 @@ class SampleSettings:
     temperatures: int = 8
     swap_every: int = 5
     burn_in: float = 0.4
-    draws: int = 400
+    draws: int = 800
     last_step: int = 0
     layout_radius: float = 0.8
-    ensemble_steps: int = 100
+    ensemble_steps: int = 50
 
     def __post_init__(self) -> None:
         least = {
@@ -91,7 +91,8 @@ class SampleSettings:
         if self.draws > self.most_draws:
             raise InputError(
                 f"sample settings: {self.draws} draws cannot be kept of {self.steps} steps with "
-                f"burn-in {self.burn_in} and one draw in {self.swap_every} steps"
+                f"burn-in {self.burn_in} and one draw in {self.swap_every} steps: take draws = "
+                f"{self.most_draws} at most, or more steps"
             )
 
         if self.last_step and self.last_step <= self.steps * self.burn_in:
@@ -138,9 +139,9 @@ class Config:
     --------
     >>> from dataclasses import replace
     >>> config = im.Config(seed=1)
-    >>> short = replace(config, sample=replace(config.sample, steps=6_000))
+    >>> short = replace(config, sample=replace(config.sample, steps=60_000))
     >>> short.sample.steps, short.sample.chains
-    (6000, 4)
+    (60000, 4)
     """
 
     seed: int = 0

@@ -6,6 +6,7 @@ half the time.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -16,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 from shapely import Polygon
 
-from imapper_prob.models.log_posterior import State, log_posterior
+from imapper_prob.models.log_posterior import State, log_posterior_near
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.scene import FRONTLESS, Placement, SceneObject
 from imapper_prob.models.scenelet import Library
@@ -120,9 +121,12 @@ def representatives(
     list of int
         Indices in ``placed``.
     """
+    if all(len(group) == 1 for group in groups):
+        return [group[0] for group in groups]
+    value = log_posterior_near(problem, state)
 
     def rest(k: int) -> float:
-        return log_posterior(problem, state.without_item(placed[k][0]))
+        return value(state.without_item(placed[k][0]))
 
     return [min(group, key=rest) if len(group) > 1 else group[0] for group in groups]
 
@@ -171,19 +175,31 @@ def same_objects(placed: Sequence[tuple[int, SceneObject]], angle: float) -> lis
     """
     graph = nx.Graph()
     graph.add_nodes_from(range(len(placed)))
-    outlines = [Polygon(o.footprint) for _, o in placed]
-    for a, (item_a, first) in enumerate(placed):
-        for b, (item_b, second) in enumerate(placed[:a]):
-            turned = np.cos(first.placement.yaw - second.placement.yaw) <= np.cos(angle)
-            alike = first.label == second.label
-            if alike and (first.label in FRONTLESS or not turned):
-                one = outlines[a].intersects(outlines[b])
-            else:
-                seats = {first.label, second.label} <= SEATS
-                one = (alike or seats) and _shared(outlines[a], outlines[b]) > _SHARED
-            if one and item_a != item_b:
-                graph.add_edge(a, b)
+    graph.add_edges_from(
+        (a, b) for a, b in _near(placed) if _same(placed[a][1], placed[b][1], angle)
+    )
     return [sorted(group) for group in nx.connected_components(graph)]
+
+
+def _near(placed: Sequence[tuple[int, SceneObject]]) -> list[tuple[int, int]]:
+    """Pairs of objects of different scenelets whose footprints can overlap: later, earlier."""
+    items = np.array([item for item, _ in placed], np.int64)
+    centres = np.array([o.centre[:2] for _, o in placed]).reshape(-1, 2)
+    reach = np.array([np.hypot(*np.ptp(o.bounds, axis=0)[:2]) / 2 for _, o in placed])
+    apart = np.hypot(*(centres[:, None] - centres).T)
+    can = (apart <= reach[:, None] + reach) & (items[:, None] != items)
+    return list(zip(*(index.tolist() for index in np.nonzero(np.tril(can))), strict=True))
+
+
+def _same(first: SceneObject, second: SceneObject, angle: float) -> bool:
+    """Whether two objects are one, see :func:`same_objects`."""
+    alike = first.label == second.label
+    turned = math.cos(first.placement.yaw - second.placement.yaw) <= math.cos(angle)
+    outlines = Polygon(first.footprint), Polygon(second.footprint)
+    if alike and (first.label in FRONTLESS or not turned):
+        return bool(outlines[0].intersects(outlines[1]))
+    seats = {first.label, second.label} <= SEATS
+    return (alike or seats) and _shared(*outlines) > _SHARED
 
 
 def _shared(first: Polygon, second: Polygon) -> float:
@@ -309,8 +325,7 @@ def group_layouts(
 # optimal transport of unit masses with a price for unpaired ones, restricted to pairings. With
 # squared costs it is the generalised optimal sub-pattern assignment metric (Rahmathullah,
 # Garcia-Fernandez & Svensson 2017, alpha = 2). It is in metres, is 1 for one spurious object, and
-# grows with the number of differences. metres, that is 1 for one object too many and grows with the
-# number of differences.
+# grows with the number of differences.
 
 _LEFT_OVER: Final = 1.0
 """Cost in metres of an object without a partner; the unit of the distance."""

@@ -41,7 +41,7 @@ __all__ = ["Taken", "long_clip", "long_clips_section", "measured"]
 
 FRAMES: Final = (1000, MOST_FRAMES, 5000, 20000)
 SETTINGS: Final = replace(
-    SampleSettings(), steps=450, temperatures=2, swap_every=1, burn_in=0.1, ensemble_steps=2
+    SampleSettings(), steps=900, temperatures=2, swap_every=1, burn_in=0.1, ensemble_steps=2
 )
 """As many chains and draws as usual, of few steps."""
 GIGABYTE: Final = 1e9

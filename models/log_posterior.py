@@ -557,7 +557,10 @@ def log_posterior_near(problem: Problem, state: State) -> Callable[[State], floa
         Maps a state to its log-posterior in nats.
     """
     whole = partial(log_posterior, problem)
-    if not _target_of(problem).incremental or whole(state) == -math.inf:
+    if not _target_of(problem).incremental:
         return whole
-    incremental = Incremental(problem, state)
+    try:
+        incremental = Incremental(problem, state)
+    except ValueError:  # outside the support
+        return whole
     return lambda other: sum(incremental.propose(other))

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from html import escape
 from typing import TYPE_CHECKING, Final
 
@@ -250,17 +251,21 @@ class SceneObject:
         if not self.cuboids:
             raise InputError(f"object {self.label!r} has no cuboids")
 
-    @property
+    @cached_property
     def bounds(self) -> Array:
         """(2, 3) lower and upper corner of all parts, in the object's own frame, metres."""
-        low = np.min([c.centre - c.size / 2 for c in self.cuboids], axis=0)
-        high = np.max([c.centre + c.size / 2 for c in self.cuboids], axis=0)
-        return np.stack([low, high])
+        centres = np.array([c.centre for c in self.cuboids])
+        halves = np.array([c.size for c in self.cuboids]) / 2
+        corners = np.stack([(centres - halves).min(0), (centres + halves).max(0)])
+        corners.setflags(write=False)
+        return corners
 
-    @property
+    @cached_property
     def centre(self) -> Array:
         """(3,) centre of the bounding box in the parent frame, metres."""
-        return self.placement.apply(self.bounds.mean(0))
+        centre = self.placement.apply(self.bounds.mean(0))
+        centre.setflags(write=False)
+        return centre
 
     @property
     def footprint(self) -> Array:
@@ -281,7 +286,10 @@ class SceneObject:
         -------
         SceneObject
         """
-        return SceneObject(self.label, placement.compose(self.placement), self.cuboids)
+        moved = SceneObject(self.label, placement.compose(self.placement), self.cuboids)
+        if "bounds" in vars(self):  # in its own frame, where nothing moves
+            vars(moved)["bounds"] = self.bounds
+        return moved
 
     def scaled(self, factor: float) -> SceneObject:
         """The object scaled by ``factor`` about the origin of its parent frame.

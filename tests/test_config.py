@@ -17,7 +17,7 @@ def test_settings_survive_a_file(tmp_path: Path) -> None:
         seed=5,
         library='odd "name" \\ here',
         model=replace(ModelSettings(), pose_tolerance=(0.1,) * 16),
-        sample=replace(SampleSettings(), steps=5000),
+        sample=replace(SampleSettings(), steps=50_000),
     )
     path = tmp_path / "config.toml"
     path.write_text(to_toml(config))

@@ -74,7 +74,7 @@ def show_energy(folder: Path) -> None:
 # ------------------------------------------------------------------------------------------------
 # ``demo``, ``run`` and ``info``.
 
-_DEMO_STEPS = 45_000
+_DEMO_STEPS = 30_000
 """Steps of a demo chain at each temperature; probabilities then converge, in two to three minutes
 on two cores."""
 _STEPS = SampleSettings().steps

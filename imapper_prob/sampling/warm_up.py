@@ -125,7 +125,8 @@ def compile_kernels() -> None:
 
 def _end_with_parent() -> None:
     """End this process when its parent, which never writes to it, is gone."""
-    sys.stdin.buffer.read()
+    # Not `sys.stdin.read`: Python aborts if a thread holds a lock of a stream at the end.
+    os.read(sys.stdin.fileno(), 1)
     os._exit(1)
 
 

@@ -92,8 +92,8 @@ def test_default_blocks() -> None:
     steps = [5 * end for end in ends]
     assert steps[:5] == [55_000, 70_000, 85_000, 100_000, 115_000]
     kept = [draws_of(sample).kept(end) for end in ends]
-    assert kept[3] == 400
-    assert max(kept) <= 800
+    assert kept[3] == 800
+    assert max(kept) <= 1600
     assert len(set(np.diff(steps[4:]).tolist())) > 1
 
 

@@ -80,6 +80,16 @@ def test_the_process_ends_with_its_parent() -> None:
         assert other.wait(120) == 1
 
 
+def test_the_process_ends_well_before_its_parent() -> None:
+    program = f"import {warm_up.__name__} as w; w.compile_kernels = lambda: None; w.main()"
+    with subprocess.Popen(
+        [sys.executable, "-c", program], stdin=subprocess.PIPE, stderr=subprocess.PIPE, cwd=ROOT
+    ) as other:
+        assert other.wait(120) == 0
+        assert other.stderr is not None
+        assert other.stderr.read() == b""
+
+
 def test_kernels_are_compiled_for_the_arrays_of_a_solved_clip() -> None:
     small, solved = small_problem(), join_actors([solution()])
     for one, other in (
