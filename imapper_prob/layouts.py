@@ -6,16 +6,15 @@ half the time.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Final
 
 import networkx as nx
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
-from shapely import Polygon
 
 from imapper_prob.models.log_posterior import State, log_posterior_near
 from imapper_prob.models.problem import Problem
@@ -175,36 +174,46 @@ def same_objects(placed: Sequence[tuple[int, SceneObject]], angle: float) -> lis
     """
     graph = nx.Graph()
     graph.add_nodes_from(range(len(placed)))
-    graph.add_edges_from(
-        (a, b) for a, b in _near(placed) if _same(placed[a][1], placed[b][1], angle)
-    )
+    later, earlier = _near(placed)
+    one = _same([o for _, o in placed], later, earlier, angle)
+    graph.add_edges_from(zip(later[one].tolist(), earlier[one].tolist(), strict=True))
     return [sorted(group) for group in nx.connected_components(graph)]
 
 
-def _near(placed: Sequence[tuple[int, SceneObject]]) -> list[tuple[int, int]]:
+def _near(placed: Sequence[tuple[int, SceneObject]]) -> tuple[Ints, Ints]:
     """Pairs of objects of different scenelets whose footprints can overlap: later, earlier."""
     items = np.array([item for item, _ in placed], np.int64)
     centres = np.array([o.centre[:2] for _, o in placed]).reshape(-1, 2)
     reach = np.array([np.hypot(*np.ptp(o.bounds, axis=0)[:2]) / 2 for _, o in placed])
     apart = np.hypot(*(centres[:, None] - centres).T)
     can = (apart <= reach[:, None] + reach) & (items[:, None] != items)
-    return list(zip(*(index.tolist() for index in np.nonzero(np.tril(can))), strict=True))
+    later, earlier = np.nonzero(np.tril(can))
+    return later, earlier
 
 
-def _same(first: SceneObject, second: SceneObject, angle: float) -> bool:
-    """Whether two objects are one, see :func:`same_objects`."""
-    alike = first.label == second.label
-    turned = math.cos(first.placement.yaw - second.placement.yaw) <= math.cos(angle)
-    outlines = Polygon(first.footprint), Polygon(second.footprint)
-    if alike and (first.label in FRONTLESS or not turned):
-        return bool(outlines[0].intersects(outlines[1]))
-    seats = {first.label, second.label} <= SEATS
-    return (alike or seats) and _shared(*outlines) > _SHARED
-
-
-def _shared(first: Polygon, second: Polygon) -> float:
-    """Shared area of two outlines, as a fraction of the smaller one."""
-    return float(first.intersection(second).area / min(first.area, second.area))
+def _same(
+    objects: Sequence[SceneObject], first: Ints, second: Ints, angle: float
+) -> NDArray[np.bool_]:
+    """Whether the objects of each pair are one, see :func:`same_objects`."""
+    if not len(first):
+        return np.zeros(0, np.bool_)
+    labels = np.array([o.label for o in objects])
+    seats = np.array([o.label in SEATS for o in objects])
+    frontless = np.array([o.label in FRONTLESS for o in objects])
+    yaws = np.array([o.placement.yaw for o in objects])
+    outlines = shapely.polygons(np.array([o.footprint for o in objects]))
+    areas = shapely.area(outlines)
+    alike = labels[first] == labels[second]
+    turned = np.cos(yaws[first] - yaws[second]) <= np.cos(angle)
+    anywhere = alike & (frontless[first] | ~turned)
+    much = ~anywhere & (alike | (seats[first] & seats[second]))
+    one = np.zeros(len(first), np.bool_)
+    a, b = first[anywhere], second[anywhere]
+    one[anywhere] = shapely.intersects(outlines[a], outlines[b])
+    a, b = first[much], second[much]
+    shared = shapely.area(shapely.intersection(outlines[a], outlines[b]))
+    one[much] = shared / np.minimum(areas[a], areas[b]) > _SHARED
+    return one
 
 
 def match_objects(
