@@ -6,6 +6,7 @@ posteriors and checkpoints are checked here.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Final
 
@@ -37,6 +38,8 @@ _FARTHEST: Final = 1e4
 """Largest coordinate of a scenelet or camera in a state, metres."""
 _LARGEST_LOG: Final = 5.0
 """Largest log size or log scale, a factor of about 150."""
+_LARGEST_WEIGHT: Final = 2.0
+"""Largest weight of a frame after it in drawing a frame of the path: both rates are below 1."""
 _LARGEST_LATENT: Final = 100.0
 """Largest latent variable, in standard deviations."""
 
@@ -106,6 +109,7 @@ def check_problem(problem: Problem) -> None:
     if problem.stay_steps < 1:
         raise InputError("stay_steps must be positive")
     _check_pointers(problem, lengths)
+    _check_path(problem, lengths)
     precision = problem.camera_precision
     if not np.allclose(precision, precision.T) or np.linalg.eigvalsh(precision)[0] <= 0:
         raise InputError("camera_precision is no precision")
@@ -119,6 +123,18 @@ def _check_numbers(name: str, array: NDArray[np.generic]) -> None:
         raise InputError(f"{name} has a number that is not finite, or too large to be true")
     if name in _POSITIVE and not (numbers > 0).all():
         raise InputError(f"{name} must be positive")
+
+
+def _check_path(problem: Problem, lengths: Mapping[str, int]) -> None:
+    """Refuse a path that leaves the room: its joints would be at the camera, or infinitely far."""
+    for name, most in (
+        ("path_draw", _LARGEST_WEIGHT),
+        ("path_mean", lengths["P"] + 1.0),  # as in a straight line through two frames
+        ("path_scale", _LARGEST_LOG),
+        ("path_centre", [_FARTHEST, math.log(_FARTHEST)]),
+    ):
+        if not (np.abs(getattr(problem, name)) <= most).all():
+            raise InputError(f"{name} is too large for the path of a person")
 
 
 def _check_pointers(problem: Problem, lengths: Mapping[str, int]) -> None:

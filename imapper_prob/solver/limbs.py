@@ -113,8 +113,7 @@ def limbs_of(problem: Problem, state: State, camera: Camera) -> Limbs:
     # The neck has no detection; it moves with the joints on both sides of it.
     expected[:, NECK] += ((expected - joints)[:, [THRX, HEAD]]).mean(1)
     rays = joints - camera.to_world(np.zeros(3))
-    # A joint at the camera itself has no ray.
-    rays = rays / np.maximum(np.linalg.norm(rays, axis=-1, keepdims=True), np.finfo(float).tiny)
+    rays = rays / np.linalg.norm(rays, axis=-1, keepdims=True)
     spread = problem.pose_tolerance.copy()
     # The pelvis comes from the path.
     spread[PELV] = 0.0
@@ -135,8 +134,7 @@ def _told(problem: Problem, state: State, pixels: Array, tolerance: Array) -> tu
     own = np.arange(len(MIRROR))
     turned = side_flips(problem, state)[:, None] > 0.5
     source = (np.arange(problem.n_frames)[:, None], np.where(turned, MIRROR, own))
-    # A joint that is not in front of the camera has no pixel.
-    used = problem.used[source] & np.isfinite(pixels).all(-1)
+    used = problem.used[source]
     error = np.where(used[..., None], problem.keypoints[source] - pixels, 0.0)
     # (T, 16, 2): for a hidden joint, and for one that is seen.
     noise, dof = problem.error_scale[source] ** 2, problem.error_dof[source]

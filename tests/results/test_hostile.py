@@ -119,6 +119,15 @@ def test_what_was_packed_and_drawn_is_valid() -> None:
         check_problem(run.solution.problem._replace(keypoints=np.zeros((3, 16, 2))))
 
 
+@pytest.mark.parametrize("name", ["path_draw", "path_mean", "path_scale", "path_centre"])
+def test_a_path_through_the_camera_is_refused(name: str) -> None:
+    problem = posterior().solution.problem
+    values = getattr(problem, name).copy()
+    values.flat[-1] = 1e5
+    with pytest.raises(InputError, match=f"{name} is too large for the path of a person"):
+        check_problem(problem._replace(**{name: values}))
+
+
 def test_names_are_made_readable() -> None:
     assert readable("Küche 7 – ✓") == "Küche 7 – ✓"
     assert readable("Sc\udce8ne\ta\x00\ud800\u202e") == "Scène a\ufffd\ufffd\ufffd"

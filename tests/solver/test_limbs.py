@@ -74,22 +74,6 @@ def test_a_detection_far_off_says_little() -> None:
     assert far.max() < near[..., 0].min()
 
 
-def test_a_person_at_the_camera_has_no_rays() -> None:
-    """A damaged file can say so: all of the person's path is then at depth 0."""
-    base = worlds.problem()
-    problem = base._replace(
-        path_centre=base.path_centre - [0.0, 1e4], poses=np.zeros(base.poses.shape)
-    )
-    found = limbs_of(problem, empty_state(problem), worlds.CAMERA)
-    np.testing.assert_allclose(
-        motion(problem, empty_state(problem)),
-        worlds.CAMERA.to_world(np.zeros((*base.used.shape, 3))),
-        atol=1e-9,
-    )
-    assert np.isfinite(found.rays).all()
-    assert np.isfinite(found.joints).all()
-
-
 def test_what_is_not_detected_is_as_it_was_posed() -> None:
     base = worlds.problem()
     state = scene(base)
