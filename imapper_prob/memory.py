@@ -113,9 +113,9 @@ def _require_short(clip: Clip) -> None:
         return
     fits = MOST_FRAMES // people
     raise InputError(
-        f"clip {clip.name}: {clip.n_frames} frames of {people} are too many, because a run of more "
-        f"than {MOST_FRAMES:,} takes many hours; take parts of up to {fits} frames, such as "
-        f"{_first_frames(clip, fits)}"
+        f"clip {clip.name}: {clip.n_frames} frames of {people} are too many: a run has at most "
+        f"{MOST_FRAMES:,}, because its time grows faster than they do; take parts of up to {fits} "
+        f"frames, such as {_first_frames(clip, fits)}"
     )
 
 
