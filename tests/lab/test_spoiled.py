@@ -82,7 +82,7 @@ def test_a_draw_depends_on_the_seed() -> None:
 
 
 def test_short_chains_keep_what_draws_they_can() -> None:
-    assert settings(6000).draws == 400
+    assert settings(60_000).draws == 800
     assert settings(100).draws == settings(100).most_draws
 
 
