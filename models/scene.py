@@ -286,10 +286,7 @@ class SceneObject:
         -------
         SceneObject
         """
-        moved = SceneObject(self.label, placement.compose(self.placement), self.cuboids)
-        if "bounds" in vars(self):  # in its own frame, where nothing moves
-            vars(moved)["bounds"] = self.bounds
-        return moved
+        return SceneObject(self.label, placement.compose(self.placement), self.cuboids)
 
     def scaled(self, factor: float) -> SceneObject:
         """The object scaled by ``factor`` about the origin of its parent frame.
