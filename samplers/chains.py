@@ -223,6 +223,8 @@ def _run_elsewhere(
         # Finished futures come first, so that an error is raised without waiting for other chains.
         for future in sorted(futures, key=lambda future: not future.done()):
             future.result()
+    except CancelledError as error:  # of dask, whose message is empty
+        raise ChainError("the executor gave up the chains: its scheduler was lost") from error
     except _deaths() as error:
         raise ChainError(f"a worker of the executor died: {error}") from error
     finally:
@@ -232,11 +234,11 @@ def _run_elsewhere(
 
 
 def _deaths() -> tuple[type[BaseException], ...]:
-    """Exceptions that executors raise when a worker died or cannot be reached."""
+    """Exceptions that executors raise when a worker died."""
     # `distributed` is loaded only if the caller uses dask.
     distributed = sys.modules.get("distributed")
     dask = () if distributed is None else (distributed.scheduler.KilledWorker,)
-    return (BrokenExecutor, CancelledError, *dask)
+    return (BrokenExecutor, *dask)
 
 
 def _run_here(

@@ -9,9 +9,8 @@ from __future__ import annotations
 import logging
 import pickle
 from collections.abc import Callable, Iterator
-from concurrent.futures import Executor, Future
+from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future
 from contextlib import contextmanager
-from dataclasses import dataclass
 from functools import partial
 from importlib.metadata import version
 from typing import Any, Final, Protocol, TypeVar
@@ -28,6 +27,10 @@ _PATIENCE: Final = "10s"
 _REFUSED: Final = (
     "the worker {worker} has {found}, and this is {own}; install the same one on all machines, and "
     "start the worker again"
+)
+_LOST: Final = (
+    "the scheduler of the cluster was lost or has ended a task; start it and its workers again, "
+    "and give the same command again"
 )
 
 
@@ -142,7 +145,7 @@ def executor_of(cluster: Cluster | None) -> Iterator[SameProgram | None]:
     Raises
     ------
     InputError
-        A worker that was given a task has another version of the program.
+        A worker that was given a task has another version of the program, or the scheduler is lost.
     """
     if cluster is None:
         yield None
@@ -154,6 +157,8 @@ def executor_of(cluster: Cluster | None) -> Iterator[SameProgram | None]:
         if error.name != _PROGRAM:
             raise
         raise InputError(str(error)) from error
+    except (BrokenExecutor, CancelledError) as error:
+        raise InputError(_LOST) from error
     finally:
         executor.shutdown(wait=False)
 
@@ -188,12 +193,7 @@ class SameProgram(Executor):
         object
             Replaces the argument in calls of `submit`.
         """
-        sent = pickle.dumps(data)
-        while True:
-            try:
-                return _Ahead(self._cluster.scatter(sent, broadcast=True))
-            except TimeoutError:  # dask waits some seconds for a first worker
-                continue
+        return _Ahead(self._cluster, pickle.dumps(data))
 
     def submit(self, task: Callable[..., T], /, *args: Any, **kwargs: Any) -> Future[T]:
         """Run a task in a worker that has this version of the program.
@@ -211,16 +211,33 @@ class SameProgram(Executor):
         Future
             Its exception is an `ImportError` that names the worker if that has another version.
         """
-        sent = [arg.reference if isinstance(arg, _Ahead) else pickle.dumps(arg) for arg in args]
+        sent = [arg.reference() if isinstance(arg, _Ahead) else pickle.dumps(arg) for arg in args]
         call = pickle.dumps(partial(task, **kwargs))
         return self._executor.submit(_compared(), version(_PROGRAM), call, *sent)
 
 
-@dataclass(frozen=True)
 class _Ahead:
-    """An argument that was sent ahead, as bytes."""
+    """An argument that is sent ahead, as bytes, and again to a scheduler that was restarted."""
 
-    reference: Any
+    def __init__(self, cluster: Cluster, sent: bytes) -> None:
+        self._cluster = cluster
+        self._sent = sent
+        self._reference = self._scattered()
+
+    def reference(self) -> Any:
+        # A client cancels what it has sent when it loses its scheduler.
+        if self._reference.cancelled():
+            self._reference = self._scattered()
+        return self._reference
+
+    def _scattered(self) -> Any:
+        while True:
+            try:
+                return self._cluster.scatter(self._sent, broadcast=True)
+            except TimeoutError:  # dask waits some seconds for a first worker
+                continue
+            except OSError as error:
+                raise BrokenExecutor("its scheduler does not answer any more") from error
 
 
 def _compared() -> Callable[..., Any]:

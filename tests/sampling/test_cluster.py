@@ -4,14 +4,19 @@ from __future__ import annotations
 
 import logging
 import os
+import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack, contextmanager
 from functools import partial
 from importlib.metadata import version
 from operator import attrgetter
 from pathlib import Path
+from socket import socket
+from threading import Thread
+from time import sleep
 from typing import Any
 
 import pytest
@@ -22,8 +27,10 @@ from imapper_prob.clips.load import write_clip
 from imapper_prob.config import SampleSettings
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.scenelet import Library
+from imapper_prob.samplers.checkpoint import Snapshot, run_resumable_chains
 from imapper_prob.sampling.cluster import Cluster, SameProgram, connected, executor_of
 from imapper_prob.scenelets.library import load_library, save_library
+from tests.samplers import kept
 
 distributed = pytest.importorskip(
     "distributed", reason="dask's distributed is not installed: install the extra `cluster`"
@@ -149,17 +156,96 @@ def test_a_task_of_the_same_version_is_run() -> None:
 
 
 def test_what_is_sent_ahead_waits_for_a_first_worker() -> None:
-    answers = iter([TimeoutError("No valid workers found"), TimeoutError(), "sent"])
+    nobody: Any = Answering(TimeoutError("No valid workers found"), TimeoutError(), "sent")
+    SameProgram(nobody, nobody).scatter("data")
+    assert nobody.answers == []
 
-    class Nobody(Workers):
-        def scatter(self, data: object, *, broadcast: bool) -> object:
-            answer = next(answers)
-            if isinstance(answer, TimeoutError):
-                raise answer
-            return answer
 
-    nobody: Any = Nobody()
-    assert SameProgram(nobody, nobody).scatter("data").reference == "sent"
+class Answering(Workers):
+    """A cluster that answers what it is told to when data are sent ahead."""
+
+    def __init__(self, *answers: object) -> None:
+        super().__init__()
+        self.answers = list(answers)
+
+    def scatter(self, data: object, *, broadcast: bool) -> object:
+        answer = self.answers.pop(0)
+        if isinstance(answer, Exception):
+            raise answer
+        return answer
+
+    def get_executor(self) -> ThreadPoolExecutor:
+        return ThreadPoolExecutor(1)
+
+
+def test_a_scheduler_that_is_lost_for_good_is_said_plainly() -> None:
+    lost: Any = Answering(OSError("Timed out trying to connect"))
+    with pytest.raises(InputError, match=r"^the scheduler of the cluster was lost or has ended"):
+        done(lost, sorted, [2, 3])
+
+
+@contextmanager
+def running(*command: str) -> Iterator[subprocess.Popen[bytes]]:
+    """A process of dask, which is killed at the end."""
+    with subprocess.Popen(
+        [sys.executable, "-m", f"distributed.cli.dask_{command[0]}", *command[1:]],
+        stderr=subprocess.DEVNULL,
+    ) as process:
+        try:
+            yield process
+        finally:
+            process.kill()
+
+
+@pytest.mark.slow
+def test_chains_go_on_after_their_scheduler_was_restarted(tmp_path: Path) -> None:
+    with socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    address = f"tcp://127.0.0.1:{port}"
+    begin = partial(
+        running, "scheduler", "--host", "127.0.0.1", "--port", str(port), "--no-dashboard"
+    )
+    # A worker without a nanny ends with its scheduler.
+    work = partial(running, "worker", address, "--no-nanny", "--nthreads", "1", "--no-dashboard")
+
+    def sampled(executor: SameProgram | None) -> list[Snapshot]:
+        return run_resumable_chains(
+            kept.tempered,
+            kept.ROUNDS if executor is None else executor.scatter(kept.ROUNDS),
+            kept.STARTS,
+            seed=11,
+            folder=tmp_path / ("here" if executor is None else "there"),
+            identity=kept.IDENTITY,
+            every_seconds=0.05,
+            executor=executor,
+        )
+
+    with ExitStack() as later:
+
+        def restart() -> None:
+            checkpoints = tmp_path / "there"
+            while not list(checkpoints.glob("chain-*.npz")):
+                sleep(0.02)
+            first.kill()
+            first.wait()
+            later.enter_context(begin())
+            later.enter_context(work())
+
+        with (
+            begin() as first,
+            work(),
+            connected(address) as client,
+            executor_of(client) as executor,
+        ):
+            assert executor is not None
+            again = Thread(target=restart)
+            again.start()
+            found = sampled(executor)
+            again.join()
+        assert first.returncode == -signal.SIGKILL
+    for one, other in zip(found, sampled(None), strict=True):
+        assert kept.same(one, other)
 
 
 def test_a_scheduler_without_workers_is_spoken_of(
