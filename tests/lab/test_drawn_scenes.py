@@ -6,6 +6,7 @@ from dataclasses import replace
 from functools import cache
 
 import numpy as np
+import pytest
 
 from imapper_prob.models.skeleton import SCORED
 from imapper_prob.scenelets.library import built_in_library
@@ -22,6 +23,7 @@ def experiment() -> Experiment:
     return short_clip(built_in_library(), every=4, frames=FRAMES)
 
 
+@pytest.mark.slow
 def test_every_joint_of_every_frame_has_a_rank() -> None:
     ranks, again = (region_ranks(experiment(), 5, BRIEF) for _ in range(2))
     assert len(ranks["pelvis"]) == FRAMES

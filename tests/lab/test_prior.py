@@ -93,6 +93,7 @@ def all_layouts(problem: Problem, first: int = 0) -> dict[tuple[tuple[int, int],
     return result
 
 
+@pytest.mark.slow
 def test_every_layout_comes_as_often_as_it_should() -> None:
     settings = ModelSettings(likelihood=0.0, scenelet_rate=0.5)
     mixed = worlds.mixed_library()
@@ -128,6 +129,7 @@ def wrapped_cauchy(angles: Sequence[float], scale: float) -> np.ndarray:
     return 0.5 + np.arctan(np.tan(np.array(angles) / 2) / np.tanh(scale / 2)) / np.pi
 
 
+@pytest.mark.slow
 def test_parts_of_the_prior_have_their_distributions() -> None:
     """By Kolmogorov and Smirnov; of seventeen tests one is below 10^-4 once in 600 times."""
     problem, draws = bare_prior(), bare_draws()

@@ -136,6 +136,7 @@ def test_poses_keep_their_distance_and_have_mirror_images(poses: Array) -> None:
     np.testing.assert_allclose(poses[:half, RHIP, 0], -poses[half:, LHIP, 0])
 
 
+@pytest.mark.slow
 @pytest.mark.corpus
 def test_nearly_as_good_as_a_lifter_on_the_benchmark() -> None:
     folder = CORPUS / "Scene13"

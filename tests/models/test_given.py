@@ -354,6 +354,7 @@ def test_answers_to_a_question_add_up_to_one() -> None:
         assert sum(both) == pytest.approx(1.0)
 
 
+@pytest.mark.slow
 def test_depths_and_points_integrate_to_one() -> None:
     near, far = np.linspace(2.0, 7.0, 60), np.linspace(2.0, 8.5, 60)
 

@@ -89,6 +89,7 @@ def test_moves_leave_a_normal_target_alone(kind, n_dimensions):
     assert 0.1 < move.rate < 0.7
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("wrong", [SnookerWithoutJacobian(5), emcee.moves.DESnookerMove()])
 def test_the_same_test_fails_a_wrong_move(wrong):
     # The second is the reason why there is a snooker move of our own.

@@ -136,10 +136,15 @@ def of_intervals(moves, weights, *, kind=Mixture) -> float:
             (of_polynomials, (polynomials.Birth(), polynomials.Death())),
             (of_polynomials, (polynomials.Walk(),)),
             (of_needles, (needles.Birth(), needles.Death())),
-            (of_needles, (needles.Turn(),)),
-            (of_needles, (needles.Squeeze(),)),
             (of_intervals, (intervals.Birth(), intervals.Death())),
-            (of_intervals, (intervals.Swap(),)),
+        )
+    ]
+    + [
+        pytest.param(test, (move,), id=f"{test.__name__[3:]}: {move.name}", marks=pytest.mark.slow)
+        for test, move in (
+            (of_needles, needles.Turn()),
+            (of_needles, needles.Squeeze()),
+            (of_intervals, intervals.Swap()),
         )
     ],
 )

@@ -64,6 +64,7 @@ def test_one_is_replaced_by_several_at_once(problem, moves, monkeypatch, number)
     assert log_posterior(problem, end) > log_posterior(problem, alone)
 
 
+@pytest.mark.slow
 def test_starts_far_apart_arrive_at_scenes_as_good(problem, moves):
     starts = [empty_state(problem), *(scenes.random_state(problem, seed) for seed in range(8))]
     before = [log_posterior(problem, state) for state in starts]

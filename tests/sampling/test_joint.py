@@ -174,12 +174,10 @@ def only(
     return change
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name",
-    [
-        "camera-adapted",
-        *(pytest.param(n, marks=pytest.mark.slow) for n in ("shift", "exchange", "camera-carry")),
-    ],
+    ["camera-adapted", "shift", "exchange", "camera-carry"],
 )
 def test_a_move_by_itself_leaves_scene_and_data(name: str) -> None:
     """With so many scenelets that some have no gap to the next."""
@@ -225,7 +223,7 @@ def two_rungs(n_pairs: int, *, off: float = 0.0) -> dict[str, float]:
 
 
 @pytest.mark.parametrize("off", [0.0, pytest.param(4.0, marks=pytest.mark.slow)])
-@pytest.mark.parametrize("name", ["scene-redraw", "redraw"])
+@pytest.mark.parametrize("name", ["scene-redraw", pytest.param("redraw", marks=pytest.mark.slow)])
 def test_draws_of_the_reference_leave_scene_and_data(name: str, off: float) -> None:
     """Unless what is drawn is not as dense as is said, here by a factor a scenelet."""
     given = poor_data(rate=0.3)
@@ -239,7 +237,8 @@ def test_draws_of_the_reference_leave_scene_and_data(name: str, off: float) -> N
     assert (largest(found) > LIMIT) == (off > 0), found
 
 
-@pytest.mark.parametrize("off", [0.0, pytest.param(2.0, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("off", [0.0, 2.0])
 def test_exchanges_with_the_reference_leave_scene_and_data(off: float) -> None:
     """Unless its density is not that of its draws: here by a factor a scenelet."""
     found = two_rungs(500, off=off)

@@ -92,6 +92,7 @@ def test_kinds_are_in_proportion(library: Library) -> None:
     assert len(doing(library, "lie")) / n == pytest.approx(0.02, abs=0.005)
 
 
+@pytest.mark.slow
 def test_the_same_library_comes_out_twice_and_soon(library: Library) -> None:
     start = time.process_time()
     again = build_library(0)

@@ -73,6 +73,7 @@ def distance(prior: CameraPrior, truth: np.ndarray) -> float:
     return float(error @ np.linalg.solve(prior.covariance, error))
 
 
+@pytest.mark.slow
 def test_is_calibrated_over_cameras_drawn_from_the_prior() -> None:
     """300 worlds: the mean distance is known to sqrt(10 / 300) = .18, coverage to .017."""
     rng, constants = np.random.default_rng(0), CONSTANTS
