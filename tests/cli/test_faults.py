@@ -28,7 +28,7 @@ from imapper_prob.results.posterior import Posterior
 from imapper_prob.sampling import ensembles
 from imapper_prob.sampling.sample import sample_scenes
 from imapper_prob.scenelets.library import load_library, save_library
-from tests.runs import SHORT, posterior, small_posterior, small_solution
+from tests.runs import SHORT, half_library, posterior, small_posterior, small_solution
 
 TINY = "[sample]\nsteps = 60\ndraws = 5\ntemperatures = 2\nchains = 2\nensemble_steps = 2\n"
 HOSTILE = "a[/red]\x1b[31m$\\frac{$\n<script>\udce8"
@@ -167,7 +167,10 @@ def test_an_interrupted_run_is_written_and_says_so(
         return replace(run, samples=samples)
 
     monkeypatch.setattr(imapper_prob, "sample", sample)
-    arguments = ["demo", "-o", str(out), "--workers", "1"]
+    write_clip(tmp_path / "clip.npz", demo_clip())
+    save_library(half_library(), tmp_path / "half.npz")
+    arguments = ["run", str(tmp_path / "clip.npz"), "--library", str(tmp_path / "half.npz")]
+    arguments += ["-o", str(out), "--workers", "1"]
     assert main(arguments) == 130
     assert "the same command goes on" in capsys.readouterr().err
     assert (out / "checkpoints" / "chain-0.npz").exists()
