@@ -46,10 +46,11 @@ class SampleSettings:
     steps : int
         Steps of each chain at each temperature. Burn-in and spacing of draws are relative to it.
     temperatures : int
-        Number of tempered copies of each chain that exchange their states. They reach from a learnt
-        reference distribution of scenes, sampled independently, to the posterior; draws are kept
-        from the last copy only. 1 means no tempering. The best number is twice the communication
-        barrier plus one (Syed et al. 2022); barriers of long runs on public scenes are 2 to 3.
+        Largest number of tempered copies of each chain that exchange their states. They reach from
+        a learnt reference distribution of scenes, sampled independently, to the posterior; draws
+        are kept from the last copy only. 1 means no tempering. Late in the burn-in, copies in
+        excess of twice the communication barrier plus one are dropped (Syed et al. 2022). Barriers
+        of public scenes are about 2 to 5.
     swap_every : int
         Steps between two rounds of exchanges; draws are kept after a round.
     burn_in : float

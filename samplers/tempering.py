@@ -47,10 +47,12 @@ __all__ = [
     "TemperingInfo",
     "TemperingState",
     "Walker",
+    "best_rungs",
     "power_ladder",
     "respaced",
     "start",
     "temper",
+    "thinned",
 ]
 
 
@@ -132,8 +134,67 @@ class LadderSummary(NamedTuple):
 
     @property
     def barrier(self) -> float:
-        """Sum of the rejection rates (Syed); about 2 barrier + 1 rungs are optimal."""
+        """Sum of the rejection rates (Syed)."""
         return float(sum(1 - rate for rate in self.swap_rates))
+
+
+def best_rungs(barrier: float) -> int:
+    """Number of rungs with the most round trips for the same work, about 2 barrier + 1 (Syed).
+
+    Parameters
+    ----------
+    barrier : float
+        Finite.
+
+    Returns
+    -------
+    int
+        At least 2.
+
+    Examples
+    --------
+    >>> best_rungs(1.9)
+    5
+    """
+    return max(2, round(2 * barrier) + 1)
+
+
+def thinned(position: TemperingState[S], rungs: int) -> TemperingState[S]:
+    """A ladder with fewer rungs between the same ends; the others are dropped.
+
+    Between the new rungs are equal numbers of old gaps, in fractions, so that equal swap rates
+    remain about equal. Each rung keeps the state of the nearest old one, whose log density is that
+    of the new inverse temperature.
+
+    Parameters
+    ----------
+    position : TemperingState
+    rungs : int
+        From 2 to the present number.
+
+    Returns
+    -------
+    TemperingState
+    """
+    old = len(position.betas)
+    if not 2 <= rungs <= old:
+        raise ValueError(f"a ladder of {old} rungs cannot have {rungs}")
+    places = np.linspace(0, old - 1, rungs)
+    kept = [round(place) for place in places.tolist()]
+    inner = np.interp(places, np.arange(old), np.asarray(position.betas) ** _SCALE) ** (1 / _SCALE)
+    betas = (position.betas[0], *inner[1:-1].tolist(), position.betas[-1])
+    likelihoods = tuple(position.log_likelihoods[k] for k in kept)
+    return position._replace(
+        betas=betas,
+        chains=tuple(
+            position.chains[k]._replace(
+                log_density=position.chains[k].log_density + (beta - position.betas[k]) * likelihood
+            )
+            for k, beta, likelihood in zip(kept, betas, likelihoods, strict=True)
+        ),
+        log_likelihoods=likelihoods,
+        replicas=tuple(range(rungs)),
+    )
 
 
 @dataclass(frozen=True)

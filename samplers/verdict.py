@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from imapper_prob.samplers.diagnostics import LayoutProbabilities, ess, rhat
-from imapper_prob.samplers.tempering import LadderSummary
+from imapper_prob.samplers.tempering import LadderSummary, best_rungs
 
 __all__ = ["Measures", "Verdict", "judge", "measure", "rounded_up"]
 
@@ -244,7 +244,7 @@ def _tempering(ladders: Sequence[LadderSummary]) -> str:
     if trips >= len(ladders):
         return f" Tempering made {counted}."
     now = max(len(ladder.betas) for ladder in ladders)
-    best = max(math.ceil(2 * ladder.barrier) + 1 for ladder in ladders)
+    best = max(best_rungs(ladder.barrier) for ladder in ladders)
     advice = f"{best} temperatures in place of {now}" if best > now else "more rounds"
     return f" Tempering made only {counted}: try {advice}."
 

@@ -74,9 +74,9 @@ def show_energy(folder: Path) -> None:
 # ------------------------------------------------------------------------------------------------
 # ``demo``, ``run`` and ``info``.
 
-_DEMO_STEPS = 30_000
-"""Steps of a demo chain at each temperature; probabilities then converge, in two to three minutes
-on two cores."""
+_DEMO = SampleSettings(steps=22_000, temperatures=5)
+"""Settings of the demo. The barrier of its chains is 2.0, so 5 temperatures are best; with these
+steps probabilities converge, in one to two minutes on two cores."""
 _STEPS = SampleSettings().steps
 
 
@@ -181,7 +181,7 @@ def _sampling_options() -> argparse.ArgumentParser:
         type=int,
         metavar="N",
         help="steps of each chain at each temperature; more than a finished run in DIR has: go on "
-        f"(default: {_STEPS}, of demo {_DEMO_STEPS})",
+        f"(default: {_STEPS}, of demo {_DEMO.steps})",
     )
     sampling.add_argument(
         "--minutes",
@@ -222,15 +222,14 @@ def _sampling_options() -> argparse.ArgumentParser:
 
 
 def _config(
-    options: argparse.Namespace, base: Config | None = None, *, steps: int | None = None
+    options: argparse.Namespace, base: Config | None = None, *, own: SampleSettings | None = None
 ) -> Config:
-    """Settings: the defaults or ``base``, then the file, then the command line."""
-    config = base or Config()
+    """Settings: ``base``, or the defaults with the command's ``own``; then the file and options."""
+    config = base or Config(sample=own or SampleSettings())
     if options.config is not None:
         config = read_config(options.config)
-    steps = options.steps if options.steps is not None else steps
-    if steps is not None and base is None:
-        asked = replace(config.sample, steps=steps, draws=1, last_step=0)
+    if options.steps is not None and base is None:
+        asked = replace(config.sample, steps=options.steps, draws=1, last_step=0)
         kept = min(config.sample.draws, asked.most_draws)
         config = replace(config, sample=replace(asked, draws=kept))
     if options.seed is not None:
@@ -245,7 +244,7 @@ def _config(
 def _demo(options: argparse.Namespace) -> None:
     from imapper_prob.api import demo_clip
 
-    _begun_or_gone_on_with(options, demo_clip, steps=_DEMO_STEPS)
+    _begun_or_gone_on_with(options, demo_clip, own=_DEMO)
 
 
 def _run(options: argparse.Namespace) -> None:
@@ -270,7 +269,7 @@ def _begun_or_gone_on_with(
     options: argparse.Namespace,
     read_clip: Callable[[], Clip],
     *,
-    steps: int | None = None,
+    own: SampleSettings | None = None,
     video: Path | None = None,
 ) -> None:
     """Sample a clip into a folder, or continue the run that exists there."""
@@ -289,7 +288,7 @@ def _begun_or_gone_on_with(
     with run_folder(folder, overwrite=options.overwrite, goes_on=True):
         earlier = None if options.overwrite else earlier_run(folder)
         if earlier is None:
-            config = _config(options, steps=steps)
+            config = _config(options, own=own)
         else:
             asked = _config(options, earlier.config)
             config = config_to_go_on(earlier, asked, steps=options.steps, limits=limits)

@@ -19,10 +19,13 @@ from imapper_prob.samplers.reversible_jump import AcceptanceTable, ChainState
 from imapper_prob.samplers.tempering import (
     LadderSummary,
     Parts,
+    SwapTable,
     TemperingState,
+    best_rungs,
     power_ladder,
     start,
     temper,
+    thinned,
 )
 from imapper_prob.sampling.actors import JointProblem
 from imapper_prob.sampling.ascent import climb
@@ -42,7 +45,10 @@ from imapper_prob.sampling.schedule import (
 from imapper_prob.sampling.steps import MOVES, Moves, Walker, parts_of, scene_moves
 from imapper_prob.sampling.visits import Visits, camera_shape
 
-__all__ = ["Chain", "Setup", "Tempered", "learnt_from", "run_chain", "starts_of", "tempered"]
+__all__ = [
+    "Chain", "Setup", "Tempered", "learnt_from", "run_chain", "starts_of", "temperatures_of",
+    "tempered",
+]  # fmt: skip
 
 
 # ------------------------------------------------------------------------------------------------
@@ -108,6 +114,9 @@ class Setup:
         available. A chain learns further references from its own visits.
     learnt : Tempered, optional
         What is learnt from ``known``, see :func:`learnt_from`. A chain learns it if not given.
+    temperatures : int, optional
+        Number of temperatures with the last reference, see :func:`temperatures_of`. A chain takes
+        its own if not given.
     """
 
     problem: Problem
@@ -117,6 +126,7 @@ class Setup:
     staged: tuple[State, ...]
     known: tuple[tuple[Visits, ...], ...] = ()
     learnt: Tempered | None = None
+    temperatures: int | None = None
 
 
 @dataclass(frozen=True)
@@ -207,12 +217,17 @@ def run_chain(
         if learnt is None or now in learning.ends:
             learnt = _of_noted(setup, done.visits[:-1])
         if now in learning.ends:
+            if now and now == learning.ends[-1]:
+                _thin_ladder(done, setup.temperatures or temperatures_of(settings, [done.barrier]))
             done.position = _anew(done.position, learnt)
+        if now in (*learning.ends, burn_in):
+            done.count_anew()
         stops = (*learning.ends, burn_in, settings.rounds, end)
         last = min(next(stop for stop in stops if now < stop), end)
         _advance(done, learnt, settings, crossover, rounds=min(piece_of(settings), last - now))
         if done.position.rounds in learning.ends:
             done.visits.append(Visits())
+            done.barrier = done.table.summary().barrier
         finished = report(done.position.rounds / end)
         if keeper is not None:
             keeper.offer(done.snapshot)
@@ -281,8 +296,7 @@ def _advance(
     )
     for at in islice(swaps, rounds):
         coldest = at.position.chains[-1]
-        if not adapt:
-            done.record(at)
+        done.record(at, fixed=not adapt)
         if keep.has(done.position.rounds):
             done.states.append(coldest.state)
             done.values.append(coldest.log_density)
@@ -301,13 +315,15 @@ def _result(done: ChainProgress, *, finished: bool) -> Chain:
     states, values = done.states, done.values
     if not states:
         states, values = [coldest.state], [coldest.log_density]
+    # Swaps at fixed temperatures are counted with the moves.
+    table = done.table if done.acceptance.proposed else SwapTable.empty(done.position.betas)
     # Without a trace it was stopped before the first value of it was due.
     return Chain(
         tuple(states),
         np.array(values),
         np.array(done.trace or [coldest.log_density]),
         done.acceptance,
-        done.table.summary(),
+        table.summary(),
         finished,
         done,
     )
@@ -421,6 +437,31 @@ def _of_noted(setup: Setup, noted: Sequence[Visits]) -> Tempered:
         return setup.learnt
     own = tuple((visits,) for visits in noted[len(setup.known) :])
     return learnt_from(replace(setup, known=(*setup.known, *own)[: len(noted)]))
+
+
+def temperatures_of(settings: SampleSettings, barriers: Sequence[float]) -> int:
+    """Number of temperatures with the last reference, from the chains' barriers before it.
+
+    The same for all chains, and not more than the settings'.
+
+    Parameters
+    ----------
+    settings : SampleSettings
+    barriers : sequence of float
+        Of each chain.
+
+    Returns
+    -------
+    int
+    """
+    return min(settings.temperatures, best_rungs(float(np.mean(barriers))))
+
+
+def _thin_ladder(done: ChainProgress, temperatures: int) -> None:
+    """Drop temperatures in excess of ``temperatures``, with their generators."""
+    if temperatures < len(done.position.betas):
+        done.position = thinned(done.position, temperatures)
+        done.rngs = [*done.rngs[:temperatures], done.rngs[-1]]
 
 
 def _anew(position: TemperingState[State], learnt: Tempered) -> TemperingState[State]:

@@ -53,7 +53,7 @@ class ChainProgress:
     position : Position
         State at each temperature.
     table : SwapTable
-        Swaps since the temperatures were fixed.
+        Swaps since the temperatures were fixed; during burn-in, since the last reference.
     states, values : list
         Kept draws and their log-posteriors, nats.
     trace : list of float
@@ -62,6 +62,9 @@ class ChainProgress:
         Acceptance at the posterior since the temperatures were fixed.
     visits : list of Visits
         Visits for each reference; the last ones are still being recorded.
+    barrier : float
+        Communication barrier (Syed et al. 2022) before the last reference that was learnt; 0 if
+        unknown.
     """
 
     rngs: list[np.random.Generator]
@@ -72,6 +75,7 @@ class ChainProgress:
     trace: list[float] = field(default_factory=list)
     acceptance: AcceptanceTable = field(default_factory=AcceptanceTable)
     visits: list[Visits] = field(default_factory=lambda: [Visits()])
+    barrier: float = 0.0
 
     @classmethod
     def begin(
@@ -91,18 +95,22 @@ class ChainProgress:
         """
         return cls(list(rngs), position, SwapTable.empty(position.betas))
 
-    def record(self, at: TemperingInfo[State]) -> None:
-        """Count a round at fixed temperatures.
+    def record(self, at: TemperingInfo[State], *, fixed: bool) -> None:
+        """Count a round; its moves only if the temperatures are fixed.
 
         Parameters
         ----------
         at : TemperingInfo
+        fixed : bool
         """
-        if self.table.rounds == 0:
-            self.table = SwapTable.empty(at.position.betas)
         self.table = self.table.recorded(at.swap_acceptance, at.position.replicas)
-        for info in (*at.steps[-1], *at.crossovers):
-            self.acceptance.record(info)
+        if fixed:
+            for info in (*at.steps[-1], *at.crossovers):
+                self.acceptance.record(info)
+
+    def count_anew(self) -> None:
+        """Drop the counts of swaps."""
+        self.table = SwapTable.empty(self.position.betas)
 
     def thin(self, most: int) -> None:
         """Drop every second draw, or trace value, if there are more than ``most``.
@@ -142,6 +150,7 @@ class ChainProgress:
                 "table": dataclasses.asdict(self.table),
                 "proposed": dict(self.acceptance.proposed),
                 "accepted": dict(self.acceptance.accepted),
+                "barrier": self.barrier,
             },
         )
 
@@ -178,6 +187,7 @@ class ChainProgress:
             trace=arrays["trace"].tolist(),
             acceptance=AcceptanceTable(Counter(values["proposed"]), Counter(values["accepted"])),
             visits=[Visits.of(item) for item in unpack("visits", arrays)],
+            barrier=values["barrier"],
         )
 
     def check(self, problem: Problem, settings: SampleSettings) -> None:
@@ -194,21 +204,22 @@ class ChainProgress:
             The message says what is wrong.
         """
         position, table = self.position, self.table
-        rungs, gaps = settings.temperatures, settings.temperatures - 1
-        now = position.rounds
+        rungs, now = len(position.betas), position.rounds
         if not _is_count(now):
             raise InputError("rounds are of no chain of this run")
         numbers = [chain.log_density for chain in position.chains]
         numbers += [*position.log_likelihoods, *self.values, *self.trace, *table.swaps]
+        numbers.append(self.barrier)
         for what, holds in {
             "generators": len(self.rngs) == rungs + 1,
-            "rungs": len(position.chains) == len(position.log_likelihoods) == rungs,
+            "rungs": len(position.chains) == len(position.log_likelihoods) == rungs
+            and min(2, settings.temperatures) <= rungs <= settings.temperatures,
             "replicas": sorted(position.replicas) == list(range(rungs)),
             "temperatures": all(_ascends(betas, rungs) for betas in (position.betas, table.betas)),
             "numbers": all(isinstance(x, float) and abs(x) < _LARGEST for x in numbers),
             "draws": len(self.states) == len(self.values) == draws_of(settings).kept(now),
             "trace": len(self.trace) == trace_of(settings).kept(now),
-            "swaps": len(table.swaps) == gaps and isinstance(table.rounds, int)
+            "swaps": len(table.swaps) == rungs - 1 and isinstance(table.rounds, int)
             and 0 <= table.rounds <= now,
             "ends": len(table.last_end) == rungs and {*table.last_end} <= {-1, 0, 1},
             "crossings": len(table.crossings) == rungs

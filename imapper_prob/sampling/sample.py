@@ -34,7 +34,14 @@ from imapper_prob.samplers.tempering import LadderSummary
 from imapper_prob.samplers.verdict import Measures, Verdict, judge, measure
 from imapper_prob.sampling.actors import JointProblem, join_actors
 from imapper_prob.sampling.blocks import Block, Clock, Limits, OnBlock
-from imapper_prob.sampling.chain import Chain, Setup, learnt_from, run_chain, starts_of
+from imapper_prob.sampling.chain import (
+    Chain,
+    Setup,
+    learnt_from,
+    run_chain,
+    starts_of,
+    temperatures_of,
+)
 from imapper_prob.sampling.checkpoints import ChainProgress, identity_of, rounds_done
 from imapper_prob.sampling.cluster import Cluster, SameProgram, executor_of
 from imapper_prob.sampling.ensembles import Walked, walk_draws
@@ -278,6 +285,9 @@ class _ChainRun:
                 at = [chain.progress for chain in chains]
                 noted = tuple(chain.progress.visits[len(setup.known)] for chain in chains)
                 setup = replace(setup, known=(*setup.known, noted), learnt=None)
+            if stop and marks[-1:] == (stop,):
+                barriers = [chain.progress.barrier for chain in chains]
+                setup = replace(setup, temperatures=temperatures_of(setup.settings, barriers))
         return chains
 
     def _all_to(

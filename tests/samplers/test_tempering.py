@@ -16,9 +16,11 @@ from imapper_prob.samplers.tempering import (
     Parts,
     SwapTable,
     Tempered,
+    best_rungs,
     power_ladder,
     start,
     temper,
+    thinned,
 )
 from tests.samplers import islands
 from tests.samplers.frequencies import chi_square
@@ -179,6 +181,33 @@ def test_the_ladder_adapts_to_equal_swap_rates():
     assert np.ptp(gaussian_rates(position.betas)) < 0.06
     assert position.betas[0] == 0
     assert position.betas[-1] == 1
+
+
+def test_a_ladder_with_fewer_rungs_swaps_about_evenly():
+    _, position = adapted(9, seed=1, rounds=1_000)
+    fewer = thinned(position, 5)
+    assert np.ptp(gaussian_rates(fewer.betas)) < 0.1
+    for chain, beta, value in zip(fewer.chains, fewer.betas, fewer.log_likelihoods, strict=True):
+        parts = gaussian(chain.state)
+        assert value == parts.log_likelihood
+        assert chain.log_density == pytest.approx(parts.at(beta))
+    assert fewer.chains[0].state is position.chains[0].state
+    assert fewer.chains[-1].state is position.chains[-1].state
+    assert thinned(position, 9).betas == pytest.approx(position.betas)
+    for rungs in (1, 10):
+        with pytest.raises(ValueError, match=f"9 rungs cannot have {rungs}"):
+            thinned(position, rungs)
+
+
+@pytest.mark.parametrize("barrier", [1.0, 2.0, 3.5, 5.0])
+def test_the_best_number_of_rungs_makes_most_round_trips_for_the_same_work(barrier):
+    def trips(rungs: int) -> float:
+        """Round trips by round and rung (Syed et al. 2022, theorem 1), with equal rejections."""
+        rejected = barrier / (rungs - 1)
+        return 1 / (2 + 2 * (rungs - 1) * rejected / (1 - rejected)) / rungs
+
+    possible = range(math.floor(barrier) + 2, 30)
+    assert trips(best_rungs(barrier)) > 0.97 * max(map(trips, possible))
 
 
 def test_counted_swap_rates_are_the_known_ones():

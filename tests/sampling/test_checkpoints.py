@@ -25,7 +25,7 @@ from imapper_prob.sampling.sample import sample_scenes, setup_of
 from imapper_prob.scenelets.library import load_library, save_library
 from tests.runs import small_solution
 
-SETTINGS = SampleSettings(steps=600, draws=40, temperatures=3, ensemble_steps=4, chains=2)
+SETTINGS = SampleSettings(steps=600, draws=40, temperatures=8, ensemble_steps=4, chains=2)
 
 
 @pytest.fixture(scope="module")
@@ -58,8 +58,8 @@ def assert_same(one: Chain, other: Chain) -> None:
             np.testing.assert_array_equal(getattr(a, name), getattr(b, name))
 
 
-# While the temperatures adapt, in the last round of that, and after it.
-@pytest.mark.parametrize("stop_at", [0.2, 0.4, 0.7])
+# While the temperatures adapt, after some were dropped, in the last round of that, and after it.
+@pytest.mark.parametrize("stop_at", [0.2, 0.35, 0.4, 0.7])
 def test_an_interrupted_chain_goes_on_to_the_same_draws(
     setup: Setup, undisturbed: Chain, tmp_path: Path, stop_at: float
 ) -> None:
@@ -72,12 +72,26 @@ def test_an_interrupted_chain_goes_on_to_the_same_draws(
     assert_same(run(setup, tmp_path / "chain.npz"), undisturbed)
 
 
+def test_temperatures_in_excess_are_dropped(undisturbed: Chain) -> None:
+    barrier = undisturbed.progress.barrier
+    assert 1.0 < barrier < 3.0
+    assert len(undisturbed.ladder.betas) == round(2 * barrier) + 1 < SETTINGS.temperatures
+
+
+def test_all_chains_have_as_many_temperatures() -> None:
+    samples = sample_scenes(small_solution(), SETTINGS, seed=np.random.SeedSequence(1))
+    counts = {len(ladder.betas) for ladder in samples.ladders}
+    assert len(counts) == 1
+    assert counts < set(range(2, SETTINGS.temperatures))
+
+
 def test_progress_survives_its_snapshot() -> None:
     first, other = small_solution().states[0], small_solution().states[-1]
     position = start([first, other], target=lambda _: Parts(0.0, -2.0), betas=(0.5, 1.0))
     progress = ChainProgress.begin(np.random.default_rng(3).spawn(3), position)
     progress.states.append(other)
     progress.values.append(-1.5)
+    progress.barrier = 1.25
     again = ChainProgress.of(progress.snapshot())
     assert again.position.betas == (0.5, 1.0)
     assert again.position.log_likelihoods == (-2.0, -2.0)
@@ -87,6 +101,7 @@ def test_progress_survives_its_snapshot() -> None:
     np.testing.assert_array_equal(again.states[0].items, other.items)
     assert again.values == [-1.5]
     assert again.table == progress.table
+    assert again.barrier == 1.25
 
 
 def test_checkpoints_of_another_run_are_refused(tmp_path: Path) -> None:
