@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from imapper_prob.samplers.diagnostics import LayoutProbabilities, ess, rhat
-from imapper_prob.samplers.tempering import LadderSummary, best_rungs
+from imapper_prob.samplers.ladder import LadderSummary, best_rungs
 
 __all__ = ["Measures", "Verdict", "judge", "measure", "rounded_up"]
 

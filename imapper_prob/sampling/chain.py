@@ -15,18 +15,9 @@ from imapper_prob.models.log_posterior import State, empty_state
 from imapper_prob.models.problem import Problem
 from imapper_prob.samplers.chains import Report
 from imapper_prob.samplers.checkpoint import Checkpointer, CheckpointError
+from imapper_prob.samplers.ladder import LadderSummary, SwapTable, best_rungs, power_ladder
 from imapper_prob.samplers.reversible_jump import AcceptanceTable, ChainState
-from imapper_prob.samplers.tempering import (
-    LadderSummary,
-    Parts,
-    SwapTable,
-    TemperingState,
-    best_rungs,
-    power_ladder,
-    start,
-    temper,
-    thinned,
-)
+from imapper_prob.samplers.tempering import Parts, TemperingState, start, temper, thinned
 from imapper_prob.sampling.actors import JointProblem
 from imapper_prob.sampling.ascent import climb
 from imapper_prob.sampling.checkpoints import ChainProgress

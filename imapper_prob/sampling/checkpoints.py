@@ -28,8 +28,9 @@ from imapper_prob.samplers.checkpoint import (
     unpack,
     unpack_rng,
 )
+from imapper_prob.samplers.ladder import SwapTable
 from imapper_prob.samplers.reversible_jump import AcceptanceTable, ChainState
-from imapper_prob.samplers.tempering import SwapTable, TemperingInfo, TemperingState
+from imapper_prob.samplers.tempering import TemperingInfo, TemperingState
 from imapper_prob.sampling.schedule import draws_of, trace_of
 from imapper_prob.sampling.visits import Visits
 

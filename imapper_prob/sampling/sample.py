@@ -29,8 +29,8 @@ from imapper_prob.samplers.diagnostics import (
     ShortChainWarning,
     layout_probabilities,
 )
+from imapper_prob.samplers.ladder import LadderSummary
 from imapper_prob.samplers.reversible_jump import AcceptanceTable
-from imapper_prob.samplers.tempering import LadderSummary
 from imapper_prob.samplers.verdict import Measures, Verdict, judge, measure
 from imapper_prob.sampling.actors import JointProblem, join_actors
 from imapper_prob.sampling.blocks import Block, Clock, Limits, OnBlock

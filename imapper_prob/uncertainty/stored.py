@@ -39,8 +39,8 @@ from imapper_prob.models.scenelet import Library
 from imapper_prob.models.text import brief
 from imapper_prob.models.valid import check_problem, check_state
 from imapper_prob.samplers.diagnostics import LayoutProbabilities
+from imapper_prob.samplers.ladder import LadderSummary
 from imapper_prob.samplers.reversible_jump import AcceptanceTable
-from imapper_prob.samplers.tempering import LadderSummary
 from imapper_prob.samplers.verdict import Verdict
 from imapper_prob.sampling.ensembles import QUANTITIES, Walked
 from imapper_prob.sampling.sample import Samples

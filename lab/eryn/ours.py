@@ -17,8 +17,9 @@ from numpy.typing import NDArray
 
 from imapper_prob.config import SampleSettings
 from imapper_prob.models.log_posterior import State, empty_state
+from imapper_prob.samplers.ladder import power_ladder
 from imapper_prob.samplers.reversible_jump import Mixture, Proposal, sample
-from imapper_prob.samplers.tempering import power_ladder, start, temper
+from imapper_prob.samplers.tempering import start, temper
 from imapper_prob.sampling.chain import Setup, Tempered, tempered
 from imapper_prob.sampling.crossover import TimeCrossover
 from imapper_prob.sampling.sample import setup_of

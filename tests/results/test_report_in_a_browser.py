@@ -151,7 +151,9 @@ def test_objects_and_cells_say_what_they_are(page: Path, chromium: Browser) -> N
     said = chromium.value(HOVERED.format("map"))
     assert f"there with {cluster.presence:.2f}" in said
     occupancy = posterior().certainty.occupancy
-    x, y = (cluster.mean + 0.3).tolist()
+    near = cluster.mean + 0.3
+    x = float(occupancy.x[np.abs(occupancy.x - near[0]).argmin()])
+    y = float(occupancy.y[np.abs(occupancy.y - near[1]).argmin()])
     chromium.hover(*chromium.value(PLACE.format("map", x, y)))
     assert "something" in chromium.value(HOVERED.format("map"))
     label, share = next(iter(occupancy.at(x, y).items()))

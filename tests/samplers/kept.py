@@ -26,15 +26,9 @@ from imapper_prob.samplers.checkpoint import (
     unpack,
     unpack_rng,
 )
+from imapper_prob.samplers.ladder import SwapTable, power_ladder
 from imapper_prob.samplers.reversible_jump import ChainState, step
-from imapper_prob.samplers.tempering import (
-    KernelWalker,
-    SwapTable,
-    TemperingState,
-    power_ladder,
-    start,
-    temper,
-)
+from imapper_prob.samplers.tempering import KernelWalker, TemperingState, start, temper
 from tests.samplers import polynomials
 
 BETAS = power_ladder(4)

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from imapper_prob.samplers.tempering import SwapTable, power_ladder, respaced
+from imapper_prob.samplers.ladder import SwapTable, power_ladder, respaced
 
 
 def test_a_first_ladder_is_dense_near_the_prior():

@@ -10,18 +10,9 @@ import numpy as np
 import pytest
 
 from imapper_prob.samplers import tempering
+from imapper_prob.samplers.ladder import SwapTable, best_rungs, power_ladder
 from imapper_prob.samplers.reversible_jump import Mixture, Proposal, StepInfo, sample, step
-from imapper_prob.samplers.tempering import (
-    KernelWalker,
-    Parts,
-    SwapTable,
-    Tempered,
-    best_rungs,
-    power_ladder,
-    start,
-    temper,
-    thinned,
-)
+from imapper_prob.samplers.tempering import KernelWalker, Parts, Tempered, start, temper, thinned
 from tests.samplers import islands
 from tests.samplers.frequencies import chi_square
 from tests.samplers.rounds import check_rounds

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from imapper_prob.samplers.diagnostics import ShortChainWarning, layout_probabilities
-from imapper_prob.samplers.tempering import LadderSummary
+from imapper_prob.samplers.ladder import LadderSummary
 from imapper_prob.samplers.verdict import judge, measure
 from tests.samplers.markov import autoregressive, two_states, two_states_error
 
