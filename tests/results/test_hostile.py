@@ -11,6 +11,7 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
+import xarray as xr
 
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.text import readable
@@ -38,10 +39,12 @@ def test_damaged_files_of_a_run_are_read_or_refused(name: str) -> None:
 
 
 @pytest.fixture(scope="module")
-def small_tree(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def small_tree(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, xr.DataTree]:
+    """A posterior in a file, and what is read from it."""
     path = tmp_path_factory.mktemp("small") / "posterior.nc"
     write_tree(path, small_posterior().data)
-    return path
+    with xr.open_datatree(path, engine="h5netcdf") as opened:
+        return path, opened.load()
 
 
 @pytest.mark.parametrize(
@@ -66,14 +69,30 @@ def small_tree(tmp_path_factory: pytest.TempPathFactory) -> Path:
     ],
 )
 def test_numbers_that_compiled_code_would_trust_are_refused(
-    small_tree: Path, tmp_path: Path, variable: str, value: float, words: str
+    small_tree: tuple[Path, xr.DataTree],
+    monkeypatch: pytest.MonkeyPatch,
+    variable: str,
+    value: float,
+    words: str,
 ) -> None:
-    shutil.copy(small_tree, tmp_path)
-    with h5py.File(tmp_path / "posterior.nc", "r+") as file:
-        values = file[variable][()]
-        values.reshape(-1)[0] = value
-        file[variable][...] = values
+    path, tree = small_tree
+    changed = tree.copy()
+    array = changed[variable]
+    values = array.values.copy()
+    values.reshape(-1)[0] = value
+    changed[variable] = array.copy(data=values)
+    monkeypatch.setattr(xr, "open_datatree", lambda *_, **__: changed)
     with pytest.raises(InputError, match=words):
+        load_posterior(path)
+
+
+def test_a_number_that_is_changed_in_the_file_is_refused(
+    small_tree: tuple[Path, xr.DataTree], tmp_path: Path
+) -> None:
+    shutil.copy(small_tree[0], tmp_path)
+    with h5py.File(tmp_path / "posterior.nc", "r+") as file:
+        file["draws/scenelet"][...] = 10**9
+    with pytest.raises(InputError, match="unknown scenelet"):
         load_posterior(tmp_path)
 
 
