@@ -68,10 +68,10 @@ class SampleSettings:
     """
 
     chains: int = 4
-    steps: int = 100_000
+    steps: int = 130_000
     temperatures: int = 8
     swap_every: int = 5
-    burn_in: float = 0.4
+    burn_in: float = 0.3
     draws: int = 800
     last_step: int = 0
     layout_radius: float = 0.8

@@ -23,7 +23,8 @@ from imapper_prob.sampling.blocks import Block
 from imapper_prob.scenelets.library import load_library, save_library
 
 BRIEF = (
-    "seed = 4\n[sample]\nsteps = 300\ndraws = 6\nchains = 2\ntemperatures = 2\nensemble_steps = 2\n"
+    "seed = 4\n[sample]\nsteps = 300\nburn_in = 0.4\ndraws = 6\nchains = 2\ntemperatures = 2\n"
+    "ensemble_steps = 2\n"
 )
 
 

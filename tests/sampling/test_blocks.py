@@ -19,7 +19,9 @@ from imapper_prob.sampling.sample import Samples, sample_scenes
 from imapper_prob.sampling.schedule import block_end, end_of, stopped_at
 from tests.runs import small_solution
 
-SETTINGS = SampleSettings(steps=300, draws=6, temperatures=2, chains=2, ensemble_steps=2)
+SETTINGS = SampleSettings(
+    steps=300, burn_in=0.4, draws=6, temperatures=2, chains=2, ensemble_steps=2
+)
 """Blocks end after 60, 100 and 140 rounds."""
 AN_HOUR = Limits(minutes=60.0)
 

@@ -90,7 +90,7 @@ def test_default_blocks() -> None:
     while len(ends) < 14:
         ends.append(block_end(sample, ends[-1]))
     steps = [5 * end for end in ends]
-    assert steps[:5] == [55_000, 70_000, 85_000, 100_000, 115_000]
+    assert steps[:5] == [61_800, 84_600, 107_400, 130_000, 152_800]
     kept = [draws_of(sample).kept(end) for end in ends]
     assert kept[3] == 800
     assert max(kept) <= 1600
@@ -98,15 +98,15 @@ def test_default_blocks() -> None:
 
 
 def test_a_last_step_within_burn_in_is_refused() -> None:
-    assert end_of(SampleSettings(last_step=40_001)) == 8000 + 40
-    assert end_of(SampleSettings(last_step=100_001)) == 20_000 + 40
-    assert end_of(SampleSettings(last_step=99_999)) == 20_000
-    with pytest.raises(InputError, match="last_step = 40000 must be beyond the burn-in"):
-        SampleSettings(last_step=40_000)
+    assert end_of(SampleSettings(last_step=39_001)) == 7800 + 40
+    assert end_of(SampleSettings(last_step=130_001)) == 26_000 + 40
+    assert end_of(SampleSettings(last_step=129_999)) == 26_000
+    with pytest.raises(InputError, match="last_step = 39000 must be beyond the burn-in"):
+        SampleSettings(last_step=39_000)
 
 
 def test_learning_is_as_often_as_said() -> None:
-    usual = SampleSettings()
+    usual = SampleSettings(steps=100_000, burn_in=0.4)
     learning = learning_of(usual)
     assert learning.ends == tuple(range(0, 6001, 750))
     rounds = range(1, usual.rounds)
