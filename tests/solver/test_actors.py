@@ -29,7 +29,7 @@ FOCAL_SPREAD = 0.05
 
 @cache
 def library() -> Library:
-    return chairs_and_tables(4)
+    return chairs_and_tables(12)
 
 
 @cache
