@@ -89,7 +89,9 @@ def saved(recording: rr.RecordingStream, path: Path, blueprint: rrb.Blueprint) -
     """
     memory = recording.memory_recording()
     with recording:
-        recording.send_blueprint(blueprint, make_active=False, make_default=True)
+        # Viewers in a browser, and those that have shown another recording, keep the layout that
+        # they have unless a new one is made active.
+        recording.send_blueprint(blueprint, make_active=True, make_default=True)
         yield
     content = memory.drain_as_bytes()
     with written_whole(path) as beside:

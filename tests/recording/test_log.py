@@ -179,16 +179,24 @@ def test_the_text_names_each_scene(columns: Columns) -> None:
     assert "| 1 | 0.62 ± 0.02 | chair, couch, shelf, table |" in text
 
 
-def test_rerun_itself_finds_no_fault(recording: Path) -> None:
-    rerun = "import sys; from rerun_cli.__main__ import main; sys.exit(main())"
-    command = [sys.executable, "-c", rerun, "rrd", "verify", str(recording)]
+def rerun(*arguments: str) -> str:
+    """What rerun's own command says."""
+    run = "import sys; from rerun_cli.__main__ import main; sys.exit(main())"
+    command = [sys.executable, "-c", run, *arguments]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
-    assert "verified without error" in done.stdout + done.stderr
+    return done.stdout + done.stderr
 
 
-def test_there_is_one_blueprint_inside(recording: Path) -> None:
+def test_rerun_itself_finds_no_fault(recording: Path) -> None:
+    assert "verified without error" in rerun("rrd", "verify", str(recording))
+
+
+def test_there_is_one_blueprint_inside_which_every_viewer_shows(recording: Path) -> None:
     assert len(RrdReader(recording).blueprints()) == 1
+    # A viewer in a browser, or one that has shown another recording, keeps a layout that is not
+    # told to go.
+    assert "make_active: true, make_default: true" in rerun("rrd", "print", "-vv", str(recording))
 
 
 def test_the_same_run_makes_the_same_recording(
