@@ -1,5 +1,5 @@
 // What the report does when somebody switches scenes, moves the slider or plays the motion.
-(() => {
+(async () => {
   "use strict";
   const FLOOR = "floor", VIEW = "view", MAP = "map", HIDING = "hiding", CHAINS = "chains";
   const BEHIND = 50; // per cent from which a joint is said to be hidden
@@ -12,6 +12,18 @@
   };
   const read = (id) => JSON.parse(document.getElementById(id).textContent);
   const at = (id) => document.getElementById(id);
+
+  // plotly is packed, which halves the page.
+  if (!window.DecompressionStream) {
+    document.querySelector("main").prepend("This browser is too old for the plots. ");
+    return;
+  }
+  const packed = Uint8Array.from(atob(at("plotly").textContent), (c) => c.charCodeAt(0));
+  const unpacked = new Blob([packed]).stream().pipeThrough(new DecompressionStream("gzip"));
+  const script = document.createElement("script");
+  script.textContent = await new Response(unpacked).text();
+  document.head.append(script);
+
   const moments = read("moments");
   const indices = {}; // by plot: numbers of its traces by what they are of
   let scene = 0, moment = 0, playing = null, asked = false;

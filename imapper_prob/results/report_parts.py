@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import base64
+import gzip
 import json
 from collections.abc import Mapping, Sequence
 from functools import cache
@@ -113,7 +115,7 @@ def page(title: str, body: Sequence[str]) -> str:
             said,
             *body,
             "</main>",
-            *(f"<script>{text}</script>" for text in _scripts()),
+            *_scripts(),
             "</body></html>\n",
         ]
     )
@@ -121,11 +123,15 @@ def page(title: str, body: Sequence[str]) -> str:
 
 @cache
 def _scripts() -> tuple[str, str]:
-    """The script of plotly, and that of the report."""
+    """The script of plotly, packed, and that of the report, which unpacks it."""
     from plotly.offline import get_plotlyjs
 
+    packed = base64.b64encode(gzip.compress(get_plotlyjs().encode(), mtime=0)).decode()
     own = files("imapper_prob.results").joinpath("report.js").read_text(encoding="utf-8")
-    return str(get_plotlyjs()), own
+    return (
+        f'<script type="application/gzip" id="plotly">{packed}</script>',
+        f"<script>{own}</script>",
+    )
 
 
 def numbers(name: str, value: Mapping[str, Any] | str) -> str:

@@ -35,7 +35,7 @@ from tests.runs import posterior
 from tests.uncertainty.test_scenes import item
 
 VOID = {"meta", "input"}
-LARGEST = 6_000_000
+LARGEST = 4_000_000
 """Bytes that the page may have."""
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -24,6 +25,11 @@ DRAWN = (
     " && t.meta.scene !== undefined).map((t) => t.meta.scene)"
 )
 """Scenes whose traces a plot shows."""
+DRAWN_ALL = (
+    "new Promise((done) => { const look = () => document.querySelector('[aria-pressed=true]')"
+    " && document.getElementById('hiding').data ? done() : setTimeout(look, 20); look(); })"
+)
+"""Kept when the last plot is drawn and a scene is chosen."""
 HEAD = (
     "document.getElementById('floor').data.filter((t) => t.meta && t.meta.moves === 'joints')"
     ".map((t) => [t.x[0], t.y[0]])[0]"
@@ -56,12 +62,18 @@ def chromium(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
         yield opened
 
 
+def show(chromium: Browser, page: Path, **options: Any) -> None:
+    """Open the page, and wait until its plots are drawn."""
+    chromium.open(page, **options)
+    chromium.value(DRAWN_ALL)
+
+
 @pytest.mark.parametrize("size", WIDTHS)
 def test_it_opens_without_a_complaint_or_a_request_and_fits(
     page: Path, chromium: Browser, size: str
 ) -> None:
     width, touch = WIDTHS[size]
-    chromium.open(page, width=width, touch=touch)
+    show(chromium, page, width=width, touch=touch)
     chromium.settle()
     assert chromium.value("document.documentElement.scrollWidth") <= width
     for name in ("floor", "view", "map", "hiding"):
@@ -81,7 +93,7 @@ def test_it_opens_without_a_complaint_or_a_request_and_fits(
 @pytest.mark.parametrize("size", WIDTHS)
 def test_buttons_switch_scenes(page: Path, chromium: Browser, size: str) -> None:
     width, touch = WIDTHS[size]
-    chromium.open(page, width=width, touch=touch)
+    show(chromium, page, width=width, touch=touch)
     number = len(posterior().scenes()) - 1
     assert number > 0
     assert set(chromium.value(SHOWN)) == {"0"}
@@ -96,7 +108,7 @@ def test_buttons_switch_scenes(page: Path, chromium: Browser, size: str) -> None
 
 
 def test_the_slider_moves_the_person(page: Path, chromium: Browser) -> None:
-    chromium.open(page, width=1280)
+    show(chromium, page, width=1280)
     chromium.settle()
     best = posterior().scenes(1)[0].scene.joints
     assert chromium.value(HEAD) == pytest.approx(best[0, HEAD_JOINT, :2].tolist(), abs=0.006)
@@ -116,7 +128,7 @@ def test_the_slider_moves_the_person(page: Path, chromium: Browser) -> None:
 
 
 def test_what_is_hidden_is_said(page: Path, chromium: Browser) -> None:
-    chromium.open(page, width=1280)
+    show(chromium, page, width=1280)
     chromium.settle()
     hidden = posterior().certainty.hidden.probability
     moment = int((hidden >= 0.5).sum(1).argmax())
@@ -131,7 +143,7 @@ def test_what_is_hidden_is_said(page: Path, chromium: Browser) -> None:
 
 
 def test_play_goes_on_and_stops(page: Path, chromium: Browser) -> None:
-    chromium.open(page, width=1280)
+    show(chromium, page, width=1280)
     chromium.click("#play")
     assert chromium.value("document.getElementById('play').textContent") == "Pause"
     wait = "new Promise((done) => setTimeout(done, 600))"
@@ -144,7 +156,7 @@ def test_play_goes_on_and_stops(page: Path, chromium: Browser) -> None:
 
 
 def test_objects_and_cells_say_what_they_are(page: Path, chromium: Browser) -> None:
-    chromium.open(page, width=1280, height=1600)
+    show(chromium, page, width=1280, height=1600)
     chromium.settle()
     cluster = posterior().certainty.clusters[0]
     chromium.hover(*chromium.value(PLACE.format("map", *cluster.mean.tolist())))
@@ -167,7 +179,7 @@ def test_objects_and_cells_say_what_they_are(page: Path, chromium: Browser) -> N
 
 
 def test_a_click_at_a_frame_moves_the_slider(page: Path, chromium: Browser) -> None:
-    chromium.open(page, width=1280, height=1200)
+    show(chromium, page, width=1280, height=1200)
     chromium.settle()
     x, y = chromium.place("#hiding .plot-container, #hiding svg")
     chromium.click_at(x, y)
