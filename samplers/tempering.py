@@ -284,6 +284,11 @@ def thinned(position: TemperingState[S], rungs: int) -> TemperingState[S]:
     Returns
     -------
     TemperingState
+
+    Raises
+    ------
+    ValueError
+        The number of rungs is out of range.
     """
     kept, betas = thinned_betas(position.betas, rungs)
     likelihoods = tuple(position.log_likelihoods[k] for k in kept)

@@ -26,10 +26,11 @@ DRAWN = (
 )
 """Scenes whose traces a plot shows."""
 DRAWN_ALL = (
-    "new Promise((done) => { const look = () => document.querySelector('[aria-pressed=true]')"
-    " && document.getElementById('hiding').data ? done() : setTimeout(look, 20); look(); })"
+    "new Promise((done, fail) => { setTimeout(() => fail(new Error('no plots')), 20000);"
+    " const look = () => document.getElementById('hiding').data ? done() : setTimeout(look, 20);"
+    " look(); })"
 )
-"""Kept when the last plot is drawn and a scene is chosen."""
+"""Kept when the last plot is drawn, broken after 20 s."""
 HEAD = (
     "document.getElementById('floor').data.filter((t) => t.meta && t.meta.moves === 'joints')"
     ".map((t) => [t.x[0], t.y[0]])[0]"
@@ -153,6 +154,17 @@ def test_play_goes_on_and_stops(page: Path, chromium: Browser) -> None:
     stopped = chromium.value("document.getElementById('time').value")
     chromium.value(wait)
     assert chromium.value("document.getElementById('time').value") == stopped
+
+
+def test_a_browser_that_cannot_unpack_says_so(page: Path, chromium: Browser) -> None:
+    without = "delete window.DecompressionStream"
+    made = chromium.call("Page.addScriptToEvaluateOnNewDocument", source=without)
+    chromium.open(page, width=1280)
+    chromium.settle()
+    text = chromium.value("document.querySelector('main').textContent")
+    assert text.startswith("This browser is too old for the plots.")
+    assert chromium.complaints == []
+    chromium.call("Page.removeScriptToEvaluateOnNewDocument", **made)
 
 
 def test_objects_and_cells_say_what_they_are(page: Path, chromium: Browser) -> None:

@@ -25,7 +25,9 @@ from imapper_prob.sampling.sample import sample_scenes, setup_of
 from imapper_prob.scenelets.library import load_library, save_library
 from tests.runs import small_solution
 
-SETTINGS = SampleSettings(steps=600, draws=40, temperatures=8, ensemble_steps=4, chains=2)
+SETTINGS = SampleSettings(
+    steps=600, burn_in=0.4, draws=40, temperatures=8, ensemble_steps=4, chains=2
+)
 
 
 @pytest.fixture(scope="module")
