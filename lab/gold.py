@@ -2,11 +2,11 @@
 
     python -m lab.gold FOLDER [CLIP ...] [--runs 3] [--steps 200000] [--workers 2]
 
-samples each clip, ``demo`` if none is named, in several long independent runs: every copy of every
-chain starts from a random scene of its own, and each run learns its own reference distribution. A
-killed command continues where it was. The results for a clip are written to ``lab/gold.json``: the
-fraction of draws with each set of labels of merged objects, and its standard error from the scatter
-between runs.
+samples each clip in several long independent runs: every copy of every chain starts from a random
+scene of its own, and each run learns its own reference distribution. ``demo`` is sampled if no clip
+is named; ``simulated-N`` is the clip that seed N simulates. A killed command continues where it
+was. The results for a clip are written to ``lab/gold.json``: the fraction of draws with each set of
+labels of merged objects, and its standard error from the scatter between runs.
 """
 
 from __future__ import annotations
@@ -32,6 +32,7 @@ from imapper_prob.sampling.actors import join_actors
 from imapper_prob.sampling.chain import Setup, tempered
 from imapper_prob.sampling.sample import sample_scenes, setup_of
 from imapper_prob.sampling.visits import Visits
+from lab.kept import named_clip
 
 __all__ = ["GOLD", "distance", "known", "shares", "tabled"]
 
@@ -126,8 +127,7 @@ def long_runs(
     name: str, folder: Path, count: int, settings: SampleSettings, workers: int
 ) -> list[dict[str, float]]:
     """Fractions of sets of labels in each of some runs of a clip."""
-    clip = im.demo_clip() if name == "demo" else im.load_clip(name)
-    everybody = join_actors(im.solve(clip, im.load_library()).actors)
+    everybody = join_actors(im.solve(named_clip(name), im.load_library()).actors)
     setup, found = setup_of(everybody, settings), []
     for run in range(count):
         start_seed, seed = np.random.SeedSequence([20261125, run]).spawn(2)

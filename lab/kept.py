@@ -1,4 +1,4 @@
-"""Stored runs, and digests of the program that made them. (No command of its own.)"""
+"""Clips by name, stored runs, and digests of the program. (No command of its own.)"""
 
 from __future__ import annotations
 
@@ -6,14 +6,40 @@ import hashlib
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
 import imapper_prob as im
 from imapper_prob.config import Config, SampleSettings
 from imapper_prob.models.scene import Clip
 from imapper_prob.models.scenelet import Library
 from imapper_prob.results.load import load_posterior
 from imapper_prob.results.posterior import Posterior
+from imapper_prob.simulate.clips import simulate_clip
 
-__all__ = ["digest", "is_whole", "sampled", "with_steps"]
+__all__ = ["digest", "is_whole", "named_clip", "sampled", "with_steps"]
+
+_SIMULATED = "simulated-"
+
+
+def named_clip(name: str) -> Clip:
+    """The clip of a command line.
+
+    Parameters
+    ----------
+    name : str
+        ``demo``, ``simulated-N`` for the clip that seed N simulates with the built-in library, or a
+        path.
+
+    Returns
+    -------
+    Clip
+    """
+    if name == "demo":
+        return im.demo_clip()
+    if name.startswith(_SIMULATED) and name[len(_SIMULATED) :].isdecimal():
+        rng = np.random.default_rng(int(name[len(_SIMULATED) :]))
+        return simulate_clip(rng, im.load_library())
+    return im.load_clip(name)
 
 
 def with_steps(steps: int) -> Config:

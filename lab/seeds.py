@@ -36,7 +36,7 @@ from imapper_prob.results.load import load_posterior
 from imapper_prob.results.posterior import Posterior
 from imapper_prob.samplers.diagnostics import ShortChainWarning, layout_probabilities, rhat
 from lab.gold import GOLD, distance, known, shares
-from lab.kept import is_whole, with_steps
+from lab.kept import is_whole, named_clip, with_steps
 from lab.mixing import OPEN
 
 Array = NDArray[np.float64]
@@ -140,7 +140,7 @@ def runs(name: str, folder: Path, seeds: int, steps: int, workers: int) -> list[
     paths = [folder / f"{Path(name).stem}-{steps}-{seed}" for seed in range(seeds)]
     missing = [path for path in paths if not is_whole(path)]
     if missing:
-        clip = im.demo_clip() if name == "demo" else im.load_clip(name)
+        clip = named_clip(name)
         library = im.load_library()
         solved = im.solve(clip, library, config=config)
         for path in missing:

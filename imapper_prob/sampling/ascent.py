@@ -27,7 +27,8 @@ from imapper_prob.models.problem import Problem
 from imapper_prob.samplers.chains import Report
 from imapper_prob.sampling.jit import compiled
 from imapper_prob.sampling.redraws import set_placement, with_stretch
-from imapper_prob.sampling.reference import Reference, expected, leaves
+from imapper_prob.sampling.reference import Reference
+from imapper_prob.sampling.reference_placement import expected, leaves
 from imapper_prob.sampling.scene import Scene, scene_of, state_of
 from imapper_prob.sampling.steps import MOVES, Moves, Walker, log_posteriors
 

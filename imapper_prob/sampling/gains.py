@@ -43,7 +43,8 @@ from imapper_prob.models.skeleton import PELV
 from imapper_prob.models.view import floor_point
 from imapper_prob.sampling.jit import compiled
 from imapper_prob.sampling.redraws import set_placement
-from imapper_prob.sampling.reference import Reference, expected
+from imapper_prob.sampling.reference import Reference
+from imapper_prob.sampling.reference_placement import expected
 
 __all__ = [
     "Sequences",

@@ -29,6 +29,8 @@ _KERNELS: Final = tuple(
         "moves",
         "redraws",
         "reference",
+        "reference_density",
+        "reference_placement",
         "scene",
         "steps",
     )

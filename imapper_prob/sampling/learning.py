@@ -18,17 +18,10 @@ from imapper_prob.models.skeleton import PELV
 from imapper_prob.models.view import to_floor
 from imapper_prob.sampling.gains import gains_about, room_of, sequences_of, static_path
 from imapper_prob.sampling.jit import compiled
-from imapper_prob.sampling.reference import (
-    DOF,
-    FIRST,
-    FLUSH,
-    GAP,
-    Reference,
-    carried,
-    displacements,
-    foretell,
-    usual_offsets,
-)
+from imapper_prob.sampling.looks import carried
+from imapper_prob.sampling.reference import DOF, FIRST, FLUSH, GAP, Reference
+from imapper_prob.sampling.reference_density import foretell
+from imapper_prob.sampling.reference_placement import displacements, usual_offsets
 from imapper_prob.sampling.visits import Visits, camera_covariance
 
 __all__ = ["learn"]

@@ -28,12 +28,9 @@ from imapper_prob.sampling.reference import (
     SIMILAR,
     START,
     Reference,
-    expected,
-    leaves,
-    log_reference,
-    log_stretch,
-    shares_after,
 )
+from imapper_prob.sampling.reference_density import log_reference, log_stretch, shares_after
+from imapper_prob.sampling.reference_placement import expected, leaves
 from imapper_prob.sampling.scene import Scene
 
 __all__ = ["draw_scene", "redraw_scene", "redraw_stretch", "set_placement", "with_stretch"]
@@ -82,7 +79,7 @@ def with_stretch(
 ) -> tuple[Scene, int]:
     """Redraw consecutive scenelets of a scene, given the others and the camera.
 
-    See :func:`imapper_prob.sampling.reference.log_stretch`.
+    See :func:`imapper_prob.sampling.reference_density.log_stretch`.
 
     Parameters
     ----------

@@ -22,7 +22,8 @@ from imapper_prob.samplers.tempering import Parts
 from imapper_prob.sampling import camera_moves, moves, redraws
 from imapper_prob.sampling.jit import compiled
 from imapper_prob.sampling.looks import middle_heights
-from imapper_prob.sampling.reference import Reference, log_reference
+from imapper_prob.sampling.reference import Reference
+from imapper_prob.sampling.reference_density import log_reference
 from imapper_prob.sampling.scene import Scene, scene_of, state_of
 
 __all__ = ["MOVES", "Moves", "Walker", "log_posteriors", "parts_of", "propose", "scene_moves"]

@@ -20,7 +20,7 @@ from imapper_prob.sampling.gains import (
 )
 from imapper_prob.sampling.learning import learn
 from imapper_prob.sampling.redraws import set_placement
-from imapper_prob.sampling.reference import expected
+from imapper_prob.sampling.reference_placement import expected
 from imapper_prob.sampling.visits import Visits
 from tests.models import worlds
 from tests.sampling.scenes import random_gains

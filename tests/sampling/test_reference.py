@@ -20,13 +20,8 @@ from imapper_prob.sampling.learning import learn
 from imapper_prob.sampling.looks import look, stand
 from imapper_prob.sampling.redraws import _draw_run, _log_run
 from imapper_prob.sampling.redraws import draw_scene as _draw_scene
-from imapper_prob.sampling.reference import (
-    ADJOINING,
-    COMPONENTS,
-    Reference,
-    log_reference,
-    next_probability,
-)
+from imapper_prob.sampling.reference import ADJOINING, COMPONENTS, Reference
+from imapper_prob.sampling.reference_density import log_reference, next_probability
 from imapper_prob.sampling.scene import state_of
 from imapper_prob.sampling.visits import Visits
 from lab.prior import draw_state

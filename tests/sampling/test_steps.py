@@ -10,7 +10,8 @@ from imapper_prob.models.settings import ModelSettings
 from imapper_prob.samplers.reversible_jump import init, step
 from imapper_prob.sampling import steps
 from imapper_prob.sampling.learning import learn
-from imapper_prob.sampling.reference import Reference, log_reference
+from imapper_prob.sampling.reference import Reference
+from imapper_prob.sampling.reference_density import log_reference
 from imapper_prob.sampling.steps import MOVES, Walker, parts_of
 from imapper_prob.sampling.visits import Visits
 from tests.models import worlds

@@ -1,0 +1,291 @@
+"""Density of scenes under the reference, see :mod:`imapper_prob.sampling.reference`."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imapper_prob.sampling.jit import compiled
+from imapper_prob.sampling.reference import (
+    ADJOINING,
+    ANYWHERE,
+    COMPONENTS,
+    ENDS,
+    FITTING,
+    FOLLOWED,
+    LATER,
+    SAME_KIND,
+    SIMILAR,
+    START,
+    Reference,
+    log_t,
+)  # fmt: skip
+from imapper_prob.sampling.reference_placement import leaves, log_placement
+
+__all__ = ["foretell", "log_reference", "log_stretch", "next_probability", "shares_after"]
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+@compiled
+def _find(codes: Ints, first: int, last: int, code: int) -> int:
+    """Index of a code in a row; -1 if it is absent."""
+    at = int(first + np.searchsorted(codes[first:last], code))
+    return at if at < last and codes[at] == code else -1
+
+
+@compiled
+def shares_after(reference: Reference, kind: int, end: int, shares: Array) -> None:
+    """Shares of the mixture after a scenelet of a given kind that ended at a given frame.
+
+    Parameters
+    ----------
+    reference : Reference
+    kind : int
+        Kind of the scenelet before, 0 at the beginning.
+    end : int
+        Frame after its last one.
+    shares : (6,) float
+        Output.
+    """
+    shares[:] = reference.shares
+    if kind == 0 or reference.fitting_kinds[end, 0] == 0.0:
+        shares[FITTING], shares[ADJOINING] = shares[FITTING] + shares[ADJOINING], 0.0
+    row = kind * len(reference.room) + end
+    if reference.followed_first[row] == reference.followed_first[row + 1]:
+        shares[LATER], shares[FOLLOWED] = shares[LATER] + shares[FOLLOWED], 0.0
+    if reference.later_first[end] == reference.later_first[end + 1]:
+        shares[ANYWHERE] += shares[LATER] + shares[SIMILAR]
+        shares[LATER], shares[SIMILAR] = 0.0, 0.0
+
+
+@compiled
+def _begins(reference: Reference, end: int, start: int) -> float:
+    """Probability that the first fitting one from frame ``end`` on begins at ``start``; the end of
+    the clip stands for none."""
+    none = math.exp(reference.survival[start] - reference.survival[end])
+    return none * reference.hazard[start] if start < len(reference.room) - 1 else none
+
+
+@compiled
+def _at_start(reference: Reference, end: int, start: int) -> tuple[int, int]:
+    """Range of the later row whose codes have a given start: first index, and index after the
+    last."""
+    first, last = reference.later_first[end], reference.later_first[end + 1]
+    n_scenelets = len(reference.kinds)
+    row = reference.later[first:last]
+    begin = first + np.searchsorted(row, start * n_scenelets)
+    return int(begin), int(first + np.searchsorted(row, (start + 1) * n_scenelets))
+
+
+@compiled
+def _replaced(reference: Reference, at: int, scenelet: int) -> float:
+    """Probability that an entry of the later rows is replaced by a scenelet that fits there."""
+    n_scenelets = len(reference.kinds)
+    start, other = reference.later[at] // n_scenelets, reference.later[at] % n_scenelets
+    most = min(reference.room[start], reference.alike.shape[1] - 1)
+    return float(reference.similarity[other, scenelet] / reference.alike[other, most])
+
+
+@compiled
+def _adjoins(reference: Reference, kind: int, end: int, scenelet: int) -> float:
+    """Probability of a scenelet that adjoins one of a given kind."""
+    of_kind = reference.fitting_kinds[end, kind]
+    same = SAME_KIND if of_kind > 0.0 else 0.0
+    total = 1.0 - same
+    if same > 0.0 and reference.kinds[scenelet] == kind:
+        total += same / of_kind
+    return float(total * reference.fitting[end, scenelet])
+
+
+@compiled
+def next_probability(
+    reference: Reference, kind: int, end: int, code: int, probability: Array
+) -> None:
+    """Probability of the next scenelet or the end, by component of the mixture.
+
+    Parameters
+    ----------
+    reference : Reference
+    kind, end : int
+        Kind of the scenelet before (0 at the beginning), and the frame after its last one.
+    code : int
+        Code of what comes next.
+    probability : (6,) float
+        Output; the sum is the probability under the mixture.
+    """
+    shares_after(reference, kind, end, probability)
+    n_scenelets, n_frames = len(reference.kinds), len(reference.room) - 1
+    row = kind * (n_frames + 1) + end
+    at = _find(
+        reference.followed, reference.followed_first[row], reference.followed_first[row + 1], code
+    )
+    probability[FOLLOWED] *= reference.followed_probability[at] if at >= 0 else 0.0
+    at = _find(reference.later, reference.later_first[end], reference.later_first[end + 1], code)
+    met = reference.later_probability[at] if at >= 0 else 0.0
+    probability[LATER] *= met
+    openings = reference.openings[end]
+    if code == n_frames * n_scenelets:
+        none = _begins(reference, end, n_frames)
+        probability[SIMILAR] *= met
+        probability[FITTING] *= ENDS + (1.0 - ENDS) * none
+        probability[ANYWHERE] *= ENDS if openings > 0 else 1.0
+        probability[ADJOINING] = 0.0
+        return
+    start, scenelet = code // n_scenelets, code % n_scenelets
+    if start < end or reference.lengths[scenelet] > reference.room[start]:
+        probability[:] = 0.0
+        return
+    alike, (first, last) = 0.0, _at_start(reference, end, start)
+    for at in range(first, last):
+        alike += reference.later_probability[at] * _replaced(reference, at, scenelet)
+    probability[SIMILAR] *= alike
+    begins = _begins(reference, end, start) if reference.fitting[start, scenelet] > 0.0 else 0.0
+    probability[FITTING] *= (1.0 - ENDS) * begins * reference.fitting[start, scenelet]
+    probability[ANYWHERE] *= (1.0 - ENDS) / openings
+    probability[ADJOINING] *= _adjoins(reference, kind, end, scenelet) if start == end else 0.0
+
+
+@compiled
+def foretell(reference: Reference, counts: Ints, items: Ints) -> Array:
+    """Probability of each scenelet of N states, and of their ends, by component of the mixture.
+
+    Parameters
+    ----------
+    reference : Reference
+    counts : (N,) int
+        Scenelets of each state.
+    items : (R, 2) int
+
+    Returns
+    -------
+    (R + N, 6) float
+        See :func:`next_probability`.
+    """
+    n_scenelets = len(reference.kinds)
+    found = np.empty((len(items) + len(counts), COMPONENTS))
+    k = 0
+    for n in range(len(counts)):
+        kind, end = 0, 0
+        for i in range(counts[n] + 1):
+            code = (len(reference.room) - 1) * n_scenelets
+            if i < counts[n]:
+                code = items[k, 1] * n_scenelets + items[k, 0]
+            next_probability(reference, kind, end, code, found[k + n])
+            if i < counts[n]:
+                kind, end = (
+                    reference.kinds[items[k, 0]],
+                    items[k, 1] + reference.lengths[items[k, 0]],
+                )
+                k += 1
+    return found
+
+
+@compiled
+def _stops(reference: Reference, kind: int, end: int, start: int) -> float:
+    """Probability that nothing begins before ``start``; for the end of the clip, that the scene
+    ends."""
+    shares = np.empty(COMPONENTS)
+    shares_after(reference, kind, end, shares)
+    n_scenelets, n_frames = len(reference.kinds), len(reference.room) - 1
+    code = start * n_scenelets
+    row = kind * (n_frames + 1) + end
+    first, last = reference.followed_first[row], reference.followed_first[row + 1]
+    begin = first + np.searchsorted(reference.followed[first:last], code)
+    followed = reference.followed_probability[begin:last].sum()
+    first, last = reference.later_first[end], reference.later_first[end + 1]
+    begin = first + np.searchsorted(reference.later[first:last], code)
+    later = reference.later_probability[begin:last].sum()
+    none = math.exp(reference.survival[start] - reference.survival[end])
+    empty = 1.0
+    if reference.openings[end] > 0:
+        empty = ENDS + (1.0 - ENDS) * reference.openings[start] / reference.openings[end]
+    total = shares[FOLLOWED] * followed + (shares[LATER] + shares[SIMILAR]) * later
+    total += shares[FITTING] * (ENDS + (1.0 - ENDS) * none) + shares[ANYWHERE] * empty
+    if start == end:
+        total += shares[ADJOINING]
+    return float(total)
+
+
+@compiled
+def log_stretch(
+    reference: Reference,
+    camera: Array,
+    items: Ints,
+    placements: Array,
+    sizes: Array,
+    first: int,
+    last: int,
+) -> float:
+    """Log density of consecutive scenelets of a scene, given the others and the camera.
+
+    Scenelets are drawn one after the other until one begins no earlier than the scenelet after the
+    run, or until the scene ends if there is none.
+
+    Parameters
+    ----------
+    reference : Reference
+    camera : (5,) float
+    items : (k, 2) int
+    placements : (k, 3) float
+    sizes : (k,) float
+    first, last : int
+        Index of the first one, and the index after the last.
+
+    Returns
+    -------
+    float
+        Nats, per square metre, radian and unit of log size of each of them; -inf behind the
+        camera, or where they overlap.
+    """
+    n_scenelets, n_frames = len(reference.kinds), len(reference.room) - 1
+    probability, before = np.empty(COMPONENTS), np.empty((2, 4))
+    kind, end, left, total = 0, 0, -1, 0.0
+    for k in range(max(first - 1, 0), last):
+        scenelet, start = items[k]
+        if k >= first:
+            next_probability(reference, kind, end, start * n_scenelets + scenelet, probability)
+            if probability[ANYWHERE] == 0.0:
+                return -math.inf
+            total += math.log(probability.sum()) + log_placement(
+                reference, camera, scenelet, start, placements[k], sizes[k], left, before
+            )
+            if total == -math.inf:
+                return total
+        left = leaves(reference, camera, scenelet, start, placements[k], sizes[k], before)
+        kind, end = reference.kinds[scenelet], start + reference.lengths[scenelet]
+    stop = items[last, 1] if last < len(items) else n_frames
+    if end > stop:
+        return -math.inf
+    return float(total + math.log(_stops(reference, kind, end, stop)))
+
+
+@compiled
+def log_reference(
+    reference: Reference, camera: Array, items: Ints, placements: Array, sizes: Array
+) -> float:
+    """Log density of a scene, without the latent variables.
+
+    Parameters
+    ----------
+    reference : Reference
+    camera : (5,) float
+    items : (k, 2) int
+    placements : (k, 3) float
+    sizes : (k,) float
+
+    Returns
+    -------
+    float
+        Nats, per square metre, radian and unit of log size of each scenelet, and in the units
+        of the camera; -inf behind the camera, or where scenelets overlap.
+    """
+    log_camera = log_t(
+        camera - reference.camera_mean, reference.camera_factor, reference.camera_constant
+    )
+    return log_camera + log_stretch(
+        reference, camera, items, placements, sizes, START, len(items)
+    )  # fmt: skip

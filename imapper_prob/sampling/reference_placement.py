@@ -1,0 +1,265 @@
+"""Placements of scenelets under the reference: step 3 of
+:mod:`imapper_prob.sampling.reference`."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imapper_prob.models.view import log_area
+from imapper_prob.sampling.jit import compiled
+from imapper_prob.sampling.looks import carried
+from imapper_prob.sampling.reference import ASTRAY, FIRST, FLUSH, GAP, Reference, log_t
+
+__all__ = ["displacements", "expected", "leaves", "log_placement", "usual_offsets"]
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+@compiled
+def _turned(offset: Array) -> None:
+    """Wrap the yaw of an offset to half a turn either way, in place."""
+    offset[2] -= 2.0 * math.pi * math.floor(offset[2] / (2.0 * math.pi) + 0.5)
+
+
+@compiled
+def _pelvis_of(
+    reference: Reference, camera: Array, scenelet: int, last: int, place: Array, size: float
+) -> Array:
+    """Position of a scenelet's pelvis in its first (0) or last (1) frame; its log depth is NaN
+    behind the camera."""
+    body = math.exp(camera[3] + size)
+    c, s = body * math.cos(place[2]), body * math.sin(place[2])
+    local = reference.pelvis[scenelet, last]
+    x, y = place[0] + c * local[0] - s * local[1], place[1] + s * local[0] + c * local[1]
+    where = np.empty(4)
+    where[0], where[1] = (x / y, math.log(y)) if y > 0.0 else (0.0, math.nan)
+    where[2], where[3] = place[2], size
+    return where
+
+
+@compiled
+def _usual(reference: Reference, camera: Array, scenelet: int, start: int, last: int) -> Array:
+    """Mean position of a scenelet's pelvis over visits, transformed to a camera."""
+    where = np.empty(4)
+    frame = start + (reference.lengths[scenelet] - 1) * last
+    where[0], where[1] = reference.path[frame]
+    where[2], where[3] = reference.yaw[start, scenelet], reference.size
+    where += reference.habits[scenelet, last]
+    height = reference.pelvis[scenelet, last, 2]
+    return carried(height, where, reference.library_camera, camera)
+
+
+@compiled
+def expected(
+    reference: Reference, camera: Array, scenelet: int, start: int, end: int, before: Array
+) -> tuple[int, Array]:
+    """Centre of the distribution of a scenelet's pelvis in its first frame, and its factor's row.
+
+    For a scenelet that adjoins the one before, the position continues from that one's last pelvis.
+
+    Parameters
+    ----------
+    reference : Reference
+    camera : (5,) float
+    scenelet : int
+    start : int
+        Start frame.
+    end : int
+        Frame after the last of the scenelet before, -1 if there is none.
+    before : (2, 4) float
+        Pelvis of the scenelet before in its last frame, and its displacement from the mean.
+
+    Returns
+    -------
+    row : int
+        Row of the displacement factors.
+    middle : (4,) float
+        Bearing, log depth, yaw, log size.
+    """
+    middle = _usual(reference, camera, scenelet, start, 0)
+    if end < 0:
+        return FIRST, middle
+    row = FLUSH if start == end else GAP
+    if row == FLUSH:
+        for i in range(2):
+            step = reference.path[start, i] - reference.path[end - 1, i]
+            middle[i] = before[0, i] + step
+    middle += reference.onward[row - 1] @ before[1]
+    return row, middle
+
+
+@compiled
+def leaves(
+    reference: Reference,
+    camera: Array,
+    scenelet: int,
+    start: int,
+    place: Array,
+    size: float,
+    before: Array,
+) -> int:
+    """Write the last pelvis of a scenelet and its displacement to ``before``; returns its end.
+
+    Parameters
+    ----------
+    reference : Reference
+    camera : (5,) float
+    scenelet : int
+    start : int
+        Start frame.
+    place : (3,) float
+    size : float
+    before : (2, 4) float
+        Output, see :func:`expected`.
+
+    Returns
+    -------
+    int
+        Frame after the last one; -1 if the pelvis is behind the camera.
+    """
+    before[0] = _pelvis_of(reference, camera, scenelet, 1, place, size)
+    if math.isnan(before[0, 1]):
+        return -1
+    before[1] = before[0] - _usual(reference, camera, scenelet, start, 1)
+    _turned(before[1])
+    return int(start + reference.lengths[scenelet])
+
+
+@compiled
+def usual_offsets(
+    reference: Reference, cameras: Array, counts: Ints, items: Ints, places: Array, sizes: Array
+) -> Array:
+    """Deviations of the scenelets of N states from their mean positions.
+
+    Parameters
+    ----------
+    reference : Reference
+    cameras, counts, items, places, sizes
+        See :func:`displacements`.
+
+    Returns
+    -------
+    (R, 2, 4) float
+        In their first and last frames; NaN behind the camera.
+    """
+    offsets = np.empty((len(items), 2, 4))
+    k = 0
+    for n in range(len(counts)):
+        for _ in range(counts[n]):
+            scenelet, start = items[k]
+            for last in range(2):
+                where = _pelvis_of(reference, cameras[n], scenelet, last, places[k], sizes[k])
+                offsets[k, last] = where - _usual(reference, cameras[n], scenelet, start, last)
+                _turned(offsets[k, last])
+            k += 1
+    return offsets
+
+
+@compiled
+def displacements(
+    reference: Reference, cameras: Array, counts: Ints, items: Ints, places: Array, sizes: Array
+) -> tuple[Ints, Array, Array]:
+    """Displacements of the scenelets of N states from their expected positions.
+
+    Parameters
+    ----------
+    reference : Reference
+    cameras : (N, 5) float
+    counts : (N,) int
+        Number of scenelets of each state.
+    items : (R, 2) int
+    places : (R, 3) float
+    sizes : (R,) float
+
+    Returns
+    -------
+    rows : (R,) int
+        Row of the displacement factors; -1 behind the camera.
+    before : (R, 4) float
+        Displacement of the scenelet before in its last frame; 0 if there is none.
+    offsets : (R, 4) float
+        Displacement of each scenelet from its expected position.
+    """
+    rows, before, offsets = (
+        np.empty(len(items), np.int64),
+        np.zeros((2, 4)),
+        np.zeros((len(items), 4)),
+    )
+    displaced = np.zeros((len(items), 4))
+    k = 0
+    for n in range(len(counts)):
+        end = -1
+        for _ in range(counts[n]):
+            scenelet, start = items[k]
+            where = _pelvis_of(reference, cameras[n], scenelet, 0, places[k], sizes[k])
+            row, middle = expected(reference, cameras[n], scenelet, start, end, before)
+            rows[k] = -1 if math.isnan(where[1]) else row
+            if end >= 0:
+                displaced[k] = before[1]
+            offsets[k] = where - middle
+            _turned(offsets[k])
+            end = leaves(reference, cameras[n], scenelet, start, places[k], sizes[k], before)
+            k += 1
+    return rows, displaced, offsets
+
+
+@compiled
+def _log_anywhere(reference: Reference, where: Array) -> float:
+    """Log density of a position under the prior."""
+    total = -math.log(2.0 * math.pi) - 0.5 * (where[3] / reference.size_spread) ** 2
+    total -= math.log(reference.size_spread) + 1.5 * math.log(2.0 * math.pi)
+    for i in range(2):
+        deviation = reference.anywhere_deviation[i]
+        total -= 0.5 * ((where[i] - reference.anywhere_mean[i]) / deviation) ** 2
+        total -= math.log(deviation)
+    return float(total)
+
+
+@compiled
+def log_placement(
+    reference: Reference,
+    camera: Array,
+    scenelet: int,
+    start: int,
+    place: Array,
+    size: float,
+    end: int,
+    before: Array,
+) -> float:
+    """Log density of a scenelet's placement, given the scenelet before.
+
+    Parameters
+    ----------
+    reference : Reference
+    camera : (5,) float
+    scenelet : int
+    start : int
+        Start frame.
+    place : (3,) float
+    size : float
+    end : int
+        Frame after the last of the scenelet before, -1 if there is none.
+    before : (2, 4) float
+        See :func:`expected`.
+
+    Returns
+    -------
+    float
+        Nats, per square metre, radian and unit of log size; -inf behind the camera.
+    """
+    where = _pelvis_of(reference, camera, scenelet, 0, place, size)
+    if math.isnan(where[1]):
+        return -math.inf
+    row, middle = expected(reference, camera, scenelet, start, end, before)
+    offset = where - middle
+    _turned(offset)
+    new = reference.strange[scenelet]
+    near = log_t(offset, reference.factors[row, new], reference.constants[row, new])
+    far = _log_anywhere(reference, where)
+    most = max(near, far)
+    density = (1.0 - ASTRAY) * math.exp(near - most) + ASTRAY * math.exp(far - most)
+    return float(math.log(density) + most - log_area(where[1]))
