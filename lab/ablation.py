@@ -233,8 +233,8 @@ def print_path(known: Sequence[KnownScene]) -> None:
         first = first or found[:, -1].tolist()
         apart = found[:, -1] - first
         cells = " | ".join(f"{value:.1f}" for value in np.nanmean(found, 0))
-        error = apart.std(ddof=1) / np.sqrt(len(known))
-        out(f"| {name} | {cells} | {apart.mean():+.2f} ± {error:.2f} |\n")
+        doubt = f" ± {apart.std(ddof=1) / np.sqrt(len(known)):.2f}" if len(known) > 1 else ""
+        out(f"| {name} | {cells} | {apart.mean():+.2f}{doubt} |\n")
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

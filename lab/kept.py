@@ -9,11 +9,13 @@ from pathlib import Path
 import numpy as np
 
 import imapper_prob as im
+from imapper_prob.api import demo_clip, load_clip
 from imapper_prob.config import Config, SampleSettings
 from imapper_prob.models.scene import Clip
 from imapper_prob.models.scenelet import Library
 from imapper_prob.results.load import load_posterior
 from imapper_prob.results.posterior import Posterior
+from imapper_prob.scenelets.library import load_library
 from imapper_prob.simulate.clips import simulate_clip
 
 __all__ = ["digest", "is_whole", "named_clip", "sampled", "with_steps"]
@@ -35,11 +37,11 @@ def named_clip(name: str) -> Clip:
     Clip
     """
     if name == "demo":
-        return im.demo_clip()
+        return demo_clip()
     if name.startswith(_SIMULATED) and name[len(_SIMULATED) :].isdecimal():
         rng = np.random.default_rng(int(name[len(_SIMULATED) :]))
-        return simulate_clip(rng, im.load_library())
-    return im.load_clip(name)
+        return simulate_clip(rng, load_library())
+    return load_clip(name)
 
 
 def with_steps(steps: int) -> Config:

@@ -121,4 +121,4 @@ def to_floor(where: ArrayLike) -> tuple[Array, Array]:
     placements[..., 1] = y = np.exp(where[..., 1])
     placements[..., 0] = where[..., 0] * y
     placements[..., 2] = where[..., 2]
-    return placements, where[..., 3]
+    return placements, where[..., 3].copy()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import importlib.util
+import os
 import re
 import shlex
 import subprocess
@@ -133,8 +134,7 @@ def runnable(path: Path) -> list[str]:
 @pytest.mark.slow
 def test_all_that_needs_only_the_demo_runs(tmp_path: Path) -> None:
     """In the order of the pages, in one folder, as a reader would."""
-    (tmp_path / "lab").symlink_to(ROOT / "lab")
-    (tmp_path / "imapper_prob").symlink_to(ROOT / "imapper_prob")
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     program = [sys.executable, "-m", "imapper_prob.cli"]
     done: set[str] = set()
     for path in GUIDES:
@@ -146,7 +146,7 @@ def test_all_that_needs_only_the_demo_runs(tmp_path: Path) -> None:
             command = [*program, *words[1:]] if words[0] == "imapper-prob" else words
             command = [sys.executable, *command[1:]] if command[0] == "python" else command
             ended = subprocess.run(
-                command, cwd=tmp_path, capture_output=True, text=True, check=False
+                command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
             )
             assert ended.returncode == 0, f"{name_of(path)}: {line}\n{ended.stderr}"
         together = "\n".join(blocks(path, "python"))
@@ -154,6 +154,7 @@ def test_all_that_needs_only_the_demo_runs(tmp_path: Path) -> None:
             [sys.executable, "-W", "error", "-"],
             input=together,
             cwd=tmp_path,
+            env=environment,
             capture_output=True,
             text=True,
             check=False,

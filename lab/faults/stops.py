@@ -234,6 +234,10 @@ def _forked(arguments: list[str], stop: _Stop | None, base: Path) -> tuple[str, 
         with said.open("wb") as file, open(os.devnull, "wb") as nowhere:
             os.dup2(nowhere.fileno(), 1)
             os.dup2(file.fileno(), 2)
+        # Who calls may have put something else in the place of these streams, as pytest does.
+        sys.stdout, sys.stderr = (
+            os.fdopen(to, "w", buffering=1, encoding="utf-8", closefd=False) for to in (1, 2)
+        )
         try:
             watched = _Watched(stop)
             with mock.patch.object(imapper_prob.cli.run, "progress_bars", watched.bars):

@@ -14,6 +14,8 @@ from imapper_prob.clips.load import load_clip
 from imapper_prob.evaluate.i3db import read_authors
 from imapper_prob.evaluate.prediction import write_prediction
 from imapper_prob.files import written_whole
+from imapper_prob.models.scenelet import Library
+from imapper_prob.scenelets.library import load_library
 from tests.conftest import CORPUS, ROOT
 
 LAB = ROOT / "lab"
@@ -234,7 +236,11 @@ def test_parts_of_the_path(scenes: Path, capsys: pytest.CaptureFixture[str]) -> 
 
 @pytest.mark.slow
 @pytest.mark.corpus
-def test_terms(scenes: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_terms(
+    scenes: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    part = Library("part", tuple(load_library())[::8])
+    monkeypatch.setattr("lab.ablation.load_library", lambda: part)
     run("lab.ablation", scenes)
     told = capsys.readouterr().out
     assert "no sight lines" in told
