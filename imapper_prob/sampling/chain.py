@@ -208,13 +208,13 @@ def run_chain(
         if learnt is None or now in learning.ends:
             learnt = _of_noted(setup, done.visits[:-1])
         if now in learning.ends:
-            if now and now == learning.ends[-1]:
+            if now and now == learning.last_of_burn_in:
                 _thin_ladder(done, setup.temperatures or temperatures_of(settings, [done.barrier]))
             done.position = _anew(done.position, learnt)
-        if now in (*learning.ends, burn_in):
+        if now in (*learning.ends, burn_in) and now <= burn_in:
             done.count_anew()
         stops = (*learning.ends, burn_in, settings.rounds, end)
-        last = min(next(stop for stop in stops if now < stop), end)
+        last = min(stop for stop in stops if now < stop)
         _advance(done, learnt, settings, crossover, rounds=min(piece_of(settings), last - now))
         if done.position.rounds in learning.ends:
             done.visits.append(Visits())

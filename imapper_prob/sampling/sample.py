@@ -270,7 +270,8 @@ class _ChainRun:
         them and from the visits of all of them.
         """
         setup, at = self.setup, list[Sequence[State] | ChainProgress](self.starts)
-        marks = learning_of(setup.settings).ends
+        learning = learning_of(setup.settings)
+        marks = learning.ends
         for stop in (*(mark for mark in marks if mark < end), end):
 
             def report(chain: int, part: object, share: float = stop / end) -> None:
@@ -285,7 +286,7 @@ class _ChainRun:
                 at = [chain.progress for chain in chains]
                 noted = tuple(chain.progress.visits[len(setup.known)] for chain in chains)
                 setup = replace(setup, known=(*setup.known, noted), learnt=None)
-            if stop and marks[-1:] == (stop,):
+            if stop and stop == learning.last_of_burn_in:
                 barriers = [chain.progress.barrier for chain in chains]
                 setup = replace(setup, temperatures=temperatures_of(setup.settings, barriers))
         return chains

@@ -9,11 +9,14 @@ continued keeps the same draws as a single longer run.
   spacing. Whenever there are more than twice as many as planned, every second one is dropped.
 - *Pieces* are the rounds between two opportunities to stop. Each piece begins with new walkers,
   whose rounding errors differ from those of old ones, so a chain may end only where a piece ends.
-- *Visits* are recorded in some rounds of the burn-in (:mod:`imapper_prob.sampling.visits`). The
-  reference (:mod:`imapper_prob.sampling.reference`) is first learnt from walks about the results of
-  the ascents (:mod:`imapper_prob.sampling.ascent`), and up to eight more times at equal intervals,
-  each time from these and the later half of the visits so far, the last time after three fourths of
-  the burn-in. In the rest of the burn-in the temperatures adapt to the last reference.
+- *Visits* are recorded in some rounds (:mod:`imapper_prob.sampling.visits`). The reference
+  (:mod:`imapper_prob.sampling.reference`) is first learnt from walks about the results of the
+  ascents (:mod:`imapper_prob.sampling.ascent`), and up to eight more times in burn-in at equal
+  intervals, each time from these and the later half of the visits so far, the last time after three
+  fourths of the burn-in. In the rest of the burn-in the temperatures adapt to this reference. After
+  burn-in a reference is learnt whenever the chain has a fourth more rounds. Between two references
+  a chain is a Markov chain whose target is the posterior, and such adaptation, ever more rarely,
+  leaves means over draws consistent (Chimisov, Łatuszyński & Roberts 2018, arXiv:1801.09309).
 - *Blocks* consist of pieces. A block is a fourth of the planned rounds after burn-in, and twice as
   long each time the number of rounds has doubled. The first one includes the burn-in.
 """
@@ -39,6 +42,10 @@ _REFERENCES: Final = 8
 too seldom are rare among the visits from which the next is learnt, so that several are needed."""
 _SHORTEST: Final = 20
 """Least number of rounds from one reference to the next; chosen: short chains should be short."""
+_GROWTH: Final = 1.25
+"""Factor of the rounds from one reference after burn-in to the next; chosen."""
+_MOST: Final = 40
+"""Largest number of references after burn-in: enough for a thousand times its rounds."""
 _NOTED: Final = 200
 """Approximate number of rounds from one reference to the next whose states are recorded; chosen:
 they take megabytes."""
@@ -158,15 +165,18 @@ def burn_in_of(settings: SampleSettings) -> int:
 
 @dataclass(frozen=True)
 class Learning:
-    """Rounds of the burn-in in which visits are recorded, and after which references are learnt.
+    """Rounds in which visits are recorded, and after which references are learnt.
 
     Parameters
     ----------
     ends : tuple of int
         After each of these rounds a reference is learnt.
+    last_of_burn_in : int
+        The last one of the burn-in; -1 if there is none.
     """
 
     ends: tuple[int, ...]
+    last_of_burn_in: int
 
     def has(self, rounds: int) -> bool:
         """Whether the state after so many rounds is recorded."""
@@ -190,10 +200,14 @@ def learning_of(settings: SampleSettings) -> Learning:
     """
     burn_in = burn_in_of(settings)
     if not burn_in:
-        return Learning(())
+        return Learning((), -1)
     last = int(_LEARNING * burn_in)
     count = max(1, min(_REFERENCES, last // _SHORTEST))
-    return Learning(tuple(sorted({last * n // count for n in range(count + 1)})))
+    ends, at = sorted({last * n // count for n in range(count + 1)}), burn_in
+    for _ in range(_MOST):
+        at = _piece_end(settings, max(round(at * _GROWTH), at + _SHORTEST))
+        ends.append(at)
+    return Learning(tuple(ends), last)
 
 
 def piece_of(settings: SampleSettings) -> int:
@@ -251,13 +265,9 @@ def end_of(settings: SampleSettings) -> int:
     int
         Rounds.
     """
-    planned = settings.rounds
     if settings.last_step == 0:
-        return planned
-    asked = -(-settings.last_step // settings.swap_every)
-    begins = burn_in_of(settings) if asked <= planned else planned
-    end = begins + _up(asked - begins, piece_of(settings))
-    return min(end, planned) if asked <= planned else end
+        return settings.rounds
+    return _piece_end(settings, -(-settings.last_step // settings.swap_every))
 
 
 def block_end(settings: SampleSettings, rounds: int) -> int:
@@ -308,6 +318,14 @@ def _evenly(first: int, settings: SampleSettings) -> Marks:
     gaps, last = settings.draws - 1, settings.rounds - 1
     spacing = (last - first) / gaps if gaps else float(max(1, last + 1 - first))
     return Marks(first, spacing, 2 * settings.draws)
+
+
+def _piece_end(settings: SampleSettings, rounds: int) -> int:
+    """The first round from ``rounds`` on at which a piece ends that does not belong to burn-in."""
+    planned = settings.rounds
+    begins = burn_in_of(settings) if rounds <= planned else planned
+    end = begins + _up(rounds - begins, piece_of(settings))
+    return min(end, planned) if rounds <= planned else end
 
 
 def _up(rounds: int, piece: int) -> int:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 
 import hypothesis
 import numpy as np
@@ -108,12 +109,27 @@ def test_a_last_step_within_burn_in_is_refused() -> None:
 def test_learning_is_as_often_as_said() -> None:
     usual = SampleSettings(steps=100_000, burn_in=0.4)
     learning = learning_of(usual)
-    assert learning.ends == tuple(range(0, 6001, 750))
+    in_burn_in = tuple(range(0, 6001, 750))
+    assert learning.ends[:13] == (*in_burn_in, 10_000, 12_520, 15_680, 19_600)
+    assert learning.last_of_burn_in == 6000
     rounds = range(1, usual.rounds)
     stages = zip(learning.ends, learning.ends[1:], strict=False)
     noted = [sum(learning.has(at) for at in rounds if low < at <= high) for low, high in stages]
-    assert noted == 8 * [250]
-    assert not any(learning.has(at) for at in rounds[6000:])
+    assert noted[:8] == 8 * [250]
+    assert all(200 <= count < 400 for count in noted[8:12])
     assert learning_of(replace(usual, burn_in=0.0)).ends == ()
-    assert learning_of(replace(usual, steps=2000, draws=10)).ends == (0, 20, 40, 60, 80, 100, 120)
-    assert learning_of(replace(usual, steps=50, draws=2)).ends == (0, 3)
+    short = learning_of(replace(usual, steps=2000, draws=10))
+    assert short.ends[:9] == (0, 20, 40, 60, 80, 100, 120, 200, 280)
+    assert learning_of(replace(usual, steps=50, draws=2)).ends[:2] == (0, 3)
+
+
+@given(settings())
+def test_references_after_burn_in_are_learnt_ever_more_rarely_where_a_chain_may_stop(
+    sample: SampleSettings,
+) -> None:
+    learning, burn_in = learning_of(sample), burn_in_of(sample)
+    later = [end for end in learning.ends if end > burn_in]
+    assert len(later) == (40 if burn_in else 0)
+    for at, (low, high) in zip(later, pairwise((burn_in, *later)), strict=True):
+        assert at == end_of(replace(sample, last_step=at * sample.swap_every))
+        assert high - low >= min(20, max(1, sample.rounds - low))
