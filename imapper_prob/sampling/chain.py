@@ -101,7 +101,7 @@ class Setup:
     staged : tuple of State
         Scenes of the solver, from which the first reference is learnt.
     known : tuple of tuple of Visits
-        Visits of each chain before each reference that is learnt during burn-in, as far as they are
+        Visits of each chain before each reference that is learnt, as far as they are
         available. A chain learns further references from its own visits.
     learnt : Tempered, optional
         What is learnt from ``known``, see :func:`learnt_from`. A chain learns it if not given.
@@ -167,12 +167,12 @@ def run_chain(
     start is repeated if there are not enough. If ``starts`` is the progress of an earlier call, the
     chain continues from there.
 
-    During burn-in the ladder of temperatures adapts, and the chain records the scenes it visits,
-    from which references and the covariance of camera moves are learnt. After burn-in all of these
-    are fixed. Only draws of the posterior after burn-in are kept. With a ``keeper`` the chain
-    continues from its checkpoint, if there is one, even if that chain was finished. It stops after
-    ``end`` rounds, by default those of the settings; see :mod:`imapper_prob.sampling.schedule` for
-    permitted values.
+    The chain records the scenes it visits, from which references and the covariance of camera moves
+    are learnt, after burn-in ever more rarely. The ladder of temperatures adapts during burn-in and
+    is fixed afterwards. Only draws of the posterior after burn-in are kept. With a ``keeper`` the
+    chain continues from its checkpoint, if there is one, even if that chain was finished. It stops
+    after ``end`` rounds, by default those of the settings; see
+    :mod:`imapper_prob.sampling.schedule` for permitted values.
 
     Parameters
     ----------
@@ -217,7 +217,7 @@ def run_chain(
         last = min(stop for stop in stops if now < stop)
         _advance(done, learnt, settings, crossover, rounds=min(piece_of(settings), last - now))
         if done.position.rounds in learning.ends:
-            done.visits.append(Visits())
+            done.visits[-1:] = [Visits.of(done.visits[-1].arrays()), Visits()]
             done.barrier = done.table.summary().barrier
         finished = report(done.position.rounds / end)
         if keeper is not None:

@@ -31,7 +31,7 @@ from imapper_prob.samplers.checkpoint import (
 from imapper_prob.samplers.ladder import SwapTable
 from imapper_prob.samplers.reversible_jump import AcceptanceTable, ChainState
 from imapper_prob.samplers.tempering import TemperingInfo, TemperingState
-from imapper_prob.sampling.schedule import draws_of, trace_of
+from imapper_prob.sampling.schedule import draws_of, learning_of, trace_of
 from imapper_prob.sampling.visits import Visits
 
 __all__ = ["ChainProgress", "identity_of", "rounds_done"]
@@ -232,7 +232,8 @@ class ChainProgress:
         }.items():  # fmt: skip
             if not holds:
                 raise InputError(f"{what} are of no chain of this run")
-        if not self.visits:
+        learnt = sum(end <= self.position.rounds for end in learning_of(settings).ends)
+        if len(self.visits) != learnt + 1:
             raise InputError("visits are of no chain of this run")
         for visits in self.visits:
             visits.check(problem)

@@ -266,8 +266,8 @@ class _ChainRun:
     def to(self, end: int, on_progress: Callable[[int, object], None]) -> list[Chain]:
         """Continue all chains to round ``end``.
 
-        During burn-in chains wait for each other before a reference is learnt, once for all of
-        them and from the visits of all of them.
+        Chains wait for each other before a reference is learnt, once for all of them and from the
+        visits of all of them.
         """
         setup, at = self.setup, list[Sequence[State] | ChainProgress](self.starts)
         learning = learning_of(setup.settings)

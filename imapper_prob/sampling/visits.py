@@ -1,4 +1,4 @@
-"""States that chains visit during burn-in, from which references are learnt.
+"""States that chains visit, from which references are learnt.
 
 At its colder temperatures a chain records scenelets, start frames, placements and camera.
 Placements are recorded in camera coordinates: bearing, log depth, yaw, log size
