@@ -218,7 +218,8 @@ def run_chain(
         _advance(done, learnt, settings, crossover, rounds=min(piece_of(settings), last - now))
         if done.position.rounds in learning.ends:
             done.visits[-1:] = [Visits.of(done.visits[-1].arrays()), Visits()]
-            done.barrier = done.table.summary().barrier
+            if done.position.rounds <= learning.last_of_burn_in:
+                done.barrier = done.table.summary().barrier
         finished = report(done.position.rounds / end)
         if keeper is not None:
             keeper.offer(done.snapshot)

@@ -64,7 +64,7 @@ class ChainProgress:
     visits : list of Visits
         Visits for each reference; the last ones are still being recorded.
     barrier : float
-        Communication barrier (Syed et al. 2022) before the last reference that was learnt; 0 if
+        Communication barrier (Syed et al. 2022) before the last reference of the burn-in; 0 if
         unknown.
     """
 

@@ -22,6 +22,7 @@ from imapper_prob.samplers.tempering import Parts, start
 from imapper_prob.sampling.chain import Chain, Setup, run_chain
 from imapper_prob.sampling.checkpoints import ChainProgress
 from imapper_prob.sampling.sample import sample_scenes, setup_of
+from imapper_prob.sampling.schedule import burn_in_of, learning_of
 from imapper_prob.scenelets.library import load_library, save_library
 from tests.runs import small_solution
 
@@ -60,8 +61,9 @@ def assert_same(one: Chain, other: Chain) -> None:
             np.testing.assert_array_equal(getattr(a, name), getattr(b, name))
 
 
-# While the temperatures adapt, after some were dropped, in the last round of that, and after it.
-@pytest.mark.parametrize("stop_at", [0.2, 0.35, 0.4, 0.7])
+# While the temperatures adapt, after some were dropped, in the last round of that, after it, and
+# after a reference was learnt there.
+@pytest.mark.parametrize("stop_at", [0.2, 0.35, 0.4, 0.7, 0.8])
 def test_an_interrupted_chain_goes_on_to_the_same_draws(
     setup: Setup, undisturbed: Chain, tmp_path: Path, stop_at: float
 ) -> None:
@@ -72,6 +74,23 @@ def test_an_interrupted_chain_goes_on_to_the_same_draws(
     assert_same(resumed, undisturbed)
     # Once more: it is done, and only says so.
     assert_same(run(setup, tmp_path / "chain.npz"), undisturbed)
+
+
+def test_rounds_after_burn_in_are_counted_and_references_learnt_there(undisturbed: Chain) -> None:
+    burn_in = burn_in_of(SETTINGS)
+    assert undisturbed.ladder.rounds == SETTINGS.rounds - burn_in
+    marks = [end for end in learning_of(SETTINGS).ends if end <= SETTINGS.rounds]
+    assert marks[-1] > burn_in
+    assert len(undisturbed.progress.visits) == 1 + len(marks)
+    assert all(visits.n_states for visits in undisturbed.progress.visits[:-1])
+
+
+def test_visits_for_other_references_are_refused(setup: Setup, tmp_path: Path) -> None:
+    progress = run(setup, tmp_path / "chain.npz", stop_at=0.8).progress
+    progress.check(setup.problem, SETTINGS)
+    progress.visits.pop()
+    with pytest.raises(InputError, match="visits"):
+        progress.check(setup.problem, SETTINGS)
 
 
 def test_temperatures_in_excess_are_dropped(undisturbed: Chain) -> None:
