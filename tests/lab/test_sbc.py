@@ -89,7 +89,7 @@ def shift(name: str, found: Sequence[dict[str, int]]) -> float:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("error", "n_sets"), [(scenelets_count_too_much, 150), (hidden_for_seen, 40)]
+    ("error", "n_sets"), [(scenelets_count_too_much, 150), (hidden_for_seen, 100)]
 )
 def test_an_error_shifts_ranks(
     error: Callable[[pytest.MonkeyPatch], str], n_sets: int, monkeypatch: pytest.MonkeyPatch
