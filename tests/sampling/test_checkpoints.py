@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +20,7 @@ from imapper_prob.models.errors import InputError
 from imapper_prob.models.scenelet import Library
 from imapper_prob.samplers.checkpoint import Checkpointer
 from imapper_prob.samplers.tempering import Parts, start
+from imapper_prob.sampling import schedule
 from imapper_prob.sampling.chain import Chain, Setup, run_chain
 from imapper_prob.sampling.checkpoints import ChainProgress
 from imapper_prob.sampling.sample import sample_scenes, setup_of
@@ -29,6 +31,13 @@ from tests.runs import small_solution
 SETTINGS = SampleSettings(
     steps=600, burn_in=0.4, draws=40, temperatures=8, ensemble_steps=4, chains=2
 )
+
+
+@pytest.fixture(scope="module", autouse=True)
+def references_after_a_short_burn_in_too() -> Iterator[None]:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(schedule, "_LATER_FROM", 0)
+        yield
 
 
 @pytest.fixture(scope="module")

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 from imapper_prob.config import SampleSettings
 from imapper_prob.models.errors import InputError
+from imapper_prob.sampling import schedule
 from imapper_prob.sampling.schedule import (
     block_end,
     burn_in_of,
@@ -119,7 +120,8 @@ def test_learning_is_as_often_as_said() -> None:
     assert all(200 <= count < 400 for count in noted[8:12])
     assert learning_of(replace(usual, burn_in=0.0)).ends == ()
     short = learning_of(replace(usual, steps=2000, draws=10))
-    assert short.ends[:9] == (0, 20, 40, 60, 80, 100, 120, 200, 280)
+    assert short.ends[:7] == (0, 20, 40, 60, 80, 100, 120)
+    assert short.ends[7] >= 5000
     assert learning_of(replace(usual, steps=50, draws=2)).ends[:2] == (0, 3)
 
 
@@ -127,7 +129,9 @@ def test_learning_is_as_often_as_said() -> None:
 def test_references_after_burn_in_are_learnt_ever_more_rarely_where_a_chain_may_stop(
     sample: SampleSettings,
 ) -> None:
-    learning, burn_in = learning_of(sample), burn_in_of(sample)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(schedule, "_LATER_FROM", 0)
+        learning, burn_in = learning_of(sample), burn_in_of(sample)
     later = [end for end in learning.ends if end > burn_in]
     assert len(later) == (40 if burn_in else 0)
     for at, (low, high) in zip(later, pairwise((burn_in, *later)), strict=True):
