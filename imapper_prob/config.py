@@ -45,7 +45,7 @@ class SampleSettings:
         Number of independent chains, from over-dispersed starts.
     steps : int
         Steps of each chain at each temperature. Burn-in and spacing of draws are relative to it.
-        The default is chosen: the smallest public scene then takes about four minutes on two cores
+        The default is chosen: the smallest public scene then takes about five minutes on two cores
         (``python -m lab.seeds``).
     temperatures : int
         Largest number of tempered copies of each chain that exchange their states. They reach from
