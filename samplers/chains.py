@@ -9,6 +9,7 @@ calls. The problem of each call is sent once to each process, not once to each c
 from __future__ import annotations
 
 import ctypes
+import logging
 import multiprocessing
 import os
 import pickle
@@ -37,6 +38,8 @@ import numpy as np
 from imapper_prob.samplers.interrupts import first_interrupt_sets
 
 __all__ = ["ChainError", "Report", "Task", "Workers", "run_chains"]
+
+_LOG = logging.getLogger(__name__)
 
 P_contra = TypeVar("P_contra", contravariant=True)
 X_contra = TypeVar("X_contra", contravariant=True)
@@ -136,6 +139,7 @@ def run_chains(
     executor: Executor | None = None,
     on_progress: OnProgress | None = None,
     scratch: Path | None = None,
+    restarts: int = 0,
 ) -> list[R]:
     """Run one chain from each start.
 
@@ -169,6 +173,8 @@ def run_chains(
     scratch : Path, optional
         Folder for the temporary file that sends the problem to the processes; its name begins with
         ``.problem-``, and it stays behind if this process is killed. Default: the system's folder.
+    restarts : int
+        How often all chains are started again after a process died; they draw the same.
 
     Returns
     -------
@@ -178,7 +184,7 @@ def run_chains(
     Raises
     ------
     ChainError
-        A process died.
+        Processes died more often than ``restarts``.
     Exception
         Any exception of a task, with a note that names the chain; the other chains are asked to
         stop.
@@ -191,14 +197,21 @@ def run_chains(
     parent = seed if isinstance(seed, np.random.SeedSequence) else np.random.SeedSequence(seed)
     children = parent.spawn(len(starts))
     jobs = [_Job(i, *pair) for i, pair in enumerate(zip(starts, children, strict=True))]
-    if executor is not None:
-        if on_progress is not None:
-            raise ValueError("on_progress cannot be called from another executor")
-        return _run_elsewhere(task, problem, jobs, executor)
-    if isinstance(workers, Workers):
-        return workers.run(task, problem, jobs, on_progress, scratch)
-    with Workers(min(workers, max(1, len(jobs)))) as processes:
-        return processes.run(task, problem, jobs, on_progress, scratch)
+    if executor is not None and on_progress is not None:
+        raise ValueError("on_progress cannot be called from another executor")
+    while True:
+        try:
+            if executor is not None:
+                return _run_elsewhere(task, problem, jobs, executor)
+            if isinstance(workers, Workers):
+                return workers.run(task, problem, jobs, on_progress, scratch)
+            with Workers(min(workers, max(1, len(jobs)))) as processes:
+                return processes.run(task, problem, jobs, on_progress, scratch)
+        except ChainError as error:
+            if restarts == 0:
+                raise
+            restarts -= 1
+            _LOG.warning("%s; the chains are started again", error)
 
 
 def _run(task: Task[P, X, R], problem: P, job: _Job, report: Report) -> R:
@@ -465,16 +478,22 @@ def _obituary(pids: Sequence[int], processes: set[BaseProcess]) -> str:
     codes = {process.pid: process.exitcode for process in processes}
     running = {chain: codes.get(pid) for chain, pid in enumerate(pids) if pid}
     if not running:
+        if -signal.SIGKILL in codes.values():
+            return f"a process that waited for a chain died with {_named(-signal.SIGKILL)}"
         return (
             "a process died before its chain began: can it import the task, and is the "
             "script's own work under `if __name__ == '__main__':`?"
         )
     died = {chain: code for chain, code in running.items() if code not in (0, -signal.SIGTERM)}
     return "; ".join(
-        f"chain {chain}: its process died with exit code {code}"
-        + (" (killed, perhaps for want of memory)" if code == -signal.SIGKILL else "")
+        f"chain {chain}: its process died with {_named(code)}"
         for chain, code in (died or running).items()
     )
+
+
+def _named(code: int | None) -> str:
+    killed = " (killed, perhaps for want of memory)" if code == -signal.SIGKILL else ""
+    return f"exit code {code}{killed}"
 
 
 @contextmanager

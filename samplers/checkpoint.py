@@ -15,7 +15,6 @@ import shutil
 import time
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
-from copy import deepcopy
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
@@ -415,30 +414,23 @@ def run_resumable_chains(
             _drop_unless_of(identity, path)
     kept = _WithKeeper(task, identity, every_seconds)
     placed = [(checkpoint_of(folder, chain), start) for chain, start in enumerate(starts)]
-    # `spawn` changes a sequence: each attempt uses a copy, and the caller's spawns only once.
-    parent = seed if isinstance(seed, np.random.SeedSequence) else np.random.SeedSequence(seed)
-    first = deepcopy(parent)
-    parent.spawn(len(starts))
-    while True:
-        try:
-            return run_chains(
-                kept,
-                problem,
-                placed,
-                seed=deepcopy(first),
-                workers=workers,
-                executor=executor,
-                on_progress=on_progress,
-                scratch=folder,
-            )
-        except ChainError as error:
-            if restarts == 0:
-                raise ChainError(
-                    f"{error}; nothing is lost: run again, and the chains go on from their "
-                    f"checkpoints in {folder}"
-                ) from error
-            restarts -= 1
-            _LOG.warning("%s; going on from the checkpoints in %s", error, folder)
+    try:
+        return run_chains(
+            kept,
+            problem,
+            placed,
+            seed=seed,
+            workers=workers,
+            executor=executor,
+            on_progress=on_progress,
+            scratch=folder,
+            restarts=restarts,
+        )
+    except ChainError as error:
+        raise ChainError(
+            f"{error}; nothing is lost: run again, and the chains go on from their "
+            f"checkpoints in {folder}"
+        ) from error
 
 
 def checkpoint_of(folder: Path, chain: int) -> Path:

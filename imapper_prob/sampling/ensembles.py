@@ -142,6 +142,7 @@ def walk_draws(
         workers=workers,
         on_progress=report,
         scratch=scratch,
+        restarts=1,
     )
     moved, new_values = list(states), values.ravel().copy()
     for group, ensemble in zip(groups, arrived, strict=True):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import multiprocessing
 import os
 import signal
 import subprocess
@@ -153,6 +154,20 @@ def test_a_process_that_dies_is_no_hang():
         run_chains(
             tasks.kill_one, 1, [0, 1, 0], seed=5, workers=2, on_progress=lambda *progress: None
         )
+
+
+def test_a_process_that_is_killed_while_it_waits_is_made_good(caplog):
+    starts = [0.0, 10.0]
+    with Workers(2) as workers:
+        expected = run_chains(tasks.walk, 50, starts, seed=5, workers=workers)
+        waiting = multiprocessing.active_children()
+        for process in waiting:
+            process.kill()
+            process.join()
+        found = run_chains(tasks.walk, 50, starts, seed=5, workers=workers, restarts=1)
+    assert len(waiting) == 2
+    np.testing.assert_array_equal(found, expected)
+    assert "waited for a chain died with exit code -9" in caplog.text
 
 
 @pytest.mark.parametrize("task", [tasks.walk, tasks.fail])

@@ -95,7 +95,7 @@ def test_a_worker_that_was_killed_is_made_good(tmp_path, undisturbed, caplog):
     found = run(tmp_path, task=kept.dies_once, workers=2)
     assert_same(found, undisturbed)
     assert "exit code -9" in caplog.text
-    assert "going on from the checkpoints" in caplog.text
+    assert "the chains are started again" in caplog.text
 
 
 def test_a_worker_that_is_always_killed_is_given_up(tmp_path):
