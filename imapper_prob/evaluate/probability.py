@@ -8,14 +8,14 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import linear_sum_assignment
-from scipy.stats import beta
+from scipy.stats import binom
 from shapely.affinity import translate
 
 from imapper_prob.evaluate.objects import pair_up
@@ -34,11 +34,13 @@ __all__ = [
     "Coverage",
     "Draws",
     "PosteriorScore",
+    "at_true_size",
     "brier",
     "claims_of",
     "count_scores",
     "coverage",
     "distance_ranks",
+    "draws_inside",
     "draws_of",
     "elliptic_rank",
     "energy_score",
@@ -339,6 +341,11 @@ def _counts(objects: Sequence[Outline]) -> tuple[int, ...]:
 
 _REGIONS: Final = (0.5, 0.9)
 """Probabilities of the regions whose coverage is reported."""
+_EXPECTED: Final = (0.05, 0.95)
+"""Quantiles of the expected share, a range of 90 %."""
+_PAIRINGS: Final = 4000
+_PAIRING_SEED: Final = 20190708
+"""Combinations of draws of independent clips, for an error of .003 in the quantiles' levels."""
 _FEWEST: Final = 20
 """Least number of draws of an object for which an ellipse is fitted."""
 _NUGGET: Final = 1e-6
@@ -356,8 +363,8 @@ class Coverage:
     share : float
         Fraction of the truths inside the region; NaN if there are none.
     low, high : float
-        Binomial interval of 90 % around ``share`` (Clopper and Pearson), as if the truths were
-        independent; joints of neighbouring frames are not.
+        Range that contains ``share`` with probability .9 if probabilities are correct; NaN if there
+        are no truths.
     count : int
         Number of truths.
     """
@@ -386,11 +393,17 @@ def elliptic_rank(draws: ArrayLike, point: ArrayLike) -> float:
         In [0, 1].
     """
     everything = np.concatenate([np.asarray(draws, float), np.asarray(point, float)[None]])
-    off = everything - everything.mean(0)
-    covariance = np.cov(everything.T) + _NUGGET * np.eye(off.shape[1])
-    distances = np.einsum("ni,ij,nj->n", off, np.linalg.inv(covariance), off)
+    distances = _squared_distances(everything)
     # The middle of the point's step among N + 1.
     return float(((distances[:-1] < distances[-1]).sum() + 0.5) / len(distances))
+
+
+def _squared_distances(points: Array) -> Array:
+    """(N,) squared Mahalanobis distances of (N, d) points from their mean."""
+    off = points - points.mean(0)
+    covariance = np.cov(points.T) + _NUGGET * np.eye(off.shape[1])
+    found: Array = np.einsum("ni,ij,nj->n", off, np.linalg.inv(covariance), off)
+    return found
 
 
 def object_ranks(claims: Sequence[Claim], truth: TruthInView) -> Array:
@@ -433,11 +446,71 @@ def joint_ranks(
     return np.array(
         [
             elliptic_rank(draws.joints[:, t, joint], truth.joints[t, joint])
-            for t in np.flatnonzero(truth.known)
-            for joint in joints
-            if truth.hidden[t, joint] or not hidden
+            for t, joint in _ranked(truth, joints, hidden)
         ]
     )
+
+
+def draws_inside(
+    draws: Draws, truth: TruthInView, *, joints: Sequence[int] = SCORED, hidden: bool = False
+) -> NDArray[np.int64]:
+    """How many joints regions would contain if a draw were the truth, draw by draw.
+
+    Joints of a clip share the doubt of its size, so the share of them that a region contains varies
+    far more from clip to clip than that of independent points.
+
+    Parameters
+    ----------
+    draws : Draws
+    truth : TruthInView
+        For the choice of joints and frames.
+    joints : sequence of int
+    hidden : bool
+        See `joint_ranks`.
+
+    Returns
+    -------
+    (N, 2) int
+        For regions of 50 and 90 %.
+    """
+    inside = np.zeros((len(draws), len(_REGIONS)), int)
+    for t, joint in _ranked(truth, joints, hidden):
+        distances = _squared_distances(draws.joints[:, t, joint])
+        ranks = (distances.argsort().argsort() + 0.5) / len(draws)
+        inside += ranks[:, None] < _REGIONS
+    return inside
+
+
+def at_true_size(draws: Draws, truth: TruthInView) -> Draws:
+    """Draws scaled about the camera so that the mean log distance of the pelvis is the true one.
+
+    What remains is the doubt of poses and of the path's shape, without that of the clip's size,
+    which is one unknown number a clip: one camera does not measure it.
+
+    Parameters
+    ----------
+    draws : Draws
+    truth : TruthInView
+
+    Returns
+    -------
+    Draws
+        The scaled joints; pixels and objects are unchanged.
+    """
+    known = truth.known
+
+    def size(joints: Array) -> Array:
+        away: Array = np.log(np.linalg.norm(joints[..., known, PELV, :], axis=-1)).mean(-1)
+        return away
+
+    factor = np.exp(size(truth.joints) - size(draws.joints))
+    return replace(draws, joints=draws.joints * factor[:, None, None, None])
+
+
+def _ranked(truth: TruthInView, joints: Sequence[int], hidden: bool) -> list[tuple[int, int]]:
+    """Frames and joints that have ranks."""
+    frames = np.flatnonzero(truth.known).tolist()
+    return [(t, joint) for t in frames for joint in joints if truth.hidden[t, joint] or not hidden]
 
 
 def distance_ranks(draws: Draws, truth: TruthInView) -> Array:
@@ -462,24 +535,37 @@ def distance_ranks(draws: Draws, truth: TruthInView) -> Array:
     return shares
 
 
-def coverage(ranks: Array) -> tuple[Coverage, ...]:
+def coverage(ranks: Sequence[Array], inside: Sequence[ArrayLike] = ()) -> tuple[Coverage, ...]:
     """Observed coverage of regions of stated probabilities.
 
     Parameters
     ----------
-    ranks : (n,) float
+    ranks : sequence of (n,) float
+        Ranks of each clip.
+    inside : sequence of (N, 2) int
+        Results of `draws_inside` of each clip. If empty, truths are independent and the expected
+        range is that of a binomial distribution.
 
     Returns
     -------
     tuple of Coverage
     """
-    count = len(ranks)
+    everything = np.concatenate([np.empty(0), *ranks])
+    count = len(everything)
+    rng = np.random.default_rng(_PAIRING_SEED)
+    sums = np.zeros((_PAIRINGS, len(_REGIONS)))
+    for each in map(np.asarray, inside):
+        sums += each[rng.integers(len(each), size=_PAIRINGS)]
     result = []
-    for region in _REGIONS:
-        inside = int((ranks < region).sum())
-        low = beta.ppf(0.05, inside, count - inside + 1) if inside else 0.0
-        high = beta.ppf(0.95, inside + 1, count - inside) if inside < count else 1.0
-        share = inside / count if count else float("nan")
+    for k, region in enumerate(_REGIONS):
+        share = low = high = float("nan")
+        if count:
+            share = float((everything < region).mean())
+            low, high = (
+                np.quantile(sums[:, k], _EXPECTED)
+                if inside
+                else binom.ppf(_EXPECTED, count, region)
+            ) / count
         result.append(Coverage(region, share, float(low), float(high), count))
     return tuple(result)
 
@@ -519,8 +605,12 @@ class PosteriorScore:
         of each object's presence.
     object_ranks, pelvis_ranks, joint_ranks, hidden_ranks : (n,) float
         Ranks of object centres, the pelvis, all scored joints and the hidden ones.
+    sized_ranks : (n,) float
+        Ranks of all scored joints, given the clip's true size (:func:`at_true_size`).
     distance_ranks : (n,) float
         Ranks of the pelvis' distance from the camera.
+    inside : dict of str to (N, 2) int
+        Results of :func:`draws_inside` for each kind of ranks but the first and the last.
     """
 
     name: str
@@ -541,7 +631,9 @@ class PosteriorScore:
     pelvis_ranks: Array
     joint_ranks: Array
     hidden_ranks: Array
+    sized_ranks: Array
     distance_ranks: Array
+    inside: dict[str, NDArray[np.int64]]
 
 
 def posterior_predictions(posterior: Posterior) -> tuple[Prediction, ...]:
@@ -586,6 +678,7 @@ def score_posterior(posterior: Posterior, truth: TruthInView, *, name: str) -> P
         )
     claims, true = claims_of(posterior), truth.used_objects
     draws = draws_of(posterior, rows=len(truth.joints))
+    sized = at_true_size(draws, truth)
     shown = [scene_distance(p.objects, true) for p in _shown(posterior, _SHOWN)]
     expected, energy = energy_score(draws.objects, true)
     joints = joint_energy_score(draws, truth)
@@ -610,7 +703,14 @@ def score_posterior(posterior: Posterior, truth: TruthInView, *, name: str) -> P
         pelvis_ranks=joint_ranks(draws, truth, joints=(PELV,)),
         joint_ranks=joint_ranks(draws, truth),
         hidden_ranks=joint_ranks(draws, truth, hidden=True),
+        sized_ranks=joint_ranks(sized, truth),
         distance_ranks=distance_ranks(draws, truth),
+        inside={
+            "pelvis_ranks": draws_inside(draws, truth, joints=(PELV,)),
+            "joint_ranks": draws_inside(draws, truth),
+            "hidden_ranks": draws_inside(draws, truth, hidden=True),
+            "sized_ranks": draws_inside(sized, truth),
+        },
     )
 
 

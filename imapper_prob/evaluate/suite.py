@@ -126,7 +126,7 @@ def _count(frames: int, part: float) -> int:
 
 _BOOTSTRAP_SEED: Final = 8
 _FORMAT: Final = "imapper-prob evaluation"
-_VERSION: Final = 1
+_VERSION: Final = 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -214,7 +214,7 @@ def evaluate(
 
 
 def posterior_coverage(posteriors: Sequence[PosteriorScore]) -> dict[str, tuple[Coverage, ...]]:
-    """Coverage of objects, pelvis, joints and hidden joints, pooled over clips.
+    """Coverage of objects, pelvis and joints, pooled over clips.
 
     Parameters
     ----------
@@ -225,12 +225,16 @@ def posterior_coverage(posteriors: Sequence[PosteriorScore]) -> dict[str, tuple[
     dict of str to tuple of Coverage
     """
     return {
-        name: coverage(np.concatenate([getattr(p, ranks) for p in posteriors]))
+        name: coverage(
+            [getattr(p, ranks) for p in posteriors],
+            [p.inside[ranks] for p in posteriors if ranks in p.inside],
+        )
         for name, ranks in (
             ("object centres", "object_ranks"),
             ("pelvis", "pelvis_ranks"),
             ("joints", "joint_ranks"),
             ("hidden joints", "hidden_ranks"),
+            ("joints, given the clip's size", "sized_ranks"),
         )
     }
 
@@ -271,7 +275,7 @@ def _plain(posterior: PosteriorScore) -> dict[str, Any]:
     """Scores of a posterior for JSON; ranks of joints become histograms of ten bins."""
     values = dict(vars(posterior))
     values["object_ranks"] = posterior.object_ranks.tolist()
-    for name in ("pelvis_ranks", "joint_ranks", "hidden_ranks", "distance_ranks"):
+    for name in (*values.pop("inside"), "distance_ranks"):
         counts, _ = np.histogram(values[name], bins=10, range=(0, 1))
         values[name] = counts.tolist()
     return values

@@ -103,7 +103,7 @@ POSTERIOR_COLUMNS = (
     "counts: Brier / nats",
     "presence: Brier / nats",
 )  # fmt: skip
-COVERAGE_COLUMNS = ("truths", "region", "share in it", "90 % if independent", "count")
+COVERAGE_COLUMNS = ("truths", "region", "share in it", "expected in 90 % of cases", "count")
 Rows = list[tuple[str, ...]]
 
 
@@ -258,7 +258,7 @@ def coverage_rows(found: Mapping[str, Sequence[Coverage]]) -> Rows:
     for name, regions in found.items():
         for c in regions:
             share = f"{c.share:.2f}" if c.count else "–"
-            interval = f"{c.low:.2f} to {c.high:.2f}"
+            interval = f"{c.low:.2f} to {c.high:.2f}" if c.count else "–"
             rows.append((name, f"{c.region:.0%}", share, interval, str(c.count)))
     return rows
 
@@ -436,15 +436,16 @@ def coverage_figure(scores: Sequence[PosteriorScore]) -> Figure:
         low, high = (binom.ppf(q, len(objects), stated) / len(objects) for q in (0.05, 0.95))
         axes.fill_between(stated, low, high, color=_OBJECTS, alpha=0.15, linewidth=0)
     axes.plot(stated, stated, color=_QUIET, linewidth=0.8)
-    for name, ranks, colour in (
-        ("objects", objects, _OBJECTS),
-        ("pelvis", np.concatenate([s.pelvis_ranks for s in scores]), _PELVIS),
-        ("joints", np.concatenate([s.joint_ranks for s in scores]), _JOINTS),
-        ("hidden joints", np.concatenate([s.hidden_ranks for s in scores]), _HIDDEN),
+    for name, ranks, colour, style in (
+        ("objects", objects, _OBJECTS, "-"),
+        ("pelvis", np.concatenate([s.pelvis_ranks for s in scores]), _PELVIS, "-"),
+        ("joints", np.concatenate([s.joint_ranks for s in scores]), _JOINTS, "-"),
+        ("joints, given the size", np.concatenate([s.sized_ranks for s in scores]), _JOINTS, ":"),
+        ("hidden joints", np.concatenate([s.hidden_ranks for s in scores]), _HIDDEN, "-"),
     ):
         if len(ranks):
             share = (ranks[:, None] < stated).mean(0)
-            axes.plot(stated, share, color=colour, label=f"{name} ({len(ranks)})")
+            axes.plot(stated, share, style, color=colour, label=f"{name} ({len(ranks)})")
     axes.set_xlabel("stated probability of a region", fontsize=8)
     axes.set_ylabel("share of the truths in it", fontsize=8)
     axes.legend(fontsize=7, frameon=False, loc="upper left")

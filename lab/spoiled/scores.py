@@ -200,4 +200,4 @@ def _only(truth: TruthInView, frames: Flags) -> TruthInView:
 
 def _shares(draws: Draws, truth: TruthInView, *, hidden: bool = False) -> list[float]:
     """Coverage of scored joints by regions of 50 and 90 %."""
-    return [c.share for c in coverage(joint_ranks(draws, truth, hidden=hidden))]
+    return [c.share for c in coverage([joint_ranks(draws, truth, hidden=hidden)])]

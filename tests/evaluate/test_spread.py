@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.stats import kstest
@@ -9,8 +11,10 @@ from scipy.stats import kstest
 from imapper_prob.evaluate.probability import (
     Claim,
     Draws,
+    at_true_size,
     coverage,
     distance_ranks,
+    draws_inside,
     elliptic_rank,
     joint_ranks,
     object_ranks,
@@ -57,13 +61,47 @@ def test_draws_on_one_spot_have_a_rank() -> None:
     assert elliptic_rank(np.ones((30, 2)), (1.1, 1.0)) > 0.98
 
 
-def test_coverage_counts_with_its_interval() -> None:
-    half, most = coverage(np.array([0.1, 0.4, 0.6, 0.95]))
+def test_coverage_of_independent_truths_has_a_binomial_range() -> None:
+    half, most = coverage([np.array([0.1, 0.4]), np.array([0.6, 0.95])])
     assert (half.share, most.share) == (0.5, 0.75)
-    # Clopper and Pearson: P(X >= 2 | low) = P(X <= 2 | high) = .05 of four.
-    assert half.low == pytest.approx(0.0976, abs=1e-3)
-    assert half.high == pytest.approx(0.9024, abs=1e-3)
-    assert np.isnan(coverage(np.empty(0))[0].share)
+    # P(X <= 1 | 4, .5) = 5 / 16 and P(X = 0) = 1 / 16; P(X <= 2 | 4, .9) = .0523.
+    assert (half.low, half.high) == (0.0, 1.0)
+    assert (most.low, most.high) == (0.5, 1.0)
+    assert np.isnan(coverage([np.empty(0)])[0].share)
+
+
+def test_the_range_of_dependent_truths_is_that_of_draws(rng: np.random.Generator) -> None:
+    known = truth()
+    shared, alone = draws(rng, 0.3, 200), draws(rng, 0.0, 200)
+    alone = replace(alone, joints=alone.joints + 0.3 * rng.standard_normal(alone.joints.shape))
+    for cloud, low, high in ((shared, 0.0, 1.0), (alone, 0.35, 0.65)):
+        inside = draws_inside(cloud, known)
+        # Each joint's ranks are uniform over the draws.
+        np.testing.assert_allclose(inside.mean(0) / (11 * len(SCORED)), (0.5, 0.9), atol=0.01)
+        half, _ = coverage([joint_ranks(cloud, known)], [inside])
+        assert (half.low <= low) == (cloud is shared)
+        assert (half.high >= high) == (cloud is shared)
+    assert draws_inside(shared, known, hidden=True).max() <= known.hidden.sum()
+
+
+def test_two_clips_of_one_doubt_each_expect_less_scatter(rng: np.random.Generator) -> None:
+    known = truth()
+    cloud = draws(rng, 0.3, 200)
+    ranks, inside = joint_ranks(cloud, known), draws_inside(cloud, known)
+    one, four = coverage([ranks], [inside])[0], coverage([ranks] * 4, [inside] * 4)[0]
+    assert (one.low, one.high) == (0.0, 1.0)
+    # Two of four, one of four with probability 5 / 16: the quantiles of a binomial of four.
+    assert (four.low, four.high) == (0.0, 1.0)
+    nine = coverage([ranks] * 9, [inside] * 9)[0]
+    assert (nine.low, nine.high) == (2 / 9, 7 / 9)
+
+
+def test_size_is_removed_and_nothing_else(rng: np.random.Generator) -> None:
+    known = truth()
+    sizes = np.exp(0.1 * rng.standard_normal(60))
+    joints = walk() * sizes[:, None, None, None]
+    cloud = at_true_size(Draws(joints, CAMERA.project_camera(joints), ((),) * 60), known)
+    np.testing.assert_allclose(cloud.joints, np.broadcast_to(walk(), joints.shape), rtol=1e-12)
 
 
 def claim(label: str, centres: np.ndarray, probability: float) -> Claim:
