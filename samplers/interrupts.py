@@ -2,8 +2,9 @@
 
 Python handles a signal between two instructions of its own, wherever it is. Code compiled by numba
 calls a few functions written in Python while it converts arguments and results, and does not check
-whether they return: an exception raised there ends the process by a segmentation fault. A handler
-of this module sends the signal again a moment later if it finds itself in such a function.
+whether they return: an exception raised there ends the process by a segmentation fault, or is lost.
+A handler of this module sends the signal again a moment later if it finds itself in such a
+function.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ __all__ = ["first_interrupt_sets", "interruptible", "raising", "send_again"]
 
 _AGAIN: Final = 0.05
 """Seconds until a signal that could not be handled is sent again; shorter than people notice."""
-_UNCHECKED: Final = ("numba.core.serialize", "ctypes")
+_UNCHECKED: Final = ("numba.core.serialize", "numba.experimental.structref", "ctypes")
 """Modules whose functions compiled code calls without checking for exceptions."""
 _TUPLES: Final = "namedtuple_"
 """What names of modules of named tuples begin with; compiled code calls their constructors."""

@@ -51,7 +51,10 @@ def test_the_first_sets_and_the_second_raises() -> None:
 
 
 def test_compiled_code_survives_signals() -> None:
-    """Most of these signals arrive while arguments and results are converted."""
+    """Most of these signals arrive while arguments and results are converted.
+
+    One that is lost lets the program run until the time is up.
+    """
     program = textwrap.dedent(
         """
         import signal
@@ -59,6 +62,7 @@ def test_compiled_code_survives_signals() -> None:
 
         import numba
         import numpy as np
+        from numba.experimental import structref
 
         from imapper_prob.samplers import interrupts
 
@@ -68,18 +72,27 @@ def test_compiled_code_survives_signals() -> None:
             one: float
             other: float
 
-        @numba.njit
-        def draw(rng):
-            return Pair(rng.random(), 1.0), Pair(2.0, 3.0)
+        @structref.register
+        class BoxType(numba.types.StructRef):
+            pass
 
-        rng, raised = np.random.default_rng(0), 0
-        draw(rng)
+        class Box(structref.StructRefProxy):
+            pass
+
+        structref.define_proxy(Box, BoxType, ["number"])
+
+        @numba.njit
+        def draw(rng, box):
+            return Pair(rng.random(), box.number), Pair(2.0, 3.0)
+
+        rng, box, raised = np.random.default_rng(0), Box(1.0), 0
+        draw(rng, box)
         with interrupts.raising({signal.SIGALRM: KeyboardInterrupt}):
             while raised < 300:
                 try:
                     signal.setitimer(signal.ITIMER_REAL, 0.0001 + 0.0005 * np.random.random())
                     while True:
-                        draw(rng)
+                        draw(rng, box)
                 except KeyboardInterrupt:
                     raised += 1
         print(raised)
