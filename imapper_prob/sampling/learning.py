@@ -290,9 +290,13 @@ def _gathered(entries: list[tuple[Ints, Ints, Array]], n_rows: int) -> Rows:
     """Merge entries: by row, each code once, with probabilities that sum to one in each row."""
     row, code, weight = (np.concatenate(parts) for parts in zip(*entries, strict=True))
     base = int(code.max(initial=0)) + 1
-    found, of = np.unique(row * base + code, return_inverse=True)
-    row, code = found // base, found % base
-    total = np.bincount(of, weight, len(found))
+    number = row * base + code
+    # Entries come in long ascending runs, which a stable sort merges.
+    order = np.argsort(number, kind="stable")
+    number = number[order]
+    begins = np.diff(number, prepend=-1) > 0
+    total = np.bincount(begins.cumsum() - 1, weight[order])
+    row, code = number[begins] // base, number[begins] % base
     by_row = np.bincount(row, total, n_rows)
     first = np.searchsorted(row, np.arange(n_rows + 1)).astype(np.int64)
     return first, code, total / by_row[row]
