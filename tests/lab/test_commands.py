@@ -150,14 +150,17 @@ def test_stages_of_the_solver(
 
 @pytest.mark.slow
 def test_golden(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    for _ in range(2):
-        assert run("lab.golden", tmp_path / "golden.json", "--only", "one-worker") == 0
-    assert capsys.readouterr().out.count("all arrays are the same") == 2
+    assert run("lab.golden", tmp_path / "golden.json", "--only", "one-worker") == 0
+    assert "all arrays are the same" in capsys.readouterr().out
     found = json.loads((tmp_path / "golden.json").read_text())
-    found["one-worker"][next(iter(found["one-worker"]))] = "0"
+    changed = next(iter(found["one-worker"]))
+    found["one-worker"][changed] = "0"
     with written_whole(tmp_path / "golden.json") as beside:
         beside.write_text(json.dumps(found))
     assert run("lab.golden", tmp_path / "golden.json", "--only", "one-worker") == 1
+    told = capsys.readouterr().out
+    assert changed in told
+    assert all(name not in told for name in found["one-worker"] if name != changed)
 
 
 @pytest.mark.slow
@@ -231,7 +234,9 @@ def test_lifting(scenes: Path, capsys: pytest.CaptureFixture[str]) -> None:
 @pytest.mark.corpus
 def test_parts_of_the_path(scenes: Path, capsys: pytest.CaptureFixture[str]) -> None:
     run("lab.ablation", scenes, "--path")
-    assert capsys.readouterr().out.count("\n") == 12
+    rows = capsys.readouterr().out.splitlines()
+    assert sum("pitch unknown" in row for row in rows) == 1
+    assert {row.count("|") for row in rows if row.startswith("|")} == {8}
 
 
 @pytest.mark.slow
@@ -239,7 +244,7 @@ def test_parts_of_the_path(scenes: Path, capsys: pytest.CaptureFixture[str]) -> 
 def test_terms(
     scenes: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    part = Library("part", tuple(load_library())[::8])
+    part = Library("part", tuple(load_library())[::24])
     monkeypatch.setattr("lab.ablation.load_library", lambda: part)
     run("lab.ablation", scenes)
     told = capsys.readouterr().out
