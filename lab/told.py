@@ -140,16 +140,16 @@ def measured(folder: Path, steps: int, workers: int) -> dict[str, Any]:
     config = replace(with_steps(steps), seed=0).without(folder.name)
     before = im.sample(known.clip, library, config=config, workers=workers)
     told = statements_of(known.clip, truth, used, labels_of(library), np.random.default_rng(0))
-    rows: dict[str, Any] = {"nothing": _row(before, known.truth, 0.0)}
+    rows: dict[str, Any] = {"nothing": row(before, known.truth, 0.0)}
     rows["nothing"]["with true depth"] = with_true_depth(before, known.truth)
     for name, statements in told.items():
         begun = time.perf_counter()
         after = before.given(statements, workers=workers)
-        rows[name] = _row(after, known.truth, time.perf_counter() - begun)
+        rows[name] = row(after, known.truth, time.perf_counter() - begun)
         if name == "boxes":
             begun = time.perf_counter()
             both = after.given(told["camera height"], workers=workers)
-            rows["boxes, then height"] = _row(both, known.truth, time.perf_counter() - begun)
+            rows["boxes, then height"] = row(both, known.truth, time.perf_counter() - begun)
         sys.stderr.write(f"{folder.name} {name}: {rows[name]['evidence']}\n")
     return rows
 
@@ -179,7 +179,8 @@ def with_true_depth(posterior: im.Posterior, truth: TruthInView) -> dict[str, fl
     return found
 
 
-def _row(posterior: im.Posterior, truth: Any, seconds: float) -> dict[str, Any]:
+def row(posterior: im.Posterior, truth: TruthInView, seconds: float) -> dict[str, Any]:
+    """Scores of the estimate, and what was said of the evidence."""
     people = len(posterior.clip.tracks)
     answer = prediction_of_scene(posterior.estimate, name="estimate", people=people)
     found = score(answer, truth)

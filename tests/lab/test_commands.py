@@ -268,6 +268,23 @@ def test_unfound(scenes: Path, capsys: pytest.CaptureFixture[str]) -> None:
 
 @pytest.mark.slow
 @pytest.mark.corpus
+def test_pinned(
+    scenes: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    part = Library("part", tuple(load_library())[::24])
+    monkeypatch.setattr("imapper_prob.load_library", lambda: part)
+    run("lab.pinned", scenes / SCENE, tmp_path / "pinned.png", "--steps", "400", "--workers", "1")
+    told = capsys.readouterr().out
+    assert told.startswith("Given: ")
+    assert re.search(r"^after: [012] of 2 found, \d+ cm with misses, joints ", told, re.MULTILINE)
+    assert (tmp_path / "pinned.png").stat().st_size > 10_000
+
+
+@pytest.mark.slow
+@pytest.mark.corpus
 def test_libraries(scenes: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     run("lab.libraries", scenes, tmp_path / "out", "--seeds", "1", "--workers", "1")
     assert "| mean |" in capsys.readouterr().out
