@@ -35,7 +35,8 @@ def draw_truth(axes: Axes, truth: Truth, used: Sequence[str]) -> None:
     for o in truth.objects:
         corners = np.concatenate([o.footprint, o.footprint[:1]])
         axes.plot(*corners.T, "k--", linewidth=1.2 if o.label in used else 0.6)
-    axes.plot(*truth.joints[:, PELV, :2].T, "k:", linewidth=1.0)
+    pelvis = truth.joints[:, PELV, :2]
+    axes.plot(*pelvis[np.isfinite(pelvis).all(1)].T, "k:", linewidth=1.2)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
