@@ -37,7 +37,8 @@ from scipy.stats import binom
 
 import imapper_prob
 from imapper_prob.config import Config, SampleSettings
-from imapper_prob.evaluate.probability import elliptic_rank, score_posterior
+from imapper_prob.evaluate.probability import score_posterior
+from imapper_prob.evaluate.regions import elliptic_rank
 from imapper_prob.evaluate.truth import truth_in_view
 from imapper_prob.files import written_whole
 from imapper_prob.layouts import merged_objects

@@ -12,22 +12,16 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-import imapper_prob as im
-from imapper_prob.clips.i3db import read_i3db_truth
 from imapper_prob.config import SampleSettings
-from imapper_prob.evaluate.score import known_scene
-from imapper_prob.models.problem import labels_of
 from imapper_prob.models.scene import Truth
 from imapper_prob.models.skeleton import PELV
-from lab.kept import with_steps
-from lab.told import row, statements_of
+from lab.told import row, sampled
 
 
 def draw_truth(axes: Axes, truth: Truth, used: Sequence[str]) -> None:
@@ -49,26 +43,20 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--steps", type=int, default=SampleSettings().steps // 5, help="of chains")
     parser.add_argument("--workers", type=int, default=2)
     options = parser.parse_args(arguments)
-    known, library = known_scene(options.scene), im.load_library()
-    truth = read_i3db_truth(options.scene, known.clip)
-    used = [o.label for o in known.truth.used_objects]
-    config = replace(with_steps(options.steps), seed=0).without(options.scene.name)
-    before = im.sample(known.clip, library, config=config, workers=options.workers)
-    rng = np.random.default_rng(0)
-    told = statements_of(known.clip, truth, used, labels_of(library), rng)["a place"]
-    after = before.given(told, workers=options.workers)
+    before, seen, truth, told = sampled(options.scene, options.steps, options.workers)
+    after = before.given(told["a place"], workers=options.workers)
     if after.told is not None:
         print(after.told.text)
     figure = Figure((11.0, 5.5), layout="constrained")
     panels = figure.subplots(1, 2, sharex=True, sharey=True)
     for axes, (name, one) in zip(panels, (("before", before), ("after", after)), strict=True):
-        found = row(one, known.truth, 0.0)
+        found = row(one, seen, 0.0)
         print(
             f"{name}: {found['found']} of {found['true']} found, {found['loss']:.0f} cm with "
             f"misses, joints {found['joints']:.1f} cm"
         )
         one.plot(axes)
-        draw_truth(axes, truth, used)
+        draw_truth(axes, truth, [o.label for o in seen.used_objects])
         axes.set_title(name)
     figure.savefig(options.picture, dpi=110)
 

@@ -132,24 +132,33 @@ def depths(clip: Clip, truth: Truth, rng: np.random.Generator) -> im.DepthOf:
     return im.DepthOf(clip.frame_ids[frames].tolist(), said.tolist(), error=_DEPTH_ERROR)
 
 
-def measured(folder: Path, steps: int, workers: int) -> dict[str, Any]:
-    """All rows of one scene."""
+def sampled(
+    folder: Path, steps: int, workers: int
+) -> tuple[im.Posterior, TruthInView, Truth, dict[str, list[Statement]]]:
+    """The posterior of a scene, its truth in camera axes and in the world, and true statements."""
     known, library = known_scene(folder), im.load_library()
     truth = read_i3db_truth(folder, known.clip)
     used = [o.label for o in known.truth.used_objects]
     config = replace(with_steps(steps), seed=0).without(folder.name)
-    before = im.sample(known.clip, library, config=config, workers=workers)
-    told = statements_of(known.clip, truth, used, labels_of(library), np.random.default_rng(0))
-    rows: dict[str, Any] = {"nothing": row(before, known.truth, 0.0)}
-    rows["nothing"]["with true depth"] = with_true_depth(before, known.truth)
+    posterior = im.sample(known.clip, library, config=config, workers=workers)
+    rng = np.random.default_rng(0)
+    told = statements_of(known.clip, truth, used, labels_of(library), rng)
+    return posterior, known.truth, truth, told
+
+
+def measured(folder: Path, steps: int, workers: int) -> dict[str, Any]:
+    """All rows of one scene."""
+    before, seen, _, told = sampled(folder, steps, workers)
+    rows: dict[str, Any] = {"nothing": row(before, seen, 0.0)}
+    rows["nothing"]["with true depth"] = with_true_depth(before, seen)
     for name, statements in told.items():
         begun = time.perf_counter()
         after = before.given(statements, workers=workers)
-        rows[name] = row(after, known.truth, time.perf_counter() - begun)
+        rows[name] = row(after, seen, time.perf_counter() - begun)
         if name == "boxes":
             begun = time.perf_counter()
             both = after.given(told["camera height"], workers=workers)
-            rows["boxes, then height"] = row(both, known.truth, time.perf_counter() - begun)
+            rows["boxes, then height"] = row(both, seen, time.perf_counter() - begun)
         sys.stderr.write(f"{folder.name} {name}: {rows[name]['evidence']}\n")
     return rows
 

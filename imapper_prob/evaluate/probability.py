@@ -1,4 +1,4 @@
-"""Calibration of probabilities: proper scores, ranks of the truth, coverage of regions.
+"""Scores of stated probabilities: proper scores, and all scores of a posterior.
 
 Scores are proper: their expectation is best when the stated probabilities are the true ones
 (Gneiting and Raftery 2007, *Strictly proper scoring rules, prediction, and estimation*).
@@ -8,177 +8,35 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
-from scipy.stats import binom
-from shapely.affinity import translate
 
+from imapper_prob.evaluate.claims import Claim, Draws, claims_of, draws_of
 from imapper_prob.evaluate.objects import pair_up
 from imapper_prob.evaluate.prediction import Prediction, prediction_of_scene
-from imapper_prob.evaluate.truth import Outline, TruthInView, outline_of
+from imapper_prob.evaluate.regions import (
+    at_true_size,
+    distance_ranks,
+    draws_inside,
+    joint_ranks,
+    object_ranks,
+)
+from imapper_prob.evaluate.truth import Outline, TruthInView
 from imapper_prob.models.errors import InputError
-from imapper_prob.models.log_posterior import state_camera
 from imapper_prob.models.skeleton import PELV, SCORED
 from imapper_prob.results.posterior import Posterior
-from imapper_prob.uncertainty.motion import drawn_motion
 
 __all__ = [
-    "LIKELY",
-    "MOST_PROBABLE",
-    "Claim",
-    "Coverage",
-    "Draws",
-    "PosteriorScore",
-    "at_true_size",
-    "brier",
-    "claims_of",
-    "count_scores",
-    "coverage",
-    "distance_ranks",
-    "draws_inside",
-    "draws_of",
-    "elliptic_rank",
-    "energy_score",
-    "joint_energy_score",
-    "joint_ranks",
-    "object_ranks",
-    "posterior_predictions",
-    "presence_scores",
-    "scene_distance",
+    "LIKELY", "MOST_PROBABLE", "PosteriorScore", "brier", "count_scores", "energy_score",
+    "joint_energy_score", "posterior_predictions", "presence_scores", "scene_distance",
     "score_posterior",
-]
+]  # fmt: skip
 
 Array = NDArray[np.float64]
-_MOST: Final = 200
-"""Most draws used. Ranks among 200 are accurate to .035, and neighbouring draws are similar."""
-
-
-@dataclass(frozen=True, eq=False)
-class Draws:
-    """Draws of all chains at even spacing.
-
-    Parameters
-    ----------
-    joints : (N, R, 16, 3) float
-        Camera axes, metres.
-    pixels : (N, R, 16, 2) float
-        Projections by each draw's own camera.
-    objects : tuple of N tuples of Outline
-    """
-
-    joints: Array
-    pixels: Array
-    objects: tuple[tuple[Outline, ...], ...]
-
-    def __len__(self) -> int:
-        return len(self.objects)
-
-
-def draws_of(posterior: Posterior, *, rows: int | None = None) -> Draws:
-    """At most 200 draws of a posterior, evenly spaced over its chains.
-
-    Parameters
-    ----------
-    posterior : Posterior
-    rows : int, optional
-        Frames times people, for the first people only; all people if not given.
-
-    Returns
-    -------
-    Draws
-    """
-    samples, source = posterior.samples, posterior.solution
-    count = len(samples.states)
-    chosen = np.unique(np.linspace(0, count - 1, min(count, _MOST)).round().astype(int))
-    joints, pixels, objects = [], [], []
-    rng = np.random.default_rng(posterior.config.seed)
-    for k in chosen.tolist():
-        state = samples.states[k]
-        camera = state_camera(posterior.clip.camera, state)
-        world = drawn_motion(rng, source.problem, state, camera)[:rows]
-        joints.append(camera.to_camera(world))
-        pixels.append(camera.project(world))
-        objects.append(tuple(outline_of(o, camera) for o in posterior.furniture[k]))
-    return Draws(np.array(joints), np.array(pixels), tuple(objects))
-
-
-# ------------------------------------------------------------------------------------------------
-# Claims: object clusters in camera axes.
-
-_LEAST: Final = 0.005
-"""Least probability of a cluster that is scored; two draws of 400."""
-
-
-@dataclass(frozen=True, eq=False)
-class Claim:
-    """A cluster of objects over the draws.
-
-    Parameters
-    ----------
-    probability : float
-        Probability that the object exists.
-    label : str
-        Its most probable label.
-    members : tuple of Outline
-        The object in each draw that has it.
-    """
-
-    probability: float
-    label: str
-    members: tuple[Outline, ...]
-
-    @property
-    def centres(self) -> Array:
-        """(n, 2) centres in top view, metres."""
-        return np.array([m.centre for m in self.members])
-
-    @cached_property
-    def representative(self) -> Outline:
-        """The member with the cluster's label that is nearest to the mean, moved to the mean.
-
-        The mean is over bearing and log distance, because uncertainty is relative and along the
-        ray.
-        """
-        away = np.linalg.norm(self.centres, axis=1)
-        bearing = np.arctan2(self.centres[:, 0], self.centres[:, 1]).mean()
-        middle = np.exp(np.log(away).mean()) * np.array([np.sin(bearing), np.cos(bearing)])
-        alike = [m for m in self.members if m.label == self.label]
-        best = min(alike, key=lambda m: float(np.linalg.norm(m.centre - middle)))
-        x, y = middle - best.centre
-        moved = translate(best.hull, float(x), float(y))
-        corners = best.corners + np.array([x, y, 0.0])
-        return Outline(best.label, middle, best.yaw, best.has_front, moved, corners)
-
-
-def claims_of(posterior: Posterior) -> tuple[Claim, ...]:
-    """The object clusters that a run reports, the most probable first.
-
-    They come from :mod:`imapper_prob.uncertainty.clusters`, without use of the truth.
-
-    Parameters
-    ----------
-    posterior : Posterior
-
-    Returns
-    -------
-    tuple of Claim
-    """
-    samples = posterior.samples
-    cameras = [state_camera(posterior.clip.camera, state) for state in samples.states]
-    return tuple(
-        Claim(
-            cluster.presence,
-            cluster.label,
-            tuple(outline_of(posterior.furniture[n][k], cameras[n]) for n, k in cluster.members),
-        )
-        for cluster in posterior.clusters(least=_LEAST)
-    )
-
 
 # ------------------------------------------------------------------------------------------------
 # Proper scores.
@@ -330,244 +188,6 @@ def brier(probability: Array, happened: Array, *, least: float = 0.0025) -> tupl
 
 def _counts(objects: Sequence[Outline]) -> tuple[int, ...]:
     return tuple(sum(o.group == group for o in objects) for group in ("seat", "table", "shelf"))
-
-
-# ------------------------------------------------------------------------------------------------
-# Ranks and coverage.
-#
-# The rank of a point is the fraction of the draws that are nearer to the mean of all than it, in
-# Mahalanobis distance. If probabilities are correct and draws independent, ranks are uniform for
-# any number of draws (conformal prediction; Vovk, Gammerman and Shafer 2005, section 2.2).
-
-_REGIONS: Final = (0.5, 0.9)
-"""Probabilities of the regions whose coverage is reported."""
-_EXPECTED: Final = (0.05, 0.95)
-"""Quantiles of the expected share, a range of 90 %."""
-_PAIRINGS: Final = 4000
-_PAIRING_SEED: Final = 20190708
-"""Combinations of draws of independent clips, for an error of .003 in the quantiles' levels."""
-_FEWEST: Final = 20
-"""Least number of draws of an object for which an ellipse is fitted."""
-_NUGGET: Final = 1e-6
-"""Square metres added to variances, one square millimetre, for draws at a single point."""
-
-
-@dataclass(frozen=True)
-class Coverage:
-    """Observed coverage of regions of a stated probability.
-
-    Parameters
-    ----------
-    region : float
-        Stated probability.
-    share : float
-        Fraction of the truths inside the region; NaN if there are none.
-    low, high : float
-        Range that contains ``share`` with probability .9 if probabilities are correct; NaN if there
-        are no truths.
-    count : int
-        Number of truths.
-    """
-
-    region: float
-    share: float
-    low: float
-    high: float
-    count: int
-
-
-def elliptic_rank(draws: ArrayLike, point: ArrayLike) -> float:
-    """Rank of a point among draws, by Mahalanobis distance with the covariance of all N + 1.
-
-    The covariance includes the point. Without it the ellipse would be too small for the point: with
-    100 draws in three dimensions, coverage of a region of .9 would be .03 too low.
-
-    Parameters
-    ----------
-    draws : (N, d) float
-    point : (d,) float
-
-    Returns
-    -------
-    float
-        In [0, 1].
-    """
-    everything = np.concatenate([np.asarray(draws, float), np.asarray(point, float)[None]])
-    distances = _squared_distances(everything)
-    # The middle of the point's step among N + 1.
-    return float(((distances[:-1] < distances[-1]).sum() + 0.5) / len(distances))
-
-
-def _squared_distances(points: Array) -> Array:
-    """(N,) squared Mahalanobis distances of (N, d) points from their mean."""
-    off = points - points.mean(0)
-    covariance = np.cov(points.T) + _NUGGET * np.eye(off.shape[1])
-    found: Array = np.einsum("ni,ij,nj->n", off, np.linalg.inv(covariance), off)
-    return found
-
-
-def object_ranks(claims: Sequence[Claim], truth: TruthInView) -> Array:
-    """Ranks of true centres in the clusters that they are paired with.
-
-    Parameters
-    ----------
-    claims : sequence of Claim
-    truth : TruthInView
-
-    Returns
-    -------
-    (n,) float
-        Clusters more probable than one half are paired as the objects of a scene are; a true object
-        without a partner has no rank.
-    """
-    likely = [c for c in claims if c.probability > 0.5 and len(c.members) >= _FEWEST]
-    claim_of = {id(c.representative): c for c in likely}
-    pairs = pair_up(truth.used_objects, [c.representative for c in likely])
-    return np.array([elliptic_rank(claim_of[id(p.found)].centres, p.truth.centre) for p in pairs])
-
-
-def joint_ranks(
-    draws: Draws, truth: TruthInView, *, joints: Sequence[int] = SCORED, hidden: bool = False
-) -> Array:
-    """Ranks of joints in annotated frames, of all or only of hidden ones.
-
-    Parameters
-    ----------
-    draws : Draws
-    truth : TruthInView
-    joints : sequence of int
-    hidden : bool
-        Whether only hidden joints are used.
-
-    Returns
-    -------
-    (n,) float
-    """
-    return np.array(
-        [
-            elliptic_rank(draws.joints[:, t, joint], truth.joints[t, joint])
-            for t, joint in _ranked(truth, joints, hidden)
-        ]
-    )
-
-
-def draws_inside(
-    draws: Draws, truth: TruthInView, *, joints: Sequence[int] = SCORED, hidden: bool = False
-) -> NDArray[np.int64]:
-    """How many joints regions would contain if a draw were the truth, draw by draw.
-
-    Joints of a clip share the doubt of its size, so the share of them that a region contains varies
-    far more from clip to clip than that of independent points.
-
-    Parameters
-    ----------
-    draws : Draws
-    truth : TruthInView
-        For the choice of joints and frames.
-    joints : sequence of int
-    hidden : bool
-        See `joint_ranks`.
-
-    Returns
-    -------
-    (N, 2) int
-        For regions of 50 and 90 %.
-    """
-    inside = np.zeros((len(draws), len(_REGIONS)), int)
-    for t, joint in _ranked(truth, joints, hidden):
-        distances = _squared_distances(draws.joints[:, t, joint])
-        ranks = (distances.argsort().argsort() + 0.5) / len(draws)
-        inside += ranks[:, None] < _REGIONS
-    return inside
-
-
-def at_true_size(draws: Draws, truth: TruthInView) -> Draws:
-    """Draws scaled about the camera so that the mean log distance of the pelvis is the true one.
-
-    What remains is the doubt of poses and of the path's shape, without that of the clip's size,
-    which is one unknown number a clip: one camera does not measure it.
-
-    Parameters
-    ----------
-    draws : Draws
-    truth : TruthInView
-
-    Returns
-    -------
-    Draws
-        The scaled joints; pixels and objects are unchanged.
-    """
-    known = truth.known
-
-    def size(joints: Array) -> Array:
-        away: Array = np.log(np.linalg.norm(joints[..., known, PELV, :], axis=-1)).mean(-1)
-        return away
-
-    factor = np.exp(size(truth.joints) - size(draws.joints))
-    return replace(draws, joints=draws.joints * factor[:, None, None, None])
-
-
-def _ranked(truth: TruthInView, joints: Sequence[int], hidden: bool) -> list[tuple[int, int]]:
-    """Frames and joints that have ranks."""
-    frames = np.flatnonzero(truth.known).tolist()
-    return [(t, joint) for t in frames for joint in joints if truth.hidden[t, joint] or not hidden]
-
-
-def distance_ranks(draws: Draws, truth: TruthInView) -> Array:
-    """Fraction of draws whose pelvis is nearer to the camera than the true one, by frame.
-
-    Fractions are uniform if distances are calibrated. They concentrate at 1 if draws are too near,
-    and at 0 if they are too far.
-
-    Parameters
-    ----------
-    draws : Draws
-    truth : TruthInView
-
-    Returns
-    -------
-    (n,) float
-    """
-    known = truth.known
-    drawn = np.linalg.norm(draws.joints[:, known, PELV], axis=-1)
-    true = np.linalg.norm(truth.joints[known, PELV], axis=-1)
-    shares: Array = (drawn < true).mean(0)
-    return shares
-
-
-def coverage(ranks: Sequence[Array], inside: Sequence[ArrayLike] = ()) -> tuple[Coverage, ...]:
-    """Observed coverage of regions of stated probabilities.
-
-    Parameters
-    ----------
-    ranks : sequence of (n,) float
-        Ranks of each clip.
-    inside : sequence of (N, 2) int
-        Results of `draws_inside` of each clip. If empty, truths are independent and the expected
-        range is that of a binomial distribution.
-
-    Returns
-    -------
-    tuple of Coverage
-    """
-    everything = np.concatenate([np.empty(0), *ranks])
-    count = len(everything)
-    rng = np.random.default_rng(_PAIRING_SEED)
-    sums = np.zeros((_PAIRINGS, len(_REGIONS)))
-    for each in map(np.asarray, inside):
-        sums += each[rng.integers(len(each), size=_PAIRINGS)]
-    result = []
-    for k, region in enumerate(_REGIONS):
-        share = low = high = float("nan")
-        if count:
-            share = float((everything < region).mean())
-            low, high = (
-                np.quantile(sums[:, k], _EXPECTED)
-                if inside
-                else binom.ppf(_EXPECTED, count, region)
-            ) / count
-        result.append(Coverage(region, share, float(low), float(high), count))
-    return tuple(result)
 
 
 # ------------------------------------------------------------------------------------------------

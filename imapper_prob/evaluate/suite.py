@@ -26,7 +26,8 @@ from imapper_prob.evaluate.prediction import (
     read_prediction,
     write_prediction,
 )
-from imapper_prob.evaluate.probability import Coverage, PosteriorScore, coverage
+from imapper_prob.evaluate.probability import PosteriorScore
+from imapper_prob.evaluate.regions import Coverage, coverage
 from imapper_prob.evaluate.score import (
     Difference,
     Score,

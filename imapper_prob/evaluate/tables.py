@@ -20,7 +20,8 @@ from scipy.stats import binom
 from shapely import get_coordinates
 
 from imapper_prob.evaluate.prediction import Prediction
-from imapper_prob.evaluate.probability import Coverage, PosteriorScore
+from imapper_prob.evaluate.probability import PosteriorScore
+from imapper_prob.evaluate.regions import Coverage
 from imapper_prob.evaluate.score import SUBSETS, Difference, Score, Summary
 from imapper_prob.evaluate.truth import Outline, TruthInView
 from imapper_prob.models.skeleton import PELV

@@ -21,9 +21,10 @@ from numpy.typing import NDArray
 from imapper_prob.api import sample
 from imapper_prob.clips.load import load_clip
 from imapper_prob.config import Config, SampleSettings
+from imapper_prob.evaluate.claims import Draws, draws_of
 from imapper_prob.evaluate.i3db import read_truth_in_view
 from imapper_prob.evaluate.prediction import Prediction, prediction_of_scene
-from imapper_prob.evaluate.probability import Draws, coverage, draws_of, joint_ranks
+from imapper_prob.evaluate.regions import coverage, joint_ranks
 from imapper_prob.evaluate.score import SUBSETS, pose_scores, score, static_path, summarise
 from imapper_prob.evaluate.truth import TruthInView
 from imapper_prob.files import written_whole

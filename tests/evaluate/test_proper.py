@@ -9,9 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from imapper_prob.evaluate.claims import Claim, Draws
 from imapper_prob.evaluate.probability import (
-    Claim,
-    Draws,
     brier,
     count_scores,
     energy_score,

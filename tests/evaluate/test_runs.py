@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from imapper_prob.cli import main
+from imapper_prob.evaluate.claims import claims_of, draws_of
 from imapper_prob.evaluate.prediction import (
     SOLVER,
     prediction_of_state,
@@ -20,8 +21,6 @@ from imapper_prob.evaluate.prediction import (
 from imapper_prob.evaluate.probability import (
     LIKELY,
     MOST_PROBABLE,
-    claims_of,
-    draws_of,
     posterior_predictions,
     score_posterior,
 )

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 from scipy.stats import kstest
 
-from imapper_prob.evaluate.probability import (
-    Claim,
-    Draws,
+from imapper_prob.evaluate.claims import Claim, Draws
+from imapper_prob.evaluate.regions import (
     at_true_size,
     coverage,
     distance_ranks,

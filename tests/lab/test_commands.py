@@ -235,6 +235,7 @@ def test_lifting(scenes: Path, capsys: pytest.CaptureFixture[str]) -> None:
 def test_parts_of_the_path(scenes: Path, capsys: pytest.CaptureFixture[str]) -> None:
     run("lab.ablation", scenes, "--path")
     rows = capsys.readouterr().out.splitlines()
+    assert len(rows) == 14
     assert sum("pitch unknown" in row for row in rows) == 1
     assert {row.count("|") for row in rows if row.startswith("|")} == {8}
 

@@ -1,0 +1,144 @@
+"""What a posterior says, in camera axes: its draws, and the objects that it claims.
+
+Truth and predictions are compared in camera axes, because draws have cameras of their own.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from shapely.affinity import translate
+
+from imapper_prob.evaluate.truth import Outline, outline_of
+from imapper_prob.models.log_posterior import state_camera
+from imapper_prob.results.posterior import Posterior
+from imapper_prob.uncertainty.motion import drawn_motion
+
+__all__ = ["Claim", "Draws", "claims_of", "draws_of"]
+
+Array = NDArray[np.float64]
+_MOST: Final = 200
+"""Most draws used. Ranks among 200 are accurate to .035, and neighbouring draws are similar."""
+
+
+@dataclass(frozen=True, eq=False)
+class Draws:
+    """Draws of all chains at even spacing.
+
+    Parameters
+    ----------
+    joints : (N, R, 16, 3) float
+        Camera axes, metres.
+    pixels : (N, R, 16, 2) float
+        Projections by each draw's own camera.
+    objects : tuple of N tuples of Outline
+    """
+
+    joints: Array
+    pixels: Array
+    objects: tuple[tuple[Outline, ...], ...]
+
+    def __len__(self) -> int:
+        return len(self.objects)
+
+
+def draws_of(posterior: Posterior, *, rows: int | None = None) -> Draws:
+    """At most 200 draws of a posterior, evenly spaced over its chains.
+
+    Parameters
+    ----------
+    posterior : Posterior
+    rows : int, optional
+        Frames times people, for the first people only; all people if not given.
+
+    Returns
+    -------
+    Draws
+    """
+    samples, source = posterior.samples, posterior.solution
+    count = len(samples.states)
+    chosen = np.unique(np.linspace(0, count - 1, min(count, _MOST)).round().astype(int))
+    joints, pixels, objects = [], [], []
+    rng = np.random.default_rng(posterior.config.seed)
+    for k in chosen.tolist():
+        state = samples.states[k]
+        camera = state_camera(posterior.clip.camera, state)
+        world = drawn_motion(rng, source.problem, state, camera)[:rows]
+        joints.append(camera.to_camera(world))
+        pixels.append(camera.project(world))
+        objects.append(tuple(outline_of(o, camera) for o in posterior.furniture[k]))
+    return Draws(np.array(joints), np.array(pixels), tuple(objects))
+
+
+_LEAST: Final = 0.005
+"""Least probability of a cluster that is scored; two draws of 400."""
+
+
+@dataclass(frozen=True, eq=False)
+class Claim:
+    """A cluster of objects over the draws.
+
+    Parameters
+    ----------
+    probability : float
+        Probability that the object exists.
+    label : str
+        Its most probable label.
+    members : tuple of Outline
+        The object in each draw that has it.
+    """
+
+    probability: float
+    label: str
+    members: tuple[Outline, ...]
+
+    @property
+    def centres(self) -> Array:
+        """(n, 2) centres in top view, metres."""
+        return np.array([m.centre for m in self.members])
+
+    @cached_property
+    def representative(self) -> Outline:
+        """The member with the cluster's label that is nearest to the mean, moved to the mean.
+
+        The mean is over bearing and log distance, because uncertainty is relative and along the
+        ray.
+        """
+        away = np.linalg.norm(self.centres, axis=1)
+        bearing = np.arctan2(self.centres[:, 0], self.centres[:, 1]).mean()
+        middle = np.exp(np.log(away).mean()) * np.array([np.sin(bearing), np.cos(bearing)])
+        alike = [m for m in self.members if m.label == self.label]
+        best = min(alike, key=lambda m: float(np.linalg.norm(m.centre - middle)))
+        x, y = middle - best.centre
+        moved = translate(best.hull, float(x), float(y))
+        corners = best.corners + np.array([x, y, 0.0])
+        return Outline(best.label, middle, best.yaw, best.has_front, moved, corners)
+
+
+def claims_of(posterior: Posterior) -> tuple[Claim, ...]:
+    """The object clusters that a run reports, the most probable first.
+
+    They come from :mod:`imapper_prob.uncertainty.clusters`, without use of the truth.
+
+    Parameters
+    ----------
+    posterior : Posterior
+
+    Returns
+    -------
+    tuple of Claim
+    """
+    samples = posterior.samples
+    cameras = [state_camera(posterior.clip.camera, state) for state in samples.states]
+    return tuple(
+        Claim(
+            cluster.presence,
+            cluster.label,
+            tuple(outline_of(posterior.furniture[n][k], cameras[n]) for n, k in cluster.members),
+        )
+        for cluster in posterior.clusters(least=_LEAST)
+    )
