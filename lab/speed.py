@@ -361,7 +361,7 @@ def step_figures(world: World, seconds: float) -> dict[str, float]:
     visits = Visits()
     visits.note(world.state)
     reference = learn(problem, gains_of(problem), alike, visits)
-    moves = scene_moves(problem, alike, reference, np.diag(0.1 * CAMERA_DOUBT))
+    moves = scene_moves(problem, reference, np.diag(0.1 * CAMERA_DOUBT))
 
     def steps(weights: Array) -> float:
         """The fastest of short chains from the same state, which they hardly leave."""

@@ -173,19 +173,21 @@ def inner(function: Function) -> Dispatcher[Function]:
     return _compiled(function, alone=True)
 
 
-def inner_inlined(function: Function) -> Dispatcher[Function]:
+def inner_inlined(function: Function, *, beside: tuple[Path, ...] = ()) -> Dispatcher[Function]:
     """Like :func:`inlined`, but callable from other kernels only; see :func:`inner`.
 
     Parameters
     ----------
     function : callable
+    beside : tuple of Path
+        See :func:`compiled`.
 
     Returns
     -------
     numba.core.dispatcher.Dispatcher
         Raises `TypeError` when called from Python.
     """
-    return _compiled(function, inline=True, alone=True)
+    return _compiled(function, inline=True, alone=True, beside=beside)
 
 
 def _compiled(

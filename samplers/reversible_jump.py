@@ -219,7 +219,8 @@ class StepInfo(NamedTuple):
     accepted : bool
         Whether the proposal was accepted.
     log_acceptance : float
-        Log acceptance probability; -inf if the move was impossible.
+        Log acceptance probability; -inf if the move was impossible, or if its proposal was not
+        evaluated in full because it was certain to be rejected.
     info : mapping, optional
         Data that the move attached to the proposal.
     """

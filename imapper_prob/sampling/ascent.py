@@ -21,7 +21,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.models.kernels.cache import Evaluator, open_evaluator
-from imapper_prob.models.kernels.incremental import NOWHERE, change, commit
+from imapper_prob.models.kernels.incremental import (
+    NOWHERE,
+    change,
+    commit,
+    place_scene,
+    weigh_placed,
+)
 from imapper_prob.models.log_posterior import State, log_posterior
 from imapper_prob.models.problem import Problem
 from imapper_prob.samplers.chains import Report
@@ -246,12 +252,14 @@ def _best_draw(
             end = new.items[first + n - 1, 1] + reference.lengths[new.items[first + n - 1, 0]]
             if end > new.items[first + n, 1]:
                 continue
-        prior, likelihood = change(
+        found = place_scene(
             evaluator, len(scene.items), scene.camera, scene.latent,
             new.camera, new.items, new.placements, new.sizes, new.latent,
         )  # fmt: skip
-        if prior + likelihood > value:
-            best, value = new, prior + likelihood
+        if found > -math.inf:
+            found += weigh_placed(evaluator, len(scene.items), new.camera, new.items, value - found)
+        if found > value:
+            best, value = new, found
     return best
 
 

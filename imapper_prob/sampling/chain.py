@@ -387,7 +387,7 @@ def tempered(setup: Setup, visits: Visits) -> Tempered:
     Tempered
     """
     reference = learn(setup.problem, setup.gains, setup.similarity, visits)
-    moves = scene_moves(setup.problem, setup.similarity, reference, camera_shape(visits))
+    moves = scene_moves(setup.problem, reference, camera_shape(visits))
     return Tempered(setup.problem, moves)
 
 

@@ -82,7 +82,7 @@ def learn(problem: Problem, gains: Array, similarity: Array, visits: Visits) -> 
     lengths = problem.lengths
     own = np.array([numbers[kind] for kind in kinds])
     room = room_of(problem)
-    fitting = (lengths[:, None] <= room).sum(0)
+    fitting, by_length = (lengths[:, None] <= room).sum(0), np.argsort(lengths, kind="stable")
     camera_mean, covariance = np.array(problem.camera_mean), camera_covariance(visits)
     if covariance is None:
         covariance = np.linalg.inv(problem.camera_precision).astype(np.float64)
@@ -93,6 +93,7 @@ def learn(problem: Problem, gains: Array, similarity: Array, visits: Visits) -> 
     # A scenelet replaces itself as often as the one most similar to it.
     alike = np.array(similarity)
     np.fill_diagonal(alike, alike.max(1))
+    sums = np.cumsum(alike[:, by_length], 1)
     path, yaw = _expectations(problem, visits)
     sizes = visits.arrays()["where"][:, 3]
     ends = np.stack([problem.joint_first[:-1], problem.joint_first[1:] - 1], -1)
@@ -111,15 +112,16 @@ def learn(problem: Problem, gains: Array, similarity: Array, visits: Visits) -> 
         habits=np.zeros((len(lengths), 2, 4)),
         strange=np.zeros(len(lengths), np.int64),
         shares=_SHARES,
-        **_fields(followed, later),
-        similarity=alike,
-        alike=_sums_by_length(alike, lengths),
+        **_fields(followed, later, fitting, sums),
+        similar_to=np.ascontiguousarray(alike.T),
+        similar_sums=sums,
         hazard=np.zeros(len(room)),
         survival=np.zeros(len(room)),
         fitting=np.zeros((len(room), len(lengths))),
+        fitting_sums=np.zeros((len(room), len(lengths))),
         fitting_kinds=np.zeros((len(room), len(numbers) + 1)),
         openings=np.append(fitting[::-1].cumsum()[::-1], 0),
-        by_length=np.argsort(lengths, kind="stable"),
+        by_length=by_length,
         anywhere_mean=np.array(problem.start_mean),
         anywhere_deviation=np.sqrt(problem.start_variance),
         size_spread=float(problem.size_spread),
@@ -136,20 +138,13 @@ def learn(problem: Problem, gains: Array, similarity: Array, visits: Visits) -> 
         hazard=sequences.hazard,
         survival=sequences.survival,
         fitting=sequences.scenelets,
+        fitting_sums=np.cumsum(sequences.scenelets, 1),
         fitting_kinds=sequences.scenelets @ of_kind,
     )
     reference = reference._replace(shares=_shares(reference, visits))
     onward, factors = _scatter(reference, visits, habits.spread)
     peaks = np.array([[_log_peak(factor, yaw=True) for factor in row] for row in factors])
     return reference._replace(onward=onward, factors=factors, constants=peaks)
-
-
-def _sums_by_length(similarity: Array, lengths: Ints) -> Array:
-    """(L, N + 1) sums of rows over the scenelets of at most n frames, up to the longest."""
-    sums = np.zeros((len(lengths), int(lengths.max()) + 1))
-    for length in np.unique(lengths):
-        sums[:, length] = similarity[:, lengths == length].sum(1)
-    return sums.cumsum(1)
 
 
 def _log_peak(factor: Array, *, yaw: bool = False) -> float:
@@ -167,10 +162,18 @@ def _log_peak(factor: Array, *, yaw: bool = False) -> float:
 Rows = tuple[Ints, Ints, Array]
 
 
-def _fields(followed: Rows, later: Rows) -> dict[str, Any]:
-    """Rows as fields of a reference."""
+def _fields(followed: Rows, later: Rows, fitting: Ints, sums: Array) -> dict[str, Any]:
+    """Rows as fields of a reference.
+
+    ``fitting`` is the number of scenelets that fit at each frame, ``sums`` the reference's
+    ``similar_sums``.
+    """
     names = ("first", "", "probability")
-    return {
+    _, codes, probability = later
+    starts, scenelets = np.divmod(codes, len(sums))
+    totals = sums[scenelets, np.maximum(fitting[starts], 1) - 1]
+    similar = np.where(starts == len(fitting) - 1, 0.0, probability / totals)
+    return {"later_similar": similar} | {
         "_".join(filter(None, (of, name))): values
         for of, rows in (("followed", followed), ("later", later))
         for name, values in zip(names, rows, strict=True)
@@ -197,7 +200,8 @@ def _shares(reference: Reference, visits: Visits) -> Array:
         visited = other.arrays()
         counts = visited["counts"]
         some = np.arange(len(counts)) % max(1, len(counts) // _PREDICTED) == 0
-        of_half = reference._replace(**_fields(followed, later))
+        rows = _fields(followed, later, -np.diff(reference.openings), reference.similar_sums)
+        of_half = reference._replace(**rows)
         foretelling.append((of_half, counts[some], visited["items"][np.repeat(some, counts)]))
     shares = _SHARES
     for _ in range(_ROUNDS):

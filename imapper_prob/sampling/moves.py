@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from imapper_prob.models.view import floor_point, log_area, seen_point
 from imapper_prob.sampling.jit import compiled
+from imapper_prob.sampling.reference import Reference, draw_summed
 from imapper_prob.sampling.scene import Scene, flush_run
 
 __all__ = ["exchange_similar", "refresh_path", "shift", "walk_placement"]
@@ -33,15 +34,14 @@ _STRENGTHS: Final = (0.2, 1.0)
 
 @compiled
 def exchange_similar(
-    similarity: Array, lengths: Ints, rng: np.random.Generator, scene: Scene
+    reference: Reference, rng: np.random.Generator, scene: Scene
 ) -> tuple[Scene, float]:
     """Replace a scenelet by one of similar motion, at the same placement and centre frame.
 
     Parameters
     ----------
-    similarity : (L, L) float
-        Row l has the probabilities of proposing each other scenelet.
-    lengths : (L,) int
+    reference : Reference
+        It has the weights of other scenelets.
     rng : numpy.random.Generator
     scene : Scene
 
@@ -52,17 +52,19 @@ def exchange_similar(
     if len(scene.items) == 0:
         return scene, -math.inf
     index = rng.integers(0, len(scene.items))
-    old = scene.items[index, 0]
-    left, new = rng.random() * similarity[old].sum(), 0
-    while new < len(similarity) - 1 and left >= similarity[old, new]:
-        left -= similarity[old, new]
-        new += 1
-    if new == old or similarity[old, new] == 0.0:
+    old, lengths = scene.items[index, 0], reference.lengths
+    similar_to, sums = reference.similar_to, reference.similar_sums
+    others = sums[old, -1] - similar_to[old, old]
+    if others <= 0.0:
         return scene, -math.inf
+    new = old
+    while new == old:
+        new = reference.by_length[draw_summed(sums, old, len(lengths), rng)]
     items = scene.items.copy()
     items[index, 0] = new
     items[index, 1] += lengths[old] // 2 - lengths[new] // 2
-    ratio = math.log(similarity[new, old]) - math.log(similarity[old, new])
+    ratio = math.log(similar_to[old, new] / (sums[new, -1] - similar_to[new, new]))
+    ratio -= math.log(similar_to[new, old] / others)
     return Scene(scene.camera, items, scene.placements, scene.sizes, scene.latent), ratio
 
 

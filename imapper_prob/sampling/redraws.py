@@ -28,6 +28,8 @@ from imapper_prob.sampling.reference import (
     SIMILAR,
     START,
     Reference,
+    draw_summed,
+    n_fitting,
 )
 from imapper_prob.sampling.reference_density import log_reference, log_stretch, shares_after
 from imapper_prob.sampling.reference_placement import expected, leaves
@@ -173,16 +175,16 @@ def _draw_next(reference: Reference, rng: np.random.Generator, of: int, kind: in
         code = reference.later[low + _draw(reference.later_probability[low:high], rng)]
         return _NOTHING if code == n_frames * n_scenelets else code
     if of == ADJOINING:
-        weights = reference.fitting[end].copy()
         if reference.fitting_kinds[end, kind] > 0.0 and rng.random() < SAME_KIND:
-            weights[reference.kinds != kind] = 0.0
-        return end * n_scenelets + _draw(weights, rng)
+            return end * n_scenelets + _draw_of_kind(reference, rng, kind, end)
+        return end * n_scenelets + draw_summed(reference.fitting_sums, end, n_scenelets, rng)
     if rng.random() < ENDS:
         return _NOTHING
     if of == FITTING:
         for start in range(end, n_frames):
             if rng.random() < reference.hazard[start]:
-                return start * n_scenelets + _draw(reference.fitting[start], rng)
+                chosen = draw_summed(reference.fitting_sums, start, n_scenelets, rng)
+                return start * n_scenelets + chosen
         return _NOTHING
     if of != ANYWHERE or reference.openings[end] == 0:
         return _NOTHING
@@ -197,11 +199,22 @@ def _draw_similar(reference: Reference, rng: np.random.Generator, code: int) -> 
     """Draw a scenelet of similar motion at the same start."""
     n_scenelets = len(reference.kinds)
     start, scenelet = code // n_scenelets, code % n_scenelets
-    weights = reference.similarity[scenelet].copy()
-    for other in range(n_scenelets):
-        if reference.lengths[other] > reference.room[start]:
-            weights[other] = 0.0
-    return start * n_scenelets + _draw(weights, rng)
+    n = n_fitting(reference, start)
+    other = reference.by_length[draw_summed(reference.similar_sums, scenelet, n, rng)]
+    return int(start * n_scenelets + other)
+
+
+@compiled
+def _draw_of_kind(reference: Reference, rng: np.random.Generator, kind: int, end: int) -> int:
+    """Draw a scenelet with furniture of a kind from those that fit at a frame."""
+    left, found = rng.random() * reference.fitting_kinds[end, kind], 0
+    for i in range(len(reference.kinds)):
+        if reference.kinds[i] == kind and reference.fitting[end, i] > 0.0:
+            found = i
+            left -= reference.fitting[end, i]
+            if left < 0.0:
+                break
+    return found
 
 
 @compiled

@@ -41,7 +41,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from imapper_prob.sampling.jit import compiled
+from imapper_prob.sampling.jit import inner_inlined
 
 __all__ = [
     "ADJOINING",
@@ -60,7 +60,9 @@ __all__ = [
     "SIMILAR",
     "START",
     "Reference",
+    "draw_summed",
     "log_t",
+    "n_fitting",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
@@ -123,12 +125,17 @@ class Reference(NamedTuple):
         Rows by kind, then by the frame at which the scenelet before ended.
     later_first, later, later_probability : (T + 2,), (F,), (F,)
         Rows by that frame only.
-    similarity : (L, L) float
-        Weights for replacing each scenelet by each other one or itself, not normalised by row.
-    alike : (L, N + 1) float
-        Sums of these rows over scenelets of at most n frames, up to the longest.
+    later_similar : (F,) float
+        The latter over the sum of weights of all scenelets that can replace this one there.
+    similar_to : (L, L) float
+        Weight by which each scenelet replaces each other one or itself; its columns are not
+        normalised.
+    similar_sums : (L, L) float
+        Running sums of the weights for replacing each scenelet, over others in order of length.
     hazard, survival, fitting : (T + 1,), (T + 1,), (T + 1, L) float
         Sequences by gains, see :class:`imapper_prob.sampling.gains.Sequences`.
+    fitting_sums : (T + 1, L) float
+        Running sums of the rows of ``fitting``.
     fitting_kinds : (T + 1, K) float
         Sums of these over the scenelets of each kind, and over all in the first column; 0 where
         nothing fits.
@@ -167,11 +174,13 @@ class Reference(NamedTuple):
     later_first: Ints
     later: Ints
     later_probability: Array
-    similarity: Array
-    alike: Array
+    later_similar: Array
+    similar_to: Array
+    similar_sums: Array
     hazard: Array
     survival: Array
     fitting: Array
+    fitting_sums: Array
     fitting_kinds: Array
     openings: Ints
     by_length: Ints
@@ -183,7 +192,52 @@ class Reference(NamedTuple):
     constants: Array
 
 
-@compiled
+@inner_inlined
+def draw_summed(sums: Array, row: int, n: int, rng: np.random.Generator) -> int:
+    """Draw an index below ``n`` with given weights, never one of weight 0.
+
+    Parameters
+    ----------
+    sums : (R, n or more) float
+        Running sums of the weights.
+    row : int
+    n : int
+    rng : numpy.random.Generator
+
+    Returns
+    -------
+    int
+    """
+    level = rng.random() * sums[row, n - 1]
+    low, high = 0, n - 1
+    while low < high:
+        middle = (low + high) // 2
+        if sums[row, middle] > level:
+            high = middle
+        else:
+            low = middle + 1
+    return low
+
+
+@inner_inlined
+def n_fitting(reference: Reference, start: int) -> int:
+    """Number of scenelets that fit between a frame and the end of its person's frames.
+
+    Parameters
+    ----------
+    reference : Reference
+    start : int
+
+    Returns
+    -------
+    int
+        They come first in ``by_length``.
+    """
+    count: int = reference.openings[start] - reference.openings[start + 1]
+    return count
+
+
+@inner_inlined
 def log_t(offset: Array, factor: Array, constant: float) -> float:
     """Log density of a multivariate t distribution of :data:`DOF` degrees of freedom.
 

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from imapper_prob.sampling.jit import compiled
+from imapper_prob.sampling.jit import compiled, inner_inlined
 from imapper_prob.sampling.reference import (
     ADJOINING,
     ANYWHERE,
@@ -30,14 +30,14 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 
-@compiled
+@inner_inlined
 def _find(codes: Ints, first: int, last: int, code: int) -> int:
     """Index of a code in a row; -1 if it is absent."""
     at = int(first + np.searchsorted(codes[first:last], code))
     return at if at < last and codes[at] == code else -1
 
 
-@compiled
+@inner_inlined
 def shares_after(reference: Reference, kind: int, end: int, shares: Array) -> None:
     """Shares of the mixture after a scenelet of a given kind that ended at a given frame.
 
@@ -62,7 +62,7 @@ def shares_after(reference: Reference, kind: int, end: int, shares: Array) -> No
         shares[LATER], shares[SIMILAR] = 0.0, 0.0
 
 
-@compiled
+@inner_inlined
 def _begins(reference: Reference, end: int, start: int) -> float:
     """Probability that the first fitting one from frame ``end`` on begins at ``start``; the end of
     the clip stands for none."""
@@ -70,7 +70,7 @@ def _begins(reference: Reference, end: int, start: int) -> float:
     return none * reference.hazard[start] if start < len(reference.room) - 1 else none
 
 
-@compiled
+@inner_inlined
 def _at_start(reference: Reference, end: int, start: int) -> tuple[int, int]:
     """Range of the later row whose codes have a given start: first index, and index after the
     last."""
@@ -81,16 +81,7 @@ def _at_start(reference: Reference, end: int, start: int) -> tuple[int, int]:
     return int(begin), int(first + np.searchsorted(row, (start + 1) * n_scenelets))
 
 
-@compiled
-def _replaced(reference: Reference, at: int, scenelet: int) -> float:
-    """Probability that an entry of the later rows is replaced by a scenelet that fits there."""
-    n_scenelets = len(reference.kinds)
-    start, other = reference.later[at] // n_scenelets, reference.later[at] % n_scenelets
-    most = min(reference.room[start], reference.alike.shape[1] - 1)
-    return float(reference.similarity[other, scenelet] / reference.alike[other, most])
-
-
-@compiled
+@inner_inlined
 def _adjoins(reference: Reference, kind: int, end: int, scenelet: int) -> float:
     """Probability of a scenelet that adjoins one of a given kind."""
     of_kind = reference.fitting_kinds[end, kind]
@@ -141,7 +132,8 @@ def next_probability(
         return
     alike, (first, last) = 0.0, _at_start(reference, end, start)
     for at in range(first, last):
-        alike += reference.later_probability[at] * _replaced(reference, at, scenelet)
+        other = reference.later[at] - start * n_scenelets
+        alike += reference.later_similar[at] * reference.similar_to[scenelet, other]
     probability[SIMILAR] *= alike
     begins = _begins(reference, end, start) if reference.fitting[start, scenelet] > 0.0 else 0.0
     probability[FITTING] *= (1.0 - ENDS) * begins * reference.fitting[start, scenelet]
@@ -184,7 +176,7 @@ def foretell(reference: Reference, counts: Ints, items: Ints) -> Array:
     return found
 
 
-@compiled
+@inner_inlined
 def _stops(reference: Reference, kind: int, end: int, start: int) -> float:
     """Probability that nothing begins before ``start``; for the end of the clip, that the scene
     ends."""

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.models.view import log_area
-from imapper_prob.sampling.jit import compiled
+from imapper_prob.sampling.jit import compiled, inner_inlined
 from imapper_prob.sampling.looks import carried
 from imapper_prob.sampling.reference import ASTRAY, FIRST, FLUSH, GAP, Reference, log_t
 
@@ -19,13 +19,13 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 
-@compiled
+@inner_inlined
 def _turned(offset: Array) -> None:
     """Wrap the yaw of an offset to half a turn either way, in place."""
     offset[2] -= 2.0 * math.pi * math.floor(offset[2] / (2.0 * math.pi) + 0.5)
 
 
-@compiled
+@inner_inlined
 def _pelvis_of(
     reference: Reference, camera: Array, scenelet: int, last: int, place: Array, size: float
 ) -> Array:
@@ -41,7 +41,7 @@ def _pelvis_of(
     return where
 
 
-@compiled
+@inner_inlined
 def _usual(reference: Reference, camera: Array, scenelet: int, start: int, last: int) -> Array:
     """Mean position of a scenelet's pelvis over visits, transformed to a camera."""
     where = np.empty(4)
@@ -92,7 +92,7 @@ def expected(
     return row, middle
 
 
-@compiled
+@inner_inlined
 def leaves(
     reference: Reference,
     camera: Array,
@@ -207,7 +207,7 @@ def displacements(
     return rows, displaced, offsets
 
 
-@compiled
+@inner_inlined
 def _log_anywhere(reference: Reference, where: Array) -> float:
     """Log density of a position under the prior."""
     total = -math.log(2.0 * math.pi) - 0.5 * (where[3] / reference.size_spread) ** 2
@@ -219,7 +219,7 @@ def _log_anywhere(reference: Reference, where: Array) -> float:
     return float(total)
 
 
-@compiled
+@inner_inlined
 def log_placement(
     reference: Reference,
     camera: Array,

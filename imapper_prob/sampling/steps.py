@@ -13,7 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.models.kernels.cache import Evaluator, open_evaluator
-from imapper_prob.models.kernels.incremental import NOWHERE, change, commit
+from imapper_prob.models.kernels.incremental import (
+    EVERYTHING,
+    NOWHERE,
+    change,
+    commit,
+    place_scene,
+    weigh_placed,
+)
 from imapper_prob.models.log_posterior import State, change_from, log_posterior
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.published_energy import evaluate_paper
@@ -65,8 +72,6 @@ class Moves(NamedTuple):
         Frames of each scenelet.
     heights : (L,) float
         Height of the pelvis in each scenelet's middle frame, metres of the reference body.
-    similarity : (L, L) float
-        Probabilities of exchanging one scenelet for another.
     factor : (5, 5) float
         Lower Cholesky factor of the prior covariance of camera and body.
     shape : (5, 5) float
@@ -80,7 +85,6 @@ class Moves(NamedTuple):
 
     lengths: Ints
     heights: Array
-    similarity: Array
     factor: Array
     shape: Array
     focal_spread: float
@@ -88,15 +92,12 @@ class Moves(NamedTuple):
     weights: Array
 
 
-def scene_moves(
-    problem: Problem, similarity: Array, reference: Reference, shape: Array | None
-) -> Moves:
+def scene_moves(problem: Problem, reference: Reference, shape: Array | None) -> Moves:
     """Collect the moves of a problem.
 
     Parameters
     ----------
     problem : Problem
-    similarity : (L, L) float
     reference : Reference
     shape : (5, 5) float or None
         See :func:`imapper_prob.sampling.visits.camera_shape`; None if unknown.
@@ -112,7 +113,6 @@ def scene_moves(
     return Moves(
         lengths=np.array(problem.lengths),
         heights=np.array(middle_heights(problem)),
-        similarity=np.require(similarity, requirements=["C", "W"]),
         factor=factor,
         shape=factor if shape is None else shape,
         focal_spread=float(np.linalg.norm(factor[2])),
@@ -140,7 +140,7 @@ def propose(known: Moves, move: int, rng: np.random.Generator, scene: Scene) -> 
         Log of reverse over forward proposal density, nats; -inf if the move is impossible.
     """
     if move == _EXCHANGE:
-        return moves.exchange_similar(known.similarity, known.lengths, rng, scene)
+        return moves.exchange_similar(known.reference, rng, scene)
     if move == _SHIFT:
         return moves.shift(known.lengths, rng, scene)
     if move == _PLACEMENT:
@@ -229,16 +229,6 @@ def _log_published(
 
 
 @compiled
-def _log_reference(reference: Reference, log_density: float, scene: Scene) -> float:
-    """Log reference density of a scene, nats; -inf also where the posterior density is 0."""
-    if log_density == -math.inf:
-        return -math.inf
-    return log_reference(
-        reference, scene.camera, scene.items, scene.placements, scene.sizes
-    )  # fmt: skip
-
-
-@compiled
 def _advance(
     known: Moves,
     evaluator: Evaluator,
@@ -255,6 +245,9 @@ def _advance(
 ) -> tuple[Scene, float, float, Evaluator, int, int]:
     """Make some steps; the last value is the move that gave an invalid density, or -1.
 
+    The number at random that decides is drawn before the proposal is evaluated; then the evaluation
+    can end as soon as it is certain that the proposal is rejected.
+
     With ``published`` None, numba compiles the default log-posterior only.
     """
     weights = known.weights.cumsum()
@@ -264,6 +257,8 @@ def _advance(
         new, ratio = propose(known, move, rng, scene)
         if ratio == -math.inf:
             continue
+        # P(Exponential > -log a) = a. This avoids the logarithm of a uniform number that may be 0.
+        lowest = -rng.standard_exponential()
         if published is not None:
             density = _log_published(
                 evaluator.problem, new.camera, new.items, new.placements, new.sizes, new.latent
@@ -278,21 +273,28 @@ def _advance(
                     scene.camera, scene.items, scene.placements, scene.sizes, scene.latent,
                 )  # fmt: skip
                 commit(evaluator)
-            prior, likelihood = change(
+            density = place_scene(
                 evaluator, len(scene.items), scene.camera, scene.latent,
                 new.camera, new.items, new.placements, new.sizes, new.latent,
             )  # fmt: skip
-            density = prior + likelihood
-        prior = _log_reference(known.reference, density, new)
-        likelihood, gain = 0.0, -math.inf
-        if prior > -math.inf:
+        prior, likelihood, gain = -math.inf, 0.0, -math.inf
+        if density > -math.inf:
+            prior = log_reference(
+                known.reference, new.camera, new.items, new.placements, new.sizes
+            )  # fmt: skip
+            of_reference = prior - log_prior + ratio
+            if published is None:
+                least = EVERYTHING
+                if beta > 0.0:
+                    least = log_likelihood + prior - density + (lowest - of_reference) / beta
+                density += weigh_placed(evaluator, len(scene.items), new.camera, new.items, least)
+        if density > -math.inf and prior > -math.inf:
             likelihood = density - prior
-            gain = prior - log_prior + beta * (likelihood - log_likelihood) + ratio
+            gain = of_reference + beta * (likelihood - log_likelihood)
         if not gain < math.inf:
             return scene, log_prior, log_likelihood, evaluator, capacity, move
         log_acceptance[n] = min(0.0, gain)
-        # P(Exponential > -log a) = a. This avoids the logarithm of a uniform number that may be 0.
-        if rng.standard_exponential() > -log_acceptance[n]:
+        if log_acceptance[n] > lowest:
             accepted[n] = True
             if published is None:
                 commit(evaluator)

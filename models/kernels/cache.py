@@ -148,6 +148,9 @@ class Cache(NamedTuple):
         Whether ``own`` of the frame is filled in.
     bare : (T, 5) float
         Emissions of a free frame without any occlusion; NaN until computed.
+    ceilings : (3 T, 5) float
+        Emissions of covered frames if every joint is hidden or seen as explains its detection
+        better, in the frame's row of poses; of free frames in row 2 T + t. NaN until computed.
     watched : (T,) uint8
         Whether the frame has any detection.
     every : (T,) int
@@ -164,6 +167,8 @@ class Cache(NamedTuple):
     scratch64 : (SCRATCH64,) float
     drawn : (T, 2) float
         Path of the free frames.
+    bounds : (T, 5) float
+        Upper bounds of the proposal's emissions.
     displaced : (5,) float
         See `add_displaced_depth`.
     terms : (12,) float
@@ -216,6 +221,7 @@ class Cache(NamedTuple):
     own: Array
     own_told: Flags
     bare: Array
+    ceilings: Array
     watched: Flags
     every: Ints
     frames: Ints
@@ -225,6 +231,7 @@ class Cache(NamedTuple):
     scratch32: Singles
     scratch64: Array
     drawn: Array
+    bounds: Array
     displaced: Array
     terms: Array
 
@@ -347,6 +354,7 @@ def _new_cache(problem: Problem, capacity: int) -> Cache:
         own=_doubles(pool, at, n * LIKELIHOODS).reshape((n, LIKELIHOODS)),
         own_told=np.zeros(n, np.uint8),
         bare=np.full((n, EMISSION), np.nan),
+        ceilings=np.full((3 * n, EMISSION), np.nan),
         watched=watched,
         every=np.arange(n),
         frames=np.empty(n, np.int64),
@@ -356,6 +364,7 @@ def _new_cache(problem: Problem, capacity: int) -> Cache:
         scratch32=_singles(pool, at, SCRATCH32),
         scratch64=_doubles(pool, at, SCRATCH64),
         drawn=np.empty((n, 2)),
+        bounds=np.empty((n, EMISSION)),
         displaced=np.empty(N_DISPLACED),
         terms=np.zeros(len(TERMS)),
     )

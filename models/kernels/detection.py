@@ -19,22 +19,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.models.jit import compiled, inner_inlined
-from imapper_prob.models.kernels.cache import EMISSION, RIGHT, WRONG, Cache
+from imapper_prob.models.kernels.cache import ADDED, EMISSION, REMOVED, RIGHT, WRONG, Cache
 from imapper_prob.models.kernels.frame import (
+    cap_likelihoods,
     mix_likelihoods,
     set_own_likelihoods,
     take_logs,
     visibility_probabilities,
 )
-from imapper_prob.models.kernels.visibility import GAP, Singles, open_bounds
+from imapper_prob.models.kernels.visibility import GAP, Singles, bounds_overlap, open_bounds
 from imapper_prob.models.problem import DETECTIONS, FREE_POSE, GROUND, Problem
 from imapper_prob.models.settings import NOTHING_IN_SIGHT
 
 __all__ = [
+    "bound_emissions",
     "draw_flips",
     "flip_probabilities",
     "forward_filter",
     "forward_log_likelihood",
+    "sum_emissions",
+    "sum_free_poses",
     "update_emissions",
 ]
 
@@ -200,9 +204,7 @@ def update_emissions(problem: Problem, cache: Cache, n: int) -> None:
         if cover[1, t] >= 0:
             mix_likelihoods(likelihoods, rows[t], seen, i, scratch64, logs)
         else:
-            if not cache.own_told[t]:
-                set_own_likelihoods(problem, t, scratch64, own, t)
-                cache.own_told[t] = 1
+            _know_own(problem, cache, t)
             mix_likelihoods(own, t, seen, i, scratch64, logs)
     take_logs(logs, n_weighed)
     for i in range(n_weighed):
@@ -211,6 +213,71 @@ def update_emissions(problem: Problem, cache: Cache, n: int) -> None:
         if cover[1, t] < 0 and math.isnan(bare[t, 0]) and _nothing_near(clearance, to):
             for k in range(EMISSION):
                 bare[t, k] = emissions[to, k]
+
+
+@inner_inlined
+def _know_own(problem: Problem, cache: Cache, t: int) -> None:
+    """Fill in the likelihoods of frame ``t`` in its static pose, once."""
+    if not cache.own_told[t]:
+        set_own_likelihoods(problem, t, cache.scratch64, cache.own, t)
+        cache.own_told[t] = 1
+
+
+@inner_inlined
+def bound_emissions(problem: Problem, cache: Cache, n: int, n_old: int) -> None:
+    """Bound the emissions of a proposal from above, without its lines of sight.
+
+    The bounds are exact in frames that did not move and where no furniture that came or went can be
+    near a line of sight.
+
+    Parameters
+    ----------
+    problem : Problem
+    cache : Cache
+        Output: ``bounds``.
+    n, n_old : int
+        Numbers of scenelets of the proposal and of the current state.
+    """
+    n_frames, n_missing = len(cache.moved), 0
+    moved, cover, near, role = cache.moved, cache.cover, cache.near, cache.role
+    rows, views, hulls, ceilings = cache.pose_row, cache.views, cache.hulls, cache.ceilings
+    changed, missing, bounds = cache.changed, cache.weighed, cache.bounds
+    for t in range(n_frames):
+        changed[t] = moved[t]
+    for which in range(2):
+        wanted = REMOVED if which == 0 else ADDED
+        for i in range(n_old if which == 0 else n):
+            slot = cache.slots[which, i]
+            if role[slot] == wanted:
+                for t in range(n_frames):
+                    if not moved[t]:
+                        row = rows[t]
+                        came = which == 1 and bounds_overlap(hulls, slot, views, row)
+                        changed[t] |= came or (which == 0 and near[slot, row] > 0)
+    scratch64, logs = cache.scratch64, cache.logs
+    for t in range(n_frames):
+        row = rows[t] if cover[1, t] >= 0 else 2 * n_frames + t
+        if changed[t] and math.isnan(ceilings[row, 0]):
+            if cover[1, t] >= 0:
+                cap_likelihoods(cache.likelihoods, row, scratch64, n_missing, logs)
+            else:
+                _know_own(problem, cache, t)
+                cap_likelihoods(cache.own, t, scratch64, n_missing, logs)
+            missing[n_missing] = row
+            n_missing += 1
+    take_logs(logs, n_missing)
+    weight = problem.frame_weight * problem.likelihood
+    for i in range(n_missing):
+        _set_emission(logs[0, i], logs[1, i], weight, ceilings, missing[i])
+    for t in range(n_frames):
+        if changed[t]:
+            row = rows[t] if cover[1, t] >= 0 else 2 * n_frames + t
+            for k in range(3):
+                bounds[t, k] = ceilings[row, k]
+        else:
+            row = t + n_frames * np.int64(cache.sum_at[t])
+            for k in range(3):
+                bounds[t, k] = cache.emissions[row, k]
 
 
 @inner_inlined
@@ -260,9 +327,6 @@ def _reuse_emissions(cache: Cache, n: int) -> int:
 def forward_log_likelihood(problem: Problem, cache: Cache) -> float:
     """Compute the terms of detections, free poses and ground of a proposal.
 
-    The detections' term is the log of equation (12) by its forward recursion, on densities that are
-    rescaled when needed.
-
     Parameters
     ----------
     problem : Problem
@@ -274,12 +338,62 @@ def forward_log_likelihood(problem: Problem, cache: Cache) -> float:
     float
         Their sum, nats.
     """
+    total, free = (
+        sum_emissions(problem, cache.emissions, cache.sum_row),
+        sum_free_poses(problem, cache),
+    )
+    below, poses, sunk, watched = 0.0, cache.pose_row, cache.sunk, cache.watched
+    for t in range(len(poses)):
+        if watched[t]:
+            below += sunk[poses[t]]
+    weight, terms = problem.frame_weight * problem.likelihood, cache.terms
+    terms[DETECTIONS] = total
+    terms[FREE_POSE] = -free
+    terms[GROUND] = -weight * problem.motion_cost * below
+    return total - free + terms[GROUND]  # type: ignore[no-any-return]
+
+
+@inner_inlined
+def sum_free_poses(problem: Problem, cache: Cache) -> float:
+    """Cost of the poses of free frames of a proposal, nats.
+
+    Parameters
+    ----------
+    problem : Problem
+    cache : Cache
+
+    Returns
+    -------
+    float
+    """
+    free, cover, free_cost = 0.0, cache.cover, problem.free_cost
+    for t in range(cover.shape[1]):
+        if cover[1, t] < 0:
+            free += free_cost[t]
+    return problem.frame_weight * problem.likelihood * free
+
+
+@inner_inlined
+def sum_emissions(problem: Problem, emissions: Array, rows: NDArray[np.int64]) -> float:
+    """Log of equation (12) by its forward recursion, on densities that are rescaled when needed.
+
+    Parameters
+    ----------
+    problem : Problem
+    emissions : (R, 3 or more) float
+        See ``EMISSION``.
+    rows : (T,) int
+        The row of each frame.
+
+    Returns
+    -------
+    float
+        Nats.
+    """
     begins, ends = problem.flip_begins, problem.flip_ends
     usual = begins / (begins + ends)
     stays, turned = 1.0 - usual, usual
-    total, free, below = 0.0, 0.0, 0.0
-    rows, emissions, poses, sunk = cache.sum_row, cache.emissions, cache.pose_row, cache.sunk
-    cover, free_cost, watched = cache.cover, problem.free_cost, cache.watched
+    total = 0.0
     for t in range(len(rows)):
         row = rows[t]
         if problem.path_starts[t]:
@@ -297,13 +411,4 @@ def forward_log_likelihood(problem: Problem, cache: Cache) -> float:
             stays * (1.0 - begins) + turned * ends,
             stays * begins + turned * (1.0 - ends),
         )
-        if watched[t]:
-            below += sunk[poses[t]]
-        if cover[1, t] < 0:
-            free += free_cost[t]
-    total += math.log(stays + turned)
-    weight, terms = problem.frame_weight * problem.likelihood, cache.terms
-    terms[DETECTIONS] = total
-    terms[FREE_POSE] = -weight * free
-    terms[GROUND] = -weight * problem.motion_cost * below
-    return total - weight * (free + problem.motion_cost * below)
+    return total + math.log(stays + turned)

@@ -28,6 +28,7 @@ __all__ = [
     "PARAMS",
     "SCRATCH64",
     "Lens",
+    "cap_likelihoods",
     "lens_of",
     "mix_likelihoods",
     "set_detections",
@@ -349,6 +350,28 @@ def mix_likelihoods(
         right = likelihoods[row, j] + share * likelihoods[row, 16 + j]
         wrong = likelihoods[row, 32 + j] + share * likelihoods[row, 48 + j]
         scratch64[j], scratch64[16 + j] = max(right, _SMALLEST), max(wrong, _SMALLEST)
+    _multiply_joints(scratch64, at, logs)
+
+
+@inner_inlined
+def cap_likelihoods(likelihoods: Array, row: int, scratch64: Array, at: int, logs: Array) -> None:
+    """Upper bound of :func:`mix_likelihoods` over all visibilities.
+
+    Parameters
+    ----------
+    likelihoods, row, scratch64, at, logs
+        As there.
+    """
+    for j in range(16):
+        right = likelihoods[row, j] + max(likelihoods[row, 16 + j], 0.0)
+        wrong = likelihoods[row, 32 + j] + max(likelihoods[row, 48 + j], 0.0)
+        scratch64[j], scratch64[16 + j] = max(right, _SMALLEST), max(wrong, _SMALLEST)
+    _multiply_joints(scratch64, at, logs)
+
+
+@inner_inlined
+def _multiply_joints(scratch64: Array, at: int, logs: Array) -> None:
+    """Multiply the densities of all joints, which are at the beginning of the scratch array."""
     # Logarithms are slow: take one, of the product of all mantissas, which cannot underflow.
     for j in range(32):
         bits = np.float64(scratch64[j]).view(np.int64)

@@ -9,9 +9,14 @@ outside scenelets (:mod:`imapper_prob.models.kernels.path`). The density is with
 db and the normal distribution of z, so z has the same dimension for any number of scenelets.
 
 A proposal is evaluated from the cached values of the current state; when it is accepted, its values
-become the cached ones. :func:`change` computes only what differs, in this order: scenelets, path,
-joints and lines of sight, likelihood of frames, sum. A whole state is evaluated as a change from
-nothing.
+become the cached ones. :func:`change` computes only what differs, in this order: scenelets and path
+(:func:`place_scene`), then joints, costs of furniture, lines of sight, likelihood of frames, and
+their sum (:func:`weigh_placed`). A whole state is evaluated as a change from nothing.
+
+Most proposals of a chain are much worse than the current state. The detections of every frame have
+an upper bound that needs no line of sight: each joint is hidden or seen, whichever explains its
+detection better. If the log-posterior is below what the caller needs even then, the rest is left
+out.
 """
 
 from __future__ import annotations
@@ -33,19 +38,26 @@ from imapper_prob.models.kernels.cache import (
     Cache,
     Evaluator,
 )
-from imapper_prob.models.kernels.detection import forward_log_likelihood, update_emissions
+from imapper_prob.models.kernels.detection import (
+    bound_emissions,
+    forward_log_likelihood,
+    sum_emissions,
+    sum_free_poses,
+    update_emissions,
+)
 from imapper_prob.models.kernels.given import sum_given
 from imapper_prob.models.kernels.path import find_path
 from imapper_prob.models.kernels.placement import fill_slot, in_support, sum_pairs
 from imapper_prob.models.kernels.posing import (
     copy_joints,
     find_changed,
+    find_likelihoods,
     find_penetrations,
     list_moved,
-    pose_frames,
     pose_joints,
     sum_jumps,
     sum_penetrations,
+    trace_lines,
 )
 from imapper_prob.models.kernels.stays import unsupported
 from imapper_prob.models.problem import (
@@ -61,13 +73,26 @@ from imapper_prob.models.problem import (
     Problem,
 )
 
-__all__ = ["NOWHERE", "change", "commit", "place", "read_proposed"]
+__all__ = [
+    "EVERYTHING",
+    "NOWHERE",
+    "change",
+    "commit",
+    "place",
+    "place_scene",
+    "read_proposed",
+    "weigh_placed",
+]
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 NOWHERE: Final[Any] = np.int64(-1)
 """Number of scenelets of an evaluator's current state if it has none. It is an int64, because numba
 would compile callers once more for a literal."""
+EVERYTHING: Final = -math.inf
+"""Least log-posterior of interest if every value is wanted."""
+_ROUNDING = 1e-3
+"""Nats by which a bound has to be below; sums in another order differ by less than 1e-6."""
 
 
 @compiled
@@ -84,7 +109,8 @@ def change(
 ) -> tuple[float, float]:
     """Evaluate the log-posterior of a proposed state, reusing cached values of the current state.
 
-    It is compiled for writable arrays, so states from Python are passed as copies.
+    It is compiled for writable arrays, so states from Python are passed as copies. It makes both
+    steps, :func:`place_scene` and :func:`weigh_placed`.
 
     Parameters
     ----------
@@ -103,30 +129,91 @@ def change(
         Nats; -inf and 0 outside the support. The likelihood includes the terms of free poses,
         jumps, collisions, motion, ground, missing support and statements.
     """
-    problem, cache = evaluator.problem, evaluator.cache
-    prior = place(
-        problem, cache, n_before, camera_before, latent_before,
+    prior = place_scene(
+        evaluator, n_before, camera_before, latent_before,
         camera, items, placements, sizes, latent,
     )  # fmt: skip
     if prior == -math.inf:
         return prior, 0.0
-    n, terms = len(items), cache.terms
+    return prior, weigh_placed(evaluator, n_before, camera, items, EVERYTHING)
+
+
+@compiled
+def place_scene(
+    evaluator: Evaluator,
+    n_before: int,
+    camera_before: Array,
+    latent_before: Array,
+    camera: Array,
+    items: Ints,
+    placements: Array,
+    sizes: Array,
+    latent: Array,
+) -> float:
+    """The first step of :func:`change`: place the scenelets, draw the path, evaluate the prior.
+
+    Parameters
+    ----------
+    evaluator, n_before, camera_before, latent_before, camera, items, placements, sizes, latent
+        See :func:`change`.
+
+    Returns
+    -------
+    float
+        Log prior, nats; -inf outside the support.
+    """
+    return place(
+        evaluator.problem, evaluator.cache, n_before, camera_before, latent_before,
+        camera, items, placements, sizes, latent,
+    )  # fmt: skip
+
+
+@compiled
+def weigh_placed(
+    evaluator: Evaluator, n_before: int, camera: Array, items: Ints, least: float
+) -> float:
+    """The second step of :func:`change`: evaluate the log likelihood of the placed proposal.
+
+    Parameters
+    ----------
+    evaluator : Evaluator
+        With a proposal inside the support, see :func:`place_scene`.
+    n_before, camera, items
+        As there.
+    least : float
+        Least log likelihood of interest, nats.
+
+    Returns
+    -------
+    float
+        Nats; -inf if it is less than ``least``, or its value. A proposal of -inf must not be
+        committed, nor read.
+    """
+    problem, cache = evaluator.problem, evaluator.cache
+    n, n_old, terms = len(items), max(n_before, 0), cache.terms
     n_moved = list_moved(cache)
     pose_joints(problem, cache, n, n_moved, camera)
     if len(problem.given) > 0:
         terms[GIVEN] = sum_given(problem, cache, n, camera)
     if problem.likelihood == 0.0:
-        return prior, terms[GIVEN]
-    pose_frames(problem, cache, n, n_moved, camera)
-    find_penetrations(cache, n, n_moved)
-    find_changed(cache, n, max(n_before, 0))
-    update_emissions(problem, cache, n)
+        return terms[GIVEN]  # type: ignore[no-any-return]
     terms[SMOOTHNESS] = sum_jumps(problem, cache, n, camera)
     terms[COLLISION] = sum_pairs(problem, cache, n)
-    terms[MOTION] = sum_penetrations(problem, cache, n)
     terms[SUPPORT] = -problem.likelihood * unsupported(problem.stays, problem.lowered, items)
+    find_likelihoods(problem, cache, n, camera)
+    if least > -math.inf:
+        bound_emissions(problem, cache, n, n_old)
+        costs = terms[SMOOTHNESS] + terms[COLLISION] + terms[SUPPORT] + terms[GIVEN]
+        bound = sum_emissions(problem, cache.bounds, cache.every)
+        if costs + bound - sum_free_poses(problem, cache) < least - _ROUNDING:
+            return -math.inf
+    trace_lines(cache, n_moved, camera)
+    find_penetrations(cache, n, n_moved)
+    find_changed(cache, n, n_old)
+    update_emissions(problem, cache, n)
+    terms[MOTION] = sum_penetrations(problem, cache, n)
     costs = terms[SMOOTHNESS] + terms[COLLISION] + terms[MOTION] + terms[SUPPORT] + terms[GIVEN]
-    return prior, costs + forward_log_likelihood(problem, cache)
+    return costs + forward_log_likelihood(problem, cache)  # type: ignore[no-any-return]
 
 
 @inner_inlined

@@ -37,12 +37,13 @@ from imapper_prob.models.problem import Problem
 __all__ = [
     "copy_joints",
     "find_changed",
+    "find_likelihoods",
     "find_penetrations",
     "list_moved",
-    "pose_frames",
     "pose_joints",
     "sum_jumps",
     "sum_penetrations",
+    "trace_lines",
 ]
 
 Array = NDArray[np.float64]
@@ -106,21 +107,34 @@ def copy_joints(cache: Cache, joints: Array) -> None:
 
 
 @inner_inlined
-def pose_frames(problem: Problem, cache: Cache, n: int, n_moved: int, camera: Array) -> None:
-    """Compute what depends on the joints of the frames that moved, but not on furniture.
+def find_likelihoods(problem: Problem, cache: Cache, n: int, camera: Array) -> None:
+    """Compute likelihoods of detections for hidden and for seen joints in all new scenelets.
 
     Parameters
     ----------
     problem : Problem
     cache : Cache
-    n, n_moved : int
-        Numbers of scenelets of the proposal, and of frames that moved.
+    n : int
+        Number of scenelets of the proposal.
     camera : (5,) float
     """
     for i in range(n):
         slot = cache.slots[1, i]
         if cache.role[slot] == ADDED:
             _find_likelihoods(problem, cache, camera, slot)
+
+
+@inner_inlined
+def trace_lines(cache: Cache, n_moved: int, camera: Array) -> None:
+    """Compute lines of sight to the joints, and the extent of the body, of frames that moved.
+
+    Parameters
+    ----------
+    cache : Cache
+    n_moved : int
+        Number of frames that moved.
+    camera : (5,) float
+    """
     rows, joints, lines, views = cache.pose_row, cache.joints, cache.lines, cache.views
     columns, ground, sunk = cache.columns, cache.ground, cache.sunk
     # Separate loops: a row that was just stored in parts cannot be read again without delay.
@@ -168,6 +182,7 @@ def _find_likelihoods(problem: Problem, cache: Cache, camera: Array, slot: int) 
             lens, tolerance, body, joints, row, uv, params, t,
             scratch64, scratch32, likelihoods, row,
         )  # fmt: skip
+        cache.ceilings[row, 0] = math.nan
 
 
 @inner_inlined

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
@@ -14,9 +15,12 @@ from numba.core.runtime import rtsys
 from numba.core.runtime._nrt_python import memsys_disable_stats, memsys_enable_stats
 
 from imapper_prob.api import demo_clip
+from imapper_prob.models.kernels.cache import open_evaluator
+from imapper_prob.models.kernels.incremental import NOWHERE, commit, place_scene, weigh_placed
 from imapper_prob.models.log_posterior import (
     Incremental,
     State,
+    change_from,
     empty_state,
     log_posterior,
     log_posterior_near,
@@ -146,6 +150,35 @@ def wander(problem: Problem, seed: int, steps: int) -> int:
 @given(seed=st.integers(0, 10**6))
 def test_equal_to_the_full_evaluation_in_a_small_world(seed: int) -> None:
     assert wander(small_world(), seed, 300) > 2
+
+
+@pytest.mark.parametrize("world", [small_world, world_of_three, demo_world])
+def test_only_what_is_below_the_least_of_interest_is_left_out(world: Callable[[], Problem]) -> None:
+    """The bound is an upper bound, and often near enough to spare the rest."""
+    problem, rng, left_out, below = world(), np.random.default_rng(3), 0, 0
+    state, evaluator = empty_state(problem), open_evaluator(problem, 20)
+    change_from(evaluator, NOWHERE, state, state)
+    commit(evaluator)
+    for _ in range(600):
+        proposed = MOVES[int(rng.integers(len(MOVES)))](rng, problem, state)
+        before = state.n_scenelets, state.camera.copy(), state.latent.copy()
+        new = proposed.copies()
+        prior = place_scene(evaluator, *before, *new)
+        if prior == -math.inf:
+            continue
+        likelihood = log_posterior(problem, proposed) - prior
+        least = likelihood + rng.choice([-1.0, 0.0, 1.0, 30.0, 300.0])
+        value = weigh_placed(evaluator, state.n_scenelets, *new[:2], least)
+        below += likelihood < least
+        if value == -math.inf:
+            left_out += 1
+            assert likelihood < least
+            continue
+        assert value == pytest.approx(likelihood, rel=1e-9, abs=1e-9)
+        if rng.random() < 0.5:
+            commit(evaluator)
+            state = proposed
+    assert 0.2 * below < left_out < below
 
 
 @settings(max_examples=5, deadline=None)

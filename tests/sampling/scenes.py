@@ -70,7 +70,7 @@ def learnt_at_random(problem: Problem, count: int = 200) -> Reference:
 def moves_of(problem: Problem) -> Moves:
     """All moves, the camera's in half of its prior."""
     shape = 0.5 * np.linalg.cholesky(np.linalg.inv(problem.camera_precision))
-    return scene_moves(problem, similarity(), learnt_at_random(problem), shape)
+    return scene_moves(problem, learnt_at_random(problem), shape)
 
 
 def random_state(problem: Problem, seed: int) -> State:

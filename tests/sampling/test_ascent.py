@@ -27,7 +27,7 @@ def problem() -> Problem:
 def moves(problem: Problem) -> Moves:
     """Of a reference that expects scenelets on the static path, as that of a chain at first."""
     reference = learn(problem, gains_of(problem), scenes.similarity(), Visits())
-    return scene_moves(problem, scenes.similarity(), reference, None)
+    return scene_moves(problem, reference, None)
 
 
 def climbed(problem: Problem, moves: Moves, state: State, *, most: int = 10**6) -> State:

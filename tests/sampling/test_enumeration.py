@@ -80,8 +80,7 @@ def test_every_assignment_has_its_exact_probability() -> None:
     """By all moves that leave the camera where it is."""
     problem = tiny()
     assert 0.1 < exact()[0] < 0.9
-    even = (np.ones((3, 3)) - np.eye(3)) / 2
-    moves = scene_moves(problem, even, learnt(problem), None)
+    moves = scene_moves(problem, learnt(problem), None)
     still = [name in ("exchange", "shift", "placement", "path", "redraw") for name in MOVES]
     moves = moves._replace(weights=moves.weights * still)
     walker, rng = Walker(problem, moves, empty_state(problem)), np.random.default_rng(8)

@@ -75,7 +75,7 @@ def reference_of(problem: Problem) -> Reference:
 
 def moves_of(problem: Problem, reference: Reference) -> Moves:
     shape = 0.5 * np.linalg.cholesky(np.linalg.inv(problem.camera_precision))
-    return scene_moves(problem, similarity(problem), reference, shape)
+    return scene_moves(problem, reference, shape)
 
 
 def asked(problem: Problem, state: State) -> dict[str, float]:

@@ -14,10 +14,13 @@ from imapper_prob.models.log_posterior import State, empty_state, log_posterior,
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.settings import ModelSettings
 from imapper_prob.samplers.reversible_jump import Mixture, sample
+from imapper_prob.sampling.learning import learn
 from imapper_prob.sampling.scene import in_order
 from imapper_prob.sampling.steps import Walker
+from imapper_prob.sampling.visits import Visits
+from lab.prior import draw_state
 from tests.models import worlds
-from tests.sampling.scenes import SceneMove, moves_of
+from tests.sampling.scenes import SceneMove, moves_of, random_gains, similarity
 
 N_FRAMES = 20
 PROBLEM = worlds.problem(N_FRAMES)
@@ -49,9 +52,13 @@ def prior_problem() -> Problem:
 
 @pytest.fixture(scope="module", params=[120_000, pytest.param(500_000, marks=pytest.mark.slow)])
 def prior_draws(request: pytest.FixtureRequest) -> list[State]:
-    """Every fifth state of a chain."""
-    problem, rng = prior_problem(), np.random.default_rng(2)
-    moves = moves_of(problem)
+    """Every fifth state of a chain, whose reference is learnt from the prior."""
+    problem, rng, visits = prior_problem(), np.random.default_rng(2), Visits()
+    for _ in range(200):
+        visits.note(draw_state(rng, problem))
+    moves = moves_of(problem)._replace(
+        reference=learn(problem, random_gains(problem), similarity(), visits)
+    )
     walker = Walker(problem, moves, empty_state(problem))
     walker.advance(rng, 1.0, 1000)
     return [walker.advance(rng, 1.0, 5)[0].state for _ in range(request.param // 5)]
