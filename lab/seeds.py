@@ -29,7 +29,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 import imapper_prob as im
-from imapper_prob.config import SampleSettings
+from imapper_prob.cli.run import DEMO
+from imapper_prob.config import Config
 from imapper_prob.layouts import group_layouts
 from imapper_prob.plotting import save_figure
 from imapper_prob.results.load import load_posterior
@@ -134,10 +135,12 @@ def compared(posteriors: Sequence[Posterior]) -> Seeds:
     )
 
 
-def runs(name: str, folder: Path, seeds: int, steps: int, workers: int) -> list[Posterior]:
-    """The runs of a clip; missing ones are made."""
-    config = with_steps(steps)
-    paths = [folder / f"{Path(name).stem}-{steps}-{seed}" for seed in range(seeds)]
+def runs(name: str, folder: Path, seeds: int, steps: int | None, workers: int) -> list[Posterior]:
+    """The runs of a clip, with its default settings if ``steps`` is None; missing ones are made."""
+    usual = Config(sample=DEMO) if name == "demo" else Config()
+    config = usual if steps is None else with_steps(steps)
+    stem = f"{Path(name).stem}-{config.sample.steps}"
+    paths = [folder / f"{stem}-{seed}" for seed in range(seeds)]
     missing = [path for path in paths if not is_whole(path)]
     if missing:
         clip = named_clip(name)
@@ -227,7 +230,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("folder", type=Path)
     parser.add_argument("clips", nargs="*", default=["demo"])
     parser.add_argument("--seeds", type=int, default=5, help="two at least")
-    parser.add_argument("--steps", type=int, default=SampleSettings().steps)
+    parser.add_argument("--steps", type=int, help="(default: as the program's)")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--picture", type=Path, metavar="PNG", help="(default: none)")
     options = parser.parse_args(arguments)

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from imapper_prob.sampling.blocks import Block, Limits
     from imapper_prob.uncertainty.checks import Check
 
-__all__ = ["add_run_commands"]
+__all__ = ["DEMO", "add_run_commands"]
 
 _DOTS_PER_INCH = 120
 
@@ -74,7 +74,7 @@ def show_energy(folder: Path) -> None:
 # ------------------------------------------------------------------------------------------------
 # ``demo``, ``run`` and ``info``.
 
-_DEMO = SampleSettings(steps=22_000, temperatures=5)
+DEMO = SampleSettings(steps=22_000, temperatures=5)
 """Settings of the demo, chosen by how its chains converge. Their barrier is 2.0, so 5 temperatures
 are best; with these steps probabilities converge, in one to two minutes on two cores."""
 _STEPS = SampleSettings().steps
@@ -181,7 +181,7 @@ def _sampling_options() -> argparse.ArgumentParser:
         type=int,
         metavar="N",
         help="steps of each chain at each temperature; more than a finished run in DIR has: go on "
-        f"(default: {_STEPS}, of demo {_DEMO.steps})",
+        f"(default: {_STEPS}, of demo {DEMO.steps})",
     )
     sampling.add_argument(
         "--minutes",
@@ -244,7 +244,7 @@ def _config(
 def _demo(options: argparse.Namespace) -> None:
     from imapper_prob.api import demo_clip
 
-    _begun_or_gone_on_with(options, demo_clip, own=_DEMO)
+    _begun_or_gone_on_with(options, demo_clip, own=DEMO)
 
 
 def _run(options: argparse.Namespace) -> None:

@@ -8,6 +8,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+import imapper_prob as im
+from imapper_prob.cli import main
 from imapper_prob.config import SampleSettings
 from imapper_prob.models.scene import Cuboid, Placement, SceneObject
 from lab import gold
@@ -59,3 +61,10 @@ def test_long_runs_start_scattered_and_go_into_the_file(
 def test_one_run_is_refused(tmp_path: Path) -> None:
     with pytest.raises(SystemExit):
         gold.main([str(tmp_path), "--runs", "1"])
+
+
+@pytest.mark.slow
+def test_the_demo_says_what_long_runs_say(tmp_path: Path) -> None:
+    assert main(["demo", "-o", str(tmp_path / "demo"), "--seed", "1", "--quiet"]) == 0
+    found = gold.shares(im.load_posterior(tmp_path / "demo").samples.objects)
+    assert gold.distance(found, gold.known()["demo"]) < 0.1
