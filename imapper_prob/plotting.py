@@ -5,13 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
-from imapper_prob.models.colours import Colour, action_colour, category_colour, text_colour
+from imapper_prob.models.colours import Colour, action_colour, category_colour
 from imapper_prob.models.drawing import take_texts_as_they_stand
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["Colour", "action_colour", "category_colour", "save_figure", "text_colour"]
+__all__ = ["Colour", "action_colour", "category_colour", "save_figure"]
 
 
 def save_figure(figure: Figure, file: Path | IO[bytes], *, dpi: int, **options: Any) -> None:

@@ -16,7 +16,7 @@ from imapper_prob.models.scene import Clip, SceneObject, Track, Truth
 from imapper_prob.models.skeleton import PELV
 from imapper_prob.models.text import brief
 from imapper_prob.people import at_one_time, by_person, own_part
-from imapper_prob.plotting import category_colour, text_colour
+from imapper_prob.plotting import category_colour
 from imapper_prob.recording import palette, shapes
 from imapper_prob.recording.palette import FLOOR, SCENE_COLOURS, TRUE_COLOUR, UNCLAIMED, drawable
 from imapper_prob.recording.shapes import PATH_RADIUS, log_moving, log_static, own_entity
@@ -324,7 +324,7 @@ def _names(clusters: Sequence[ObjectCluster]) -> rr.Points3D:
     return rr.Points3D(
         np.reshape([(*c.mean, 0.02) for c in clusters], (-1, 3)),
         labels=[drawable(f"{c.label} {c.presence:.2f}") for c in clusters],
-        colors=np.reshape([text_colour(c.label) for c in clusters], (-1, 3)),
+        colors=np.reshape([category_colour(c.label) for c in clusters], (-1, 3)),
         radii=0.02,
         show_labels=True,
     )

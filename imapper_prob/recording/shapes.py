@@ -30,7 +30,6 @@ from imapper_prob.models.skeleton import (
     RWRI,
     THRX,
 )
-from imapper_prob.plotting import text_colour
 from imapper_prob.recording.palette import FLOOR, FLOOR_LINE, TRUE_COLOUR, drawable
 from imapper_prob.uncertainty.clusters import ObjectCluster
 
@@ -194,7 +193,6 @@ def names(objects: Sequence[SceneObject], categories: dict[str, int]) -> rr.Poin
         _above(objects),
         labels=[drawable(o.label) for o in objects],
         class_ids=[categories[o.label] for o in objects],
-        colors=np.reshape([text_colour(o.label) for o in objects], (-1, 3)),
         radii=0.004,
         show_labels=True,
     )
@@ -220,7 +218,6 @@ def name_columns(
         positions=_above(everything),
         labels=[drawable(o.label) for o in everything],
         class_ids=[categories[o.label] for o in everything],
-        colors=np.reshape([text_colour(o.label) for o in everything], (-1, 3)),
     )
     return columns.partition([len(objects) for objects in draws])
 
