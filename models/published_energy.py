@@ -37,7 +37,7 @@ from numpy.typing import NDArray
 from imapper_prob.models.jit import compiled, inlined, inner
 from imapper_prob.models.kernels.cache import open_evaluator
 from imapper_prob.models.kernels.given import sum_given
-from imapper_prob.models.kernels.incremental import place
+from imapper_prob.models.kernels.incremental import NOWHERE, place_scene
 from imapper_prob.models.kernels.placement import place_boxes
 from imapper_prob.models.kernels.posing import copy_joints, list_moved, pose_joints
 from imapper_prob.models.problem import CAMERA, LAYOUT, PATH, PLACEMENT, TERMS, Problem
@@ -414,8 +414,8 @@ def evaluate_paper(
     terms = np.zeros(len(PAPER_TERMS))
     evaluator = open_evaluator(problem, len(items))
     cache = evaluator.cache
-    prior = place(
-        problem, cache, -1, camera, latent, camera, items, placements, sizes, latent
+    prior = place_scene(
+        evaluator, NOWHERE, camera, latent, camera, items, placements, sizes, latent
     )  # fmt: skip
     if prior == -math.inf:
         terms[CAMERA] = prior

@@ -29,7 +29,6 @@ from imapper_prob.sampling.reference import (
     START,
     Reference,
     draw_summed,
-    n_fitting,
 )
 from imapper_prob.sampling.reference_density import log_reference, log_stretch, shares_after
 from imapper_prob.sampling.reference_placement import expected, leaves
@@ -199,7 +198,8 @@ def _draw_similar(reference: Reference, rng: np.random.Generator, code: int) -> 
     """Draw a scenelet of similar motion at the same start."""
     n_scenelets = len(reference.kinds)
     start, scenelet = code // n_scenelets, code % n_scenelets
-    n = n_fitting(reference, start)
+    # The scenelets that fit there are the first ones by length.
+    n = reference.openings[start] - reference.openings[start + 1]
     other = reference.by_length[draw_summed(reference.similar_sums, scenelet, n, rng)]
     return int(start * n_scenelets + other)
 

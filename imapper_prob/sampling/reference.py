@@ -62,7 +62,6 @@ __all__ = [
     "Reference",
     "draw_summed",
     "log_t",
-    "n_fitting",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
@@ -217,24 +216,6 @@ def draw_summed(sums: Array, row: int, n: int, rng: np.random.Generator) -> int:
         else:
             low = middle + 1
     return low
-
-
-@inner_inlined
-def n_fitting(reference: Reference, start: int) -> int:
-    """Number of scenelets that fit between a frame and the end of its person's frames.
-
-    Parameters
-    ----------
-    reference : Reference
-    start : int
-
-    Returns
-    -------
-    int
-        They come first in ``by_length``.
-    """
-    count: int = reference.openings[start] - reference.openings[start + 1]
-    return count
 
 
 @inner_inlined

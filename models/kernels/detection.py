@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.models.jit import compiled, inner_inlined
-from imapper_prob.models.kernels.cache import ADDED, EMISSION, REMOVED, RIGHT, WRONG, Cache
+from imapper_prob.models.kernels.cache import EMISSION, RIGHT, WRONG, Cache
 from imapper_prob.models.kernels.frame import (
     cap_likelihoods,
     mix_likelihoods,
@@ -27,7 +27,7 @@ from imapper_prob.models.kernels.frame import (
     take_logs,
     visibility_probabilities,
 )
-from imapper_prob.models.kernels.visibility import GAP, Singles, bounds_overlap, open_bounds
+from imapper_prob.models.kernels.visibility import GAP, Singles, open_bounds
 from imapper_prob.models.problem import DETECTIONS, FREE_POSE, GROUND, Problem
 from imapper_prob.models.settings import NOTHING_IN_SIGHT
 
@@ -224,36 +224,20 @@ def _know_own(problem: Problem, cache: Cache, t: int) -> None:
 
 
 @inner_inlined
-def bound_emissions(problem: Problem, cache: Cache, n: int, n_old: int) -> None:
+def bound_emissions(problem: Problem, cache: Cache) -> None:
     """Bound the emissions of a proposal from above, without its lines of sight.
 
-    The bounds are exact in frames that did not move and where no furniture that came or went can be
-    near a line of sight.
+    The bounds are exact in frames that are not marked as changed.
 
     Parameters
     ----------
     problem : Problem
     cache : Cache
         Output: ``bounds``.
-    n, n_old : int
-        Numbers of scenelets of the proposal and of the current state.
     """
-    n_frames, n_missing = len(cache.moved), 0
-    moved, cover, near, role = cache.moved, cache.cover, cache.near, cache.role
-    rows, views, hulls, ceilings = cache.pose_row, cache.views, cache.hulls, cache.ceilings
+    n_frames, n_missing = len(cache.changed), 0
+    cover, rows, ceilings = cache.cover, cache.pose_row, cache.ceilings
     changed, missing, bounds = cache.changed, cache.weighed, cache.bounds
-    for t in range(n_frames):
-        changed[t] = moved[t]
-    for which in range(2):
-        wanted = REMOVED if which == 0 else ADDED
-        for i in range(n_old if which == 0 else n):
-            slot = cache.slots[which, i]
-            if role[slot] == wanted:
-                for t in range(n_frames):
-                    if not moved[t]:
-                        row = rows[t]
-                        came = which == 1 and bounds_overlap(hulls, slot, views, row)
-                        changed[t] |= came or (which == 0 and near[slot, row] > 0)
     scratch64, logs = cache.scratch64, cache.logs
     for t in range(n_frames):
         row = rows[t] if cover[1, t] >= 0 else 2 * n_frames + t

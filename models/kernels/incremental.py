@@ -52,6 +52,7 @@ from imapper_prob.models.kernels.posing import (
     copy_joints,
     find_changed,
     find_likelihoods,
+    find_near,
     find_penetrations,
     list_moved,
     pose_joints,
@@ -78,7 +79,6 @@ __all__ = [
     "NOWHERE",
     "change",
     "commit",
-    "place",
     "place_scene",
     "read_proposed",
     "weigh_placed",
@@ -139,36 +139,6 @@ def change(
 
 
 @compiled
-def place_scene(
-    evaluator: Evaluator,
-    n_before: int,
-    camera_before: Array,
-    latent_before: Array,
-    camera: Array,
-    items: Ints,
-    placements: Array,
-    sizes: Array,
-    latent: Array,
-) -> float:
-    """The first step of :func:`change`: place the scenelets, draw the path, evaluate the prior.
-
-    Parameters
-    ----------
-    evaluator, n_before, camera_before, latent_before, camera, items, placements, sizes, latent
-        See :func:`change`.
-
-    Returns
-    -------
-    float
-        Log prior, nats; -inf outside the support.
-    """
-    return place(
-        evaluator.problem, evaluator.cache, n_before, camera_before, latent_before,
-        camera, items, placements, sizes, latent,
-    )  # fmt: skip
-
-
-@compiled
 def weigh_placed(
     evaluator: Evaluator, n_before: int, camera: Array, items: Ints, least: float
 ) -> float:
@@ -202,7 +172,9 @@ def weigh_placed(
     terms[SUPPORT] = -problem.likelihood * unsupported(problem.stays, problem.lowered, items)
     find_likelihoods(problem, cache, n, camera)
     if least > -math.inf:
-        bound_emissions(problem, cache, n, n_old)
+        find_near(cache, n)
+        find_changed(cache, n, n_old)
+        bound_emissions(problem, cache)
         costs = terms[SMOOTHNESS] + terms[COLLISION] + terms[SUPPORT] + terms[GIVEN]
         bound = sum_emissions(problem, cache.bounds, cache.every)
         if costs + bound - sum_free_poses(problem, cache) < least - _ROUNDING:
@@ -216,10 +188,9 @@ def weigh_placed(
     return costs + forward_log_likelihood(problem, cache)  # type: ignore[no-any-return]
 
 
-@inner_inlined
-def place(
-    problem: Problem,
-    cache: Cache,
+@compiled
+def place_scene(
+    evaluator: Evaluator,
     n_before: int,
     camera_before: Array,
     latent_before: Array,
@@ -229,22 +200,21 @@ def place(
     sizes: Array,
     latent: Array,
 ) -> float:
-    """Place the scenelets, draw the path, and evaluate the prior.
+    """The first step of :func:`change`: place the scenelets, draw the path, evaluate the prior.
 
     The prior terms are written to the cache; all other terms are set to 0.
 
     Parameters
     ----------
-    problem : Problem
-    cache : Cache
-    n_before, camera_before, latent_before, camera, items, placements, sizes, latent
+    evaluator, n_before, camera_before, latent_before, camera, items, placements, sizes, latent
         See :func:`change`.
 
     Returns
     -------
     float
-        Nats; -inf outside the support.
+        Log prior, nats; -inf outside the support.
     """
+    problem, cache = evaluator.problem, evaluator.cache
     if not in_support(camera) or not _in_order(problem, items):
         return -math.inf
     n, n_old, terms = len(items), max(n_before, 0), cache.terms

@@ -38,6 +38,7 @@ __all__ = [
     "copy_joints",
     "find_changed",
     "find_likelihoods",
+    "find_near",
     "find_penetrations",
     "list_moved",
     "pose_joints",
@@ -290,6 +291,25 @@ def _penetration(cache: Cache, slot: int, frames: Ints, n: int) -> None:
                 if not aabb_disjoint(ground, row, footprints, k):
                     depth += depth_in_box(columns, row, boxes, turns, k)
         cache.depths[slot, row] = depth
+
+
+@inner_inlined
+def find_near(cache: Cache, n: int) -> None:
+    """Mark where new furniture may be near a line of sight, in frames that did not move.
+
+    Parameters
+    ----------
+    cache : Cache
+        Output: ``near``, by the bounds of all boxes of a slot together.
+    n : int
+        Number of scenelets of the proposal.
+    """
+    hulls, views, rows = cache.hulls, cache.views, cache.pose_row
+    for i in range(n):
+        slot = cache.slots[1, i]
+        if cache.role[slot] == ADDED:
+            for t in range(len(rows)):
+                cache.near[slot, rows[t]] = bounds_overlap(hulls, slot, views, rows[t])
 
 
 @inner_inlined
