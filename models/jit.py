@@ -155,7 +155,7 @@ def inlined(function: Function) -> Dispatcher[Function]:
     return _compiled(function, inline=True)
 
 
-def inner(function: Function) -> Dispatcher[Function]:
+def inner(function: Function, *, beside: tuple[Path, ...] = ()) -> Dispatcher[Function]:
     """Like :func:`compiled`, but callable from other kernels only.
 
     Compiling the conversion of a problem's seventy arrays from Python takes longer than compiling
@@ -164,13 +164,15 @@ def inner(function: Function) -> Dispatcher[Function]:
     Parameters
     ----------
     function : callable
+    beside : tuple of Path
+        See :func:`compiled`.
 
     Returns
     -------
     numba.core.dispatcher.Dispatcher
         Raises `TypeError` when called from Python.
     """
-    return _compiled(function, alone=True)
+    return _compiled(function, alone=True, beside=beside)
 
 
 def inner_inlined(function: Function, *, beside: tuple[Path, ...] = ()) -> Dispatcher[Function]:

@@ -21,19 +21,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.models.kernels.cache import Evaluator, open_evaluator
-from imapper_prob.models.kernels.incremental import (
-    NOWHERE,
-    change,
-    commit,
-    place_scene,
-    weigh_placed,
-)
+from imapper_prob.models.kernels.incremental import NOWHERE, change, commit
 from imapper_prob.models.log_posterior import State, log_posterior
 from imapper_prob.models.problem import Problem
 from imapper_prob.samplers.chains import Report
-from imapper_prob.sampling.jit import compiled
+from imapper_prob.sampling.jit import compiled, inner_inlined
 from imapper_prob.sampling.redraws import set_placement, with_stretch
-from imapper_prob.sampling.reference import Reference
+from imapper_prob.sampling.reference import NONE_BEFORE, Reference
 from imapper_prob.sampling.reference_placement import expected, leaves
 from imapper_prob.sampling.scene import Scene, scene_of, state_of
 from imapper_prob.sampling.steps import MOVES, Moves, Walker, log_posteriors
@@ -190,16 +184,18 @@ def _exchanged(
     if not len(pairs):
         return state
     reference = moves.reference
-    evaluator = _standing(problem, scene_of(state), state.n_scenelets + 2)
-    values = _values(reference, evaluator, state, first, last, pairs)
+    scene = scene_of(state)
+    evaluator = _standing(problem, scene, state.n_scenelets + 2)
+    values = _values(evaluator, scene, _scenes_with(reference, scene, first, last, pairs))
     promising = pairs[np.argsort(-values, kind="stable")[:_PROMISING]]
     near = np.stack([np.zeros(2 * _REACH + 1, int), np.arange(-_REACH, _REACH + 1)], -1)
     pairs = _inside(problem, state, first, last, (promising[:, None] + near).reshape(-1, 2))
-    values = _values(reference, evaluator, state, first, last, pairs)
-    if not values.max() > -math.inf:
+    changed = _scenes_with(reference, scene, first, last, pairs)
+    values = _values(evaluator, scene, changed, rising=True)
+    best = int(values.argmax())
+    if not values[best] > -math.inf:
         return state
-    scenelet, start = pairs[values.argmax()].tolist()
-    return state_of(_with(reference, scene_of(state), first, last, scenelet, start))
+    return state_of(_scene(scene, changed, best))
 
 
 def _standing(problem: Problem, scene: Scene, capacity: int) -> Evaluator:
@@ -228,39 +224,66 @@ def _redrawn(
     """
     scene = scene_of(state)
     still = moves.reference._replace(factors=_STILL * moves.reference.factors)
+    drawn = _draws(still, rng, scene, first, last, number)
+    if not len(drawn[0]):
+        return state
     evaluator = _standing(problem, scene, state.n_scenelets + number)
-    return state_of(_best_draw(still, evaluator, rng, scene, first, last, number))
+    values = _values(evaluator, scene, drawn, rising=True)
+    best = int(values.argmax())
+    if not values[best] > -math.inf:
+        return state
+    return state_of(_scene(scene, drawn, best))
 
 
 @compiled
-def _best_draw(
+def _draws(
     reference: Reference,
-    evaluator: Evaluator,
     rng: np.random.Generator,
     scene: Scene,
     first: int,
     last: int,
     number: int,
-) -> Scene:
-    """The best of many draws with this number of new scenelets; ``scene`` itself if none has it."""
-    best, value = scene, -math.inf
+) -> tuple[Ints, Array, Array]:
+    """Items, placements and sizes of those of many draws that have this number of new scenelets."""
+    k, found = len(scene.items) - (last - first) + number, 0
+    items = np.empty((_DRAWN, k, 2), np.int64)
+    placements, sizes = np.empty((_DRAWN, k, 3)), np.empty((_DRAWN, k))
     for _ in range(_DRAWN):
         new, n = with_stretch(reference, rng, scene, first, last)
         if n != number:
             continue
-        if first + n < len(new.items):
+        if first + n < k:
             end = new.items[first + n - 1, 1] + reference.lengths[new.items[first + n - 1, 0]]
             if end > new.items[first + n, 1]:
                 continue
-        found = place_scene(
-            evaluator, len(scene.items), scene.camera, scene.latent,
-            new.camera, new.items, new.placements, new.sizes, new.latent,
-        )  # fmt: skip
-        if found > -math.inf:
-            found += weigh_placed(evaluator, len(scene.items), new.camera, new.items, value - found)
-        if found > value:
-            best, value = new, found
-    return best
+        _copy(new, items, placements, sizes, found)
+        found += 1
+    return items[:found], placements[:found], sizes[:found]
+
+
+@inner_inlined
+def _copy(scene: Scene, items: Ints, placements: Array, sizes: Array, n: int) -> None:
+    # By numbers: numba takes seconds to compile the message of an assignment of arrays that fails.
+    for i in range(len(scene.items)):
+        items[n, i, 0], items[n, i, 1] = scene.items[i, 0], scene.items[i, 1]
+        sizes[n, i] = scene.sizes[i]
+        for j in range(3):
+            placements[n, i, j] = scene.placements[i, j]
+
+
+def _scene(scene: Scene, changed: tuple[Ints, Array, Array], n: int) -> Scene:
+    items, placements, sizes = changed
+    return scene._replace(items=items[n], placements=placements[n], sizes=sizes[n])
+
+
+def _values(
+    evaluator: Evaluator, scene: Scene, changed: tuple[Ints, Array, Array], *, rising: bool = False
+) -> Array:
+    """(n,) log-posteriors in nats of the evaluator's scene with other scenelets."""
+    camera, latent = scene.camera[None], scene.latent[None]
+    return log_posteriors(
+        evaluator, None, len(scene.items), scene, camera, *changed, latent, rising
+    )
 
 
 def _nearby(problem: Problem, moves: Moves, state: State, rng: np.random.Generator) -> State:
@@ -274,12 +297,12 @@ def _nearby(problem: Problem, moves: Moves, state: State, rng: np.random.Generat
     return best[1]
 
 
-@compiled
+@inner_inlined
 def _with(
     reference: Reference, scene: Scene, first: int, last: int, scenelet: int, start: int
 ) -> Scene:
     """A scene with a scenelet instead of some consecutive ones, at its expected placement."""
-    left, before = -1, np.empty((2, 4))
+    left, before = NONE_BEFORE, np.empty((2, 4))
     if first > 0:
         left = leaves(
             reference, scene.camera, scene.items[first - 1, 0], scene.items[first - 1, 1],
@@ -308,15 +331,5 @@ def _scenes_with(
     placements, sizes = np.empty((len(tried), k, 3)), np.empty((len(tried), k))
     for n in range(len(tried)):
         new = _with(reference, scene, first, last, tried[n, 0], tried[n, 1])
-        items[n], placements[n], sizes[n] = new.items, new.placements, new.sizes
+        _copy(new, items, placements, sizes, n)
     return items, placements, sizes
-
-
-def _values(
-    reference: Reference, evaluator: Evaluator, state: State, first: int, last: int, tried: Ints
-) -> Array:
-    """(n,) log-posteriors in nats for each of n pairs of scenelet and start."""
-    scene = scene_of(state)
-    camera, latent = scene.camera[None], scene.latent[None]
-    new = _scenes_with(reference, scene, first, last, tried)
-    return log_posteriors(evaluator, None, len(scene.items), scene, camera, *new, latent)

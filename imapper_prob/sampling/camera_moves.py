@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from imapper_prob.sampling.jit import compiled
+from imapper_prob.sampling.jit import inner
 from imapper_prob.sampling.looks import reprojected
 from imapper_prob.sampling.scene import Scene
 
@@ -28,7 +28,7 @@ _FOCAL: Final = (0.2, 0.8)
 """Step sizes in prior standard deviations of the log focal length; chosen."""
 
 
-@compiled
+@inner
 def _stepped(
     scales: tuple[float, ...], factor: Array, rng: np.random.Generator, camera: Array
 ) -> Array:
@@ -41,7 +41,7 @@ def _stepped(
     return there
 
 
-@compiled
+@inner
 def walk_camera(factor: Array, rng: np.random.Generator, scene: Scene) -> tuple[Scene, float]:
     """Move camera and body alone, by a step with the prior's covariance; symmetric.
 
@@ -60,7 +60,7 @@ def walk_camera(factor: Array, rng: np.random.Generator, scene: Scene) -> tuple[
     return Scene(camera, scene.items, scene.placements, scene.sizes, scene.latent), 0.0
 
 
-@compiled
+@inner
 def _compensated(heights: Array, scene: Scene, camera: Array) -> tuple[Scene, float]:
     """Change the camera, and move every scenelet so that it looks the same."""
     everything = np.ones(len(scene.items), np.bool_)
@@ -70,7 +70,7 @@ def _compensated(heights: Array, scene: Scene, camera: Array) -> tuple[Scene, fl
     return Scene(camera, scene.items, placements, sizes, scene.latent), ratio
 
 
-@compiled
+@inner
 def walk_compensated(
     factor: Array, heights: Array, rng: np.random.Generator, scene: Scene
 ) -> tuple[Scene, float]:
@@ -97,7 +97,7 @@ def walk_compensated(
     return _compensated(heights, scene, _stepped(_SCALES, factor, rng, scene.camera))
 
 
-@compiled
+@inner
 def walk_adapted(
     shape: Array, heights: Array, rng: np.random.Generator, scene: Scene
 ) -> tuple[Scene, float]:
@@ -120,7 +120,7 @@ def walk_adapted(
     return _compensated(heights, scene, _stepped(_ADAPTED, shape, rng, scene.camera))
 
 
-@compiled
+@inner
 def scale_depth(rng: np.random.Generator, scene: Scene) -> tuple[Scene, float]:
     """Scale the body, the camera's elevation and all distances by one factor.
 
@@ -146,7 +146,7 @@ def scale_depth(rng: np.random.Generator, scene: Scene) -> tuple[Scene, float]:
     return changed, (2 * len(placements) + 1) * step
 
 
-@compiled
+@inner
 def scale_focal(spread: float, rng: np.random.Generator, scene: Scene) -> tuple[Scene, float]:
     """Change the focal length and all depths together.
 

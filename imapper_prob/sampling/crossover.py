@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from imapper_prob.models.log_posterior import State
 from imapper_prob.models.problem import Problem
-from imapper_prob.sampling.jit import compiled
+from imapper_prob.sampling.jit import compiled, inner
 from imapper_prob.sampling.looks import middle_heights, reprojected
 from imapper_prob.sampling.scene import Scene, scene_of, state_of
 
@@ -81,7 +81,7 @@ def _exchange(
     return new_hot, new_cold, ratio_hot + ratio_cold
 
 
-@compiled
+@inner
 def _cuts(lengths: Ints, one: Ints, other: Ints, n_frames: int) -> Ints:
     """Boundaries of blocks: the middles of gaps, and both ends of the clip."""
     items = np.concatenate((one, other))
@@ -99,13 +99,13 @@ def _cuts(lengths: Ints, one: Ints, other: Ints, n_frames: int) -> Ints:
     return cuts[: n + 1].copy()
 
 
-@compiled
+@inner
 def _inside(scene: Scene, begin: int, end: int) -> Flags:
     starts = scene.items[:, 1]
     return (starts >= begin) & (starts < end)
 
 
-@compiled
+@inner
 def _merged(
     own: Scene,
     kept: Flags,

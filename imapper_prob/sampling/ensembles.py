@@ -246,7 +246,7 @@ class _Target:
         values = log_posteriors(
             self._evaluator, self._published, NOWHERE, self._anywhere, camera, self._items[walker],
             np.ascontiguousarray(placements), np.ascontiguousarray(sizes),
-            np.ascontiguousarray(latent).reshape(-1, *self._path),
+            np.ascontiguousarray(latent).reshape(-1, *self._path), False,
         )  # fmt: skip
         density: Array = values + log_area(theta[:, 6::4].sum(1))
         return density

@@ -41,9 +41,9 @@ from imapper_prob.models.problem import Problem
 from imapper_prob.models.settings import NEAREST, NOTHING_IN_SIGHT
 from imapper_prob.models.skeleton import PELV
 from imapper_prob.models.view import floor_point
-from imapper_prob.sampling.jit import compiled
+from imapper_prob.sampling.jit import compiled, inner
 from imapper_prob.sampling.redraws import set_placement
-from imapper_prob.sampling.reference import Reference
+from imapper_prob.sampling.reference import NONE_BEFORE, Reference
 from imapper_prob.sampling.reference_placement import expected
 
 __all__ = [
@@ -170,7 +170,7 @@ class _Judge(NamedTuple):
     scratch32: Singles
 
 
-@compiled
+@inner
 def _judge_of(problem: Problem) -> _Judge:
     n_frames = len(problem.lift)
     uv, params = np.empty((n_frames, 2, 2, 16)), np.empty((n_frames, 2, PARAMS, 16), np.float32)
@@ -196,7 +196,7 @@ def _judge_of(problem: Problem) -> _Judge:
     )  # fmt: skip
 
 
-@compiled
+@inner
 def _gain(
     problem: Problem, judge: _Judge, scenelet: int, start: int, placement: Array, size: float
 ) -> float:
@@ -276,7 +276,7 @@ def gains_about(problem: Problem, gains: Array, reference: Reference) -> Array:
         least = gains[start].max() - _HOPELESS
         for scenelet in range(gains.shape[1]):
             if gains[start, scenelet] > least:
-                _, where = expected(reference, camera, scenelet, start, -1, before)
+                _, where = expected(reference, camera, scenelet, start, NONE_BEFORE, before)
                 set_placement(reference, camera, scenelet, where, placement)
                 anew[start, scenelet] = _gain(
                     problem, judge, scenelet, start, placement, where[3]

@@ -15,7 +15,7 @@ from imapper_prob.models import jit
 if TYPE_CHECKING:
     from numba.core.dispatcher import Dispatcher
 
-__all__ = ["compiled", "inner_inlined"]
+__all__ = ["compiled", "inner", "inner_inlined"]
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -50,6 +50,21 @@ def compiled(function: Function) -> Dispatcher[Function]:
     numba.core.dispatcher.Dispatcher
     """
     return jit.compiled(function, beside=_KERNELS)
+
+
+def inner(function: Function) -> Dispatcher[Function]:
+    """Like :func:`imapper_prob.models.jit.inner`, for kernels of this package.
+
+    Parameters
+    ----------
+    function : callable
+
+    Returns
+    -------
+    numba.core.dispatcher.Dispatcher
+        Raises `TypeError` when called from Python.
+    """
+    return jit.inner(function, beside=_KERNELS)
 
 
 def inner_inlined(function: Function) -> Dispatcher[Function]:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.models.view import floor_point, log_area, seen_point
-from imapper_prob.sampling.jit import compiled
+from imapper_prob.sampling.jit import inner
 from imapper_prob.sampling.reference import Reference, draw_summed
 from imapper_prob.sampling.scene import Scene, flush_run
 
@@ -32,7 +32,7 @@ _STRENGTHS: Final = (0.2, 1.0)
 """Step sizes of Crank-Nicolson proposals; 1 is independent of the old values. Chosen."""
 
 
-@compiled
+@inner
 def exchange_similar(
     reference: Reference, rng: np.random.Generator, scene: Scene
 ) -> tuple[Scene, float]:
@@ -68,7 +68,7 @@ def exchange_similar(
     return Scene(scene.camera, items, scene.placements, scene.sizes, scene.latent), ratio
 
 
-@compiled
+@inner
 def shift(lengths: Ints, rng: np.random.Generator, scene: Scene) -> tuple[Scene, float]:
     """Shift a scenelet by a few frames, alone or with those it adjoins without a gap.
 
@@ -100,7 +100,7 @@ def shift(lengths: Ints, rng: np.random.Generator, scene: Scene) -> tuple[Scene,
     return Scene(scene.camera, items, scene.placements, scene.sizes, scene.latent), 0.0
 
 
-@compiled
+@inner
 def walk_placement(rng: np.random.Generator, scene: Scene) -> tuple[Scene, float]:
     """Move one scenelet along and across the viewing ray, and turn it.
 
@@ -138,7 +138,7 @@ def walk_placement(rng: np.random.Generator, scene: Scene) -> tuple[Scene, float
     return Scene(scene.camera, scene.items, placements, sizes, scene.latent), log_area(further)
 
 
-@compiled
+@inner
 def refresh_path(rng: np.random.Generator, scene: Scene) -> tuple[Scene, float]:
     """Refresh the latent variables of a stretch of the path by preconditioned Crank-Nicolson.
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.models.view import floor_point
-from imapper_prob.sampling.jit import compiled
+from imapper_prob.sampling.jit import compiled, inner
 from imapper_prob.sampling.reference import (
     ADJOINING,
     ANYWHERE,
@@ -24,6 +24,7 @@ from imapper_prob.sampling.reference import (
     ENDS,
     FITTING,
     FOLLOWED,
+    NONE_BEFORE,
     SAME_KIND,
     SIMILAR,
     START,
@@ -74,7 +75,7 @@ def draw_scene(reference: Reference, rng: np.random.Generator) -> Scene:
     return with_stretch(reference, rng, empty, START, START)[0]
 
 
-@compiled
+@inner
 def with_stretch(
     reference: Reference, rng: np.random.Generator, scene: Scene, first: int, last: int
 ) -> tuple[Scene, int]:
@@ -102,7 +103,7 @@ def with_stretch(
     stop = scene.items[last, 1] if last < len(scene.items) else n_frames
     most = n_frames // reference.lengths[reference.by_length[0]] + 1
     items, placements, sizes = np.empty((most, 2), np.int64), np.empty((most, 3)), np.empty(most)
-    kind, end, left, n = 0, 0, -1, 0
+    kind, end, left, n = START, START, NONE_BEFORE, 0
     before, shares = np.empty((2, 4)), np.empty(COMPONENTS)
     if first > 0:
         scenelet, start = scene.items[first - 1]
@@ -148,7 +149,7 @@ def _draw(weights: Array, rng: np.random.Generator) -> int:
     return found
 
 
-@compiled
+@inner
 def _draw_t(factor: Array, rng: np.random.Generator) -> Array:
     """Draw an offset from the centre of a multivariate t distribution with a Cholesky factor."""
     z, offset = rng.standard_normal(len(factor)), np.zeros(len(factor))
@@ -159,7 +160,7 @@ def _draw_t(factor: Array, rng: np.random.Generator) -> Array:
     return offset
 
 
-@compiled
+@inner
 def _draw_next(reference: Reference, rng: np.random.Generator, of: int, kind: int, end: int) -> int:
     """Draw the code of the next scenelet from a component; for SIMILAR, that of the one it
     resembles."""
@@ -193,7 +194,7 @@ def _draw_next(reference: Reference, rng: np.random.Generator, of: int, kind: in
     return int(start * n_scenelets + reference.by_length[left - reference.openings[start + 1]])
 
 
-@compiled
+@inner
 def _draw_similar(reference: Reference, rng: np.random.Generator, code: int) -> int:
     """Draw a scenelet of similar motion at the same start."""
     n_scenelets = len(reference.kinds)
@@ -204,7 +205,7 @@ def _draw_similar(reference: Reference, rng: np.random.Generator, code: int) -> 
     return int(start * n_scenelets + other)
 
 
-@compiled
+@inner
 def _draw_of_kind(reference: Reference, rng: np.random.Generator, kind: int, end: int) -> int:
     """Draw a scenelet with furniture of a kind from those that fit at a frame."""
     left, found = rng.random() * reference.fitting_kinds[end, kind], 0
@@ -217,7 +218,7 @@ def _draw_of_kind(reference: Reference, rng: np.random.Generator, kind: int, end
     return found
 
 
-@compiled
+@inner
 def _draw_where(
     reference: Reference, rng: np.random.Generator, row: int, scenelet: int, middle: Array
 ) -> Array:
@@ -236,7 +237,7 @@ def _draw_where(
     return where + offset
 
 
-@compiled
+@inner
 def set_placement(
     reference: Reference, camera: Array, scenelet: int, where: Array, placement: Array
 ) -> None:
@@ -265,7 +266,7 @@ def set_placement(
 # Moves.
 
 
-@compiled
+@inner
 def redraw_scene(
     reference: Reference, rng: np.random.Generator, scene: Scene
 ) -> tuple[Scene, float]:
@@ -287,7 +288,7 @@ def redraw_scene(
     return new, back - there if there > -math.inf else -math.inf
 
 
-@compiled
+@inner
 def redraw_stretch(
     reference: Reference, rng: np.random.Generator, scene: Scene
 ) -> tuple[Scene, float]:
@@ -362,7 +363,7 @@ def _draw_run(lengths: Ints, items: Ints, rng: np.random.Generator) -> tuple[int
     return first, first + n
 
 
-@compiled
+@inner
 def _run_weights(k: int, n_groups: int) -> float:
     """Sum of the weights of all runs and gaps of k scenelets."""
     return float(_INSERTED * (k + 1) + _GROUP * n_groups + k - 1 + 0.5**k)

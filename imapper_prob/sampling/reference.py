@@ -56,6 +56,7 @@ __all__ = [
     "FOLLOWED",
     "GAP",
     "LATER",
+    "NONE_BEFORE",
     "SAME_KIND",
     "SIMILAR",
     "START",
@@ -68,8 +69,10 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 START: Final[Any] = np.int64(0)
-"""Index of the first scenelet. It is an int64, because numba compiles callers anew for a
-literal."""
+"""Index of the first scenelet and of the first frame, and the kind before it. It is an int64,
+because numba compiles callees anew for a literal."""
+NONE_BEFORE: Final[Any] = np.int64(-1)
+"""End of the scenelet before the first one; an int64 like ``START``."""
 ENDS: Final = 0.2
 """Probability that the components fitting and anywhere end the scene; chosen."""
 SAME_KIND: Final = 0.75

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from imapper_prob.sampling.jit import compiled, inner_inlined
+from imapper_prob.sampling.jit import compiled, inner, inner_inlined
 from imapper_prob.sampling.reference import (
     ADJOINING,
     ANYWHERE,
@@ -16,6 +16,7 @@ from imapper_prob.sampling.reference import (
     FITTING,
     FOLLOWED,
     LATER,
+    NONE_BEFORE,
     SAME_KIND,
     SIMILAR,
     START,
@@ -92,7 +93,7 @@ def _adjoins(reference: Reference, kind: int, end: int, scenelet: int) -> float:
     return float(total * reference.fitting[end, scenelet])
 
 
-@compiled
+@inner
 def next_probability(
     reference: Reference, kind: int, end: int, code: int, probability: Array
 ) -> None:
@@ -161,7 +162,7 @@ def foretell(reference: Reference, counts: Ints, items: Ints) -> Array:
     found = np.empty((len(items) + len(counts), COMPONENTS))
     k = 0
     for n in range(len(counts)):
-        kind, end = 0, 0
+        kind, end = START, START
         for i in range(counts[n] + 1):
             code = (len(reference.room) - 1) * n_scenelets
             if i < counts[n]:
@@ -202,7 +203,7 @@ def _stops(reference: Reference, kind: int, end: int, start: int) -> float:
     return float(total)
 
 
-@compiled
+@inner
 def log_stretch(
     reference: Reference,
     camera: Array,
@@ -235,7 +236,7 @@ def log_stretch(
     """
     n_scenelets, n_frames = len(reference.kinds), len(reference.room) - 1
     probability, before = np.empty(COMPONENTS), np.empty((2, 4))
-    kind, end, left, total = 0, 0, -1, 0.0
+    kind, end, left, total = START, START, NONE_BEFORE, 0.0
     for k in range(max(first - 1, 0), last):
         scenelet, start = items[k]
         if k >= first:

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.models.view import log_area
-from imapper_prob.sampling.jit import compiled, inner_inlined
+from imapper_prob.sampling.jit import compiled, inner, inner_inlined
 from imapper_prob.sampling.looks import carried
-from imapper_prob.sampling.reference import ASTRAY, FIRST, FLUSH, GAP, Reference, log_t
+from imapper_prob.sampling.reference import ASTRAY, FIRST, FLUSH, GAP, NONE_BEFORE, Reference, log_t
 
 __all__ = ["displacements", "expected", "leaves", "log_placement", "usual_offsets"]
 
@@ -53,7 +53,7 @@ def _usual(reference: Reference, camera: Array, scenelet: int, start: int, last:
     return carried(height, where, reference.library_camera, camera)
 
 
-@compiled
+@inner
 def expected(
     reference: Reference, camera: Array, scenelet: int, start: int, end: int, before: Array
 ) -> tuple[int, Array]:
@@ -192,7 +192,7 @@ def displacements(
     displaced = np.zeros((len(items), 4))
     k = 0
     for n in range(len(counts)):
-        end = -1
+        end = NONE_BEFORE
         for _ in range(counts[n]):
             scenelet, start = items[k]
             where = _pelvis_of(reference, cameras[n], scenelet, 0, places[k], sizes[k])

@@ -27,7 +27,7 @@ from imapper_prob.models.published_energy import evaluate_paper
 from imapper_prob.samplers.reversible_jump import ChainState, StepInfo
 from imapper_prob.samplers.tempering import Parts
 from imapper_prob.sampling import camera_moves, moves, redraws
-from imapper_prob.sampling.jit import compiled
+from imapper_prob.sampling.jit import compiled, inner
 from imapper_prob.sampling.looks import middle_heights
 from imapper_prob.sampling.reference import Reference
 from imapper_prob.sampling.reference_density import log_reference
@@ -177,6 +177,7 @@ def log_posteriors(
     placements: Array,
     sizes: Array,
     latents: Array,
+    rising: bool,
 ) -> Array:
     """Evaluate the log-posteriors of W scenes with k scenelets each.
 
@@ -197,13 +198,15 @@ def log_posteriors(
     sizes : (W, k) float
     latents : (W, T, 2) float
         One per scene, or a single one for all, likewise the cameras.
+    rising : bool
+        Whether only the largest is wanted. Others may be -inf then, which takes less time.
 
     Returns
     -------
     (W,) float
         Nats.
     """
-    values = np.empty(len(items))
+    values, largest = np.empty(len(items)), -math.inf
     for w in range(len(items)):
         camera, latent = cameras[min(w, len(cameras) - 1)], latents[min(w, len(latents) - 1)]
         if published is not None:
@@ -211,15 +214,18 @@ def log_posteriors(
                 evaluator.problem, camera, items[w], placements[w], sizes[w], latent
             )
         else:
-            prior, likelihood = change(
+            values[w] = place_scene(
                 evaluator, n_before, now.camera, now.latent,
                 camera, items[w], placements[w], sizes[w], latent,
             )  # fmt: skip
-            values[w] = prior + likelihood
+            if values[w] > -math.inf:
+                least = largest - values[w] if rising else EVERYTHING
+                values[w] += weigh_placed(evaluator, n_before, camera, items[w], least)
+            largest = max(largest, values[w])
     return values
 
 
-@compiled
+@inner
 def _log_published(
     problem: Problem, camera: Array, items: Ints, placements: Array, sizes: Array, latent: Array
 ) -> float:

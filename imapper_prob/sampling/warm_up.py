@@ -25,6 +25,7 @@ from imapper_prob.models.problem import pack_problem, with_stays
 from imapper_prob.models.scenelet import Library
 from imapper_prob.progress import Progress
 from imapper_prob.sampling.actors import JointProblem
+from imapper_prob.sampling.ascent import climb
 from imapper_prob.sampling.chain import tempered
 from imapper_prob.sampling.crossover import TimeCrossover
 from imapper_prob.sampling.redraws import draw_scene
@@ -45,7 +46,9 @@ _PART: Final = 60
 _FRAMES: Final = 60
 """Frames of the small clip, enough for a scenelet."""
 _SHORT: Final = SampleSettings(chains=2, steps=80, draws=8, temperatures=2, ensemble_steps=2)
-"""Chains that call every kernel."""
+"""Chains that call every kernel but those of the ascent of their starts."""
+_CHANGES: Final = 3
+"""Changes of a scene that the ascent tries: an insertion, a removal, draws."""
 
 
 @contextmanager
@@ -121,6 +124,13 @@ def compile_kernels() -> None:
         propose(moves, move, rng, scene)
     TimeCrossover(cast.problem)(rng, state_of(scene), state_of(scene))
     sample_scenes(cast, _SHORT, seed=np.random.SeedSequence(0))
+    while not len(scene.items):
+        scene = draw_scene(moves.reference, rng)
+    changes = iter(range(_CHANGES))
+    climb(
+        cast.problem, moves, state_of(scene), rng, most=10**6,
+        report=lambda _=None: next(changes, None) is not None,
+    )  # fmt: skip
 
 
 def _end_with_parent() -> None:

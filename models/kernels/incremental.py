@@ -27,7 +27,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from imapper_prob.models.jit import compiled, inner_inlined
+from imapper_prob.models.jit import compiled, inner, inner_inlined
 from imapper_prob.models.kernels.cache import (
     ADDED,
     KEPT,
@@ -138,7 +138,7 @@ def change(
     return prior, weigh_placed(evaluator, n_before, camera, items, EVERYTHING)
 
 
-@compiled
+@inner
 def weigh_placed(
     evaluator: Evaluator, n_before: int, camera: Array, items: Ints, least: float
 ) -> float:
@@ -188,7 +188,7 @@ def weigh_placed(
     return costs + forward_log_likelihood(problem, cache)  # type: ignore[no-any-return]
 
 
-@compiled
+@inner
 def place_scene(
     evaluator: Evaluator,
     n_before: int,

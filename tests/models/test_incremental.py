@@ -15,7 +15,8 @@ from numba.core.runtime import rtsys
 from numba.core.runtime._nrt_python import memsys_disable_stats, memsys_enable_stats
 
 from imapper_prob.api import demo_clip
-from imapper_prob.models.kernels.cache import open_evaluator
+from imapper_prob.models.jit import compiled
+from imapper_prob.models.kernels.cache import Evaluator, open_evaluator
 from imapper_prob.models.kernels.incremental import NOWHERE, commit, place_scene, weigh_placed
 from imapper_prob.models.log_posterior import (
     Incremental,
@@ -36,6 +37,33 @@ Move = Callable[[np.random.Generator, Problem, State], State]
 ARGUMENTS = 14
 """Arrays handed to compiled code with a proposal, seven, and copies that kernels may write to."""
 AHEAD = np.array([0.0, 4.0, 0.0])
+
+
+@compiled
+def place(
+    evaluator: Evaluator,
+    n_before: int,
+    camera_before: np.ndarray,
+    latent_before: np.ndarray,
+    camera: np.ndarray,
+    items: np.ndarray,
+    placements: np.ndarray,
+    sizes: np.ndarray,
+    latent: np.ndarray,
+) -> float:
+    return place_scene(  # type: ignore[no-any-return]
+        evaluator, n_before, camera_before, latent_before,
+        camera, items, placements, sizes, latent,
+    )  # fmt: skip
+
+
+@compiled
+def weigh(
+    evaluator: Evaluator, n_before: int, camera: np.ndarray, items: np.ndarray, least: float
+) -> float:
+    return weigh_placed(  # type: ignore[no-any-return]
+        evaluator, n_before, camera, items, least
+    )
 
 
 @cache
@@ -163,12 +191,12 @@ def test_only_what_is_below_the_least_of_interest_is_left_out(world: Callable[[]
         proposed = MOVES[int(rng.integers(len(MOVES)))](rng, problem, state)
         before = state.n_scenelets, state.camera.copy(), state.latent.copy()
         new = proposed.copies()
-        prior = place_scene(evaluator, *before, *new)
+        prior = place(evaluator, *before, *new)
         if prior == -math.inf:
             continue
         likelihood = log_posterior(problem, proposed) - prior
         least = likelihood + rng.choice([-1.0, 0.0, 1.0, 30.0, 300.0])
-        value = weigh_placed(evaluator, state.n_scenelets, *new[:2], least)
+        value = weigh(evaluator, state.n_scenelets, *new[:2], least)
         below += likelihood < least
         if value == -math.inf:
             left_out += 1

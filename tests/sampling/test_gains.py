@@ -18,8 +18,10 @@ from imapper_prob.sampling.gains import (
     sequences_of,
     static_path,
 )
+from imapper_prob.sampling.jit import compiled
 from imapper_prob.sampling.learning import learn
 from imapper_prob.sampling.redraws import set_placement
+from imapper_prob.sampling.reference import NONE_BEFORE, Reference
 from imapper_prob.sampling.reference_placement import expected
 from imapper_prob.sampling.visits import Visits
 from tests.models import worlds
@@ -36,6 +38,16 @@ def gain_by_frame(state: State) -> np.ndarray:
     seen, free = (evaluate(BARE, of)[2][:, :2].max(1) for of in (state, empty_state(BARE)))
     difference: np.ndarray = weight * (seen - free + BARE.free_cost)
     return difference
+
+
+@compiled
+def placed_as_expected(reference: Reference, scenelet: int, start: int) -> tuple[float, np.ndarray]:
+    """Log size and placement of a scenelet that none is before."""
+    placement = np.empty(3)
+    camera = reference.library_camera
+    _, where = expected(reference, camera, scenelet, start, NONE_BEFORE, np.empty((2, 4)))
+    set_placement(reference, camera, scenelet, where, placement)
+    return where[3], placement
 
 
 def test_a_gain_is_what_the_model_says_of_detections() -> None:
@@ -76,14 +88,12 @@ def test_gains_are_judged_again_where_scenelets_are_expected() -> None:
         for _ in range(40):
             visits.note(empty.with_item(scenelet, start, np.array([x + 0.1, 1.05 * y, yaw + 0.2])))
     reference = learn(BARE, static, np.ones((3, 3)), visits)
-    gains, before = gains_about(BARE, static, reference), np.empty((2, 4))
+    gains = gains_about(BARE, static, reference)
     assert (np.isfinite(gains) == np.isfinite(static)).all()
     for scenelet, start in ((0, 0), (1, 4), (2, 10), (1, 2)):
-        _, where = expected(reference, reference.library_camera, scenelet, start, -1, before)
-        placement = np.empty(3)
-        set_placement(reference, reference.library_camera, scenelet, where, placement)
+        size, placement = placed_as_expected(reference, scenelet, start)
         covered = slice(start, start + int(BARE.lengths[scenelet]))
-        there = gain_by_frame(empty.with_item(scenelet, start, placement, float(where[3])))
+        there = gain_by_frame(empty.with_item(scenelet, start, placement, size))
         assert gains[start, scenelet] == pytest.approx(there[covered].sum(), abs=1e-3)
         assert abs(gains[start, scenelet] - static[start, scenelet]) > 0.01
 

@@ -16,6 +16,7 @@ from imapper_prob.models.log_posterior import State, empty_state
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.settings import ModelSettings
 from imapper_prob.models.view import to_view
+from imapper_prob.sampling.jit import compiled
 from imapper_prob.sampling.learning import learn
 from imapper_prob.sampling.looks import look, stand
 from imapper_prob.sampling.redraws import _draw_run, _log_run
@@ -55,6 +56,13 @@ def draw_scene(reference: Reference, rng: np.random.Generator) -> State:
     return state_of(_draw_scene(reference, rng))
 
 
+@compiled
+def chances_of(
+    reference: Reference, kind: int, end: int, code: int, probability: np.ndarray
+) -> None:
+    next_probability(reference, kind, end, code, probability)
+
+
 def log_density(reference: Reference, state: State) -> float:
     return log_reference(reference, state.camera, state.items, state.placements, state.sizes)
 
@@ -66,7 +74,7 @@ def test_something_comes_next_or_nothing(films: int, end: int, seed: int) -> Non
     for kind in range(int(reference.kinds.max()) + 1):
         total, probability = 0.0, np.empty(COMPONENTS)
         for code in range(N_FRAMES * len(reference.kinds) + 1):
-            next_probability(reference, kind, end, code, probability)
+            chances_of(reference, kind, end, code, probability)
             assert (probability >= 0).all()
             total += probability.sum()
         assert total == pytest.approx(1.0, abs=1e-12)
@@ -84,7 +92,7 @@ def test_what_adjoins_comes_by_its_fit_and_by_the_kind_before() -> None:
             np.ndindex(chance.shape), np.empty((chance.size, COMPONENTS)), strict=True
         ):
             code = start * n_scenelets + scenelet
-            next_probability(reference, kind, end, code, probability)
+            chances_of(reference, kind, end, code, probability)
             chance[start, scenelet] = probability.sum()
         assert chance[end] == pytest.approx(0.25 * fits + 0.75 * same / same.sum())
         assert chance.sum() == pytest.approx(1.0)
@@ -101,10 +109,10 @@ def test_scenes_are_as_frequent_as_is_said(films: int) -> None:
     for key in sorted(set(keys), key=keys.count)[-5:]:
         kind, end, chance, probability = 0, 0, 1.0, np.empty(COMPONENTS)
         for scenelet, start in key:
-            next_probability(reference, kind, end, start * n_scenelets + scenelet, probability)
+            chances_of(reference, kind, end, start * n_scenelets + scenelet, probability)
             chance *= probability.sum()
             kind, end = reference.kinds[scenelet], start + reference.lengths[scenelet]
-        next_probability(reference, kind, end, end_code, probability)
+        chances_of(reference, kind, end, end_code, probability)
         chance *= probability.sum()
         error = np.sqrt(chance * (1 - chance) / n)
         assert abs(keys.count(key) / n - chance) < LIMIT * error
