@@ -42,18 +42,19 @@ MOVES: Final = {
     "exchange": 0.4,
     "shift": 0.06,
     "placement": 0.3,
-    "camera": 0.03,
-    "camera-carry": 0.07,
-    "depth-scale": 0.06,
-    "focal-scale": 0.04,
+    "camera": 0.015,
+    "camera-carry": 0.035,
+    "depth-scale": 0.03,
+    "focal-scale": 0.02,
     "path": 0.05,
-    "camera-adapted": 0.15,
+    "camera-adapted": 0.075,
     "scene-redraw": 0.1,
     "redraw": 0.6,
 }
 """Moves and their weights. Chosen: exchanges of a scenelet for one of similar motion reach scenes
 that were never visited, a few nats at a time; redraws from the reference reach all others. Moves of
-the camera and of whole scenes are seldom tried, because every frame has to be evaluated again."""
+the camera and of whole scenes are seldom tried, because every frame has to be evaluated again; the
+camera converges faster than the layouts."""
 (
     _EXCHANGE, _SHIFT, _PLACEMENT, _CAMERA, _CAMERA_CARRY, _DEPTH_SCALE, _FOCAL_SCALE, _PATH,
     _CAMERA_ADAPTED, _SCENE_REDRAW, _REDRAW,
