@@ -103,9 +103,12 @@ def test_kernels_are_compiled_for_the_arrays_of_a_solved_clip() -> None:
 
 _NEW = """
 import sys
+from dataclasses import replace
+import numpy as np
 from numba.core import event
+from imapper_prob.sampling.sample import sample_scenes
 from imapper_prob.sampling.warm_up import compile_kernels
-from tests.runs import small_posterior, small_solution
+from tests.runs import BRIEF, small_posterior, small_solution
 
 class Compiled(event.Listener):
     def on_start(self, started):
@@ -118,6 +121,9 @@ compile_kernels()
 names = set()
 event.register("numba:compile", Compiled())
 small_posterior()
+# Long enough for an ascent.
+long = replace(BRIEF.sample, steps=20_000)
+sample_scenes(small_solution(), long, seed=np.random.SeedSequence(0))
 sys.stdout.write(" ".join(sorted(names)))
 """
 
