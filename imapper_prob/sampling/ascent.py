@@ -191,11 +191,7 @@ def _exchanged(
     near = np.stack([np.zeros(2 * _REACH + 1, int), np.arange(-_REACH, _REACH + 1)], -1)
     pairs = _inside(problem, state, first, last, (promising[:, None] + near).reshape(-1, 2))
     changed = _scenes_with(reference, scene, first, last, pairs)
-    values = _values(evaluator, scene, changed, rising=True)
-    best = int(values.argmax())
-    if not values[best] > -math.inf:
-        return state
-    return state_of(_scene(scene, changed, best))
+    return _best(evaluator, scene, changed) or state
 
 
 def _standing(problem: Problem, scene: Scene, capacity: int) -> Evaluator:
@@ -225,14 +221,8 @@ def _redrawn(
     scene = scene_of(state)
     still = moves.reference._replace(factors=_STILL * moves.reference.factors)
     drawn = _draws(still, rng, scene, first, last, number)
-    if not len(drawn[0]):
-        return state
     evaluator = _standing(problem, scene, state.n_scenelets + number)
-    values = _values(evaluator, scene, drawn, rising=True)
-    best = int(values.argmax())
-    if not values[best] > -math.inf:
-        return state
-    return state_of(_scene(scene, drawn, best))
+    return _best(evaluator, scene, drawn) or state
 
 
 @compiled
@@ -271,9 +261,13 @@ def _copy(scene: Scene, items: Ints, placements: Array, sizes: Array, n: int) ->
             placements[n, i, j] = scene.placements[i, j]
 
 
-def _scene(scene: Scene, changed: tuple[Ints, Array, Array], n: int) -> Scene:
-    items, placements, sizes = changed
-    return scene._replace(items=items[n], placements=placements[n], sizes=sizes[n])
+def _best(evaluator: Evaluator, scene: Scene, changed: tuple[Ints, Array, Array]) -> State | None:
+    """The most probable of n scenes; None if there is none inside the support."""
+    values = _values(evaluator, scene, changed, rising=True)
+    if not values.max(initial=-math.inf) > -math.inf:
+        return None
+    items, placements, sizes = (of[values.argmax()] for of in changed)
+    return state_of(scene._replace(items=items, placements=placements, sizes=sizes))
 
 
 def _values(

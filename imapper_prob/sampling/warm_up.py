@@ -48,7 +48,7 @@ _FRAMES: Final = 60
 _SHORT: Final = SampleSettings(chains=2, steps=80, draws=8, temperatures=2, ensemble_steps=2)
 """Chains that call every kernel but those of the ascent of their starts."""
 _CHANGES: Final = 3
-"""Changes of a scene that the ascent tries: an insertion, a removal, draws."""
+"""Changes of a scene that the ascent tries: an insertion, an exchange, draws."""
 
 
 @contextmanager
