@@ -3,8 +3,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import numba
 import pytest
-from numba.core.caching import FunctionCache
+from numba.core.caching import FunctionCache, NullCache
+from numba.core.codegen import CPUCodegen
 
 from imapper_prob.models.jit import compiled, inlined
 
@@ -41,3 +43,25 @@ def test_one_process_at_a_time_adds_to_the_compiled(monkeypatch: pytest.MonkeyPa
 
     assert twice(1.5) == 3.0
     assert len(saved) == 1
+
+
+def test_numba_keeps_its_level_of_optimisation(monkeypatch: pytest.MonkeyPatch) -> None:
+    levels: list[int] = []
+    manager = CPUCodegen._module_pass_manager
+    config: Any = numba.config
+
+    def noted(self: Any, **options: Any) -> Any:
+        levels.append(int(config.OPT))
+        return manager(self, **options)
+
+    monkeypatch.setattr(CPUCodegen, "_module_pass_manager", noted)
+    before = config.OPT
+
+    def twice(number: float) -> float:
+        return 2.0 * number
+
+    function = compiled(twice)
+    function._cache = NullCache()  # type: ignore[attr-defined]
+    assert function(1.5) == 3.0
+    assert set(levels) == {1}
+    assert config.OPT is before
