@@ -3,7 +3,7 @@
 A scene drawn from the prior is, given data drawn of it, a draw of the posterior: moves that
 leave the posterior as it is may be made from there, and scene and data are jointly distributed
 as before. Every pair is drawn anew, so that nothing has to mix and errors are those of
-independent numbers. Three errors made on purpose show what this sees.
+independent numbers. Errors made on purpose show what this sees.
 """
 
 from __future__ import annotations
@@ -109,6 +109,7 @@ def scores(
     steps: int = 60,
     change: Change = lambda mixture: mixture,
     drawn_with: DetectionModel | None = None,
+    sampled: Callable[[Problem], Problem] = lambda problem: problem,
     given: Experiment | None = None,
     seed: int = 0,
 ) -> dict[str, float]:
@@ -121,7 +122,7 @@ def scores(
     for rng in np.random.default_rng(seed).spawn(n_pairs):
         state = draw_state(rng, given.problem)
         seen = replace(source.observed(rng, state), detections=given.detections)
-        problem = seen.problem
+        problem = sampled(seen.problem)
         density = partial(log_posterior, problem)
         at = init(density, state)
         for _ in range(steps):
@@ -270,3 +271,12 @@ def test_hidden_and_seen_exchanged_is_seen() -> None:
     )
     found = scores(300, drawn_with=exchanged)
     assert abs(found["log-likelihood"]) > LIMIT, found
+
+
+@pytest.mark.slow
+def test_a_rate_that_is_too_high_is_seen() -> None:
+    def wrong(problem: Problem) -> Problem:
+        return problem._replace(log_rate=problem.log_rate + np.log(len(problem.lengths)))
+
+    found = scores(300, sampled=wrong)
+    assert abs(found["scenelets"]) > LIMIT, found
