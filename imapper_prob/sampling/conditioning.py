@@ -49,7 +49,7 @@ __all__ = [
 Array = NDArray[np.float64]
 _PARTICLES: Final = 64
 """Draws that are annealed over a bridge; chosen: about a minute if a statement is surprising."""
-_STEPS: Final = 60
+_STEPS: Final = 120
 """Steps of each draw at each power; chosen: camera and placements move several times."""
 
 
