@@ -6,12 +6,13 @@ builds the wheel, installs it in an environment of its own in FOLDER, runs the c
 and its lines of Python (as a script, by ``python -`` and in a notebook), asks every command for its
 help, and makes typical mistakes. Each row printed is one thing done: what, how it ended, seconds.
 The exit code is 1 if one went otherwise than it should. It takes ten minutes; with ``--borrow``
-packages come from the environment that runs it, with ``--brief`` the demo is a short one.
+packages and compiled kernels are those of who runs it, with ``--brief`` the demo is a short one.
 """
 
 from __future__ import annotations
 
 import argparse
+import hashlib
 import os
 import re
 import shlex
@@ -37,6 +38,8 @@ _FILES: Final = ("pyproject.toml", "README.md", "LICENSE", "constraints.txt")
 _BRIEF: Final = ("--steps", "400")
 _INSTALLS: Final = ("python -m venv", ". .venv", "pip ")
 """Beginnings of lines of README that :meth:`Newcomer.install` replaces."""
+_LENT: Final = 24 * 3600.0
+"""Age in seconds of the last use of kernels that are lent; checkouts keep older ones no longer."""
 _CELL: Final = """
 import sys, nbclient, nbformat
 notebook = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(sys.stdin.read())])
@@ -76,9 +79,14 @@ class Newcomer:
     ----------
     folder : Path
         It is made; the environment is ``venv`` in it, and commands run in ``home``.
+    borrow : bool
+        Take packages and compiled kernels from the environment and the checkout that run this.
+    wrong : list of str
+        What went otherwise than it should.
     """
 
     folder: Path
+    borrow: bool
     wrong: list[str] = field(default_factory=list)
 
     @property
@@ -97,7 +105,7 @@ class Newcomer:
         if problem:
             self.wrong.append(what)
 
-    def install(self, *, borrow: bool) -> None:
+    def install(self) -> None:
         """Build the wheel from a copy, make the environment, and install the wheel in it."""
         begun = time.perf_counter()
         copy = self.folder / "clone"
@@ -123,10 +131,11 @@ class Newcomer:
         wheel = next(self.folder.glob("*.whl"))
         venv.create(self.folder / "venv", with_pip=False)
         into: list[str | Path] = [*pip, "--python", self.bin / "python", "install"]
-        if borrow:
+        if self.borrow:
             self._must([*into, "--no-deps", "--no-index", wheel])
             (place,) = (self.folder / "venv").glob("lib/python*/site-packages")
             (place / "borrowed.pth").write_text("\n".join(site.getsitepackages()) + "\n")
+            _lend_kernels(place / "imapper_prob")
         else:
             self._must([*into, "-c", copy / "constraints.txt", f"{wheel}[notebook]"])
         self.note("install the wheel", "", time.perf_counter() - begun)
@@ -178,6 +187,26 @@ def _blocks(language: str) -> Iterator[str]:
     yield from re.findall(rf"^```{language}\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
 
 
+def _lend_kernels(package: Path) -> None:
+    """Put the compiled kernels of this checkout where an installed package looks for them.
+
+    numba names the folder of a module's kernels by a digest of the module's own folder.
+    """
+
+    def named(folder: Path) -> str:
+        return f"{folder.name}_{hashlib.sha1(str(folder).encode()).hexdigest()}"
+
+    ours = ROOT / "imapper_prob"
+    modules = {path.parent for path in package.rglob("*.py")}
+    for kernels in (ROOT / "models" / "__pycache__").glob("kernels-*"):
+        if kernels.stat().st_mtime > time.time() - _LENT:
+            for folder in modules:
+                there = kernels / named(ours / folder.relative_to(package))
+                if there.is_dir():
+                    to = package / "models" / "__pycache__" / kernels.name / named(folder)
+                    shutil.copytree(there, to, dirs_exist_ok=True)
+
+
 def _leave_wrong_files(home: Path) -> None:
     """Create the files that typical mistakes involve."""
     (home / "notes.txt").write_text("years of work")
@@ -197,14 +226,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("folder", type=Path, metavar="FOLDER", help="is made")
-    parser.add_argument("--borrow", action="store_true", help="packages of this environment")
+    parser.add_argument("--borrow", action="store_true", help="packages and kernels of who runs it")
     parser.add_argument("--brief", action="store_true", help="a short demo")
     options = parser.parse_args(arguments)
     if options.folder.exists():
         parser.error(f"{options.folder} is there already")
     print("| what | how it ended | seconds |\n|---|---|---|")
-    somebody = Newcomer(options.folder.resolve())
-    somebody.install(borrow=options.borrow)
+    somebody = Newcomer(options.folder.resolve(), options.borrow)
+    somebody.install()
     for line in "".join(_blocks("sh")).splitlines():
         if not line.startswith(_INSTALLS):
             extra = _BRIEF if options.brief and " demo " in line else ()

@@ -94,6 +94,7 @@ FIRST = (
     "tests/samplers/",
     "tests/scenelets/",
     "tests/lab/",
+    "tests/test_docs.py",
     "notebooks/",
     DEMO,
     "tests/cli/",

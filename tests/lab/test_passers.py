@@ -34,7 +34,7 @@ def test_clips_differ_by_what_is_hidden() -> None:
 def test_clips_are_scored_with_and_without(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    main([str(tmp_path), "--clips", "1", "--steps", "100"])
+    main([str(tmp_path), "--clips", "1", "--steps", "100", "--workers", "1"])
     rows = [
         line.split("|")[1].strip() for line in capsys.readouterr().out.splitlines() if "|" in line
     ]

@@ -43,7 +43,7 @@ def exact() -> np.ndarray:
     # steps of a quarter it comes out a third too high.
     bearing = np.linspace(-0.25, 0.25, 25)
     log_depth = np.linspace(np.log(1.8), np.log(10.0), 25)
-    yaw = np.linspace(-1.5, 1.5, 61)
+    yaw = np.linspace(-1.5, 1.5, 49)
     # Three points of Gauss and Hermite for the size of the person, of which nothing is abrupt.
     nodes, shares = np.polynomial.hermite_e.hermegauss(3)
     shares = shares / shares.sum() / norm.pdf(nodes) * problem.size_spread
