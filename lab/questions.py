@@ -211,7 +211,7 @@ def draw(clips: Sequence[Sequence[Settled]], path: Path) -> None:
     axes.plot([0, largest], [0, largest], color="0.3", lw=1, label="as predicted")
     axes.set_xlabel("predicted fall of the entropy of layouts (bit)")
     axes.set_ylabel("fall when answered (bit)")
-    axes.legend(frameon=False)
+    figure.legend(loc="outside upper center", ncols=3, frameon=False, fontsize="small")
     figure.savefig(path, dpi=150)
 
 
