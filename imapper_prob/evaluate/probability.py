@@ -32,8 +32,8 @@ from imapper_prob.results.posterior import Posterior
 
 __all__ = [
     "LIKELY", "MOST_PROBABLE", "PosteriorScore", "brier", "count_scores", "energy_score",
-    "joint_energy_score", "posterior_predictions", "presence_scores", "scene_distance",
-    "score_posterior",
+    "joint_energy_score", "label_scores", "posterior_predictions", "presence_scores",
+    "scene_distance", "score_posterior",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
@@ -44,6 +44,9 @@ Array = NDArray[np.float64]
 _MISSED: Final = 0.5
 """Cost in metres of a missed object and of a spurious one; together one metre, the distance from
 which an object does not count as found."""
+
+_RAREST: Final = 0.0025
+"""Lower bound of probabilities in logarithmic scores: half a draw in 200."""
 
 
 def scene_distance(one: Sequence[Outline], other: Sequence[Outline]) -> float:
@@ -166,7 +169,56 @@ def presence_scores(claims: Sequence[Claim], truth: TruthInView) -> tuple[float,
     return brier(probability, there)
 
 
-def brier(probability: Array, happened: Array, *, least: float = 0.0025) -> tuple[float, float]:
+@dataclass(frozen=True)
+class LabelScores:
+    """Scores of the labels of claimed objects.
+
+    Parameters
+    ----------
+    count : int
+        Number of clusters that are more probable than one half and paired with a true object within
+        a metre.
+    right : int
+        Number of those whose most probable label is the true one.
+    expected : float
+        Expectation of ``right`` if the stated probabilities are correct.
+    logarithmic : float
+        Logarithmic score of the probability of the true label, mean in nats.
+    """
+
+    count: int
+    right: int
+    expected: float
+    logarithmic: float
+
+
+def label_scores(claims: Sequence[Claim], truth: TruthInView) -> LabelScores:
+    """Score the label probabilities of claimed objects.
+
+    Parameters
+    ----------
+    claims : sequence of Claim
+    truth : TruthInView
+
+    Returns
+    -------
+    LabelScores
+    """
+    likely = {id(c.representative): c for c in claims if c.probability > 0.5}
+    pairs = pair_up(truth.used_objects, [c.representative for c in likely.values()])
+    right, stated, of_true = 0, [], []
+    for pair in pairs:
+        if pair.near:
+            claim = likely[id(pair.found)]
+            counted = Counter(member.label for member in claim.members)
+            right += claim.label == pair.truth.label
+            stated.append(counted[claim.label] / len(claim.members))
+            of_true.append(counted[pair.truth.label] / len(claim.members))
+    logarithmic = -np.log(np.maximum(of_true, _RAREST)).mean() if of_true else np.nan
+    return LabelScores(len(stated), right, float(sum(stated)), float(logarithmic))
+
+
+def brier(probability: Array, happened: Array, *, least: float = _RAREST) -> tuple[float, float]:
     """Brier and logarithmic score of probabilities of binary events.
 
     Parameters
@@ -174,7 +226,7 @@ def brier(probability: Array, happened: Array, *, least: float = 0.0025) -> tupl
     probability : (n,) float
     happened : (n,) bool
     least : float
-        Lower bound of probabilities in the logarithm: half a draw in 200.
+        Lower bound of probabilities in the logarithm.
 
     Returns
     -------
@@ -247,6 +299,7 @@ class PosteriorScore:
     true: int
     counts: tuple[float, float]
     presence: tuple[float, float]
+    labels: LabelScores
     object_ranks: Array
     pelvis_ranks: Array
     joint_ranks: Array
@@ -319,6 +372,7 @@ def score_posterior(posterior: Posterior, truth: TruthInView, *, name: str) -> P
         true=len(true),
         counts=count_scores(draws.objects, true),
         presence=presence_scores(claims, truth),
+        labels=label_scores(claims, truth),
         object_ranks=ranks,
         pelvis_ranks=joint_ranks(draws, truth, joints=(PELV,)),
         joint_ranks=joint_ranks(draws, truth),

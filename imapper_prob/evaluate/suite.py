@@ -276,6 +276,7 @@ def _plain(posterior: PosteriorScore) -> dict[str, Any]:
     """Scores of a posterior for JSON; ranks of joints become histograms of ten bins."""
     values = dict(vars(posterior))
     values["object_ranks"] = posterior.object_ranks.tolist()
+    values["labels"] = vars(posterior.labels)
     for name in (*values.pop("inside"), "distance_ranks"):
         counts, _ = np.histogram(values[name], bins=10, range=(0, 1))
         values[name] = counts.tolist()

@@ -102,7 +102,7 @@ POSTERIOR_COLUMNS = (
     "run", "clip", "draws", "furniture: first / best of 5, cm", "expected / energy score, cm",
     "joints: expected / energy score, cm", "found within 1 m, mean of draws", "claimed, > 50 %",
     "counts: Brier / nats",
-    "presence: Brier / nats",
+    "presence: Brier / nats", "labels: right / expected / nats",
 )  # fmt: skip
 COVERAGE_COLUMNS = ("truths", "region", "share in it", "expected in 90 % of cases", "count")
 Rows = list[tuple[str, ...]]
@@ -239,6 +239,8 @@ def posterior_rows(posteriors: Sequence[PosteriorScore]) -> Rows:
                 f"{p.claimed} of {p.true}",
                 f"{number(p.counts[0], 2)} / {number(p.counts[1], 1)}",
                 f"{number(p.presence[0], 2)} / {number(p.presence[1], 2)}",
+                f"{p.labels.right} of {p.labels.count} / {number(p.labels.expected, 1)} / "
+                f"{number(p.labels.logarithmic, 2)}",
             )
         )
     return rows

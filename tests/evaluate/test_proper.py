@@ -15,6 +15,7 @@ from imapper_prob.evaluate.probability import (
     count_scores,
     energy_score,
     joint_energy_score,
+    label_scores,
     presence_scores,
     scene_distance,
 )
@@ -93,6 +94,22 @@ def test_probabilities_of_presence() -> None:
     square, log = presence_scores((claim("chair", 0.3, 4, 0.9), claim("bed", 0, 8, 0.2)), truth())
     assert square == pytest.approx((0.1**2 + 0.2**2 + 1) / 3)
     assert log == pytest.approx(-(np.log(0.9) + np.log(0.8) + np.log(0.0025)) / 3)
+
+
+def test_labels() -> None:
+    def claim(probability: float, x: float, y: float, *labels: str) -> Claim:
+        return Claim(probability, labels[0], tuple(piece(label, x, y) for label in labels))
+
+    near = claim(0.9, 0.3, 4, "stool", "stool", "chair", "stool")
+    found = label_scores((near, claim(0.4, 0.3, 4, "chair"), claim(1.0, 0, 8, "bed")), truth())
+    assert (found.count, found.right, found.expected) == (1, 0, 0.75)
+    assert found.logarithmic == pytest.approx(-np.log(0.25))
+    # A label that no draw has.
+    found = label_scores((claim(0.9, 0.3, 4, "stool"),), truth())
+    assert found.logarithmic == pytest.approx(-np.log(0.0025))
+    found = label_scores((claim(0.9, 0.3, 4, "chair"),), truth())
+    assert (found.count, found.right, found.expected, found.logarithmic) == (1, 1, 1.0, 0.0)
+    assert np.isnan(label_scores((), truth()).logarithmic)
 
 
 @pytest.mark.parametrize("share", [0.1, 0.5, 0.8])
