@@ -275,6 +275,8 @@ class PosteriorScore:
     counts, presence : (float, float)
         Brier score, and logarithmic score in nats: of the numbers of seats, tables and shelves, and
         of each object's presence.
+    labels : LabelScores
+        Scores of the labels of claimed objects.
     object_ranks, pelvis_ranks, joint_ranks, hidden_ranks : (n,) float
         Ranks of object centres, the pelvis, all scored joints and the hidden ones.
     sized_ranks : (n,) float

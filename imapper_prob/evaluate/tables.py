@@ -271,20 +271,29 @@ def _clips(summary: Summary) -> str:
 
 
 def screen_table(rows: Rows, *, title: str) -> Table:
-    """A table for a console.
+    """A table for a console, which may have 80 columns.
 
     Parameters
     ----------
     rows : list of tuple of str
+        If all rows are of the same clips, these are in the title instead of a column. Rows become
+        columns if there are fewer of them.
     title : str
 
     Returns
     -------
     rich.table.Table
     """
-    table = Table(title=title, title_justify="left", box=SIMPLE_HEAD)
+    if "clips" in rows[0]:
+        at = rows[0].index("clips")
+        if len(clips := {row[at] for row in rows[1:]}) == 1:
+            title = f"{title}, {clips.pop()}"
+            rows = [row[:at] + row[at + 1 :] for row in rows]
+    if len(rows) < len(rows[0]):
+        rows = list(zip(*rows, strict=True))
+    table = Table(title=title, title_justify="left", box=SIMPLE_HEAD, padding=0)
     for k, name in enumerate(rows[0]):
-        table.add_column(name, justify="left" if k < 2 else "right")
+        table.add_column(name, justify="right" if k else "left", overflow="fold")
     for row in rows[1:]:
         table.add_row(*row)
     return table
