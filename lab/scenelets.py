@@ -7,10 +7,11 @@ scenelets of the other scenes, and by both, and prints one row for each library:
 
 - area under the ROC: charness of windows of sitting and reaching against walking;
 - seated: fraction of seated windows whose nearest motion is of somebody on a seat;
+- kind: fraction of seated windows whose nearest motion is on a seat of the true label, of those on
+  a seat, and (in brackets) the fraction if motions and labels were independent;
 - height, across, along, offset: median difference between the seat of that scenelet and the true
-one: its
- height, and its middle relative to the pelvis in top view, sideways, forward and as a distance, in
- the person's frame;
+  one: its height, and its middle relative to the pelvis in top view, sideways, forward and as a
+  distance, in the person's frame;
 - best guess: the same distance for a constant guess, the true median offset.
 """
 
@@ -137,6 +138,17 @@ def seat_place(scenelet: Scenelet) -> tuple[float, float, float]:
     return float(across), float(along), seat_top(seat)
 
 
+def kinds_agree(pairs: Sequence[tuple[Scenelet, Scenelet]]) -> tuple[float, float]:
+    """Fraction of pairs whose nearest seats have one label, and that fraction by chance.
+
+    The latter is the mean over all combinations of a first with a second of any pair.
+    """
+    seats = [(nearest_seat(one), nearest_seat(other)) for one, other in pairs]
+    labels = np.array([(a.label, b.label) for a, b in seats if a is not None and b is not None])
+    agree = labels[:, 0, None] == labels[None, :, 1]
+    return float(np.diagonal(agree).mean()), float(agree.mean())
+
+
 def row(verdicts: Verdicts) -> str:
     """One line of the table."""
     by_word = {w: verdicts.charness[verdicts.words == w] for w in ("sit", "reach", "walk")}
@@ -151,10 +163,12 @@ def row(verdicts: Verdicts) -> str:
         100 * np.nanmedian(np.linalg.norm(said[:, :2] - true[:, :2], axis=1))
         for said in (found, np.nanmedian(true, axis=0, keepdims=True))
     )
+    kinds, by_chance = kinds_agree(pairs)
     medians = "/".join(f"{np.median(v):.2f}" for v in by_word.values())
     return (
         f"{areas[0]:.3f} ({areas[1]:.3f} {areas[2]:.3f})  {medians}  {100 * np.mean(right):4.0f} %"
-        f"  {height:5.1f}  {across:6.1f}  {along:5.1f}  {offset:6.1f}  {guess:10.1f}"
+        f"  {100 * kinds:3.0f} ({100 * by_chance:.0f}) %  {height:5.1f}  {across:6.1f}"
+        f"  {along:5.1f}  {offset:6.1f}  {guess:10.1f}"
     )
 
 
@@ -189,8 +203,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     words, counts = np.unique(pooled(verdicts["both"]).words, return_counts=True)
     out(f"windows: {dict(zip(words.tolist(), counts.tolist(), strict=True))}\n")
     out(
-        f"{'library':<14} AUC (sit reach)      charness s/r/w  seated  height  across  along"
-        "  offset  best guess (cm)\n"
+        f"{'library':<14} AUC (sit reach)      charness s/r/w  seated  kind       height"
+        "  across  along  offset  best guess (cm)\n"
     )
     for name, parts in verdicts.items():
         out(f"{name:<14} {row(pooled(parts))}\n")
