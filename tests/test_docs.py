@@ -146,8 +146,8 @@ def test_all_that_needs_only_the_demo_runs(tmp_path: Path) -> None:
             words = shlex.split(line)
             command = [*program, *words[1:]] if words[0] == "imapper-prob" else words
             command = [sys.executable, *command[1:]] if command[0] == "python" else command
-            if line == DEMO:
-                command += ["--steps", "2000"]
+            if line.startswith(DEMO):
+                command += ["--minutes", "0.2"] if "--minutes" in line else ["--steps", "2000"]
             ended = subprocess.run(
                 command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
             )

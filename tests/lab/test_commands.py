@@ -263,7 +263,7 @@ def test_terms(
 ) -> None:
     first = min(scenes.iterdir())
     (tmp_path / first.name).symlink_to(first)
-    part = Library("part", tuple(load_library())[::96])
+    part = Library("part", tuple(load_library())[::192])
     monkeypatch.setattr("lab.ablation.load_library", lambda: part)
     run("lab.ablation", tmp_path)
     told = capsys.readouterr().out
