@@ -6,7 +6,7 @@ builds the wheel, installs it in an environment of its own in FOLDER, runs the c
 and its lines of Python (as a script, by ``python -`` and in a notebook), asks every command for its
 help, and makes typical mistakes. Each row printed is one thing done: what, how it ended, seconds.
 The exit code is 1 if one went otherwise than it should. It takes ten minutes; with ``--borrow``
-packages and compiled kernels are those of who runs it, with ``--brief`` the demo is a short one.
+packages and compiled kernels come from this checkout, with ``--brief`` the demo is a short one.
 """
 
 from __future__ import annotations
@@ -226,7 +226,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("folder", type=Path, metavar="FOLDER", help="is made")
-    parser.add_argument("--borrow", action="store_true", help="packages and kernels of who runs it")
+    parser.add_argument("--borrow", action="store_true", help="what this checkout has installed")
     parser.add_argument("--brief", action="store_true", help="a short demo")
     options = parser.parse_args(arguments)
     if options.folder.exists():

@@ -173,8 +173,7 @@ def _show(evaluation: Evaluation, ours: list[str], theirs: list[str]) -> None:
         title = "Differences object by object, a miss counting as a metre"
         out.print(screen_table(difference_rows(differences), title=title))
     if evaluation.posteriors:
-        rows = posterior_rows(evaluation.posteriors)
-        out.print(screen_table(rows, title="Posterior"))
+        out.print(screen_table(posterior_rows(evaluation.posteriors), title="Posterior"))
         found = coverage_rows(posterior_coverage(evaluation.posteriors))
         out.print(screen_table(found, title="Do regions hold the truth?"))
 

@@ -5,6 +5,7 @@ Truth and predictions are compared in camera axes, because draws have cameras of
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Final
@@ -13,12 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 from shapely.affinity import translate
 
-from imapper_prob.evaluate.truth import Outline, outline_of
+from imapper_prob.evaluate.objects import Pair, pair_up
+from imapper_prob.evaluate.truth import Outline, TruthInView, outline_of
 from imapper_prob.models.log_posterior import state_camera
 from imapper_prob.results.posterior import Posterior
 from imapper_prob.uncertainty.motion import drawn_motion
 
-__all__ = ["Claim", "Draws", "claims_of", "draws_of"]
+__all__ = ["Claim", "Draws", "claimed_pairs", "claims_of", "draws_of"]
 
 Array = NDArray[np.float64]
 _MOST: Final = 200
@@ -142,3 +144,26 @@ def claims_of(posterior: Posterior) -> tuple[Claim, ...]:
         )
         for cluster in posterior.clusters(least=_LEAST)
     )
+
+
+def claimed_pairs(
+    claims: Sequence[Claim], truth: TruthInView, *, fewest: int = 1
+) -> list[tuple[Claim, Pair]]:
+    """Claims more probable than one half, each with its pair, as the objects of a scene are paired.
+
+    Parameters
+    ----------
+    claims : sequence of Claim
+    truth : TruthInView
+    fewest : int
+        Claims with fewer members are left out.
+
+    Returns
+    -------
+    list of (Claim, Pair)
+        Claims and true objects without a partner are left out.
+    """
+    likely = [c for c in claims if c.probability > 0.5 and len(c.members) >= fewest]
+    claim_of = {id(c.representative): c for c in likely}
+    pairs = pair_up(truth.used_objects, [c.representative for c in likely])
+    return [(claim_of[id(pair.found)], pair) for pair in pairs]

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-from imapper_prob.evaluate.claims import Claim, Draws, claims_of, draws_of
+from imapper_prob.evaluate.claims import Claim, Draws, claimed_pairs, claims_of, draws_of
 from imapper_prob.evaluate.objects import pair_up
 from imapper_prob.evaluate.prediction import Prediction, prediction_of_scene
 from imapper_prob.evaluate.regions import (
@@ -204,12 +204,9 @@ def label_scores(claims: Sequence[Claim], truth: TruthInView) -> LabelScores:
     -------
     LabelScores
     """
-    likely = {id(c.representative): c for c in claims if c.probability > 0.5}
-    pairs = pair_up(truth.used_objects, [c.representative for c in likely.values()])
     right, stated, of_true = 0, [], []
-    for pair in pairs:
+    for claim, pair in claimed_pairs(claims, truth):
         if pair.near:
-            claim = likely[id(pair.found)]
             counted = Counter(member.label for member in claim.members)
             right += claim.label == pair.truth.label
             stated.append(counted[claim.label] / len(claim.members))

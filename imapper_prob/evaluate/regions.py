@@ -15,8 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.stats import binom
 
-from imapper_prob.evaluate.claims import Claim, Draws
-from imapper_prob.evaluate.objects import pair_up
+from imapper_prob.evaluate.claims import Claim, Draws, claimed_pairs
 from imapper_prob.evaluate.truth import TruthInView
 from imapper_prob.models.skeleton import PELV, SCORED
 
@@ -107,10 +106,8 @@ def object_ranks(claims: Sequence[Claim], truth: TruthInView) -> Array:
         Clusters more probable than one half are paired as the objects of a scene are; a true object
         without a partner has no rank.
     """
-    likely = [c for c in claims if c.probability > 0.5 and len(c.members) >= _FEWEST]
-    claim_of = {id(c.representative): c for c in likely}
-    pairs = pair_up(truth.used_objects, [c.representative for c in likely])
-    return np.array([elliptic_rank(claim_of[id(p.found)].centres, p.truth.centre) for p in pairs])
+    pairs = claimed_pairs(claims, truth, fewest=_FEWEST)
+    return np.array([elliptic_rank(claim.centres, pair.truth.centre) for claim, pair in pairs])
 
 
 def joint_ranks(
